@@ -60,13 +60,20 @@ fn plateau(size: f32, x: f32, y: f32) -> f32 {
 fn a_region_that_starts_and_stops_is_understood() {
     let (recording, talk) = play(REGION);
     assert_eq!(recording.count(Kind::AddHeightField), 2);
-    assert_eq!(talk.received(Kind::SetDynamicActor), 0, "nothing moves in it");
+    assert_eq!(
+        talk.received(Kind::SetDynamicActor),
+        0,
+        "nothing moves in it"
+    );
 }
 
 #[test]
 fn forty_balls_come_to_rest_on_their_plateaus() {
     let (recording, talk) = play(BALLS);
-    assert_eq!(talk.received(Kind::UpdateMass), recording.count(Kind::GetMass));
+    assert_eq!(
+        talk.received(Kind::UpdateMass),
+        recording.count(Kind::GetMass)
+    );
     let last = talk.last_states();
     assert_eq!(last.len(), 40);
     for (name, state) in last {

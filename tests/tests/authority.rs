@@ -7,7 +7,7 @@ use rhumb_protocol::scene::{Command, CommandError, Stepping};
 use rhumb_protocol::session::Misuse;
 use rhumb_protocol::{Ending, Span};
 use rhumb_reckoning::{BodyId, Divergence, Tick, Ticks, Tolerance};
-use rhumb_tests::{Avatars, COMMANDER, TICK, Walk, take_authority, seed};
+use rhumb_tests::{Avatars, COMMANDER, TICK, Walk, seed, take_authority};
 use rhumb_transport::{Direction, LinkConfig};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
@@ -59,7 +59,10 @@ fn a_refused_authority_request_names_its_reason_and_keeps_earlier_grants() {
         .leave()
         .expect("it is a member");
     walk.stage.run(TICK);
-    assert_eq!(take_authority(&mut walk.stage, guest, &[one]), Ok(vec![one]));
+    assert_eq!(
+        take_authority(&mut walk.stage, guest, &[one]),
+        Ok(vec![one])
+    );
     walk.stage.join(COMMANDER, NORMAL);
     let taken = walk.take_authority(&[one, other]);
     assert_eq!(taken, Err(AuthorityError::HeldByAnother(one)));

@@ -201,7 +201,11 @@ fn a_deleted_scene_leaves_its_members_connected_whatever_was_under_way() {
         let gravity = Command::SetGravity {
             gravity: glam::Vec3::ZERO,
         };
-        stage.network.client_mut(COMMANDER).command(gravity).unwrap();
+        stage
+            .network
+            .client_mut(COMMANDER)
+            .command(gravity)
+            .unwrap();
         stage.network.client_mut(COMMANDER).inspect().unwrap();
         stage
             .network

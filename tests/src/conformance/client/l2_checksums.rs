@@ -437,7 +437,7 @@ fn changes(trial: &mut Trial<'_>) -> CaseResult {
 
 fn within(micrometres: u32) -> Result<StreamChoice, Stop> {
     let length = LengthBound::from_micrometres(micrometres);
-    let errs = |_| Stop::Inconclusive("the suite errs".into());
+    let errs = |_| Stop::Inconclusive("error of the suite".into());
     length
         .map(|length| StreamChoice::Within(Tolerance::Surface(length)))
         .map_err(errs)

@@ -1,4 +1,4 @@
-//! L2.51: gaps: what is asked for, and what is known meanwhile.
+//! L2.51: gaps in a stream: what a client reports, and what it may conclude meanwhile.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -25,59 +25,59 @@ pub(super) fn cases() -> Vec<Case> {
     cases
 }
 
-/// What a client asks for, and when.
+/// What a client requests, and when.
 const ASKINGS: &[CaseRow] = &[
     (
         20,
-        "a lost packet is asked for by its number, and soon",
+        "a lost packet is soon reported by its number",
         "PROTOCOL 5.7-1, 5.13-1, 6.6-1, 6.6-5, 6.7-1",
         asks_for_it,
     ),
     (
         21,
-        "what is not refreshed is asked for again and again, each half second at least",
+        "a packet that is not refreshed is reported again at least every half second",
         "PROTOCOL 6.7-1",
         asks_again,
     ),
     (
         22,
-        "no more than 64 packets are asked for at once, the oldest first",
+        "a loss report names at most 64 packets, the oldest first",
         "PROTOCOL 5.13-1, 7-1",
         asks_for_many,
     ),
     (
         23,
-        "numbers are reported from their low 16 bits across the turn",
+        "packet numbers are extended correctly when their low 16 bits wrap around",
         "PROTOCOL 5.7-1",
-        across_the_turn,
+        across_the_wraparound,
     ),
     (
         24,
-        "what is lost beyond all memory is not asked for: the scene is sent anew",
+        "a client that lost more packets than it can track requests a new snapshot",
         "PROTOCOL 4.8-5, 6.7-9, 6.7-10, 6.8-6",
-        loses_touch,
+        lost_too_many,
     ),
     (
         25,
-        "a tick too far ahead is no tick to follow to: the scene is sent anew",
+        "a client requests a new snapshot when a tick is too far ahead",
         "PROTOCOL 6.7-9, 6.7-10",
         jumps,
     ),
     (
         28,
-        "who lacks more packets than it could rebuild wants refreshes, and no repair_symbols",
+        "a client that lacks more packets than it can rebuild requests refreshes, not repair symbols",
         "PROTOCOL 5.13-1, 6.15-14, 7-1",
         wants_no_repair_symbols,
     ),
     (
         26,
-        "a tick that was asked for and does not come is asked after",
+        "a client asks again for a requested tick that does not come",
         "PROTOCOL 4.9-2, 6.7-2",
         misses_the_answer,
     ),
     (
         27,
-        "a client that asks for each tick gets each, to the bit",
+        "a client that advances the scene tick by tick follows bit-exactly",
         "PROTOCOL 4.9-1, 4.9-2, 6.4-1, 6.4-4",
         |trial| {
             let setting = Setting::of("ball-pit", 20).wishing("subscribe 10000 advance 60");
@@ -91,13 +91,13 @@ const ASKINGS: &[CaseRow] = &[
             let reported = feed.ticks_told();
             ensure(
                 reported >= 40,
-                format!("it tells of each tick, and not of {reported} of 40"),
+                format!("it reports each tick, not {reported} of 40"),
             )
         },
     ),
 ];
 
-/// What a client may say of its copy, and what not.
+/// What a client may report of its copy.
 const KNOWINGS: &[CaseRow] = &[
     (
         40,
@@ -113,37 +113,37 @@ const KNOWINGS: &[CaseRow] = &[
     ),
     (
         42,
-        "a rest that was lost is refreshed like any other word",
+        "a lost rest update is refreshed like any other update",
         "PROTOCOL 5.6-11, 6.3-9, 6.7-3; RECKONING 4.7-1",
         rests,
     ),
     (
         43,
-        "a correction of a revision that is not there waits, and harms nothing",
+        "a correction of a missing revision waits, and does no harm",
         "PROTOCOL 6.2-1, 6.2-2, 6.6-6, 6.6-9",
         |trial| no_promise_over_a_gap(trial, 4),
     ),
     (
         44,
-        "datagrams beyond those that may be held do no lasting harm",
+        "datagrams beyond the limit of kept ones do no lasting harm",
         "PROTOCOL 6.5-2, 7-1",
         too_many_held,
     ),
 ];
 
-/// A drum in which much goes on at each tick.
+/// A rotating drum, in which many bodies change at each tick.
 pub(super) fn busy() -> Setting {
     Setting::of("tumbler", 20).after(60)
 }
 
-/// Loses so many packets, and whatever would make them good; returns the tick of the first.
+/// Drops this number of packets, and their refreshes and repair symbols; returns the tick of the first one.
 fn lose(feed: &mut Interceptor, packets: usize) -> Result<u64, Stop> {
     let lost = Rc::new(RefCell::new(Vec::new()));
     let ticks = Rc::clone(&lost);
     feed.sift(move |bytes| {
         let mut ticks = ticks.borrow_mut();
         if datagram::is_packet(&bytes) && ticks.len() < packets {
-            // The low bits are all of it here.
+            // In this scene the tick fits into its low bits.
             ticks.extend(datagram::tick_of(&bytes).map(u64::from));
             return vec![];
         }
@@ -168,7 +168,7 @@ fn lose(feed: &mut Interceptor, packets: usize) -> Result<u64, Stop> {
 
 fn asks_for_it(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
-    hand::let_in(&mut host)?;
+    hand::admit(&mut host)?;
     hand::watermark(
         &mut host,
         hand::NEXT + 3,
@@ -179,7 +179,7 @@ fn asks_for_it(trial: &mut Trial<'_>) -> CaseResult {
     let lost: Vec<_> = (hand::NEXT..hand::NEXT + 3).map(Low16::of).collect();
     ensure(
         loss_report.lost == lost,
-        format!("it asks for {lost:?}, and not for {:?}", loss_report.lost),
+        format!("it reports {lost:?}, not {:?}", loss_report.lost),
     )?;
     ensure(
         loss_report.next == Low16::of(hand::NEXT + 3),
@@ -187,13 +187,16 @@ fn asks_for_it(trial: &mut Trial<'_>) -> CaseResult {
     )?;
     ensure(
         loss_report.gone == Low16::of(3),
-        format!("three are gone, and not {}", loss_report.gone.0),
+        format!(
+            "three packets are counted as lost, not {}",
+            loss_report.gone.0
+        ),
     )
 }
 
-/// Half a second, and what a busy machine adds.
+/// Half a second, plus the delay of a busy machine.
 const OFTEN_ENOUGH: Span = Span::from_millis(900);
-/// How many stretches of 2.6 s a client is watched for: one that is late in each of them is not late by chance.
+/// Number of observation periods of 2.6 s: a client that is late in each of them is not late by chance.
 const STRETCHES: usize = 4;
 
 fn asks_again(trial: &mut Trial<'_>) -> CaseResult {
@@ -214,26 +217,29 @@ fn asks_again(trial: &mut Trial<'_>) -> CaseResult {
     feed.must_follow()
 }
 
-/// Whether it asks each half second for a while, by the clock.
+/// Whether it sends a loss report every half second during one period.
 fn asks_often(feed: &mut Interceptor) -> CaseResult {
     let begin = feed.host.now();
     feed.run(Duration::from_millis(2_600))?;
     let times: Vec<Instant> = (feed.loss_reports.iter().map(|(at, _)| *at))
         .filter(|at| *at >= begin)
         .collect();
-    let asked = format!("it asks on, and not {} times in 2.6 s", times.len());
-    ensure(!times.is_empty(), "it asks for what it misses")?;
+    let asked = format!(
+        "it sends reports all the time, not {} in 2.6 s",
+        times.len()
+    );
+    ensure(!times.is_empty(), "it reports what it misses")?;
     should(times.len() >= 4, asked)?;
     let longest = times.windows(2).map(|pair| pair[1].since(pair[0])).max();
     should(
         longest <= Some(OFTEN_ENOUGH),
-        format!("it asks each half second, and not after {longest:?}"),
+        format!("it reports every half second, not after {longest:?}"),
     )
 }
 
 fn asks_for_many(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
-    hand::let_in(&mut host)?;
+    hand::admit(&mut host)?;
     hand::watermark(
         &mut host,
         hand::NEXT + 500,
@@ -244,38 +250,38 @@ fn asks_for_many(trial: &mut Trial<'_>) -> CaseResult {
     let oldest: Vec<_> = (hand::NEXT..hand::NEXT + 64).map(Low16::of).collect();
     ensure(
         loss_report.lost == oldest,
-        format!(
-            "it asks for the 64 oldest, and not for {:?}",
-            loss_report.lost
-        ),
+        format!("it reports the 64 oldest, not {:?}", loss_report.lost),
     )
 }
 
-/// A listener that lacks less may want repair_symbols or not: nothing is lost by not understanding them (6.15-2).
+/// A client that lacks fewer packets may request repair symbols or not: ignoring them is allowed (6.15-2).
 fn wants_no_repair_symbols(trial: &mut Trial<'_>) -> CaseResult {
     let lacking = REPAIR_SYMBOLS_KEPT as u64 + 1;
     let mut host = trial.host()?;
-    hand::let_in(&mut host)?;
+    hand::admit(&mut host)?;
     let next = hand::NEXT + lacking;
     hand::watermark(&mut host, next, hand::TICK + 1, hand::SCENE_EVENTS)?;
     let loss_report = hand::loss_report(&mut host)?;
     ensure(
         loss_report.repair_symbols == 0,
         format!(
-            "it wants refreshes, and not {} repair_symbols",
+            "it requests refreshes, not {} repair symbols",
             loss_report.repair_symbols
         ),
     )?;
     let lost: Vec<_> = (hand::NEXT..next).map(Low16::of).collect();
     ensure(
         loss_report.lost == lost,
-        format!("it names all that it lacks, and not {:?}", loss_report.lost),
+        format!(
+            "it names all packets that it lacks, not {:?}",
+            loss_report.lost
+        ),
     )
 }
 
-fn across_the_turn(trial: &mut Trial<'_>) -> CaseResult {
+fn across_the_wraparound(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
-    hand::wants_in(&mut host)?;
+    hand::awaits_join(&mut host)?;
     let mut joined = hand::joined();
     joined.start.next = 0x1_fffe;
     joined.start.tick = Tick::new(0x2_ffff);
@@ -296,7 +302,7 @@ fn across_the_turn(trial: &mut Trial<'_>) -> CaseResult {
         }
         ensure(
             reported["tick"] == 0x2_ffff,
-            format!("the tick is 196612, and not {}", reported["tick"]),
+            format!("the tick is 196612, not {}", reported["tick"]),
         )?;
     }
     host.utter(&[2, 11, 0x8a]);
@@ -305,7 +311,7 @@ fn across_the_turn(trial: &mut Trial<'_>) -> CaseResult {
     let lost: Vec<_> = (0x1_fffe..0x2_0002).map(Low16::of).collect();
     ensure(
         loss_report.lost == lost,
-        format!("it misses {lost:?}, and not {:?}", loss_report.lost),
+        format!("it reports {lost:?}, not {:?}", loss_report.lost),
     )
 }
 
@@ -315,9 +321,9 @@ fn resyncs(host: &mut Host) -> CaseResult {
     })
 }
 
-fn loses_touch(trial: &mut Trial<'_>) -> CaseResult {
+fn lost_too_many(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
-    hand::let_in(&mut host)?;
+    hand::admit(&mut host)?;
     hand::watermark(
         &mut host,
         hand::NEXT + 1_025,
@@ -335,20 +341,20 @@ fn loses_touch(trial: &mut Trial<'_>) -> CaseResult {
         Predictor::Ballistic,
     )));
     host.say(&ServerMessage::SnapshotEnd);
-    // Before the snapshot is whole the client need not hear its stream.
-    hand::told_tick(&mut host, hand::TICK + 1)?;
+    // Before the snapshot is complete, the client may ignore packets of its stream.
+    hand::reported_tick(&mut host, hand::TICK + 1)?;
     hand::watermark(
         &mut host,
         hand::NEXT + 1_025,
         hand::TICK + 2,
         hand::SCENE_EVENTS,
     )?;
-    hand::told_tick(&mut host, hand::TICK + 2).map(drop)
+    hand::reported_tick(&mut host, hand::TICK + 2).map(drop)
 }
 
 fn jumps(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
-    hand::let_in(&mut host)?;
+    hand::admit(&mut host)?;
     hand::watermark(
         &mut host,
         hand::NEXT,
@@ -388,7 +394,7 @@ fn no_promise_over_a_gap(trial: &mut Trial<'_>, packets: usize) -> CaseResult {
         let tick = reported["tick"].as_u64().unwrap_or_default();
         ensure(
             tick < gap,
-            format!("{tick} is not complete: a packet of {gap} is missing"),
+            format!("{tick} must not be complete: a packet of {gap} is missing"),
         )?;
     }
     feed.mend();
@@ -396,7 +402,7 @@ fn no_promise_over_a_gap(trial: &mut Trial<'_>, packets: usize) -> CaseResult {
     feed.must_follow()
 }
 
-/// Each packet again a while later, whole or with the number of one that is missing.
+/// Each packet comes again later, either unchanged or with the number of a missing packet.
 fn stale_packets(trial: &mut Trial<'_>) -> CaseResult {
     let mut feed = trial.feed(Setting::of("ball-pit", 30).wishing("subscribe full"))?;
     let mut old: VecDeque<Vec<u8>> = VecDeque::new();
@@ -407,7 +413,7 @@ fn stale_packets(trial: &mut Trial<'_>) -> CaseResult {
         if datagram::is_packet(&bytes) {
             old.push_back(bytes.clone());
         }
-        // One in seven comes only when six others have.
+        // One packet in seven comes only after six others.
         let mut sent = if datagram::is_packet(&bytes) && count % 7 == 3 {
             vec![]
         } else {
@@ -424,14 +430,14 @@ fn stale_packets(trial: &mut Trial<'_>) -> CaseResult {
     feed.must_follow()
 }
 
-/// Packets by which bodies are put to rest are lost.
+/// The packets that put bodies to rest are lost.
 fn rests(trial: &mut Trial<'_>) -> CaseResult {
     let mut feed = trial.feed(Setting::of("dominoes", 12).after(2))?;
     feed.enter()?;
     let lost = Rc::new(RefCell::new(0));
     let counted = Rc::clone(&lost);
     feed.sift(move |bytes| {
-        if says_rest(&bytes) && *counted.borrow() % 3 < 2 {
+        if contains_rest(&bytes) && *counted.borrow() % 3 < 2 {
             *counted.borrow_mut() += 1;
             return vec![];
         }
@@ -447,13 +453,13 @@ fn rests(trial: &mut Trial<'_>) -> CaseResult {
     feed.step(3)?;
     feed.must_follow()?;
     if *lost.borrow() == 0 {
-        return Err(Stop::Inconclusive("nothing came to rest".into()));
+        return Err(Stop::Inconclusive("no body came to rest".into()));
     }
     Ok(())
 }
 
-/// Whether a packet puts a body to a body_state rest.
-fn says_rest(bytes: &[u8]) -> bool {
+/// Whether a packet contains a rest update with an exact pose.
+fn contains_rest(bytes: &[u8]) -> bool {
     let mut reader = Reader::new(bytes);
     let mut updates = Vec::new();
     Head::decode(&mut reader)
@@ -468,7 +474,7 @@ fn says_rest(bytes: &[u8]) -> bool {
 
 fn too_many_held(trial: &mut Trial<'_>) -> CaseResult {
     let mut host = trial.host()?;
-    hand::let_in(&mut host)?;
+    hand::admit(&mut host)?;
     for tick in 1..=600 {
         hand::watermark(
             &mut host,

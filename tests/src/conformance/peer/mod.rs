@@ -1,4 +1,4 @@
-//! The suite's own ends of connections, mannerly only where a case wants so.
+//! The suite's own ends of connections; each misbehaves only where a case asks for it.
 
 mod client_process;
 pub(super) mod datagram;

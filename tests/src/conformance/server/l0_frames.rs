@@ -1,4 +1,4 @@
-//! L0.1: how messages are framed.
+//! L0.1: framing of messages.
 
 use rhumb_protocol::limits::MESSAGE_BYTES_MAX;
 use rhumb_protocol::message::{ClientMessage, ServerMessage, frame};
@@ -19,9 +19,12 @@ pub(super) fn cases() -> Vec<Case> {
         })
     };
     vec![
-        Case::server("L0.1.1", "messages are read however their bytes are cut")
-            .cites("PROTOCOL 4.1-1, 1.2-1")
-            .play(cut_anywhere),
+        Case::server(
+            "L0.1.1",
+            "messages are decoded however their bytes are split",
+        )
+        .cites("PROTOCOL 4.1-1, 1.2-1")
+        .play(cut_anywhere),
         Case::server(
             "L0.1.2",
             "a message of an unknown type from 0x80 on is skipped",
@@ -77,7 +80,7 @@ fn cut_anywhere(trial: &mut Trial<'_>) -> CaseResult {
 fn optional_types(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     let mut bytes = Vec::new();
-    // Before the hello, and of every length that a message may have.
+    // Before the hello, and of every permitted length.
     frame(0x8a, &[], &mut bytes);
     guest.utter(&bytes);
     guest.hello()?;
@@ -90,6 +93,6 @@ fn optional_types(trial: &mut Trial<'_>) -> CaseResult {
     let received = guest.barrier()?;
     ensure(
         received.is_empty(),
-        format!("nothing comes of it, not {received:?}"),
+        format!("it has no effect, not {received:?}"),
     )
 }

@@ -1,6 +1,6 @@
-//! L1.5: limits, held at their last good value and refused beyond.
+//! L1.5: limits: accepted at the limit, refused beyond it.
 //!
-//! A server may refuse earlier than it must, if it says so (PROTOCOL 7-2, 7-3): then the denial is all that is asked for.
+//! A server may refuse earlier if it uses the right denial (PROTOCOL 7-2, 7-3); then only the denial is checked.
 
 use glam::Vec3;
 use rhumb_protocol::limits::{
@@ -26,55 +26,55 @@ pub(super) fn cases() -> Vec<Case> {
     vec![
         case(
             "L1.5.1",
-            "a member is granted GRANT indices that are its own",
+            "a member is granted GRANT indices of its own",
             "PROTOCOL 4.4-2, 2.4-1, 7-1",
         )
         .play(granted),
         case(
             "L1.5.2",
-            "who reserves is granted as many, and others than before",
+            "a reservation grants the requested number of new indices",
             "PROTOCOL 7-1, 4.4-2",
         )
         .play(reserved),
         case(
             "L1.5.3",
-            "who holds as many indices as it may is denied more, with 7, and before if at all",
+            "indices beyond the limit are denied with 7",
             "PROTOCOL 7-2, 7-3",
         )
         .play(granted_most),
         case(
             "L1.5.4",
-            "who holds as many ranges as it may is denied more, with 7, and before if at all",
+            "ranges beyond the limit are denied with 7",
             "PROTOCOL 7-1, 7-2, 7-3",
         )
         .play(ranges_most),
         case(
             "L1.5.5",
-            "an advance may lead ADVANCE_TICKS_MAX ticks, and not one more",
+            "an advance may be ADVANCE_TICKS_MAX ticks ahead, but not one more",
             "PROTOCOL 4.9-3",
         )
         .play(advance_most),
         case(
             "L1.5.6",
-            "a scene has at most STREAMS_PER_SCENE_MAX streams, and denies one more with its code",
+            "a scene has at most STREAMS_PER_SCENE_MAX streams, and one more is denied with its code",
             "PROTOCOL 7-1, 7-2, 7-3, 4.7-1",
         )
         .play(streams_most),
         case(
             "L1.5.7",
-            "members of one choice have one stream",
+            "members with the same choice share one stream",
             "PROTOCOL 6.1-1, 5.8-2",
         )
         .play(one_stream),
         case(
             "L1.5.8",
-            "a scene has at most MEMBERS_PER_SCENE_MAX members, and denies one more with its code",
+            "a scene has at most MEMBERS_PER_SCENE_MAX members, and one more is denied with its code",
             "PROTOCOL 7-1, 7-2, 7-3, 4.7-1",
         )
         .play(members_most),
         case(
             "L1.5.9",
-            "bodies have at most DAMPINGS_MAX dampings, and one more is refused by its name",
+            "bodies have at most DAMPINGS_MAX dampings, and one more is refused with its error",
             "PROTOCOL 7-1, 7-2, 7-3, 4.4-7",
         )
         .play(dampings_most),
@@ -105,7 +105,7 @@ fn granted(trial: &mut Trial<'_>) -> CaseResult {
         format!("{GRANT}, not {a:?} and {b:?}"),
     )?;
     let apart = a.first() + a.count() <= b.first() || b.first() + b.count() <= a.first();
-    ensure(apart, format!("{a:?} and {b:?} have nothing in common"))?;
+    ensure(apart, format!("{a:?} and {b:?} do not overlap"))?;
     one.must(ball_shape())?;
     for place in [0, GRANT - 1] {
         let at = Vec3::X * place as f32;
@@ -115,7 +115,7 @@ fn granted(trial: &mut Trial<'_>) -> CaseResult {
     let id = body(b, 0)?;
     match one.command(ball(id, Vec3::Y * 9.0, Vec3::ZERO))? {
         Err(CommandError::NotGranted(_)) => Ok(()),
-        other => Stop::fail(format!("an index of another member's: {other:?}")),
+        other => Stop::fail(format!("an index of another member: {other:?}")),
     }
 }
 
@@ -134,11 +134,11 @@ fn reserved(trial: &mut Trial<'_>) -> CaseResult {
         Ok(more) => more,
         Err(denial) => return Stop::fail(format!("ten indices are denied: {denial}")),
     };
-    ensure(more.count() == 10, format!("ten, not {more:?}"))?;
+    ensure(more.count() == 10, format!("ten indices, not {more:?}"))?;
     let first = guest.granted;
     let apart = more.first() >= first.first() + first.count()
         || more.first() + more.count() <= first.first();
-    ensure(apart, format!("{more:?} is not in {first:?}"))?;
+    ensure(apart, format!("{more:?} does not overlap {first:?}"))?;
     guest.must(ball_shape())?;
     guest
         .must(ball(body(more, 9)?, Vec3::ZERO, Vec3::ZERO))
@@ -150,7 +150,7 @@ fn granted_most(trial: &mut Trial<'_>) -> CaseResult {
     if reserve_or_be_denied(&mut guest, RESERVE_MAX)? {
         ensure(
             !reserve_or_be_denied(&mut guest, 1)?,
-            format!("who holds {GRANTED_MAX} is denied one more"),
+            format!("one index beyond {GRANTED_MAX} is denied"),
         )?;
     }
     guest.barrier().map(drop)
@@ -158,7 +158,7 @@ fn granted_most(trial: &mut Trial<'_>) -> CaseResult {
 
 fn ranges_most(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = member(trial)?;
-    // The range of its joining is the first.
+    // The first range was granted by joining.
     for _ in 1..RANGES_PER_MEMBER_MAX {
         if !reserve_or_be_denied(&mut guest, 1)? {
             return guest.barrier().map(drop);
@@ -166,11 +166,11 @@ fn ranges_most(trial: &mut Trial<'_>) -> CaseResult {
     }
     ensure(
         !reserve_or_be_denied(&mut guest, 1)?,
-        format!("who holds {RANGES_PER_MEMBER_MAX} ranges is denied one more"),
+        format!("one range beyond {RANGES_PER_MEMBER_MAX} is denied"),
     )
 }
 
-/// Whether so many are granted; if not, then by the denial that is for it.
+/// Whether this number of indices is granted; if not, the denial must be the specified one.
 fn reserve_or_be_denied(guest: &mut RawClient, count: u32) -> Result<bool, Stop> {
     match reserve(guest, count)? {
         Ok(range) => {
@@ -180,7 +180,7 @@ fn reserve_or_be_denied(guest: &mut RawClient, count: u32) -> Result<bool, Stop>
         Err(denial) => {
             ensure(
                 denial == Denial::NoIndicesLeft,
-                format!("indices are denied with 7, not: {denial}"),
+                format!("indices are denied with 7, not with: {denial}"),
             )?;
             Ok(false)
         }
@@ -203,11 +203,11 @@ fn advance_most(trial: &mut Trial<'_>) -> CaseResult {
     let received = guest.barrier()?;
     ensure(
         received.is_empty(),
-        format!("{ADVANCE_TICKS_MAX} ticks are not denied, not {received:?}"),
+        format!("{ADVANCE_TICKS_MAX} ticks are accepted, not {received:?}"),
     )
 }
 
-/// A tolerance like no other.
+/// A choice whose tolerance depends on `number`.
 fn within(number: usize) -> StreamChoice {
     let micrometres = 50_000 + number as u32;
     let length = LengthBound::from_micrometres(micrometres).expect("within range");
@@ -223,7 +223,7 @@ fn streams_most(trial: &mut Trial<'_>) -> CaseResult {
         guest.hello()?;
         denied = !join_or_be_denied(&mut guest, within(members.len()), Denial::TooManyStreams)?;
         if denied {
-            // Of a stream that is there already nothing is too many.
+            // Joining an existing stream is still allowed.
             guest.join(NORMAL)?;
         }
         members.push(guest);
@@ -235,7 +235,7 @@ fn streams_most(trial: &mut Trial<'_>) -> CaseResult {
     Ok(())
 }
 
-/// Whether it is let in; if not, then by this denial.
+/// Whether the client becomes a member; if not, this denial is required.
 fn join_or_be_denied(
     guest: &mut RawClient,
     choice: StreamChoice,
@@ -254,7 +254,7 @@ fn join_or_be_denied(
     let joined = |message: &ServerMessage| matches!(message, ServerMessage::Joined(_));
     ensure(
         denials.is_some() || received.iter().any(joined),
-        format!("a task to join is answered, not by {received:?}"),
+        format!("a join is answered, not by {received:?}"),
     )?;
     Ok(denials.is_none())
 }
@@ -270,7 +270,7 @@ fn one_stream(trial: &mut Trial<'_>) -> CaseResult {
     let (another, _) = third.join(within(7))?;
     ensure(
         same.start.stream == first.start.stream,
-        "those who choose alike hear the same",
+        "members with the same choice receive the same stream",
     )?;
     ensure(
         another.start.stream != first.start.stream,
@@ -317,7 +317,7 @@ fn dampings_most(trial: &mut Trial<'_>) -> CaseResult {
     match refused {
         Some(CommandError::TooManyDampings) => Ok(()),
         other => Stop::fail(format!(
-            "one beyond {DAMPINGS_MAX} is refused by TooManyDampings, not {other:?}"
+            "one damping beyond {DAMPINGS_MAX} is refused with TooManyDampings, not {other:?}"
         )),
     }
 }

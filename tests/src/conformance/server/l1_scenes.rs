@@ -1,4 +1,4 @@
-//! L1.4: scenes begin and end, members come and go.
+//! L1.4: lifetime of scenes and memberships.
 
 use glam::Vec3;
 use rhumb_protocol::message::{ClientMessage, Denial, SceneEvent, ServerMessage, StreamChoice};
@@ -12,11 +12,11 @@ use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
-/// What each case of the group promises, cites and does.
+/// The cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         1,
-        "who joins a scene that is not there is denied with 0",
+        "joining a scene that does not exist is denied with 0",
         "PROTOCOL 4.7-1, 4.2-3",
         |trial| {
             let mut guest = trial.guest()?;
@@ -30,7 +30,7 @@ const CASES: &[CaseRow] = &[
     ),
     (
         2,
-        "who deletes a scene that is not there is denied with 0",
+        "deleting a scene that does not exist is denied with 0",
         "PROTOCOL 4.7-1",
         |trial| {
             let mut guest = trial.guest()?;
@@ -40,7 +40,7 @@ const CASES: &[CaseRow] = &[
     ),
     (
         3,
-        "a scene that exists is not created again",
+        "creating a scene that exists is denied",
         "PROTOCOL 3.3-1, 4.7-1",
         |trial| {
             let mut guest = trial.guest()?;
@@ -55,7 +55,7 @@ const CASES: &[CaseRow] = &[
     ),
     (
         4,
-        "a welcome tells the config of a scene that exists",
+        "a welcome contains the configuration of a scene that exists",
         "PROTOCOL 3.1-4",
         |trial| {
             let mut guest = trial.guest()?;
@@ -65,65 +65,65 @@ const CASES: &[CaseRow] = &[
             let reported = other.hello()?.scene;
             ensure(
                 reported == Some(lockstep()),
-                format!("its config, and not {reported:?}"),
+                format!("its configuration, not {reported:?}"),
             )
         },
     ),
     (
         5,
-        "who deletes a scene need not be its member, and all members hear it",
+        "a client that is not a member may delete the scene, and all members are notified",
         "PROTOCOL 3.3-1, 3.3-2",
         deleted,
     ),
     (
         6,
-        "who leaves and joins again begins anew, and finds what it left",
+        "a client that leaves and joins again starts a new membership and finds its bodies",
         "PROTOCOL 3.3-3, 4.4-1",
         left,
     ),
     (
         7,
-        "answers come in the order of what they answer",
+        "answers come in the order of their requests",
         "PROTOCOL 4.2-2, 4.2-3",
         in_order,
     ),
     (
         8,
-        "a name of 64 bytes of all that may stand in one is a scene's",
+        "a scene name may have 64 bytes of every permitted character",
         "PROTOCOL 2.3-2",
         long_name,
     ),
     (
         9,
-        "connections of two scenes hear nothing of each other",
+        "connections of two scenes receive nothing of each other",
         "PROTOCOL 3.1-3",
         two_scenes,
     ),
     (
         12,
-        "a ping comes back with its number and the newest tick",
+        "a pong contains the number of its ping and the newest tick",
         "PROTOCOL 4.9-4",
         pinged,
     ),
     (
         14,
-        "an inspection tells tick and bodies",
+        "an inspection contains tick and number of bodies",
         "PROTOCOL 4.10-1",
         inspected,
     ),
 ];
 
-/// Those that need other things.
+/// Cases that need free-running scenes.
 const FREE_RUNNING: &[CaseRow] = &[
     (
         10,
-        "a scene that runs free stands still while it has no members",
+        "a free-running scene pauses while it has no members",
         "PROTOCOL 3.3-4",
         stands_still,
     ),
     (
         11,
-        "who advances a scene that runs free is denied with 8",
+        "advancing a free-running scene is denied with 8",
         "PROTOCOL 4.2-3",
         |trial| {
             let mut guest = trial.guest()?;
@@ -134,7 +134,7 @@ const FREE_RUNNING: &[CaseRow] = &[
     ),
     (
         13,
-        "the clock of a scene that runs free goes as its config say",
+        "a free-running scene keeps the rate of its configuration",
         "PROTOCOL 4.9-5",
         clock,
     ),
@@ -159,7 +159,7 @@ fn denied(guest: &mut RawClient, request: &ClientMessage, denial: Denial) -> Cas
     let received = guest.barrier()?;
     ensure(
         received == [ServerMessage::Denied(denial)],
-        format!("it is denied, {denial}, and nothing else; not {received:?}"),
+        format!("the only answer is the denial {denial}, not {received:?}"),
     )
 }
 
@@ -169,10 +169,10 @@ fn deleted(trial: &mut Trial<'_>) -> CaseResult {
     let mut other = trial.guest_of(&member.scene.clone())?;
     other.hello()?;
     other.delete()?;
-    member.await_message("word that the scene is deleted", |message| {
+    member.await_message("message that the scene is deleted", |message| {
         matches!(message, ServerMessage::Deleted).then_some(())
     })?;
-    // It is in the lobby again.
+    // The former member is in the lobby again.
     denied(
         &mut member,
         &ClientMessage::Join(NORMAL),
@@ -193,8 +193,8 @@ fn left(trial: &mut Trial<'_>) -> CaseResult {
     })?;
     let (_, scene_events) = guest.join(NORMAL)?;
     let is_it = |scene_event: &SceneEvent| matches!(scene_event, SceneEvent::BodyPlaced { config, .. } if config.id == id);
-    ensure(scene_events.iter().any(is_it), "its body stays")?;
-    // The first command of a membership is number 0.
+    ensure(scene_events.iter().any(is_it), "its body still exists")?;
+    // Command numbers of a membership start at 0.
     guest.must(Command::RemoveBody { id }).map(drop)
 }
 
@@ -222,7 +222,7 @@ fn in_order(trial: &mut Trial<'_>) -> CaseResult {
     ];
     ensure(
         received == wanted,
-        format!("answers in order, and not {received:?}"),
+        format!("answers in order, not {received:?}"),
     )
 }
 
@@ -235,7 +235,7 @@ fn long_name(trial: &mut Trial<'_>) -> CaseResult {
     name.truncate(64);
     let scene = name
         .parse()
-        .map_err(|_| Stop::Inconclusive("no name".into()))?;
+        .map_err(|_| Stop::Inconclusive("the name is invalid".into()))?;
     let mut guest = trial.guest_of(&scene)?;
     guest.enter(lockstep(), NORMAL)?;
     guest.delete()
@@ -253,12 +253,15 @@ fn two_scenes(trial: &mut Trial<'_>) -> CaseResult {
     let received = other.barrier()?;
     ensure(
         received.is_empty(),
-        format!("the other hears nothing, not {received:?}"),
+        format!("the other connection receives nothing, not {received:?}"),
     )?;
-    ensure(other.datagrams.is_empty(), "and no datagram")
+    ensure(
+        other.datagrams.is_empty(),
+        "the other connection receives no datagram",
+    )
 }
 
-/// The tick of a pong, and how long before it was reached, in nanoseconds.
+/// The tick of a pong, and the time in nanoseconds since it was reached.
 fn pong(guest: &mut RawClient, number: u64) -> Result<(Tick, u64), Stop> {
     let number = rhumb_protocol::Instant::from_nanos(number);
     guest.say(&ClientMessage::Ping { sent: number });
@@ -280,7 +283,7 @@ fn stands_still(trial: &mut Trial<'_>) -> CaseResult {
         matches!(message, ServerMessage::Left).then_some(())
     })?;
     let (before, _) = pong(&mut guest, 1)?;
-    // A time in which it would have gone on.
+    // Enough time for several ticks, if the scene did not pause.
     let clock = rhumb_transport::Clock::start();
     while clock.now().as_nanos() < 200_000_000 {
         guest.barrier()?;
@@ -288,12 +291,12 @@ fn stands_still(trial: &mut Trial<'_>) -> CaseResult {
     let (after, _) = pong(&mut guest, 2)?;
     ensure(
         before == after,
-        format!("it stands at {before}, not at {after}"),
+        format!("it stays at {before}, not {after}"),
     )?;
     let (joined, _) = guest.join(NORMAL)?;
     ensure(
         joined.start.tick.value() <= before.value() + 1,
-        "and goes on from there",
+        "it continues from there",
     )
 }
 
@@ -302,7 +305,7 @@ fn pinged(trial: &mut Trial<'_>) -> CaseResult {
     guest.enter(lockstep(), NORMAL)?;
     for number in [0, 1, u64::MAX] {
         let (tick, _) = pong(&mut guest, number)?;
-        ensure(tick == Tick::ZERO, "nobody has asked for a tick")?;
+        ensure(tick == Tick::ZERO, "no tick was requested")?;
     }
     guest.say(&ClientMessage::Advance { to: Tick::new(3) });
     while let Some(_datagram) = guest.next_datagram()? {
@@ -310,7 +313,7 @@ fn pinged(trial: &mut Trial<'_>) -> CaseResult {
             return Ok(());
         }
     }
-    Stop::fail("the pong never tells the tick that was asked for")
+    Stop::fail("no pong contains the requested tick")
 }
 
 fn clock(trial: &mut Trial<'_>) -> CaseResult {
@@ -334,15 +337,15 @@ fn clock(trial: &mut Trial<'_>) -> CaseResult {
     }
     let (end, end_scene, last) = at(&mut guest)?;
     let (passed, went) = (end - begin, end_scene - begin_scene);
-    // A server that is late may let time go slower (3.3-5); it may not let it go faster.
+    // A late server may slow down (3.3-5), but it must not run faster.
     let slack = 2.0 / 60.0 + first + last;
     ensure(
         went <= passed + slack,
-        format!("in {passed:.3} s it goes on by {went:.3} s"),
+        format!("in {passed:.3} s the scene advances by {went:.3} s"),
     )?;
     ensure(
         went >= passed / 2.0 - slack,
-        format!("in {passed:.3} s it goes on by {went:.3} s"),
+        format!("in {passed:.3} s the scene advances by {went:.3} s"),
     )
 }
 
@@ -364,5 +367,5 @@ fn inspected(trial: &mut Trial<'_>) -> CaseResult {
         reported.bodies == 3 && reported.awake <= 3,
         format!("three bodies, not {}", reported.bodies),
     )?;
-    ensure(reported.tick == Tick::ZERO, "no tick was asked for")
+    ensure(reported.tick == Tick::ZERO, "no tick was requested")
 }

@@ -1,4 +1,4 @@
-//! L1.1: how conversations begin.
+//! L1.1: how sessions begin.
 
 use rhumb_protocol::message::{ClientMessage, Extension, Extensions, ServerMessage, StreamChoice};
 use rhumb_protocol::session::CloseCode;
@@ -13,17 +13,17 @@ pub(super) fn cases() -> Vec<Case> {
     vec![
         Case::server(
             "L1.1.1",
-            "a hello is answered by a welcome in a version that was offered",
+            "a hello is answered by a welcome with an offered version",
         )
         .cites("PROTOCOL 3.1-4, 3.1-6")
         .play(|trial| {
             let welcome = trial.guest()?.hello()?;
             ensure(welcome.version == 1, "version 1 was offered")?;
-            ensure(welcome.scene.is_none(), "nobody has created the scene")
+            ensure(welcome.scene.is_none(), "the scene does not exist yet")
         }),
         Case::server(
             "L1.1.2",
-            "who offers only versions of the future is closed with code 3",
+            "a client that offers only future versions is closed with code 3",
         )
         .cites("PROTOCOL 3.1-7, 3.5-10")
         .play(|trial| {
@@ -33,7 +33,7 @@ pub(super) fn cases() -> Vec<Case> {
         }),
         Case::server(
             "L1.1.3",
-            "who offers only a greased version is closed with code 3",
+            "a client that offers only greased versions is closed with code 3",
         )
         .cites("PROTOCOL 3.5-9, 3.5-7")
         .play(|trial| {
@@ -41,29 +41,23 @@ pub(super) fn cases() -> Vec<Case> {
             offer(&mut guest, &[0x0a0a, 0xfafa], Extensions::NONE);
             guest.must_be_closed(CloseCode::VERSION)
         }),
-        Case::server(
-            "L1.1.4",
-            "a critical extension that is not known closes with code 5",
-        )
-        .cites("PROTOCOL 3.5-12, 3.5-4")
-        .play(|trial| {
-            let mut guest = trial.guest()?;
-            offer(&mut guest, &[1], extension(62));
-            guest.must_be_closed(CloseCode::EXTENSION)
-        }),
-        Case::server(
-            "L1.1.5",
-            "an optional extension that is not known is skipped",
-        )
-        .cites("PROTOCOL 3.5-12, 3.5-2, 3.5-7")
-        .play(|trial| {
-            let mut guest = trial.guest()?;
-            offer(&mut guest, &[1], extension(27));
-            welcomed(&mut guest)
-        }),
+        Case::server("L1.1.4", "an unknown critical extension closes with code 5")
+            .cites("PROTOCOL 3.5-12, 3.5-4")
+            .play(|trial| {
+                let mut guest = trial.guest()?;
+                offer(&mut guest, &[1], extension(62));
+                guest.must_be_closed(CloseCode::EXTENSION)
+            }),
+        Case::server("L1.1.5", "an unknown optional extension is skipped")
+            .cites("PROTOCOL 3.5-12, 3.5-2, 3.5-7")
+            .play(|trial| {
+                let mut guest = trial.guest()?;
+                offer(&mut guest, &[1], extension(27));
+                welcomed(&mut guest)
+            }),
         Case::server(
             "L1.1.6",
-            "what a member says before it is one closes with code 2",
+            "a member's message from a client that has not joined closes with code 2",
         )
         .cites("PROTOCOL 3.2-1")
         .play(too_early),

@@ -1,6 +1,7 @@
 //! L1.2: every message in every state.
 //!
-//! One case for each message and state of the table of 3.2: it is allowed, skipped, or ends the connection.
+//! One case for each message and each state in the table of 3.2: the message is allowed, skipped, or ends the
+//! connection.
 
 use rhumb_protocol::Instant;
 use rhumb_protocol::message::{
@@ -17,7 +18,7 @@ use crate::conformance::outcome::{CaseResult, ensure};
 use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
-/// How far a conversation has come.
+/// The state of a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SessionStage {
     Silent,
@@ -26,7 +27,7 @@ enum SessionStage {
     Parted,
 }
 
-/// What a message must come to.
+/// The required reaction to a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Expected {
     Handled,
@@ -75,7 +76,7 @@ pub(super) fn cases() -> Vec<Case> {
                 Expected::Skipped => ("PROTOCOL 3.2-3", "is skipped"),
                 Expected::Violation => ("PROTOCOL 3.2-1", "ends the connection with code 2"),
             };
-            let name = format!("{name} said by who is {} {words}", word(state));
+            let name = format!("{name} from a client {} {words}", word(state));
             let case = Case::server(&id, &name).cites(cites);
             cases.push(case.play(move |trial| play(trial, state, kind, fate)));
         }
@@ -83,12 +84,12 @@ pub(super) fn cases() -> Vec<Case> {
     cases
 }
 
-/// Who is in a state.
+/// The state in words.
 const fn word(state: SessionStage) -> &'static str {
     match state {
         SessionStage::Silent => "silent",
         SessionStage::Lobby => "in the lobby",
-        SessionStage::Member => "a member",
+        SessionStage::Member => "that is a member",
         SessionStage::Parted => "parted",
     }
 }
@@ -146,7 +147,7 @@ fn in_state(
     Ok(guest)
 }
 
-/// A plain message of a type.
+/// An ordinary message of a type.
 fn message(guest: &RawClient, kind: u8) -> ClientMessage {
     match kind {
         1 => ClientMessage::Hello {

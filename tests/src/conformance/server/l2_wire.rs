@@ -1,6 +1,6 @@
-//! L2.2: what comes on a stream for what is said about it, bit by bit.
+//! L2.2: the datagrams of a stream in reaction to messages and datagrams of a member, bit by bit.
 //!
-//! No session stands between: a member of bytes says an loss_report or a mismatch, and reads what comes.
+//! No session is in between: a raw member sends a loss report or a mismatch, and decodes the answers.
 
 use glam::Vec3;
 use rhumb_protocol::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX};
@@ -27,59 +27,129 @@ pub(super) fn cases() -> Vec<Case> {
             .needs(&[Feature::Lockstep])
     };
     vec![
-        case("L2.2.1", "an loss_report is answered by a watermark", "PROTOCOL 6.4-3, 5.13-1, 5.10-1, 5.10-2")
-            .play(|trial| {
-                let mut member_link = RawMember::begin(trial, NORMAL, 1)?;
-                let next = member_link.joined.start.next;
-                member_link.loss_report(next, 0, &[])?;
-                let watermark = member_link.watermark()?;
-                ensure(watermark.next == Low16::of(next), "of the same number")?;
-                ensure(watermark.tick == Low16::of(0), "and the newest tick")
-            }),
-        case("L2.2.2", "each tick that was asked for is watermark_tick for, by a packet that ends it or by a watermark", "PROTOCOL 6.4-1, 6.3-12, 6.3-4, 5.9-1")
-            .play(each_tick),
-        case("L2.2.3", "numbers rise by one from the snapshot's on", "PROTOCOL 5.9-1, 6.11-2, 6.3-12, 5.7-1")
-            .play(numbers),
-        case("L2.2.4", "no datagram is longer than 1150 bytes", "PROTOCOL 5.8-3").play(short),
-        case("L2.2.5", "a packet said to be lost is refreshed by what its bodies do now", "PROTOCOL 6.7-3, 6.7-4, 5.11-1, 5.11-2")
-            .play(refreshed),
-        case("L2.2.6", "a refresh leaves out bodies that are gone", "PROTOCOL 6.7-4, 5.11-4").play(refreshed_gone),
-        case("L2.2.7", "nothing comes for a packet that was never sent", "PROTOCOL 6.7-7, 5.7-1")
-            .play(never_sent),
-        case("L2.2.8", "who wants repair_symbols for lost packets gets some", "PROTOCOL 6.15-8, 5.16-3, 5.16-4")
-            .play(repair_symbols),
-        case("L2.2.9", "a mismatch of all is answered by sums of parts", "PROTOCOL 6.12-7, 5.14-1, 5.14-2, 5.15-1")
-            .play(doubted),
-        case("L2.2.10", "a mismatch of one index is answered by its track", "PROTOCOL 6.12-7")
-            .play(doubted_one),
-        case("L2.2.11", "a body that sleeps is silent, and its ticks are watermark_tick for", "PROTOCOL 6.3-9, 6.4-1, 6.13-3")
-            .play(asleep),
-        case("L2.2.12", "a resync is answered by a whole snapshot, and commands go on in number", "PROTOCOL 4.8-5, 4.8-6, 4.8-3")
-            .play(resync),
-        case("L2.2.13", "who follows another choice is reported its stream, and hears the one before until it says so", "PROTOCOL 4.8-8, 4.8-10, 4.8-11, 4.8-12")
-            .play(follows),
-        case("L2.2.14", "of several tasks that come together only the last is answered", "PROTOCOL 4.8-9, 4.8-13")
-            .play(only_the_last),
-        case("L2.2.15", "a datagram tells how many scene_events were given before it", "PROTOCOL 4.6-5, 4.6-6, 6.3-3")
-            .play(notices_counted),
-        case("L2.2.16", "a snapshot tells shapes, bodies in order and joints, and nothing else", "PROTOCOL 4.8-1, 4.8-2, 4.8-4, 6.13-5")
-            .play(snapshot),
-        case("L2.2.17", "the sum over all tracks is said while bodies move", "PROTOCOL 6.12-3, 6.12-4")
-            .play(checksum_packets),
+        case(
+            "L2.2.1",
+            "a loss report is answered by a watermark",
+            "PROTOCOL 6.4-3, 5.13-1, 5.10-1, 5.10-2",
+        )
+        .play(|trial| {
+            let mut member_link = RawMember::begin(trial, NORMAL, 1)?;
+            let next = member_link.joined.start.next;
+            member_link.loss_report(next, 0, &[])?;
+            let watermark = member_link.watermark()?;
+            ensure(watermark.next == Low16::of(next), "it has the same number")?;
+            ensure(watermark.tick == Low16::of(0), "it has the newest tick")
+        }),
+        case(
+            "L2.2.2",
+            "each requested tick is completed, by its last packet or by a watermark",
+            "PROTOCOL 6.4-1, 6.3-12, 6.3-4, 5.9-1",
+        )
+        .play(each_tick),
+        case(
+            "L2.2.3",
+            "packet numbers rise by one, starting with the number in the snapshot",
+            "PROTOCOL 5.9-1, 6.11-2, 6.3-12, 5.7-1",
+        )
+        .play(numbers),
+        case(
+            "L2.2.4",
+            "no datagram is longer than 1150 bytes",
+            "PROTOCOL 5.8-3",
+        )
+        .play(short),
+        case(
+            "L2.2.5",
+            "a lost packet is refreshed with the present tracks of its bodies",
+            "PROTOCOL 6.7-3, 6.7-4, 5.11-1, 5.11-2",
+        )
+        .play(refreshed),
+        case(
+            "L2.2.6",
+            "a refresh leaves out removed bodies",
+            "PROTOCOL 6.7-4, 5.11-4",
+        )
+        .play(refreshed_gone),
+        case(
+            "L2.2.7",
+            "a loss report for a packet that was never sent is ignored",
+            "PROTOCOL 6.7-7, 5.7-1",
+        )
+        .play(never_sent),
+        case(
+            "L2.2.8",
+            "a member that requests repair symbols for lost packets receives some",
+            "PROTOCOL 6.15-8, 5.16-3, 5.16-4",
+        )
+        .play(repair_symbols),
+        case(
+            "L2.2.9",
+            "a mismatch of all indices is answered by checksums of ranges",
+            "PROTOCOL 6.12-7, 5.14-1, 5.14-2, 5.15-1",
+        )
+        .play(doubted),
+        case(
+            "L2.2.10",
+            "a mismatch of one index is answered by its track",
+            "PROTOCOL 6.12-7",
+        )
+        .play(doubted_one),
+        case(
+            "L2.2.11",
+            "a sleeping body needs no updates, and its ticks are completed by watermarks",
+            "PROTOCOL 6.3-9, 6.4-1, 6.13-3",
+        )
+        .play(asleep),
+        case(
+            "L2.2.12",
+            "a resync is answered by a full snapshot, and command numbers continue",
+            "PROTOCOL 4.8-5, 4.8-6, 4.8-3",
+        )
+        .play(resync),
+        case(
+            "L2.2.13",
+            "a member that changes its choice receives both streams until it confirms the new one",
+            "PROTOCOL 4.8-8, 4.8-10, 4.8-11, 4.8-12",
+        )
+        .play(follows),
+        case(
+            "L2.2.14",
+            "of several simultaneous subscribe messages only the last is answered",
+            "PROTOCOL 4.8-9, 4.8-13",
+        )
+        .play(only_the_last),
+        case(
+            "L2.2.15",
+            "a datagram counts the scene events that were sent before it",
+            "PROTOCOL 4.6-5, 4.6-6, 6.3-3",
+        )
+        .play(notices_counted),
+        case(
+            "L2.2.16",
+            "a snapshot contains shapes, bodies in order and joints, and nothing else",
+            "PROTOCOL 4.8-1, 4.8-2, 4.8-4, 6.13-5",
+        )
+        .play(snapshot),
+        case(
+            "L2.2.17",
+            "the checksum over all tracks is sent while bodies move",
+            "PROTOCOL 6.12-3, 6.12-4",
+        )
+        .play(checksum_packets),
     ]
 }
 
-/// A member of bytes, and what it knows of its stream.
+/// A raw member, and its knowledge of its stream.
 struct RawMember {
     guest: RawClient,
     joined: Joined,
-    /// SceneEvents given outside of snapshots.
+    /// Number of scene events outside of snapshots.
     scene_events: u64,
     balls: u32,
 }
 
 impl RawMember {
-    /// A scene of so many balls that fall side by side.
+    /// A scene with this number of balls that fall side by side.
     fn begin(trial: &mut Trial<'_>, choice: StreamChoice, balls: u32) -> Result<Self, Stop> {
         let mut guest = trial.guest()?;
         let joined = guest.enter(lockstep(), choice)?;
@@ -109,15 +179,15 @@ impl RawMember {
             .throw(&loss_report.encode(self.joined.start.stream))
     }
 
-    /// The next datagram: its kind, and all of it.
+    /// The next datagram: its kind and its bytes.
     fn next(&mut self) -> Result<(PacketKind, Vec<u8>), Stop> {
         let datagram = self.guest.next_datagram()?;
-        let datagram = datagram.ok_or_else(|| Stop::Fail("no datagram comes".into()))?;
+        let datagram = datagram.ok_or_else(|| Stop::Fail("no datagram arrives".into()))?;
         let head = Head::decode(&mut Reader::new(&datagram));
         let head = head.map_err(|why| Stop::Fail(format!("a datagram is malformed: {why:?}")))?;
         ensure(
             head.stream == self.joined.start.stream,
-            "it is of the member's stream",
+            "it belongs to the member's stream",
         )?;
         Ok((head.kind, datagram.to_vec()))
     }
@@ -131,8 +201,8 @@ impl RawMember {
         }
     }
 
-    /// Pushes each ball its own way, so that each needs words of its own.
-    fn stir(&mut self) -> CaseResult {
+    /// Pushes each ball differently, so that each needs an update of its own.
+    fn push_balls(&mut self) -> CaseResult {
         for place in 0..self.balls {
             let way = Vec3::new(place as f32 / 7.0 - 1.0, 1.0, 1.0);
             let impulse = way
@@ -163,18 +233,18 @@ impl RawMember {
         }
     }
 
-    /// Numbers of state packets up to a tick.
+    /// Numbers of the state packets up to a tick.
     fn numbers_to(&mut self, tick: u64) -> Result<Vec<u64>, Stop> {
         let packets = self.packets_to(tick)?;
         Ok(packets.into_iter().map(|(number, _)| number).collect())
     }
 
-    /// State packets up to a tick, by number.
+    /// State packets up to a tick, with their numbers.
     fn packets_to(&mut self, tick: u64) -> Result<Vec<(u64, Vec<u8>)>, Stop> {
         let mut expected = self.joined.start.next;
         let mut packets = Vec::new();
         for to in 1..=tick {
-            self.stir()?;
+            self.push_balls()?;
             for (kind, bytes) in self.step(to)? {
                 if let Some(packet) = state(kind, &bytes)? {
                     expected = packet.number.expand(expected);
@@ -186,7 +256,7 @@ impl RawMember {
     }
 }
 
-/// Reads what follows a head.
+/// Decodes the part after a head.
 fn read<'a, T>(
     bytes: &'a [u8],
     decode: impl FnOnce(Reader<'a>) -> Result<T, rhumb_protocol::wire::Malformed>,
@@ -196,7 +266,7 @@ fn read<'a, T>(
     read.map_err(|why| Stop::Fail(format!("a datagram is malformed: {why:?}")))
 }
 
-/// A state packet, if it is one; its updates are read too.
+/// The state packet, if the datagram is one; its updates are decoded too.
 fn state(kind: PacketKind, bytes: &[u8]) -> Result<Option<UpdatePacket<'_>>, Stop> {
     if !matches!(kind, PacketKind::Updates | PacketKind::UpdatesEnd) {
         return Ok(None);
@@ -216,7 +286,7 @@ fn state(kind: PacketKind, bytes: &[u8]) -> Result<Option<UpdatePacket<'_>>, Sto
     Ok(Some(packet))
 }
 
-/// The tick of which nothing more comes.
+/// The tick that this datagram completes, if any.
 fn tick_that_ends(kind: PacketKind, bytes: &[u8]) -> Result<Option<Low16>, Stop> {
     Ok(match kind {
         PacketKind::UpdatesEnd => state(kind, bytes)?.map(|packet| packet.tick),
@@ -235,7 +305,7 @@ fn each_tick(trial: &mut Trial<'_>) -> CaseResult {
     while expected <= 40 {
         let (kind, bytes) = member_link.next()?;
         if let Some(tick) = tick_that_ends(kind, &bytes)? {
-            // An loss_report's watermark and a checksums may say a tick again.
+            // The watermark that answers a loss report, and a checksum packet, may repeat a tick.
             let again = tick == Low16::of(expected - 1);
             ensure(
                 again || tick == Low16::of(expected),
@@ -252,10 +322,10 @@ fn numbers(trial: &mut Trial<'_>) -> CaseResult {
     let numbers = member_link.numbers_to(30)?;
     let first = member_link.joined.start.next;
     let wanted: Vec<u64> = (first..first + numbers.len() as u64).collect();
-    ensure(!numbers.is_empty(), "bodies that move are spoken of")?;
+    ensure(!numbers.is_empty(), "moving bodies are published")?;
     ensure(
         numbers == wanted,
-        format!("from {first} on, not {numbers:?}"),
+        format!("consecutive from {first} on, not {numbers:?}"),
     )
 }
 
@@ -269,7 +339,7 @@ fn short(trial: &mut Trial<'_>) -> CaseResult {
         let (_, bytes) = member_link.next()?;
         ensure(
             bytes.len() <= DATAGRAM_BYTES_MAX,
-            format!("{} bytes", bytes.len()),
+            format!("the datagram has {} bytes", bytes.len()),
         )?;
         count += 1;
     }
@@ -280,7 +350,7 @@ fn refreshed(trial: &mut Trial<'_>) -> CaseResult {
     let mut member_link = RawMember::begin(trial, EXACT, 8)?;
     let numbers = member_link.numbers_to(20)?;
     let [lost, .., last] = numbers[..] else {
-        return Stop::fail("bodies that are pushed are spoken of");
+        return Stop::fail("pushed bodies are published");
     };
     member_link.loss_report(last + 1, 0, &[lost])?;
     loop {
@@ -289,9 +359,9 @@ fn refreshed(trial: &mut Trial<'_>) -> CaseResult {
             continue;
         }
         let refresh = read(&bytes, Refresh::decode)?;
-        ensure(refresh.lost == Low16::of(lost), "it names the packet")?;
-        ensure(refresh.tick == Low16::of(20), "it is of now, not of then")?;
-        return ensure(!refresh.records.is_empty(), "it tells tracks");
+        ensure(refresh.lost == Low16::of(lost), "it names the lost packet")?;
+        ensure(refresh.tick == Low16::of(20), "it has the newest tick")?;
+        return ensure(!refresh.records.is_empty(), "it contains tracks");
     }
 }
 
@@ -299,7 +369,7 @@ fn refreshed_gone(trial: &mut Trial<'_>) -> CaseResult {
     let mut member_link = RawMember::begin(trial, EXACT, 1)?;
     let numbers = member_link.numbers_to(20)?;
     let [lost, .., last] = numbers[..] else {
-        return Stop::fail("a body that is pushed is spoken of");
+        return Stop::fail("a pushed body is published");
     };
     let id = body(member_link.guest.granted, 0)?;
     member_link.guest.must(Command::RemoveBody { id })?;
@@ -308,7 +378,7 @@ fn refreshed_gone(trial: &mut Trial<'_>) -> CaseResult {
         let (kind, bytes) = member_link.next()?;
         if kind == PacketKind::Refresh {
             let refresh = read(&bytes, Refresh::decode)?;
-            return ensure(refresh.records.is_empty(), "nothing is left to tell");
+            return ensure(refresh.records.is_empty(), "no track is left");
         }
     }
 }
@@ -323,9 +393,9 @@ fn never_sent(trial: &mut Trial<'_>) -> CaseResult {
     let (kind, _) = member_link.next()?;
     ensure(
         kind == PacketKind::Watermark,
-        format!("a watermark, and no {kind:?}"),
+        format!("the answer is a watermark, not {kind:?}"),
     )?;
-    // What it is asked next it answers as ever.
+    // Later requests are still answered.
     member_link.step(11).map(drop)
 }
 
@@ -333,7 +403,7 @@ fn repair_symbols(trial: &mut Trial<'_>) -> CaseResult {
     let mut member_link = RawMember::begin(trial, EXACT, 8)?;
     let packets = member_link.packets_to(20)?;
     let [.., (first, _), (second, _), (third, _)] = packets[..] else {
-        return Stop::fail("bodies that are pushed are spoken of");
+        return Stop::fail("pushed bodies are published");
     };
     let lost = [first, second];
     member_link.loss_report(third + 1, 2, &lost)?;
@@ -345,23 +415,23 @@ fn repair_symbols(trial: &mut Trial<'_>) -> CaseResult {
                 let repair_symbol = read(&bytes, RepairSymbol::decode)?;
                 ensure(
                     sums_of(&repair_symbol, &packets, third) == Some(repair_symbol.sums),
-                    "its sums are those of what was said",
+                    "its symbols are computed from the sent packets",
                 )?;
                 covered += 1;
                 if covered == lost.len() {
                     return Ok(());
                 }
             }
-            // It answers by refreshes instead, as it MAY not: SHOULD.
+            // A refresh instead of repair symbols violates a SHOULD only.
             PacketKind::Refresh => {
-                return should(false, "lost packets come back by repair_symbols");
+                return should(false, "lost packets are restored by repair symbols");
             }
             _ => {}
         }
     }
 }
 
-/// The sums that a repair_symbol must have; none where it covers what was not said.
+/// The symbols that a repair symbol packet must have; `None` where it covers packets that were not received.
 fn sums_of(
     repair_symbol: &RepairSymbol,
     packets: &[(u64, Vec<u8>)],
@@ -393,12 +463,15 @@ fn doubted(trial: &mut Trial<'_>) -> CaseResult {
         if checksums.ranges.stride == INDICES_MAX {
             continue;
         }
-        ensure(checksums.ranges.first == 0, "from the first index on")?;
+        ensure(
+            checksums.ranges.first == 0,
+            "the first range starts at the first index",
+        )?;
         ensure(
             checksums.ranges.stride == INDICES_MAX.div_ceil(128),
-            "of a 128th each",
+            "each range is a 128th",
         )?;
-        return ensure(checksums.sums.len() <= 128, "up to 128 parts");
+        return ensure(checksums.sums.len() <= 128, "at most 128 ranges");
     }
 }
 
@@ -420,7 +493,7 @@ fn doubted_one(trial: &mut Trial<'_>) -> CaseResult {
             let indices: Vec<u32> = refresh.records.iter().map(|record| record.index).collect();
             return ensure(
                 indices == [index],
-                format!("its track alone, not {indices:?}"),
+                format!("only its track, not {indices:?}"),
             );
         }
     }
@@ -442,12 +515,12 @@ fn asleep(trial: &mut Trial<'_>) -> CaseResult {
     for to in 1..=600 {
         member_link.step(to)?;
     }
-    // Ten seconds later nothing is left to say but that nothing is.
+    // After ten seconds the body sleeps, so only watermarks and checksums are left.
     for to in 601..=660 {
         for (kind, _) in member_link.step(to)? {
             ensure(
                 matches!(kind, PacketKind::Watermark | PacketKind::Checksums),
-                format!("at {to} it says {kind:?}"),
+                format!("at {to} the server sends {kind:?}"),
             )?;
         }
     }
@@ -460,14 +533,17 @@ fn resync(trial: &mut Trial<'_>) -> CaseResult {
     let commands = member_link.guest.commands;
     member_link.guest.say(&ClientMessage::Resync);
     let (joined, scene_events) = member_link.guest.snapshot()?;
-    ensure(joined.start.tick == Tick::new(10), "of the newest tick")?;
+    ensure(
+        joined.start.tick == Tick::new(10),
+        "the snapshot has the newest tick",
+    )?;
     ensure(
         joined.granted == member_link.joined.granted,
-        "granted is what was granted first",
+        "the granted range is the original one",
     )?;
     ensure(
         joined.start.scene_events == member_link.scene_events,
-        format!("after {} scene_events", member_link.scene_events),
+        format!("the count of scene events is {}", member_link.scene_events),
     )?;
     ensure(
         scene_events.len() == 4,
@@ -475,7 +551,10 @@ fn resync(trial: &mut Trial<'_>) -> CaseResult {
     )?;
     let id = body(member_link.guest.granted, 0)?;
     member_link.guest.must(Command::RemoveBody { id })?;
-    ensure(member_link.guest.commands == commands + 1, "numbers go on")
+    ensure(
+        member_link.guest.commands == commands + 1,
+        "command numbers continue",
+    )
 }
 
 fn follows(trial: &mut Trial<'_>) -> CaseResult {
@@ -488,7 +567,7 @@ fn follows(trial: &mut Trial<'_>) -> CaseResult {
     let after = joined.start.stream;
     ensure(
         joined.choice == StreamChoice::Full && after != before,
-        "another stream",
+        "it is another stream",
     )?;
     let received = |guest: &mut RawClient| -> Result<Vec<rhumb_protocol::packet::StreamId>, Stop> {
         guest.barrier()?;
@@ -508,7 +587,7 @@ fn follows(trial: &mut Trial<'_>) -> CaseResult {
     let both = received(&mut member_link.guest)?;
     ensure(
         both.contains(&before) && both.contains(&after),
-        format!("it hears both, not {both:?}"),
+        format!("both streams are sent, not {both:?}"),
     )?;
     member_link.guest.say(&ClientMessage::Subscribed(after));
     member_link.guest.barrier()?;
@@ -519,7 +598,7 @@ fn follows(trial: &mut Trial<'_>) -> CaseResult {
     let one = received(&mut member_link.guest)?;
     ensure(
         one.iter().all(|stream| *stream == after),
-        format!("then the new one alone, not {one:?}"),
+        format!("then only the new stream is sent, not {one:?}"),
     )
 }
 
@@ -539,7 +618,7 @@ fn only_the_last(trial: &mut Trial<'_>) -> CaseResult {
         .collect();
     ensure(
         joined == [StreamChoice::Full],
-        format!("one answer, to the last, not {joined:?}"),
+        format!("one answer, to the last message, not {joined:?}"),
     )
 }
 
@@ -557,7 +636,7 @@ fn notices_counted(trial: &mut Trial<'_>) -> CaseResult {
         let wanted = Low16::of(member_link.scene_events);
         ensure(
             scene_events == wanted,
-            format!("{wanted:?} were given, not {scene_events:?}"),
+            format!("the counts are {wanted:?}, not {scene_events:?}"),
         )?;
     }
     Ok(())
@@ -573,9 +652,12 @@ fn snapshot(trial: &mut Trial<'_>) -> CaseResult {
     let (joined, scene_events) = late.join(NORMAL)?;
     ensure(
         joined.start.stream == member_link.joined.start.stream,
-        "the stream that runs",
+        "it is the existing stream",
     )?;
-    ensure(joined.start.tick == Tick::new(7), "as of the newest tick")?;
+    ensure(
+        joined.start.tick == Tick::new(7),
+        "the snapshot has the newest tick",
+    )?;
     let ranks: Vec<u32> = scene_events
         .iter()
         .map(|scene_event| match scene_event {
@@ -588,30 +670,36 @@ fn snapshot(trial: &mut Trial<'_>) -> CaseResult {
         .collect();
     ensure(
         ranks.is_sorted(),
-        "shapes, gravities, bodies by index, joints",
+        "the order is shapes, gravities, bodies by index, joints",
     )?;
-    ensure(!ranks.contains(&u32::MAX), "and nothing else")?;
+    ensure(
+        !ranks.contains(&u32::MAX),
+        "the snapshot contains nothing else",
+    )?;
     let bodies = scene_events
         .iter()
         .filter(|scene_event| matches!(scene_event, SceneEvent::BodyPlaced { .. }));
-    ensure(bodies.count() == 5, "all five bodies")
+    ensure(bodies.count() == 5, "it contains all five bodies")
 }
 
 fn checksum_packets(trial: &mut Trial<'_>) -> CaseResult {
     let mut member_link = RawMember::begin(trial, EXACT, 6)?;
     let mut sums = Vec::new();
     for to in 1..=150 {
-        member_link.stir()?;
+        member_link.push_balls()?;
         for (kind, bytes) in member_link.step(to)? {
             if kind == PacketKind::Checksums {
                 let checksums = read(&bytes, Checksums::decode)?;
                 ensure(
                     checksums.ranges == IndexRanges::ALL && checksums.sums.len() == 1,
-                    "over all indices",
+                    "the checksum covers all indices",
                 )?;
                 sums.extend(checksums.sums);
             }
         }
     }
-    ensure(!sums.is_empty(), "in two seconds it is said once at least")
+    ensure(
+        !sums.is_empty(),
+        "a checksum is sent at least once in two seconds",
+    )
 }

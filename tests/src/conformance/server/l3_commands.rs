@@ -1,4 +1,4 @@
-//! L3.2: what commands do, and what each is refused for.
+//! L3.2: effects of commands, and the errors that refuse them.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::{
@@ -19,27 +19,27 @@ use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
-/// What is there when a command is refused: a ball, a floor, a kinematic ball, a joint between ball and floor.
+/// The scene in which commands are refused: a ball, a floor, a kinematic ball, a joint between ball and floor.
 struct Fixtures {
     ball: BodyId,
     floor: BodyId,
     lift: BodyId,
-    nobody: BodyId,
+    missing: BodyId,
 }
 
-/// What is said, and what it must be refused by.
+/// A command, and the error that must refuse it.
 type Refused = fn(&Fixtures) -> (Command, CommandError);
 
-/// Each error that a single member can come to, with the command that comes to it.
+/// Each error that one member can cause, with a command that causes it.
 const REFUSED: [(&str, Refused); 17] = [
-    ("taking out a body that is not there", |cast| {
+    ("removing a body that does not exist", |cast| {
         (
-            Command::RemoveBody { id: cast.nobody },
-            CommandError::UnknownBody(cast.nobody),
+            Command::RemoveBody { id: cast.missing },
+            CommandError::UnknownBody(cast.missing),
         )
     }),
-    ("moving a body that is not there", |cast| {
-        let (id, linear) = (cast.nobody, Vec3::X);
+    ("moving a body that does not exist", |cast| {
+        let (id, linear) = (cast.missing, Vec3::X);
         let angular = Vec3::ZERO;
         (
             Command::SetVelocity {
@@ -50,37 +50,37 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::UnknownBody(id),
         )
     }),
-    ("a body of another generation than is there", |cast| {
+    ("a body with the wrong generation", |cast| {
         let id = BodyId::new(cast.ball.index(), cast.ball.generation() + 1);
         (Command::RemoveBody { id }, CommandError::UnknownBody(id))
     }),
-    ("forgetting a shape that is not known", |_| {
+    ("removing a shape that does not exist", |_| {
         let id = ShapeId(77);
         (Command::RemoveShape { id }, CommandError::UnknownShape(id))
     }),
-    ("a body of a shape that is not known", |cast| {
+    ("adding a body with a shape that does not exist", |cast| {
         let shape = ShapeId(77);
-        let config = BodyDesc::plain(cast.nobody, BodyKind::Dynamic, shape);
+        let config = BodyDesc::plain(cast.missing, BodyKind::Dynamic, shape);
         let motion = moving(Vec3::Y * 50.0, Vec3::ZERO);
         (
             Command::AddBody { config, motion },
             CommandError::UnknownShape(shape),
         )
     }),
-    ("a body of an index that is in use", |cast| {
+    ("adding a body with an index in use", |cast| {
         let command = ball(cast.ball, Vec3::Y * 50.0, Vec3::ZERO);
         (command, CommandError::BodyIdTaken(cast.ball))
     }),
-    ("a shape of a number that is in use", |_| {
+    ("adding a shape with an id in use", |_| {
         (ball_shape(), CommandError::ShapeIdTaken(BALL))
     }),
-    ("forgetting a shape that a body has", |_| {
+    ("removing a shape that a body uses", |_| {
         (
             Command::RemoveShape { id: BALL },
             CommandError::ShapeInUse(BALL),
         )
     }),
-    ("a force on a static body", |cast| {
+    ("applying a force to a static body", |cast| {
         let force = Vec3::X;
         (
             Command::Force {
@@ -90,7 +90,7 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::NotPushable(cast.floor),
         )
     }),
-    ("an impulse on a kinematic body", |cast| {
+    ("applying an impulse to a kinematic body", |cast| {
         let impulse = Vec3::X;
         (
             Command::Impulse {
@@ -100,7 +100,7 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::NotPushable(cast.lift),
         )
     }),
-    ("a torque on a kinematic body", |cast| {
+    ("applying a torque to a kinematic body", |cast| {
         let torque = Vec3::X;
         (
             Command::Torque {
@@ -110,7 +110,7 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::NotPushable(cast.lift),
         )
     }),
-    ("a torque impulse on a static body", |cast| {
+    ("applying a torque impulse to a static body", |cast| {
         let impulse = Vec3::X;
         (
             Command::TorqueImpulse {
@@ -120,7 +120,7 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::NotPushable(cast.floor),
         )
     }),
-    ("a velocity of a static body", |cast| {
+    ("setting the velocity of a static body", |cast| {
         let (linear, angular) = (Vec3::X, Vec3::ZERO);
         let id = cast.floor;
         (
@@ -132,11 +132,11 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::NotPushable(id),
         )
     }),
-    ("letting go of a joint that is not there", |_| {
+    ("removing a joint that does not exist", |_| {
         let id = JointId(9);
         (Command::RemoveJoint { id }, CommandError::UnknownJoint(id))
     }),
-    ("a joint of a number that is in use", |cast| {
+    ("adding a joint with an id in use", |cast| {
         let id = JointId(0);
         let joint = joint(cast.ball, cast.lift);
         (
@@ -144,7 +144,7 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::JointIdTaken(id),
         )
     }),
-    ("a joint of a body to itself", |cast| {
+    ("joining a body to itself", |cast| {
         let joint = joint(cast.ball, cast.ball);
         let id = JointId(1);
         (
@@ -152,88 +152,88 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::JoinedToItself(cast.ball),
         )
     }),
-    ("a joint to a body that is not there", |cast| {
-        let joint = joint(cast.ball, cast.nobody);
+    ("adding a joint to a body that does not exist", |cast| {
+        let joint = joint(cast.ball, cast.missing);
         let id = JointId(1);
         (
             Command::AddJoint { id, joint },
-            CommandError::UnknownBody(cast.nobody),
+            CommandError::UnknownBody(cast.missing),
         )
     }),
 ];
 
-/// What else each case of the group promises, cites and does.
+/// The other cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         31,
-        "commands that come together are answered by scene_events, then by one Applied",
+        "commands in one write are answered by their scene events, then by one Applied",
         "PROTOCOL 4.6-9, 4.6-10",
         together,
     ),
     (
         32,
-        "a command of the future is refused with 19, and has a number",
+        "an unknown command is refused with 19, and is counted",
         "PROTOCOL 3.5-13, 4.4-1",
         future,
     ),
     (
         33,
-        "a body that is taken out is gone for everybody, with its joints",
+        "a removed body is removed for all members, with its joints",
         "PROTOCOL 4.4-5, 4.6-2",
         joints_go,
     ),
     (
         34,
-        "an index is used again with a greater generation only",
+        "an index is reused only with a greater generation",
         "PROTOCOL 2.4-2, 4.4-2",
         generations,
     ),
     (
         35,
-        "who is no owner may command a body too",
+        "a member may command another member's body",
         "PROTOCOL 4.4-3",
         not_owner,
     ),
     (
         39,
-        "scene_events of a command are reported to every member alike",
+        "all members receive the same scene events of a command",
         "PROTOCOL 4.6-5, 4.6-9",
         told_alike,
     ),
     (
         40,
-        "a rotation within a thousandth of unit length is taken",
+        "a rotation within a thousandth of unit length is accepted",
         "PROTOCOL 4.5-2, 4.5-1",
         unit_length,
     ),
     (
         41,
-        "what is refused leaves no trace, however many come",
+        "refused commands have no effect, however many come",
         "PROTOCOL 4.4-7",
         no_trace,
     ),
 ];
 
-/// Those of shapes without an inside.
+/// Cases that need shapes without a volume.
 const SHEETS: &[CaseRow] = &[(
     36,
-    "a dynamic body without an inside is refused with 17",
+    "a dynamic body without a volume is refused with 17",
     "PROTOCOL 2.6-13",
     |trial| no_inside(trial, sheet()?),
 )];
 
-/// Those of shapes of parts.
+/// Cases that need compound shapes.
 const COMPOUNDS: &[CaseRow] = &[(
     38,
-    "a body of no parts is a body",
+    "a body with an empty compound shape is valid",
     "PROTOCOL 2.6-17",
     no_parts,
 )];
 
-/// Those of both.
+/// Cases that need both.
 const SHEETS_IN_COMPOUNDS: &[CaseRow] = &[(
     37,
-    "a dynamic body with a part without an inside is refused with 17",
+    "a dynamic body with a part without a volume is refused with 17",
     "PROTOCOL 2.6-13",
     |trial| {
         let part = Part {
@@ -248,7 +248,7 @@ const SHEETS_IN_COMPOUNDS: &[CaseRow] = &[(
 
 pub(super) fn cases() -> Vec<Case> {
     let refused = REFUSED.iter().zip(1..).map(|((what, refused), number)| {
-        let name = format!("{what} is refused by its own error, and does nothing");
+        let name = format!("{what} is refused with its own error and has no effect");
         Case::server(&format!("L3.2.{number}"), &name)
             .cites("PROTOCOL 4.4-7, 4.6-8, 4.4-4")
             .needs(&[Feature::Lockstep])
@@ -269,7 +269,7 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 fn none() -> Stop {
-    Stop::Inconclusive("the suite has no such shape".into())
+    Stop::Inconclusive("the suite built an invalid shape".into())
 }
 
 fn sheet() -> Result<Shape, Stop> {
@@ -302,7 +302,7 @@ fn cast(guest: &mut RawClient) -> Result<Fixtures, Stop> {
         ball: id(0)?,
         floor: id(1)?,
         lift: id(2)?,
-        nobody: id(3)?,
+        missing: id(3)?,
     };
     guest.must(ball_shape())?;
     guest.must(floor_shape())?;
@@ -318,7 +318,7 @@ fn cast(guest: &mut RawClient) -> Result<Fixtures, Stop> {
     Ok(cast)
 }
 
-/// What anybody who joins now is reported of the scene.
+/// The snapshot of the scene that a late joiner receives.
 fn reported(trial: &mut Trial<'_>, guest: &RawClient) -> Result<Vec<SceneEvent>, Stop> {
     let mut late = trial.guest_of(&guest.scene.clone())?;
     late.hello()?;
@@ -333,14 +333,14 @@ fn is_refused(trial: &mut Trial<'_>, refused: Refused) -> CaseResult {
     let outcome = guest.command(command)?;
     ensure(
         outcome == Err(error),
-        format!("refused by {error:?}, not {outcome:?}"),
+        format!("refused with {error:?}, not {outcome:?}"),
     )?;
     let received = guest.barrier()?;
     ensure(
         received.is_empty(),
-        format!("no scene_event of it, not {received:?}"),
+        format!("no scene event, not {received:?}"),
     )?;
-    ensure(reported(trial, &guest)? == before, "the scene is as before")
+    ensure(reported(trial, &guest)? == before, "the scene is unchanged")
 }
 
 fn together(trial: &mut Trial<'_>) -> CaseResult {
@@ -374,7 +374,7 @@ fn together(trial: &mut Trial<'_>) -> CaseResult {
     );
     ensure(
         order,
-        format!("a scene_event of each, in order, not {scene_events:?}"),
+        format!("one scene event per command, in order, not {scene_events:?}"),
     )?;
     let last = matches!(
         received.last(),
@@ -382,13 +382,13 @@ fn together(trial: &mut Trial<'_>) -> CaseResult {
     );
     ensure(
         last,
-        format!("Applied through the last comes last, not {received:?}"),
+        format!("Applied for the last command comes last, not {received:?}"),
     )?;
     let refused =
         |message: &ServerMessage| matches!(message, ServerMessage::Refused { number: 1, .. });
     ensure(
         received.iter().any(refused),
-        "and the one that is wrong is refused by its number",
+        "the invalid command is refused by its number",
     )
 }
 
@@ -411,12 +411,12 @@ fn joints_go(trial: &mut Trial<'_>) -> CaseResult {
     let left = reported(trial, &guest)?;
     let joint_left =
         |scene_event: &SceneEvent| matches!(scene_event, SceneEvent::JointAdded { .. });
-    ensure(!left.iter().any(joint_left), "its joint is gone with it")?;
+    ensure(!left.iter().any(joint_left), "its joint is removed too")?;
     let outcome = guest.command(Command::RemoveJoint { id: JointId(0) })?;
     let error = Err(CommandError::UnknownJoint(JointId(0)));
     ensure(
         outcome == error,
-        format!("and cannot be let go of, not {outcome:?}"),
+        format!("removing the joint again is refused, not {outcome:?}"),
     )?;
     let again = joint(cast.ball, cast.lift);
     let id = JointId(0);
@@ -436,7 +436,7 @@ fn generations(trial: &mut Trial<'_>) -> CaseResult {
         let error = Err(CommandError::BodyIdTaken(of(step)));
         ensure(
             outcome == error,
-            format!("generation {step} was there, not {outcome:?}"),
+            format!("generation {step} was used before, not {outcome:?}"),
         )?;
     }
     guest.must(add(of(2))).map(drop)
@@ -453,12 +453,15 @@ fn not_owner(trial: &mut Trial<'_>) -> CaseResult {
         impulse: Vec3::X,
     })?;
     other.must(Command::RemoveBody { id: cast.ball })?;
-    owner.await_message("word that its body is gone", |message| match message {
-        ServerMessage::SceneEvent(SceneEvent::BodyRemoved { id, cause }) => {
-            (id == cast.ball && cause == RemovalCause::Command).then_some(())
-        }
-        _ => None,
-    })
+    owner.await_message(
+        "message that its body is removed",
+        |message| match message {
+            ServerMessage::SceneEvent(SceneEvent::BodyRemoved { id, cause }) => {
+                (id == cast.ball && cause == RemovalCause::Command).then_some(())
+            }
+            _ => None,
+        },
+    )
 }
 
 fn no_inside(trial: &mut Trial<'_>, shape: Shape) -> CaseResult {
@@ -512,11 +515,11 @@ fn told_alike(trial: &mut Trial<'_>) -> CaseResult {
     let second = scene_events(other.barrier()?);
     ensure(
         first.len() == 3,
-        format!("three scene_events, not {first:?}"),
+        format!("three scene events, not {first:?}"),
     )?;
     ensure(
         first == second,
-        format!("the other hears the same, not {second:?}"),
+        format!("the other member receives the same, not {second:?}"),
     )
 }
 
@@ -534,7 +537,7 @@ fn unit_length(trial: &mut Trial<'_>) -> CaseResult {
     let refused = matches!(outcome, Err(CommandError::Invalid(_)));
     ensure(
         refused,
-        format!("one farther off is refused, not {outcome:?}"),
+        format!("a greater deviation is refused, not {outcome:?}"),
     )
 }
 
@@ -548,9 +551,9 @@ fn no_trace(trial: &mut Trial<'_>) -> CaseResult {
             let outcome = guest.command(command)?;
             ensure(
                 outcome == Err(error),
-                format!("refused by {error:?}, not {outcome:?}"),
+                format!("refused with {error:?}, not {outcome:?}"),
             )?;
         }
     }
-    ensure(reported(trial, &guest)? == before, "the scene is as before")
+    ensure(reported(trial, &guest)? == before, "the scene is unchanged")
 }

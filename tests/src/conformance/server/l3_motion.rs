@@ -1,6 +1,7 @@
-//! L3.4: what commands do to a body's motion, whichever engine moves it.
+//! L3.4: effects of commands on a body's motion, with any physics engine.
 //!
-//! Each is one body, or two, in a scene of its own; tolerances are a tick's worth of what may be stepped first.
+//! Each case has one or two bodies in a scene of its own. Tolerances allow one tick, since engines integrate position
+//! and velocity in different orders.
 
 use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::message::StreamChoice;
@@ -17,11 +18,11 @@ use crate::conformance::trial::Trial;
 
 const FULL: StreamChoice = StreamChoice::Full;
 
-/// What each case of the group promises, cites and does.
+/// The cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         1,
-        "an impulse changes the velocity at once, by itself over the mass",
+        "an impulse changes the velocity at once, by impulse over mass",
         "PROTOCOL 4.4-6, 2.6-1",
         impulse,
     ),
@@ -33,7 +34,7 @@ const CASES: &[CaseRow] = &[
     ),
     (
         3,
-        "a torque impulse spins a ball by itself over its moment",
+        "a torque impulse changes the spin of a ball by impulse over moment of inertia",
         "PROTOCOL 4.4-6, 2.6-1",
         spin,
     ),
@@ -45,25 +46,25 @@ const CASES: &[CaseRow] = &[
     ),
     (
         5,
-        "a velocity that is set is had, and kept where nothing acts",
+        "a set velocity takes effect, and stays where no force acts",
         "PROTOCOL 4.4-6, 2.6-1",
         velocity,
     ),
     (
         6,
-        "a body that is put elsewhere is there at once",
+        "a teleported body is at its new place at once",
         "PROTOCOL 4.4-6, 2.6-1",
         put,
     ),
     (
         7,
-        "a kinematic body keeps the velocity that it was given, and falls not",
+        "a kinematic body keeps its velocity, and does not fall",
         "PROTOCOL 2.6-5",
         kinematic,
     ),
     (
         8,
-        "a kinematic body that is put elsewhere goes there during the next tick",
+        "a kinematic body with a new pose moves there during the next tick",
         "PROTOCOL 2.6-5",
         lifted,
     ),
@@ -81,19 +82,19 @@ const CASES: &[CaseRow] = &[
     ),
     (
         11,
-        "another gravity pulls from the next step on",
+        "a changed gravity acts from the next step on",
         "PROTOCOL 4.4-6, 6.9-2",
         gravity,
     ),
     (
         12,
-        "damping slows a body as its config say",
+        "damping slows a body as specified",
         "PROTOCOL 6.1-4",
         damped,
     ),
     (
         13,
-        "of two balls that meet the momentum stays",
+        "a collision of two balls conserves momentum",
         "PROTOCOL 2.6-4",
         momentum,
     ),
@@ -105,13 +106,13 @@ const CASES: &[CaseRow] = &[
     ),
     (
         15,
-        "a body that nothing turns keeps its rotation when it is hit",
+        "a body with locked rotations keeps its rotation when it is hit",
         "PROTOCOL 2.6-6",
         unturned,
     ),
     (
         16,
-        "a box that spins about its middle axis turns over",
+        "a box that spins about its middle axis flips",
         "PROTOCOL 2.6-6",
         tumbles,
     ),
@@ -123,7 +124,7 @@ const CASES: &[CaseRow] = &[
     ),
     (
         18,
-        "a static body that is put elsewhere stays there",
+        "a static body with a new pose stays there",
         "PROTOCOL 2.6-3, 6.10-2",
         moved_floor,
     ),
@@ -133,18 +134,18 @@ pub(super) fn cases() -> Vec<Case> {
     table("L3.4", &[Feature::Lockstep], CASES).collect()
 }
 
-/// Kilograms of the ball: that of its solid at the scene's density.
+/// Mass of the ball, in kilograms: its volume at the scene's density.
 fn mass() -> f64 {
     let volume = 4.0 / 3.0 * std::f64::consts::PI * f64::from(RADIUS).powi(3);
     volume * 1_000.0
 }
 
-/// kg·m² of the ball about any axis.
+/// Moment of inertia of the ball about any axis, in kg·m².
 fn moment() -> f64 {
     0.4 * mass() * f64::from(RADIUS).powi(2)
 }
 
-/// A ball that stands still where nothing pulls.
+/// A ball at rest in a scene without gravity.
 fn still(trial: &mut Trial<'_>) -> Result<(LossyClient, BodyId), Stop> {
     let (mut follower, id) = alone(trial, false, FULL)?;
     follower.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
@@ -154,7 +155,7 @@ fn still(trial: &mut Trial<'_>) -> Result<(LossyClient, BodyId), Stop> {
 fn near(what: &str, is: f64, wanted: f64, slack: f64) -> CaseResult {
     ensure(
         (is - wanted).abs() <= slack,
-        format!("{what} is {wanted}, not {is}"),
+        format!("{what} must be {wanted}, not {is}"),
     )
 }
 
@@ -165,12 +166,12 @@ fn impulse(trial: &mut Trial<'_>) -> CaseResult {
     follower.advance(Tick::new(SECOND))?;
     let motion = now(&follower, id)?;
     near("its speed in m/s", motion.twist().linear.z, 2.0, 0.02)?;
-    near("its way in m", motion.pose().position.z, 2.0, 0.05)
+    near("its path in m", motion.pose().position.z, 2.0, 0.05)
 }
 
 fn force(trial: &mut Trial<'_>) -> CaseResult {
     let (mut follower, id) = still(trial)?;
-    // As much as makes 1 m/s in one tick.
+    // The force that changes the speed by 1 m/s in one tick.
     let force = Vec3::X * (mass() / TICK) as f32;
     follower.must(Command::Force { id, force })?;
     follower.advance(Tick::new(1))?;
@@ -194,7 +195,7 @@ fn spin(trial: &mut Trial<'_>) -> CaseResult {
     near("its spin in rad/s", motion.twist().angular.y, 3.0, 0.03)?;
     let turn = 2.0 * motion.pose().rotation.y.abs().asin();
     near("its turn in rad", turn, 1.5, 0.06)?;
-    near("its way in m", motion.pose().position.length(), 0.0, 1e-5)
+    near("its path in m", motion.pose().position.length(), 0.0, 1e-5)
 }
 
 fn torque(trial: &mut Trial<'_>) -> CaseResult {
@@ -229,13 +230,13 @@ fn velocity(trial: &mut Trial<'_>) -> CaseResult {
     follower.advance(Tick::new(SECOND))?;
     let twist = now(&follower, id)?.twist();
     near(
-        "what is off in m/s",
+        "the velocity error in m/s",
         (twist.linear - DVec3::Y * 4.0).length(),
         0.0,
         1e-4,
     )?;
     near(
-        "what is off in rad/s",
+        "the spin error in rad/s",
         (twist.angular - DVec3::Z).length(),
         0.0,
         1e-3,
@@ -255,7 +256,7 @@ fn put(trial: &mut Trial<'_>) -> CaseResult {
     follower.advance(Tick::new(1))?;
     let pose = now(&follower, id)?.pose();
     near(
-        "what is off in m",
+        "the position error in m",
         (pose.position - position.as_dvec3()).length(),
         0.0,
         1e-5,
@@ -263,7 +264,7 @@ fn put(trial: &mut Trial<'_>) -> CaseResult {
     near("its rotation's y", pose.rotation.y.abs(), 1.0, 1e-5)
 }
 
-/// A kinematic ball that stands still where all else falls.
+/// A kinematic ball at rest in a scene with gravity.
 fn lift(trial: &mut Trial<'_>) -> Result<(LossyClient, BodyId), Stop> {
     let (mut follower, id) = alone(trial, true, FULL)?;
     let config = BodyDesc::plain(id, BodyKind::Kinematic, BALL);
@@ -290,7 +291,7 @@ fn kinematic(trial: &mut Trial<'_>) -> CaseResult {
     follower.must(set)?;
     follower.advance(Tick::new(10 + SECOND))?;
     let off = now(&follower, id)?.pose().position - DVec3::new(2.0, 1.0, 0.0);
-    near("what is off in m", off.length(), 0.0, 1e-3)
+    near("the position error in m", off.length(), 0.0, 1e-3)
 }
 
 fn lifted(trial: &mut Trial<'_>) -> CaseResult {
@@ -305,7 +306,7 @@ fn lifted(trial: &mut Trial<'_>) -> CaseResult {
     for tick in [1, 10] {
         follower.advance(Tick::new(tick))?;
         let off = now(&follower, id)?.pose().position - position.as_dvec3();
-        near("what is off in m", off.length(), 0.0, 1e-6)?;
+        near("the position error in m", off.length(), 0.0, 1e-6)?;
     }
     Ok(())
 }
@@ -320,11 +321,11 @@ fn pushes(trial: &mut Trial<'_>) -> CaseResult {
     follower.advance(Tick::new(2 * SECOND))?;
     let (lift, ball) = (now(&follower, id)?, now(&follower, pushed)?);
     let off = lift.pose().position - DVec3::X * 2.0;
-    near("what it was held up by in m", off.length(), 0.0, 1e-3)?;
+    near("its deviation in m", off.length(), 0.0, 1e-3)?;
     let ahead = ball.pose().position.x - lift.pose().position.x;
     ensure(
         ahead >= 0.95,
-        format!("the ball is pushed ahead, and is {ahead} m before it"),
+        format!("the ball is pushed ahead, and is {ahead} m in front"),
     )
 }
 
@@ -356,11 +357,11 @@ fn gravity(trial: &mut Trial<'_>) -> CaseResult {
     follower.must(Command::SetGravity { gravity })?;
     follower.advance(Tick::new(60))?;
     let gained = now(&follower, id)?.twist().linear - before;
-    near("what it fell faster in m/s", gained.y, 0.0, 1e-4)?;
-    near("what it went aside faster in m/s", gained.x, 3.0, 0.1)?;
+    near("its gain in vertical speed in m/s", gained.y, 0.0, 1e-4)?;
+    near("its gain in horizontal speed in m/s", gained.x, 3.0, 0.1)?;
     ensure(
         follower.replica()?.gravity() == gravity,
-        "everybody is reported of it",
+        "all members receive the change",
     )
 }
 
@@ -374,7 +375,7 @@ fn damped(trial: &mut Trial<'_>) -> CaseResult {
     let motion = moving(Vec3::ZERO, Vec3::X * 10.0);
     follower.must(Command::AddBody { config, motion })?;
     follower.advance(Tick::new(SECOND))?;
-    // 1/e of it is left after a second; steps make a little of it.
+    // After one second 1/e of the speed is left; the engine's steps change that slightly.
     let wanted = 10.0 * (-1.0_f64).exp();
     near(
         "its speed in m/s",
@@ -392,8 +393,8 @@ fn momentum(trial: &mut Trial<'_>) -> CaseResult {
     follower.advance(Tick::new(2 * SECOND))?;
     let (one, two) = (now(&follower, id)?.twist(), now(&follower, other)?.twist());
     let off = one.linear + two.linear - DVec3::X * 3.0;
-    near("what both lack in m/s", off.length(), 0.0, 0.03)?;
-    ensure(two.linear.x >= 0.5, "the other was hit")
+    near("the lost momentum per mass in m/s", off.length(), 0.0, 0.03)?;
+    ensure(two.linear.x >= 0.5, "the other ball was hit")
 }
 
 fn wakes(trial: &mut Trial<'_>) -> CaseResult {
@@ -409,7 +410,10 @@ fn wakes(trial: &mut Trial<'_>) -> CaseResult {
     follower.must(Command::Impulse { id, impulse })?;
     follower.advance(Tick::new(6 * SECOND + 20))?;
     let height = now(&follower, id)?.pose().position.y;
-    ensure(height >= 0.8, format!("it jumps, and is not at {height} m"))
+    ensure(
+        height >= 0.8,
+        format!("it jumps, and is not still at {height} m"),
+    )
 }
 
 fn unturned(trial: &mut Trial<'_>) -> CaseResult {
@@ -419,7 +423,7 @@ fn unturned(trial: &mut Trial<'_>) -> CaseResult {
     config.turns = false;
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
     follower.must(Command::AddBody { config, motion })?;
-    // Beside its middle, so that it would turn.
+    // The hit is off centre, so that an unlocked body would turn.
     follower.must(ball(other, Vec3::new(-2.0, 0.4, 0.0), Vec3::X * 4.0))?;
     follower.advance(Tick::new(2 * SECOND))?;
     let motion = now(&follower, id)?;
@@ -449,14 +453,14 @@ fn tumbles(trial: &mut Trial<'_>) -> CaseResult {
     for tick in 1..=6 * SECOND {
         follower.advance(Tick::new(tick))?;
         let motion = now(&follower, id)?;
-        // The box's own y, where it points now.
+        // The direction of the box's own y axis in the world.
         least = least.min((motion.pose().rotation * DVec3::Y).y);
         let off = motion.pose().position.length();
-        near("its way in m", off, 0.0, 1e-3)?;
+        near("its displacement in m", off, 0.0, 1e-3)?;
     }
     ensure(
         least <= -0.5,
-        format!("its axis turns over; the least of it is {least}"),
+        format!("its axis flips; the least value of its y component is {least}"),
     )
 }
 
@@ -465,13 +469,13 @@ fn fast(trial: &mut Trial<'_>) -> CaseResult {
     let under = body(follower.granted, 1)?;
     follower.must(floor_shape())?;
     follower.must(floor(under))?;
-    // Less in a tick than the floor is thick.
+    // The path per tick is shorter than the floor is thick.
     follower.must(ball(id, Vec3::Y * 10.0, Vec3::NEG_Y * 60.0))?;
     follower.advance(Tick::new(2 * SECOND))?;
     let height = now(&follower, id)?.pose().position.y;
     ensure(
         height >= 0.0,
-        format!("it is on the floor, and not at {height} m"),
+        format!("it is on the floor, not at {height} m"),
     )
 }
 
@@ -491,7 +495,7 @@ fn moved_floor(trial: &mut Trial<'_>) -> CaseResult {
     for tick in [6, 60] {
         follower.advance(Tick::new(tick))?;
         let off = now(&follower, id)?.pose().position - position.as_dvec3();
-        near("what is off in m", off.length(), 0.0, 1e-6)?;
+        near("the position error in m", off.length(), 0.0, 1e-6)?;
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
-//! L3.1: what bodies do, whichever engine moves them.
+//! L3.1: motion of bodies, with any physics engine.
 //!
-//! Tolerances are those of an engine that steps by the scene's ticks, and no more.
+//! Tolerances allow an engine that integrates once per tick of the scene.
 
 use glam::{DVec3, Vec3};
 use rhumb_protocol::message::StreamChoice;
@@ -14,9 +14,9 @@ use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::LossyClient;
 use crate::conformance::trial::Trial;
 
-/// Ticks of a second.
+/// Ticks per second.
 pub(super) const SECOND: u64 = 60;
-/// Seconds of a tick.
+/// Duration of a tick, in seconds.
 pub(super) const TICK: f64 = 1.0 / 60.0;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -28,26 +28,26 @@ pub(super) fn cases() -> Vec<Case> {
     vec![
         case(
             "L3.1.1",
-            "a ball falls as gravity has it",
+            "a ball falls with the acceleration of gravity",
             "PROTOCOL 2.6-4, 4.4-6",
         )
         .play(falls),
         case(
             "L3.1.2",
-            "a ball that nothing pulls goes on as it went",
+            "a ball without forces keeps its velocity",
             "PROTOCOL 2.6-4",
         )
         .play(coasts),
         case(
             "L3.1.3",
-            "a ball that falls on a floor comes to rest on it",
+            "a ball that falls on a floor comes to rest there",
             "PROTOCOL 2.6-3, 6.3-9",
         )
         .play(rests),
     ]
 }
 
-/// A member of a scene of its own that knows the ball's shape, and the body that it may add first.
+/// A member of a new scene with the ball's shape, and the first body id that it may add.
 pub(super) fn alone(
     trial: &mut Trial<'_>,
     gravity: bool,
@@ -61,10 +61,10 @@ pub(super) fn alone(
     Ok((follower, body(granted, 0)?))
 }
 
-/// Where a body is and how it moves at the newest tick.
+/// The motion of a body at the newest tick.
 pub(super) fn now(follower: &LossyClient, id: BodyId) -> Result<Motion, Stop> {
     let stream = follower.replica()?.stream();
-    let gone = || Stop::Fail(format!("{id} is not there"));
+    let gone = || Stop::Fail(format!("{id} does not exist"));
     stream
         .predicted_motion(id, stream.complete())
         .ok_or_else(gone)
@@ -77,15 +77,15 @@ fn falls(trial: &mut Trial<'_>) -> CaseResult {
     let motion = now(&follower, id)?;
     let fallen = 100.0 - motion.pose().position.y;
     let g = f64::from(G);
-    // Whether velocity or place is stepped first is an engine's own matter: half a tick's way each.
+    // Engines may integrate velocity or position first: a difference of half a tick's path in each direction.
     ensure(
         (fallen - g / 2.0).abs() <= g * TICK,
-        format!("it falls g/2 in a second, not {fallen}"),
+        format!("it falls by g/2 in a second, not {fallen}"),
     )?;
     let speed = motion.twist().linear.y;
     ensure(
         (speed + g).abs() <= g * TICK,
-        format!("it falls by g then, not {speed}"),
+        format!("its speed is g then, not {speed}"),
     )?;
     let aside = motion.pose().position.x.abs() + motion.pose().position.z.abs();
     ensure(aside <= 1e-6, "it falls straight down")
@@ -98,11 +98,14 @@ fn coasts(trial: &mut Trial<'_>) -> CaseResult {
     let motion = now(&follower, id)?;
     let way = DVec3::new(3.0, -2.0, 1.0);
     let off = (motion.pose().position - way).length();
-    ensure(off <= 1e-3, format!("it is where it went, not {off} m off"))?;
+    ensure(
+        off <= 1e-3,
+        format!("it moves with its velocity, not {off} m off"),
+    )?;
     let slower = (motion.twist().linear - way).length();
     ensure(
         slower <= 1e-4,
-        format!("it goes on as it went, not {slower} m/s off"),
+        format!("it keeps its velocity, not {slower} m/s off"),
     )
 }
 
@@ -117,10 +120,10 @@ fn rests(trial: &mut Trial<'_>) -> CaseResult {
     }
     let height = now(&follower, id)?.pose().position.y;
     let off = (height - f64::from(RADIUS)).abs();
-    // A centimetre is what engines let bodies sink in, or hold them off.
+    // Engines let bodies overlap or keep them apart by up to a centimetre.
     ensure(
         off <= 0.01,
-        format!("it lies on the floor, not {off} m off"),
+        format!("it lies on the floor, not {off} m away"),
     )?;
     let floor = now(&follower, under)?.pose().position.y;
     ensure(floor == -1.0, "a static body does not move")?;
@@ -128,6 +131,6 @@ fn rests(trial: &mut Trial<'_>) -> CaseResult {
     let rest = track.is_some_and(|track| track.is_exact_rest());
     ensure(
         rest,
-        "after seconds it sleeps, and its track is a body_state rest",
+        "after some seconds it sleeps, and its track is an exact rest",
     )
 }

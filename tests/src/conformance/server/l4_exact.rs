@@ -1,7 +1,7 @@
-//! L4.3: bodies move to the bit as in the engine of this house.
+//! L4.3: motions are bit-exact results of this project's physics engine.
 //!
-//! Asked of servers that have that engine alone, by the profile `bit-exact`. The full stream carries an engine's own
-//! numbers, so that nothing that is said of a stream's tolerance matters here.
+//! Profile `bit-exact`, for servers with the same engine only. The full stream carries the engine's own numbers, so no
+//! tolerance matters here.
 
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{BodyDesc, BodyKind};
@@ -27,26 +27,26 @@ pub(super) fn cases() -> Vec<Case> {
         .into_iter()
         .enumerate()
         .map(|(place, subject)| {
-            let name = format!("{}: every body moves as recorded, to the bit", subject.name);
+            let name = format!("{}: every body moves bit-exactly as recorded", subject.name);
             case(place + 1, &name, "PROTOCOL 6.10-1, 6.10-3")
                 .play(move |trial| moves(trial, subject))
         });
     let others = [
         case(
             31,
-            "balls that are asked for ten ticks ahead move as recorded, to the bit",
+            "balls move bit-exactly as recorded when ten ticks are requested ahead",
             "PROTOCOL 4.9-1",
         )
         .play(moves_ahead),
         case(
             32,
-            "who joins in the midst of a run is reported of it as recorded, to the bit",
+            "a late joiner receives the recorded motions bit-exactly",
             "PROTOCOL 6.10-3, 6.11-1",
         )
         .play(joins_late),
         case(
             33,
-            "who sleeps lies as recorded, to the bit, on a stream within a tolerance too",
+            "sleeping bodies have the recorded poses bit-exactly, on a stream with a tolerance too",
             "PROTOCOL 6.3-9",
         )
         .play(sleeps),
@@ -54,7 +54,7 @@ pub(super) fn cases() -> Vec<Case> {
     each.chain(others).collect()
 }
 
-/// A member of a scene of a script, which leads it.
+/// A member that sends the commands of a script and advances its scene.
 struct LeadMember {
     follower: LossyClient,
     subject: ReferenceScene,
@@ -80,7 +80,7 @@ impl LeadMember {
         })
     }
 
-    /// Gives the commands of the newest tick.
+    /// Sends the commands of the newest tick.
     fn command(&mut self) -> CaseResult {
         let mut commands = Vec::new();
         self.script.commands(self.tick, &mut commands);
@@ -91,7 +91,7 @@ impl LeadMember {
         Ok(())
     }
 
-    /// Goes on to a tick, one by one.
+    /// Advances to a tick, one by one.
     fn go(&mut self, to: Tick) -> CaseResult {
         while self.tick < to {
             self.command()?;
@@ -102,7 +102,7 @@ impl LeadMember {
     }
 }
 
-/// Fails unless every body of a copy that can move moves as it is recorded of the tick.
+/// Fails unless every dynamic body of a copy has the recorded motion of the tick.
 fn judge(copy: &LossyClient, subject: ReferenceScene, first: u32, tick: Tick) -> CaseResult {
     let unrecorded = || Stop::Inconclusive(format!("{tick} of {} is not recorded", subject.name));
     let recorded = subject.recorded(tick).ok_or_else(unrecorded)?;
@@ -122,7 +122,7 @@ fn judge(copy: &LossyClient, subject: ReferenceScene, first: u32, tick: Tick) ->
     let otherwise: Vec<_> = otherwise.map(|(place, _)| *place).collect();
     ensure(
         otherwise.is_empty(),
-        format!("at {tick} each body is as recorded, to the bit; otherwise are {otherwise:?}"),
+        format!("at {tick} each body is bit-exactly as recorded, except {otherwise:?}"),
     )
 }
 
@@ -136,7 +136,7 @@ fn moves(trial: &mut Trial<'_>, subject: ReferenceScene) -> CaseResult {
 }
 
 fn moves_ahead(trial: &mut Trial<'_>) -> CaseResult {
-    // All that is commanded of it is commanded before its first step.
+    // This script has no commands after the first step.
     let mut lead = LeadMember::begin(trial, GROUND, StreamChoice::Full)?;
     lead.command()?;
     let first = lead.follower.granted.first();
@@ -187,7 +187,7 @@ fn sleeps(trial: &mut Trial<'_>) -> CaseResult {
             .map(|motion| checksums(&motion));
         ensure(
             is == recorded.get(&place).copied(),
-            format!("the body at place {place} sleeps at {tick} where it is recorded"),
+            format!("the body at index {place} sleeps at {tick} at its recorded pose"),
         )?;
         asleep += 1;
     }

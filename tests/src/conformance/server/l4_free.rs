@@ -1,4 +1,4 @@
-//! L4.2: scenes by the server's clock, streams that change, and budgets.
+//! L4.2: free-running scenes, streams that change, and budgets.
 
 use std::num::NonZeroU32;
 use std::time::Duration;
@@ -18,82 +18,82 @@ use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::{LaneAction, LossyClient, compare, compare_recorded, datagram};
 use crate::conformance::trial::Trial;
 
-/// What each case of the group promises, cites and does.
+/// The cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         1,
-        "a scene that runs free keeps its promise",
+        "a free-running scene keeps its tolerance",
         "PROTOCOL 6.3-7, 3.3-4, 6.8-2",
         |trial| runs(trial, NORMAL, 0, (1, 0)),
     ),
     (
         2,
-        "a scene that runs free keeps its promise on a bad lane",
+        "a free-running scene keeps its tolerance on a bad lane",
         "PROTOCOL 6.3-7, 6.8-4, 6.15-2",
         |trial| runs(trial, EXACT, 8, (1, 0)),
     ),
 ];
 
-/// Those that need other things.
+/// Cases that need other features.
 const FREE_RUNNING_SCHEDULE: &[CaseRow] = &[(
     3,
-    "a scene that runs free speaks of each other tick, three ticks later",
+    "a free-running scene publishes every other tick with a lookahead of three ticks",
     "PROTOCOL 6.3-1, 6.3-3",
     |trial| runs(trial, NORMAL, 0, (2, 3)),
 )];
 
-/// Those that wait for a clock of the server's.
+/// Cases that wait for a timer of the server.
 const SLOW: &[CaseRow] = &[(
     4,
-    "a stream that has nothing to say watermarks ever more rarely",
+    "an idle stream sends watermarks at increasing intervals",
     "PROTOCOL 6.4-2",
     silence,
 )];
 
-/// Those that need other things.
+/// Cases that need other features.
 const LOCKSTEP: &[CaseRow] = &[
     (
         5,
-        "a member that changes its stream keeps its promises all the way",
+        "a member that changes its stream stays within tolerance all the time",
         "PROTOCOL 4.8-8, 4.8-10, 4.8-12, 4.8-13",
         changes,
     ),
     (
         6,
-        "who joins late has the copy of who was there",
+        "a late joiner has the same copy as an earlier member",
         "PROTOCOL 6.11-1, 6.11-2, 6.11-3, 6.1-2, 6.13-5",
         late,
     ),
     (
         7,
-        "who asks for a new snapshot has the copy of the others",
+        "a member that requests a new snapshot has the same copy as the others",
         "PROTOCOL 4.8-5, 6.11-1",
         resyncs,
     ),
     (
         8,
-        "a scene goes on after a pause as before it",
+        "a scene continues after a pause",
         "PROTOCOL 4.9-1, 6.4-1",
         pause,
     ),
     (
         10,
-        "a change of gravity holds for tracks that are sent from then on",
+        "a change of gravity applies to tracks that are sent afterwards",
         "PROTOCOL 6.9-1, 6.9-2, 6.9-3, 6.9-5",
         gravity,
     ),
     (
         11,
-        "the tracks of two members of one stream are the same to the bit",
+        "the tracks of two members of one stream are bit-identical",
         "PROTOCOL 6.1-2, 6.6-15, 6.12-1, 6.12-2",
         same,
     ),
 ];
 
-/// Those that need other things.
+/// Cases that need other features.
 const LOCKSTEP_BUDGETS: &[CaseRow] = &[(
     9,
-    "a stream within a budget says by how much it is off",
+    "a stream with a budget states its error scale",
     "PROTOCOL 6.16-1, 6.16-5, 6.16-8, 6.16-10, 5.17-1",
     budget,
 )];
@@ -116,7 +116,7 @@ pub(super) fn cases() -> Vec<Case> {
         .collect()
 }
 
-/// Balls that fall onto a floor, a few at a time, from above one another.
+/// Adds balls that fall onto a floor, a few at a time, from above one another.
 fn balls(follower: &mut LossyClient, count: u32) -> CaseResult {
     let granted = follower.granted;
     follower.must(ball_shape())?;
@@ -194,10 +194,7 @@ fn runs(
             .skip(1)
             .all(|tick| config.publish_schedule.publishes(tick))
     };
-    ensure(
-        spoken(&truth),
-        "ticks that are complete are those that are spoken of",
-    )?;
+    ensure(spoken(&truth), "complete ticks are the published ones")?;
     let compared = compare_recorded(&copy, &truth)?;
     ensure(
         compared >= 10,
@@ -216,10 +213,10 @@ fn silence(trial: &mut Trial<'_>) -> CaseResult {
     let before = follower.arrived;
     follower.turn_for(Duration::from_secs(6));
     let came = follower.arrived - before;
-    // Each 150 ticks: two or three in six seconds, and an answer or two to what was asked meanwhile.
+    // One every 150 ticks: two or three in six seconds, and an answer or two to earlier loss reports.
     ensure(
         (1..=8).contains(&came),
-        format!("{came} datagrams in six seconds of silence"),
+        format!("{came} datagrams came in six idle seconds"),
     )
 }
 
@@ -231,7 +228,7 @@ fn changes(trial: &mut Trial<'_>) -> CaseResult {
     for choice in [EXACT, StreamChoice::Full, NORMAL] {
         copy.task(|session| session.subscribe(choice))?;
         let mut waited = 0;
-        // What comes before its snapshot is lost to the new copy, and refreshed while the scene goes on.
+        // Packets before the new snapshot are lost to the new copy, and are refreshed while the scene advances.
         while waited < 20 || (waited < 2_000 && copy.replica()?.choice() != choice) {
             (tick, waited) = (tick + 1, waited + 1);
             copy.advance(Tick::new(tick))?;
@@ -244,7 +241,7 @@ fn changes(trial: &mut Trial<'_>) -> CaseResult {
     Ok(())
 }
 
-/// That two copies of one stream are the same at a tick, to the bit.
+/// Requires that two copies of one stream are bit-identical at a tick.
 fn alike(one: &LossyClient, other: &LossyClient, tick: Tick) -> CaseResult {
     let (one, other) = (one.replica()?, other.replica()?);
     let sums = (
@@ -253,14 +250,14 @@ fn alike(one: &LossyClient, other: &LossyClient, tick: Tick) -> CaseResult {
     );
     ensure(
         sums.0 == sums.1,
-        format!("their sums at {tick} are {sums:x?}"),
+        format!("their checksums at {tick} are {sums:x?}"),
     )?;
     for config in one.bodies() {
         let id = config.id;
         let predicted_motion = one.stream().predicted_motion(id, tick);
         ensure(
             predicted_motion == other.stream().predicted_motion(id, tick),
-            format!("{id} at {tick}"),
+            format!("the motions of {id} at {tick} are equal"),
         )?;
     }
     ensure(
@@ -292,10 +289,10 @@ fn resyncs(trial: &mut Trial<'_>) -> CaseResult {
     balls(&mut first, 10)?;
     first.advance(Tick::new(30))?;
     let mut other = beside(trial, &first, EXACT)?;
-    // It hears nothing for so long that it has lost touch, and only a snapshot helps.
+    // All datagrams are lost for so long that only a snapshot helps.
     let last = 30 + TICK_JUMP_MAX + 400;
     other.sift(move |bytes| match datagram::tick_of(bytes) {
-        // The low bits are all of it here.
+        // In this scene the tick fits into its low bits.
         Some(tick) if u64::from(tick) > last => LaneAction::Comes,
         _ => LaneAction::Lost,
     });
@@ -306,7 +303,7 @@ fn resyncs(trial: &mut Trial<'_>) -> CaseResult {
     other.complete(tick)?;
     if other.resyncs == 0 {
         return Err(Stop::Inconclusive(
-            "the suite did not ask for a snapshot".into(),
+            "the suite did not request a snapshot".into(),
         ));
     }
     alike(&first, &other, tick)
@@ -320,10 +317,10 @@ fn pause(trial: &mut Trial<'_>) -> CaseResult {
     follower.turn_for(Duration::from_millis(300));
     ensure(
         follower.arrived == before,
-        "nothing comes while nobody asks",
+        "no packet comes while no tick is requested",
     )?;
     let tick = follower.replica()?.stream().complete();
-    ensure(tick == Tick::new(20), "and the scene stands")?;
+    ensure(tick == Tick::new(20), "the scene pauses")?;
     for tick in 21..=40 {
         follower.advance(Tick::new(tick))?;
     }
@@ -333,7 +330,8 @@ fn pause(trial: &mut Trial<'_>) -> CaseResult {
 fn budget(trial: &mut Trial<'_>) -> CaseResult {
     let choice = StreamChoice::Capped {
         tolerance: Tolerance::EXACT,
-        budget: Budget::new(1_000, 1_150).ok_or_else(|| Stop::Inconclusive("no budget".into()))?,
+        budget: Budget::new(1_000, 1_150)
+            .ok_or_else(|| Stop::Inconclusive("the budget is invalid".into()))?,
     };
     let mut copy = enter(trial, lockstep(), choice)?;
     let mut truth = beside(trial, &copy, StreamChoice::Full)?;
@@ -344,7 +342,8 @@ fn budget(trial: &mut Trial<'_>) -> CaseResult {
         copy.advance(tick)?;
         truth.complete(tick)?;
         let factor = copy.replica()?.stream().error_scale_at(tick);
-        let factor = factor.ok_or_else(|| Stop::Fail(format!("nothing is stated of {tick}")))?;
+        let factor =
+            factor.ok_or_else(|| Stop::Fail(format!("no error scale is stated for {tick}")))?;
         exceeded += u32::from(factor > 1.0);
         compare(copy.replica()?, truth.replica()?, tick, factor)?;
     }
@@ -395,7 +394,7 @@ fn same(trial: &mut Trial<'_>) -> CaseResult {
     for tick in 1..=90 {
         let tick = Tick::new(tick);
         one.advance(tick)?;
-        // Who asks for a tick too misses it soon; who does not waits for seconds (6.7-2).
+        // A member that requests a tick notices its loss soon; another one waits for seconds (6.7-2).
         other.advance(tick)?;
         alike(&one, &other, tick)?;
     }
@@ -403,5 +402,5 @@ fn same(trial: &mut Trial<'_>) -> CaseResult {
         .events
         .iter()
         .any(|event| matches!(event, Event::Amended(_)));
-    ensure(!reported, "no track had to be made right")
+    ensure(!reported, "no track needed a correction after a mismatch")
 }

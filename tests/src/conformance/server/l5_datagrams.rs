@@ -1,6 +1,6 @@
-//! L5.2: every malformed datagram of the vectors, which nobody minds.
+//! L5.2: every malformed datagram of the vectors is ignored.
 //!
-//! What a source says is ballistic_torque_free at an upstream, what a listener says at the stream. Neither moves a body, is answered, or
+//! Publisher packets are sent for an upstream, subscriber packets for the stream. None moves a body, is answered, or
 //! ends a connection.
 
 use glam::Vec3;
@@ -48,7 +48,7 @@ fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> CaseResult {
         guest.throw(&datagram::of_stream(bytes, stream))?;
         guest.throw(bytes)?;
     }
-    // A watermark is the answer to an loss_report that is well sent; so those before it were read.
+    // The loss report is well-formed, so its answer proves that all datagrams before it were processed.
     let loss_report = LossReport {
         next: Low16::of(joined.start.next),
         gone: Low16::of(0),
@@ -59,10 +59,10 @@ fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> CaseResult {
     loop {
         let datagram = guest.next_datagram()?;
         let datagram =
-            datagram.ok_or_else(|| Stop::Fail("an loss_report is not answered".into()))?;
+            datagram.ok_or_else(|| Stop::Fail("a loss report is not answered".into()))?;
         match datagram::kind(&datagram) {
             Some(PacketKind::Refresh | PacketKind::RepairSymbol) => {
-                return Stop::fail("it is answered");
+                return Stop::fail("a malformed datagram is answered");
             }
             Some(PacketKind::Watermark) => break,
             _ => {}
@@ -71,18 +71,18 @@ fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> CaseResult {
     let received = guest.barrier()?;
     ensure(
         received.is_empty(),
-        format!("nothing is sent of it, not {received:?}"),
+        format!("no answer is sent, not {received:?}"),
     )?;
     let bodies = again(&mut guest)?;
     ensure(
         bodies == [moving(PLACE, Vec3::ZERO)],
-        format!("its body stands where it stood, not {bodies:?}"),
+        format!("its body has not moved, not {bodies:?}"),
     )
 }
 
 const PLACE: Vec3 = Vec3::new(1.0, 2.0, 3.0);
 
-/// AuthorityTable a kinematic body of one's own, and says nothing of it.
+/// Takes authority over a new kinematic body, and sends no packet for it.
 fn take_authority(guest: &mut RawClient, id: BodyId) -> Result<StreamId, Stop> {
     guest.must(ball_shape())?;
     guest.must(Command::AddBody {
@@ -93,14 +93,17 @@ fn take_authority(guest: &mut RawClient, id: BodyId) -> Result<StreamId, Stop> {
         tolerance: Tolerance::NORMAL,
         bodies: vec![id],
     }));
-    guest.await_message("answer to drive", |message| match message {
-        ServerMessage::AuthorityGrant(driving) => Some(Ok(driving.stream)),
-        ServerMessage::AuthorityDenied(error) => Some(Stop::fail(format!("{error}"))),
-        _ => None,
-    })?
+    guest.await_message(
+        "answer to the request for authority",
+        |message| match message {
+            ServerMessage::AuthorityGrant(driving) => Some(Ok(driving.stream)),
+            ServerMessage::AuthorityDenied(error) => Some(Stop::fail(format!("{error}"))),
+            _ => None,
+        },
+    )?
 }
 
-/// Where the bodies are, by a snapshot.
+/// The states of all bodies, from a new snapshot.
 fn again(guest: &mut RawClient) -> Result<Vec<BodyState>, Stop> {
     guest.say(&ClientMessage::Resync);
     let (_, scene_events) = guest.snapshot()?;
