@@ -13,8 +13,8 @@
 //! Case::server("L1.1.1", "a hello is answered by a welcome")
 //!     .cites("PROTOCOL 3.1-1, 3.1-4")
 //!     .play(|trial| {
-//!         let mut guest = trial.guest()?;         // a connection with its control stream, and a scene of its own
-//!         let welcome = guest.hello()?;           // sends `Hello` and waits for `Welcome`
+//!         let mut client = trial.client()?;       // a connection with its control stream, and a scene of its own
+//!         let welcome = client.hello()?;          // sends `Hello` and waits for `Welcome`
 //!         ensure(welcome.version == 1, "the version is one that was offered")
 //!     })
 //! ```
@@ -37,7 +37,7 @@
 //!   and returns all messages received before its `Pong`. Every other wait lasts at most `--timeout`.
 //! - A case has a scene of its own ([`Trial::scene`]), which is deleted afterwards. A case that would disturb others
 //!   is marked [`Case::alone`]; a case that waits for a timer of the peer is marked [`Case::slow`] and starts first.
-//! - In a client case the suite plays the server byte by byte ([`Host`]): see `client/`.
+//! - In a client case the suite plays the server byte by byte ([`RawServer`]): see `client/`.
 
 pub mod case;
 pub mod cli;
@@ -61,7 +61,7 @@ pub use case::{Case, Feature, Role};
 pub use cli::{Arguments, main};
 pub use outcome::{CaseOutcome, CaseResult, Closing, Stop, Verdict, ensure};
 pub use peer::{
-    Decoder, Delivery, Host, Interceptor, LaneAction, LivePair, LossyClient, RawClient, Setting,
-    compare, compare_recorded,
+    Decoder, Delivery, Interceptor, LaneAction, LivePair, LossyClient, RawClient, RawServer,
+    Setting, compare, compare_recorded,
 };
 pub use trial::Trial;

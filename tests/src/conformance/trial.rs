@@ -13,7 +13,7 @@ use rhumb_transport::{Fingerprint, LinkConfig, RawConnection, RawPeerConfig, Tru
 
 use super::case::{Case, Feature};
 use super::outcome::{CaseOutcome, Closing, Stop, Verdict};
-use super::peer::{Decoder, Host, Interceptor, LossyClient, RawClient, Setting};
+use super::peer::{Decoder, Interceptor, LossyClient, RawClient, RawServer, Setting};
 use crate::seed::Dice;
 
 /// The peer under test and the limits of the run.
@@ -196,35 +196,35 @@ impl<'a> Trial<'a> {
     /// # Errors
     ///
     /// [`Stop::Fail`] when the server refuses the connection.
-    pub fn guest(&mut self) -> Result<RawClient, Stop> {
+    pub fn client(&mut self) -> Result<RawClient, Stop> {
         let scene = self.scene();
-        self.guest_of(&scene)
+        self.client_of(&scene)
     }
 
     /// The same for the scene of this name.
     ///
     /// # Errors
     ///
-    /// As [`Self::guest`].
-    pub fn guest_of(&mut self, scene: &SceneName) -> Result<RawClient, Stop> {
-        let guest = self.bare_guest(scene, &RawPeerConfig::default())?;
-        guest.line.open_control();
-        Ok(guest)
+    /// As [`Self::client`].
+    pub fn client_of(&mut self, scene: &SceneName) -> Result<RawClient, Stop> {
+        let client = self.bare_client(scene, &RawPeerConfig::default())?;
+        client.connection.open_control();
+        Ok(client)
     }
 
     /// The same with this configuration, and without a control stream.
     ///
     /// # Errors
     ///
-    /// As [`Self::guest`].
-    pub fn bare_guest(
+    /// As [`Self::client`].
+    pub fn bare_client(
         &mut self,
         scene: &SceneName,
         config: &RawPeerConfig,
     ) -> Result<RawClient, Stop> {
-        let (line, relay) = self.connect(config)?;
+        let (connection, relay) = self.connect(config)?;
         Ok(RawClient::new(
-            line,
+            connection,
             relay,
             scene.clone(),
             self.timeout(),
@@ -238,19 +238,19 @@ impl<'a> Trial<'a> {
     ///
     /// # Errors
     ///
-    /// As [`Self::guest`].
-    pub fn follower(&mut self) -> Result<LossyClient, Stop> {
+    /// As [`Self::client`].
+    pub fn subscriber(&mut self) -> Result<LossyClient, Stop> {
         let scene = self.scene();
-        self.follower_of(&scene)
+        self.subscriber_of(&scene)
     }
 
     /// The same for the scene of this name.
     ///
     /// # Errors
     ///
-    /// As [`Self::guest`].
-    pub fn follower_of(&mut self, scene: &SceneName) -> Result<LossyClient, Stop> {
-        Ok(LossyClient::new(self.guest_of(scene)?))
+    /// As [`Self::client`].
+    pub fn subscriber_of(&mut self, scene: &SceneName) -> Result<LossyClient, Stop> {
+        Ok(LossyClient::new(self.client_of(scene)?))
     }
 
     /// A raw server, with the client under test connected to it.
@@ -258,26 +258,30 @@ impl<'a> Trial<'a> {
     /// # Errors
     ///
     /// [`Stop::Inconclusive`] when the client cannot be started; [`Stop::Unsupported`] when it declares so.
-    pub fn host(&mut self) -> Result<Host, Stop> {
-        self.host_of("subscribe 10000")
+    pub fn raw_server(&mut self) -> Result<RawServer, Stop> {
+        self.raw_server_for("subscribe 10000")
     }
 
     /// The same; the client performs this task after `Welcome`. `docs/implementing.md` lists the tasks.
     ///
     /// # Errors
     ///
-    /// As [`Self::host`].
-    pub fn host_of(&mut self, task: &str) -> Result<Host, Stop> {
-        self.host_pinned(task, None)
+    /// As [`Self::raw_server`].
+    pub fn raw_server_for(&mut self, task: &str) -> Result<RawServer, Stop> {
+        self.raw_server_pinned(task, None)
     }
 
     /// The same; the client is given this fingerprint instead of the server's.
     ///
     /// # Errors
     ///
-    /// As [`Self::host`]; [`Stop::Fail`] when the client keeps no connection.
-    pub fn host_pinned(&mut self, task: &str, pinned: Option<Fingerprint>) -> Result<Host, Stop> {
-        Host::start(
+    /// As [`Self::raw_server`]; [`Stop::Fail`] when the client keeps no connection.
+    pub fn raw_server_pinned(
+        &mut self,
+        task: &str,
+        pinned: Option<Fingerprint>,
+    ) -> Result<RawServer, Stop> {
+        RawServer::start(
             self.conditions,
             self.case,
             task,
@@ -291,10 +295,14 @@ impl<'a> Trial<'a> {
     ///
     /// # Errors
     ///
-    /// As [`Self::host`].
-    pub fn feed(&mut self, setting: Setting) -> Result<Interceptor, Stop> {
-        let host = self.host_of(&setting.task)?;
-        Interceptor::begin(host, &format!("conformance/{}", self.case.id), &setting)
+    /// As [`Self::raw_server`].
+    pub fn interceptor(&mut self, setting: Setting) -> Result<Interceptor, Stop> {
+        let raw_server = self.raw_server_for(&setting.task)?;
+        Interceptor::begin(
+            raw_server,
+            &format!("conformance/{}", self.case.id),
+            &setting,
+        )
     }
 
     /// The decoder under test.
@@ -348,10 +356,11 @@ impl<'a> Trial<'a> {
             _ => self.relay(target)?,
         };
         let address = relay.as_ref().map_or(target, UdpRelay::local_addr);
-        let patience = self.timeout() * 2;
-        let line = RawConnection::connect(address, name, trust, config, patience);
-        let line = line.map_err(|error| Stop::Fail(format!("no connection: {error}")))?;
-        Ok((line, relay))
+        let time_limit = self.timeout() * 2;
+        let connection = RawConnection::connect(address, name, trust, config, time_limit);
+        let connection =
+            connection.map_err(|error| Stop::Fail(format!("no connection: {error}")))?;
+        Ok((connection, relay))
     }
 
     /// The relay with the simulated network, if one is configured.
@@ -365,7 +374,7 @@ impl<'a> Trial<'a> {
     /// # Errors
     ///
     /// How it ended.
-    pub fn knock(
+    pub fn try_connect(
         &mut self,
         config: &RawPeerConfig,
     ) -> Result<(RawConnection, Option<UdpRelay>), Stop> {
@@ -376,9 +385,9 @@ impl<'a> Trial<'a> {
     fn clear(&mut self) {
         let left: Vec<_> = self.scenes.borrow().iter().cloned().collect();
         for scene in left {
-            let deleted = self.guest_of(&scene).and_then(|mut guest| {
-                guest.hello()?;
-                guest.delete()
+            let deleted = self.client_of(&scene).and_then(|mut client| {
+                client.hello()?;
+                client.delete()
             });
             if let Err(stop) = deleted {
                 self.log

@@ -19,7 +19,7 @@ use rhumb_reckoning::{
 };
 
 use crate::conformance::outcome::{CaseResult, Stop};
-use crate::conformance::peer::Host;
+use crate::conformance::peer::RawServer;
 
 /// The stream id of the raw server.
 pub(super) const STREAM: StreamId = StreamId(5);
@@ -133,43 +133,43 @@ pub(super) fn name(id: BodyId) -> String {
 }
 
 /// Receives the client's hello and sends the welcome.
-pub(super) fn welcomed(host: &mut Host) -> CaseResult {
-    host.await_message("hello", |message| {
+pub(super) fn welcomed(server: &mut RawServer) -> CaseResult {
+    server.await_message("hello", |message| {
         matches!(message, ClientMessage::Hello { .. }).then_some(())
     })?;
-    host.say(&ServerMessage::Welcome(welcome()));
+    server.send(&ServerMessage::Welcome(welcome()));
     Ok(())
 }
 
 /// Sends the welcome, and waits for the client's `Join`.
-pub(super) fn awaits_join(host: &mut Host) -> CaseResult {
-    welcomed(host)?;
-    host.await_message("join", |message| {
+pub(super) fn awaits_join(server: &mut RawServer) -> CaseResult {
+    welcomed(server)?;
+    server.await_message("join", |message| {
         matches!(message, ClientMessage::Join(_)).then_some(())
     })
 }
 
 /// Makes the client a member of a scene of one ball.
-pub(super) fn admit(host: &mut Host) -> CaseResult {
-    awaits_join(host)?;
-    snapshot(host, &[shape(), ball(BALL, Predictor::Ballistic)]);
-    reported(host, "joined").map(drop)
+pub(super) fn admit(server: &mut RawServer) -> CaseResult {
+    awaits_join(server)?;
+    snapshot(server, &[shape(), ball(BALL, Predictor::Ballistic)]);
+    reported(server, "joined").map(drop)
 }
 
 /// Sends a snapshot with these scene events.
-pub(super) fn snapshot(host: &mut Host, scene_events: &[SceneEvent]) {
-    host.say(&ServerMessage::Joined(joined()));
+pub(super) fn snapshot(server: &mut RawServer, scene_events: &[SceneEvent]) {
+    server.send(&ServerMessage::Joined(joined()));
     for scene_event in scene_events {
-        host.say(&ServerMessage::SceneEvent(scene_event.clone()));
+        server.send(&ServerMessage::SceneEvent(scene_event.clone()));
     }
-    host.say(&ServerMessage::SnapshotEnd);
+    server.send(&ServerMessage::SnapshotEnd);
 }
 
 /// Waits for the next report of this kind.
-pub(super) fn reported(host: &mut Host, is: &str) -> Result<serde_json::Value, Stop> {
+pub(super) fn reported(server: &mut RawServer, is: &str) -> Result<serde_json::Value, Stop> {
     loop {
-        host.must_be_supported()?;
-        match host.next_line()? {
+        server.must_be_supported()?;
+        match server.next_line()? {
             Some(line) if line["is"] == is => return Ok(line),
             Some(_) => {}
             None => return Stop::fail(format!("the client does not report {is:?}")),
@@ -178,9 +178,9 @@ pub(super) fn reported(host: &mut Host, is: &str) -> Result<serde_json::Value, S
 }
 
 /// Waits for the client's report of this tick.
-pub(super) fn reported_tick(host: &mut Host, tick: u64) -> Result<serde_json::Value, Stop> {
+pub(super) fn reported_tick(server: &mut RawServer, tick: u64) -> Result<serde_json::Value, Stop> {
     loop {
-        let reported = reported(host, "tick")?;
+        let reported = reported(server, "tick")?;
         if reported["tick"] == tick {
             return Ok(reported);
         }
@@ -188,19 +188,24 @@ pub(super) fn reported_tick(host: &mut Host, tick: u64) -> Result<serde_json::Va
 }
 
 /// Sends a watermark for a tick; `next` is the number of the next packet.
-pub(super) fn watermark(host: &mut Host, next: u64, tick: u64, scene_events: u64) -> CaseResult {
+pub(super) fn watermark(
+    server: &mut RawServer,
+    next: u64,
+    tick: u64,
+    scene_events: u64,
+) -> CaseResult {
     let watermark = Watermark {
         next: Low16::of(next),
         tick: Low16::of(tick),
         scene_events: Low16::of(scene_events),
     };
-    host.throw(&watermark.encode(STREAM))
+    server.send_datagram(&watermark.encode(STREAM))
 }
 
 /// Waits for the client's next loss report.
-pub(super) fn loss_report(host: &mut Host) -> Result<LossReport, Stop> {
+pub(super) fn loss_report(server: &mut RawServer) -> Result<LossReport, Stop> {
     loop {
-        let Some(bytes) = host.next_datagram()? else {
+        let Some(bytes) = server.next_datagram()? else {
             return Stop::fail("the client sends no loss report");
         };
         let mut reader = Reader::new(&bytes);
@@ -222,13 +227,18 @@ pub(super) fn loss_report(host: &mut Host) -> Result<LossReport, Stop> {
 
 /// Requires that the client still responds: it must report a packet that it is shown to have missed, the one before
 /// `next`.
-pub(super) fn must_go_on(host: &mut Host, next: u64, tick: u64, scene_events: u64) -> CaseResult {
+pub(super) fn must_go_on(
+    server: &mut RawServer,
+    next: u64,
+    tick: u64,
+    scene_events: u64,
+) -> CaseResult {
     let wanted = Low16::of(next - 1);
     let mut asked = Vec::new();
     // After many datagrams this one may be lost too, so it is sent up to three times.
     for _ in 0..3 {
-        watermark(host, next, tick, scene_events)?;
-        asked = loss_report(host)?.lost;
+        watermark(server, next, tick, scene_events)?;
+        asked = loss_report(server)?.lost;
         if asked.contains(&wanted) {
             return Ok(());
         }

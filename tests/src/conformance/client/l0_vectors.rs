@@ -100,10 +100,10 @@ fn refused() -> Vec<Case> {
                 .keyed(&bytes)
                 .cites("PROTOCOL 2.2-3, 2.5-1, 2.5-3, 4.1-4")
                 .play(move |trial| {
-                    let mut host = trial.host()?;
-                    hand::admit(&mut host)?;
-                    host.utter(&bytes);
-                    host.must_be_closed(CloseCode::MALFORMED)
+                    let mut server = trial.raw_server()?;
+                    hand::admit(&mut server)?;
+                    server.send_bytes(&bytes);
+                    server.must_be_closed(CloseCode::MALFORMED)
                 })
         })
         .collect()
@@ -113,15 +113,15 @@ fn refused() -> Vec<Case> {
 const OF_EACH: usize = 2;
 
 fn skipped(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::admit(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::admit(&mut server)?;
     let table = golden("control.json");
     let lines = table["server messages"].as_array().into_iter().flatten();
     for line in lines.filter(|line| line.get("skipped").is_some()) {
-        host.utter(&read(line).1);
+        server.send_bytes(&read(line).1);
     }
     hand::must_go_on(
-        &mut host,
+        &mut server,
         hand::NEXT + 1,
         hand::TICK + 1,
         hand::SCENE_EVENTS,
@@ -130,26 +130,26 @@ fn skipped(trial: &mut Trial<'_>) -> CaseResult {
 
 /// Requires that a stream continues correctly although these datagrams are inserted.
 fn ballistic_torque_free(trial: &mut Trial<'_>, datagrams: &[Vec<u8>]) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 12))?;
-    feed.enter()?;
-    let stream = feed.mirror()?.stream().stream();
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 12))?;
+    interceptor.enter()?;
+    let stream = interceptor.mirror()?.stream().stream();
     for (place, datagram) in datagrams.iter().enumerate() {
         let datagram = datagram::of_stream(datagram, stream);
         if datagram.len() <= 1150 {
-            feed.host.throw(&datagram)?;
+            interceptor.raw_server.send_datagram(&datagram)?;
         }
         if place % 10 == 0 {
-            feed.step(1)?;
+            interceptor.step(1)?;
         }
     }
-    feed.step(10)?;
-    feed.must_follow()
+    interceptor.step(10)?;
+    interceptor.must_follow()
 }
 
 /// Sends a watermark for a stream id that is 2³² greater than that of the followed stream.
 fn with_a_stream_id_of_33_bits(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::admit(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::admit(&mut server)?;
     let watermark = Watermark {
         next: Low16::of(hand::NEXT),
         tick: Low16::of(hand::TICK + 1),
@@ -161,14 +161,14 @@ fn with_a_stream_id_of_33_bits(trial: &mut Trial<'_>) -> CaseResult {
     far.u8(head);
     far.varint(more);
     far.raw(&bytes[1..]);
-    host.throw(&far.into_bytes())?;
+    server.send_datagram(&far.into_bytes())?;
     hand::must_go_on(
-        &mut host,
+        &mut server,
         hand::NEXT + 1,
         hand::TICK + 2,
         hand::SCENE_EVENTS,
     )?;
-    let reported = host.lines_written()?;
+    let reported = server.lines_written()?;
     let predicted_motion = reported
         .iter()
         .any(|reported| reported["tick"] == hand::TICK + 1);
@@ -176,13 +176,15 @@ fn with_a_stream_id_of_33_bits(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn of_other_streams(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 12))?;
-    feed.enter()?;
-    let other = StreamId(feed.mirror()?.stream().stream().0 ^ 0x55);
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 12))?;
+    interceptor.enter()?;
+    let other = StreamId(interceptor.mirror()?.stream().stream().0 ^ 0x55);
     for sent in datagrams("accepted") {
-        feed.host.throw(&datagram::of_stream(&sent, other))?;
+        interceptor
+            .raw_server
+            .send_datagram(&datagram::of_stream(&sent, other))?;
     }
-    let own = feed.mirror()?.stream().stream();
+    let own = interceptor.mirror()?.stream().stream();
     // Loss reports and checksum mismatches are kinds that only subscribers send.
     let loss_report = LossReport {
         next: Low16(1),
@@ -194,17 +196,21 @@ fn of_other_streams(trial: &mut Trial<'_>) -> CaseResult {
         first: 0,
         stride: 1,
     };
-    feed.host.throw(&loss_report.encode(own))?;
-    feed.host.throw(&ChecksumMismatch { range }.encode(own))?;
-    feed.step(20)?;
-    feed.must_follow()
+    interceptor
+        .raw_server
+        .send_datagram(&loss_report.encode(own))?;
+    interceptor
+        .raw_server
+        .send_datagram(&ChecksumMismatch { range }.encode(own))?;
+    interceptor.step(20)?;
+    interceptor.must_follow()
 }
 
 /// Inserts some damaged copies before each datagram.
 fn damaged(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 30))?;
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 30))?;
     let mut dice = trial.dice();
-    feed.sift(move |bytes| {
+    interceptor.filter_datagrams(move |bytes| {
         let mut sent = Vec::new();
         for _ in 0..6 {
             let mut flipped = bytes.clone();
@@ -219,9 +225,9 @@ fn damaged(trial: &mut Trial<'_>) -> CaseResult {
         sent.push(bytes);
         sent
     });
-    feed.enter()?;
-    feed.step(60)?;
-    feed.must_follow()
+    interceptor.enter()?;
+    interceptor.step(60)?;
+    interceptor.must_follow()
 }
 
 fn datagrams(section: &str) -> Vec<Vec<u8>> {

@@ -12,7 +12,7 @@ use rhumb_transport::Certificate;
 use super::{hand, table};
 use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::outcome::{CaseResult, Stop, ensure, should};
-use crate::conformance::peer::Host;
+use crate::conformance::peer::RawServer;
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -37,16 +37,16 @@ const BEGINNINGS: &[CaseRow] = &[
         "a client opens one bidirectional stream, and no other",
         "PROTOCOL 1.1-2, 1.1-3",
         |trial| {
-            let mut host = trial.host()?;
-            hand::admit(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
             hand::must_go_on(
-                &mut host,
+                &mut server,
                 hand::NEXT + 1,
                 hand::TICK + 1,
                 hand::SCENE_EVENTS,
             )?;
             ensure(
-                host.opened == [true],
+                server.opened == [true],
                 "it opens exactly one bidirectional stream",
             )
         },
@@ -56,9 +56,9 @@ const BEGINNINGS: &[CaseRow] = &[
         "a client accepts datagrams of 1150 bytes",
         "PROTOCOL 1.1-4, 5.8-3",
         |trial| {
-            let mut host = trial.host()?;
-            host.await_message("hello", Some)?;
-            let most = host.line.datagram_bytes_max();
+            let mut server = trial.raw_server()?;
+            server.await_message("hello", Some)?;
+            let most = server.connection.datagram_bytes_max();
             ensure(
                 most >= Some(1150),
                 format!("it accepts 1150 bytes, not {most:?}"),
@@ -90,10 +90,10 @@ const BEGINNINGS: &[CaseRow] = &[
         |trial| {
             // The task is invented: a client that subscribes anyway would pass cases of tasks that it does not
             // perform.
-            let exit = match trial.host_of("made-up words of the suite") {
+            let exit = match trial.raw_server_for("made-up words of the suite") {
                 Err(Stop::Unsupported(_)) => return Ok(()),
                 Err(other) => return Err(other),
-                Ok(mut host) => host.await_message("hello", Some).map(drop),
+                Ok(mut server) => server.await_message("hello", Some).map(drop),
             };
             match exit {
                 Err(Stop::Unsupported(_)) => Ok(()),
@@ -151,10 +151,10 @@ fn refused((number, name, cites, welcome, code): RefusedWelcome) -> Case {
     Case::client(&format!("L1.51.{number}"), name)
         .cites(cites)
         .play(move |trial| {
-            let mut host = trial.host()?;
-            host.await_message("hello", Some)?;
-            host.say(&ServerMessage::Welcome(welcome()));
-            host.must_be_closed(code)
+            let mut server = trial.raw_server()?;
+            server.await_message("hello", Some)?;
+            server.send(&ServerMessage::Welcome(welcome()));
+            server.must_be_closed(code)
         })
 }
 
@@ -177,13 +177,13 @@ const WELCOMES: &[CaseRow] = &[
         "a joined with a critical extension ends the connection",
         "PROTOCOL 3.5-12",
         |trial| {
-            let mut host = trial.host()?;
-            hand::awaits_join(&mut host)?;
-            host.say(&ServerMessage::Joined(Joined {
+            let mut server = trial.raw_server()?;
+            hand::awaits_join(&mut server)?;
+            server.send(&ServerMessage::Joined(Joined {
                 extensions: extension(1_000),
                 ..hand::joined()
             }));
-            host.must_be_closed(CloseCode::EXTENSION)
+            server.must_be_closed(CloseCode::EXTENSION)
         },
     ),
     (
@@ -191,13 +191,13 @@ const WELCOMES: &[CaseRow] = &[
         "a joined with a configuration outside the limits ends the connection",
         "PROTOCOL 4.3-2",
         |trial| {
-            let mut host = trial.host()?;
-            hand::awaits_join(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::awaits_join(&mut server)?;
             let mut joined = hand::joined();
             joined.config.integrator.substeps =
                 core::num::NonZeroU32::new(17).expect("17 is not zero");
-            host.say(&ServerMessage::Joined(joined));
-            host.must_be_closed(CloseCode::VIOLATION)
+            server.send(&ServerMessage::Joined(joined));
+            server.must_be_closed(CloseCode::VIOLATION)
         },
     ),
     (
@@ -205,10 +205,10 @@ const WELCOMES: &[CaseRow] = &[
         "a second welcome ends the connection",
         "PROTOCOL 3.1-4",
         |trial| {
-            let mut host = trial.host()?;
-            hand::awaits_join(&mut host)?;
-            host.say(&ServerMessage::Welcome(hand::welcome()));
-            host.must_be_closed(CloseCode::VIOLATION)
+            let mut server = trial.raw_server()?;
+            hand::awaits_join(&mut server)?;
+            server.send(&ServerMessage::Welcome(hand::welcome()));
+            server.must_be_closed(CloseCode::VIOLATION)
         },
     ),
     (
@@ -226,10 +226,10 @@ const ENDS: &[CaseRow] = &[
         "a client ends the connection at a message of an unknown type below 0x80",
         "PROTOCOL 4.1-3, 2.5-3, 3.5-11",
         |trial| {
-            let mut host = trial.host()?;
-            host.await_message("hello", Some)?;
-            host.utter(&[1, 0x7d]);
-            host.must_be_closed(CloseCode::MALFORMED)
+            let mut server = trial.raw_server()?;
+            server.await_message("hello", Some)?;
+            server.send_bytes(&[1, 0x7d]);
+            server.must_be_closed(CloseCode::MALFORMED)
         },
     ),
     (
@@ -237,12 +237,12 @@ const ENDS: &[CaseRow] = &[
         "a denied join leaves the connection open",
         "PROTOCOL 4.7-1, 3.5-15",
         |trial| {
-            let mut host = trial.host()?;
-            hand::awaits_join(&mut host)?;
-            host.say(&ServerMessage::Denied(Denial::NoSuchScene));
-            host.listen(Duration::from_millis(200))?;
+            let mut server = trial.raw_server()?;
+            hand::awaits_join(&mut server)?;
+            server.send(&ServerMessage::Denied(Denial::NoSuchScene));
+            server.listen(Duration::from_millis(200))?;
             ensure(
-                host.ended.is_none() || host.ended_as(0),
+                server.ended.is_none() || server.ended_as(0),
                 "it does not close with an error",
             )
         },
@@ -262,10 +262,10 @@ fn codes() -> Vec<Case> {
             Case::client(&id, &name)
                 .cites("PROTOCOL 3.4-1, 3.5-17")
                 .play(move |trial| {
-                    let mut host = trial.host()?;
-                    hand::admit(&mut host)?;
-                    host.line.close(code);
-                    host.must_exit()
+                    let mut server = trial.raw_server()?;
+                    hand::admit(&mut server)?;
+                    server.connection.close(code);
+                    server.must_exit()
                 }),
         );
     }
@@ -290,12 +290,12 @@ fn extension(id: u32) -> Extensions {
 fn another_server(trial: &mut Trial<'_>) -> CaseResult {
     let other = Certificate::development(["localhost"]);
     let other = other.map_err(|error| Stop::Inconclusive(error.to_string()))?;
-    match trial.host_pinned("subscribe 10000", Some(other.fingerprint())) {
+    match trial.raw_server_pinned("subscribe 10000", Some(other.fingerprint())) {
         // The client may refuse the connection or check after the handshake. It must attempt to connect.
         Err(Stop::Fail(_)) => Ok(()),
         Err(other) => Err(other),
-        Ok(mut host) => {
-            let sent = host.listen(Duration::from_millis(300))?;
+        Ok(mut server) => {
+            let sent = server.listen(Duration::from_millis(300))?;
             ensure(
                 sent.is_empty(),
                 format!("it sends nothing to another server, not {sent:?}"),
@@ -305,8 +305,8 @@ fn another_server(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn hello(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    match host.await_message("hello", Some)? {
+    let mut server = trial.raw_server()?;
+    match server.await_message("hello", Some)? {
         ClientMessage::Hello {
             versions, scene, ..
         } => {
@@ -322,22 +322,22 @@ fn hello(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn waits_for_welcome(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    host.await_message("hello", Some)?;
-    let early = host.listen(Duration::from_millis(250))?;
+    let mut server = trial.raw_server()?;
+    server.await_message("hello", Some)?;
+    let early = server.listen(Duration::from_millis(250))?;
     ensure(
         early.is_empty(),
         format!("it sends nothing before the welcome, not {early:?}"),
     )?;
-    host.say(&ServerMessage::Welcome(hand::welcome()));
-    host.await_message("join", |message| {
+    server.send(&ServerMessage::Welcome(hand::welcome()));
+    server.await_message("join", |message| {
         matches!(message, ClientMessage::Join(_)).then_some(())
     })
 }
 
 fn greases(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    let hello = host.await_message("hello", Some)?;
+    let mut server = trial.raw_server()?;
+    let hello = server.await_message("hello", Some)?;
     let ClientMessage::Hello {
         versions,
         extensions,
@@ -359,62 +359,62 @@ fn greases(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn greased_version(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    let ClientMessage::Hello { versions, .. } = host.await_message("hello", Some)? else {
+    let mut server = trial.raw_server()?;
+    let ClientMessage::Hello { versions, .. } = server.await_message("hello", Some)? else {
         return Stop::fail("it does not begin with a hello");
     };
     let greased = versions.into_iter().find(|version| *version != 1);
-    host.say(&ServerMessage::Welcome(of_version(
+    server.send(&ServerMessage::Welcome(of_version(
         greased.unwrap_or(0x0a0a),
     )));
-    host.must_be_closed(CloseCode::VERSION)
+    server.must_be_closed(CloseCode::VERSION)
 }
 
 /// Optional content that the document allows in any position.
 fn skips(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    host.await_message("hello", Some)?;
-    host.utter(&[1, 0x8a]);
-    host.say(&ServerMessage::Welcome(Welcome {
+    let mut server = trial.raw_server()?;
+    server.await_message("hello", Some)?;
+    server.send_bytes(&[1, 0x8a]);
+    server.send(&ServerMessage::Welcome(Welcome {
         extensions: extension(27),
         ..hand::welcome()
     }));
-    host.utter(&[4, 0xfa, 0x00, 0x01, 0x02]);
-    host.utter(&[2, 0x80, 0x01]);
-    host.await_message("join", |message| {
+    server.send_bytes(&[4, 0xfa, 0x00, 0x01, 0x02]);
+    server.send_bytes(&[2, 0x80, 0x01]);
+    server.await_message("join", |message| {
         matches!(message, ClientMessage::Join(_)).then_some(())
     })?;
-    host.utter(&[3, 0x9a, 0xff, 0xff]);
-    host.say(&ServerMessage::Joined(Joined {
+    server.send_bytes(&[3, 0x9a, 0xff, 0xff]);
+    server.send(&ServerMessage::Joined(Joined {
         extensions: extension(27 + 62),
         ..hand::joined()
     }));
-    host.say(&ServerMessage::SceneEvent(hand::shape()));
-    host.utter(&[2, 0xc3, 0]);
-    host.say(&ServerMessage::SceneEvent(hand::ball(
+    server.send(&ServerMessage::SceneEvent(hand::shape()));
+    server.send_bytes(&[2, 0xc3, 0]);
+    server.send(&ServerMessage::SceneEvent(hand::ball(
         hand::BALL,
         Predictor::Ballistic,
     )));
-    host.say(&ServerMessage::SnapshotEnd);
-    host.utter(&[1, 0xff]);
-    goes_on(&mut host)
+    server.send(&ServerMessage::SnapshotEnd);
+    server.send_bytes(&[1, 0xff]);
+    goes_on(&mut server)
 }
 
 fn byte_by_byte(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::awaits_join(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::awaits_join(&mut server)?;
     let mut bytes = Vec::new();
     ServerMessage::Joined(hand::joined()).encode(&mut bytes);
     ServerMessage::SceneEvent(hand::shape()).encode(&mut bytes);
     ServerMessage::SceneEvent(hand::ball(hand::BALL, Predictor::Ballistic)).encode(&mut bytes);
     ServerMessage::SnapshotEnd.encode(&mut bytes);
     for byte in bytes {
-        host.line.say(vec![byte]);
+        server.connection.say(vec![byte]);
     }
-    goes_on(&mut host)
+    goes_on(&mut server)
 }
 
-fn goes_on(host: &mut Host) -> CaseResult {
-    hand::reported(host, "joined")?;
-    hand::must_go_on(host, hand::NEXT + 1, hand::TICK + 1, hand::SCENE_EVENTS)
+fn goes_on(server: &mut RawServer) -> CaseResult {
+    hand::reported(server, "joined")?;
+    hand::must_go_on(server, hand::NEXT + 1, hand::TICK + 1, hand::SCENE_EVENTS)
 }

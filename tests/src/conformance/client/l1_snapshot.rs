@@ -77,12 +77,12 @@ fn contradictions() -> Vec<Case> {
         let name = format!("{what} ends the connection");
         let case = Case::client(&id, &name).cites("PROTOCOL 4.6-7, 7-1");
         cases.push(case.play(move |trial| {
-            let mut host = trial.host()?;
-            hand::admit(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
             sent()
                 .into_iter()
-                .for_each(|scene_event| host.say(&ServerMessage::SceneEvent(scene_event)));
-            host.must_be_closed(CloseCode::VIOLATION)
+                .for_each(|scene_event| server.send(&ServerMessage::SceneEvent(scene_event)));
+            server.must_be_closed(CloseCode::VIOLATION)
         }));
     }
     cases
@@ -162,10 +162,10 @@ fn malformed() -> Vec<Case> {
         let name = format!("{what} is malformed");
         let cites = format!("PROTOCOL 2.5-3, {clause}; RECKONING 1.6-1");
         cases.push(Case::client(&id, &name).cites(&cites).play(move |trial| {
-            let mut host = trial.host()?;
-            hand::admit(&mut host)?;
-            host.utter(&sent());
-            host.must_be_closed(CloseCode::MALFORMED)
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
+            server.send_bytes(&sent());
+            server.must_be_closed(CloseCode::MALFORMED)
         }));
     }
     cases
@@ -199,23 +199,23 @@ fn pieces() -> Vec<Case> {
         Case::client("L1.52.40", "a shape in several pieces is decoded")
             .cites("PROTOCOL 4.1-5, 4.1-7, 4.8-1")
             .play(|trial| {
-                let mut host = trial.host()?;
-                hand::awaits_join(&mut host)?;
+                let mut server = trial.raw_server()?;
+                hand::awaits_join(&mut server)?;
                 let mesh = SceneEvent::ShapeAdded {
                     id: ShapeId(2),
                     shape: mesh(2_000)?,
                 };
                 hand::snapshot(
-                    &mut host,
+                    &mut server,
                     &[
                         mesh,
                         hand::shape(),
                         hand::ball(hand::BALL, Predictor::Ballistic),
                     ],
                 );
-                hand::reported(&mut host, "joined")?;
+                hand::reported(&mut server, "joined")?;
                 hand::must_go_on(
-                    &mut host,
+                    &mut server,
                     hand::NEXT + 1,
                     hand::TICK + 1,
                     hand::SCENE_EVENTS,
@@ -268,10 +268,10 @@ fn pieces() -> Vec<Case> {
 fn refused_pieces(id: &str, name: &str, clause: &str, sent: fn() -> Vec<u8>) -> Case {
     let case = Case::client(id, name).cites(&format!("PROTOCOL 2.5-3, {clause}"));
     case.play(move |trial| {
-        let mut host = trial.host()?;
-        hand::admit(&mut host)?;
-        host.line.say(sent());
-        host.must_be_closed(CloseCode::MALFORMED)
+        let mut server = trial.raw_server()?;
+        hand::admit(&mut server)?;
+        server.connection.say(sent());
+        server.must_be_closed(CloseCode::MALFORMED)
     })
 }
 
@@ -310,22 +310,22 @@ const COUNTS: &[CaseRow] = &[
         "a tick is not complete before the scene events that its packet counts",
         "PROTOCOL 4.6-6, 6.5-2",
         |trial| {
-            let mut host = trial.host()?;
-            hand::admit(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
             hand::watermark(
-                &mut host,
+                &mut server,
                 hand::NEXT,
                 hand::TICK + 1,
                 hand::SCENE_EVENTS + 1,
             )?;
-            host.listen(Duration::from_millis(150))?;
-            let early = host.lines_written()?;
+            server.listen(Duration::from_millis(150))?;
+            let early = server.lines_written()?;
             let early = early
                 .iter()
                 .any(|reported| reported["tick"] == hand::TICK + 1);
             ensure(!early, "it waits for the scene event")?;
-            host.utter(&[2, 11, 0x8a]);
-            hand::reported_tick(&mut host, hand::TICK + 1).map(drop)
+            server.send_bytes(&[2, 11, 0x8a]);
+            hand::reported_tick(&mut server, hand::TICK + 1).map(drop)
         },
     ),
     (
@@ -339,10 +339,10 @@ const COUNTS: &[CaseRow] = &[
         "scene events of the snapshot are not counted",
         "PROTOCOL 4.8-3, 4.6-5",
         |trial| {
-            let mut host = trial.host()?;
-            hand::admit(&mut host)?;
-            hand::watermark(&mut host, hand::NEXT, hand::TICK + 1, hand::SCENE_EVENTS)?;
-            hand::reported_tick(&mut host, hand::TICK + 1).map(drop)
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
+            hand::watermark(&mut server, hand::NEXT, hand::TICK + 1, hand::SCENE_EVENTS)?;
+            hand::reported_tick(&mut server, hand::TICK + 1).map(drop)
         },
     ),
     (
@@ -362,18 +362,18 @@ const COUNTS: &[CaseRow] = &[
         "deleting the scene ends the membership, not the connection",
         "PROTOCOL 3.3-2, 3.5-15",
         |trial| {
-            let mut host = trial.host()?;
-            hand::admit(&mut host)?;
-            host.say(&ServerMessage::Deleted);
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
+            server.send(&ServerMessage::Deleted);
             hand::watermark(
-                &mut host,
+                &mut server,
                 hand::NEXT + 1,
                 hand::TICK + 1,
                 hand::SCENE_EVENTS,
             )?;
-            host.listen(Duration::from_millis(150))?;
+            server.listen(Duration::from_millis(150))?;
             ensure(
-                host.ended.is_none() || host.ended_as(0),
+                server.ended.is_none() || server.ended_as(0),
                 "it does not close with an error",
             )
         },
@@ -382,10 +382,10 @@ const COUNTS: &[CaseRow] = &[
 
 /// The control stream is delayed: packets about a body come before the body's placement.
 fn waits_for_scene_events(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 40).after(5))?;
-    feed.enter()?;
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 40).after(5))?;
+    interceptor.enter()?;
     let mut kept = Vec::new();
-    feed.tamper(move |word| match word {
+    interceptor.tamper(move |word| match word {
         Delivery::State(_) => vec![word],
         Delivery::Control(bytes) => {
             kept.extend(bytes);
@@ -395,49 +395,49 @@ fn waits_for_scene_events(trial: &mut Trial<'_>) -> CaseResult {
             vec![Delivery::Control(std::mem::take(&mut kept))]
         }
     });
-    feed.step(40)?;
+    interceptor.step(40)?;
     // The last delayed scene event is released by the next one.
-    feed.flush_control()?;
-    feed.must_follow()
+    interceptor.flush_control()?;
+    interceptor.must_follow()
 }
 
 fn unknown_scene_events(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::admit(&mut host)?;
-    hand::watermark(&mut host, hand::NEXT, hand::TICK + 2, hand::SCENE_EVENTS)?;
-    hand::reported_tick(&mut host, hand::TICK + 2)?;
-    host.utter(&[4, 11, 0x8a, 1, 2]);
-    host.utter(&[2, 11, 0xfe]);
+    let mut server = trial.raw_server()?;
+    hand::admit(&mut server)?;
+    hand::watermark(&mut server, hand::NEXT, hand::TICK + 2, hand::SCENE_EVENTS)?;
+    hand::reported_tick(&mut server, hand::TICK + 2)?;
+    server.send_bytes(&[4, 11, 0x8a, 1, 2]);
+    server.send_bytes(&[2, 11, 0xfe]);
     hand::watermark(
-        &mut host,
+        &mut server,
         hand::NEXT,
         hand::TICK + 3,
         hand::SCENE_EVENTS + 2,
     )?;
-    hand::reported_tick(&mut host, hand::TICK + 3).map(drop)
+    hand::reported_tick(&mut server, hand::TICK + 3).map(drop)
 }
 
 fn before_the_end(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::awaits_join(&mut host)?;
-    host.say(&ServerMessage::Joined(Joined { ..hand::joined() }));
-    host.say(&ServerMessage::SceneEvent(hand::shape()));
+    let mut server = trial.raw_server()?;
+    hand::awaits_join(&mut server)?;
+    server.send(&ServerMessage::Joined(Joined { ..hand::joined() }));
+    server.send(&ServerMessage::SceneEvent(hand::shape()));
     // A datagram of a stream that the client does not know yet would be dropped (6.5-3).
-    host.listen(Duration::from_millis(100))?;
-    hand::watermark(&mut host, hand::NEXT, hand::TICK + 1, hand::SCENE_EVENTS)?;
-    host.listen(Duration::from_millis(50))?;
-    host.say(&ServerMessage::SceneEvent(hand::ball(
+    server.listen(Duration::from_millis(100))?;
+    hand::watermark(&mut server, hand::NEXT, hand::TICK + 1, hand::SCENE_EVENTS)?;
+    server.listen(Duration::from_millis(50))?;
+    server.send(&ServerMessage::SceneEvent(hand::ball(
         hand::BALL,
         Predictor::Ballistic,
     )));
-    host.say(&ServerMessage::SnapshotEnd);
-    hand::reported_tick(&mut host, hand::TICK + 1).map(drop)
+    server.send(&ServerMessage::SnapshotEnd);
+    hand::reported_tick(&mut server, hand::TICK + 1).map(drop)
 }
 
 fn placed_and_removed(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 6).after(30))?;
-    feed.enter()?;
-    let first = feed
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 6).after(30))?;
+    interceptor.enter()?;
+    let first = interceptor
         .mirror()?
         .bodies()
         .filter(|body| body.kind == BodyKind::Dynamic)
@@ -446,9 +446,9 @@ fn placed_and_removed(trial: &mut Trial<'_>) -> CaseResult {
     let Some(first) = first else {
         return Err(Stop::Inconclusive("no body can be removed".into()));
     };
-    let shape = feed.mirror()?.body(first).map(|config| config.shape);
-    feed.command(Command::RemoveBody { id: first })?;
-    feed.step(5)?;
+    let shape = interceptor.mirror()?.body(first).map(|config| config.shape);
+    interceptor.command(Command::RemoveBody { id: first })?;
+    interceptor.step(5)?;
     let again = BodyId::new(first.index(), first.generation() + 1);
     let motion = BodyState::new(
         [0.0, 6.0, 0.0],
@@ -457,10 +457,10 @@ fn placed_and_removed(trial: &mut Trial<'_>) -> CaseResult {
         [0.0; 3],
     );
     let motion = motion.map_err(|_| Stop::Inconclusive("error of the suite".into()))?;
-    feed.command(Command::AddBody {
+    interceptor.command(Command::AddBody {
         config: BodyDesc::plain(again, BodyKind::Dynamic, shape.unwrap_or(ShapeId(0))),
         motion,
     })?;
-    feed.step(20)?;
-    feed.must_follow()
+    interceptor.step(20)?;
+    interceptor.must_follow()
 }

@@ -18,7 +18,7 @@ use rhumb_reckoning::{
 use super::{hand, table};
 use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
-use crate::conformance::peer::Host;
+use crate::conformance::peer::RawServer;
 use crate::conformance::trial::Trial;
 use crate::testee::bits;
 
@@ -125,11 +125,16 @@ fn truth(packets: &[Vec<u8>]) -> Subscriber {
 }
 
 /// Sends the refresh of a lost packet at a tick; `record`: the track of a body that the packet named, if it exists.
-fn refresh(host: &mut Host, lost: u64, tick: u64, record: Option<RefreshRecord>) -> CaseResult {
+fn refresh(
+    server: &mut RawServer,
+    lost: u64,
+    tick: u64,
+    record: Option<RefreshRecord>,
+) -> CaseResult {
     let mut writer = RefreshWriter::default();
     record.iter().for_each(|record| writer.push(record));
     for datagram in writer.finish(hand::STREAM, lost, tick, hand::SCENE_EVENTS) {
-        host.throw(&datagram)?;
+        server.send_datagram(&datagram)?;
     }
     Ok(())
 }
@@ -137,29 +142,29 @@ fn refresh(host: &mut Host, lost: u64, tick: u64, record: Option<RefreshRecord>)
 fn late_assignment(trial: &mut Trial<'_>) -> CaseResult {
     let packets = packets();
     let truth = truth(&packets);
-    let mut host = trial.host()?;
-    hand::awaits_join(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::awaits_join(&mut server)?;
     let balls = [hand::BALL, OTHER].map(|id| hand::ball(id, Predictor::Rest));
     let [ball, other] = balls;
-    hand::snapshot(&mut host, &[hand::shape(), ball, other]);
-    hand::reported(&mut host, "joined")?;
+    hand::snapshot(&mut server, &[hand::shape(), ball, other]);
+    hand::reported(&mut server, "joined")?;
     for packet in &packets[3..] {
-        host.throw(packet)?;
+        server.send_datagram(packet)?;
     }
-    host.throw(&packets[0])?;
+    server.send_datagram(&packets[0])?;
     let rests = RefreshRecord {
         index: hand::BALL.index(),
         alias: None,
         age: Ticks::new(0),
         keyframe: resting(5.0),
     };
-    refresh(&mut host, hand::NEXT + 1, hand::TICK + 6, Some(rests))?;
-    host.throw(&packets[2])?;
+    refresh(&mut server, hand::NEXT + 1, hand::TICK + 6, Some(rests))?;
+    server.send_datagram(&packets[2])?;
     // All data has arrived now, except packets that the client could not decode and may report: the loop sends those
     // again.
-    hand::watermark(&mut host, NEVER + 1, LAST, hand::SCENE_EVENTS)?;
+    hand::watermark(&mut server, NEVER + 1, LAST, hand::SCENE_EVENTS)?;
     let asked = loop {
-        let asked = hand::loss_report(&mut host)?.lost;
+        let asked = hand::loss_report(&mut server)?.lost;
         if asked.contains(&Low16::of(NEVER)) {
             break asked;
         }
@@ -173,10 +178,10 @@ fn late_assignment(trial: &mut Trial<'_>) -> CaseResult {
             age: Ticks::new(2),
             keyframe: Keyframe::of(&track),
         };
-        refresh(&mut host, hand::NEXT + 4, LAST, Some(goes_on))?;
+        refresh(&mut server, hand::NEXT + 4, LAST, Some(goes_on))?;
     }
-    refresh(&mut host, NEVER, LAST, None)?;
-    let reported = hand::reported_tick(&mut host, LAST)?;
+    refresh(&mut server, NEVER, LAST, None)?;
+    let reported = hand::reported_tick(&mut server, LAST)?;
     let there = truth
         .predicted_motion(OTHER, Tick::new(LAST))
         .ok_or_else(gone)?;

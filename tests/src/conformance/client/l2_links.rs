@@ -71,22 +71,22 @@ pub(super) fn cases() -> Vec<Case> {
         Case::client(&format!("L2.51.{number}"), &name)
             .cites(&format!("PROTOCOL 6.1-2, 6.5-1, {cites}"))
             .play(move |trial| {
-                let sieve = made(trial.dice());
-                over(trial, sieve)
+                let filter = made(trial.dice());
+                over(trial, filter)
             })
     };
     LINKS.into_iter().map(case).collect()
 }
 
 /// A rotating drum over a link that is disturbed for a while, then ideal.
-fn over(trial: &mut Trial<'_>, sieve: DatagramFilter) -> CaseResult {
-    let mut feed = trial.feed(busy())?;
-    feed.enter()?;
-    feed.sift(sieve);
-    feed.step(60)?;
-    feed.mend();
-    feed.step(3)?;
-    feed.must_follow()
+fn over(trial: &mut Trial<'_>, filter: DatagramFilter) -> CaseResult {
+    let mut interceptor = trial.interceptor(busy())?;
+    interceptor.enter()?;
+    interceptor.filter_datagrams(filter);
+    interceptor.step(60)?;
+    interceptor.stop_tampering();
+    interceptor.step(3)?;
+    interceptor.must_follow()
 }
 
 /// Drops the selected datagrams.

@@ -16,7 +16,7 @@ use rhumb_reckoning::{Predictor, Tick};
 use super::{hand, table};
 use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::outcome::{CaseResult, Stop, ensure, should};
-use crate::conformance::peer::{Host, Interceptor, Setting, datagram};
+use crate::conformance::peer::{Interceptor, RawServer, Setting, datagram};
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -80,15 +80,16 @@ const ASKINGS: &[CaseRow] = &[
         "a client that advances the scene tick by tick follows bit-exactly",
         "PROTOCOL 4.9-1, 4.9-2, 6.4-1, 6.4-4",
         |trial| {
-            let setting = Setting::of("ball-pit", 20).wishing("subscribe 10000 advance 60");
-            let mut feed = trial.feed(setting)?;
-            feed.enter()?;
-            feed.until("sixty ticks", |feed| {
-                feed.mirror()
+            let setting = Setting::of("ball-pit", 20).with_task("subscribe 10000 advance 60");
+            let mut interceptor = trial.interceptor(setting)?;
+            interceptor.enter()?;
+            interceptor.until("sixty ticks", |interceptor| {
+                interceptor
+                    .mirror()
                     .is_ok_and(|copy| copy.stream().complete().value() >= 60)
             })?;
-            feed.must_follow()?;
-            let reported = feed.ticks_told();
+            interceptor.must_follow()?;
+            let reported = interceptor.ticks_reported();
             ensure(
                 reported >= 40,
                 format!("it reports each tick, not {reported} of 40"),
@@ -137,10 +138,10 @@ pub(super) fn busy() -> Setting {
 }
 
 /// Drops this number of packets, and their refreshes and repair symbols; returns the tick of the first one.
-fn lose(feed: &mut Interceptor, packets: usize) -> Result<u64, Stop> {
+fn lose(interceptor: &mut Interceptor, packets: usize) -> Result<u64, Stop> {
     let lost = Rc::new(RefCell::new(Vec::new()));
     let ticks = Rc::clone(&lost);
-    feed.sift(move |bytes| {
+    interceptor.filter_datagrams(move |bytes| {
         let mut ticks = ticks.borrow_mut();
         if datagram::is_packet(&bytes) && ticks.len() < packets {
             // In this scene the tick fits into its low bits.
@@ -160,22 +161,22 @@ fn lose(feed: &mut Interceptor, packets: usize) -> Result<u64, Stop> {
         if lost.borrow().len() == packets {
             break;
         }
-        feed.step(1)?;
+        interceptor.step(1)?;
     }
     let first = lost.borrow().first().copied();
     first.ok_or_else(|| Stop::Inconclusive("nothing was sent".into()))
 }
 
 fn asks_for_it(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::admit(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::admit(&mut server)?;
     hand::watermark(
-        &mut host,
+        &mut server,
         hand::NEXT + 3,
         hand::TICK + 1,
         hand::SCENE_EVENTS,
     )?;
-    let loss_report = hand::loss_report(&mut host)?;
+    let loss_report = hand::loss_report(&mut server)?;
     let lost: Vec<_> = (hand::NEXT..hand::NEXT + 3).map(Low16::of).collect();
     ensure(
         loss_report.lost == lost,
@@ -200,28 +201,28 @@ const OFTEN_ENOUGH: Span = Span::from_millis(900);
 const STRETCHES: usize = 4;
 
 fn asks_again(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(busy())?;
-    feed.enter()?;
-    lose(&mut feed, 2)?;
-    feed.step(6)?;
-    let mut often = asks_often(&mut feed);
+    let mut interceptor = trial.interceptor(busy())?;
+    interceptor.enter()?;
+    lose(&mut interceptor, 2)?;
+    interceptor.step(6)?;
+    let mut often = asks_often(&mut interceptor);
     for _ in 1..STRETCHES {
         if !matches!(often, Err(Stop::Lax(_))) {
             break;
         }
-        often = asks_often(&mut feed);
+        often = asks_often(&mut interceptor);
     }
     often?;
-    feed.mend();
-    feed.step(2)?;
-    feed.must_follow()
+    interceptor.stop_tampering();
+    interceptor.step(2)?;
+    interceptor.must_follow()
 }
 
 /// Whether it sends a loss report every half second during one period.
-fn asks_often(feed: &mut Interceptor) -> CaseResult {
-    let begin = feed.host.now();
-    feed.run(Duration::from_millis(2_600))?;
-    let times: Vec<Instant> = (feed.loss_reports.iter().map(|(at, _)| *at))
+fn asks_often(interceptor: &mut Interceptor) -> CaseResult {
+    let begin = interceptor.raw_server.now();
+    interceptor.run(Duration::from_millis(2_600))?;
+    let times: Vec<Instant> = (interceptor.loss_reports.iter().map(|(at, _)| *at))
         .filter(|at| *at >= begin)
         .collect();
     let asked = format!(
@@ -238,15 +239,15 @@ fn asks_often(feed: &mut Interceptor) -> CaseResult {
 }
 
 fn asks_for_many(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::admit(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::admit(&mut server)?;
     hand::watermark(
-        &mut host,
+        &mut server,
         hand::NEXT + 500,
         hand::TICK + 1,
         hand::SCENE_EVENTS,
     )?;
-    let loss_report = hand::loss_report(&mut host)?;
+    let loss_report = hand::loss_report(&mut server)?;
     let oldest: Vec<_> = (hand::NEXT..hand::NEXT + 64).map(Low16::of).collect();
     ensure(
         loss_report.lost == oldest,
@@ -257,11 +258,11 @@ fn asks_for_many(trial: &mut Trial<'_>) -> CaseResult {
 /// A client that lacks fewer packets may request repair symbols or not: ignoring them is allowed (6.15-2).
 fn wants_no_repair_symbols(trial: &mut Trial<'_>) -> CaseResult {
     let lacking = REPAIR_SYMBOLS_KEPT as u64 + 1;
-    let mut host = trial.host()?;
-    hand::admit(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::admit(&mut server)?;
     let next = hand::NEXT + lacking;
-    hand::watermark(&mut host, next, hand::TICK + 1, hand::SCENE_EVENTS)?;
-    let loss_report = hand::loss_report(&mut host)?;
+    hand::watermark(&mut server, next, hand::TICK + 1, hand::SCENE_EVENTS)?;
+    let loss_report = hand::loss_report(&mut server)?;
     ensure(
         loss_report.repair_symbols == 0,
         format!(
@@ -280,23 +281,23 @@ fn wants_no_repair_symbols(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn across_the_wraparound(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::awaits_join(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::awaits_join(&mut server)?;
     let mut joined = hand::joined();
     joined.start.next = 0x1_fffe;
     joined.start.tick = Tick::new(0x2_ffff);
     joined.start.scene_events = 0xffff;
-    host.say(&ServerMessage::Joined(joined));
-    host.say(&ServerMessage::SceneEvent(hand::shape()));
-    host.say(&ServerMessage::SceneEvent(hand::ball(
+    server.send(&ServerMessage::Joined(joined));
+    server.send(&ServerMessage::SceneEvent(hand::shape()));
+    server.send(&ServerMessage::SceneEvent(hand::ball(
         hand::BALL,
         Predictor::Rest,
     )));
-    host.say(&ServerMessage::SnapshotEnd);
-    hand::reported(&mut host, "joined")?;
-    hand::watermark(&mut host, 0x1_fffe, 0x3_0004, 0xffff)?;
+    server.send(&ServerMessage::SnapshotEnd);
+    hand::reported(&mut server, "joined")?;
+    hand::watermark(&mut server, 0x1_fffe, 0x3_0004, 0xffff)?;
     loop {
-        let reported = hand::reported(&mut host, "tick")?;
+        let reported = hand::reported(&mut server, "tick")?;
         if reported["tick"] == 0x3_0004 {
             break;
         }
@@ -305,9 +306,9 @@ fn across_the_wraparound(trial: &mut Trial<'_>) -> CaseResult {
             format!("the tick is 196612, not {}", reported["tick"]),
         )?;
     }
-    host.utter(&[2, 11, 0x8a]);
-    hand::watermark(&mut host, 0x2_0002, 0x3_0005, 0x1_0000)?;
-    let loss_report = hand::loss_report(&mut host)?;
+    server.send_bytes(&[2, 11, 0x8a]);
+    hand::watermark(&mut server, 0x2_0002, 0x3_0005, 0x1_0000)?;
+    let loss_report = hand::loss_report(&mut server)?;
     let lost: Vec<_> = (0x1_fffe..0x2_0002).map(Low16::of).collect();
     ensure(
         loss_report.lost == lost,
@@ -315,100 +316,102 @@ fn across_the_wraparound(trial: &mut Trial<'_>) -> CaseResult {
     )
 }
 
-fn resyncs(host: &mut Host) -> CaseResult {
-    host.await_message("resync", |message| {
+fn resyncs(server: &mut RawServer) -> CaseResult {
+    server.await_message("resync", |message| {
         matches!(message, ClientMessage::Resync).then_some(())
     })
 }
 
 fn lost_too_many(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::admit(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::admit(&mut server)?;
     hand::watermark(
-        &mut host,
+        &mut server,
         hand::NEXT + 1_025,
         hand::TICK + 1,
         hand::SCENE_EVENTS,
     )?;
-    resyncs(&mut host)?;
+    resyncs(&mut server)?;
     let mut joined = hand::joined();
     joined.start.next = hand::NEXT + 1_025;
     joined.start.tick = Tick::new(hand::TICK + 1);
-    host.say(&ServerMessage::Joined(joined));
-    host.say(&ServerMessage::SceneEvent(hand::shape()));
-    host.say(&ServerMessage::SceneEvent(hand::ball(
+    server.send(&ServerMessage::Joined(joined));
+    server.send(&ServerMessage::SceneEvent(hand::shape()));
+    server.send(&ServerMessage::SceneEvent(hand::ball(
         hand::BALL,
         Predictor::Ballistic,
     )));
-    host.say(&ServerMessage::SnapshotEnd);
+    server.send(&ServerMessage::SnapshotEnd);
     // Before the snapshot is complete, the client may ignore packets of its stream.
-    hand::reported_tick(&mut host, hand::TICK + 1)?;
+    hand::reported_tick(&mut server, hand::TICK + 1)?;
     hand::watermark(
-        &mut host,
+        &mut server,
         hand::NEXT + 1_025,
         hand::TICK + 2,
         hand::SCENE_EVENTS,
     )?;
-    hand::reported_tick(&mut host, hand::TICK + 2).map(drop)
+    hand::reported_tick(&mut server, hand::TICK + 2).map(drop)
 }
 
 fn jumps(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::admit(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::admit(&mut server)?;
     hand::watermark(
-        &mut host,
+        &mut server,
         hand::NEXT,
         hand::TICK + 3_601,
         hand::SCENE_EVENTS,
     )?;
-    resyncs(&mut host)
+    resyncs(&mut server)
 }
 
 fn misses_the_answer(trial: &mut Trial<'_>) -> CaseResult {
-    let setting = Setting::of("ball-pit", 20).wishing("subscribe 10000 advance 60");
-    let mut feed = trial.feed(setting)?;
+    let setting = Setting::of("ball-pit", 20).with_task("subscribe 10000 advance 60");
+    let mut interceptor = trial.interceptor(setting)?;
     let mut count = 0;
-    feed.sift(move |bytes| {
+    interceptor.filter_datagrams(move |bytes| {
         count += 1;
         if count % 10 == 9 { vec![] } else { vec![bytes] }
     });
-    feed.enter()?;
-    feed.until_for(Duration::from_secs(8), "sixty ticks", |feed| {
-        feed.mirror()
+    interceptor.enter()?;
+    interceptor.until_for(Duration::from_secs(8), "sixty ticks", |interceptor| {
+        interceptor
+            .mirror()
             .is_ok_and(|copy| copy.stream().complete().value() >= 60)
     })?;
-    feed.mend();
-    feed.step(2)?;
-    feed.must_follow()
+    interceptor.stop_tampering();
+    interceptor.step(2)?;
+    interceptor.must_follow()
 }
 
 fn no_promise_over_a_gap(trial: &mut Trial<'_>, packets: usize) -> CaseResult {
-    let mut feed = trial.feed(busy())?;
-    feed.enter()?;
-    feed.step(3)?;
-    feed.must_follow()?;
-    let before = feed.reported.len();
-    let gap = lose(&mut feed, packets)?;
-    feed.step(25)?;
-    for reported in &feed.reported[before..] {
+    let mut interceptor = trial.interceptor(busy())?;
+    interceptor.enter()?;
+    interceptor.step(3)?;
+    interceptor.must_follow()?;
+    let before = interceptor.reported.len();
+    let gap = lose(&mut interceptor, packets)?;
+    interceptor.step(25)?;
+    for reported in &interceptor.reported[before..] {
         let tick = reported["tick"].as_u64().unwrap_or_default();
         ensure(
             tick < gap,
             format!("{tick} must not be complete: a packet of {gap} is missing"),
         )?;
     }
-    feed.mend();
-    feed.step(2)?;
-    feed.must_follow()
+    interceptor.stop_tampering();
+    interceptor.step(2)?;
+    interceptor.must_follow()
 }
 
 /// Each packet comes again later, either unchanged or with the number of a missing packet.
 fn stale_packets(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 30).wishing("subscribe full"))?;
+    let mut interceptor =
+        trial.interceptor(Setting::of("ball-pit", 30).with_task("subscribe full"))?;
     let mut old: VecDeque<Vec<u8>> = VecDeque::new();
-    feed.enter()?;
+    interceptor.enter()?;
     let mut count = 0;
-    feed.sift(move |bytes| {
+    interceptor.filter_datagrams(move |bytes| {
         count += 1;
         if datagram::is_packet(&bytes) {
             old.push_back(bytes.clone());
@@ -424,19 +427,19 @@ fn stale_packets(trial: &mut Trial<'_>) -> CaseResult {
         }
         sent
     });
-    feed.step(60)?;
-    feed.mend();
-    feed.step(2)?;
-    feed.must_follow()
+    interceptor.step(60)?;
+    interceptor.stop_tampering();
+    interceptor.step(2)?;
+    interceptor.must_follow()
 }
 
 /// The packets that put bodies to rest are lost.
 fn rests(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("dominoes", 12).after(2))?;
-    feed.enter()?;
+    let mut interceptor = trial.interceptor(Setting::of("dominoes", 12).after(2))?;
+    interceptor.enter()?;
     let lost = Rc::new(RefCell::new(0));
     let counted = Rc::clone(&lost);
-    feed.sift(move |bytes| {
+    interceptor.filter_datagrams(move |bytes| {
         if contains_rest(&bytes) && *counted.borrow() % 3 < 2 {
             *counted.borrow_mut() += 1;
             return vec![];
@@ -444,14 +447,14 @@ fn rests(trial: &mut Trial<'_>) -> CaseResult {
         vec![bytes]
     });
     for _ in 0..12 {
-        feed.step_fast(40)?;
+        interceptor.step_fast(40)?;
         if *lost.borrow() > 2 {
             break;
         }
     }
-    feed.mend();
-    feed.step(3)?;
-    feed.must_follow()?;
+    interceptor.stop_tampering();
+    interceptor.step(3)?;
+    interceptor.must_follow()?;
     if *lost.borrow() == 0 {
         return Err(Stop::Inconclusive("no body came to rest".into()));
     }
@@ -473,22 +476,22 @@ fn contains_rest(bytes: &[u8]) -> bool {
 }
 
 fn too_many_held(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::admit(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::admit(&mut server)?;
     for tick in 1..=600 {
         hand::watermark(
-            &mut host,
+            &mut server,
             hand::NEXT,
             hand::TICK + tick,
             hand::SCENE_EVENTS + 1,
         )?;
         if tick % 50 == 0 {
-            host.listen(Duration::from_millis(5))?;
+            server.listen(Duration::from_millis(5))?;
         }
     }
-    host.utter(&[2, 11, 0x8a]);
+    server.send_bytes(&[2, 11, 0x8a]);
     hand::must_go_on(
-        &mut host,
+        &mut server,
         hand::NEXT + 1,
         hand::TICK + 700,
         hand::SCENE_EVENTS + 1,

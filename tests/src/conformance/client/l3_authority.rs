@@ -58,7 +58,7 @@ pub(super) fn cases() -> Vec<Case> {
 
 /// A client with authority, and the server's states of its body.
 struct UpstreamTrial {
-    feed: Interceptor,
+    interceptor: Interceptor,
     scene: String,
     judged: BTreeSet<Tick>,
     worst: f64,
@@ -69,12 +69,12 @@ struct UpstreamTrial {
 
 impl UpstreamTrial {
     fn begin(trial: &mut Trial<'_>, before: u64) -> Result<Self, Stop> {
-        let setting = Setting::of("free-fall", 4).wishing(&format!("upstream {WITHIN}"));
-        let mut feed = trial.feed(setting.after(before))?;
+        let setting = Setting::of("free-fall", 4).with_task(&format!("upstream {WITHIN}"));
+        let mut interceptor = trial.interceptor(setting.after(before))?;
         let scene = format!("conformance/{}", trial.id());
-        feed.enter()?;
+        interceptor.enter()?;
         Ok(Self {
-            feed,
+            interceptor,
             scene,
             judged: BTreeSet::new(),
             worst: 0.0,
@@ -84,7 +84,7 @@ impl UpstreamTrial {
 
     fn statistics(&self) -> Option<UpstreamStatistics> {
         let scene = self.scene.parse().ok()?;
-        self.feed.server.drives(&scene).next()
+        self.interceptor.server.drives(&scene).next()
     }
 
     /// Runs until the scene reaches a tick, and checks each tick on the way.
@@ -92,18 +92,20 @@ impl UpstreamTrial {
         let (judged, worst, behind) = (&mut self.judged, &mut self.worst, &mut self.behind);
         let scene = self.scene.parse();
         let scene = scene.map_err(|_| Stop::Inconclusive("error of the suite: no name".into()))?;
-        self.feed.until(&format!("published tick {to}"), |feed| {
-            let upstream = feed.server.drives(&scene).next();
-            if let Some((tick, share)) = share_now(feed)
-                && judged.insert(tick)
-            {
-                *worst = worst.max(share);
-                let watermark_tick = upstream.map_or(tick, |upstream| upstream.watermark_tick);
-                *behind = (*behind).max(tick.value().saturating_sub(watermark_tick.value()));
-            }
-            feed.mirror()
-                .is_ok_and(|copy| copy.stream().complete().value() >= to)
-        })
+        self.interceptor
+            .until(&format!("published tick {to}"), |interceptor| {
+                let upstream = interceptor.server.drives(&scene).next();
+                if let Some((tick, share)) = share_now(interceptor)
+                    && judged.insert(tick)
+                {
+                    *worst = worst.max(share);
+                    let watermark_tick = upstream.map_or(tick, |upstream| upstream.watermark_tick);
+                    *behind = (*behind).max(tick.value().saturating_sub(watermark_tick.value()));
+                }
+                interceptor
+                    .mirror()
+                    .is_ok_and(|copy| copy.stream().complete().value() >= to)
+            })
     }
 
     /// Checks that all packets were accepted, and that the body was where the client published it.
@@ -126,7 +128,7 @@ impl UpstreamTrial {
             format!("all its packets are accepted: {malformed} malformed, {refused} refused"),
         )?;
         let is_upstream = |sent: &&ClientMessage| matches!(sent, ClientMessage::Upstream(_));
-        let packets = self.feed.said.iter().filter(is_upstream).count();
+        let packets = self.interceptor.messages.iter().filter(is_upstream).count();
         ensure(
             packets > 4,
             format!("it publishes its trajectory, in {packets} packets"),
@@ -135,8 +137,8 @@ impl UpstreamTrial {
 }
 
 /// The newest tick, and the error of the body at that tick as a fraction of the tolerance.
-fn share_now(feed: &Interceptor) -> Option<(Tick, f64)> {
-    let replica = feed.mirror().ok()?;
+fn share_now(interceptor: &Interceptor) -> Option<(Tick, f64)> {
+    let replica = interceptor.mirror().ok()?;
     let (stream, tick) = (replica.stream(), replica.stream().complete());
     let config = replica
         .bodies()
@@ -182,19 +184,21 @@ fn asks_again(trial: &mut Trial<'_>) -> CaseResult {
     upstream_trial.upstream_trial(60)?;
     let lost = AuthorityError::LostSync;
     upstream_trial
-        .feed
-        .host
-        .say(&ServerMessage::AuthorityDenied(lost));
-    let tasks = |feed: &Interceptor| {
+        .interceptor
+        .raw_server
+        .send(&ServerMessage::AuthorityDenied(lost));
+    let tasks = |interceptor: &Interceptor| {
         let task = |sent: &&ClientMessage| matches!(sent, ClientMessage::TakeAuthority(_));
-        feed.said.iter().filter(task).count()
+        interceptor.messages.iter().filter(task).count()
     };
     upstream_trial
-        .feed
-        .until("second request for authority", |feed| tasks(feed) >= 2)?;
+        .interceptor
+        .until("second request for authority", |interceptor| {
+            tasks(interceptor) >= 2
+        })?;
     upstream_trial.upstream_trial(COURSE_TICKS)?;
     upstream_trial.judge(100)?;
-    let tasks = tasks(&upstream_trial.feed);
+    let tasks = tasks(&upstream_trial.interceptor);
     ensure(
         tasks == 2,
         format!("it requests authority once per refusal, not {tasks} times in total"),

@@ -47,11 +47,11 @@ fn scenes() -> Vec<Case> {
         Case::client(&format!("L4.51.{}", place + 1), &name)
             .cites(&cites)
             .play(move |trial| {
-                let mut feed = trial.feed(Setting::of(script, bodies))?;
-                feed.enter()?;
-                feed.step(80)?;
-                feed.must_follow()?;
-                let reported = feed.ticks_told();
+                let mut interceptor = trial.interceptor(Setting::of(script, bodies))?;
+                interceptor.enter()?;
+                interceptor.step(80)?;
+                interceptor.must_follow()?;
+                let reported = interceptor.ticks_reported();
                 ensure(
                     reported >= 20,
                     format!("it reports ticks as they come, not {reported} of 80"),
@@ -64,11 +64,11 @@ fn scenes() -> Vec<Case> {
 /// Corrections name revisions by age, and an age counts published ticks only.
 fn each_third_tick(trial: &mut Trial<'_>) -> CaseResult {
     let setting = Setting::of("tumbler", 20).each(EACH_THIRD);
-    let mut feed = trial.feed(setting)?;
-    feed.enter()?;
-    feed.step(60)?;
-    feed.must_follow()?;
-    let reported = feed.ticks_told();
+    let mut interceptor = trial.interceptor(setting)?;
+    interceptor.enter()?;
+    interceptor.step(60)?;
+    interceptor.must_follow()?;
+    let reported = interceptor.ticks_reported();
     ensure(
         reported >= 15,
         format!("it reports ticks as they come, not {reported} of 60"),

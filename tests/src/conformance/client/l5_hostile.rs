@@ -25,10 +25,10 @@ pub(super) fn cases() -> Vec<Case> {
             Case::client(&id, &name)
                 .cites("PROTOCOL 5.5-2, 7-1; RECKONING 1.6-1")
                 .play(move |trial| {
-                    let mut host = trial.host()?;
-                    hand::admit(&mut host)?;
-                    host.throw(&keyframe_packet(motion))?;
-                    let reported = hand::reported_tick(&mut host, hand::TICK + 1)?;
+                    let mut server = trial.raw_server()?;
+                    hand::admit(&mut server)?;
+                    server.send_datagram(&keyframe_packet(motion))?;
+                    let reported = hand::reported_tick(&mut server, hand::TICK + 1)?;
                     let (name, wanted) = (hand::name(hand::BALL), digits(motion));
                     let shown = &reported["moving"][&name];
                     ensure(
@@ -48,15 +48,15 @@ const CASES: &[CaseRow] = &[
         "random bytes on the control stream end the connection, and nothing else",
         "PROTOCOL 2.5-1, 2.5-3",
         |trial| {
-            let mut host = trial.host()?;
-            hand::admit(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
             let mut dice = trial.dice();
             // A message of a known type whose fields are all invalid.
             let mut bytes = vec![0xff, 0x7f, 3];
             bytes.extend((0..16_400).map(|_| 0x80 | dice.below(128) as u8));
-            host.line.say(bytes);
-            host.must_be_closed(CloseCode::MALFORMED)?;
-            host.must_exit()
+            server.connection.say(bytes);
+            server.must_be_closed(CloseCode::MALFORMED)?;
+            server.must_exit()
         },
     ),
     (
@@ -88,17 +88,17 @@ const CASES: &[CaseRow] = &[
         "nonsensical clock values change nothing in the copy",
         "PROTOCOL 4.9-5",
         |trial| {
-            let mut host = trial.host()?;
-            hand::admit(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
             for (sent, tick) in [(0, 0), (u64::MAX, 1 << 48), (1 << 60, 3)] {
-                host.say(&ServerMessage::Pong {
+                server.send(&ServerMessage::Pong {
                     sent: Instant::from_nanos(sent),
                     tick: Tick::new(tick),
                     since_tick_ns: u64::MAX,
                 });
             }
             hand::must_go_on(
-                &mut host,
+                &mut server,
                 hand::NEXT + 1,
                 hand::TICK + 1,
                 hand::SCENE_EVENTS,
@@ -110,15 +110,15 @@ const CASES: &[CaseRow] = &[
         "unrequested answers do no harm",
         "PROTOCOL 4.2-2, 4.2-3",
         |trial| {
-            let mut host = trial.host()?;
-            hand::admit(&mut host)?;
-            host.say(&ServerMessage::Applied {
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
+            server.send(&ServerMessage::Applied {
                 through: 1 << 40,
                 tick: Tick::new(3),
             });
-            host.say(&ServerMessage::Created);
+            server.send(&ServerMessage::Created);
             hand::must_go_on(
-                &mut host,
+                &mut server,
                 hand::NEXT + 1,
                 hand::TICK + 1,
                 hand::SCENE_EVENTS,
@@ -130,14 +130,14 @@ const CASES: &[CaseRow] = &[
         "a faulted scene is displayed in its last state",
         "PROTOCOL 3.3-6, 6.3-6",
         |trial| {
-            let mut host = trial.host()?;
-            hand::admit(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
             let tick = Tick::new(hand::TICK + 1);
-            host.say(&ServerMessage::SceneEvent(SceneEvent::SceneFaulted {
+            server.send(&ServerMessage::SceneEvent(SceneEvent::SceneFaulted {
                 tick,
             }));
             hand::must_go_on(
-                &mut host,
+                &mut server,
                 hand::NEXT + 1,
                 hand::TICK + 1,
                 hand::SCENE_EVENTS + 1,
@@ -204,22 +204,22 @@ fn is_finite(reported: &serde_json::Value) -> bool {
 }
 
 fn flood(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 12))?;
-    feed.enter()?;
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 12))?;
+    interceptor.enter()?;
     let mut dice = trial.dice();
     for round in 0..20 {
         for _ in 0..100 {
             let length = 1 + dice.below(200);
             let mut bytes: Vec<_> = (0..length).map(|_| dice.below(256) as u8).collect();
             bytes[0] = bytes[0] & 0xf0 | datagram::NO_KINDS[dice.below(4)];
-            feed.host.throw(&bytes)?;
+            interceptor.raw_server.send_datagram(&bytes)?;
         }
         if round % 5 == 0 {
-            feed.step(2)?;
+            interceptor.step(2)?;
         }
     }
-    feed.step(10)?;
-    feed.must_follow()
+    interceptor.step(10)?;
+    interceptor.must_follow()
 }
 
 /// A full packet of one record with other bytes for y and w.
@@ -249,26 +249,26 @@ fn full(number: u64, tick: u64, y: [u8; 4], w: [u8; 4]) -> Vec<u8> {
 
 /// The record is not a valid motion; the keyframe_packet packet is dropped, and is missing when the next one comes.
 fn dropped_whole(trial: &mut Trial<'_>, y: [u8; 4], w: [u8; 4]) -> CaseResult {
-    let mut host = trial.host_of("subscribe full")?;
-    hand::awaits_join(&mut host)?;
+    let mut server = trial.raw_server_for("subscribe full")?;
+    hand::awaits_join(&mut server)?;
     let mut joined = hand::joined();
     joined.choice = rhumb_protocol::message::StreamChoice::Full;
-    host.say(&ServerMessage::Joined(joined));
-    host.say(&ServerMessage::SceneEvent(hand::shape()));
-    host.say(&ServerMessage::SceneEvent(hand::ball(
+    server.send(&ServerMessage::Joined(joined));
+    server.send(&ServerMessage::SceneEvent(hand::shape()));
+    server.send(&ServerMessage::SceneEvent(hand::ball(
         hand::BALL,
         Predictor::Uniform,
     )));
-    host.say(&ServerMessage::SnapshotEnd);
-    hand::reported(&mut host, "joined")?;
-    host.throw(&full(hand::NEXT, hand::TICK + 1, y, w))?;
+    server.send(&ServerMessage::SnapshotEnd);
+    hand::reported(&mut server, "joined")?;
+    server.send_datagram(&full(hand::NEXT, hand::TICK + 1, y, w))?;
     hand::must_go_on(
-        &mut host,
+        &mut server,
         hand::NEXT + 1,
         hand::TICK + 2,
         hand::SCENE_EVENTS,
     )?;
-    for reported in host.lines_written()? {
+    for reported in server.lines_written()? {
         ensure(is_finite(&reported), "each displayed number is finite")?;
         let tick = reported["tick"].as_u64().unwrap_or_default();
         ensure(
@@ -296,8 +296,8 @@ fn not_of_unit_length(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn far_ahead(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::awaits_join(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::awaits_join(&mut server)?;
     let predictors = [
         Predictor::Uniform,
         Predictor::Ballistic,
@@ -310,11 +310,16 @@ fn far_ahead(trial: &mut Trial<'_>) -> CaseResult {
         .zip(3..)
         .map(|(predictor, index)| hand::ball(BodyId::new(index, 0), predictor));
     scene_events.extend(balls);
-    hand::snapshot(&mut host, &scene_events);
-    hand::reported(&mut host, "joined")?;
+    hand::snapshot(&mut server, &scene_events);
+    hand::reported(&mut server, "joined")?;
     for tick in [1, 2, 60, 1_022] {
-        hand::watermark(&mut host, hand::NEXT, hand::TICK + tick, hand::SCENE_EVENTS)?;
-        let reported = hand::reported_tick(&mut host, hand::TICK + tick)?;
+        hand::watermark(
+            &mut server,
+            hand::NEXT,
+            hand::TICK + tick,
+            hand::SCENE_EVENTS,
+        )?;
+        let reported = hand::reported_tick(&mut server, hand::TICK + tick)?;
         ensure(
             is_finite(&reported),
             format!("each number is finite after {tick} ticks"),
@@ -327,6 +332,6 @@ fn far_ahead(trial: &mut Trial<'_>) -> CaseResult {
             format!("it reports {} bodies, not {count}", predictors.len()),
         )?;
     }
-    host.listen(Duration::from_millis(20))?;
-    ensure(host.ended.is_none(), "the connection stays open")
+    server.listen(Duration::from_millis(20))?;
+    ensure(server.ended.is_none(), "the connection stays open")
 }

@@ -84,7 +84,7 @@ impl ServerMutant {
         let thread = thread::spawn(move || {
             let mut endpoint = MutantEndpoint {
                 mutant: self,
-                host: ServerLoop::new(|| Instant::ZERO),
+                inner: ServerLoop::new(|| Instant::ZERO),
                 connections: BTreeMap::new(),
             };
             // If the server fails, its case is inconclusive, which the test of the mutants detects.
@@ -123,7 +123,7 @@ impl Drop for MutantServer {
 /// A correct server whose received and sent data is altered.
 struct MutantEndpoint {
     mutant: ServerMutant,
-    host: ServerLoop,
+    inner: ServerLoop,
     connections: BTreeMap<Peer, MutantConnection>,
 }
 
@@ -138,7 +138,7 @@ struct MutantConnection {
 impl Endpoint for MutantEndpoint {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
         self.connections.insert(peer, MutantConnection::default());
-        self.host.handle_opened(now, peer);
+        self.inner.handle_opened(now, peer);
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
@@ -157,25 +157,25 @@ impl Endpoint for MutantEndpoint {
                 }
             }
         }
-        self.host.handle_control(now, from, &received);
+        self.inner.handle_control(now, from, &received);
     }
 
     fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        self.host.handle_datagram(now, from, bytes);
+        self.inner.handle_datagram(now, from, bytes);
     }
 
     fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
         self.connections.remove(&peer);
-        self.host.handle_ended(now, peer, ending);
+        self.inner.handle_ended(now, peer, ending);
     }
 
     fn handle_timeout(&mut self, now: Instant) {
-        self.host.handle_timeout(now);
+        self.inner.handle_timeout(now);
     }
 
     fn poll_transmit(&mut self) -> Option<Transmit> {
         loop {
-            let sent = match self.host.poll_transmit()? {
+            let sent = match self.inner.poll_transmit()? {
                 Transmit::Control { to, bytes } => {
                     let connection = self.connections.get_mut(&to)?;
                     let bytes = connection.sent_bytes_as(self.mutant, &bytes).into();
@@ -197,7 +197,7 @@ impl Endpoint for MutantEndpoint {
     }
 
     fn poll_timeout(&self) -> Option<Wake> {
-        self.host.poll_timeout()
+        self.inner.poll_timeout()
     }
 }
 

@@ -51,7 +51,12 @@ const CASES: &[CaseRow] = &[
         5,
         "a client follows a full stream bit-exactly",
         "PROTOCOL 5.12-1, 6.10-1, 6.10-3",
-        |trial| followed(trial, Setting::of("ball-pit", 20).wishing("subscribe full")),
+        |trial| {
+            followed(
+                trial,
+                Setting::of("ball-pit", 20).with_task("subscribe full"),
+            )
+        },
     ),
     (
         6,
@@ -59,7 +64,7 @@ const CASES: &[CaseRow] = &[
         "PROTOCOL 5.17-1, 6.16-1",
         |trial| {
             let task = "subscribe 1000 budget 2000";
-            followed(trial, Setting::of("ball-pit", 40).wishing(task))
+            followed(trial, Setting::of("ball-pit", 40).with_task(task))
         },
     ),
     (
@@ -80,21 +85,21 @@ const CASES: &[CaseRow] = &[
 const TICKS: u64 = 120;
 
 fn followed(trial: &mut Trial<'_>, setting: Setting) -> CaseResult {
-    let mut couple = LivePair::begin(trial, &setting, None)?;
+    let mut pair = LivePair::begin(trial, &setting, None)?;
     for _ in 0..TICKS {
-        couple.step()?;
+        pair.step()?;
     }
-    couple.must_follow()
+    pair.must_follow()
 }
 
 fn asked_for(trial: &mut Trial<'_>) -> CaseResult {
     let last = 60;
     let task = format!("subscribe 10000 advance {last}");
-    let mut couple = LivePair::begin(trial, &Setting::of("ball-pit", 20).wishing(&task), None)?;
-    couple.until("sixty ticks", |couple| couple.newest() >= last)?;
-    couple.must_follow()?;
+    let mut pair = LivePair::begin(trial, &Setting::of("ball-pit", 20).with_task(&task), None)?;
+    pair.until("sixty ticks", |pair| pair.newest() >= last)?;
+    pair.must_follow()?;
     ensure(
-        couple.newest() == last,
+        pair.newest() == last,
         "the scene steps only the requested ticks",
     )
 }
@@ -103,19 +108,19 @@ fn changed(trial: &mut Trial<'_>) -> CaseResult {
     let length = LengthBound::from_micrometres(50_000);
     let length = length.map_err(|_| Stop::Inconclusive("error of the suite".into()))?;
     let choice = StreamChoice::Within(Tolerance::Surface(length));
-    let setting = Setting::of("ball-pit", 20).wishing("subscribe 10000 change 50000");
-    let mut couple = LivePair::begin(trial, &setting, Some(choice))?;
+    let setting = Setting::of("ball-pit", 20).with_task("subscribe 10000 change 50000");
+    let mut pair = LivePair::begin(trial, &setting, Some(choice))?;
     for _ in 0..TICKS {
-        couple.step()?;
-        if couple.has_told("following") {
+        pair.step()?;
+        if pair.has_reported("following") {
             break;
         }
-        couple.pass_over();
+        pair.pass_over();
     }
-    couple.until("other stream", |couple| couple.has_told("following"))?;
-    couple.pass_over();
+    pair.until("other stream", |pair| pair.has_reported("following"))?;
+    pair.pass_over();
     for _ in 0..TICKS {
-        couple.step()?;
+        pair.step()?;
     }
-    couple.must_follow()
+    pair.must_follow()
 }

@@ -103,11 +103,11 @@ impl ClientProcess {
     pub(super) fn connected(
         &mut self,
         server: &RawPeerServer,
-        patience: Duration,
+        time_limit: Duration,
     ) -> Result<RawConnection, Stop> {
         let clock = Clock::start();
-        let patience = Span::from_nanos(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX));
-        let end = Instant::ZERO + patience;
+        let time_limit = Span::from_nanos(u64::try_from(time_limit.as_nanos()).unwrap_or(u64::MAX));
+        let end = Instant::ZERO + time_limit;
         while clock.now() < end {
             if let Some(line) = server.accept(LOOK) {
                 return line.map_err(|error| Stop::Fail(format!("no connection: {error}")));

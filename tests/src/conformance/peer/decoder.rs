@@ -30,7 +30,7 @@ pub enum Decoder {
         /// The lines of its standard output.
         answers: Receiver<String>,
         /// Time limit of one answer.
-        patience: Duration,
+        time_limit: Duration,
         /// The tail of its standard error.
         stderr_tail: Option<StderrTail>,
         /// The log that receives this tail on drop.
@@ -43,7 +43,7 @@ pub enum Decoder {
 impl Decoder {
     pub(in crate::conformance) fn start(
         exec: Option<&str>,
-        patience: Duration,
+        time_limit: Duration,
         log: Log,
     ) -> Result<Self, Stop> {
         let Some(exec) = exec else {
@@ -72,7 +72,7 @@ impl Decoder {
             child,
             questions,
             answers,
-            patience,
+            time_limit,
             stderr_tail,
             log,
         })
@@ -89,13 +89,13 @@ impl Decoder {
             Self::Process {
                 questions,
                 answers,
-                patience,
+                time_limit,
                 ..
             } => {
                 let lost = |why: String| Stop::Fail(format!("no answer to {question}: {why}"));
                 writeln!(questions, "{question}").map_err(|error| lost(error.to_string()))?;
                 let line = answers
-                    .recv_timeout(*patience)
+                    .recv_timeout(*time_limit)
                     .map_err(|error| lost(error.to_string()))?;
                 serde_json::from_str(&line).map_err(|error| lost(error.to_string()))?
             }

@@ -25,15 +25,15 @@ use crate::grammar::hex;
 
 /// A raw server, and the client under test.
 #[derive(Debug)]
-pub struct Host {
+pub struct RawServer {
     /// The connection that the client opened.
-    pub line: RawConnection,
+    pub connection: RawConnection,
     /// Received datagrams that the case has not taken yet.
     pub datagrams: VecDeque<Bytes>,
     /// How the connection ended, if it has.
     pub ended: Option<RawPeerEnd>,
     /// Received bytes of the control stream that the case has not taken yet.
-    pub uttered: VecDeque<Bytes>,
+    pub control_bytes: VecDeque<Bytes>,
     /// Streams that the client opened; `true` for bidirectional ones.
     pub opened: Vec<bool>,
     /// Types of received optional messages that the protocol does not assign, in order.
@@ -50,7 +50,7 @@ pub struct Host {
     closing: Rc<RefCell<Closing>>,
 }
 
-impl Host {
+impl RawServer {
     pub(in crate::conformance) fn start(
         conditions: &Conditions,
         case: &Case,
@@ -81,12 +81,12 @@ impl Host {
         };
         let mut client = ClientProcess::start(exec, &orders, log.clone())
             .map_err(|error| inconclusive(&error))?;
-        let line = client.connected(&server, conditions.timeout * 5)?;
+        let connection = client.connected(&server, conditions.timeout * 5)?;
         Ok(Self {
-            line,
+            connection,
             datagrams: VecDeque::new(),
             ended: None,
-            uttered: VecDeque::new(),
+            control_bytes: VecDeque::new(),
             opened: Vec::new(),
             greased: Vec::new(),
             frames: Frames::new(),
@@ -102,17 +102,17 @@ impl Host {
     }
 
     /// Sends bytes on the control stream.
-    pub fn utter(&mut self, bytes: &[u8]) {
+    pub fn send_bytes(&mut self, bytes: &[u8]) {
         self.log.note(format!("> {}", hex(bytes)));
-        self.line.say(bytes.to_vec());
+        self.connection.say(bytes.to_vec());
     }
 
     /// Sends a message.
-    pub fn say(&mut self, message: &ServerMessage) {
+    pub fn send(&mut self, message: &ServerMessage) {
         self.log.note(format!("> {message:?}"));
         let mut bytes = Vec::new();
         message.encode(&mut bytes);
-        self.line.say(bytes);
+        self.connection.say(bytes);
     }
 
     /// Sends a datagram.
@@ -120,9 +120,9 @@ impl Host {
     /// # Errors
     ///
     /// [`Stop::Fail`] when the client does not accept a datagram of this length.
-    pub fn throw(&mut self, bytes: &[u8]) -> CaseResult {
+    pub fn send_datagram(&mut self, bytes: &[u8]) -> CaseResult {
         self.log.note(format!("> datagram {}", hex(bytes)));
-        if self.line.datagram(bytes.to_vec()) {
+        if self.connection.datagram(bytes.to_vec()) {
             Ok(())
         } else {
             Stop::fail(format!(
@@ -133,7 +133,7 @@ impl Host {
     }
 
     /// The end of a default time limit that starts now.
-    pub(super) fn patience(&self) -> Instant {
+    pub(super) fn time_limit(&self) -> Instant {
         let ns = u64::try_from(self.timeout.as_nanos()).unwrap_or(u64::MAX);
         self.clock.now() + Span::from_nanos(ns)
     }
@@ -154,7 +154,7 @@ impl Host {
         if self.ended.is_some() {
             return Ok(false);
         }
-        match self.line.hear(self.clock.until(until)) {
+        match self.connection.hear(self.clock.until(until)) {
             None => return Ok(false),
             Some(RawEvent::Control(bytes)) => self.read(&bytes)?,
             Some(RawEvent::Datagram(bytes)) => {
@@ -177,7 +177,7 @@ impl Host {
     }
 
     fn read(&mut self, bytes: &[u8]) -> CaseResult {
-        self.uttered.push_back(Bytes::copy_from_slice(bytes));
+        self.control_bytes.push_back(Bytes::copy_from_slice(bytes));
         self.frames.push(bytes);
         let malformed = |why| Stop::Fail(format!("the client sends malformed bytes: {why:?}"));
         while let Some(framed) = self.frames.next_frame().map_err(malformed)? {
@@ -201,7 +201,7 @@ impl Host {
         what: &str,
         mut is: impl FnMut(ClientMessage) -> Option<T>,
     ) -> Result<T, Stop> {
-        let until = self.patience();
+        let until = self.time_limit();
         loop {
             while let Some(message) = self.received.pop_front() {
                 if let Some(found) = is(message) {
@@ -236,7 +236,7 @@ impl Host {
     ///
     /// [`Stop::Fail`] when it sends malformed bytes.
     pub fn next_datagram(&mut self) -> Result<Option<Bytes>, Stop> {
-        let until = self.patience();
+        let until = self.time_limit();
         while self.datagrams.is_empty() && self.take_in(until)? {}
         Ok(self.datagrams.pop_front())
     }
@@ -290,7 +290,7 @@ impl Host {
     ///
     /// [`Stop::Fail`] when it does not.
     pub fn must_exit(&mut self) -> CaseResult {
-        let until = self.patience();
+        let until = self.time_limit();
         while self.clock.now() < until {
             if self.client.has_ended() {
                 return Ok(());
@@ -310,7 +310,7 @@ impl Host {
     ///
     /// [`Stop::Fail`] when it keeps the connection open.
     pub fn must_be_closed(&mut self, code: CloseCode) -> CaseResult {
-        let until = self.patience();
+        let until = self.time_limit();
         while self.take_in(until)? {}
         let code = u64::from(code.0);
         let (closing, play) = match &self.ended {

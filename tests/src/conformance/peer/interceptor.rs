@@ -23,7 +23,7 @@ use rhumb_transport::RawPeerEnd;
 use serde_json::Value;
 
 use super::datagram;
-use super::host::Host;
+use super::host::RawServer;
 use super::setting::Setting;
 use super::stream_history::StreamHistory;
 use crate::conformance::outcome::{CaseResult, Stop};
@@ -44,7 +44,7 @@ type TamperFn = Box<dyn FnMut(Delivery) -> Vec<Delivery>>;
 /// A real server, the mirror, and the client under test.
 pub struct Interceptor {
     /// The raw server that holds the connection with the client.
-    pub host: Host,
+    pub raw_server: RawServer,
     /// The client's loss reports with the time of receipt.
     pub loss_reports: Vec<(Instant, LossReport)>,
     /// Kinds of all datagrams of the client.
@@ -64,7 +64,7 @@ pub struct Interceptor {
     /// Number of the newest packet of the mirror's stream, plus one.
     next: u64,
     /// Messages of the client.
-    pub said: Vec<ClientMessage>,
+    pub messages: Vec<ClientMessage>,
     frames: Frames,
 }
 
@@ -78,7 +78,7 @@ const SERVER: Peer = Peer(0);
 
 impl Interceptor {
     pub(in crate::conformance) fn begin(
-        host: Host,
+        raw_server: RawServer,
         scene: &str,
         setting: &Setting,
     ) -> Result<Self, Stop> {
@@ -94,8 +94,8 @@ impl Interceptor {
             },
             ..script.config()
         };
-        let mut feed = Self {
-            host,
+        let mut interceptor = Self {
+            raw_server,
             loss_reports: Vec::new(),
             kinds: Vec::new(),
             reported: Vec::new(),
@@ -109,26 +109,26 @@ impl Interceptor {
             events: Vec::new(),
             sent: VecDeque::new(),
             next: 0,
-            said: Vec::new(),
+            messages: Vec::new(),
             frames: Frames::new(),
         };
-        feed.server.handle_opened(feed.now(), MIRROR);
-        feed.mirror.handle_opened(feed.now(), SERVER);
-        feed.exchange()?;
-        feed.task(|mirror, _| mirror.create(config))?;
-        feed.task(|mirror, _| mirror.join(task.choice()))?;
+        interceptor.server.handle_opened(interceptor.now(), MIRROR);
+        interceptor.mirror.handle_opened(interceptor.now(), SERVER);
+        interceptor.exchange()?;
+        interceptor.task(|mirror, _| mirror.create(config))?;
+        interceptor.task(|mirror, _| mirror.join(task.choice()))?;
         if setting.stepping == Stepping::Lockstep {
             for _ in 0..setting.before {
-                feed.step_alone()?;
+                interceptor.step_alone()?;
             }
         }
-        feed.server.handle_opened(feed.now(), CLIENT);
-        Ok(feed)
+        interceptor.server.handle_opened(interceptor.now(), CLIENT);
+        Ok(interceptor)
     }
 
     /// The current time of the server.
     fn now(&self) -> Instant {
-        self.host.now()
+        self.raw_server.now()
     }
 
     /// Replaces each delivery to the client by others from now on.
@@ -137,15 +137,15 @@ impl Interceptor {
     }
 
     /// Replaces each datagram to the client by others from now on.
-    pub fn sift(&mut self, mut sieve: impl FnMut(Vec<u8>) -> Vec<Vec<u8>> + 'static) {
+    pub fn filter_datagrams(&mut self, mut filter: impl FnMut(Vec<u8>) -> Vec<Vec<u8>> + 'static) {
         self.tamper(move |word| match word {
-            Delivery::State(bytes) => sieve(bytes).into_iter().map(Delivery::State).collect(),
+            Delivery::State(bytes) => filter(bytes).into_iter().map(Delivery::State).collect(),
             control @ Delivery::Control(_) => vec![control],
         });
     }
 
     /// Delivers everything unchanged from now on.
-    pub fn mend(&mut self) {
+    pub fn stop_tampering(&mut self) {
         self.tamper(|word| vec![word]);
     }
 
@@ -213,7 +213,9 @@ impl Interceptor {
     /// [`Stop::Fail`] when it does not happen in time.
     pub fn enter(&mut self) -> CaseResult {
         let is = |reported: &Value| reported["is"] == "joined";
-        self.until("copy of the client's", |feed| feed.reported.iter().any(is))
+        self.until("copy of the client's", |interceptor| {
+            interceptor.reported.iter().any(is)
+        })
     }
 
     /// Sends the script's commands and steps to the next published tick, without the client.
@@ -222,7 +224,7 @@ impl Interceptor {
         self.script.commands(self.scripted, &mut commands);
         self.scripted = self.scripted.next();
         if !commands.is_empty() {
-            self.let_tell()?;
+            self.await_report()?;
         }
         for command in commands {
             self.command(command)?;
@@ -242,18 +244,18 @@ impl Interceptor {
     /// Waits for a bounded time until the client has reported the last tick. The lanes have no order between them. So
     /// scene events of the next tick may overtake the packets of this one, and the client would report a state that
     /// never existed.
-    fn let_tell(&mut self) -> CaseResult {
+    fn await_report(&mut self) -> CaseResult {
         let tick = self.mirror()?.stream().complete().value();
         let end = self.now() + LANES;
-        let is_told = |feed: &Self| {
-            let last = feed
+        let is_reported = |interceptor: &Self| {
+            let last = interceptor
                 .reported
                 .iter()
                 .rev()
                 .find(|reported| reported["is"] == "tick");
             last.is_none_or(|reported| reported["tick"] == tick)
         };
-        while !is_told(self) && self.now() < end && self.host.ended.is_none() {
+        while !is_reported(self) && self.now() < end && self.raw_server.ended.is_none() {
             self.turn(end)?;
         }
         Ok(())
@@ -290,8 +292,8 @@ impl Interceptor {
     ///
     /// As [`Self::step`].
     pub fn run(&mut self, time: Duration) -> CaseResult {
-        let end = self.host.now() + span(time);
-        while self.host.now() < end && self.host.ended.is_none() {
+        let end = self.raw_server.now() + span(time);
+        while self.raw_server.now() < end && self.raw_server.ended.is_none() {
             self.turn(end)?;
         }
         Ok(())
@@ -317,13 +319,13 @@ impl Interceptor {
         what: &str,
         mut is: impl FnMut(&mut Self) -> bool,
     ) -> CaseResult {
-        let end = self.host.patience() + span(longer);
+        let end = self.raw_server.time_limit() + span(longer);
         while !is(self) {
-            if self.host.now() >= end || self.host.ended.is_some() {
-                self.host.must_be_supported()?;
-                return Stop::fail(format!("no {what}: {:?}", self.host.ended));
+            if self.raw_server.now() >= end || self.raw_server.ended.is_some() {
+                self.raw_server.must_be_supported()?;
+                return Stop::fail(format!("no {what}: {:?}", self.raw_server.ended));
             }
-            let soon = self.host.now() + Span::from_millis(5);
+            let soon = self.raw_server.now() + Span::from_millis(5);
             self.turn(soon.min(end))?;
         }
         Ok(())
@@ -366,8 +368,9 @@ impl Interceptor {
     pub fn must_follow(&mut self) -> CaseResult {
         let tick = self.mirror()?.stream().complete().value();
         let what = format!("copy at {tick} equal to the stream");
-        self.until(&what, |feed| {
-            feed.reported
+        self.until(&what, |interceptor| {
+            interceptor
+                .reported
                 .iter()
                 .rev()
                 .any(|reported| reported["is"] == "tick" && reported["tick"] == tick)
@@ -377,7 +380,7 @@ impl Interceptor {
 
     /// Number of ticks that the client reported.
     #[must_use]
-    pub fn ticks_told(&self) -> usize {
+    pub fn ticks_reported(&self) -> usize {
         self.reported
             .iter()
             .filter(|reported| reported["is"] == "tick")
@@ -401,22 +404,22 @@ impl Interceptor {
         let next = wakes.into_iter().flatten().map(|wake| wake.at).min();
         let soon = next.map_or(until, |next| {
             let wait = next.since(self.now());
-            (self.host.now() + wait).min(until)
+            (self.raw_server.now() + wait).min(until)
         });
-        self.host.take_in(soon)?;
-        while let Some(bytes) = self.host.uttered.pop_front() {
+        self.raw_server.take_in(soon)?;
+        while let Some(bytes) = self.raw_server.control_bytes.pop_front() {
             let now = self.now();
             self.server.handle_control(now, CLIENT, &bytes);
             self.frames.push(&bytes);
             while let Ok(Some(framed)) = self.frames.next_frame() {
-                self.said
+                self.messages
                     .extend(ClientMessage::decode(&framed).ok().flatten());
             }
         }
-        while let Some(bytes) = self.host.datagrams.pop_front() {
+        while let Some(bytes) = self.raw_server.datagrams.pop_front() {
             self.hear_datagram(&bytes);
         }
-        if let Some(end) = &self.host.ended {
+        if let Some(end) = &self.raw_server.ended {
             let ending = match end {
                 RawPeerEnd::Closed(code) => {
                     Ending::Closed(u32::try_from(*code).unwrap_or(u32::MAX))
@@ -426,7 +429,7 @@ impl Interceptor {
             let now = self.now();
             self.server.handle_ended(now, CLIENT, ending);
         }
-        let lines = self.host.lines_written()?;
+        let lines = self.raw_server.lines_written()?;
         self.reported.extend(lines);
         self.exchange()
     }
@@ -438,7 +441,7 @@ impl Interceptor {
             if head.kind == PacketKind::LossReport
                 && let Ok(loss_report) = LossReport::decode(reader)
             {
-                self.loss_reports.push((self.host.now(), loss_report));
+                self.loss_reports.push((self.raw_server.now(), loss_report));
             }
         }
         let now = self.now();
@@ -524,17 +527,17 @@ impl Interceptor {
         for word in (self.tamper)(word) {
             match word {
                 Delivery::Control(bytes) => {
-                    self.host.note(format!("> {}", hex(&bytes)));
-                    self.host.line.say(bytes);
+                    self.raw_server.note(format!("> {}", hex(&bytes)));
+                    self.raw_server.connection.say(bytes);
                 }
                 Delivery::State(bytes) => {
                     self.sent.extend(datagram::kind(&bytes));
                     if self.sent.len() > 8 {
                         self.sent.pop_front();
                     }
-                    self.host.note(format!("> datagram {}", hex(&bytes)));
+                    self.raw_server.note(format!("> datagram {}", hex(&bytes)));
                     // A datagram that QUIC cannot send now is lost, which datagrams allow.
-                    let _ = self.host.line.datagram(bytes);
+                    let _ = self.raw_server.connection.datagram(bytes);
                 }
             }
         }
@@ -565,7 +568,7 @@ impl Interceptor {
 impl fmt::Debug for Interceptor {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Interceptor")
-            .field("host", &self.host)
+            .field("raw_server", &self.raw_server)
             .finish_non_exhaustive()
     }
 }

@@ -47,7 +47,7 @@ impl LivePair {
         let task = TesteeTask::read(&setting.task).ok_or_else(|| errs("no task"))?;
         let script = by_name(setting.script, setting.bodies, 1).ok_or_else(|| errs("no script"))?;
         let choice = choice.unwrap_or_else(|| task.choice());
-        let mut leader = trial.follower()?;
+        let mut leader = trial.subscriber()?;
         leader.create(SceneConfig {
             stepping: Stepping::Lockstep,
             ..script.config()
@@ -69,7 +69,7 @@ impl LivePair {
             seed: trial.conditions.seed,
         };
         let cannot = |error: std::io::Error| Stop::Inconclusive(error.to_string());
-        let mut couple = Self {
+        let mut pair = Self {
             reported: Vec::new(),
             client: ClientProcess::start(exec, &orders, trial.log()).map_err(cannot)?,
             leader,
@@ -81,15 +81,15 @@ impl LivePair {
             _relay: relay,
         };
         for _ in 0..setting.before {
-            couple.step()?;
+            pair.step()?;
         }
-        couple.until("copy of the client's", |couple| couple.has_told("joined"))?;
-        Ok(couple)
+        pair.until("copy of the client's", |pair| pair.has_reported("joined"))?;
+        Ok(pair)
     }
 
     /// Whether the client wrote a report of this kind.
     #[must_use]
-    pub fn has_told(&self, is: &str) -> bool {
+    pub fn has_reported(&self, is: &str) -> bool {
         self.reported.iter().any(|reported| reported["is"] == is)
     }
 
@@ -192,12 +192,12 @@ impl LivePair {
     pub fn must_follow(&mut self) -> CaseResult {
         let tick = self.complete()?;
         let what = format!("copy of the client's at {tick}");
-        self.until(&what, |couple| couple.newest() >= tick)?;
+        self.until(&what, |pair| pair.newest() >= tick)?;
         // A client that advances the scene itself may report a tick that the leader has not received yet.
         let newest = self.newest();
         let what = format!("tick {newest} that the client reports");
-        self.until(&what, |couple| {
-            couple.complete().is_ok_and(|complete| complete >= newest)
+        self.until(&what, |pair| {
+            pair.complete().is_ok_and(|complete| complete >= newest)
         })?;
         self.stream_history.judge(&self.reported, Some(self.choice))
     }

@@ -53,9 +53,9 @@ pub struct LossyClient {
     pub resyncs: u64,
     /// The pose of each body at each complete tick, if they are recorded.
     pub seen: Option<BTreeMap<Tick, BTreeMap<BodyId, Pose>>>,
-    line: RawConnection,
+    connection: RawConnection,
     clock: Clock,
-    sieve: LaneFilter,
+    filter: LaneFilter,
     late: Vec<Bytes>,
     sent: Frames,
     timeout: Duration,
@@ -67,15 +67,15 @@ pub struct LossyClient {
 const SERVER: Peer = Peer(0);
 
 impl LossyClient {
-    pub(in crate::conformance) fn new(guest: RawClient) -> Self {
+    pub(in crate::conformance) fn new(client: RawClient) -> Self {
         let Parts {
-            line,
+            connection,
             scene,
             timeout,
             log,
             scenes,
             relay,
-        } = guest.into_parts();
+        } = client.into_parts();
         let mut session = ClientSession::new(scene.clone());
         let clock = Clock::start();
         session.handle_opened(clock.now(), SERVER);
@@ -88,9 +88,9 @@ impl LossyClient {
             resyncs: 0,
             sent: Frames::new(),
             seen: None,
-            line,
+            connection,
             clock,
-            sieve: Box::new(|_| LaneAction::Comes),
+            filter: Box::new(|_| LaneAction::Comes),
             late: Vec::new(),
             timeout,
             log,
@@ -101,9 +101,9 @@ impl LossyClient {
 
     /// Sets the fate of all datagrams from now on. Answers to loss reports may be lost too, several times, so every
     /// time limit is extended.
-    pub fn sift(&mut self, sieve: impl FnMut(&[u8]) -> LaneAction + 'static) {
+    pub fn filter_datagrams(&mut self, filter: impl FnMut(&[u8]) -> LaneAction + 'static) {
         self.timeout *= 4;
-        self.sieve = Box::new(sieve);
+        self.filter = Box::new(filter);
     }
 
     /// Sends `Hello` and waits for `Welcome`.
@@ -244,8 +244,8 @@ impl LossyClient {
     /// [`Stop::Fail`] when that does not happen in time.
     pub fn complete(&mut self, tick: Tick) -> CaseResult {
         let what = format!("complete copy at {tick}");
-        self.turn_until(&what, |follower| {
-            follower
+        self.turn_until(&what, |subscriber| {
+            subscriber
                 .copy()
                 .is_some_and(|copy| copy.stream().complete() >= tick)
         })
@@ -278,8 +278,8 @@ impl LossyClient {
         mut seen: impl FnMut(Event) -> Option<T>,
     ) -> Result<T, Stop> {
         let mut found = None;
-        self.turn_until(what, |follower| {
-            while let Some(event) = follower.events.pop_front() {
+        self.turn_until(what, |subscriber| {
+            while let Some(event) = subscriber.events.pop_front() {
                 found = seen(event);
                 if found.is_some() {
                     return true;
@@ -336,7 +336,7 @@ impl LossyClient {
             .session
             .poll_timeout()
             .map_or(until, |wake| wake.at.min(until));
-        if let Some(seen) = self.line.hear(self.clock.until(wake)) {
+        if let Some(seen) = self.connection.hear(self.clock.until(wake)) {
             let now = self.clock.now();
             match seen {
                 RawEvent::Control(bytes) => {
@@ -371,7 +371,7 @@ impl LossyClient {
 
     fn sort(&mut self, now: Instant, bytes: &Bytes) {
         self.arrived += 1;
-        let fate = (self.sieve)(bytes);
+        let fate = (self.filter)(bytes);
         self.log
             .note(format!("< datagram, {fate:?}: {}", hex(bytes)));
         match fate {
@@ -396,14 +396,14 @@ impl LossyClient {
                         let sent = ClientMessage::decode(&framed);
                         self.resyncs += u64::from(sent == Ok(Some(ClientMessage::Resync)));
                     }
-                    self.line.say(bytes);
+                    self.connection.say(bytes);
                 }
                 Transmit::State { bytes, .. } => {
                     self.log.note(format!("> datagram {}", hex(&bytes)));
                     // A datagram that QUIC cannot send now is lost, which datagrams allow.
-                    let _ = self.line.datagram(bytes);
+                    let _ = self.connection.datagram(bytes);
                 }
-                Transmit::Close { code, .. } => self.line.close(code),
+                Transmit::Close { code, .. } => self.connection.close(code),
             }
         }
         while let Some(event) = self.session.poll_event() {

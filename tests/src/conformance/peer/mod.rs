@@ -14,7 +14,7 @@ mod stream_history;
 mod tolerance_check;
 
 pub use decoder::Decoder;
-pub use host::Host;
+pub use host::RawServer;
 pub use interceptor::{Delivery, Interceptor};
 pub use live_pair::LivePair;
 pub use lossy_client::{LaneAction, LossyClient};

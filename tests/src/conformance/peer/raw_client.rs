@@ -27,7 +27,7 @@ use crate::grammar::hex;
 #[derive(Debug)]
 pub struct RawClient {
     /// The connection.
-    pub line: RawConnection,
+    pub connection: RawConnection,
     /// The scene of its connection.
     pub scene: SceneName,
     /// The id range granted to it as a member.
@@ -52,7 +52,7 @@ pub struct RawClient {
 
 impl RawClient {
     pub(in crate::conformance) fn new(
-        line: RawConnection,
+        connection: RawConnection,
         relay: Option<UdpRelay>,
         scene: SceneName,
         timeout: Duration,
@@ -61,7 +61,7 @@ impl RawClient {
         scenes: Rc<RefCell<BTreeSet<SceneName>>>,
     ) -> Self {
         Self {
-            line,
+            connection,
             scene,
             granted: IdRange::EMPTY,
             commands: 0,
@@ -80,31 +80,31 @@ impl RawClient {
     }
 
     /// Sends bytes on the control stream.
-    pub fn utter(&mut self, bytes: &[u8]) {
+    pub fn send_bytes(&mut self, bytes: &[u8]) {
         self.log.note(format!("> {}", hex(bytes)));
-        self.line.say(bytes.to_vec());
+        self.connection.say(bytes.to_vec());
     }
 
     /// Sends a message.
-    pub fn say(&mut self, message: &ClientMessage) {
+    pub fn send(&mut self, message: &ClientMessage) {
         self.log.note(format!("> {message:?}"));
         let mut bytes = Vec::new();
         message.encode(&mut bytes);
-        self.line.say(bytes);
+        self.connection.say(bytes);
         if matches!(message, ClientMessage::Command(_)) {
             self.commands += 1;
         }
     }
 
     /// Sends several messages in one write.
-    pub fn say_together(&mut self, messages: &[ClientMessage]) {
+    pub fn send_together(&mut self, messages: &[ClientMessage]) {
         let mut bytes = Vec::new();
         for message in messages {
             self.log.note(format!("> {message:?}"));
             message.encode(&mut bytes);
             self.commands += u64::from(matches!(message, ClientMessage::Command(_)));
         }
-        self.line.say(bytes);
+        self.connection.say(bytes);
     }
 
     /// Sends a datagram.
@@ -112,15 +112,16 @@ impl RawClient {
     /// # Errors
     ///
     /// [`Stop::Fail`] when the peer does not accept a datagram of this length.
-    pub fn throw(&mut self, bytes: &[u8]) -> CaseResult {
+    pub fn send_datagram(&mut self, bytes: &[u8]) -> CaseResult {
         self.log.note(format!("> datagram {}", hex(bytes)));
-        if self.line.datagram(bytes.to_vec()) || self.line.datagram_bytes_max() >= Some(bytes.len())
+        if self.connection.datagram(bytes.to_vec())
+            || self.connection.datagram_bytes_max() >= Some(bytes.len())
         {
             Ok(())
         } else {
             Stop::fail(format!(
                 "the peer accepts datagrams of {:?} bytes, not of {}",
-                self.line.datagram_bytes_max(),
+                self.connection.datagram_bytes_max(),
                 bytes.len()
             ))
         }
@@ -131,7 +132,7 @@ impl RawClient {
         if self.ended.is_some() {
             return Ok(false);
         }
-        match self.line.hear(self.clock.until(until)) {
+        match self.connection.hear(self.clock.until(until)) {
             None => return Ok(false),
             Some(RawEvent::Control(bytes)) => self.read(&bytes)?,
             Some(RawEvent::Datagram(bytes)) => {
@@ -184,7 +185,7 @@ impl RawClient {
     }
 
     /// The end of a default time limit that starts now.
-    fn patience(&self) -> Instant {
+    fn time_limit(&self) -> Instant {
         let ns = u64::try_from(self.timeout.as_nanos()).unwrap_or(u64::MAX);
         self.clock.now() + Span::from_nanos(ns)
     }
@@ -195,7 +196,7 @@ impl RawClient {
     ///
     /// [`Stop::Fail`] when what comes is malformed.
     pub fn next_message(&mut self) -> Result<Option<ServerMessage>, Stop> {
-        let until = self.patience();
+        let until = self.time_limit();
         while self.received.is_empty() && self.take_in(until)? {}
         Ok(self.received.pop_front())
     }
@@ -206,7 +207,7 @@ impl RawClient {
     ///
     /// [`Stop::Fail`] when what comes on the control stream is malformed.
     pub fn next_datagram(&mut self) -> Result<Option<Bytes>, Stop> {
-        let until = self.patience();
+        let until = self.time_limit();
         while self.datagrams.is_empty() && self.take_in(until)? {}
         Ok(self.datagrams.pop_front())
     }
@@ -221,7 +222,7 @@ impl RawClient {
         what: &str,
         mut is: impl FnMut(ServerMessage) -> Option<T>,
     ) -> Result<T, Stop> {
-        let until = self.patience();
+        let until = self.time_limit();
         loop {
             while let Some(message) = self.received.pop_front() {
                 if let Some(found) = is(message) {
@@ -244,7 +245,7 @@ impl RawClient {
     /// [`Stop::Fail`] when there is no answer.
     pub fn barrier(&mut self) -> Result<Vec<ServerMessage>, Stop> {
         let sent = Instant::from_nanos(0x5eed_0000 + self.clock.now().as_nanos() % 0x10000);
-        self.say(&ClientMessage::Ping { sent });
+        self.send(&ClientMessage::Ping { sent });
         let mut before = Vec::new();
         self.await_message(
             "pong: the server has stopped answering",
@@ -265,7 +266,7 @@ impl RawClient {
     ///
     /// [`Stop::Fail`] when no `Welcome` comes.
     pub fn hello(&mut self) -> Result<Welcome, Stop> {
-        self.say(&ClientMessage::Hello {
+        self.send(&ClientMessage::Hello {
             versions: vec![1],
             scene: self.scene.clone(),
             extensions: Extensions::NONE,
@@ -282,7 +283,7 @@ impl RawClient {
     ///
     /// [`Stop::Fail`] when it is denied, or when no answer comes.
     pub fn create(&mut self, config: SceneConfig) -> CaseResult {
-        self.say(&ClientMessage::Create(config));
+        self.send(&ClientMessage::Create(config));
         self.await_message(
             "answer to create",
             answer(|message| matches!(message, ServerMessage::Created)),
@@ -296,7 +297,7 @@ impl RawClient {
     ///
     /// [`Stop::Fail`] when it is denied, or when the snapshot is malformed.
     pub fn join(&mut self, choice: StreamChoice) -> Result<(Joined, Vec<SceneEvent>), Stop> {
-        self.say(&ClientMessage::Join(choice));
+        self.send(&ClientMessage::Join(choice));
         let (joined, scene_events) = self.snapshot()?;
         self.granted = joined.granted;
         self.commands = 0;
@@ -346,7 +347,7 @@ impl RawClient {
     ///
     /// [`Stop::Fail`] when no answer comes.
     pub fn command(&mut self, command: Command) -> Result<Result<Tick, CommandError>, Stop> {
-        self.say(&ClientMessage::Command(command));
+        self.send(&ClientMessage::Command(command));
         self.outcome_of(self.commands - 1)
     }
 
@@ -385,7 +386,7 @@ impl RawClient {
     ///
     /// [`Stop::Fail`] when it is denied.
     pub fn delete(&mut self) -> CaseResult {
-        self.say(&ClientMessage::Delete);
+        self.send(&ClientMessage::Delete);
         self.await_message(
             "answer to delete",
             answer(|message| matches!(message, ServerMessage::Deleted)),
@@ -408,7 +409,7 @@ impl RawClient {
     ///
     /// As [`Self::must_be_closed`].
     pub fn must_be_closed_with(&mut self, codes: &[u64]) -> CaseResult {
-        let until = self.patience();
+        let until = self.time_limit();
         while self.take_in(until)? {}
         let (closing, play) = match &self.ended {
             None => {
@@ -430,7 +431,7 @@ impl RawClient {
     /// Hands the connection over to a [`LossyClient`](super::LossyClient).
     pub(super) fn into_parts(self) -> Parts {
         Parts {
-            line: self.line,
+            connection: self.connection,
             scene: self.scene,
             timeout: self.timeout,
             log: self.log,
@@ -442,7 +443,7 @@ impl RawClient {
 
 /// The parts that a [`LossyClient`](super::LossyClient) takes over.
 pub(super) struct Parts {
-    pub(super) line: RawConnection,
+    pub(super) connection: RawConnection,
     pub(super) scene: SceneName,
     pub(super) timeout: Duration,
     pub(super) log: Log,

@@ -37,7 +37,7 @@ impl Setting {
 
     /// The same with another task.
     #[must_use]
-    pub fn wishing(self, task: &str) -> Self {
+    pub fn with_task(self, task: &str) -> Self {
         let task = task.to_owned();
         Self { task, ..self }
     }

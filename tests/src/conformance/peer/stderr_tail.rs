@@ -13,7 +13,7 @@ use std::time::Duration;
 /// Number of lines kept: enough for a traceback, or a panic with its message.
 const LINES_MAX: usize = 20;
 /// How long to wait for the end of the output after the process has ended: its own child processes may live on.
-const PATIENCE: Duration = Duration::from_millis(200);
+const TIME_LIMIT: Duration = Duration::from_millis(200);
 
 /// The tail of a process's standard error.
 #[derive(Debug)]
@@ -45,7 +45,7 @@ impl StderrTail {
     /// The last lines of a process that has ended.
     pub(super) fn last(&self) -> Vec<String> {
         // Nothing is ever sent on this channel; its disconnect marks the end of the output.
-        let _ = self.over.recv_timeout(PATIENCE);
+        let _ = self.over.recv_timeout(TIME_LIMIT);
         let lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
         lines.iter().map(|line| format!("stderr: {line}")).collect()
     }

@@ -12,10 +12,10 @@ use crate::conformance::trial::Trial;
 pub(super) fn cases() -> Vec<Case> {
     let refused = |id: &str, name: &str, cites: &str, bytes: Vec<u8>| {
         Case::server(id, name).cites(cites).play(move |trial| {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
-            guest.utter(&bytes);
-            guest.must_be_closed(CloseCode::MALFORMED)
+            let mut client = trial.client()?;
+            client.hello()?;
+            client.send_bytes(&bytes);
+            client.must_be_closed(CloseCode::MALFORMED)
         })
     };
     vec![
@@ -65,32 +65,32 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 fn cut_anywhere(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.hello()?;
+    let mut client = trial.client()?;
+    client.hello()?;
     let mut bytes = Vec::new();
     ClientMessage::Create(lockstep()).encode(&mut bytes);
     for byte in bytes {
-        guest.utter(&[byte]);
+        client.send_bytes(&[byte]);
     }
-    guest.await_message("answer to create", |message| {
+    client.await_message("answer to create", |message| {
         matches!(message, ServerMessage::Created).then_some(())
     })
 }
 
 fn optional_types(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
+    let mut client = trial.client()?;
     let mut bytes = Vec::new();
     // Before the hello, and of every permitted length.
     frame(0x8a, &[], &mut bytes);
-    guest.utter(&bytes);
-    guest.hello()?;
+    client.send_bytes(&bytes);
+    client.hello()?;
     let mut bytes = Vec::new();
     for kind in 0x80..=0xff {
         frame(kind, &[kind; 3], &mut bytes);
     }
     frame(0xfa, &[0; MESSAGE_BYTES_MAX], &mut bytes);
-    guest.utter(&bytes);
-    let received = guest.barrier()?;
+    client.send_bytes(&bytes);
+    let received = client.barrier()?;
     ensure(
         received.is_empty(),
         format!("it has no effect, not {received:?}"),

@@ -15,9 +15,9 @@ use crate::conformance::trial::Trial;
 pub(super) fn cases() -> Vec<Case> {
     let refused = |id: &str, name: &str, cites: &str, bytes: fn() -> Vec<u8>| {
         Case::server(id, name).cites(cites).play(move |trial| {
-            let mut guest = member(trial)?;
-            guest.utter(&bytes());
-            guest.must_be_closed(CloseCode::MALFORMED)
+            let mut client = member(trial)?;
+            client.send_bytes(&bytes());
+            client.must_be_closed(CloseCode::MALFORMED)
         })
     };
     let full = [7; MESSAGE_BYTES_MAX];
@@ -57,11 +57,11 @@ pub(super) fn cases() -> Vec<Case> {
         )
         .cites("PROTOCOL 4.1-7")
         .play(move |trial| {
-            let mut guest = member(trial)?;
+            let mut client = member(trial)?;
             for _ in 0..=LONG_MESSAGE_BYTES_MAX / MESSAGE_BYTES_MAX {
-                guest.line.say(framed(0, &full));
+                client.connection.say(framed(0, &full));
             }
-            guest.must_be_closed(CloseCode::MALFORMED)
+            client.must_be_closed(CloseCode::MALFORMED)
         }),
         Case::server(
             "L0.2.7",
@@ -69,10 +69,10 @@ pub(super) fn cases() -> Vec<Case> {
         )
         .cites("PROTOCOL 4.1-2, 4.1-5")
         .play(move |trial| {
-            let mut guest = member(trial)?;
+            let mut client = member(trial)?;
             let pieces = [framed(0, &full), framed(0, &full), framed(0x9a, &[1])];
-            guest.line.say(pieces.concat());
-            let received = guest.barrier()?;
+            client.connection.say(pieces.concat());
+            let received = client.barrier()?;
             ensure(
                 received.is_empty(),
                 format!("it has no effect, not {received:?}"),
@@ -82,9 +82,9 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 fn member(trial: &mut Trial<'_>) -> Result<RawClient, Stop> {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), StreamChoice::Full)?;
-    Ok(guest)
+    let mut client = trial.client()?;
+    client.enter(lockstep(), StreamChoice::Full)?;
+    Ok(client)
 }
 
 /// One message in a frame of its own.
@@ -103,7 +103,7 @@ fn framed(kind: u8, body: &[u8]) -> Vec<u8> {
 
 /// Sends a command in pieces, and checks that its scene event reaches a late joiner too.
 fn long(trial: &mut Trial<'_>, shape: &Shape) -> CaseResult {
-    let mut guest = member(trial)?;
+    let mut client = member(trial)?;
     let command = Command::AddShape {
         id: ShapeId(3),
         shape: shape.clone(),
@@ -115,12 +115,12 @@ fn long(trial: &mut Trial<'_>, shape: &Shape) -> CaseResult {
         "the message needs several pieces",
     )?;
     for part in bytes.chunks(5_000) {
-        guest.line.say(part.to_vec());
+        client.connection.say(part.to_vec());
     }
-    guest.commands += 1;
-    let applied = guest.outcome_of(0)?;
+    client.commands += 1;
+    let applied = client.outcome_of(0)?;
     ensure(applied.is_ok(), format!("it is applied, not {applied:?}"))?;
-    let mut late = trial.guest_of(&guest.scene.clone())?;
+    let mut late = trial.client_of(&client.scene.clone())?;
     late.hello()?;
     let (_, scene_events) = late.join(StreamChoice::Full)?;
     let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| matches!(scene_event, rhumb_protocol::message::SceneEvent::ShapeAdded { shape: reported, .. } if reported == shape);

@@ -40,9 +40,9 @@ pub(super) fn cases() -> Vec<Case> {
             .keyed(&vector.bytes)
             .cites(&format!("PROTOCOL 2.5-1, 2.5-3, {}", clause(&vector)))
             .play(move |trial| {
-                let mut guest = in_its_state(trial, vector.kind)?;
-                guest.utter(&vector.bytes);
-                guest.must_be_closed(CloseCode::MALFORMED)
+                let mut client = in_its_state(trial, vector.kind)?;
+                client.send_bytes(&vector.bytes);
+                client.must_be_closed(CloseCode::MALFORMED)
             })
     });
     let sent = vectors.sent.iter().map(|vector| {
@@ -95,12 +95,12 @@ fn cut(trial: &mut Trial<'_>, sent: &[Vector], kind: u8) -> CaseResult {
                 continue;
             }
             trial.note(format!("{}, {end} bytes of {body}", vector.name));
-            let mut guest = in_its_state(trial, kind)?;
+            let mut client = in_its_state(trial, kind)?;
             let mut bytes = Vec::new();
             rhumb_protocol::message::frame(kind, &longer[..end], &mut bytes);
-            guest.utter(&bytes);
-            guest.must_be_closed(CloseCode::MALFORMED)?;
-            if let Some(end) = &guest.ended
+            client.send_bytes(&bytes);
+            client.must_be_closed(CloseCode::MALFORMED)?;
+            if let Some(end) = &client.ended
                 && *end != rhumb_transport::RawPeerEnd::Closed(CloseCode::MALFORMED.0.into())
             {
                 return Ok(());
@@ -122,33 +122,33 @@ fn body_of(bytes: &[u8]) -> (usize, usize) {
 
 /// A client in a state in which a message of this type is allowed.
 fn in_its_state(trial: &mut Trial<'_>, kind: u8) -> Result<RawClient, Stop> {
-    let mut guest = trial.guest()?;
+    let mut client = trial.client()?;
     match kind {
         HELLO => {}
-        CREATE => drop(guest.hello()?),
+        CREATE => drop(client.hello()?),
         _ => {
-            guest.enter(lockstep(), StreamChoice::Full)?;
+            client.enter(lockstep(), StreamChoice::Full)?;
         }
     }
-    Ok(guest)
+    Ok(client)
 }
 
 fn understood(trial: &mut Trial<'_>, vector: &Vector) -> CaseResult {
-    let mut guest = match vector.kind {
+    let mut client = match vector.kind {
         JOIN => {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
-            guest.create(lockstep())?;
-            guest
+            let mut client = trial.client()?;
+            client.hello()?;
+            client.create(lockstep())?;
+            client
         }
         kind => in_its_state(trial, kind)?,
     };
-    guest.utter(&vector.bytes);
+    client.send_bytes(&vector.bytes);
     match vector.kind {
-        HELLO => greeted(&mut guest),
-        COMMAND => commanded(&mut guest, vector),
+        HELLO => greeted(&mut client),
+        COMMAND => commanded(&mut client, vector),
         CREATE => {
-            let answer = guest.await_message("answer", |message| match message {
+            let answer = client.await_message("answer", |message| match message {
                 ServerMessage::Created => Some(None),
                 ServerMessage::Denied(Denial::InvalidConfig(invalid)) => {
                     Some(Some(format!("{invalid:?}")))
@@ -162,22 +162,22 @@ fn understood(trial: &mut Trial<'_>, vector: &Vector) -> CaseResult {
                 (error, answer) => Stop::fail(format!("the answer is {answer:?}, not {error:?}")),
             }
         }
-        _ => guest.barrier().map(drop),
+        _ => client.barrier().map(drop),
     }
 }
 
 /// The answer to a valid hello: a welcome, or a refusal for another valid reason.
-fn greeted(guest: &mut RawClient) -> CaseResult {
-    let first = guest.next_message()?;
-    match (first, &guest.ended) {
+fn greeted(client: &mut RawClient) -> CaseResult {
+    let first = client.next_message()?;
+    match (first, &client.ended) {
         (Some(ServerMessage::Welcome(welcome)), _) => ensure(welcome.version == 1, "version 1"),
         (None, Some(rhumb_transport::RawPeerEnd::Closed(3 | 5))) => Ok(()),
         other => Stop::fail(format!("the answer is {other:?}")),
     }
 }
 
-fn commanded(guest: &mut RawClient, vector: &Vector) -> CaseResult {
-    let outcome = guest.outcome_of(0)?;
+fn commanded(client: &mut RawClient, vector: &Vector) -> CaseResult {
+    let outcome = client.outcome_of(0)?;
     let Some(error) = &vector.error else {
         return Ok(());
     };

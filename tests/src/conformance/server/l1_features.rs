@@ -103,23 +103,23 @@ fn free() -> SceneConfig {
 }
 
 /// Whether the next answer is the expected one rather than a denial; the connection stays open in both cases.
-fn granted(guest: &mut RawClient, yes: fn(&ServerMessage) -> bool) -> Result<bool, Stop> {
-    let answer = guest.await_message("answer", |message| match message {
+fn granted(client: &mut RawClient, yes: fn(&ServerMessage) -> bool) -> Result<bool, Stop> {
+    let answer = client.await_message("answer", |message| match message {
         ServerMessage::Denied(_) | ServerMessage::AuthorityDenied(_) => Some(false),
         other => yes(&other).then_some(true),
     })?;
-    guest.barrier()?;
+    client.barrier()?;
     Ok(answer)
 }
 
 fn created(trial: &mut Trial<'_>, config: SceneConfig) -> Result<bool, Stop> {
-    let mut guest = trial.guest()?;
-    guest.hello()?;
-    guest.say(&ClientMessage::Create(config));
-    let created = granted(&mut guest, |message| {
+    let mut client = trial.client()?;
+    client.hello()?;
+    client.send(&ClientMessage::Create(config));
+    let created = granted(&mut client, |message| {
         matches!(message, ServerMessage::Created)
     })?;
-    let mut other = trial.guest_of(&guest.scene.clone())?;
+    let mut other = trial.client_of(&client.scene.clone())?;
     let exists = other.hello()?.scene.is_some();
     ensure(
         exists == created,
@@ -130,40 +130,40 @@ fn created(trial: &mut Trial<'_>, config: SceneConfig) -> Result<bool, Stop> {
 
 fn budget(trial: &mut Trial<'_>) -> Result<bool, Stop> {
     let none = || Stop::Inconclusive("the budget is invalid".into());
-    let mut guest = trial.guest()?;
-    guest.hello()?;
-    guest.create(any(trial))?;
-    guest.say(&ClientMessage::Join(StreamChoice::Capped {
+    let mut client = trial.client()?;
+    client.hello()?;
+    client.create(any(trial))?;
+    client.send(&ClientMessage::Join(StreamChoice::Capped {
         tolerance: Tolerance::NORMAL,
         budget: Budget::per_second(8_000).ok_or_else(none)?,
     }));
-    granted(&mut guest, |message| {
+    granted(&mut client, |message| {
         matches!(message, ServerMessage::Joined(_))
     })
 }
 
 fn driving(trial: &mut Trial<'_>) -> Result<bool, Stop> {
-    let mut guest = trial.guest()?;
-    guest.enter(any(trial), NORMAL)?;
-    guest.must(ball_shape())?;
-    let id = body(guest.granted, 0)?;
-    guest.must(Command::AddBody {
+    let mut client = trial.client()?;
+    client.enter(any(trial), NORMAL)?;
+    client.must(ball_shape())?;
+    let id = body(client.granted, 0)?;
+    client.must(Command::AddBody {
         config: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
         motion: moving(Vec3::ZERO, Vec3::ZERO),
     })?;
-    guest.say(&ClientMessage::TakeAuthority(TakeAuthority {
+    client.send(&ClientMessage::TakeAuthority(TakeAuthority {
         tolerance: Tolerance::NORMAL,
         bodies: vec![id],
     }));
-    granted(&mut guest, |message| {
+    granted(&mut client, |message| {
         matches!(message, ServerMessage::AuthorityGrant(_))
     })
 }
 
 fn made(trial: &mut Trial<'_>, shape: Shape) -> Result<bool, Stop> {
-    let mut guest = trial.guest()?;
-    guest.enter(any(trial), NORMAL)?;
+    let mut client = trial.client()?;
+    client.enter(any(trial), NORMAL)?;
     let id = ShapeId(3);
-    let made = guest.command(Command::AddShape { id, shape })?;
+    let made = client.command(Command::AddShape { id, shape })?;
     Ok(made.is_ok())
 }

@@ -89,14 +89,14 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 fn member(trial: &mut Trial<'_>) -> Result<RawClient, Stop> {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), NORMAL)?;
-    Ok(guest)
+    let mut client = trial.client()?;
+    client.enter(lockstep(), NORMAL)?;
+    Ok(client)
 }
 
 fn granted(trial: &mut Trial<'_>) -> CaseResult {
     let mut one = member(trial)?;
-    let mut other = trial.guest_of(&one.scene.clone())?;
+    let mut other = trial.client_of(&one.scene.clone())?;
     other.hello()?;
     other.join(NORMAL)?;
     let (a, b) = (one.granted, other.granted);
@@ -119,9 +119,9 @@ fn granted(trial: &mut Trial<'_>) -> CaseResult {
     }
 }
 
-fn reserve(guest: &mut RawClient, count: u32) -> Result<Result<IdRange, Denial>, Stop> {
-    guest.say(&ClientMessage::Reserve { count });
-    guest.await_message("answer to reserve", |message| match message {
+fn reserve(client: &mut RawClient, count: u32) -> Result<Result<IdRange, Denial>, Stop> {
+    client.send(&ClientMessage::Reserve { count });
+    client.await_message("answer to reserve", |message| match message {
         ServerMessage::Reserved(range) => Some(Ok(range)),
         ServerMessage::Denied(denial) => Some(Err(denial)),
         _ => None,
@@ -129,50 +129,50 @@ fn reserve(guest: &mut RawClient, count: u32) -> Result<Result<IdRange, Denial>,
 }
 
 fn reserved(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    let more = match reserve(&mut guest, 10)? {
+    let mut client = member(trial)?;
+    let more = match reserve(&mut client, 10)? {
         Ok(more) => more,
         Err(denial) => return Stop::fail(format!("ten indices are denied: {denial}")),
     };
     ensure(more.count() == 10, format!("ten indices, not {more:?}"))?;
-    let first = guest.granted;
+    let first = client.granted;
     let apart = more.first() >= first.first() + first.count()
         || more.first() + more.count() <= first.first();
     ensure(apart, format!("{more:?} does not overlap {first:?}"))?;
-    guest.must(ball_shape())?;
-    guest
+    client.must(ball_shape())?;
+    client
         .must(ball(body(more, 9)?, Vec3::ZERO, Vec3::ZERO))
         .map(drop)
 }
 
 fn granted_most(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    if reserve_or_be_denied(&mut guest, RESERVE_MAX)? {
+    let mut client = member(trial)?;
+    if reserve_or_be_denied(&mut client, RESERVE_MAX)? {
         ensure(
-            !reserve_or_be_denied(&mut guest, 1)?,
+            !reserve_or_be_denied(&mut client, 1)?,
             format!("one index beyond {GRANTED_MAX} is denied"),
         )?;
     }
-    guest.barrier().map(drop)
+    client.barrier().map(drop)
 }
 
 fn ranges_most(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
+    let mut client = member(trial)?;
     // The first range was granted by joining.
     for _ in 1..RANGES_PER_MEMBER_MAX {
-        if !reserve_or_be_denied(&mut guest, 1)? {
-            return guest.barrier().map(drop);
+        if !reserve_or_be_denied(&mut client, 1)? {
+            return client.barrier().map(drop);
         }
     }
     ensure(
-        !reserve_or_be_denied(&mut guest, 1)?,
+        !reserve_or_be_denied(&mut client, 1)?,
         format!("one range beyond {RANGES_PER_MEMBER_MAX} is denied"),
     )
 }
 
 /// Whether this number of indices is granted; if not, the denial must be the specified one.
-fn reserve_or_be_denied(guest: &mut RawClient, count: u32) -> Result<bool, Stop> {
-    match reserve(guest, count)? {
+fn reserve_or_be_denied(client: &mut RawClient, count: u32) -> Result<bool, Stop> {
+    match reserve(client, count)? {
         Ok(range) => {
             ensure(range.count() == count, format!("{count}, not {range:?}"))?;
             Ok(true)
@@ -188,19 +188,19 @@ fn reserve_or_be_denied(guest: &mut RawClient, count: u32) -> Result<bool, Stop>
 }
 
 fn advance_most(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
+    let mut client = member(trial)?;
     let beyond = Tick::new(ADVANCE_TICKS_MAX + 1);
-    guest.say(&ClientMessage::Advance { to: beyond });
-    let received = guest.barrier()?;
+    client.send(&ClientMessage::Advance { to: beyond });
+    let received = client.barrier()?;
     let denied = [ServerMessage::Denied(Denial::TooFarAhead)];
     ensure(
         received == denied,
         format!("{beyond} is denied, not {received:?}"),
     )?;
-    guest.say(&ClientMessage::Advance {
+    client.send(&ClientMessage::Advance {
         to: Tick::new(ADVANCE_TICKS_MAX),
     });
-    let received = guest.barrier()?;
+    let received = client.barrier()?;
     ensure(
         received.is_empty(),
         format!("{ADVANCE_TICKS_MAX} ticks are accepted, not {received:?}"),
@@ -219,14 +219,14 @@ fn streams_most(trial: &mut Trial<'_>) -> CaseResult {
     let scene = members[0].scene.clone();
     let mut denied = false;
     while !denied {
-        let mut guest = trial.guest_of(&scene)?;
-        guest.hello()?;
-        denied = !join_or_be_denied(&mut guest, within(members.len()), Denial::TooManyStreams)?;
+        let mut client = trial.client_of(&scene)?;
+        client.hello()?;
+        denied = !join_or_be_denied(&mut client, within(members.len()), Denial::TooManyStreams)?;
         if denied {
             // Joining an existing stream is still allowed.
-            guest.join(NORMAL)?;
+            client.join(NORMAL)?;
         }
-        members.push(guest);
+        members.push(client);
         ensure(
             denied || members.len() <= STREAMS_PER_SCENE_MAX,
             format!("no scene has more than {STREAMS_PER_SCENE_MAX} streams"),
@@ -237,12 +237,12 @@ fn streams_most(trial: &mut Trial<'_>) -> CaseResult {
 
 /// Whether the client becomes a member; if not, this denial is required.
 fn join_or_be_denied(
-    guest: &mut RawClient,
+    client: &mut RawClient,
     choice: StreamChoice,
     wanted: Denial,
 ) -> Result<bool, Stop> {
-    guest.say(&ClientMessage::Join(choice));
-    let received = guest.barrier()?;
+    client.send(&ClientMessage::Join(choice));
+    let received = client.barrier()?;
     let denials = received.iter().find_map(|message| match message {
         ServerMessage::Denied(denial) => Some(*denial),
         _ => None,
@@ -260,12 +260,12 @@ fn join_or_be_denied(
 }
 
 fn one_stream(trial: &mut Trial<'_>) -> CaseResult {
-    let mut one = trial.guest()?;
+    let mut one = trial.client()?;
     let first = one.enter(lockstep(), NORMAL)?;
-    let mut other = trial.guest_of(&one.scene.clone())?;
+    let mut other = trial.client_of(&one.scene.clone())?;
     other.hello()?;
     let (same, _) = other.join(NORMAL)?;
-    let mut third = trial.guest_of(&one.scene.clone())?;
+    let mut third = trial.client_of(&one.scene.clone())?;
     third.hello()?;
     let (another, _) = third.join(within(7))?;
     ensure(
@@ -282,12 +282,12 @@ fn members_most(trial: &mut Trial<'_>) -> CaseResult {
     let mut members = vec![member(trial)?];
     let scene = members[0].scene.clone();
     loop {
-        let mut guest = trial.guest_of(&scene)?;
-        guest.hello()?;
-        if !join_or_be_denied(&mut guest, NORMAL, Denial::TooManyMembers)? {
+        let mut client = trial.client_of(&scene)?;
+        client.hello()?;
+        if !join_or_be_denied(&mut client, NORMAL, Denial::TooManyMembers)? {
             return Ok(());
         }
-        members.push(guest);
+        members.push(client);
         ensure(
             members.len() <= MEMBERS_PER_SCENE_MAX,
             format!("no scene has more than {MEMBERS_PER_SCENE_MAX} members"),
@@ -296,17 +296,17 @@ fn members_most(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn dampings_most(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    guest.must(ball_shape())?;
+    let mut client = member(trial)?;
+    client.must(ball_shape())?;
     let mut refused = None;
     for number in 0..=DAMPINGS_MAX as u32 {
-        let mut config = BodyDesc::plain(body(guest.granted, number)?, BodyKind::Dynamic, BALL);
+        let mut config = BodyDesc::plain(body(client.granted, number)?, BodyKind::Dynamic, BALL);
         config.damping = Some(Damping {
             linear: 1.0 + number as f32 / 128.0,
             angular: 0.0,
         });
         let motion = moving(Vec3::X * (2 * number) as f32, Vec3::ZERO);
-        match guest.command(Command::AddBody { config, motion })? {
+        match client.command(Command::AddBody { config, motion })? {
             Ok(_) => {}
             Err(error) => {
                 refused = Some(error);
@@ -323,23 +323,23 @@ fn dampings_most(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn scenes_most(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guests = Vec::new();
+    let mut clients = Vec::new();
     for _ in 0..=SCENES_MAX {
-        let mut guest = trial.guest()?;
-        guest.hello()?;
-        guest.say(&ClientMessage::Create(lockstep()));
-        let denied = guest.await_message("answer to create", |message| match message {
+        let mut client = trial.client()?;
+        client.hello()?;
+        client.send(&ClientMessage::Create(lockstep()));
+        let denied = client.await_message("answer to create", |message| match message {
             ServerMessage::Created => Some(None),
             ServerMessage::Denied(denial) => Some(Some(denial)),
             _ => None,
         })?;
         match denied {
-            None => guests.push(guest),
+            None => clients.push(client),
             Some(Denial::TooManyScenes) => {
-                for guest in &mut guests {
-                    guest.delete()?;
+                for client in &mut clients {
+                    client.delete()?;
                 }
-                return guest.create(lockstep());
+                return client.create(lockstep());
             }
             Some(other) => return Stop::fail(format!("denied: {other}")),
         }

@@ -19,10 +19,10 @@ const CASES: &[CaseRow] = &[
         "joining a scene that does not exist is denied with 0",
         "PROTOCOL 4.7-1, 4.2-3",
         |trial| {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
+            let mut client = trial.client()?;
+            client.hello()?;
             denied(
-                &mut guest,
+                &mut client,
                 &ClientMessage::Join(NORMAL),
                 Denial::NoSuchScene,
             )
@@ -33,9 +33,9 @@ const CASES: &[CaseRow] = &[
         "deleting a scene that does not exist is denied with 0",
         "PROTOCOL 4.7-1",
         |trial| {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
-            denied(&mut guest, &ClientMessage::Delete, Denial::NoSuchScene)
+            let mut client = trial.client()?;
+            client.hello()?;
+            denied(&mut client, &ClientMessage::Delete, Denial::NoSuchScene)
         },
     ),
     (
@@ -43,11 +43,11 @@ const CASES: &[CaseRow] = &[
         "creating a scene that exists is denied",
         "PROTOCOL 3.3-1, 4.7-1",
         |trial| {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
-            guest.create(lockstep())?;
+            let mut client = trial.client()?;
+            client.hello()?;
+            client.create(lockstep())?;
             denied(
-                &mut guest,
+                &mut client,
                 &ClientMessage::Create(lockstep()),
                 Denial::SceneExists,
             )
@@ -58,10 +58,10 @@ const CASES: &[CaseRow] = &[
         "a welcome contains the configuration of a scene that exists",
         "PROTOCOL 3.1-4",
         |trial| {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
-            guest.create(lockstep())?;
-            let mut other = trial.guest_of(&guest.scene.clone())?;
+            let mut client = trial.client()?;
+            client.hello()?;
+            client.create(lockstep())?;
+            let mut other = trial.client_of(&client.scene.clone())?;
             let reported = other.hello()?.scene;
             ensure(
                 reported == Some(lockstep()),
@@ -126,10 +126,10 @@ const FREE_RUNNING: &[CaseRow] = &[
         "advancing a free-running scene is denied with 8",
         "PROTOCOL 4.2-3",
         |trial| {
-            let mut guest = trial.guest()?;
-            guest.enter(free(), NORMAL)?;
+            let mut client = trial.client()?;
+            client.enter(free(), NORMAL)?;
             let advance = ClientMessage::Advance { to: Tick::new(5) };
-            denied(&mut guest, &advance, Denial::NotLockstep)
+            denied(&mut client, &advance, Denial::NotLockstep)
         },
     ),
     (
@@ -154,9 +154,9 @@ fn free() -> SceneConfig {
     }
 }
 
-fn denied(guest: &mut RawClient, request: &ClientMessage, denial: Denial) -> CaseResult {
-    guest.say(request);
-    let received = guest.barrier()?;
+fn denied(client: &mut RawClient, request: &ClientMessage, denial: Denial) -> CaseResult {
+    client.send(request);
+    let received = client.barrier()?;
     ensure(
         received == [ServerMessage::Denied(denial)],
         format!("the only answer is the denial {denial}, not {received:?}"),
@@ -164,9 +164,9 @@ fn denied(guest: &mut RawClient, request: &ClientMessage, denial: Denial) -> Cas
 }
 
 fn deleted(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member = trial.guest()?;
+    let mut member = trial.client()?;
     member.enter(lockstep(), StreamChoice::Full)?;
-    let mut other = trial.guest_of(&member.scene.clone())?;
+    let mut other = trial.client_of(&member.scene.clone())?;
     other.hello()?;
     other.delete()?;
     member.await_message("message that the scene is deleted", |message| {
@@ -182,25 +182,25 @@ fn deleted(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn left(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), NORMAL)?;
-    guest.must(ball_shape())?;
-    let id = body(guest.granted, 0)?;
-    guest.must(ball(id, Vec3::ONE, Vec3::ZERO))?;
-    guest.say(&ClientMessage::Leave);
-    guest.await_message("answer to leave", |message| {
+    let mut client = trial.client()?;
+    client.enter(lockstep(), NORMAL)?;
+    client.must(ball_shape())?;
+    let id = body(client.granted, 0)?;
+    client.must(ball(id, Vec3::ONE, Vec3::ZERO))?;
+    client.send(&ClientMessage::Leave);
+    client.await_message("answer to leave", |message| {
         matches!(message, ServerMessage::Left).then_some(())
     })?;
-    let (_, scene_events) = guest.join(NORMAL)?;
+    let (_, scene_events) = client.join(NORMAL)?;
     let is_it = |scene_event: &SceneEvent| matches!(scene_event, SceneEvent::BodyPlaced { config, .. } if config.id == id);
     ensure(scene_events.iter().any(is_it), "its body still exists")?;
     // Command numbers of a membership start at 0.
-    guest.must(Command::RemoveBody { id }).map(drop)
+    client.must(Command::RemoveBody { id }).map(drop)
 }
 
 fn in_order(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.hello()?;
+    let mut client = trial.client()?;
+    client.hello()?;
     let mut bytes = Vec::new();
     for message in [
         ClientMessage::Join(NORMAL),
@@ -211,8 +211,8 @@ fn in_order(trial: &mut Trial<'_>) -> CaseResult {
     ] {
         message.encode(&mut bytes);
     }
-    guest.utter(&bytes);
-    let received = guest.barrier()?;
+    client.send_bytes(&bytes);
+    let received = client.barrier()?;
     let wanted = [
         ServerMessage::Denied(Denial::NoSuchScene),
         ServerMessage::Created,
@@ -236,19 +236,19 @@ fn long_name(trial: &mut Trial<'_>) -> CaseResult {
     let scene = name
         .parse()
         .map_err(|_| Stop::Inconclusive("the name is invalid".into()))?;
-    let mut guest = trial.guest_of(&scene)?;
-    guest.enter(lockstep(), NORMAL)?;
-    guest.delete()
+    let mut client = trial.client_of(&scene)?;
+    client.enter(lockstep(), NORMAL)?;
+    client.delete()
 }
 
 fn two_scenes(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut one, mut other) = (trial.guest()?, trial.guest()?);
+    let (mut one, mut other) = (trial.client()?, trial.client()?);
     one.enter(lockstep(), StreamChoice::Full)?;
     other.enter(lockstep(), StreamChoice::Full)?;
     one.must(ball_shape())?;
     let id = body(one.granted, 0)?;
     one.must(ball(id, Vec3::ONE, Vec3::ZERO))?;
-    one.say(&ClientMessage::Advance { to: Tick::new(5) });
+    one.send(&ClientMessage::Advance { to: Tick::new(5) });
     one.barrier()?;
     let received = other.barrier()?;
     ensure(
@@ -262,10 +262,10 @@ fn two_scenes(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 /// The tick of a pong, and the time in nanoseconds since it was reached.
-fn pong(guest: &mut RawClient, number: u64) -> Result<(Tick, u64), Stop> {
+fn pong(client: &mut RawClient, number: u64) -> Result<(Tick, u64), Stop> {
     let number = rhumb_protocol::Instant::from_nanos(number);
-    guest.say(&ClientMessage::Ping { sent: number });
-    guest.await_message("pong", |message| match message {
+    client.send(&ClientMessage::Ping { sent: number });
+    client.await_message("pong", |message| match message {
         ServerMessage::Pong {
             sent,
             tick,
@@ -276,24 +276,24 @@ fn pong(guest: &mut RawClient, number: u64) -> Result<(Tick, u64), Stop> {
 }
 
 fn stands_still(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(free(), NORMAL)?;
-    guest.say(&ClientMessage::Leave);
-    guest.await_message("answer to leave", |message| {
+    let mut client = trial.client()?;
+    client.enter(free(), NORMAL)?;
+    client.send(&ClientMessage::Leave);
+    client.await_message("answer to leave", |message| {
         matches!(message, ServerMessage::Left).then_some(())
     })?;
-    let (before, _) = pong(&mut guest, 1)?;
+    let (before, _) = pong(&mut client, 1)?;
     // Enough time for several ticks, if the scene did not pause.
     let clock = rhumb_transport::Clock::start();
     while clock.now().as_nanos() < 200_000_000 {
-        guest.barrier()?;
+        client.barrier()?;
     }
-    let (after, _) = pong(&mut guest, 2)?;
+    let (after, _) = pong(&mut client, 2)?;
     ensure(
         before == after,
         format!("it stays at {before}, not {after}"),
     )?;
-    let (joined, _) = guest.join(NORMAL)?;
+    let (joined, _) = client.join(NORMAL)?;
     ensure(
         joined.start.tick.value() <= before.value() + 1,
         "it continues from there",
@@ -301,15 +301,15 @@ fn stands_still(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn pinged(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), NORMAL)?;
+    let mut client = trial.client()?;
+    client.enter(lockstep(), NORMAL)?;
     for number in [0, 1, u64::MAX] {
-        let (tick, _) = pong(&mut guest, number)?;
+        let (tick, _) = pong(&mut client, number)?;
         ensure(tick == Tick::ZERO, "no tick was requested")?;
     }
-    guest.say(&ClientMessage::Advance { to: Tick::new(3) });
-    while let Some(_datagram) = guest.next_datagram()? {
-        if pong(&mut guest, 7)?.0 == Tick::new(3) {
+    client.send(&ClientMessage::Advance { to: Tick::new(3) });
+    while let Some(_datagram) = client.next_datagram()? {
+        if pong(&mut client, 7)?.0 == Tick::new(3) {
             return Ok(());
         }
     }
@@ -317,12 +317,12 @@ fn pinged(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn clock(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(free(), NORMAL)?;
+    let mut client = trial.client()?;
+    client.enter(free(), NORMAL)?;
     let clock = rhumb_transport::Clock::start();
-    let at = |guest: &mut RawClient| -> Result<(f64, f64, f64), Stop> {
+    let at = |client: &mut RawClient| -> Result<(f64, f64, f64), Stop> {
         let sent = clock.now().as_nanos() as f64;
-        let (tick, since) = pong(guest, 1)?;
+        let (tick, since) = pong(client, 1)?;
         let received = clock.now().as_nanos() as f64;
         let scene = tick.value() as f64 / 60.0 + since as f64 / 1e9;
         Ok((
@@ -331,11 +331,11 @@ fn clock(trial: &mut Trial<'_>) -> CaseResult {
             (received - sent) / 1e9,
         ))
     };
-    let (begin, begin_scene, first) = at(&mut guest)?;
+    let (begin, begin_scene, first) = at(&mut client)?;
     while clock.now().as_nanos() < 700_000_000 {
-        guest.barrier()?;
+        client.barrier()?;
     }
-    let (end, end_scene, last) = at(&mut guest)?;
+    let (end, end_scene, last) = at(&mut client)?;
     let (passed, went) = (end - begin, end_scene - begin_scene);
     // A late server may slow down (3.3-5), but it must not run faster.
     let slack = 2.0 / 60.0 + first + last;
@@ -350,16 +350,16 @@ fn clock(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn inspected(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), NORMAL)?;
-    guest.must(ball_shape())?;
+    let mut client = trial.client()?;
+    client.enter(lockstep(), NORMAL)?;
+    client.must(ball_shape())?;
     for place in 0..3 {
         let at = Vec3::X * (3 * place) as f32;
-        let id = body(guest.granted, place)?;
-        guest.must(ball(id, at, Vec3::ZERO))?;
+        let id = body(client.granted, place)?;
+        client.must(ball(id, at, Vec3::ZERO))?;
     }
-    guest.say(&ClientMessage::Inspect);
-    let reported = guest.await_message("inspection", |message| match message {
+    client.send(&ClientMessage::Inspect);
+    let reported = client.await_message("inspection", |message| match message {
         ServerMessage::Inspection(reported) => Some(reported),
         _ => None,
     })?;

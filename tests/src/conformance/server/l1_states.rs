@@ -108,14 +108,14 @@ const fn fate(state: SessionStage, kind: u8) -> Expected {
 }
 
 fn play(trial: &mut Trial<'_>, state: SessionStage, kind: u8, fate: Expected) -> CaseResult {
-    let mut guest = in_state(trial, state)?;
-    let message = message(&guest, kind);
-    guest.say(&message);
+    let mut client = in_state(trial, state)?;
+    let message = message(&client, kind);
+    client.send(&message);
     match fate {
-        Expected::Violation => guest.must_be_closed(CloseCode::VIOLATION),
-        Expected::Handled => guest.barrier().map(drop),
+        Expected::Violation => client.must_be_closed(CloseCode::VIOLATION),
+        Expected::Handled => client.barrier().map(drop),
         Expected::Skipped => {
-            let received = guest.barrier()?;
+            let received = client.barrier()?;
             ensure(
                 received.is_empty(),
                 format!("it is not answered, but by {received:?}"),
@@ -128,31 +128,31 @@ fn in_state(
     trial: &mut Trial<'_>,
     state: SessionStage,
 ) -> Result<RawClient, crate::conformance::Stop> {
-    let mut guest = trial.guest()?;
+    let mut client = trial.client()?;
     if state == SessionStage::Silent {
-        return Ok(guest);
+        return Ok(client);
     }
-    guest.hello()?;
-    guest.create(lockstep())?;
+    client.hello()?;
+    client.create(lockstep())?;
     if state == SessionStage::Lobby {
-        return Ok(guest);
+        return Ok(client);
     }
-    guest.join(StreamChoice::Full)?;
+    client.join(StreamChoice::Full)?;
     if state == SessionStage::Parted {
-        guest.say(&ClientMessage::Leave);
-        guest.await_message("answer to leave", |message| {
+        client.send(&ClientMessage::Leave);
+        client.await_message("answer to leave", |message| {
             matches!(message, ServerMessage::Left).then_some(())
         })?;
     }
-    Ok(guest)
+    Ok(client)
 }
 
 /// An ordinary message of a type.
-fn message(guest: &RawClient, kind: u8) -> ClientMessage {
+fn message(client: &RawClient, kind: u8) -> ClientMessage {
     match kind {
         1 => ClientMessage::Hello {
             versions: vec![1],
-            scene: guest.scene.clone(),
+            scene: client.scene.clone(),
             extensions: Extensions::NONE,
         },
         2 => ClientMessage::Create(lockstep()),

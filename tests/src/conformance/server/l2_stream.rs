@@ -29,9 +29,9 @@ pub(super) fn cases() -> Vec<Case> {
             "PROTOCOL 6.7-3, 6.7-8, 6.4-3",
         )
         .play(|trial| {
-            let mut follower = scene(trial, NORMAL)?;
+            let mut subscriber = scene(trial, NORMAL)?;
             let mut count = 0_u32;
-            follower.sift(move |_| {
+            subscriber.filter_datagrams(move |_| {
                 count += 1;
                 if count.is_multiple_of(3) {
                     LaneAction::Lost
@@ -40,9 +40,9 @@ pub(super) fn cases() -> Vec<Case> {
                 }
             });
             for tick in 1..=60 {
-                follower.advance(Tick::new(tick))?;
+                subscriber.advance(Tick::new(tick))?;
             }
-            is_consistent(&follower)
+            is_consistent(&subscriber)
         }),
         case(
             "L2.1.3",
@@ -50,15 +50,15 @@ pub(super) fn cases() -> Vec<Case> {
             "PROTOCOL 6.6-4, 6.6-3",
         )
         .play(|trial| {
-            let mut follower = scene(trial, NORMAL)?;
+            let mut subscriber = scene(trial, NORMAL)?;
             let mut dice = trial.dice();
-            follower.sift(move |_| {
+            subscriber.filter_datagrams(move |_| {
                 [LaneAction::Twice, LaneAction::Late, LaneAction::Comes][dice.below(3)]
             });
             for tick in 1..=60 {
-                follower.advance(Tick::new(tick))?;
+                subscriber.advance(Tick::new(tick))?;
             }
-            is_consistent(&follower)
+            is_consistent(&subscriber)
         }),
         case(
             "L2.1.4",
@@ -71,15 +71,15 @@ pub(super) fn cases() -> Vec<Case> {
 
 /// Steps to the requested tick, and no farther.
 fn no_farther(trial: &mut Trial<'_>) -> CaseResult {
-    let mut follower = scene(trial, NORMAL)?;
-    follower.advance(Tick::new(10))?;
-    let watermark_tick = follower.replica()?.stream().watermark_tick();
+    let mut subscriber = scene(trial, NORMAL)?;
+    subscriber.advance(Tick::new(10))?;
+    let watermark_tick = subscriber.replica()?.stream().watermark_tick();
     ensure(
         watermark_tick == Tick::new(10),
         "no tick beyond the requested one",
     )?;
     // A late joiner sees the newest tick.
-    let mut late = trial.guest_of(&follower.scene)?;
+    let mut late = trial.client_of(&subscriber.scene)?;
     late.hello()?;
     let (joined, _) = late.join(StreamChoice::Full)?;
     let tick = joined.start.tick;
@@ -91,14 +91,14 @@ fn no_farther(trial: &mut Trial<'_>) -> CaseResult {
 
 /// Datagrams of the previous stream may still be in flight.
 fn begins_anew(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    let mut before = guest.enter(lockstep(), NORMAL)?.start.stream;
+    let mut client = trial.client()?;
+    let mut before = client.enter(lockstep(), NORMAL)?.start.stream;
     for _ in 0..8 {
-        guest.say(&ClientMessage::Leave);
-        guest.await_message("left", |message| {
+        client.send(&ClientMessage::Leave);
+        client.await_message("left", |message| {
             matches!(message, ServerMessage::Left).then_some(())
         })?;
-        let (joined, _) = guest.join(NORMAL)?;
+        let (joined, _) = client.join(NORMAL)?;
         let stream = joined.start.stream;
         should(
             stream != before,
@@ -111,19 +111,19 @@ fn begins_anew(trial: &mut Trial<'_>) -> CaseResult {
 
 /// A member of a scene with a ball above a floor.
 fn scene(trial: &mut Trial<'_>, choice: StreamChoice) -> Result<LossyClient, Stop> {
-    let mut follower = trial.follower()?;
-    follower.create(lockstep())?;
-    let granted = follower.join(choice)?;
-    follower.must(ball_shape())?;
-    follower.must(floor_shape())?;
-    follower.must(floor(body(granted, 0)?))?;
-    follower.must(ball(body(granted, 1)?, Vec3::new(0.0, 3.0, 0.0), Vec3::X))?;
-    Ok(follower)
+    let mut subscriber = trial.subscriber()?;
+    subscriber.create(lockstep())?;
+    let granted = subscriber.join(choice)?;
+    subscriber.must(ball_shape())?;
+    subscriber.must(floor_shape())?;
+    subscriber.must(floor(body(granted, 0)?))?;
+    subscriber.must(ball(body(granted, 1)?, Vec3::new(0.0, 3.0, 0.0), Vec3::X))?;
+    Ok(subscriber)
 }
 
 /// Requires that the copy is complete, and that no checksum differed.
-fn is_consistent(follower: &LossyClient) -> CaseResult {
-    let stream = follower.replica()?.stream();
+fn is_consistent(subscriber: &LossyClient) -> CaseResult {
+    let stream = subscriber.replica()?.stream();
     ensure(stream.is_converged(), "nothing is missing at the end")?;
     let received = stream.statistics();
     ensure(

@@ -141,7 +141,7 @@ pub(super) fn cases() -> Vec<Case> {
 
 /// A raw member, and its knowledge of its stream.
 struct RawMember {
-    guest: RawClient,
+    client: RawClient,
     joined: Joined,
     /// Number of scene events outside of snapshots.
     scene_events: u64,
@@ -151,17 +151,17 @@ struct RawMember {
 impl RawMember {
     /// A scene with this number of balls that fall side by side.
     fn begin(trial: &mut Trial<'_>, choice: StreamChoice, balls: u32) -> Result<Self, Stop> {
-        let mut guest = trial.guest()?;
-        let joined = guest.enter(lockstep(), choice)?;
-        guest.must(ball_shape())?;
+        let mut client = trial.client()?;
+        let joined = client.enter(lockstep(), choice)?;
+        client.must(ball_shape())?;
         for place in 0..balls {
             let at = Vec3::new((3 * place) as f32, 100.0, 0.0);
-            let id = body(guest.granted, place)?;
-            guest.must(ball(id, at, Vec3::new(0.0, place as f32 / 7.0, 1.0)))?;
+            let id = body(client.granted, place)?;
+            client.must(ball(id, at, Vec3::new(0.0, place as f32 / 7.0, 1.0)))?;
         }
         let scene_events = joined.start.scene_events + u64::from(balls) + 1;
         Ok(Self {
-            guest,
+            client,
             joined,
             scene_events,
             balls,
@@ -175,13 +175,13 @@ impl RawMember {
             repair_symbols,
             lost: lost.iter().map(|number| Low16::of(*number)).collect(),
         };
-        self.guest
-            .throw(&loss_report.encode(self.joined.start.stream))
+        self.client
+            .send_datagram(&loss_report.encode(self.joined.start.stream))
     }
 
     /// The next datagram: its kind and its bytes.
     fn next(&mut self) -> Result<(PacketKind, Vec<u8>), Stop> {
-        let datagram = self.guest.next_datagram()?;
+        let datagram = self.client.next_datagram()?;
         let datagram = datagram.ok_or_else(|| Stop::Fail("no datagram arrives".into()))?;
         let head = Head::decode(&mut Reader::new(&datagram));
         let head = head.map_err(|why| Stop::Fail(format!("a datagram is malformed: {why:?}")))?;
@@ -206,22 +206,22 @@ impl RawMember {
         for place in 0..self.balls {
             let way = Vec3::new(place as f32 / 7.0 - 1.0, 1.0, 1.0);
             let impulse = way
-                * if self.guest.commands.is_multiple_of(2) {
+                * if self.client.commands.is_multiple_of(2) {
                     300.0
                 } else {
                     -200.0
                 };
-            let id = body(self.guest.granted, place)?;
-            self.guest
-                .say(&ClientMessage::Command(Command::Impulse { id, impulse }));
+            let id = body(self.client.granted, place)?;
+            self.client
+                .send(&ClientMessage::Command(Command::Impulse { id, impulse }));
         }
         Ok(())
     }
 
     /// Steps to a tick and returns all datagrams up to its end, each with its kind.
     fn step(&mut self, to: u64) -> Result<Vec<(PacketKind, Vec<u8>)>, Stop> {
-        self.guest
-            .say(&ClientMessage::Advance { to: Tick::new(to) });
+        self.client
+            .send(&ClientMessage::Advance { to: Tick::new(to) });
         let mut all = Vec::new();
         loop {
             let (kind, bytes) = self.next()?;
@@ -299,8 +299,8 @@ fn tick_that_ends(kind: PacketKind, bytes: &[u8]) -> Result<Option<Low16>, Stop>
 fn each_tick(trial: &mut Trial<'_>) -> CaseResult {
     let mut member_link = RawMember::begin(trial, EXACT, 8)?;
     member_link
-        .guest
-        .say(&ClientMessage::Advance { to: Tick::new(40) });
+        .client
+        .send(&ClientMessage::Advance { to: Tick::new(40) });
     let mut expected = 1;
     while expected <= 40 {
         let (kind, bytes) = member_link.next()?;
@@ -332,8 +332,8 @@ fn numbers(trial: &mut Trial<'_>) -> CaseResult {
 fn short(trial: &mut Trial<'_>) -> CaseResult {
     let mut member_link = RawMember::begin(trial, StreamChoice::Full, 60)?;
     member_link
-        .guest
-        .say(&ClientMessage::Advance { to: Tick::new(5) });
+        .client
+        .send(&ClientMessage::Advance { to: Tick::new(5) });
     let mut count = 0;
     while count < 15 {
         let (_, bytes) = member_link.next()?;
@@ -371,8 +371,8 @@ fn refreshed_gone(trial: &mut Trial<'_>) -> CaseResult {
     let [lost, .., last] = numbers[..] else {
         return Stop::fail("a pushed body is published");
     };
-    let id = body(member_link.guest.granted, 0)?;
-    member_link.guest.must(Command::RemoveBody { id })?;
+    let id = body(member_link.client.granted, 0)?;
+    member_link.client.must(Command::RemoveBody { id })?;
     member_link.loss_report(last + 1, 0, &[lost])?;
     loop {
         let (kind, bytes) = member_link.next()?;
@@ -452,8 +452,8 @@ fn doubted(trial: &mut Trial<'_>) -> CaseResult {
     member_link.step(5)?;
     let range = IndexRanges::ALL;
     member_link
-        .guest
-        .throw(&ChecksumMismatch { range }.encode(member_link.joined.start.stream))?;
+        .client
+        .send_datagram(&ChecksumMismatch { range }.encode(member_link.joined.start.stream))?;
     loop {
         let (kind, bytes) = member_link.next()?;
         if kind != PacketKind::Checksums {
@@ -478,14 +478,14 @@ fn doubted(trial: &mut Trial<'_>) -> CaseResult {
 fn doubted_one(trial: &mut Trial<'_>) -> CaseResult {
     let mut member_link = RawMember::begin(trial, NORMAL, 3)?;
     member_link.step(5)?;
-    let index = body(member_link.guest.granted, 1)?.index();
+    let index = body(member_link.client.granted, 1)?.index();
     let range = IndexRanges {
         first: index,
         stride: 1,
     };
     member_link
-        .guest
-        .throw(&ChecksumMismatch { range }.encode(member_link.joined.start.stream))?;
+        .client
+        .send_datagram(&ChecksumMismatch { range }.encode(member_link.joined.start.stream))?;
     loop {
         let (kind, bytes) = member_link.next()?;
         if kind == PacketKind::Refresh {
@@ -500,14 +500,14 @@ fn doubted_one(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn asleep(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
+    let mut client = trial.client()?;
     let config = super::scenery::weightless(lockstep());
-    let joined = guest.enter(config, EXACT)?;
-    guest.must(ball_shape())?;
-    let id = body(guest.granted, 0)?;
-    guest.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
+    let joined = client.enter(config, EXACT)?;
+    client.must(ball_shape())?;
+    let id = body(client.granted, 0)?;
+    client.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
     let mut member_link = RawMember {
-        guest,
+        client,
         joined,
         scene_events: 2,
         balls: 1,
@@ -530,9 +530,9 @@ fn asleep(trial: &mut Trial<'_>) -> CaseResult {
 fn resync(trial: &mut Trial<'_>) -> CaseResult {
     let mut member_link = RawMember::begin(trial, NORMAL, 3)?;
     member_link.step(10)?;
-    let commands = member_link.guest.commands;
-    member_link.guest.say(&ClientMessage::Resync);
-    let (joined, scene_events) = member_link.guest.snapshot()?;
+    let commands = member_link.client.commands;
+    member_link.client.send(&ClientMessage::Resync);
+    let (joined, scene_events) = member_link.client.snapshot()?;
     ensure(
         joined.start.tick == Tick::new(10),
         "the snapshot has the newest tick",
@@ -549,10 +549,10 @@ fn resync(trial: &mut Trial<'_>) -> CaseResult {
         scene_events.len() == 4,
         format!("a shape and three bodies, not {scene_events:?}"),
     )?;
-    let id = body(member_link.guest.granted, 0)?;
-    member_link.guest.must(Command::RemoveBody { id })?;
+    let id = body(member_link.client.granted, 0)?;
+    member_link.client.must(Command::RemoveBody { id })?;
     ensure(
-        member_link.guest.commands == commands + 1,
+        member_link.client.commands == commands + 1,
         "command numbers continue",
     )
 }
@@ -561,18 +561,18 @@ fn follows(trial: &mut Trial<'_>) -> CaseResult {
     let mut member_link = RawMember::begin(trial, NORMAL, 3)?;
     let before = member_link.joined.start.stream;
     member_link
-        .guest
-        .say(&ClientMessage::Subscribe(StreamChoice::Full));
-    let (joined, _) = member_link.guest.snapshot()?;
+        .client
+        .send(&ClientMessage::Subscribe(StreamChoice::Full));
+    let (joined, _) = member_link.client.snapshot()?;
     let after = joined.start.stream;
     ensure(
         joined.choice == StreamChoice::Full && after != before,
         "it is another stream",
     )?;
-    let received = |guest: &mut RawClient| -> Result<Vec<rhumb_protocol::packet::StreamId>, Stop> {
-        guest.barrier()?;
+    let received = |client: &mut RawClient| -> Result<Vec<rhumb_protocol::packet::StreamId>, Stop> {
+        client.barrier()?;
         let mut streams = Vec::new();
-        while let Some(bytes) = guest.next_datagram()? {
+        while let Some(bytes) = client.next_datagram()? {
             let head = Head::decode(&mut Reader::new(&bytes));
             streams.extend(head.ok().map(|head| head.stream));
             if streams.contains(&after) && (streams.contains(&before) || streams.len() > 3) {
@@ -582,20 +582,20 @@ fn follows(trial: &mut Trial<'_>) -> CaseResult {
         Ok(streams)
     };
     member_link
-        .guest
-        .say(&ClientMessage::Advance { to: Tick::new(2) });
-    let both = received(&mut member_link.guest)?;
+        .client
+        .send(&ClientMessage::Advance { to: Tick::new(2) });
+    let both = received(&mut member_link.client)?;
     ensure(
         both.contains(&before) && both.contains(&after),
         format!("both streams are sent, not {both:?}"),
     )?;
-    member_link.guest.say(&ClientMessage::Subscribed(after));
-    member_link.guest.barrier()?;
-    member_link.guest.datagrams.clear();
+    member_link.client.send(&ClientMessage::Subscribed(after));
+    member_link.client.barrier()?;
+    member_link.client.datagrams.clear();
     member_link
-        .guest
-        .say(&ClientMessage::Advance { to: Tick::new(8) });
-    let one = received(&mut member_link.guest)?;
+        .client
+        .send(&ClientMessage::Advance { to: Tick::new(8) });
+    let one = received(&mut member_link.client)?;
     ensure(
         one.iter().all(|stream| *stream == after),
         format!("then only the new stream is sent, not {one:?}"),
@@ -606,9 +606,9 @@ fn only_the_last(trial: &mut Trial<'_>) -> CaseResult {
     let mut member_link = RawMember::begin(trial, NORMAL, 1)?;
     let full = ClientMessage::Subscribe(StreamChoice::Full);
     member_link
-        .guest
-        .say_together(&[ClientMessage::Resync, ClientMessage::Resync, full]);
-    let received = member_link.guest.barrier()?;
+        .client
+        .send_together(&[ClientMessage::Resync, ClientMessage::Resync, full]);
+    let received = member_link.client.barrier()?;
     let joined: Vec<_> = received
         .iter()
         .filter_map(|message| match message {
@@ -647,7 +647,7 @@ fn snapshot(trial: &mut Trial<'_>) -> CaseResult {
 
     let mut member_link = RawMember::begin(trial, NORMAL, 5)?;
     member_link.step(7)?;
-    let mut late = trial.guest_of(&member_link.guest.scene.clone())?;
+    let mut late = trial.client_of(&member_link.client.scene.clone())?;
     late.hello()?;
     let (joined, scene_events) = late.join(NORMAL)?;
     ensure(

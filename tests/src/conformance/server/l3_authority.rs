@@ -31,8 +31,8 @@ const CASES: &[CaseRow] = &[
         "authority over a body that does not exist is denied",
         "PROTOCOL 4.11-3",
         |trial| {
-            refused(trial, |guest| {
-                let id = body(guest.granted, 9)?;
+            refused(trial, |client| {
+                let id = body(client.granted, 9)?;
                 Ok((id, AuthorityError::UnknownBody(id)))
             })
         },
@@ -42,9 +42,9 @@ const CASES: &[CaseRow] = &[
         "authority over a body that is not kinematic is denied",
         "PROTOCOL 4.11-3",
         |trial| {
-            refused(trial, |guest| {
-                let id = body(guest.granted, 5)?;
-                guest.must(ball(id, Vec3::Y * 9.0, Vec3::ZERO))?;
+            refused(trial, |client| {
+                let id = body(client.granted, 5)?;
+                client.must(ball(id, Vec3::Y * 9.0, Vec3::ZERO))?;
                 Ok((id, AuthorityError::NotKinematic(id)))
             })
         },
@@ -124,22 +124,22 @@ fn lift(id: BodyId, at: Vec3) -> Command {
 }
 
 fn member(trial: &mut Trial<'_>) -> Result<(RawClient, BodyId), Stop> {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), NORMAL)?;
-    guest.must(ball_shape())?;
-    let id = body(guest.granted, 0)?;
-    guest.must(lift(id, Vec3::ONE))?;
-    Ok((guest, id))
+    let mut client = trial.client()?;
+    client.enter(lockstep(), NORMAL)?;
+    client.must(ball_shape())?;
+    let id = body(client.granted, 0)?;
+    client.must(lift(id, Vec3::ONE))?;
+    Ok((client, id))
 }
 
 type AuthorityAnswer = Result<rhumb_protocol::message::AuthorityGrant, AuthorityError>;
 
-fn take_authority(guest: &mut RawClient, bodies: &[BodyId]) -> Result<AuthorityAnswer, Stop> {
-    guest.say(&ClientMessage::TakeAuthority(TakeAuthority {
+fn take_authority(client: &mut RawClient, bodies: &[BodyId]) -> Result<AuthorityAnswer, Stop> {
+    client.send(&ClientMessage::TakeAuthority(TakeAuthority {
         tolerance: CLOSE,
         bodies: bodies.to_vec(),
     }));
-    guest.await_message(
+    client.await_message(
         "answer to the request for authority",
         |message| match message {
             ServerMessage::AuthorityGrant(grant) => Some(Ok(grant)),
@@ -150,16 +150,16 @@ fn take_authority(guest: &mut RawClient, bodies: &[BodyId]) -> Result<AuthorityA
 }
 
 fn must_take_authority(
-    guest: &mut RawClient,
+    client: &mut RawClient,
     bodies: &[BodyId],
 ) -> Result<rhumb_protocol::message::AuthorityGrant, Stop> {
-    take_authority(guest, bodies)?
+    take_authority(client, bodies)?
         .map_err(|error| Stop::Fail(format!("authority is denied: {error}")))
 }
 
 fn granted(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut guest, id) = member(trial)?;
-    let grant = must_take_authority(&mut guest, &[id])?;
+    let (mut client, id) = member(trial)?;
+    let grant = must_take_authority(&mut client, &[id])?;
     ensure(grant.tick == Tick::ZERO, "the grant has the newest tick")?;
     let wanted = [(id, moving(Vec3::ONE, Vec3::ZERO))];
     ensure(
@@ -175,9 +175,9 @@ fn refused(
     trial: &mut Trial<'_>,
     which: fn(&mut RawClient) -> Result<(BodyId, AuthorityError), Stop>,
 ) -> CaseResult {
-    let (mut guest, _) = member(trial)?;
-    let (wanted, error) = which(&mut guest)?;
-    let answer = take_authority(&mut guest, &[wanted])?;
+    let (mut client, _) = member(trial)?;
+    let (wanted, error) = which(&mut client)?;
+    let answer = take_authority(&mut client, &[wanted])?;
     ensure(
         answer == Err(error),
         format!("the answer is {error}, not {answer:?}"),
@@ -186,7 +186,7 @@ fn refused(
 
 fn others(trial: &mut Trial<'_>) -> CaseResult {
     let (mut one, id) = member(trial)?;
-    let mut other = trial.guest_of(&one.scene.clone())?;
+    let mut other = trial.client_of(&one.scene.clone())?;
     other.hello()?;
     other.join(NORMAL)?;
     let answer = take_authority(&mut other, &[id])?;
@@ -198,9 +198,9 @@ fn others(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn steered(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut guest, id) = member(trial)?;
-    must_take_authority(&mut guest, &[id])?;
-    let mut other = trial.guest_of(&guest.scene.clone())?;
+    let (mut client, id) = member(trial)?;
+    must_take_authority(&mut client, &[id])?;
+    let mut other = trial.client_of(&client.scene.clone())?;
     other.hello()?;
     other.join(NORMAL)?;
     let pose = Command::SetPose {
@@ -213,7 +213,7 @@ fn steered(trial: &mut Trial<'_>) -> CaseResult {
         linear: Vec3::X,
         angular: Vec3::ZERO,
     };
-    for who in [&mut guest, &mut other] {
+    for who in [&mut client, &mut other] {
         for command in [pose.clone(), velocity.clone()] {
             let outcome = who.command(command)?;
             let driven = Err(CommandError::UnderAuthority(id));
@@ -226,31 +226,31 @@ fn steered(trial: &mut Trial<'_>) -> CaseResult {
     Ok(())
 }
 
-fn free_again(guest: &mut RawClient, id: BodyId) -> CaseResult {
+fn free_again(client: &mut RawClient, id: BodyId) -> CaseResult {
     let (linear, angular) = (Vec3::X, Vec3::ZERO);
     let set = Command::SetVelocity {
         id,
         linear,
         angular,
     };
-    guest.must(set).map(drop)
+    client.must(set).map(drop)
 }
 
 fn ended(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut guest, id) = member(trial)?;
-    must_take_authority(&mut guest, &[id])?;
-    must_take_authority(&mut guest, &[])?;
-    free_again(&mut guest, id)
+    let (mut client, id) = member(trial)?;
+    must_take_authority(&mut client, &[id])?;
+    must_take_authority(&mut client, &[])?;
+    free_again(&mut client, id)
 }
 
 fn left(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut guest, id) = member(trial)?;
-    must_take_authority(&mut guest, &[id])?;
-    let mut other = trial.guest_of(&guest.scene.clone())?;
+    let (mut client, id) = member(trial)?;
+    must_take_authority(&mut client, &[id])?;
+    let mut other = trial.client_of(&client.scene.clone())?;
     other.hello()?;
     other.join(NORMAL)?;
-    guest.say(&ClientMessage::Leave);
-    guest.await_message("answer to leave", |message| {
+    client.send(&ClientMessage::Leave);
+    client.await_message("answer to leave", |message| {
         matches!(message, ServerMessage::Left).then_some(())
     })?;
     free_again(&mut other, id)
@@ -266,7 +266,7 @@ fn mode(place: u32, tick: u64) -> BodyState {
 }
 
 fn drives(trial: &mut Trial<'_>, count: u32) -> CaseResult {
-    let mut publisher = trial.follower()?;
+    let mut publisher = trial.subscriber()?;
     publisher.create(lockstep())?;
     let granted = publisher.join(StreamChoice::Full)?;
     publisher.must(ball_shape())?;
@@ -324,13 +324,13 @@ fn watermark(stream: rhumb_protocol::packet::StreamId, tick: u64) -> Vec<u8> {
 }
 
 fn other_way(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut guest, id) = member(trial)?;
-    let grant = must_take_authority(&mut guest, &[id])?;
-    guest.throw(&watermark(grant.stream, 5))?;
-    guest.barrier()?;
+    let (mut client, id) = member(trial)?;
+    let grant = must_take_authority(&mut client, &[id])?;
+    client.send_datagram(&watermark(grant.stream, 5))?;
+    client.barrier()?;
     // As a control message it is accepted; neither packet is answered.
-    guest.say(&ClientMessage::Upstream(watermark(grant.stream, 5)));
-    let received = guest.barrier()?;
+    client.send(&ClientMessage::Upstream(watermark(grant.stream, 5)));
+    let received = client.barrier()?;
     ensure(
         received.is_empty(),
         format!("no answer is sent, not {received:?}"),
@@ -338,25 +338,25 @@ fn other_way(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn malformed(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut guest, id) = member(trial)?;
-    let grant = must_take_authority(&mut guest, &[id])?;
+    let (mut client, id) = member(trial)?;
+    let grant = must_take_authority(&mut client, &[id])?;
     let good = watermark(grant.stream, 5);
     for end in 0..good.len() {
-        guest.say(&ClientMessage::Upstream(good[..end].to_vec()));
+        client.send(&ClientMessage::Upstream(good[..end].to_vec()));
     }
     let mut dice = trial.dice();
     for _ in 0..200 {
         let mut bytes = good.clone();
         bytes.truncate(2 + dice.below(6));
         bytes.extend((0..dice.below(40)).map(|_| dice.below(256) as u8));
-        guest.say(&ClientMessage::Upstream(bytes));
+        client.send(&ClientMessage::Upstream(bytes));
     }
     // Random bytes may form a valid packet; the connection must not end.
-    guest.barrier().map(drop)
+    client.barrier().map(drop)
 }
 
 fn in_order(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut guest, id) = member(trial)?;
+    let (mut client, id) = member(trial)?;
     let (linear, angular) = (Vec3::X, Vec3::ZERO);
     let set = ClientMessage::Command(Command::SetVelocity {
         id,
@@ -367,25 +367,25 @@ fn in_order(trial: &mut Trial<'_>) -> CaseResult {
         tolerance: CLOSE,
         bodies: vec![id],
     });
-    let before = guest.commands;
-    guest.say_together(&[set.clone(), drive, set]);
+    let before = client.commands;
+    client.send_together(&[set.clone(), drive, set]);
     ensure(
-        guest.outcome_of(before + 1)? == Err(CommandError::UnderAuthority(id)),
+        client.outcome_of(before + 1)? == Err(CommandError::UnderAuthority(id)),
         "the command after the request is refused",
     )
 }
 
 fn goes_on(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut guest, id) = member(trial)?;
-    must_take_authority(&mut guest, &[id])?;
-    let nobody = body(guest.granted, 9)?;
-    let answer = take_authority(&mut guest, &[id, nobody])?;
+    let (mut client, id) = member(trial)?;
+    must_take_authority(&mut client, &[id])?;
+    let nobody = body(client.granted, 9)?;
+    let answer = take_authority(&mut client, &[id, nobody])?;
     ensure(
         answer == Err(AuthorityError::UnknownBody(nobody)),
         format!("the request is denied, not {answer:?}"),
     )?;
     let (linear, angular) = (Vec3::X, Vec3::ZERO);
-    let outcome = guest.command(Command::SetVelocity {
+    let outcome = client.command(Command::SetVelocity {
         id,
         linear,
         angular,

@@ -32,14 +32,16 @@ type Refused = fn(&Fixtures) -> (Command, CommandError);
 
 /// Each error that one member can cause, with a command that causes it.
 const REFUSED: [(&str, Refused); 17] = [
-    ("removing a body that does not exist", |cast| {
+    ("removing a body that does not exist", |fixtures| {
         (
-            Command::RemoveBody { id: cast.missing },
-            CommandError::UnknownBody(cast.missing),
+            Command::RemoveBody {
+                id: fixtures.missing,
+            },
+            CommandError::UnknownBody(fixtures.missing),
         )
     }),
-    ("moving a body that does not exist", |cast| {
-        let (id, linear) = (cast.missing, Vec3::X);
+    ("moving a body that does not exist", |fixtures| {
+        let (id, linear) = (fixtures.missing, Vec3::X);
         let angular = Vec3::ZERO;
         (
             Command::SetVelocity {
@@ -50,26 +52,29 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::UnknownBody(id),
         )
     }),
-    ("a body with the wrong generation", |cast| {
-        let id = BodyId::new(cast.ball.index(), cast.ball.generation() + 1);
+    ("a body with the wrong generation", |fixtures| {
+        let id = BodyId::new(fixtures.ball.index(), fixtures.ball.generation() + 1);
         (Command::RemoveBody { id }, CommandError::UnknownBody(id))
     }),
     ("removing a shape that does not exist", |_| {
         let id = ShapeId(77);
         (Command::RemoveShape { id }, CommandError::UnknownShape(id))
     }),
-    ("adding a body with a shape that does not exist", |cast| {
-        let shape = ShapeId(77);
-        let config = BodyDesc::plain(cast.missing, BodyKind::Dynamic, shape);
-        let motion = moving(Vec3::Y * 50.0, Vec3::ZERO);
-        (
-            Command::AddBody { config, motion },
-            CommandError::UnknownShape(shape),
-        )
-    }),
-    ("adding a body with an index in use", |cast| {
-        let command = ball(cast.ball, Vec3::Y * 50.0, Vec3::ZERO);
-        (command, CommandError::BodyIdTaken(cast.ball))
+    (
+        "adding a body with a shape that does not exist",
+        |fixtures| {
+            let shape = ShapeId(77);
+            let config = BodyDesc::plain(fixtures.missing, BodyKind::Dynamic, shape);
+            let motion = moving(Vec3::Y * 50.0, Vec3::ZERO);
+            (
+                Command::AddBody { config, motion },
+                CommandError::UnknownShape(shape),
+            )
+        },
+    ),
+    ("adding a body with an index in use", |fixtures| {
+        let command = ball(fixtures.ball, Vec3::Y * 50.0, Vec3::ZERO);
+        (command, CommandError::BodyIdTaken(fixtures.ball))
     }),
     ("adding a shape with an id in use", |_| {
         (ball_shape(), CommandError::ShapeIdTaken(BALL))
@@ -80,49 +85,49 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::ShapeInUse(BALL),
         )
     }),
-    ("applying a force to a static body", |cast| {
+    ("applying a force to a static body", |fixtures| {
         let force = Vec3::X;
         (
             Command::Force {
-                id: cast.floor,
+                id: fixtures.floor,
                 force,
             },
-            CommandError::NotPushable(cast.floor),
+            CommandError::NotPushable(fixtures.floor),
         )
     }),
-    ("applying an impulse to a kinematic body", |cast| {
+    ("applying an impulse to a kinematic body", |fixtures| {
         let impulse = Vec3::X;
         (
             Command::Impulse {
-                id: cast.lift,
+                id: fixtures.lift,
                 impulse,
             },
-            CommandError::NotPushable(cast.lift),
+            CommandError::NotPushable(fixtures.lift),
         )
     }),
-    ("applying a torque to a kinematic body", |cast| {
+    ("applying a torque to a kinematic body", |fixtures| {
         let torque = Vec3::X;
         (
             Command::Torque {
-                id: cast.lift,
+                id: fixtures.lift,
                 torque,
             },
-            CommandError::NotPushable(cast.lift),
+            CommandError::NotPushable(fixtures.lift),
         )
     }),
-    ("applying a torque impulse to a static body", |cast| {
+    ("applying a torque impulse to a static body", |fixtures| {
         let impulse = Vec3::X;
         (
             Command::TorqueImpulse {
-                id: cast.floor,
+                id: fixtures.floor,
                 impulse,
             },
-            CommandError::NotPushable(cast.floor),
+            CommandError::NotPushable(fixtures.floor),
         )
     }),
-    ("setting the velocity of a static body", |cast| {
+    ("setting the velocity of a static body", |fixtures| {
         let (linear, angular) = (Vec3::X, Vec3::ZERO);
-        let id = cast.floor;
+        let id = fixtures.floor;
         (
             Command::SetVelocity {
                 id,
@@ -136,28 +141,28 @@ const REFUSED: [(&str, Refused); 17] = [
         let id = JointId(9);
         (Command::RemoveJoint { id }, CommandError::UnknownJoint(id))
     }),
-    ("adding a joint with an id in use", |cast| {
+    ("adding a joint with an id in use", |fixtures| {
         let id = JointId(0);
-        let joint = joint(cast.ball, cast.lift);
+        let joint = joint(fixtures.ball, fixtures.lift);
         (
             Command::AddJoint { id, joint },
             CommandError::JointIdTaken(id),
         )
     }),
-    ("joining a body to itself", |cast| {
-        let joint = joint(cast.ball, cast.ball);
+    ("joining a body to itself", |fixtures| {
+        let joint = joint(fixtures.ball, fixtures.ball);
         let id = JointId(1);
         (
             Command::AddJoint { id, joint },
-            CommandError::JoinedToItself(cast.ball),
+            CommandError::JoinedToItself(fixtures.ball),
         )
     }),
-    ("adding a joint to a body that does not exist", |cast| {
-        let joint = joint(cast.ball, cast.missing);
+    ("adding a joint to a body that does not exist", |fixtures| {
+        let joint = joint(fixtures.ball, fixtures.missing);
         let id = JointId(1);
         (
             Command::AddJoint { id, joint },
-            CommandError::UnknownBody(cast.missing),
+            CommandError::UnknownBody(fixtures.missing),
         )
     }),
 ];
@@ -291,69 +296,72 @@ fn joint(first: BodyId, second: BodyId) -> Joint {
 }
 
 fn member(trial: &mut Trial<'_>) -> Result<RawClient, Stop> {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), NORMAL)?;
-    Ok(guest)
+    let mut client = trial.client()?;
+    client.enter(lockstep(), NORMAL)?;
+    Ok(client)
 }
 
-fn cast(guest: &mut RawClient) -> Result<Fixtures, Stop> {
-    let id = |place| body(guest.granted, place);
-    let cast = Fixtures {
+fn fixtures(client: &mut RawClient) -> Result<Fixtures, Stop> {
+    let id = |place| body(client.granted, place);
+    let fixtures = Fixtures {
         ball: id(0)?,
         floor: id(1)?,
         lift: id(2)?,
         missing: id(3)?,
     };
-    guest.must(ball_shape())?;
-    guest.must(floor_shape())?;
-    guest.must(floor(cast.floor))?;
-    guest.must(ball(cast.ball, Vec3::Y * 5.0, Vec3::ZERO))?;
-    guest.must(Command::AddBody {
-        config: BodyDesc::plain(cast.lift, BodyKind::Kinematic, BALL),
+    client.must(ball_shape())?;
+    client.must(floor_shape())?;
+    client.must(floor(fixtures.floor))?;
+    client.must(ball(fixtures.ball, Vec3::Y * 5.0, Vec3::ZERO))?;
+    client.must(Command::AddBody {
+        config: BodyDesc::plain(fixtures.lift, BodyKind::Kinematic, BALL),
         motion: moving(Vec3::new(5.0, 5.0, 0.0), Vec3::ZERO),
     })?;
-    let joint = joint(cast.ball, cast.floor);
+    let joint = joint(fixtures.ball, fixtures.floor);
     let id = JointId(0);
-    guest.must(Command::AddJoint { id, joint })?;
-    Ok(cast)
+    client.must(Command::AddJoint { id, joint })?;
+    Ok(fixtures)
 }
 
 /// The snapshot of the scene that a late joiner receives.
-fn reported(trial: &mut Trial<'_>, guest: &RawClient) -> Result<Vec<SceneEvent>, Stop> {
-    let mut late = trial.guest_of(&guest.scene.clone())?;
+fn reported(trial: &mut Trial<'_>, client: &RawClient) -> Result<Vec<SceneEvent>, Stop> {
+    let mut late = trial.client_of(&client.scene.clone())?;
     late.hello()?;
     Ok(late.join(StreamChoice::Full)?.1)
 }
 
 fn is_refused(trial: &mut Trial<'_>, refused: Refused) -> CaseResult {
-    let mut guest = member(trial)?;
-    let cast = cast(&mut guest)?;
-    let before = reported(trial, &guest)?;
-    let (command, error) = refused(&cast);
-    let outcome = guest.command(command)?;
+    let mut client = member(trial)?;
+    let fixtures = fixtures(&mut client)?;
+    let before = reported(trial, &client)?;
+    let (command, error) = refused(&fixtures);
+    let outcome = client.command(command)?;
     ensure(
         outcome == Err(error),
         format!("refused with {error:?}, not {outcome:?}"),
     )?;
-    let received = guest.barrier()?;
+    let received = client.barrier()?;
     ensure(
         received.is_empty(),
         format!("no scene event, not {received:?}"),
     )?;
-    ensure(reported(trial, &guest)? == before, "the scene is unchanged")
+    ensure(
+        reported(trial, &client)? == before,
+        "the scene is unchanged",
+    )
 }
 
 fn together(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    let id = body(guest.granted, 0)?;
+    let mut client = member(trial)?;
+    let id = body(client.granted, 0)?;
     let commands = [
         ball_shape(),
         Command::RemoveShape { id: ShapeId(99) },
         ball(id, Vec3::ZERO, Vec3::ZERO),
         Command::RemoveBody { id },
     ];
-    guest.say_together(&commands.map(ClientMessage::Command));
-    let received = guest.barrier()?;
+    client.send_together(&commands.map(ClientMessage::Command));
+    let received = client.barrier()?;
     let scene_events: Vec<_> = received
         .iter()
         .filter_map(|message| match message {
@@ -393,71 +401,73 @@ fn together(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn future(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    guest.utter(&[5, 7, 0x8a, 1, 2, 3]);
-    let outcome = guest.outcome_of(0)?;
+    let mut client = member(trial)?;
+    client.send_bytes(&[5, 7, 0x8a, 1, 2, 3]);
+    let outcome = client.outcome_of(0)?;
     ensure(
         outcome == Err(CommandError::UnknownCommand),
         format!("refused with 19, not {outcome:?}"),
     )?;
-    guest.commands = 1;
-    guest.must(ball_shape()).map(drop)
+    client.commands = 1;
+    client.must(ball_shape()).map(drop)
 }
 
 fn joints_go(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    let cast = cast(&mut guest)?;
-    guest.must(Command::RemoveBody { id: cast.floor })?;
-    let left = reported(trial, &guest)?;
+    let mut client = member(trial)?;
+    let fixtures = fixtures(&mut client)?;
+    client.must(Command::RemoveBody { id: fixtures.floor })?;
+    let left = reported(trial, &client)?;
     let joint_left =
         |scene_event: &SceneEvent| matches!(scene_event, SceneEvent::JointAdded { .. });
     ensure(!left.iter().any(joint_left), "its joint is removed too")?;
-    let outcome = guest.command(Command::RemoveJoint { id: JointId(0) })?;
+    let outcome = client.command(Command::RemoveJoint { id: JointId(0) })?;
     let error = Err(CommandError::UnknownJoint(JointId(0)));
     ensure(
         outcome == error,
         format!("removing the joint again is refused, not {outcome:?}"),
     )?;
-    let again = joint(cast.ball, cast.lift);
+    let again = joint(fixtures.ball, fixtures.lift);
     let id = JointId(0);
-    guest.must(Command::AddJoint { id, joint: again }).map(drop)
+    client
+        .must(Command::AddJoint { id, joint: again })
+        .map(drop)
 }
 
 fn generations(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    guest.must(ball_shape())?;
-    let first = body(guest.granted, 0)?;
+    let mut client = member(trial)?;
+    client.must(ball_shape())?;
+    let first = body(client.granted, 0)?;
     let of = |step: u16| BodyId::new(first.index(), first.generation() + step);
     let add = |id| ball(id, Vec3::ZERO, Vec3::ZERO);
-    guest.must(add(of(1)))?;
-    guest.must(Command::RemoveBody { id: of(1) })?;
+    client.must(add(of(1)))?;
+    client.must(Command::RemoveBody { id: of(1) })?;
     for step in [0, 1] {
-        let outcome = guest.command(add(of(step)))?;
+        let outcome = client.command(add(of(step)))?;
         let error = Err(CommandError::BodyIdTaken(of(step)));
         ensure(
             outcome == error,
             format!("generation {step} was used before, not {outcome:?}"),
         )?;
     }
-    guest.must(add(of(2))).map(drop)
+    client.must(add(of(2))).map(drop)
 }
 
 fn not_owner(trial: &mut Trial<'_>) -> CaseResult {
     let mut owner = member(trial)?;
-    let cast = cast(&mut owner)?;
-    let mut other = trial.guest_of(&owner.scene.clone())?;
+    let fixtures = fixtures(&mut owner)?;
+    let mut other = trial.client_of(&owner.scene.clone())?;
     other.hello()?;
     other.join(NORMAL)?;
     other.must(Command::Impulse {
-        id: cast.ball,
+        id: fixtures.ball,
         impulse: Vec3::X,
     })?;
-    other.must(Command::RemoveBody { id: cast.ball })?;
+    other.must(Command::RemoveBody { id: fixtures.ball })?;
     owner.await_message(
         "message that its body is removed",
         |message| match message {
             ServerMessage::SceneEvent(SceneEvent::BodyRemoved { id, cause }) => {
-                (id == cast.ball && cause == RemovalCause::Command).then_some(())
+                (id == fixtures.ball && cause == RemovalCause::Command).then_some(())
             }
             _ => None,
         },
@@ -465,15 +475,15 @@ fn not_owner(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn no_inside(trial: &mut Trial<'_>, shape: Shape) -> CaseResult {
-    let mut guest = member(trial)?;
+    let mut client = member(trial)?;
     let id = ShapeId(5);
-    guest.must(Command::AddShape { id, shape })?;
+    client.must(Command::AddShape { id, shape })?;
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    let config = |kind, place| Ok(BodyDesc::plain(body(guest.granted, place)?, kind, id));
+    let config = |kind, place| Ok(BodyDesc::plain(body(client.granted, place)?, kind, id));
     let dynamic: Result<_, Stop> = config(BodyKind::Dynamic, 0);
     let still: Result<_, Stop> = config(BodyKind::Static, 0);
     let (dynamic, still) = (dynamic?, still?);
-    let outcome = guest.command(Command::AddBody {
+    let outcome = client.command(Command::AddBody {
         config: dynamic,
         motion,
     })?;
@@ -482,23 +492,23 @@ fn no_inside(trial: &mut Trial<'_>, shape: Shape) -> CaseResult {
         format!("NoInside, not {outcome:?}"),
     )?;
     let config = still;
-    guest.must(Command::AddBody { config, motion }).map(drop)
+    client.must(Command::AddBody { config, motion }).map(drop)
 }
 
 fn no_parts(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
+    let mut client = member(trial)?;
     let id = ShapeId(5);
     let compound = Compound::new(Vec::new()).map_err(|_| none())?;
     let shape = Shape::Compound(compound);
-    guest.must(Command::AddShape { id, shape })?;
-    let config = BodyDesc::plain(body(guest.granted, 0)?, BodyKind::Dynamic, id);
+    client.must(Command::AddShape { id, shape })?;
+    let config = BodyDesc::plain(body(client.granted, 0)?, BodyKind::Dynamic, id);
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    guest.must(Command::AddBody { config, motion }).map(drop)
+    client.must(Command::AddBody { config, motion }).map(drop)
 }
 
 fn told_alike(trial: &mut Trial<'_>) -> CaseResult {
     let mut one = member(trial)?;
-    let mut other = trial.guest_of(&one.scene.clone())?;
+    let mut other = trial.client_of(&one.scene.clone())?;
     other.hello()?;
     other.join(StreamChoice::Full)?;
     let scene_events = |received: Vec<ServerMessage>| -> Vec<_> {
@@ -510,7 +520,7 @@ fn told_alike(trial: &mut Trial<'_>) -> CaseResult {
     };
     let forgotten = Command::RemoveShape { id: FLOOR };
     let commands = [ball_shape(), floor_shape(), forgotten];
-    one.say_together(&commands.map(ClientMessage::Command));
+    one.send_together(&commands.map(ClientMessage::Command));
     let first = scene_events(one.barrier()?);
     let second = scene_events(other.barrier()?);
     ensure(
@@ -524,16 +534,16 @@ fn told_alike(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn unit_length(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    let cast = cast(&mut guest)?;
+    let mut client = member(trial)?;
+    let fixtures = fixtures(&mut client)?;
     let set = |w: f32| Command::SetPose {
-        id: cast.ball,
+        id: fixtures.ball,
         position: Vec3::Y * 5.0,
         rotation: Quat::from_xyzw(0.0, 0.0, 0.0, w),
     };
-    guest.must(set(1.000_4))?;
-    guest.must(set(0.999_6))?;
-    let outcome = guest.command(set(1.01))?;
+    client.must(set(1.000_4))?;
+    client.must(set(0.999_6))?;
+    let outcome = client.command(set(1.01))?;
     let refused = matches!(outcome, Err(CommandError::Invalid(_)));
     ensure(
         refused,
@@ -542,18 +552,21 @@ fn unit_length(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn no_trace(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    let cast = cast(&mut guest)?;
-    let before = reported(trial, &guest)?;
+    let mut client = member(trial)?;
+    let fixtures = fixtures(&mut client)?;
+    let before = reported(trial, &client)?;
     for (_, refused) in REFUSED {
         for _ in 0..20 {
-            let (command, error) = refused(&cast);
-            let outcome = guest.command(command)?;
+            let (command, error) = refused(&fixtures);
+            let outcome = client.command(command)?;
             ensure(
                 outcome == Err(error),
                 format!("refused with {error:?}, not {outcome:?}"),
             )?;
         }
     }
-    ensure(reported(trial, &guest)? == before, "the scene is unchanged")
+    ensure(
+        reported(trial, &client)? == before,
+        "the scene is unchanged",
+    )
 }

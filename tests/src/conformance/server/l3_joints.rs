@@ -36,7 +36,7 @@ const CASES: &[CaseRow] = &[
             let mut lowest = 0.0_f64;
             let mut hung = hang(trial, JointKind::Spherical(None))?;
             for tick in 1..=90 {
-                hung.follower.advance(Tick::new(tick))?;
+                hung.subscriber.advance(Tick::new(tick))?;
                 lowest = lowest.min(hung.there()?.pose().position.y);
             }
             ensure(
@@ -76,12 +76,12 @@ const CASES: &[CaseRow] = &[
             let mut hung = hang(trial, JointKind::Prismatic(None))?;
             let id = hung.body;
             let (linear, angular) = (Vec3::X, Vec3::ZERO);
-            hung.follower.must(Command::SetVelocity {
+            hung.subscriber.must(Command::SetVelocity {
                 id,
                 linear,
                 angular,
             })?;
-            hung.follower.advance(Tick::new(60))?;
+            hung.subscriber.advance(Tick::new(60))?;
             let place = hung.there()?.pose().position;
             ensure(
                 (place.x - 3.0).abs() <= 0.05,
@@ -105,12 +105,12 @@ const CASES: &[CaseRow] = &[
             let mut hung = hang(trial, JointKind::Prismatic(Some(limits)))?;
             let id = hung.body;
             let (linear, angular) = (Vec3::X * 2.0, Vec3::ZERO);
-            hung.follower.must(Command::SetVelocity {
+            hung.subscriber.must(Command::SetVelocity {
                 id,
                 linear,
                 angular,
             })?;
-            hung.follower.advance(Tick::new(60))?;
+            hung.subscriber.advance(Tick::new(60))?;
             let place = hung.there()?.pose().position;
             ensure(
                 (1.7..=2.3).contains(&place.x),
@@ -130,10 +130,10 @@ const CASES: &[CaseRow] = &[
         "PROTOCOL 2.6-7, 2.6-11",
         |trial| {
             let mut hung = hang(trial, JointKind::Fixed)?;
-            hung.follower.advance(Tick::new(10))?;
-            hung.follower
+            hung.subscriber.advance(Tick::new(10))?;
+            hung.subscriber
                 .must(Command::RemoveJoint { id: JointId(0) })?;
-            hung.follower.advance(Tick::new(70))?;
+            hung.subscriber.advance(Tick::new(70))?;
             let height = hung.there()?.pose().position.y;
             ensure(
                 height <= -4.0,
@@ -149,14 +149,14 @@ pub(super) fn cases() -> Vec<Case> {
 
 /// A ball two metres beside a static one, and a joint between them.
 struct HangingBall {
-    follower: LossyClient,
+    subscriber: LossyClient,
     body: BodyId,
     joint: Joint,
 }
 
 impl HangingBall {
     fn there(&self) -> Result<Motion, Stop> {
-        let stream = self.follower.replica()?.stream();
+        let stream = self.subscriber.replica()?.stream();
         let gone = || Stop::Fail("the body does not exist".into());
         stream
             .predicted_motion(self.body, stream.complete())
@@ -165,16 +165,16 @@ impl HangingBall {
 }
 
 fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<HangingBall, Stop> {
-    let mut follower = trial.follower()?;
-    follower.create(lockstep())?;
-    let granted = follower.join(StreamChoice::Full)?;
+    let mut subscriber = trial.subscriber()?;
+    subscriber.create(lockstep())?;
+    let granted = subscriber.join(StreamChoice::Full)?;
     let (hook, hung) = (body(granted, 0)?, body(granted, 1)?);
-    follower.must(ball_shape())?;
-    follower.must(Command::AddBody {
+    subscriber.must(ball_shape())?;
+    subscriber.must(Command::AddBody {
         config: BodyDesc::plain(hook, BodyKind::Static, BALL),
         motion: moving(Vec3::ZERO, Vec3::ZERO),
     })?;
-    follower.must(ball(hung, Vec3::X * 2.0, Vec3::ZERO))?;
+    subscriber.must(ball(hung, Vec3::X * 2.0, Vec3::ZERO))?;
     let frame = |anchor| JointFrame {
         anchor,
         rotation: Quat::IDENTITY,
@@ -186,9 +186,9 @@ fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<HangingBall, Stop> {
         collide: false,
     };
     let id = JointId(0);
-    follower.must(Command::AddJoint { id, joint })?;
+    subscriber.must(Command::AddJoint { id, joint })?;
     Ok(HangingBall {
-        follower,
+        subscriber,
         body: hung,
         joint,
     })
@@ -198,7 +198,7 @@ fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<HangingBall, Stop> {
 fn hangs(trial: &mut Trial<'_>, kind: JointKind, holds: fn(Motion) -> CaseResult) -> CaseResult {
     let mut hung = hang(trial, kind)?;
     for tick in 1..=120 {
-        hung.follower.advance(Tick::new(tick))?;
+        hung.subscriber.advance(Tick::new(tick))?;
         holds(hung.there()?)?;
     }
     Ok(())
@@ -210,7 +210,7 @@ fn reported(trial: &mut Trial<'_>) -> CaseResult {
         most: 0.5,
     };
     let hung = hang(trial, JointKind::Revolute(Some(limits)))?;
-    let mut late = trial.guest_of(&hung.follower.scene.clone())?;
+    let mut late = trial.client_of(&hung.subscriber.scene.clone())?;
     late.hello()?;
     let (_, scene_events) = late.join(StreamChoice::Full)?;
     let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| matches!(scene_event, rhumb_protocol::message::SceneEvent::JointAdded { id: JointId(0), joint } if *joint == hung.joint);

@@ -147,9 +147,9 @@ fn moment() -> f64 {
 
 /// A ball at rest in a scene without gravity.
 fn still(trial: &mut Trial<'_>) -> Result<(LossyClient, BodyId), Stop> {
-    let (mut follower, id) = alone(trial, false, FULL)?;
-    follower.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
-    Ok((follower, id))
+    let (mut subscriber, id) = alone(trial, false, FULL)?;
+    subscriber.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
+    Ok((subscriber, id))
 }
 
 fn near(what: &str, is: f64, wanted: f64, slack: f64) -> CaseResult {
@@ -160,38 +160,38 @@ fn near(what: &str, is: f64, wanted: f64, slack: f64) -> CaseResult {
 }
 
 fn impulse(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = still(trial)?;
+    let (mut subscriber, id) = still(trial)?;
     let impulse = Vec3::Z * (2.0 * mass()) as f32;
-    follower.must(Command::Impulse { id, impulse })?;
-    follower.advance(Tick::new(SECOND))?;
-    let motion = now(&follower, id)?;
+    subscriber.must(Command::Impulse { id, impulse })?;
+    subscriber.advance(Tick::new(SECOND))?;
+    let motion = now(&subscriber, id)?;
     near("its speed in m/s", motion.twist().linear.z, 2.0, 0.02)?;
     near("its path in m", motion.pose().position.z, 2.0, 0.05)
 }
 
 fn force(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = still(trial)?;
+    let (mut subscriber, id) = still(trial)?;
     // The force that changes the speed by 1 m/s in one tick.
     let force = Vec3::X * (mass() / TICK) as f32;
-    follower.must(Command::Force { id, force })?;
-    follower.advance(Tick::new(1))?;
-    let first = now(&follower, id)?.twist().linear.x;
+    subscriber.must(Command::Force { id, force })?;
+    subscriber.advance(Tick::new(1))?;
+    let first = now(&subscriber, id)?.twist().linear.x;
     near("its speed after a tick in m/s", first, 1.0, 0.01)?;
-    follower.advance(Tick::new(20))?;
+    subscriber.advance(Tick::new(20))?;
     near(
         "its speed later",
-        now(&follower, id)?.twist().linear.x,
+        now(&subscriber, id)?.twist().linear.x,
         first,
         1e-4,
     )
 }
 
 fn spin(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = still(trial)?;
+    let (mut subscriber, id) = still(trial)?;
     let impulse = Vec3::Y * (3.0 * moment()) as f32;
-    follower.must(Command::TorqueImpulse { id, impulse })?;
-    follower.advance(Tick::new(SECOND / 2))?;
-    let motion = now(&follower, id)?;
+    subscriber.must(Command::TorqueImpulse { id, impulse })?;
+    subscriber.advance(Tick::new(SECOND / 2))?;
+    let motion = now(&subscriber, id)?;
     near("its spin in rad/s", motion.twist().angular.y, 3.0, 0.03)?;
     let turn = 2.0 * motion.pose().rotation.y.abs().asin();
     near("its turn in rad", turn, 1.5, 0.06)?;
@@ -199,36 +199,36 @@ fn spin(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn torque(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = still(trial)?;
+    let (mut subscriber, id) = still(trial)?;
     let torque = Vec3::X * (moment() / TICK) as f32;
-    follower.must(Command::Torque { id, torque })?;
-    follower.advance(Tick::new(1))?;
+    subscriber.must(Command::Torque { id, torque })?;
+    subscriber.advance(Tick::new(1))?;
     near(
         "its spin in rad/s",
-        now(&follower, id)?.twist().angular.x,
+        now(&subscriber, id)?.twist().angular.x,
         1.0,
         0.01,
     )?;
-    follower.advance(Tick::new(20))?;
+    subscriber.advance(Tick::new(20))?;
     near(
         "its spin later",
-        now(&follower, id)?.twist().angular.x,
+        now(&subscriber, id)?.twist().angular.x,
         1.0,
         0.011,
     )
 }
 
 fn velocity(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = still(trial)?;
+    let (mut subscriber, id) = still(trial)?;
     let (linear, angular) = (Vec3::Y * 4.0, Vec3::Z);
     let set = Command::SetVelocity {
         id,
         linear,
         angular,
     };
-    follower.must(set)?;
-    follower.advance(Tick::new(SECOND))?;
-    let twist = now(&follower, id)?.twist();
+    subscriber.must(set)?;
+    subscriber.advance(Tick::new(SECOND))?;
+    let twist = now(&subscriber, id)?.twist();
     near(
         "the velocity error in m/s",
         (twist.linear - DVec3::Y * 4.0).length(),
@@ -244,7 +244,7 @@ fn velocity(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn put(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = still(trial)?;
+    let (mut subscriber, id) = still(trial)?;
     let position = Vec3::new(20.0, -3.0, 1.0);
     let rotation = Quat::from_xyzw(0.0, 1.0, 0.0, 0.0);
     let set = Command::SetPose {
@@ -252,9 +252,9 @@ fn put(trial: &mut Trial<'_>) -> CaseResult {
         position,
         rotation,
     };
-    follower.must(set)?;
-    follower.advance(Tick::new(1))?;
-    let pose = now(&follower, id)?.pose();
+    subscriber.must(set)?;
+    subscriber.advance(Tick::new(1))?;
+    let pose = now(&subscriber, id)?.pose();
     near(
         "the position error in m",
         (pose.position - position.as_dvec3()).length(),
@@ -266,19 +266,19 @@ fn put(trial: &mut Trial<'_>) -> CaseResult {
 
 /// A kinematic ball at rest in a scene with gravity.
 fn lift(trial: &mut Trial<'_>) -> Result<(LossyClient, BodyId), Stop> {
-    let (mut follower, id) = alone(trial, true, FULL)?;
+    let (mut subscriber, id) = alone(trial, true, FULL)?;
     let config = BodyDesc::plain(id, BodyKind::Kinematic, BALL);
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    follower.must(Command::AddBody { config, motion })?;
-    Ok((follower, id))
+    subscriber.must(Command::AddBody { config, motion })?;
+    Ok((subscriber, id))
 }
 
 fn kinematic(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = lift(trial)?;
-    follower.advance(Tick::new(10))?;
+    let (mut subscriber, id) = lift(trial)?;
+    subscriber.advance(Tick::new(10))?;
     near(
         "its fall in m",
-        now(&follower, id)?.pose().position.length(),
+        now(&subscriber, id)?.pose().position.length(),
         0.0,
         0.0,
     )?;
@@ -288,38 +288,38 @@ fn kinematic(trial: &mut Trial<'_>) -> CaseResult {
         linear,
         angular,
     };
-    follower.must(set)?;
-    follower.advance(Tick::new(10 + SECOND))?;
-    let off = now(&follower, id)?.pose().position - DVec3::new(2.0, 1.0, 0.0);
+    subscriber.must(set)?;
+    subscriber.advance(Tick::new(10 + SECOND))?;
+    let off = now(&subscriber, id)?.pose().position - DVec3::new(2.0, 1.0, 0.0);
     near("the position error in m", off.length(), 0.0, 1e-3)
 }
 
 fn lifted(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = lift(trial)?;
+    let (mut subscriber, id) = lift(trial)?;
     let (position, rotation) = (Vec3::X * 0.5, Quat::IDENTITY);
     let set = Command::SetPose {
         id,
         position,
         rotation,
     };
-    follower.must(set)?;
+    subscriber.must(set)?;
     for tick in [1, 10] {
-        follower.advance(Tick::new(tick))?;
-        let off = now(&follower, id)?.pose().position - position.as_dvec3();
+        subscriber.advance(Tick::new(tick))?;
+        let off = now(&subscriber, id)?.pose().position - position.as_dvec3();
         near("the position error in m", off.length(), 0.0, 1e-6)?;
     }
     Ok(())
 }
 
 fn pushes(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, false, FULL)?;
-    let pushed = body(follower.granted, 1)?;
+    let (mut subscriber, id) = alone(trial, false, FULL)?;
+    let pushed = body(subscriber.granted, 1)?;
     let config = BodyDesc::plain(id, BodyKind::Kinematic, BALL);
     let motion = moving(Vec3::ZERO, Vec3::X);
-    follower.must(Command::AddBody { config, motion })?;
-    follower.must(ball(pushed, Vec3::X * 1.5, Vec3::ZERO))?;
-    follower.advance(Tick::new(2 * SECOND))?;
-    let (lift, ball) = (now(&follower, id)?, now(&follower, pushed)?);
+    subscriber.must(Command::AddBody { config, motion })?;
+    subscriber.must(ball(pushed, Vec3::X * 1.5, Vec3::ZERO))?;
+    subscriber.advance(Tick::new(2 * SECOND))?;
+    let (lift, ball) = (now(&subscriber, id)?, now(&subscriber, pushed)?);
     let off = lift.pose().position - DVec3::X * 2.0;
     near("its deviation in m", off.length(), 0.0, 1e-3)?;
     let ahead = ball.pose().position.x - lift.pose().position.x;
@@ -330,86 +330,89 @@ fn pushes(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn scaled(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, true, FULL)?;
+    let (mut subscriber, id) = alone(trial, true, FULL)?;
     let scales = [0.0, 0.5, -1.0];
     let named = |place: usize| BodyId::new(id.index() + place as u32, id.generation());
     for (place, scale) in scales.into_iter().enumerate() {
         let mut config = BodyDesc::plain(named(place), BodyKind::Dynamic, BALL);
         config.gravity_scale = scale;
         let motion = moving(Vec3::X * (3 * place) as f32, Vec3::ZERO);
-        follower.must(Command::AddBody { config, motion })?;
+        subscriber.must(Command::AddBody { config, motion })?;
     }
-    follower.advance(Tick::new(SECOND))?;
+    subscriber.advance(Tick::new(SECOND))?;
     let g = f64::from(G);
     for (place, scale) in scales.into_iter().enumerate() {
-        let speed = now(&follower, named(place))?.twist().linear.y;
+        let speed = now(&subscriber, named(place))?.twist().linear.y;
         near("its speed in m/s", speed, -g * f64::from(scale), g * TICK)?;
     }
     Ok(())
 }
 
 fn gravity(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, true, FULL)?;
-    follower.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
-    follower.advance(Tick::new(30))?;
-    let before = now(&follower, id)?.twist().linear;
+    let (mut subscriber, id) = alone(trial, true, FULL)?;
+    subscriber.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
+    subscriber.advance(Tick::new(30))?;
+    let before = now(&subscriber, id)?.twist().linear;
     let gravity = Vec3::X * 6.0;
-    follower.must(Command::SetGravity { gravity })?;
-    follower.advance(Tick::new(60))?;
-    let gained = now(&follower, id)?.twist().linear - before;
+    subscriber.must(Command::SetGravity { gravity })?;
+    subscriber.advance(Tick::new(60))?;
+    let gained = now(&subscriber, id)?.twist().linear - before;
     near("its gain in vertical speed in m/s", gained.y, 0.0, 1e-4)?;
     near("its gain in horizontal speed in m/s", gained.x, 3.0, 0.1)?;
     ensure(
-        follower.replica()?.gravity() == gravity,
+        subscriber.replica()?.gravity() == gravity,
         "all members receive the change",
     )
 }
 
 fn damped(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, false, FULL)?;
+    let (mut subscriber, id) = alone(trial, false, FULL)?;
     let mut config = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
     config.damping = Some(Damping {
         linear: 1.0,
         angular: 0.0,
     });
     let motion = moving(Vec3::ZERO, Vec3::X * 10.0);
-    follower.must(Command::AddBody { config, motion })?;
-    follower.advance(Tick::new(SECOND))?;
+    subscriber.must(Command::AddBody { config, motion })?;
+    subscriber.advance(Tick::new(SECOND))?;
     // After one second 1/e of the speed is left; the engine's steps change that slightly.
     let wanted = 10.0 * (-1.0_f64).exp();
     near(
         "its speed in m/s",
-        now(&follower, id)?.twist().linear.x,
+        now(&subscriber, id)?.twist().linear.x,
         wanted,
         0.1,
     )
 }
 
 fn momentum(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, false, FULL)?;
-    let other = body(follower.granted, 1)?;
-    follower.must(ball(id, Vec3::ZERO, Vec3::X * 3.0))?;
-    follower.must(ball(other, Vec3::X * 2.0, Vec3::ZERO))?;
-    follower.advance(Tick::new(2 * SECOND))?;
-    let (one, two) = (now(&follower, id)?.twist(), now(&follower, other)?.twist());
+    let (mut subscriber, id) = alone(trial, false, FULL)?;
+    let other = body(subscriber.granted, 1)?;
+    subscriber.must(ball(id, Vec3::ZERO, Vec3::X * 3.0))?;
+    subscriber.must(ball(other, Vec3::X * 2.0, Vec3::ZERO))?;
+    subscriber.advance(Tick::new(2 * SECOND))?;
+    let (one, two) = (
+        now(&subscriber, id)?.twist(),
+        now(&subscriber, other)?.twist(),
+    );
     let off = one.linear + two.linear - DVec3::X * 3.0;
     near("the lost momentum per mass in m/s", off.length(), 0.0, 0.03)?;
     ensure(two.linear.x >= 0.5, "the other ball was hit")
 }
 
 fn wakes(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, true, EXACT)?;
-    let under = body(follower.granted, 1)?;
-    follower.must(floor_shape())?;
-    follower.must(floor(under))?;
-    follower.must(ball(id, Vec3::Y * RADIUS, Vec3::ZERO))?;
+    let (mut subscriber, id) = alone(trial, true, EXACT)?;
+    let under = body(subscriber.granted, 1)?;
+    subscriber.must(floor_shape())?;
+    subscriber.must(floor(under))?;
+    subscriber.must(ball(id, Vec3::Y * RADIUS, Vec3::ZERO))?;
     for second in 1..=6 {
-        follower.advance(Tick::new(second * SECOND))?;
+        subscriber.advance(Tick::new(second * SECOND))?;
     }
     let impulse = Vec3::Y * (5.0 * mass()) as f32;
-    follower.must(Command::Impulse { id, impulse })?;
-    follower.advance(Tick::new(6 * SECOND + 20))?;
-    let height = now(&follower, id)?.pose().position.y;
+    subscriber.must(Command::Impulse { id, impulse })?;
+    subscriber.advance(Tick::new(6 * SECOND + 20))?;
+    let height = now(&subscriber, id)?.pose().position.y;
     ensure(
         height >= 0.8,
         format!("it jumps, and is not still at {height} m"),
@@ -417,16 +420,16 @@ fn wakes(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn unturned(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, false, FULL)?;
-    let other = body(follower.granted, 1)?;
+    let (mut subscriber, id) = alone(trial, false, FULL)?;
+    let other = body(subscriber.granted, 1)?;
     let mut config = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
     config.turns = false;
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    follower.must(Command::AddBody { config, motion })?;
+    subscriber.must(Command::AddBody { config, motion })?;
     // The hit is off centre, so that an unlocked body would turn.
-    follower.must(ball(other, Vec3::new(-2.0, 0.4, 0.0), Vec3::X * 4.0))?;
-    follower.advance(Tick::new(2 * SECOND))?;
-    let motion = now(&follower, id)?;
+    subscriber.must(ball(other, Vec3::new(-2.0, 0.4, 0.0), Vec3::X * 4.0))?;
+    subscriber.advance(Tick::new(2 * SECOND))?;
+    let motion = now(&subscriber, id)?;
     ensure(motion.twist().linear.length() >= 0.5, "it was hit")?;
     near(
         "its rotation's w",
@@ -437,9 +440,9 @@ fn unturned(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn tumbles(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, false, FULL)?;
+    let (mut subscriber, id) = alone(trial, false, FULL)?;
     let shape = ShapeId(7);
-    follower.must(Command::AddShape {
+    subscriber.must(Command::AddShape {
         id: shape,
         shape: Shape::Cuboid {
             half_extents: Vec3::new(0.2, 0.5, 1.0),
@@ -448,11 +451,11 @@ fn tumbles(trial: &mut Trial<'_>) -> CaseResult {
     let spin = Vec3::new(0.05, 6.0, 0.0);
     let config = BodyDesc::plain(id, BodyKind::Dynamic, shape);
     let motion = turning(Vec3::ZERO, Quat::IDENTITY, Vec3::ZERO, spin);
-    follower.must(Command::AddBody { config, motion })?;
+    subscriber.must(Command::AddBody { config, motion })?;
     let mut least = f64::INFINITY;
     for tick in 1..=6 * SECOND {
-        follower.advance(Tick::new(tick))?;
-        let motion = now(&follower, id)?;
+        subscriber.advance(Tick::new(tick))?;
+        let motion = now(&subscriber, id)?;
         // The direction of the box's own y axis in the world.
         least = least.min((motion.pose().rotation * DVec3::Y).y);
         let off = motion.pose().position.length();
@@ -465,14 +468,14 @@ fn tumbles(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn fast(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, true, FULL)?;
-    let under = body(follower.granted, 1)?;
-    follower.must(floor_shape())?;
-    follower.must(floor(under))?;
+    let (mut subscriber, id) = alone(trial, true, FULL)?;
+    let under = body(subscriber.granted, 1)?;
+    subscriber.must(floor_shape())?;
+    subscriber.must(floor(under))?;
     // The path per tick is shorter than the floor is thick.
-    follower.must(ball(id, Vec3::Y * 10.0, Vec3::NEG_Y * 60.0))?;
-    follower.advance(Tick::new(2 * SECOND))?;
-    let height = now(&follower, id)?.pose().position.y;
+    subscriber.must(ball(id, Vec3::Y * 10.0, Vec3::NEG_Y * 60.0))?;
+    subscriber.advance(Tick::new(2 * SECOND))?;
+    let height = now(&subscriber, id)?.pose().position.y;
     ensure(
         height >= 0.0,
         format!("it is on the floor, not at {height} m"),
@@ -480,21 +483,21 @@ fn fast(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn moved_floor(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, _) = alone(trial, true, FULL)?;
-    let under = body(follower.granted, 1)?;
-    follower.must(floor_shape())?;
-    follower.must(floor(under))?;
-    follower.advance(Tick::new(5))?;
+    let (mut subscriber, _) = alone(trial, true, FULL)?;
+    let under = body(subscriber.granted, 1)?;
+    subscriber.must(floor_shape())?;
+    subscriber.must(floor(under))?;
+    subscriber.advance(Tick::new(5))?;
     let (id, position, rotation) = (under, Vec3::Y * 7.0, Quat::IDENTITY);
     let set = Command::SetPose {
         id,
         position,
         rotation,
     };
-    follower.must(set)?;
+    subscriber.must(set)?;
     for tick in [6, 60] {
-        follower.advance(Tick::new(tick))?;
-        let off = now(&follower, id)?.pose().position - position.as_dvec3();
+        subscriber.advance(Tick::new(tick))?;
+        let off = now(&subscriber, id)?.pose().position - position.as_dvec3();
         near("the position error in m", off.length(), 0.0, 1e-6)?;
     }
     Ok(())

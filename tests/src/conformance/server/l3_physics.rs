@@ -53,17 +53,17 @@ pub(super) fn alone(
     gravity: bool,
     choice: StreamChoice,
 ) -> Result<(LossyClient, BodyId), Stop> {
-    let mut follower = trial.follower()?;
+    let mut subscriber = trial.subscriber()?;
     let config = lockstep();
-    follower.create(if gravity { config } else { weightless(config) })?;
-    let granted = follower.join(choice)?;
-    follower.must(ball_shape())?;
-    Ok((follower, body(granted, 0)?))
+    subscriber.create(if gravity { config } else { weightless(config) })?;
+    let granted = subscriber.join(choice)?;
+    subscriber.must(ball_shape())?;
+    Ok((subscriber, body(granted, 0)?))
 }
 
 /// The motion of a body at the newest tick.
-pub(super) fn now(follower: &LossyClient, id: BodyId) -> Result<Motion, Stop> {
-    let stream = follower.replica()?.stream();
+pub(super) fn now(subscriber: &LossyClient, id: BodyId) -> Result<Motion, Stop> {
+    let stream = subscriber.replica()?.stream();
     let gone = || Stop::Fail(format!("{id} does not exist"));
     stream
         .predicted_motion(id, stream.complete())
@@ -71,10 +71,10 @@ pub(super) fn now(follower: &LossyClient, id: BodyId) -> Result<Motion, Stop> {
 }
 
 fn falls(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, true, StreamChoice::Full)?;
-    follower.must(ball(id, Vec3::new(0.0, 100.0, 0.0), Vec3::ZERO))?;
-    follower.advance(Tick::new(SECOND))?;
-    let motion = now(&follower, id)?;
+    let (mut subscriber, id) = alone(trial, true, StreamChoice::Full)?;
+    subscriber.must(ball(id, Vec3::new(0.0, 100.0, 0.0), Vec3::ZERO))?;
+    subscriber.advance(Tick::new(SECOND))?;
+    let motion = now(&subscriber, id)?;
     let fallen = 100.0 - motion.pose().position.y;
     let g = f64::from(G);
     // Engines may integrate velocity or position first: a difference of half a tick's path in each direction.
@@ -92,10 +92,10 @@ fn falls(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn coasts(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, false, StreamChoice::Full)?;
-    follower.must(ball(id, Vec3::ZERO, Vec3::new(3.0, -2.0, 1.0)))?;
-    follower.advance(Tick::new(SECOND))?;
-    let motion = now(&follower, id)?;
+    let (mut subscriber, id) = alone(trial, false, StreamChoice::Full)?;
+    subscriber.must(ball(id, Vec3::ZERO, Vec3::new(3.0, -2.0, 1.0)))?;
+    subscriber.advance(Tick::new(SECOND))?;
+    let motion = now(&subscriber, id)?;
     let way = DVec3::new(3.0, -2.0, 1.0);
     let off = (motion.pose().position - way).length();
     ensure(
@@ -110,24 +110,24 @@ fn coasts(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn rests(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, true, EXACT)?;
-    let under = body(follower.granted, 1)?;
-    follower.must(floor_shape())?;
-    follower.must(floor(under))?;
-    follower.must(ball(id, Vec3::new(0.0, 1.5, 0.0), Vec3::ZERO))?;
+    let (mut subscriber, id) = alone(trial, true, EXACT)?;
+    let under = body(subscriber.granted, 1)?;
+    subscriber.must(floor_shape())?;
+    subscriber.must(floor(under))?;
+    subscriber.must(ball(id, Vec3::new(0.0, 1.5, 0.0), Vec3::ZERO))?;
     for second in 1..=8 {
-        follower.advance(Tick::new(second * SECOND))?;
+        subscriber.advance(Tick::new(second * SECOND))?;
     }
-    let height = now(&follower, id)?.pose().position.y;
+    let height = now(&subscriber, id)?.pose().position.y;
     let off = (height - f64::from(RADIUS)).abs();
     // Engines let bodies overlap or keep them apart by up to a centimetre.
     ensure(
         off <= 0.01,
         format!("it lies on the floor, not {off} m away"),
     )?;
-    let floor = now(&follower, under)?.pose().position.y;
+    let floor = now(&subscriber, under)?.pose().position.y;
     ensure(floor == -1.0, "a static body does not move")?;
-    let track = follower.replica()?.stream().track(id);
+    let track = subscriber.replica()?.stream().track(id);
     let rest = track.is_some_and(|track| track.is_exact_rest());
     ensure(
         rest,

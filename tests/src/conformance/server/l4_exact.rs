@@ -56,7 +56,7 @@ pub(super) fn cases() -> Vec<Case> {
 
 /// A member that sends the commands of a script and advances its scene.
 struct LeadMember {
-    follower: LossyClient,
+    subscriber: LossyClient,
     subject: ReferenceScene,
     script: Box<dyn Script>,
     tick: Tick,
@@ -69,11 +69,11 @@ impl LeadMember {
         choice: StreamChoice,
     ) -> Result<Self, Stop> {
         let script = subject.script();
-        let mut follower = trial.follower()?;
-        follower.create(script.config())?;
-        follower.join(choice)?;
+        let mut subscriber = trial.subscriber()?;
+        subscriber.create(script.config())?;
+        subscriber.join(choice)?;
         Ok(Self {
-            follower,
+            subscriber,
             subject,
             script,
             tick: Tick::ZERO,
@@ -85,8 +85,8 @@ impl LeadMember {
         let mut commands = Vec::new();
         self.script.commands(self.tick, &mut commands);
         for mut command in commands {
-            rename(&mut command, self.follower.granted)?;
-            self.follower.task(|session| session.command(command))?;
+            rename(&mut command, self.subscriber.granted)?;
+            self.subscriber.task(|session| session.command(command))?;
         }
         Ok(())
     }
@@ -96,7 +96,7 @@ impl LeadMember {
         while self.tick < to {
             self.command()?;
             self.tick = self.tick.next();
-            self.follower.advance(self.tick)?;
+            self.subscriber.advance(self.tick)?;
         }
         Ok(())
     }
@@ -130,7 +130,12 @@ fn moves(trial: &mut Trial<'_>, subject: ReferenceScene) -> CaseResult {
     let mut lead = LeadMember::begin(trial, subject, StreamChoice::Full)?;
     for tick in TICKS.map(Tick::new) {
         lead.go(tick)?;
-        judge(&lead.follower, subject, lead.follower.granted.first(), tick)?;
+        judge(
+            &lead.subscriber,
+            subject,
+            lead.subscriber.granted.first(),
+            tick,
+        )?;
     }
     Ok(())
 }
@@ -139,15 +144,15 @@ fn moves_ahead(trial: &mut Trial<'_>) -> CaseResult {
     // This script has no commands after the first step.
     let mut lead = LeadMember::begin(trial, GROUND, StreamChoice::Full)?;
     lead.command()?;
-    let first = lead.follower.granted.first();
+    let first = lead.subscriber.granted.first();
     let recorded = TICKS.into_iter().filter(|tick| tick % 10 == 0);
     for tick in recorded.map(Tick::new) {
         while lead.tick < tick {
             lead.tick = lead.tick + Ticks::new(10);
-            lead.follower.ask_for(lead.tick)?;
+            lead.subscriber.ask_for(lead.tick)?;
         }
-        lead.follower.complete(tick)?;
-        judge(&lead.follower, GROUND, first, tick)?;
+        lead.subscriber.complete(tick)?;
+        judge(&lead.subscriber, GROUND, first, tick)?;
     }
     Ok(())
 }
@@ -156,11 +161,11 @@ fn joins_late(trial: &mut Trial<'_>) -> CaseResult {
     let mut lead = LeadMember::begin(trial, PIT, NORMAL)?;
     let (joins, later) = (Tick::new(60), Tick::new(120));
     lead.go(joins)?;
-    let scene = lead.follower.scene.clone();
-    let mut late = trial.follower_of(&scene)?;
+    let scene = lead.subscriber.scene.clone();
+    let mut late = trial.subscriber_of(&scene)?;
     late.greet()?;
     late.join(StreamChoice::Full)?;
-    let first = lead.follower.granted.first();
+    let first = lead.subscriber.granted.first();
     judge(&late, PIT, first, joins)?;
     lead.go(later)?;
     late.complete(later)?;
@@ -171,9 +176,9 @@ fn sleeps(trial: &mut Trial<'_>) -> CaseResult {
     let mut lead = LeadMember::begin(trial, GROUND, NORMAL)?;
     let tick = Tick::new(TICKS[TICKS.len() - 1]);
     lead.go(tick)?;
-    let first = lead.follower.granted.first();
+    let first = lead.subscriber.granted.first();
     let recorded = lead.subject.recorded(tick).unwrap_or_default();
-    let replica = lead.follower.replica()?;
+    let replica = lead.subscriber.replica()?;
     let stream = replica.stream();
     let mut asleep = 0;
     for config in replica.bodies() {

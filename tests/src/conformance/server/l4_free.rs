@@ -117,18 +117,18 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// Adds balls that fall onto a floor, a few at a time, from above one another.
-fn balls(follower: &mut LossyClient, count: u32) -> CaseResult {
-    let granted = follower.granted;
-    follower.must(ball_shape())?;
-    follower.must(floor_shape())?;
-    follower.must(floor(body(granted, 0)?))?;
+fn balls(subscriber: &mut LossyClient, count: u32) -> CaseResult {
+    let granted = subscriber.granted;
+    subscriber.must(ball_shape())?;
+    subscriber.must(floor_shape())?;
+    subscriber.must(floor(body(granted, 0)?))?;
     for place in 1..=count {
         let at = Vec3::new(
             (place % 4) as f32 * 0.8,
             1.0 + place as f32,
             (place % 3) as f32 * 0.7,
         );
-        follower.must(ball(body(granted, place)?, at, Vec3::ZERO))?;
+        subscriber.must(ball(body(granted, place)?, at, Vec3::ZERO))?;
     }
     Ok(())
 }
@@ -138,10 +138,10 @@ fn enter(
     config: SceneConfig,
     choice: StreamChoice,
 ) -> Result<LossyClient, Stop> {
-    let mut follower = trial.follower()?;
-    follower.create(config)?;
-    follower.join(choice)?;
-    Ok(follower)
+    let mut subscriber = trial.subscriber()?;
+    subscriber.create(config)?;
+    subscriber.join(choice)?;
+    Ok(subscriber)
 }
 
 fn beside(
@@ -149,16 +149,16 @@ fn beside(
     other: &LossyClient,
     choice: StreamChoice,
 ) -> Result<LossyClient, Stop> {
-    let mut follower = trial.follower_of(&other.scene.clone())?;
-    follower.greet()?;
-    follower.join(choice)?;
-    Ok(follower)
+    let mut subscriber = trial.subscriber_of(&other.scene.clone())?;
+    subscriber.greet()?;
+    subscriber.join(choice)?;
+    Ok(subscriber)
 }
 
 fn runs(
     trial: &mut Trial<'_>,
     choice: StreamChoice,
-    spoilt: usize,
+    disturbed: usize,
     publish_schedule: (u32, u32),
 ) -> CaseResult {
     let config = SceneConfig {
@@ -172,10 +172,10 @@ fn runs(
     let mut copy = enter(trial, config, choice)?;
     let mut truth = beside(trial, &copy, StreamChoice::Full)?;
     balls(&mut copy, 8)?;
-    if spoilt > 0 {
+    if disturbed > 0 {
         let mut dice = trial.dice();
-        copy.sift(move |_| {
-            if dice.below(spoilt) == 0 {
+        copy.filter_datagrams(move |_| {
+            if dice.below(disturbed) == 0 {
                 LaneAction::Lost
             } else {
                 LaneAction::Comes
@@ -188,8 +188,8 @@ fn runs(
         copy.turn_for(Duration::from_millis(10));
         truth.turn_for(Duration::from_millis(10));
     }
-    let spoken = |follower: &LossyClient| {
-        let ticks = follower.seen.iter().flatten().map(|(tick, _)| *tick);
+    let spoken = |subscriber: &LossyClient| {
+        let ticks = subscriber.seen.iter().flatten().map(|(tick, _)| *tick);
         ticks
             .skip(1)
             .all(|tick| config.publish_schedule.publishes(tick))
@@ -208,11 +208,11 @@ fn silence(trial: &mut Trial<'_>) -> CaseResult {
         gravity: Vec3::ZERO,
         ..lockstep()
     };
-    let mut follower = enter(trial, config, NORMAL)?;
-    follower.turn_for(Duration::from_secs(3));
-    let before = follower.arrived;
-    follower.turn_for(Duration::from_secs(6));
-    let came = follower.arrived - before;
+    let mut subscriber = enter(trial, config, NORMAL)?;
+    subscriber.turn_for(Duration::from_secs(3));
+    let before = subscriber.arrived;
+    subscriber.turn_for(Duration::from_secs(6));
+    let came = subscriber.arrived - before;
     // One every 150 ticks: two or three in six seconds, and an answer or two to earlier loss reports.
     ensure(
         (1..=8).contains(&came),
@@ -291,7 +291,7 @@ fn resyncs(trial: &mut Trial<'_>) -> CaseResult {
     let mut other = beside(trial, &first, EXACT)?;
     // All datagrams are lost for so long that only a snapshot helps.
     let last = 30 + TICK_JUMP_MAX + 400;
-    other.sift(move |bytes| match datagram::tick_of(bytes) {
+    other.filter_datagrams(move |bytes| match datagram::tick_of(bytes) {
         // In this scene the tick fits into its low bits.
         Some(tick) if u64::from(tick) > last => LaneAction::Comes,
         _ => LaneAction::Lost,
@@ -310,19 +310,19 @@ fn resyncs(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn pause(trial: &mut Trial<'_>) -> CaseResult {
-    let mut follower = enter(trial, lockstep(), EXACT)?;
-    balls(&mut follower, 4)?;
-    follower.advance(Tick::new(20))?;
-    let before = follower.arrived;
-    follower.turn_for(Duration::from_millis(300));
+    let mut subscriber = enter(trial, lockstep(), EXACT)?;
+    balls(&mut subscriber, 4)?;
+    subscriber.advance(Tick::new(20))?;
+    let before = subscriber.arrived;
+    subscriber.turn_for(Duration::from_millis(300));
     ensure(
-        follower.arrived == before,
+        subscriber.arrived == before,
         "no packet comes while no tick is requested",
     )?;
-    let tick = follower.replica()?.stream().complete();
+    let tick = subscriber.replica()?.stream().complete();
     ensure(tick == Tick::new(20), "the scene pauses")?;
     for tick in 21..=40 {
-        follower.advance(Tick::new(tick))?;
+        subscriber.advance(Tick::new(tick))?;
     }
     Ok(())
 }
@@ -384,7 +384,7 @@ fn same(trial: &mut Trial<'_>) -> CaseResult {
     let mut other = beside(trial, &one, EXACT)?;
     balls(&mut one, 10)?;
     let mut dice = trial.dice();
-    other.sift(move |_| {
+    other.filter_datagrams(move |_| {
         if dice.below(5) == 0 {
             LaneAction::Lost
         } else {

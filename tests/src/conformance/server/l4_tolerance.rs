@@ -26,7 +26,7 @@ struct Setup {
     choice: StreamChoice,
     ticks: u64,
     /// One datagram in this number is lost, one is duplicated, one is delayed; none at zero.
-    spoilt: usize,
+    disturbed: usize,
     /// Publish interval and lookahead, in ticks.
     publish_schedule: (u32, u32),
     /// Number of ticks that are requested ahead.
@@ -42,7 +42,7 @@ impl Setup {
             bodies,
             choice,
             ticks: 180,
-            spoilt: 0,
+            disturbed: 0,
             publish_schedule: (1, 0),
             depth: 1,
             tolerance_scales: false,
@@ -83,30 +83,36 @@ pub(super) fn cases() -> Vec<Case> {
         Setup::of("ball-pit", 20, NORMAL),
         Setup::of("zoo", 12, EXACT),
     );
-    for (name, cites, setup) in spoilt(pit, zoo).into_iter().chain(otherwise(pit, zoo)) {
+    for (name, cites, setup) in disturbed(pit, zoo).into_iter().chain(otherwise(pit, zoo)) {
         cases.push(case(name.to_owned(), cites, setup));
     }
     cases
 }
 
 /// Setups with lanes that lose, duplicate and reorder.
-fn spoilt(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)> {
+fn disturbed(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)> {
     vec![
         (
             "a ball pit on a bad lane: complete ticks are within tolerance",
             "PROTOCOL 6.7-3, 6.6-14, 6.6-15, 6.8-5, 6.7-8",
-            Setup { spoilt: 6, ..pit },
+            Setup {
+                disturbed: 6,
+                ..pit
+            },
         ),
         (
             "a zoo on a bad lane: complete ticks are within tolerance",
             "PROTOCOL 6.7-3, 6.13-7, 6.13-12, 6.6-8",
-            Setup { spoilt: 5, ..zoo },
+            Setup {
+                disturbed: 5,
+                ..zoo
+            },
         ),
         (
             "a tumbler on a bad lane: attached bodies are within tolerance too",
             "PROTOCOL 6.7-3, 6.8-4",
             Setup {
-                spoilt: 6,
+                disturbed: 6,
                 ..Setup::of("tumbler", 12, EXACT)
             },
         ),
@@ -116,7 +122,7 @@ fn spoilt(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)> {
             Setup {
                 publish_schedule: (2, 0),
                 depth: 2,
-                spoilt: 6,
+                disturbed: 6,
                 ..zoo
             },
         ),
@@ -183,7 +189,7 @@ fn follow(trial: &mut Trial<'_>, setup: Setup) -> CaseResult {
     let unknown = || Stop::Inconclusive(format!("no script {}", setup.script));
     let mut script =
         by_name(setup.script, setup.bodies, trial.conditions.seed).ok_or_else(unknown)?;
-    let mut leader = trial.follower_of(&scene)?;
+    let mut leader = trial.subscriber_of(&scene)?;
     let (publish_interval, lookahead) = setup.publish_schedule;
     let config = SceneConfig {
         stepping: Stepping::Lockstep,
@@ -195,10 +201,10 @@ fn follow(trial: &mut Trial<'_>, setup: Setup) -> CaseResult {
     };
     leader.create(config)?;
     leader.join(setup.choice)?;
-    let mut truth = trial.follower_of(&scene)?;
+    let mut truth = trial.subscriber_of(&scene)?;
     truth.greet()?;
     truth.join(StreamChoice::Full)?;
-    spoil(trial, &mut leader, setup.spoilt);
+    disturb(trial, &mut leader, setup.disturbed);
     let mut worst = 0.0_f64;
     let mut judged = 0;
     for tick in 0..setup.ticks {
@@ -230,12 +236,12 @@ fn follow(trial: &mut Trial<'_>, setup: Setup) -> CaseResult {
     )
 }
 
-fn spoil(trial: &Trial<'_>, follower: &mut LossyClient, one_in: usize) {
+fn disturb(trial: &Trial<'_>, subscriber: &mut LossyClient, one_in: usize) {
     if one_in == 0 {
         return;
     }
     let mut dice = trial.dice();
-    follower.sift(move |_| match dice.below(one_in) {
+    subscriber.filter_datagrams(move |_| match dice.below(one_in) {
         0 => LaneAction::Lost,
         1 if dice.below(2) == 0 => LaneAction::Twice,
         1 => LaneAction::Late,

@@ -36,17 +36,17 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> CaseResult {
-    let mut guest = trial.guest()?;
+    let mut client = trial.client()?;
     let config = SceneConfig {
         stepping: Stepping::FreeRunning,
         ..lockstep()
     };
-    let joined = guest.enter(config, NORMAL)?;
-    let id = body(guest.granted, 0)?;
-    let upstream = take_authority(&mut guest, id)?;
+    let joined = client.enter(config, NORMAL)?;
+    let id = body(client.granted, 0)?;
+    let upstream = take_authority(&mut client, id)?;
     for stream in [joined.start.stream, upstream] {
-        guest.throw(&datagram::of_stream(bytes, stream))?;
-        guest.throw(bytes)?;
+        client.send_datagram(&datagram::of_stream(bytes, stream))?;
+        client.send_datagram(bytes)?;
     }
     // The loss report is well-formed, so its answer proves that all datagrams before it were processed.
     let loss_report = LossReport {
@@ -55,9 +55,9 @@ fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> CaseResult {
         repair_symbols: 0,
         lost: Vec::new(),
     };
-    guest.throw(&loss_report.encode(joined.start.stream))?;
+    client.send_datagram(&loss_report.encode(joined.start.stream))?;
     loop {
-        let datagram = guest.next_datagram()?;
+        let datagram = client.next_datagram()?;
         let datagram =
             datagram.ok_or_else(|| Stop::Fail("a loss report is not answered".into()))?;
         match datagram::kind(&datagram) {
@@ -68,12 +68,12 @@ fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> CaseResult {
             _ => {}
         }
     }
-    let received = guest.barrier()?;
+    let received = client.barrier()?;
     ensure(
         received.is_empty(),
         format!("no answer is sent, not {received:?}"),
     )?;
-    let bodies = again(&mut guest)?;
+    let bodies = again(&mut client)?;
     ensure(
         bodies == [moving(PLACE, Vec3::ZERO)],
         format!("its body has not moved, not {bodies:?}"),
@@ -83,17 +83,17 @@ fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> CaseResult {
 const PLACE: Vec3 = Vec3::new(1.0, 2.0, 3.0);
 
 /// Takes authority over a new kinematic body, and sends no packet for it.
-fn take_authority(guest: &mut RawClient, id: BodyId) -> Result<StreamId, Stop> {
-    guest.must(ball_shape())?;
-    guest.must(Command::AddBody {
+fn take_authority(client: &mut RawClient, id: BodyId) -> Result<StreamId, Stop> {
+    client.must(ball_shape())?;
+    client.must(Command::AddBody {
         config: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
         motion: moving(PLACE, Vec3::ZERO),
     })?;
-    guest.say(&ClientMessage::TakeAuthority(TakeAuthority {
+    client.send(&ClientMessage::TakeAuthority(TakeAuthority {
         tolerance: Tolerance::NORMAL,
         bodies: vec![id],
     }));
-    guest.await_message(
+    client.await_message(
         "answer to the request for authority",
         |message| match message {
             ServerMessage::AuthorityGrant(driving) => Some(Ok(driving.stream)),
@@ -104,9 +104,9 @@ fn take_authority(guest: &mut RawClient, id: BodyId) -> Result<StreamId, Stop> {
 }
 
 /// The states of all bodies, from a new snapshot.
-fn again(guest: &mut RawClient) -> Result<Vec<BodyState>, Stop> {
-    guest.say(&ClientMessage::Resync);
-    let (_, scene_events) = guest.snapshot()?;
+fn again(client: &mut RawClient) -> Result<Vec<BodyState>, Stop> {
+    client.send(&ClientMessage::Resync);
+    let (_, scene_events) = client.snapshot()?;
     let tracks = scene_events
         .into_iter()
         .filter_map(|scene_event| match scene_event {

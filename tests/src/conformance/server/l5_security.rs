@@ -89,9 +89,9 @@ const CASES: &[CaseRow] = &[
         |trial| {
             beside(trial, |trial, _| {
                 for _ in 0..60 {
-                    let mut guest = trial.guest()?;
-                    guest.hello()?;
-                    guest.line.close(0);
+                    let mut client = trial.client()?;
+                    client.hello()?;
+                    client.connection.close(0);
                 }
                 Ok(())
             })
@@ -102,13 +102,13 @@ const CASES: &[CaseRow] = &[
         "a client cannot learn a scene's name",
         "PROTOCOL 3.1-3, 4.7-1",
         |trial| {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
-            guest.create(lockstep())?;
-            let mut other = trial.guest()?;
+            let mut client = trial.client()?;
+            client.hello()?;
+            client.create(lockstep())?;
+            let mut other = trial.client()?;
             let welcome = other.hello()?;
             ensure(welcome.scene.is_none(), "its scene does not exist")?;
-            other.say(&ClientMessage::Join(NORMAL));
+            other.send(&ClientMessage::Join(NORMAL));
             let received = other.barrier()?;
             ensure(
                 matches!(received[..], [ServerMessage::Denied(_)]),
@@ -138,12 +138,12 @@ fn beside(
     trial: &mut Trial<'_>,
     does: fn(&mut Trial<'_>, &mut RawClient) -> CaseResult,
 ) -> CaseResult {
-    let mut good = trial.follower()?;
+    let mut good = trial.subscriber()?;
     good.create(lockstep())?;
     let granted = good.join(NORMAL)?;
     good.must(ball_shape())?;
     good.must(ball(body(granted, 0)?, Vec3::ZERO, Vec3::X))?;
-    let mut attacker = trial.guest_of(&good.scene.clone())?;
+    let mut attacker = trial.client_of(&good.scene.clone())?;
     attacker.hello()?;
     attacker.join(StreamChoice::Full)?;
     good.advance(Tick::new(10))?;
@@ -172,23 +172,23 @@ fn noise(trial: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
     for _ in 0..500 {
         let length = dice.below(1_150);
         let bytes: Vec<u8> = (0..length).map(|_| dice.below(256) as u8).collect();
-        attacker.throw(&bytes)?;
+        attacker.send_datagram(&bytes)?;
     }
     attacker.barrier().map(drop)
 }
 
 fn greased(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
     for kind in 0..=0xff_u8 {
-        attacker.throw(&[kind])?;
-        attacker.throw(&[kind, 0, 1, 2, 3])?;
+        attacker.send_datagram(&[kind])?;
+        attacker.send_datagram(&[kind, 0, 1, 2, 3])?;
     }
-    attacker.throw(&[])?;
+    attacker.send_datagram(&[])?;
     attacker.barrier().map(drop)
 }
 
 /// The stream of a member.
 fn stream(attacker: &mut RawClient) -> Result<StreamId, Stop> {
-    attacker.say(&ClientMessage::Resync);
+    attacker.send(&ClientMessage::Resync);
     Ok(attacker.snapshot()?.0.start.stream)
 }
 
@@ -201,7 +201,7 @@ fn loss_reports(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
             repair_symbols: (number % 33) as u8,
             lost: (0..64).map(|lost| Low16::of(number * 64 + lost)).collect(),
         };
-        attacker.throw(&loss_report.encode(stream))?;
+        attacker.send_datagram(&loss_report.encode(stream))?;
     }
     attacker.barrier().map(drop)
 }
@@ -213,7 +213,7 @@ fn mismatches(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
             first: number * 2_000,
             stride: 1 + number,
         };
-        attacker.throw(&ChecksumMismatch { range }.encode(stream))?;
+        attacker.send_datagram(&ChecksumMismatch { range }.encode(stream))?;
     }
     attacker.barrier().map(drop)
 }
@@ -224,7 +224,7 @@ fn pings(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
             sent: Instant::from_nanos(number),
         })
         .collect();
-    attacker.say_together(&pings);
+    attacker.send_together(&pings);
     let mut next = 0;
     while next < 5_000 {
         next = attacker.await_message("pong", |message| match message {
@@ -238,19 +238,19 @@ fn pings(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
 fn chance(trial: &mut Trial<'_>, _: &mut RawClient) -> CaseResult {
     let mut dice = trial.dice();
     for _ in 0..40 {
-        let mut guest = trial.guest()?;
+        let mut client = trial.client()?;
         let bytes: Vec<u8> = (0..1 + dice.below(300))
             .map(|_| dice.below(256) as u8)
             .collect();
-        guest.utter(&bytes);
+        client.send_bytes(&bytes);
         // Random bytes may be the start of a message; then the server waits for more.
-        guest.line.finish();
+        client.connection.finish();
     }
     Ok(())
 }
 
 fn snapshots(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
-    attacker.say_together(&vec![ClientMessage::Resync; 500]);
+    attacker.send_together(&vec![ClientMessage::Resync; 500]);
     let received = attacker.barrier()?;
     let reported = received
         .iter()
@@ -263,23 +263,23 @@ fn snapshots(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
 }
 
 fn not_granted(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), StreamChoice::Full)?;
-    guest.must(ball_shape())?;
+    let mut client = trial.client()?;
+    client.enter(lockstep(), StreamChoice::Full)?;
+    client.must(ball_shape())?;
     let beyond = BodyId::new(1_000_000, 0);
-    match guest.command(ball(beyond, Vec3::ZERO, Vec3::ZERO))? {
+    match client.command(ball(beyond, Vec3::ZERO, Vec3::ZERO))? {
         Err(CommandError::NotGranted(id)) => ensure(id == beyond, "the error names it"),
         other => Stop::fail(format!("{other:?}; must be refused with NotGranted")),
     }
 }
 
 fn other_scene(trial: &mut Trial<'_>) -> CaseResult {
-    let mut one = trial.guest()?;
+    let mut one = trial.client()?;
     one.enter(lockstep(), StreamChoice::Full)?;
     one.must(ball_shape())?;
     let id = body(one.granted, 0)?;
     one.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
-    let mut other = trial.guest()?;
+    let mut other = trial.client()?;
     other.enter(lockstep(), StreamChoice::Full)?;
     match other.command(Command::RemoveBody { id })? {
         Err(CommandError::UnknownBody(_)) => {}
@@ -290,7 +290,7 @@ fn other_scene(trial: &mut Trial<'_>) -> CaseResult {
 
 /// A member that requests snapshots of a large scene and reads none of them.
 fn deaf(trial: &mut Trial<'_>) -> CaseResult {
-    let mut good = trial.follower()?;
+    let mut good = trial.subscriber()?;
     good.create(lockstep())?;
     let granted = good.join(NORMAL)?;
     good.must(ball_shape())?;
@@ -300,17 +300,17 @@ fn deaf(trial: &mut Trial<'_>) -> CaseResult {
         good.task(|session| session.command(ball(id, at, Vec3::ZERO)))?;
     }
     good.advance(Tick::new(1))?;
-    let mut attacker = trial.guest_of(&good.scene.clone())?;
+    let mut attacker = trial.client_of(&good.scene.clone())?;
     attacker.hello()?;
-    attacker.line.read_control(false);
-    attacker.say(&ClientMessage::Join(StreamChoice::Full));
+    attacker.connection.read_control(false);
+    attacker.send(&ClientMessage::Join(StreamChoice::Full));
     let mut tick = 1;
     // Each snapshot has some 100 kB; a server may buffer a few MB more than QUIC has in flight.
     for _ in 0..400 {
-        attacker.say(&ClientMessage::Resync);
+        attacker.send(&ClientMessage::Resync);
         tick += 1;
         good.advance(Tick::new(tick))?;
-        while let Some(seen) = attacker.line.hear(std::time::Duration::ZERO) {
+        while let Some(seen) = attacker.connection.hear(std::time::Duration::ZERO) {
             if let rhumb_transport::RawEvent::Ended(end) = seen {
                 let overflow = rhumb_transport::RawPeerEnd::Closed(CONTROL_OVERFLOW);
                 ensure(
@@ -326,8 +326,8 @@ fn deaf(trial: &mut Trial<'_>) -> CaseResult {
 
 /// Sends commands behind an advance that is not complete yet.
 fn waiting(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), NORMAL)?;
+    let mut client = trial.client()?;
+    client.enter(lockstep(), NORMAL)?;
     let command = ClientMessage::Command(Command::SetGravity {
         gravity: Vec3::ZERO,
     });
@@ -336,11 +336,11 @@ fn waiting(trial: &mut Trial<'_>) -> CaseResult {
         to: Tick::new(rhumb_protocol::limits::ADVANCE_TICKS_MAX),
     }];
     together.resize(most + 500, command);
-    guest.say_together(&together);
+    client.send_together(&together);
     // A server that steps meanwhile queues fewer commands; one that does not may close.
-    match guest.outcome_of(guest.commands - 1) {
-        Ok(Ok(_)) => guest.barrier().map(drop),
+    match client.outcome_of(client.commands - 1) {
+        Ok(Ok(_)) => client.barrier().map(drop),
         Ok(Err(error)) => Stop::fail(format!("a change of gravity is refused: {error}")),
-        Err(_) => guest.must_be_closed(CloseCode::LIMIT),
+        Err(_) => client.must_be_closed(CloseCode::LIMIT),
     }
 }

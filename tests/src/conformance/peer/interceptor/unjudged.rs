@@ -49,13 +49,13 @@ impl Interceptor {
     /// [`Stop::Fail`](crate::conformance::outcome::Stop::Fail) when this does not happen in time.
     pub fn must_end_alike(&mut self) -> CaseResult {
         let mut tries = 0;
-        self.until("copy equal to the stream at the end", |feed| {
+        self.until("copy equal to the stream at the end", |interceptor| {
             tries += 1;
-            let Ok(copy) = feed.mirror() else {
+            let Ok(copy) = interceptor.mirror() else {
                 return false;
             };
-            let alike = is_alike(copy, &feed.reported);
-            alike || (tries % 10 == 0 && feed.step_unjudged(2).is_err())
+            let alike = is_alike(copy, &interceptor.reported);
+            alike || (tries % 10 == 0 && interceptor.step_unjudged(2).is_err())
         })
     }
 }
