@@ -1,6 +1,6 @@
-//! A real host and its guests at one table, where all is heard at once.
+//! A server and its clients in one process, with immediate delivery.
 //!
-//! No links and no time but what `pass` lets by. Polite guests are real sessions; rude ones are bytes.
+//! There is no network, and time passes only in `pass`. Clients are real sessions or raw peers.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_server::{Hooks, ServerLoop};
 
-/// One thing that was sent to or by a guest, as it crossed.
+/// One unit of data between the server and a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Delivered {
     /// Bytes of the control stream.
@@ -18,49 +18,49 @@ pub enum Delivered {
     State(Bytes),
 }
 
-/// What becomes of a datagram from the host.
+/// The fate of a datagram from the server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeliveryAction {
-    /// It arrives.
+    /// It is delivered.
     Arrives,
-    /// It does not.
+    /// It is lost.
     Lost,
-    /// It arrives two times.
+    /// It is delivered twice.
     Twice,
-    /// It arrives behind the next one.
+    /// It is delivered after the next one.
     Late,
 }
 
-/// Says what becomes of each datagram.
+/// Selects the fate of each datagram.
 pub struct LossFilter(Box<dyn FnMut(&Bytes) -> DeliveryAction>);
 
 impl LossFilter {
-    /// What this says.
+    /// A filter from a function.
     pub fn new(fate: impl FnMut(&Bytes) -> DeliveryAction + 'static) -> Self {
         Self(Box::new(fate))
     }
 }
 
-/// A host with guests.
+/// A server with its clients.
 pub struct Table {
     host: ServerLoop,
     now: Instant,
     /// Real sessions by their peer.
     polite: BTreeMap<Peer, ClientSession>,
-    /// What the host sent to each peer and has not been taken yet.
+    /// Data that the server sent to each peer and that was not taken yet.
     heard: BTreeMap<Peer, Vec<Delivered>>,
-    /// What each polite guest sent.
+    /// Data that each session sent and that was not taken yet.
     spoken: BTreeMap<Peer, Vec<Delivered>>,
     closed: BTreeMap<Peer, CloseCode>,
-    /// What lies between the host and each peer that is not reached by all it says.
+    /// Filters of datagrams from the server, by receiver.
     sieves: BTreeMap<Peer, LossFilter>,
     late: BTreeMap<Peer, Bytes>,
-    /// What lies between peers and the host; what is not to arrive is lost.
+    /// Filters of datagrams to the server, by sender; every action except `Arrives` loses the datagram.
     outer_sieves: BTreeMap<Peer, LossFilter>,
     next: u64,
 }
 
-/// The host, as each session names it.
+/// The server's name in each session.
 const HOST: Peer = Peer(0);
 
 impl Default for Table {
@@ -81,7 +81,7 @@ impl Default for Table {
 }
 
 impl Table {
-    /// A host whose scenes get hooks.
+    /// A server whose scenes have these hooks.
     #[must_use]
     pub fn with_hooks(hooks: Hooks) -> Self {
         let mut table = Self::default();
@@ -89,10 +89,10 @@ impl Table {
         table
     }
 
-    /// ReceivedAliases a real session.
+    /// Connects a new session to the server.
     pub fn alias(&mut self, scene: &str) -> Peer {
         let peer = self.connect_raw_peer();
-        let name = scene.parse().expect("tests name scenes well");
+        let name = scene.parse().expect("a valid scene name");
         let mut session = ClientSession::new(name);
         session.handle_opened(self.now, HOST);
         self.polite.insert(peer, session);
@@ -100,7 +100,7 @@ impl Table {
         peer
     }
 
-    /// Opens a connection of which only bytes will be known.
+    /// Opens a connection without a session, for raw bytes.
     pub fn connect_raw_peer(&mut self) -> Peer {
         let peer = Peer(self.next);
         self.next += 1;
@@ -108,44 +108,44 @@ impl Table {
         peer
     }
 
-    /// A polite guest.
+    /// The session of a peer.
     ///
     /// # Panics
     ///
-    /// If there is none of this name.
+    /// If the peer has no session.
     pub fn guest(&mut self, peer: Peer) -> &mut ClientSession {
-        self.polite.get_mut(&peer).expect("a aliased guest")
+        self.polite.get_mut(&peer).expect("a connected session")
     }
 
-    /// The moment it is.
+    /// The current time.
     #[must_use]
     pub const fn now(&self) -> Instant {
         self.now
     }
 
-    /// Control bytes from anybody.
+    /// Delivers control bytes to the server.
     pub fn control(&mut self, from: Peer, bytes: &[u8]) {
         self.host.handle_control(self.now, from, bytes);
         self.settle();
     }
 
-    /// A datagram from anybody.
+    /// Delivers a datagram to the server.
     pub fn datagram(&mut self, from: Peer, bytes: &[u8]) {
         self.host.handle_datagram(self.now, from, bytes);
         self.settle();
     }
 
-    /// Lets datagrams from the host to a peer come as a sieve has it, from now on.
+    /// Filters datagrams from the server to a peer from now on.
     pub fn sift(&mut self, peer: Peer, sieve: LossFilter) {
         self.sieves.insert(peer, sieve);
     }
 
-    /// Loses datagrams from a polite guest to the host unless a sieve has them arrive, from now on.
+    /// Filters datagrams from a session to the server from now on.
     pub fn sift_spoken(&mut self, peer: Peer, sieve: LossFilter) {
         self.outer_sieves.insert(peer, sieve);
     }
 
-    /// A connection breaks.
+    /// Breaks a connection.
     pub fn end(&mut self, peer: Peer) {
         self.host.handle_ended(self.now, peer, Ending::Broken);
         if let Some(mut session) = self.polite.remove(&peer) {
@@ -154,7 +154,7 @@ impl Table {
         self.settle();
     }
 
-    /// Lets time pass, waking whoever wants it in between.
+    /// Lets time pass, and fires the timeouts that become due.
     pub fn pass(&mut self, span: Span) {
         let end = self.now + span;
         while let Some(at) = self.next_wake().filter(|at| *at <= end) {
@@ -165,18 +165,18 @@ impl Table {
         self.settle();
     }
 
-    /// Why the host closed a connection, if it did.
+    /// The code with which the server closed a connection, if it did.
     #[must_use]
     pub fn closed(&self, peer: Peer) -> Option<CloseCode> {
         self.closed.get(&peer).copied()
     }
 
-    /// What the host sent to a peer since it was last asked.
+    /// The data that the server sent to a peer since the last call.
     pub fn take_heard(&mut self, peer: Peer) -> Vec<Delivered> {
         self.heard.remove(&peer).unwrap_or_default()
     }
 
-    /// What a polite guest sent since it was last asked.
+    /// The data that a session sent since the last call.
     pub fn take_spoken(&mut self, peer: Peer) -> Vec<Delivered> {
         self.spoken.remove(&peer).unwrap_or_default()
     }
@@ -187,7 +187,7 @@ impl Table {
         wakes.map(|wake| wake.at).min()
     }
 
-    /// Hands over until nobody has anything to say or to do now.
+    /// Delivers data until no endpoint has anything to send or to do now.
     pub fn settle(&mut self) {
         loop {
             let mut quiet = true;
@@ -264,7 +264,7 @@ impl Table {
         self.heard.entry(to).or_default().push(sent);
     }
 
-    /// Whether a guest had anything to say.
+    /// Delivers the data of a session; returns whether there was any.
     fn drain_guest(&mut self, peer: Peer) -> bool {
         let mut spoke = false;
         while let Some(transmit) = self

@@ -1,8 +1,8 @@
-//! The real plug-in's bytes against a host: understood, answered in kind
+//! The server accepts the bytes of the real plug-in and answers correctly.
 //!
-//! Proved by playing recordings of OpenSimulator's unmodified RemotePhysics plug-in (`PluginSession`) to a host in virtual
-//! time: a session each of a region at rest, of a region with a hundred balls and an avatar, of forty balls, of avatars
-//! that walk, fly and are resized, and of everything else that the plug-in can say.
+//! The tests play recordings of OpenSimulator's unmodified RemotePhysics plug-in (`PluginSession`) to a server in
+//! virtual time: sessions with a region at rest, a region with a hundred balls and an avatar, forty balls, avatars
+//! that walk, fly and are resized, and every other message of the plug-in.
 
 use std::collections::BTreeMap;
 
@@ -22,7 +22,7 @@ fn host() -> ServerLoop {
     ServerLoop::new(|| Instant::ZERO)
 }
 
-/// Plays a recording to its end, message by message, and checks what every session has in common.
+/// Plays a recording to its end, message by message, and checks the common properties of all sessions.
 fn play(packed: &[u8]) -> (Recording, PluginSession) {
     let recording = Recording::unpack(packed);
     let mut host = host();
@@ -32,8 +32,8 @@ fn play(packed: &[u8]) -> (Recording, PluginSession) {
         assert!(!talk.closed, "closed before {piece:?}");
         talk.say(&mut host, piece);
     }
-    assert!(talk.closed, "who logs off is let go");
-    assert_eq!(host.scenes().count(), 0, "its scene ends with it");
+    assert!(talk.closed, "a client that logs off is disconnected");
+    assert_eq!(host.scenes().count(), 0, "the scene ends with its client");
     assert_eq!(talk.received(Kind::LogonReady), 1);
     assert_eq!(talk.received(Kind::TimeAdvanced), steps);
     let refused: Vec<_> = talk
@@ -45,7 +45,7 @@ fn play(packed: &[u8]) -> (Recording, PluginSession) {
     (recording, talk)
 }
 
-/// The ground of the harness's terrain: four plateaus, with steps at the middle.
+/// Height of the harness's terrain: four plateaus, with steps in the middle.
 fn plateau(size: f32, x: f32, y: f32) -> f32 {
     let middle = size * 0.5;
     match (x >= middle, y >= middle) {
@@ -57,14 +57,10 @@ fn plateau(size: f32, x: f32, y: f32) -> f32 {
 }
 
 #[test]
-fn a_region_that_starts_and_stops_is_understood() {
+fn a_region_that_starts_and_stops_is_accepted() {
     let (recording, talk) = play(REGION);
     assert_eq!(recording.count(Kind::AddHeightField), 2);
-    assert_eq!(
-        talk.received(Kind::SetDynamicActor),
-        0,
-        "nothing moves in it"
-    );
+    assert_eq!(talk.received(Kind::SetDynamicActor), 0, "no body moves");
 }
 
 #[test]
@@ -85,13 +81,13 @@ fn forty_balls_come_to_rest_on_their_plateaus() {
     }
 }
 
-/// Where an actor was said to be by the end of a frame.
+/// Position of an actor in the last state up to the end of a frame.
 fn at(track: &BTreeMap<usize, Motion>, frame: usize) -> Vec3 {
     let last = track.range(..=frame).next_back();
-    last.expect("it was spoken of by then").1.position
+    last.expect("a state up to that frame").1.position
 }
 
-/// The masses that were reported of an actor, one after the other, kg.
+/// The masses reported for an actor, in order, in kg.
 fn masses(talk: &PluginSession, actor: u32) -> Vec<f32> {
     let reported = talk.lasting.iter().filter_map(|message| match message {
         Message::UpdateMass((id, mass)) if id.object == actor => Some(*mass),
@@ -101,32 +97,33 @@ fn masses(talk: &PluginSession, actor: u32) -> Vec<f32> {
 }
 
 #[test]
-fn every_kind_of_thing_is_understood_and_weighed() {
+fn every_kind_of_object_is_accepted_and_its_mass_reported() {
     let (recording, talk) = play(ZOO);
     assert_eq!(
         recording.count(Kind::ApplyTorque),
         1,
-        "the one without a header"
+        "the message without a header"
     );
-    // By edges, radius and density, as the harness asked for them: reported when asked for, and again when others come of it.
+    // From edges, radius and density, as the harness requested them. A mass is reported on request, and again when it
+    // changes.
     let ball = core::f32::consts::PI / 6.0;
     let expected: [(u32, &[f32]); 5] = [
-        // A box that is made larger; then static, dynamic again.
+        // A box that is enlarged, then made static and dynamic again.
         (720_001, &[1e3, 4e3, 4e3, 4e3]),
-        // A wall of 4 m × 0.5 m × 2 m, of which nothing changes.
+        // A wall of 4 m × 0.5 m × 2 m that does not change.
         (720_002, &[4e3, 4e3, 4e3]),
-        // A ball that becomes of another material.
+        // A ball whose material changes.
         (720_003, &[ball * 1e3, ball * 7.7e3]),
-        // What is attached to it nobody defined.
+        // An actor whose attached shape is undefined.
         (720_004, &[1.0]),
-        // A cube with two more linked, of which one goes.
+        // A cube with two linked cubes, one of which is removed.
         (720_010, &[1e3, 3e3, 2e3]),
     ];
     for (actor, expected) in expected {
         let reported = masses(&talk, actor);
         let is_as = |(reported, expected): (&f32, &f32)| (reported / expected - 1.0).abs() < 1e-4;
         let all = reported.len() == expected.len() && reported.iter().zip(expected).all(is_as);
-        assert!(all, "{actor}: {reported:?} kg, and not {expected:?}");
+        assert!(all, "{actor}: {reported:?} kg, not {expected:?}");
     }
     for (_, state) in &talk.states {
         assert!(state.position.is_finite() && state.rotation.is_normalized());
@@ -134,17 +131,17 @@ fn every_kind_of_thing_is_understood_and_weighed() {
 }
 
 #[test]
-fn what_is_set_going_goes_there() {
+fn a_body_moves_with_the_velocity_that_is_set() {
     let (_, talk) = play(ZOO);
-    // After frame 34 the ball is reported to go at 1 m/s along x and at 3 m/s up: it rises for a third of a second.
+    // After frame 34 the velocity is set to 1 m/s along x and 3 m/s up, so the ball rises for a third of a second.
     let ball = talk.track(720_003);
     let top = (35..40).map(|frame| at(&ball, frame).z).fold(0.0, f32::max);
     let rise = top - at(&ball, 34).z;
     assert!((0.35..0.46).contains(&rise), "it rose by {rise} m");
     let way = at(&ball, 38) - at(&ball, 34);
-    assert!((way.x - 4.0 * 0.089).abs() < 0.02, "it went by {way}");
-    assert!(way.y.abs() < 0.01, "it went by {way}");
-    // Before frame 65 a box of 1 m is put 28 m up, over ground at 20 m.
+    assert!((way.x - 4.0 * 0.089).abs() < 0.02, "it moved by {way}");
+    assert!(way.y.abs() < 0.01, "it moved by {way}");
+    // Before frame 65 a box of 1 m is placed at a height of 28 m, over ground at 20 m.
     let fallen = talk.track(720_001);
     assert!(at(&fallen, 66).z > 27.5, "{:?}", at(&fallen, 66));
     assert!(
@@ -155,7 +152,7 @@ fn what_is_set_going_goes_there() {
 }
 
 #[test]
-fn avatars_stay_upright_walk_on_the_ground_and_feel_it() {
+fn avatars_stay_upright_on_the_ground_and_report_contacts() {
     let (_, talk) = play(AVATAR);
     let mut felt = 0;
     for message in talk.passing.iter().chain(&talk.lasting) {
@@ -173,18 +170,18 @@ fn avatars_stay_upright_walk_on_the_ground_and_feel_it() {
             _ => {}
         }
     }
-    assert!(felt > 50, "the ground was felt {felt} times");
+    assert!(felt > 50, "{felt} contacts with the ground were reported");
 }
 
 #[test]
-fn an_avatar_goes_where_it_wishes_flies_and_lands_on_its_feet() {
+fn an_avatar_walks_flies_and_lands_as_commanded() {
     let (_, talk) = play(AVATAR);
     let track = talk.track(800_001);
     let at = |frame| at(&track, frame);
     // 1.9 m tall, on ground at 20 m.
     let stands = |frame: usize| (at(frame).z - 20.95).abs() < 0.03;
     assert!(stands(30) && at(30).distance(at(34)) < 0.01, "{}", at(34));
-    // From frame 35 on it wishes to walk at 2 m/s along x, and is slowed by the ground between two wishes.
+    // From frame 35 on its target velocity is 2 m/s along x; friction slows it between two such messages.
     let walked = at(42) - at(34);
     let requested_authority = 8.0 * 0.089 * 2.0;
     assert!(
@@ -192,22 +189,22 @@ fn an_avatar_goes_where_it_wishes_flies_and_lands_on_its_feet() {
         "{walked}"
     );
     assert!(walked.y.abs() < 0.01 && stands(42), "{walked}");
-    // A step of 6 m ends its way, three metres on.
+    // A step of 6 m stops it after three metres.
     assert!((62.0..63.5).contains(&at(62).x), "{}", at(62));
-    // From frame 70 to 81 it has no weight, and was reported to rise at 1 m/s.
+    // From frame 70 to 81 it has no weight, and its velocity is 1 m/s upwards.
     let risen = at(81).z - at(69).z;
     assert!((0.9..1.1).contains(&risen), "it rose by {risen} m");
     assert!(stands(69) && stands(104), "{} {}", at(69), at(104));
 }
 
 #[test]
-fn a_region_with_balls_and_an_avatar_is_understood_to_its_end() {
+fn a_region_with_balls_and_an_avatar_is_accepted_to_its_end() {
     let (recording, talk) = play(REGION_BALLS);
     assert!(recording.messages.len() > 2_600);
     let last = talk.last_states();
     assert!(last.len() >= 100, "{} moved", last.len());
     assert!(talk.received(Kind::UpdateMass) >= recording.count(Kind::GetMass));
-    // The last terrain lies above the first, where they had come to lie: they are put on top. Some roll over the edge.
+    // The last terrain is above the balls that rest on the first, so they are moved onto it. Some roll over the edge.
     let inside = |state: &Motion| {
         let region = 0.0..255.0;
         region.contains(&state.position.x) && region.contains(&state.position.y)
@@ -221,7 +218,7 @@ fn a_region_with_balls_and_an_avatar_is_understood_to_its_end() {
     assert!(last.values().filter(|state| inside(state)).count() >= 95);
 }
 
-/// Where each actor was said to be last.
+/// The last reported position of each actor.
 fn last_places(messages: &[Message]) -> BTreeMap<u32, Vec3> {
     let states = messages.iter().filter_map(|message| match message {
         Message::SetDynamicActor(state) => Some((state.actor.object, state.position)),
@@ -231,10 +228,10 @@ fn last_places(messages: &[Message]) -> BTreeMap<u32, Vec3> {
 }
 
 #[test]
-fn what_rests_is_said_again_where_nothing_is_lost() {
+fn resting_states_are_repeated_on_the_reliable_connection() {
     let (_, talk) = play(BALLS);
     let (passing, lasting) = (last_places(&talk.passing), last_places(&talk.lasting));
-    assert_eq!(lasting.len(), 40, "every ball came to rest once at least");
+    assert_eq!(lasting.len(), 40, "every ball came to rest at least once");
     let same = passing
         .iter()
         .filter(|(name, at)| lasting[name].distance(**at) < 2e-3);
@@ -247,7 +244,7 @@ fn simulations_of_several_clients_do_not_touch() {
     let (_, alone) = play(BALLS);
     let mut host = host();
     let mut first = PluginSession::begin(&mut host, 1, balls.datagram());
-    // The same session under another number of its simulation.
+    // The same session with another simulation number.
     let mut logon = Vec::new();
     Message::Logon(Logon::new(8, "other")).encode(0, &mut logon);
     let mut second = PluginSession::begin(&mut host, 2, &logon);
@@ -267,7 +264,7 @@ fn simulations_of_several_clients_do_not_touch() {
 }
 
 #[test]
-fn a_simulation_has_one_client_and_the_first_goes_on() {
+fn a_second_client_of_a_simulation_is_refused_and_the_first_continues() {
     let recording = Recording::unpack(ZOO);
     let mut host = host();
     let mut first = PluginSession::begin(&mut host, 1, recording.datagram());
@@ -294,7 +291,7 @@ fn messages_of_a_rejected_peer_are_ignored() {
     let mut second = PluginSession::begin(&mut host, 2, &logon);
     second.say(&mut host, &logon);
     assert!(second.closed);
-    // Its connection is not closed yet, and it goes on.
+    // Its connection is not closed yet, and it continues to send.
     second.say(&mut host, &frame);
     assert_eq!(host.scenes().count(), 0);
     first.say(&mut host, &frame);
@@ -322,7 +319,7 @@ fn a_client_whose_datagram_is_lost_receives_its_states_on_tcp() {
 fn when_tcp_is_too_slow_for_all_states_every_body_is_served_in_turn() {
     const BODIES: u32 = 1_000;
     const FRAMES: usize = 40;
-    // What a line takes between two frames of a plug-in: 16 KiB in 35 ms.
+    // Bytes that the connection accepts between two frames of a plug-in: 16 KiB in 35 ms.
     const TAKEN_BYTES: usize = (16 << 10) * 89 / 35;
     let mut host = host();
     let mut talk = PluginSession::begin(&mut host, 1, b"no logon");
@@ -333,7 +330,7 @@ fn when_tcp_is_too_slow_for_all_states_every_body_is_served_in_turn() {
         let before = talk.stream_bytes;
         talk.say(&mut host, &frame);
         let waiting = talk.waiting_bytes + talk.stream_bytes - before;
-        assert!(waiting < 70_000, "{waiting} bytes wait");
+        assert!(waiting < 70_000, "{waiting} bytes are queued");
         talk.waiting_bytes = waiting.saturating_sub(TAKEN_BYTES);
     }
     assert_eq!(talk.received(Kind::TimeAdvanced), FRAMES);
@@ -353,12 +350,12 @@ fn when_tcp_is_too_slow_for_all_states_every_body_is_served_in_turn() {
 }
 
 #[test]
-fn what_came_to_rest_while_nothing_could_be_said_is_said_when_it_can() {
+fn resting_states_are_sent_after_a_blocked_connection_recovers() {
     let recording = Recording::unpack(BALLS);
     let mut host = host();
     let mut talk = PluginSession::begin(&mut host, 1, b"no logon");
     talk.waiting_bytes = 1 << 20;
-    // All but its end, when the ground goes.
+    // Everything except the end of the recording, where the ground is removed.
     for (piece, message) in recording.pieces().zip(&recording.messages) {
         if message.kind() == Kind::DetachShape {
             break;
@@ -381,7 +378,7 @@ fn what_came_to_rest_while_nothing_could_be_said_is_said_when_it_can() {
 }
 
 #[test]
-fn an_operator_chooses_what_is_said() {
+fn an_operator_selects_the_states_that_are_sent() {
     let recording = Recording::unpack(BALLS);
     let play = |options: AppOptions| {
         let mut host = host();
@@ -415,7 +412,7 @@ fn an_operator_chooses_what_is_said() {
 }
 
 #[test]
-fn broken_sessions_end_alone_and_nobody_panics() {
+fn broken_sessions_end_without_a_panic_and_without_effect_on_others() {
     let (zoo, balls) = (Recording::unpack(ZOO), Recording::unpack(BALLS));
     let mut dice = Dice::new(seed(0xa99));
     let mut host = host();
@@ -427,7 +424,7 @@ fn broken_sessions_end_alone_and_nobody_panics() {
     for round in 0..60_u16 {
         let of = if round % 2 == 0 { &zoo } else { &balls };
         let mut bytes = of.bytes.clone();
-        // Behind the terrain, where most words are.
+        // The part after the terrain, which has most of the messages.
         let words = bytes.len() - 17_000;
         for _ in 0..1 + dice.below(20) {
             let place = words + dice.below(17_000);
@@ -448,11 +445,11 @@ fn broken_sessions_end_alone_and_nobody_panics() {
         assert_eq!(steady.received(Kind::TimeAdvanced), usize::from(round) + 1);
         assert_eq!(host.scenes().count(), 1, "a scene ends with its client");
     }
-    assert!(closed > 20, "{closed} of 60 were closed");
+    assert!(closed > 20, "only {closed} of 60 sessions were closed");
 }
 
 #[test]
-fn numbers_that_no_engine_should_be_given_are_refused_and_the_session_goes_on() {
+fn invalid_numbers_are_refused_and_the_session_continues() {
     let mut host = host();
     let mut bytes = Vec::new();
     let id = |object| Id {

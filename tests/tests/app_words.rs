@@ -1,7 +1,7 @@
-//! Whatever a client of the paper's protocol says, its scene stays sound
+//! A scene stays valid whatever a client of the paper's protocol sends.
 //!
-//! Proved by random words about few things, with numbers that are sane, absurd or none, so that they contradict each other
-//! in every way; and by shapes, contacts and joints whose outcome is known.
+//! The tests send random messages about a few objects, with valid, extreme or invalid numbers, so that the messages
+//! contradict each other in every way. Other tests have shapes, contacts and joints with a known outcome.
 
 use glam::{Quat, Vec3};
 use rhumb_app::{
@@ -24,14 +24,14 @@ fn say(host: &mut ServerLoop, talk: &mut PluginSession, message: &Message) {
     say_as(host, talk, 0, message);
 }
 
-/// Says a message under an index.
+/// Sends a message with an index.
 fn say_as(host: &mut ServerLoop, talk: &mut PluginSession, index: u32, message: &Message) {
     let mut bytes = Vec::new();
     message.encode(index, &mut bytes);
     talk.say(host, &bytes);
 }
 
-/// A host and a client that has logged on and said its world.
+/// A server, and a client that has logged on and defined its world.
 fn logged_on() -> (ServerLoop, PluginSession) {
     let mut host = ServerLoop::new(|| Instant::ZERO);
     let mut logon = Vec::new();
@@ -105,7 +105,7 @@ const fn grip(object: u32, anchor: Vec3) -> Grip {
     }
 }
 
-/// A static actor of a shape that was reported under the same number.
+/// A static actor whose shape has the same number.
 fn stand(host: &mut ServerLoop, talk: &mut PluginSession, object: u32, position: Vec3) {
     for message in [
         Message::CreateStaticActor(CreateStaticActor {
@@ -126,7 +126,7 @@ fn stand(host: &mut ServerLoop, talk: &mut PluginSession, object: u32, position:
     }
 }
 
-/// The corners of a box between two of them.
+/// The corners of a box, from two opposite ones.
 fn corners(least: Vec3, most: Vec3) -> Vec<Vec3> {
     let corner = |bits: u32| {
         let part = |axis: usize| [least, most][(bits >> axis & 1) as usize][axis];
@@ -142,9 +142,9 @@ fn frames(host: &mut ServerLoop, talk: &mut PluginSession, count: usize) {
 }
 
 #[test]
-fn what_falls_comes_to_rest_on_a_mesh_and_on_a_hull() {
+fn falling_balls_come_to_rest_on_a_mesh_and_on_a_hull() {
     let (mut host, mut talk) = logged_on();
-    // A sheet of four metres whose actor is 3 m up, and a block of points whose top is 2 m above its actor.
+    // A mesh of four metres whose actor is 3 m up, and a convex block whose top is 2 m above its actor.
     let sheet = TriangleMesh {
         shape: id(20),
         points: vec![
@@ -165,7 +165,7 @@ fn what_falls_comes_to_rest_on_a_mesh_and_on_a_hull() {
     stand(&mut host, &mut talk, 21, Vec3::new(10.0, 0.0, -1.0));
     ball(&mut host, &mut talk, 10, Vec3::new(0.5, 0.25, 5.0));
     ball(&mut host, &mut talk, 11, Vec3::new(10.2, 0.0, 3.0));
-    // Points off their origin fall, too: a cube of a metre whose corner is where its actor is.
+    // A hull may be off its origin: a cube of one metre whose actor is at a corner.
     let cube = ConvexMesh {
         shape: id(12),
         points: corners(Vec3::ZERO, Vec3::ONE),
@@ -200,11 +200,7 @@ fn what_falls_comes_to_rest_on_a_mesh_and_on_a_hull() {
         (12, Vec3::new(-1.5, -1.5, 3.0)),
     ] {
         let off = last[&actor].position.distance(expected);
-        assert!(
-            off < 0.03,
-            "{actor}: {:?}, and not {expected}",
-            last[&actor]
-        );
+        assert!(off < 0.03, "{actor}: {:?}, not {expected}", last[&actor]);
     }
 }
 
@@ -231,7 +227,7 @@ fn each_collision_of_two_prims_is_reported_once() {
         assert!(contact.normal.z > 0.99, "{contact:?}");
         assert!(contact.point.distance(Vec3::Z) < 0.1, "{contact:?}");
         assert!(contact.separation.abs() < 0.1, "{contact:?}");
-        // Up again, and down.
+        // The ball is lifted again, and falls.
         let up = Message::UpdateActorPosition((id(10), above));
         say(&mut host, &mut talk, &up);
     }
@@ -242,7 +238,7 @@ fn joints_hold_actors_together_and_to_the_world() {
     let (mut host, mut talk) = logged_on();
     ball(&mut host, &mut talk, 10, Vec3::new(0.0, 0.0, 20.0));
     ball(&mut host, &mut talk, 11, Vec3::new(2.0, 0.0, 20.0));
-    // The first hangs from the world by a hinge about y, the second is held by the first.
+    // The first hangs from the world by a hinge about y, the second is joined to the first.
     let hinge = Vec3::new(0.0, 1.0, 0.0);
     let hung = joint(
         1,
@@ -274,17 +270,17 @@ fn joints_hold_actors_together_and_to_the_world() {
         say(&mut host, &mut talk, &FRAME);
     }
     let first = talk.last_states()[&10].position;
-    assert!(first.z < 19.0, "what nothing holds falls: {first}");
+    assert!(first.z < 19.0, "a body without a joint falls: {first}");
     assert_eq!(talk.received(Kind::Error), 0);
 }
 
 #[test]
-fn what_fails_only_at_a_frame_is_laid_to_the_last_message_about_it() {
+fn an_error_found_at_a_frame_names_the_last_message_about_the_object() {
     let (mut host, mut talk) = logged_on();
     ball(&mut host, &mut talk, 10, Vec3::new(0.0, 0.0, 20.0));
     let to_itself = joint(1, grip(10, Vec3::ZERO), grip(10, Vec3::X), Vec3::ZERO);
     say_as(&mut host, &mut talk, 41, &to_itself);
-    // Where an actor may be, but not its middle.
+    // The actor's position is valid, but its centre of mass is too far away.
     ball(&mut host, &mut talk, 11, Vec3::new(1e5, 0.0, 0.0));
     let off_its_middle = Message::AttachShape(AttachShape {
         actor: id(11),
@@ -295,18 +291,18 @@ fn what_fails_only_at_a_frame_is_laid_to_the_last_message_about_it() {
     });
     say_as(&mut host, &mut talk, 42, &off_its_middle);
     say_as(&mut host, &mut talk, 43, &FRAME);
-    let blamed = talk.lasting.iter().filter_map(|message| match message {
+    let named = talk.lasting.iter().filter_map(|message| match message {
         Message::Error(fault) => Some(fault.index),
         _ => None,
     });
-    assert_eq!(blamed.collect::<Vec<_>>(), [42, 41]);
+    assert_eq!(named.collect::<Vec<_>>(), [42, 41]);
     assert_eq!(talk.received(Kind::TimeAdvanced), 1);
 }
 
-/// Words about few things.
-struct Babble(Dice);
+/// Random messages about a few objects.
+struct RandomMessages(Dice);
 
-impl Babble {
+impl RandomMessages {
     fn one_in(&mut self, count: usize) -> bool {
         self.0.below(count) == 0
     }
@@ -331,7 +327,7 @@ impl Babble {
         }
     }
 
-    fn thing(&mut self) -> Id {
+    fn object_id(&mut self) -> Id {
         id(self.0.below(6) as u32)
     }
 
@@ -346,14 +342,14 @@ impl Babble {
 
     fn grip(&mut self) -> Grip {
         Grip {
-            actor: self.thing(),
+            actor: self.object_id(),
             rotation: self.rotation(),
             anchor: self.vector(1.0),
         }
     }
 
     fn shape(&mut self) -> Message {
-        let shape = self.thing();
+        let shape = self.object_id();
         let points = (0..self.0.below(12)).map(|_| self.vector(2.0)).collect();
         match self.0.below(7) {
             0 => Message::AddSphere((shape, Vec3::ZERO, self.number(1.0).abs())),
@@ -381,7 +377,7 @@ impl Babble {
 
     fn motion(&mut self) -> Motion {
         Motion {
-            actor: self.thing(),
+            actor: self.object_id(),
             position: self.vector(5.0),
             rotation: self.rotation(),
             gravity_modifier: self.number(2.0),
@@ -391,7 +387,7 @@ impl Babble {
     }
 
     fn word(&mut self) -> Message {
-        let (actor, shape) = (self.thing(), self.thing());
+        let (actor, shape) = (self.object_id(), self.object_id());
         match self.0.below(24) {
             0..=4 => self.shape(),
             5 => Message::CreateStaticActor(CreateStaticActor {
@@ -448,7 +444,7 @@ impl Babble {
 fn any_message_leaves_the_scene_running_with_finite_states() {
     let first = seed(0x0a99);
     for round in 0..120 {
-        let mut babble = Babble(Dice::new(first + round));
+        let mut babble = RandomMessages(Dice::new(first + round));
         let (mut host, mut talk) = logged_on();
         let mut frames = 0;
         for _ in 0..150 {

@@ -1,11 +1,11 @@
-//! Bytes from anyone: nobody else scene_events, nothing grows, a code ends it.
+//! Arbitrary bytes of one peer do not affect others, and end with a close code.
 //!
-//! Proved at a table where a real host has polite guests (real sessions, held against a scene stepped beside them) and
-//! rude ones: arbitrary bytes, real conversations with bytes turned, cut, copied and disordered, and messages at the
-//! wrong time. Well-formed commands with wrong numbers are the affair of `refusals`.
+//! A real server has well-behaved clients, which are real sessions compared with a parallel scene, and raw peers. The
+//! raw peers send arbitrary bytes, damaged recordings of real sessions, and messages at the wrong time. Well-formed
+//! commands with wrong numbers are tested in `refusals`.
 //!
-//! Caught so far: `Reserve` of no index at all took a range that others could have had; a session that had said goodbye
-//! went on to say what it missed.
+//! Caught so far: `Reserve` of zero indices took a range that others could have had; a session that had left still
+//! reported what it missed.
 
 use proptest::prelude::*;
 use rhumb_protocol::limits::{
@@ -22,7 +22,7 @@ use rhumb_tests::{Delivered, Dice, RawPeer, Table};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
-/// A polite guest that leads a scene, and the truth beside it.
+/// A well-behaved client that leads a scene, and the parallel scene as truth.
 struct Good {
     peer: Peer,
     script: Zoo,
@@ -32,12 +32,12 @@ struct Good {
 impl Good {
     fn new(table: &mut Table, name: &str) -> Self {
         let script = Zoo::new(12, 3);
-        let scene = Scene::new(script.config()).expect("a script's config are right");
+        let scene = Scene::new(script.config()).expect("a valid configuration");
         let peer = table.alias(name);
         let config = script.config();
         let session = table.guest(peer);
-        session.create(config).expect("it is welcome");
-        session.join(NORMAL).expect("it is in the lobby");
+        session.create(config).expect("the session is in the lobby");
+        session.join(NORMAL).expect("the session is in the lobby");
         table.settle();
         Self {
             peer,
@@ -46,25 +46,20 @@ impl Good {
         }
     }
 
-    /// Commands and steps; the copy must be whole and within tolerance whatever else happened.
+    /// Sends commands and steps; the copy must be complete and within tolerance regardless of other peers.
     fn tick(&mut self, table: &mut Table) {
         let mut commands = Vec::new();
         self.script.commands(self.scene.tick(), &mut commands);
         for command in &commands {
-            self.scene
-                .apply(command)
-                .expect("scripts command what may be");
+            self.scene.apply(command).expect("a valid command");
             table
                 .guest(self.peer)
                 .command(command.clone())
-                .expect("it is a member");
+                .expect("a member");
         }
         let tick = self.scene.step().expect("the engine steps").tick;
         let now = table.now();
-        table
-            .guest(self.peer)
-            .advance(now, tick)
-            .expect("it is a member");
+        table.guest(self.peer).advance(now, tick).expect("a member");
         table.settle();
         let session = table.guest(self.peer);
         while let Some(event) = session.poll_event() {
@@ -74,16 +69,13 @@ impl Good {
             );
             assert!(!bad, "{event:?}");
         }
-        let stream = session.replica().expect("it is a member").stream();
+        let stream = session.replica().expect("a member").stream();
         assert_eq!(stream.complete(), tick);
         for config in self.scene.bodies() {
-            let truth = self
-                .scene
-                .observation(config.id)
-                .expect("the scene has its bodies");
+            let truth = self.scene.observation(config.id).expect("an existing body");
             let predicted_motion = stream
                 .predicted_motion(config.id, tick)
-                .expect("so has the copy");
+                .expect("the copy has the body");
             let radius = self
                 .scene
                 .bounding_radius(config.id)
@@ -91,12 +83,16 @@ impl Good {
             let apart =
                 Divergence::between(&truth.motion.motion().pose(), &predicted_motion.pose());
             let share = Tolerance::NORMAL.share(&apart, radius);
-            assert!(share <= 1.0, "{} is off by {share} tolerances", config.id);
+            assert!(
+                share <= 1.0,
+                "{} has an error of {share} tolerances",
+                config.id
+            );
         }
     }
 }
 
-/// What a real member said and received in its life, in order.
+/// All data that a real member sent and received in its life, in order.
 fn conversation() -> (Vec<Delivered>, Vec<Delivered>) {
     let mut table = Table::default();
     let mut good = Good::new(&mut table, "recorded");
@@ -104,16 +100,16 @@ fn conversation() -> (Vec<Delivered>, Vec<Delivered>) {
         good.tick(&mut table);
     }
     let session = table.guest(good.peer);
-    session.reserve(50).expect("it is a member");
-    session.inspect().expect("it is a member");
+    session.reserve(50).expect("a member");
+    session.inspect().expect("a member");
     table.settle();
     table.pass(Span::from_millis(2_000));
-    table.guest(good.peer).leave().expect("it is a member");
+    table.guest(good.peer).leave().expect("a member");
     table.settle();
     (table.take_spoken(good.peer), table.take_heard(good.peer))
 }
 
-/// Turns, cuts, copies and disorders what was said.
+/// Damages sent data: changes bits, truncates, duplicates and reorders.
 fn damage(said: &[Delivered], dice: &mut Dice) -> Vec<Delivered> {
     let mut damaged = said.to_vec();
     for _ in 0..1 + dice.below(4) {
@@ -132,7 +128,7 @@ fn damage(said: &[Delivered], dice: &mut Dice) -> Vec<Delivered> {
     damaged
 }
 
-/// The same with a bit turned, or its end cut off.
+/// The same with one bit flipped, or truncated.
 fn turned(said: &Delivered, dice: &mut Dice) -> Delivered {
     let turn = |bytes: &[u8], dice: &mut Dice| {
         let mut bytes = bytes.to_vec();
@@ -165,7 +161,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(1_000))]
 
     #[test]
-    fn arbitrary_bytes_close_their_sender_and_touch_nobody_else(
+    fn arbitrary_bytes_close_their_sender_and_affect_no_other(
         pieces in proptest::collection::vec(
             (0_usize..3, any::<bool>(), proptest::collection::vec(any::<u8>(), 0..80)), 1..40)
     ) {
@@ -174,7 +170,8 @@ proptest! {
         let rude = [table.connect_raw_peer(), table.connect_raw_peer(), RawPeer::enter(&mut table, "good").peer];
         for (place, (who, control, bytes)) in pieces.iter().enumerate() {
             if *control {
-                // A member may delete its scene or let it step, and two bytes are enough to say so.
+                // A member may delete its scene or advance it, and two bytes suffice for that; such bytes are
+                // replaced.
                 let spared: Vec<u8> = bytes.iter().map(|byte| if [5, 8].contains(byte) { 0xff } else { *byte }).collect();
                 table.control(rude[*who], &spared);
             } else {
@@ -192,7 +189,7 @@ proptest! {
     }
 
     #[test]
-    fn a_damaged_conversation_touches_nobody_else(seed: u64) {
+    fn a_damaged_session_affects_no_other(seed: u64) {
         let (spoken, _) = RECORDED.with(Clone::clone);
         let mut dice = Dice::new(seed);
         let mut table = Table::default();
@@ -215,14 +212,14 @@ proptest! {
     #[test]
     fn a_closed_session_answers_nothing(lost: u64) {
         let (_, received) = RECORDED.with(Clone::clone);
-        let mut session = ClientSession::new("recorded".parse().expect("a scene's name"));
+        let mut session = ClientSession::new("recorded".parse().expect("a valid scene name"));
         let (now, later) = (Instant::ZERO, Instant::ZERO + Span::from_millis(900));
         session.handle_opened(now, Peer(0));
         let mut datagrams = 0_u32;
         let mut rest = Vec::new();
         for said in received {
             match said {
-                // The last word is that its membership is over.
+                // The last message ends the membership.
                 Delivered::Control(bytes) if bytes[1] != LEFT => session.handle_control(now, Peer(0), &bytes),
                 Delivered::Control(_) => {}
                 Delivered::State(bytes) => {
@@ -246,10 +243,10 @@ proptest! {
     }
 
     #[test]
-    fn a_damaged_conversation_never_makes_a_client_panic_or_grow(seed: u64) {
+    fn a_damaged_session_never_makes_a_client_panic_or_grow(seed: u64) {
         let (_, received) = RECORDED.with(Clone::clone);
         let mut dice = Dice::new(seed);
-        let mut session = ClientSession::new("recorded".parse().expect("a scene's name"));
+        let mut session = ClientSession::new("recorded".parse().expect("a valid scene name"));
         let mut now = Instant::ZERO;
         session.handle_opened(now, Peer(0));
         for said in damage(&received, &mut dice) {
@@ -264,7 +261,7 @@ proptest! {
             while session.poll_transmit().is_some() {
                 said += 1;
             }
-            prop_assert!(said <= 3, "{} answers to one piece", said);
+            prop_assert!(said <= 3, "{} answers to one unit of data", said);
             let Some(stream) = session.replica().map(rhumb_protocol::session::Replica::stream) else {
                 continue;
             };
@@ -283,7 +280,7 @@ proptest! {
 const LEFT: u8 = 5;
 
 thread_local! {
-    /// Recorded once for each thread of tests.
+    /// Recorded once per test thread.
     static RECORDED: (Vec<Delivered>, Vec<Delivered>) = conversation();
 }
 
@@ -300,7 +297,7 @@ fn host_bytes(table: &mut Table, peer: Peer) -> usize {
 fn a_message_longer_than_the_limit_is_refused_at_its_length() {
     let mut table = Table::default();
     let rude = table.connect_raw_peer();
-    // 16,385 and one for the type, as a variable integer.
+    // A length of 16,385 plus one byte for the type, as a varint.
     table.control(rude, &[0x82, 0x80, 0x01]);
     assert_eq!(table.closed(rude), Some(CloseCode::MALFORMED));
 }
@@ -365,7 +362,7 @@ fn a_loss_report_is_answered_by_no_more_than_it_names() {
 }
 
 #[test]
-fn questions_cost_their_answers_and_nothing_else() {
+fn requests_cost_only_their_answers() {
     let mut table = Table::default();
     let mut good = Good::new(&mut table, "good");
     let rude = RawPeer::enter(&mut table, "good");
@@ -397,10 +394,7 @@ fn a_reservation_of_nothing_takes_nothing() {
     let gone = RawPeer::enter(&mut table, "good");
     table.end(gone.peer);
     let mut rude = RawPeer::enter(&mut table, "good");
-    assert_eq!(
-        rude.granted, gone.granted,
-        "what nobody holds is given out again"
-    );
+    assert_eq!(rude.granted, gone.granted, "free indices are granted again");
     let leaver = RawPeer::enter(&mut table, "good");
     table.end(leaver.peer);
     rude.say(&mut table, &ClientMessage::Reserve { count: 0 });

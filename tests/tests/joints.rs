@@ -1,7 +1,7 @@
 //! Every copy has the joints of its scene, whenever its member joined.
 //!
-//! Two polite members at one table: one commands the zoo, which adds and removes joints and bodies that have some; the
-//! other joins late. The scene itself, given the same commands, is the truth.
+//! One session sends the commands of the zoo, which adds and removes joints and bodies with joints; other sessions
+//! join late. A local scene with the same commands is the truth.
 
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::StreamChoice;
@@ -18,21 +18,23 @@ fn listed(joints: &Joints) -> Vec<(JointId, Joint)> {
 }
 
 fn copied(table: &mut Table, peer: Peer) -> Vec<(JointId, Joint)> {
-    let copy = table.guest(peer).replica().expect("it is a member");
+    let copy = table.guest(peer).replica().expect("a member");
     listed(copy.joints())
 }
 
 #[test]
 fn a_copy_has_the_joints_of_its_scene_from_the_first_tick_to_the_last() {
     let mut script = Zoo::new(5, 3);
-    let mut scene = Scene::new(script.config()).expect("the zoo has good config");
+    let mut scene = Scene::new(script.config()).expect("a valid configuration");
     let mut table = Table::default();
     let peer = table.alias("zoo");
     let session = table.guest(peer);
-    session.create(script.config()).expect("it is welcome");
+    session
+        .create(script.config())
+        .expect("the session is in the lobby");
     session
         .join(StreamChoice::Full)
-        .expect("it is in the lobby");
+        .expect("the session is in the lobby");
     table.settle();
     let mut late = Vec::new();
     let mut seen = [0_usize; 3];
@@ -41,23 +43,21 @@ fn a_copy_has_the_joints_of_its_scene_from_the_first_tick_to_the_last() {
         script.commands(Tick::new(tick), &mut commands);
         let now = table.now();
         for command in &commands {
-            scene.apply(command).expect("scripts command what may be");
+            scene.apply(command).expect("a valid command");
             let session = table.guest(peer);
-            session.command(command.clone()).expect("it is a member");
+            session.command(command.clone()).expect("a member");
         }
         scene.step().expect("the engine does not fail");
         let session = table.guest(peer);
-        session
-            .advance(now, Tick::new(tick + 1))
-            .expect("it is a member");
+        session.advance(now, Tick::new(tick + 1)).expect("a member");
         table.settle();
-        // Before the link goes, while it is gone, and after it came again with another body.
+        // Before a joint is removed, while it is missing, and after it was added again with another body.
         if [10, 210, 460].contains(&tick) {
             let peer = table.alias("zoo");
             let session = table.guest(peer);
             session
                 .join(StreamChoice::Full)
-                .expect("it is in the lobby");
+                .expect("the session is in the lobby");
             table.settle();
             late.push(peer);
         }

@@ -1,7 +1,7 @@
-//! A client behind a thin link is moved over QUIC, reported, and follows on
+//! The server changes the tier of a client behind a slow link, over QUIC.
 //!
-//! Proved by a server process, the public client and a relay that passes so many bytes a second. Waiting is a client's
-//! call with its patience; how long it takes is not asserted.
+//! The tests use a server process, the public client and a relay of limited rate. Waiting is a client's call with its
+//! time limit; durations are not asserted.
 
 use std::time::Duration;
 
@@ -26,7 +26,7 @@ fn open(address: &str, server: &ServerProcess, stream: StreamChoice) -> Client {
         ..BallPit::new(1, 1, 1).config()
     };
     let trust = Trust::Fingerprint(server.fingerprint);
-    let scene = "thin".parse().expect("a short word is a scene's name");
+    let scene = "thin".parse().expect("a valid scene name");
     let mut options = Options::new(
         address.to_owned(),
         trust,
@@ -35,28 +35,28 @@ fn open(address: &str, server: &ServerProcess, stream: StreamChoice) -> Client {
     );
     options.stream = stream;
     options.patience = Duration::from_secs(30);
-    Client::open(options).expect("the server is there")
+    Client::open(options).expect("the server is running")
 }
 
-/// Balls far from each other.
+/// Adds balls far from each other.
 fn place(client: &mut Client) {
     let shape = Shape::Ball { radius: 0.5 };
     let add = Command::AddShape {
         id: ShapeId(0),
         shape,
     };
-    client.command(add).expect("it is a shape");
+    client.command(add).expect("a valid shape");
     for index in 0..BALLS {
         let at = [index as f32 * 50.0, 0.0, 0.0];
         let motion = BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
         let config = BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, ShapeId(0));
-        let motion = motion.expect("a place is finite");
+        let motion = motion.expect("a finite state");
         let add = Command::AddBody { config, motion };
-        client.command(add).expect("it is a body");
+        client.command(add).expect("a valid body");
     }
 }
 
-/// Another velocity for each ball: fine tiers must speak of all of them.
+/// Changes the velocity of each ball, so that fine tiers need an update for each.
 fn shake(client: &mut Client, turn: u32) {
     for index in 0..BALLS {
         let roll = |part: u32| {
@@ -68,7 +68,7 @@ fn shake(client: &mut Client, turn: u32) {
             linear: Vec3::new(roll(0), roll(1), roll(2)),
             angular: Vec3::ZERO,
         };
-        client.command(task).expect("it is a velocity");
+        client.command(task).expect("a valid velocity");
     }
 }
 
@@ -81,22 +81,22 @@ fn a_client_behind_a_thin_link_changes_to_a_coarser_tier_and_is_notified() {
         StreamChoice::Within(Tolerance::COARSE),
     );
     place(&mut commander);
-    let wide: LinkConfig = "rtt=20ms".parse().expect("these are config of a link");
+    let wide: LinkConfig = "rtt=20ms".parse().expect("a valid link configuration");
     let anywhere = "127.0.0.1:0".parse().expect("an address of loopback");
-    let relay = UdpRelay::start(anywhere, server.address, wide, 1).expect("it starts");
+    let relay = UdpRelay::start(anywhere, server.address, wide, 1).expect("starting the relay");
     let mut member = open(&relay.local_addr().to_string(), &server, EXACT);
     assert_eq!(member.stream(), Some(EXACT));
     let thin = "rtt=20ms,rate=24kbit,queue=64kB";
-    relay.set_config(thin.parse().expect("these are config of a link"));
+    relay.set_config(thin.parse().expect("a valid link configuration"));
     let (mut moved, mut followed) = (None, None);
     for turn in 0..2_400 {
         shake(&mut commander, turn);
         commander
             .idle(Duration::from_millis(8))
-            .expect("the server is there");
+            .expect("the server is running");
         member
             .idle(Duration::from_millis(8))
-            .expect("the server is there");
+            .expect("the server is running");
         while let Some(client_event) = member.poll_event() {
             match client_event {
                 ClientEvent::TierChanged { to, cause } => moved = moved.or(Some((to, cause))),
@@ -110,7 +110,7 @@ fn a_client_behind_a_thin_link_changes_to_a_coarser_tier_and_is_notified() {
         }
     }
     let wire = member.statistics().wire;
-    let (to, cause) = moved.unwrap_or_else(|| panic!("it was not reported: {wire:?}"));
+    let (to, cause) = moved.unwrap_or_else(|| panic!("no change was notified: {wire:?}"));
     assert_eq!(
         (to, cause),
         (
@@ -118,8 +118,8 @@ fn a_client_behind_a_thin_link_changes_to_a_coarser_tier_and_is_notified() {
             TierChangeCause::LinkCongested
         )
     );
-    // The copy and its bounds are by a stream that it was moved to.
-    let choice = followed.expect("it followed");
+    // The copy and its bounds belong to the stream that the server chose.
+    let choice = followed.expect("it changed its stream");
     assert_ne!(choice, EXACT);
     assert_eq!(member.stream(), Some(choice));
     assert_eq!(member.tolerance(), Some(choice.tolerance()));

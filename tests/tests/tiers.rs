@@ -1,6 +1,6 @@
-//! Members change streams, or have tracks made right, in a scene that goes on.
+//! Members change streams, or correct tracks, while a scene runs.
 //!
-//! Proved as in `simulated_network`: what a member claims is held against the truth, whichever stream it has it from.
+//! As in `simulated_network`, the claims of members are checked against the truth, whichever stream they are from.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::{
@@ -22,8 +22,8 @@ const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 const COARSE: StreamChoice = StreamChoice::Within(Tolerance::COARSE);
 
 fn stage(stepping: Stepping, links: &str, seed: u64) -> Stage {
-    let script = by_name("zoo", 60, 1).expect("the scene is known by name");
-    let links: LinkConfig = links.parse().expect("the tests write possible config");
+    let script = by_name("zoo", 60, 1).expect("an existing script");
+    let links: LinkConfig = links.parse().expect("a valid link configuration");
     Stage::new(script, stepping, NORMAL, links, seed)
 }
 
@@ -33,7 +33,7 @@ fn a_member_changes_its_tier_in_lockstep_and_misses_no_tick() {
     let other = stage.enter(NORMAL);
     let choices = [EXACT, COARSE, FINE, StreamChoice::Full, NORMAL];
     for (place, choice) in choices.into_iter().enumerate() {
-        // What is asked for already is not asked for twice.
+        // A choice that is already pending is not sent twice.
         stage.network.client_mut(other).subscribe(choice).unwrap();
         stage.network.client_mut(other).subscribe(choice).unwrap();
         for _ in 0..40 {
@@ -45,7 +45,7 @@ fn a_member_changes_its_tier_in_lockstep_and_misses_no_tick() {
     }
     assert_same_copy(stage.copy(COMMANDER), stage.copy(other));
     let truth = stage.truth();
-    stage.witnesses[other].judge(&truth, "who changes its tier");
+    stage.witnesses[other].judge(&truth, "the member that changes its tier");
 }
 
 #[test]
@@ -59,7 +59,7 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
         let mut stage = stage(Stepping::FreeRunning, links, seed);
         let other = stage.enter(NORMAL);
         let mut complete = Tick::ZERO;
-        // At such loss the full one is hardly ever complete: what is shown waits for the next choice then.
+        // At such loss the full stream is hardly ever complete, so the display waits for the next choice.
         let choices = [
             COARSE,
             EXACT,
@@ -70,7 +70,7 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
             NORMAL,
         ];
         for turn in 0..28 {
-            // Some are wanted before the last one is answered, and most before it is shown.
+            // Some choices are made before the last one is answered, and most before it is displayed.
             let choice = choices[turn % choices.len()];
             let asked = stage.network.client_mut(other).subscribe(choice);
             assert_eq!(asked, Ok(()), "{what}");
@@ -83,7 +83,7 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
         stage.network.set_config(LinkConfig::PERFECT);
         stage.run(Span::from_millis(40_000));
         assert!(stage.copy(other).stream().is_converged(), "{what}");
-        // While much is lost a change may have to wait; now none does.
+        // During heavy loss a change may be delayed; now it must succeed.
         assert!(!stage.witnesses[other].following.is_empty(), "{what}");
         assert_eq!(
             stage.network.client_mut(other).subscribe(COARSE),
@@ -99,7 +99,7 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
 }
 
 #[test]
-fn whatever_is_not_complete_yet_another_stream_can_be_chosen_and_is_followed() {
+fn another_stream_can_be_chosen_before_the_last_choice_is_complete() {
     let seed = seed(23);
     let mut stage = stage(Stepping::FreeRunning, "rtt=60ms,loss=20%,burst=8", seed);
     let other = stage.enter(NORMAL);
@@ -109,7 +109,7 @@ fn whatever_is_not_complete_yet_another_stream_can_be_chosen_and_is_followed() {
     };
     follow(&mut stage, StreamChoice::Full);
     stage.take_authority(Span::from_millis(3_000));
-    // A member that changes its mind at every tick is not reported a stream each time, and the last one counts.
+    // A member that changes its choice at every tick does not receive a stream for each; the last choice counts.
     for turn in 0..30 {
         follow(&mut stage, [EXACT, COARSE, StreamChoice::Full][turn % 3]);
         stage.take_authority(TICK);
@@ -122,7 +122,7 @@ fn whatever_is_not_complete_yet_another_stream_can_be_chosen_and_is_followed() {
     assert_eq!(stage.witnesses[other].denied, [], "seed {seed}");
 }
 
-/// Gives a member's copy of a body a track that nobody said; returns the body.
+/// Replaces a track in a member's copy by a wrong one; returns the body.
 fn spoil(stage: &mut Stage, member: usize) -> BodyId {
     let copy = stage.copy(member);
     let moving = |config: &BodyDesc| config.kind == BodyKind::Dynamic;
@@ -130,14 +130,14 @@ fn spoil(stage: &mut Stage, member: usize) -> BodyId {
         .bodies()
         .filter(moving)
         .last()
-        .unwrap_or_else(|| panic!("nothing moves of {}", copy.bodies().count()));
+        .unwrap_or_else(|| panic!("none of {} bodies moves", copy.bodies().count()));
     let shape = copy
         .shape(config.shape)
         .expect("a body has a shape")
         .clone();
     let parameters = PredictionParameters::of(&config, &shape, stage.config().damping, None);
-    let elsewhere = BodyState::new([9.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
-        .expect("a place is finite");
+    let elsewhere =
+        BodyState::new([9.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("a finite state");
     let track = Track::resting(copy.stream().watermark_tick(), elsewhere);
     let copy = stage
         .network
@@ -151,7 +151,7 @@ fn spoil(stage: &mut Stage, member: usize) -> BodyId {
 #[test]
 fn a_track_with_a_wrong_checksum_is_named_and_refreshed() {
     for links in ["", "rtt=80ms,loss=5%"] {
-        let script = by_name("ball-pit", 60, 1).expect("the scene is known by name");
+        let script = by_name("ball-pit", 60, 1).expect("an existing script");
         let links: LinkConfig = links.parse().unwrap();
         let mut stage = Stage::new(script, Stepping::FreeRunning, NORMAL, links, seed(22));
         let other = stage.enter(NORMAL);
@@ -162,10 +162,10 @@ fn a_track_with_a_wrong_checksum_is_named_and_refreshed() {
                 .bodies()
                 .any(|config| config.kind == BodyKind::Dynamic)
         });
-        // One that is said anew by chance needs no refresh: another is spoiled then.
+        // A track that happens to be updated needs no refresh: then another one is altered.
         let mut spoiled = Vec::new();
         while stage.witnesses[other].resynced.is_empty() {
-            assert!(spoiled.len() < 100, "no track was made right");
+            assert!(spoiled.len() < 100, "no track was corrected");
             spoiled.push(spoil(&mut stage, other));
             stage.take_authority(Span::from_millis(2_000));
         }
@@ -183,7 +183,7 @@ fn a_track_with_a_wrong_checksum_is_named_and_refreshed() {
 }
 
 #[test]
-fn a_stream_that_begins_when_bodies_were_just_put_elsewhere_tells_where_they_were() {
+fn a_stream_that_begins_just_after_a_teleport_has_the_earlier_states() {
     let mut stage = stage(Stepping::Lockstep, "", 1);
     let other = stage.enter(NORMAL);
     stage.tick();
@@ -198,7 +198,7 @@ fn a_stream_that_begins_when_bodies_were_just_put_elsewhere_tells_where_they_wer
         };
         let commands: Vec<Command> = ids.into_iter().map(elsewhere).collect();
         stage.command(&commands);
-        // The scene has not stepped when the stream begins.
+        // The scene has not stepped since the teleport when the stream begins.
         stage.network.client_mut(other).subscribe(choice).unwrap();
         stage.run(Span::from_millis(50));
         assert_eq!(stage.copy(other).choice(), choice);
@@ -209,14 +209,14 @@ fn a_stream_that_begins_when_bodies_were_just_put_elsewhere_tells_where_they_wer
         }
     }
     let truth = stage.truth();
-    stage.witnesses[other].judge(&truth, "who changes its tier");
+    stage.witnesses[other].judge(&truth, "the member that changes its tier");
 }
 
 #[test]
 fn a_stream_without_subscribers_ends_so_that_others_can_begin() {
     let mut stage = stage(Stepping::Lockstep, "", 1);
     let other = stage.enter(NORMAL);
-    // More choices than a scene may have streams at one time.
+    // More choices than a scene may have streams at a time.
     for millimetres in 1..40 {
         let choice =
             StreamChoice::Within(Tolerance::from_micrometres(millimetres * 1_000).unwrap());
@@ -245,7 +245,7 @@ fn a_change_that_is_denied_changes_nothing() {
     stage.tick();
     assert_eq!(stage.witnesses[COMMANDER].denied, [Denial::TooManyStreams]);
     assert_eq!(stage.copy(COMMANDER).choice(), NORMAL);
-    // One that exists can be followed.
+    // A change to an existing stream still succeeds.
     stage
         .network
         .client_mut(COMMANDER)
@@ -270,7 +270,7 @@ fn each_tier_is_encoded_once_for_all_subscribers() {
         }
         let inspected = others.iter().step_by(listeners).map(|member| {
             let session = stage.network.client_mut(*member);
-            session.inspect().expect("it is a member");
+            session.inspect().expect("a member");
             stage.run(Span::from_millis(50));
             let inspection = stage.witnesses[*member].inspections[0];
             (
@@ -283,11 +283,14 @@ fn each_tier_is_encoded_once_for_all_subscribers() {
     };
     let alone = said(1);
     assert!(alone.iter().all(|(updates, ..)| *updates > 0));
-    assert!(alone[0].0 > alone[3].0, "a finer tier says more: {alone:?}");
+    assert!(
+        alone[0].0 > alone[3].0,
+        "a finer tier needs more bytes: {alone:?}"
+    );
     assert_eq!(said(6), alone);
 }
 
-/// A member that follows a stream of an empty scene at a tick.
+/// A member that subscribes to a stream of an empty scene at a tick.
 fn reported(choice: StreamChoice, stream: u32, tick: u64) -> ScriptedSession {
     let mut reported = ScriptedSession::welcomed(choice);
     send_snapshot(&mut reported, choice, stream, tick);
@@ -296,15 +299,13 @@ fn reported(choice: StreamChoice, stream: u32, tick: u64) -> ScriptedSession {
     reported
 }
 
-/// The whole of an empty scene at a tick.
+/// Delivers the snapshot of an empty scene at a tick.
 fn send_snapshot(reported: &mut ScriptedSession, choice: StreamChoice, stream: u32, tick: u64) {
-    let config = by_name("zoo", 1, 1)
-        .expect("the scene is known by name")
-        .config();
+    let config = by_name("zoo", 1, 1).expect("an existing script").config();
     reported.send_snapshot(&config, choice, (StreamId(stream), Tick::new(tick)), &[]);
 }
 
-/// What it said since the last look, of streams.
+/// The messages about streams that it sent since the last call.
 fn said(reported: &mut ScriptedSession) -> Vec<ClientMessage> {
     let mut said = reported.sent();
     said.retain(|message| {
@@ -329,7 +330,7 @@ fn a_tier_change_before_the_choice_is_shown_leaves_the_member_free_to_choose_aga
     });
     reported.session.subscribe(EXACT).unwrap();
     assert_eq!(said(&mut reported), [follow(EXACT)]);
-    // As long as it is not as far as what is shown, it is not shown.
+    // The new stream is not displayed while it is behind the displayed one.
     send_snapshot(&mut reported, EXACT, 1, 5);
     let (to, cause) = (FINE, TierChangeCause::LinkCongested);
     reported.tell(&[ServerMessage::TierChanged { to, cause }]);
@@ -341,7 +342,7 @@ fn a_tier_change_before_the_choice_is_shown_leaves_the_member_free_to_choose_aga
     );
     reported.session.subscribe(EXACT).unwrap();
     assert_eq!(said(&mut reported), [follow(EXACT)]);
-    // One that comes meanwhile is left out, and of two that are wanted meanwhile the first.
+    // Pending choices are replaced: only the last of two is sent.
     reported.session.subscribe(COARSE).unwrap();
     reported.session.subscribe(NORMAL).unwrap();
     assert_eq!(said(&mut reported), []);
@@ -356,7 +357,7 @@ fn a_tier_change_before_the_choice_is_shown_leaves_the_member_free_to_choose_aga
         reported.session.poll_event(),
         Some(Event::SubscriptionChanged(NORMAL))
     );
-    // A move to what it follows already is reported as any.
+    // A change to the stream that it already follows is confirmed like any other.
     let (to, cause) = (NORMAL, TierChangeCause::LinkRecovered);
     reported.tell(&[ServerMessage::TierChanged { to, cause }]);
     send_snapshot(&mut reported, NORMAL, 5, 12);
@@ -378,7 +379,7 @@ fn a_member_that_changes_streams_keeps_the_copy_that_the_server_still_publishes(
     send_snapshot(&mut reported, EXACT, 1, 5);
     reported.session.subscribe(NORMAL).unwrap();
     said(&mut reported);
-    // The one between could be shown now, but ended with the question.
+    // The intermediate stream could be displayed now, but it ended with the new request.
     let watermark = Watermark {
         next: Low16(0),
         tick: Low16(20),
@@ -389,7 +390,7 @@ fn a_member_that_changes_streams_keeps_the_copy_that_the_server_still_publishes(
         .session
         .handle_datagram(Instant::ZERO, ScriptedSession::SERVER, &datagram);
     assert_eq!((shown(&reported), said(&mut reported)), (FINE, vec![]));
-    // When it is denied, the one between goes on.
+    // When the request is denied, the intermediate stream continues.
     reported.tell(&[ServerMessage::Denied(Denial::TooManyStreams)]);
     let followed = ClientMessage::Subscribed(StreamId(1));
     assert_eq!(

@@ -1,7 +1,7 @@
-//! Whatever a member says of bodies that it drives, nobody else's move by it.
+//! A hostile upstream moves no body of another member.
 //!
-//! Proved at a table: a polite guest drives a body in a scene that runs freely, and a rude one, which drives a body too,
-//! sends arbitrary datagrams, a real driver's ones with bits turned, and well-formed ones about what is not its own.
+//! A well-behaved session publishes a body in a free-running scene. A raw peer, which has authority over another body,
+//! sends arbitrary datagrams, damaged datagrams of a real publisher, and well-formed ones about bodies of others.
 
 use proptest::prelude::*;
 use rhumb_protocol::Peer;
@@ -21,10 +21,11 @@ use rhumb_tests::{Avatars, Delivered, Dice, RawPeer, TICK, Table};
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
 fn still(x: f32) -> BodyState {
-    BodyState::new([x, 3.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("a place")
+    BodyState::new([x, 3.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("a finite state")
 }
 
-/// A scene that runs freely, with a guest that drives the first avatar and a rude one that drives a body of its own.
+/// A free-running scene with a session that publishes the first avatar, and a raw peer with authority over its own
+/// body.
 struct Scene {
     table: Table,
     good: Peer,
@@ -46,23 +47,23 @@ impl Scene {
         let mut commands = Vec::new();
         script.commands(Tick::ZERO, &mut commands);
         let guest = table.guest(good);
-        guest.create(config).expect("it is welcome");
-        guest.join(NORMAL).expect("it is in the lobby");
+        guest.create(config).expect("the session is in the lobby");
+        guest.join(NORMAL).expect("the session is in the lobby");
         table.settle();
         let guest = table.guest(good);
         for command in commands {
-            guest.command(command).expect("it is a member");
+            guest.command(command).expect("a member");
         }
         guest
             .take_authority(Tolerance::NORMAL, &[Avatars::id(0)])
-            .expect("it may ask");
+            .expect("a member");
         table.settle();
         let mut rude = RawPeer::enter(&mut table, "driven");
-        let own = rude.granted.id(0).expect("it was granted some");
+        let own = rude.granted.id(0).expect("a granted index");
         let config = BodyDesc::plain(own, BodyKind::Kinematic, ShapeId(3));
         let motion = still(30.0);
         rude.command(&mut table, Command::AddBody { config, motion })
-            .expect("it may add");
+            .expect("a member may add a body");
         let driving = take_authority(&mut rude, &mut table, own);
         Self {
             table,
@@ -74,14 +75,16 @@ impl Scene {
         }
     }
 
-    /// A tick of the scene: the polite one drives on, and its body is where it says.
+    /// One tick of the scene: the session publishes its avatar, which must be where it was published.
     fn tick(&mut self) {
         self.ticks += 1;
         let id = Avatars::id(0);
         let tick = self.driving.tick + Ticks::new(self.ticks as u32 + 1);
         let walk = Avatars::walk(0, tick);
         let guest = self.table.guest(self.good);
-        guest.publish(tick, &[(id, walk)]).expect("it drives");
+        guest
+            .publish(tick, &[(id, walk)])
+            .expect("it has authority");
         self.table.settle();
         self.table.pass(TICK);
         let guest = self.table.guest(self.good);
@@ -92,16 +95,16 @@ impl Scene {
             );
             assert!(!bad, "{event:?}");
         }
-        let stream = guest.replica().expect("it is a member").stream();
+        let stream = guest.replica().expect("a member").stream();
         let at = |id| {
             stream
                 .predicted_motion(id, stream.watermark_tick())
-                .expect("it is there")
+                .expect("an existing body")
                 .pose()
                 .position
         };
         let off = at(id).distance(walk.motion().pose().position);
-        assert!(off < 0.3, "the avatar is off by {off} m");
+        assert!(off < 0.3, "the error of the avatar is {off} m");
         for (id, place) in [
             (
                 Avatars::platform(),
@@ -118,16 +121,16 @@ impl Scene {
             .table
             .guest(self.good)
             .replica()
-            .expect("it is a member")
+            .expect("a member")
             .stream();
         stream
             .predicted_motion(self.own, stream.watermark_tick())
-            .expect("it is there")
+            .expect("an existing body")
             .pose()
             .position
     }
 
-    /// A packet of the rude one's own stream that says these of bodies by index.
+    /// A packet of the raw peer's own stream with these states, by index.
     fn state(&self, number: u64, tick: Tick, sent: &[(u32, BodyState)]) -> Vec<u8> {
         let mut writer = UpdateWriter::new(self.driving.stream, number, tick.value(), 0);
         for (index, motion) in sent {
@@ -157,10 +160,10 @@ fn take_authority(rude: &mut RawPeer, table: &mut Table, body: BodyId) -> Author
         ServerMessage::AuthorityGrant(driving) => Some(driving),
         _ => None,
     });
-    driving.expect("its own body is its own to drive")
+    driving.expect("authority over its own body")
 }
 
-/// What a real driver says of a walk, as the polite one's datagrams are.
+/// The datagrams that a well-behaved session publishes for a walk.
 fn recorded(stream: StreamId) -> Vec<Vec<u8>> {
     let mut scene = Scene::new();
     scene.table.take_spoken(scene.good);
@@ -179,7 +182,7 @@ fn recorded(stream: StreamId) -> Vec<Vec<u8>> {
     packets
 }
 
-/// Puts a datagram on another stream; both have names that stand in the first byte, above the kind.
+/// Changes the stream id of a datagram; both ids fit into the first byte, above the kind.
 fn rename(datagram: &mut [u8], stream: StreamId) {
     datagram[0] = datagram[0] & 15 | (stream.0 as u8) << 4;
 }
@@ -232,7 +235,7 @@ proptest! {
 fn an_upstream_moves_only_granted_bodies() {
     let mut scene = Scene::new();
     let tick = scene.driving.tick.next();
-    // Index 0 is its own body; no other index is anybody's in its stream.
+    // Index 0 is its own body; all other indices are invalid in its stream.
     for (number, index) in [(0, 0), (1, 1), (2, 4), (3, 511), (4, 512), (5, 1_000_000)] {
         let later = tick + Ticks::new(number as u32);
         let packet = scene.state(number, later, &[(index, still(33.0))]);
@@ -285,7 +288,7 @@ fn impossible_places_and_ticks_leave_a_body_where_it_is() {
     .into_iter()
     .enumerate()
     {
-        let motion = motion.expect("it is finite");
+        let motion = motion.expect("a finite state");
         let packet = scene.state(number as u64, tick + Ticks::new(ahead), &[(0, motion)]);
         scene.table.datagram(scene.rude.peer, &packet);
         scene.tick();
@@ -310,7 +313,7 @@ fn a_tick_jump_ends_an_authority_which_can_be_taken_again() {
         matches!(&received[..], [Delivered::Control(_)]),
         "{received:?}"
     );
-    // What is sent on is of a stream that is no more.
+    // Later packets belong to a stream that has ended.
     for _ in 0..100 {
         scene.table.datagram(scene.rude.peer, &datagram);
     }
@@ -358,7 +361,7 @@ fn endless_gaps_and_refreshes_of_packets_never_lost_cost_little() {
                 .count();
         }
     }
-    assert!(sent > 0 && sent <= 100, "asked {sent} times in 100 ticks");
+    assert!(sent > 0 && sent <= 100, "{sent} loss reports in 100 ticks");
 }
 
 #[test]
@@ -392,22 +395,24 @@ fn datagrams_in_the_wrong_direction_for_the_stepping_change_nothing() {
     let mut script = Avatars(0);
     let good = table.alias("led");
     let guest = table.guest(good);
-    guest.create(script.config()).expect("it is welcome");
-    guest.join(NORMAL).expect("it is in the lobby");
+    guest
+        .create(script.config())
+        .expect("the session is in the lobby");
+    guest.join(NORMAL).expect("the session is in the lobby");
     table.settle();
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
     let guest = table.guest(good);
     for command in commands {
-        guest.command(command).expect("it is a member");
+        guest.command(command).expect("a member");
     }
     table.settle();
     let mut rude = RawPeer::enter(&mut table, "led");
-    let own = rude.granted.id(0).expect("it was granted some");
+    let own = rude.granted.id(0).expect("a granted index");
     let config = BodyDesc::plain(own, BodyKind::Kinematic, ShapeId(3));
     let motion = still(30.0);
     rude.command(&mut table, Command::AddBody { config, motion })
-        .expect("it may add");
+        .expect("a member may add a body");
     let driving = take_authority(&mut rude, &mut table, own);
     let mut writer = UpdateWriter::new(driving.stream, 0, 1, 0);
     let payload = UpdatePayload::Keyframe(Keyframe {
@@ -426,21 +431,17 @@ fn datagrams_in_the_wrong_direction_for_the_stepping_change_nothing() {
         table
             .guest(good)
             .advance(now, Tick::new(tick))
-            .expect("it is a member");
+            .expect("a member");
         table.settle();
-        let stream = table
-            .guest(good)
-            .replica()
-            .expect("it is a member")
-            .stream();
+        let stream = table.guest(good).replica().expect("a member").stream();
         stream
             .predicted_motion(own, Tick::new(tick))
-            .expect("it is there")
+            .expect("an existing body")
             .pose()
             .position
             .x
     };
-    // Another run might hear a datagram a tick later: where members lead, it is not received at all.
+    // In a free-running scene the datagram would take effect a tick later; in lockstep it is ignored.
     table.datagram(rude.peer, &packet);
     assert!((step(&mut table, 1) - 30.0).abs() < 0.06);
     rude.say(&mut table, &ClientMessage::Upstream(packet));

@@ -1,7 +1,7 @@
-//! A publisher and a listener over a link that a script has at its mercy.
+//! Fuzzes a publisher and a subscriber over a scripted link.
 //!
-//! Promises: nothing said is malformed to who hears it; while the listener knows all of a tick, its tracks are the
-//! publisher's to the bit; what it bounds lies within its bound; when the script ends, everything becomes known.
+//! Promises: every packet is well-formed for its receiver. While the subscriber has a complete tick, its tracks are
+//! bit-identical to the publisher's. Each stated bound holds. After the end of the script the subscriber converges.
 
 use std::collections::VecDeque;
 
@@ -12,28 +12,28 @@ use rhumb_reckoning::{Divergence, Metres, Radians, Tolerance};
 use super::script::Script;
 use super::source::{BODIES, SceneChange, Source, parameters};
 
-/// Ticks of one script, so that it ends soon.
+/// Number of ticks of one script, so that it ends soon.
 const TICKS_MAX: u64 = 240;
-/// Ticks within which all is known once nothing is lost any more.
+/// Ticks within which the subscriber converges once no datagram is lost.
 const CALM_TICKS: u64 = 40;
 
 struct FuzzedLink {
     source: Source,
     subscriber: Subscriber,
     limited: bool,
-    /// What is under way, by the tick at which it arrives.
+    /// Datagrams in flight, by the tick of their arrival.
     air: VecDeque<(u64, Bytes)>,
     mail: VecDeque<(u64, SceneChange)>,
-    /// Bits that say of each datagram in turn whether it is lost.
+    /// One bit for each datagram in turn: whether it is lost.
     fate: u32,
-    /// Ticks by which datagrams and news are late at most.
+    /// Greatest delay of datagrams and of scene changes, in ticks.
     late: [u64; 2],
     copies: bool,
     redundancy: Redundancy,
     sent: u32,
 }
 
-/// A script of ticks, blows, new_bodies and faults.
+/// A script of ticks, impulses, new bodies and faults.
 pub fn link(data: &[u8]) {
     let mut script = Script::new(data);
     let mut link = FuzzedLink::new(&mut script);
@@ -47,7 +47,10 @@ pub fn link(data: &[u8]) {
         link.check();
     }
     let tick = link.source.tick;
-    assert!(link.subscriber.is_converged(), "something stays unknown");
+    assert!(
+        link.subscriber.is_converged(),
+        "the subscriber does not converge"
+    );
     assert_eq!(link.subscriber.complete(), tick);
     assert_eq!(
         link.subscriber.state_checksum(),
@@ -164,16 +167,17 @@ impl FuzzedLink {
     }
 
     fn tick(&mut self) {
-        let mut said = self.source.step();
+        let mut datagrams = self.source.step();
         let tick = self.source.tick.value();
-        // A checksums states nothing of what a budget over_budget, so that there it goes with packets alone.
+        // Checksum packets do not carry the error scale of a stream with a budget, so such a stream sends none
+        // separately.
         if tick.is_multiple_of(10) && !self.limited {
-            said.push(self.source.publisher.checksums(self.source.scene_events));
+            datagrams.push(self.source.publisher.checksums(self.source.scene_events));
         }
         self.source
             .publisher
-            .encode_repair_symbols(self.redundancy, &mut said);
-        for datagram in &said {
+            .encode_repair_symbols(self.redundancy, &mut datagrams);
+        for datagram in &datagrams {
             self.send(datagram);
         }
         self.deliver();
@@ -203,7 +207,7 @@ impl FuzzedLink {
         let mut answers = Vec::new();
         for number in self.source.publisher.answer(&loss_report, &mut answers) {
             let refresh = self.source.publisher.refresh(number, scene_events);
-            answers.extend(refresh.expect("the history is long enough"));
+            answers.extend(refresh.expect("the publisher keeps a long enough history"));
         }
         answers.push(self.source.publisher.watermark(scene_events));
         for datagram in &answers {
@@ -223,7 +227,7 @@ impl FuzzedLink {
         let current = watermark_tick == self.source.tick && self.mail.is_empty();
         for (id, track) in publisher.tracks() {
             let Some(bound) = subscriber.bound(id) else {
-                assert!(!self.mail.is_empty(), "{id} is not bounded at all");
+                assert!(!self.mail.is_empty(), "{id} has no bound");
                 continue;
             };
             let ErrorBound::Within(within) = bound else {
@@ -236,16 +240,19 @@ impl FuzzedLink {
                     "{id} at {watermark_tick}"
                 );
             }
-            // A body that came after that tick has no truth there.
+            // A body that was added after that tick has no truth there.
             let Some(truth) = self.source.truth(id, watermark_tick) else {
                 continue;
             };
             let predicted_motion = subscriber
                 .predicted_motion(id, watermark_tick)
-                .expect("it is bounded");
+                .expect("a body with a bound");
             let apart = Divergence::between(&truth.motion().pose(), &predicted_motion.pose());
             let error = apart.surface_error(parameters(id).radius);
-            assert!(error <= within, "{id} is off by {error}, not {within}");
+            assert!(
+                error <= within,
+                "{id} has an error of {error}, bound {within}"
+            );
         }
         if current && subscriber.is_converged() {
             assert_eq!(subscriber.state_checksum(), publisher.state_checksum());

@@ -1,7 +1,7 @@
-//! What a server makes of a member's own stream, bad as link and datagrams be.
+//! Fuzzes the server's side of an upstream, over a bad link and with lies.
 //!
-//! Promises: an honest driver's bodies are within its tolerance of where it has them, wherever the server is sure of it;
-//! of a dishonest one, no body is made that was not granted, and all are put where a body may be.
+//! Promises: bodies of an honest publisher are within its tolerance wherever the server claims to know them. A
+//! dishonest publisher can add no body without a grant, and all bodies stay at valid places.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::num::NonZeroU32;
@@ -57,11 +57,11 @@ struct TakeAuthority {
     late: u64,
     redundancy: Redundancy,
     sent: u32,
-    /// Whether nothing but what the driver says was received.
+    /// Whether the server received only data of the publisher.
     honest: bool,
 }
 
-/// A script of ticks, blows, faults and lies.
+/// A script of ticks, impulses, faults and forged packets.
 pub fn upstream(data: &[u8]) {
     let mut script = Script::new(data);
     let mut drive = TakeAuthority::new(&mut script);
@@ -175,7 +175,7 @@ impl TakeAuthority {
         }
     }
 
-    /// A tick of the driver, and of the server.
+    /// One tick of the publisher and of the server.
     fn step(&mut self) {
         self.tick += 1;
         for (place, speed) in self.places.iter_mut().zip(self.speeds) {
@@ -196,15 +196,15 @@ impl TakeAuthority {
         self.truth.insert(self.tick, motions);
         self.observation_history
             .observe(Tick::new(self.tick), &seen);
-        let mut said = Vec::new();
+        let mut datagrams = Vec::new();
         self.publisher
-            .publish(&self.observation_history, SCENE_EVENTS, &mut said);
-        if said.is_empty() {
-            said.push(self.publisher.watermark(SCENE_EVENTS));
+            .publish(&self.observation_history, SCENE_EVENTS, &mut datagrams);
+        if datagrams.is_empty() {
+            datagrams.push(self.publisher.watermark(SCENE_EVENTS));
         }
         self.publisher
-            .encode_repair_symbols(self.redundancy, &mut said);
-        self.send(&said);
+            .encode_repair_symbols(self.redundancy, &mut datagrams);
+        self.send(&datagrams);
         self.deliver();
         let mut asked = Vec::new();
         let now = Instant::ZERO + Span::from_nanos(TICK.as_nanos() * self.tick);
@@ -220,10 +220,11 @@ impl TakeAuthority {
 
     fn answer(&mut self, datagram: &[u8]) {
         let mut reader = Reader::new(datagram);
-        let head = Head::decode(&mut reader).expect("a server says datagrams");
+        let head = Head::decode(&mut reader).expect("a server sends valid packets");
         let mut answers = Vec::new();
         if head.kind == PacketKind::LossReport {
-            let loss_report = LossReport::decode(reader).expect("a server says loss_reports");
+            let loss_report =
+                LossReport::decode(reader).expect("a server sends valid loss reports");
             for number in self.publisher.answer(&loss_report, &mut answers) {
                 answers.extend(
                     self.publisher
@@ -233,8 +234,8 @@ impl TakeAuthority {
             }
             answers.push(self.publisher.watermark(SCENE_EVENTS));
         } else {
-            let mismatch =
-                rhumb_protocol::packet::ChecksumMismatch::decode(reader).expect("or mismatches");
+            let mismatch = rhumb_protocol::packet::ChecksumMismatch::decode(reader)
+                .expect("a server sends valid mismatches");
             match self.publisher.answer_mismatch(mismatch, SCENE_EVENTS) {
                 MismatchReply::Sums(sums) => answers.push(sums),
                 MismatchReply::Resync(_, all) => answers.extend(all),
@@ -260,7 +261,7 @@ impl TakeAuthority {
         for (id, motion) in self.driven.motions(tick) {
             assert!(
                 (10..10 + BODIES).contains(&id.index()),
-                "{id} was not granted"
+                "{id} is outside the grant"
             );
             assert_is_motion(&motion);
             count += 1;
@@ -269,7 +270,10 @@ impl TakeAuthority {
                 let truth = truth[id.index() as usize - 10].motion().pose();
                 let apart = Divergence::between(&truth, &motion.pose());
                 let share = tolerance.share(&apart, MANNER.radius);
-                assert!(share <= 1.0, "{id} is off by {share} tolerances at {tick}");
+                assert!(
+                    share <= 1.0,
+                    "{id} at {tick} has an error of {share} tolerances"
+                );
             }
         }
         assert!(count <= BODIES);
@@ -289,5 +293,5 @@ fn motion(place: Vec3, speed: Vec3) -> BodyState {
         speed.to_array(),
         spin.to_array(),
     )
-    .expect("a place is finite")
+    .expect("a finite state")
 }

@@ -1,4 +1,4 @@
-//! What clients say: every message and command.
+//! Vectors of client messages: every message and command.
 
 use super::MessageCase;
 use super::pieces::{
@@ -94,7 +94,7 @@ fn choosing(cases: &mut CaseList) {
     );
 }
 
-/// Whether the server may move a member, and budgets that are none.
+/// Tier policies, and invalid budgets.
 fn moves(cases: &mut CaseList) {
     cases.say(16, "TierPolicy, never", &[&[0]]);
     for most in [999, 1_000, 200_000, 10_000_000, 10_000_001] {
@@ -186,7 +186,7 @@ fn commands(cases: &mut CaseList) {
     pushes(cases);
 }
 
-/// Commands that say how what is there shall move, or be held.
+/// Commands that move or constrain existing bodies.
 fn pushes(cases: &mut CaseList) {
     cases.say(7, "RemoveBody", &[&[3], &id(300, 2)]);
     cases.say(

@@ -1,4 +1,4 @@
-//! What servers say: every message, scene_event, error and denial.
+//! Vectors of server messages: every message, scene event, error and denial.
 
 use rhumb_protocol::packet::Keyframe;
 use rhumb_protocol::wire::bits::BitWriter;
@@ -69,7 +69,7 @@ pub(super) fn cases() -> Vec<MessageCase> {
     cases.0
 }
 
-/// That a member is moved, and what nobody knows.
+/// Changes of tier, and unknown messages.
 fn others(cases: &mut CaseList) {
     for (word, choice) in choices() {
         for cause in [0, 1, 2] {
@@ -178,11 +178,11 @@ fn errors(cases: &mut CaseList) {
     }
 }
 
-/// A track that is said in bits.
+/// A track encoded as a bit string.
 fn in_bits(predictor: Predictor, parent: Option<BodyId>) -> Vec<u8> {
     let moving = predictor != Predictor::Rest;
     let speed = |numbers: [i32; 3]| if moving { numbers } else { [0; 3] };
-    let rotation = PackedRotation::from_parts(3, [1_000, -20_000, 0]).expect("a stable one");
+    let rotation = PackedRotation::from_parts(3, [1_000, -20_000, 0]).expect("a valid rotation");
     let anchor = QuantisedState {
         position: [70_000, -5, 0],
         rotation,

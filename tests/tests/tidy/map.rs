@@ -1,7 +1,7 @@
-//! ARCHITECTURE.md lists what is there, and what code cites can be read.
+//! ARCHITECTURE.md lists every file, and cited clauses exist.
 //!
-//! A line of the map is a row of a table: the path in backticks, then the purpose. What is cited of the documents is a
-//! clause, as 3.4, or a requirement by its name, as 3.4-1.
+//! A line of the map is a table row: the path in backticks, then the purpose. A citation names a clause, as 3.4, or a
+//! requirement, as 3.4-1.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -10,11 +10,11 @@ use rhumb_tests::requirements::{Document, is_name, parts, unnamed};
 
 use crate::house::{File, files, report, root};
 
-/// The map's rows: a path and its purpose.
+/// The rows of the map: path and purpose.
 fn rows() -> Vec<(String, String)> {
-    let text = fs::read_to_string(root().join("ARCHITECTURE.md")).expect("the house has a map");
+    let text = fs::read_to_string(root().join("ARCHITECTURE.md")).expect("reading ARCHITECTURE.md");
     let mut rows = Vec::new();
-    let begin = text.find("## Code map").expect("the map has its heading");
+    let begin = text.find("## Code map").expect("the heading of the map");
     for line in text[begin..].lines() {
         let Some((path, rest)) = line.strip_prefix("| `").and_then(|row| row.split_once('`'))
         else {
@@ -26,7 +26,7 @@ fn rows() -> Vec<(String, String)> {
     rows
 }
 
-/// The map's paths with their purposes.
+/// The paths of the map with their purposes.
 fn listed() -> BTreeMap<String, String> {
     rows().into_iter().collect()
 }
@@ -48,13 +48,13 @@ fn every_path_of_the_map_exists_and_has_a_purpose() {
             violations.push(format!("{path}: has two rows"));
         }
         if !root().join(&path).is_file() {
-            violations.push(format!("{path}: there is no such file"));
+            violations.push(format!("{path}: the file does not exist"));
         }
         if purpose.is_empty() {
             violations.push(format!("{path}: has no purpose"));
         }
     }
-    report("ARCHITECTURE.md lists what is there", &violations);
+    report("ARCHITECTURE.md lists existing files only", &violations);
 }
 
 #[test]
@@ -75,7 +75,7 @@ fn every_file_is_in_the_map() {
 /// The numbers of a document's headings and numbered clauses.
 fn clauses(document: &str) -> BTreeSet<String> {
     let text =
-        fs::read_to_string(root().join(document)).expect("the specification has this document");
+        fs::read_to_string(root().join(document)).expect("reading a document of the specification");
     let numbers = text.lines().filter_map(|line| {
         let line = line.trim_start_matches('#').trim_start();
         let number = line.split_whitespace().next()?.trim_end_matches('.');
@@ -89,7 +89,7 @@ fn is_number(text: &str) -> bool {
         .all(|part| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
-/// The clauses that a text cites of a document, by line.
+/// The clauses of a document that a text cites, with line numbers.
 fn cited(text: &str, name: &str) -> Vec<(usize, String)> {
     let mut cited = Vec::new();
     for (number, line) in text.lines().enumerate() {
@@ -110,7 +110,7 @@ fn cited(text: &str, name: &str) -> Vec<(usize, String)> {
 }
 
 #[test]
-fn every_cited_clause_can_be_read() {
+fn every_cited_clause_exists() {
     let mut violations = Vec::new();
     let files = files();
     for document in Document::ALL {
@@ -129,28 +129,28 @@ fn every_cited_clause_can_be_read() {
 }
 
 #[test]
-fn every_requirement_has_a_name_of_its_clause_for_itself() {
+fn every_requirement_has_a_unique_name_in_its_clause() {
     let mut violations = Vec::new();
     for document in Document::ALL {
         let mut seen = BTreeSet::new();
         for requirement in document.requirements() {
             let clause = requirement.id.split('-').next().unwrap_or_default();
             if clause != requirement.clause {
-                violations.push(format!("{requirement} stands in {}", requirement.clause));
+                violations.push(format!("{requirement} is in clause {}", requirement.clause));
             }
             if requirement.text.is_empty() {
-                violations.push(format!("{requirement} says nothing"));
+                violations.push(format!("{requirement} is empty"));
             }
             if !seen.insert(requirement.id.clone()) {
-                violations.push(format!("{requirement} is there twice"));
+                violations.push(format!("{requirement} occurs twice"));
             }
         }
     }
-    report("a requirement has a name for itself", &violations);
+    report("a requirement has a unique name", &violations);
 }
 
 #[test]
-fn what_must_should_or_may_be_has_a_name() {
+fn every_must_should_or_may_belongs_to_a_requirement() {
     let mut violations = Vec::new();
     for document in Document::ALL {
         for part in parts(&document.text()) {
@@ -168,7 +168,7 @@ fn what_must_should_or_may_be_has_a_name() {
 
 #[test]
 fn citations_are_found() {
-    // Written so that this file cites nothing itself.
+    // Split, so that this file itself contains no citation.
     let name = ["PROTO", "COL"].concat();
     let text = format!("see ({name} 3.4), {name} 5.\n{name}.md, {name} x, {name} 3.4-12.");
     let found = cited(&text, &name);

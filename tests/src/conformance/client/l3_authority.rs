@@ -15,7 +15,7 @@ use crate::conformance::case::{Case, CaseRow, Feature};
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::{Interceptor, Setting};
 use crate::conformance::trial::Trial;
-use crate::testee::{COURSE_TICKS, trajectory};
+use crate::testee::{TRAJECTORY_TICKS, trajectory};
 
 /// Allowed position error, in micrometres.
 const WITHIN: u32 = 20_000;
@@ -152,8 +152,8 @@ fn share_now(interceptor: &Interceptor) -> Option<(Tick, f64)> {
 
 fn keeps_to_its_trajectory(trial: &mut Trial<'_>, before: u64) -> CaseResult {
     let mut upstream_trial = UpstreamTrial::begin(trial, before)?;
-    upstream_trial.upstream_trial(COURSE_TICKS)?;
-    upstream_trial.judge(usize::try_from((COURSE_TICKS - before) / 2).unwrap_or_default())
+    upstream_trial.upstream_trial(TRAJECTORY_TICKS)?;
+    upstream_trial.judge(usize::try_from((TRAJECTORY_TICKS - before) / 2).unwrap_or_default())
 }
 
 fn watermarks(trial: &mut Trial<'_>) -> CaseResult {
@@ -196,7 +196,7 @@ fn asks_again(trial: &mut Trial<'_>) -> CaseResult {
         .until("second request for authority", |interceptor| {
             tasks(interceptor) >= 2
         })?;
-    upstream_trial.upstream_trial(COURSE_TICKS)?;
+    upstream_trial.upstream_trial(TRAJECTORY_TICKS)?;
     upstream_trial.judge(100)?;
     let tasks = tasks(&upstream_trial.interceptor);
     ensure(
