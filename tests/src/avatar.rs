@@ -61,7 +61,7 @@ impl Avatars {
 
     /// Initial state of the platform.
     #[must_use]
-    pub fn berth() -> BodyState {
+    pub fn platform_start() -> BodyState {
         still(Vec3::new(0.0, 0.5, 20.0))
     }
 
@@ -158,7 +158,7 @@ impl Script for Avatars {
             2,
             still(Vec3::new(0.0, 30.0, 0.0)),
         );
-        add(PLATFORM, BodyKind::Kinematic, 1, Self::berth());
+        add(PLATFORM, BodyKind::Kinematic, 1, Self::platform_start());
         add(
             FREIGHT,
             BodyKind::Dynamic,

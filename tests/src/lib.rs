@@ -23,7 +23,7 @@ mod walk;
 mod witness;
 
 pub use avatar::Avatars;
-pub use plugin::{PluginSession, Recording, falling, hear};
+pub use plugin::{PluginSession, Recording, deliver, falling};
 pub use process::{Ended, Programme, ServerProcess};
 pub use raw_peer::RawPeer;
 pub use scripted_session::ScriptedSession;

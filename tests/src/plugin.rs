@@ -91,9 +91,9 @@ pub struct PluginSession {
     peer: Peer,
     from: SocketAddr,
     /// Messages received on TCP.
-    pub lasting: Vec<Message>,
+    pub tcp_messages: Vec<Message>,
     /// Messages received by datagram.
-    pub passing: Vec<Message>,
+    pub datagram_messages: Vec<Message>,
     /// Every received state in order of arrival, from both transports, with the number of its frame; the first is 1.
     pub states: Vec<(usize, Motion)>,
     /// Number of bytes queued on its TCP connection, as passed to the server with every event.
@@ -112,17 +112,17 @@ const PIECE_BYTES_MAX: usize = 1_400;
 
 impl PluginSession {
     /// Connects, and sends the logon by datagram as the plug-in does.
-    pub fn begin(host: &mut ServerLoop, number: u16, logon: &[u8]) -> Self {
+    pub fn begin(server: &mut ServerLoop, number: u16, logon: &[u8]) -> Self {
         let from = SocketAddr::from(([127, 0, 0, 1], 40_000 + number));
         let udp = SocketAddr::from(([127, 0, 0, 1], 50_000 + number));
         let peer = Peer(1 << 63 | u64::from(number));
-        host.handle_app_datagram(Instant::ZERO, udp, logon);
-        host.handle_app_opened(Instant::ZERO, peer, from);
+        server.handle_app_datagram(Instant::ZERO, udp, logon);
+        server.handle_app_opened(Instant::ZERO, peer, from);
         Self {
             peer,
             from: udp,
-            lasting: Vec::new(),
-            passing: Vec::new(),
+            tcp_messages: Vec::new(),
+            datagram_messages: Vec::new(),
             states: Vec::new(),
             waiting_bytes: 0,
             stream_bytes: 0,
@@ -133,16 +133,16 @@ impl PluginSession {
     }
 
     /// Sends bytes, and receives the server's answers.
-    pub fn say(&mut self, host: &mut ServerLoop, bytes: &[u8]) {
-        host.handle_app_waiting(Instant::ZERO, self.peer, self.waiting_bytes);
-        host.handle_app_bytes(Instant::ZERO, self.peer, bytes);
+    pub fn send(&mut self, server: &mut ServerLoop, bytes: &[u8]) {
+        server.handle_app_waiting(Instant::ZERO, self.peer, self.waiting_bytes);
+        server.handle_app_bytes(Instant::ZERO, self.peer, bytes);
         let mut others = [];
-        hear(host, self, &mut others);
+        deliver(server, self, &mut others);
     }
 
     /// Ends the connection.
-    pub fn end(&self, host: &mut ServerLoop) {
-        host.handle_app_ended(Instant::ZERO, self.peer);
+    pub fn end(&self, server: &mut ServerLoop) {
+        server.handle_app_ended(Instant::ZERO, self.peer);
     }
 
     /// The last state of each actor, from either transport.
@@ -165,7 +165,7 @@ impl PluginSession {
     /// The number of received messages of this kind.
     #[must_use]
     pub fn received(&self, kind: Kind) -> usize {
-        let all = self.lasting.iter().chain(&self.passing);
+        let all = self.tcp_messages.iter().chain(&self.datagram_messages);
         all.filter(|message| message.kind() == kind).count()
     }
 
@@ -180,7 +180,7 @@ impl PluginSession {
                 self.frames.push(bytes);
                 while let Some(framed) = self.frames.next_message().expect("messages") {
                     self.note(&framed.message);
-                    self.lasting.push(framed.message);
+                    self.tcp_messages.push(framed.message);
                 }
                 let whole = self.frames.next_message();
                 assert_eq!(whole, Ok(None));
@@ -192,7 +192,7 @@ impl PluginSession {
                 message.encode(index, &mut again);
                 assert_eq!(&again[..], &bytes[..], "a datagram contains one message");
                 self.note(&message);
-                self.passing.push(message);
+                self.datagram_messages.push(message);
             }
             AppTransmit::Close { .. } => self.closed = true,
         }
@@ -212,17 +212,21 @@ impl PluginSession {
 /// # Panics
 ///
 /// When a transmit is addressed to another peer.
-pub fn hear(host: &mut ServerLoop, first: &mut PluginSession, others: &mut [&mut PluginSession]) {
-    while let Some(transmit) = host.poll_app() {
-        let concerns = |talk: &PluginSession| match &transmit {
-            AppTransmit::Bytes { to, .. } | AppTransmit::Close { to } => *to == talk.peer,
-            AppTransmit::Datagram { to, .. } => *to == talk.from,
+pub fn deliver(
+    server: &mut ServerLoop,
+    first: &mut PluginSession,
+    others: &mut [&mut PluginSession],
+) {
+    while let Some(transmit) = server.poll_app() {
+        let concerns = |session: &PluginSession| match &transmit {
+            AppTransmit::Bytes { to, .. } | AppTransmit::Close { to } => *to == session.peer,
+            AppTransmit::Datagram { to, .. } => *to == session.from,
         };
         if concerns(first) {
             first.take(&transmit);
             continue;
         }
-        let other = others.iter_mut().find(|talk| concerns(talk));
+        let other = others.iter_mut().find(|session| concerns(session));
         other
             .unwrap_or_else(|| panic!("{transmit:?} has no receiver"))
             .take(&transmit);
@@ -234,9 +238,9 @@ pub fn hear(host: &mut ServerLoop, first: &mut PluginSession, others: &mut [&mut
 pub fn falling(simulation: u32, balls: u32) -> Vec<u8> {
     let id = |object| Id { simulation, object };
     let mut bytes = Vec::new();
-    let mut say = |message: &Message| message.encode(0, &mut bytes);
-    say(&Message::Logon(Logon::new(simulation, "falling")));
-    say(&Message::SetWorld(SetWorld {
+    let mut send = |message: &Message| message.encode(0, &mut bytes);
+    send(&Message::Logon(Logon::new(simulation, "falling")));
+    send(&Message::SetWorld(SetWorld {
         plane: id(0),
         gravity: Vec3::new(0.0, 0.0, -10.0),
         static_friction: 0.5,
@@ -247,7 +251,7 @@ pub fn falling(simulation: u32, balls: u32) -> Vec<u8> {
         height: -1e5,
         normal: Vec3::Z,
     }));
-    say(&Message::AddSphere((id(100), Vec3::ZERO, 0.5)));
+    send(&Message::AddSphere((id(100), Vec3::ZERO, 0.5)));
     for ball in 0..balls {
         let actor = id(1_000 + ball);
         let place = Vec3::new((ball % 32) as f32, (ball / 32) as f32, 0.0);
@@ -259,11 +263,11 @@ pub fn falling(simulation: u32, balls: u32) -> Vec<u8> {
             linear: Vec3::ZERO,
             angular: Vec3::ZERO,
         };
-        say(&Message::CreateDynamicActor(CreateDynamicActor {
+        send(&Message::CreateDynamicActor(CreateDynamicActor {
             motion,
             flags: 0,
         }));
-        say(&Message::AttachShape(AttachShape {
+        send(&Message::AttachShape(AttachShape {
             actor,
             shape: id(100),
             surface: Surface {

@@ -29,14 +29,14 @@ impl RawPeer {
     #[must_use]
     pub fn enter(table: &mut Table, scene: &str) -> Self {
         let peer = table.connect_raw_peer();
-        let mut rude = Self {
+        let mut raw_peer = Self {
             peer,
             granted: IdRange::EMPTY,
             frames: Frames::new(),
             commands: 0,
         };
         let scene = scene.parse().expect("a valid scene name");
-        rude.say(
+        raw_peer.send(
             table,
             &ClientMessage::Hello {
                 versions: vec![1],
@@ -44,20 +44,20 @@ impl RawPeer {
                 extensions: Extensions::NONE,
             },
         );
-        let received = rude.say(table, &ClientMessage::Join(StreamChoice::Full));
+        let received = raw_peer.send(table, &ClientMessage::Join(StreamChoice::Full));
         let granted = received.iter().find_map(|message| match message {
             ServerMessage::Joined(joined) => Some(joined.granted),
             _ => None,
         });
-        rude.granted = granted.expect("joining an existing scene succeeds");
-        rude
+        raw_peer.granted = granted.expect("joining an existing scene succeeds");
+        raw_peer
     }
 
     /// Sends a message and returns the answers on the control stream.
-    pub fn say(&mut self, table: &mut Table, message: &ClientMessage) -> Vec<ServerMessage> {
+    pub fn send(&mut self, table: &mut Table, message: &ClientMessage) -> Vec<ServerMessage> {
         let mut bytes = Vec::new();
         message.encode(&mut bytes);
-        self.utter(table, &bytes)
+        self.send_bytes(table, &bytes)
     }
 
     /// Sends bytes and returns the answers on the control stream.
@@ -65,10 +65,10 @@ impl RawPeer {
     /// # Panics
     ///
     /// When an answer is not valid protocol.
-    pub fn utter(&mut self, table: &mut Table, bytes: &[u8]) -> Vec<ServerMessage> {
+    pub fn send_bytes(&mut self, table: &mut Table, bytes: &[u8]) -> Vec<ServerMessage> {
         table.control(self.peer, bytes);
         let mut received = Vec::new();
-        for sent in table.take_heard(self.peer) {
+        for sent in table.take_received(self.peer) {
             if let Delivered::Control(bytes) = sent {
                 self.frames.push(&bytes);
             }
@@ -96,7 +96,7 @@ impl RawPeer {
     pub fn command(&mut self, table: &mut Table, command: Command) -> Result<(), CommandError> {
         let expected = self.commands;
         self.commands += 1;
-        let received = self.say(table, &ClientMessage::Command(command.clone()));
+        let received = self.send(table, &ClientMessage::Command(command.clone()));
         let applied = received.iter().filter(|message| {
             matches!(message, ServerMessage::Applied { through, .. } if *through == expected)
         });
@@ -122,7 +122,7 @@ impl RawPeer {
     ///
     /// When no answer comes.
     pub fn inspect(&mut self, table: &mut Table) -> (u64, u64, u32) {
-        let received = self.say(table, &ClientMessage::Inspect);
+        let received = self.send(table, &ClientMessage::Inspect);
         let reported = received.iter().find_map(|message| match message {
             ServerMessage::Inspection(reported) => {
                 Some((reported.truth, reported.tick.value(), reported.bodies))

@@ -21,16 +21,16 @@ pub const COMMANDER: usize = 0;
 pub const TICK: Span = Span::from_nanos(1_000_000_000 / 60);
 
 /// Interval between stored claims: several per tick, so that partially received ticks are covered too.
-const LOOK_EVERY: Span = Span::from_millis(4);
+const CLAIM_INTERVAL: Span = Span::from_millis(4);
 /// Longest virtual time for an answer over the worst link: several retries at 20 % loss and 300 ms.
-const ANSWER_PATIENCE: Span = Span::from_millis(600_000);
+const ANSWER_TIME_LIMIT: Span = Span::from_millis(600_000);
 
 /// A scene with its members.
 pub struct Stage {
     /// The network, for operations without a method here.
     pub network: SimNetwork<ServerLoop, ClientSession>,
     /// The history of each member.
-    pub witnesses: Vec<ObservationHistory>,
+    pub histories: Vec<ObservationHistory>,
     config: SceneConfig,
     script: Box<dyn Script>,
     scripted: Tick,
@@ -65,7 +65,7 @@ impl Stage {
     ) -> Self {
         let mut stage = Self {
             network: SimNetwork::new(ServerLoop::new(|| Instant::ZERO), links, seed),
-            witnesses: Vec::new(),
+            histories: Vec::new(),
             config,
             script,
             scripted: Tick::ZERO,
@@ -77,7 +77,7 @@ impl Stage {
             .client_mut(commander)
             .create(config)
             .expect("a client in the lobby may create a scene");
-        stage.run_until("the scene", |stage| stage.witnesses[COMMANDER].created > 0);
+        stage.run_until("the scene", |stage| stage.histories[COMMANDER].created > 0);
         stage.join(commander, choice);
         stage
     }
@@ -92,8 +92,8 @@ impl Stage {
     pub fn connect(&mut self) -> usize {
         let name = "stage".parse().expect("a valid scene name");
         let index = self.network.connect(ClientSession::new(name));
-        self.witnesses.push(ObservationHistory::default());
-        self.run_until("a welcome", |stage| stage.witnesses[index].welcomes > 0);
+        self.histories.push(ObservationHistory::default());
+        self.run_until("a welcome", |stage| stage.histories[index].welcomes > 0);
         index
     }
 
@@ -104,7 +104,7 @@ impl Stage {
             .join(choice)
             .expect("a client in the lobby may join");
         self.run_until("a membership", |stage| {
-            stage.witnesses[index].granted.is_some()
+            stage.histories[index].granted.is_some()
         });
     }
 
@@ -169,9 +169,9 @@ impl Stage {
     pub fn run(&mut self, span: Span) {
         let end = self.network.now() + span;
         while self.network.now() < end {
-            let next = (self.network.now() + LOOK_EVERY).min(end);
+            let next = (self.network.now() + CLAIM_INTERVAL).min(end);
             self.network.run_until(next);
-            self.look();
+            self.store_claims();
         }
     }
 
@@ -185,15 +185,15 @@ impl Stage {
     }
 
     fn run_until(&mut self, what: &str, done: impl Fn(&Self) -> bool) {
-        let deadline = self.network.now() + ANSWER_PATIENCE;
+        let deadline = self.network.now() + ANSWER_TIME_LIMIT;
         self.network.run_until(self.network.now());
-        self.look();
+        self.store_claims();
         while !done(self) {
             assert!(
                 self.network.now() < deadline,
-                "no {what} within {ANSWER_PATIENCE}"
+                "no {what} within {ANSWER_TIME_LIMIT}"
             );
-            self.run(LOOK_EVERY);
+            self.run(CLAIM_INTERVAL);
         }
     }
 
@@ -201,24 +201,24 @@ impl Stage {
     pub fn run_until_or(&mut self, most: Span, done: impl Fn(&Self) -> bool) {
         let end = self.network.now() + most;
         while self.network.now() < end && !done(self) {
-            self.run(LOOK_EVERY);
+            self.run(CLAIM_INTERVAL);
         }
     }
 
     /// Number of the commander's commands without an answer.
     #[must_use]
     pub fn unanswered(&self) -> u64 {
-        let answered = self.witnesses[COMMANDER]
+        let answered = self.histories[COMMANDER]
             .applied
             .last()
             .map_or(0, |(through, _)| through + 1);
         self.commands.len() as u64 - answered
     }
 
-    fn look(&mut self) {
-        for (index, witness) in self.witnesses.iter_mut().enumerate() {
-            witness.listen(self.network.client_mut(index));
-            witness.look(self.network.client(index));
+    fn store_claims(&mut self) {
+        for (index, history) in self.histories.iter_mut().enumerate() {
+            history.take_events(self.network.client_mut(index));
+            history.store_claims(self.network.client(index));
         }
     }
 
@@ -232,34 +232,34 @@ impl Stage {
             .client_mut(COMMANDER)
             .inspect()
             .expect("the commander is a member");
-        let before = self.witnesses[COMMANDER].inspections.len();
+        let before = self.histories[COMMANDER].inspections.len();
         self.run_until("an inspection", |stage| {
-            stage.witnesses[COMMANDER].inspections.len() > before
+            stage.histories[COMMANDER].inspections.len() > before
         });
         // In a free-running scene a member may be ahead of the answer.
-        let inspected = self.witnesses[COMMANDER].inspections[before];
+        let inspected = self.histories[COMMANDER].inspections[before];
         let newest =
             (0..self.network.clients()).filter_map(|index| self.network.client(index).replica());
         let newest = newest
             .map(|copy| copy.stream().watermark_tick())
             .max()
             .unwrap_or_default();
-        for (index, witness) in self.witnesses.iter().enumerate() {
+        for (index, history) in self.histories.iter().enumerate() {
             let copy = self.network.client(index).replica();
             let mismatches = copy.map_or(0, |copy| copy.stream().statistics().mismatches);
             assert_eq!(
-                (mismatches, &witness.resynced[..]),
+                (mismatches, &history.resynced[..]),
                 (0, &[][..]),
                 "member {index} has claims about later ticks"
             );
         }
         assert_eq!(inspected.resynced, 0);
-        let witness = &self.witnesses[COMMANDER];
-        assert_eq!(witness.refused, []);
+        let history = &self.histories[COMMANDER];
+        assert_eq!(history.refused, []);
         assert_eq!(self.unanswered(), 0, "some commands have no answer");
         let record = MemberRecord {
             commands: self.commands.clone(),
-            applied: witness.applied.clone(),
+            applied: history.applied.clone(),
         };
         let truth = SceneTruth::replay(self.config, &record, newest.max(inspected.tick));
         assert_eq!(

@@ -36,27 +36,27 @@ pub struct LossFilter(Box<dyn FnMut(&Bytes) -> DeliveryAction>);
 
 impl LossFilter {
     /// A filter from a function.
-    pub fn new(fate: impl FnMut(&Bytes) -> DeliveryAction + 'static) -> Self {
-        Self(Box::new(fate))
+    pub fn new(action: impl FnMut(&Bytes) -> DeliveryAction + 'static) -> Self {
+        Self(Box::new(action))
     }
 }
 
 /// A server with its clients.
 pub struct Table {
-    host: ServerLoop,
+    server: ServerLoop,
     now: Instant,
     /// Real sessions by their peer.
-    polite: BTreeMap<Peer, ClientSession>,
+    sessions: BTreeMap<Peer, ClientSession>,
     /// Data that the server sent to each peer and that was not taken yet.
-    heard: BTreeMap<Peer, Vec<Delivered>>,
+    inbox: BTreeMap<Peer, Vec<Delivered>>,
     /// Data that each session sent and that was not taken yet.
-    spoken: BTreeMap<Peer, Vec<Delivered>>,
+    outbox: BTreeMap<Peer, Vec<Delivered>>,
     closed: BTreeMap<Peer, CloseCode>,
     /// Filters of datagrams from the server, by receiver.
-    sieves: BTreeMap<Peer, LossFilter>,
+    downlink_filters: BTreeMap<Peer, LossFilter>,
     late: BTreeMap<Peer, Bytes>,
     /// Filters of datagrams to the server, by sender; every action except `Arrives` loses the datagram.
-    outer_sieves: BTreeMap<Peer, LossFilter>,
+    uplink_filters: BTreeMap<Peer, LossFilter>,
     next: u64,
 }
 
@@ -66,15 +66,15 @@ const HOST: Peer = Peer(0);
 impl Default for Table {
     fn default() -> Self {
         Self {
-            host: ServerLoop::new(|| Instant::ZERO),
+            server: ServerLoop::new(|| Instant::ZERO),
             now: Instant::ZERO,
-            polite: BTreeMap::new(),
-            heard: BTreeMap::new(),
-            spoken: BTreeMap::new(),
+            sessions: BTreeMap::new(),
+            inbox: BTreeMap::new(),
+            outbox: BTreeMap::new(),
             closed: BTreeMap::new(),
-            sieves: BTreeMap::new(),
+            downlink_filters: BTreeMap::new(),
             late: BTreeMap::new(),
-            outer_sieves: BTreeMap::new(),
+            uplink_filters: BTreeMap::new(),
             next: 0,
         }
     }
@@ -85,18 +85,18 @@ impl Table {
     #[must_use]
     pub fn with_hooks(hooks: Hooks) -> Self {
         let mut table = Self::default();
-        table.host.attach(hooks);
+        table.server.attach(hooks);
         table
     }
 
     /// Connects a new session to the server.
-    pub fn alias(&mut self, scene: &str) -> Peer {
+    pub fn connect(&mut self, scene: &str) -> Peer {
         let peer = self.connect_raw_peer();
         let name = scene.parse().expect("a valid scene name");
         let mut session = ClientSession::new(name);
         session.handle_opened(self.now, HOST);
-        self.polite.insert(peer, session);
-        self.settle();
+        self.sessions.insert(peer, session);
+        self.run_until_idle();
         peer
     }
 
@@ -104,7 +104,7 @@ impl Table {
     pub fn connect_raw_peer(&mut self) -> Peer {
         let peer = Peer(self.next);
         self.next += 1;
-        self.host.handle_opened(self.now, peer);
+        self.server.handle_opened(self.now, peer);
         peer
     }
 
@@ -113,8 +113,8 @@ impl Table {
     /// # Panics
     ///
     /// If the peer has no session.
-    pub fn guest(&mut self, peer: Peer) -> &mut ClientSession {
-        self.polite.get_mut(&peer).expect("a connected session")
+    pub fn session(&mut self, peer: Peer) -> &mut ClientSession {
+        self.sessions.get_mut(&peer).expect("a connected session")
     }
 
     /// The current time.
@@ -125,33 +125,33 @@ impl Table {
 
     /// Delivers control bytes to the server.
     pub fn control(&mut self, from: Peer, bytes: &[u8]) {
-        self.host.handle_control(self.now, from, bytes);
-        self.settle();
+        self.server.handle_control(self.now, from, bytes);
+        self.run_until_idle();
     }
 
     /// Delivers a datagram to the server.
     pub fn datagram(&mut self, from: Peer, bytes: &[u8]) {
-        self.host.handle_datagram(self.now, from, bytes);
-        self.settle();
+        self.server.handle_datagram(self.now, from, bytes);
+        self.run_until_idle();
     }
 
     /// Filters datagrams from the server to a peer from now on.
-    pub fn sift(&mut self, peer: Peer, sieve: LossFilter) {
-        self.sieves.insert(peer, sieve);
+    pub fn filter_downlink(&mut self, peer: Peer, filter: LossFilter) {
+        self.downlink_filters.insert(peer, filter);
     }
 
     /// Filters datagrams from a session to the server from now on.
-    pub fn sift_spoken(&mut self, peer: Peer, sieve: LossFilter) {
-        self.outer_sieves.insert(peer, sieve);
+    pub fn filter_uplink(&mut self, peer: Peer, filter: LossFilter) {
+        self.uplink_filters.insert(peer, filter);
     }
 
     /// Breaks a connection.
     pub fn end(&mut self, peer: Peer) {
-        self.host.handle_ended(self.now, peer, Ending::Broken);
-        if let Some(mut session) = self.polite.remove(&peer) {
+        self.server.handle_ended(self.now, peer, Ending::Broken);
+        if let Some(mut session) = self.sessions.remove(&peer) {
             session.handle_ended(self.now, HOST, Ending::Broken);
         }
-        self.settle();
+        self.run_until_idle();
     }
 
     /// Lets time pass, and fires the timeouts that become due.
@@ -159,10 +159,10 @@ impl Table {
         let end = self.now + span;
         while let Some(at) = self.next_wake().filter(|at| *at <= end) {
             self.now = self.now.max(at);
-            self.settle();
+            self.run_until_idle();
         }
         self.now = end;
-        self.settle();
+        self.run_until_idle();
     }
 
     /// The code with which the server closed a connection, if it did.
@@ -172,32 +172,32 @@ impl Table {
     }
 
     /// The data that the server sent to a peer since the last call.
-    pub fn take_heard(&mut self, peer: Peer) -> Vec<Delivered> {
-        self.heard.remove(&peer).unwrap_or_default()
+    pub fn take_received(&mut self, peer: Peer) -> Vec<Delivered> {
+        self.inbox.remove(&peer).unwrap_or_default()
     }
 
     /// The data that a session sent since the last call.
-    pub fn take_spoken(&mut self, peer: Peer) -> Vec<Delivered> {
-        self.spoken.remove(&peer).unwrap_or_default()
+    pub fn take_sent(&mut self, peer: Peer) -> Vec<Delivered> {
+        self.outbox.remove(&peer).unwrap_or_default()
     }
 
     fn next_wake(&self) -> Option<Instant> {
-        let guests = self.polite.values().filter_map(Endpoint::poll_timeout);
-        let wakes = guests.chain(self.host.poll_timeout());
+        let session_wakes = self.sessions.values().filter_map(Endpoint::poll_timeout);
+        let wakes = session_wakes.chain(self.server.poll_timeout());
         wakes.map(|wake| wake.at).min()
     }
 
     /// Delivers data until no endpoint has anything to send or to do now.
-    pub fn settle(&mut self) {
+    pub fn run_until_idle(&mut self) {
         loop {
             let mut quiet = true;
-            while let Some(transmit) = self.host.poll_transmit() {
+            while let Some(transmit) = self.server.poll_transmit() {
                 quiet = false;
                 self.hand_over(transmit);
             }
-            let peers: Vec<_> = self.polite.keys().copied().collect();
+            let peers: Vec<_> = self.sessions.keys().copied().collect();
             for peer in peers {
-                quiet &= !self.drain_guest(peer);
+                quiet &= !self.drain_session(peer);
             }
             if quiet && self.next_wake().is_none_or(|at| at > self.now) {
                 return;
@@ -210,10 +210,10 @@ impl Table {
         let now = self.now;
         let due =
             |endpoint: &dyn Endpoint| endpoint.poll_timeout().is_some_and(|wake| wake.at <= now);
-        if due(&self.host) {
-            self.host.handle_timeout(now);
+        if due(&self.server) {
+            self.server.handle_timeout(now);
         }
-        for session in self.polite.values_mut() {
+        for session in self.sessions.values_mut() {
             if due(session) {
                 session.handle_timeout(now);
             }
@@ -226,19 +226,22 @@ impl Table {
             Transmit::State { to, bytes } => return self.hand_over_datagram(to, bytes),
             Transmit::Close { to, code } => {
                 self.closed.insert(to, CloseCode(code));
-                if let Some(session) = self.polite.get_mut(&to) {
+                if let Some(session) = self.sessions.get_mut(&to) {
                     session.handle_ended(self.now, HOST, Ending::Closed(code));
                 }
-                return self.host.handle_ended(self.now, to, Ending::Closed(code));
+                return self.server.handle_ended(self.now, to, Ending::Closed(code));
             }
         };
         self.arrive(to, sent);
     }
 
     fn hand_over_datagram(&mut self, to: Peer, bytes: Bytes) {
-        let fate = self.sieves.get_mut(&to).map(|sieve| sieve.0(&bytes));
+        let action = self
+            .downlink_filters
+            .get_mut(&to)
+            .map(|filter| filter.0(&bytes));
         let late = self.late.remove(&to);
-        match fate.unwrap_or(DeliveryAction::Arrives) {
+        match action.unwrap_or(DeliveryAction::Arrives) {
             DeliveryAction::Arrives => self.arrive(to, Delivered::State(bytes)),
             DeliveryAction::Lost => {}
             DeliveryAction::Twice => {
@@ -255,46 +258,47 @@ impl Table {
     }
 
     fn arrive(&mut self, to: Peer, sent: Delivered) {
-        if let Some(session) = self.polite.get_mut(&to) {
+        if let Some(session) = self.sessions.get_mut(&to) {
             match &sent {
                 Delivered::Control(bytes) => session.handle_control(self.now, HOST, bytes),
                 Delivered::State(bytes) => session.handle_datagram(self.now, HOST, bytes),
             }
         }
-        self.heard.entry(to).or_default().push(sent);
+        self.inbox.entry(to).or_default().push(sent);
     }
 
     /// Delivers the data of a session; returns whether there was any.
-    fn drain_guest(&mut self, peer: Peer) -> bool {
-        let mut spoke = false;
+    fn drain_session(&mut self, peer: Peer) -> bool {
+        let mut any = false;
         while let Some(transmit) = self
-            .polite
+            .sessions
             .get_mut(&peer)
             .and_then(ClientSession::poll_transmit)
         {
-            spoke = true;
+            any = true;
             let sent = match transmit {
                 Transmit::Control { bytes, .. } => {
-                    self.host.handle_control(self.now, peer, &bytes);
+                    self.server.handle_control(self.now, peer, &bytes);
                     Delivered::Control(bytes)
                 }
                 Transmit::State { bytes, .. } => {
-                    let fate = self
-                        .outer_sieves
+                    let action = self
+                        .uplink_filters
                         .get_mut(&peer)
-                        .map(|sieve| sieve.0(&bytes));
-                    if fate.is_none_or(|fate| fate == DeliveryAction::Arrives) {
-                        self.host.handle_datagram(self.now, peer, &bytes);
+                        .map(|filter| filter.0(&bytes));
+                    if action.is_none_or(|action| action == DeliveryAction::Arrives) {
+                        self.server.handle_datagram(self.now, peer, &bytes);
                     }
                     Delivered::State(bytes)
                 }
                 Transmit::Close { code, .. } => {
-                    self.host.handle_ended(self.now, peer, Ending::Closed(code));
+                    self.server
+                        .handle_ended(self.now, peer, Ending::Closed(code));
                     continue;
                 }
             };
-            self.spoken.entry(peer).or_default().push(sent);
+            self.outbox.entry(peer).or_default().push(sent);
         }
-        spoke
+        any
     }
 }

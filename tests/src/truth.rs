@@ -104,8 +104,8 @@ impl SceneTruth {
     }
 
     fn note(&mut self, id: BodyId, tick: Tick, pose: Option<BodyState>) {
-        let course = self.bodies.get_mut(&id).expect("the body was added before");
-        course.poses.push((tick, pose));
+        let history = self.bodies.get_mut(&id).expect("the body was added before");
+        history.poses.push((tick, pose));
     }
 
     /// The scene's checksum after a tick.
@@ -136,13 +136,13 @@ impl SceneTruth {
     /// Possible numbers of bodies between a tick and the next: commands in between remove some and add some.
     #[must_use]
     pub fn counts(&self, tick: Tick) -> RangeInclusive<usize> {
-        let is_there = |course: &&PoseHistory| course.pose(tick).is_some();
-        let stays = |course: &&PoseHistory| {
-            let added_now = course
+        let is_there = |history: &&PoseHistory| history.pose(tick).is_some();
+        let stays = |history: &&PoseHistory| {
+            let added_now = history
                 .poses
                 .first()
                 .is_some_and(|(since, _)| *since == tick);
-            !added_now && is_there(course) && course.pose(tick.next()).is_some()
+            !added_now && is_there(history) && history.pose(tick.next()).is_some()
         };
         let courses = || self.bodies.values();
         courses().filter(stays).count()..=courses().filter(is_there).count()

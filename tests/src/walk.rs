@@ -34,7 +34,7 @@ pub struct Walk {
     pub watcher: usize,
     lead: u64,
     /// The published states of each tick that the session accepted.
-    pub said: Vec<(Tick, Vec<(BodyId, BodyState)>)>,
+    pub published: Vec<(Tick, Vec<(BodyId, BodyState)>)>,
     /// The server's states of the avatars at ticks whose upstream is not complete yet.
     server_states: VecDeque<(Tick, Vec<Motion>)>,
     noted: Tick,
@@ -62,7 +62,7 @@ impl Walk {
             avatars,
             watcher,
             lead,
-            said: Vec::new(),
+            published: Vec::new(),
             server_states: VecDeque::new(),
             noted: Tick::ZERO,
             judged: 0,
@@ -91,7 +91,7 @@ impl Walk {
     /// # Panics
     ///
     /// When the configuration cannot be parsed.
-    pub fn over(&mut self, config: &str) {
+    pub fn set_link(&mut self, config: &str) {
         let config: LinkConfig = config.parse().expect("a valid link configuration");
         for direction in [Direction::Up, Direction::Down] {
             self.stage
@@ -111,7 +111,7 @@ impl Walk {
     pub fn statistics(&self) -> Option<UpstreamStatistics> {
         let scene = "stage".parse().expect("a valid scene name");
         let mut drives = self.stage.network.server().drives(&scene);
-        drives.find(|drive| drive.driver == Peer(0))
+        drives.find(|status| status.driver == Peer(0))
     }
 
     /// Publishes the avatars' states of a tick.
@@ -119,7 +119,7 @@ impl Walk {
     /// # Panics
     ///
     /// When they are not under authority.
-    pub fn say(&mut self, tick: Tick) {
+    pub fn publish(&mut self, tick: Tick) {
         let motions: Vec<(BodyId, BodyState)> = (0..self.avatars)
             .map(|place| (Avatars::id(place), Avatars::walk(place, tick)))
             .collect();
@@ -128,14 +128,14 @@ impl Walk {
             .publish(tick, &motions)
             .expect("the commander has authority")
         {
-            self.said.push((tick, motions));
+            self.published.push((tick, motions));
         }
     }
 
     /// Publishes one frame of a free-running scene, and lets one tick pass.
     pub fn frame(&mut self) {
         let present = self.newest() + Ticks::new(self.lead as u32);
-        self.say(present);
+        self.publish(present);
         for _ in 0..4 {
             self.stage.run(Span::from_nanos(TICK.as_nanos() / 4));
             self.judge();
@@ -163,17 +163,17 @@ impl Walk {
             let motions = avatars.iter().map(|id| self.at(*id)).collect();
             self.server_states.push_back((newest, motions));
         }
-        let Some(drive) = self.statistics() else {
+        let Some(status) = self.statistics() else {
             return;
         };
         while let Some((tick, motions)) = self
             .server_states
-            .pop_front_if(|(tick, _)| *tick <= drive.watermark_tick)
+            .pop_front_if(|(tick, _)| *tick <= status.watermark_tick)
         {
-            let said = self.said.iter().rev().find(|(of, _)| *of == tick);
-            if let Some((_, said)) = said.filter(|_| drive.was_complete_at(tick)) {
-                for ((id, said), had) in said.clone().iter().zip(&motions) {
-                    self.hold(*id, tick, said, had);
+            let published = self.published.iter().rev().find(|(of, _)| *of == tick);
+            if let Some((_, published)) = published.filter(|_| status.was_complete_at(tick)) {
+                for ((id, published), had) in published.clone().iter().zip(&motions) {
+                    self.check(*id, tick, published, had);
                 }
             }
         }
@@ -184,8 +184,8 @@ impl Walk {
     /// # Panics
     ///
     /// When the error exceeds the tolerance.
-    pub fn hold(&mut self, id: BodyId, tick: Tick, said: &BodyState, had: &Motion) {
-        let apart = Divergence::between(&said.motion().pose(), &had.pose());
+    pub fn check(&mut self, id: BodyId, tick: Tick, published: &BodyState, had: &Motion) {
+        let apart = Divergence::between(&published.motion().pose(), &had.pose());
         let share = CLOSE.scaled(ToleranceScale::AVATAR).share(&apart, RADIUS);
         assert!(
             share <= 1.0 + ROUNDING,
@@ -224,13 +224,13 @@ pub fn take_authority(
     member: usize,
     ids: &[BodyId],
 ) -> Result<Vec<BodyId>, AuthorityError> {
-    let answers = stage.witnesses[member].drives.len();
+    let answers = stage.histories[member].drives.len();
     let session = stage.network.client_mut(member);
     session
         .take_authority(CLOSE, ids)
         .expect("a member may request authority");
     stage.run_until_or(Span::from_millis(60_000), |stage| {
-        stage.witnesses[member].drives.len() > answers
+        stage.histories[member].drives.len() > answers
     });
-    stage.witnesses[member].drives[answers].clone()
+    stage.histories[member].drives[answers].clone()
 }

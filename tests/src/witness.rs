@@ -73,7 +73,7 @@ pub struct ObservationHistory {
 
 impl ObservationHistory {
     /// Takes the session's events.
-    pub fn listen(&mut self, session: &mut ClientSession) {
+    pub fn take_events(&mut self, session: &mut ClientSession) {
         while let Some(event) = session.poll_event() {
             match event {
                 Event::Welcomed(_) => self.welcomes += 1,
@@ -101,7 +101,7 @@ impl ObservationHistory {
     }
 
     /// Stores the present claims about all bodies that can move, if data arrived since the last call.
-    pub fn look(&mut self, session: &ClientSession) {
+    pub fn store_claims(&mut self, session: &ClientSession) {
         let Some(replica) = session.replica() else {
             return;
         };
@@ -118,7 +118,7 @@ impl ObservationHistory {
     }
 
     /// Stores the present claims about all bodies.
-    pub fn look_at_all(&mut self, session: &ClientSession) {
+    pub fn store_all_claims(&mut self, session: &ClientSession) {
         if let Some(replica) = session.replica() {
             self.claim(replica, |_| true);
         }
@@ -156,12 +156,12 @@ impl ObservationHistory {
         }
     }
 
-    /// Checks every claim against the truth and returns the greatest error. `who` names the member in messages.
+    /// Checks every claim against the truth and returns the greatest error. `member` names the member in messages.
     ///
     /// # Panics
     ///
     /// At the first claim that is false.
-    pub fn judge(&self, truth: &SceneTruth, who: &str) -> Metres {
+    pub fn judge(&self, truth: &SceneTruth, member: &str) -> Metres {
         let mut worst = Metres::new(0.0);
         for Claim {
             id,
@@ -173,12 +173,12 @@ impl ObservationHistory {
         } in &self.claims
         {
             let (apart, radius) = truth.apart(*id, *tick, pose).unwrap_or_else(|| {
-                panic!("{who}: {id} has a bound at {tick}, when it did not exist")
+                panic!("{member}: {id} has a bound at {tick}, when it did not exist")
             });
             let error = apart.surface_error(radius);
             assert!(
                 error <= *within && tolerance.share(&apart, radius) <= *error_scale,
-                "{who}: the error of {id} at {tick} is {error}, bound {within}, tolerance {tolerance}"
+                "{member}: the error of {id} at {tick} is {error}, bound {within}, tolerance {tolerance}"
             );
             if error > worst {
                 worst = error;

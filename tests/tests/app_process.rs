@@ -53,12 +53,12 @@ impl Plugin {
         }
     }
 
-    fn say(&mut self, bytes: &[u8]) {
+    fn send(&mut self, bytes: &[u8]) {
         self.tcp.write_all(bytes).expect(LOOPBACK);
     }
 
     /// Receives on TCP until the server closes the connection or this number of frames is over.
-    fn hear(&mut self, frames: Option<usize>) -> Vec<Message> {
+    fn receive(&mut self, frames: Option<usize>) -> Vec<Message> {
         let mut received: Vec<Message> = Vec::new();
         let mut buffer = [0; 4_096];
         let is_over = |message: &&Message| message.kind() == Kind::TimeAdvanced;
@@ -82,8 +82,8 @@ fn a_session_of_the_plug_in_runs_to_its_end() {
     let server = SERVER.serve_app(ANYWHERE, &[]);
     let recording = Recording::unpack(ZOO);
     let mut plugin = Plugin::connect(&server, &recording);
-    plugin.say(&recording.bytes);
-    let received = plugin.hear(None);
+    plugin.send(&recording.bytes);
+    let received = plugin.receive(None);
     let count = |kind| received.iter().filter(|m| m.kind() == kind).count();
     assert_eq!(count(Kind::LogonReady), 1);
     let frames = recording.count(Kind::AdvanceTime);
@@ -105,18 +105,18 @@ fn a_session_of_the_plug_in_runs_to_its_end() {
 type ScriptedSession = BTreeMap<u32, Vec3>;
 
 /// Sends messages frame by frame as the plug-in does, and stores the reported positions.
-fn say_in_frames(
+fn send_in_frames(
     plugin: &mut Plugin,
     pieces: &[&[u8]],
     messages: &[Message],
     reported: &mut ScriptedSession,
 ) {
     for (piece, message) in pieces.iter().zip(messages) {
-        plugin.say(piece);
+        plugin.send(piece);
         if message.kind() != Kind::AdvanceTime {
             continue;
         }
-        for received in plugin.hear(Some(1)) {
+        for received in plugin.receive(Some(1)) {
             if let Message::SetDynamicActor(state) = received {
                 reported.insert(state.actor.object, state.position);
             }
@@ -135,8 +135,8 @@ fn a_native_client_watches_a_scene_of_the_plug_in() {
     let frames: Vec<usize> = (0..pieces.len()).filter(is_frame).collect();
     let mut reported = ScriptedSession::new();
     let mut sent = 0;
-    let mut say_up_to = |plugin: &mut Plugin, end: usize, reported: &mut ScriptedSession| {
-        say_in_frames(
+    let mut send_up_to = |plugin: &mut Plugin, end: usize, reported: &mut ScriptedSession| {
+        send_in_frames(
             plugin,
             &pieces[sent..end],
             &recording.messages[sent..end],
@@ -144,7 +144,7 @@ fn a_native_client_watches_a_scene_of_the_plug_in() {
         );
         sent = end;
     };
-    say_up_to(
+    send_up_to(
         &mut plugin,
         frames[FRAMES_BEFORE_JOIN - 1] + 1,
         &mut reported,
@@ -165,7 +165,7 @@ fn a_native_client_watches_a_scene_of_the_plug_in() {
     // Both receive the same bodies by different protocols, so their positions agree within the sum of both tolerances.
     let step = Tick::new(client.statistics().complete.value() / FRAMES_BEFORE_JOIN as u64);
     for frame in FRAMES_BEFORE_JOIN + 1..frames.len() {
-        say_up_to(&mut plugin, frames[frame - 1] + 1, &mut reported);
+        send_up_to(&mut plugin, frames[frame - 1] + 1, &mut reported);
         let tick = Tick::new(step.value() * frame as u64);
         while client.statistics().complete < tick {
             client.idle(Duration::from_millis(5)).unwrap();
@@ -179,7 +179,7 @@ fn a_native_client_watches_a_scene_of_the_plug_in() {
         }
     }
     assert_eq!(reported.len(), 40);
-    say_up_to(&mut plugin, pieces.len(), &mut reported);
+    send_up_to(&mut plugin, pieces.len(), &mut reported);
     let ended = loop {
         if let Err(error) = client.idle(TIME_LIMIT) {
             break error;
@@ -195,10 +195,10 @@ fn states_are_not_sent_faster_than_the_operator_allows() {
     let mut logon = Vec::new();
     Message::Logon(Logon::new(7, "falling")).encode(0, &mut logon);
     let mut plugin = Plugin::connect_with(&server, &logon);
-    plugin.say(&falling(7, BODIES));
+    plugin.send(&falling(7, BODIES));
     // Started before the first state is sent: delays of the reader can only make the measured time longer.
     let begun = Instant::now();
-    plugin.say(&frame(7));
+    plugin.send(&frame(7));
     let mut datagram = [0; 2_048];
     let mut reported = BTreeSet::new();
     while reported.len() < BODIES as usize {
@@ -218,14 +218,14 @@ fn noise_ends_its_own_connection_with_a_reason() {
     let server = SERVER.serve_app(ANYWHERE, &[]);
     let recording = Recording::unpack(ZOO);
     let mut noisy = Plugin::connect(&server, &recording);
-    noisy.say(b"GET / HTTP/1.1\r\nHost: physics\r\n\r\n");
-    assert!(noisy.hear(None).is_empty());
+    noisy.send(b"GET / HTTP/1.1\r\nHost: physics\r\n\r\n");
+    assert!(noisy.receive(None).is_empty());
     let mut early = Plugin::connect(&server, &recording);
-    early.say(&recording.bytes[76..200]);
-    assert!(early.hear(None).is_empty());
+    early.send(&recording.bytes[76..200]);
+    assert!(early.receive(None).is_empty());
     let mut plugin = Plugin::connect(&server, &recording);
-    plugin.say(&recording.bytes);
-    assert!(!plugin.hear(None).is_empty());
+    plugin.send(&recording.bytes);
+    assert!(!plugin.receive(None).is_empty());
     server.signal("TERM");
     let log = server.wait().log;
     assert!(log.contains("version 18245 is not spoken here"), "{log}");
@@ -246,26 +246,26 @@ fn a_client_without_datagrams_receives_a_thousand_bodies_without_overflow() {
     const FRAMES: usize = 250;
     let server = SERVER.serve_app(ANYWHERE, &[]);
     let mut plugin = Plugin::connect_with(&server, b"no logon");
-    plugin.say(&falling(7, BODIES));
+    plugin.send(&falling(7, BODIES));
     // The answers to another client's frames show when the frames of the first one were read. So each frame arrives in
     // a read of its own, as from a plug-in, but faster.
-    let mut beside = Plugin::connect_with(&server, b"no logon");
-    beside.say(&falling(8, 0));
+    let mut second = Plugin::connect_with(&server, b"no logon");
+    second.send(&falling(8, 0));
     for _ in 0..FRAMES {
-        plugin.say(&frame(7));
-        beside.say(&frame(8));
-        beside.hear(Some(1));
+        plugin.send(&frame(7));
+        second.send(&frame(8));
+        second.receive(Some(1));
     }
     let over = |received: &[Message]| {
         let over = received.iter().filter(|m| m.kind() == Kind::TimeAdvanced);
         over.count()
     };
-    assert_eq!(over(&plugin.hear(Some(FRAMES))), FRAMES, "it was closed");
+    assert_eq!(over(&plugin.receive(Some(FRAMES))), FRAMES, "it was closed");
     // After a client has received everything, each body is reported within two frames.
     let mut reported = BTreeSet::new();
     for _ in 0..2 {
-        plugin.say(&frame(7));
-        let received = plugin.hear(Some(1));
+        plugin.send(&frame(7));
+        let received = plugin.receive(Some(1));
         assert_eq!(over(&received), 1, "it was closed");
         reported.extend(received.iter().filter_map(|message| match message {
             Message::SetDynamicActor(state) => Some(state.actor.object),

@@ -47,9 +47,9 @@ fn a_refused_authority_request_names_its_reason_and_keeps_earlier_grants() {
         assert_eq!(walk.take_authority(&ids), Err(why));
     }
     walk.frame();
-    let guest = walk.stage.enter(NORMAL);
+    let second = walk.stage.enter(NORMAL);
     assert_eq!(
-        take_authority(&mut walk.stage, guest, &[one]),
+        take_authority(&mut walk.stage, second, &[one]),
         Err(AuthorityError::NotYours(one))
     );
     // A body whose range was given up may be taken by any client.
@@ -60,7 +60,7 @@ fn a_refused_authority_request_names_its_reason_and_keeps_earlier_grants() {
         .expect("a member");
     walk.stage.run(TICK);
     assert_eq!(
-        take_authority(&mut walk.stage, guest, &[one]),
+        take_authority(&mut walk.stage, second, &[one]),
         Ok(vec![one])
     );
     walk.stage.join(COMMANDER, NORMAL);
@@ -82,7 +82,7 @@ fn a_refused_authority_request_names_its_reason_and_keeps_earlier_grants() {
 fn a_body_under_client_authority_refuses_commands_until_it_is_released() {
     let mut walk = Walk::new(Stepping::FreeRunning, 1, 2, 1);
     let id = Avatars::id(0);
-    let guest = walk.stage.enter(NORMAL);
+    let second = walk.stage.enter(NORMAL);
     let velocity = Command::SetVelocity {
         id,
         linear: glam::Vec3::X,
@@ -91,7 +91,7 @@ fn a_body_under_client_authority_refuses_commands_until_it_is_released() {
     for command in [put(id), velocity] {
         walk.stage
             .network
-            .client_mut(guest)
+            .client_mut(second)
             .command(command)
             .expect("a member may send commands");
     }
@@ -99,7 +99,7 @@ fn a_body_under_client_authority_refuses_commands_until_it_is_released() {
         walk.frame();
     }
     let driven = Err(CommandError::UnderAuthority(id));
-    let refused = &walk.stage.witnesses[guest].refused;
+    let refused = &walk.stage.histories[second].refused;
     assert_eq!(
         refused
             .iter()
@@ -118,27 +118,27 @@ fn a_body_under_client_authority_refuses_commands_until_it_is_released() {
     );
     walk.stage
         .network
-        .client_mut(guest)
+        .client_mut(second)
         .command(put(id))
         .expect("a member may send commands");
     walk.stage.run(Span::from_millis(100));
-    assert_eq!(walk.stage.witnesses[guest].refused.len(), 2);
+    assert_eq!(walk.stage.histories[second].refused.len(), 2);
     assert!((walk.at(id).pose().position.y - 5.0).abs() < 1e-6);
 }
 
 #[test]
 fn a_removed_body_ends_its_authority_and_its_index_can_be_reused() {
     let mut walk = Walk::new(Stepping::FreeRunning, 2, 2, 1);
-    walk.over("rtt=80ms,loss=10%");
+    walk.set_link("rtt=80ms,loss=10%");
     let (gone, stays) = (Avatars::id(0), Avatars::id(1));
     for _ in 0..60 {
         walk.frame();
     }
-    let guest = walk.stage.enter(NORMAL);
+    let second = walk.stage.enter(NORMAL);
     let remove = Command::RemoveBody { id: gone };
     walk.stage
         .network
-        .client_mut(guest)
+        .client_mut(second)
         .command(remove)
         .expect("a member may send commands");
     for _ in 0..90 {
@@ -163,8 +163,8 @@ fn a_removed_body_ends_its_authority_and_its_index_can_be_reused() {
             .collect::<Vec<_>>(),
         [stays]
     );
-    let drive = walk.statistics().expect("one body is left");
-    assert_eq!((drive.bodies, drive.heard.mismatches), (1, 0));
+    let status = walk.statistics().expect("one body is left");
+    assert_eq!((status.bodies, status.heard.mismatches), (1, 0));
     let config = walk
         .stage
         .copy(COMMANDER)
@@ -181,7 +181,7 @@ fn a_removed_body_ends_its_authority_and_its_index_can_be_reused() {
     assert_eq!(walk.take_authority(&[again, stays]), Ok(vec![again, stays]));
     walk.stage
         .network
-        .client_mut(guest)
+        .client_mut(second)
         .delete()
         .expect("any member may");
     walk.stage.run(Span::from_millis(500));
@@ -193,7 +193,7 @@ fn a_removed_body_ends_its_authority_and_its_index_can_be_reused() {
             .count(),
         0
     );
-    assert_eq!(walk.stage.witnesses[COMMANDER].ended, None);
+    assert_eq!(walk.stage.histories[COMMANDER].ended, None);
 }
 
 #[test]
@@ -237,7 +237,7 @@ fn a_client_that_paused_for_minutes_retakes_authority_by_itself() {
         walk.frame();
     }
     assert!(walk.judged > judged + 60);
-    assert_eq!(walk.stage.witnesses[COMMANDER].drives.len(), 2);
+    assert_eq!(walk.stage.histories[COMMANDER].drives.len(), 2);
 }
 
 #[test]
@@ -259,7 +259,7 @@ fn a_client_that_leaves_or_disconnects_loses_its_authority() {
     assert_eq!(walk.at(id).pose(), stood.pose());
     walk.stage.join(COMMANDER, NORMAL);
     assert_eq!(walk.take_authority(&[id]), Ok(vec![id]));
-    walk.said.clear();
+    walk.published.clear();
     let judged = walk.judged;
     for _ in 0..60 {
         walk.frame();
@@ -273,14 +273,14 @@ fn a_client_that_leaves_or_disconnects_loses_its_authority() {
 #[test]
 fn two_clients_with_authority_move_their_own_bodies_and_see_the_others() {
     let mut walk = Walk::new(Stepping::FreeRunning, 1, 4, seed(23));
-    let guest = walk.stage.enter(NORMAL);
-    let granted = walk.stage.witnesses[guest]
+    let second = walk.stage.enter(NORMAL);
+    let granted = walk.stage.histories[second]
         .granted
         .expect("a member has a range");
     let id = granted.id(0).expect("a granted index");
     let mut config = walk
         .stage
-        .copy(guest)
+        .copy(second)
         .body(Avatars::id(0))
         .expect("an existing body");
     config.id = id;
@@ -290,11 +290,11 @@ fn two_clients_with_authority_move_their_own_bodies_and_see_the_others() {
     let add = Command::AddBody { config, motion };
     walk.stage
         .network
-        .client_mut(guest)
+        .client_mut(second)
         .command(add)
         .expect("a member");
     walk.stage.run(Span::from_millis(100));
-    assert_eq!(take_authority(&mut walk.stage, guest, &[id]), Ok(vec![id]));
+    assert_eq!(take_authority(&mut walk.stage, second, &[id]), Ok(vec![id]));
     let links: LinkConfig = "rtt=50ms,loss=5%"
         .parse()
         .expect("a valid link configuration");
@@ -305,7 +305,7 @@ fn two_clients_with_authority_move_their_own_bodies_and_see_the_others() {
     let mut worst: f64 = 0.0;
     for frame in 0..400 {
         let tick = walk.newest() + Ticks::new(4);
-        let session = walk.stage.network.client_mut(guest);
+        let session = walk.stage.network.client_mut(second);
         session
             .publish(tick, &[(id, at(tick))])
             .expect("a body under authority");
@@ -315,8 +315,8 @@ fn two_clients_with_authority_move_their_own_bodies_and_see_the_others() {
             let seen = copy
                 .predicted_motion(id, copy.complete())
                 .expect("an existing body");
-            let said = at(copy.complete()).motion();
-            worst = worst.max(seen.pose().position.distance(said.pose().position));
+            let published = at(copy.complete()).motion();
+            worst = worst.max(seen.pose().position.distance(published.pose().position));
         }
     }
     // Two tolerances, and the prediction error while a packet is lost for a round trip or two.

@@ -34,19 +34,19 @@ fn open(server: &ServerProcess, stepping: Stepping) -> (Client, Client) {
         stepping,
         ..script.config()
     };
-    let mut driver =
+    let mut publisher =
         Client::open(options(server, JoinMode::Create(config))).expect("the server is running");
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
     for command in commands {
-        driver.command(command).expect("the connection is open");
+        publisher.command(command).expect("the connection is open");
     }
     let full = Options {
         stream: StreamChoice::Full,
         ..options(server, JoinMode::Join)
     };
     let watcher = Client::open(full).expect("the server is running");
-    (driver, watcher)
+    (publisher, watcher)
 }
 
 /// Waits for the answer to a request for authority.
@@ -81,18 +81,18 @@ fn in_lockstep_the_server_follows_a_published_avatar() {
 
 fn walks_in_lockstep(depth: PipelineDepth, behind: u64) {
     let server = SERVER.serve("127.0.0.1:0");
-    let (mut driver, mut watcher) = open(&server, Stepping::Lockstep);
+    let (mut publisher, mut watcher) = open(&server, Stepping::Lockstep);
     let id = Avatars::id(0);
-    driver.take_authority(&[id], CLOSE).expect("a member");
-    assert_eq!(answer(&mut driver), Ok(vec![id]));
+    publisher.take_authority(&[id], CLOSE).expect("a member");
+    assert_eq!(answer(&mut publisher), Ok(vec![id]));
     let mut last = Avatars::walk(0, Tick::ZERO);
     for tick in (1..=300).map(Tick::new) {
         let walk = Avatars::walk(0, tick);
-        let sent = driver
+        let sent = publisher
             .publish(&[(id, walk)])
             .expect("a body under authority");
         assert_eq!(sent, Some(tick));
-        let shown = driver.advance(depth).expect("the server steps");
+        let shown = publisher.advance(depth).expect("the server steps");
         assert!(shown.value() + behind >= tick.value(), "{shown} at {tick}");
         last = walk;
         while watcher.statistics().complete < tick {
@@ -107,37 +107,37 @@ fn walks_in_lockstep(depth: PipelineDepth, behind: u64) {
         assert!(error <= CLOSE_METRES, "the error at {tick} is {error} m");
     }
     // The publisher's own copy is within both tolerances, and as many ticks behind as the pipeline is deep.
-    let way = 1.4 / 60.0 * behind as f32;
-    assert!(off(&driver, id, &last) <= CLOSE_METRES + 0.05 + way);
-    let sent = driver.statistics().driven;
+    let path = 1.4 / 60.0 * behind as f32;
+    assert!(off(&publisher, id, &last) <= CLOSE_METRES + 0.05 + path);
+    let sent = publisher.statistics().driven;
     assert!(sent.updates < 100, "{sent:?}");
 }
 
 #[test]
 fn a_free_running_server_has_the_final_state_of_an_avatar() {
     let server = SERVER.serve("127.0.0.1:0");
-    let (mut driver, mut watcher) = open(&server, Stepping::FreeRunning);
+    let (mut publisher, mut watcher) = open(&server, Stepping::FreeRunning);
     let id = Avatars::id(0);
-    driver.take_authority(&[id], CLOSE).expect("a member");
+    publisher.take_authority(&[id], CLOSE).expect("a member");
     // Each frame of this client is one tick of the trajectory, however long it takes.
     let mut place = Avatars::walk(0, Tick::ZERO);
     for frame in 0..150 {
         place = Avatars::walk(0, Tick::new(frame));
-        driver
+        publisher
             .publish(&[(id, place)])
             .expect("authority was requested");
-        driver
+        publisher
             .idle(Duration::from_millis(5))
             .expect("the connection is open");
     }
     let place = place.stilled();
-    let way = driver.statistics().wire.round_trip.as_secs_f64() / 2.0;
-    driver.set_lead_ticks(way * 60.0 + 1.0);
+    let path = publisher.statistics().wire.round_trip.as_secs_f64() / 2.0;
+    publisher.set_lead_ticks(path * 60.0 + 1.0);
     while watcher.view().place(id).is_none() || off(&watcher, id, &place) > CLOSE_METRES {
-        driver
+        publisher
             .publish(&[(id, place)])
             .expect("a body under authority");
-        driver
+        publisher
             .idle(Duration::from_millis(5))
             .expect("the connection is open");
         watcher
@@ -145,16 +145,16 @@ fn a_free_running_server_has_the_final_state_of_an_avatar() {
             .expect("the connection is open");
         watcher.poll().expect("the connection is open");
     }
-    assert_eq!(driver.authority_bodies().collect::<Vec<_>>(), [id]);
+    assert_eq!(publisher.authority_bodies().collect::<Vec<_>>(), [id]);
 }
 
 #[test]
 fn a_refused_authority_request_states_its_reason() {
     let server = SERVER.serve("127.0.0.1:0");
-    let (mut driver, mut other) = open(&server, Stepping::FreeRunning);
+    let (mut publisher, mut other) = open(&server, Stepping::FreeRunning);
     let id = Avatars::id(0);
     let stands = Avatars::walk(0, Tick::ZERO).stilled();
-    let error = driver
+    let error = publisher
         .publish(&[(id, stands)])
         .expect_err("a client without authority");
     assert!(
@@ -162,20 +162,20 @@ fn a_refused_authority_request_states_its_reason() {
         "{error}"
     );
     assert!(error.to_string().contains("body 4.0"), "{error}");
-    driver
+    publisher
         .take_authority(&[Avatars::freight()], CLOSE)
         .expect("a member");
-    let refused = answer(&mut driver).expect_err("a body that is not kinematic");
+    let refused = answer(&mut publisher).expect_err("a body that is not kinematic");
     assert_eq!(refused, AuthorityError::NotKinematic(Avatars::freight()));
     assert!(refused.to_string().contains("not kinematic"), "{refused}");
     other.take_authority(&[id], CLOSE).expect("a member");
     assert_eq!(answer(&mut other), Err(AuthorityError::NotYours(id)));
-    driver.take_authority(&[id], CLOSE).expect("a member");
+    publisher.take_authority(&[id], CLOSE).expect("a member");
     // A client may publish while its request is pending; no one receives the states yet.
-    driver
+    publisher
         .publish(&[(id, stands)])
         .expect("authority was requested");
-    assert_eq!(answer(&mut driver), Ok(vec![id]));
+    assert_eq!(answer(&mut publisher), Ok(vec![id]));
     let command = Command::SetPose {
         id,
         position: glam::Vec3::Y,
@@ -192,7 +192,7 @@ fn a_refused_authority_request_states_its_reason() {
     };
     assert_eq!(refused, CommandError::UnderAuthority(id));
     let far = BodyState::new([1e6, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
-    let error = driver
+    let error = publisher
         .publish(&[(id, far.expect("a finite state"))])
         .expect_err("a place outside the limits");
     assert!(error.to_string().contains("position"), "{error}");

@@ -163,7 +163,7 @@ fn a_flipped_bit_of_a_stream_never_yields_a_pose_outside_the_limits() {
                 let what = format!("event {place} of {}", stream["name"]);
                 changed += flip_for(&session, &datagram, &what);
             }
-            streams::hear(&mut session, event);
+            streams::deliver(&mut session, event);
         }
     }
     assert!(
@@ -184,10 +184,10 @@ fn a_datagram_made_malformed_by_a_flip_changes_nothing() {
                         "datagram".into(),
                         Value::from(rhumb_tests::grammar::hex(&flipped)),
                     ];
-                    streams::hear(&mut session, &Value::from(reported.to_vec()));
+                    streams::deliver(&mut session, &Value::from(reported.to_vec()));
                 }
             }
-            streams::hear(&mut session, event);
+            streams::deliver(&mut session, event);
             if event[0] == "known" {
                 let replica = session.replica().expect("a member");
                 assert_eq!(streams::known(replica), event[1], "{}", stream["name"]);

@@ -39,7 +39,7 @@ fn inspect(stage: &mut Stage) -> Inspection {
         .inspect()
         .expect("a member");
     stage.run(Span::from_millis(1_000));
-    *stage.witnesses[COMMANDER]
+    *stage.histories[COMMANDER]
         .inspections
         .last()
         .expect("an answer")
@@ -47,7 +47,7 @@ fn inspect(stage: &mut Stage) -> Inspection {
 
 /// Number of claims whose bound exceeds the tolerance.
 fn exceeding(stage: &Stage, member: usize) -> usize {
-    let claims = stage.witnesses[member].claims.iter();
+    let claims = stage.histories[member].claims.iter();
     claims.filter(|claim| claim.error_scale > 1.0).count()
 }
 
@@ -69,7 +69,7 @@ fn bounds_are_true_while_a_budget_does_not_suffice() {
         assert!(exceeding(&stage, late) > 100, "{what}");
         let truth = stage.truth();
         for member in [COMMANDER, late] {
-            stage.witnesses[member].judge(&truth, &what);
+            stage.histories[member].judge(&truth, &what);
         }
     }
 }
@@ -86,7 +86,7 @@ fn a_budget_is_kept_in_every_second() {
             .inspect()
             .expect("a member");
         stage.run(Span::from_millis(4));
-        let inspection = stage.witnesses[COMMANDER].inspections.last();
+        let inspection = stage.histories[COMMANDER].inspections.last();
         sent.push(inspection.expect("an answer").packet_bytes);
     }
     for (second, pair) in sent.windows(2).enumerate() {
@@ -124,7 +124,7 @@ fn every_waiting_body_is_updated_in_the_end() {
         assert_eq!(copy.stream().bound(config.id), bound);
     }
     let truth = stage.truth();
-    stage.witnesses[COMMANDER].judge(&truth, "the member with a budget");
+    stage.histories[COMMANDER].judge(&truth, "the member with a budget");
 }
 
 /// Number of bodies that teleport at each tick, so that only keyframes fit. One more body, with a higher index, moves
@@ -192,14 +192,14 @@ impl CappedStream {
     /// Publishes one tick; returns the bytes of its packets.
     fn step(&mut self) -> usize {
         self.tick += 1;
-        let seen = |body| Observation {
+        let observed = |body| Observation {
             id: BodyId::new(body, 0),
             motion: motion(body, self.tick),
             activity: Activity::Awake,
         };
-        let seen: Vec<_> = (0..=TELEPORTING_BODIES).map(seen).collect();
+        let observed: Vec<_> = (0..=TELEPORTING_BODIES).map(observed).collect();
         self.observation_history
-            .observe(Tick::new(self.tick), &seen);
+            .observe(Tick::new(self.tick), &observed);
         let mut sent = Vec::new();
         self.publisher
             .publish(&self.observation_history, 0, &mut sent);

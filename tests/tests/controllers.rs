@@ -51,32 +51,32 @@ fn hosted(name: &'static str) -> (u64, usize) {
     let mut script = script(name);
     let hooks = Hooks::new(move |_, _| twin.controller().map(hook));
     let mut table = Table::with_hooks(hooks);
-    let peer = table.alias("played");
-    let session = table.guest(peer);
+    let peer = table.connect("played");
+    let session = table.session(peer);
     session
         .create(script.config())
         .expect("the session is in the lobby");
     session
         .join(StreamChoice::Full)
         .expect("the session is in the lobby");
-    table.settle();
+    table.run_until_idle();
     let (mut commands, mut sent) = (Vec::new(), 0);
     for tick in 0..TICKS {
         commands.clear();
         script.commands(Tick::new(tick), &mut commands);
         let now = table.now();
-        let session = table.guest(peer);
+        let session = table.session(peer);
         sent += commands.len();
         for command in commands.drain(..) {
             session.command(command).expect("a member");
         }
         session.advance(now, Tick::new(tick + 1)).expect("a member");
-        table.settle();
+        table.run_until_idle();
     }
-    let session = table.guest(peer);
+    let session = table.session(peer);
     session.inspect().expect("a member");
-    table.settle();
-    let session = table.guest(peer);
+    table.run_until_idle();
+    let session = table.session(peer);
     let inspected = |event| match event {
         Event::Inspected(inspection) => Some(inspection.truth),
         _ => None,

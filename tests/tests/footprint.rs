@@ -113,8 +113,8 @@ impl Scene {
         let speed = if struck % 2 == 0 { 3.0 } else { -3.0 };
         let since = (phase - last) as f32 / 60.0;
         // A triangle wave: hits happen at the start and at the end of the path.
-        let way = 3.0 * STRUCK as f32 / 60.0;
-        let from = if struck % 2 == 0 { 0.0 } else { way };
+        let path = 3.0 * STRUCK as f32 / 60.0;
+        let from = if struck % 2 == 0 { 0.0 } else { path };
         let x = from + speed * since + (index % 100) as f32;
         BodyState::new(
             [x, 0.0, (index / 100) as f32],
@@ -126,12 +126,12 @@ impl Scene {
     }
 
     fn observations(self, tick: u64) -> Vec<Observation> {
-        let seen = |index| Observation {
+        let observed = |index| Observation {
             id: BodyId::new(index, 0),
             motion: self.state(index, tick),
             activity: Activity::Awake,
         };
-        (0..BODIES).map(seen).collect()
+        (0..BODIES).map(observed).collect()
     }
 
     fn bodies(self) -> impl Iterator<Item = (BodyId, PredictionParameters, Track)> {
@@ -200,22 +200,22 @@ impl Scene {
     }
 
     /// The datagrams of each tick.
-    fn said(self, ticks: u64, tolerance: Tolerance) -> Vec<Vec<Bytes>> {
+    fn published(self, ticks: u64, tolerance: Tolerance) -> Vec<Vec<Bytes>> {
         let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
         let mut publisher = self.publisher(tolerance);
-        let say = |tick| {
+        let publish_tick = |tick| {
             let mut out = Vec::new();
             observation_history.observe(Tick::new(tick), &self.observations(tick));
             publisher.publish(&observation_history, 0, &mut out);
             out
         };
-        let said: Vec<_> = (1..=ticks).map(say).collect();
+        let published: Vec<_> = (1..=ticks).map(publish_tick).collect();
         assert_eq!(publisher.tick(), Tick::new(ticks));
-        said
+        published
     }
 }
 
-fn look(view: &mut View, subscriber: &mut Subscriber, tick: u64) {
+fn update_view(view: &mut View, subscriber: &mut Subscriber, tick: u64) {
     let render_params = RenderParams {
         at: RenderTime::at(Tick::new(tick)),
         now: Seconds::new(tick as f64 / 60.0),
@@ -275,23 +275,23 @@ fn publishing_in_four_tiers_allocates_by_packet_and_not_by_update() {
             "{calls} for {} at tick {tick}",
             out.len()
         );
-        let said: u64 = publishers.iter().map(|p| p.statistics().updates).sum();
-        assert!(said - updates > 40 * out.len() as u64 || tick < 60);
-        updates = said;
+        let published: u64 = publishers.iter().map(|p| p.statistics().updates).sum();
+        assert!(published - updates > 40 * out.len() as u64 || tick < 60);
+        updates = published;
     }
 }
 
 #[test]
 fn receiving_and_rendering_a_tick_allocates_nothing() {
-    let said = Scene::Struck.said(200, Tolerance::NORMAL);
+    let published = Scene::Struck.published(200, Tolerance::NORMAL);
     let mut subscriber = Scene::Struck.subscriber(Tolerance::NORMAL);
     let mut view = View::default();
-    for (tick, datagrams) in (1..).zip(&said) {
+    for (tick, datagrams) in (1..).zip(&published) {
         let ((), calls, _) = count(|| {
             for datagram in datagrams {
                 subscriber.handle_datagram(datagram);
             }
-            look(&mut view, &mut subscriber, tick);
+            update_view(&mut view, &mut subscriber, tick);
         });
         assert!(calls == 0 || tick < 100, "{calls} at tick {tick}");
     }
@@ -303,27 +303,27 @@ fn receiving_and_rendering_a_tick_allocates_nothing() {
 fn a_body_takes_76_bytes_per_stream_at_a_server_and_at_most_128_with_scratch_memory() {
     let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
     let (mut publisher, _, placed) = count(|| Scene::Struck.publisher(Tolerance::NORMAL));
-    let mut seen = 0;
+    let mut observed = 0;
     let ((), _, grown) = count(|| {
         for tick in 1..=2 * STRUCK {
             let observations = Scene::Struck.observations(tick);
             let ((), _, kept) =
                 count(|| observation_history.observe(Tick::new(tick), &observations));
-            seen += kept;
+            observed += kept;
             publisher.publish(&observation_history, 0, &mut Vec::new());
         }
     });
     // Memory shared by all streams does not count, and the sent datagrams are dropped.
-    let said = grown - seen;
+    let published = grown - observed;
     assert!(publisher.statistics().updates >= u64::from(BODIES));
-    let each = (placed + said) / i64::from(BODIES);
+    let each = (placed + published) / i64::from(BODIES);
     assert!(placed / i64::from(BODIES) <= 76, "{placed}");
-    assert!(each <= 128, "{each}: {placed} and {said}");
+    assert!(each <= 128, "{each}: {placed} and {published}");
 }
 
 #[test]
 fn a_body_takes_no_more_than_192_bytes_at_a_client() {
-    let said = Scene::Struck.said(2 * STRUCK, Tolerance::NORMAL);
+    let published = Scene::Struck.published(2 * STRUCK, Tolerance::NORMAL);
     let reported = Scene::Struck.scene_events();
     let config = Scene::Struck.config();
     let choice = StreamChoice::Within(Tolerance::NORMAL);
@@ -333,12 +333,12 @@ fn a_body_takes_no_more_than_192_bytes_at_a_client() {
     let mut view = View::default();
     let session = &mut member.session;
     let ((), _, received) = count(|| {
-        for (tick, datagrams) in (1..).zip(&said) {
+        for (tick, datagrams) in (1..).zip(&published) {
             for datagram in datagrams {
                 session.handle_datagram(Instant::ZERO, ScriptedSession::SERVER, datagram);
             }
             let copy = session.replica_mut().expect("a member has a copy");
-            look(&mut view, copy.stream_mut(), tick);
+            update_view(&mut view, copy.stream_mut(), tick);
         }
     });
     let copy = session.replica().expect("a member has a copy");

@@ -18,7 +18,7 @@ fn listed(joints: &Joints) -> Vec<(JointId, Joint)> {
 }
 
 fn copied(table: &mut Table, peer: Peer) -> Vec<(JointId, Joint)> {
-    let copy = table.guest(peer).replica().expect("a member");
+    let copy = table.session(peer).replica().expect("a member");
     listed(copy.joints())
 }
 
@@ -27,15 +27,15 @@ fn a_copy_has_the_joints_of_its_scene_from_the_first_tick_to_the_last() {
     let mut script = Zoo::new(5, 3);
     let mut scene = Scene::new(script.config()).expect("a valid configuration");
     let mut table = Table::default();
-    let peer = table.alias("zoo");
-    let session = table.guest(peer);
+    let peer = table.connect("zoo");
+    let session = table.session(peer);
     session
         .create(script.config())
         .expect("the session is in the lobby");
     session
         .join(StreamChoice::Full)
         .expect("the session is in the lobby");
-    table.settle();
+    table.run_until_idle();
     let mut late = Vec::new();
     let mut seen = [0_usize; 3];
     for tick in 0..TICKS {
@@ -44,21 +44,21 @@ fn a_copy_has_the_joints_of_its_scene_from_the_first_tick_to_the_last() {
         let now = table.now();
         for command in &commands {
             scene.apply(command).expect("a valid command");
-            let session = table.guest(peer);
+            let session = table.session(peer);
             session.command(command.clone()).expect("a member");
         }
         scene.step().expect("the engine does not fail");
-        let session = table.guest(peer);
+        let session = table.session(peer);
         session.advance(now, Tick::new(tick + 1)).expect("a member");
-        table.settle();
+        table.run_until_idle();
         // Before a joint is removed, while it is missing, and after it was added again with another body.
         if [10, 210, 460].contains(&tick) {
-            let peer = table.alias("zoo");
-            let session = table.guest(peer);
+            let peer = table.connect("zoo");
+            let session = table.session(peer);
             session
                 .join(StreamChoice::Full)
                 .expect("the session is in the lobby");
-            table.settle();
+            table.run_until_idle();
             late.push(peer);
         }
         let truth = listed(scene.joints());

@@ -49,7 +49,7 @@ fn inspect(stage: &mut Stage) -> Inspection {
     let client = stage.network.client_mut(COMMANDER);
     client.inspect().expect("a member");
     stage.run(Span::from_millis(20));
-    stage.witnesses[COMMANDER]
+    stage.histories[COMMANDER]
         .inspections
         .pop()
         .expect("an answer")
@@ -84,7 +84,7 @@ fn every_claim_holds_and_is_about_a_published_tick() {
                 let stream = stage.copy(member).stream();
                 assert!(stream.is_converged(), "{what}: member {member}");
                 assert!(newest.value() > 200, "{what}: complete up to {newest} only");
-                for claim in &stage.witnesses[member].claims {
+                for claim in &stage.histories[member].claims {
                     let spoken = claim
                         .tick
                         .value()
@@ -92,12 +92,12 @@ fn every_claim_holds_and_is_about_a_published_tick() {
                     let begun = starts.contains(&claim.tick);
                     assert!(spoken || begun, "{what}: a claim at {}", claim.tick);
                 }
-                assert!(stage.witnesses[member].claims.len() > 1_000, "{what}");
+                assert!(stage.histories[member].claims.len() > 1_000, "{what}");
             }
             assert_same_copy(stage.copy(COMMANDER), stage.copy(late));
             let truth = stage.truth();
             for member in [COMMANDER, late, full, coarse] {
-                stage.witnesses[member].judge(&truth, &what);
+                stage.histories[member].judge(&truth, &what);
             }
         }
     }
@@ -143,7 +143,7 @@ fn commands_act_at_unpublished_ticks_too() {
         stage.command(&[Command::SetGravity { gravity }]);
         stage.run(TICK);
     }
-    let applied = &stage.witnesses[COMMANDER].applied;
+    let applied = &stage.histories[COMMANDER].applied;
     for rest in 0..4 {
         let at = |(_, tick): &(u64, Tick)| tick.value() % 4 == rest;
         assert!(applied.iter().any(at), "no command acted at {rest} of 4");
@@ -157,7 +157,7 @@ fn lookahead_and_longer_publish_intervals_cost_fewer_bytes() {
         stage.take_authority(Span::from_millis(8_000));
         let inspection = inspect(&mut stage);
         let truth = stage.truth();
-        stage.witnesses[COMMANDER].judge(&truth, "the commander");
+        stage.histories[COMMANDER].judge(&truth, "the commander");
         assert!(stage.copy(COMMANDER).stream().is_converged());
         (inspection.packet_bytes, inspection.tick, inspection.truth)
     };

@@ -25,31 +25,31 @@ use rhumb_tests::{RawPeer, Table};
 /// A raw peer in a scene, with a body of its own of each kind, and a shape.
 struct Rig {
     table: Table,
-    rude: RawPeer,
+    raw_peer: RawPeer,
     ball: BodyId,
 }
 
 /// A session creates a scene with a few bodies, and advances it by one step.
 fn begin(table: &mut Table) {
     let mut script = Zoo::new(5, 3);
-    let peer = table.alias("good");
-    let session = table.guest(peer);
+    let peer = table.connect("good");
+    let session = table.session(peer);
     session
         .create(script.config())
         .expect("the session is in the lobby");
     session
         .join(StreamChoice::Full)
         .expect("the session is in the lobby");
-    table.settle();
+    table.run_until_idle();
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
     let now = table.now();
-    let session = table.guest(peer);
+    let session = table.session(peer);
     for command in commands {
         session.command(command).expect("a valid command");
     }
     session.advance(now, Tick::new(1)).expect("a member");
-    table.settle();
+    table.run_until_idle();
 }
 
 const BALL: ShapeId = ShapeId(100);
@@ -58,12 +58,16 @@ impl Rig {
     fn new() -> Self {
         let mut table = Table::default();
         begin(&mut table);
-        let mut rude = RawPeer::enter(&mut table, "good");
+        let mut raw_peer = RawPeer::enter(&mut table, "good");
         let shape = Shape::Ball { radius: 0.5 };
         let add = Command::AddShape { id: BALL, shape };
-        rude.command(&mut table, add).expect("an unused id");
-        let ball = rude.granted.id(0).expect("a member has indices");
-        let mut rig = Self { table, rude, ball };
+        raw_peer.command(&mut table, add).expect("an unused id");
+        let ball = raw_peer.granted.id(0).expect("a member has indices");
+        let mut rig = Self {
+            table,
+            raw_peer,
+            ball,
+        };
         rig.command(add_body(
             BodyDesc::plain(ball, BodyKind::Dynamic, BALL),
             still(),
@@ -73,15 +77,19 @@ impl Rig {
     }
 
     fn command(&mut self, command: Command) -> Result<(), CommandError> {
-        self.rude.command(&mut self.table, command)
+        self.raw_peer.command(&mut self.table, command)
     }
 
     /// Requires that the command is refused with this error, and has no effect.
     fn assert_refused(&mut self, command: Command, expected: CommandError) {
-        let before = self.rude.inspect(&mut self.table);
+        let before = self.raw_peer.inspect(&mut self.table);
         assert_eq!(self.command(command.clone()), Err(expected), "{command:?}");
-        assert_eq!(self.rude.inspect(&mut self.table), before, "{command:?}");
-        assert_eq!(self.rude.closed(&self.table), None);
+        assert_eq!(
+            self.raw_peer.inspect(&mut self.table),
+            before,
+            "{command:?}"
+        );
+        assert_eq!(self.raw_peer.closed(&self.table), None);
     }
 }
 
@@ -338,7 +346,7 @@ fn fields_of_joints(ball: BodyId) -> Vec<Field> {
 
 /// All fields, for the rig's ball and its next body.
 fn fields(rig: &Rig) -> Vec<Field> {
-    let unused = rig.rude.granted.id(1).expect("a member has indices");
+    let unused = rig.raw_peer.granted.id(1).expect("a member has indices");
     let mut fields = fields_of_commands(rig.ball);
     fields.extend(fields_of_bodies(unused));
     fields.extend(fields_of_shapes());
@@ -389,9 +397,9 @@ fn a_value_at_a_limit_is_accepted_and_the_scene_continues() {
                 "{}",
                 field.quantity
             );
-            rig.rude
-                .say(&mut rig.table, &ClientMessage::Advance { to: Tick::new(5) });
-            let (_, tick, _) = rig.rude.inspect(&mut rig.table);
+            rig.raw_peer
+                .send(&mut rig.table, &ClientMessage::Advance { to: Tick::new(5) });
+            let (_, tick, _) = rig.raw_peer.inspect(&mut rig.table);
             assert_eq!(tick, 5, "{} at {along_x}", field.quantity);
         }
     }
@@ -422,7 +430,7 @@ fn a_rotation_is_of_unit_length_or_refused() {
 #[test]
 fn the_motion_of_an_added_body_keeps_the_limits_too() {
     let mut rig = Rig::new();
-    let config = BodyDesc::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
+    let config = BodyDesc::plain(rig.raw_peer.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
     let far = Vec3::new(0.0, COORDINATE_MAX.next_up(), 0.0);
     let fast = Vec3::new(LINEAR_MAX.next_up(), 0.0, 0.0);
     let spinning = Vec3::new(0.0, 0.0, ANGULAR_MAX.next_up());
@@ -439,7 +447,7 @@ fn the_motion_of_an_added_body_keeps_the_limits_too() {
 #[test]
 fn an_added_body_with_a_motion_that_is_not_finite_is_refused() {
     let mut rig = Rig::new();
-    let config = BodyDesc::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
+    let config = BodyDesc::plain(rig.raw_peer.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
     let mut bytes = Vec::new();
     ClientMessage::Command(add_body(config, still())).encode(&mut bytes);
     let height = 50.0_f32.to_le_bytes();
@@ -448,11 +456,11 @@ fn an_added_body_with_a_motion_that_is_not_finite_is_refused() {
         .position(|window| window == height)
         .unwrap();
     bytes[place..place + 4].copy_from_slice(&f32::NAN.to_le_bytes());
-    let received = rig.rude.utter(&mut rig.table, &bytes);
+    let received = rig.raw_peer.send_bytes(&mut rig.table, &bytes);
     let expected = CommandError::Invalid(Invalid::NotFinite(Quantity::Position));
     let refused = |message: &ServerMessage| matches!(message, ServerMessage::Refused { error, .. } if *error == expected);
     assert!(received.iter().any(refused), "{received:?}");
-    assert_eq!(rig.rude.closed(&rig.table), None);
+    assert_eq!(rig.raw_peer.closed(&rig.table), None);
 }
 
 #[test]
@@ -489,7 +497,7 @@ fn commands_about_objects_that_do_not_exist_are_refused_by_their_name() {
     rig.assert_refused(Command::Force { id, force }, CommandError::UnknownBody(id));
     let remove = Command::RemoveShape { id: no_shape };
     rig.assert_refused(remove, CommandError::UnknownShape(no_shape));
-    let unused = rig.rude.granted.id(1).unwrap();
+    let unused = rig.raw_peer.granted.id(1).unwrap();
     let add = add_body(ball_of(unused, no_shape), still());
     rig.assert_refused(add, CommandError::UnknownShape(no_shape));
 }
@@ -497,7 +505,7 @@ fn commands_about_objects_that_do_not_exist_are_refused_by_their_name() {
 #[test]
 fn commands_about_used_or_foreign_ids_are_refused_by_their_name() {
     let mut rig = Rig::new();
-    let granted = rig.rude.granted;
+    let granted = rig.raw_peer.granted;
     let later = BodyId::new(rig.ball.index(), 7);
     for taken in [rig.ball, later] {
         let add = add_body(ball_of(taken, BALL), still());
@@ -554,7 +562,7 @@ fn a_scene_with_an_invalid_config_is_denied() {
         with(|config| config.sleep = Some(sleep(0.1, f32::NAN))),
     ] {
         let mut table = Table::default();
-        let rude = table.connect_raw_peer();
+        let raw_peer = table.connect_raw_peer();
         let mut bytes = Vec::new();
         let scene = "wrong".parse().unwrap();
         ClientMessage::Hello {
@@ -564,10 +572,10 @@ fn a_scene_with_an_invalid_config_is_denied() {
         }
         .encode(&mut bytes);
         ClientMessage::Create(config).encode(&mut bytes);
-        table.control(rude, &bytes);
-        assert_eq!(table.closed(rude), None);
-        let again = table.alias("wrong");
-        let session = table.guest(again);
+        table.control(raw_peer, &bytes);
+        assert_eq!(table.closed(raw_peer), None);
+        let again = table.connect("wrong");
+        let session = table.session(again);
         let event = std::iter::from_fn(|| session.poll_event()).next();
         assert!(matches!(event, Some(Event::Welcomed(welcome)) if welcome.scene.is_none()));
     }

@@ -74,11 +74,11 @@ fn in_lockstep_without_loss_every_tick_is_complete_and_every_body_within_toleran
                 let tick = stage.tick();
                 assert_whole(&stage, COMMANDER, tick);
             }
-            let observation_history = &mut stage.witnesses[COMMANDER];
-            observation_history.look_at_all(stage.network.client(COMMANDER));
+            let observation_history = &mut stage.histories[COMMANDER];
+            observation_history.store_all_claims(stage.network.client(COMMANDER));
             // The member receives the placement of its new bodies before the tick that includes them.
             let truth = stage.truth();
-            let worst = stage.witnesses[COMMANDER].judge(&truth, scene);
+            let worst = stage.histories[COMMANDER].judge(&truth, scene);
             if choice == StreamChoice::Full {
                 // The difference of a quaternion from itself is not exactly zero, because of rounding.
                 assert!(worst < Metres::new(1e-12), "{scene}: {worst}");
@@ -103,7 +103,7 @@ fn two_members_of_a_tier_have_one_copy_to_the_bit() {
             assert_same_copy(stage.copy(COMMANDER), stage.copy(second));
         }
         let truth = stage.truth();
-        for observation_history in &stage.witnesses {
+        for observation_history in &stage.histories {
             observation_history.judge(&truth, scene);
         }
     }
@@ -125,7 +125,7 @@ fn a_late_joiner_sees_what_the_early_member_sees() {
             assert_same_copy(stage.copy(COMMANDER), stage.copy(late));
         }
         let truth = stage.truth();
-        stage.witnesses[late].judge(&truth, "the late member");
+        stage.histories[late].judge(&truth, "the late member");
     }
 }
 
@@ -151,41 +151,41 @@ fn either_of_two_lockstep_members_may_lead_and_both_see_every_tick() {
 #[test]
 fn a_member_that_left_can_return_and_its_bodies_stay() {
     let mut stage = lockstep("ball-pit", NORMAL);
-    let guest = stage.enter(NORMAL);
+    let second = stage.enter(NORMAL);
     for round in 0..5 {
         for _ in 0..10 {
             stage.tick();
         }
-        stage.network.client_mut(guest).leave().unwrap();
+        stage.network.client_mut(second).leave().unwrap();
         stage.run(TICK);
-        assert_eq!(stage.witnesses[guest].left, round + 1);
-        assert!(stage.network.client(guest).replica().is_none());
+        assert_eq!(stage.histories[second].left, round + 1);
+        assert!(stage.network.client(second).replica().is_none());
         for _ in 0..10 {
             stage.tick();
         }
-        stage.join(guest, NORMAL);
-        assert_same_copy(stage.copy(COMMANDER), stage.copy(guest));
+        stage.join(second, NORMAL);
+        assert_same_copy(stage.copy(COMMANDER), stage.copy(second));
     }
     let truth = stage.truth();
-    stage.witnesses[guest].judge(&truth, "the second member");
+    stage.histories[second].judge(&truth, "the second member");
 }
 
 #[test]
 fn messages_after_a_leave_close_no_connection() {
     let mut stage = lockstep("ball-pit", NORMAL);
-    let guest = stage.enter(NORMAL);
+    let second = stage.enter(NORMAL);
     stage.tick();
     let now = stage.network.now();
-    let session = stage.network.client_mut(guest);
+    let session = stage.network.client_mut(second);
     session.leave().unwrap();
     session.advance(now, Tick::new(50)).unwrap();
     session.inspect().unwrap();
     stage.run(TICK);
-    assert_eq!(stage.witnesses[guest].ended, None);
-    assert_eq!(stage.witnesses[guest].left, 1);
-    stage.join(guest, NORMAL);
+    assert_eq!(stage.histories[second].ended, None);
+    assert_eq!(stage.histories[second].left, 1);
+    stage.join(second, NORMAL);
     stage.tick();
-    assert_same_copy(stage.copy(COMMANDER), stage.copy(guest));
+    assert_same_copy(stage.copy(COMMANDER), stage.copy(second));
 }
 
 #[test]
@@ -213,14 +213,14 @@ fn a_deleted_scene_leaves_its_members_connected_whatever_was_in_flight() {
     }
     stage.run(Span::from_millis(300));
     for member in [COMMANDER, other] {
-        assert_eq!(stage.witnesses[member].ended, None, "member {member}");
-        assert_eq!(stage.witnesses[member].deleted, 1, "member {member}");
+        assert_eq!(stage.histories[member].ended, None, "member {member}");
+        assert_eq!(stage.histories[member].deleted, 1, "member {member}");
         assert!(stage.network.client(member).replica().is_none());
     }
     // There is no scene to join; another one with the same name can be created and joined.
     stage.network.client_mut(other).join(NORMAL).unwrap();
     stage.run(Span::from_millis(300));
-    assert_eq!(stage.witnesses[other].denied, [Denial::NoSuchScene]);
+    assert_eq!(stage.histories[other].denied, [Denial::NoSuchScene]);
     let config = stage.config();
     stage.network.client_mut(other).create(config).unwrap();
     stage.join(other, NORMAL);
@@ -255,7 +255,7 @@ fn survives(scene: &str, config: &str, seed: u64) {
     stage.run_until_or(CONTROL_WAITS, known);
     stage.run(SETTLES_WITHIN);
     for member in members {
-        assert_eq!(stage.witnesses[member].ended, None, "{what}");
+        assert_eq!(stage.histories[member].ended, None, "{what}");
         let stream = stage.copy(member).stream();
         assert!(
             stream.is_converged(),
@@ -263,10 +263,10 @@ fn survives(scene: &str, config: &str, seed: u64) {
         );
         assert_eq!(stream.statistics().malformed, 0, "{what}");
         let client = stage.network.client(member);
-        let unknown = stage.witnesses[member].unknown;
-        stage.witnesses[member].look_at_all(client);
+        let unknown = stage.histories[member].unknown;
+        stage.histories[member].store_all_claims(client);
         assert_eq!(
-            stage.witnesses[member].unknown, unknown,
+            stage.histories[member].unknown, unknown,
             "{what}: member {member} has unknown bodies"
         );
     }
@@ -274,7 +274,7 @@ fn survives(scene: &str, config: &str, seed: u64) {
     assert_same_copy(stage.copy(COMMANDER), stage.copy(late));
     let truth = stage.truth();
     for member in members {
-        stage.witnesses[member].judge(&truth, &format!("{what}: member {member}"));
+        stage.histories[member].judge(&truth, &format!("{what}: member {member}"));
     }
 }
 
@@ -348,7 +348,7 @@ fn lockstep_waits_out_every_loss() {
         let tick = stage.copy(COMMANDER).stream().complete();
         assert_whole(&stage, second, tick);
         let truth = stage.truth();
-        for observation_history in &stage.witnesses {
+        for observation_history in &stage.histories {
             observation_history.judge(&truth, &format!("{scene} over {config}, seed {seed}"));
         }
     }
@@ -380,7 +380,7 @@ fn a_member_that_was_cut_off_for_long_gets_a_new_snapshot() {
     let bodies = |member| stage.copy(member).bodies().count();
     assert_eq!(bodies(lost), bodies(early));
     let truth = stage.truth();
-    for observation_history in &stage.witnesses {
+    for observation_history in &stage.histories {
         observation_history.judge(&truth, "a member that lost synchronisation, or another one");
     }
 }
@@ -433,7 +433,7 @@ fn repair_symbols_go_only_to_members_that_lose_packets() {
     let truth = stage.truth();
     for index in [loses, other] {
         assert!(stage.copy(index).stream().is_converged());
-        stage.witnesses[index].judge(&truth, "a member that lost packets");
+        stage.histories[index].judge(&truth, "a member that lost packets");
     }
 }
 
@@ -518,7 +518,7 @@ fn a_forgotten_packet_is_not_reported_forever() {
     stage.run(SETTLES_WITHIN);
     assert!(stage.copy(lost).stream().is_converged());
     let truth = stage.truth();
-    stage.witnesses[lost].judge(&truth, "the member");
+    stage.histories[lost].judge(&truth, "the member");
 }
 
 #[test]
@@ -530,13 +530,13 @@ fn a_broken_connection_takes_its_member_and_no_body() {
     }
     stage.network.sever(gone, Ending::TimedOut);
     stage.tick();
-    assert_eq!(stage.witnesses[gone].ended, Some(Ending::TimedOut));
+    assert_eq!(stage.histories[gone].ended, Some(Ending::TimedOut));
     let again = stage.enter(NORMAL);
     assert_same_copy(stage.copy(COMMANDER), stage.copy(again));
     stage.network.client_mut(again).close(CloseCode::DONE);
     stage.run(TICK);
     assert_eq!(
-        stage.witnesses[again].ended,
+        stage.histories[again].ended,
         Some(Ending::Closed(CloseCode::DONE.0))
     );
     stage.tick();
@@ -544,7 +544,7 @@ fn a_broken_connection_takes_its_member_and_no_body() {
 }
 
 /// Digest of the copy of a member of the 5 cm tier in 300 lockstep ticks.
-fn seen(scene: &str) -> u64 {
+fn displayed_digest(scene: &str) -> u64 {
     let mut stage = lockstep(scene, NORMAL);
     let mut digest = 0;
     for _ in 0..300 {
@@ -563,8 +563,8 @@ fn what_a_client_sees_is_the_same_to_the_bit_in_every_run_and_build() {
         ("free-fall", 0x6287_abe3_8e78_a995),
         ("zoo", 0xd7eb_1885_2695_55e2),
     ] {
-        let digest = seen(scene);
-        assert_eq!(digest, seen(scene), "{scene}: two runs");
+        let digest = displayed_digest(scene);
+        assert_eq!(digest, displayed_digest(scene), "{scene}: two runs");
         assert_eq!(digest, recorded, "{scene}: {digest:#018x}");
     }
 }
@@ -577,7 +577,7 @@ fn one_seed_is_one_run_over_any_links() {
         stage.take_authority(Span::from_millis(1_500));
         (
             copy_digest(0, stage.copy(COMMANDER)),
-            stage.witnesses[COMMANDER].claims.len(),
+            stage.histories[COMMANDER].claims.len(),
         )
     };
     let seed = seed(15);

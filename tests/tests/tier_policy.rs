@@ -111,7 +111,7 @@ fn rate(stage: &mut Stage, member: usize) -> u64 {
             .inspect()
             .expect("a member");
         stage.take_authority(Span::from_millis(2_000));
-        stage.witnesses[member]
+        stage.histories[member]
             .inspections
             .last()
             .expect("an answer")
@@ -134,7 +134,7 @@ fn a_member_on_a_thin_link_changes_tier_and_back_and_is_notified() {
         &format!("delay=20ms,rate={bits}bit,queue=200kB"),
     );
     stage.take_authority(Span::from_millis(30_000));
-    let moved = stage.witnesses[member].moved.clone();
+    let moved = stage.histories[member].moved.clone();
     assert!(
         moved
             .iter()
@@ -143,7 +143,7 @@ fn a_member_on_a_thin_link_changes_tier_and_back_and_is_notified() {
     );
     println!(
         "{exact} {coarse} {moved:?} {:?}",
-        stage.witnesses[member].following
+        stage.histories[member].following
     );
     let present = stage.copy(member).choice();
     assert!(
@@ -161,25 +161,25 @@ fn a_member_on_a_thin_link_changes_tier_and_back_and_is_notified() {
         behind(&stage)
     );
     assert_eq!(
-        stage.witnesses[COMMANDER].moved,
+        stage.histories[COMMANDER].moved,
         [],
         "its link is fast enough"
     );
     narrow(&mut stage, member, "delay=20ms");
     stage.take_authority(Span::from_millis(120_000));
     assert_eq!(stage.copy(member).choice(), EXACT, "seed {seed}");
-    let last = stage.witnesses[member].moved.last().copied();
+    let last = stage.histories[member].moved.last().copied();
     assert_eq!(last, Some((EXACT, TierChangeCause::LinkRecovered)));
     // Every change was notified before the copy changed, and each bound belongs to the stream in force.
-    let followed = &stage.witnesses[member].following;
-    let reported: Vec<_> = stage.witnesses[member]
+    let followed = &stage.histories[member].following;
+    let reported: Vec<_> = stage.histories[member]
         .moved
         .iter()
         .map(|(to, _)| *to)
         .collect();
     assert!(followed.iter().all(|choice| reported.contains(choice)));
     let truth = stage.truth();
-    stage.witnesses[member].judge(
+    stage.histories[member].judge(
         &truth,
         &format!("the member whose tier changed, seed {seed}"),
     );
@@ -204,7 +204,7 @@ fn a_fixed_tier_policy_is_kept_and_no_tier_is_coarser_than_allowed() {
             &format!("delay=20ms,rate={bits}bit,queue=200kB"),
         );
         stage.take_authority(Span::from_millis(20_000));
-        let moved = &stage.witnesses[member].moved;
+        let moved = &stage.histories[member].moved;
         let first = moved.first().map(|(to, _)| *to);
         assert_eq!(first, where_to, "{moves:?}: {moved:?}");
         assert!(
@@ -224,7 +224,7 @@ fn one_choice_of_the_member_undoes_all_tier_changes() {
         &format!("delay=20ms,rate={bits}bit,queue=200kB"),
     );
     stage.run_until_or(Span::from_millis(60_000), |stage| {
-        !stage.witnesses[member].following.is_empty()
+        !stage.histories[member].following.is_empty()
     });
     narrow(&mut stage, member, "delay=20ms");
     let fine = StreamChoice::Within(Tolerance::FINE);
@@ -233,15 +233,15 @@ fn one_choice_of_the_member_undoes_all_tier_changes() {
     stage.take_authority(Span::from_millis(3_000));
     println!(
         "{:?} {:?} {:?}",
-        stage.witnesses[member].moved,
-        stage.witnesses[member].following,
-        stage.witnesses[member].denied
+        stage.histories[member].moved,
+        stage.histories[member].following,
+        stage.histories[member].denied
     );
     assert_eq!(stage.copy(member).choice(), fine);
-    let moves = stage.witnesses[member].moved.len();
+    let moves = stage.histories[member].moved.len();
     stage.take_authority(Span::from_millis(60_000));
     assert_eq!(
-        stage.witnesses[member].moved.len(),
+        stage.histories[member].moved.len(),
         moves,
         "it has the tier that it chose"
     );
@@ -258,23 +258,23 @@ fn a_member_can_choose_a_tier_at_any_time_after_a_tier_change() {
     for choice in [COARSE, EXACT, normal, EXACT, EXACT, normal] {
         let asked = stage.network.client_mut(member).subscribe(choice);
         assert_eq!(asked, Ok(()), "seed {seed}");
-        let moves = stage.witnesses[member].moved.len();
+        let moves = stage.histories[member].moved.len();
         let mut steps = 0;
-        while steps < 200 && stage.witnesses[member].moved.len() == moves {
+        while steps < 200 && stage.histories[member].moved.len() == moves {
             stage.take_authority(Span::from_millis(50));
             steps += 1;
         }
     }
-    assert!(stage.witnesses[member].moved.len() >= 2, "seed {seed}");
+    assert!(stage.histories[member].moved.len() >= 2, "seed {seed}");
     narrow(&mut stage, member, "delay=20ms");
     let asked = stage.network.client_mut(member).subscribe(normal);
     assert_eq!(asked, Ok(()), "seed {seed}");
     // The queue of the link is drained first.
     stage.take_authority(Span::from_millis(20_000));
     assert_eq!(stage.copy(member).choice(), normal, "seed {seed}");
-    assert_eq!(stage.witnesses[member].denied, [], "seed {seed}");
+    assert_eq!(stage.histories[member].denied, [], "seed {seed}");
     let truth = stage.truth();
-    stage.witnesses[member].judge(
+    stage.histories[member].judge(
         &truth,
         &format!("the member that chose after a change, seed {seed}"),
     );
@@ -335,7 +335,7 @@ fn a_long_snapshot_changes_no_tier() {
     assert!(took > Span::from_millis(4_000), "it took {took}");
     stage.take_authority(Span::from_millis(20_000));
     assert_eq!(
-        stage.witnesses[member].moved,
+        stage.histories[member].moved,
         [],
         "no change while it joins"
     );
@@ -344,7 +344,7 @@ fn a_long_snapshot_changes_no_tier() {
     assert_eq!(asked, Ok(()));
     stage.take_authority(Span::from_millis(20_000));
     assert_eq!(
-        stage.witnesses[member].moved,
+        stage.histories[member].moved,
         [],
         "no change while it changes its stream"
     );
@@ -356,6 +356,6 @@ fn a_longer_round_trip_changes_no_tier() {
     let (mut stage, member) = stage(1);
     narrow(&mut stage, member, "delay=320ms");
     stage.take_authority(Span::from_millis(30_000));
-    assert_eq!(stage.witnesses[member].moved, []);
+    assert_eq!(stage.histories[member].moved, []);
     assert_eq!(stage.copy(member).choice(), EXACT);
 }

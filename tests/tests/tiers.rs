@@ -41,11 +41,11 @@ fn a_member_changes_its_tier_in_lockstep_and_misses_no_tick() {
             assert_eq!(stage.copy(other).stream().complete(), tick, "to {choice:?}");
         }
         assert_eq!(stage.copy(other).choice(), choice);
-        assert_eq!(stage.witnesses[other].following.len(), place + 1);
+        assert_eq!(stage.histories[other].following.len(), place + 1);
     }
     assert_same_copy(stage.copy(COMMANDER), stage.copy(other));
     let truth = stage.truth();
-    stage.witnesses[other].judge(&truth, "the member that changes its tier");
+    stage.histories[other].judge(&truth, "the member that changes its tier");
 }
 
 #[test]
@@ -79,12 +79,12 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
             assert!(now >= complete, "{what}: back from {complete} to {now}");
             complete = now;
         }
-        assert_eq!(stage.witnesses[other].denied, [], "{what}");
+        assert_eq!(stage.histories[other].denied, [], "{what}");
         stage.network.set_config(LinkConfig::PERFECT);
         stage.run(Span::from_millis(40_000));
         assert!(stage.copy(other).stream().is_converged(), "{what}");
         // During heavy loss a change may be delayed; now it must succeed.
-        assert!(!stage.witnesses[other].following.is_empty(), "{what}");
+        assert!(!stage.histories[other].following.is_empty(), "{what}");
         assert_eq!(
             stage.network.client_mut(other).subscribe(COARSE),
             Ok(()),
@@ -93,8 +93,8 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
         stage.run(Span::from_millis(1_000));
         assert_eq!(stage.copy(other).choice(), COARSE, "{what}");
         let truth = stage.truth();
-        stage.witnesses[other].judge(&truth, &what);
-        stage.witnesses[COMMANDER].judge(&truth, &what);
+        stage.histories[other].judge(&truth, &what);
+        stage.histories[COMMANDER].judge(&truth, &what);
     }
 }
 
@@ -117,9 +117,9 @@ fn another_stream_can_be_chosen_before_the_last_choice_is_complete() {
     follow(&mut stage, FINE);
     stage.take_authority(Span::from_millis(10_000));
     assert_eq!(stage.copy(other).choice(), FINE, "seed {seed}");
-    let followed = &stage.witnesses[other].following;
+    let followed = &stage.histories[other].following;
     assert_eq!(followed.last(), Some(&FINE), "seed {seed}");
-    assert_eq!(stage.witnesses[other].denied, [], "seed {seed}");
+    assert_eq!(stage.histories[other].denied, [], "seed {seed}");
 }
 
 /// Replaces a track in a member's copy by a wrong one; returns the body.
@@ -164,21 +164,21 @@ fn a_track_with_a_wrong_checksum_is_named_and_refreshed() {
         });
         // A track that happens to be updated needs no refresh: then another one is altered.
         let mut spoiled = Vec::new();
-        while stage.witnesses[other].resynced.is_empty() {
+        while stage.histories[other].resynced.is_empty() {
             assert!(spoiled.len() < 100, "no track was corrected");
             spoiled.push(spoil(&mut stage, other));
             stage.take_authority(Span::from_millis(2_000));
         }
-        assert!(spoiled.contains(&stage.witnesses[other].resynced[0]));
+        assert!(spoiled.contains(&stage.histories[other].resynced[0]));
         let received = stage.copy(other).stream().statistics();
         assert!(received.mismatches >= 1 && received.resynced >= 1);
         stage.network.set_config(LinkConfig::PERFECT);
         stage.network.client_mut(other).inspect().unwrap();
         stage.run(Span::from_millis(8_000));
-        let inspected = stage.witnesses[other].inspections.last().unwrap();
+        let inspected = stage.histories[other].inspections.last().unwrap();
         assert!(inspected.resynced >= 1);
         assert_same_copy(stage.copy(COMMANDER), stage.copy(other));
-        assert_eq!(stage.witnesses[COMMANDER].resynced, []);
+        assert_eq!(stage.histories[COMMANDER].resynced, []);
     }
 }
 
@@ -203,13 +203,13 @@ fn a_stream_that_begins_just_after_a_teleport_has_the_earlier_states() {
         stage.run(Span::from_millis(50));
         assert_eq!(stage.copy(other).choice(), choice);
         let client = stage.network.client(other);
-        stage.witnesses[other].look_at_all(client);
+        stage.histories[other].store_all_claims(client);
         for _ in 0..20 {
             stage.tick();
         }
     }
     let truth = stage.truth();
-    stage.witnesses[other].judge(&truth, "the member that changes its tier");
+    stage.histories[other].judge(&truth, "the member that changes its tier");
 }
 
 #[test]
@@ -224,7 +224,7 @@ fn a_stream_without_subscribers_ends_so_that_others_can_begin() {
         stage.tick();
         assert_eq!(stage.copy(other).choice(), choice);
     }
-    assert_eq!(stage.witnesses[other].denied, []);
+    assert_eq!(stage.histories[other].denied, []);
 }
 
 #[test]
@@ -243,7 +243,7 @@ fn a_change_that_is_denied_changes_nothing() {
         .subscribe(tolerance(100))
         .unwrap();
     stage.tick();
-    assert_eq!(stage.witnesses[COMMANDER].denied, [Denial::TooManyStreams]);
+    assert_eq!(stage.histories[COMMANDER].denied, [Denial::TooManyStreams]);
     assert_eq!(stage.copy(COMMANDER).choice(), NORMAL);
     // A change to an existing stream still succeeds.
     stage
@@ -258,7 +258,7 @@ fn a_change_that_is_denied_changes_nothing() {
 
 #[test]
 fn each_tier_is_encoded_once_for_all_subscribers() {
-    let said = |listeners: usize| {
+    let sent = |listeners: usize| {
         let mut stage = stage(Stepping::Lockstep, "", 1);
         let others: Vec<usize> = [EXACT, FINE, NORMAL, COARSE]
             .into_iter()
@@ -272,7 +272,7 @@ fn each_tier_is_encoded_once_for_all_subscribers() {
             let session = stage.network.client_mut(*member);
             session.inspect().expect("a member");
             stage.run(Span::from_millis(50));
-            let inspection = stage.witnesses[*member].inspections[0];
+            let inspection = stage.histories[*member].inspections[0];
             (
                 inspection.updates,
                 inspection.packets,
@@ -281,13 +281,13 @@ fn each_tier_is_encoded_once_for_all_subscribers() {
         });
         inspected.collect::<Vec<_>>()
     };
-    let alone = said(1);
+    let alone = sent(1);
     assert!(alone.iter().all(|(updates, ..)| *updates > 0));
     assert!(
         alone[0].0 > alone[3].0,
         "a finer tier needs more bytes: {alone:?}"
     );
-    assert_eq!(said(6), alone);
+    assert_eq!(sent(6), alone);
 }
 
 /// A member that subscribes to a stream of an empty scene at a tick.
@@ -295,7 +295,7 @@ fn reported(choice: StreamChoice, stream: u32, tick: u64) -> ScriptedSession {
     let mut reported = ScriptedSession::welcomed(choice);
     send_snapshot(&mut reported, choice, stream, tick);
     while reported.session.poll_event().is_some() {}
-    said(&mut reported);
+    sent(&mut reported);
     reported
 }
 
@@ -306,15 +306,15 @@ fn send_snapshot(reported: &mut ScriptedSession, choice: StreamChoice, stream: u
 }
 
 /// The messages about streams that it sent since the last call.
-fn said(reported: &mut ScriptedSession) -> Vec<ClientMessage> {
-    let mut said = reported.sent();
-    said.retain(|message| {
+fn sent(reported: &mut ScriptedSession) -> Vec<ClientMessage> {
+    let mut sent = reported.sent();
+    sent.retain(|message| {
         matches!(
             message,
             ClientMessage::Subscribe(_) | ClientMessage::Subscribed(_)
         )
     });
-    said
+    sent
 }
 
 fn shown(reported: &ScriptedSession) -> StreamChoice {
@@ -329,28 +329,28 @@ fn a_tier_change_before_the_choice_is_shown_leaves_the_member_free_to_choose_aga
         ClientMessage::Subscribed(StreamId(stream))
     });
     reported.session.subscribe(EXACT).unwrap();
-    assert_eq!(said(&mut reported), [follow(EXACT)]);
+    assert_eq!(sent(&mut reported), [follow(EXACT)]);
     // The new stream is not displayed while it is behind the displayed one.
     send_snapshot(&mut reported, EXACT, 1, 5);
     let (to, cause) = (FINE, TierChangeCause::LinkCongested);
-    reported.tell(&[ServerMessage::TierChanged { to, cause }]);
+    reported.deliver(&[ServerMessage::TierChanged { to, cause }]);
     send_snapshot(&mut reported, FINE, 2, 6);
-    assert_eq!((shown(&reported), said(&mut reported)), (FINE, vec![]));
+    assert_eq!((shown(&reported), sent(&mut reported)), (FINE, vec![]));
     assert_eq!(
         reported.session.poll_event(),
         Some(Event::TierChanged { to, cause })
     );
     reported.session.subscribe(EXACT).unwrap();
-    assert_eq!(said(&mut reported), [follow(EXACT)]);
+    assert_eq!(sent(&mut reported), [follow(EXACT)]);
     // Pending choices are replaced: only the last of two is sent.
     reported.session.subscribe(COARSE).unwrap();
     reported.session.subscribe(NORMAL).unwrap();
-    assert_eq!(said(&mut reported), []);
+    assert_eq!(sent(&mut reported), []);
     send_snapshot(&mut reported, EXACT, 3, 8);
-    assert_eq!(said(&mut reported), [follow(NORMAL)]);
+    assert_eq!(sent(&mut reported), [follow(NORMAL)]);
     send_snapshot(&mut reported, NORMAL, 4, 11);
     assert_eq!(
-        (shown(&reported), said(&mut reported)),
+        (shown(&reported), sent(&mut reported)),
         (NORMAL, vec![followed(4)])
     );
     assert_eq!(
@@ -359,9 +359,9 @@ fn a_tier_change_before_the_choice_is_shown_leaves_the_member_free_to_choose_aga
     );
     // A change to the stream that it already follows is confirmed like any other.
     let (to, cause) = (NORMAL, TierChangeCause::LinkRecovered);
-    reported.tell(&[ServerMessage::TierChanged { to, cause }]);
+    reported.deliver(&[ServerMessage::TierChanged { to, cause }]);
     send_snapshot(&mut reported, NORMAL, 5, 12);
-    assert_eq!(said(&mut reported), [followed(5)]);
+    assert_eq!(sent(&mut reported), [followed(5)]);
     assert_eq!(
         reported.session.poll_event(),
         Some(Event::TierChanged { to, cause })
@@ -378,7 +378,7 @@ fn a_member_that_changes_streams_keeps_the_copy_that_the_server_still_publishes(
     reported.session.subscribe(EXACT).unwrap();
     send_snapshot(&mut reported, EXACT, 1, 5);
     reported.session.subscribe(NORMAL).unwrap();
-    said(&mut reported);
+    sent(&mut reported);
     // The intermediate stream could be displayed now, but it ended with the new request.
     let watermark = Watermark {
         next: Low16(0),
@@ -389,12 +389,12 @@ fn a_member_that_changes_streams_keeps_the_copy_that_the_server_still_publishes(
     reported
         .session
         .handle_datagram(Instant::ZERO, ScriptedSession::SERVER, &datagram);
-    assert_eq!((shown(&reported), said(&mut reported)), (FINE, vec![]));
+    assert_eq!((shown(&reported), sent(&mut reported)), (FINE, vec![]));
     // When the request is denied, the intermediate stream continues.
-    reported.tell(&[ServerMessage::Denied(Denial::TooManyStreams)]);
+    reported.deliver(&[ServerMessage::Denied(Denial::TooManyStreams)]);
     let followed = ClientMessage::Subscribed(StreamId(1));
     assert_eq!(
-        (shown(&reported), said(&mut reported)),
+        (shown(&reported), sent(&mut reported)),
         (EXACT, vec![followed])
     );
 }

@@ -91,7 +91,7 @@ fn every_body_is_within_its_scaled_tolerance_in_every_tier() {
     assert!(bounded > 4 * 40, "only {bounded} bodies have bounds");
     let truth = stage.truth();
     for member in [COMMANDER].into_iter().chain(others) {
-        stage.witnesses[member].judge(&truth, "a member");
+        stage.histories[member].judge(&truth, "a member");
     }
 }
 
@@ -105,8 +105,8 @@ fn tolerance_scales_hold_over_a_bad_link_and_for_late_joiners() {
     let truth = stage.truth();
     for member in [COMMANDER, late] {
         let who = format!("member {member}, seed {seed}");
-        stage.witnesses[member].judge(&truth, &who);
-        assert!(!stage.witnesses[member].claims.is_empty(), "{who}");
+        stage.histories[member].judge(&truth, &who);
+        assert!(!stage.histories[member].claims.is_empty(), "{who}");
     }
 }
 
@@ -123,7 +123,7 @@ fn debris_costs_less_than_avatars() {
             .inspect()
             .expect("a member");
         stage.tick();
-        stage.witnesses[COMMANDER].inspections[0].packet_bytes
+        stage.histories[COMMANDER].inspections[0].packet_bytes
     };
     let (avatars, debris) = (
         cost(|_| ToleranceScale::AVATAR),

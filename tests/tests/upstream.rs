@@ -15,12 +15,12 @@ const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 /// Over disturbed links: upstream that was complete in time is correct, and few steps are late.
 fn survives(config: &str, lead: u64, late: f64, seed: u64) {
     let mut walk = Walk::new(Stepping::FreeRunning, 3, lead, seed);
-    walk.over(config);
+    walk.set_link(config);
     for _ in 0..900 {
         walk.frame();
     }
-    let drive = walk.statistics().expect("the commander has authority");
-    let share = drive.late_steps as f64 / drive.steps as f64;
+    let status = walk.statistics().expect("the commander has authority");
+    let share = status.late_steps as f64 / status.steps as f64;
     assert!(
         share <= late,
         "{config}, seed {seed}: {share} of the steps were late"
@@ -31,9 +31,9 @@ fn survives(config: &str, lead: u64, late: f64, seed: u64) {
         walk.judged
     );
     assert!(walk.worst > 0.3, "{config}: no prediction was used");
-    assert_eq!((drive.heard.malformed, drive.refused), (0, 0));
-    assert_eq!(drive.heard.mismatches, 0);
-    walk.over("");
+    assert_eq!((status.heard.malformed, status.refused), (0, 0));
+    assert_eq!(status.heard.mismatches, 0);
+    walk.set_link("");
     for _ in 0..120 {
         walk.frame();
     }
@@ -66,7 +66,7 @@ fn the_servers_state_of_an_avatar_is_within_tolerance_over_any_link() {
 #[test]
 fn without_a_lead_the_server_predicts_over_the_delay() {
     let mut walk = Walk::new(Stepping::FreeRunning, 1, 0, 1);
-    walk.over("rtt=100ms");
+    walk.set_link("rtt=100ms");
     let mut worst: f64 = 0.0;
     for frame in 0..200 {
         walk.frame();
@@ -78,8 +78,8 @@ fn without_a_lead_the_server_predicts_over_the_delay() {
         }
     }
     assert!(worst > 0.0 && worst < 0.1, "the error is {worst} m");
-    let drive = walk.statistics().expect("it has authority");
-    assert!(drive.late_steps > 10, "{drive:?}");
+    let status = walk.statistics().expect("it has authority");
+    assert!(status.late_steps > 10, "{status:?}");
 }
 
 #[test]
@@ -113,10 +113,10 @@ fn a_still_avatar_costs_only_watermarks() {
         .client(COMMANDER)
         .upstream()
         .expect("it has authority");
-    let said = |of: PublisherStatistics| (of.updates, of.packets, of.bytes, of.over_budget);
+    let counters = |of: PublisherStatistics| (of.updates, of.packets, of.bytes, of.over_budget);
     assert_eq!(
-        said(after),
-        said(upstream),
+        counters(after),
+        counters(upstream),
         "a standing body needs no updates"
     );
     // About twenty watermarks of eight bytes in fifty seconds, and the clock queries.
@@ -154,16 +154,16 @@ fn a_walking_avatar_costs_a_fraction_of_what_commands_cost() {
 fn in_lockstep_every_step_has_its_upstream_input() {
     let digest = |config: &str, seed| {
         let mut walk = Walk::new(Stepping::Lockstep, 2, 0, seed);
-        walk.over(config);
+        walk.set_link(config);
         for _ in 0..400 {
             let tick = walk.newest().next();
-            walk.say(tick);
+            walk.publish(tick);
             walk.stage.advance(COMMANDER);
             walk.stage.run_until_or(Span::from_millis(1_000), |stage| {
                 stage.copy(walk.watcher).stream().complete() >= tick
             });
-            for (id, said) in walk.said.last().expect("a published state").1.clone() {
-                walk.hold(id, tick, &said, &walk.at(id));
+            for (id, published) in walk.published.last().expect("a published state").1.clone() {
+                walk.check(id, tick, &published, &walk.at(id));
             }
         }
         let statistics = walk.statistics().expect("the commander has authority");
@@ -171,7 +171,7 @@ fn in_lockstep_every_step_has_its_upstream_input() {
         let session = walk.stage.network.client_mut(COMMANDER);
         session.inspect().expect("a member");
         walk.stage.run(Span::from_millis(2_000));
-        walk.stage.witnesses[COMMANDER].inspections[0].truth
+        walk.stage.histories[COMMANDER].inspections[0].truth
     };
     let truth = digest("", 1);
     assert_eq!(digest("", 2), truth);
@@ -183,7 +183,7 @@ fn a_body_on_a_platform_under_authority_moves_along_and_sleeps_with_it() {
     let mut walk = Walk::new(Stepping::Lockstep, 0, 0, 1);
     let (platform, freight) = (Avatars::platform(), Avatars::freight());
     assert_eq!(walk.take_authority(&[platform]), Ok(vec![platform]));
-    let start = Avatars::berth().position();
+    let start = Avatars::platform_start().position();
     let way = |tick: u64| {
         let moved = tick.clamp(60, 180) - 60;
         let speed = if (60..180).contains(&tick) { 0.5 } else { 0.0 };
@@ -206,7 +206,7 @@ fn a_body_on_a_platform_under_authority_moves_along_and_sleeps_with_it() {
     let session = walk.stage.network.client_mut(COMMANDER);
     session.inspect().expect("a member");
     walk.stage.run(TICK);
-    let inspection = walk.stage.witnesses[COMMANDER].inspections[0];
+    let inspection = walk.stage.histories[COMMANDER].inspections[0];
     // Only the turning body is awake.
     assert_eq!(inspection.awake, 1);
 }
@@ -214,7 +214,7 @@ fn a_body_on_a_platform_under_authority_moves_along_and_sleeps_with_it() {
 #[test]
 fn upstream_continues_while_the_copy_changes_streams() {
     let mut walk = Walk::new(Stepping::FreeRunning, 1, 8, seed(22));
-    walk.over("rtt=80ms,loss=3%");
+    walk.set_link("rtt=80ms,loss=3%");
     for choice in [
         StreamChoice::Within(Tolerance::EXACT),
         StreamChoice::Full,
@@ -234,5 +234,5 @@ fn upstream_continues_while_the_copy_changes_streams() {
         "only {} states were checked",
         walk.judged
     );
-    assert_eq!(walk.stage.witnesses[COMMANDER].drives.len(), 1);
+    assert_eq!(walk.stage.histories[COMMANDER].drives.len(), 1);
 }

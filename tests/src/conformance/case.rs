@@ -29,7 +29,7 @@ pub enum Feature {
     /// Scenes that step by the server's clock.
     FreeRunning,
     /// Members that simulate bodies themselves (client authority).
-    AuthorityGrant,
+    Authority,
     /// Streams limited by a byte budget.
     Budgets,
     /// Shapes without a volume.

@@ -48,7 +48,7 @@ pub enum Closing {
         /// The acceptable codes.
         wanted: Vec<u64>,
         /// The received code.
-        seen: u64,
+        received: u64,
     },
     /// Without a code.
     Unclean(String),
@@ -181,9 +181,13 @@ pub fn should(kept: bool, promise: impl Into<String>) -> CaseResult {
 impl fmt::Display for Closing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::WrongCode { wanted, seen } => {
+            Self::WrongCode { wanted, received } => {
                 let wanted: Vec<_> = wanted.iter().map(ToString::to_string).collect();
-                write!(f, "wrong code: {seen} instead of {}", wanted.join(" or "))
+                write!(
+                    f,
+                    "wrong code: {received} instead of {}",
+                    wanted.join(" or ")
+                )
             }
             Self::Unclean(how) => write!(f, "unclean: {how}"),
             Self::NotJudged | Self::Clean => f.write_str(self.word()),

@@ -73,59 +73,63 @@ fn read(stream: &[u8], piece: usize) -> (Vec<Framed>, Option<Malformed>) {
 /// A script of messages, frames and bytes.
 pub fn app_scene(data: &[u8]) {
     let mut script = Script::new(data);
-    let mut host = ServerLoop::new(|| Instant::ZERO);
+    let mut server = ServerLoop::new(|| Instant::ZERO);
     let mut logon = Vec::new();
     Message::Logon(Logon::new(7, "words")).encode(0, &mut logon);
-    let mut talk = PluginSession::begin(&mut host, 1, &logon);
-    talk.say(&mut host, &logon);
-    say(&mut host, &mut talk, &world(&mut script));
+    let mut session = PluginSession::begin(&mut server, 1, &logon);
+    session.send(&mut server, &logon);
+    send(&mut server, &mut session, &world(&mut script));
     // Raw bytes may begin a message that later bytes complete.
     let (mut frames, mut bare) = (0, false);
     for _ in 0..ACTS_MAX {
-        if !script.goes_on() || talk.closed {
+        if !script.goes_on() || session.closed {
             break;
         }
         match script.below(16) {
             0..4 => {
                 let seconds = script.one_of(&[0.089, 0.0167, 0.5]);
-                say(&mut host, &mut talk, &Message::AdvanceTime((7, seconds)));
+                send(
+                    &mut server,
+                    &mut session,
+                    &Message::AdvanceTime((7, seconds)),
+                );
                 frames += 1;
             }
             4 if script.below(4) == 0 => {
                 bare = true;
-                talk.say(&mut host, script.bytes(60));
+                session.send(&mut server, script.bytes(60));
             }
             _ => {
                 let message = message(&mut script);
-                say(&mut host, &mut talk, &message);
+                send(&mut server, &mut session, &message);
             }
         }
     }
-    for state in talk.last_states().values() {
+    for state in session.last_states().values() {
         let finite = state.position.is_finite() && state.linear.is_finite();
         let is_state = finite && state.angular.is_finite() && state.rotation.is_normalized();
         assert!(is_state, "{state:?}");
     }
-    if !talk.closed {
+    if !session.closed {
         assert_eq!(
-            talk.received(Kind::TimeAdvanced),
+            session.received(Kind::TimeAdvanced),
             frames,
             "the scene continues"
         );
-        say(&mut host, &mut talk, &Message::Logoff(7));
+        send(&mut server, &mut session, &Message::Logoff(7));
         assert!(
-            talk.closed || bare,
+            session.closed || bare,
             "a client that logs off is disconnected"
         );
     }
-    let left = host.scenes().count();
-    assert!(left == 0 || !talk.closed, "a scene ends with its client");
+    let left = server.scenes().count();
+    assert!(left == 0 || !session.closed, "a scene ends with its client");
 }
 
-fn say(host: &mut ServerLoop, talk: &mut PluginSession, message: &Message) {
+fn send(server: &mut ServerLoop, session: &mut PluginSession, message: &Message) {
     let mut bytes = Vec::new();
     message.encode(0, &mut bytes);
-    talk.say(host, &bytes);
+    session.send(server, &bytes);
 }
 
 fn id(script: &mut Script<'_>) -> Id {

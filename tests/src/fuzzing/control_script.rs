@@ -37,7 +37,7 @@ const SPARED: [u8; 3] = [5, 7, 8];
 struct FuzzedServer {
     table: Table,
     well_behaved: rhumb_protocol::Peer,
-    rude: RawPeer,
+    raw_peer: RawPeer,
     bodies: Vec<BodyId>,
     truth: Scene,
 }
@@ -67,7 +67,7 @@ pub fn control_script(data: &[u8]) {
             }
             8 => {
                 let datagram = datagram(&mut script);
-                stage.table.datagram(stage.rude.peer, &datagram);
+                stage.table.datagram(stage.raw_peer.peer, &datagram);
             }
             _ => stage
                 .table
@@ -139,14 +139,14 @@ fn datagram(script: &mut Script<'_>) -> Vec<u8> {
 impl FuzzedServer {
     fn new() -> Self {
         let mut table = Table::default();
-        let well_behaved = table.alias(NAME);
+        let well_behaved = table.connect(NAME);
         let config = scene_config(Stepping::Lockstep);
-        let session = table.guest(well_behaved);
+        let session = table.session(well_behaved);
         session.create(config).expect("the session is in the lobby");
         session.join(NORMAL).expect("the session is in the lobby");
-        table.settle();
-        let rude = RawPeer::enter(&mut table, NAME);
-        let granted = |place| rude.granted.id(place).expect("a member has indices");
+        table.run_until_idle();
+        let raw_peer = RawPeer::enter(&mut table, NAME);
+        let granted = |place| raw_peer.granted.id(place).expect("a member has indices");
         let mut bodies: Vec<_> = (0..5).map(granted).collect();
         // Two more ids: a body that is added again, and one of another member.
         let again = bodies[0];
@@ -155,7 +155,7 @@ impl FuzzedServer {
         Self {
             table,
             well_behaved,
-            rude,
+            raw_peer,
             bodies,
             truth: Scene::new(config).expect("a valid configuration"),
         }
@@ -163,17 +163,17 @@ impl FuzzedServer {
 
     /// Sends a command to both scenes and compares the answers.
     fn command(&mut self, command: Command) {
-        let before = self.rude.inspect(&mut self.table);
+        let before = self.raw_peer.inspect(&mut self.table);
         // A command that cannot be encoded is malformed, which the fuzzers of messages cover.
         if command.check().is_err() && !is_encodable(&command) {
             return;
         }
-        let answer = self.rude.command(&mut self.table, command.clone());
-        let after = self.rude.inspect(&mut self.table);
+        let answer = self.raw_peer.command(&mut self.table, command.clone());
+        let after = self.raw_peer.inspect(&mut self.table);
         if answer.is_err() {
             assert_eq!(after, before, "{command:?} was refused by {answer:?}");
         }
-        let is_own = |id: BodyId| self.rude.granted.contains(id);
+        let is_own = |id: BodyId| self.raw_peer.granted.contains(id);
         if let Command::AddBody { config, .. } = &command
             && !is_own(config.id)
         {
@@ -196,17 +196,17 @@ impl FuzzedServer {
             .expect("a scene of accepted commands can be stepped")
             .tick;
         let now = self.table.now();
-        let session = self.table.guest(self.well_behaved);
+        let session = self.table.session(self.well_behaved);
         session.advance(now, tick).expect("the session is a member");
-        self.table.settle();
-        let reported = self.rude.inspect(&mut self.table);
+        self.table.run_until_idle();
+        let reported = self.raw_peer.inspect(&mut self.table);
         let bodies = self.truth.body_count() as u32;
         let expected = (self.truth.digest().value(), tick.value(), bodies);
         assert_eq!(
             reported, expected,
             "the server's scene differs from the parallel one"
         );
-        let session = self.table.guest(self.well_behaved);
+        let session = self.table.session(self.well_behaved);
         let stream = session.replica().expect("the session is a member").stream();
         let all_there = self
             .truth
@@ -217,9 +217,9 @@ impl FuzzedServer {
 
     fn check(&mut self) {
         assert_eq!(self.table.closed(self.well_behaved), None);
-        assert_eq!(self.table.closed(self.rude.peer), None);
+        assert_eq!(self.table.closed(self.raw_peer.peer), None);
         let tick: Tick = self.truth.tick();
-        let session = self.table.guest(self.well_behaved);
+        let session = self.table.session(self.well_behaved);
         while session.poll_event().is_some() {}
         let stream = session.replica().expect("the session is a member").stream();
         assert_eq!(stream.complete(), tick);

@@ -22,10 +22,10 @@ struct FuzzedLink {
     subscriber: Subscriber,
     limited: bool,
     /// Datagrams in flight, by the tick of their arrival.
-    air: VecDeque<(u64, Bytes)>,
-    mail: VecDeque<(u64, SceneChange)>,
+    in_flight: VecDeque<(u64, Bytes)>,
+    pending_changes: VecDeque<(u64, SceneChange)>,
     /// One bit for each datagram in turn: whether it is lost.
-    fate: u32,
+    loss_bits: u32,
     /// Greatest delay of datagrams and of scene changes, in ticks.
     late: [u64; 2],
     copies: bool,
@@ -41,7 +41,7 @@ pub fn link(data: &[u8]) {
         link.act(&mut script);
         link.check();
     }
-    (link.fate, link.late, link.copies) = (0, [0, 0], false);
+    (link.loss_bits, link.late, link.copies) = (0, [0, 0], false);
     for _ in 0..CALM_TICKS {
         link.tick();
         link.check();
@@ -86,24 +86,25 @@ impl FuzzedLink {
             source,
             subscriber,
             limited,
-            air: VecDeque::new(),
-            mail: VecDeque::new(),
-            fate: 0,
+            in_flight: VecDeque::new(),
+            pending_changes: VecDeque::new(),
+            loss_bits: 0,
             late: [0, 0],
             copies: false,
             redundancy: Redundancy::Off,
             sent: 0,
         };
         for index in 0..BODIES / 2 {
-            let news = link.source.add(index, script.sane_vector(20.0));
-            link.post(news);
+            let changes = link.source.add(index, script.sane_vector(20.0));
+            link.queue_changes(changes);
         }
         link
     }
 
-    fn post(&mut self, news: impl IntoIterator<Item = SceneChange>) {
+    fn queue_changes(&mut self, changes: impl IntoIterator<Item = SceneChange>) {
         let at = self.source.tick.value() + self.late[1];
-        self.mail.extend(news.into_iter().map(|news| (at, news)));
+        self.pending_changes
+            .extend(changes.into_iter().map(|changes| (at, changes)));
     }
 
     fn act(&mut self, script: &mut Script<'_>) {
@@ -116,23 +117,23 @@ impl FuzzedLink {
             }
             3 | 4 => self.source.strike(script),
             5 => {
-                self.fate = script.any();
+                self.loss_bits = script.any();
                 self.late = [script.below(5) as u64, script.below(9) as u64];
                 self.copies = script.any();
             }
             6 => {
-                let news = self
+                let changes = self
                     .source
                     .add(script.below(BODIES), script.sane_vector(20.0));
-                self.post(news);
+                self.queue_changes(changes);
             }
             7 => {
-                let news = self.source.remove(script.below(BODIES));
-                self.post(news);
+                let changes = self.source.remove(script.below(BODIES));
+                self.queue_changes(changes);
             }
             8 => {
-                let news = self.source.change_gravity(script.sane_vector(30.0));
-                self.post([news]);
+                let changes = self.source.change_gravity(script.sane_vector(30.0));
+                self.queue_changes([changes]);
             }
             _ => {
                 self.redundancy = script.one_of(&[
@@ -147,7 +148,7 @@ impl FuzzedLink {
 
     fn is_lost(&mut self) -> bool {
         self.sent = self.sent.wrapping_add(1);
-        self.fate.rotate_right(self.sent) & 1 == 1
+        self.loss_bits.rotate_right(self.sent) & 1 == 1
     }
 
     fn send(&mut self, datagram: &Bytes) {
@@ -160,9 +161,10 @@ impl FuzzedLink {
         } else {
             u64::from(self.sent) % (self.late[0] + 1)
         };
-        self.air.push_back((now + delay, datagram.clone()));
+        self.in_flight.push_back((now + delay, datagram.clone()));
         if self.copies {
-            self.air.push_back((now + delay / 2, datagram.clone()));
+            self.in_flight
+                .push_back((now + delay / 2, datagram.clone()));
         }
     }
 
@@ -188,11 +190,12 @@ impl FuzzedLink {
 
     fn deliver(&mut self) {
         let now = self.source.tick.value();
-        while let Some((_, news)) = self.mail.pop_front_if(|(at, _)| *at <= now) {
-            news.tell(&mut self.subscriber);
+        while let Some((_, changes)) = self.pending_changes.pop_front_if(|(at, _)| *at <= now) {
+            changes.apply_to(&mut self.subscriber);
         }
-        let (due, later): (Vec<_>, Vec<_>) = self.air.drain(..).partition(|(at, _)| *at <= now);
-        self.air.extend(later);
+        let (due, later): (Vec<_>, Vec<_>) =
+            self.in_flight.drain(..).partition(|(at, _)| *at <= now);
+        self.in_flight.extend(later);
         for (_, datagram) in due {
             self.subscriber.handle_datagram(&datagram);
         }
@@ -224,10 +227,10 @@ impl FuzzedLink {
             (0, 0, 0)
         );
         let watermark_tick = subscriber.watermark_tick();
-        let current = watermark_tick == self.source.tick && self.mail.is_empty();
+        let current = watermark_tick == self.source.tick && self.pending_changes.is_empty();
         for (id, track) in publisher.tracks() {
             let Some(bound) = subscriber.bound(id) else {
-                assert!(!self.mail.is_empty(), "{id} has no bound");
+                assert!(!self.pending_changes.is_empty(), "{id} has no bound");
                 continue;
             };
             let ErrorBound::Within(within) = bound else {

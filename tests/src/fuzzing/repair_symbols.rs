@@ -60,9 +60,9 @@ impl SubscriberPair {
         lossy.handle_snapshot_end();
         for index in 0..BODIES {
             let place = glam::Vec3::new(index as f32 * 3.0, 4.0 + index as f32, 0.0);
-            let news = source.add(index, place).expect("a free index");
-            news.tell(&mut lossless);
-            news.tell(&mut lossy);
+            let changes = source.add(index, place).expect("a free index");
+            changes.apply_to(&mut lossless);
+            changes.apply_to(&mut lossy);
         }
         Self {
             source,

@@ -36,7 +36,7 @@ pub(super) enum SceneChange {
 }
 
 impl SceneChange {
-    pub(super) fn tell(self, subscriber: &mut Subscriber) {
+    pub(super) fn apply_to(self, subscriber: &mut Subscriber) {
         match self {
             Self::Placed(id, track) => assert!(subscriber.place(id, &parameters(id), track)),
             Self::Removed(id) => assert!(subscriber.remove(id), "{id} exists"),

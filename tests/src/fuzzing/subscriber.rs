@@ -140,23 +140,23 @@ pub fn subscriber(data: &[u8]) {
         scene_events: 0,
     };
     for index in 0..BODIES / 2 {
-        let news = source.add(index, script.sane_vector(50.0));
-        tell(news, &mut subscriber, &mut packet_source);
+        let changes = source.add(index, script.sane_vector(50.0));
+        apply(changes, &mut subscriber, &mut packet_source);
     }
     while script.goes_on() {
         match script.below(12) {
             0 => {
-                let news = source.add(script.below(BODIES), script.sane_vector(50.0));
-                tell(news, &mut subscriber, &mut packet_source);
+                let changes = source.add(script.below(BODIES), script.sane_vector(50.0));
+                apply(changes, &mut subscriber, &mut packet_source);
             }
             1 => {
-                let news = source.remove(script.below(BODIES));
-                tell(news, &mut subscriber, &mut packet_source);
+                let changes = source.remove(script.below(BODIES));
+                apply(changes, &mut subscriber, &mut packet_source);
             }
             2 => {
                 let (since, gravity) = (script.below(200) as u64, script.sane_vector(1e3));
-                let news = SceneChange::Gravity(Tick::new(since), gravity);
-                tell(Some(news), &mut subscriber, &mut packet_source);
+                let changes = SceneChange::Gravity(Tick::new(since), gravity);
+                apply(Some(changes), &mut subscriber, &mut packet_source);
             }
             3 => subscriber.handle_snapshot_end(),
             _ => {
@@ -168,9 +168,13 @@ pub fn subscriber(data: &[u8]) {
     }
 }
 
-fn tell(news: Option<SceneChange>, subscriber: &mut Subscriber, packet_source: &mut PacketSource) {
-    if let Some(news) = news {
-        news.tell(subscriber);
+fn apply(
+    changes: Option<SceneChange>,
+    subscriber: &mut Subscriber,
+    packet_source: &mut PacketSource,
+) {
+    if let Some(changes) = changes {
+        changes.apply_to(subscriber);
         packet_source.scene_events += 1;
     }
 }

@@ -212,7 +212,7 @@ pub(super) fn choices() -> [(&'static str, Vec<u8>); 5] {
 pub(super) struct CaseList(pub(super) Vec<MessageCase>);
 
 impl CaseList {
-    pub(super) fn say(&mut self, kind: u8, name: impl Into<String>, parts: &[&[u8]]) {
+    pub(super) fn add(&mut self, kind: u8, name: impl Into<String>, parts: &[&[u8]]) {
         let (name, body) = (name.into(), parts.concat());
         self.0.push(MessageCase { name, kind, body });
     }

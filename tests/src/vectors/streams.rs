@@ -166,31 +166,31 @@ fn record(recording: &Recording, seed: u64) -> Vec<Value> {
         },
     );
     let mut table = Table::default();
-    let peer = table.alias("golden");
+    let peer = table.connect("golden");
     let now = table.now();
     table
-        .guest(peer)
+        .session(peer)
         .create(config)
         .expect("config of a script");
-    table.settle();
+    table.run_until_idle();
     table
-        .guest(peer)
+        .session(peer)
         .join(recording.choice)
         .expect("a scene to join");
-    table.settle();
-    let mut events: Vec<Value> = table.take_heard(peer).iter().map(received).collect();
+    table.run_until_idle();
+    let mut events: Vec<Value> = table.take_received(peer).iter().map(received).collect();
     let mut dice = Dice::new(seed);
     let (bad, frame) = (recording.bad, Span::from_nanos(16_666_667));
     for tick in 0..recording.ticks {
         if tick == recording.ticks - CALM {
-            table.sift(peer, LossFilter::new(|_| DeliveryAction::Arrives));
-            table.sift_spoken(peer, LossFilter::new(|_| DeliveryAction::Arrives));
+            table.filter_downlink(peer, LossFilter::new(|_| DeliveryAction::Arrives));
+            table.filter_uplink(peer, LossFilter::new(|_| DeliveryAction::Arrives));
         } else if tick == 1 {
             let (mut there, mut back) = (dice.clone(), dice.clone());
-            table.sift(peer, LossFilter::new(move |_| fate(&mut there, bad)));
+            table.filter_downlink(peer, LossFilter::new(move |_| fate(&mut there, bad)));
             // Loss reports are lost more often, so that gaps stay open for some ticks.
             let loss_of_reports = 3 * bad;
-            table.sift_spoken(
+            table.filter_uplink(
                 peer,
                 LossFilter::new(move |_| fate(&mut back, loss_of_reports)),
             );
@@ -204,20 +204,20 @@ fn record(recording: &Recording, seed: u64) -> Vec<Value> {
         let at = now + Span::from_nanos(frame.as_nanos() * tick);
         for command in commands {
             table
-                .guest(peer)
+                .session(peer)
                 .command(command)
                 .expect("scripts send valid commands");
         }
         if recording.stepping == Stepping::Lockstep {
             let to = Tick::new(tick + 1);
             table
-                .guest(peer)
+                .session(peer)
                 .advance(at, to)
                 .expect("a member advances");
         }
-        table.settle();
+        table.run_until_idle();
         table.pass(frame);
-        events.extend(table.take_heard(peer).iter().map(received));
+        events.extend(table.take_received(peer).iter().map(received));
         events.push(json!(["known", null]));
     }
     with_knowledge(events)
@@ -229,7 +229,7 @@ fn with_knowledge(events: Vec<Value>) -> Vec<Value> {
     let mut reported = Vec::new();
     for event in events {
         let is_tick = event[0] == "known";
-        hear(&mut session, &event);
+        deliver(&mut session, &event);
         if !is_tick {
             reported.push(event);
         }
@@ -260,7 +260,7 @@ pub fn greeted() -> ClientSession {
 /// # Panics
 ///
 /// When the event is malformed.
-pub fn hear(session: &mut ClientSession, event: &Value) {
+pub fn deliver(session: &mut ClientSession, event: &Value) {
     let bytes = || Bytes::from(unhex(event[1].as_str().expect("digits")));
     match event[0].as_str() {
         Some("control") => session.handle_control(Instant::ZERO, HOST, &bytes()),
@@ -371,7 +371,7 @@ pub fn replayed(events: &[Value]) -> Vec<(usize, Value, Value)> {
     let mut session = greeted();
     let mut states = Vec::new();
     for (place, event) in events.iter().enumerate() {
-        hear(&mut session, event);
+        deliver(&mut session, event);
         if event[0] == "known" {
             let replica = session.replica().expect("a member");
             states.push((place, event[1].clone(), known(replica)));

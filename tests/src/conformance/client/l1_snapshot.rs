@@ -385,8 +385,8 @@ fn waits_for_scene_events(trial: &mut Trial<'_>) -> CaseResult {
     let mut interceptor = trial.interceptor(Setting::of("ball-pit", 40).after(5))?;
     interceptor.enter()?;
     let mut kept = Vec::new();
-    interceptor.tamper(move |word| match word {
-        Delivery::State(_) => vec![word],
+    interceptor.tamper(move |delivery| match delivery {
+        Delivery::State(_) => vec![delivery],
         Delivery::Control(bytes) => {
             kept.extend(bytes);
             if kept.len() < 1_500 {

@@ -142,10 +142,10 @@ const SECOND: u64 = 61;
 fn tamper_one_track(interceptor: &mut Interceptor) -> Rc<RefCell<bool>> {
     let mut frames = Frames::new();
     let done = Rc::new(RefCell::new(false));
-    let lied = Rc::clone(&done);
-    interceptor.tamper(move |word| {
-        let Delivery::Control(bytes) = word else {
-            return vec![word];
+    let tampered = Rc::clone(&done);
+    interceptor.tamper(move |delivery| {
+        let Delivery::Control(bytes) = delivery else {
+            return vec![delivery];
         };
         frames.push(&bytes);
         let mut sent = Vec::new();
@@ -157,8 +157,8 @@ fn tamper_one_track(interceptor: &mut Interceptor) -> Rc<RefCell<bool>> {
                     inertia,
                     track,
                     alias,
-                }))) if !*lied.borrow() && matches!(track.anchor, Anchor::Quantised(_)) => {
-                    *lied.borrow_mut() = true;
+                }))) if !*tampered.borrow() && matches!(track.anchor, Anchor::Quantised(_)) => {
+                    *tampered.borrow_mut() = true;
                     let track = match track.anchor {
                         Anchor::Exact(_) => track,
                         Anchor::Quantised(mut quantised) => {
@@ -187,7 +187,7 @@ fn tamper_one_track(interceptor: &mut Interceptor) -> Rc<RefCell<bool>> {
 
 fn mismatches(trial: &mut Trial<'_>) -> CaseResult {
     let mut interceptor = trial.interceptor(busy())?;
-    let lied = tamper_one_track(&mut interceptor);
+    let tampered = tamper_one_track(&mut interceptor);
     interceptor.enter_unjudged()?;
     interceptor.stop_tampering();
     // A checksum is due once the last one is a second old.
@@ -195,7 +195,7 @@ fn mismatches(trial: &mut Trial<'_>) -> CaseResult {
         interceptor.step_unjudged(SECOND)?;
         interceptor.run(Duration::from_millis(60))?;
     }
-    if !*lied.borrow() {
+    if !*tampered.borrow() {
         return Err(Stop::Inconclusive("no track could be altered".into()));
     }
     should(
@@ -457,7 +457,7 @@ fn moved(trial: &mut Trial<'_>, cause: TierChangeCause) -> CaseResult {
     let to = within(50_000)?;
     let old = interceptor.mirror()?.stream().stream();
     let mut first = true;
-    interceptor.tamper(move |word| match word {
+    interceptor.tamper(move |delivery| match delivery {
         Delivery::Control(bytes) if std::mem::take(&mut first) => {
             let mut sent = Vec::new();
             ServerMessage::TierChanged { to, cause }.encode(&mut sent);
@@ -471,7 +471,7 @@ fn moved(trial: &mut Trial<'_>, cause: TierChangeCause) -> CaseResult {
         {
             vec![]
         }
-        word => vec![word],
+        delivery => vec![delivery],
     });
     interceptor.change_mirror_to(to);
     let mut bytes = Vec::new();

@@ -52,7 +52,7 @@ const CASES: &[CaseRow] = &[
 pub(super) fn cases() -> Vec<Case> {
     let cases = table("L3.51", CASES).into_iter();
     cases
-        .map(|case| case.needs(&[Feature::AuthorityGrant]))
+        .map(|case| case.needs(&[Feature::Authority]))
         .collect()
 }
 

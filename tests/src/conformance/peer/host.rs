@@ -199,12 +199,12 @@ impl RawServer {
     pub fn await_message<T>(
         &mut self,
         what: &str,
-        mut is: impl FnMut(ClientMessage) -> Option<T>,
+        mut wanted: impl FnMut(ClientMessage) -> Option<T>,
     ) -> Result<T, Stop> {
         let until = self.time_limit();
         loop {
             while let Some(message) = self.received.pop_front() {
-                if let Some(found) = is(message) {
+                if let Some(found) = wanted(message) {
                     return Ok(found);
                 }
             }
@@ -318,10 +318,10 @@ impl RawServer {
                 let why = format!("the client keeps the connection; it must close with {code}");
                 (Closing::Unclean("it stays open".into()), Stop::fail(why))
             }
-            Some(RawPeerEnd::Closed(seen)) if *seen == code => (Closing::Clean, Ok(())),
-            Some(RawPeerEnd::Closed(seen)) => {
-                let (wanted, seen) = (vec![code], *seen);
-                (Closing::WrongCode { wanted, seen }, Ok(()))
+            Some(RawPeerEnd::Closed(received)) if *received == code => (Closing::Clean, Ok(())),
+            Some(RawPeerEnd::Closed(received)) => {
+                let (wanted, received) = (vec![code], *received);
+                (Closing::WrongCode { wanted, received }, Ok(()))
             }
             Some(other) => (Closing::Unclean(other.to_string()), Ok(())),
         };

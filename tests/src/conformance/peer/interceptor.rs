@@ -104,7 +104,7 @@ impl Interceptor {
             script,
             scripted: Tick::ZERO,
             config,
-            tamper: Box::new(|word| vec![word]),
+            tamper: Box::new(|delivery| vec![delivery]),
             stream_history: StreamHistory::default(),
             events: Vec::new(),
             sent: VecDeque::new(),
@@ -138,7 +138,7 @@ impl Interceptor {
 
     /// Replaces each datagram to the client by others from now on.
     pub fn filter_datagrams(&mut self, mut filter: impl FnMut(Vec<u8>) -> Vec<Vec<u8>> + 'static) {
-        self.tamper(move |word| match word {
+        self.tamper(move |delivery| match delivery {
             Delivery::State(bytes) => filter(bytes).into_iter().map(Delivery::State).collect(),
             control @ Delivery::Control(_) => vec![control],
         });
@@ -146,7 +146,7 @@ impl Interceptor {
 
     /// Delivers everything unchanged from now on.
     pub fn stop_tampering(&mut self) {
-        self.tamper(|word| vec![word]);
+        self.tamper(|delivery| vec![delivery]);
     }
 
     /// Makes the server send data on the control stream, so that a tamper function that delays data releases it: the
@@ -417,7 +417,7 @@ impl Interceptor {
             }
         }
         while let Some(bytes) = self.raw_server.datagrams.pop_front() {
-            self.hear_datagram(&bytes);
+            self.receive_datagram(&bytes);
         }
         if let Some(end) = &self.raw_server.ended {
             let ending = match end {
@@ -434,7 +434,7 @@ impl Interceptor {
         self.exchange()
     }
 
-    fn hear_datagram(&mut self, bytes: &[u8]) {
+    fn receive_datagram(&mut self, bytes: &[u8]) {
         let mut reader = Reader::new(bytes);
         if let Ok(head) = Head::decode(&mut reader) {
             self.kinds.push(head.kind);
@@ -451,9 +451,9 @@ impl Interceptor {
     /// Exchanges data between server and mirror until both are idle; the client receives what the case lets through.
     fn exchange(&mut self) -> CaseResult {
         loop {
-            let mut said = false;
+            let mut progress = false;
             while let Some(transmit) = self.mirror.poll_transmit() {
-                said = true;
+                progress = true;
                 let now = self.now();
                 match transmit {
                     Transmit::Control { bytes, .. } => {
@@ -468,13 +468,13 @@ impl Interceptor {
                 }
             }
             while let Some(transmit) = self.server.poll_transmit() {
-                said = true;
+                progress = true;
                 self.pass_on(transmit)?;
             }
             while let Some(event) = self.mirror.poll_event() {
                 self.events.push(event);
             }
-            if !said && !self.wake() {
+            if !progress && !self.wake() {
                 return Ok(());
             }
         }
@@ -523,9 +523,9 @@ impl Interceptor {
         Ok(())
     }
 
-    fn send(&mut self, word: Delivery) {
-        for word in (self.tamper)(word) {
-            match word {
+    fn send(&mut self, delivery: Delivery) {
+        for delivery in (self.tamper)(delivery) {
+            match delivery {
                 Delivery::Control(bytes) => {
                     self.raw_server.note(format!("> {}", hex(&bytes)));
                     self.raw_server.connection.say(bytes);

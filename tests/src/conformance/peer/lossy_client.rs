@@ -52,7 +52,7 @@ pub struct LossyClient {
     /// How often it requested a new snapshot.
     pub resyncs: u64,
     /// The pose of each body at each complete tick, if they are recorded.
-    pub seen: Option<BTreeMap<Tick, BTreeMap<BodyId, Pose>>>,
+    pub recorded: Option<BTreeMap<Tick, BTreeMap<BodyId, Pose>>>,
     connection: RawConnection,
     clock: Clock,
     filter: LaneFilter,
@@ -87,7 +87,7 @@ impl LossyClient {
             arrived: 0,
             resyncs: 0,
             sent: Frames::new(),
-            seen: None,
+            recorded: None,
             connection,
             clock,
             filter: Box::new(|_| LaneAction::Comes),
@@ -218,23 +218,23 @@ impl LossyClient {
 
     /// Records the poses of all bodies at each complete tick from now on.
     pub fn record(&mut self) {
-        self.seen = Some(BTreeMap::new());
+        self.recorded = Some(BTreeMap::new());
     }
 
-    fn note_seen(&mut self) {
-        let (Some(seen), Some(copy)) = (&mut self.seen, self.session.replica()) else {
+    fn record_poses(&mut self) {
+        let (Some(recorded), Some(copy)) = (&mut self.recorded, self.session.replica()) else {
             return;
         };
         let stream = copy.stream();
         let tick = stream.complete();
-        if seen.contains_key(&tick) || !stream.is_converged() {
+        if recorded.contains_key(&tick) || !stream.is_converged() {
             return;
         }
         let poses = copy.bodies().filter_map(|config| {
             let predicted_motion = stream.predicted_motion(config.id, tick)?;
             Some((config.id, predicted_motion.pose()))
         });
-        seen.insert(tick, poses.collect());
+        recorded.insert(tick, poses.collect());
     }
 
     /// Waits until the copy is complete at a tick.
@@ -275,12 +275,12 @@ impl LossyClient {
     pub fn until<T>(
         &mut self,
         what: &str,
-        mut seen: impl FnMut(Event) -> Option<T>,
+        mut wanted: impl FnMut(Event) -> Option<T>,
     ) -> Result<T, Stop> {
         let mut found = None;
         self.turn_until(what, |subscriber| {
             while let Some(event) = subscriber.events.pop_front() {
-                found = seen(event);
+                found = wanted(event);
                 if found.is_some() {
                     return true;
                 }
@@ -336,9 +336,9 @@ impl LossyClient {
             .session
             .poll_timeout()
             .map_or(until, |wake| wake.at.min(until));
-        if let Some(seen) = self.connection.hear(self.clock.until(wake)) {
+        if let Some(event) = self.connection.hear(self.clock.until(wake)) {
             let now = self.clock.now();
-            match seen {
+            match event {
                 RawEvent::Control(bytes) => {
                     self.note_control(&bytes);
                     self.session.handle_control(now, SERVER, &bytes);
@@ -361,7 +361,7 @@ impl LossyClient {
             }
         }
         self.session.handle_timeout(self.clock.now());
-        self.note_seen();
+        self.record_poses();
         self.flush();
     }
 

@@ -220,12 +220,12 @@ impl RawClient {
     pub fn await_message<T>(
         &mut self,
         what: &str,
-        mut is: impl FnMut(ServerMessage) -> Option<T>,
+        mut wanted: impl FnMut(ServerMessage) -> Option<T>,
     ) -> Result<T, Stop> {
         let until = self.time_limit();
         loop {
             while let Some(message) = self.received.pop_front() {
-                if let Some(found) = is(message) {
+                if let Some(found) = wanted(message) {
                     return Ok(found);
                 }
             }
@@ -417,10 +417,12 @@ impl RawClient {
                     format!("the server keeps the connection; it must close with one of {codes:?}");
                 (Closing::Unclean("it stays open".into()), Stop::fail(why))
             }
-            Some(RawPeerEnd::Closed(seen)) if codes.contains(seen) => (Closing::Clean, Ok(())),
-            Some(RawPeerEnd::Closed(seen)) => {
-                let (wanted, seen) = (codes.to_vec(), *seen);
-                (Closing::WrongCode { wanted, seen }, Ok(()))
+            Some(RawPeerEnd::Closed(received)) if codes.contains(received) => {
+                (Closing::Clean, Ok(()))
+            }
+            Some(RawPeerEnd::Closed(received)) => {
+                let (wanted, received) = (codes.to_vec(), *received);
+                (Closing::WrongCode { wanted, received }, Ok(()))
             }
             Some(other) => (Closing::Unclean(other.to_string()), Ok(())),
         };
@@ -451,7 +453,7 @@ pub(super) struct Parts {
     pub(super) relay: Option<UdpRelay>,
 }
 
-/// The answer to a request: the message that `granted` accepts, or a denial.
+/// The answer to a request: the message that `yes` accepts, or a denial.
 fn answer(
     yes: impl Fn(&ServerMessage) -> bool,
 ) -> impl FnMut(ServerMessage) -> Option<Result<(), Denial>> {

@@ -71,8 +71,8 @@ pub fn compare_recorded(copy: &LossyClient, truth: &LossyClient) -> Result<usize
     let (here, there) = (copy.replica()?, truth.replica()?);
     let none = || Stop::Inconclusive("nothing was recorded".into());
     let (copied, true_ones) = (
-        copy.seen.as_ref().ok_or_else(none)?,
-        truth.seen.as_ref().ok_or_else(none)?,
+        copy.recorded.as_ref().ok_or_else(none)?,
+        truth.recorded.as_ref().ok_or_else(none)?,
     );
     let mut compared = 0;
     for (tick, poses) in copied {

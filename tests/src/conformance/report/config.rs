@@ -77,12 +77,12 @@ mod tests {
         let other = RunSettings {
             link: "loss=5%".parse().expect("config of a link"),
             profile: Profile::BitExact,
-            without: vec![Feature::AuthorityGrant],
+            without: vec![Feature::Authority],
             ..usual
         };
         assert_eq!(
             other.to_string(),
-            "seed 3, timeout 2 s, link loss=5%, profile bit-exact, without driving"
+            "seed 3, timeout 2 s, link loss=5%, profile bit-exact, without authority"
         );
     }
 }

@@ -61,8 +61,8 @@ impl Report {
     /// Whether every case is unsupported although nothing was declared with `--without`.
     fn is_vacuous(&self) -> bool {
         let lacks = |result: &Tried| result.outcome.verdict == Verdict::Unsupported;
-        let was_said = |config: &RunSettings| !config.without.is_empty();
-        self.results.iter().all(lacks) && !self.config.as_ref().is_some_and(was_said)
+        let was_declared = |config: &RunSettings| !config.without.is_empty();
+        self.results.iter().all(lacks) && !self.config.as_ref().is_some_and(was_declared)
     }
 
     /// One line: the number of cases, and their verdicts.

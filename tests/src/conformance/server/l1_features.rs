@@ -48,7 +48,7 @@ const FEATURES: [(Feature, &str, FeatureCheck); 7] = [
         },
     ),
     (Feature::Budgets, "a stream with a budget", budget),
-    (Feature::AuthorityGrant, "driving", driving),
+    (Feature::Authority, "authority over bodies", authority),
     (Feature::Sheets, "a shape without a volume", |trial| {
         let heights = Heights::new(2, 1.0, 1.0, &[0.0; 4]).map(Shape::Heights);
         made(
@@ -142,7 +142,7 @@ fn budget(trial: &mut Trial<'_>) -> Result<bool, Stop> {
     })
 }
 
-fn driving(trial: &mut Trial<'_>) -> Result<bool, Stop> {
+fn authority(trial: &mut Trial<'_>) -> Result<bool, Stop> {
     let mut client = trial.client()?;
     client.enter(any(trial), NORMAL)?;
     client.must(ball_shape())?;

@@ -66,19 +66,19 @@ pub(super) fn cases() -> Vec<Case> {
     .enumerate()
     {
         for (kind, name) in (1_u8..).zip(NAMES) {
-            let fate = fate(state, kind);
+            let expected = expected(state, kind);
             if state == SessionStage::Silent && kind == 1 {
                 continue;
             }
             let id = format!("L1.2.{}", place * 20 + usize::from(kind));
-            let (cites, words) = match fate {
+            let (cites, words) = match expected {
                 Expected::Handled => ("PROTOCOL 3.2-1", "is allowed"),
                 Expected::Skipped => ("PROTOCOL 3.2-3", "is skipped"),
                 Expected::Violation => ("PROTOCOL 3.2-1", "ends the connection with code 2"),
             };
             let name = format!("{name} from a client {} {words}", word(state));
             let case = Case::server(&id, &name).cites(cites);
-            cases.push(case.play(move |trial| play(trial, state, kind, fate)));
+            cases.push(case.play(move |trial| play(trial, state, kind, expected)));
         }
     }
     cases
@@ -95,7 +95,7 @@ const fn word(state: SessionStage) -> &'static str {
 }
 
 /// The table of PROTOCOL 3.2.
-const fn fate(state: SessionStage, kind: u8) -> Expected {
+const fn expected(state: SessionStage, kind: u8) -> Expected {
     let for_lobby = matches!(kind, 2 | 3 | 5 | 10);
     let for_members = matches!(kind, 4..=16);
     match state {
@@ -107,11 +107,11 @@ const fn fate(state: SessionStage, kind: u8) -> Expected {
     }
 }
 
-fn play(trial: &mut Trial<'_>, state: SessionStage, kind: u8, fate: Expected) -> CaseResult {
+fn play(trial: &mut Trial<'_>, state: SessionStage, kind: u8, expected: Expected) -> CaseResult {
     let mut client = in_state(trial, state)?;
     let message = message(&client, kind);
     client.send(&message);
-    match fate {
+    match expected {
         Expected::Violation => client.must_be_closed(CloseCode::VIOLATION),
         Expected::Handled => client.barrier().map(drop),
         Expected::Skipped => {

@@ -112,7 +112,7 @@ const CASES: &[CaseRow] = &[
 ];
 
 pub(super) fn cases() -> Vec<Case> {
-    table("L3.5", &[Feature::Lockstep, Feature::AuthorityGrant], CASES).collect()
+    table("L3.5", &[Feature::Lockstep, Feature::Authority], CASES).collect()
 }
 
 /// Adds a kinematic ball at a position.
@@ -213,9 +213,9 @@ fn steered(trial: &mut Trial<'_>) -> CaseResult {
         linear: Vec3::X,
         angular: Vec3::ZERO,
     };
-    for who in [&mut client, &mut other] {
+    for member in [&mut client, &mut other] {
         for command in [pose.clone(), velocity.clone()] {
-            let outcome = who.command(command)?;
+            let outcome = member.command(command)?;
             let driven = Err(CommandError::UnderAuthority(id));
             ensure(
                 outcome == driven,
@@ -378,10 +378,10 @@ fn in_order(trial: &mut Trial<'_>) -> CaseResult {
 fn goes_on(trial: &mut Trial<'_>) -> CaseResult {
     let (mut client, id) = member(trial)?;
     must_take_authority(&mut client, &[id])?;
-    let nobody = body(client.granted, 9)?;
-    let answer = take_authority(&mut client, &[id, nobody])?;
+    let missing = body(client.granted, 9)?;
+    let answer = take_authority(&mut client, &[id, missing])?;
     ensure(
-        answer == Err(AuthorityError::UnknownBody(nobody)),
+        answer == Err(AuthorityError::UnknownBody(missing)),
         format!("the request is denied, not {answer:?}"),
     )?;
     let (linear, angular) = (Vec3::X, Vec3::ZERO);

@@ -203,7 +203,7 @@ const CASES: &[CaseRow] = &[
         39,
         "all members receive the same scene events of a command",
         "PROTOCOL 4.6-5, 4.6-9",
-        told_alike,
+        notified_alike,
     ),
     (
         40,
@@ -506,7 +506,7 @@ fn no_parts(trial: &mut Trial<'_>) -> CaseResult {
     client.must(Command::AddBody { config, motion }).map(drop)
 }
 
-fn told_alike(trial: &mut Trial<'_>) -> CaseResult {
+fn notified_alike(trial: &mut Trial<'_>) -> CaseResult {
     let mut one = member(trial)?;
     let mut other = trial.client_of(&one.scene.clone())?;
     other.hello()?;

@@ -34,10 +34,10 @@ const CASES: &[CaseRow] = &[
         "PROTOCOL 2.6-7, 2.6-11",
         |trial| {
             let mut lowest = 0.0_f64;
-            let mut hung = hang(trial, JointKind::Spherical(None))?;
+            let mut hanging = hang(trial, JointKind::Spherical(None))?;
             for tick in 1..=90 {
-                hung.subscriber.advance(Tick::new(tick))?;
-                lowest = lowest.min(hung.there()?.pose().position.y);
+                hanging.subscriber.advance(Tick::new(tick))?;
+                lowest = lowest.min(hanging.there()?.pose().position.y);
             }
             ensure(
                 lowest <= -1.8,
@@ -73,16 +73,16 @@ const CASES: &[CaseRow] = &[
         "a prismatic joint slides along its x axis only",
         "PROTOCOL 2.6-7, 2.6-11",
         |trial| {
-            let mut hung = hang(trial, JointKind::Prismatic(None))?;
-            let id = hung.body;
+            let mut hanging = hang(trial, JointKind::Prismatic(None))?;
+            let id = hanging.body;
             let (linear, angular) = (Vec3::X, Vec3::ZERO);
-            hung.subscriber.must(Command::SetVelocity {
+            hanging.subscriber.must(Command::SetVelocity {
                 id,
                 linear,
                 angular,
             })?;
-            hung.subscriber.advance(Tick::new(60))?;
-            let place = hung.there()?.pose().position;
+            hanging.subscriber.advance(Tick::new(60))?;
+            let place = hanging.there()?.pose().position;
             ensure(
                 (place.x - 3.0).abs() <= 0.05,
                 format!("it slides by one metre, and is at {place}"),
@@ -102,16 +102,16 @@ const CASES: &[CaseRow] = &[
                 least: -0.25,
                 most: 0.25,
             };
-            let mut hung = hang(trial, JointKind::Prismatic(Some(limits)))?;
-            let id = hung.body;
+            let mut hanging = hang(trial, JointKind::Prismatic(Some(limits)))?;
+            let id = hanging.body;
             let (linear, angular) = (Vec3::X * 2.0, Vec3::ZERO);
-            hung.subscriber.must(Command::SetVelocity {
+            hanging.subscriber.must(Command::SetVelocity {
                 id,
                 linear,
                 angular,
             })?;
-            hung.subscriber.advance(Tick::new(60))?;
-            let place = hung.there()?.pose().position;
+            hanging.subscriber.advance(Tick::new(60))?;
+            let place = hanging.there()?.pose().position;
             ensure(
                 (1.7..=2.3).contains(&place.x),
                 format!("it stays within 0.25 m, not at {place}"),
@@ -129,12 +129,13 @@ const CASES: &[CaseRow] = &[
         "a body is free after its joint is removed",
         "PROTOCOL 2.6-7, 2.6-11",
         |trial| {
-            let mut hung = hang(trial, JointKind::Fixed)?;
-            hung.subscriber.advance(Tick::new(10))?;
-            hung.subscriber
+            let mut hanging = hang(trial, JointKind::Fixed)?;
+            hanging.subscriber.advance(Tick::new(10))?;
+            hanging
+                .subscriber
                 .must(Command::RemoveJoint { id: JointId(0) })?;
-            hung.subscriber.advance(Tick::new(70))?;
-            let height = hung.there()?.pose().position.y;
+            hanging.subscriber.advance(Tick::new(70))?;
+            let height = hanging.there()?.pose().position.y;
             ensure(
                 height <= -4.0,
                 format!("it falls, and is not still at {height} m"),
@@ -168,20 +169,20 @@ fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<HangingBall, Stop> {
     let mut subscriber = trial.subscriber()?;
     subscriber.create(lockstep())?;
     let granted = subscriber.join(StreamChoice::Full)?;
-    let (hook, hung) = (body(granted, 0)?, body(granted, 1)?);
+    let (hook, hanging) = (body(granted, 0)?, body(granted, 1)?);
     subscriber.must(ball_shape())?;
     subscriber.must(Command::AddBody {
         config: BodyDesc::plain(hook, BodyKind::Static, BALL),
         motion: moving(Vec3::ZERO, Vec3::ZERO),
     })?;
-    subscriber.must(ball(hung, Vec3::X * 2.0, Vec3::ZERO))?;
+    subscriber.must(ball(hanging, Vec3::X * 2.0, Vec3::ZERO))?;
     let frame = |anchor| JointFrame {
         anchor,
         rotation: Quat::IDENTITY,
     };
     let joint = Joint {
         kind,
-        bodies: [hook, hung],
+        bodies: [hook, hanging],
         frames: [frame(Vec3::ZERO), frame(Vec3::X * -2.0)],
         collide: false,
     };
@@ -189,17 +190,17 @@ fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<HangingBall, Stop> {
     subscriber.must(Command::AddJoint { id, joint })?;
     Ok(HangingBall {
         subscriber,
-        body: hung,
+        body: hanging,
         joint,
     })
 }
 
 /// Checks a condition at every tick of two seconds.
 fn hangs(trial: &mut Trial<'_>, kind: JointKind, holds: fn(Motion) -> CaseResult) -> CaseResult {
-    let mut hung = hang(trial, kind)?;
+    let mut hanging = hang(trial, kind)?;
     for tick in 1..=120 {
-        hung.subscriber.advance(Tick::new(tick))?;
-        holds(hung.there()?)?;
+        hanging.subscriber.advance(Tick::new(tick))?;
+        holds(hanging.there()?)?;
     }
     Ok(())
 }
@@ -209,11 +210,11 @@ fn reported(trial: &mut Trial<'_>) -> CaseResult {
         least: -1.0,
         most: 0.5,
     };
-    let hung = hang(trial, JointKind::Revolute(Some(limits)))?;
-    let mut late = trial.client_of(&hung.subscriber.scene.clone())?;
+    let hanging = hang(trial, JointKind::Revolute(Some(limits)))?;
+    let mut late = trial.client_of(&hanging.subscriber.scene.clone())?;
     late.hello()?;
     let (_, scene_events) = late.join(StreamChoice::Full)?;
-    let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| matches!(scene_event, rhumb_protocol::message::SceneEvent::JointAdded { id: JointId(0), joint } if *joint == hung.joint);
+    let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| matches!(scene_event, rhumb_protocol::message::SceneEvent::JointAdded { id: JointId(0), joint } if *joint == hanging.joint);
     ensure(
         scene_events.iter().any(is_it),
         format!("as it was made, not {scene_events:?}"),

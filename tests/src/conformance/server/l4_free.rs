@@ -189,7 +189,7 @@ fn runs(
         truth.turn_for(Duration::from_millis(10));
     }
     let spoken = |subscriber: &LossyClient| {
-        let ticks = subscriber.seen.iter().flatten().map(|(tick, _)| *tick);
+        let ticks = subscriber.recorded.iter().flatten().map(|(tick, _)| *tick);
         ticks
             .skip(1)
             .all(|tick| config.publish_schedule.publishes(tick))

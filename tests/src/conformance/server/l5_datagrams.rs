@@ -29,7 +29,7 @@ pub(super) fn cases() -> Vec<Case> {
         let name = line["name"].as_str().unwrap_or_default();
         let case = Case::server("L5.2", &format!("malformed and dropped: {name}"));
         let case = case.keyed(&bytes).cites("PROTOCOL 2.5-4, 6.14-6");
-        let case = case.needs(&[Feature::FreeRunning, Feature::AuthorityGrant]);
+        let case = case.needs(&[Feature::FreeRunning, Feature::Authority]);
         Some(case.play(move |trial| dropped(trial, &bytes)))
     });
     cases.collect()
@@ -96,7 +96,7 @@ fn take_authority(client: &mut RawClient, id: BodyId) -> Result<StreamId, Stop> 
     client.await_message(
         "answer to the request for authority",
         |message| match message {
-            ServerMessage::AuthorityGrant(driving) => Some(Ok(driving.stream)),
+            ServerMessage::AuthorityGrant(grant) => Some(Ok(grant.stream)),
             ServerMessage::AuthorityDenied(error) => Some(Stop::fail(format!("{error}"))),
             _ => None,
         },
