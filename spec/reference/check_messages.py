@@ -1,6 +1,6 @@
 """Runs messages.py over the golden vectors of the control stream: both ways, each truncation, and what must be refused.
 
-Usage: python3 check_messages.py. Prints what failed, then a count; the exit code is 1 if anything did.
+Usage: python3 check_messages.py. Prints failures, then a count; the exit code is 1 after a failure.
 """
 
 import json

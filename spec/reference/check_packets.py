@@ -1,6 +1,6 @@
 """Runs packets.py over the golden vectors: both ways for valid packets, and the reason for refused ones.
 
-Usage: python3 check_packets.py. Prints what failed, then a count; the exit code is 1 if anything did.
+Usage: python3 check_packets.py. Prints failures, then a count; the exit code is 1 after a failure.
 """
 
 import json

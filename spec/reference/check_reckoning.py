@@ -1,6 +1,6 @@
 """Runs reckoning.py over the golden vectors, and compares its constants with the document.
 
-Usage: python3 check_reckoning.py. Prints what failed, then a count; the exit code is 1 if anything did.
+Usage: python3 check_reckoning.py. Prints failures, then a count; the exit code is 1 after a failure.
 """
 
 import json

@@ -1,6 +1,6 @@
 """Runs subscriber.py over the golden streams: after each tick and each loss it must have the recorded state.
 
-Usage: python3 check_streams.py. Prints what failed, then a count; the exit code is 1 if anything did.
+Usage: python3 check_streams.py. Prints failures, then a count; the exit code is 1 after a failure.
 """
 
 import json
