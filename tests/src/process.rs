@@ -196,7 +196,7 @@ impl ServerProcess {
 
 impl Drop for ServerProcess {
     fn drop(&mut self) {
-        // One that has ended already needs no ending.
+        // Killing a process that has already ended does nothing.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -130,12 +130,12 @@ fn a_body_under_client_authority_refuses_commands_until_it_is_released() {
 fn a_removed_body_ends_its_authority_and_its_index_can_be_reused() {
     let mut walk = Walk::new(Stepping::FreeRunning, 2, 2, 1);
     walk.set_link("rtt=80ms,loss=10%");
-    let (gone, stays) = (Avatars::id(0), Avatars::id(1));
+    let (removed, stays) = (Avatars::id(0), Avatars::id(1));
     for _ in 0..60 {
         walk.frame();
     }
     let second = walk.stage.enter(NORMAL);
-    let remove = Command::RemoveBody { id: gone };
+    let remove = Command::RemoveBody { id: removed };
     walk.stage
         .network
         .client_mut(second)
@@ -145,7 +145,7 @@ fn a_removed_body_ends_its_authority_and_its_index_can_be_reused() {
         let tick = walk.newest() + Ticks::new(6);
         let session = walk.stage.network.client_mut(COMMANDER);
         let known: Vec<BodyId> = session.authority_bodies().collect();
-        let motions = [(0, gone), (1, stays)];
+        let motions = [(0, removed), (1, stays)];
         let motions = motions.into_iter().filter(|(_, id)| known.contains(id));
         let motions: Vec<_> = motions
             .map(|(place, id)| (id, Avatars::walk(place, tick)))
@@ -170,7 +170,7 @@ fn a_removed_body_ends_its_authority_and_its_index_can_be_reused() {
         .copy(COMMANDER)
         .body(stays)
         .expect("an existing body");
-    let again = BodyId::new(gone.index(), 1);
+    let again = BodyId::new(removed.index(), 1);
     let config = rhumb_protocol::scene::BodyDesc {
         id: again,
         ..config
@@ -312,11 +312,16 @@ fn two_clients_with_authority_move_their_own_bodies_and_see_the_others() {
         walk.frame();
         if frame > 30 {
             let copy = walk.stage.copy(COMMANDER).stream();
-            let seen = copy
+            let displayed = copy
                 .predicted_motion(id, copy.complete())
                 .expect("an existing body");
             let published = at(copy.complete()).motion();
-            worst = worst.max(seen.pose().position.distance(published.pose().position));
+            worst = worst.max(
+                displayed
+                    .pose()
+                    .position
+                    .distance(published.pose().position),
+            );
         }
     }
     // Two tolerances, and the prediction error while a packet is lost for a round trip or two.

@@ -16,7 +16,7 @@ const TICKS: u64 = 240;
 
 fn hook(mut controller: Box<dyn Controller>) -> Hook {
     Hook::new(move |scene: &Scene, out| {
-        let motion = |id| scene.observation(id).map(|seen| seen.motion);
+        let motion = |id| scene.observation(id).map(|observation| observation.motion);
         controller.before_step(scene.tick(), &motion, out);
     })
 }

@@ -97,9 +97,9 @@ fn integrator() -> Integrator {
 /// Moving balls, some of which reverse their direction regularly.
 #[derive(Clone, Copy)]
 enum Scene {
-    /// Each ball is struck every so many ticks.
+    /// Each ball is hit at regular intervals.
     Struck,
-    /// No ball is ever struck.
+    /// No ball is ever hit.
     Free,
 }
 

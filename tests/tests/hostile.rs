@@ -395,11 +395,11 @@ fn requests_cost_only_their_answers() {
 fn a_reservation_of_nothing_takes_nothing() {
     let mut table = Table::default();
     let good = Good::new(&mut table, "good");
-    let gone = RawPeer::enter(&mut table, "good");
-    table.end(gone.peer);
+    let departed = RawPeer::enter(&mut table, "good");
+    table.end(departed.peer);
     let mut raw_peer = RawPeer::enter(&mut table, "good");
     assert_eq!(
-        raw_peer.granted, gone.granted,
+        raw_peer.granted, departed.granted,
         "free indices are granted again"
     );
     let leaver = RawPeer::enter(&mut table, "good");

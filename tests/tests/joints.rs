@@ -37,7 +37,7 @@ fn a_copy_has_the_joints_of_its_scene_from_the_first_tick_to_the_last() {
         .expect("the session is in the lobby");
     table.run_until_idle();
     let mut late = Vec::new();
-    let mut seen = [0_usize; 3];
+    let mut ticks_with = [0_usize; 3];
     for tick in 0..TICKS {
         let mut commands = Vec::new();
         script.commands(Tick::new(tick), &mut commands);
@@ -62,10 +62,10 @@ fn a_copy_has_the_joints_of_its_scene_from_the_first_tick_to_the_last() {
             late.push(peer);
         }
         let truth = listed(scene.joints());
-        seen[truth.len()] += 1;
+        ticks_with[truth.len()] += 1;
         for peer in late.iter().chain([&peer]) {
             assert_eq!(copied(&mut table, *peer), truth, "at tick {tick}");
         }
     }
-    assert!(seen[1] > 0 && seen[2] > 0, "{seen:?}");
+    assert!(ticks_with[1] > 0 && ticks_with[2] > 0, "{ticks_with:?}");
 }

@@ -291,9 +291,17 @@ fn two_clients_of_a_scene_display_the_same_states() {
     let (one, other) = (leader.view(), viewer.view());
     assert_eq!(one.ids().len(), other.ids().len());
     for (place, id) in one.ids().iter().enumerate() {
-        let seen = other.place(*id).unwrap();
-        assert_eq!(one.positions()[place], other.positions()[seen], "{id}");
-        assert_eq!(one.rotations()[place], other.rotations()[seen], "{id}");
+        let other_place = other.place(*id).unwrap();
+        assert_eq!(
+            one.positions()[place],
+            other.positions()[other_place],
+            "{id}"
+        );
+        assert_eq!(
+            one.rotations()[place],
+            other.rotations()[other_place],
+            "{id}"
+        );
     }
 }
 

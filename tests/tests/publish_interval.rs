@@ -85,12 +85,12 @@ fn every_claim_holds_and_is_about_a_published_tick() {
                 assert!(stream.is_converged(), "{what}: member {member}");
                 assert!(newest.value() > 200, "{what}: complete up to {newest} only");
                 for claim in &stage.histories[member].claims {
-                    let spoken = claim
+                    let is_published = claim
                         .tick
                         .value()
                         .is_multiple_of(u64::from(publish_interval));
                     let begun = starts.contains(&claim.tick);
-                    assert!(spoken || begun, "{what}: a claim at {}", claim.tick);
+                    assert!(published || begun, "{what}: a claim at {}", claim.tick);
                 }
                 assert!(stage.histories[member].claims.len() > 1_000, "{what}");
             }

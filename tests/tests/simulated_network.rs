@@ -524,13 +524,13 @@ fn a_forgotten_packet_is_not_reported_forever() {
 #[test]
 fn a_broken_connection_takes_its_member_and_no_body() {
     let mut stage = lockstep("ball-pit", NORMAL);
-    let gone = stage.enter(NORMAL);
+    let disconnected = stage.enter(NORMAL);
     for _ in 0..20 {
         stage.tick();
     }
-    stage.network.sever(gone, Ending::TimedOut);
+    stage.network.sever(disconnected, Ending::TimedOut);
     stage.tick();
-    assert_eq!(stage.histories[gone].ended, Some(Ending::TimedOut));
+    assert_eq!(stage.histories[disconnected].ended, Some(Ending::TimedOut));
     let again = stage.enter(NORMAL);
     assert_same_copy(stage.copy(COMMANDER), stage.copy(again));
     stage.network.client_mut(again).close(CloseCode::DONE);

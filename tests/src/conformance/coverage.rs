@@ -62,7 +62,7 @@ pub fn coverage() -> Vec<Covered> {
 #[must_use]
 pub fn reasons() -> BTreeMap<(Document, String), String> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/uncovered.json");
-    let text = std::fs::read_to_string(path).expect("the table lies beside this file");
+    let text = std::fs::read_to_string(path).expect("reading the table");
     let table: Value = serde_json::from_str(&text).expect("the table is JSON");
     let mut reasons = BTreeMap::new();
     for document in Document::ALL {

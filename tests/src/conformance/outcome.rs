@@ -5,7 +5,7 @@
 use std::fmt;
 use std::time::Duration;
 
-/// What a case's function returns.
+/// The result of a case's function.
 pub type CaseResult = Result<(), Stop>;
 
 /// Why a case ended early.

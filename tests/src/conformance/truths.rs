@@ -151,7 +151,7 @@ pub fn truths() -> String {
             let mut text = String::new();
             for (place, checksums) in bodies {
                 let space = if text.is_empty() { "" } else { " " };
-                write!(text, "{space}{place}:{checksums:016x}").expect("memory can be written to");
+                write!(text, "{space}{place}:{checksums:016x}").expect("writing to memory");
             }
             (tick.to_string(), Value::String(text))
         });
@@ -166,12 +166,15 @@ pub fn truths() -> String {
 /// Name and version of the engine, from the lock file of the workspace.
 fn engine() -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.lock");
-    let lock = std::fs::read_to_string(path).expect("the lock file lies above the crates");
+    let lock = std::fs::read_to_string(path).expect("reading the lock file");
     let mut lines = lock
         .lines()
         .skip_while(|line| *line != "name = \"rapier3d\"");
     let version = lines.nth(1).and_then(|line| line.split('"').nth(1));
-    format!("rapier3d {}", version.expect("the engine is locked"))
+    format!(
+        "rapier3d {}",
+        version.expect("the lock file contains the engine")
+    )
 }
 
 /// Balls that fall obliquely on a floor, roll, touch and come to rest; all with the default material of the scene.
@@ -221,7 +224,7 @@ impl Script for BallsOnGround {
             let motion = BodyState::new(place.to_array(), turn, linear.to_array(), [0.0; 3]);
             out.push(Command::AddBody {
                 config: BodyDesc::plain(id, kind, shape),
-                motion: motion.expect("balls are placed at finite poses"),
+                motion: motion.expect("a finite state"),
             });
         };
         let below = Vec3::new(0.0, -1.0, 0.0);

@@ -226,14 +226,20 @@ impl FuzzedServer {
         assert_is_within_limits(stream, stream.index_end().min(6_000) as u32);
         let mut all = Vec::new();
         self.truth.observe_all(&mut all);
-        for seen in all {
-            let config = *self.truth.body(seen.id).expect("an observed body exists");
+        for observation in all {
+            let config = *self
+                .truth
+                .body(observation.id)
+                .expect("an observed body exists");
             // A body that was added since the last step is published with the next one.
             let Some(predicted_motion) = stream.predicted_motion(config.id, tick) else {
                 continue;
             };
             let radius = self.truth.bounding_radius(config.id).expect("a shape");
-            let apart = Divergence::between(&seen.motion.motion().pose(), &predicted_motion.pose());
+            let apart = Divergence::between(
+                &observation.motion.motion().pose(),
+                &predicted_motion.pose(),
+            );
             let tolerance = Tolerance::NORMAL.scaled(config.tolerance_scale);
             let share = tolerance.share(&apart, radius);
             assert!(

@@ -84,8 +84,8 @@ fn step(scene: &mut Scene) {
         .expect("a scene of accepted commands can be stepped");
     let ids = scene.bodies().map(|config| config.id);
     for id in ids.collect::<Vec<_>>() {
-        let seen = scene.observation(id).expect("an existing body has a state");
-        assert_is_motion(&seen.motion.motion());
+        let observation = scene.observation(id).expect("an existing body has a state");
+        assert_is_motion(&observation.motion.motion());
     }
 }
 

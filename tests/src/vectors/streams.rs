@@ -171,7 +171,7 @@ fn record(recording: &Recording, seed: u64) -> Vec<Value> {
     table
         .session(peer)
         .create(config)
-        .expect("config of a script");
+        .expect("a valid configuration");
     table.run_until_idle();
     table
         .session(peer)

@@ -249,7 +249,7 @@ const ENDS: &[CaseRow] = &[
     ),
 ];
 
-/// Codes that a server may close with.
+/// Close codes that a server may use.
 fn codes() -> Vec<Case> {
     let mut cases = Vec::new();
     for (place, code) in [0_u32, 256, 257, 9_999, u32::MAX >> 2]

@@ -169,9 +169,9 @@ fn late_assignment(trial: &mut Trial<'_>) -> CaseResult {
             break asked;
         }
     };
-    let gone = || Stop::Inconclusive("the suite has no such body".into());
+    let no_body = || Stop::Inconclusive("the suite's subscriber has no such body".into());
     if asked.contains(&Low16::of(hand::NEXT + 4)) {
-        let track = truth.track(OTHER).ok_or_else(gone)?;
+        let track = truth.track(OTHER).ok_or_else(no_body)?;
         let goes_on = RefreshRecord {
             index: OTHER.index(),
             alias: Some(0),
@@ -184,15 +184,15 @@ fn late_assignment(trial: &mut Trial<'_>) -> CaseResult {
     let reported = hand::reported_tick(&mut server, LAST)?;
     let there = truth
         .predicted_motion(OTHER, Tick::new(LAST))
-        .ok_or_else(gone)?;
+        .ok_or_else(no_body)?;
     let predicted_motion = &reported["moving"][hand::name(OTHER)];
     ensure(
         *predicted_motion == bits(&there),
-        format!("it knows what the other body does, and does not hold {predicted_motion}"),
+        format!("the client predicts the other body correctly, not {predicted_motion}"),
     )?;
     let sum = format!("{:016x}", truth.state_checksum());
     ensure(
         reported["checksum"] == sum,
-        format!("its sum is {sum}, and not {}", reported["checksum"]),
+        format!("its checksum is {sum}, not {}", reported["checksum"]),
     )
 }

@@ -110,10 +110,10 @@ impl UpstreamTrial {
 
     /// Checks that all packets were accepted, and that the body was where the client published it.
     fn judge(&self, at_least: usize) -> CaseResult {
-        let (seen, worst) = (self.judged.len(), self.worst);
+        let (ticks, worst) = (self.judged.len(), self.worst);
         ensure(
-            seen >= at_least,
-            format!("it publishes for at least {at_least} ticks, not for {seen}"),
+            ticks >= at_least,
+            format!("it publishes for at least {at_least} ticks, not for {ticks}"),
         )?;
         ensure(
             worst <= 1.0 + ROUNDING,

@@ -75,9 +75,9 @@ impl ServerMutant {
         let certificate = Certificate::development(["localhost", "127.0.0.1"]);
         let server = QuicServer::bind(ServerOptions {
             listen: SocketAddr::from(([127, 0, 0, 1], 0)),
-            certificate: certificate.expect("a certificate can be made"),
+            certificate: certificate.expect("making a certificate"),
         });
-        let server = server.expect("loopback can be listened on");
+        let server = server.expect("listening on loopback");
         let (address, fingerprint) = (server.local_addr(), server.fingerprint());
         let stop = Stop::new();
         let asked = stop.clone();

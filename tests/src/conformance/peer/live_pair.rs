@@ -119,14 +119,13 @@ impl LivePair {
         let to = self.leader.replica()?.stream().watermark_tick().next();
         self.leader.ask_for(to)?;
         let stream_history = &mut self.stream_history;
-        self.leader
-            .turn_until("tick that was asked for", |leader| {
-                let Some(copy) = leader.copy() else {
-                    return false;
-                };
-                stream_history.keep(copy);
-                copy.stream().complete() >= to
-            })?;
+        self.leader.turn_until("requested tick", |leader| {
+            let Some(copy) = leader.copy() else {
+                return false;
+            };
+            stream_history.keep(copy);
+            copy.stream().complete() >= to
+        })?;
         self.read_reports()
     }
 

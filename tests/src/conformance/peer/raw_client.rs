@@ -375,9 +375,9 @@ impl RawClient {
     ///
     /// [`Stop::Fail`] when it is refused.
     pub fn must(&mut self, command: Command) -> Result<Tick, Stop> {
-        let said = format!("{command:?}");
+        let sent = format!("{command:?}");
         self.command(command)?
-            .map_err(|error| Stop::Fail(format!("{said} is refused: {error}")))
+            .map_err(|error| Stop::Fail(format!("{sent} is refused: {error}")))
     }
 
     /// Deletes the scene.

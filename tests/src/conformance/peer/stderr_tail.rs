@@ -64,7 +64,7 @@ mod tests {
             .stderr(Stdio::piped())
             .spawn()
             .expect("a shell");
-        let stderr_tail = StderrTail::of(child.stderr.take().expect("it is piped"));
+        let stderr_tail = StderrTail::of(child.stderr.take().expect("standard error is piped"));
         child.wait().expect("it ends");
         let last = stderr_tail.last();
         assert_eq!(last.len(), LINES_MAX);

@@ -19,7 +19,7 @@ fn worst_share(copy: &Replica, truth: &Replica, tick: Tick) -> Result<f64, Stop>
     let mut bodies = 0;
     for config in truth.bodies() {
         let id = config.id;
-        let missing = || Stop::Fail(format!("{id} is in the full stream alone at {tick}"));
+        let missing = || Stop::Fail(format!("{id} exists in the full stream only at {tick}"));
         let there = truth
             .stream()
             .predicted_motion(id, tick)

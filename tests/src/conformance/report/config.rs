@@ -75,7 +75,7 @@ mod tests {
         };
         assert_eq!(usual.to_string(), "seed 3, timeout 2 s");
         let other = RunSettings {
-            link: "loss=5%".parse().expect("config of a link"),
+            link: "loss=5%".parse().expect("a valid link configuration"),
             profile: Profile::BitExact,
             without: vec![Feature::Authority],
             ..usual

@@ -123,7 +123,12 @@ fn long(trial: &mut Trial<'_>, shape: &Shape) -> CaseResult {
     let mut late = trial.client_of(&client.scene.clone())?;
     late.hello()?;
     let (_, scene_events) = late.join(StreamChoice::Full)?;
-    let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| matches!(scene_event, rhumb_protocol::message::SceneEvent::ShapeAdded { shape: reported, .. } if reported == shape);
+    let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| {
+        matches!(
+            scene_event,
+            rhumb_protocol::message::SceneEvent::ShapeAdded { shape: reported, .. } if reported == shape
+        )
+    };
     ensure(
         scene_events.iter().any(is_it),
         "a late joiner receives the same shape",

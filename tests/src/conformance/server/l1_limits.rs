@@ -274,7 +274,7 @@ fn one_stream(trial: &mut Trial<'_>) -> CaseResult {
     )?;
     ensure(
         another.start.stream != first.start.stream,
-        "another choice is another stream",
+        "another choice has another stream",
     )
 }
 

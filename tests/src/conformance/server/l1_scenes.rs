@@ -192,7 +192,12 @@ fn left(trial: &mut Trial<'_>) -> CaseResult {
         matches!(message, ServerMessage::Left).then_some(())
     })?;
     let (_, scene_events) = client.join(NORMAL)?;
-    let is_it = |scene_event: &SceneEvent| matches!(scene_event, SceneEvent::BodyPlaced { config, .. } if config.id == id);
+    let is_it = |scene_event: &SceneEvent| {
+        matches!(
+            scene_event,
+            SceneEvent::BodyPlaced { config, .. } if config.id == id
+        )
+    };
     ensure(scene_events.iter().any(is_it), "its body still exists")?;
     // Command numbers of a membership start at 0.
     client.must(Command::RemoveBody { id }).map(drop)

@@ -118,7 +118,7 @@ fn play(trial: &mut Trial<'_>, state: SessionStage, kind: u8, expected: Expected
             let received = client.barrier()?;
             ensure(
                 received.is_empty(),
-                format!("it is not answered, but by {received:?}"),
+                format!("it must not be answered, but the answer is {received:?}"),
             )
         }
     }

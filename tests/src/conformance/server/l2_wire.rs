@@ -437,10 +437,10 @@ fn sums_of(
     packets: &[(u64, Vec<u8>)],
     newest: u64,
 ) -> Option<Vec<u8>> {
-    let said = |number| packets.iter().find(|(other, _)| *other == number);
+    let packet_of = |number| packets.iter().find(|(other, _)| *other == number);
     let covered: Option<Vec<_>> = repair_symbol
         .numbers(repair_symbol.last.expand(newest))
-        .map(|number| said(number).map(|(number, bytes)| (*number, &bytes[..])))
+        .map(|number| packet_of(number).map(|(number, bytes)| (*number, &bytes[..])))
         .collect();
     let mut covered = covered?;
     covered.reverse();

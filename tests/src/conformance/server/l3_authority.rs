@@ -298,8 +298,8 @@ fn drives(trial: &mut Trial<'_>, count: u32) -> CaseResult {
 fn near(publisher: &LossyClient, sent: &[(BodyId, BodyState)], tick: Tick) -> CaseResult {
     let stream = publisher.replica()?.stream();
     for (id, motion) in sent {
-        let gone = || Stop::Fail(format!("{id} does not exist"));
-        let there = stream.predicted_motion(*id, tick).ok_or_else(gone)?;
+        let no_body = || Stop::Fail(format!("{id} does not exist"));
+        let there = stream.predicted_motion(*id, tick).ok_or_else(no_body)?;
         let apart = rhumb_reckoning::Divergence::between(&motion.motion().pose(), &there.pose());
         let radius = rhumb_reckoning::Metres::new(f64::from(super::scenery::RADIUS));
         let share = CLOSE.share(&apart, radius);

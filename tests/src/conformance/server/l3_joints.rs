@@ -158,10 +158,10 @@ struct HangingBall {
 impl HangingBall {
     fn there(&self) -> Result<Motion, Stop> {
         let stream = self.subscriber.replica()?.stream();
-        let gone = || Stop::Fail("the body does not exist".into());
+        let no_body = || Stop::Fail("the body does not exist".into());
         stream
             .predicted_motion(self.body, stream.complete())
-            .ok_or_else(gone)
+            .ok_or_else(no_body)
     }
 }
 
@@ -214,7 +214,12 @@ fn reported(trial: &mut Trial<'_>) -> CaseResult {
     let mut late = trial.client_of(&hanging.subscriber.scene.clone())?;
     late.hello()?;
     let (_, scene_events) = late.join(StreamChoice::Full)?;
-    let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| matches!(scene_event, rhumb_protocol::message::SceneEvent::JointAdded { id: JointId(0), joint } if *joint == hanging.joint);
+    let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| {
+        matches!(
+            scene_event,
+            rhumb_protocol::message::SceneEvent::JointAdded { id: JointId(0), joint } if *joint == hanging.joint
+        )
+    };
     ensure(
         scene_events.iter().any(is_it),
         format!("as it was made, not {scene_events:?}"),

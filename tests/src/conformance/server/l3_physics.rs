@@ -64,10 +64,10 @@ pub(super) fn alone(
 /// The motion of a body at the newest tick.
 pub(super) fn now(subscriber: &LossyClient, id: BodyId) -> Result<Motion, Stop> {
     let stream = subscriber.replica()?.stream();
-    let gone = || Stop::Fail(format!("{id} does not exist"));
+    let no_body = || Stop::Fail(format!("{id} does not exist"));
     stream
         .predicted_motion(id, stream.complete())
-        .ok_or_else(gone)
+        .ok_or_else(no_body)
 }
 
 fn falls(trial: &mut Trial<'_>) -> CaseResult {

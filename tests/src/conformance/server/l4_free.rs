@@ -188,17 +188,20 @@ fn runs(
         copy.turn_for(Duration::from_millis(10));
         truth.turn_for(Duration::from_millis(10));
     }
-    let spoken = |subscriber: &LossyClient| {
+    let is_published = |subscriber: &LossyClient| {
         let ticks = subscriber.recorded.iter().flatten().map(|(tick, _)| *tick);
         ticks
             .skip(1)
             .all(|tick| config.publish_schedule.publishes(tick))
     };
-    ensure(spoken(&truth), "complete ticks are the published ones")?;
+    ensure(
+        is_published(&truth),
+        "complete ticks are the published ones",
+    )?;
     let compared = compare_recorded(&copy, &truth)?;
     ensure(
         compared >= 10,
-        format!("{compared} ticks could be compared"),
+        format!("enough ticks are comparable, not only {compared}"),
     )
 }
 
@@ -349,7 +352,7 @@ fn budget(trial: &mut Trial<'_>) -> CaseResult {
     }
     ensure(
         exceeded > 0,
-        "a thousand bytes a second do not suffice for twenty balls",
+        "the error scale must exceed one: a thousand bytes per second are too few for twenty balls",
     )
 }
 

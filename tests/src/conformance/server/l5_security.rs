@@ -310,8 +310,8 @@ fn deaf(trial: &mut Trial<'_>) -> CaseResult {
         attacker.send(&ClientMessage::Resync);
         tick += 1;
         good.advance(Tick::new(tick))?;
-        while let Some(seen) = attacker.connection.hear(std::time::Duration::ZERO) {
-            if let rhumb_transport::RawEvent::Ended(end) = seen {
+        while let Some(event) = attacker.connection.hear(std::time::Duration::ZERO) {
+            if let rhumb_transport::RawEvent::Ended(end) = event {
                 let overflow = rhumb_transport::RawPeerEnd::Closed(CONTROL_OVERFLOW);
                 ensure(
                     end == overflow,

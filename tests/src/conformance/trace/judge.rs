@@ -107,7 +107,7 @@ pub(super) struct TracedCopy {
     has_budget: bool,
     mismatches: u64,
     frames: BTreeMap<u32, (u64, u64)>,
-    seen: BTreeMap<u32, Poses>,
+    poses_by_frame: BTreeMap<u32, Poses>,
     breaches: BTreeMap<(u64, Body), i32>,
     copy: BTreeMap<Body, Option<Pose>>,
     next: u32,
@@ -140,7 +140,7 @@ impl TracedCopy {
             mismatches: (mismatches.and_then(|text| text.parse().ok()))
                 .ok_or_else(|| format!("mismatches is not a count: {mismatches:?}"))?,
             frames: BTreeMap::new(),
-            seen: BTreeMap::new(),
+            poses_by_frame: BTreeMap::new(),
             breaches: BTreeMap::new(),
             copy: BTreeMap::new(),
             next: 0,
@@ -169,7 +169,7 @@ impl TracedCopy {
     }
 
     pub(super) fn add_poses(&mut self, poses: Poses) {
-        self.seen.insert(poses.frame, poses);
+        self.poses_by_frame.insert(poses.frame, poses);
     }
 
     pub(super) fn add_breach(&mut self, breach: &Breach) {
@@ -182,7 +182,7 @@ impl TracedCopy {
         while let Some(&(at, body_ticks)) = self.frames.get(&self.next)
             && at <= tick
         {
-            if let Some(poses) = self.seen.remove(&self.next) {
+            if let Some(poses) = self.poses_by_frame.remove(&self.next) {
                 self.show(&poses);
             }
             self.next += 1;
