@@ -1,4 +1,4 @@
-//! Prints the bit-exact reference motions of some scenes; `--write` writes them.
+//! Prints bit-exact reference motions of some scenes; `--write` writes them.
 
 use std::io::Write;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! A member with authority over walking avatars, and a check of the server's states.
+//! Walking avatars under a member's authority, and the check of their states.
 //!
 //! The member publishes over a simulated link; a subscriber to the full stream knows the server's states. At each tick
 //! whose upstream arrived completely in time, these must be within the tolerance of the published states.

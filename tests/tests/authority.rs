@@ -1,4 +1,4 @@
-//! Authority over bodies: grants, their beginning and end, and their effect on others.
+//! Authority over bodies: grants, their end, and their effect on others.
 //!
 //! The tests run in virtual time with `Walk`; the accuracy of published bodies is tested in `upstream`.
 

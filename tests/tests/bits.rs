@@ -1,4 +1,4 @@
-//! Every bit of the golden vectors flipped: no panic, and no state out of limits.
+//! Every bit of the golden vectors flipped: no panic, no invalid state.
 //!
 //! Each datagram of a stream is flipped at the time of its receipt: a copy of the subscriber with all earlier data
 //! receives it. The resulting predictions are checked for now and for one second later.

@@ -1,4 +1,4 @@
-//! Arbitrary bytes of one peer do not affect others, and end with a close code.
+//! Arbitrary bytes of a peer do not affect others, and end with a code.
 //!
 //! A real server has well-behaved clients, which are real sessions compared with a parallel scene, and raw peers. The
 //! raw peers send arbitrary bytes, damaged recordings of real sessions, and messages at the wrong time. Well-formed

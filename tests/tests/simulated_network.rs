@@ -1,4 +1,4 @@
-//! A server and members over simulated links: properties that hold at every tick.
+//! A server and members over simulated links: what holds at every tick.
 //!
 //! The tests run in virtual time. Every claim of every member, that a body is within a distance of a pose at a tick,
 //! is stored several times per tick and checked against the truth afterwards. The truth is a replay of the commands at

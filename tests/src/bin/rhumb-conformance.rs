@@ -1,4 +1,4 @@
-//! The `rhumb-conformance` binary: tests implementations over a real connection.
+//! The `rhumb-conformance` binary: tests implementations over a connection.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! `rhumb-conformance`: tests implementations of the protocol over a real connection.
+//! `rhumb-conformance`: tests implementations over a real connection.
 //!
 //! Every verdict comes from observed packets and messages, never from what a peer claims about itself. This module
 //! takes part in no session. Where a case needs the meaning of a stream, it decodes it with the project's own

@@ -1,4 +1,4 @@
-//! The outcome of a case: its behaviour and, separately, how the connection closed.
+//! The outcome of a case: behaviour and, separately, the connection's close.
 //!
 //! Contains no checks of its own; the words are those of the reports.
 

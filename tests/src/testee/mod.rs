@@ -1,4 +1,4 @@
-//! A client under test: subscribes to a scene and reports its state, line by line.
+//! A client under test: subscribes to a scene and reports its state.
 //!
 //! It is started as `docs/implementing.md` describes: the environment gives its server and its task. It makes no
 //! checks. All data passes through a [`Behaviour`]; the honest one leaves it unchanged, those of `conformance/mutants`

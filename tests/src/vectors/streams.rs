@@ -1,4 +1,4 @@
-//! Golden streams: data that a member received over a bad link, and its resulting state.
+//! Golden streams: data received over a bad link, and the resulting states.
 //!
 //! They are recorded from a real server by `cargo run -p rhumb-tests --example control_vectors -- --write`. The tests
 //! replay the received data to a session. So a change of the engine does not invalidate them, but a change of the wire

@@ -1,4 +1,4 @@
-//! L1.51: how clients begin a session, and what they accept or refuse before they join.
+//! L1.51: how clients begin a session, and what they refuse before joining.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! L2.51: gaps in a stream: what a client reports, and what it may conclude meanwhile.
+//! L2.51: gaps in a stream: loss reports, and conclusions meanwhile.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;

@@ -1,4 +1,4 @@
-//! L3.51: a body under a client's authority follows its trajectory within the promised tolerance.
+//! L3.51: a body under a client's authority stays within tolerance.
 //!
 //! The client moves a body along a trajectory that is a function of the tick. A subscriber to the full stream knows
 //! the server's state at each tick, bit for bit.

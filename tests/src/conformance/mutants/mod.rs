@@ -1,4 +1,4 @@
-//! Mutants: peers that break one promise on purpose, so that its case must fail.
+//! Mutants: peers that break one promise, so that its case must fail.
 //!
 //! No mutant changes the product: each wraps a correct peer and alters the data that it receives or sends.
 

@@ -4,11 +4,13 @@
 //! well-formed.
 
 use rhumb_protocol::packet::{
-    ChecksumMismatch, Checksums, FullPacket, Head, LossReport, PacketKind, Refresh, RepairSymbol,
-    StreamId, UpdatePacket, Watermark,
+    ChecksumMismatch, Checksums, FullPacket, Head, LossReport, Low16, PacketKind, Refresh,
+    RepairSymbol, StreamId, UpdatePacket, Watermark,
 };
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
+
+use crate::conformance::outcome::{Stop, ensure};
 
 /// Kind values that the protocol does not assign.
 pub(crate) const NO_KINDS: [u8; 4] = [10, 13, 14, 15];
@@ -92,6 +94,61 @@ pub(crate) fn read(datagram: &[u8]) -> Result<(), Malformed> {
         PacketKind::ChecksumMismatch => ChecksumMismatch::decode(from).map(drop),
         PacketKind::RepairSymbol => RepairSymbol::decode(from).map(drop),
     }
+}
+
+/// Decodes the body of a datagram.
+///
+/// # Errors
+///
+/// [`Stop::Fail`] when it is malformed.
+pub(crate) fn body<'a, T>(
+    bytes: &'a [u8],
+    decode: impl FnOnce(Reader<'a>) -> Result<T, Malformed>,
+) -> Result<T, Stop> {
+    let mut reader = Reader::new(bytes);
+    let read = Head::decode(&mut reader).and_then(|_| decode(reader));
+    read.map_err(|why| Stop::Fail(format!("a datagram is malformed: {why:?}")))
+}
+
+/// The state packet, if the datagram is one; its updates are decoded too.
+///
+/// # Errors
+///
+/// [`Stop::Fail`] when it is malformed, or when its updates are out of order.
+pub(crate) fn state_packet(
+    kind: PacketKind,
+    bytes: &[u8],
+) -> Result<Option<UpdatePacket<'_>>, Stop> {
+    if !matches!(kind, PacketKind::Updates | PacketKind::UpdatesEnd) {
+        return Ok(None);
+    }
+    let packet = body(bytes, |reader| {
+        UpdatePacket::decode(kind == PacketKind::UpdatesEnd, reader)
+    })?;
+    let again = body(bytes, |reader| {
+        UpdatePacket::decode(kind == PacketKind::UpdatesEnd, reader)
+    })?;
+    let mut updates = Vec::new();
+    again
+        .updates(&mut updates)
+        .map_err(|why| Stop::Fail(format!("updates are malformed: {why:?}")))?;
+    let rise = updates.windows(2).all(|pair| pair[0].alias < pair[1].alias);
+    ensure(rise, "updates come in rising order of alias")?;
+    Ok(Some(packet))
+}
+
+/// The tick that a datagram completes, if any.
+///
+/// # Errors
+///
+/// [`Stop::Fail`] when it is malformed.
+pub(crate) fn completed_tick(kind: PacketKind, bytes: &[u8]) -> Result<Option<Low16>, Stop> {
+    Ok(match kind {
+        PacketKind::UpdatesEnd => state_packet(kind, bytes)?.map(|packet| packet.tick),
+        PacketKind::Watermark => Some(body(bytes, Watermark::decode)?.tick),
+        PacketKind::Checksums => Some(body(bytes, Checksums::decode)?.tick),
+        _ => None,
+    })
 }
 
 #[cfg(test)]

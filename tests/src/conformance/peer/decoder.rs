@@ -1,4 +1,4 @@
-//! The decoder under test: a process that answers line by line, or the built-in one.
+//! The decoder under test: a process that answers lines, or the built-in one.
 //!
 //! A question and its answer are one JSON object per line; `docs/implementing.md` describes them.
 

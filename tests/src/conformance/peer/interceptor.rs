@@ -1,4 +1,4 @@
-//! A real server in this process, with a case between it and the client under test.
+//! A real server, with a case between it and the client under test.
 //!
 //! An undisturbed session of this project, the mirror, subscribes to the same stream. Its replica is what the client
 //! must hold, bit for bit.

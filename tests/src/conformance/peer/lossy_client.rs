@@ -1,4 +1,4 @@
-//! A client with a replica, whose datagrams are dropped or reordered as a case wants.
+//! A client with a replica, whose datagrams a case drops or reorders.
 //!
 //! The replica is kept by the project's own session; the case selects which datagrams reach it. So a case can compare
 //! the server's stream with the conclusions that the protocol allows a subscriber.

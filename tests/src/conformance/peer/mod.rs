@@ -1,4 +1,4 @@
-//! The suite's own ends of connections; each misbehaves only where a case asks for it.
+//! The suite's own ends of connections, which misbehave only on request.
 
 mod client_process;
 pub(super) mod datagram;

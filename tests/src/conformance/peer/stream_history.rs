@@ -1,4 +1,4 @@
-//! The history of a stream by tick, against which a client's reports are checked.
+//! The history of a stream by tick, for the check of a client's reports.
 //!
 //! The history comes from an undisturbed copy. Each report is checked once.
 

@@ -1,4 +1,4 @@
-//! L0.11 to L0.14: the golden vectors of client messages, sent over a connection.
+//! L0.11 to L0.14: golden vectors of client messages, sent to a server.
 //!
 //! Each vector is a case, named by its key. If a message has two faults, the server may find either first. For
 //! example, an object named by the message may not exist, which is a valid reason to refuse it too.

@@ -1,4 +1,4 @@
-//! L1.6: a server refuses features that it declares as missing, and grants all others.
+//! L1.6: a server refuses declared missing features, and grants all others.
 //!
 //! So a server cannot pass by a false declaration: it fails if it grants a feature that `--without` declares as
 //! missing.

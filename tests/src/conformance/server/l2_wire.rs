@@ -1,4 +1,4 @@
-//! L2.2: the datagrams of a stream in reaction to messages and datagrams of a member, bit by bit.
+//! L2.2: the datagrams that answer a member's messages, bit by bit.
 //!
 //! No session is in between: a raw member sends a loss report or a mismatch, and decodes the answers.
 
@@ -6,305 +6,150 @@ use glam::Vec3;
 use rhumb_protocol::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX};
 use rhumb_protocol::message::{ClientMessage, Joined, ServerMessage, StreamChoice};
 use rhumb_protocol::packet::{
-    ChecksumMismatch, Checksums, Head, IndexRanges, LossReport, Low16, PacketKind, Refresh,
-    RepairSymbol, UpdatePacket, Watermark,
+    ChecksumMismatch, Checksums, Head, IndexRanges, Low16, PacketKind, Refresh, RepairSymbol,
+    Watermark,
 };
 use rhumb_protocol::scene::Command;
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_reckoning::Tick;
 
+use super::raw_member::RawMember;
 use super::scenery::{EXACT, NORMAL, ball, ball_shape, body, lockstep};
-use crate::conformance::case::{Case, Feature};
+use super::table;
+use crate::conformance::case::{Case, CaseRow, Feature};
 use crate::conformance::outcome::{CaseResult, Stop, ensure, should};
-use crate::conformance::peer::RawClient;
+use crate::conformance::peer::{RawClient, datagram};
 use crate::conformance::trial::Trial;
 
+/// The cases of the group: promise, citations, test function.
+const CASES: &[CaseRow] = &[
+    (
+        1,
+        "a loss report is answered by a watermark",
+        "PROTOCOL 6.4-3, 5.13-1, 5.10-1, 5.10-2",
+        loss_report_answered,
+    ),
+    (
+        2,
+        "each requested tick is completed, by its last packet or by a watermark",
+        "PROTOCOL 6.4-1, 6.3-12, 6.3-4, 5.9-1",
+        each_tick,
+    ),
+    (
+        3,
+        "packet numbers rise by one, starting with the number in the snapshot",
+        "PROTOCOL 5.9-1, 6.11-2, 6.3-12, 5.7-1",
+        numbers,
+    ),
+    (
+        4,
+        "no datagram is longer than 1150 bytes",
+        "PROTOCOL 5.8-3",
+        short,
+    ),
+    (
+        5,
+        "a lost packet is refreshed with the present tracks of its bodies",
+        "PROTOCOL 6.7-3, 6.7-4, 5.11-1, 5.11-2",
+        refreshed,
+    ),
+    (
+        6,
+        "a refresh leaves out removed bodies",
+        "PROTOCOL 6.7-4, 5.11-4",
+        refresh_without_removed,
+    ),
+    (
+        7,
+        "a loss report for a packet that was never sent is ignored",
+        "PROTOCOL 6.7-7, 5.7-1",
+        never_sent,
+    ),
+    (
+        8,
+        "a member that requests repair symbols for lost packets receives some",
+        "PROTOCOL 6.15-8, 5.16-3, 5.16-4",
+        repair_symbols,
+    ),
+    (
+        9,
+        "a mismatch of all indices is answered by checksums of ranges",
+        "PROTOCOL 6.12-7, 5.14-1, 5.14-2, 5.15-1",
+        mismatch_of_all,
+    ),
+    (
+        10,
+        "a mismatch of one index is answered by its track",
+        "PROTOCOL 6.12-7",
+        mismatch_of_one,
+    ),
+    (
+        11,
+        "a sleeping body needs no updates, and its ticks are completed by watermarks",
+        "PROTOCOL 6.3-9, 6.4-1, 6.13-3",
+        asleep,
+    ),
+    (
+        12,
+        "a resync is answered by a full snapshot, and command numbers continue",
+        "PROTOCOL 4.8-5, 4.8-6, 4.8-3",
+        resync,
+    ),
+    (
+        13,
+        "a member that changes its choice receives both streams until it confirms the new one",
+        "PROTOCOL 4.8-8, 4.8-10, 4.8-11, 4.8-12",
+        follows,
+    ),
+    (
+        14,
+        "of several simultaneous subscribe messages only the last is answered",
+        "PROTOCOL 4.8-9, 4.8-13",
+        only_the_last,
+    ),
+    (
+        15,
+        "a datagram counts the scene events that were sent before it",
+        "PROTOCOL 4.6-5, 4.6-6, 6.3-3",
+        scene_events_counted,
+    ),
+    (
+        16,
+        "a snapshot contains shapes, bodies in order and joints, and nothing else",
+        "PROTOCOL 4.8-1, 4.8-2, 4.8-4, 6.13-5",
+        snapshot,
+    ),
+    (
+        17,
+        "the checksum over all tracks is sent while bodies move",
+        "PROTOCOL 6.12-3, 6.12-4",
+        checksum_packets,
+    ),
+];
+
 pub(super) fn cases() -> Vec<Case> {
-    let case = |id: &str, name: &str, cites: &str| {
-        Case::server(id, name)
-            .cites(cites)
-            .needs(&[Feature::Lockstep])
-    };
-    vec![
-        case(
-            "L2.2.1",
-            "a loss report is answered by a watermark",
-            "PROTOCOL 6.4-3, 5.13-1, 5.10-1, 5.10-2",
-        )
-        .play(|trial| {
-            let mut member_link = RawMember::begin(trial, NORMAL, 1)?;
-            let next = member_link.joined.start.next;
-            member_link.loss_report(next, 0, &[])?;
-            let watermark = member_link.watermark()?;
-            ensure(watermark.next == Low16::of(next), "it has the same number")?;
-            ensure(watermark.tick == Low16::of(0), "it has the newest tick")
-        }),
-        case(
-            "L2.2.2",
-            "each requested tick is completed, by its last packet or by a watermark",
-            "PROTOCOL 6.4-1, 6.3-12, 6.3-4, 5.9-1",
-        )
-        .play(each_tick),
-        case(
-            "L2.2.3",
-            "packet numbers rise by one, starting with the number in the snapshot",
-            "PROTOCOL 5.9-1, 6.11-2, 6.3-12, 5.7-1",
-        )
-        .play(numbers),
-        case(
-            "L2.2.4",
-            "no datagram is longer than 1150 bytes",
-            "PROTOCOL 5.8-3",
-        )
-        .play(short),
-        case(
-            "L2.2.5",
-            "a lost packet is refreshed with the present tracks of its bodies",
-            "PROTOCOL 6.7-3, 6.7-4, 5.11-1, 5.11-2",
-        )
-        .play(refreshed),
-        case(
-            "L2.2.6",
-            "a refresh leaves out removed bodies",
-            "PROTOCOL 6.7-4, 5.11-4",
-        )
-        .play(refreshed_gone),
-        case(
-            "L2.2.7",
-            "a loss report for a packet that was never sent is ignored",
-            "PROTOCOL 6.7-7, 5.7-1",
-        )
-        .play(never_sent),
-        case(
-            "L2.2.8",
-            "a member that requests repair symbols for lost packets receives some",
-            "PROTOCOL 6.15-8, 5.16-3, 5.16-4",
-        )
-        .play(repair_symbols),
-        case(
-            "L2.2.9",
-            "a mismatch of all indices is answered by checksums of ranges",
-            "PROTOCOL 6.12-7, 5.14-1, 5.14-2, 5.15-1",
-        )
-        .play(doubted),
-        case(
-            "L2.2.10",
-            "a mismatch of one index is answered by its track",
-            "PROTOCOL 6.12-7",
-        )
-        .play(doubted_one),
-        case(
-            "L2.2.11",
-            "a sleeping body needs no updates, and its ticks are completed by watermarks",
-            "PROTOCOL 6.3-9, 6.4-1, 6.13-3",
-        )
-        .play(asleep),
-        case(
-            "L2.2.12",
-            "a resync is answered by a full snapshot, and command numbers continue",
-            "PROTOCOL 4.8-5, 4.8-6, 4.8-3",
-        )
-        .play(resync),
-        case(
-            "L2.2.13",
-            "a member that changes its choice receives both streams until it confirms the new one",
-            "PROTOCOL 4.8-8, 4.8-10, 4.8-11, 4.8-12",
-        )
-        .play(follows),
-        case(
-            "L2.2.14",
-            "of several simultaneous subscribe messages only the last is answered",
-            "PROTOCOL 4.8-9, 4.8-13",
-        )
-        .play(only_the_last),
-        case(
-            "L2.2.15",
-            "a datagram counts the scene events that were sent before it",
-            "PROTOCOL 4.6-5, 4.6-6, 6.3-3",
-        )
-        .play(notices_counted),
-        case(
-            "L2.2.16",
-            "a snapshot contains shapes, bodies in order and joints, and nothing else",
-            "PROTOCOL 4.8-1, 4.8-2, 4.8-4, 6.13-5",
-        )
-        .play(snapshot),
-        case(
-            "L2.2.17",
-            "the checksum over all tracks is sent while bodies move",
-            "PROTOCOL 6.12-3, 6.12-4",
-        )
-        .play(checksum_packets),
-    ]
+    table("L2.2", &[Feature::Lockstep], CASES).collect()
 }
 
-/// A raw member, and its knowledge of its stream.
-struct RawMember {
-    client: RawClient,
-    joined: Joined,
-    /// Number of scene events outside of snapshots.
-    scene_events: u64,
-    balls: u32,
-}
-
-impl RawMember {
-    /// A scene with this number of balls that fall side by side.
-    fn begin(trial: &mut Trial<'_>, choice: StreamChoice, balls: u32) -> Result<Self, Stop> {
-        let mut client = trial.client()?;
-        let joined = client.enter(lockstep(), choice)?;
-        client.must(ball_shape())?;
-        for place in 0..balls {
-            let at = Vec3::new((3 * place) as f32, 100.0, 0.0);
-            let id = body(client.granted, place)?;
-            client.must(ball(id, at, Vec3::new(0.0, place as f32 / 7.0, 1.0)))?;
-        }
-        let scene_events = joined.start.scene_events + u64::from(balls) + 1;
-        Ok(Self {
-            client,
-            joined,
-            scene_events,
-            balls,
-        })
-    }
-
-    fn loss_report(&mut self, next: u64, repair_symbols: u8, lost: &[u64]) -> CaseResult {
-        let loss_report = LossReport {
-            next: Low16::of(next),
-            gone: Low16::of(lost.len() as u64),
-            repair_symbols,
-            lost: lost.iter().map(|number| Low16::of(*number)).collect(),
-        };
-        self.client
-            .send_datagram(&loss_report.encode(self.joined.start.stream))
-    }
-
-    /// The next datagram: its kind and its bytes.
-    fn next(&mut self) -> Result<(PacketKind, Vec<u8>), Stop> {
-        let datagram = self.client.next_datagram()?;
-        let datagram = datagram.ok_or_else(|| Stop::Fail("no datagram arrives".into()))?;
-        let head = Head::decode(&mut Reader::new(&datagram));
-        let head = head.map_err(|why| Stop::Fail(format!("a datagram is malformed: {why:?}")))?;
-        ensure(
-            head.stream == self.joined.start.stream,
-            "it belongs to the member's stream",
-        )?;
-        Ok((head.kind, datagram.to_vec()))
-    }
-
-    fn watermark(&mut self) -> Result<Watermark, Stop> {
-        loop {
-            let (kind, bytes) = self.next()?;
-            if kind == PacketKind::Watermark {
-                return read(&bytes, Watermark::decode);
-            }
-        }
-    }
-
-    /// Pushes each ball differently, so that each needs an update of its own.
-    fn push_balls(&mut self) -> CaseResult {
-        for place in 0..self.balls {
-            let way = Vec3::new(place as f32 / 7.0 - 1.0, 1.0, 1.0);
-            let impulse = way
-                * if self.client.commands.is_multiple_of(2) {
-                    300.0
-                } else {
-                    -200.0
-                };
-            let id = body(self.client.granted, place)?;
-            self.client
-                .send(&ClientMessage::Command(Command::Impulse { id, impulse }));
-        }
-        Ok(())
-    }
-
-    /// Steps to a tick and returns all datagrams up to its end, each with its kind.
-    fn step(&mut self, to: u64) -> Result<Vec<(PacketKind, Vec<u8>)>, Stop> {
-        self.client
-            .send(&ClientMessage::Advance { to: Tick::new(to) });
-        let mut all = Vec::new();
-        loop {
-            let (kind, bytes) = self.next()?;
-            let ended = tick_that_ends(kind, &bytes)?;
-            all.push((kind, bytes));
-            if ended == Some(Low16::of(to)) {
-                return Ok(all);
-            }
-        }
-    }
-
-    /// Numbers of the state packets up to a tick.
-    fn numbers_to(&mut self, tick: u64) -> Result<Vec<u64>, Stop> {
-        let packets = self.packets_to(tick)?;
-        Ok(packets.into_iter().map(|(number, _)| number).collect())
-    }
-
-    /// State packets up to a tick, with their numbers.
-    fn packets_to(&mut self, tick: u64) -> Result<Vec<(u64, Vec<u8>)>, Stop> {
-        let mut expected = self.joined.start.next;
-        let mut packets = Vec::new();
-        for to in 1..=tick {
-            self.push_balls()?;
-            for (kind, bytes) in self.step(to)? {
-                if let Some(packet) = state(kind, &bytes)? {
-                    expected = packet.number.expand(expected);
-                    packets.push((expected, bytes));
-                }
-            }
-        }
-        Ok(packets)
-    }
-}
-
-/// Decodes the part after a head.
-fn read<'a, T>(
-    bytes: &'a [u8],
-    decode: impl FnOnce(Reader<'a>) -> Result<T, rhumb_protocol::wire::Malformed>,
-) -> Result<T, Stop> {
-    let mut reader = Reader::new(bytes);
-    let read = Head::decode(&mut reader).and_then(|_| decode(reader));
-    read.map_err(|why| Stop::Fail(format!("a datagram is malformed: {why:?}")))
-}
-
-/// The state packet, if the datagram is one; its updates are decoded too.
-fn state(kind: PacketKind, bytes: &[u8]) -> Result<Option<UpdatePacket<'_>>, Stop> {
-    if !matches!(kind, PacketKind::Updates | PacketKind::UpdatesEnd) {
-        return Ok(None);
-    }
-    let packet = read(bytes, |reader| {
-        UpdatePacket::decode(kind == PacketKind::UpdatesEnd, reader)
-    })?;
-    let again = read(bytes, |reader| {
-        UpdatePacket::decode(kind == PacketKind::UpdatesEnd, reader)
-    })?;
-    let mut updates = Vec::new();
-    again
-        .updates(&mut updates)
-        .map_err(|why| Stop::Fail(format!("updates are malformed: {why:?}")))?;
-    let rise = updates.windows(2).all(|pair| pair[0].alias < pair[1].alias);
-    ensure(rise, "updates come in rising order of alias")?;
-    Ok(Some(packet))
-}
-
-/// The tick that this datagram completes, if any.
-fn tick_that_ends(kind: PacketKind, bytes: &[u8]) -> Result<Option<Low16>, Stop> {
-    Ok(match kind {
-        PacketKind::UpdatesEnd => state(kind, bytes)?.map(|packet| packet.tick),
-        PacketKind::Watermark => Some(read(bytes, Watermark::decode)?.tick),
-        PacketKind::Checksums => Some(read(bytes, Checksums::decode)?.tick),
-        _ => None,
-    })
+fn loss_report_answered(trial: &mut Trial<'_>) -> CaseResult {
+    let mut member = RawMember::begin(trial, NORMAL, 1)?;
+    let next = member.joined.start.next;
+    member.loss_report(next, 0, &[])?;
+    let watermark = member.watermark()?;
+    ensure(watermark.next == Low16::of(next), "it has the same number")?;
+    ensure(watermark.tick == Low16::of(0), "it has the newest tick")
 }
 
 fn each_tick(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, EXACT, 8)?;
-    member_link
+    let mut member = RawMember::begin(trial, EXACT, 8)?;
+    member
         .client
         .send(&ClientMessage::Advance { to: Tick::new(40) });
     let mut expected = 1;
     while expected <= 40 {
-        let (kind, bytes) = member_link.next()?;
-        if let Some(tick) = tick_that_ends(kind, &bytes)? {
+        let (kind, bytes) = member.next()?;
+        if let Some(tick) = datagram::completed_tick(kind, &bytes)? {
             // The watermark that answers a loss report, and a checksum packet, may repeat a tick.
             let again = tick == Low16::of(expected - 1);
             ensure(
@@ -318,9 +163,9 @@ fn each_tick(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn numbers(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, EXACT, 30)?;
-    let numbers = member_link.numbers_to(30)?;
-    let first = member_link.joined.start.next;
+    let mut member = RawMember::begin(trial, EXACT, 30)?;
+    let numbers = member.numbers_to(30)?;
+    let first = member.joined.start.next;
     let wanted: Vec<u64> = (first..first + numbers.len() as u64).collect();
     ensure(!numbers.is_empty(), "moving bodies are published")?;
     ensure(
@@ -330,13 +175,13 @@ fn numbers(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn short(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, StreamChoice::Full, 60)?;
-    member_link
+    let mut member = RawMember::begin(trial, StreamChoice::Full, 60)?;
+    member
         .client
         .send(&ClientMessage::Advance { to: Tick::new(5) });
     let mut count = 0;
     while count < 15 {
-        let (_, bytes) = member_link.next()?;
+        let (_, bytes) = member.next()?;
         ensure(
             bytes.len() <= DATAGRAM_BYTES_MAX,
             format!("the datagram has {} bytes", bytes.len()),
@@ -347,72 +192,69 @@ fn short(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn refreshed(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, EXACT, 8)?;
-    let numbers = member_link.numbers_to(20)?;
+    let mut member = RawMember::begin(trial, EXACT, 8)?;
+    let numbers = member.numbers_to(20)?;
     let [lost, .., last] = numbers[..] else {
         return Stop::fail("pushed bodies are published");
     };
-    member_link.loss_report(last + 1, 0, &[lost])?;
+    member.loss_report(last + 1, 0, &[lost])?;
     loop {
-        let (kind, bytes) = member_link.next()?;
+        let (kind, bytes) = member.next()?;
         if kind != PacketKind::Refresh {
             continue;
         }
-        let refresh = read(&bytes, Refresh::decode)?;
+        let refresh = datagram::body(&bytes, Refresh::decode)?;
         ensure(refresh.lost == Low16::of(lost), "it names the lost packet")?;
         ensure(refresh.tick == Low16::of(20), "it has the newest tick")?;
         return ensure(!refresh.records.is_empty(), "it contains tracks");
     }
 }
 
-fn refreshed_gone(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, EXACT, 1)?;
-    let numbers = member_link.numbers_to(20)?;
+fn refresh_without_removed(trial: &mut Trial<'_>) -> CaseResult {
+    let mut member = RawMember::begin(trial, EXACT, 1)?;
+    let numbers = member.numbers_to(20)?;
     let [lost, .., last] = numbers[..] else {
         return Stop::fail("a pushed body is published");
     };
-    let id = body(member_link.client.granted, 0)?;
-    member_link.client.must(Command::RemoveBody { id })?;
-    member_link.loss_report(last + 1, 0, &[lost])?;
+    let id = body(member.client.granted, 0)?;
+    member.client.must(Command::RemoveBody { id })?;
+    member.loss_report(last + 1, 0, &[lost])?;
     loop {
-        let (kind, bytes) = member_link.next()?;
+        let (kind, bytes) = member.next()?;
         if kind == PacketKind::Refresh {
-            let refresh = read(&bytes, Refresh::decode)?;
+            let refresh = datagram::body(&bytes, Refresh::decode)?;
             return ensure(refresh.records.is_empty(), "no track is left");
         }
     }
 }
 
 fn never_sent(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, EXACT, 2)?;
-    let next = member_link
-        .numbers_to(10)?
-        .last()
-        .map_or(0, |last| last + 1);
-    member_link.loss_report(next, 0, &[next + 500])?;
-    let (kind, _) = member_link.next()?;
+    let mut member = RawMember::begin(trial, EXACT, 2)?;
+    let next = member.numbers_to(10)?.last().map_or(0, |last| last + 1);
+    member.loss_report(next, 0, &[next + 500])?;
+    let (kind, _) = member.next()?;
     ensure(
         kind == PacketKind::Watermark,
         format!("the answer is a watermark, not {kind:?}"),
     )?;
     // Later requests are still answered.
-    member_link.step(11).map(drop)
+    member.step(11).map(drop)
 }
 
 fn repair_symbols(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, EXACT, 8)?;
-    let packets = member_link.packets_to(20)?;
+    let mut member = RawMember::begin(trial, EXACT, 8)?;
+    let packets = member.packets_to(20)?;
     let [.., (first, _), (second, _), (third, _)] = packets[..] else {
         return Stop::fail("pushed bodies are published");
     };
     let lost = [first, second];
-    member_link.loss_report(third + 1, 2, &lost)?;
+    member.loss_report(third + 1, 2, &lost)?;
     let mut covered = 0;
     loop {
-        let (kind, bytes) = member_link.next()?;
+        let (kind, bytes) = member.next()?;
         match kind {
             PacketKind::RepairSymbol => {
-                let repair_symbol = read(&bytes, RepairSymbol::decode)?;
+                let repair_symbol = datagram::body(&bytes, RepairSymbol::decode)?;
                 ensure(
                     sums_of(&repair_symbol, &packets, third) == Some(repair_symbol.sums),
                     "its symbols are computed from the sent packets",
@@ -447,19 +289,19 @@ fn sums_of(
     RepairSymbol::of(repair_symbol.row, &covered).map(|repair_symbol| repair_symbol.sums)
 }
 
-fn doubted(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, NORMAL, 3)?;
-    member_link.step(5)?;
+fn mismatch_of_all(trial: &mut Trial<'_>) -> CaseResult {
+    let mut member = RawMember::begin(trial, NORMAL, 3)?;
+    member.step(5)?;
     let range = IndexRanges::ALL;
-    member_link
+    member
         .client
-        .send_datagram(&ChecksumMismatch { range }.encode(member_link.joined.start.stream))?;
+        .send_datagram(&ChecksumMismatch { range }.encode(member.joined.start.stream))?;
     loop {
-        let (kind, bytes) = member_link.next()?;
+        let (kind, bytes) = member.next()?;
         if kind != PacketKind::Checksums {
             continue;
         }
-        let checksums = read(&bytes, Checksums::decode)?;
+        let checksums = datagram::body(&bytes, Checksums::decode)?;
         if checksums.ranges.stride == INDICES_MAX {
             continue;
         }
@@ -475,21 +317,21 @@ fn doubted(trial: &mut Trial<'_>) -> CaseResult {
     }
 }
 
-fn doubted_one(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, NORMAL, 3)?;
-    member_link.step(5)?;
-    let index = body(member_link.client.granted, 1)?.index();
+fn mismatch_of_one(trial: &mut Trial<'_>) -> CaseResult {
+    let mut member = RawMember::begin(trial, NORMAL, 3)?;
+    member.step(5)?;
+    let index = body(member.client.granted, 1)?.index();
     let range = IndexRanges {
         first: index,
         stride: 1,
     };
-    member_link
+    member
         .client
-        .send_datagram(&ChecksumMismatch { range }.encode(member_link.joined.start.stream))?;
+        .send_datagram(&ChecksumMismatch { range }.encode(member.joined.start.stream))?;
     loop {
-        let (kind, bytes) = member_link.next()?;
+        let (kind, bytes) = member.next()?;
         if kind == PacketKind::Refresh {
-            let refresh = read(&bytes, Refresh::decode)?;
+            let refresh = datagram::body(&bytes, Refresh::decode)?;
             let indices: Vec<u32> = refresh.records.iter().map(|record| record.index).collect();
             return ensure(
                 indices == [index],
@@ -506,18 +348,18 @@ fn asleep(trial: &mut Trial<'_>) -> CaseResult {
     client.must(ball_shape())?;
     let id = body(client.granted, 0)?;
     client.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
-    let mut member_link = RawMember {
+    let mut member = RawMember {
         client,
         joined,
         scene_events: 2,
         balls: 1,
     };
     for to in 1..=600 {
-        member_link.step(to)?;
+        member.step(to)?;
     }
     // After ten seconds the body sleeps, so only watermarks and checksums are left.
     for to in 601..=660 {
-        for (kind, _) in member_link.step(to)? {
+        for (kind, _) in member.step(to)? {
             ensure(
                 matches!(kind, PacketKind::Watermark | PacketKind::Checksums),
                 format!("at {to} the server sends {kind:?}"),
@@ -528,42 +370,42 @@ fn asleep(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn resync(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, NORMAL, 3)?;
-    member_link.step(10)?;
-    let commands = member_link.client.commands;
-    member_link.client.send(&ClientMessage::Resync);
-    let (joined, scene_events) = member_link.client.snapshot()?;
+    let mut member = RawMember::begin(trial, NORMAL, 3)?;
+    member.step(10)?;
+    let commands = member.client.commands;
+    member.client.send(&ClientMessage::Resync);
+    let (joined, scene_events) = member.client.snapshot()?;
     ensure(
         joined.start.tick == Tick::new(10),
         "the snapshot has the newest tick",
     )?;
     ensure(
-        joined.granted == member_link.joined.granted,
+        joined.granted == member.joined.granted,
         "the granted range is the original one",
     )?;
     ensure(
-        joined.start.scene_events == member_link.scene_events,
-        format!("the count of scene events is {}", member_link.scene_events),
+        joined.start.scene_events == member.scene_events,
+        format!("the count of scene events is {}", member.scene_events),
     )?;
     ensure(
         scene_events.len() == 4,
         format!("a shape and three bodies, not {scene_events:?}"),
     )?;
-    let id = body(member_link.client.granted, 0)?;
-    member_link.client.must(Command::RemoveBody { id })?;
+    let id = body(member.client.granted, 0)?;
+    member.client.must(Command::RemoveBody { id })?;
     ensure(
-        member_link.client.commands == commands + 1,
+        member.client.commands == commands + 1,
         "command numbers continue",
     )
 }
 
 fn follows(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, NORMAL, 3)?;
-    let before = member_link.joined.start.stream;
-    member_link
+    let mut member = RawMember::begin(trial, NORMAL, 3)?;
+    let before = member.joined.start.stream;
+    member
         .client
         .send(&ClientMessage::Subscribe(StreamChoice::Full));
-    let (joined, _) = member_link.client.snapshot()?;
+    let (joined, _) = member.client.snapshot()?;
     let after = joined.start.stream;
     ensure(
         joined.choice == StreamChoice::Full && after != before,
@@ -581,21 +423,21 @@ fn follows(trial: &mut Trial<'_>) -> CaseResult {
         }
         Ok(streams)
     };
-    member_link
+    member
         .client
         .send(&ClientMessage::Advance { to: Tick::new(2) });
-    let both = received(&mut member_link.client)?;
+    let both = received(&mut member.client)?;
     ensure(
         both.contains(&before) && both.contains(&after),
         format!("both streams are sent, not {both:?}"),
     )?;
-    member_link.client.send(&ClientMessage::Subscribed(after));
-    member_link.client.barrier()?;
-    member_link.client.datagrams.clear();
-    member_link
+    member.client.send(&ClientMessage::Subscribed(after));
+    member.client.barrier()?;
+    member.client.datagrams.clear();
+    member
         .client
         .send(&ClientMessage::Advance { to: Tick::new(8) });
-    let one = received(&mut member_link.client)?;
+    let one = received(&mut member.client)?;
     ensure(
         one.iter().all(|stream| *stream == after),
         format!("then only the new stream is sent, not {one:?}"),
@@ -603,12 +445,12 @@ fn follows(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn only_the_last(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, NORMAL, 1)?;
+    let mut member = RawMember::begin(trial, NORMAL, 1)?;
     let full = ClientMessage::Subscribe(StreamChoice::Full);
-    member_link
+    member
         .client
         .send_together(&[ClientMessage::Resync, ClientMessage::Resync, full]);
-    let received = member_link.client.barrier()?;
+    let received = member.client.barrier()?;
     let joined: Vec<_> = received
         .iter()
         .filter_map(|message| match message {
@@ -622,18 +464,18 @@ fn only_the_last(trial: &mut Trial<'_>) -> CaseResult {
     )
 }
 
-fn notices_counted(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, EXACT, 3)?;
-    for (kind, bytes) in member_link.step(1)? {
+fn scene_events_counted(trial: &mut Trial<'_>) -> CaseResult {
+    let mut member = RawMember::begin(trial, EXACT, 3)?;
+    for (kind, bytes) in member.step(1)? {
         let scene_events = match kind {
-            PacketKind::Watermark => read(&bytes, Watermark::decode)?.scene_events,
-            PacketKind::Checksums => read(&bytes, Checksums::decode)?.scene_events,
-            _ => match state(kind, &bytes)? {
+            PacketKind::Watermark => datagram::body(&bytes, Watermark::decode)?.scene_events,
+            PacketKind::Checksums => datagram::body(&bytes, Checksums::decode)?.scene_events,
+            _ => match datagram::state_packet(kind, &bytes)? {
                 Some(packet) => packet.scene_events,
                 None => continue,
             },
         };
-        let wanted = Low16::of(member_link.scene_events);
+        let wanted = Low16::of(member.scene_events);
         ensure(
             scene_events == wanted,
             format!("the counts are {wanted:?}, not {scene_events:?}"),
@@ -645,13 +487,13 @@ fn notices_counted(trial: &mut Trial<'_>) -> CaseResult {
 fn snapshot(trial: &mut Trial<'_>) -> CaseResult {
     use rhumb_protocol::message::SceneEvent;
 
-    let mut member_link = RawMember::begin(trial, NORMAL, 5)?;
-    member_link.step(7)?;
-    let mut late = trial.client_of(&member_link.client.scene.clone())?;
+    let mut member = RawMember::begin(trial, NORMAL, 5)?;
+    member.step(7)?;
+    let mut late = trial.client_of(&member.client.scene.clone())?;
     late.hello()?;
     let (joined, scene_events) = late.join(NORMAL)?;
     ensure(
-        joined.start.stream == member_link.joined.start.stream,
+        joined.start.stream == member.joined.start.stream,
         "it is the existing stream",
     )?;
     ensure(
@@ -683,13 +525,13 @@ fn snapshot(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn checksum_packets(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, EXACT, 6)?;
+    let mut member = RawMember::begin(trial, EXACT, 6)?;
     let mut sums = Vec::new();
     for to in 1..=150 {
-        member_link.push_balls()?;
-        for (kind, bytes) in member_link.step(to)? {
+        member.push_balls()?;
+        for (kind, bytes) in member.step(to)? {
             if kind == PacketKind::Checksums {
-                let checksums = read(&bytes, Checksums::decode)?;
+                let checksums = datagram::body(&bytes, Checksums::decode)?;
                 ensure(
                     checksums.ranges == IndexRanges::ALL && checksums.sums.len() == 1,
                     "the checksum covers all indices",

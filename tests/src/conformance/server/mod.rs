@@ -21,6 +21,7 @@ mod l4_free;
 mod l4_tolerance;
 mod l5_datagrams;
 mod l5_security;
+mod raw_member;
 mod scenery;
 
 use super::case::{Case, CaseRow, Feature};

@@ -1,9 +1,9 @@
-//! Checks a recorded run against the accuracy promise, independently of its recorder.
+//! Checks a recorded run against the accuracy promise.
 //!
-//! A trace is a file of `rhumb-bench`: the engine's states at every tick, and the poses that each client's copy
-//! displayed. Errors are recomputed from both. An error beyond the tolerance must be recorded as a breach, and its
-//! cause must be the network or the budget. A body that has slept for a second must be displayed at its rest pose,
-//! unless its stream still misses data.
+//! The check is independent of the recorder. A trace is a file of `rhumb-bench`: the engine's states at every tick,
+//! and the poses that each client's copy displayed. Errors are recomputed from both. An error beyond the tolerance
+//! must be recorded as a breach, and its cause must be the network or the budget. A body that has slept for a second
+//! must be displayed at its rest pose, unless its stream still misses data.
 
 mod judge;
 mod messages;
