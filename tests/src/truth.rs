@@ -24,7 +24,7 @@ pub struct MemberRecord {
 pub struct SceneTruth {
     bodies: BTreeMap<BodyId, PoseHistory>,
     /// Checksum of the scene after each tick.
-    checksum_packets: Vec<u64>,
+    checksums: Vec<u64>,
 }
 
 /// The poses of one body, each with the tick of its change; `None` from its removal on.
@@ -52,7 +52,7 @@ impl SceneTruth {
     pub fn replay(config: SceneConfig, record: &MemberRecord, until: Tick) -> Self {
         let mut scene = Scene::new(config).expect("a valid configuration");
         let mut truth = Self::default();
-        truth.checksum_packets.push(scene.digest().value());
+        truth.checksums.push(scene.digest().value());
         let mut applied = record.applied.iter().peekable();
         let mut next = 0;
         loop {
@@ -100,7 +100,7 @@ impl SceneTruth {
         for observation in scene.observations() {
             self.note(observation.id, stepped.tick, Some(observation.motion));
         }
-        self.checksum_packets.push(scene.digest().value());
+        self.checksums.push(scene.digest().value());
     }
 
     fn note(&mut self, id: BodyId, tick: Tick, pose: Option<BodyState>) {
@@ -111,7 +111,7 @@ impl SceneTruth {
     /// The scene's checksum after a tick.
     #[must_use]
     pub fn digest(&self, tick: Tick) -> Option<u64> {
-        self.checksum_packets.get(tick.value() as usize).copied()
+        self.checksums.get(tick.value() as usize).copied()
     }
 
     /// The pose of a body after a tick; `None` before its placement and after its removal.

@@ -102,14 +102,14 @@ fn a_session_of_the_plug_in_runs_to_its_end() {
 }
 
 /// The last reported position of each actor.
-type ScriptedSession = BTreeMap<u32, Vec3>;
+type LastPositions = BTreeMap<u32, Vec3>;
 
 /// Sends messages frame by frame as the plug-in does, and stores the reported positions.
 fn send_in_frames(
     plugin: &mut Plugin,
     pieces: &[&[u8]],
     messages: &[Message],
-    reported: &mut ScriptedSession,
+    reported: &mut LastPositions,
 ) {
     for (piece, message) in pieces.iter().zip(messages) {
         plugin.send(piece);
@@ -133,9 +133,9 @@ fn a_native_client_watches_a_scene_of_the_plug_in() {
     let pieces: Vec<&[u8]> = recording.pieces().collect();
     let is_frame = |place: &usize| recording.messages[*place].kind() == Kind::AdvanceTime;
     let frames: Vec<usize> = (0..pieces.len()).filter(is_frame).collect();
-    let mut reported = ScriptedSession::new();
+    let mut reported = LastPositions::new();
     let mut sent = 0;
-    let mut send_up_to = |plugin: &mut Plugin, end: usize, reported: &mut ScriptedSession| {
+    let mut send_up_to = |plugin: &mut Plugin, end: usize, reported: &mut LastPositions| {
         send_in_frames(
             plugin,
             &pieces[sent..end],

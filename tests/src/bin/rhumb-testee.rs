@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use rhumb_tests::conformance::mutants::ClientMutant;
-use rhumb_tests::testee::{Honest, TesteeOrders, run};
+use rhumb_tests::testee::{Honest, TesteeEnvironment, run};
 
 /// Subscribes to a scene as its environment says, and reports the state of its copy.
 #[derive(Debug, Parser)]
@@ -20,14 +20,14 @@ struct Arguments {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let orders = match TesteeOrders::from_environment() {
-        Ok(orders) => orders,
+    let environment = match TesteeEnvironment::from_environment() {
+        Ok(environment) => environment,
         Err(None) => return ExitCode::from(127),
         Err(Some(why)) => return fail(&why),
     };
     let done = match arguments.mutant {
-        None => run(&orders, &mut Honest),
-        Some(mutant) => run(&orders, mutant.habit().as_mut()),
+        None => run(&environment, &mut Honest),
+        Some(mutant) => run(&environment, mutant.behaviour().as_mut()),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -110,7 +110,7 @@ const FAR: DVec3 = DVec3::splat(1e5);
 pub(super) struct Source {
     pub(super) publisher: Publisher,
     observation_history: ObservationHistory,
-    scripted_bodies: [Option<ScriptedBody>; BODIES],
+    bodies: [Option<ScriptedBody>; BODIES],
     generations: [u16; BODIES],
     /// The published rest state of each sleeping body.
     published_rests: [Option<(BodyId, BodyState)>; BODIES],
@@ -140,7 +140,7 @@ impl Source {
         Self {
             publisher,
             observation_history: ObservationHistory::new(PublishSchedule::EACH_TICK),
-            scripted_bodies: [None; BODIES],
+            bodies: [None; BODIES],
             generations: [0; BODIES],
             published_rests: [None; BODIES],
             gravity,
@@ -166,10 +166,10 @@ impl Source {
 
     /// Adds a body, if the index is free.
     pub(super) fn add(&mut self, index: usize, position: Vec3) -> Option<SceneChange> {
-        if self.scripted_bodies[index].is_some() {
+        if self.bodies[index].is_some() {
             return None;
         }
-        let scripted_body = ScriptedBody {
+        let body = ScriptedBody {
             id: BodyId::new(index as u32, self.generations[index]),
             position: position.as_dvec3().clamp(-FAR, FAR),
             rotation: DQuat::IDENTITY,
@@ -178,28 +178,26 @@ impl Source {
             asleep: false,
             parent: None,
         };
-        self.scripted_bodies[index] = Some(scripted_body);
+        self.bodies[index] = Some(body);
         let track = Track {
             origin: self.tick,
             predictor: Predictor::Ballistic,
-            anchor: Anchor::Exact(scripted_body.body_state()),
+            anchor: Anchor::Exact(body.body_state()),
             parent: None,
         };
-        let placed = self
-            .publisher
-            .place(scripted_body.id, &parameters(scripted_body.id), track);
+        let placed = self.publisher.place(body.id, &parameters(body.id), track);
         assert!(placed, "eight aliases fit into the table");
         self.scene_events += 1;
-        Some(SceneChange::Placed(scripted_body.id, track))
+        Some(SceneChange::Placed(body.id, track))
     }
 
     /// Removes a body, if it exists.
     pub(super) fn remove(&mut self, index: usize) -> Option<SceneChange> {
-        let scripted_body = self.scripted_bodies[index].take()?;
+        let body = self.bodies[index].take()?;
         self.generations[index] = self.generations[index].wrapping_add(1);
-        self.publisher.remove(scripted_body.id);
+        self.publisher.remove(body.id);
         self.scene_events += 1;
-        Some(SceneChange::Removed(scripted_body.id))
+        Some(SceneChange::Removed(body.id))
     }
 
     /// Changes the gravity.
@@ -213,58 +211,46 @@ impl Source {
     /// Applies a random change to a body.
     pub(super) fn strike(&mut self, script: &mut Script<'_>) {
         let (index, parent) = (script.below(BODIES), script.below(BODIES));
-        let Some(scripted_body) = &mut self.scripted_bodies[index] else {
+        let Some(body) = &mut self.bodies[index] else {
             return;
         };
-        scripted_body.asleep = false;
+        body.asleep = false;
         match script.below(5) {
-            0 => scripted_body.linear += script.sane_vector(20.0).as_dvec3(),
-            1 => scripted_body.angular += script.sane_vector(20.0).as_dvec3(),
-            2 => scripted_body.position = script.sane_vector(1e5).as_dvec3(),
-            3 => {
-                (
-                    scripted_body.linear,
-                    scripted_body.angular,
-                    scripted_body.asleep,
-                ) = (DVec3::ZERO, DVec3::ZERO, true)
-            }
-            _ => {
-                scripted_body.parent =
-                    (parent != index && scripted_body.parent.is_none()).then_some(parent)
-            }
+            0 => body.linear += script.sane_vector(20.0).as_dvec3(),
+            1 => body.angular += script.sane_vector(20.0).as_dvec3(),
+            2 => body.position = script.sane_vector(1e5).as_dvec3(),
+            3 => (body.linear, body.angular, body.asleep) = (DVec3::ZERO, DVec3::ZERO, true),
+            _ => body.parent = (parent != index && body.parent.is_none()).then_some(parent),
         }
     }
 
     /// Steps to the next tick, and returns its datagrams.
     pub(super) fn step(&mut self) -> Vec<Bytes> {
         self.tick = self.tick.next();
-        let before = self.scripted_bodies;
+        let before = self.bodies;
         let mut observations = Vec::new();
-        for (index, scripted_body) in self.scripted_bodies.iter_mut().enumerate() {
-            let Some(scripted_body) = scripted_body else {
+        for (index, body) in self.bodies.iter_mut().enumerate() {
+            let Some(body) = body else {
                 continue;
             };
-            if !scripted_body.asleep {
-                scripted_body.step(self.gravity.as_dvec3());
+            if !body.asleep {
+                body.step(self.gravity.as_dvec3());
             }
-            if let Some(parent) = scripted_body.parent.and_then(|parent| before[parent])
-                && !scripted_body.asleep
+            if let Some(parent) = body.parent.and_then(|parent| before[parent])
+                && !body.asleep
             {
                 let offset = parent.rotation * DVec3::new(0.0, 1.0, 0.0);
-                scripted_body.position =
-                    (parent.position + parent.linear / 60.0 + offset).clamp(-FAR, FAR);
-                (scripted_body.linear, scripted_body.rotation) = (parent.linear, parent.rotation);
+                body.position = (parent.position + parent.linear / 60.0 + offset).clamp(-FAR, FAR);
+                (body.linear, body.rotation) = (parent.linear, parent.rotation);
             }
             // An engine reports a sleeping body only once.
-            let sleeper = scripted_body
-                .asleep
-                .then(|| (scripted_body.id, scripted_body.body_state()));
+            let sleeper = body.asleep.then(|| (body.id, body.body_state()));
             if sleeper.is_none() || self.published_rests[index] != sleeper {
                 self.published_rests[index] = sleeper;
                 observations.push(Observation {
-                    id: scripted_body.id,
-                    motion: scripted_body.body_state(),
-                    activity: if scripted_body.asleep {
+                    id: body.id,
+                    motion: body.body_state(),
+                    activity: if body.asleep {
                         Activity::Asleep
                     } else {
                         Activity::Awake
@@ -272,12 +258,9 @@ impl Source {
                 });
             }
         }
-        let scripted_bodies = self.scripted_bodies.iter().flatten();
-        self.past.push(
-            scripted_bodies
-                .map(|scripted_body| (scripted_body.id, scripted_body.body_state()))
-                .collect(),
-        );
+        let bodies = self.bodies.iter().flatten();
+        self.past
+            .push(bodies.map(|body| (body.id, body.body_state())).collect());
         self.observation_history.observe(self.tick, &observations);
         let mut sent = Vec::new();
         self.publisher

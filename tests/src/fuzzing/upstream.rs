@@ -33,7 +33,7 @@ const BODIES: u32 = 4;
 const TICKS_MAX: u64 = 240;
 const SCENE_EVENTS: u64 = 0;
 const TICK: Span = Span::from_nanos(16_666_667);
-const MANNER: PredictionParameters = PredictionParameters {
+const PARAMETERS: PredictionParameters = PredictionParameters {
     radius: Metres::new(0.5),
     damping: Damping {
         linear: 0.0,
@@ -141,10 +141,10 @@ impl FuzzedUpstream {
         let mut publisher = Publisher::new(STREAM, &config, Tick::ZERO);
         for (index, (_, motion)) in grant.bodies.iter().enumerate() {
             let id = BodyId::new(index as u32, 0);
-            assert!(publisher.place(id, &MANNER, grant.first_track(*motion)));
+            assert!(publisher.place(id, &PARAMETERS, grant.first_track(*motion)));
         }
         Self {
-            receiver: UpstreamReceiver::new(&grant, tolerance, integrator, |_| Some(MANNER)),
+            receiver: UpstreamReceiver::new(&grant, tolerance, integrator, |_| Some(PARAMETERS)),
             publisher,
             observation_history: ObservationHistory::new(PublishSchedule::EACH_TICK),
             places,
@@ -269,7 +269,7 @@ impl FuzzedUpstream {
             if let Some(truth) = truth.filter(|_| self.honest && known) {
                 let truth = truth[id.index() as usize - 10].motion().pose();
                 let apart = Divergence::between(&truth, &motion.pose());
-                let share = tolerance.share(&apart, MANNER.radius);
+                let share = tolerance.share(&apart, PARAMETERS.radius);
                 assert!(
                     share <= 1.0,
                     "{id} at {tick} has an error of {share} tolerances"

@@ -19,7 +19,7 @@ use rhumb_reckoning::{BodyId, LengthBound, Tick, Tolerance};
 use rhumb_transport::{ClientOptions, Clock, QuicClient, Received, Trust};
 
 pub use lines::{bits, copy_line, moving};
-pub use task::{TesteeOrders, TesteeTask};
+pub use task::{TesteeEnvironment, TesteeTask};
 pub use trajectory::{TRAJECTORY_TICKS, trajectory};
 
 /// Hooks that may alter all data of a client; the default methods leave it unchanged.
@@ -75,7 +75,7 @@ struct Testee<'a> {
     session: ClientSession,
     connection: QuicClient,
     clock: Clock,
-    habit: &'a mut dyn Behaviour,
+    behaviour: &'a mut dyn Behaviour,
     task: TesteeTask,
     reported: Option<Tick>,
     /// The body under its authority, or the one that it requested.
@@ -88,19 +88,22 @@ struct Testee<'a> {
 /// # Errors
 ///
 /// When there is no connection, or when no process reads the reports.
-pub fn run(orders: &TesteeOrders, habit: &mut dyn Behaviour) -> io::Result<()> {
-    let options = ClientOptions::new(orders.server, Trust::Fingerprint(orders.fingerprint));
+pub fn run(environment: &TesteeEnvironment, behaviour: &mut dyn Behaviour) -> io::Result<()> {
+    let options = ClientOptions::new(
+        environment.server,
+        Trust::Fingerprint(environment.fingerprint),
+    );
     let connection = QuicClient::connect(options, Duration::from_secs(10))
         .map_err(|error| io::Error::other(error.to_string()))?;
     let clock = Clock::start();
-    let mut session = ClientSession::new(orders.scene.clone());
+    let mut session = ClientSession::new(environment.scene.clone());
     session.handle_opened(clock.now(), SERVER);
     let mut testee = Testee {
         session,
         connection,
         clock,
-        habit,
-        task: orders.task,
+        behaviour,
+        task: environment.task,
         reported: None,
         driven: None,
         over: false,
@@ -132,12 +135,12 @@ impl Testee<'_> {
         let now = self.clock.now();
         match received {
             Received::Control(bytes) => {
-                let bytes = self.habit.receive_control(&bytes);
+                let bytes = self.behaviour.receive_control(&bytes);
                 self.session.handle_control(now, SERVER, &bytes);
                 self.report_copy()
             }
             Received::State(bytes) => {
-                for bytes in self.habit.receive_datagram(&self.session, &bytes) {
+                for bytes in self.behaviour.receive_datagram(&self.session, &bytes) {
                     self.session.handle_datagram(now, SERVER, &bytes);
                     self.report_copy()?;
                 }
@@ -166,16 +169,16 @@ impl Testee<'_> {
     fn send(&mut self, transmit: Transmit) {
         match transmit {
             Transmit::Control { bytes, .. } => {
-                let bytes = self.habit.filter_control(&bytes);
+                let bytes = self.behaviour.filter_control(&bytes);
                 self.connection.send_control(bytes.into());
             }
             Transmit::State { bytes, .. } => {
-                if let Some(bytes) = self.habit.filter_datagram(&bytes) {
+                if let Some(bytes) = self.behaviour.filter_datagram(&bytes) {
                     self.connection.send_state(bytes.into());
                 }
             }
             Transmit::Close { code, .. } => {
-                if let Some(code) = self.habit.close(code) {
+                if let Some(code) = self.behaviour.close(code) {
                     self.connection.close(code);
                 }
             }
@@ -282,7 +285,7 @@ impl Testee<'_> {
         let Some(copy) = self.session.replica() else {
             return Ok(());
         };
-        let anyway = self.habit.reports_unconverged();
+        let anyway = self.behaviour.reports_unconverged();
         let tick = if anyway {
             copy.stream().watermark_tick()
         } else {
@@ -292,7 +295,7 @@ impl Testee<'_> {
             return Ok(());
         }
         self.reported = Some(tick);
-        report(&self.habit.write_line(copy_line(copy, tick)))?;
+        report(&self.behaviour.write_line(copy_line(copy, tick)))?;
         let now = self.clock.now();
         self.advance(now);
         self.publish_next(now);

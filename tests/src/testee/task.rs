@@ -51,7 +51,7 @@ pub enum TesteeTask {
 
 /// The environment of a client under test.
 #[derive(Clone, Debug)]
-pub struct TesteeOrders {
+pub struct TesteeEnvironment {
     /// Address of the server.
     pub server: SocketAddr,
     /// Fingerprint to pin.
@@ -123,7 +123,7 @@ impl TesteeTask {
     }
 }
 
-impl TesteeOrders {
+impl TesteeEnvironment {
     /// Reads the environment; `Err(None)` when the task is unknown.
     ///
     /// # Errors

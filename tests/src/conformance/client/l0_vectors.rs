@@ -169,10 +169,10 @@ fn with_a_stream_id_of_33_bits(trial: &mut Trial<'_>) -> CaseResult {
         hand::SCENE_EVENTS,
     )?;
     let reported = server.lines_written()?;
-    let predicted_motion = reported
+    let is_reported = reported
         .iter()
         .any(|reported| reported["tick"] == hand::TICK + 1);
-    ensure(!predicted_motion, "the client must ignore it")
+    ensure(!is_reported, "the client must ignore it")
 }
 
 fn of_other_streams(trial: &mut Trial<'_>) -> CaseResult {

@@ -185,10 +185,10 @@ fn late_assignment(trial: &mut Trial<'_>) -> CaseResult {
     let there = truth
         .predicted_motion(OTHER, Tick::new(LAST))
         .ok_or_else(no_body)?;
-    let predicted_motion = &reported["moving"][hand::name(OTHER)];
+    let reported_motion = &reported["moving"][hand::name(OTHER)];
     ensure(
-        *predicted_motion == bits(&there),
-        format!("the client predicts the other body correctly, not {predicted_motion}"),
+        *reported_motion == bits(&there),
+        format!("the client predicts the other body correctly, not {reported_motion}"),
     )?;
     let sum = format!("{:016x}", truth.state_checksum());
     ensure(

@@ -20,13 +20,13 @@ use crate::conformance::peer::{Interceptor, RawServer, Setting, datagram};
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
-    let mut cases = table("L2.51", ASKINGS);
-    cases.extend(table("L2.51", KNOWINGS));
+    let mut cases = table("L2.51", LOSS_REPORTS);
+    cases.extend(table("L2.51", CONCLUSIONS));
     cases
 }
 
 /// What a client requests, and when.
-const ASKINGS: &[CaseRow] = &[
+const LOSS_REPORTS: &[CaseRow] = &[
     (
         20,
         "a lost packet is soon reported by its number",
@@ -99,7 +99,7 @@ const ASKINGS: &[CaseRow] = &[
 ];
 
 /// What a client may report of its copy.
-const KNOWINGS: &[CaseRow] = &[
+const CONCLUSIONS: &[CaseRow] = &[
     (
         40,
         "no tick is complete while a packet before it is missing",

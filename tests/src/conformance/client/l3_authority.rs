@@ -57,7 +57,7 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 /// A client with authority, and the server's states of its body.
-struct UpstreamTrial {
+struct PublishingClient {
     interceptor: Interceptor,
     scene: String,
     judged: BTreeSet<Tick>,
@@ -67,7 +67,7 @@ struct UpstreamTrial {
     behind: u64,
 }
 
-impl UpstreamTrial {
+impl PublishingClient {
     fn begin(trial: &mut Trial<'_>, before: u64) -> Result<Self, Stop> {
         let setting = Setting::of("free-fall", 4).with_task(&format!("upstream {WITHIN}"));
         let mut interceptor = trial.interceptor(setting.after(before))?;
@@ -88,7 +88,7 @@ impl UpstreamTrial {
     }
 
     /// Runs until the scene reaches a tick, and checks each tick on the way.
-    fn upstream_trial(&mut self, to: u64) -> CaseResult {
+    fn run_to(&mut self, to: u64) -> CaseResult {
         let (judged, worst, behind) = (&mut self.judged, &mut self.worst, &mut self.behind);
         let scene = self.scene.parse();
         let scene = scene.map_err(|_| Stop::Inconclusive("error of the suite: no name".into()))?;
@@ -151,17 +151,17 @@ fn share_now(interceptor: &Interceptor) -> Option<(Tick, f64)> {
 }
 
 fn keeps_to_its_trajectory(trial: &mut Trial<'_>, before: u64) -> CaseResult {
-    let mut upstream_trial = UpstreamTrial::begin(trial, before)?;
-    upstream_trial.upstream_trial(TRAJECTORY_TICKS)?;
-    upstream_trial.judge(usize::try_from((TRAJECTORY_TICKS - before) / 2).unwrap_or_default())
+    let mut publishing = PublishingClient::begin(trial, before)?;
+    publishing.run_to(TRAJECTORY_TICKS)?;
+    publishing.judge(usize::try_from((TRAJECTORY_TICKS - before) / 2).unwrap_or_default())
 }
 
 fn watermarks(trial: &mut Trial<'_>) -> CaseResult {
-    let mut upstream_trial = UpstreamTrial::begin(trial, 20)?;
+    let mut publishing = PublishingClient::begin(trial, 20)?;
     // The trajectory stands still from its tick 80 to 120.
-    upstream_trial.upstream_trial(118)?;
-    upstream_trial.judge(40)?;
-    let sent = upstream_trial
+    publishing.run_to(118)?;
+    publishing.judge(40)?;
+    let sent = publishing
         .statistics()
         .map_or(0, |upstream| upstream.watermark_tick.value());
     // Watermarks come after 4 ticks of silence, then at each doubling: 84, 88, 96, 112 and so on, or one tick later
@@ -171,36 +171,36 @@ fn watermarks(trial: &mut Trial<'_>) -> CaseResult {
         format!("at tick 118 its watermarks cover the standstill, not only up to {sent}"),
     )?;
     ensure(
-        upstream_trial.behind <= 18,
+        publishing.behind <= 18,
         format!(
             "it sends a watermark when the silence has doubled, not after {}",
-            upstream_trial.behind
+            publishing.behind
         ),
     )
 }
 
 fn asks_again(trial: &mut Trial<'_>) -> CaseResult {
-    let mut upstream_trial = UpstreamTrial::begin(trial, 20)?;
-    upstream_trial.upstream_trial(60)?;
+    let mut publishing = PublishingClient::begin(trial, 20)?;
+    publishing.run_to(60)?;
     let lost = AuthorityError::LostSync;
-    upstream_trial
+    publishing
         .interceptor
         .raw_server
         .send(&ServerMessage::AuthorityDenied(lost));
-    let tasks = |interceptor: &Interceptor| {
-        let task = |sent: &&ClientMessage| matches!(sent, ClientMessage::TakeAuthority(_));
-        interceptor.messages.iter().filter(task).count()
+    let requests = |interceptor: &Interceptor| {
+        let is_request = |sent: &&ClientMessage| matches!(sent, ClientMessage::TakeAuthority(_));
+        interceptor.messages.iter().filter(is_request).count()
     };
-    upstream_trial
+    publishing
         .interceptor
         .until("second request for authority", |interceptor| {
-            tasks(interceptor) >= 2
+            requests(interceptor) >= 2
         })?;
-    upstream_trial.upstream_trial(TRAJECTORY_TICKS)?;
-    upstream_trial.judge(100)?;
-    let tasks = tasks(&upstream_trial.interceptor);
+    publishing.run_to(TRAJECTORY_TICKS)?;
+    publishing.judge(100)?;
+    let requests = requests(&publishing.interceptor);
     ensure(
-        tasks == 2,
-        format!("it requests authority once per refusal, not {tasks} times in total"),
+        requests == 2,
+        format!("it requests authority once per refusal, not {requests} times in total"),
     )
 }

@@ -71,7 +71,7 @@ pub enum ClientMutant {
 impl ClientMutant {
     /// The behaviour that breaks the promise.
     #[must_use]
-    pub fn habit(self) -> Box<dyn Behaviour> {
+    pub fn behaviour(self) -> Box<dyn Behaviour> {
         Box::new(MutantBehaviour {
             mutant: self,
             frames: Frames::new(),

@@ -80,7 +80,7 @@ impl ServerMutant {
         let server = server.expect("listening on loopback");
         let (address, fingerprint) = (server.local_addr(), server.fingerprint());
         let stop = Stop::new();
-        let asked = stop.clone();
+        let stop_requested = stop.clone();
         let thread = thread::spawn(move || {
             let mut endpoint = MutantEndpoint {
                 mutant: self,
@@ -88,7 +88,7 @@ impl ServerMutant {
                 connections: BTreeMap::new(),
             };
             // If the server fails, its case is inconclusive, which the test of the mutants detects.
-            let _ = server.run(&mut endpoint, &asked);
+            let _ = server.run(&mut endpoint, &stop_requested);
         });
         MutantServer {
             address,

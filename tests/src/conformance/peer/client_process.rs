@@ -27,7 +27,7 @@ const LOOK: Duration = Duration::from_millis(50);
 
 /// The environment of a client process.
 #[derive(Debug)]
-pub(super) struct ClientOrders<'a> {
+pub(super) struct ClientEnvironment<'a> {
     pub(super) server: SocketAddr,
     pub(super) fingerprint: Fingerprint,
     pub(super) scene: String,
@@ -49,15 +49,19 @@ pub(super) struct ClientProcess {
 }
 
 impl ClientProcess {
-    pub(super) fn start(exec: &str, orders: &ClientOrders<'_>, log: Log) -> std::io::Result<Self> {
+    pub(super) fn start(
+        exec: &str,
+        environment: &ClientEnvironment<'_>,
+        log: Log,
+    ) -> std::io::Result<Self> {
         let mut child = Command::new("sh")
             .args(["-c", &format!("exec {exec}")])
-            .env("RHUMB_ADDR", orders.server.to_string())
-            .env("RHUMB_FINGERPRINT", orders.fingerprint.to_string())
-            .env("RHUMB_SCENE", &orders.scene)
-            .env("RHUMB_TASK", orders.task)
-            .env("RHUMB_CASE", orders.case)
-            .env("RHUMB_SEED", orders.seed.to_string())
+            .env("RHUMB_ADDR", environment.server.to_string())
+            .env("RHUMB_FINGERPRINT", environment.fingerprint.to_string())
+            .env("RHUMB_SCENE", &environment.scene)
+            .env("RHUMB_TASK", environment.task)
+            .env("RHUMB_CASE", environment.case)
+            .env("RHUMB_SEED", environment.seed.to_string())
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -73,7 +77,7 @@ impl ClientProcess {
             stderr_tail,
             log,
             is_plain: matches!(
-                TesteeTask::read(orders.task),
+                TesteeTask::read(environment.task),
                 Some(TesteeTask::Subscribe { .. })
             ),
         })

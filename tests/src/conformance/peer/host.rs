@@ -17,7 +17,7 @@ use rhumb_transport::{
 };
 use serde_json::Value;
 
-use super::client_process::{ClientOrders, ClientProcess, reported};
+use super::client_process::{ClientEnvironment, ClientProcess, reported};
 use crate::conformance::case::Case;
 use crate::conformance::outcome::{CaseResult, Closing, Stop};
 use crate::conformance::trial::{Conditions, Log, Subject};
@@ -69,7 +69,7 @@ impl RawServer {
         let server = server.map_err(|error| inconclusive(&error))?;
         let relay = conditions.relay(server.address(), 0)?;
         let pinned = pinned.unwrap_or_else(|| server.fingerprint());
-        let orders = ClientOrders {
+        let environment = ClientEnvironment {
             server: relay
                 .as_ref()
                 .map_or_else(|| server.address(), UdpRelay::local_addr),
@@ -79,7 +79,7 @@ impl RawServer {
             case: &case.id,
             seed: conditions.seed,
         };
-        let mut client = ClientProcess::start(exec, &orders, log.clone())
+        let mut client = ClientProcess::start(exec, &environment, log.clone())
             .map_err(|error| inconclusive(&error))?;
         let connection = client.connected(&server, conditions.timeout * 5)?;
         Ok(Self {

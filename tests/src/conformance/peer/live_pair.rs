@@ -13,7 +13,7 @@ use rhumb_sims::{Script, by_name};
 use rhumb_transport::{Trust, UdpRelay};
 use serde_json::Value;
 
-use super::client_process::{ClientOrders, ClientProcess, reported};
+use super::client_process::{ClientEnvironment, ClientProcess, reported};
 use super::lossy_client::LossyClient;
 use super::setting::Setting;
 use super::stream_history::StreamHistory;
@@ -60,7 +60,7 @@ impl LivePair {
         let Trust::Fingerprint(fingerprint) = *trust else {
             return Err(errs("no fingerprint"));
         };
-        let orders = ClientOrders {
+        let environment = ClientEnvironment {
             server,
             fingerprint,
             scene: leader.scene.to_string(),
@@ -71,7 +71,7 @@ impl LivePair {
         let cannot = |error: std::io::Error| Stop::Inconclusive(error.to_string());
         let mut pair = Self {
             reported: Vec::new(),
-            client: ClientProcess::start(exec, &orders, trial.log()).map_err(cannot)?,
+            client: ClientProcess::start(exec, &environment, trial.log()).map_err(cannot)?,
             leader,
             script,
             scripted: Tick::ZERO,

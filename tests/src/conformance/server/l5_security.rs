@@ -123,7 +123,7 @@ const SLOW: &[CaseRow] = &[(
     8,
     "a client that does not read is closed before it affects others",
     "PROTOCOL 7-2",
-    deaf,
+    never_reads,
 )];
 
 pub(super) fn cases() -> Vec<Case> {
@@ -289,7 +289,7 @@ fn other_scene(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 /// A member that requests snapshots of a large scene and reads none of them.
-fn deaf(trial: &mut Trial<'_>) -> CaseResult {
+fn never_reads(trial: &mut Trial<'_>) -> CaseResult {
     let mut good = trial.subscriber()?;
     good.create(lockstep())?;
     let granted = good.join(NORMAL)?;

@@ -1,4 +1,4 @@
-//! A raw member of a scene of balls, which decodes the datagrams of its stream.
+//! A raw member of a scene of balls that decodes the datagrams of its stream.
 //!
 //! It keeps no copy; it knows only where its stream begins.
 
