@@ -90,7 +90,7 @@ fn every_claim_holds_and_is_about_a_published_tick() {
                         .value()
                         .is_multiple_of(u64::from(publish_interval));
                     let begun = starts.contains(&claim.tick);
-                    assert!(published || begun, "{what}: a claim at {}", claim.tick);
+                    assert!(is_published || begun, "{what}: a claim at {}", claim.tick);
                 }
                 assert!(stage.histories[member].claims.len() > 1_000, "{what}");
             }

@@ -4,7 +4,7 @@
 
 use glam::Vec3;
 use rhumb_protocol::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX};
-use rhumb_protocol::message::{ClientMessage, Joined, ServerMessage, StreamChoice};
+use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
 use rhumb_protocol::packet::{
     ChecksumMismatch, Checksums, Head, IndexRanges, Low16, PacketKind, Refresh, RepairSymbol,
     Watermark,
