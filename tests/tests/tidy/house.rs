@@ -34,7 +34,7 @@ impl File {
 
     /// The code without comments and strings, with the same lines.
     pub(crate) fn code(&self) -> String {
-        code::without_words(&self.text)
+        code::without_text(&self.text)
     }
 }
 
