@@ -1,11 +1,11 @@
 //! A server process and real clients over QUIC on loopback.
 //!
-//! Proved by running the server's command line as a process of its own (see `ServerProcess`) and the public client
-//! against it. Waiting is always a client's call with its patience, never a sleep; results are asserted and times are
-//! only printed, but for one loose bound on an idle server's processor time.
+//! The tests run the server's command line as a process of its own (see `ServerProcess`) with the public client.
+//! Waiting is always a client's call with its time limit, never a sleep. Results are asserted and times only printed,
+//! except for one loose bound on an idle server's processor time.
 //!
-//! Caught so far: a member whose scene another one deleted was told of its own misuse, and waited out its patience; so
-//! was one that advanced a scene that runs by the server's clock; who reserved no index at all was cut off for it.
+//! Caught so far: a member whose scene another one deleted got an error about misuse and waited for its time limit,
+//! and so did a client that advanced a free-running scene; a client that reserved zero indices was disconnected.
 
 use std::net::UdpSocket;
 use std::num::NonZeroU32;
@@ -67,7 +67,7 @@ fn take_authority(client: &mut Client, script: &mut dyn Script, ticks: u64) {
         let mut commands = Vec::new();
         script.commands(Tick::new(tick), &mut commands);
         for command in commands {
-            client.command(command).expect("the connection stands");
+            client.command(command).expect("the connection is open");
         }
         let shown = client
             .advance(PipelineDepth::LOCKSTEP)
@@ -77,7 +77,7 @@ fn take_authority(client: &mut Client, script: &mut dyn Script, ticks: u64) {
 }
 
 #[test]
-fn sixty_lockstep_ticks_of_a_small_scene_are_seen_as_they_were() {
+fn a_client_displays_sixty_lockstep_ticks_within_tolerance() {
     let server = SERVER.serve(ANYWHERE);
     assert!(
         server.lines[0].starts_with("rhumb-server "),
@@ -103,14 +103,14 @@ fn sixty_lockstep_ticks_of_a_small_scene_are_seen_as_they_were() {
     for (place, id) in view.ids().iter().enumerate() {
         let truth = Vec3::from_array(scene.observation(*id).unwrap().motion.position());
         let off = truth.distance(view.positions()[place]);
-        assert!(off <= 0.05, "{id} is off by {off} m");
+        assert!(off <= 0.05, "{id} has an error of {off} m");
     }
     let inspection = client.inspect().unwrap();
     assert_eq!(inspection.truth, scene.digest().value());
     assert!(view_moves(&mut client));
 }
 
-/// Whether any ball is still awake and changes from tick to tick.
+/// Whether any ball still moves from tick to tick.
 fn view_moves(client: &mut Client) -> bool {
     client
         .advance(PipelineDepth::LOCKSTEP)
@@ -119,7 +119,7 @@ fn view_moves(client: &mut Client) -> bool {
 }
 
 #[test]
-fn a_signal_ends_the_server_in_order_and_it_can_come_back() {
+fn a_signal_ends_the_server_cleanly_and_it_can_restart() {
     for signal in ["TERM", "INT"] {
         let server = SERVER.serve(ANYWHERE);
         let address = server.address.to_string();
@@ -139,7 +139,7 @@ fn a_signal_ends_the_server_in_order_and_it_can_come_back() {
         let ended = server.wait();
         assert_eq!(ended.code, Some(0), "{signal}: {}", ended.log);
         assert!(!ended.log.contains("ERROR"), "{}", ended.log);
-        // A new one at the same address: a fresh certificate, and no scene.
+        // A new process at the same address has a new certificate, and no scene.
         let server = SERVER.serve(&address);
         assert_eq!(server.address.to_string(), address);
         let mut client = open(&server, "pit", lockstep);
@@ -149,7 +149,7 @@ fn a_signal_ends_the_server_in_order_and_it_can_come_back() {
 }
 
 #[test]
-fn what_it_cannot_start_with_is_said_in_one_error() {
+fn invalid_arguments_end_the_server_with_one_error() {
     for (arguments, named) in [
         (&["--frobnicate"][..], "--frobnicate"),
         (&["--listen", "nowhere"], "nowhere"),
@@ -165,7 +165,7 @@ fn what_it_cannot_start_with_is_said_in_one_error() {
 }
 
 #[test]
-fn what_it_cannot_read_or_bind_is_named() {
+fn an_unreadable_file_or_unusable_address_is_named() {
     let taken = SERVER.serve(ANYWHERE);
     let address = taken.address.to_string();
     for (arguments, named) in [
@@ -208,7 +208,7 @@ fn another_certificate_than_the_pinned_one_is_refused_and_both_are_named() {
 }
 
 #[test]
-fn where_nothing_listens_patience_ends() {
+fn a_client_gives_up_where_no_server_listens() {
     let server = SERVER.serve(ANYWHERE);
     // The socket is bound and never read: nothing answers, and no other process takes the port.
     let silent = UdpSocket::bind(ANYWHERE).unwrap();
@@ -225,7 +225,7 @@ fn where_nothing_listens_patience_ends() {
         "{error}"
     );
     assert!(error.to_string().contains("300ms"), "{error}");
-    println!("nothing answered for {:?}", begun.elapsed());
+    println!("no answer for {:?}", begun.elapsed());
 }
 
 #[test]
@@ -255,7 +255,7 @@ fn a_scene_that_does_not_exist_is_denied_by_its_name() {
 }
 
 #[test]
-fn a_number_that_is_none_is_misuse_and_the_connection_goes_on() {
+fn an_invalid_number_is_misuse_and_the_connection_continues() {
     let server = SERVER.serve(ANYWHERE);
     let mut client = open(&server, "pit", JoinMode::Create(config(Stepping::Lockstep)));
     let gravity = Vec3::new(0.0, f32::NAN, 0.0);
@@ -288,7 +288,7 @@ fn a_number_that_is_none_is_misuse_and_the_connection_goes_on() {
 }
 
 #[test]
-fn two_clients_of_a_scene_see_the_same() {
+fn two_clients_of_a_scene_display_the_same_states() {
     let server = SERVER.serve(ANYWHERE);
     let mut leader = open(&server, "pit", JoinMode::Create(config(Stepping::Lockstep)));
     let mut viewer = open(&server, "pit", JoinMode::Join);
@@ -301,9 +301,17 @@ fn two_clients_of_a_scene_see_the_same() {
     let (one, other) = (leader.view(), viewer.view());
     assert_eq!(one.ids().len(), other.ids().len());
     for (place, id) in one.ids().iter().enumerate() {
-        let seen = other.place(*id).unwrap();
-        assert_eq!(one.positions()[place], other.positions()[seen], "{id}");
-        assert_eq!(one.rotations()[place], other.rotations()[seen], "{id}");
+        let other_place = other.place(*id).unwrap();
+        assert_eq!(
+            one.positions()[place],
+            other.positions()[other_place],
+            "{id}"
+        );
+        assert_eq!(
+            one.rotations()[place],
+            other.rotations()[other_place],
+            "{id}"
+        );
     }
 }
 
@@ -360,7 +368,7 @@ fn members_of_a_deleted_scene_are_notified() {
 }
 
 #[test]
-fn a_scene_that_runs_freely_denies_an_advance_at_once() {
+fn a_free_running_scene_denies_an_advance_at_once() {
     let server = SERVER.serve(ANYWHERE);
     let mut client = open(
         &server,
@@ -379,7 +387,7 @@ fn a_scene_that_runs_freely_denies_an_advance_at_once() {
 fn a_client_renders_a_scene_later_by_its_lookahead() {
     let server = SERVER.serve(ANYWHERE);
     let publish_schedule = PublishSchedule {
-        publish_interval: NonZeroU32::new(2).expect("two is not zero"),
+        publish_interval: NonZeroU32::new(2).expect("two is positive"),
         lookahead: Ticks::new(6),
     };
     let config = SceneConfig {
@@ -392,7 +400,7 @@ fn a_client_renders_a_scene_later_by_its_lookahead() {
     let shown = client.poll().unwrap();
     assert!(client.delay_ticks() >= 6.0);
     assert!(shown.tick > Tick::ZERO);
-    // Half of it is left for what the server's clock was seen wrongly by.
+    // Half of the lookahead is left as an allowance for the error of the clock estimate.
     let newest = client.inspect().unwrap().tick;
     assert!(
         newest >= shown.tick + Ticks::new(3),
@@ -469,7 +477,7 @@ fn ten_thousand_bodies_are_joined_while_the_scene_runs() {
         first.idle(Duration::from_millis(50)).unwrap();
         first.poll().unwrap();
     }
-    // Somebody has to look on while the other one joins.
+    // The first member must keep polling while the other one joins.
     let (done, joined) = std::sync::mpsc::channel();
     let watcher = std::thread::spawn(move || {
         let mut longest = Duration::ZERO;
@@ -477,7 +485,7 @@ fn ten_thousand_bodies_are_joined_while_the_scene_runs() {
         while joined.try_recv().is_err() {
             first
                 .idle(Duration::from_millis(1))
-                .expect("the connection stands");
+                .expect("the connection is open");
             let watermark_tick = first.statistics().watermark_tick;
             if watermark_tick > newest {
                 longest = longest.max(last.elapsed());
@@ -504,7 +512,7 @@ fn ten_thousand_bodies_are_joined_while_the_scene_runs() {
         let off = first.view().positions()[one].distance(second.view().positions()[other]);
         assert!(
             off <= 0.1,
-            "{id} is off by {off} m between two members of the 5 cm tier"
+            "{id} differs by {off} m between two members of the 5 cm tier"
         );
     }
     let full = JoinOptions {
@@ -522,11 +530,14 @@ fn an_idle_server_uses_next_to_no_processor_time() {
     let mut waiting = open(&server, "pit", JoinMode::Create(config(Stepping::Lockstep)));
     take_authority(&mut waiting, &mut BallPit::new(20, 1, 1), 10);
     let Some(before) = server.processor_ticks() else {
-        return println!("this system does not say what a process used");
+        return println!("this system does not provide the processor time of a process");
     };
     let wait = Duration::from_secs(2);
     waiting.idle(wait).unwrap();
-    let used = server.processor_ticks().expect("it sent so before") - before;
+    let used = server
+        .processor_ticks()
+        .expect("the system provides the processor time")
+        - before;
     println!("{used} clock ticks of 10 ms in {wait:?}");
     assert!(
         used * 10 < wait.as_millis() as u64 / 5,
@@ -534,27 +545,27 @@ fn an_idle_server_uses_next_to_no_processor_time() {
     );
 }
 
-/// Bytes of IPv4 and UDP headers of one datagram.
+/// Bytes of the IPv4 and UDP headers of one datagram.
 const HEADER_BYTES: u64 = 28;
 
-/// What a client sent and received so far, with all headers.
+/// Bytes that a client sent and received so far, with all headers.
 fn on_the_wire(client: &Client) -> u64 {
     let wire = client.statistics().wire;
     let datagrams = wire.sent_datagrams + wire.received_datagrams;
     wire.sent_bytes + wire.received_bytes + datagrams * HEADER_BYTES
 }
 
-/// Waits for the next watermark, and for what it sets off.
+/// Waits for the next watermark, and for the packets that it triggers.
 fn next_watermark(client: &mut Client) -> Tick {
     let before = client.statistics().watermark_tick;
     while client.statistics().watermark_tick == before {
         client
             .idle(Duration::from_millis(10))
-            .expect("the connection stands");
+            .expect("the connection is open");
     }
     client
         .idle(Duration::from_millis(300))
-        .expect("the connection stands");
+        .expect("the connection is open");
     client.statistics().watermark_tick
 }
 
@@ -570,7 +581,7 @@ fn a_scene_at_rest_costs_a_member_sixty_bytes_a_second_both_ways_and_all_headers
     while client.statistics().stream.updates < 500 || client.inspect().unwrap().awake > 0 {
         client.idle(Duration::from_millis(200)).unwrap();
     }
-    // Settled: the longest silence between watermarks is reached, and the last inspection is behind.
+    // By now the longest interval between watermarks is reached, and the last inspection is over.
     let mut begun = next_watermark(&mut client);
     let mut ticks = 0;
     while ticks < 150 {
@@ -578,7 +589,7 @@ fn a_scene_at_rest_costs_a_member_sixty_bytes_a_second_both_ways_and_all_headers
         ticks = next.value() - begun.value();
         begun = next;
     }
-    // Where a machine is late QUIC says things again, which the scene does not ask for: one stretch in time is enough.
+    // On a slow machine QUIC retransmits, which is not a cost of the scene; the cheapest of several periods counts.
     let mut least = f64::INFINITY;
     for _ in 0..3 {
         let (before, since) = (on_the_wire(&client), begun);

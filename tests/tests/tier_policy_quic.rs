@@ -1,7 +1,7 @@
-//! A client behind a thin link is moved over QUIC, reported, and follows on
+//! The server changes the tier of a client behind a slow link, over QUIC.
 //!
-//! Proved by a server process, the public client and a relay that passes so many bytes a second. Waiting is a client's
-//! call with its patience; how long it takes is not asserted.
+//! The tests use a server process, the public client and a relay of limited rate. Waiting is a client's call with its
+//! time limit; durations are not asserted.
 
 use std::time::Duration;
 
@@ -54,7 +54,7 @@ fn shake(client: &mut Client, balls: &[BodyId], turn: u32) {
             linear: Vec3::new(roll(0), roll(1), roll(2)),
             angular: Vec3::ZERO,
         };
-        client.command(task).expect("it is a velocity");
+        client.command(task).expect("a valid velocity");
     }
 }
 
@@ -69,17 +69,17 @@ fn a_client_behind_a_thin_link_changes_to_a_coarser_tier_and_is_notified() {
     let balls = place(&mut commander);
     let wide: LinkConfig = "rtt=20ms".parse().expect("these are config of a link");
     let anywhere = "127.0.0.1:0".parse().expect("an address of loopback");
-    let relay = UdpRelay::start(anywhere, server.address, wide, 1).expect("it starts");
+    let relay = UdpRelay::start(anywhere, server.address, wide, 1).expect("starting the relay");
     let mut member = open(&relay.local_addr().to_string(), &server, EXACT);
     assert_eq!(member.stream(), Some(EXACT));
     let thin = "rtt=20ms,rate=24kbit,queue=64kB";
-    relay.set_config(thin.parse().expect("these are config of a link"));
+    relay.set_config(thin.parse().expect("a valid link configuration"));
     let (mut moved, mut followed) = (None, None);
     for turn in 0..2_400 {
         shake(&mut commander, &balls, turn);
         commander
             .idle(Duration::from_millis(8))
-            .expect("the server is there");
+            .expect("the server is running");
         member
             .idle(Duration::from_millis(8))
             .expect("the server is there");
@@ -96,7 +96,7 @@ fn a_client_behind_a_thin_link_changes_to_a_coarser_tier_and_is_notified() {
         }
     }
     let wire = member.statistics().wire;
-    let (to, cause) = moved.unwrap_or_else(|| panic!("it was not reported: {wire:?}"));
+    let (to, cause) = moved.unwrap_or_else(|| panic!("no change was notified: {wire:?}"));
     assert_eq!(
         (to, cause),
         (
@@ -104,8 +104,8 @@ fn a_client_behind_a_thin_link_changes_to_a_coarser_tier_and_is_notified() {
             TierChangeCause::LinkCongested
         )
     );
-    // The copy and its bounds are by a stream that it was moved to.
-    let choice = followed.expect("it followed");
+    // The copy and its bounds belong to the stream that the server chose.
+    let choice = followed.expect("it changed its stream");
     assert_ne!(choice, EXACT);
     assert_eq!(member.stream(), Some(choice));
     assert_eq!(member.tolerance(), Some(choice.tolerance()));
