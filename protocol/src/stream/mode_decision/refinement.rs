@@ -1,0 +1,339 @@
+//! Stage three: the residual of each candidate that costs least for each tick that it holds.
+//!
+//! Corrections begin at those that fit the known ticks best, and leave out steps as long as that pays. With lookahead, those that break
+//! within what is known are weighed together with the correction that must follow.
+
+use rhumb_reckoning::Residual;
+
+use super::candidates::{Candidate, Candidates};
+use super::cost::{Beside, Cost};
+use super::errors::Errors;
+use super::forecast::{Effect, ErrorForecast, Expectation, Lifetime};
+use crate::packet::Age;
+use crate::stream::features::Features;
+
+/// Steps are rounded to the nearest.
+const NEAREST: [f64; 2] = [0.5; 2];
+/// Steps by which corrections are made sparser: a part of the last step below this share is left out.
+const SPARSE: f64 = 0.7;
+/// The velocity_exponent of velocities that are sent whether or not it pays.
+const PLAIN: u32 = 3;
+/// Velocities are sent in steps that are doubled so often, if at all.
+const VELOCITY_EXPONENTS: [u32; 6] = [9, 7, 5, 3, 1, 0];
+/// Corrections begin at the best fits of so many known ticks; moving ones with velocities at straight lines through so many.
+const FITS: [usize; 5] = [0, 1, 2, 4, 6];
+const LINES: [usize; 3] = [2, 4, 6];
+/// Corrections that follow begin at these.
+const FITS_AFTER: [usize; 3] = [0, 2, 5];
+/// Corrections that are weighed with what follows.
+const SHORTLIST: usize = 4;
+
+/// A correction, and what it is worth: 1/256 bits for each tick, less is better.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Choice {
+    /// The number of its mode.
+    pub(super) mode: usize,
+    pub(super) residual: Residual,
+    price: f64,
+}
+
+/// How one body's corrections are searched.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Settings {
+    pub(super) expectation: Expectation,
+    pub(super) features: Features,
+    /// Of the track that is corrected.
+    pub(super) age: Age,
+    /// The share of a correction that a moving mode adds to it in each tick.
+    pub(super) rate: f64,
+    /// Whether what follows a correction is weighed too.
+    pub(super) looks_ahead: bool,
+}
+
+/// The best corrections so far, the best first, none twice.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct BestCorrections {
+    choices: [Option<Choice>; SHORTLIST],
+    /// From this price on a correction is not among them.
+    limit: Option<f64>,
+}
+
+impl BestCorrections {
+    /// The price of the best.
+    fn least(&self) -> f64 {
+        self.choices[0].map_or(f64::INFINITY, |best| best.price)
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = &Choice> {
+        self.choices.iter().flatten()
+    }
+
+    fn note(&mut self, choice: Choice) {
+        let below = choice.price < self.limit.unwrap_or(f64::INFINITY);
+        if !below {
+            return;
+        }
+        let mut at = 0;
+        for other in self.choices.iter().flatten() {
+            if other.mode == choice.mode && other.residual == choice.residual {
+                return;
+            }
+            at += usize::from(other.price <= choice.price);
+        }
+        self.choices[at..].rotate_right(1);
+        self.choices[at] = Some(choice);
+        self.limit = self.choices[SHORTLIST - 1].map(|last| last.price);
+    }
+}
+
+/// The search for one body's correction.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Refinement<'r> {
+    settings: &'r Settings,
+    best: BestCorrections,
+}
+
+/// One candidate's corrections, weighed.
+#[derive(Clone, Copy, Debug)]
+struct CorrectionRanker<'s> {
+    forecast: &'s ErrorForecast<'s>,
+    expectation: &'s Expectation,
+    cost: Cost,
+    /// See [`Refinement::rate`]; nothing of a mode that rests.
+    rate: f64,
+}
+
+impl CorrectionRanker<'_> {
+    fn effect(&self, residual: &Residual) -> Effect {
+        let units = &self.expectation.units;
+        let at_once = units.of_residual(residual);
+        let each_tick = at_once * self.rate;
+        Effect {
+            at_once,
+            each_tick: match &residual.velocity {
+                Some(velocity) => each_tick + units.of_velocity(velocity),
+                None => each_tick,
+            },
+        }
+    }
+
+    fn lifetime(&self, effect: &Effect) -> Lifetime {
+        self.forecast.lifetime(effect, self.expectation)
+    }
+
+    fn price(&self, residual: &Residual) -> f64 {
+        let lifetime = self.lifetime(&self.effect(residual));
+        self.cost.price(self.cost.bits(residual), lifetime.ticks)
+    }
+
+    /// Leaves out a step after another as long as that pays; only those that differ from a sparser residual, if there is one.
+    fn leave_out_steps(
+        &self,
+        from: (Residual, f64),
+        sparser: Option<&Residual>,
+    ) -> (Residual, f64) {
+        let (mut best, mut least) = from;
+        for axis in 0..6 {
+            let steps = |residual: &Residual| match axis {
+                0..3 => residual.position[axis],
+                _ => residual.turn[axis - 3],
+            };
+            let now = steps(&best);
+            if now == 0 || sparser.is_some_and(|sparser| steps(sparser) == now) {
+                continue;
+            }
+            let mut fewer = best;
+            match axis {
+                0..3 => fewer.position[axis] -= now.signum(),
+                _ => fewer.turn[axis - 3] -= now.signum(),
+            }
+            let price = self.price(&fewer);
+            if price < least {
+                (best, least) = (fewer, price);
+            }
+        }
+        (best, least)
+    }
+
+    /// The price of a correction together with the one that must follow it, if that is known.
+    fn price_with_next(&self, residual: &Residual, age: impl Fn(usize) -> Age) -> f64 {
+        let effect = self.effect(residual);
+        let lifetime = self.lifetime(&effect);
+        let bits = self.cost.bits(residual);
+        let breach = match lifetime.breach {
+            None | Some(0) => return self.cost.price(bits, lifetime.ticks),
+            Some(breach) => breach,
+        };
+        let known = self.forecast.known_after(breach, &effect);
+        let later = CorrectionRanker {
+            forecast: &ErrorForecast {
+                known: &known,
+                pull: None,
+                from: self.forecast.from - breach.min(self.forecast.from),
+                slope: self.forecast.slope - effect.each_tick,
+                ..*self.forecast
+            },
+            expectation: self.expectation,
+            cost: self.cost.following(bits, breach, age(breach)),
+            rate: if self.rate > 0.0 {
+                1.0 / breach as f64
+            } else {
+                0.0
+            },
+        };
+        let mut least = f64::INFINITY;
+        for fit in FITS_AFTER {
+            if fit <= later.forecast.last() {
+                let nearest = later.forecast.nearest(fit, later.rate);
+                let residual = self.expectation.units.residual(&nearest, NEAREST);
+                let (_, price) = later.leave_out_steps((residual, later.price(&residual)), None);
+                least = least.min(price);
+            }
+        }
+        least
+    }
+}
+
+impl<'r> Refinement<'r> {
+    pub(super) fn new(settings: &'r Settings) -> Self {
+        Self {
+            settings,
+            best: BestCorrections::default(),
+        }
+    }
+
+    fn scales<'s>(&self, candidate: &'s Candidate<'_>) -> CorrectionRanker<'s>
+    where
+        'r: 's,
+    {
+        let beside = if self.settings.looks_ahead {
+            Beside::NEXT
+        } else {
+            Beside::default()
+        };
+        let (mode, age) = (candidate.mode, self.settings.age);
+        CorrectionRanker {
+            forecast: &candidate.forecast,
+            expectation: &self.settings.expectation,
+            cost: Cost::new(mode, candidate.predictor, age, beside),
+            rate: if candidate.moves() {
+                self.settings.rate
+            } else {
+                0.0
+            },
+        }
+    }
+
+    /// Weighs the corrections of a candidate. `velocity`: by how much the true velocities differ from the predicted ones.
+    pub(super) fn consider(&mut self, mode: usize, candidate: &Candidate<'_>, velocity: &Errors) {
+        let settings = self.settings;
+        let scales = self.scales(candidate);
+        let (forecast, units) = (scales.forecast, &settings.expectation.units);
+        let (moves, looks_ahead) = (candidate.moves(), settings.looks_ahead);
+        let fits = if looks_ahead { &FITS[..] } else { &FITS[..1] };
+        for fit in fits
+            .iter()
+            .copied()
+            .take_while(|fit| *fit <= forecast.last())
+        {
+            let residual = units.residual(&forecast.nearest(fit, scales.rate), NEAREST);
+            if !moves || settings.features.derived {
+                let mut found = (residual, scales.price(&residual));
+                if looks_ahead && settings.features.sparse {
+                    found = scales.leave_out_steps(found, None);
+                }
+                let (residual, price) = found;
+                self.best.note(Choice {
+                    mode,
+                    residual,
+                    price,
+                });
+            }
+            if moves && !looks_ahead {
+                self.with_velocities(mode, &scales, &residual, velocity);
+            }
+        }
+        if !moves || !looks_ahead {
+            return;
+        }
+        for line in LINES.into_iter().take_while(|line| *line < forecast.last()) {
+            let [begin, slope] = forecast.line(line);
+            let residual = units.residual(&begin, NEAREST);
+            self.with_velocities(mode, &scales, &residual, &slope);
+        }
+    }
+
+    /// Weighs a correction with velocities that take `slope` off the error in each tick.
+    fn with_velocities(
+        &mut self,
+        mode: usize,
+        scales: &CorrectionRanker<'_>,
+        residual: &Residual,
+        slope: &Errors,
+    ) {
+        let units = &self.settings.expectation.units;
+        let effect = scales.effect(residual);
+        let exact = Effect {
+            each_tick: *slope,
+            ..effect
+        };
+        // Nothing lasts longer than what goes on at the true velocities, and finer steps cost more.
+        let longest = scales.lifetime(&exact).ticks;
+        let lacking = *slope - effect.each_tick;
+        for velocity_exponent in self.settings.features.steps(VELOCITY_EXPONENTS) {
+            let velocity = units.velocity(&lacking, velocity_exponent);
+            let residual = Residual {
+                velocity: Some(velocity),
+                ..*residual
+            };
+            let bits = scales.cost.bits(&residual);
+            let plain = !self.settings.features.derived && velocity_exponent <= PLAIN;
+            if scales.cost.price(bits, longest) >= self.best.least() && !plain {
+                return;
+            }
+            if velocity.is_within_limits() {
+                let ticks = scales.lifetime(&scales.effect(&residual)).ticks;
+                self.best.note(Choice {
+                    mode,
+                    residual,
+                    price: scales.cost.price(bits, ticks),
+                });
+            }
+        }
+    }
+
+    /// The best corrections in order: of the best one steps are left out, or with lookahead all are weighed with what follows.
+    pub(super) fn finish(mut self, candidates: &Candidates<'_>, interval: u32) -> BestCorrections {
+        let candidate = |choice: &Choice| candidates.candidate(choice.mode);
+        let settings = self.settings;
+        if !settings.looks_ahead {
+            if let Some(best) = self.best.choices[0].filter(|_| settings.features.sparse)
+                && let Some(candidate) = candidate(&best)
+            {
+                let sparse = settings
+                    .expectation
+                    .units
+                    .residual(&candidate.forecast.nearest(0, 0.0), [SPARSE; 2]);
+                let from = (best.residual, best.price);
+                let (residual, price) =
+                    self.scales(&candidate).leave_out_steps(from, Some(&sparse));
+                self.best.note(Choice {
+                    residual,
+                    price,
+                    ..best
+                });
+            }
+            return self.best;
+        }
+        let age = |ticks: usize| Age::new((ticks as u32).div_ceil(interval));
+        let mut weighed = BestCorrections::default();
+        for choice in self.best.iter() {
+            if let Some(candidate) = candidate(choice) {
+                let scales = self.scales(&candidate);
+                let price = scales.price_with_next(&choice.residual, age);
+                weighed.note(Choice { price, ..*choice });
+            }
+        }
+        weighed
+    }
+}
