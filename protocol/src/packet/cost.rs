@@ -2,7 +2,7 @@
 //!
 //! Nothing here is normative, and nothing changes the coder. Costs are in 1/256 bits.
 
-use rhumb_reckoning::Residual;
+use rhumb_reckoning::{Residual, VelocityResidual};
 
 use super::age::Age;
 use super::model::{code_cost, opening_cost};
@@ -53,9 +53,11 @@ pub(crate) trait CostModel {
                 age,
                 residual,
             } => {
-                let moved = residual.velocity.is_some();
+                let velocity = residual.velocity.as_ref();
+                let moved = velocity.is_some();
                 return self.cost_of_form(mode, *age, moved)
-                    + self.cost_of_residual(mode, *age, residual);
+                    + self.cost_of_place(mode, *age, moved, residual)
+                    + velocity.map_or(0, |it| self.cost_of_velocity(mode, *age, it));
             }
             UpdatePayload::Keyframe(keyframe) => keyframe.bit_len() as u32 + INDEX_BITS,
             UpdatePayload::Resting {
@@ -81,21 +83,35 @@ pub(crate) trait CostModel {
             + self.cost_of_parent(mode)
     }
 
-    /// Of a correction of this mode, what says its residual.
+    /// Of a correction of this mode, what says position and turn.
     #[inline]
-    fn cost_of_residual(&self, mode: &PredictionMode, age: Age, residual: &Residual) -> u32 {
-        let kind = UpdateForm::of_mode(mode, residual.velocity.is_some()).kind();
+    fn cost_of_place(
+        &self,
+        mode: &PredictionMode,
+        age: Age,
+        moved: bool,
+        residual: &Residual,
+    ) -> u32 {
+        let kind = UpdateForm::of_mode(mode, moved).kind();
         let class = contexts::age_class(age.count());
         let [x, y, z] = residual.position;
         let largest = x.unsigned_abs().max(y.unsigned_abs()).max(z.unsigned_abs());
-        let place = self.cost_of_three(contexts::position(kind, class), residual.position)
-            + self.cost_of_three(contexts::turn(kind, class, largest), residual.turn);
-        let Some(velocity) = &residual.velocity else {
-            return place;
-        };
+        self.cost_of_three(contexts::position(kind, class), residual.position)
+            + self.cost_of_three(contexts::turn(kind, class, largest), residual.turn)
+    }
+
+    /// Of a correction of this mode, what says velocities.
+    #[inline]
+    fn cost_of_velocity(
+        &self,
+        mode: &PredictionMode,
+        age: Age,
+        velocity: &VelocityResidual,
+    ) -> u32 {
+        let kind = UpdateForm::of_mode(mode, true).kind();
+        let class = contexts::age_class(age.count());
         let velocity_exponent = contexts::velocity_exponent(kind, age.count());
-        place
-            + self.cost_of_number(velocity_exponent, velocity.velocity_exponent)
+        self.cost_of_number(velocity_exponent, velocity.velocity_exponent)
             + self.cost_of_three(contexts::velocity(kind, class, 2), velocity.linear)
             + self.cost_of_three(contexts::velocity(kind, class, 3), velocity.angular)
     }

@@ -452,7 +452,11 @@ impl Publisher {
             last: seen.last,
             past: seen.past,
             stride,
-            ahead: seen.ahead(),
+            ahead: if self.features.mode_decision {
+                seen.ahead()
+            } else {
+                &[]
+            },
             ends: seen.ends(),
             parent: attached_to.as_ref().and_then(|(other, seen)| {
                 Some(Parent {

@@ -13,7 +13,7 @@ use rhumb_reckoning::{
 
 use super::acceleration::ACCELERATIONS;
 use super::errors::{Errors, Units, apart};
-use super::forecast::{ErrorForecast, Known, Pull, SPAN};
+use super::forecast::{ErrorForecast, Known, Pull};
 use super::{ModeDecision, Parent, Subject, share};
 use crate::packet::{Age, PredictionMode};
 
@@ -53,7 +53,7 @@ impl Candidate<'_> {
 
 /// The prediction modes of one body.
 #[derive(Debug)]
-pub(super) struct Candidates<'a> {
+pub(super) struct Candidates<'a, const N: usize> {
     subject: &'a Subject<'a>,
     units: Units,
     /// Whether the last ticks tell more than the next ones.
@@ -63,12 +63,12 @@ pub(super) struct Candidates<'a> {
     parent_age: Option<Age>,
     /// A body whose parent is gone needs a keyframe.
     orphaned: bool,
-    rest: Option<Forecast>,
-    attached: Option<(Base<'a>, PredictionMode, Forecast)>,
+    rest: Option<Forecast<N>>,
+    attached: Option<(Base<'a>, PredictionMode, Forecast<N>)>,
     floating: Predictor,
     falling: Predictor,
-    unaccelerated: Forecast,
-    falls: Falls,
+    unaccelerated: Forecast<N>,
+    falls: Falls<N>,
     /// By how much the true velocities differ from the predicted ones, in a tick.
     pub(super) velocity: Errors,
     gravity: Option<DVec3>,
@@ -77,16 +77,16 @@ pub(super) struct Candidates<'a> {
 
 /// What is forecast of a mode that nothing accelerates.
 #[derive(Clone, Copy, Debug)]
-struct Forecast {
-    known: Known,
+struct Forecast<const N: usize> {
+    known: Known<N>,
     slope: Errors,
     curve: Errors,
 }
 
 /// What an acceleration of 1 m/s² adds, in metres: at each known tick, to the slope and to the curve.
 #[derive(Clone, Copy, Debug)]
-struct Falls {
-    known: [f64; SPAN],
+struct Falls<const N: usize> {
+    known: [f64; N],
     slope: f64,
     curve: f64,
 }
@@ -124,7 +124,7 @@ impl Growth {
     }
 }
 
-impl<'a> Candidates<'a> {
+impl<'a, const N: usize> Candidates<'a, N> {
     pub(super) fn new(
         decision: &ModeDecision<'_>,
         subject: &'a Subject<'a>,
@@ -150,7 +150,7 @@ impl<'a> Candidates<'a> {
         };
         let step_s = decision.tracks.integrator().rate.step().seconds();
         let extrapolates = subject.ahead.is_empty() || flies;
-        let sources = Sources {
+        let sources = Sources::<N> {
             decision,
             subject,
             units,
@@ -231,10 +231,11 @@ impl<'a> Candidates<'a> {
         }
     }
 
-    fn forecast(&'a self, of: &'a Forecast, lasts: f64) -> ErrorForecast<'a> {
-        let last = of.known.last();
+    fn forecast(&'a self, of: &'a Forecast<N>, lasts: f64) -> ErrorForecast<'a> {
+        let known = of.known.errors();
+        let last = known.len() - 1;
         ErrorForecast {
-            known: &of.known,
+            known,
             pull: None,
             from: if self.flies { 0 } else { last },
             slope: of.slope,
@@ -262,7 +263,7 @@ impl<'a> Candidates<'a> {
 
 /// What forecasts are made of.
 #[derive(Clone, Copy, Debug)]
-struct Sources<'s, 'a> {
+struct Sources<'s, 'a, const N: usize> {
     decision: &'s ModeDecision<'s>,
     subject: &'a Subject<'a>,
     units: &'s Units,
@@ -272,27 +273,28 @@ struct Sources<'s, 'a> {
     moved: [[DVec3; 2]; 2],
 }
 
-impl<'a> Sources<'_, 'a> {
+impl<'a, const N: usize> Sources<'_, 'a, N> {
     /// The forecast of the errors at the published tick and at those after it that are known.
     fn forecast(
         &self,
         error: impl Fn(usize, &Motion) -> Option<[DVec3; 2]>,
         lately: impl FnOnce() -> Growth,
-    ) -> Forecast {
+    ) -> Forecast<N> {
         let of = |errors| Errors::of(errors, self.units.still);
         let subject = self.subject;
         let mut known = Known::new(error(0, &subject.truth).map_or(Errors::ZERO, of));
-        for (tick, truth) in (1..SPAN).zip(subject.ahead) {
+        for (tick, truth) in (1..N).zip(subject.ahead) {
             let Some(error) = error(tick, truth) else {
                 break;
             };
             known.push(of(error));
         }
-        let (slope, curve) = if self.extrapolates || known.last() == 0 {
-            let lately = lately();
-            (of(lately.slope), of(lately.curve))
-        } else {
-            (known.last_growth(), Errors::ZERO)
+        let (slope, curve) = match known.errors() {
+            [.., before, last] if !self.extrapolates => (*last - *before, Errors::ZERO),
+            _ => {
+                let lately = lately();
+                (of(lately.slope), of(lately.curve))
+            }
         };
         Forecast {
             known,
@@ -302,7 +304,7 @@ impl<'a> Sources<'_, 'a> {
     }
 
     /// Of a body that stays where it was predicted.
-    fn rest(&self) -> Forecast {
+    fn rest(&self) -> Forecast<N> {
         let predicted = self.subject.predicted_motion.pose();
         self.forecast(
             |_, truth| Some(apart(&truth.pose(), &predicted)),
@@ -311,13 +313,13 @@ impl<'a> Sources<'_, 'a> {
     }
 
     /// Of a mode that nothing accelerates, and what an acceleration changes of it.
-    fn unaccelerated(&self, predictor: Predictor, velocity: &Errors) -> (Forecast, Falls) {
+    fn unaccelerated(&self, predictor: Predictor, velocity: &Errors) -> (Forecast<N>, Falls<N>) {
         let (subject, tracks) = (self.subject, self.decision.tracks);
         let slot = subject.slot;
         let mut motion = subject.predicted_motion;
-        let mut expected = [motion.pose(); SPAN];
-        let mut falls = [0.0; SPAN];
-        for tick in 1..=subject.ahead.len().min(SPAN - 1) {
+        let mut expected = [motion.pose(); N];
+        let mut falls = [0.0; N];
+        for tick in 1..=subject.ahead.len().min(N - 1) {
             motion = tracks.continued(slot, predictor, &motion, Ticks::new(1));
             expected[tick] = motion.pose();
             falls[tick] = tracks.unforced(slot, Ticks::new(tick as u32)).fall;
@@ -328,7 +330,7 @@ impl<'a> Sources<'_, 'a> {
             |tick, truth| Some(apart(&truth.pose(), &expected[tick])),
             || Growth::of_strays(strays, stride),
         );
-        let last = forecast.known.last();
+        let last = forecast.known.errors().len() - 1;
         let mut falls = Falls {
             known: falls,
             slope: fallen[0] * (2.0 / stride) - fallen[1] * (0.5 / stride),
@@ -373,7 +375,7 @@ impl<'a> Sources<'_, 'a> {
     }
 
     /// Of being attached to a body.
-    fn attached(&self, parent: &'a Parent<'a>) -> Option<(Base<'a>, PredictionMode, Forecast)> {
+    fn attached(&self, parent: &'a Parent<'a>) -> Option<(Base<'a>, PredictionMode, Forecast<N>)> {
         let (subject, tracks) = (self.subject, self.decision.tracks);
         let track = subject.track;
         let above = parent.slot.track();

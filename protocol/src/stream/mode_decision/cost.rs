@@ -2,7 +2,7 @@
 //!
 //! Bits are those at the beginning of a packet: what the packet's other updates have taught the coder is not known yet.
 
-use rhumb_reckoning::{Predictor, Residual};
+use rhumb_reckoning::{Residual, VelocityResidual};
 
 use crate::packet::{Age, CostModel, InitialCostModel, PredictionMode};
 
@@ -31,50 +31,52 @@ pub(super) struct Cost {
     mode: PredictionMode,
     /// Of the track that is corrected.
     age: Age,
-    /// Of the form, without velocities and with them.
-    forms: [u32; 2],
     beside: Beside,
 }
 
 impl Cost {
-    pub(super) fn new(
-        mode: PredictionMode,
-        predictor: Predictor,
-        age: Age,
-        beside: Beside,
-    ) -> Self {
-        let form = |moved| OVERHEAD + InitialCostModel.cost_of_form(&mode, age, moved);
-        let still = form(false);
-        let moves = predictor != Predictor::Rest;
-        Self {
-            mode,
-            age,
-            forms: [still, if moves { form(true) } else { still }],
-            beside,
-        }
+    pub(super) const fn new(mode: PredictionMode, age: Age, beside: Beside) -> Self {
+        Self { mode, age, beside }
     }
 
-    /// Bits of a correction, in 1/256.
-    pub(super) fn bits(&self, residual: &Residual) -> f64 {
-        let form = self.forms[usize::from(residual.velocity.is_some())];
-        f64::from(form + InitialCostModel.cost_of_residual(&self.mode, self.age, residual))
+    /// Of a correction, in 1/256 bits.
+    pub(super) fn bits(&self, residual: &Residual) -> u32 {
+        let moved = residual.velocity.is_some();
+        self.of_place(residual, moved)
+            + residual
+                .velocity
+                .as_ref()
+                .map_or(0, |it| self.of_velocity(it))
+    }
+
+    /// Of a correction with velocities or without, all but what says these.
+    pub(super) fn of_place(&self, residual: &Residual, moved: bool) -> u32 {
+        let Self { mode, age, .. } = self;
+        OVERHEAD
+            + InitialCostModel.cost_of_form(mode, *age, moved)
+            + InitialCostModel.cost_of_place(mode, *age, moved, residual)
+    }
+
+    /// Of velocities.
+    pub(super) fn of_velocity(&self, velocity: &VelocityResidual) -> u32 {
+        InitialCostModel.cost_of_velocity(&self.mode, self.age, velocity)
     }
 
     /// Bits for each tick: less is better.
-    pub(super) fn price(&self, bits: f64, ticks: f64) -> f64 {
+    pub(super) fn price(&self, bits: u32, ticks: f64) -> f64 {
         if ticks > 0.0 {
-            (self.beside.bits + bits) / (self.beside.ticks + ticks)
+            (self.beside.bits + f64::from(bits)) / (self.beside.ticks + ticks)
         } else {
             f64::INFINITY
         }
     }
 
     /// What the next correction of the same track costs, `age` later; this one's bits and ticks are paid.
-    pub(super) fn following(&self, bits: f64, ticks: usize, age: Age) -> Self {
+    pub(super) fn following(&self, bits: u32, ticks: usize, age: Age) -> Self {
         let beside = Beside {
-            bits: self.beside.bits + bits,
+            bits: self.beside.bits + f64::from(bits),
             ticks: self.beside.ticks + ticks as f64,
         };
-        Self::new(PredictionMode::Same, Predictor::Rest, age, beside)
+        Self::new(PredictionMode::Same, age, beside)
     }
 }

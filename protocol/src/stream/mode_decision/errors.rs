@@ -142,7 +142,7 @@ impl Units {
     /// The same of the squares of the errors of position and of turn.
     #[inline]
     pub(super) fn share_of_squares(&self, squares: f64x2) -> f64 {
-        let [position, turn] = squares.max(f64x2::ZERO).sqrt().to_array();
+        let [position, turn] = squares.fast_max(f64x2::ZERO).sqrt().to_array();
         if self.shared {
             position + turn
         } else {
@@ -197,7 +197,7 @@ fn steps(Errors(errors): &Errors, unit: f64x2, rounding: f64x2, limit: f64x2) ->
     let of = |errors: f64x2| {
         let steps = errors * inverse;
         // What is no number becomes zero by the cast.
-        let size = (steps.abs() + up).min(limit);
+        let size = (steps.abs() + up).fast_min(limit);
         let ([x, y], [p, q]) = (steps.to_array(), size.to_array());
         let signed = |of: f64, size: f64| {
             let size = size as i32;

@@ -20,33 +20,27 @@ pub(super) struct Effect {
     pub(super) each_tick: Errors,
 }
 
-/// Errors at the published tick and those after it, as far as they are known.
+/// Errors at the published tick and those after it, as far as they are known: of at most `N` ticks.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Known {
-    errors: [Errors; SPAN],
-    /// The last known tick.
-    last: usize,
+pub(super) struct Known<const N: usize> {
+    errors: [Errors; N],
+    count: usize,
 }
 
-impl Known {
+impl<const N: usize> Known<N> {
     pub(super) const fn new(now: Errors) -> Self {
-        let mut errors = [Errors::ZERO; SPAN];
+        let mut errors = [Errors::ZERO; N];
         errors[0] = now;
-        Self { errors, last: 0 }
+        Self { errors, count: 1 }
     }
 
     pub(super) fn push(&mut self, next: Errors) {
-        self.last += 1;
-        self.errors[self.last] = next;
+        self.errors[self.count] = next;
+        self.count += 1;
     }
 
-    pub(super) const fn last(&self) -> usize {
-        self.last
-    }
-
-    /// Between the last two, of which there are at least that many.
-    pub(super) fn last_growth(&self) -> Errors {
-        self.errors[self.last] - self.errors[self.last - 1]
+    pub(super) fn errors(&self) -> &[Errors] {
+        &self.errors[..self.count]
     }
 }
 
@@ -54,13 +48,14 @@ impl Known {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pull<'a> {
     pub(super) each: Errors,
-    pub(super) falls: &'a [f64; SPAN],
+    pub(super) falls: &'a [f64],
 }
 
 /// How far off the uncorrected prediction of one mode is, tick by tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ErrorForecast<'a> {
-    pub(super) known: &'a Known,
+    /// At the published tick and those after it.
+    pub(super) known: &'a [Errors],
     pub(super) pull: Option<Pull<'a>>,
     /// From this tick on the error is taken to grow by `slope` in a tick, and by `curve` in a tick squared.
     pub(super) from: usize,
@@ -94,13 +89,13 @@ pub(super) struct Lifetime {
 impl ErrorForecast<'_> {
     /// The last known tick.
     pub(super) const fn last(&self) -> usize {
-        self.known.last
+        self.known.len() - 1
     }
 
     /// Without a correction.
     #[inline]
     fn error(&self, tick: usize) -> Errors {
-        let error = self.known.errors[tick];
+        let error = self.known[tick];
         match &self.pull {
             Some(pull) if tick > 0 => error - pull.each * pull.falls[tick],
             _ => error,
@@ -183,7 +178,7 @@ impl ErrorForecast<'_> {
     }
 
     /// What is known from a later tick on, after a correction.
-    pub(super) fn known_after(&self, tick: usize, by: &Effect) -> Known {
+    pub(super) fn known_after(&self, tick: usize, by: &Effect) -> Known<SPAN> {
         let mut known = Known::new(self.left(tick, by));
         for later in tick + 1..=self.last() {
             known.push(self.left(later, by));

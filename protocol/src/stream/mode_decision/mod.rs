@@ -25,7 +25,7 @@ use super::tracks::{Slot, Tracks};
 use crate::packet::{Age, UpdatePayload};
 use candidates::{Candidate, Candidates};
 use errors::Units;
-use forecast::Expectation;
+use forecast::{Expectation, SPAN};
 use refinement::{Choice, Refinement, Settings};
 
 /// What is known of a body that needs an update.
@@ -92,14 +92,29 @@ impl ModeDecision<'_> {
         if age == Age::new(0) || aged || !self.features.residuals {
             return None;
         }
-        let subject = &Subject {
-            ahead: if self.features.mode_decision {
-                subject.ahead
-            } else {
-                &[]
-            },
-            ..*subject
+        let over = track
+            .predictor
+            .divergence_time(ticks, self.tracks.integrator().rate);
+        let update = Update {
+            decision: self,
+            subject,
+            age,
+            over,
         };
+        if subject.ahead.is_empty() {
+            self.decide_within::<1>(&update, ticks)
+        } else {
+            self.decide_within::<SPAN>(&update, ticks)
+        }
+    }
+
+    /// The same where at most so many ticks are known, the published one included.
+    fn decide_within<const N: usize>(
+        &self,
+        update: &Update<'_>,
+        ticks: Ticks,
+    ) -> Option<(UpdatePayload, Track)> {
+        let (subject, age) = (update.subject, update.age);
         let rate = self.tracks.integrator().rate;
         let (tolerance, radius) = (
             self.tracks.tolerance_of(subject.slot),
@@ -113,8 +128,7 @@ impl ModeDecision<'_> {
             self.tracks.grid(subject.slot),
             step,
         );
-        let over = track.predictor.divergence_time(ticks, rate);
-        let candidates = Candidates::new(self, subject, &units)?;
+        let candidates = Candidates::<N>::new(self, subject, &units)?;
         let interval = self.tracks.every().get();
         let [least, most] = DOUBT;
         let settings = Settings {
@@ -126,7 +140,7 @@ impl ModeDecision<'_> {
             },
             features: self.features,
             age,
-            rate: step / over.seconds(),
+            rate: step / update.over.seconds(),
             looks_ahead: !subject.ahead.is_empty() && !candidates.flies,
         };
         let mut refinement = Refinement::new(&settings);
@@ -136,12 +150,6 @@ impl ModeDecision<'_> {
             }
         }
         let choices = refinement.finish(&candidates, interval);
-        let update = Update {
-            decision: self,
-            subject,
-            age,
-            over,
-        };
         choices.iter().find_map(|choice| {
             let candidate = candidates.candidate(choice.mode)?;
             update.of(&candidate, choice)

@@ -54,8 +54,6 @@ pub(super) struct Settings {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct BestCorrections {
     choices: [Option<Choice>; SHORTLIST],
-    /// From this price on a correction is not among them.
-    limit: Option<f64>,
 }
 
 impl BestCorrections {
@@ -68,21 +66,19 @@ impl BestCorrections {
         self.choices.iter().flatten()
     }
 
-    fn note(&mut self, choice: Choice) {
-        let below = choice.price < self.limit.unwrap_or(f64::INFINITY);
-        if !below {
-            return;
-        }
+    /// Notes a correction, if it is among the best `room`.
+    fn note(&mut self, room: usize, choice: Choice) {
         let mut at = 0;
-        for other in self.choices.iter().flatten() {
+        for other in self.choices[..room].iter().flatten() {
             if other.mode == choice.mode && other.residual == choice.residual {
                 return;
             }
             at += usize::from(other.price <= choice.price);
         }
-        self.choices[at..].rotate_right(1);
-        self.choices[at] = Some(choice);
-        self.limit = self.choices[SHORTLIST - 1].map(|last| last.price);
+        if at < room && choice.price.is_finite() {
+            self.choices.copy_within(at..room - 1, at + 1);
+            self.choices[at] = Some(choice);
+        }
     }
 }
 
@@ -91,6 +87,8 @@ impl BestCorrections {
 pub(super) struct Refinement<'r> {
     settings: &'r Settings,
     best: BestCorrections,
+    /// The mode that velocities may serve best, and what it would cost if they cost nothing.
+    moving: Option<(usize, f64)>,
 }
 
 /// One candidate's corrections, weighed.
@@ -167,7 +165,7 @@ impl CorrectionRanker<'_> {
         let known = self.forecast.known_after(breach, &effect);
         let later = CorrectionRanker {
             forecast: &ErrorForecast {
-                known: &known,
+                known: known.errors(),
                 pull: None,
                 from: self.forecast.from - breach.min(self.forecast.from),
                 slope: self.forecast.slope - effect.each_tick,
@@ -199,6 +197,7 @@ impl<'r> Refinement<'r> {
         Self {
             settings,
             best: BestCorrections::default(),
+            moving: None,
         }
     }
 
@@ -215,7 +214,7 @@ impl<'r> Refinement<'r> {
         CorrectionRanker {
             forecast: &candidate.forecast,
             expectation: &self.settings.expectation,
-            cost: Cost::new(mode, candidate.predictor, age, beside),
+            cost: Cost::new(mode, age, beside),
             rate: if candidate.moves() {
                 self.settings.rate
             } else {
@@ -224,42 +223,70 @@ impl<'r> Refinement<'r> {
         }
     }
 
+    fn note(&mut self, mode: usize, residual: Residual, price: f64) {
+        let room = if self.settings.looks_ahead {
+            SHORTLIST
+        } else {
+            2
+        };
+        let choice = Choice {
+            mode,
+            residual,
+            price,
+        };
+        self.best.note(room, choice);
+    }
+
     /// Weighs the corrections of a candidate. `velocity`: by how much the true velocities differ from the predicted ones.
     pub(super) fn consider(&mut self, mode: usize, candidate: &Candidate<'_>, velocity: &Errors) {
-        let settings = self.settings;
         let scales = self.scales(candidate);
-        let (forecast, units) = (scales.forecast, &settings.expectation.units);
-        let (moves, looks_ahead) = (candidate.moves(), settings.looks_ahead);
-        let fits = if looks_ahead { &FITS[..] } else { &FITS[..1] };
-        for fit in fits
-            .iter()
-            .copied()
-            .take_while(|fit| *fit <= forecast.last())
-        {
-            let residual = units.residual(&forecast.nearest(fit, scales.rate), NEAREST);
-            if !moves || settings.features.derived {
-                let mut found = (residual, scales.price(&residual));
-                if looks_ahead && settings.features.sparse {
-                    found = scales.leave_out_steps(found, None);
-                }
-                let (residual, price) = found;
-                self.best.note(Choice {
-                    mode,
-                    residual,
-                    price,
-                });
-            }
-            if moves && !looks_ahead {
-                self.with_velocities(mode, &scales, &residual, velocity);
+        if self.settings.looks_ahead {
+            return self.consider_known(mode, candidate.moves(), &scales);
+        }
+        let residual = scales
+            .expectation
+            .units
+            .residual(&scales.forecast.known[0], NEAREST);
+        let effect = scales.effect(&residual);
+        let bits = scales.cost.of_place(&residual, false);
+        let moves = candidate.moves();
+        if !moves || self.settings.features.derived {
+            let ticks = scales.lifetime(&effect).ticks;
+            self.note(mode, residual, scales.cost.price(bits, ticks));
+        }
+        if moves {
+            let exact = Effect {
+                each_tick: *velocity,
+                ..effect
+            };
+            let price = scales.cost.price(bits, scales.lifetime(&exact).ticks);
+            if self.moving.is_none_or(|(_, least)| price < least) {
+                self.moving = Some((mode, price));
             }
         }
-        if !moves || !looks_ahead {
+    }
+
+    /// The same with lookahead.
+    fn consider_known(&mut self, mode: usize, moves: bool, scales: &CorrectionRanker<'_>) {
+        let features = self.settings.features;
+        let (forecast, units) = (scales.forecast, &scales.expectation.units);
+        if !moves || features.derived {
+            for fit in FITS.into_iter().take_while(|fit| *fit <= forecast.last()) {
+                let residual = units.residual(&forecast.nearest(fit, scales.rate), NEAREST);
+                let mut found = (residual, scales.price(&residual));
+                if features.sparse {
+                    found = scales.leave_out_steps(found, None);
+                }
+                self.note(mode, found.0, found.1);
+            }
+        }
+        if !moves {
             return;
         }
         for line in LINES.into_iter().take_while(|line| *line < forecast.last()) {
             let [begin, slope] = forecast.line(line);
             let residual = units.residual(&begin, NEAREST);
-            self.with_velocities(mode, &scales, &residual, &slope);
+            self.with_velocities(mode, scales, &residual, &slope);
         }
     }
 
@@ -280,60 +307,66 @@ impl<'r> Refinement<'r> {
         // Nothing lasts longer than what goes on at the true velocities, and finer steps cost more.
         let longest = scales.lifetime(&exact).ticks;
         let lacking = *slope - effect.each_tick;
+        let place = scales.cost.of_place(residual, true);
         for velocity_exponent in self.settings.features.steps(VELOCITY_EXPONENTS) {
             let velocity = units.velocity(&lacking, velocity_exponent);
-            let residual = Residual {
-                velocity: Some(velocity),
-                ..*residual
-            };
-            let bits = scales.cost.bits(&residual);
+            let bits = place + scales.cost.of_velocity(&velocity);
             let plain = !self.settings.features.derived && velocity_exponent <= PLAIN;
             if scales.cost.price(bits, longest) >= self.best.least() && !plain {
                 return;
             }
+            let residual = Residual {
+                velocity: Some(velocity),
+                ..*residual
+            };
             if velocity.is_within_limits() {
                 let ticks = scales.lifetime(&scales.effect(&residual)).ticks;
-                self.best.note(Choice {
-                    mode,
-                    residual,
-                    price: scales.cost.price(bits, ticks),
-                });
+                self.note(mode, residual, scales.cost.price(bits, ticks));
             }
         }
     }
 
-    /// The best corrections in order: of the best one steps are left out, or with lookahead all are weighed with what follows.
-    pub(super) fn finish(mut self, candidates: &Candidates<'_>, interval: u32) -> BestCorrections {
-        let candidate = |choice: &Choice| candidates.candidate(choice.mode);
-        let settings = self.settings;
-        if !settings.looks_ahead {
-            if let Some(best) = self.best.choices[0].filter(|_| settings.features.sparse)
-                && let Some(candidate) = candidate(&best)
-            {
-                let sparse = settings
-                    .expectation
-                    .units
-                    .residual(&candidate.forecast.nearest(0, 0.0), [SPARSE; 2]);
-                let from = (best.residual, best.price);
-                let (residual, price) =
-                    self.scales(&candidate).leave_out_steps(from, Some(&sparse));
-                self.best.note(Choice {
-                    residual,
-                    price,
-                    ..best
-                });
-            }
-            return self.best;
+    /// The best corrections in order.
+    pub(super) fn finish<const N: usize>(
+        &mut self,
+        candidates: &Candidates<'_, N>,
+        interval: u32,
+    ) -> &BestCorrections {
+        if self.settings.looks_ahead {
+            self.weigh_with_next(candidates, interval);
+            return &self.best;
         }
+        if let Some((mode, price)) = self.moving
+            && price < self.best.least()
+            && let Some(candidate) = candidates.candidate(mode)
+        {
+            let scales = self.scales(&candidate);
+            let units = &scales.expectation.units;
+            let residual = units.residual(&scales.forecast.known[0], NEAREST);
+            self.with_velocities(mode, &scales, &residual, &candidates.velocity);
+        }
+        if let Some(best) = self.best.choices[0].filter(|_| self.settings.features.sparse)
+            && let Some(candidate) = candidates.candidate(best.mode)
+        {
+            let scales = self.scales(&candidate);
+            let units = &scales.expectation.units;
+            let sparse = units.residual(&scales.forecast.known[0], [SPARSE; 2]);
+            let found = scales.leave_out_steps((best.residual, best.price), Some(&sparse));
+            self.note(best.mode, found.0, found.1);
+        }
+        &self.best
+    }
+
+    /// Puts the corrections in order by what they cost together with those that must follow.
+    fn weigh_with_next<const N: usize>(&mut self, candidates: &Candidates<'_, N>, interval: u32) {
         let age = |ticks: usize| Age::new((ticks as u32).div_ceil(interval));
-        let mut weighed = BestCorrections::default();
-        for choice in self.best.iter() {
-            if let Some(candidate) = candidate(choice) {
+        let shortlist = core::mem::take(&mut self.best);
+        for choice in shortlist.iter() {
+            if let Some(candidate) = candidates.candidate(choice.mode) {
                 let scales = self.scales(&candidate);
                 let price = scales.price_with_next(&choice.residual, age);
-                weighed.note(Choice { price, ..*choice });
+                self.note(choice.mode, choice.residual, price);
             }
         }
-        weighed
     }
 }
