@@ -47,17 +47,25 @@ impl ModeDecision<'_> {
             self.tracks.acceleration(subject.slot, before, after)
         };
         let now = &subject.truth;
-        let (acceleration, neighbour) = match (subject.ahead, subject.last) {
-            ([next, last, ..], _) => (between(now, next), between(next, last)),
-            (_, [Some(one), Some(two)]) => (between(&one, now), between(&two, &one)),
+        let [(before, after), (other, next)] = match (subject.ahead, &subject.last) {
+            ([next, last, ..], _) => [(now, next), (next, last)],
+            (_, [Some(one), Some(two)]) => [(one, now), (two, one)],
             _ => return None,
         };
+        let acceleration = between(before, after);
+        let strength = acceleration.length_squared();
         let step = self.tracks.integrator().rate.step().seconds();
-        let [least, most] = WORTH.map(|ticks| reach * 2.0 / (ticks * step * ticks * step));
-        let strength = acceleration.length();
-        let near = |other: DVec3| acceleration.distance(other) < UNSTEADY * strength;
+        let bound = |ticks: f64| {
+            let strength = reach * 2.0 / (ticks * step * ticks * step);
+            strength * strength
+        };
+        if strength <= bound(WORTH[0]) || strength >= bound(WORTH[1]) {
+            return None;
+        }
+        let near =
+            |other: DVec3| acceleration.distance_squared(other) < UNSTEADY * UNSTEADY * strength;
         // Another predictor knows of gravity.
         let falls = near(self.tracks.gravity(subject.slot, subject.tick));
-        (near(neighbour) && !falls && strength > least && strength < most).then_some(acceleration)
+        (!falls && near(between(other, next))).then_some(acceleration)
     }
 }

@@ -3,8 +3,6 @@
 //! In the world: rest, uniform, falling, accelerated; or attached to another body. Moving modes differ by what accelerates the body
 //! alone: the unaccelerated forecast is computed once for all of them.
 
-use core::ops::Range;
-
 use glam::DVec3;
 use rhumb_reckoning::{
     ConstantAcceleration, Motion, Pose, Predictor, TRACK_AGE_MAX, Ticks, attached_motion,
@@ -51,7 +49,10 @@ impl Candidate<'_> {
     }
 }
 
-/// The prediction modes of one body.
+/// The prediction modes of one body that apply, by number.
+pub(super) type Modes<'a> = [Option<Candidate<'a>>; MODES];
+
+/// What the prediction modes of one body are made of.
 #[derive(Debug)]
 pub(super) struct Candidates<'a, const N: usize> {
     subject: &'a Subject<'a>,
@@ -183,13 +184,19 @@ impl<'a, const N: usize> Candidates<'a, N> {
         })
     }
 
-    /// The numbers that there may be modes of.
-    pub(super) const fn numbers(&self) -> Range<usize> {
-        0..if self.orphaned { 0 } else { MODES }
+    /// All of them.
+    pub(super) fn modes(&'a self) -> Modes<'a> {
+        let mut modes = [const { None }; MODES];
+        if !self.orphaned {
+            for (number, mode) in modes.iter_mut().enumerate() {
+                *mode = self.candidate(number);
+            }
+        }
+        modes
     }
 
-    /// One of them, if there is such a one.
-    pub(super) fn candidate(&'a self, number: usize) -> Option<Candidate<'a>> {
+    #[inline]
+    fn candidate(&'a self, number: usize) -> Option<Candidate<'a>> {
         let steady = f64::INFINITY;
         let candidate = match number {
             0 => self.in_world(Predictor::Rest, self.forecast(self.rest.as_ref()?, steady)),

@@ -42,19 +42,25 @@ impl Cost {
     /// Of a correction, in 1/256 bits.
     pub(super) fn bits(&self, residual: &Residual) -> u32 {
         let moved = residual.velocity.is_some();
-        self.of_place(residual, moved)
-            + residual
-                .velocity
-                .as_ref()
-                .map_or(0, |it| self.of_velocity(it))
+        let velocity = residual.velocity.as_ref();
+        self.of_form(moved)
+            + self.of_place(residual, moved)
+            + velocity.map_or(0, |velocity| self.of_velocity(velocity))
     }
 
-    /// Of a correction with velocities or without, all but what says these.
+    /// Whether the mode is another than the track's.
+    pub(super) const fn changes(&self) -> bool {
+        !matches!(self.mode, PredictionMode::Same)
+    }
+
+    /// Of the form, with velocities or without, and of a place in the packet.
+    pub(super) fn of_form(&self, moved: bool) -> u32 {
+        OVERHEAD + InitialCostModel.cost_of_form(&self.mode, self.age, moved)
+    }
+
+    /// Of position and turn.
     pub(super) fn of_place(&self, residual: &Residual, moved: bool) -> u32 {
-        let Self { mode, age, .. } = self;
-        OVERHEAD
-            + InitialCostModel.cost_of_form(mode, *age, moved)
-            + InitialCostModel.cost_of_place(mode, *age, moved, residual)
+        InitialCostModel.cost_of_place(&self.mode, self.age, moved, residual)
     }
 
     /// Of velocities.

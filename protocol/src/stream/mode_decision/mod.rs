@@ -144,16 +144,16 @@ impl ModeDecision<'_> {
             looks_ahead: !subject.ahead.is_empty() && !candidates.flies,
         };
         let mut refinement = Refinement::new(&settings);
-        for mode in candidates.numbers() {
-            if let Some(candidate) = candidates.candidate(mode) {
-                refinement.consider(mode, &candidate, &candidates.velocity);
+        let modes = candidates.modes();
+        for (number, mode) in modes.iter().enumerate() {
+            if let Some(mode) = mode {
+                refinement.consider(number, mode, &candidates.velocity);
             }
         }
-        let choices = refinement.finish(&candidates, interval);
-        choices.iter().find_map(|choice| {
-            let candidate = candidates.candidate(choice.mode)?;
-            update.of(&candidate, choice)
-        })
+        let choices = refinement.finish(&modes, &candidates.velocity, interval);
+        choices
+            .iter()
+            .find_map(|choice| update.of(modes[choice.mode].as_ref()?, choice))
     }
 }
 

@@ -5,7 +5,7 @@
 
 use rhumb_reckoning::Residual;
 
-use super::candidates::{Candidate, Candidates};
+use super::candidates::{Candidate, Modes};
 use super::cost::{Beside, Cost};
 use super::errors::Errors;
 use super::forecast::{Effect, ErrorForecast, Expectation, Lifetime};
@@ -70,10 +70,14 @@ impl BestCorrections {
     fn note(&mut self, room: usize, choice: Choice) {
         let mut at = 0;
         for other in self.choices[..room].iter().flatten() {
-            if other.mode == choice.mode && other.residual == choice.residual {
+            if other.price > choice.price {
+                break;
+            }
+            let same = other.price == choice.price && other.mode == choice.mode;
+            if same && other.residual == choice.residual {
                 return;
             }
-            at += usize::from(other.price <= choice.price);
+            at += 1;
         }
         if at < room && choice.price.is_finite() {
             self.choices.copy_within(at..room - 1, at + 1);
@@ -87,8 +91,37 @@ impl BestCorrections {
 pub(super) struct Refinement<'r> {
     settings: &'r Settings,
     best: BestCorrections,
+    /// In the world.
+    start: Option<Start>,
     /// The mode that velocities may serve best, and what it would cost if they cost nothing.
     moving: Option<(usize, f64)>,
+}
+
+/// The correction that is nearest to the published tick: all modes of one frame share it.
+#[derive(Clone, Copy, Debug)]
+struct Start {
+    residual: Residual,
+    at_once: Errors,
+    /// Its bits beside its form, where that keeps the track's mode and where it changes it.
+    bits: [Option<u32>; 2],
+}
+
+impl Start {
+    fn new(scales: &CorrectionRanker<'_>) -> Self {
+        let units = &scales.expectation.units;
+        let residual = units.residual(&scales.forecast.known[0], NEAREST);
+        Self {
+            residual,
+            at_once: units.of_residual(&residual),
+            bits: [None; 2],
+        }
+    }
+
+    /// What it costs without velocities, its form included.
+    fn bits(&mut self, cost: &Cost) -> u32 {
+        let (residual, bits) = (&self.residual, &mut self.bits[usize::from(cost.changes())]);
+        cost.of_form(false) + *bits.get_or_insert_with(|| cost.of_place(residual, false))
+    }
 }
 
 /// One candidate's corrections, weighed.
@@ -197,6 +230,7 @@ impl<'r> Refinement<'r> {
         Self {
             settings,
             best: BestCorrections::default(),
+            start: None,
             moving: None,
         }
     }
@@ -243,12 +277,17 @@ impl<'r> Refinement<'r> {
         if self.settings.looks_ahead {
             return self.consider_known(mode, candidate.moves(), &scales);
         }
-        let residual = scales
-            .expectation
-            .units
-            .residual(&scales.forecast.known[0], NEAREST);
-        let effect = scales.effect(&residual);
-        let bits = scales.cost.of_place(&residual, false);
+        let own = &mut None;
+        let start = match candidate.base.parent {
+            None => &mut self.start,
+            Some(_) => own,
+        };
+        let start = start.get_or_insert_with(|| Start::new(&scales));
+        let (residual, bits) = (start.residual, start.bits(&scales.cost));
+        let effect = Effect {
+            at_once: start.at_once,
+            each_tick: start.at_once * scales.rate,
+        };
         let moves = candidate.moves();
         if !moves || self.settings.features.derived {
             let ticks = scales.lifetime(&effect).ticks;
@@ -307,7 +346,7 @@ impl<'r> Refinement<'r> {
         // Nothing lasts longer than what goes on at the true velocities, and finer steps cost more.
         let longest = scales.lifetime(&exact).ticks;
         let lacking = *slope - effect.each_tick;
-        let place = scales.cost.of_place(residual, true);
+        let place = scales.cost.of_form(true) + scales.cost.of_place(residual, true);
         for velocity_exponent in self.settings.features.steps(VELOCITY_EXPONENTS) {
             let velocity = units.velocity(&lacking, velocity_exponent);
             let bits = place + scales.cost.of_velocity(&velocity);
@@ -327,28 +366,29 @@ impl<'r> Refinement<'r> {
     }
 
     /// The best corrections in order.
-    pub(super) fn finish<const N: usize>(
+    pub(super) fn finish(
         &mut self,
-        candidates: &Candidates<'_, N>,
+        modes: &Modes<'_>,
+        velocity: &Errors,
         interval: u32,
     ) -> &BestCorrections {
         if self.settings.looks_ahead {
-            self.weigh_with_next(candidates, interval);
+            self.weigh_with_next(modes, interval);
             return &self.best;
         }
         if let Some((mode, price)) = self.moving
             && price < self.best.least()
-            && let Some(candidate) = candidates.candidate(mode)
+            && let Some(candidate) = &modes[mode]
         {
-            let scales = self.scales(&candidate);
+            let scales = self.scales(candidate);
             let units = &scales.expectation.units;
             let residual = units.residual(&scales.forecast.known[0], NEAREST);
-            self.with_velocities(mode, &scales, &residual, &candidates.velocity);
+            self.with_velocities(mode, &scales, &residual, velocity);
         }
         if let Some(best) = self.best.choices[0].filter(|_| self.settings.features.sparse)
-            && let Some(candidate) = candidates.candidate(best.mode)
+            && let Some(candidate) = &modes[best.mode]
         {
-            let scales = self.scales(&candidate);
+            let scales = self.scales(candidate);
             let units = &scales.expectation.units;
             let sparse = units.residual(&scales.forecast.known[0], [SPARSE; 2]);
             let found = scales.leave_out_steps((best.residual, best.price), Some(&sparse));
@@ -358,12 +398,12 @@ impl<'r> Refinement<'r> {
     }
 
     /// Puts the corrections in order by what they cost together with those that must follow.
-    fn weigh_with_next<const N: usize>(&mut self, candidates: &Candidates<'_, N>, interval: u32) {
+    fn weigh_with_next(&mut self, modes: &Modes<'_>, interval: u32) {
         let age = |ticks: usize| Age::new((ticks as u32).div_ceil(interval));
         let shortlist = core::mem::take(&mut self.best);
         for choice in shortlist.iter() {
-            if let Some(candidate) = candidates.candidate(choice.mode) {
-                let scales = self.scales(&candidate);
+            if let Some(candidate) = &modes[choice.mode] {
+                let scales = self.scales(candidate);
                 let price = scales.price_with_next(&choice.residual, age);
                 self.note(choice.mode, choice.residual, price);
             }
