@@ -19,7 +19,7 @@ use crate::packet::{Age, PredictionMode};
 const MODES: usize = 4 + ACCELERATIONS;
 /// Ticks that an acceleration is expected to last at most.
 const ACCELERATION_LASTS: f64 = 16.0;
-/// A parent's prediction is predicted_motion while it uses less of its tolerance than this: beyond, an update follows soon.
+/// A parent's prediction is taken for its place while it uses less of its tolerance than this: beyond, an update follows soon.
 const PARENT_SHARE: f64 = 0.6;
 /// A body whose track held for so many ticks flies: lookahead ends before it strays, and its last ticks tell more.
 const FLIGHT: Ticks = Ticks::new(12);
@@ -132,7 +132,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
         units: &Units,
     ) -> Option<Self> {
         let now = subject.track;
-        let parent = decision.tracks.parent(now);
+        let above = decision.tracks.parent(now);
         let is_torque_free = subject.slot.is_torque_free() && decision.features.torque_free;
         let (floating, falling) = if is_torque_free {
             (Predictor::TorqueFree, Predictor::BallisticTorqueFree)
@@ -143,7 +143,10 @@ impl<'a, const N: usize> Candidates<'a, N> {
         let flies = age >= FLIGHT.min(TRACK_AGE_MAX) && now.predictor != Predictor::Rest;
         let gravity = decision.tracks.gravity(subject.slot, subject.tick);
         let reach = 1.0 / units.still.to_array()[0];
-        let parent = subject.parent.as_ref().filter(|_| decision.features.held);
+        let parent = subject
+            .parent
+            .as_ref()
+            .filter(|_| decision.features.attached);
         let world = Base {
             parent: None,
             truth: subject.truth,
@@ -168,9 +171,9 @@ impl<'a, const N: usize> Candidates<'a, N> {
             subject,
             units: *units,
             flies,
-            parent_age: parent
+            parent_age: above
                 .and_then(|(_, slot)| decision.tracks.age(&slot.track(), subject.tick)),
-            orphaned: now.parent.is_some() && parent.is_none(),
+            orphaned: now.parent.is_some() && above.is_none(),
             rest: decision.features.resting.then(|| sources.rest()),
             attached: parent.and_then(|parent| sources.attached(parent)),
             world,

@@ -72,7 +72,7 @@ pub(super) struct ErrorForecast<'a> {
 pub(super) struct Expectation {
     pub(super) units: Units,
     /// What each tick adds to the expected error, as a share of the tolerance.
-    pub(super) mismatch: f64,
+    pub(super) growth: f64,
     /// Ticks from one that is published to the next.
     pub(super) interval: usize,
 }
@@ -146,9 +146,7 @@ impl ErrorForecast<'_> {
     /// How many ticks more it holds if the error goes on to grow as expected; `None` if it does not hold at the beginning.
     #[inline]
     fn beyond(&self, by: &Effect, expectation: &Expectation) -> Option<f64> {
-        let Expectation {
-            units, mismatch, ..
-        } = expectation;
+        let Expectation { units, growth, .. } = expectation;
         let begin = self.left(self.from, by);
         let slope = self.slope - by.each_tick;
         // The square of the error is a polynomial.
@@ -167,7 +165,7 @@ impl ErrorForecast<'_> {
         for look in LOOKS {
             let [zeroth, first, second, third, fourth] = squares;
             let square = (((fourth * look + third) * look + second) * look + first) * look + zeroth;
-            let share = units.share_of_squares(square) + mismatch * look;
+            let share = units.share_of_squares(square) + growth * look;
             if share > 1.0 {
                 let part = ((1.0 - before) / (share - before)).clamp(0.0, 1.0);
                 return Some(at + part * (look - at));

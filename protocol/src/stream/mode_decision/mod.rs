@@ -129,13 +129,13 @@ impl ModeDecision<'_> {
             step,
         );
         let candidates = Candidates::<N>::new(self, subject, &units)?;
-        let interval = self.tracks.every().get();
+        let interval = self.tracks.publish_interval().get();
         let [least, most] = DOUBT;
         let settings = Settings {
             expectation: Expectation {
                 units,
-                // A track that held for long, as of a flying body, leaves less mismatch.
-                mismatch: (ERROR_GROWTH_PER_LIFETIME / f64::from(ticks.count())).clamp(least, most),
+                // A track that held for long, as of a flying body, is expected to stray less.
+                growth: (ERROR_GROWTH_PER_LIFETIME / f64::from(ticks.count())).clamp(least, most),
                 interval: interval as usize,
             },
             features: self.features,
@@ -163,7 +163,7 @@ struct Update<'u> {
     decision: &'u ModeDecision<'u>,
     subject: &'u Subject<'u>,
     age: Age,
-    /// In what time the prediction went divergence_time.
+    /// In what time the prediction diverged.
     over: Seconds,
 }
 
