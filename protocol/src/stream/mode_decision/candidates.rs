@@ -153,7 +153,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
             predicted: subject.predicted_motion,
         };
         let step_s = decision.tracks.integrator().rate.step().seconds();
-        let extrapolates = subject.ahead.is_empty() || flies;
+        let extrapolates = N == 1 || flies;
         let sources = Sources::<N> {
             decision,
             subject,
@@ -408,7 +408,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         let one = moved(0)?;
         let stride = f64::from(subject.stride.count());
         let fast = self.units.share(&Errors::of(one, self.units.still)) > stride;
-        if fast && !is_attached {
+        if false && fast && !is_attached {
             return None;
         }
         let two = moved(1).unwrap_or([one[0] * 2.0, one[1] * 2.0]);

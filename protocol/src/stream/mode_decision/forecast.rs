@@ -199,6 +199,18 @@ impl ErrorForecast<'_> {
         sum * (1.0 / weight)
     }
 
+    /// The slope of the line that begins there and is nearest.
+    pub(super) fn slope_from(&self, last: usize, begin: &Errors) -> Errors {
+        let (mut times, mut squares) = (0.0, 0.0);
+        let mut moment = Errors::ZERO;
+        for tick in 0..=last {
+            let (errors, tick) = (self.error(tick), tick as f64);
+            (times, squares) = (times + tick, squares + tick * tick);
+            moment = moment + errors * tick;
+        }
+        (moment - *begin * times) * (1.0 / squares)
+    }
+
     /// The straight line nearest to the ticks up to one: where it begins, and by how much it grows in a tick.
     pub(super) fn line(&self, last: usize) -> [Errors; 2] {
         let (mut times, mut squares) = (0.0, 0.0);

@@ -101,11 +101,19 @@ impl ModeDecision<'_> {
             age,
             over,
         };
-        if subject.ahead.is_empty() {
+        let found = if subject.ahead.is_empty() {
             self.decide_within::<1>(&update, ticks)
         } else {
             self.decide_within::<SPAN>(&update, ticks)
-        }
+        };
+        // A tightened tolerance may be less than the grid keeps.
+        let wide = Self {
+            slack: self.slack.max(1.0),
+            ..*self
+        };
+        let narrow = wide.slack > self.slack || !subject.ahead.is_empty();
+        let again = || narrow.then(|| wide.decide_within::<1>(&update, ticks));
+        found.or_else(|| again().flatten())
     }
 
     /// The same where at most so many ticks are known, the published one included.
@@ -141,7 +149,7 @@ impl ModeDecision<'_> {
             features: self.features,
             age,
             rate: step / update.over.seconds(),
-            looks_ahead: !subject.ahead.is_empty() && !candidates.flies,
+            looks_ahead: N > 1 && !candidates.flies,
         };
         let mut refinement = Refinement::new(&settings);
         let modes = candidates.modes();
@@ -150,7 +158,7 @@ impl ModeDecision<'_> {
                 refinement.consider(number, mode, &candidates.velocity);
             }
         }
-        let choices = refinement.finish(&modes, &candidates.velocity, interval);
+        let choices = refinement.finish(&modes, &candidates.velocity);
         choices
             .iter()
             .find_map(|choice| update.of(modes[choice.mode].as_ref()?, choice))

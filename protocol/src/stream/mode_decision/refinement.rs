@@ -19,14 +19,14 @@ const SPARSE: f64 = 0.7;
 /// The velocity_exponent of velocities that are sent whether or not it pays.
 const PLAIN: u32 = 3;
 /// Velocities are sent in steps that are doubled so often, if at all.
-const VELOCITY_EXPONENTS: [u32; 6] = [9, 7, 5, 3, 1, 0];
+const VELOCITY_EXPONENTS: [u32; 10] = [9, 8, 7, 6, 5, 4, 3, 2, 1, 0];
 /// Corrections begin at the best fits of so many known ticks; moving ones with velocities at straight lines through so many.
 const FITS: [usize; 5] = [0, 1, 2, 4, 6];
 const LINES: [usize; 3] = [2, 4, 6];
 /// Corrections that follow begin at these.
-const FITS_AFTER: [usize; 3] = [0, 2, 5];
+const FITS_AFTER: [usize; 4] = [0, 1, 3, 5];
 /// Corrections that are weighed with what follows.
-const SHORTLIST: usize = 4;
+const SHORTLIST: usize = 6;
 
 /// A correction, and what it is worth: 1/256 bits for each tick, less is better.
 #[derive(Clone, Copy, Debug)]
@@ -48,6 +48,13 @@ pub(super) struct Settings {
     pub(super) rate: f64,
     /// Whether what follows a correction is weighed too.
     pub(super) looks_ahead: bool,
+}
+
+impl Settings {
+    /// How many corrections are kept.
+    const fn room(&self) -> usize {
+        if self.looks_ahead { SHORTLIST } else { 2 }
+    }
 }
 
 /// The best corrections so far, the best first, none twice.
@@ -162,6 +169,7 @@ impl CorrectionRanker<'_> {
         &self,
         from: (Residual, f64),
         sparser: Option<&Residual>,
+        note: &mut impl FnMut(Residual, f64),
     ) -> (Residual, f64) {
         let (mut best, mut least) = from;
         for axis in 0..6 {
@@ -179,6 +187,7 @@ impl CorrectionRanker<'_> {
                 _ => fewer.turn[axis - 3] -= now.signum(),
             }
             let price = self.price(&fewer);
+            note(fewer, price);
             if price < least {
                 (best, least) = (fewer, price);
             }
@@ -186,8 +195,52 @@ impl CorrectionRanker<'_> {
         (best, least)
     }
 
+    /// Weighs a correction with velocities that take `slope` off the error in each tick.
+    fn with_velocities(
+        &self,
+        settings: &Settings,
+        (mode, residual): (usize, &Residual),
+        slope: &Errors,
+        best: &mut BestCorrections,
+    ) {
+        let units = &self.expectation.units;
+        let effect = self.effect(residual);
+        let exact = Effect {
+            each_tick: *slope,
+            ..effect
+        };
+        // Nothing lasts longer than what goes on at the true velocities, and finer steps cost more.
+        let longest = self.lifetime(&exact).ticks;
+        let lacking = *slope - effect.each_tick;
+        let place = self.cost.of_form(true) + self.cost.of_place(residual, true);
+        for velocity_exponent in settings.features.steps(VELOCITY_EXPONENTS) {
+            let velocity = units.velocity(&lacking, velocity_exponent);
+            let bits = place + self.cost.of_velocity(&velocity);
+            let must = !settings.features.derived && velocity_exponent <= PLAIN;
+            if self.cost.price(bits, longest) >= best.least() && !must && !settings.looks_ahead {
+                return;
+            }
+            let residual = Residual {
+                velocity: Some(velocity),
+                ..*residual
+            };
+            if velocity.is_within_limits() {
+                let ticks = self.lifetime(&self.effect(&residual)).ticks;
+                let price = self.cost.price(bits, ticks);
+                best.note(
+                    settings.room(),
+                    Choice {
+                        mode,
+                        residual,
+                        price,
+                    },
+                );
+            }
+        }
+    }
+
     /// The price of a correction together with the one that must follow it, if that is known.
-    fn price_with_next(&self, residual: &Residual, age: impl Fn(usize) -> Age) -> f64 {
+    fn price_with_next(&self, residual: &Residual) -> f64 {
         let effect = self.effect(residual);
         let lifetime = self.lifetime(&effect);
         let bits = self.cost.bits(residual);
@@ -195,6 +248,7 @@ impl CorrectionRanker<'_> {
             None | Some(0) => return self.cost.price(bits, lifetime.ticks),
             Some(breach) => breach,
         };
+        let interval = self.expectation.interval;
         let known = self.forecast.known_after(breach, &effect);
         let later = CorrectionRanker {
             forecast: &ErrorForecast {
@@ -205,7 +259,9 @@ impl CorrectionRanker<'_> {
                 ..*self.forecast
             },
             expectation: self.expectation,
-            cost: self.cost.following(bits, breach, age(breach)),
+            cost: self
+                .cost
+                .following(bits, breach, Age::new(breach.div_ceil(interval) as u32)),
             rate: if self.rate > 0.0 {
                 1.0 / breach as f64
             } else {
@@ -217,7 +273,8 @@ impl CorrectionRanker<'_> {
             if fit <= later.forecast.last() {
                 let nearest = later.forecast.nearest(fit, later.rate);
                 let residual = self.expectation.units.residual(&nearest, NEAREST);
-                let (_, price) = later.leave_out_steps((residual, later.price(&residual)), None);
+                let (_, price) =
+                    later.leave_out_steps((residual, later.price(&residual)), None, &mut |_, _| {});
                 least = least.min(price);
             }
         }
@@ -258,17 +315,12 @@ impl<'r> Refinement<'r> {
     }
 
     fn note(&mut self, mode: usize, residual: Residual, price: f64) {
-        let room = if self.settings.looks_ahead {
-            SHORTLIST
-        } else {
-            2
-        };
         let choice = Choice {
             mode,
             residual,
             price,
         };
-        self.best.note(room, choice);
+        self.best.note(self.settings.room(), choice);
     }
 
     /// Weighs the corrections of a candidate. `velocity`: by how much the true velocities differ from the predicted ones.
@@ -305,75 +357,53 @@ impl<'r> Refinement<'r> {
         }
     }
 
-    /// The same with lookahead.
+    /// The same with lookahead: the best are weighed together with those that must follow.
     fn consider_known(&mut self, mode: usize, moves: bool, scales: &CorrectionRanker<'_>) {
-        let features = self.settings.features;
+        let settings = self.settings;
         let (forecast, units) = (scales.forecast, &scales.expectation.units);
-        if !moves || features.derived {
+        let mut best = BestCorrections::default();
+        if !moves || settings.features.derived {
             for fit in FITS.into_iter().take_while(|fit| *fit <= forecast.last()) {
                 let residual = units.residual(&forecast.nearest(fit, scales.rate), NEAREST);
-                let mut found = (residual, scales.price(&residual));
-                if features.sparse {
-                    found = scales.leave_out_steps(found, None);
+                let price = scales.price(&residual);
+                let mut note = |residual, price| {
+                    best.note(
+                        SHORTLIST,
+                        Choice {
+                            mode,
+                            residual,
+                            price,
+                        },
+                    )
+                };
+                note(residual, price);
+                if settings.features.sparse {
+                    scales.leave_out_steps((residual, price), None, &mut note);
                 }
-                self.note(mode, found.0, found.1);
             }
         }
-        if !moves {
-            return;
-        }
-        for line in LINES.into_iter().take_while(|line| *line < forecast.last()) {
+        let lines = if moves { &LINES[..] } else { &[] };
+        for line in lines
+            .iter()
+            .copied()
+            .take_while(|line| *line < forecast.last())
+        {
             let [begin, slope] = forecast.line(line);
             let residual = units.residual(&begin, NEAREST);
-            self.with_velocities(mode, scales, &residual, &slope);
+            let nearest = forecast.slope_from(line, &units.of_residual(&residual));
+            for slope in [slope, nearest] {
+                scales.with_velocities(settings, (mode, &residual), &slope, &mut best);
+            }
         }
-    }
-
-    /// Weighs a correction with velocities that take `slope` off the error in each tick.
-    fn with_velocities(
-        &mut self,
-        mode: usize,
-        scales: &CorrectionRanker<'_>,
-        residual: &Residual,
-        slope: &Errors,
-    ) {
-        let units = &self.settings.expectation.units;
-        let effect = scales.effect(residual);
-        let exact = Effect {
-            each_tick: *slope,
-            ..effect
-        };
-        // Nothing lasts longer than what goes on at the true velocities, and finer steps cost more.
-        let longest = scales.lifetime(&exact).ticks;
-        let lacking = *slope - effect.each_tick;
-        let place = scales.cost.of_form(true) + scales.cost.of_place(residual, true);
-        for velocity_exponent in self.settings.features.steps(VELOCITY_EXPONENTS) {
-            let velocity = units.velocity(&lacking, velocity_exponent);
-            let bits = place + scales.cost.of_velocity(&velocity);
-            let plain = !self.settings.features.derived && velocity_exponent <= PLAIN;
-            if scales.cost.price(bits, longest) >= self.best.least() && !plain {
-                return;
-            }
-            let residual = Residual {
-                velocity: Some(velocity),
-                ..*residual
-            };
-            if velocity.is_within_limits() {
-                let ticks = scales.lifetime(&scales.effect(&residual)).ticks;
-                self.note(mode, residual, scales.cost.price(bits, ticks));
-            }
+        for choice in best.iter() {
+            let price = scales.price_with_next(&choice.residual);
+            self.best.note(SHORTLIST, Choice { price, ..*choice });
         }
     }
 
     /// The best corrections in order.
-    pub(super) fn finish(
-        &mut self,
-        modes: &Modes<'_>,
-        velocity: &Errors,
-        interval: u32,
-    ) -> &BestCorrections {
+    pub(super) fn finish(&mut self, modes: &Modes<'_>, velocity: &Errors) -> &BestCorrections {
         if self.settings.looks_ahead {
-            self.weigh_with_next(modes, interval);
             return &self.best;
         }
         if let Some((mode, price)) = self.moving
@@ -383,7 +413,7 @@ impl<'r> Refinement<'r> {
             let scales = self.scales(candidate);
             let units = &scales.expectation.units;
             let residual = units.residual(&scales.forecast.known[0], NEAREST);
-            self.with_velocities(mode, &scales, &residual, velocity);
+            scales.with_velocities(self.settings, (mode, &residual), velocity, &mut self.best);
         }
         if let Some(best) = self.best.choices[0].filter(|_| self.settings.features.sparse)
             && let Some(candidate) = &modes[best.mode]
@@ -391,22 +421,10 @@ impl<'r> Refinement<'r> {
             let scales = self.scales(candidate);
             let units = &scales.expectation.units;
             let sparse = units.residual(&scales.forecast.known[0], [SPARSE; 2]);
-            let found = scales.leave_out_steps((best.residual, best.price), Some(&sparse));
+            let found =
+                scales.leave_out_steps((best.residual, best.price), Some(&sparse), &mut |_, _| {});
             self.note(best.mode, found.0, found.1);
         }
         &self.best
-    }
-
-    /// Puts the corrections in order by what they cost together with those that must follow.
-    fn weigh_with_next(&mut self, modes: &Modes<'_>, interval: u32) {
-        let age = |ticks: usize| Age::new((ticks as u32).div_ceil(interval));
-        let shortlist = core::mem::take(&mut self.best);
-        for choice in shortlist.iter() {
-            if let Some(candidate) = &modes[choice.mode] {
-                let scales = self.scales(candidate);
-                let price = scales.price_with_next(&choice.residual, age);
-                self.note(choice.mode, choice.residual, price);
-            }
-        }
     }
 }
