@@ -452,11 +452,7 @@ impl Publisher {
             last: seen.last,
             past: seen.past,
             stride,
-            ahead: if self.features.mode_decision {
-                seen.ahead()
-            } else {
-                &[]
-            },
+            ahead: seen.ahead(),
             ends: seen.ends(),
             parent: attached_to.as_ref().and_then(|(other, seen)| {
                 Some(Parent {
@@ -473,6 +469,11 @@ impl Publisher {
             }),
         };
         let chosen = decision.decide(&subject);
+        if chosen.is_none() && !expired && used <= 1.0 {
+            // No correction keeps a parent closer than its grid is fine.
+            return None;
+        }
+        let chosen = chosen.or_else(|| decision.widened().decide(&subject));
         Some(chosen.unwrap_or_else(|| self.anew(tick, slot, observation, &truth)))
     }
 

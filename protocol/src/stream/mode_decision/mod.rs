@@ -101,19 +101,23 @@ impl ModeDecision<'_> {
             age,
             over,
         };
-        let found = if subject.ahead.is_empty() {
+        if subject.ahead.is_empty() || !self.features.mode_decision {
             self.decide_within::<1>(&update, ticks)
         } else {
             self.decide_within::<SPAN>(&update, ticks)
-        };
-        // A tightened tolerance may be less than the grid keeps.
-        let wide = Self {
+        }
+    }
+
+    /// The same without lookahead, and by the promised tolerance where that is tightened.
+    pub(crate) fn widened(&self) -> Self {
+        Self {
+            features: Features {
+                mode_decision: false,
+                ..self.features
+            },
             slack: self.slack.max(1.0),
             ..*self
-        };
-        let narrow = wide.slack > self.slack || !subject.ahead.is_empty();
-        let again = || narrow.then(|| wide.decide_within::<1>(&update, ticks));
-        found.or_else(|| again().flatten())
+        }
     }
 
     /// The same where at most so many ticks are known, the published one included.

@@ -19,14 +19,14 @@ const SPARSE: f64 = 0.7;
 /// The velocity_exponent of velocities that are sent whether or not it pays.
 const PLAIN: u32 = 3;
 /// Velocities are sent in steps that are doubled so often, if at all.
-const VELOCITY_EXPONENTS: [u32; 10] = [9, 8, 7, 6, 5, 4, 3, 2, 1, 0];
+const VELOCITY_EXPONENTS: [u32; 6] = [9, 7, 5, 3, 1, 0];
 /// Corrections begin at the best fits of so many known ticks; moving ones with velocities at straight lines through so many.
 const FITS: [usize; 5] = [0, 1, 2, 4, 6];
 const LINES: [usize; 3] = [2, 4, 6];
 /// Corrections that follow begin at these.
-const FITS_AFTER: [usize; 4] = [0, 1, 3, 5];
+const FITS_AFTER: [usize; 2] = [0, 3];
 /// Corrections that are weighed with what follows.
-const SHORTLIST: usize = 6;
+const SHORTLIST: usize = 3;
 
 /// A correction, and what it is worth: 1/256 bits for each tick, less is better.
 #[derive(Clone, Copy, Debug)]
