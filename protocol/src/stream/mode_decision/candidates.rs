@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    ConstantAcceleration, Motion, Pose, Predictor, TRACK_AGE_MAX, Ticks, attached_motion,
+    ConstantAcceleration, Motion, Pose, Predictor, Ticks, attached_motion,
     relative_to,
 };
 
@@ -21,8 +21,6 @@ const MODES: usize = 4 + ACCELERATIONS;
 const ACCELERATION_LASTS: f64 = 16.0;
 /// A parent's prediction is taken for its place while it uses less of its tolerance than this: beyond, an update follows soon.
 const PARENT_SHARE: f64 = 0.6;
-/// A body whose track held for so many ticks flies: lookahead ends before it strays, and its last ticks tell more.
-const FLIGHT: Ticks = Ticks::new(12);
 
 /// What the modes in one frame of reference correct.
 #[derive(Clone, Copy, Debug)]
@@ -57,8 +55,6 @@ pub(super) type Modes<'a> = [Option<Candidate<'a>>; MODES];
 pub(super) struct Candidates<'a, const N: usize> {
     subject: &'a Subject<'a>,
     units: Units,
-    /// Whether the last ticks tell more than the next ones.
-    pub(super) flies: bool,
     world: Base<'a>,
     /// Of the body that it is attached to now.
     parent_age: Option<Age>,
@@ -130,7 +126,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
         decision: &ModeDecision<'_>,
         subject: &'a Subject<'a>,
         units: &Units,
-    ) -> Option<Self> {
+    ) -> Self {
         let now = subject.track;
         let above = decision.tracks.parent(now);
         let is_torque_free = subject.slot.is_torque_free() && decision.features.torque_free;
@@ -139,8 +135,6 @@ impl<'a, const N: usize> Candidates<'a, N> {
         } else {
             (Predictor::Uniform, Predictor::Ballistic)
         };
-        let age = subject.tick.since(now.origin)?;
-        let flies = age >= FLIGHT.min(TRACK_AGE_MAX) && now.predictor != Predictor::Rest;
         let gravity = decision.tracks.gravity(subject.slot, subject.tick);
         let reach = 1.0 / units.still.to_array()[0];
         let parent = subject
@@ -153,12 +147,10 @@ impl<'a, const N: usize> Candidates<'a, N> {
             predicted: subject.predicted_motion,
         };
         let step_s = decision.tracks.integrator().rate.step().seconds();
-        let extrapolates = N == 1 || flies;
-        let sources = Sources::<N> {
+                let sources = Sources::<N> {
             decision,
             subject,
             units,
-            extrapolates,
             moved: [moved(subject, 1, step_s), moved(subject, 2, step_s)],
         };
         let (twist, other) = (subject.truth.twist(), subject.predicted_motion.twist());
@@ -167,10 +159,9 @@ impl<'a, const N: usize> Candidates<'a, N> {
             units.moving,
         );
         let (unaccelerated, falls) = sources.unaccelerated(floating, &velocity);
-        Some(Self {
+        Self {
             subject,
             units: *units,
-            flies,
             parent_age: above
                 .and_then(|(_, slot)| decision.tracks.age(&slot.track(), subject.tick)),
             orphaned: now.parent.is_some() && above.is_none(),
@@ -184,7 +175,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
             velocity,
             gravity: Some(gravity).filter(|by| decision.features.ballistic && *by != DVec3::ZERO),
             accelerations: decision.accelerations(subject, reach),
-        })
+        }
     }
 
     /// All of them.
@@ -247,7 +238,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
         ErrorForecast {
             known,
             pull: None,
-            from: if self.flies { 0 } else { last },
+            from: last,
             slope: of.slope,
             curve: of.curve,
             ends: self.subject.ends && last == self.subject.ahead.len(),
@@ -277,8 +268,6 @@ struct Sources<'s, 'a, const N: usize> {
     decision: &'s ModeDecision<'s>,
     subject: &'a Subject<'a>,
     units: &'s Units,
-    /// Whether errors grow as lately, not as between the last two known ticks.
-    extrapolates: bool,
     /// How far the body moved in its last stride and in its last two.
     moved: [[DVec3; 2]; 2],
 }
@@ -300,7 +289,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
             known.push(of(error));
         }
         let (slope, curve) = match known.errors() {
-            [.., before, last] if !self.extrapolates => (*last - *before, Errors::ZERO),
+            [.., before, last] => (*last - *before, Errors::ZERO),
             _ => {
                 let lately = lately();
                 (of(lately.slope), of(lately.curve))
@@ -346,7 +335,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
             slope: fallen[0] * (2.0 / stride) - fallen[1] * (0.5 / stride),
             curve: (fallen[1] - fallen[0] * 2.0) * (0.5 / (stride * stride)),
         };
-        if self.extrapolates || last == 0 {
+        if last == 0 {
             forecast.slope = forecast.slope + *velocity;
         } else {
             falls.slope = falls.known[last] - falls.known[last - 1];

@@ -72,6 +72,9 @@ const ERROR_GROWTH_PER_LIFETIME: f64 = 0.1;
 /// … and each tick, at least and at most.
 const DOUBT: [f64; 2] = [0.001, 0.05];
 
+/// A body whose track held for so many ticks flies: lookahead ends before it strays, and its last ticks tell more.
+const FLIGHT: Ticks = Ticks::new(12);
+
 /// Decides for one publisher.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ModeDecision<'a> {
@@ -101,7 +104,8 @@ impl ModeDecision<'_> {
             age,
             over,
         };
-        if subject.ahead.is_empty() || !self.features.mode_decision {
+        let flies = ticks >= FLIGHT && track.predictor != Predictor::Rest;
+        if subject.ahead.is_empty() || flies || !self.features.mode_decision {
             self.decide_within::<1>(&update, ticks)
         } else {
             self.decide_within::<SPAN>(&update, ticks)
@@ -140,7 +144,7 @@ impl ModeDecision<'_> {
             self.tracks.grid(subject.slot),
             step,
         );
-        let candidates = Candidates::<N>::new(self, subject, &units)?;
+        let candidates = Candidates::<N>::new(self, subject, &units);
         let interval = self.tracks.publish_interval().get();
         let [least, most] = DOUBT;
         let settings = Settings {
@@ -153,7 +157,7 @@ impl ModeDecision<'_> {
             features: self.features,
             age,
             rate: step / update.over.seconds(),
-            looks_ahead: N > 1 && !candidates.flies,
+            looks_ahead: N > 1,
         };
         let mut refinement = Refinement::new(&settings);
         let modes = candidates.modes();
