@@ -5,8 +5,7 @@
 
 use glam::DVec3;
 use rhumb_reckoning::{
-    ConstantAcceleration, Motion, Pose, Predictor, Ticks, attached_motion,
-    relative_to,
+    ConstantAcceleration, Motion, Pose, Predictor, Ticks, attached_motion, relative_to,
 };
 
 use super::acceleration::ACCELERATIONS;
@@ -147,7 +146,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
             predicted: subject.predicted_motion,
         };
         let step_s = decision.tracks.integrator().rate.step().seconds();
-                let sources = Sources::<N> {
+        let sources = Sources::<N> {
             decision,
             subject,
             units,
@@ -178,13 +177,32 @@ impl<'a, const N: usize> Candidates<'a, N> {
         }
     }
 
-    /// All of them.
+    /// All of them; without lookahead only those that may serve best.
     pub(super) fn modes(&'a self) -> Modes<'a> {
         let mut modes = [const { None }; MODES];
-        if !self.orphaned {
-            for (number, mode) in modes.iter_mut().enumerate() {
-                *mode = self.candidate(number);
+        if self.orphaned {
+            return modes;
+        }
+        let mut moving: Option<(usize, f64)> = None;
+        for number in 0..MODES {
+            let Some(candidate) = self.candidate(number) else {
+                continue;
+            };
+            if N == 1 && candidate.moves() {
+                let stray = candidate.forecast.stray(&self.units, &self.velocity);
+                let keeps = matches!(candidate.mode, PredictionMode::Same);
+                match moving {
+                    Some((_, least)) if stray >= least && !keeps => continue,
+                    Some((other, least)) if stray < least => {
+                        let drops = |it: &mut Candidate<'_>| it.mode != PredictionMode::Same;
+                        modes[other].take_if(drops);
+                        moving = Some((number, stray));
+                    }
+                    Some(_) => {}
+                    None => moving = Some((number, stray)),
+                }
             }
+            modes[number] = Some(candidate);
         }
         modes
     }
@@ -238,7 +256,6 @@ impl<'a, const N: usize> Candidates<'a, N> {
         ErrorForecast {
             known,
             pull: None,
-            from: last,
             slope: of.slope,
             curve: of.curve,
             ends: self.subject.ends && last == self.subject.ahead.len(),
@@ -397,7 +414,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         let one = moved(0)?;
         let stride = f64::from(subject.stride.count());
         let fast = self.units.share(&Errors::of(one, self.units.still)) > stride;
-        if false && fast && !is_attached {
+        if N == 1 && fast && !is_attached {
             return None;
         }
         let two = moved(1).unwrap_or([one[0] * 2.0, one[1] * 2.0]);

@@ -13,6 +13,9 @@ const LOOKS: [f64; 15] = [
     1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0, 128.0, 192.0,
 ];
 
+/// Ticks by which strays are compared.
+const STRAY_TICKS: f64 = 3.0;
+
 /// What a correction takes off the error: at once, and more each tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Effect {
@@ -57,8 +60,7 @@ pub(super) struct ErrorForecast<'a> {
     /// At the published tick and those after it.
     pub(super) known: &'a [Errors],
     pub(super) pull: Option<Pull<'a>>,
-    /// From this tick on the error is taken to grow by `slope` in a tick, and by `curve` in a tick squared.
-    pub(super) from: usize,
+    /// Beyond, the error is taken to grow by this in a tick, and by `curve` in a tick squared.
     pub(super) slope: Errors,
     pub(super) curve: Errors,
     /// Whether the body is known to leave the stream after the last known tick.
@@ -102,6 +104,14 @@ impl ErrorForecast<'_> {
         }
     }
 
+    /// The share of the tolerance that a track which begins rightly strays by in some ticks; `velocity` of it is predicted by true
+    /// velocities.
+    pub(super) fn stray(&self, units: &Units, velocity: &Errors) -> f64 {
+        let strayed =
+            (self.slope - *velocity) * STRAY_TICKS + self.curve * (STRAY_TICKS * STRAY_TICKS);
+        units.share(&strayed)
+    }
+
     #[inline]
     fn left(&self, tick: usize, by: &Effect) -> Errors {
         self.error(tick) - by.at_once - by.each_tick * (tick as f64)
@@ -127,15 +137,12 @@ impl ErrorForecast<'_> {
         } else {
             let Some(beyond) = self.beyond(by, expectation) else {
                 return Lifetime {
-                    ticks: self.from as f64,
-                    breach: Some(self.from),
+                    ticks: last as f64,
+                    breach: Some(last),
                 };
             };
             let unseen = expectation.interval.saturating_sub(2) as f64;
-            f64::max(
-                self.from as f64 + 1.0 + beyond.min(self.lasts) + unseen,
-                known,
-            )
+            known + beyond.min(self.lasts) + unseen
         };
         Lifetime {
             ticks,
@@ -147,7 +154,7 @@ impl ErrorForecast<'_> {
     #[inline]
     fn beyond(&self, by: &Effect, expectation: &Expectation) -> Option<f64> {
         let Expectation { units, growth, .. } = expectation;
-        let begin = self.left(self.from, by);
+        let begin = self.left(self.last(), by);
         let slope = self.slope - by.each_tick;
         // The square of the error is a polynomial.
         let squares = [

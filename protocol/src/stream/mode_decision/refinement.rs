@@ -254,7 +254,6 @@ impl CorrectionRanker<'_> {
             forecast: &ErrorForecast {
                 known: known.errors(),
                 pull: None,
-                from: self.forecast.from - breach.min(self.forecast.from),
                 slope: self.forecast.slope - effect.each_tick,
                 ..*self.forecast
             },
