@@ -25,7 +25,7 @@ use rhumb_reckoning::{
 use super::aliases::AliasTable;
 use super::features::Features;
 use super::fec_encoder::FecEncoder;
-use super::mode_decision::{ModeDecision, Parent, Subject, share};
+use super::mode_decision::{Context, ModeDecision, Parent, Subject, share};
 use super::observation::{Activity, Observation};
 use super::observation_history::ObservationHistory;
 use super::sent_packets::SentPackets;
@@ -436,11 +436,11 @@ impl Publisher {
                 ObservationWindow::of(observation_history, other.id, tick, place),
             ))
         });
-        let decision = ModeDecision {
+        let decision = ModeDecision::new(Context {
             tracks: &self.tracks,
             features: self.features,
             slack: self.slack * closeness,
-        };
+        });
         let stride = seen.stride;
         let subject = Subject {
             index: observation.id.index(),

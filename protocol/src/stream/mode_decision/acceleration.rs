@@ -6,7 +6,7 @@
 use glam::DVec3;
 use rhumb_reckoning::{ConstantAcceleration, Motion};
 
-use super::{ModeDecision, Subject};
+use super::subject::{Context, Subject};
 
 /// Accelerations that are tried: the track's own, and the seen one, finely and coarsely.
 pub(super) const ACCELERATIONS: usize = 3;
@@ -18,54 +18,51 @@ const WORTH: [f64; 2] = [32.0, 1.0];
 /// Steps are so fine that the greatest part of an acceleration takes at least so many of them.
 const FINENESS: [f64; ACCELERATIONS - 1] = [16.0, 64.0];
 
-impl ModeDecision<'_> {
-    /// Accelerations by which a body may go on; its track's own first.
-    pub(super) fn accelerations(
-        &self,
-        subject: &Subject<'_>,
-        reach: f64,
-    ) -> [Option<ConstantAcceleration>; ACCELERATIONS] {
-        let mut all = [None; ACCELERATIONS];
-        let spins = self.features.torque_free || !subject.slot.is_torque_free();
-        if !self.features.accelerated || !spins {
-            return all;
-        }
-        all[0] = subject.track.predictor.acceleration();
-        let Some(seen) = self.acceleration(subject, reach) else {
-            return all;
-        };
-        for (acceleration, fineness) in all[1..].iter_mut().zip(FINENESS) {
-            *acceleration = ConstantAcceleration::nearest(seen, fineness);
-        }
-        all
+/// Accelerations by which a body may go on; its track's own first.
+pub(super) fn accelerations(
+    context: &Context<'_>,
+    subject: &Subject<'_>,
+    reach: f64,
+) -> [Option<ConstantAcceleration>; ACCELERATIONS] {
+    let mut all = [None; ACCELERATIONS];
+    let spins = context.features.torque_free || !subject.slot.is_torque_free();
+    if !context.features.accelerated || !spins {
+        return all;
     }
+    all[0] = subject.track.predictor.acceleration();
+    let Some(seen) = acceleration(context, subject, reach) else {
+        return all;
+    };
+    for (acceleration, fineness) in all[1..].iter_mut().zip(FINENESS) {
+        *acceleration = ConstantAcceleration::nearest(seen, fineness);
+    }
+    all
+}
 
-    /// A steady acceleration that is worth its bits, m/s². `reach`: how far off a body's position may be, metres.
-    fn acceleration(&self, subject: &Subject<'_>, reach: f64) -> Option<DVec3> {
-        let between = |before: &Motion, after: &Motion| {
-            let (before, after) = (before.twist().linear, after.twist().linear);
-            self.tracks.acceleration(subject.slot, before, after)
-        };
-        let now = &subject.truth;
-        let [(before, after), (other, next)] = match (subject.ahead, &subject.last) {
-            ([next, last, ..], _) => [(now, next), (next, last)],
-            (_, [Some(one), Some(two)]) => [(one, now), (two, one)],
-            _ => return None,
-        };
-        let acceleration = between(before, after);
-        let strength = acceleration.length_squared();
-        let step = self.tracks.integrator().rate.step().seconds();
-        let bound = |ticks: f64| {
-            let strength = reach * 2.0 / (ticks * step * ticks * step);
-            strength * strength
-        };
-        if strength <= bound(WORTH[0]) || strength >= bound(WORTH[1]) {
-            return None;
-        }
-        let near =
-            |other: DVec3| acceleration.distance_squared(other) < UNSTEADY * UNSTEADY * strength;
-        // Another predictor knows of gravity.
-        let falls = near(self.tracks.gravity(subject.slot, subject.tick));
-        (!falls && near(between(other, next))).then_some(acceleration)
+/// A steady acceleration that is worth its bits, m/s². `reach`: how far off a body's position may be, metres.
+fn acceleration(context: &Context<'_>, subject: &Subject<'_>, reach: f64) -> Option<DVec3> {
+    let between = |before: &Motion, after: &Motion| {
+        let (before, after) = (before.twist().linear, after.twist().linear);
+        context.tracks.acceleration(subject.slot, before, after)
+    };
+    let now = &subject.truth;
+    let [(before, after), (other, next)] = match (subject.ahead, &subject.last) {
+        ([next, last, ..], _) => [(now, next), (next, last)],
+        (_, [Some(one), Some(two)]) => [(one, now), (two, one)],
+        _ => return None,
+    };
+    let acceleration = between(before, after);
+    let strength = acceleration.length_squared();
+    let step = context.tracks.integrator().rate.step().seconds();
+    let bound = |ticks: f64| {
+        let strength = reach * 2.0 / (ticks * step * ticks * step);
+        strength * strength
+    };
+    if strength <= bound(WORTH[0]) || strength >= bound(WORTH[1]) {
+        return None;
     }
+    let near = |other: DVec3| acceleration.distance_squared(other) < UNSTEADY * UNSTEADY * strength;
+    // Another predictor knows of gravity.
+    let falls = near(context.tracks.gravity(subject.slot, subject.tick));
+    (!falls && near(between(other, next))).then_some(acceleration)
 }

@@ -8,10 +8,10 @@ use rhumb_reckoning::{
     ConstantAcceleration, Motion, Pose, Predictor, Ticks, attached_motion, relative_to,
 };
 
-use super::acceleration::ACCELERATIONS;
+use super::acceleration::{ACCELERATIONS, accelerations};
 use super::errors::{Errors, Units, apart};
 use super::forecast::{ErrorForecast, Known, Pull};
-use super::{ModeDecision, Parent, Subject, share};
+use super::subject::{Context, Parent, Subject, share};
 use crate::packet::{Age, PredictionMode};
 
 /// Modes that are tried: rest, uniform, falling, attached, accelerated.
@@ -121,33 +121,29 @@ impl Growth {
 }
 
 impl<'a, const N: usize> Candidates<'a, N> {
-    pub(super) fn new(
-        decision: &ModeDecision<'_>,
-        subject: &'a Subject<'a>,
-        units: &Units,
-    ) -> Self {
+    pub(super) fn new(context: &Context<'_>, subject: &'a Subject<'a>, units: &Units) -> Self {
         let now = subject.track;
-        let above = decision.tracks.parent(now);
-        let is_torque_free = subject.slot.is_torque_free() && decision.features.torque_free;
+        let above = context.tracks.parent(now);
+        let is_torque_free = subject.slot.is_torque_free() && context.features.torque_free;
         let (floating, falling) = if is_torque_free {
             (Predictor::TorqueFree, Predictor::BallisticTorqueFree)
         } else {
             (Predictor::Uniform, Predictor::Ballistic)
         };
-        let gravity = decision.tracks.gravity(subject.slot, subject.tick);
+        let gravity = context.tracks.gravity(subject.slot, subject.tick);
         let reach = 1.0 / units.still.to_array()[0];
         let parent = subject
             .parent
             .as_ref()
-            .filter(|_| decision.features.attached);
+            .filter(|_| context.features.attached);
         let world = Base {
             parent: None,
             truth: subject.truth,
             predicted: subject.predicted_motion,
         };
-        let step_s = decision.tracks.integrator().rate.step().seconds();
+        let step_s = context.tracks.integrator().rate.step().seconds();
         let sources = Sources::<N> {
-            decision,
+            context,
             subject,
             units,
             moved: [moved(subject, 1, step_s), moved(subject, 2, step_s)],
@@ -161,10 +157,9 @@ impl<'a, const N: usize> Candidates<'a, N> {
         Self {
             subject,
             units: *units,
-            parent_age: above
-                .and_then(|(_, slot)| decision.tracks.age(&slot.track(), subject.tick)),
+            parent_age: above.and_then(|(_, slot)| context.tracks.age(&slot.track(), subject.tick)),
             orphaned: now.parent.is_some() && above.is_none(),
-            rest: decision.features.resting.then(|| sources.rest()),
+            rest: context.features.resting.then(|| sources.rest()),
             attached: parent.and_then(|parent| sources.attached(parent)),
             world,
             floating,
@@ -172,8 +167,8 @@ impl<'a, const N: usize> Candidates<'a, N> {
             unaccelerated,
             falls,
             velocity,
-            gravity: Some(gravity).filter(|by| decision.features.ballistic && *by != DVec3::ZERO),
-            accelerations: decision.accelerations(subject, reach),
+            gravity: Some(gravity).filter(|by| context.features.ballistic && *by != DVec3::ZERO),
+            accelerations: accelerations(context, subject, reach),
         }
     }
 
@@ -282,7 +277,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
 /// What forecasts are made of.
 #[derive(Clone, Copy, Debug)]
 struct Sources<'s, 'a, const N: usize> {
-    decision: &'s ModeDecision<'s>,
+    context: &'s Context<'s>,
     subject: &'a Subject<'a>,
     units: &'s Units,
     /// How far the body moved in its last stride and in its last two.
@@ -330,7 +325,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
 
     /// Of a mode that nothing accelerates, and what an acceleration changes of it.
     fn unaccelerated(&self, predictor: Predictor, velocity: &Errors) -> (Forecast<N>, Falls<N>) {
-        let (subject, tracks) = (self.subject, self.decision.tracks);
+        let (subject, tracks) = (self.subject, self.context.tracks);
         let slot = subject.slot;
         let mut motion = subject.predicted_motion;
         let mut expected = [motion.pose(); N];
@@ -363,7 +358,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
 
     /// How far the last stride and the last two diverged from an unaccelerated mode, and what an acceleration of 1 m/s² would have added.
     fn strays(&self, predictor: Predictor) -> ([[DVec3; 2]; 2], [f64; 2]) {
-        let (subject, tracks) = (self.subject, self.decision.tracks);
+        let (subject, tracks) = (self.subject, self.context.tracks);
         let prediction_error = |strides: usize| {
             let past = subject.past[strides - 1].as_ref()?;
             let ticks = Ticks::new(strides as u32 * subject.stride.count());
@@ -392,7 +387,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
 
     /// Of being attached to a body.
     fn attached(&self, parent: &'a Parent<'a>) -> Option<(Base<'a>, PredictionMode, Forecast<N>)> {
-        let (subject, tracks) = (self.subject, self.decision.tracks);
+        let (subject, tracks) = (self.subject, self.context.tracks);
         let track = subject.track;
         let above = parent.slot.track();
         let is_attached = track.parent == Some(parent.slot.id(parent.index));
@@ -440,7 +435,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
             let seen = match tick {
                 0 => base.truth,
                 _ => {
-                    let by = where_parent(self.decision, subject, parent, tick)?;
+                    let by = where_parent(self.context, subject, parent, tick)?;
                     relative_to(&by, &truth.pose())
                 }
             };
@@ -465,13 +460,13 @@ fn moved(subject: &Subject<'_>, strides: usize, step_s: f64) -> [DVec3; 2] {
 
 /// Where a parent will be predicted, or is if an update of it comes before.
 fn where_parent(
-    decision: &ModeDecision<'_>,
+    context: &Context<'_>,
     subject: &Subject<'_>,
     parent: &Parent<'_>,
     ticks: usize,
 ) -> Option<Pose> {
     let truth = parent.ahead.get(ticks - 1)?.pose();
-    let (tracks, slot) = (decision.tracks, parent.slot);
+    let (tracks, slot) = (context.tracks, parent.slot);
     let tick = subject.tick + Ticks::new(ticks as u32);
     let predicted_motion = tracks.framed((parent.index, slot), &slot.track(), tick);
     let used = share(
@@ -491,14 +486,14 @@ impl Base<'_> {
     /// Where a body at a pose of this frame is in the world, as a subscriber computes it.
     pub(super) fn in_world(
         &self,
-        decision: &ModeDecision<'_>,
+        context: &Context<'_>,
         subject: &Subject<'_>,
         pose: &Pose,
     ) -> Pose {
         match self.parent {
             None => *pose,
             Some(Parent { index, slot, .. }) => {
-                let tracks = decision.tracks;
+                let tracks = context.tracks;
                 let by = tracks.framed((*index, slot), &slot.track(), subject.tick);
                 attached_motion(&by, pose).pose()
             }

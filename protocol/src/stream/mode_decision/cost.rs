@@ -86,3 +86,19 @@ impl Cost {
         Self::new(PredictionMode::Same, age, beside)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_price_is_bits_for_each_tick_and_what_does_not_hold_has_none() {
+        let cost = Cost::new(PredictionMode::Same, Age::new(3), Beside::default());
+        let bits = cost.bits(&Residual::default());
+        assert!(bits > OVERHEAD);
+        assert_eq!(cost.price(bits, 4.0), f64::from(bits) / 4.0);
+        assert_eq!(cost.price(bits, 0.0), f64::INFINITY);
+        let next = cost.following(bits, 4, Age::new(4));
+        assert_eq!(next.price(bits, 4.0), f64::from(bits) / 4.0);
+    }
+}

@@ -234,3 +234,99 @@ impl ErrorForecast<'_> {
         [begin, slope]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use rhumb_reckoning::{Grid, Metres, Residual, Tolerance};
+
+    const STEP_S: f64 = 1.0 / 60.0;
+
+    fn expectation() -> Expectation {
+        let radius = Metres::new(0.5);
+        let tolerance = Tolerance::from_metres(Metres::new(0.05)).unwrap();
+        let grid = Grid::new(tolerance, radius);
+        Expectation {
+            units: Units::new(tolerance, radius, 1.0, &grid, STEP_S),
+            growth: 0.01,
+            interval: 1,
+        }
+    }
+
+    /// Of a body whose errors without a correction are these along x, in metres.
+    fn known(errors: &[f64]) -> Known<SPAN> {
+        let of = |x: &f64| Errors::of_position(DVec3::X * *x, expectation().units.still);
+        let mut known = Known::new(of(&errors[0]));
+        errors[1..].iter().for_each(|x| known.push(of(x)));
+        known
+    }
+
+    fn forecast(known: &Known<SPAN>) -> ErrorForecast<'_> {
+        let slope = match known.errors() {
+            [.., before, last] => *last - *before,
+            _ => Errors::ZERO,
+        };
+        ErrorForecast {
+            known: known.errors(),
+            pull: None,
+            slope,
+            curve: Errors::ZERO,
+            ends: false,
+            lasts: f64::INFINITY,
+        }
+    }
+
+    fn moved(steps: i32) -> Effect {
+        let residual = Residual {
+            position: [steps, 0, 0],
+            ..Residual::default()
+        };
+        Effect {
+            at_once: expectation().units.of_residual(&residual),
+            each_tick: Errors::ZERO,
+        }
+    }
+
+    #[test]
+    fn a_lifetime_ends_where_the_tolerance_breaks() {
+        let known = known(&[0.01, 0.03, 0.049, 0.051, 0.0]);
+        let forecast = forecast(&known);
+        let life = forecast.lifetime(&moved(0), &expectation());
+        assert_eq!((life.ticks, life.breach), (3.0, Some(3)));
+        let beyond = forecast.lifetime(&moved(1), &expectation());
+        assert!(beyond.breach.is_none() && beyond.ticks > 5.0);
+        let ends = ErrorForecast {
+            ends: true,
+            ..forecast
+        };
+        assert_eq!(ends.lifetime(&moved(1), &expectation()).ticks, 5.0);
+    }
+
+    #[test]
+    fn what_is_known_after_a_breach_is_what_a_correction_left() {
+        let known = known(&[0.0, 0.02, 0.04, 0.06]);
+        let forecast = forecast(&known);
+        let rest = forecast.known_after(3, &moved(0));
+        let later = ErrorForecast {
+            known: rest.errors(),
+            ..forecast
+        };
+        assert_eq!(later.last(), 0);
+        let life = |steps| later.lifetime(&moved(steps), &expectation());
+        assert_eq!((life(0).ticks, life(0).breach), (0.0, Some(0)));
+        assert!(life(2).ticks > 3.0);
+    }
+
+    #[test]
+    fn a_straight_line_is_found() {
+        let errors: [f64; SPAN] = core::array::from_fn(|tick| 0.028 + 0.03 * tick as f64);
+        let known = known(&errors);
+        let [begin, slope] = forecast(&known).line(SPAN - 1);
+        let units = expectation().units;
+        let share = |errors: Errors| units.share(&errors) * 0.05;
+        assert!((share(begin) - 0.028).abs() < 1e-9 && (share(slope) - 0.03).abs() < 1e-9);
+        let again = forecast(&known).slope_from(SPAN - 1, &begin);
+        assert!(share(again - slope) < 1e-9);
+    }
+}

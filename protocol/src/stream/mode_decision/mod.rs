@@ -13,64 +13,27 @@ mod candidates;
 mod cost;
 mod errors;
 mod forecast;
+mod ranking;
 mod refinement;
+mod shortlist;
+mod subject;
 
-use rhumb_reckoning::{
-    Anchor, Divergence, Metres, Motion, Pose, Predictor, Seconds, TRACK_AGE_MAX, Tick, Ticks,
-    Tolerance, Track,
-};
+use rhumb_reckoning::{Anchor, Predictor, Seconds, TRACK_AGE_MAX, Ticks, Track};
 
 use super::features::Features;
-use super::tracks::{Slot, Tracks};
 use crate::packet::{Age, UpdatePayload};
 use candidates::{Candidate, Candidates};
 use errors::Units;
 use forecast::{Expectation, SPAN};
-use refinement::{Choice, Refinement, Settings};
-
-/// What is known of a body that needs an update.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Subject<'a> {
-    pub(crate) index: u32,
-    pub(crate) slot: &'a Slot,
-    /// The track that no longer holds.
-    pub(crate) track: &'a Track,
-    /// The published tick.
-    pub(crate) tick: Tick,
-    /// The body's motion then, and the predicted one.
-    pub(crate) truth: Motion,
-    pub(crate) predicted_motion: Motion,
-    /// Its motion one and two ticks before.
-    pub(crate) last: [Option<Motion>; 2],
-    /// Its motion one and two strides before.
-    pub(crate) past: [Option<Motion>; 2],
-    /// Ticks between two observations before the published tick.
-    pub(crate) stride: Ticks,
-    /// Its motions in the next ticks, as far as lookahead knows.
-    pub(crate) ahead: &'a [Motion],
-    /// Whether it is known that nothing is seen of it after that.
-    pub(crate) ends: bool,
-    /// The body that it may be attached to.
-    pub(crate) parent: Option<Parent<'a>>,
-}
-
-/// A body that another may be attached to.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Parent<'a> {
-    pub(crate) index: u32,
-    pub(crate) slot: &'a Slot,
-    /// Its motion at the published tick.
-    pub(crate) truth: Motion,
-    /// Its motion one and two strides of the child before.
-    pub(crate) past: [Option<Motion>; 2],
-    /// Its motions in the next ticks.
-    pub(crate) ahead: &'a [Motion],
-}
+use ranking::Settings;
+use refinement::Refinement;
+use shortlist::Choice;
+pub(crate) use subject::{Context, Parent, Subject, share};
 
 /// What the ticks of a track's whole life add to the expected error of the next, as a share of the tolerance …
 const ERROR_GROWTH_PER_LIFETIME: f64 = 0.1;
 /// … and each tick, at least and at most.
-const DOUBT: [f64; 2] = [0.001, 0.05];
+const ERROR_GROWTH: [f64; 2] = [0.001, 0.05];
 
 /// A body whose track held for so many ticks flies: lookahead ends before it strays, and its last ticks tell more.
 const FLIGHT: Ticks = Ticks::new(12);
@@ -78,34 +41,34 @@ const FLIGHT: Ticks = Ticks::new(12);
 /// Decides for one publisher.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ModeDecision<'a> {
-    pub(crate) tracks: &'a Tracks,
-    pub(crate) features: Features,
-    /// Factor on the tolerances by which lifetimes are estimated: more than one where a budget does not suffice, less for
-    /// bodies that others are attached to.
-    pub(crate) slack: f64,
+    context: Context<'a>,
 }
 
-impl ModeDecision<'_> {
+impl<'a> ModeDecision<'a> {
+    pub(crate) const fn new(context: Context<'a>) -> Self {
+        Self { context }
+    }
+
     /// The best correction among those that keep the promise, with the track that it leads to; `None` where a keyframe is needed.
     pub(crate) fn decide(&self, subject: &Subject<'_>) -> Option<(UpdatePayload, Track)> {
         let track = subject.track;
         let ticks = subject.tick.since(track.origin)?;
         let aged = ticks > TRACK_AGE_MAX && track.predictor != Predictor::Rest;
-        let age = self.tracks.age(track, subject.tick)?;
-        if age == Age::new(0) || aged || !self.features.residuals {
+        let age = self.context.tracks.age(track, subject.tick)?;
+        if age == Age::new(0) || aged || !self.context.features.residuals {
             return None;
         }
         let over = track
             .predictor
-            .divergence_time(ticks, self.tracks.integrator().rate);
+            .divergence_time(ticks, self.context.tracks.integrator().rate);
         let update = Update {
-            decision: self,
+            context: &self.context,
             subject,
             age,
             over,
         };
         let flies = ticks >= FLIGHT && track.predictor != Predictor::Rest;
-        if subject.ahead.is_empty() || flies || !self.features.mode_decision {
+        if subject.ahead.is_empty() || flies || !self.context.features.mode_decision {
             self.decide_within::<1>(&update, ticks)
         } else {
             self.decide_within::<SPAN>(&update, ticks)
@@ -114,14 +77,14 @@ impl ModeDecision<'_> {
 
     /// The same without lookahead, and by the promised tolerance where that is tightened.
     pub(crate) fn widened(&self) -> Self {
-        Self {
+        Self::new(Context {
             features: Features {
                 mode_decision: false,
-                ..self.features
+                ..self.context.features
             },
-            slack: self.slack.max(1.0),
-            ..*self
-        }
+            slack: self.context.slack.max(1.0),
+            ..self.context
+        })
     }
 
     /// The same where at most so many ticks are known, the published one included.
@@ -131,22 +94,22 @@ impl ModeDecision<'_> {
         ticks: Ticks,
     ) -> Option<(UpdatePayload, Track)> {
         let (subject, age) = (update.subject, update.age);
-        let rate = self.tracks.integrator().rate;
+        let rate = self.context.tracks.integrator().rate;
         let (tolerance, radius) = (
-            self.tracks.tolerance_of(subject.slot),
-            self.tracks.radius(subject.slot),
+            self.context.tracks.tolerance_of(subject.slot),
+            self.context.tracks.radius(subject.slot),
         );
         let step = rate.step().seconds();
         let units = Units::new(
             tolerance,
             radius,
-            self.slack,
-            self.tracks.grid(subject.slot),
+            self.context.slack,
+            self.context.tracks.grid(subject.slot),
             step,
         );
-        let candidates = Candidates::<N>::new(self, subject, &units);
-        let interval = self.tracks.publish_interval().get();
-        let [least, most] = DOUBT;
+        let candidates = Candidates::<N>::new(&self.context, subject, &units);
+        let interval = self.context.tracks.publish_interval().get();
+        let [least, most] = ERROR_GROWTH;
         let settings = Settings {
             expectation: Expectation {
                 units,
@@ -154,7 +117,7 @@ impl ModeDecision<'_> {
                 growth: (ERROR_GROWTH_PER_LIFETIME / f64::from(ticks.count())).clamp(least, most),
                 interval: interval as usize,
             },
-            features: self.features,
+            features: self.context.features,
             age,
             rate: step / update.over.seconds(),
             looks_ahead: N > 1,
@@ -176,7 +139,7 @@ impl ModeDecision<'_> {
 /// Makes an update of a choice.
 #[derive(Clone, Copy, Debug)]
 struct Update<'u> {
-    decision: &'u ModeDecision<'u>,
+    context: &'u Context<'u>,
     subject: &'u Subject<'u>,
     age: Age,
     /// In what time the prediction diverged.
@@ -186,20 +149,20 @@ struct Update<'u> {
 impl Update<'_> {
     /// What a choice leads to, as a subscriber computes it, if that keeps the promise.
     fn of(&self, candidate: &Candidate<'_>, choice: &Choice) -> Option<(UpdatePayload, Track)> {
-        let (subject, tracks) = (self.subject, self.decision.tracks);
+        let (subject, tracks) = (self.subject, self.context.tracks);
         let grid = tracks.grid(subject.slot);
         let residual = choice.residual;
         let quantised = residual.onto(&candidate.base.predicted, self.over, grid);
         let begun = quantised.motion(grid);
         let pose = candidate
             .base
-            .in_world(self.decision, subject, &begun.pose());
+            .in_world(self.context, subject, &begun.pose());
         let (tolerance, radius) = (
             tracks.tolerance_of(subject.slot),
             tracks.radius(subject.slot),
         );
         let used = share(&subject.truth.pose(), &pose, tolerance, radius);
-        let keeps = used <= self.decision.slack.max(1.0);
+        let keeps = used <= self.context.slack.max(1.0);
         if !keeps || !residual.is_within_limits() {
             return None;
         }
@@ -223,14 +186,4 @@ impl Update<'_> {
             },
         ))
     }
-}
-
-/// How much of the tolerance lies between two poses of a body.
-pub(crate) fn share(
-    truth: &Pose,
-    predicted_motion: &Pose,
-    tolerance: Tolerance,
-    radius: Metres,
-) -> f64 {
-    tolerance.share(&Divergence::between(truth, predicted_motion), radius)
 }
