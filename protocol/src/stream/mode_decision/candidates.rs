@@ -16,6 +16,11 @@ use crate::packet::{Age, PredictionMode};
 
 /// Modes that are tried: rest, uniform, falling, attached, accelerated.
 const MODES: usize = 4 + ACCELERATIONS;
+/// Their numbers, where they are looked for.
+const REST: usize = 0;
+const ATTACHED: usize = 3;
+/// Ticks by which strays are compared.
+const STRAY_TICKS: f64 = 3.0;
 /// Ticks that an acceleration is expected to last at most.
 const ACCELERATION_LASTS: f64 = 16.0;
 /// A parent's prediction is taken for its place while it uses less of its tolerance than this: beyond, an update follows soon.
@@ -178,38 +183,78 @@ impl<'a, const N: usize> Candidates<'a, N> {
         if self.orphaned {
             return modes;
         }
-        let mut moving: Option<(usize, f64)> = None;
-        for number in 0..MODES {
-            let Some(candidate) = self.candidate(number) else {
-                continue;
+        let steadiest = if N == 1 { self.steadiest() } else { None };
+        for (number, mode) in modes.iter_mut().enumerate() {
+            let serves = match number {
+                _ if N > 1 => true,
+                REST => !self.is_fast(),
+                ATTACHED => true,
+                _ => steadiest == Some(number),
             };
-            if N == 1 && candidate.moves() {
-                let stray = candidate.forecast.stray(&self.units, &self.velocity);
-                let keeps = matches!(candidate.mode, PredictionMode::Same);
-                match moving {
-                    Some((_, least)) if stray >= least && !keeps => continue,
-                    Some((other, least)) if stray < least => {
-                        let drops = |it: &mut Candidate<'_>| it.mode != PredictionMode::Same;
-                        modes[other].take_if(drops);
-                        moving = Some((number, stray));
-                    }
-                    Some(_) => {}
-                    None => moving = Some((number, stray)),
-                }
+            if serves || self.keeps(number) {
+                *mode = self.candidate(number);
             }
-            modes[number] = Some(candidate);
         }
         modes
+    }
+
+    /// Whether a mode is the track's own.
+    fn keeps(&self, number: usize) -> bool {
+        let now = self.subject.track;
+        let predictor = match number {
+            REST => Predictor::Rest,
+            1 => self.floating,
+            2 => self.falling,
+            // The track's own acceleration is the first of them.
+            4 => return now.predictor.acceleration().is_some(),
+            _ => return false,
+        };
+        now.parent.is_none() && now.predictor == predictor
+    }
+
+    /// Whether the body moves by the tolerance in each tick: then it does not rest.
+    fn is_fast(&self) -> bool {
+        let rest = self.rest.as_ref();
+        rest.is_some_and(|rest| self.stray(&rest.slope, &rest.curve) > STRAY_TICKS)
+    }
+
+    /// The moving mode from which the body strayed least lately.
+    fn steadiest(&self) -> Option<usize> {
+        let mut least = (None, f64::INFINITY);
+        for number in [1, 2, 4, 5, 6] {
+            let acceleration = match number {
+                1 => Some(DVec3::ZERO),
+                2 => self.gravity,
+                _ => self.accelerations[number - 4].map(|it| it.acceleration()),
+            };
+            let Some(acceleration) = acceleration else {
+                continue;
+            };
+            let pull = Errors::of_position(acceleration, self.units.still);
+            let (free, falls) = (&self.unaccelerated, &self.falls);
+            let slope = free.slope - self.velocity - pull * falls.slope;
+            let stray = self.stray(&slope, &(free.curve - pull * falls.curve));
+            if stray < least.1 {
+                least = (Some(number), stray);
+            }
+        }
+        least.0
+    }
+
+    /// The share of the tolerance that an error which grows so takes after some ticks.
+    fn stray(&self, slope: &Errors, curve: &Errors) -> f64 {
+        let strayed = *slope * STRAY_TICKS + *curve * (STRAY_TICKS * STRAY_TICKS);
+        self.units.share(&strayed)
     }
 
     #[inline]
     fn candidate(&'a self, number: usize) -> Option<Candidate<'a>> {
         let steady = f64::INFINITY;
         let candidate = match number {
-            0 => self.in_world(Predictor::Rest, self.forecast(self.rest.as_ref()?, steady)),
+            REST => self.in_world(Predictor::Rest, self.forecast(self.rest.as_ref()?, steady)),
             1 => self.in_world(self.floating, self.forecast(&self.unaccelerated, steady)),
             2 => self.in_world(self.falling, self.accelerated(self.gravity?, steady)),
-            3 => {
+            ATTACHED => {
                 let (base, mode, forecast) = self.attached.as_ref()?;
                 Candidate {
                     mode: *mode,

@@ -13,9 +13,6 @@ const LOOKS: [f64; 15] = [
     1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0, 128.0, 192.0,
 ];
 
-/// Ticks by which strays are compared.
-const STRAY_TICKS: f64 = 3.0;
-
 /// What a correction takes off the error: at once, and more each tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Effect {
@@ -102,14 +99,6 @@ impl ErrorForecast<'_> {
             Some(pull) if tick > 0 => error - pull.each * pull.falls[tick],
             _ => error,
         }
-    }
-
-    /// The share of the tolerance that a track which begins rightly strays by in some ticks; `velocity` of it is predicted by true
-    /// velocities.
-    pub(super) fn stray(&self, units: &Units, velocity: &Errors) -> f64 {
-        let strayed =
-            (self.slope - *velocity) * STRAY_TICKS + self.curve * (STRAY_TICKS * STRAY_TICKS);
-        units.share(&strayed)
     }
 
     #[inline]
