@@ -93,7 +93,7 @@ impl StepCoefficients {
 /// What the rows of one table have in common.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct StepConstants {
-    dt: f64,
+    pub(crate) dt: f64,
     pub(crate) substeps: f64,
     pub(crate) substep_count: u32,
     /// Seconds.

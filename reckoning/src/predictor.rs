@@ -57,12 +57,27 @@ pub struct Conditions<'a> {
     pub inertia: Option<&'a Inertia>,
 }
 
+/// How far a free body gets in some ticks, at velocities and under an acceleration of one.
+#[derive(Clone, Copy, Debug)]
+pub struct UnforcedMotion {
+    /// Metres at 1 m/s.
+    pub reach: f64,
+    /// Radians at 1 rad/s, at slow spins.
+    pub turn: f64,
+    /// Metres under 1 m/s².
+    pub fall: f64,
+}
+
 impl Conditions<'_> {
-    /// How far a body that a pull of 1 m/s² acts on is from one that nothing pulls at, after so many ticks: metres.
+    /// How far a body gets in so many ticks.
     #[must_use]
-    pub fn fall(&self, elapsed: Ticks) -> f64 {
-        let (row, _) = self.flow.row(elapsed);
-        row.fall
+    pub fn unforced(&self, elapsed: Ticks) -> UnforcedMotion {
+        let (row, config) = self.flow.row(elapsed);
+        UnforcedMotion {
+            reach: row.reach,
+            turn: row.turns[0] * config.dt,
+            fall: row.fall,
+        }
     }
 
     /// The acceleration that brings one velocity to another in a tick: m/s². The table has the row of one tick.

@@ -13,7 +13,7 @@ use glam::{DVec3, Vec3};
 use rhumb_reckoning::{
     BodyId, BodyState, Conditions, Damping, ErrorPrefilter, Grid, Inertia, Integrator, Metres,
     Motion, PredictionX4, Predictor, PrefilterInput, StepCoefficientTable, TRACK_AGE_MAX, Tick,
-    Ticks, Tolerance, ToleranceScale, Track, attached_motion,
+    Ticks, Tolerance, ToleranceScale, Track, UnforcedMotion, attached_motion,
 };
 
 use super::gravity_history::GravityHistory;
@@ -333,32 +333,23 @@ impl Tracks {
         })
     }
 
-    /// What a predictor makes of a motion some ticks after a tick at which it is said.
-    pub(crate) fn predicted_after(
-        &self,
-        slot: &Slot,
-        predictor: Predictor,
-        start: &Motion,
-        tick: Tick,
-        ticks: Ticks,
-    ) -> Motion {
-        self.with_conditions(slot, predictor, tick, |conditions| {
-            predictor.predict(start, ticks, conditions)
-        })
-    }
-
-    /// What a predictor that does not fall makes of a motion in some ticks; and what share of a pull would be added to the way
-    /// if there were one, s².
+    /// What a predictor that does not fall makes of a motion in some ticks.
     pub(crate) fn continued(
         &self,
         slot: &Slot,
         predictor: Predictor,
         start: &Motion,
         ticks: Ticks,
-    ) -> (Motion, f64) {
+    ) -> Motion {
         self.with_conditions(slot, predictor, Tick::ZERO, |conditions| {
-            let motion = predictor.predict(start, ticks, conditions);
-            (motion, conditions.fall(ticks))
+            predictor.predict(start, ticks, conditions)
+        })
+    }
+
+    /// How far a body gets in some ticks.
+    pub(crate) fn unforced(&self, slot: &Slot, ticks: Ticks) -> UnforcedMotion {
+        self.with_conditions(slot, Predictor::Uniform, Tick::ZERO, |conditions| {
+            conditions.unforced(ticks)
         })
     }
 
