@@ -99,7 +99,7 @@ pub struct Placed {
     /// The body is placed before the step that follows this tick.
     pub tick: Tick,
     /// Its descriptor.
-    pub config: BodyDesc,
+    pub desc: BodyDesc,
     /// Its shape.
     pub shape: Shape,
     /// Its initial state.

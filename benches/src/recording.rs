@@ -74,8 +74,8 @@ impl Recording {
 
     /// Prediction parameters of a body.
     pub(crate) fn parameters(&self, placed: &Placed) -> PredictionParameters {
-        let inertia = self.inertias.get(&placed.config.id).copied();
-        PredictionParameters::of(&placed.config, &placed.shape, self.damping, inertia)
+        let inertia = self.inertias.get(&placed.desc.id).copied();
+        PredictionParameters::of(&placed.desc, &placed.shape, self.damping, inertia)
     }
 
     /// Number of bodies requested from the script; for a foreign recording, its number of dynamic bodies.
@@ -85,7 +85,7 @@ impl Recording {
             return played.bodies;
         }
         let placed = self.truth.placed.iter();
-        let dynamic = placed.filter(|placed| placed.config.kind == BodyKind::Dynamic);
+        let dynamic = placed.filter(|placed| placed.desc.kind == BodyKind::Dynamic);
         dynamic.count() as u32
     }
 

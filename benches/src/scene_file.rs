@@ -146,16 +146,16 @@ impl SceneFile {
                     Command::AddShape { id, shape } => {
                         shapes.push((*id, SceneFileShape::of(shape)))
                     }
-                    Command::AddBody { config, motion } => {
-                        if config.material.is_some() || config.damping.is_some() {
+                    Command::AddBody { desc, motion } => {
+                        if desc.material.is_some() || desc.damping.is_some() {
                             return Err(more("bodies with their own material or damping"));
                         }
-                        let dynamic = match config.kind {
+                        let dynamic = match desc.kind {
                             BodyKind::Dynamic => true,
                             BodyKind::Static => false,
                             BodyKind::Kinematic => return Err(more("kinematic bodies")),
                         };
-                        let shape = shapes.iter().rev().find(|(id, _)| *id == config.shape);
+                        let shape = shapes.iter().rev().find(|(id, _)| *id == desc.shape);
                         let shape = shape.and_then(|(_, solid)| solid.clone());
                         let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
                         bodies.push(SceneFileBody {

@@ -44,7 +44,7 @@ fn recording(gravity: Vec3, pose: impl Fn(f64) -> (DVec3, DQuat)) -> Recording {
     };
     let placed = Placed {
         tick: Tick::ZERO,
-        config: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
+        desc: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
         shape,
         observation: at(0),
     };

@@ -242,7 +242,7 @@ fn a_scene_at_rest_draws_nothing_as_moving() {
     experiment.loads[0]
         .truth
         .placed
-        .retain(|placed| placed.config.id.index() == 2);
+        .retain(|placed| placed.desc.id.index() == 2);
     experiment.loads[0].runs.truncate(1);
     let path = folder("still").join("trace.mcap");
     trace::write(&path, &experiment, &FINE, &mut |_| {}).expect("the disk has space");

@@ -1,35 +1,39 @@
 //! A member of one scene, from a plain frame loop.
 //!
-//! Every call says how long it may wait: not at all, or no longer than its patience for an answer. Only opening awaits
-//! several, after the system has resolved a name. What it cannot have in time can be asked for again.
+//! A call waits not at all, or for the client's patience at most. Commands are queued and sent together, by the next call
+//! that takes in what has arrived or by `flush`; every other request is sent at once.
 
 mod authority;
 
 use std::collections::VecDeque;
-use std::net::{SocketAddr, ToSocketAddrs};
 use std::time::Duration;
 
-use rhumb_protocol::limits::SILENCE_MS_MAX;
+use rhumb_protocol::limits::{GRANT, GRANTED_MAX, SILENCE_MS_MAX};
 use rhumb_protocol::message::{Denial, Inspection, StreamChoice, TierPolicy};
-use rhumb_protocol::scene::{Command, IdRange, SceneConfig};
-use rhumb_protocol::session::{ClientSession, CloseCode, Event, Replica};
+use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, SceneConfig, Shape, ShapeId};
+use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
-use rhumb_protocol::{Ending, Instant, Span};
-use rhumb_reckoning::{BodyId, Seconds, Tick, Ticks, Tolerance};
-use rhumb_transport::{ClientOptions, QuicClient};
+use rhumb_protocol::{Ending, Instant};
+use rhumb_reckoning::{BodyId, BodyState, Seconds, Tick, Ticks, Tolerance};
+use rhumb_transport::Trust;
 
-use crate::client_event::{ClientEvent, Statistics};
 use crate::clock::{RenderTime, SceneClock};
 use crate::error::{ClientError, OpenError};
-use crate::options::{JoinMode, Options};
+use crate::id_allocator::IdAllocator;
+use crate::join_options::JoinOptions;
 use crate::pipeline_depth::PipelineDepth;
-use crate::pump::{Pump, TapChannel};
+use crate::pump::{Pump, TapChannel, span};
+use crate::server_connection::ServerConnection;
+use crate::shape_numbers::{ShapeNumbers, ShapeSlot};
+use crate::statistics::Statistics;
 use crate::view::{RenderParams, View};
 
-/// Beyond the tick that should be watermark_tick for by now a free-running view predicts at most this far, then holds: half a
-/// second.
+/// How long a client waits for an answer unless its caller says otherwise.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Beyond the tick that should have been published by now a free-running view predicts at most this far, then holds: half
+/// a second.
 const PREDICT_SECONDS: f64 = 0.5;
-/// ClientEvents that are kept for a caller who does not ask; the oldest go first.
+/// Events that are kept for a caller that does not ask; the oldest go first.
 const EVENTS_KEPT: usize = 65_536;
 
 /// A member of one scene.
@@ -37,7 +41,8 @@ pub struct Client {
     pump: Pump,
     patience: Duration,
     view: View,
-    granted: IdRange,
+    ids: IdAllocator,
+    shapes: ShapeNumbers,
     config: SceneConfig,
     clock: SceneClock,
     /// The same for what is driven, which the view's delay does not hold back.
@@ -47,7 +52,7 @@ pub struct Client {
     whole_ticks: bool,
     smooth: bool,
     requested: Tick,
-    client_events: VecDeque<ClientEvent>,
+    events: VecDeque<(Tick, Event)>,
     inspected: Option<Inspection>,
     denied: Option<Denial>,
     deleted: bool,
@@ -56,71 +61,37 @@ pub struct Client {
 }
 
 impl Client {
-    /// Connects and comes into the scene.
+    /// Connects to the server at `address`, `host:port`, and waits for it for five seconds at most. So long may every later
+    /// call wait for an answer.
     ///
-    /// Resolves the server's name first, for as long as the system takes to. Then waits no longer than the patience of the
-    /// options for each of up to four answers: connection, welcome, creation, snapshot.
+    /// The system resolves the host's name first, for as long as it takes.
     ///
     /// # Errors
     ///
-    /// [`OpenError`] names what failed: the address, the connection, the scene, or the server's patience.
-    pub fn open(options: Options) -> Result<Self, OpenError> {
-        let address = resolve(&options.server)?;
-        let connection = QuicClient::connect(
-            ClientOptions {
-                server_name: host_of(&options.server).to_owned(),
-                ..ClientOptions::new(address, options.trust.clone())
-            },
-            options.patience,
-        )?;
-        let mut pump = Pump::new(ClientSession::new(options.scene.clone()), connection);
-        let denied = |denial| OpenError::Denied {
-            scene: options.scene.clone(),
-            denial,
-        };
-        let welcome = await_event(
-            &mut pump,
-            options.patience,
-            "welcome",
-            |event| match event {
-                Event::Welcomed(welcome) => Some(Ok(welcome)),
-                _ => None,
-            },
-        )?
-        .map_err(denied)?;
-        let create = match options.join_mode {
-            JoinMode::Create(config) => Some(config),
-            JoinMode::CreateOrJoin(config) if welcome.scene.is_none() => Some(config),
-            JoinMode::CreateOrJoin(_) | JoinMode::Join => None,
-        };
-        if let Some(config) = create {
-            pump.session.create(config).map_err(ClientError::from)?;
-            let created =
-                await_event(&mut pump, options.patience, "answer", |event| match event {
-                    Event::Created => Some(Ok(())),
-                    Event::Denied(denial) => Some(Err(denial)),
-                    _ => None,
-                })?;
-            match created {
-                // Somebody else was faster; that is as good.
-                Err(Denial::SceneExists)
-                    if matches!(options.join_mode, JoinMode::CreateOrJoin(_)) => {}
-                other => other.map_err(denied)?,
-            }
-        }
-        pump.session
-            .join(options.stream)
-            .map_err(ClientError::from)?;
-        let granted = await_event(&mut pump, options.patience, "scene", |event| match event {
-            Event::Joined(granted) => Some(Ok(granted)),
-            Event::Denied(denial) => Some(Err(denial)),
-            _ => None,
-        })?
-        .map_err(denied)?;
-        Ok(Self::joined(pump, &options, granted))
+    /// [`OpenError`] names what failed: the address, the network, or the server's certificate.
+    pub fn connect(address: &str, trust: Trust) -> Result<ServerConnection, OpenError> {
+        Self::connect_within(address, trust, PATIENCE)
     }
 
-    fn joined(pump: Pump, options: &Options, granted: IdRange) -> Self {
+    /// Connects as [`Self::connect`], with another patience than five seconds.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::connect`].
+    pub fn connect_within(
+        address: &str,
+        trust: Trust,
+        patience: Duration,
+    ) -> Result<ServerConnection, OpenError> {
+        ServerConnection::open(address, trust, patience)
+    }
+
+    pub(crate) fn joined(
+        pump: Pump,
+        patience: Duration,
+        options: &JoinOptions,
+        granted: IdRange,
+    ) -> Self {
         let config = *pump
             .session
             .config()
@@ -131,9 +102,10 @@ impl Client {
             .map_or(Tick::ZERO, |replica| replica.stream().watermark_tick());
         let mut client = Self {
             pump,
-            patience: options.patience,
+            patience,
             view: View::default(),
-            granted,
+            ids: IdAllocator::new(granted),
+            shapes: ShapeNumbers::default(),
             config,
             clock: SceneClock::new(config.integrator.rate),
             upstream_clock: SceneClock::new(config.integrator.rate),
@@ -142,7 +114,7 @@ impl Client {
             whole_ticks: options.whole_ticks,
             smooth: options.smooth,
             requested: watermark_tick,
-            client_events: VecDeque::new(),
+            events: VecDeque::new(),
             inspected: None,
             denied: None,
             deleted: false,
@@ -151,12 +123,6 @@ impl Client {
         };
         client.refresh(RenderTime::at(watermark_tick), false);
         client
-    }
-
-    /// Body indices that are this client's to give out.
-    #[must_use]
-    pub const fn granted(&self) -> IdRange {
-        self.granted
     }
 
     /// What the scene was created with.
@@ -194,8 +160,9 @@ impl Client {
         }
     }
 
-    /// Asks for another stream, and does not wait: [`ClientEvent::SubscriptionChanged`] tells when the copy is by it. Until then it is
-    /// by the present one, and no tick is missed between the two. A choice that is made meanwhile takes its place.
+    /// Asks for another stream at once, and does not wait: [`Event::SubscriptionChanged`] tells when the copy follows it.
+    /// Until then the copy follows the present one, and no tick is missed between the two. A choice that is made meanwhile
+    /// takes its place.
     ///
     /// # Errors
     ///
@@ -207,8 +174,8 @@ impl Client {
         Ok(())
     }
 
-    /// Says where the server may move this client when its link is thin: to coarse (20 cm) unless this says otherwise.
-    /// [`ClientEvent::TierChanged`] tells when it does, and [`Self::tolerance`] what holds.
+    /// Sends at once to which tiers the server may move this client when its link is thin; until then, down to coarse
+    /// (20 cm). [`Event::TierChanged`] tells when it does, and [`Self::tolerance`] what holds.
     ///
     /// # Errors
     ///
@@ -220,57 +187,151 @@ impl Client {
         Ok(())
     }
 
-    /// How far off the copy of a body may be, at the newest tick that the stream watermark_tick for.
+    /// How far off the copy of a body may be, at the newest tick up to which the stream has published everything.
     #[must_use]
-    pub fn bound(&self, id: BodyId) -> Option<ErrorBound> {
+    pub fn error_bound(&self, id: BodyId) -> Option<ErrorBound> {
         self.replica()?.stream().bound(id)
     }
 
     /// How far off the copy of a body may be at a tick, such as the one that the view shows.
     #[must_use]
-    pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
+    pub fn error_bound_at(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
         self.replica()?.stream().bound_at(id, tick)
     }
 
-    /// The next thing that happened.
-    pub fn poll_event(&mut self) -> Option<ClientEvent> {
-        self.client_events.pop_front()
+    /// The next event, oldest first, and the newest complete tick when it arrived: only views of later ticks show it.
+    ///
+    /// Answers that a call of this client waits for are no events.
+    pub fn poll_event(&mut self) -> Option<(Tick, Event)> {
+        self.events.pop_front()
     }
 
-    /// Wishes something before the next tick; returns the number that its answer will name. Does not wait.
+    /// Queues the addition of a body, and of its shape unless the scene has an equal one; returns the body's id.
     ///
     /// # Errors
     ///
-    /// [`ClientError::Misuse`] for a number that no engine should be given; nothing is sent then.
+    /// As [`Self::add_bodies`].
+    pub fn add_body(&mut self, body: BodyBuilder) -> Result<BodyId, ClientError> {
+        let state = self.check_body(&body)?;
+        self.reserve_ids(1)?;
+        self.queue_body(&body, state)
+    }
+
+    /// Queues the addition of many bodies, and returns their ids in the same order. Equal shapes are sent once.
+    ///
+    /// Does not wait, unless the server must grant more indices first: it grants 4,096 when a client joins. The bodies are
+    /// sent as [`Self::command`] has it. [`Event::BodyPlaced`] or [`Event::Refused`] tells what came of each.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Misuse`] for a number that no engine should be given; then none of the bodies is queued.
+    /// [`ClientError::Denied`] when the server grants no more indices, [`ClientError::TooManyShapes`] when the scene has no
+    /// number left for a shape.
+    pub fn add_bodies(
+        &mut self,
+        bodies: impl IntoIterator<Item = BodyBuilder>,
+    ) -> Result<Vec<BodyId>, ClientError> {
+        let mut checked = Vec::new();
+        for body in bodies {
+            let state = self.check_body(&body)?;
+            checked.push((body, state));
+        }
+        self.reserve_ids(u32::try_from(checked.len()).unwrap_or(u32::MAX))?;
+        let mut ids = Vec::with_capacity(checked.len());
+        for (body, state) in &checked {
+            ids.push(self.queue_body(body, *state)?);
+        }
+        Ok(ids)
+    }
+
+    /// Ids for bodies that the caller adds by commands of its own, such as a recorded script.
+    ///
+    /// Does not wait, unless the server must grant more indices first.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::add_bodies`].
+    pub fn new_ids(&mut self, count: u32) -> Result<Vec<BodyId>, ClientError> {
+        self.reserve_ids(count)?;
+        Ok((0..count).filter_map(|_| self.ids.take()).collect())
+    }
+
+    /// Queues a command, which acts before the next tick; returns the number that its answer will name.
+    ///
+    /// It is sent with all others that are queued, by the next call that takes in what has arrived ([`Self::advance`],
+    /// [`Self::wait`], [`Self::poll`], [`Self::idle`] and every call that waits for an answer), or by [`Self::flush`].
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Misuse`] for a number that no engine should be given; then it is not queued.
     pub fn command(&mut self, command: Command) -> Result<u64, ClientError> {
         self.check_open()?;
-        Ok(self.pump.session.command(command)?)
+        let shape = match &command {
+            Command::AddShape { id, shape } => Some((*id, shape.clone())),
+            _ => None,
+        };
+        let number = self.pump.session.command(command)?;
+        if let Some((id, shape)) = shape {
+            self.shapes.add(id, shape, number);
+        }
+        Ok(number)
     }
 
-    /// Asks for more body indices, and waits for them.
-    ///
-    /// # Errors
-    ///
-    /// [`ClientError::Denied`] when there are none left.
-    pub fn reserve(&mut self, count: u32) -> Result<IdRange, ClientError> {
+    /// Sends the queued commands at once.
+    pub fn flush(&mut self) {
+        self.pump.flush();
+    }
+
+    fn check_body(&self, body: &BodyBuilder) -> Result<BodyState, ClientError> {
         self.check_open()?;
-        self.pump.session.reserve(count)?;
+        body.shape().check().map_err(Misuse::Invalid)?;
+        Ok(body.state().map_err(Misuse::Invalid)?)
+    }
+
+    /// Queues a body whose id is reserved.
+    fn queue_body(&mut self, body: &BodyBuilder, state: BodyState) -> Result<BodyId, ClientError> {
+        let shape = self.shape_number(body.shape())?;
+        let id = self.ids.take().ok_or(Misuse::Indices(1))?;
+        let desc = body.desc(id, shape);
+        let motion = state;
+        self.command(Command::AddBody { desc, motion })?;
+        Ok(id)
+    }
+
+    /// The number of a shape, which is queued if the scene has no equal one.
+    fn shape_number(&mut self, shape: &Shape) -> Result<ShapeId, ClientError> {
+        let replica = self.pump.session.replica();
+        let known = |id| replica.and_then(|replica| replica.shape(id));
+        match self.shapes.find(shape, known) {
+            Some(ShapeSlot::Known(id)) => Ok(id),
+            Some(ShapeSlot::Free(id)) => {
+                let shape = shape.clone();
+                self.command(Command::AddShape { id, shape })?;
+                Ok(id)
+            }
+            None => Err(ClientError::TooManyShapes),
+        }
+    }
+
+    /// Waits until so many ids can be given out.
+    fn reserve_ids(&mut self, count: u32) -> Result<(), ClientError> {
+        self.check_open()?;
+        let missing = count.saturating_sub(self.ids.available());
+        if missing == 0 {
+            return Ok(());
+        }
+        // A client has a limited number of ranges, so it asks for no small one while it may ask for more.
+        let most = GRANTED_MAX.saturating_sub(self.ids.granted());
+        self.pump.session.reserve(GRANT.min(most).max(missing))?;
         self.denied = None;
         let deadline = self.deadline();
-        loop {
-            if let Some(place) = self
-                .client_events
-                .iter()
-                .position(|h| matches!(h, ClientEvent::Reserved(_)))
-                && let Some(ClientEvent::Reserved(range)) = self.client_events.remove(place)
-            {
-                return Ok(range);
-            }
+        while self.ids.available() < count {
             if let Some(denial) = self.denied.take() {
                 return Err(ClientError::Denied(denial));
             }
-            self.turn(deadline, "answer")?;
+            self.turn(deadline, "grant of body ids")?;
         }
+        Ok(())
     }
 
     /// Lets a lockstep scene step once, and shows it: this tick at depth 0, the one before at depth 1.
@@ -492,37 +553,19 @@ impl Client {
 
     fn take_events(&mut self) {
         while let Some(event) = self.pump.session.poll_event() {
-            let client_event = match event {
-                Event::Applied { through, tick } => ClientEvent::Applied { through, tick },
-                Event::Refused { number, error } => ClientEvent::Refused { number, error },
-                Event::BodyPlaced(id) => ClientEvent::BodyPlaced(id),
-                Event::BodyRemoved { id, cause } => ClientEvent::BodyRemoved { id, cause },
-                Event::Amended(id) => ClientEvent::Amended(id),
-                Event::Reserved(range) => ClientEvent::Reserved(range),
-                Event::SubscriptionChanged(choice) => ClientEvent::SubscriptionChanged(choice),
-                Event::TierChanged { to, cause } => ClientEvent::TierChanged { to, cause },
-                Event::AuthorityGrant(bodies) => ClientEvent::AuthorityGrant(bodies),
-                Event::AuthorityDenied(error) => ClientEvent::AuthorityDenied(error),
-                Event::Denied(denial) => {
-                    self.denied = Some(denial);
-                    ClientEvent::Denied(denial)
-                }
-                other => {
-                    self.take_state(&other);
-                    continue;
-                }
-            };
-            if self.client_events.len() == EVENTS_KEPT {
-                self.client_events.pop_front();
+            if !self.note(&event) {
+                continue;
             }
-            self.client_events.push_back(client_event);
+            if self.events.len() == EVENTS_KEPT {
+                self.events.pop_front();
+            }
+            self.events.push_back((self.complete(), event));
         }
     }
 
-    /// Takes in what changes the state of this client rather than of the scene.
-    fn take_state(&mut self, event: &Event) {
+    /// Keeps what an event changes of this client; returns whether the caller is to see the event.
+    fn note(&mut self, event: &Event) -> bool {
         match *event {
-            Event::Inspected(inspection) => self.inspected = Some(inspection),
             Event::ClockSeen {
                 at,
                 tick,
@@ -531,12 +574,30 @@ impl Client {
             } => {
                 self.clock.sample(at, tick, since_tick, round_trip);
                 self.upstream_clock.sample(at, tick, since_tick, round_trip);
+                return false;
             }
+            Event::Inspected(inspection) => {
+                self.inspected = Some(inspection);
+                return false;
+            }
+            Event::Reserved(range) => {
+                self.ids.grant(range);
+                return false;
+            }
+            Event::Refused { number, error } => {
+                let replica = self.pump.session.replica();
+                let known = |id| replica.and_then(|replica| replica.shape(id));
+                return !self.shapes.is_harmless(number, error, known);
+            }
+            Event::Applied { through, .. } => self.shapes.handle_applied(through),
+            Event::BodyRemoved { id, .. } => self.ids.release(id),
+            Event::Denied(denial) => self.denied = Some(denial),
             Event::SceneFaulted(tick) => self.faulted = Some(tick),
             Event::Deleted => self.deleted = true,
             Event::Ended(ending) => self.ended = Some(ending),
             _ => {}
         }
+        true
     }
 
     fn refresh(&mut self, at: RenderTime, smooth: bool) {
@@ -553,50 +614,4 @@ impl Drop for Client {
     fn drop(&mut self) {
         self.close_connection();
     }
-}
-
-/// Turns until an event is the one awaited; the inner result is the server's.
-fn await_event<T>(
-    pump: &mut Pump,
-    patience: Duration,
-    awaited: &'static str,
-    wanted: impl Fn(Event) -> Option<Result<T, Denial>>,
-) -> Result<Result<T, Denial>, ClientError> {
-    let deadline = pump.now() + span(patience);
-    loop {
-        pump.turn(deadline);
-        while let Some(event) = pump.session.poll_event() {
-            if let Event::Ended(ending) = event {
-                return Err(ClientError::Ended(ending));
-            }
-            if let Some(answer) = wanted(event) {
-                return Ok(answer);
-            }
-        }
-        if pump.now() >= deadline {
-            return Err(ClientError::Timeout { awaited, patience });
-        }
-    }
-}
-
-/// A patience as the protocol counts it; one of centuries saturates.
-fn span(patience: Duration) -> Span {
-    Span::from_nanos(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX))
-}
-
-fn resolve(server: &str) -> Result<SocketAddr, OpenError> {
-    let failed = |cause| OpenError::Address {
-        server: server.to_owned(),
-        cause,
-    };
-    let mut addresses = server.to_socket_addrs().map_err(failed)?;
-    addresses
-        .next()
-        .ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()))
-}
-
-/// The part of `host:port` that a certificate names.
-fn host_of(server: &str) -> &str {
-    let host = server.rsplit_once(':').map_or(server, |(host, _)| host);
-    host.trim_start_matches('[').trim_end_matches(']')
 }

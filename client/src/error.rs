@@ -5,8 +5,9 @@ use std::io;
 use std::time::Duration;
 
 use rhumb_protocol::Ending;
+use rhumb_protocol::limits::SHAPES_MAX;
 use rhumb_protocol::message::Denial;
-use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::scene::{InvalidSceneName, SceneName};
 use rhumb_protocol::session::{CloseCode, Misuse};
 use rhumb_reckoning::Tick;
 use rhumb_transport::{ConnectError, TransportCode};
@@ -23,6 +24,13 @@ pub enum OpenError {
     },
     /// No connection.
     Connect(ConnectError),
+    /// The text cannot name a scene.
+    SceneName {
+        /// As it was given.
+        scene: String,
+        /// What names a scene.
+        cause: InvalidSceneName,
+    },
     /// The server turned the request down.
     Denied {
         /// Which scene it was about.
@@ -50,6 +58,8 @@ pub enum ClientError {
     },
     /// The server turned a request down.
     Denied(Denial),
+    /// The scene has no number left for another shape.
+    TooManyShapes,
     /// Another member deleted the scene.
     SceneDeleted,
     /// The scene's engine failed; it stands still after this tick.
@@ -66,6 +76,9 @@ impl fmt::Display for OpenError {
                 )
             }
             Self::Connect(cause) => cause.fmt(f),
+            Self::SceneName { scene, cause } => {
+                write!(f, "{scene:?} cannot name a scene: {cause}")
+            }
             Self::Denied { scene, denial } => write!(f, "scene {scene}: {denial}"),
             Self::Client(cause) => cause.fmt(f),
         }
@@ -91,6 +104,10 @@ impl fmt::Display for ClientError {
                 write!(f, "the server gave no {awaited} within {patience:?}")
             }
             Self::Denied(denial) => denial.fmt(f),
+            Self::TooManyShapes => write!(
+                f,
+                "the scene has {SHAPES_MAX} shapes, as many as it may; remove one that no body has, or use equal shapes"
+            ),
             Self::SceneDeleted => f.write_str("another member deleted the scene"),
             Self::SceneFaulted(tick) => {
                 write!(f, "the scene's engine failed; it stands still after {tick}")

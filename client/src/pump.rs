@@ -1,11 +1,11 @@
-//! TierPolicy bytes between a connection and its session, on the caller's thread.
+//! Moves bytes between a connection and its session, on the caller's thread.
 //!
 //! Decides nothing: it feeds, drains, and waits no longer than it is told.
 
 use std::time::Duration;
 
 use rhumb_protocol::session::ClientSession;
-use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
+use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_transport::{Clock, QuicClient, Received};
 
 /// A connection and its session.
@@ -123,4 +123,9 @@ impl Pump {
             tap(channel, bytes);
         }
     }
+}
+
+/// A patience as the protocol counts it; one of centuries saturates.
+pub(crate) fn span(patience: Duration) -> Span {
+    Span::from_nanos(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX))
 }

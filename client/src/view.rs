@@ -103,6 +103,18 @@ impl View {
         (self.ids[place] == id).then_some(place)
     }
 
+    /// A body's centre of mass, metres, world frame; none for a body that is not in this view.
+    #[must_use]
+    pub fn position(&self, id: BodyId) -> Option<Vec3> {
+        self.place(id).map(|place| self.positions[place])
+    }
+
+    /// A body's rotation body → world; none for a body that is not in this view.
+    #[must_use]
+    pub fn rotation(&self, id: BodyId) -> Option<Quat> {
+        self.place(id).map(|place| self.rotations[place])
+    }
+
     /// The moment that it shows; none before the first.
     #[must_use]
     pub const fn time(&self) -> Option<RenderTime> {

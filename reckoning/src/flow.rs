@@ -93,7 +93,7 @@ impl StepCoefficients {
 /// Constants that all rows of one table share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct StepConstants {
-    dt: f64,
+    pub(crate) dt: f64,
     pub(crate) substeps: f64,
     pub(crate) substep_count: u32,
     /// Seconds.

@@ -55,7 +55,7 @@ pub use inertia::{Inertia, InvalidInertia};
 pub use motion::{InvalidMotion, Motion, Pose, Twist, UNIT_LENGTH_SLACK};
 pub use packed::PackedRotation;
 pub use prediction_x4::{LaneCorrection, PredictionX4};
-pub use predictor::{Conditions, Predictor, REST_DIVERGENCE_TICKS};
+pub use predictor::{Conditions, Predictor, REST_DIVERGENCE_TICKS, UnforcedMotion};
 pub use prefilter::{ErrorPrefilter, PrefilterInput};
 pub use quantiser::{
     FINE_STEPS, Grid, POSITION_LIMIT, QuantisedState, RESIDUAL_LIMIT, Residual, TURN_LIMIT,

@@ -57,12 +57,27 @@ pub struct Conditions<'a> {
     pub inertia: Option<&'a Inertia>,
 }
 
+/// Motion of a free body in some ticks, at unit velocities and unit acceleration.
+#[derive(Clone, Copy, Debug)]
+pub struct UnforcedMotion {
+    /// Metres at 1 m/s.
+    pub reach: f64,
+    /// Radians at 1 rad/s, at slow spins.
+    pub turn: f64,
+    /// Metres under 1 m/s².
+    pub fall: f64,
+}
+
 impl Conditions<'_> {
-    /// Distance that an acceleration of 1 m/s² adds in `elapsed` ticks: metres.
+    /// Displacement and turn of a free body in `elapsed` ticks.
     #[must_use]
-    pub fn fall(&self, elapsed: Ticks) -> f64 {
-        let (row, _) = self.flow.row(elapsed);
-        row.fall
+    pub fn unforced(&self, elapsed: Ticks) -> UnforcedMotion {
+        let (row, config) = self.flow.row(elapsed);
+        UnforcedMotion {
+            reach: row.reach,
+            turn: row.turns[0] * config.dt,
+            fall: row.fall,
+        }
     }
 
     /// The acceleration that leads from one velocity to another in a tick: m/s². The table has the row of one tick.

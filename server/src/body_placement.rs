@@ -12,13 +12,13 @@ use crate::scene::Scene;
 /// Event of a body that is in a scene, with its motion.
 pub(crate) fn scene_event(
     scene: &Scene,
-    config: BodyDesc,
+    desc: BodyDesc,
     track: Track,
     alias: Option<u32>,
 ) -> SceneEvent {
     SceneEvent::BodyPlaced {
-        config,
-        inertia: scene.inertia(config.id),
+        desc,
+        inertia: scene.inertia(desc.id),
         track,
         alias,
     }
@@ -26,11 +26,11 @@ pub(crate) fn scene_event(
 
 /// Parameters of a body's predictions.
 pub(crate) fn parameters(scene: &Scene, id: BodyId) -> Option<PredictionParameters> {
-    let config = scene.body(id)?;
-    let shape = scene.shape(config.shape)?;
+    let desc = scene.body(id)?;
+    let shape = scene.shape(desc.shape)?;
     let damping = scene.config().damping;
     Some(PredictionParameters::of(
-        config,
+        desc,
         shape,
         damping,
         scene.inertia(id),

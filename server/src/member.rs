@@ -2,10 +2,8 @@
 //!
 //! Its streams and pending requests. Streams are known by name only; the scene runner starts and ends them.
 
-use rhumb_protocol::message::{StreamChoice, TakeAuthority};
+use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::{Command, CommandError};
-use rhumb_reckoning::Tick;
 
 use crate::tier_controller::TierController;
 
@@ -15,7 +13,9 @@ pub(crate) struct Member {
     subscription: StreamId,
     /// The former stream, until the member has caught up with the present one.
     previous: Option<StreamId>,
-    /// Number of its last handled command, while it is not answered.
+    /// Commands of this membership that were applied or refused.
+    commands: u64,
+    /// Number of the last of them, while it is not answered.
     pub(crate) unanswered: Option<u64>,
     /// The snapshot to send once all its input of one read is handled; the last request counts.
     pub(crate) snapshot_request: Option<SnapshotRequest>,
@@ -32,31 +32,25 @@ pub(crate) enum SnapshotRequest {
     Other(StreamChoice),
 }
 
-/// Input that acts in the order of its arrival: a command after an advance acts after its steps.
-#[derive(Clone, Debug)]
-pub(crate) enum PendingCommand {
-    Command {
-        number: u64,
-        command: Result<Command, CommandError>,
-    },
-    Advance {
-        to: Tick,
-    },
-    TakeAuthority(TakeAuthority),
-    /// A packet of its upstream.
-    Upstream(Vec<u8>),
-}
-
 impl Member {
     /// A new member that subscribes to a stream.
     pub(crate) const fn new(stream: StreamId, choice: StreamChoice) -> Self {
         Self {
             subscription: stream,
             previous: None,
+            commands: 0,
             unanswered: None,
             snapshot_request: None,
             link: TierController::new(choice),
         }
+    }
+
+    /// The number of the command that is applied or refused now.
+    pub(crate) const fn number_command(&mut self) -> u64 {
+        let number = self.commands;
+        self.commands += 1;
+        self.unanswered = Some(number);
+        number
     }
 
     /// The present stream.

@@ -36,7 +36,7 @@ struct ShapeEntry {
 /// The last body of an index.
 #[derive(Clone, Copy, Debug)]
 struct BodyEntry {
-    config: BodyDesc,
+    desc: BodyDesc,
     lives: bool,
 }
 
@@ -71,22 +71,22 @@ impl Registry {
     /// Adds a body. `damping`: its own or the scene's.
     pub(crate) fn add_body(
         &mut self,
-        config: BodyDesc,
+        desc: BodyDesc,
         damping: Damping,
     ) -> Result<(), CommandError> {
-        let id = config.id;
+        let id = desc.id;
         if id.index() >= INDICES_MAX {
             return Err(CommandError::NotGranted(id));
         }
         let last = self.bodies.get(id.index() as usize).copied().flatten();
-        if last.is_some_and(|last| last.lives || last.config.id.generation() >= id.generation()) {
+        if last.is_some_and(|last| last.lives || last.desc.id.generation() >= id.generation()) {
             return Err(CommandError::BodyIdTaken(id));
         }
         if self.count >= BODIES_MAX as usize {
             return Err(CommandError::TooManyBodies);
         }
         // As in predictors: a body that no engine moves has no damping, whatever its description says.
-        let damping = match config.kind {
+        let damping = match desc.kind {
             BodyKind::Dynamic => damping,
             BodyKind::Static | BodyKind::Kinematic => Damping::default(),
         };
@@ -94,10 +94,10 @@ impl Registry {
         if new_damping && self.dampings.len() >= DAMPINGS_MAX {
             return Err(CommandError::TooManyDampings);
         }
-        let known = self.shapes.get_mut(&config.shape);
-        let known = known.ok_or(CommandError::UnknownShape(config.shape))?;
-        if config.kind == BodyKind::Dynamic && !known.shape.is_solid() {
-            return Err(CommandError::NoInside(config.shape));
+        let known = self.shapes.get_mut(&desc.shape);
+        let known = known.ok_or(CommandError::UnknownShape(desc.shape))?;
+        if desc.kind == BodyKind::Dynamic && !known.shape.is_solid() {
+            return Err(CommandError::NoInside(desc.shape));
         }
         known.users += 1;
         if new_damping {
@@ -107,10 +107,7 @@ impl Registry {
         if index >= self.bodies.len() {
             self.bodies.resize(index + 1, None);
         }
-        self.bodies[index] = Some(BodyEntry {
-            config,
-            lives: true,
-        });
+        self.bodies[index] = Some(BodyEntry { desc, lives: true });
         self.count += 1;
         Ok(())
     }
@@ -156,13 +153,13 @@ impl Registry {
 
     pub(crate) fn body(&self, id: BodyId) -> Option<&BodyDesc> {
         let known = self.bodies.get(id.index() as usize)?.as_ref()?;
-        (known.lives && known.config.id == id).then_some(&known.config)
+        (known.lives && known.desc.id == id).then_some(&known.desc)
     }
 
     /// In the order of ids.
     pub(crate) fn bodies(&self) -> impl Iterator<Item = &BodyDesc> {
         let known = self.bodies.iter().flatten();
-        known.filter(|known| known.lives).map(|known| &known.config)
+        known.filter(|known| known.lives).map(|known| &known.desc)
     }
 
     pub(crate) const fn body_count(&self) -> usize {
@@ -188,7 +185,7 @@ impl Registry {
             if known.lives {
                 return None;
             }
-            generation = generation.max(known.config.id.generation().checked_add(1)?);
+            generation = generation.max(known.desc.id.generation().checked_add(1)?);
         }
         Some(generation)
     }

@@ -107,7 +107,7 @@ impl Scene {
                 self.registry.remove_shape(id)?;
                 self.engine.remove_shape(id);
             }
-            Command::AddBody { config, motion } => self.add_body(config, motion)?,
+            Command::AddBody { desc, motion } => self.add_body(desc, motion)?,
             Command::RemoveBody { id } => {
                 let joints = self.registry.remove_body(id)?;
                 self.forget_joints(joints);
@@ -235,18 +235,18 @@ impl Scene {
         }
     }
 
-    fn add_body(&mut self, config: BodyDesc, motion: BodyState) -> Result<(), CommandError> {
-        let damping = config.damping.unwrap_or(self.config.damping);
-        self.registry.add_body(config, damping)?;
+    fn add_body(&mut self, desc: BodyDesc, motion: BodyState) -> Result<(), CommandError> {
+        let damping = desc.damping.unwrap_or(self.config.damping);
+        self.registry.add_body(desc, damping)?;
         self.engine.add(&NewBody {
-            id: config.id,
-            kind: config.kind,
-            shape: config.shape,
-            material: config.material.unwrap_or(self.config.material),
+            id: desc.id,
+            kind: desc.kind,
+            shape: desc.shape,
+            material: desc.material.unwrap_or(self.config.material),
             damping,
-            gravity_scale: config.gravity_scale,
-            gyroscopic: config.gyroscopic,
-            turns: config.turns,
+            gravity_scale: desc.gravity_scale,
+            gyroscopic: desc.gyroscopic,
+            turns: desc.turns,
             motion,
         });
         Ok(())
@@ -298,7 +298,7 @@ impl Scene {
     /// Adds every body as of the last step, in the order of ids; static ones as asleep. A body displaced since is at
     /// its old place, and is observed again after the next step.
     pub fn observe_all(&self, out: &mut Vec<Observation>) {
-        let ids = self.registry.bodies().map(|config| config.id);
+        let ids = self.registry.bodies().map(|desc| desc.id);
         let before = |id: &BodyId| self.displaced.get(id).copied();
         out.extend(ids.filter_map(|id| before(&id).or_else(|| self.engine.observe_one(id))));
     }

@@ -14,9 +14,10 @@ use rhumb_protocol::limits::{
     ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX, PENDING_COMMANDS_MAX,
 };
 use rhumb_protocol::message::{
-    Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage, StreamChoice,
+    ClientMessage, Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage,
+    StreamChoice,
 };
-use rhumb_protocol::packet::{Datagram, StreamId};
+use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{Command, CommandError, SceneConfig, Stepping};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::stream::{Activity, Observation, StreamStart};
@@ -26,7 +27,7 @@ use rhumb_reckoning::Tick;
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
 use crate::grants::Grants;
-use crate::member::{Member, PendingCommand, SnapshotRequest};
+use crate::member::{Member, SnapshotRequest};
 use crate::outbox::Outbox;
 use crate::scene::Scene;
 use crate::snapshot::snapshot;
@@ -49,8 +50,8 @@ pub(crate) struct SceneRunner {
     /// Encoded scene events that the members have not got yet.
     unsent: Vec<u8>,
     target: Tick,
-    /// Input that waits for the steps of an earlier advance.
-    waiting: VecDeque<(Peer, PendingCommand)>,
+    /// Messages that wait for the steps of an earlier advance.
+    waiting: VecDeque<(Peer, Result<ClientMessage, CommandError>)>,
     next_step: Option<Instant>,
     last_step: Instant,
     times: Times,
@@ -222,22 +223,6 @@ impl SceneRunner {
         out.send(peer, &answer);
     }
 
-    /// Applies or refuses one command; later if steps of an earlier advance are pending.
-    pub(crate) fn command(
-        &mut self,
-        peer: Peer,
-        number: u64,
-        command: Result<Command, CommandError>,
-        out: &mut Outbox,
-    ) {
-        self.enqueue(peer, PendingCommand::Command { number, command }, out);
-    }
-
-    /// Advances a lockstep scene to a tick, after earlier requests.
-    pub(crate) fn advance(&mut self, peer: Peer, to: Tick, out: &mut Outbox) {
-        self.enqueue(peer, PendingCommand::Advance { to }, out);
-    }
-
     /// A member's message shows that it has the scene.
     fn note_activity(&mut self, peer: Peer) {
         if let Some(member) = self.members.get_mut(&peer) {
@@ -245,58 +230,69 @@ impl SceneRunner {
         }
     }
 
-    fn enqueue(&mut self, peer: Peer, pending_command: PendingCommand, out: &mut Outbox) {
+    /// Acts on a command, an advance, or a request for authority, in the order of sending: a message that follows an
+    /// advance waits for its steps.
+    pub(crate) fn handle_ordered(
+        &mut self,
+        peer: Peer,
+        message: Result<ClientMessage, CommandError>,
+        out: &mut Outbox,
+    ) {
         self.note_activity(peer);
         let steps_pending =
             self.config().stepping == Stepping::Lockstep && self.scene.tick() < self.target;
         if !steps_pending || self.faulted {
-            return self.apply_pending_command(peer, pending_command, out);
+            return self.act_on(peer, message, out);
         }
         if self.waiting.len() < PENDING_COMMANDS_MAX {
-            self.waiting.push_back((peer, pending_command));
+            self.waiting.push_back((peer, message));
         } else if let Some(session) = out.session(peer) {
             session.close(CloseCode::LIMIT);
         }
     }
 
-    /// Applies waiting input, up to the next advance with pending steps.
-    fn apply_pending(&mut self, out: &mut Outbox) {
+    /// Acts on waiting messages, up to the next advance with pending steps.
+    fn act_on_waiting(&mut self, out: &mut Outbox) {
         while self.faulted || self.scene.tick() >= self.target {
-            let Some((peer, pending_command)) = self.waiting.pop_front() else {
+            let Some((peer, message)) = self.waiting.pop_front() else {
                 break;
             };
-            if self.members.contains_key(&peer) {
-                self.apply_pending_command(peer, pending_command, out);
-            }
+            self.act_on(peer, message, out);
         }
         self.answer_pending(out);
     }
 
-    fn apply_pending_command(
+    fn act_on(
         &mut self,
         peer: Peer,
-        pending_command: PendingCommand,
+        message: Result<ClientMessage, CommandError>,
         out: &mut Outbox,
     ) {
-        match pending_command {
-            PendingCommand::Command { number, command } => {
-                if let Err(error) = command.and_then(|command| self.apply(peer, &command)) {
-                    out.send(peer, &ServerMessage::Refused { number, error });
+        let Some(member) = self.members.get_mut(&peer) else {
+            return;
+        };
+        let command = match message {
+            Ok(ClientMessage::Command(command)) => Ok(command),
+            Err(error) => Err(error),
+            Ok(ClientMessage::Advance { to }) => {
+                match self.check_advance(to) {
+                    Some(denial) => out.send(peer, &ServerMessage::Denied(denial)),
+                    None => self.target = self.target.max(to),
                 }
-                if let Some(member) = self.members.get_mut(&peer) {
-                    member.unanswered = Some(number);
-                }
+                return;
             }
-            PendingCommand::Advance { to } => match self.check_advance(to) {
-                Some(denial) => out.send(peer, &ServerMessage::Denied(denial)),
-                None => self.target = self.target.max(to),
-            },
-            PendingCommand::TakeAuthority(request) => self.grant_authority(peer, &request, out),
-            PendingCommand::Upstream(packet) => {
-                if let Ok(datagram) = Datagram::open(&packet) {
-                    self.handle_upstream(peer, &datagram, out);
-                }
+            Ok(ClientMessage::TakeAuthority(request)) => {
+                return self.grant_authority(peer, &request, out);
             }
+            Ok(ClientMessage::Upstream(packet)) => {
+                return self.handle_upstream_message(peer, &packet, out);
+            }
+            // Other messages do not depend on their place among the commands.
+            Ok(_) => return,
+        };
+        let number = member.number_command();
+        if let Err(error) = command.and_then(|command| self.apply(peer, &command)) {
+            out.send(peer, &ServerMessage::Refused { number, error });
         }
     }
 
@@ -315,10 +311,10 @@ impl SceneRunner {
         if self.faulted {
             return Err(CommandError::SceneFaulted);
         }
-        if let Command::AddBody { config, .. } = command
-            && !self.grants.allows(peer, config.id)
+        if let Command::AddBody { desc, .. } = command
+            && !self.grants.allows(peer, desc.id)
         {
-            return Err(CommandError::NotGranted(config.id));
+            return Err(CommandError::NotGranted(desc.id));
         }
         self.check_not_under_authority(command)?;
         self.scene.apply(command)?;
@@ -329,23 +325,18 @@ impl SceneRunner {
                 self.record_event(SceneEvent::ShapeAdded { id, shape });
             }
             Command::RemoveShape { id } => self.record_event(SceneEvent::ShapeRemoved { id }),
-            Command::AddBody { config, motion } => {
+            Command::AddBody { desc, motion } => {
                 let observation = Observation {
-                    id: config.id,
+                    id: desc.id,
                     motion,
                     activity: Activity::Awake,
                 };
-                let tumbles = self.scene.inertia(config.id).is_some();
-                let track = body_placement::first_track(tick, &observation, config.kind, tumbles);
-                if let Some(parameters) = body_placement::parameters(&self.scene, config.id) {
-                    self.streams.place(config.id, &parameters, track, motion);
+                let tumbles = self.scene.inertia(desc.id).is_some();
+                let track = body_placement::first_track(tick, &observation, desc.kind, tumbles);
+                if let Some(parameters) = body_placement::parameters(&self.scene, desc.id) {
+                    self.streams.place(desc.id, &parameters, track, motion);
                 }
-                self.record_event(body_placement::scene_event(
-                    &self.scene,
-                    config,
-                    track,
-                    None,
-                ));
+                self.record_event(body_placement::scene_event(&self.scene, desc, track, None));
             }
             Command::RemoveBody { id } => {
                 self.streams.remove(id);
@@ -425,7 +416,7 @@ impl SceneRunner {
             self.authority_table
                 .poll_requests(now, self.scene.tick(), send);
         }
-        self.apply_pending(out);
+        self.act_on_waiting(out);
     }
 
     fn step(&self) -> Span {

@@ -1,16 +1,17 @@
 //! A server without sockets: connects client connections to scenes.
 //!
-//! Routes each request to the scene of its connection. The real driver and the simulated network use it alike. It
+//! Routes each message to the scene of its connection. The real driver and the simulated network use it alike. It
 //! reads no clock but its stopwatch, which only measures.
 
 use std::collections::BTreeMap;
 
 use rhumb_protocol::limits::SCENES_MAX;
-use rhumb_protocol::message::{Denial, Grease, ServerMessage};
+use rhumb_protocol::message::{ClientMessage, Denial, Grease, ServerMessage};
 use rhumb_protocol::packet::{ChecksumMismatch, Datagram, LossReport, PacketKind};
-use rhumb_protocol::scene::{SceneConfig, SceneName};
-use rhumb_protocol::session::{Request, ServerSession};
+use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName};
+use rhumb_protocol::session::ServerSession;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
+use rhumb_reckoning::Tick;
 
 use crate::app::{AppOptions, Guests};
 use crate::authority_table::UpstreamStatistics;
@@ -81,12 +82,17 @@ impl ServerLoop {
         runner.flat_map(SceneRunner::upstream_statistics)
     }
 
-    fn handle_request(&mut self, now: Instant, peer: Peer, request: Request) {
+    fn handle_message(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        message: Result<ClientMessage, CommandError>,
+    ) {
         let Some(connection) = self.connections.get_mut(&peer) else {
             return;
         };
         let Some(name) = connection.scene.clone() else {
-            if let Request::Hello { scene } = request {
+            if let Ok(ClientMessage::Hello { scene, .. }) = message {
                 let config = self.runners.get(&scene).map(|runner| *runner.config());
                 connection.scene = Some(scene);
                 if let Some(session) = self.out.session(peer) {
@@ -95,15 +101,15 @@ impl ServerLoop {
             }
             return;
         };
-        match request {
-            Request::Create(config) => {
+        match message {
+            Ok(ClientMessage::Create(config)) => {
                 let answer = match self.create(&name, config) {
                     Ok(()) => ServerMessage::Created,
                     Err(denial) => ServerMessage::Denied(denial),
                 };
                 self.out.send(peer, &answer);
             }
-            Request::Join(choice) => {
+            Ok(ClientMessage::Join(choice)) => {
                 let joined = match self.runners.get_mut(&name) {
                     Some(runner) => runner.join(now, peer, choice, &mut self.out),
                     None => Err(Denial::NoSuchScene),
@@ -113,74 +119,57 @@ impl ServerLoop {
                     Err(denial) => self.out.send(peer, &ServerMessage::Denied(denial)),
                 }
             }
-            Request::Delete => self.delete(peer, &name),
-            Request::Subscribe(choice) => {
-                if let Some(runner) = self.runners.get_mut(&name) {
-                    runner.subscribe(peer, choice);
-                }
-            }
-            Request::TakeAuthority(request) => {
-                if let Some(runner) = self.runners.get_mut(&name) {
-                    runner.take_authority(peer, request, &mut self.out);
-                }
-            }
-            request => self.handle_scene_request(now, peer, &name, request),
+            Ok(ClientMessage::Delete) => self.delete(peer, &name),
+            message => self.handle_scene_message(now, peer, &name, message),
         }
     }
 
-    /// Handles a member's request to its scene, or any client's time request.
-    fn handle_scene_request(
+    /// A member's message to its scene, or a ping, which any client may send.
+    fn handle_scene_message(
         &mut self,
         now: Instant,
         peer: Peer,
         name: &SceneName,
-        request: Request,
+        message: Result<ClientMessage, CommandError>,
     ) {
         let out = &mut self.out;
         let Some(runner) = self.runners.get_mut(name) else {
-            if let Request::Ping(sent) = request {
-                let (tick, since_tick_ns) = (rhumb_reckoning::Tick::ZERO, 0);
-                let pong = ServerMessage::Pong {
+            let answer = match message {
+                Ok(ClientMessage::Ping { sent }) => ServerMessage::Pong {
                     sent,
-                    tick,
-                    since_tick_ns,
-                };
-                out.send(peer, &pong);
-            } else {
-                out.send(peer, &ServerMessage::Denied(Denial::NoSuchScene));
-            }
-            return;
+                    tick: Tick::ZERO,
+                    since_tick_ns: 0,
+                },
+                _ => ServerMessage::Denied(Denial::NoSuchScene),
+            };
+            return out.send(peer, &answer);
         };
-        // Answers keep the order of requests: pending commands are answered first.
+        // Answers keep the order of messages: pending commands are answered first.
         if matches!(
-            request,
-            Request::Leave | Request::Reserve(_) | Request::Ping(_) | Request::Inspect
+            message,
+            Ok(ClientMessage::Leave
+                | ClientMessage::Reserve { .. }
+                | ClientMessage::Ping { .. }
+                | ClientMessage::Inspect)
         ) {
             runner.answer_pending(out);
         }
-        match request {
-            Request::Leave => {
+        match message {
+            Ok(ClientMessage::Leave) => {
                 runner.leave(peer);
                 out.send(peer, &ServerMessage::Left);
                 if let Some(connection) = self.connections.get_mut(&peer) {
                     connection.member = false;
                 }
             }
-            Request::Reserve(count) => runner.reserve(peer, count, out),
-            Request::Command { number, command } => runner.command(peer, number, command, out),
-            Request::Advance(to) => runner.advance(peer, to, out),
-            Request::Resync => runner.resync(peer),
-            Request::Subscribed(stream) => runner.subscribed(peer, stream),
-            Request::TierPolicy(tier_policy) => runner.set_tier_policy(peer, tier_policy),
-            Request::Upstream(packet) => runner.upstream(peer, packet, out),
-            Request::Ping(sent) => runner.pong(now, peer, sent, out),
-            Request::Inspect => runner.inspect(peer, out),
-            Request::Hello { .. }
-            | Request::Create(_)
-            | Request::Join(_)
-            | Request::Subscribe(_)
-            | Request::TakeAuthority(_)
-            | Request::Delete => {}
+            Ok(ClientMessage::Reserve { count }) => runner.reserve(peer, count, out),
+            Ok(ClientMessage::Resync) => runner.resync(peer),
+            Ok(ClientMessage::Subscribe(choice)) => runner.subscribe(peer, choice),
+            Ok(ClientMessage::Subscribed(stream)) => runner.subscribed(peer, stream),
+            Ok(ClientMessage::TierPolicy(tier_policy)) => runner.set_tier_policy(peer, tier_policy),
+            Ok(ClientMessage::Ping { sent }) => runner.pong(now, peer, sent, out),
+            Ok(ClientMessage::Inspect) => runner.inspect(peer, out),
+            message => runner.handle_ordered(peer, message, out),
         }
     }
 
@@ -274,8 +263,8 @@ impl Endpoint for ServerLoop {
         if let Some(session) = self.out.session(from) {
             session.handle_control(bytes);
         }
-        while let Some(request) = self.out.session(from).and_then(ServerSession::poll_request) {
-            self.handle_request(now, from, request);
+        while let Some(message) = self.out.session(from).and_then(ServerSession::poll_message) {
+            self.handle_message(now, from, message);
         }
         let broken = self
             .out

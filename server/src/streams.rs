@@ -1,4 +1,4 @@
-//! The streams of one scene: each is published once, however many members it has.
+//! The streams of one scene: each is published once for all its members.
 
 use bytes::Bytes;
 use glam::Vec3;

@@ -120,12 +120,12 @@ fn a_command_after_an_advance_acts_after_its_steps() {
 fn an_invalid_motion_is_refused_and_the_connection_stays() {
     let id = rhumb_reckoning::BodyId::new(0, 0);
     let motion = BodyState::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap();
-    let config = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0));
+    let desc = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0));
     let mut bytes = Vec::new();
     for message in joined([shape(0)]) {
         message.encode(&mut bytes);
     }
-    ClientMessage::Command(Command::AddBody { config, motion }).encode(&mut bytes);
+    ClientMessage::Command(Command::AddBody { desc, motion }).encode(&mut bytes);
     // The position's last coordinate ends the message.
     let end = bytes.len();
     bytes[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());

@@ -54,7 +54,7 @@ fn body(index: u32, generation: u16, kind: BodyKind) -> Command {
     let id = BodyId::new(index, generation);
     let identity = [0.0, 0.0, 0.0, 1.0];
     Command::AddBody {
-        config: BodyDesc::plain(id, kind, SHAPE),
+        desc: BodyDesc::plain(id, kind, SHAPE),
         motion: BodyState::new([0.0; 3], identity, [0.0; 3], [0.0; 3])
             .expect("the test makes it valid"),
     }
@@ -148,14 +148,14 @@ fn only_dynamic_bodies_are_pushed_and_static_ones_have_no_velocity() {
 fn the_number_of_different_dampings_is_limited() {
     let mut scene = with_shape();
     let damped = |index: u32| {
-        let Command::AddBody { mut config, motion } = body(index, 0, BodyKind::Dynamic) else {
+        let Command::AddBody { mut desc, motion } = body(index, 0, BodyKind::Dynamic) else {
             unreachable!()
         };
-        config.damping = Some(Damping {
+        desc.damping = Some(Damping {
             linear: index as f32,
             angular: 0.0,
         });
-        Command::AddBody { config, motion }
+        Command::AddBody { desc, motion }
     };
     let most = DAMPINGS_MAX as u32;
     for index in 0..most {
@@ -384,23 +384,23 @@ fn body_desc() -> impl Strategy<Value = BodyDesc> {
     let material = prop::option::of(material);
     let scale = number(-1.0, 2.0);
     (id(), kind, shape_id(), material, scale).prop_map(|(id, kind, shape, material, scale)| {
-        let mut config = BodyDesc::plain(id, kind, shape);
-        config.material = material.map(|(friction, restitution, density)| Material {
+        let mut desc = BodyDesc::plain(id, kind, shape);
+        desc.material = material.map(|(friction, restitution, density)| Material {
             friction,
             restitution,
             density,
         });
-        config.gravity_scale = scale;
-        config
+        desc.gravity_scale = scale;
+        desc
     })
 }
 
 /// A body of a low index, and of a later generation if its index was used.
 fn body_command() -> impl Strategy<Value = Option<Command>> {
     let place = (vector(2.0), rotation(), vector(20.0), vector(20.0));
-    (body_desc(), place).prop_map(|(config, (p, q, v, w))| {
+    (body_desc(), place).prop_map(|(desc, (p, q, v, w))| {
         let made = BodyState::new(p.to_array(), q.to_array(), v.to_array(), w.to_array());
-        made.ok().map(|motion| Command::AddBody { config, motion })
+        made.ok().map(|motion| Command::AddBody { desc, motion })
     })
 }
 

@@ -47,9 +47,9 @@ impl Played {
     }
 
     fn dynamic(&self) -> Vec<BodyId> {
-        let moved = |config: &&BodyDesc| config.kind == BodyKind::Dynamic;
+        let moved = |desc: &&BodyDesc| desc.kind == BodyKind::Dynamic;
         let bodies = self.scene.bodies().filter(moved);
-        bodies.map(|config| config.id).collect()
+        bodies.map(|desc| desc.id).collect()
     }
 
     fn parts(&self, id: BodyId) -> [f32; 13] {

@@ -97,7 +97,7 @@ fn unobserved_bodies_have_not_changed() {
 fn no_ball_leaves_the_pit() {
     let mut script = by_name("ball-pit", 500, 11).unwrap();
     let balls = |scene: &Scene| {
-        let dynamic = |config: &&BodyDesc| config.kind == BodyKind::Dynamic;
+        let dynamic = |desc: &&BodyDesc| desc.kind == BodyKind::Dynamic;
         scene.bodies().filter(dynamic).count()
     };
     let scene = run(script.as_mut(), 1_800, |_| {});

@@ -47,10 +47,10 @@ fn add_shape(scene: &mut Scene, id: u32, shape: Shape) -> Result<(), CommandErro
     scene.apply(&Command::AddShape { id, shape })
 }
 
-fn add(scene: &mut Scene, config: BodyDesc, at: Vec3) -> Result<(), CommandError> {
+fn add(scene: &mut Scene, desc: BodyDesc, at: Vec3) -> Result<(), CommandError> {
     let upright = [0.0, 0.0, 0.0, 1.0];
     let motion = BodyState::new(at.to_array(), upright, [0.0; 3], [0.0; 3]).expect(VALID);
-    scene.apply(&Command::AddBody { config, motion })
+    scene.apply(&Command::AddBody { desc, motion })
 }
 
 /// Drops a body on a static one; returns its pose two seconds later.
@@ -65,9 +65,9 @@ fn drop_on(ground: Shape, falling: Shape, turns: bool, from: Vec3) -> (Vec3, Qua
         Vec3::ZERO,
     )
     .expect(VALID);
-    let mut config = plain(FALLING, BodyKind::Dynamic, ShapeId(1));
-    config.turns = turns;
-    add(&mut scene, config, from).expect(VALID);
+    let mut desc = plain(FALLING, BodyKind::Dynamic, ShapeId(1));
+    desc.turns = turns;
+    add(&mut scene, desc, from).expect(VALID);
     for _ in 0..120 {
         scene.step().expect(VALID);
     }
@@ -170,8 +170,8 @@ fn dynamic_bodies_refuse_sheets_and_scenes_limit_their_bytes() {
     }]);
     add_shape(&mut scene, 1, Shape::Compound(holed.expect(VALID))).expect(VALID);
     for shape in [ShapeId(0), ShapeId(1)] {
-        let config = BodyDesc::plain(FALLING, BodyKind::Dynamic, shape);
-        let refused = add(&mut scene, config, Vec3::ZERO);
+        let desc = BodyDesc::plain(FALLING, BodyKind::Dynamic, shape);
+        let refused = add(&mut scene, desc, Vec3::ZERO);
         assert_eq!(refused, Err(CommandError::NoInside(shape)));
     }
     let moved = BodyDesc::plain(FALLING, BodyKind::Kinematic, ShapeId(0));
@@ -281,8 +281,8 @@ proptest! {
         let _ = add(&mut scene, BodyDesc::plain(GROUND, kind, ShapeId(0)), Vec3::ZERO);
         for (number, place) in places.into_iter().enumerate() {
             let id = BodyId::new(number as u32 + 1, 0);
-            let config = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(1));
-            let added = add(&mut scene, config, place * 3.0 + Vec3::Y);
+            let desc = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(1));
+            let added = add(&mut scene, desc, place * 3.0 + Vec3::Y);
             let sound = added.is_ok() || matches!(added, Err(CommandError::NoInside(_)));
             prop_assert!(sound || made[1].is_err(), "{added:?}");
         }

@@ -113,9 +113,9 @@ fn scene(config: SceneConfig, bodies: &[RotatingBody], linear: Vec3) -> Scene {
         let number = ShapeId(index as u32);
         let shape = body.shape.clone();
         apply(&mut scene, &Command::AddShape { id: number, shape });
-        let config = BodyDesc::plain(id(index), BodyKind::Dynamic, number);
+        let desc = BodyDesc::plain(id(index), BodyKind::Dynamic, number);
         let motion = motion(index, body, linear);
-        apply(&mut scene, &Command::AddBody { config, motion });
+        apply(&mut scene, &Command::AddBody { desc, motion });
     }
     scene
 }
@@ -276,10 +276,10 @@ fn bodies_with_constant_spin_have_no_inertia() {
     let mut steady = BodyDesc::plain(id(4), BodyKind::Dynamic, ShapeId(2));
     still.gyroscopic = true;
     steady.gyroscopic = false;
-    for (index, config) in [(3, still), (4, steady)] {
+    for (index, desc) in [(3, still), (4, steady)] {
         let motion = motion(index, &slab(), Vec3::ZERO);
-        apply(&mut scene, &Command::AddBody { config, motion });
-        assert_eq!(scene.inertia(config.id), None);
+        apply(&mut scene, &Command::AddBody { desc, motion });
+        assert_eq!(scene.inertia(desc.id), None);
     }
     // Without gyroscopic forces the engine keeps a spin unchanged.
     let start = motion(4, &slab(), Vec3::ZERO).motion();

@@ -51,10 +51,10 @@ fn motion(position: Vec3, linear: Vec3) -> BodyState {
 }
 
 fn add(scene: &mut Scene, id: BodyId, kind: BodyKind, shape: u32, place: BodyState) {
-    let config = BodyDesc::plain(id, kind, ShapeId(shape));
+    let desc = BodyDesc::plain(id, kind, ShapeId(shape));
     let motion = place;
     scene
-        .apply(&Command::AddBody { config, motion })
+        .apply(&Command::AddBody { desc, motion })
         .expect("the test makes it valid");
 }
 
@@ -384,13 +384,13 @@ fn an_absurd_impulse_removes_no_body() {
     let shape = Shape::Ball { radius: 1e-3 };
     scene.apply(&Command::AddShape { id, shape }).unwrap();
     let mote = BodyId::new(2, 0);
-    let mut config = BodyDesc::plain(mote, BodyKind::Dynamic, id);
+    let mut desc = BodyDesc::plain(mote, BodyKind::Dynamic, id);
     let motion = motion(Vec3::new(0.0, 1.0, 0.0), Vec3::ZERO);
-    config.material = Some(Material {
+    desc.material = Some(Material {
         density: 1e-3,
         ..scene.config().material
     });
-    scene.apply(&Command::AddBody { config, motion }).unwrap();
+    scene.apply(&Command::AddBody { desc, motion }).unwrap();
     let most = Vec3::new(0.0, -FORCE_MAX, FORCE_MAX);
     let id = mote;
     for command in [

@@ -71,7 +71,7 @@ impl Script for Asteroids {
         let (id, shape) = (CENTRE_SHAPE, Shape::Ball { radius: CENTRE });
         out.push(Command::AddShape { id, shape });
         out.push(Command::AddBody {
-            config: BodyDesc::plain(BodyId::new(0, 0), BodyKind::Static, id),
+            desc: BodyDesc::plain(BodyId::new(0, 0), BodyKind::Static, id),
             motion: still(Vec3::ZERO),
         });
         let mut known = BTreeSet::new();
@@ -85,15 +85,15 @@ impl Script for Asteroids {
                 let shape = Shape::Hull(hull);
                 out.push(Command::AddShape { id, shape });
             }
-            let mut config = BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, id);
-            config.gyroscopic = self.spin == Spin::Gyroscopic;
-            config.material = Some(Material {
+            let mut desc = BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, id);
+            desc.gyroscopic = self.spin == Spin::Gyroscopic;
+            desc.material = Some(Material {
                 friction: FRICTION,
                 restitution: 0.0,
                 density: (1.0 / rock.volume) as f32,
             });
             let motion = flock_rock.motion;
-            out.push(Command::AddBody { config, motion });
+            out.push(Command::AddBody { desc, motion });
         }
     }
 

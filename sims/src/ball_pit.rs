@@ -134,7 +134,7 @@ impl BallPit {
         let id = BodyId::new(self.next, 0);
         self.next += 1;
         out.push(Command::AddBody {
-            config: BodyDesc::plain(id, kind, shape),
+            desc: BodyDesc::plain(id, kind, shape),
             motion,
         });
     }
@@ -195,7 +195,7 @@ mod tests {
 
     fn balls(commands: &[Command]) -> Vec<Vec3> {
         let place = |command: &Command| match command {
-            Command::AddBody { config, motion } if config.shape == BALL => {
+            Command::AddBody { desc, motion } if desc.shape == BALL => {
                 Some(Vec3::from_array(motion.position()))
             }
             _ => None,

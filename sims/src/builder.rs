@@ -35,14 +35,14 @@ impl SceneBuilder {
     /// Adds a body with any descriptor.
     pub(crate) fn with(
         &mut self,
-        config: impl FnOnce(BodyId) -> BodyDesc,
+        desc: impl FnOnce(BodyId) -> BodyDesc,
         motion: BodyState,
         out: &mut Vec<Command>,
     ) -> BodyId {
         let id = BodyId::new(self.bodies, 0);
         self.bodies += 1;
-        let config = config(id);
-        out.push(Command::AddBody { config, motion });
+        let desc = desc(id);
+        out.push(Command::AddBody { desc, motion });
         id
     }
 

@@ -134,7 +134,7 @@ mod tests {
         let place = |command: &Command| {
             assert_eq!(command.check(), Ok(()));
             match command {
-                Command::AddBody { config, motion } if config.kind == BodyKind::Dynamic => {
+                Command::AddBody { desc, motion } if desc.kind == BodyKind::Dynamic => {
                     Some(Vec3::from_array(motion.position()))
                 }
                 _ => None,

@@ -54,20 +54,20 @@ impl Script for FreeFall {
         let mut places = self.rng.clone();
         for (position, index) in CLUSTER.places(self.bodies, &mut places).zip(0..) {
             let shape = ShapeId(index % SHAPES.len() as u32);
-            let mut config = BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, shape);
+            let mut desc = BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, shape);
             if index % 2 == 1 {
-                config.damping = Some(Damping {
+                desc.damping = Some(Damping {
                     linear: 0.1,
                     angular: 0.2,
                 });
             }
             if index % 3 == 1 {
-                config.gravity_scale = 0.5;
+                desc.gravity_scale = 0.5;
             }
             let linear = self.rng.vector() * 2.5 + Vec3::new(0.0, 2.5, 0.0);
             let angular = self.rng.vector() * 3.0;
             let motion = motion(position, self.rng.rotation(), linear, angular);
-            out.push(Command::AddBody { config, motion });
+            out.push(Command::AddBody { desc, motion });
         }
     }
 }

@@ -158,7 +158,7 @@ mod tests {
                     assert_eq!(command.check(), Ok(()), "{name} of {bodies}: {command:?}");
                     let named = match *command {
                         Command::AddShape { id, .. } => id.0 < SHAPES_MAX,
-                        Command::AddBody { config, .. } => config.id.index() < INDICES_MAX,
+                        Command::AddBody { desc, .. } => desc.id.index() < INDICES_MAX,
                         Command::AddJoint { id, .. } => id.0 < JOINTS_MAX,
                         _ => true,
                     };

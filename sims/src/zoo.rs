@@ -45,7 +45,7 @@ impl Zoo {
         for (id, kind, shape, position) in FIXTURES {
             let id = BodyId::new(id, 0);
             out.push(Command::AddBody {
-                config: BodyDesc::plain(id, kind, ShapeId(shape)),
+                desc: BodyDesc::plain(id, kind, ShapeId(shape)),
                 motion: still(position),
             });
         }
@@ -71,7 +71,7 @@ impl Zoo {
     fn hang_bob(&mut self, out: &mut Vec<Command>) {
         let id = BodyId::new(BOB, self.bob);
         out.push(Command::AddBody {
-            config: BodyDesc::plain(id, BodyKind::Dynamic, WEDGE),
+            desc: BodyDesc::plain(id, BodyKind::Dynamic, WEDGE),
             motion: still(Vec3::new(8.0, 2.5, 8.0)),
         });
         let limits = |most: f32| JointLimits { least: -most, most };
@@ -87,24 +87,24 @@ impl Zoo {
     /// Adds the next body at an index.
     fn add(&mut self, place: u32, motion: BodyState, out: &mut Vec<Command>) {
         let shape = MOVING[self.rng.below(MOVING.len() as u32) as usize];
-        let mut config = BodyDesc::plain(self.id(place), BodyKind::Dynamic, ShapeId(shape));
+        let mut desc = BodyDesc::plain(self.id(place), BodyKind::Dynamic, ShapeId(shape));
         if place % 2 == 1 {
-            config.material = Some(Material {
+            desc.material = Some(Material {
                 friction: 0.9,
                 restitution: 0.5,
                 density: 200.0,
             });
         }
         if place % 3 == 1 {
-            config.damping = Some(Damping {
+            desc.damping = Some(Damping {
                 linear: 0.5,
                 angular: 0.5,
             });
         }
         if place % 5 == 1 {
-            config.gravity_scale = 0.25;
+            desc.gravity_scale = 0.25;
         }
-        out.push(Command::AddBody { config, motion });
+        out.push(Command::AddBody { desc, motion });
     }
 
     fn id(&self, place: u32) -> BodyId {

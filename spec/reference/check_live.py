@@ -1,7 +1,7 @@
-"""A live scene, followed by client.py and by the Rust client: both hold the same bits at publish_interval tick that both hold.
+"""A live scene with client.py and the Rust client: both hold the same bits at every tick that both have.
 
-Usage: python3 check_live.py RHUMB-SERVER RHUMB-FOLLOW [BODIES [TICKS]]. Needs what client.py needs. Starts the server and the
-leader of a ball pit, joins while the scene runs, and compares what both wrote.
+Usage: python3 check_live.py RHUMB-SERVER RHUMB-FOLLOW [BODIES [TICKS]]. Needs what client.py needs. It starts the server
+and the leader of a ball pit, joins while the scene runs, and compares the files that both write.
 """
 
 import json
@@ -19,16 +19,16 @@ def start(arguments, **named):
 
 
 def server_of(process):
-    """Where it listens, and what to pin."""
-    msg = {}
-    while len(msg) < 2:
+    """The server's address and the fingerprint to pin."""
+    found = {}
+    while len(found) < 2:
         line = process.stdout.readline()
         if not line:
             raise SystemExit("the server ended before it listened")
         for start_of in ("listening on ", "fingerprint "):
             if line.startswith(start_of):
-                msg[start_of] = line[len(start_of) :].strip()
-    return msg["listening on "], msg["fingerprint "]
+                found[start_of] = line[len(start_of) :].strip()
+    return found["listening on "], found["fingerprint "]
 
 
 def expect(process, word):
@@ -51,15 +51,15 @@ def run(folder, server_path, follow_path, bodies, ticks):
         processes.append(leader)
         expect(leader, "going")
         python = [sys.executable, HERE / "client.py", *common, "--until", ticks, "--out", folder / "python.jsonl"]
-        subscriber_process = start(python)
-        processes.append(subscriber_process)
-        expect(subscriber_process, "joined")
+        python_client = start(python)
+        processes.append(python_client)
+        expect(python_client, "joined")
         leader.stdin.write("\n")
         leader.stdin.flush()
         expect(leader, "done")
-        print(expect(subscriber_process, "followed"))
+        print(expect(python_client, "followed"))
         leader.stdin.close()
-        return subscriber_process.wait(timeout=20) + leader.wait(timeout=20)
+        return python_client.wait(timeout=20) + leader.wait(timeout=20)
     finally:
         for process in processes:
             process.kill()
@@ -79,12 +79,12 @@ def main():
     both = sorted(rust.keys() & python.keys())
     wrong = [tick for tick in both if rust[tick] != python[tick]]
     poses = sum(len(rust[tick]["moving"]) for tick in both)
-    print(f"{len(both)} ticks pending by both, {poses} motions, {len(wrong)} ticks differ")
+    print(f"{len(both)} ticks held by both, {poses} motions, {len(wrong)} ticks differ")
     for tick in wrong[:5]:
         one, other = rust[tick]["moving"], python[tick]["moving"]
         differ = [name for name in one.keys() | other.keys() if one.get(name) != other.get(name)]
-        print(f"tick {tick}: sums {rust[tick]['checksum']} and {python[tick]['checksum']}, bodies {sorted(differ)[:5]}")
-    # The subscriber_process joins after some ticks, and may hold some only when later ones have come.
+        print(f"tick {tick}: checksums {rust[tick]['checksum']} and {python[tick]['checksum']}, bodies {sorted(differ)[:5]}")
+    # The Python client joins after some ticks, and may miss some ticks that later ones have overtaken.
     few = len(both) < ticks // 2 or ticks not in both
     return 1 if failed or wrong or few or not poses else 0
 

@@ -1,6 +1,6 @@
-"""Runs messages.py over the golden vectors of the control stream: both ways, each cut, and what must be refused.
+"""Runs messages.py over the golden vectors of the control stream: both ways, each truncation, and what must be refused.
 
-Usage: python3 check_messages.py. Prints what failed, then a count; the exit code is 1 if anything did.
+Usage: python3 check_messages.py. Prints failures, then a count; the exit code is 1 after a failure.
 """
 
 import json
@@ -20,11 +20,11 @@ def one_frame(data):
 
 
 def outcome(side, kind, body):
-    """What a message means, with the error that answers it if there is one; a word if it is refused."""
+    """The meaning of a message, with its error if it is refused; a word if it is malformed."""
     try:
         means = messages.decoded(side, kind, body)
     except Malformed as why:
-        # A motion that is none makes a command refused, not malformed (2.6-9).
+        # A command with an invalid motion is refused, not malformed (2.6-9).
         in_command = side == "client" and kind == 7 and why.args[0] == "NotFinite"
         return ("error", None) if in_command else ("malformed", why.args[0])
     except messages.UnknownCommand:
@@ -40,10 +40,10 @@ def outcome(side, kind, body):
 
 
 def results(vectors):
-    """Each case with what is expected and what came of it."""
+    """The expected and the actual result of each case."""
     for side in ("client", "server"):
         for case in vectors[side + " messages"]:
-            yield from msg(side, case)
+            yield from accepted(side, case)
         for case in vectors["refused " + side + " messages"]:
             what, _ = outcome(side, *one_frame(bytes.fromhex(case["bytes"])))
             yield case["name"], "malformed", what
@@ -51,7 +51,7 @@ def results(vectors):
         yield case["name"], (case["messages"], "refusal" in case), split(bytes.fromhex(case["bytes"]))
 
 
-def msg(side, case):
+def accepted(side, case):
     data, name = bytes.fromhex(case["bytes"]), case["name"]
     kind, body = one_frame(data)
     what, means = outcome(side, kind, body)
@@ -59,7 +59,7 @@ def msg(side, case):
         yield name, "skipped", what
     elif "error" in case:
         yield name, "error", what
-        # The table reads what 2.6-9 and 3.5-13 have refused, and tells no quantity.
+        # The table decodes messages that 2.6-9 and 3.5-13 refuse, and has no quantities.
         if means is not None:
             yield name, case["error"], means
     else:

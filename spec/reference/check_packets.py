@@ -1,6 +1,6 @@
-"""Runs packets.py over the golden vectors: both ways for what is msg, and the reason of what is refused.
+"""Runs packets.py over the golden vectors: both ways for valid packets, and the reason for refused ones.
 
-Usage: python3 check_packets.py. Prints what failed, then a count; the exit code is 1 if anything did.
+Usage: python3 check_packets.py. Prints failures, then a count; the exit code is 1 after a failure.
 """
 
 import json
@@ -12,11 +12,11 @@ import packets
 SPEC = Path(__file__).resolve().parent.parent
 
 
-SHORT = 40  # Bytes of a datagram of which each bit is flipped here; Rust's tests flip those of all.
+SHORT = 40  # Longest datagram whose bits are all flipped here; the Rust tests flip the bits of all.
 
 
-def bears(datagram, bit):
-    """Whether a datagram with one bit flipped is refused, or says what is written as it was."""
+def survives(datagram, bit):
+    """Whether a datagram with one bit flipped is refused, or encodes to the same bytes again."""
     flipped = bytearray(datagram)
     flipped[bit // 8] ^= 1 << bit % 8
     try:
@@ -26,7 +26,7 @@ def bears(datagram, bit):
 
 
 def outcome(datagram):
-    """What a datagram says, or the word for why it is refused."""
+    """The meaning of a datagram, or the reason of its refusal as a word."""
     try:
         return packets.decoded(datagram)
     except packets.Malformed as why:
@@ -34,17 +34,17 @@ def outcome(datagram):
 
 
 def results(vectors):
-    """Each case with what is expected and what came of it."""
+    """The expected and the actual result of each case."""
     for case in vectors["accepted"]:
         datagram = bytes.fromhex(case["bytes"])
         yield case["name"], case["means"], outcome(datagram)
         yield case["name"] + ", written", case["bytes"], packets.encoded(case["means"]).hex()
         if len(datagram) <= SHORT:
-            yield case["name"] + ", each bit flipped", [], [bit for bit in range(8 * len(datagram)) if not bears(datagram, bit)]
+            yield case["name"] + ", each bit flipped", [], [bit for bit in range(8 * len(datagram)) if not survives(datagram, bit)]
     for case in vectors["repair_symbols"]:
         covered = [(number, bytes.fromhex(datagram)) for number, datagram in case["packets"]]
         row = packets.decoded(bytes.fromhex(case["repair_symbol"]))["row"]
-        yield "the repair_symbol of packets", case["repair_symbol"], packets.repair_symbol(row, covered).hex()
+        yield "the repair symbol of packets", case["repair_symbol"], packets.repair_symbol(row, covered).hex()
     for case in vectors["refused"]:
         yield case["name"], case["refusal"], outcome(bytes.fromhex(case["bytes"]))
 

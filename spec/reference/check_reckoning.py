@@ -1,6 +1,6 @@
 """Runs reckoning.py over the golden vectors, and compares its constants with the document.
 
-Usage: python3 check_reckoning.py. Prints what failed, then a count; the exit code is 1 if anything did.
+Usage: python3 check_reckoning.py. Prints failures, then a count; the exit code is 1 after a failure.
 """
 
 import json
@@ -28,7 +28,7 @@ def doubles(texts):
 
 
 def singles(texts):
-    """Widened, as Python floats are doubles."""
+    """The floats, widened, since Python floats are doubles."""
     return [struct.unpack(">f", bytes.fromhex(text))[0] for text in texts]
 
 
@@ -38,7 +38,7 @@ def acceleration_of(case):
 
 
 class Checks:
-    """One method a section; each yields what is expected and what was computed."""
+    """One method per section; each yields the expected and the computed result."""
 
     def __init__(self, vectors):
         self.vectors = vectors
@@ -79,8 +79,8 @@ class Checks:
     def torque_free_rotations(self, case):
         initial_state = r.body_state_motion(singles(self.vectors["initial_states"][case["initial_state"]]["body_state"]))
         flow, gravity = self.flows_of[case["integrator"]], self.gravities_of[case["gravity"]]
-        msg = self.vectors["inertias"][case["inertia"]]
-        inertia = r.Inertia.of(singles(msg["moments"]), singles(msg["frame"]))
+        given = self.vectors["inertias"][case["inertia"]]
+        inertia = r.Inertia.of(singles(given["moments"]), singles(given["frame"]))
         end = r.predicted(case["predictor"], initial_state, case["elapsed"], gravity, flow, inertia, acceleration_of(case))
         yield case["end"], bits64(end.numbers())
 
@@ -115,8 +115,8 @@ class Checks:
         residual = r.Residual(*(steps and tuple(steps) for steps in parts), case["velocity_exponent"] or 0)
         over = r.prediction_error(case["predictor"], case["age"], self.flows_of[case["integrator"]].dt)
         yield case["interval"], bits64([over])
-        msg = residual.onto(r.Motion.of(doubles(case["predicted"])), over, grid)
-        yield from same_quantised(case, msg, grid)
+        quantised = residual.onto(r.Motion.of(doubles(case["predicted"])), over, grid)
+        yield from same_quantised(case, quantised, grid)
 
     def tracks(self, case):
         grid = self.grids_of[case["grid"]]
@@ -133,9 +133,9 @@ class Checks:
         parent, body = (r.Motion.of(doubles(case[name])) for name in ("parent", "body"))
         seen = r.relative_to(parent, body)
         yield case["relative"], bits64(seen.numbers())
-        msg = r.Quantised.of(seen, grid)
-        yield from same_quantised(case, msg, grid)
-        yield case["attached_motion"], bits64(r.attached_motion(parent, msg.motion(grid)).numbers())
+        quantised = r.Quantised.of(seen, grid)
+        yield from same_quantised(case, quantised, grid)
+        yield case["attached_motion"], bits64(r.attached_motion(parent, quantised.motion(grid)).numbers())
 
     def rest_corrections(self, case):
         steps = (case[name] for name in ("position_steps", "others_steps"))
@@ -145,7 +145,7 @@ class Checks:
 
 
 def same_quantised(case, quantised, grid):
-    """A quantised motion, or None where what would send_message it is refused, and what it means."""
+    """A quantised motion, or None where its encoding would be refused; and the motion that it means."""
     if quantised is None or case["means"] is None:
         yield case["means"], quantised
         return
@@ -156,7 +156,7 @@ def same_quantised(case, quantised, grid):
 
 
 def constants():
-    """Every constant of reckoning.py, as the document's tables write it."""
+    """Every constant of reckoning.py, in the notation of the document's tables."""
     named = {name: value for name, value in vars(r).items() if name.isupper()}
     for name, value in named.items():
         for one in value if isinstance(value, list) else [value]:
@@ -178,7 +178,7 @@ def main():
             passed += 1
         else:
             failed += 1
-            print(f"constant {name}: {text} is not in RECKONING.md")
+            print(f"constant {name}: {text} is missing in RECKONING.md")
     vectors = json.loads((SPEC / "vectors" / "reckoning.json").read_text(encoding="utf-8"))
     checks = Checks(vectors)
     for section, cases in vectors.items():

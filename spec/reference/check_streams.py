@@ -1,6 +1,6 @@
-"""Runs subscriber.py over the golden streams: after each tick and each loss it must know what the vectors send_message.
+"""Runs subscriber.py over the golden streams: after each tick and each loss it must have the recorded state.
 
-Usage: python3 check_streams.py. Prints what failed, then a count; the exit code is 1 if anything did.
+Usage: python3 check_streams.py. Prints failures, then a count; the exit code is 1 after a failure.
 """
 
 import json
@@ -14,7 +14,7 @@ SPEC = Path(__file__).resolve().parent.parent
 
 
 class Member:
-    """One end of a connection that only listens."""
+    """A member that only receives."""
 
     def __init__(self):
         self.frames, self.scene = messages.Frames(), None
@@ -36,7 +36,7 @@ class Member:
 
 
 def poses(scene):
-    """FNV-1a over the bits of each body's predicted_motion motion at the watermark tick, in order of index."""
+    """FNV-1a over the bits of each body's predicted motion at the complete tick, in order of index."""
     h = 0xCBF29CE484222325
     for index in sorted(scene.bodies):
         motion = scene.predicted_motion(scene.bodies[index], scene.watermark)
@@ -56,24 +56,24 @@ def known(scene, with_poses):
     }
     if scene.capped:
         state["error_scale_eighths"] = scene.error_scale(scene.watermark)
-    # What is shown of a body that is in checksum_mismatch is nobody's promise (6.8).
+    # The displayed state of a body with a checksum mismatch is not specified (6.8).
     return state | ({"poses": poses(scene)} if with_poses else {})
 
 
 def results(stream):
-    """Each state that a stream's member knew, and what this one knows."""
+    """Each recorded state of a stream's member, and the state of this one."""
     member = Member()
-    for place, (what, msg) in enumerate(stream["events"]):
+    for place, (what, value) in enumerate(stream["events"]):
         if what == "control":
-            member.receive_control(bytes.fromhex(msg))
+            member.receive_control(bytes.fromhex(value))
         elif what == "datagram" and member.scene:
-            member.scene.receive_datagram(bytes.fromhex(msg))
+            member.scene.receive_datagram(bytes.fromhex(value))
         elif what == "known":
-            want = dict(msg)
+            want = dict(value)
             if not want["converged"]:
                 del want["poses"]
             yield f"{stream['name']}, event {place}", want, known(member.scene, want["converged"])
-    yield f"{stream['name']}, sums that differ", 0, member.scene.checksum_mismatches
+    yield f"{stream['name']}, checksums that differ", 0, member.scene.checksum_mismatches
 
 
 def main():

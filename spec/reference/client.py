@@ -1,7 +1,7 @@
-"""A client that joins a scene over QUIC and follows it, from PROTOCOL 1 and 3: asks for refresh, keeps the connection up.
+"""A client that joins a scene over QUIC (PROTOCOL 1 and 3), reports its losses, and keeps the connection alive.
 
 Needs `aioquic`. Usage: python3 client.py --server HOST:PORT --fingerprint HEX --scene NAME --micrometres N --out FILE
-[--until TICK]. Says `joined` once its copy is whole, and writes each tick at which the copy is complete, as bits.
+[--until TICK]. Prints `joined` after the snapshot, and writes the bits of each complete tick.
 """
 
 import argparse
@@ -41,15 +41,15 @@ class Member(QuicConnectionProtocol):
         self.on_state = lambda scene: None
         self.on_change = lambda scene: None
         self.control, self.coming, self.is_welcomed, self.is_resyncing = None, None, False, False
-        self.asked_at, self.patience, self.heard_at = 0.0, FIRST_LOSS_REPORT, 0.0
+        self.asked_at, self.loss_report_interval, self.received_at = 0.0, FIRST_LOSS_REPORT, 0.0
         self.awaited, self.awaited_at, self.awaited_for = 0, 0.0, FIRST_AWAITED
-        self.timed, self.took = None, (0.0, 0.0)  # a tick and when it was asked for; what the last two took
+        self.timed, self.took = None, (0.0, 0.0)  # a requested tick and the time of the request; durations of the last two
         self.asked_coming_at, self.mismatched_at = 0.0, 0.0
 
-    # What comes
+    # Receiving
 
     def quic_event_received(self, event):
-        self.heard_at = self._loop.time()
+        self.received_at = self._loop.time()
         if isinstance(event, StreamDataReceived):
             self.receive_control(event.data)
         elif isinstance(event, DatagramFrameReceived):
@@ -84,14 +84,14 @@ class Member(QuicConnectionProtocol):
             self.is_welcomed = True
             self.answers.put_nowait(msg)
         elif msg["is"] == "Joined":
-            # Another stream of the scene, asked for or not (4.8, 4.12), comes beside the one that is pending.
+            # The snapshot of another stream (4.8, 4.12), requested or not; the present stream continues until it is complete.
             if self.scene is None or self.is_resyncing:
                 self.scene, self.coming, self.is_resyncing = subscriber.Scene(msg), None, False
             else:
                 self.coming = subscriber.Scene(msg)
         elif msg["is"] == "SceneEvent":
-            # A snapshot is of the stream that comes; what is msg after it counts for both.
-            scenes = [self.coming] if self.coming and not self.coming.whole else [self.scene, self.coming]
+            # Events of a snapshot belong to the new stream; later ones belong to both.
+            scenes = [self.coming] if self.coming and not self.coming.has_snapshot else [self.scene, self.coming]
             for scene in filter(None, scenes):
                 scene.receive_scene_event(msg["event"])
             self.go_on()
@@ -102,11 +102,11 @@ class Member(QuicConnectionProtocol):
             self.answers.put_nowait(msg)
 
     def go_on(self):
-        """Says what follows from what was received."""
+        """Reacts to received data."""
         coming = self.coming
         if self.timed and self.timed[0] <= self.scene.complete():
             self.took, self.timed = (self._loop.time() - self.timed[1], self.took[0]), None
-        if coming and coming.whole and (coming.complete() >= self.scene.complete() or self.scene.lost_sync):
+        if coming and coming.has_snapshot and (coming.complete() >= self.scene.complete() or self.scene.lost_sync):
             # 4.8-12
             self.scene, self.coming = coming, None
             self.send_message({"is": "Subscribed", "stream": coming.stream})
@@ -114,14 +114,14 @@ class Member(QuicConnectionProtocol):
         self.on_state(self.scene)
 
     def check_opening(self, msg):
-        """4.3-2: config outside section 7 end the connection."""
+        """4.3-2: a configuration outside section 7 ends the connection."""
         if "config" in msg:
             try:
                 messages.check_config(msg["config"])
             except messages.Refused as why:
                 raise subscriber.Violation(VIOLATION) from why
 
-    # What goes
+    # Sending
 
     def send_message(self, msg):
         if self.control is None:
@@ -134,7 +134,7 @@ class Member(QuicConnectionProtocol):
         self.transmit()
 
     def send_upstream(self, msg):
-        """6.14-8: in a lockstep scene, a packet in order."""
+        """6.14-8: in a lockstep scene, upstream packets are control messages."""
         self.send_message({"is": "Upstream", "packet": packets.encoded(msg).hex()})
 
     def advance(self, tick):
@@ -157,31 +157,31 @@ class Member(QuicConnectionProtocol):
                 raise Ended(msg)
 
     async def refresh(self):
-        """6.7, 6.12: loss_reports for what is missing, and for a stream that is silent; mismatches, until they are answered."""
+        """6.7, 6.12: sends loss reports for missing packets and silent streams, and mismatches until they are answered."""
         while self.ended is None:
             await asyncio.sleep(0.005)
             now, scene = self._loop.time(), self.scene
-            if scene is None or not scene.whole:
+            if scene is None or not scene.has_snapshot:
                 continue
             if scene.lost_sync:
-                # 6.7-10: once, and no more of this copy.
+                # 6.7-10: one request; the present copy is not updated any more.
                 if not self.is_resyncing:
                     self.is_resyncing = True
                     self.send_message({"is": "Resync"})
                 continue
             if not scene.missing:
-                self.patience = FIRST_LOSS_REPORT
-            silent = now - max(self.heard_at, self.asked_at) > SILENCE
-            if silent or (scene.missing and now - self.asked_at > self.patience):
+                self.loss_report_interval = FIRST_LOSS_REPORT
+            silent = now - max(self.received_at, self.asked_at) > SILENCE
+            if silent or (scene.missing and now - self.asked_at > self.loss_report_interval):
                 self.send(scene.loss_report())
-                self.asked_at, self.patience = now, min(2 * self.patience, LAST_LOSS_REPORT)
+                self.asked_at, self.loss_report_interval = now, min(2 * self.loss_report_interval, LAST_LOSS_REPORT)
             elif scene.complete() < self.awaited and now - self.awaited_at > self.awaited_for:
                 self.send(scene.loss_report())
                 self.awaited_at, self.awaited_for = now, min(2 * self.awaited_for, LAST_AWAITED)
             if scene.mismatched_range and now - self.mismatched_at > CHECKSUM_MISMATCH:
                 self.send(scene.checksum_mismatch())
                 self.mismatched_at = now
-            if self.coming and self.coming.whole and self.coming.missing and now - self.asked_coming_at > LAST_LOSS_REPORT:
+            if self.coming and self.coming.has_snapshot and self.coming.missing and now - self.asked_coming_at > LAST_LOSS_REPORT:
                 self.send(self.coming.loss_report())
                 self.asked_coming_at = now
 
@@ -190,7 +190,7 @@ class Member(QuicConnectionProtocol):
     def must_be(self, fingerprint):
         certificate = self._quic.tls._peer_certificate
         if hashlib.sha256(certificate.public_bytes(Encoding.DER)).hexdigest() != fingerprint:
-            raise Ended("the server's certificate is another")
+            raise Ended("the server has another certificate")
 
 
 def bits(motion):
@@ -198,7 +198,7 @@ def bits(motion):
 
 
 class Log:
-    """Writes what a copy holds at each tick at which it is complete."""
+    """Writes the state of a copy at each complete tick."""
 
     def __init__(self, path):
         self.file, self.written = open(path, "w", encoding="utf-8"), None
@@ -225,7 +225,7 @@ async def subscribe(arguments):
     async with connect(host.strip("[]"), int(port), configuration=configuration, create_protocol=Member) as member:
         member.must_be(arguments.fingerprint.lower())
         member.on_state = log.note
-        # A version that means nothing is offered too, and an extension (3.5).
+        # A greased version and a greased extension are offered too (3.5).
         greased = [{"id": 27, "value": "00"}]
         member.send_message({"is": "Hello", "magic": 0x424D4852, "versions": [0x4A4A, 1], "scene": arguments.scene, "extensions": greased})
         welcome = await member.answer("Welcome")
@@ -240,11 +240,11 @@ async def subscribe(arguments):
         end = asyncio.get_running_loop().time() + arguments.seconds
         while (log.written or 0) < arguments.until:
             if member.ended is not None or asyncio.get_running_loop().time() > end:
-                raise Ended(member.ended if member.ended is not None else "it took too long")
+                raise Ended(member.ended if member.ended is not None else "the time limit is exceeded")
             await asyncio.sleep(0.02)
         refreshing.cancel()
         log.file.close()
-        print(f"followed to tick {log.written}; sums that differ: {member.scene.checksum_mismatches}", flush=True)
+        print(f"followed to tick {log.written}; checksums that differ: {member.scene.checksum_mismatches}", flush=True)
         member.send_message({"is": "Leave"})
         await member.answer("Left")
         member.end(DONE)
@@ -252,13 +252,13 @@ async def subscribe(arguments):
 
 
 def main():
-    parser = argparse.ArgumentParser(description="Follows a scene.")
+    parser = argparse.ArgumentParser(description="Subscribes to a scene.")
     parser.add_argument("--server", required=True)
     parser.add_argument("--fingerprint", required=True)
     parser.add_argument("--scene", required=True)
     parser.add_argument("--micrometres", type=int, default=50000)
     parser.add_argument("--until", type=int, required=True, help="the tick to subscribe to")
-    parser.add_argument("--seconds", type=float, default=120, help="patience")
+    parser.add_argument("--seconds", type=float, default=120, help="time limit")
     parser.add_argument("--out", required=True)
     return asyncio.run(subscribe(parser.parse_args()))
 

@@ -1,6 +1,6 @@
-"""What these files make of bytes, line by line: `rhumb-conformance vectors --exec "python3 spec/reference/decoder.py"`.
+"""The reference decoder as a process: `rhumb-conformance vectors --exec "python3 spec/reference/decoder.py"`.
 
-Reads a JSON object a line from standard input and answers by one; docs/book/src/implementing.md has what they send_message.
+Reads one JSON object per line from standard input and answers with one; docs/book/src/implementing.md describes them.
 """
 
 import json
@@ -39,13 +39,13 @@ def repair_symbol(question):
 
 def stream(events):
     member, reported = check_streams.Member(), []
-    for what, msg in events:
+    for what, value in events:
         if what == "control":
-            member.receive_control(bytes.fromhex(msg))
+            member.receive_control(bytes.fromhex(value))
         elif what == "datagram" and member.scene:
-            member.scene.receive_datagram(bytes.fromhex(msg))
+            member.scene.receive_datagram(bytes.fromhex(value))
         elif what == "known":
-            reported.append(check_streams.known(member.scene, msg["converged"]))
+            reported.append(check_streams.known(member.scene, value["converged"]))
     return {"known": reported}
 
 
@@ -53,8 +53,8 @@ def answer(question):
     if "message" in question:
         return message(question["message"], bytes.fromhex(question["bytes"]))
     if "frames" in question:
-        msg, refused = check_messages.split(bytes.fromhex(question["frames"]))
-        return {"messages": msg, "refused": refused}
+        split_messages, refused = check_messages.split(bytes.fromhex(question["frames"]))
+        return {"messages": split_messages, "refused": refused}
     if "packet" in question:
         return packet(bytes.fromhex(question["packet"]))
     if "packets" in question:

@@ -1,6 +1,6 @@
-"""Lost packets out of repair_symbols, from PROTOCOL 5.16 and 6.15.
+"""Restores lost packets from repair symbols (PROTOCOL 5.16, 6.15).
 
-Knows numbers and bytes, not what they send_message. A symbol is a list of bytes; the shorter ones end in zeros.
+It handles numbers and bytes, not their meaning. A symbol is a list of bytes; shorter ones are padded with zeros.
 """
 
 from packets import Bytes, factor, head_of, inverse, multiples, read_head, times
@@ -9,14 +9,14 @@ SPAN, KEPT = 32, 16
 
 
 def add_multiple(mixed_symbol, multiple, symbol):
-    """mixed_symbol + multiple * symbol, for each byte."""
+    """mixed_symbol + multiple * symbol, byte by byte."""
     longer = max(len(mixed_symbol), len(symbol))
     mixed_symbol, symbol = mixed_symbol + bytes(longer - len(mixed_symbol)), symbol + bytes(longer - len(symbol))
     return bytes(a ^ b for a, b in zip(mixed_symbol, symbol.translate(multiples(multiple))))
 
 
 def symbol_of(datagram):
-    """The kind, and all behind the number."""
+    """The source symbol: the kind, and all bytes after the number."""
     frm = Bytes(datagram)
     kind, _ = read_head(frm)
     frm.raw(2)
@@ -24,13 +24,13 @@ def symbol_of(datagram):
 
 
 def datagram_of(symbol, stream, number):
-    # Sums of nothing give a symbol of nothing: no datagram, as its reader will send_message.
+    # A symbol of zeros only is not a datagram; its decoder will refuse it.
     symbol = symbol.rstrip(b"\0") or b"\0"
     return head_of(symbol[0], stream) + (number & 0xFFFF).to_bytes(2, "little") + symbol[1:]
 
 
 class Decoder:
-    """What a listener keeps so that repair_symbols give it lost packets back."""
+    """The packets and repair symbols that a subscriber keeps for the restoration of lost packets."""
 
     def __init__(self, stream):
         self.stream, self.symbols, self.repair_symbols, self.unwanted_below, self.oldest = stream, {}, [], 0, 0
@@ -40,12 +40,12 @@ class Decoder:
         self.advance(number)
 
     def advance(self, newest):
-        """6.15-3: what is older than the last SPAN numbers goes."""
+        """6.15-3: forgets everything older than the last SPAN numbers."""
         self.oldest = max(self.oldest, newest + 1 - SPAN)
         self.symbols = {number: symbol for number, symbol in self.symbols.items() if number >= self.oldest}
 
     def receive(self, last, covered, row, mixed_symbol, next_number):
-        """A repair_symbol; `covered` are the bits below the last number."""
+        """Receives a repair symbol; `covered` has the bits of the numbers before the last."""
         numbers = [last] + [last - 1 - bit for bit in range(SPAN - 1) if covered >> bit & 1]
         if last >= next_number + SPAN or min(numbers) < 0 or last < self.unwanted_below:
             return
@@ -53,11 +53,11 @@ class Decoder:
         self.repair_symbols.append(({number: factor(row, number) for number in numbers}, mixed_symbol))
 
     def was_wrong(self, next_number):
-        """What was rebuilt is malformed: a repair_symbol was no sum of what was msg."""
+        """A rebuilt packet is malformed, so a repair symbol was wrong: drops all of them."""
         self.repair_symbols, self.unwanted_below = [], next_number + SPAN
 
     def rebuilt(self):
-        """A packet that the repair_symbols give back, as number and datagram, or None."""
+        """A restored packet as number and datagram, or None."""
         rows = [self.without_known(*repair_symbol) for repair_symbol in self.repair_symbols]
         rows = [row for row in rows if row[0] and min(row[0]) >= self.oldest]
         self.repair_symbols = rows[-KEPT:]
@@ -75,7 +75,7 @@ class Decoder:
 
 
 def eliminated(rows):
-    """Rows that mean the same, each led by a number that no other has, as far as they go."""
+    """Equivalent rows after Gaussian elimination: each has a pivot number that no other row has."""
     rows, done = [(dict(factors), mixed_symbol) for factors, mixed_symbol in rows], []
     while rows:
         factors, mixed_symbol = rows.pop(0)

@@ -1,7 +1,7 @@
-"""The control stream, from PROTOCOL 2 to 4: frames, and messages by the table of spec/tables/protocol.json.
+"""The control stream (PROTOCOL 2 to 4): frames, and messages by the table of spec/tables/protocol.json.
 
 A message is {"is": its name, ...fields by name}; f32s are the eight hexadecimal digits of their bits, bytes are
-hexadecimal digits. What the table cannot send_message stands below as rules, by the clauses that they come from.
+hexadecimal digits. Rules that the table cannot express are functions below, named by their clauses.
 """
 
 import json
@@ -22,11 +22,11 @@ SLACK = 0.001
 
 
 class UnknownCommand(Exception):
-    """A command that nobody need know: it is refused, and takes a number (3.5-13)."""
+    """An unknown command: it is refused, and is counted (3.5-13)."""
 
 
 class Refused(Exception):
-    """A well-formed command, or config, with a number that no engine should be given (4.5)."""
+    """A well-formed command or configuration with a number outside the limits (4.5)."""
 
     def __init__(self, name, quantity):
         super().__init__(name, quantity)
@@ -48,7 +48,7 @@ PIECE, PIECE_BYTES, KEYFRAME_MAX = (bound(TABLE["pieces"][name]) for name in ("t
 
 
 class Frames:
-    """Cuts a stream of bytes into messages, and puts those together that come in pieces."""
+    """Splits a byte stream into messages, and joins the pieces of long ones."""
 
     def __init__(self):
         self.data, self.pieces = b"", b""
@@ -72,7 +72,7 @@ class Frames:
         return None
 
     def next_one(self):
-        """The next message as it stands."""
+        """The next frame."""
         frm = Bytes(self.data)
         try:
             length = frm.varint((1 << 64) - 1)
@@ -101,7 +101,7 @@ def framed(kind, body):
 
 
 def decoded(side, kind, body):
-    """What a message of a "client" or a "server" means; None for one that nobody need know."""
+    """The meaning of a message of a "client" or a "server"; None for an unknown optional one."""
     codes = TYPES[side + " message"]["codes"]
     row = next((row for row in codes if row["code"] == kind), None)
     if row is None:
@@ -110,14 +110,14 @@ def decoded(side, kind, body):
     frm = Body(body)
     msg = {"is": row["name"]} | read_fields(row["fields"], frm)
     frm.finish()
-    # A command is refused for such a motion alone, so that all else of it must be right (2.6-9).
+    # Only the motion makes the command refused; all other errors make it malformed (2.6-9).
     for motion in frm.motions:
         check_motion(motion)
     return msg
 
 
 class Body(Bytes):
-    """The bytes of a message, with the motions that were read of it."""
+    """The bytes of a message, with the motions that were decoded from it."""
 
     def __init__(self, data):
         super().__init__(data)
@@ -150,7 +150,7 @@ def read_coded(name, kind, frm, field):
         refuse_if(code < kind.get("optional", 256), "UnknownCode")
         if name == "command":
             raise UnknownCommand
-        # An error's reason has nothing behind it; a scene_event may have anything.
+        # An unknown error has no fields; an unknown scene event may have any.
         return {"is": code, "rest": frm.rest().hex() if name == "event" else ""}
     msg = {"is": row["name"]} | read_fields(row["fields"], frm)
     return msg
@@ -172,10 +172,10 @@ def read_fields(fields, frm):
 
 
 def read_each(field, msg, frm):
-    """As many of a type as earlier fields make when multiplied."""
+    """A repeated field whose count is the product of earlier fields."""
     name, *counts = field["each"]
     count = math.prod(msg[other] for other in counts)
-    # Each takes a byte at least.
+    # Each element has at least one byte.
     refuse_if(count > len(frm.data) - frm.at, "Truncated")
     return [read(name, frm, {}) for _ in range(count)]
 
@@ -297,7 +297,7 @@ def check_track_payload(msg):
 
 
 def check_scene_event(msg):
-    """Shapes, config and joints outside section 7 are malformed in a scene_event (4.6-1)."""
+    """Shapes, body descriptions and joints outside section 7 make a scene event malformed (4.6-1)."""
     try:
         if msg["is"] == "ShapeAdded":
             check_numbers("shape", msg["shape"])
@@ -318,7 +318,7 @@ RULES = {
 }
 
 
-# 4.5 and 7: numbers that no engine should be given
+# 4.5 and 7: limits of numbers
 
 
 def check_command(msg):
@@ -415,7 +415,7 @@ def check_whole_joint(msg):
 
 
 def check_size(heights):
-    """2.6-15: how long a field is each way, as f32 has it."""
+    """2.6-15: the size of a height field in each direction, in f32."""
     for count, spacing in (("rows", "row spacing"), ("columns", "column spacing")):
         length = to_f32((heights[count] - 1) * f32(heights[spacing]))
         check_scalar(length, to_f32(LIMITS["EXTENT_MIN"]), LIMITS["EXTENT_MAX"], "extent")
@@ -429,7 +429,7 @@ def check_triangles(mesh):
 
 
 def check_thickness(points):
-    """2.6-2: the greatest distance from the plane through the first point, the farthest, and the farthest from the line."""
+    """2.6-2: distance from the plane through the first point, the farthest, and the farthest from their line."""
 
     def away(point):
         return [a - b for a, b in zip(point, points[0])]

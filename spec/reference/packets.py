@@ -1,6 +1,6 @@
-"""Section 5 of PROTOCOL in Python: datagrams taken apart and put together, from the document alone.
+"""PROTOCOL 5 in Python: encodes and decodes datagrams, written from the document only.
 
-For reading beside the document, not for speed. A datagram is a dict as the vectors have it.
+It is meant for reading beside the document, not for speed. A datagram is a dict, as in the vectors.
 """
 
 import json
@@ -26,7 +26,7 @@ WORD = 1 << 32
 
 
 class Malformed(Exception):
-    """The bytes are refused; the argument is a word for why."""
+    """The bytes are refused; the argument is the reason as a word."""
 
 
 def refuse_if(wrong, why):
@@ -230,7 +230,7 @@ class Walk:
 TRIPLES = ("position", "turn", "linear", "angular")
 LIMITS = (RESIDUAL_LIMIT, TURN_LIMIT, VELOCITY_LIMIT, VELOCITY_LIMIT)
 CONSTANT_ACCELERATION = 5  # the predictor
-# By form: the mode, the predictor, and whether velocities are msg.
+# By form: the mode, the predictor, and whether velocities are encoded.
 FORMS = [
     ("same", None, False),
     ("same", None, True),
@@ -253,7 +253,7 @@ def coarseness_context(kind, age):
 
 
 def length_context(place, lengths):
-    """Of a step of a rest_correction: its context, and the length that its own is measured against."""
+    """The context of a step of a rest correction, and the reference length of its own length."""
     part, fixed = ((0, 14), (1, None), (1, None), (2, 19), (3, None), (3, None), (4, 1))[place]
     return LENGTH + part, lengths[place - 1] if fixed is None else fixed
 
@@ -376,7 +376,7 @@ class UpdateCoder:
         write_code(TABLES["modes"][self.row], END, to)
 
     def read(self, frm):
-        """The gap and what is msg, or None at the end."""
+        """The gap and the update, or None at the end."""
         modes = TABLES["modes"][self.row]
         form, update = read_code(modes, frm), {"body": None}
         if form == END:
@@ -497,7 +497,7 @@ def read_signed(order, frm):
     return [number >> 1 if number % 2 == 0 else -(number >> 1) - 1 for number in numbers]
 
 
-# 5.5 Whole tracks
+# 5.5 Keyframes
 
 
 def write_keyframe(keyframe, to):
@@ -602,7 +602,7 @@ LARGE = 15
 
 
 def eighths(code):
-    """The factor that an error_scale stands for, in eighths; none if it is not bounded [5.17]."""
+    """The factor of an error scale code, in eighths; None if it is unbounded [5.17]."""
     refuse_if(code == 0, "NotCanonical")
     return None if code == 255 else (8 + code % 8) << code // 8
 
@@ -763,7 +763,7 @@ def times(a, b):
 
 @cache
 def multiples(factor):
-    """Those of each byte."""
+    """The products of a factor with each byte."""
     return bytes(times(factor, byte) for byte in range(256))
 
 
@@ -776,7 +776,7 @@ def factor(row, number):
 
 
 def repair_symbol(row, packets):
-    """The repair_symbol of packets, each a number and a datagram, the newest last."""
+    """The repair symbol of packets; each is a number and a datagram, the newest last."""
     last, _ = packets[-1]
     symbol, covered = bytearray(SYMBOL_MAX), 0
     for number, datagram in packets:

@@ -1,7 +1,7 @@
-"""Reckoning in Python: a second implementation that knows only RECKONING.md.
+"""Reckoning in Python: a second implementation, written from RECKONING.md only.
 
-Reads and writes no bytes; see check_reckoning.py for the vectors. Names and numbers in brackets are the document's.
-Python floats are doubles and are rounded operation by operation, so that formulas stand here as they stand there.
+It encodes no bytes; check_reckoning.py runs the vectors. Names, and numbers in brackets, are the document's.
+Python floats are doubles, rounded after each operation, so the formulas equal those of the document.
 """
 
 import math
@@ -24,7 +24,7 @@ HALF_PI_HIGH = double("3ff921fb54400000")
 HALF_PI_LOW = double("3dd0b4611a626331")
 ANGLE_LIMIT = 1000000.0
 
-# From the highest power down, as they are used.
+# Coefficients, from the highest power down.
 SINE = [double(bits) for bits in (
     "3de6124613a86d09", "be5ae64567f544e4", "3ec71de3a556c734", "bf2a01a01a01a01a", "3f81111111111111",
     "bfc5555555555555",
@@ -120,7 +120,7 @@ def turned(q, v):
 
 
 def polynomial(coefficients, x):
-    """Horner's rule; coefficients from the highest down."""
+    """Horner's rule; coefficients from the highest power down."""
     total = coefficients[0]
     for coefficient in coefficients[1:]:
         total = total * x + coefficient
@@ -181,7 +181,7 @@ def body_state_motion(numbers):
 
 @dataclass
 class Row:
-    """What the integrator does in n ticks [2.3]."""
+    """The coefficients of n steps of the integrator [2.3]."""
 
     velocity: float = 1.0
     reach: float = 0.0
@@ -194,7 +194,7 @@ class Row:
 
 
 class Flow:
-    """One integrator and one damping, with the rows computed so far."""
+    """An integrator with a damping, and the rows computed so far."""
 
     def __init__(self, ticks, seconds, substeps, linear_damping, angular_damping):
         self.dt = float(seconds) / float(ticks)
@@ -239,14 +239,14 @@ def gravity_of(scene_gravity, scale):
 
 @dataclass
 class Inertia:
-    """How a body resists being turned [2.6]."""
+    """Moments of inertia and their frame [2.6]."""
 
     moments: Vector
     frame: Quaternion
 
     @staticmethod
     def of(moments, frame):
-        """From widened f32, or None where it is refused."""
+        """From widened f32s, or None where they are refused."""
         normal = all(math.isfinite(m) and m >= LEAST_NORMAL for m in moments)
         if not normal or max(moments) > min(moments) * RATIO or not abs(length4(frame) - 1.0) <= SLACK:
             return None
@@ -272,7 +272,7 @@ class Acceleration:
 
     @staticmethod
     def of(steps, exponent):
-        """None where it is refused."""
+        """From encoded steps, or None where they are refused."""
         within = all(abs(part) <= ACCELERATION_LIMIT for part in steps) and 0 <= exponent <= ACCELERATION_EXPONENT_MAX
         return Acceleration(tuple(steps), exponent) if within else None
 
@@ -281,14 +281,14 @@ class Acceleration:
 
 
 def accelerated(elapsed, flow):
-    """What a acceleration does: its share of the way and of the velocity [3.9]."""
+    """Coefficients of an acceleration for position and velocity [3.9]."""
     lasts = min(elapsed, ACCELERATION_TICKS)
     fall, coast = flow.row(lasts), flow.row(elapsed - lasts)
     return fall.fall + fall.fall_velocity * coast.reach, fall.fall_velocity * coast.velocity
 
 
 def predicted(predictor, start, elapsed, gravity, flow, inertia=None, acceleration=None):
-    """The motion by a predictor, with its acceleration if that is accelerated, `elapsed` ticks after `start`."""
+    """The predicted motion `elapsed` ticks after `start`; `acceleration` belongs to the accelerated predictor."""
     if predictor == "rest":
         return Motion(start.position, start.rotation, (0.0,) * 3, (0.0,) * 3)
     elapsed = min(elapsed, TRACK_AGE_MAX)
@@ -320,7 +320,7 @@ def spun(start, row, flow):
 
 
 def torque_free(start, elapsed, flow, inertia):
-    """Rotation and angular velocity after so many ticks [3.7]."""
+    """Rotation and angular velocity after `elapsed` ticks [3.7]."""
     m, f = inertia.moments, normalised(inertia.frame)
     e = scaled(((m[2] - m[1]) / m[0], (m[0] - m[2]) / m[1], (m[1] - m[0]) / m[2]), flow.substep)
     axes = normalised(product(start.rotation, f))
@@ -362,7 +362,7 @@ def momentum2(m, w):
 
 
 def attached_motion(parent, attached):
-    """The motion in the world of what a parent holds, from the motion of the attached body's own track [3.8]."""
+    """The world motion of an attached body, from the motion of its own track [3.8]."""
     arm = turned(parent.rotation, attached.position)
     return Motion(
         position=plus(parent.position, arm),
@@ -373,7 +373,7 @@ def attached_motion(parent, attached):
 
 
 def relative_to(parent, motion):
-    """A motion in the world, seen from a parent [3.8]."""
+    """A world motion, relative to a parent [3.8]."""
     back = conjugate(parent.rotation)
     return Motion(
         position=turned(back, minus(motion.position, parent.position)),
@@ -386,7 +386,7 @@ def relative_to(parent, motion):
 # Grids [4]
 
 def scaled_tolerance(integer, tolerance_scale, least, most):
-    """An integer of a tolerance for a body of a class [4.1]."""
+    """A tolerance, as an integer, for a body with a tolerance scale [4.1]."""
     scaled = integer << tolerance_scale if tolerance_scale >= 0 else integer >> -tolerance_scale
     return min(max(scaled, least), most)
 
@@ -423,7 +423,7 @@ class Grid:
 
 
 def over(length, radius):
-    """A quotient as IEEE 754 has it: infinite for a body that is a point."""
+    """A quotient by IEEE 754 rules: infinite for a radius of zero."""
     return length / radius if radius else math.inf
 
 
@@ -444,7 +444,7 @@ def clamped(number, limit):
 
 def quantise(value, step, limit):
     steps = value / step + 0.5
-    # Clamped before the floor, which Python takes of finite numbers only; the limit is whole, so that it is the same.
+    # Clamped before floor, which Python allows for finite numbers only; the limit is an integer, so the result is equal.
     return math.floor(clamped(steps, float(limit)))
 
 
@@ -473,7 +473,7 @@ def packed(q):
 
 
 def unpacked(rotation):
-    """The quaternion that a packed rotation means."""
+    """The quaternion of a packed rotation."""
     largest, others = rotation
     a, b, c = (float(s) / PACKED_STEPS for s in others)
     rest = max(0.0, 1.0 - ((a * a + b * b) + c * c))
@@ -483,7 +483,7 @@ def unpacked(rotation):
 
 
 def is_packed(largest, others):
-    """Whether parts from elsewhere are the one way to send_message their rotation."""
+    """Whether these parts are the only valid encoding of their rotation."""
     if not 0 <= largest < 4 or any(abs(s) > PACKED_LIMIT for s in others):
         return False
     rotation = (largest, tuple(others))
@@ -518,13 +518,13 @@ class Quantised:
 
 
 def prediction_error(predictor, age, dt):
-    """In what time a prediction by a predictor went prediction_error, `over` of [4.4]."""
+    """The time over which a predictor's error grows, `over` of [4.4]."""
     return (min(age, REST_PREDICTION_ERROR) if predictor == "rest" else age) * dt
 
 
 @dataclass
 class Residual:
-    """A correction; both velocities are None where it says none [4.4]."""
+    """A correction; both velocities are None if it contains none [4.4]."""
 
     position: Vector
     turn: Vector
@@ -545,7 +545,7 @@ class Residual:
         )
 
     def onto(self, prediction, over, grid):
-        """The quantised motion that this residual means on top of a predicted motion, or None where it is refused."""
+        """The quantised motion of a prediction plus this residual, or None where it is refused."""
         if not self.is_within_limits():
             return None
         start = Quantised.of(prediction, grid)
@@ -556,7 +556,7 @@ class Residual:
         rate = 1.0 / over
         linear = plus(prediction.linear, scaled(scaled(self.position, grid.position), rate))
         angular = plus(prediction.angular, scaled(turn, rate))
-        more = [scaled(msg or (0, 0, 0), 1 << self.velocity_exponent) for msg in (self.linear, self.angular)]
+        more = [scaled(steps or (0, 0, 0), 1 << self.velocity_exponent) for steps in (self.linear, self.angular)]
         return Quantised(
             position=summed(start.position, scaled(self.position, FINE_STEPS), POSITION_LIMIT),
             rotation=rotation,
@@ -573,7 +573,7 @@ def summed(a, b, limit):
 
 
 def single(number):
-    """The nearest f32, widened; beyond the largest an infinity."""
+    """The nearest f32, widened; infinite beyond the largest."""
     try:
         return struct.unpack("<f", struct.pack("<f", number))[0]
     except OverflowError:
@@ -581,7 +581,7 @@ def single(number):
 
 
 def stepped(number, by):
-    """The f32 so many places after the nearest to a number."""
+    """The f32 that is `by` places after the nearest one to a number."""
     bits = struct.unpack("<I", struct.pack("<f", single(number)))[0]
     rank = (bits if bits < 1 << 31 else (bits ^ 0x7FFFFFFF) - (1 << 32)) + by
     rank = (rank + (1 << 31)) % (1 << 32) - (1 << 31)
@@ -589,7 +589,7 @@ def stepped(number, by):
 
 
 def rest_state(prediction, negated, position_steps, others_steps, largest_step):
-    """The thirteen widened f32 of a body at rest, or None where they are refused."""
+    """The thirteen widened f32s of a body at rest, or None where they are refused."""
     position = [stepped(number, by) for number, by in zip(prediction.position, position_steps)]
     expected = [-part if negated else part for part in prediction.rotation]
     largest = max(range(4), key=lambda place: (abs(expected[place]), -place))

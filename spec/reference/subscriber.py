@@ -1,6 +1,6 @@
-"""A member's copy of a scene, from PROTOCOL 6: tracks, gaps, refreshes, aliases, gravity, scene_events.
+"""A member's copy of a scene (PROTOCOL 6): tracks, gaps, refreshes, aliases, gravity, scene events.
 
-Fed with messages and datagrams; asks for nothing by itself. For reading beside the document, not for speed.
+It receives messages and datagrams, and sends nothing by itself. It is meant for reading beside the document.
 """
 
 import struct
@@ -18,7 +18,7 @@ IDENTITY = ["00000000", "00000000", "00000000", "3f800000"]
 
 
 class Violation(Exception):
-    """The server contradicts what it msg; the argument is the code to close with."""
+    """The server contradicts itself; the argument is the close code."""
 
 
 # 6.1 Tracks
@@ -30,7 +30,7 @@ class Track:
     predictor: str
     anchor: object  # reckoning.Quantised, or a list of thirteen f32s as digits
     parent: tuple = None  # index, generation
-    acceleration: reckoning.Acceleration = None  # of the predictor that is accelerated
+    acceleration: reckoning.Acceleration = None  # of the accelerated predictor
 
     def is_exact_rest(self):
         return self.predictor == "rest" and isinstance(self.anchor, list)
@@ -48,7 +48,7 @@ def track_of_keyframe(origin, keyframe):
 
 
 def acceleration_of(msg):
-    """That of a keyframe track or an update."""
+    """The acceleration of a keyframe or an update."""
     return reckoning.Acceleration.of(msg["acceleration"]["steps"], msg["acceleration"]["exponent"]) if "acceleration" in msg else None
 
 
@@ -61,7 +61,7 @@ def track_of_scene_event(msg):
 
 
 class Body:
-    """What a body is, and how it moves."""
+    """A body with its prediction parameters and tracks."""
 
     def __init__(self, config, inertia, track, scene):
         self.index, self.generation = config["id"]["index"], config["id"]["generation"]
@@ -79,7 +79,7 @@ class Body:
         self.track, self.before, self.older = track, None, []
 
     def moved(self, track, tick, gravity):
-        """The motion of one of its tracks at a tick, in the track's own frame (RECKONING 3.1)."""
+        """The motion of one of its tracks at a tick, in the frame of the track (RECKONING 3.1)."""
         if isinstance(track.anchor, list):
             start = reckoning.body_state_motion([f32(part) for part in track.anchor])
         else:
@@ -160,11 +160,11 @@ def checksums(body):
 
 
 class Scene:
-    """What a member knows of its scene, by one stream."""
+    """A member's copy of its scene, from one stream."""
 
     def __init__(self, joined):
         self.choice, self.config, self.stream = joined["choice"], joined["config"], joined["stream"]
-        # The stream of a choice with a budget is that of the choice in it, but for what it states.
+        # A choice with a budget has the tracks of its inner choice; only the stated error scale is additional.
         self.capped = self.choice["is"] == "within a budget"
         self.choice = self.choice["choice"] if self.capped else self.choice
         self.statements = ErrorScaleLog(joined["next"], joined["tick"])
@@ -176,14 +176,14 @@ class Scene:
         self.known_from = 0
         self.aliases, self.alias_of = {}, {}  # alias: (index, since); index: alias
         self.remembers = False
-        self.refreshed_at = 0  # the newest tick of a refresh
-        self.assignments = []  # (since, alias, index or None), while something is missing or unread
-        self.last_assignments = {}  # of these the last of (since, alias)
-        self.missing, self.unread, self.parts, self.pending, self.gone = {}, {}, {}, [], 0
-        self.unreadable = {}  # packets of which something was unread
+        self.refreshed_at = 0  # newest tick of a refresh
+        self.assignments = []  # (since, alias, index or None), while packets are missing or unread
+        self.last_assignments = {}  # the last of these for each (since, alias)
+        self.missing, self.unread, self.parts, self.pending, self.lost_on_link = {}, {}, {}, [], 0
+        self.unreadable = {}  # packets with unread updates
         self.decoder = Decoder(self.stream)
         self.lost_sync, self.checksum_mismatches, self.granted = False, 0, joined["granted"]
-        self.mismatched_range, self.last_checksum_refresh = None, []  # mismatched_range indices: first, how many
+        self.mismatched_range, self.resynced = None, []  # indices with a mismatch: first, count
 
     def flow(self, damping):
         config = self.config
@@ -195,7 +195,7 @@ class Scene:
 
     def grid(self, radius, tolerance_scale):
         choice = self.choice
-        # A full stream says nothing on a grid.
+        # A full stream has no quantised values.
         length = reckoning.scaled_tolerance(choice.get("micrometres", 1000), tolerance_scale, 1000, 10000000)
         turn = choice.get("microradians")
         return reckoning.Grid.of(length, radius, turn and reckoning.scaled_tolerance(turn, tolerance_scale, 100, 3141593))
@@ -204,13 +204,13 @@ class Scene:
         """6.9"""
         return [gravity_pull for since, gravity_pull in self.gravities if since <= origin][-1]
 
-    # Belief
+    # Prediction
 
     def own(self, body, track, tick):
         return body.moved(track, tick, self.gravity(track.origin))
 
     def parent(self, track):
-        """The body that carries a track's, if it is there still."""
+        """The parent of a track's body, if it still exists."""
         body = self.bodies.get(track.parent[0]) if track.parent else None
         return body if body and body.generation == track.parent[1] else None
 
@@ -243,7 +243,7 @@ class Scene:
         elif name == "BodyRemoved":
             body = self.bodies.get(msg["id"]["index"])
             self.must(body and body.generation == msg["id"]["generation"])
-            self.dismiss(body.index)
+            self.forget_body(body.index)
             del self.bodies[body.index]
             self.part(msg["id"])
         elif name == "GravityChanged":
@@ -269,14 +269,14 @@ class Scene:
             raise Violation(2)
 
     def part(self, id_):
-        """4.6-2: with a body its joints are gone too."""
+        """4.6-2: removing a body removes its joints too."""
         joints = self.joints.items()
         self.joints = {name: joint for name, joint in joints if id_ not in (joint["first"], joint["second"])}
 
     def place(self, msg):
         self.must(msg["desc"]["shape"] in self.shapes)
         body = Body(msg["desc"], msg.get("inertia"), track_of_scene_event(msg["track"]), self)
-        self.dismiss(body.index)
+        self.forget_body(body.index)
         before = self.bodies.get(body.index)
         if before:
             self.part({"index": before.index, "generation": before.generation})
@@ -288,14 +288,14 @@ class Scene:
         self.has_snapshot = True
         self.release()
 
-    # 6.13 ReceivedAliases
+    # 6.13 Aliases
 
     def leave(self, index):
         alias = self.alias_of.pop(index, None)
         if alias is not None:
             self.aliases[alias] = (None, self.aliases[alias][1])
 
-    def dismiss(self, index):
+    def forget_body(self, index):
         """6.13-14."""
         self.leave(index)
         self.assignments = [(since, alias, None if assigned == index else assigned) for since, alias, assigned in self.assignments]
@@ -314,7 +314,7 @@ class Scene:
             self.note(alias, index, since)
 
     def body_at(self, alias, number, tick):
-        """Who sits in a alias at a tick, or assignments there; None if nobody is known."""
+        """The body under an alias at a tick, or assigned there; None if unknown."""
         index, since = self.aliases.get(alias, (None, 0))
         if index is not None and since <= tick:
             return index
@@ -329,16 +329,16 @@ class Scene:
         return None if went else index
 
     def assign_alias(self, alias, index, tick):
-        """6.13-7. A alias of which it is known that nobody is known to assign_alias there has None for its body."""
+        """6.13-7: an alias whose body is known to be unknown has None as its body."""
         body, there = self.bodies.get(index), self.alias_of.get(index)
-        gone_on = body is None or body.track.origin > tick
+        moved_on = body is None or body.track.origin > tick
         self.note(alias, index, tick)
-        if self.since(alias) > tick or (gone_on and there == alias):
+        if self.since(alias) > tick or (moved_on and there == alias):
             return
         self.note_assigned(alias)
         if alias in self.aliases:
             self.alias_of.pop(self.aliases[alias][0], None)
-        if gone_on or (there is not None and self.since(there) > tick):
+        if moved_on or (there is not None and self.since(there) > tick):
             self.aliases[alias] = (None, tick)
             return
         if there is not None:
@@ -347,7 +347,7 @@ class Scene:
         self.aliases[alias], self.alias_of[index] = (index, tick), alias
 
     def since(self, alias):
-        """The tick at which a alias was taken last; that of a beginning if it never was."""
+        """The tick of the last assignment of an alias; the tick of the snapshot if there was none."""
         return self.aliases[alias][1] if alias in self.aliases else 0
 
     # 6.5 Reading
@@ -371,7 +371,7 @@ class Scene:
             return
         self.read(msg)
         self.rebuild()
-        self.settle()
+        self.process_pending()
 
     def release(self):
         waiting, self.pending = self.pending, []
@@ -381,9 +381,9 @@ class Scene:
             else:
                 self.pending.append(msg)
         self.rebuild()
-        self.settle()
+        self.process_pending()
 
-    def settle(self):
+    def process_pending(self):
         self.remembers = bool(self.missing or self.unread)
         if not self.remembers:
             self.assignments, self.last_assignments = [], {}
@@ -410,18 +410,18 @@ class Scene:
         else:
             self.receive_packet(msg, tick)
 
-    # 6.6 PacketGaps
+    # 6.6 Gaps
 
-    def miss(self, end, tick):
+    def note_gap(self, end, tick):
         for number in range(self.next, min(end, self.next + HISTORY + 1)):
             self.missing[number] = tick
-        self.gone += max(end - self.next, 0)
+        self.lost_on_link += max(end - self.next, 0)
         self.next = max(self.next, end)
         if self.missing and self.next > min(self.missing) + HISTORY:
             self.lost_sync = True
 
     def receive_watermark(self, next_number, tick):
-        self.miss(next_number, tick)
+        self.note_gap(next_number, tick)
         self.newest, self.watermark = max(self.newest, tick), max(self.watermark, tick)
 
     def receive_packet(self, msg, tick, rebuilt=False):
@@ -430,7 +430,7 @@ class Scene:
             return
         late = number < self.next
         if not late:
-            self.miss(number, tick)
+            self.note_gap(number, tick)
             self.next = max(self.next, number + 1)
         if self.lost_sync:
             return
@@ -438,7 +438,7 @@ class Scene:
         if late:
             del self.missing[number]
             self.parts.pop(number, None)
-            self.gone -= not rebuilt
+            self.lost_on_link -= not rebuilt
         publish_interval = self.config["publish interval"]
         ends = msg["kind"] in (1, 5, 11)
         self.statements.packet(number, tick, stated(msg) if ends else None)
@@ -448,7 +448,7 @@ class Scene:
             self.receive_full(msg, tick)
         else:
             if msg["kind"] != 11:
-                # Packets in arrears have no column (5.17): none is read again.
+                # Packets of a stream with a budget have no source symbol (5.17): none is restored.
                 self.decoder.keep(number, msg["data"])
             self.receive_state(msg, number, tick)
         if late:
@@ -456,7 +456,7 @@ class Scene:
             self.read_again_after(number)
 
     def refreshed(self, number, refreshed_at):
-        """A missing packet was received late (None), or refreshed_at by a refresh of a tick."""
+        """A missing packet was received late (None), or was replaced by a refresh of this tick."""
         for other, tick in sorted(self.unread.items()):
             if other > number and (refreshed_at is None or refreshed_at < tick):
                 del self.unread[other]
@@ -468,7 +468,7 @@ class Scene:
             self.unread = {}
 
     def read_again_after(self, number):
-        """What could not be read, and whose bytes are there still, in order, each as one that comes late."""
+        """Reads unread packets that are still kept, in order, each like a late one."""
         for other in range(number + 1, self.next):
             if other in self.missing and other in self.unreadable and other in self.decoder.symbols:
                 tick = self.missing.pop(other)
@@ -476,14 +476,14 @@ class Scene:
                 self.refreshed(other, None)
                 self.receive_state(self.unreadable.pop(other), other, tick)
 
-    # 6.15 Redundancy
+    # 6.15 Repair symbols
 
     def receive_repair_symbol(self, msg):
         if self.has_snapshot:
             last = expanded(msg["last"], self.next)
             self.decoder.receive(last, msg["covered"], msg["row"], bytes.fromhex(msg["symbol"]), self.next)
             self.rebuild()
-            self.settle()
+            self.process_pending()
 
     def rebuild(self):
         while (found := self.decoder.rebuilt()) is not None:
@@ -556,18 +556,18 @@ class Scene:
         return "received"
 
     def age(self, track, tick):
-        """How old a track is (5.6), or None if it is of a later tick."""
+        """The age of a track (5.6), or None if its tick is later."""
         publish_interval = self.config["publish interval"]
         return tick // publish_interval - track.origin // publish_interval if track.origin <= tick else None
 
     def revision(self, body, tick, age):
-        """The body's track of an age, if it is still known (6.2, 6.6)."""
+        """The body's track with this age, if it is still kept (6.2, 6.6)."""
         known = (body.track, body.before, *body.older)
         tracks = [track for track in known if track and self.age(track, tick) == age]
         return tracks[0] if tracks else None
 
     def corrected(self, body, update, tick):
-        """The track that a correction gives, or None where it cannot be read."""
+        """The corrected track, or None where the correction cannot be read."""
         old = body.track
         if self.age(old, tick) != update["age"]:
             return None
@@ -652,28 +652,28 @@ class Scene:
             body.track, body.before = track, None
             self.known_from = max(self.known_from, track.origin)
 
-    # 6.12 StateChecksum
+    # 6.12 State checksum
 
     def is_checksum_refresh(self, msg):
-        """6.12-8: whether it may be what answers a checksum_mismatch, and came too late."""
+        """6.12-8: whether it may be a late answer to a checksum mismatch."""
         index, stride = self.mismatched_range or (None, 0)
         alone = all(record["index"] == index and record["alias"] is None for record in msg["records"])
         return stride == 1 and msg["parts"] == 1 and alone
 
     def receive_checksum_refresh(self, msg, tick):
-        """6.12-8: the track of a body that is mismatched_range, in place of its own; of a packet that was not sent."""
+        """6.12-8: replaces the track of a body with a mismatch; this refresh names a packet that was never sent."""
         for record in msg["records"]:
             index, body = record["index"], self.bodies.get(record["index"])
             if body is None or self.mismatched_range != (index, 1):
                 continue
-            self.dismiss(index)
+            self.forget_body(index)
             body.track, body.before, body.older = track_of_keyframe(tick - record["age"], record["keyframe"]), None, []
             self.known_from = max(self.known_from, body.track.origin)
             self.mismatched_range = None
-            self.last_checksum_refresh.append((index, body.generation))
+            self.resynced.append((index, body.generation))
 
     def checksum_mismatch(self):
-        """5.15: what to send_message while something is mismatched_range."""
+        """5.15: the packet to send while a range has a mismatch."""
         first, stride = self.mismatched_range
         return {"stream": self.stream, "kind": 8, "first": first, "stride": stride}
 
@@ -696,7 +696,7 @@ class Scene:
         if self.mismatched_range and msg["first"] <= self.mismatched_range[0] and sum(self.mismatched_range) <= end:
             self.mismatched_range = None
 
-    # What is known
+    # State of the copy
 
     def is_converged(self):
         return self.has_snapshot and not (self.missing or self.unread or self.pending or self.lost_sync)
@@ -707,47 +707,47 @@ class Scene:
         return self.converged_at
 
     def error_scale(self, tick):
-        """6.16: by what factor bodies may be off at a tick, in eighths; None where that is not known."""
+        """6.16: the factor by which errors may exceed the tolerance at a tick, in eighths; None if unknown."""
         return self.statements.at(tick) if self.capped else 8
 
     def loss_report(self):
         """5.13"""
         lost = [number & 0xFFFF for number in sorted(self.missing)[: LIMITS["LOST_NAMED_MAX"]]]
         head = {"stream": self.stream, "kind": 6, "next": self.next & 0xFFFF}
-        # No repair_symbols are asked for: refreshes do (6.15).
-        return head | {"abandoned": self.gone & 0xFFFF, "repair_symbols": 0, "lost": lost}
+        # Repair symbols are not requested: refreshes suffice (6.15).
+        return head | {"abandoned": self.lost_on_link & 0xFFFF, "repair_symbols": 0, "lost": lost}
 
 
-# 6.16 ErrorScaleLog
+# 6.16 Error scale
 
 UNBOUNDED = float("inf")
 
 
 def stated(msg):
-    """The error_scale that a packet or a watermark states, in eighths."""
+    """The error scale of a packet or watermark, in eighths."""
     eighths = msg.get("error_scale_eighths", 8)
     return UNBOUNDED if eighths is None else eighths
 
 
 class ErrorScaleLog:
-    """What a stream with a budget msg of how far off its bodies are; factors in eighths."""
+    """The error scales stated by a stream with a budget; factors in eighths."""
 
     def __init__(self, number, snapshot):
-        self.msg, self.next, self.since = [], number, snapshot
+        self.factors, self.next, self.since = [], number, snapshot
 
     def packet(self, number, tick, error_scale):
-        """`error_scale`: what it states, if it ends its tick."""
+        """`error_scale`: the stated factor, if the packet ends its tick."""
         since = self.since if number == self.next else tick
         if error_scale is not None:
-            self.msg.append((since, tick, error_scale))
+            self.factors.append((since, tick, error_scale))
         if number >= self.next:
             self.next, self.since = number + 1, tick + 1 if error_scale is not None else since
 
     def watermark(self, number, tick, error_scale):
-        self.msg.append((self.since if number == self.next else tick, tick, error_scale))
+        self.factors.append((self.since if number == self.next else tick, tick, error_scale))
 
     def at(self, tick):
-        least = min((error_scale for first, last, error_scale in self.msg if first <= tick <= last), default=UNBOUNDED)
+        least = min((error_scale for first, last, error_scale in self.factors if first <= tick <= last), default=UNBOUNDED)
         return None if least == UNBOUNDED else least
 
 

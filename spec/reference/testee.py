@@ -1,7 +1,7 @@
-"""The client of client.py as one under test: `rhumb-conformance client --exec "python3 spec/reference/testee.py"`.
+"""client.py as a client under test: `rhumb-conformance client --exec "python3 spec/reference/testee.py"`.
 
-Report by its environment where to go and what to task, as docs/book/src/implementing.md says; tells what its copy holds, a JSON object a
-line. Exit code 127: it has not what it is ordered to do.
+The environment gives its server and its task, as docs/book/src/implementing.md describes; it reports the state of its copy, one
+JSON object per line. Exit code 127: the task is unsupported.
 """
 
 import asyncio
@@ -22,10 +22,10 @@ UNSUPPORTED = 127
 
 @dataclass
 class Task:
-    choice: dict  # the stream that it joins
-    ticks: int = 0  # up to which it asks for each
-    change: dict = None  # the stream that it follows then
-    has_authority: int = None  # within how many micrometres
+    choice: dict  # the stream that it joins first
+    ticks: int = 0  # the last tick that it requests
+    change: dict = None  # the stream that it changes to
+    upstream_micrometres: int = None  # tolerance of the upstream in micrometres
 
 
 def within(micrometres):
@@ -33,7 +33,7 @@ def within(micrometres):
 
 
 def read(task):
-    """None where the task means nothing here."""
+    """The parsed task; None if it is unknown."""
     match task.split(" "):
         case ["subscribe", "full"]:
             return Task({"is": "full"})
@@ -47,12 +47,12 @@ def read(task):
         case ["subscribe", micrometres, "change", other]:
             return Task(within(micrometres), change=within(other))
         case ["upstream", micrometres]:
-            return Task({"is": "full"}, has_authority=int(micrometres))
+            return Task({"is": "full"}, upstream_micrometres=int(micrometres))
     return None
 
 
 class Report:
-    """Tells of each tick at which the copy is complete, and asks for the next if that is requested_authority."""
+    """Reports each complete tick, and requests the next one if the task says so."""
 
     def __init__(self, member, ticks):
         self.member, self.ticks, self.last, self.authority = member, ticks, None, None
@@ -62,11 +62,11 @@ class Report:
         self.last = None
 
     def note(self, scene):
-        for index, generation in scene.last_checksum_refresh:
+        for index, generation in scene.resynced:
             write_line({"is": "resynced", "body": f"{index}:{generation}"})
-        scene.last_checksum_refresh = []
+        scene.resynced = []
         tick = scene.complete()
-        if not scene.whole or not scene.is_converged() or tick == self.last:
+        if not scene.has_snapshot or not scene.is_converged() or tick == self.last:
             return
         self.last = tick
         moving = {
@@ -78,7 +78,7 @@ class Report:
         if tick < self.ticks:
             self.member.advance(tick + 1)
         if self.authority:
-            self.authority.go_on(tick)
+            self.authority.publish_next(tick)
 
 
 def write_line(line):
@@ -91,8 +91,8 @@ async def subscribe(task):
     configuration.max_datagram_frame_size, configuration.idle_timeout = 65536, 10.0
     async with connect(host.strip("[]"), int(port), configuration=configuration, create_protocol=client.Member) as member:
         member.must_be(os.environ["RHUMB_FINGERPRINT"].lower())
-        reported = Report(member, task.ticks)
-        member.on_state, member.on_change = reported.note, reported.change
+        report = Report(member, task.ticks)
+        member.on_state, member.on_change = report.note, report.change
         greased = [{"id": 27, "value": "00"}]
         hello = {"is": "Hello", "magic": 0x424D4852, "versions": [0x4A4A, 1], "scene": os.environ["RHUMB_SCENE"]}
         member.send_message(hello | {"extensions": greased})
@@ -106,10 +106,10 @@ async def subscribe(task):
                 write_line({"is": "joined"})
                 if task.change:
                     member.send_message({"is": "Subscribe", "choice": task.change})
-                if task.has_authority:
-                    reported.authority = authority.Authority(member, task.has_authority)
-                    reported.authority.begin()
-                    heeding = asyncio.ensure_future(reported.authority.heed())
+                if task.upstream_micrometres:
+                    report.authority = authority.Authority(member, task.upstream_micrometres)
+                    report.authority.begin()
+                    answers = asyncio.ensure_future(report.authority.handle_answers())
                 await member.refresh()
         except (client.Ended, asyncio.TimeoutError):
             pass
@@ -119,7 +119,7 @@ async def subscribe(task):
 def main():
     missing = [name for name in ("RHUMB_ADDR", "RHUMB_FINGERPRINT", "RHUMB_SCENE", "RHUMB_TASK") if name not in os.environ]
     if missing:
-        sys.exit(f"error: not reported {', '.join(missing)}: rhumb-conformance starts this")
+        sys.exit(f"error: {', '.join(missing)} missing; rhumb-conformance starts this program")
     try:
         task = read(os.environ["RHUMB_TASK"])
     except ValueError:

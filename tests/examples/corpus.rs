@@ -1,4 +1,4 @@
-//! Unpacks the kept inputs of a fuzzer into files, or keeps those of a folder
+//! Unpacks the kept inputs of a fuzzer into files, or packs those of a folder.
 
 use std::path::PathBuf;
 
@@ -14,9 +14,9 @@ struct Options {
 
 #[derive(Subcommand)]
 enum Action {
-    /// Writes what is kept, and what the golden vectors give, into a folder.
+    /// Writes the kept inputs and those from the golden vectors into a folder.
     Unpack { target: String, folder: PathBuf },
-    /// Keeps the shortest inputs of a folder, up to so many bytes, and what is known of findings.
+    /// Keeps the shortest inputs of a folder up to a number of bytes, and the findings.
     Pack {
         target: String,
         folder: PathBuf,

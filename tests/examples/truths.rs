@@ -1,4 +1,4 @@
-//! Prints what bodies of some scenes do, to the bit; `--write` writes it.
+//! Prints bit-exact reference motions of some scenes; `--write` writes them.
 
 use std::io::Write;
 use std::path::Path;

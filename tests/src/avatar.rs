@@ -1,6 +1,6 @@
-//! Bodies that a simulator of its own moves: how they walk, and their scene.
+//! A test scene of avatars that a client moves, and their trajectories.
 //!
-//! A walk is a function of the tick, so that what was said of it can be judged afterwards.
+//! A trajectory is a function of the tick, so that published states can be checked afterwards.
 
 use core::num::NonZeroU32;
 
@@ -11,61 +11,61 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tick, ToleranceScale};
 use rhumb_sims::Script;
 
-/// A floor, avatars that nothing moves yet, a box on a small platform, and a body that always turns.
+/// A floor, avatars that no client moves yet, a box on a small platform, and a body that always turns.
 ///
-/// The last one is there so that a full stream of the scene has something to say at every tick.
+/// The turning body ensures that a full stream of the scene has an update at every tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Avatars(pub u32);
 
-/// The floor is the first body.
+/// Index of the floor.
 const FLOOR: u32 = 0;
-/// The one that turns.
+/// Index of the turning body.
 const TURNING: u32 = 1;
-/// The platform, kinematic as the avatars are.
+/// Index of the platform, which is kinematic like the avatars.
 const PLATFORM: u32 = 2;
-/// What lies on it.
+/// Index of the box on the platform.
 const FREIGHT: u32 = 3;
 const AVATARS: u32 = 4;
 
-/// Metres from the middle of its way to an avatar.
-const WAY_RADIUS: f64 = 3.0;
-/// m/s, for four of every six seconds.
+/// Radius of an avatar's circular path, in metres.
+const PATH_RADIUS: f64 = 3.0;
+/// Walking speed in m/s, for four of every six seconds.
 const WALK: f64 = 1.4;
 const TICKS_WALKING: u64 = 240;
 const TICKS_STANDING: u64 = 120;
 
 impl Avatars {
-    /// One of the avatars.
+    /// Id of an avatar.
     #[must_use]
     pub const fn id(place: u32) -> BodyId {
         BodyId::new(AVATARS + place, 0)
     }
 
-    /// The platform.
+    /// Id of the platform.
     #[must_use]
     pub const fn platform() -> BodyId {
         BodyId::new(PLATFORM, 0)
     }
 
-    /// The box on the platform.
+    /// Id of the box on the platform.
     #[must_use]
     pub const fn freight() -> BodyId {
         BodyId::new(FREIGHT, 0)
     }
 
-    /// The floor.
+    /// Id of the floor.
     #[must_use]
     pub const fn floor() -> BodyId {
         BodyId::new(FLOOR, 0)
     }
 
-    /// Where the platform is before anybody moves it.
+    /// Initial state of the platform.
     #[must_use]
-    pub fn berth() -> BodyState {
+    pub fn platform_start() -> BodyState {
         still(Vec3::new(0.0, 0.5, 20.0))
     }
 
-    /// Where an avatar is at a tick, and how it walks: along a circle, with a rest now and then.
+    /// State of an avatar at a tick: it walks along a circle, with regular pauses.
     #[must_use]
     pub fn walk(place: u32, tick: Tick) -> BodyState {
         let shifted = tick.value() + 37 * u64::from(place);
@@ -73,24 +73,24 @@ impl Avatars {
         let within = shifted % (TICKS_WALKING + TICKS_STANDING);
         let walked = round * TICKS_WALKING + within.min(TICKS_WALKING);
         let speed = if within < TICKS_WALKING { WALK } else { 0.0 };
-        let angle = walked as f64 / 60.0 * WALK / WAY_RADIUS;
+        let angle = walked as f64 / 60.0 * WALK / PATH_RADIUS;
         let (sin, cos) = angle.sin_cos();
         let middle = f64::from(place) * 8.0;
         let position = [
-            (middle + WAY_RADIUS * cos) as f32,
+            (middle + PATH_RADIUS * cos) as f32,
             0.8,
-            (WAY_RADIUS * sin) as f32,
+            (PATH_RADIUS * sin) as f32,
         ];
         let linear = [(-speed * sin) as f32, 0.0, (speed * cos) as f32];
         let turn = Quat::from_rotation_y(-angle as f32);
-        let angular = [0.0, (-speed / WAY_RADIUS) as f32, 0.0];
-        BodyState::new(position, turn.to_array(), linear, angular).expect("a walk is finite")
+        let angular = [0.0, (-speed / PATH_RADIUS) as f32, 0.0];
+        BodyState::new(position, turn.to_array(), linear, angular).expect("finite numbers")
     }
 }
 
 fn still(position: Vec3) -> BodyState {
     let upright = [0.0, 0.0, 0.0, 1.0];
-    BodyState::new(position.to_array(), upright, [0.0; 3], [0.0; 3]).expect("places are finite")
+    BodyState::new(position.to_array(), upright, [0.0; 3], [0.0; 3]).expect("finite numbers")
 }
 
 impl Script for Avatars {
@@ -145,11 +145,11 @@ impl Script for Avatars {
                 BodyKind::Kinematic => ToleranceScale::AVATAR,
                 BodyKind::Static | BodyKind::Dynamic => ToleranceScale::USUAL,
             };
-            let config = BodyDesc {
+            let desc = BodyDesc {
                 tolerance_scale,
                 ..BodyDesc::plain(BodyId::new(index, 0), kind, ShapeId(shape))
             };
-            out.push(Command::AddBody { config, motion });
+            out.push(Command::AddBody { desc, motion });
         };
         add(FLOOR, BodyKind::Static, 0, still(Vec3::new(0.0, -0.5, 0.0)));
         add(
@@ -158,7 +158,7 @@ impl Script for Avatars {
             2,
             still(Vec3::new(0.0, 30.0, 0.0)),
         );
-        add(PLATFORM, BodyKind::Kinematic, 1, Self::berth());
+        add(PLATFORM, BodyKind::Kinematic, 1, Self::platform_start());
         add(
             FREIGHT,
             BodyKind::Dynamic,

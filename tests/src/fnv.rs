@@ -1,33 +1,33 @@
-//! FNV-1a of 64 bits: a number that stands for bytes.
+//! FNV-1a of 64 bits: a hash of bytes for comparisons.
 //!
-//! A comparison, no signature.
+//! It is not cryptographic.
 
 use rhumb_reckoning::Motion;
 
-/// The digest of some bytes so far.
+/// The hash of the bytes so far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Fnv(u64);
 
 impl Fnv {
-    /// Of no bytes. Source: Fowler, Noll and Vo, the 64-bit constants, as is [`Self::PRIME`].
+    /// The hash of no bytes. Source: Fowler, Noll and Vo, the 64-bit constants, like [`Self::PRIME`].
     pub(crate) const START: Self = Self(0xcbf2_9ce4_8422_2325);
 
     const PRIME: u64 = 0x0000_0100_0000_01b3;
 
-    /// One that goes on from a digest.
+    /// Continues from a hash.
     #[must_use]
     pub(crate) const fn from(digest: u64) -> Self {
         Self(digest)
     }
 
-    /// Folds bytes in.
+    /// Adds bytes.
     pub(crate) fn fold(&mut self, bytes: &[u8]) {
         for byte in bytes {
             self.0 = (self.0 ^ u64::from(*byte)).wrapping_mul(Self::PRIME);
         }
     }
 
-    /// Folds in the thirteen doubles of a motion, least significant byte first.
+    /// Adds the thirteen doubles of a motion, least significant byte first.
     pub(crate) fn fold_motion(&mut self, motion: &Motion) {
         let (pose, twist) = (motion.pose(), motion.twist());
         let parts: [&[f64]; 4] = [
@@ -41,7 +41,7 @@ impl Fnv {
         }
     }
 
-    /// As a number.
+    /// The hash as a number.
     #[must_use]
     pub(crate) const fn value(self) -> u64 {
         self.0

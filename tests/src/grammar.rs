@@ -1,7 +1,7 @@
-//! The control messages, read by `spec/tables/protocol.json` alone.
+//! Decodes control messages by `spec/tables/protocol.json` only.
 //!
-//! Knows nothing of the codec: what both make of the same bytes is compared elsewhere. A value is JSON: fields by name,
-//! `is` for which of several it is, f32s as the eight hexadecimal digits of their bits, bytes as hexadecimal digits.
+//! It is independent of the codec; other code compares the two. A decoded value is JSON: fields by name, `is` for the
+//! variant, f32s as the eight hexadecimal digits of their bits, bytes as hexadecimal digits.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -9,43 +9,43 @@ use std::path::Path;
 
 use serde_json::{Map, Value, json};
 
-/// The table.
+/// The table of messages.
 #[derive(Debug)]
 pub struct Grammar {
     table: Value,
 }
 
-/// Where one number of a message stands, and what the table says of it.
+/// The position of one number in a message, and its constraints in the table.
 #[derive(Clone, Debug)]
 pub struct Span {
-    /// The names that lead to it, with dots between.
+    /// The names of the fields that lead to it, separated by dots.
     pub path: String,
-    /// Its primitive, or `code`.
+    /// Its primitive type, or `code`.
     pub kind: String,
     /// First byte.
     pub start: usize,
-    /// Behind its last byte.
+    /// One past its last byte.
     pub end: usize,
-    /// Least and most, if the table bounds it.
+    /// Least and greatest value, if the table bounds it.
     pub bounds: (Option<u64>, Option<u64>),
-    /// What it must not be, as bytes.
+    /// The forbidden value, as bytes.
     pub not: Option<Vec<u8>>,
 }
 
-/// Why the table does not have such bytes.
+/// The reason why bytes do not match the table.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unreadable(pub String);
 
 impl Grammar {
-    /// The table of this house.
+    /// The table of this repository.
     ///
     /// # Panics
     ///
-    /// When it is not there, or no JSON.
+    /// When it is missing or is not JSON.
     #[must_use]
     pub fn load() -> Self {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/tables/protocol.json");
-        let text = std::fs::read_to_string(path).expect("the table lies beside this package");
+        let text = std::fs::read_to_string(path).expect("the table is in the repository");
         let table = serde_json::from_str(&text).expect("the table is JSON");
         Self { table }
     }
@@ -63,7 +63,9 @@ impl Grammar {
     /// When the table has none.
     #[must_use]
     pub fn limits(&self) -> BTreeMap<&str, f64> {
-        let limits = self.table["limits"].as_object().expect("limits by name");
+        let limits = self.table["limits"]
+            .as_object()
+            .expect("an object of limits");
         let number = |value: &Value| value.as_f64().expect("a limit is a number");
         limits
             .iter()
@@ -71,11 +73,11 @@ impl Grammar {
             .collect()
     }
 
-    /// What bytes mean as one whole value of a type, and where its numbers stand.
+    /// Decodes bytes as one whole value of a type; also returns the position of each number.
     ///
     /// # Errors
     ///
-    /// [`Unreadable`] when they are not one by the table.
+    /// [`Unreadable`] when they do not match the table.
     pub fn read(&self, name: &str, bytes: &[u8]) -> Result<(Value, Vec<Span>), Unreadable> {
         let mut reading = Reading {
             grammar: self,
@@ -87,7 +89,7 @@ impl Grammar {
         let value = reading.named(name, &json!({}))?;
         if reading.at < bytes.len() {
             return Err(Unreadable(format!(
-                "{} bytes behind",
+                "{} trailing bytes",
                 bytes.len() - reading.at
             )));
         }
@@ -121,13 +123,13 @@ impl Reading<'_> {
 
     fn take(&mut self, count: usize) -> Result<&[u8], Unreadable> {
         if self.bytes.len() - self.at < count {
-            return self.fail("ends too soon");
+            return self.fail("ends too early");
         }
         self.at += count;
         Ok(&self.bytes[self.at - count..self.at])
     }
 
-    /// A value of a type that the table names, or of a primitive that `field` bounds.
+    /// Decodes a value of a named type, or of a primitive that `field` bounds.
     fn named(&mut self, name: &str, field: &Value) -> Result<Value, Unreadable> {
         let grammar = self.grammar;
         let Some(definition) = grammar.table["types"].get(name) else {
@@ -152,7 +154,7 @@ impl Reading<'_> {
         let codes = definition["codes"].as_array().expect("codes are listed");
         let excepted = field["except"].as_array();
         if excepted.is_some_and(|excepted| excepted.iter().any(|other| *other == code)) {
-            return self.fail("a code that is not sent here");
+            return self.fail("a code that is not allowed here");
         }
         if let Some(row) = codes.iter().find(|row| row["code"] == code) {
             let mut sent = Map::new();
@@ -165,7 +167,7 @@ impl Reading<'_> {
             let rest = hex(self.take(self.bytes.len() - self.at)?);
             return Ok(json!({"is": code, "rest": rest}));
         }
-        self.fail("no such code")
+        self.fail("unknown code")
     }
 
     fn fields(&mut self, fields: &Value) -> Result<Map<String, Value>, Unreadable> {
@@ -188,7 +190,7 @@ impl Reading<'_> {
                     .zip(sent[whole[0].as_str().unwrap_or_default()].as_u64());
                 let product = product.and_then(|(one, other)| one.checked_mul(other));
                 if product.is_none() || product > most {
-                    return self.fail("a product out of range");
+                    return self.fail("product out of range");
                 }
             }
             self.path.pop();
@@ -199,7 +201,7 @@ impl Reading<'_> {
 
     fn times(&mut self, field: &Value) -> Result<Value, Unreadable> {
         let times = &field["times"];
-        let kind = times[0].as_str().expect("what is repeated has a type");
+        let kind = times[0].as_str().expect("a repeated field has a type");
         let bounds = json!({"least": times[1], "most": times[2]});
         let counted_by = field["counted by"].as_str().unwrap_or("varint");
         self.path.push("count".to_owned());
@@ -208,11 +210,11 @@ impl Reading<'_> {
         self.repeated(kind, count.as_u64().unwrap_or_default())
     }
 
-    /// As many of a type as fields that were sent before make when multiplied.
+    /// Decodes a repeated field whose count is the product of earlier fields.
     fn each(&mut self, field: &Value, sent: &Map<String, Value>) -> Result<Value, Unreadable> {
         let each = field["each"].as_array().expect("a type and names");
         let mut names = each.iter().map(|name| name.as_str().unwrap_or_default());
-        let kind = names.next().expect("what is repeated has a type");
+        let kind = names.next().expect("a repeated field has a type");
         let count = names.map(|name| sent[name].as_u64().unwrap_or_default());
         self.repeated(kind, count.product())
     }
@@ -275,11 +277,11 @@ impl Reading<'_> {
                 Value::String(hex(self.take(left)?))
             }
             "sized" | "text" => return self.sized(kind, bounds, field),
-            _ => return self.fail("a type that no table has"),
+            _ => return self.fail("unknown type"),
         };
         let not = field["not"].as_str().map(unhex);
         if not.as_deref() == Some(&self.bytes[start..self.at]) {
-            return self.fail("should have been left out");
+            return self.fail("must be left out");
         }
         self.note(kind, start, bounds, not);
         Ok(value)
@@ -304,7 +306,7 @@ impl Reading<'_> {
         let allowed = |c: &u8| c.is_ascii_alphanumeric() || b"-_./".contains(c);
         match String::from_utf8(bytes) {
             Ok(text) if text.as_bytes().iter().all(allowed) => Ok(Value::String(text)),
-            _ => self.fail("a character that no name has"),
+            _ => self.fail("invalid character in a name"),
         }
     }
 
@@ -367,7 +369,7 @@ impl Reading<'_> {
     }
 }
 
-/// Whether a field is there, by what was sent before it.
+/// Whether an optional field is present, given the earlier fields.
 fn is_there(field: &Value, sent: &Map<String, Value>) -> bool {
     let Some(when) = field["when"].as_array() else {
         return true;
@@ -392,12 +394,12 @@ pub fn hex(bytes: &[u8]) -> String {
 ///
 /// # Panics
 ///
-/// When the text is not of such digits.
+/// When the text contains other characters.
 #[must_use]
 pub fn unhex(text: &str) -> Vec<u8> {
     let digits: Vec<_> = text.bytes().filter(|byte| *byte != b' ').collect();
     let pairs = digits.chunks(2).map(|pair| {
-        let pair = std::str::from_utf8(pair).expect("digits are text");
+        let pair = std::str::from_utf8(pair).expect("ASCII digits");
         u8::from_str_radix(pair, 16).expect("hexadecimal digits")
     });
     pairs.collect()

@@ -1,6 +1,6 @@
-//! What the tests of the whole share: stage, truth, table, process.
+//! Shared code of the workspace tests: stage, truth, table, process.
 //!
-//! No promise is kept here; the families in `tests/` are. Nothing here sleeps or reads a clock.
+//! It contains no tests; those are in `tests/`. Nothing here sleeps or reads a clock.
 #![forbid(unsafe_code)]
 
 mod avatar;
@@ -25,7 +25,7 @@ mod walk;
 mod witness;
 
 pub use avatar::Avatars;
-pub use plugin::{PluginSession, Recording, falling, hear};
+pub use plugin::{PluginSession, Recording, deliver, falling};
 pub use process::{Ended, Programme, ServerProcess};
 pub use raw_peer::RawPeer;
 pub use scripted_session::ScriptedSession;

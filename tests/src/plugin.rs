@@ -1,8 +1,8 @@
-//! OpenSimulator's plug-in as it was recorded, and what a host answers it.
+//! Recordings of OpenSimulator's plug-in, played to a server without sockets.
 //!
-//! The recordings in `data/app/` are every byte that the unmodified plug-in wrote on TCP in a session; its one datagram is
-//! a copy of its first message. `PluginSession` plays them to a host without sockets and keeps what comes back, message by
-//! message, after checking that none of it would hurt the plug-in.
+//! The recordings in `data/app/` are all bytes that the unmodified plug-in wrote on TCP in a session; its one datagram
+//! is a copy of its first message. `PluginSession` plays them to a server loop and keeps the answers, message by
+//! message, after checking that none would break the plug-in.
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
@@ -16,18 +16,18 @@ use rhumb_protocol::{Instant, Peer};
 use rhumb_server::ServerLoop;
 use rhumb_transport::{AppEndpoint, AppTransmit};
 
-/// What the plug-in said in one session.
+/// The messages of the plug-in in one session.
 #[derive(Clone, Debug)]
 pub struct Recording {
-    /// Every byte that it wrote on TCP.
+    /// All bytes that it wrote on TCP.
     pub bytes: Vec<u8>,
-    /// The same, cut into messages.
+    /// The same, split into messages.
     pub messages: Vec<Message>,
-    /// Where each begins in the bytes, and the end.
+    /// Start of each message in the bytes, and the end.
     borders: Vec<usize>,
 }
 
-/// Bytes of the datagram that the plug-in sends: its logon.
+/// Length of the datagram that the plug-in sends: its logon.
 const LOGON_BYTES: usize = 76;
 
 impl Recording {
@@ -35,24 +35,31 @@ impl Recording {
     ///
     /// # Panics
     ///
-    /// When it is none.
+    /// When it is not a valid recording.
     #[must_use]
     pub fn unpack(packed: &[u8]) -> Self {
-        let bytes = zstd::decode_all(packed).expect("a recording of this repository");
+        let bytes = zstd::decode_all(packed).expect("a valid recording");
         let mut frames = MessageFraming::default();
         let (mut messages, mut borders) = (Vec::new(), vec![0]);
         let mut fed = 0;
         while fed < bytes.len() {
-            // Byte by byte through a header, then its body at once: a border is where a message comes out.
+            // Up to the header byte by byte, then the body at once: a message comes out exactly at its end.
             let next = (fed + 4).min(bytes.len());
             frames.push(&bytes[fed..next]);
             fed = next;
-            while let Some(framed) = frames.next_message().expect("the plug-in says messages") {
+            while let Some(framed) = frames
+                .next_message()
+                .expect("the plug-in sends whole messages")
+            {
                 messages.push(framed.message);
                 borders.push(fed);
             }
         }
-        assert_eq!(borders.last(), Some(&bytes.len()), "no byte is left over");
+        assert_eq!(
+            borders.last(),
+            Some(&bytes.len()),
+            "the recording ends with a whole message"
+        );
         Self {
             bytes,
             messages,
@@ -72,51 +79,51 @@ impl Recording {
         ends.map(|ends| &self.bytes[ends[0]..ends[1]])
     }
 
-    /// How often it says something.
+    /// The number of messages of this kind.
     #[must_use]
     pub fn count(&self, kind: Kind) -> usize {
         self.messages.iter().filter(|m| m.kind() == kind).count()
     }
 }
 
-/// A session with a host.
+/// A session with a server.
 #[derive(Debug)]
 pub struct PluginSession {
     peer: Peer,
     from: SocketAddr,
-    /// What came on TCP.
-    pub lasting: Vec<Message>,
-    /// What came by datagram.
-    pub passing: Vec<Message>,
-    /// Every state in the order in which it came, on either way, each with the frame that it came in; the first is 1.
+    /// Messages received on TCP.
+    pub tcp_messages: Vec<Message>,
+    /// Messages received by datagram.
+    pub datagram_messages: Vec<Message>,
+    /// Every received state in order of arrival, from both transports, with the number of its frame; the first is 1.
     pub states: Vec<(usize, Motion)>,
-    /// Bytes that wait on its TCP, as the host is told before it hears something.
+    /// Number of bytes queued on its TCP connection, as passed to the server with every event.
     pub waiting_bytes: usize,
-    /// Bytes that came on TCP.
+    /// Number of bytes received on TCP.
     pub stream_bytes: usize,
-    /// Whether the host closed the connection.
+    /// Whether the server closed the connection.
     pub closed: bool,
-    /// One more than frames are over.
+    /// Number of finished frames, plus one.
     frame: usize,
     frames: MessageFraming,
 }
 
-/// What the published plug-in takes in one read, and what fits a segment.
+/// The most that the published plug-in accepts in one read; it also fits into one TCP segment.
 const PIECE_BYTES_MAX: usize = 1_400;
 
 impl PluginSession {
-    /// Connects, and logs on by datagram as the plug-in does.
-    pub fn begin(host: &mut ServerLoop, number: u16, logon: &[u8]) -> Self {
+    /// Connects, and sends the logon by datagram as the plug-in does.
+    pub fn begin(server: &mut ServerLoop, number: u16, logon: &[u8]) -> Self {
         let from = SocketAddr::from(([127, 0, 0, 1], 40_000 + number));
         let udp = SocketAddr::from(([127, 0, 0, 1], 50_000 + number));
         let peer = Peer(1 << 63 | u64::from(number));
-        host.handle_app_datagram(Instant::ZERO, udp, logon);
-        host.handle_app_opened(Instant::ZERO, peer, from);
+        server.handle_app_datagram(Instant::ZERO, udp, logon);
+        server.handle_app_opened(Instant::ZERO, peer, from);
         Self {
             peer,
             from: udp,
-            lasting: Vec::new(),
-            passing: Vec::new(),
+            tcp_messages: Vec::new(),
+            datagram_messages: Vec::new(),
             states: Vec::new(),
             waiting_bytes: 0,
             stream_bytes: 0,
@@ -126,20 +133,20 @@ impl PluginSession {
         }
     }
 
-    /// Says bytes, and hears what the host answers to anybody.
-    pub fn say(&mut self, host: &mut ServerLoop, bytes: &[u8]) {
-        host.handle_app_waiting(Instant::ZERO, self.peer, self.waiting_bytes);
-        host.handle_app_bytes(Instant::ZERO, self.peer, bytes);
+    /// Sends bytes, and receives the server's answers.
+    pub fn send(&mut self, server: &mut ServerLoop, bytes: &[u8]) {
+        server.handle_app_waiting(Instant::ZERO, self.peer, self.waiting_bytes);
+        server.handle_app_bytes(Instant::ZERO, self.peer, bytes);
         let mut others = [];
-        hear(host, self, &mut others);
+        deliver(server, self, &mut others);
     }
 
-    /// The connection is gone.
-    pub fn end(&self, host: &mut ServerLoop) {
-        host.handle_app_ended(Instant::ZERO, self.peer);
+    /// Ends the connection.
+    pub fn end(&self, server: &mut ServerLoop) {
+        server.handle_app_ended(Instant::ZERO, self.peer);
     }
 
-    /// The last state of each actor, whichever way it came.
+    /// The last state of each actor, from either transport.
     #[must_use]
     pub fn last_states(&self) -> BTreeMap<u32, Motion> {
         let states = self.states.iter();
@@ -148,7 +155,7 @@ impl PluginSession {
             .collect()
     }
 
-    /// The states of one actor, by the frames that they came in; the last of each.
+    /// The states of one actor by frame; the last one of each frame.
     #[must_use]
     pub fn track(&self, object: u32) -> BTreeMap<usize, Motion> {
         let states = self.states.iter();
@@ -156,34 +163,37 @@ impl PluginSession {
         its.copied().collect()
     }
 
-    /// How often it received something.
+    /// The number of received messages of this kind.
     #[must_use]
     pub fn received(&self, kind: Kind) -> usize {
-        let all = self.lasting.iter().chain(&self.passing);
+        let all = self.tcp_messages.iter().chain(&self.datagram_messages);
         all.filter(|message| message.kind() == kind).count()
     }
 
     fn take(&mut self, transmit: &AppTransmit) {
         match transmit {
             AppTransmit::Bytes { bytes, .. } => {
-                assert!(bytes.len() <= PIECE_BYTES_MAX, "a read may cut it");
+                assert!(
+                    bytes.len() <= PIECE_BYTES_MAX,
+                    "a longer write would be split by the plug-in's read"
+                );
                 self.stream_bytes += bytes.len();
                 self.frames.push(bytes);
                 while let Some(framed) = self.frames.next_message().expect("messages") {
                     self.note(&framed.message);
-                    self.lasting.push(framed.message);
+                    self.tcp_messages.push(framed.message);
                 }
                 let whole = self.frames.next_message();
                 assert_eq!(whole, Ok(None));
             }
             AppTransmit::Datagram { bytes, .. } => {
-                let message = Message::from_datagram(bytes).expect("a message");
+                let message = Message::from_datagram(bytes).expect("a valid message");
                 let mut again = Vec::new();
                 let index = u32::from_be_bytes(bytes[4..8].try_into().expect("four bytes"));
                 message.encode(index, &mut again);
-                assert_eq!(&again[..], &bytes[..], "one message in a datagram");
+                assert_eq!(&again[..], &bytes[..], "a datagram contains one message");
                 self.note(&message);
-                self.passing.push(message);
+                self.datagram_messages.push(message);
             }
             AppTransmit::Close { .. } => self.closed = true,
         }
@@ -198,47 +208,51 @@ impl PluginSession {
     }
 }
 
-/// Hands what a host has to say to those whom it concerns.
+/// Delivers the server's transmits to the sessions that they are addressed to.
 ///
 /// # Panics
 ///
-/// When it concerns nobody here.
-pub fn hear(host: &mut ServerLoop, first: &mut PluginSession, others: &mut [&mut PluginSession]) {
-    while let Some(transmit) = host.poll_app() {
-        let concerns = |talk: &PluginSession| match &transmit {
-            AppTransmit::Bytes { to, .. } | AppTransmit::Close { to } => *to == talk.peer,
-            AppTransmit::Datagram { to, .. } => *to == talk.from,
+/// When a transmit is addressed to another peer.
+pub fn deliver(
+    server: &mut ServerLoop,
+    first: &mut PluginSession,
+    others: &mut [&mut PluginSession],
+) {
+    while let Some(transmit) = server.poll_app() {
+        let concerns = |session: &PluginSession| match &transmit {
+            AppTransmit::Bytes { to, .. } | AppTransmit::Close { to } => *to == session.peer,
+            AppTransmit::Datagram { to, .. } => *to == session.from,
         };
         if concerns(first) {
             first.take(&transmit);
             continue;
         }
-        let other = others.iter_mut().find(|talk| concerns(talk));
+        let other = others.iter_mut().find(|session| concerns(session));
         other
-            .unwrap_or_else(|| panic!("{transmit:?} is for nobody"))
+            .unwrap_or_else(|| panic!("{transmit:?} has no receiver"))
             .take(&transmit);
     }
 }
 
-/// What a client says that has so many balls fall for ever, none of which touches another; its frames are still to come.
+/// The messages of a client whose balls fall forever without contacts, before its first frame.
 #[must_use]
 pub fn falling(simulation: u32, balls: u32) -> Vec<u8> {
     let id = |object| Id { simulation, object };
     let mut bytes = Vec::new();
-    let mut say = |message: &Message| message.encode(0, &mut bytes);
-    say(&Message::Logon(Logon::new(simulation, "falling")));
-    say(&Message::SetWorld(SetWorld {
+    let mut send = |message: &Message| message.encode(0, &mut bytes);
+    send(&Message::Logon(Logon::new(simulation, "falling")));
+    send(&Message::SetWorld(SetWorld {
         plane: id(0),
         gravity: Vec3::new(0.0, 0.0, -10.0),
         static_friction: 0.5,
         kinetic_friction: 0.5,
         restitution: 0.0,
         margin: 0.0,
-        // So deep that there is none.
+        // So deep that the balls never reach it.
         height: -1e5,
         normal: Vec3::Z,
     }));
-    say(&Message::AddSphere((id(100), Vec3::ZERO, 0.5)));
+    send(&Message::AddSphere((id(100), Vec3::ZERO, 0.5)));
     for ball in 0..balls {
         let actor = id(1_000 + ball);
         let place = Vec3::new((ball % 32) as f32, (ball / 32) as f32, 0.0);
@@ -250,11 +264,11 @@ pub fn falling(simulation: u32, balls: u32) -> Vec<u8> {
             linear: Vec3::ZERO,
             angular: Vec3::ZERO,
         };
-        say(&Message::CreateDynamicActor(CreateDynamicActor {
+        send(&Message::CreateDynamicActor(CreateDynamicActor {
             motion,
             flags: 0,
         }));
-        say(&Message::AttachShape(AttachShape {
+        send(&Message::AttachShape(AttachShape {
             actor,
             shape: id(100),
             surface: Surface {

@@ -1,7 +1,7 @@
-//! A server in a process of its own, as an operator would run it.
+//! A server process, as an operator would run it.
 //!
-//! The binary is this package's twin of `rhumb-server`: two lines around the same `cli::main`. Cargo builds it for the
-//! tests of any checkout and tells them where it is, which it does not for a binary of another package.
+//! The binary is this package's copy of `rhumb-server`: two lines around the same `cli::main`. Cargo passes the path
+//! of a binary to tests of the same package only.
 
 use std::io::{BufRead, BufReader, Read};
 use std::net::SocketAddr;
@@ -9,18 +9,18 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 
 use rhumb_transport::Fingerprint;
 
-/// Where the binary is.
+/// The path of the binary.
 #[derive(Clone, Copy, Debug)]
 pub struct Programme(pub &'static str);
 
-/// How a process ended.
+/// The result of a process that has ended.
 #[derive(Clone, Debug)]
 pub struct Ended {
-    /// Its exit code; none when a signal ended it.
+    /// Its exit code; `None` when a signal ended it.
     pub code: Option<i32>,
-    /// What it wrote to standard output.
+    /// Its standard output.
     pub out: String,
-    /// What it wrote to standard error.
+    /// Its standard error.
     pub log: String,
 }
 
@@ -31,22 +31,22 @@ pub struct ServerProcess {
     out: BufReader<ChildStdout>,
     /// Its start-up lines.
     pub lines: Vec<String>,
-    /// Where it listens.
+    /// The address that it listens on.
     pub address: SocketAddr,
-    /// What to pin.
+    /// The fingerprint to pin.
     pub fingerprint: Fingerprint,
-    /// Where clients of the paper's protocol are awaited, if they are.
+    /// The address for clients of the paper's protocol, if enabled.
     pub app: Option<SocketAddr>,
 }
 
 impl Programme {
-    /// Runs it with arguments that it cannot start with, until it ends.
+    /// Runs the binary with invalid arguments, until it ends.
     #[must_use]
-    pub fn fail(self, arguments: &[&str]) -> Ended {
+    pub fn run(self, arguments: &[&str]) -> Ended {
         let child = self.spawn(arguments);
         let output = child
             .wait_with_output()
-            .expect("a child of ours can be waited for");
+            .expect("waiting for a child process");
         Ended {
             code: output.status.code(),
             out: String::from_utf8_lossy(&output.stdout).into_owned(),
@@ -58,13 +58,13 @@ impl Programme {
     ///
     /// # Panics
     ///
-    /// When it does not say where it listens and what to pin.
+    /// When the lines contain no address or no fingerprint.
     #[must_use]
     pub fn serve(self, listen: &str) -> ServerProcess {
         self.serve_with(listen, &[])
     }
 
-    /// The same without a log: nobody reads what a server says while it runs, and it waits once a pipe is full.
+    /// The same without a log: no test reads the log while the server runs, and a full pipe would block it.
     ///
     /// # Panics
     ///
@@ -74,11 +74,11 @@ impl Programme {
         self.serve_logging(listen, "off", &[])
     }
 
-    /// The same for clients of the paper's protocol too, on a free port of loopback, with more arguments.
+    /// The same, also for clients of the paper's protocol on a free port of loopback, with more arguments.
     ///
     /// # Panics
     ///
-    /// When it does not say where it listens.
+    /// When the lines contain no address.
     #[must_use]
     pub fn serve_app(self, listen: &str, more: &[&str]) -> ServerProcess {
         let app = ["--app-listen", "127.0.0.1:0"];
@@ -97,8 +97,8 @@ impl Programme {
         let expected = START_UP_LINES + usize::from(more.contains(&"--app-listen"));
         while lines.len() < expected {
             let mut line = String::new();
-            let read = out.read_line(&mut line).expect("the server says text");
-            assert!(read > 0, "the server ended after it sent {lines:?}");
+            let read = out.read_line(&mut line).expect("the output is text");
+            assert!(read > 0, "the server ended after it wrote {lines:?}");
             lines.push(line.trim_end().to_owned());
         }
         let after = |start: &str| {
@@ -107,14 +107,14 @@ impl Programme {
         };
         let address = after("listening on ")
             .parse()
-            .expect("it listens on an address");
+            .expect("the line contains an address");
         let fingerprint = after("fingerprint ")
             .parse()
-            .expect("it shows a fingerprint");
+            .expect("the line contains a fingerprint");
         let app = lines
             .iter()
             .find_map(|line| line.strip_prefix("app listening on "))
-            .map(|address| address.parse().expect("it listens on an address"));
+            .map(|address| address.parse().expect("the line contains an address"));
         ServerProcess {
             app,
             child,
@@ -132,9 +132,7 @@ impl Programme {
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());
-        command
-            .spawn()
-            .expect("the binary of this package can be run")
+        command.spawn().expect("running the binary of this package")
     }
 }
 
@@ -142,7 +140,7 @@ impl Programme {
 const START_UP_LINES: usize = 4;
 
 impl ServerProcess {
-    /// Its process number.
+    /// Its process id.
     #[must_use]
     pub fn id(&self) -> u32 {
         self.child.id()
@@ -152,35 +150,30 @@ impl ServerProcess {
     ///
     /// # Panics
     ///
-    /// When the system has no such command, or it fails.
+    /// When the system has no `kill` command, or when it fails.
     pub fn signal(&self, name: &str) {
         let status = Command::new("kill")
             .arg(format!("-{name}"))
             .arg(self.id().to_string())
             .status();
-        assert!(status.expect("the system has a kill command").success());
+        assert!(status.expect("running the kill command").success());
     }
 
-    /// Waits until it has ended by itself.
+    /// Waits until the process ends by itself.
     ///
     /// # Panics
     ///
-    /// When the system does not tell.
+    /// When waiting fails.
     #[must_use]
     pub fn wait(mut self) -> Ended {
         let (mut out, mut log) = (String::new(), String::new());
         self.out
             .read_to_string(&mut out)
-            .expect("the server says text");
+            .expect("the output is text");
         if let Some(mut errors) = self.child.stderr.take() {
-            errors
-                .read_to_string(&mut log)
-                .expect("the server logs text");
+            errors.read_to_string(&mut log).expect("the log is text");
         }
-        let status = self
-            .child
-            .wait()
-            .expect("a child of ours can be waited for");
+        let status = self.child.wait().expect("waiting for a child process");
         Ended {
             code: status.code(),
             out,
@@ -188,11 +181,11 @@ impl ServerProcess {
         }
     }
 
-    /// Processor time that it used so far, in clock ticks of 10 ms; none where the system does not say.
+    /// Processor time used so far, in clock ticks of 10 ms; `None` where the system does not provide it.
     #[must_use]
     pub fn processor_ticks(&self) -> Option<u64> {
         let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.id())).ok()?;
-        // The name in brackets may hold anything; user and system time are the 12th and 13th field after it.
+        // The name in brackets may contain spaces; user and system time are the 12th and 13th field after it.
         let (_, fields) = stat.rsplit_once(')')?;
         let mut fields = fields.split_whitespace().skip(11);
         let (user, system): (u64, u64) =
@@ -203,7 +196,7 @@ impl ServerProcess {
 
 impl Drop for ServerProcess {
     fn drop(&mut self) {
-        // One that has ended already needs no ending.
+        // Killing a process that has already ended does nothing.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -1,6 +1,6 @@
-//! A guest that says what no session would, message by message.
+//! A raw peer: a member that sends messages which no session would send.
 //!
-//! Understands the answers and keeps no copy of the scene.
+//! It decodes the answers, and keeps no copy of the scene.
 
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::{ClientMessage, Extensions, Frames, ServerMessage, StreamChoice};
@@ -9,34 +9,34 @@ use rhumb_protocol::session::CloseCode;
 
 use crate::table::{Delivered, Table};
 
-/// A member made of bytes.
+/// A raw peer that is a member of a scene.
 #[derive(Debug)]
 pub struct RawPeer {
     /// Its connection.
     pub peer: Peer,
-    /// Indices that it was granted.
+    /// The id range granted to it.
     pub granted: IdRange,
     frames: Frames,
     commands: u64,
 }
 
 impl RawPeer {
-    /// A member of a scene that exists.
+    /// Joins an existing scene.
     ///
     /// # Panics
     ///
-    /// When it is not let in.
+    /// When joining is denied.
     #[must_use]
     pub fn enter(table: &mut Table, scene: &str) -> Self {
         let peer = table.connect_raw_peer();
-        let mut rude = Self {
+        let mut raw_peer = Self {
             peer,
             granted: IdRange::EMPTY,
             frames: Frames::new(),
             commands: 0,
         };
-        let scene = scene.parse().expect("tests name scenes well");
-        rude.say(
+        let scene = scene.parse().expect("a valid scene name");
+        raw_peer.send(
             table,
             &ClientMessage::Hello {
                 versions: vec![1],
@@ -44,61 +44,66 @@ impl RawPeer {
                 extensions: Extensions::NONE,
             },
         );
-        let received = rude.say(table, &ClientMessage::Join(StreamChoice::Full));
+        let received = raw_peer.send(table, &ClientMessage::Join(StreamChoice::Full));
         let granted = received.iter().find_map(|message| match message {
             ServerMessage::Joined(joined) => Some(joined.granted),
             _ => None,
         });
-        rude.granted = granted.expect("a scene that exists lets members in");
-        rude
+        raw_peer.granted = granted.expect("joining an existing scene succeeds");
+        raw_peer
     }
 
-    /// Says a message and returns what came back on the control stream.
-    pub fn say(&mut self, table: &mut Table, message: &ClientMessage) -> Vec<ServerMessage> {
+    /// Sends a message and returns the answers on the control stream.
+    pub fn send(&mut self, table: &mut Table, message: &ClientMessage) -> Vec<ServerMessage> {
         let mut bytes = Vec::new();
         message.encode(&mut bytes);
-        self.utter(table, &bytes)
+        self.send_bytes(table, &bytes)
     }
 
-    /// Says bytes and returns what came back on the control stream.
+    /// Sends bytes and returns the answers on the control stream.
     ///
     /// # Panics
     ///
-    /// When what comes back is not of the protocol.
-    pub fn utter(&mut self, table: &mut Table, bytes: &[u8]) -> Vec<ServerMessage> {
+    /// When an answer is not valid protocol.
+    pub fn send_bytes(&mut self, table: &mut Table, bytes: &[u8]) -> Vec<ServerMessage> {
         table.control(self.peer, bytes);
         let mut received = Vec::new();
-        for sent in table.take_heard(self.peer) {
+        for sent in table.take_received(self.peer) {
             if let Delivered::Control(bytes) = sent {
                 self.frames.push(&bytes);
             }
-            while let Some(framed) = self.frames.next_frame().expect("a host says messages") {
-                received.extend(ServerMessage::decode(&framed).expect("a host says what is known"));
+            while let Some(framed) = self
+                .frames
+                .next_frame()
+                .expect("a server sends whole messages")
+            {
+                received
+                    .extend(ServerMessage::decode(&framed).expect("a server sends known messages"));
             }
         }
         received
     }
 
-    /// Commands without checking anything first.
+    /// Sends a command, unchecked.
     ///
     /// # Errors
     ///
-    /// Why it was refused.
+    /// The reason of its refusal.
     ///
     /// # Panics
     ///
-    /// When it is neither applied nor refused, once.
+    /// When there is not exactly one answer.
     pub fn command(&mut self, table: &mut Table, command: Command) -> Result<(), CommandError> {
         let expected = self.commands;
         self.commands += 1;
-        let received = self.say(table, &ClientMessage::Command(command.clone()));
+        let received = self.send(table, &ClientMessage::Command(command.clone()));
         let applied = received.iter().filter(|message| {
             matches!(message, ServerMessage::Applied { through, .. } if *through == expected)
         });
         assert_eq!(
             applied.count(),
             1,
-            "{command:?} was answered by {received:?}"
+            "the answer to {command:?} is {received:?}"
         );
         let mut refusals = received.iter().filter_map(|message| match message {
             ServerMessage::Refused { number, error } => Some((*number, *error)),
@@ -107,17 +112,17 @@ impl RawPeer {
         match (refusals.next(), refusals.next()) {
             (None, None) => Ok(()),
             (Some((number, error)), None) if number == expected => Err(error),
-            other => panic!("{command:?} was refused as {other:?}"),
+            other => panic!("{command:?} is answered by {other:?}"),
         }
     }
 
-    /// The scene's digest, tick and number of bodies.
+    /// The scene's checksum, tick and number of bodies.
     ///
     /// # Panics
     ///
-    /// When it is not reported.
+    /// When no answer comes.
     pub fn inspect(&mut self, table: &mut Table) -> (u64, u64, u32) {
-        let received = self.say(table, &ClientMessage::Inspect);
+        let received = self.send(table, &ClientMessage::Inspect);
         let reported = received.iter().find_map(|message| match message {
             ServerMessage::Inspection(reported) => {
                 Some((reported.truth, reported.tick.value(), reported.bodies))
@@ -127,7 +132,7 @@ impl RawPeer {
         reported.expect("a member may inspect")
     }
 
-    /// Why the host closed its connection, if it did.
+    /// The code with which the server closed the connection, if it did.
     #[must_use]
     pub fn closed(&self, table: &Table) -> Option<CloseCode> {
         table.closed(self.peer)

@@ -1,7 +1,7 @@
-//! The requirements that the documents of `spec/` name, with their texts.
+//! The named requirements in the documents of `spec/`, with their texts.
 //!
-//! A requirement begins at its name in brackets, as `[2.2-1]`, and goes to the next name or to the end of its paragraph,
-//! item or row. It is a MUST unless it says SHOULD or MAY.
+//! A requirement begins at its name in brackets, as `[2.2-1]`, and ends at the next name or at the end of its
+//! paragraph, list item or table row. It is a MUST unless it contains SHOULD or MAY.
 
 use std::fmt;
 use std::path::Path;
@@ -9,7 +9,7 @@ use std::path::Path;
 /// A document of the specification.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Document {
-    /// Bytes, and who may say them when.
+    /// The bytes, and which side may send them when.
     Protocol,
     /// The arithmetic of motion.
     Reckoning,
@@ -18,31 +18,31 @@ pub enum Document {
 /// How binding a requirement is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Level {
-    /// Whoever does otherwise is not conformant.
+    /// An implementation that does otherwise is not conformant.
     Must,
-    /// Whoever does otherwise has a reason.
+    /// An implementation may do otherwise with a reason.
     Should,
-    /// A choice that others bear.
+    /// A choice of one side that the other side must accept.
     May,
 }
 
 /// One requirement.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Requirement {
-    /// Where it stands.
+    /// The document that contains it.
     pub document: Document,
     /// Its name without brackets, as `2.2-1`.
     pub id: String,
-    /// The clause under whose heading it stands, as `2.2`.
+    /// The clause that contains it, as `2.2`.
     pub clause: String,
     /// How binding it is.
     pub level: Level,
-    /// What it says, on one line.
+    /// Its text, on one line.
     pub text: String,
 }
 
 impl Document {
-    /// Both, in the order in which one reads them.
+    /// Both documents, in reading order.
     pub const ALL: [Self; 2] = [Self::Protocol, Self::Reckoning];
 
     /// The word by which it is cited.
@@ -54,19 +54,19 @@ impl Document {
         }
     }
 
-    /// What it says.
+    /// Its text.
     ///
     /// # Panics
     ///
-    /// When it is not beside this package.
+    /// When the file does not exist.
     #[must_use]
     pub fn text(self) -> String {
         let spec = Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec");
         std::fs::read_to_string(spec.join(format!("{}.md", self.name())))
-            .expect("the specification lies beside this package")
+            .expect("the specification is in the repository")
     }
 
-    /// Its requirements, in the order in which they stand.
+    /// Its requirements, in document order.
     #[must_use]
     pub fn requirements(self) -> Vec<Requirement> {
         requirements(self, &self.text())
@@ -89,7 +89,7 @@ impl fmt::Display for Requirement {
     }
 }
 
-/// The requirements of a text.
+/// The requirements in a text.
 #[must_use]
 pub fn requirements(document: Document, text: &str) -> Vec<Requirement> {
     let mut found = Vec::new();
@@ -110,16 +110,16 @@ pub fn requirements(document: Document, text: &str) -> Vec<Requirement> {
     found
 }
 
-/// A paragraph, an item or a row, on one line.
+/// A paragraph, list item or table row, on one line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Part {
-    /// The clause that it stands in.
+    /// The clause that contains it.
     pub clause: String,
-    /// Its words.
+    /// Its text.
     pub text: String,
 }
 
-/// A text's paragraphs, items and rows; headings, notes and what is indented as code are left out.
+/// The paragraphs, list items and table rows of a text, without headings, notes and code.
 #[must_use]
 pub fn parts(text: &str) -> Vec<Part> {
     let mut parts: Vec<Part> = Vec::new();
@@ -132,7 +132,7 @@ pub fn parts(text: &str) -> Vec<Part> {
             let heading = heading.trim_start_matches('#').trim_start();
             clause = heading.split(' ').next().unwrap_or_default().to_owned();
         } else if goes_on {
-            let part = parts.last_mut().expect("an open part was begun");
+            let part = parts.last_mut().expect("an open part");
             part.text.push(' ');
             part.text.push_str(line.trim());
             open = true;
@@ -146,7 +146,7 @@ pub fn parts(text: &str) -> Vec<Part> {
     parts
 }
 
-/// What a part says before its first name.
+/// The text of a part before its first requirement name.
 #[must_use]
 pub fn unnamed(text: &str) -> &str {
     names(text)
@@ -164,7 +164,7 @@ fn begins_a_part(line: &str) -> bool {
             .any(|start| line.starts_with(start))
 }
 
-/// Where names begin and end, brackets included.
+/// Start and end of each requirement name, brackets included.
 fn names(text: &str) -> Vec<(usize, usize)> {
     let brackets = text.match_indices('[').filter_map(|(start, _)| {
         let end = start + text[start..].find(']')? + 1;

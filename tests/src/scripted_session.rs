@@ -1,6 +1,6 @@
-//! A member's session that is reported by hand what a server says.
+//! A member's session that receives scripted server messages.
 //!
-//! Plays no server: it says what it is given, sound or not, at one moment.
+//! It is not a server: it delivers any messages, valid or not, all at the same time.
 
 use rhumb_protocol::message::{
     ClientMessage, Extensions, Frames, Joined, SceneEvent, ServerMessage, StreamChoice, VERSIONS,
@@ -13,42 +13,44 @@ use rhumb_protocol::stream::StreamStart;
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
 use rhumb_reckoning::Tick;
 
-/// The session, and what it sent.
+/// The session, and a decoder of what it sends.
 #[derive(Debug)]
 pub struct ScriptedSession {
-    /// What is reported.
+    /// The session under test.
     pub session: ClientSession,
-    heard: Frames,
+    frames: Frames,
 }
 
 impl ScriptedSession {
-    /// Who tells.
+    /// The peer that the messages come from.
     pub const SERVER: Peer = Peer(0);
 
-    /// A session that is welcome and has asked to join.
+    /// A session that has received its welcome and has asked to join.
     ///
     /// # Panics
     ///
-    /// When a session refuses to join a scene to which it is welcome.
+    /// When the session refuses to join after a welcome.
     #[must_use]
     pub fn welcomed(choice: StreamChoice) -> Self {
-        let session =
-            ClientSession::new("reported".parse().expect("a short word is a scene's name"));
-        let heard = Frames::new();
-        let mut reported = Self { session, heard };
+        let session = ClientSession::new("reported".parse().expect("a valid scene name"));
+        let frames = Frames::new();
+        let mut reported = Self { session, frames };
         reported.session.handle_opened(Instant::ZERO, Self::SERVER);
         let welcome = Welcome {
             version: VERSIONS[0],
             scene: None,
             extensions: Extensions::NONE,
         };
-        reported.tell(&[ServerMessage::Welcome(welcome)]);
-        reported.session.join(choice).expect("it is welcome");
+        reported.deliver(&[ServerMessage::Welcome(welcome)]);
+        reported
+            .session
+            .join(choice)
+            .expect("the session is in the lobby");
         reported
     }
 
-    /// Says messages.
-    pub fn tell(&mut self, messages: &[ServerMessage]) {
+    /// Delivers messages to the session.
+    pub fn deliver(&mut self, messages: &[ServerMessage]) {
         let mut bytes = Vec::new();
         for message in messages {
             message.encode(&mut bytes);
@@ -57,7 +59,7 @@ impl ScriptedSession {
         self.session.handle_control(now, Self::SERVER, &bytes);
     }
 
-    /// Says the whole of a scene, as a stream has it at a tick.
+    /// Delivers the snapshot of a scene as of a tick.
     pub fn send_snapshot(
         &mut self,
         config: &SceneConfig,
@@ -82,27 +84,31 @@ impl ScriptedSession {
             granted: IdRange::EMPTY,
             extensions: Extensions::NONE,
         };
-        self.tell(&[ServerMessage::Joined(joined)]);
+        self.deliver(&[ServerMessage::Joined(joined)]);
         for scene_event in scene_events {
-            self.tell(&[ServerMessage::SceneEvent(scene_event.clone())]);
+            self.deliver(&[ServerMessage::SceneEvent(scene_event.clone())]);
         }
-        self.tell(&[ServerMessage::SnapshotEnd]);
+        self.deliver(&[ServerMessage::SnapshotEnd]);
     }
 
-    /// What it sent since the last look.
+    /// The messages that the session sent since the last call.
     ///
     /// # Panics
     ///
-    /// When that is no message of a client.
+    /// When the session sent anything else.
     pub fn sent(&mut self) -> Vec<ClientMessage> {
         while let Some(transmit) = self.session.poll_transmit() {
             if let Transmit::Control { bytes, .. } = transmit {
-                self.heard.push(&bytes);
+                self.frames.push(&bytes);
             }
         }
         let mut sent = Vec::new();
-        while let Some(framed) = self.heard.next_frame().expect("a session says messages") {
-            let message = ClientMessage::decode(&framed).expect("a session says what is known");
+        while let Some(framed) = self
+            .frames
+            .next_frame()
+            .expect("a session sends whole messages")
+        {
+            let message = ClientMessage::decode(&framed).expect("a session sends known messages");
             sent.extend(message);
         }
         sent

@@ -1,8 +1,8 @@
-//! Chance that can be had again.
+//! Reproducible random numbers.
 //!
-//! Every random run names its seed; `SEED=n` in the environment replays it.
+//! Every random run prints its seed; `SEED=n` in the environment replays it.
 
-/// The seed of a run: that of the environment, or else this one. It is printed, and shown when the test fails.
+/// The seed of a run: `SEED` of the environment, or else this default. It is printed, and shown when the test fails.
 #[must_use]
 pub fn seed(otherwise: u64) -> u64 {
     let requested_authority = std::env::var("SEED").ok();
@@ -13,18 +13,19 @@ pub fn seed(otherwise: u64) -> u64 {
     seed
 }
 
-/// A small generator: integers only, alike on every platform. Source: Knuth's MMIX, TAOCP 2, section 3.3.4.
+/// A small generator with integer arithmetic only, equal on every platform. Source: Knuth's MMIX, TAOCP 2, section
+/// 3.3.4.
 #[derive(Clone, Debug)]
 pub struct Dice(u64);
 
 impl Dice {
-    /// Chance that a seed fixes.
+    /// A generator with this seed.
     #[must_use]
     pub const fn new(seed: u64) -> Self {
         Self(seed)
     }
 
-    /// A number below `most`, which is not zero.
+    /// A number below `most`, which must be positive.
     pub fn below(&mut self, most: usize) -> usize {
         self.0 = self
             .0

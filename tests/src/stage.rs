@@ -1,7 +1,7 @@
-//! A real host and real sessions over simulated links, in virtual time.
+//! A server and sessions over simulated links, in virtual time.
 //!
-//! The first member commands by a script; all that members claim is noted every few milliseconds. Nothing is judged
-//! here. The same seed gives the same run, to the bit.
+//! The first member sends the commands of a script; the claims of all members are stored every few milliseconds. No
+//! checks are made here. Runs with the same seed are bit-identical.
 
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{Command, SceneConfig, Stepping};
@@ -15,22 +15,22 @@ use rhumb_transport::{LinkConfig, SimNetwork};
 use crate::truth::{MemberRecord, SceneTruth};
 use crate::witness::ObservationHistory;
 
-/// The member that creates the scene and commands in it.
+/// Index of the member that creates the scene and sends commands.
 pub const COMMANDER: usize = 0;
-/// One tick at 60 Hz.
+/// Duration of one tick at 60 Hz.
 pub const TICK: Span = Span::from_nanos(1_000_000_000 / 60);
 
-/// How often claims are noted: a few times a tick, so that half-heard ticks are seen too.
-const LOOK_EVERY: Span = Span::from_millis(4);
-/// Longest virtual time for an answer over the worst link: some retries of 20 % loss at 300 ms.
-const ANSWER_PATIENCE: Span = Span::from_millis(600_000);
+/// Interval between stored claims: several per tick, so that partially received ticks are covered too.
+const CLAIM_INTERVAL: Span = Span::from_millis(4);
+/// Longest virtual time for an answer over the worst link: several retries at 20 % loss and 300 ms.
+const ANSWER_TIME_LIMIT: Span = Span::from_millis(600_000);
 
 /// A scene with its members.
 pub struct Stage {
-    /// The network; for what the methods here do not do.
+    /// The network, for operations without a method here.
     pub network: SimNetwork<ServerLoop, ClientSession>,
-    /// One account a member.
-    pub witnesses: Vec<ObservationHistory>,
+    /// The history of each member.
+    pub histories: Vec<ObservationHistory>,
     config: SceneConfig,
     script: Box<dyn Script>,
     scripted: Tick,
@@ -54,7 +54,7 @@ impl Stage {
         Self::of(script, config, choice, links, seed)
     }
 
-    /// A scene of this script with other config than its own, created and joined by the commander.
+    /// The same with another configuration than the script's.
     #[must_use]
     pub fn of(
         script: Box<dyn Script>,
@@ -65,7 +65,7 @@ impl Stage {
     ) -> Self {
         let mut stage = Self {
             network: SimNetwork::new(ServerLoop::new(|| Instant::ZERO), links, seed),
-            witnesses: Vec::new(),
+            histories: Vec::new(),
             config,
             script,
             scripted: Tick::ZERO,
@@ -76,13 +76,13 @@ impl Stage {
             .network
             .client_mut(commander)
             .create(config)
-            .expect("a client in the lobby may create");
-        stage.run_until("the scene", |stage| stage.witnesses[COMMANDER].created > 0);
+            .expect("a client in the lobby may create a scene");
+        stage.run_until("the scene", |stage| stage.histories[COMMANDER].created > 0);
         stage.join(commander, choice);
         stage
     }
 
-    /// What the scene was created with.
+    /// The configuration of the scene.
     #[must_use]
     pub const fn config(&self) -> SceneConfig {
         self.config
@@ -90,10 +90,10 @@ impl Stage {
 
     /// Connects a client and waits for its welcome.
     pub fn connect(&mut self) -> usize {
-        let name = "stage".parse().expect("a short word is a scene's name");
+        let name = "stage".parse().expect("a valid scene name");
         let index = self.network.connect(ClientSession::new(name));
-        self.witnesses.push(ObservationHistory::default());
-        self.run_until("a welcome", |stage| stage.witnesses[index].welcomes > 0);
+        self.histories.push(ObservationHistory::default());
+        self.run_until("a welcome", |stage| stage.histories[index].welcomes > 0);
         index
     }
 
@@ -104,7 +104,7 @@ impl Stage {
             .join(choice)
             .expect("a client in the lobby may join");
         self.run_until("a membership", |stage| {
-            stage.witnesses[index].granted.is_some()
+            stage.histories[index].granted.is_some()
         });
     }
 
@@ -119,7 +119,7 @@ impl Stage {
     ///
     /// # Panics
     ///
-    /// If it is no member.
+    /// If the client is not a member.
     #[must_use]
     pub fn copy(&self, index: usize) -> &Replica {
         self.network
@@ -128,7 +128,7 @@ impl Stage {
             .expect("a member has a copy")
     }
 
-    /// The commander says what its script says next, and this.
+    /// The commander sends the next commands of its script, and `more`.
     pub fn command(&mut self, more: &[Command]) {
         let mut commands = Vec::new();
         self.script.commands(self.scripted, &mut commands);
@@ -139,13 +139,13 @@ impl Stage {
                 .network
                 .client_mut(COMMANDER)
                 .command(command.clone())
-                .expect("scripts command what may be");
+                .expect("scripts send valid commands");
             assert_eq!(number, self.commands.len() as u64);
             self.commands.push(command.clone());
         }
     }
 
-    /// In lockstep: the script's commands, one tick, and patience until it is complete for a member.
+    /// In lockstep: sends the script's commands, steps once, and waits until a member has the complete tick.
     pub fn tick(&mut self) -> Tick {
         self.command(&[]);
         self.advance(COMMANDER)
@@ -165,17 +165,17 @@ impl Stage {
         wanted
     }
 
-    /// Lets time pass, in small pieces, with everybody looking.
+    /// Lets time pass in small steps; all claims are stored at each.
     pub fn run(&mut self, span: Span) {
         let end = self.network.now() + span;
         while self.network.now() < end {
-            let next = (self.network.now() + LOOK_EVERY).min(end);
+            let next = (self.network.now() + CLAIM_INTERVAL).min(end);
             self.network.run_until(next);
-            self.look();
+            self.store_claims();
         }
     }
 
-    /// The script at 60 commands' bursts a second, for so long.
+    /// Runs the script for this time, with one set of commands per tick.
     pub fn take_authority(&mut self, span: Span) {
         let end = self.network.now() + span;
         while self.network.now() < end {
@@ -185,87 +185,87 @@ impl Stage {
     }
 
     fn run_until(&mut self, what: &str, done: impl Fn(&Self) -> bool) {
-        let deadline = self.network.now() + ANSWER_PATIENCE;
+        let deadline = self.network.now() + ANSWER_TIME_LIMIT;
         self.network.run_until(self.network.now());
-        self.look();
+        self.store_claims();
         while !done(self) {
             assert!(
                 self.network.now() < deadline,
-                "no {what} within {ANSWER_PATIENCE}"
+                "no {what} within {ANSWER_TIME_LIMIT}"
             );
-            self.run(LOOK_EVERY);
+            self.run(CLAIM_INTERVAL);
         }
     }
 
-    /// Lets time pass until something holds, or for so long.
+    /// Lets time pass until a condition holds, at most this long.
     pub fn run_until_or(&mut self, most: Span, done: impl Fn(&Self) -> bool) {
         let end = self.network.now() + most;
         while self.network.now() < end && !done(self) {
-            self.run(LOOK_EVERY);
+            self.run(CLAIM_INTERVAL);
         }
     }
 
-    /// How many of the commander's commands have no answer yet.
+    /// Number of the commander's commands without an answer.
     #[must_use]
     pub fn unanswered(&self) -> u64 {
-        let answered = self.witnesses[COMMANDER]
+        let answered = self.histories[COMMANDER]
             .applied
             .last()
             .map_or(0, |(through, _)| through + 1);
         self.commands.len() as u64 - answered
     }
 
-    fn look(&mut self) {
-        for (index, witness) in self.witnesses.iter_mut().enumerate() {
-            witness.listen(self.network.client_mut(index));
-            witness.look(self.network.client(index));
+    fn store_claims(&mut self) {
+        for (index, history) in self.histories.iter_mut().enumerate() {
+            history.take_events(self.network.client_mut(index));
+            history.store_claims(self.network.client(index));
         }
     }
 
-    /// What happened, up to the newest tick that anybody claims something of; and that the server agrees.
+    /// The truth up to the newest tick with a claim, after checking that the server agrees with it.
     ///
     /// # Panics
     ///
-    /// When the server's digest is another: then some command was not applied once, in order, at the tick it named.
+    /// When the server's checksum differs: then a command was not applied exactly once, in order, at the stated tick.
     pub fn truth(&mut self) -> SceneTruth {
         self.network
             .client_mut(COMMANDER)
             .inspect()
             .expect("the commander is a member");
-        let before = self.witnesses[COMMANDER].inspections.len();
+        let before = self.histories[COMMANDER].inspections.len();
         self.run_until("an inspection", |stage| {
-            stage.witnesses[COMMANDER].inspections.len() > before
+            stage.histories[COMMANDER].inspections.len() > before
         });
-        // Free running, somebody may be ahead of the answer by now.
-        let inspected = self.witnesses[COMMANDER].inspections[before];
+        // In a free-running scene a member may be ahead of the answer.
+        let inspected = self.histories[COMMANDER].inspections[before];
         let newest =
             (0..self.network.clients()).filter_map(|index| self.network.client(index).replica());
         let newest = newest
             .map(|copy| copy.stream().watermark_tick())
             .max()
             .unwrap_or_default();
-        for (index, witness) in self.witnesses.iter().enumerate() {
+        for (index, history) in self.histories.iter().enumerate() {
             let copy = self.network.client(index).replica();
             let mismatches = copy.map_or(0, |copy| copy.stream().statistics().mismatches);
             assert_eq!(
-                (mismatches, &witness.resynced[..]),
+                (mismatches, &history.resynced[..]),
                 (0, &[][..]),
-                "member {index}"
+                "member {index} has claims about later ticks"
             );
         }
         assert_eq!(inspected.resynced, 0);
-        let witness = &self.witnesses[COMMANDER];
-        assert_eq!(witness.refused, []);
-        assert_eq!(self.unanswered(), 0, "not every command was answered");
+        let history = &self.histories[COMMANDER];
+        assert_eq!(history.refused, []);
+        assert_eq!(self.unanswered(), 0, "some commands have no answer");
         let record = MemberRecord {
             commands: self.commands.clone(),
-            applied: witness.applied.clone(),
+            applied: history.applied.clone(),
         };
         let truth = SceneTruth::replay(self.config, &record, newest.max(inspected.tick));
         assert_eq!(
             truth.digest(inspected.tick),
             Some(inspected.truth),
-            "the server did something else"
+            "the server's checksum differs from the truth"
         );
         let counts = truth.counts(inspected.tick);
         assert!(

@@ -1,6 +1,6 @@
-//! A real host and its guests at one table, where all is heard at once.
+//! A server and its clients in one process, with immediate delivery.
 //!
-//! No links and no time but what `pass` lets by. Polite guests are real sessions; rude ones are bytes.
+//! There is no network, and time passes only in `pass`. Clients are real sessions or raw peers.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_server::{Hooks, ServerLoop};
 
-/// One thing that was sent to or by a guest, as it crossed.
+/// One unit of data between the server and a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Delivered {
     /// Bytes of the control stream.
@@ -18,186 +18,186 @@ pub enum Delivered {
     State(Bytes),
 }
 
-/// What becomes of a datagram from the host.
+/// The fate of a datagram from the server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeliveryAction {
-    /// It arrives.
+    /// It is delivered.
     Arrives,
-    /// It does not.
+    /// It is lost.
     Lost,
-    /// It arrives two times.
+    /// It is delivered twice.
     Twice,
-    /// It arrives behind the next one.
+    /// It is delivered after the next one.
     Late,
 }
 
-/// Says what becomes of each datagram.
+/// Selects the fate of each datagram.
 pub struct LossFilter(Box<dyn FnMut(&Bytes) -> DeliveryAction>);
 
 impl LossFilter {
-    /// What this says.
-    pub fn new(fate: impl FnMut(&Bytes) -> DeliveryAction + 'static) -> Self {
-        Self(Box::new(fate))
+    /// A filter from a function.
+    pub fn new(action: impl FnMut(&Bytes) -> DeliveryAction + 'static) -> Self {
+        Self(Box::new(action))
     }
 }
 
-/// A host with guests.
+/// A server with its clients.
 pub struct Table {
-    host: ServerLoop,
+    server: ServerLoop,
     now: Instant,
     /// Real sessions by their peer.
-    polite: BTreeMap<Peer, ClientSession>,
-    /// What the host sent to each peer and has not been taken yet.
-    heard: BTreeMap<Peer, Vec<Delivered>>,
-    /// What each polite guest sent.
-    spoken: BTreeMap<Peer, Vec<Delivered>>,
+    sessions: BTreeMap<Peer, ClientSession>,
+    /// Data that the server sent to each peer and that was not taken yet.
+    inbox: BTreeMap<Peer, Vec<Delivered>>,
+    /// Data that each session sent and that was not taken yet.
+    outbox: BTreeMap<Peer, Vec<Delivered>>,
     closed: BTreeMap<Peer, CloseCode>,
-    /// What lies between the host and each peer that is not reached by all it says.
-    sieves: BTreeMap<Peer, LossFilter>,
+    /// Filters of datagrams from the server, by receiver.
+    downlink_filters: BTreeMap<Peer, LossFilter>,
     late: BTreeMap<Peer, Bytes>,
-    /// What lies between peers and the host; what is not to arrive is lost.
-    outer_sieves: BTreeMap<Peer, LossFilter>,
+    /// Filters of datagrams to the server, by sender; every action except `Arrives` loses the datagram.
+    uplink_filters: BTreeMap<Peer, LossFilter>,
     next: u64,
 }
 
-/// The host, as each session names it.
+/// The server's name in each session.
 const HOST: Peer = Peer(0);
 
 impl Default for Table {
     fn default() -> Self {
         Self {
-            host: ServerLoop::new(|| Instant::ZERO),
+            server: ServerLoop::new(|| Instant::ZERO),
             now: Instant::ZERO,
-            polite: BTreeMap::new(),
-            heard: BTreeMap::new(),
-            spoken: BTreeMap::new(),
+            sessions: BTreeMap::new(),
+            inbox: BTreeMap::new(),
+            outbox: BTreeMap::new(),
             closed: BTreeMap::new(),
-            sieves: BTreeMap::new(),
+            downlink_filters: BTreeMap::new(),
             late: BTreeMap::new(),
-            outer_sieves: BTreeMap::new(),
+            uplink_filters: BTreeMap::new(),
             next: 0,
         }
     }
 }
 
 impl Table {
-    /// A host whose scenes get hooks.
+    /// A server whose scenes have these hooks.
     #[must_use]
     pub fn with_hooks(hooks: Hooks) -> Self {
         let mut table = Self::default();
-        table.host.attach(hooks);
+        table.server.attach(hooks);
         table
     }
 
-    /// ReceivedAliases a real session.
-    pub fn alias(&mut self, scene: &str) -> Peer {
+    /// Connects a new session to the server.
+    pub fn connect(&mut self, scene: &str) -> Peer {
         let peer = self.connect_raw_peer();
-        let name = scene.parse().expect("tests name scenes well");
+        let name = scene.parse().expect("a valid scene name");
         let mut session = ClientSession::new(name);
         session.handle_opened(self.now, HOST);
-        self.polite.insert(peer, session);
-        self.settle();
+        self.sessions.insert(peer, session);
+        self.run_until_idle();
         peer
     }
 
-    /// Opens a connection of which only bytes will be known.
+    /// Opens a connection without a session, for raw bytes.
     pub fn connect_raw_peer(&mut self) -> Peer {
         let peer = Peer(self.next);
         self.next += 1;
-        self.host.handle_opened(self.now, peer);
+        self.server.handle_opened(self.now, peer);
         peer
     }
 
-    /// A polite guest.
+    /// The session of a peer.
     ///
     /// # Panics
     ///
-    /// If there is none of this name.
-    pub fn guest(&mut self, peer: Peer) -> &mut ClientSession {
-        self.polite.get_mut(&peer).expect("a aliased guest")
+    /// If the peer has no session.
+    pub fn session(&mut self, peer: Peer) -> &mut ClientSession {
+        self.sessions.get_mut(&peer).expect("a connected session")
     }
 
-    /// The moment it is.
+    /// The current time.
     #[must_use]
     pub const fn now(&self) -> Instant {
         self.now
     }
 
-    /// Control bytes from anybody.
+    /// Delivers control bytes to the server.
     pub fn control(&mut self, from: Peer, bytes: &[u8]) {
-        self.host.handle_control(self.now, from, bytes);
-        self.settle();
+        self.server.handle_control(self.now, from, bytes);
+        self.run_until_idle();
     }
 
-    /// A datagram from anybody.
+    /// Delivers a datagram to the server.
     pub fn datagram(&mut self, from: Peer, bytes: &[u8]) {
-        self.host.handle_datagram(self.now, from, bytes);
-        self.settle();
+        self.server.handle_datagram(self.now, from, bytes);
+        self.run_until_idle();
     }
 
-    /// Lets datagrams from the host to a peer come as a sieve has it, from now on.
-    pub fn sift(&mut self, peer: Peer, sieve: LossFilter) {
-        self.sieves.insert(peer, sieve);
+    /// Filters datagrams from the server to a peer from now on.
+    pub fn filter_downlink(&mut self, peer: Peer, filter: LossFilter) {
+        self.downlink_filters.insert(peer, filter);
     }
 
-    /// Loses datagrams from a polite guest to the host unless a sieve has them arrive, from now on.
-    pub fn sift_spoken(&mut self, peer: Peer, sieve: LossFilter) {
-        self.outer_sieves.insert(peer, sieve);
+    /// Filters datagrams from a session to the server from now on.
+    pub fn filter_uplink(&mut self, peer: Peer, filter: LossFilter) {
+        self.uplink_filters.insert(peer, filter);
     }
 
-    /// A connection breaks.
+    /// Breaks a connection.
     pub fn end(&mut self, peer: Peer) {
-        self.host.handle_ended(self.now, peer, Ending::Broken);
-        if let Some(mut session) = self.polite.remove(&peer) {
+        self.server.handle_ended(self.now, peer, Ending::Broken);
+        if let Some(mut session) = self.sessions.remove(&peer) {
             session.handle_ended(self.now, HOST, Ending::Broken);
         }
-        self.settle();
+        self.run_until_idle();
     }
 
-    /// Lets time pass, waking whoever wants it in between.
+    /// Lets time pass, and fires the timeouts that become due.
     pub fn pass(&mut self, span: Span) {
         let end = self.now + span;
         while let Some(at) = self.next_wake().filter(|at| *at <= end) {
             self.now = self.now.max(at);
-            self.settle();
+            self.run_until_idle();
         }
         self.now = end;
-        self.settle();
+        self.run_until_idle();
     }
 
-    /// Why the host closed a connection, if it did.
+    /// The code with which the server closed a connection, if it did.
     #[must_use]
     pub fn closed(&self, peer: Peer) -> Option<CloseCode> {
         self.closed.get(&peer).copied()
     }
 
-    /// What the host sent to a peer since it was last asked.
-    pub fn take_heard(&mut self, peer: Peer) -> Vec<Delivered> {
-        self.heard.remove(&peer).unwrap_or_default()
+    /// The data that the server sent to a peer since the last call.
+    pub fn take_received(&mut self, peer: Peer) -> Vec<Delivered> {
+        self.inbox.remove(&peer).unwrap_or_default()
     }
 
-    /// What a polite guest sent since it was last asked.
-    pub fn take_spoken(&mut self, peer: Peer) -> Vec<Delivered> {
-        self.spoken.remove(&peer).unwrap_or_default()
+    /// The data that a session sent since the last call.
+    pub fn take_sent(&mut self, peer: Peer) -> Vec<Delivered> {
+        self.outbox.remove(&peer).unwrap_or_default()
     }
 
     fn next_wake(&self) -> Option<Instant> {
-        let guests = self.polite.values().filter_map(Endpoint::poll_timeout);
-        let wakes = guests.chain(self.host.poll_timeout());
+        let session_wakes = self.sessions.values().filter_map(Endpoint::poll_timeout);
+        let wakes = session_wakes.chain(self.server.poll_timeout());
         wakes.map(|wake| wake.at).min()
     }
 
-    /// Hands over until nobody has anything to say or to do now.
-    pub fn settle(&mut self) {
+    /// Delivers data until no endpoint has anything to send or to do now.
+    pub fn run_until_idle(&mut self) {
         loop {
             let mut quiet = true;
-            while let Some(transmit) = self.host.poll_transmit() {
+            while let Some(transmit) = self.server.poll_transmit() {
                 quiet = false;
                 self.hand_over(transmit);
             }
-            let peers: Vec<_> = self.polite.keys().copied().collect();
+            let peers: Vec<_> = self.sessions.keys().copied().collect();
             for peer in peers {
-                quiet &= !self.drain_guest(peer);
+                quiet &= !self.drain_session(peer);
             }
             if quiet && self.next_wake().is_none_or(|at| at > self.now) {
                 return;
@@ -210,10 +210,10 @@ impl Table {
         let now = self.now;
         let due =
             |endpoint: &dyn Endpoint| endpoint.poll_timeout().is_some_and(|wake| wake.at <= now);
-        if due(&self.host) {
-            self.host.handle_timeout(now);
+        if due(&self.server) {
+            self.server.handle_timeout(now);
         }
-        for session in self.polite.values_mut() {
+        for session in self.sessions.values_mut() {
             if due(session) {
                 session.handle_timeout(now);
             }
@@ -226,19 +226,22 @@ impl Table {
             Transmit::State { to, bytes } => return self.hand_over_datagram(to, bytes),
             Transmit::Close { to, code } => {
                 self.closed.insert(to, CloseCode(code));
-                if let Some(session) = self.polite.get_mut(&to) {
+                if let Some(session) = self.sessions.get_mut(&to) {
                     session.handle_ended(self.now, HOST, Ending::Closed(code));
                 }
-                return self.host.handle_ended(self.now, to, Ending::Closed(code));
+                return self.server.handle_ended(self.now, to, Ending::Closed(code));
             }
         };
         self.arrive(to, sent);
     }
 
     fn hand_over_datagram(&mut self, to: Peer, bytes: Bytes) {
-        let fate = self.sieves.get_mut(&to).map(|sieve| sieve.0(&bytes));
+        let action = self
+            .downlink_filters
+            .get_mut(&to)
+            .map(|filter| filter.0(&bytes));
         let late = self.late.remove(&to);
-        match fate.unwrap_or(DeliveryAction::Arrives) {
+        match action.unwrap_or(DeliveryAction::Arrives) {
             DeliveryAction::Arrives => self.arrive(to, Delivered::State(bytes)),
             DeliveryAction::Lost => {}
             DeliveryAction::Twice => {
@@ -255,46 +258,47 @@ impl Table {
     }
 
     fn arrive(&mut self, to: Peer, sent: Delivered) {
-        if let Some(session) = self.polite.get_mut(&to) {
+        if let Some(session) = self.sessions.get_mut(&to) {
             match &sent {
                 Delivered::Control(bytes) => session.handle_control(self.now, HOST, bytes),
                 Delivered::State(bytes) => session.handle_datagram(self.now, HOST, bytes),
             }
         }
-        self.heard.entry(to).or_default().push(sent);
+        self.inbox.entry(to).or_default().push(sent);
     }
 
-    /// Whether a guest had anything to say.
-    fn drain_guest(&mut self, peer: Peer) -> bool {
-        let mut spoke = false;
+    /// Delivers the data of a session; returns whether there was any.
+    fn drain_session(&mut self, peer: Peer) -> bool {
+        let mut any = false;
         while let Some(transmit) = self
-            .polite
+            .sessions
             .get_mut(&peer)
             .and_then(ClientSession::poll_transmit)
         {
-            spoke = true;
+            any = true;
             let sent = match transmit {
                 Transmit::Control { bytes, .. } => {
-                    self.host.handle_control(self.now, peer, &bytes);
+                    self.server.handle_control(self.now, peer, &bytes);
                     Delivered::Control(bytes)
                 }
                 Transmit::State { bytes, .. } => {
-                    let fate = self
-                        .outer_sieves
+                    let action = self
+                        .uplink_filters
                         .get_mut(&peer)
-                        .map(|sieve| sieve.0(&bytes));
-                    if fate.is_none_or(|fate| fate == DeliveryAction::Arrives) {
-                        self.host.handle_datagram(self.now, peer, &bytes);
+                        .map(|filter| filter.0(&bytes));
+                    if action.is_none_or(|action| action == DeliveryAction::Arrives) {
+                        self.server.handle_datagram(self.now, peer, &bytes);
                     }
                     Delivered::State(bytes)
                 }
                 Transmit::Close { code, .. } => {
-                    self.host.handle_ended(self.now, peer, Ending::Closed(code));
+                    self.server
+                        .handle_ended(self.now, peer, Ending::Closed(code));
                     continue;
                 }
             };
-            self.spoken.entry(peer).or_default().push(sent);
+            self.outbox.entry(peer).or_default().push(sent);
         }
-        spoke
+        any
     }
 }

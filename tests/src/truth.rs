@@ -1,7 +1,7 @@
-//! What really happened in a scene: its commands applied again.
+//! The true states of a scene, computed by replaying its commands.
 //!
-//! Each acts at the tick that the server named. The same engine steps them, so that a server that applied each command
-//! once, in order and where it said, has the same digest to the bit.
+//! Each command is applied at the tick that the server stated. The engine is the same, so a correct server has the
+//! same checksum bit for bit.
 
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -10,24 +10,24 @@ use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_reckoning::{BodyId, BodyState, Divergence, Metres, Pose, Tick};
 use rhumb_server::Scene;
 
-/// What one member commanded, and what the server said of it.
+/// The commands of one member, and the server's answers.
 #[derive(Clone, Debug, Default)]
 pub struct MemberRecord {
-    /// By number.
+    /// The commands, by number.
     pub commands: Vec<Command>,
-    /// Commands up to a number, and the tick before whose step they acted.
+    /// Commands up to this number were applied before the step of this tick.
     pub applied: Vec<(u64, Tick)>,
 }
 
-/// Where every body was at every tick.
+/// The pose of every body at every tick.
 #[derive(Debug, Default)]
 pub struct SceneTruth {
     bodies: BTreeMap<BodyId, PoseHistory>,
-    /// Of the scene after each tick.
-    checksum_packets: Vec<u64>,
+    /// Checksum of the scene after each tick.
+    checksums: Vec<u64>,
 }
 
-/// One body's poses from the ticks on at which they changed; `None` once it is gone.
+/// The poses of one body, each with the tick of its change; `None` from its removal on.
 #[derive(Debug)]
 struct PoseHistory {
     radius: Metres,
@@ -47,20 +47,17 @@ impl SceneTruth {
     ///
     /// # Panics
     ///
-    /// When a command is refused, or the record does not tell of each command once and in order.
+    /// When a command is refused, or when the record does not answer each command once and in order.
     #[must_use]
     pub fn replay(config: SceneConfig, record: &MemberRecord, until: Tick) -> Self {
-        let mut scene = Scene::new(config).expect("the config were those of a scene");
+        let mut scene = Scene::new(config).expect("a valid configuration");
         let mut truth = Self::default();
-        truth.checksum_packets.push(scene.digest().value());
+        truth.checksums.push(scene.digest().value());
         let mut applied = record.applied.iter().peekable();
         let mut next = 0;
         loop {
             while let Some((through, _)) = applied.next_if(|(_, tick)| *tick == scene.tick()) {
-                assert!(
-                    *through >= next,
-                    "command {through} was applied a second time"
-                );
+                assert!(*through >= next, "command {through} is answered twice");
                 for command in &record.commands[next as usize..=*through as usize] {
                     truth.apply(&mut scene, command);
                 }
@@ -73,7 +70,7 @@ impl SceneTruth {
         }
         assert!(
             applied.next().is_none(),
-            "commands were applied at ticks out of order, or later than {until}"
+            "commands are answered out of order, or after {until}"
         );
         truth
     }
@@ -81,14 +78,14 @@ impl SceneTruth {
     fn apply(&mut self, scene: &mut Scene, command: &Command) {
         scene
             .apply(command)
-            .expect("what the server applied can be applied again");
+            .expect("a command that the server applied is valid");
         match *command {
-            Command::AddBody { config, motion } => {
+            Command::AddBody { desc, motion } => {
                 let radius = scene
-                    .bounding_radius(config.id)
-                    .expect("the body was just added");
+                    .bounding_radius(desc.id)
+                    .expect("the added body exists");
                 let poses = vec![(scene.tick(), Some(motion))];
-                self.bodies.insert(config.id, PoseHistory { radius, poses });
+                self.bodies.insert(desc.id, PoseHistory { radius, poses });
             }
             Command::RemoveBody { id } => self.note(id, scene.tick().next(), None),
             _ => {}
@@ -96,40 +93,34 @@ impl SceneTruth {
     }
 
     fn step(&mut self, scene: &mut Scene) {
-        let stepped = scene
-            .step()
-            .expect("the engine of the server did not fail either");
+        let stepped = scene.step().expect("the engine steps the scene");
         for (id, _) in stepped.removed {
             self.note(id, stepped.tick, None);
         }
         for observation in scene.observations() {
             self.note(observation.id, stepped.tick, Some(observation.motion));
         }
-        self.checksum_packets.push(scene.digest().value());
+        self.checksums.push(scene.digest().value());
     }
 
     fn note(&mut self, id: BodyId, tick: Tick, pose: Option<BodyState>) {
-        let course = self
-            .bodies
-            .get_mut(&id)
-            .expect("only bodies that were added move or go");
-        course.poses.push((tick, pose));
+        let history = self.bodies.get_mut(&id).expect("the body was added before");
+        history.poses.push((tick, pose));
     }
 
-    /// The scene's digest after a tick.
+    /// The scene's checksum after a tick.
     #[must_use]
     pub fn digest(&self, tick: Tick) -> Option<u64> {
-        self.checksum_packets.get(tick.value() as usize).copied()
+        self.checksums.get(tick.value() as usize).copied()
     }
 
-    /// Where a body was after a tick; `None` before it came and after it went.
+    /// The pose of a body after a tick; `None` before its placement and after its removal.
     #[must_use]
     pub fn pose(&self, id: BodyId, tick: Tick) -> Option<Pose> {
         self.bodies.get(&id)?.pose(tick)
     }
 
-    /// How far a body, of this bounding radius, was from where it is predicted_motion to have been; `None` where it was not at
-    /// all.
+    /// Distance of a body with this bounding radius from a claimed pose; `None` if it did not exist.
     #[must_use]
     pub fn apart(
         &self,
@@ -142,16 +133,16 @@ impl SceneTruth {
         Some((Divergence::between(&pose, predicted_motion), radius))
     }
 
-    /// How many bodies there may have been after a tick and before the next: commands take some away and add some between.
+    /// Possible numbers of bodies between a tick and the next: commands in between remove some and add some.
     #[must_use]
     pub fn counts(&self, tick: Tick) -> RangeInclusive<usize> {
-        let is_there = |course: &&PoseHistory| course.pose(tick).is_some();
-        let stays = |course: &&PoseHistory| {
-            let added_now = course
+        let is_there = |history: &&PoseHistory| history.pose(tick).is_some();
+        let stays = |history: &&PoseHistory| {
+            let added_now = history
                 .poses
                 .first()
                 .is_some_and(|(since, _)| *since == tick);
-            !added_now && is_there(course) && course.pose(tick.next()).is_some()
+            !added_now && is_there(history) && history.pose(tick.next()).is_some()
         };
         let courses = || self.bodies.values();
         courses().filter(stays).count()..=courses().filter(is_there).count()

@@ -1,7 +1,7 @@
-//! Avatars that a member walks about, and where the server has them.
+//! Walking avatars under a member's authority, and the check of their states.
 //!
-//! A member drives them over a simulated link, and one that hears every state of every tick tells where the server had
-//! them. At each tick of which the server knew all in time, they must be within the tolerance of what was said.
+//! The member publishes over a simulated link; a subscriber to the full stream knows the server's states. At each tick
+//! whose upstream arrived completely in time, these must be within the tolerance of the published states.
 
 use std::collections::VecDeque;
 
@@ -18,38 +18,39 @@ use crate::avatar::Avatars;
 use crate::stage::{COMMANDER, Stage, TICK};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
-/// How closely the server is to know where bodies are that are driven; avatars, by their tolerance_scale, half as far off.
+/// Tolerance of the upstream; avatars have half of it by their tolerance scale.
 const CLOSE: Tolerance = Tolerance::FINE;
 /// The bounding radius of an avatar.
 const RADIUS: Metres = Metres::new(0.8);
-/// What rounding to the engine's f32 may add to a tolerance, as a share of it.
+/// Allowance for rounding to the engine's f32, as a fraction of the tolerance.
 const ROUNDING: f64 = 0.001;
 
-/// A scene in which the commander drives avatars, and somebody sees every state of every tick.
+/// A scene in which the commander moves avatars, and a watcher receives the full stream.
 pub struct Walk {
     /// The scene and its members.
     pub stage: Stage,
     avatars: u32,
-    /// Who sees every state of every tick.
+    /// Index of the watcher.
     pub watcher: usize,
     lead: u64,
-    /// What was said of each tick that the session took.
-    pub said: Vec<(Tick, Vec<(BodyId, BodyState)>)>,
-    /// Where the server had the avatars, of ticks that are not watermark_tick for yet.
-    seen: VecDeque<(Tick, Vec<Motion>)>,
+    /// The published states of each tick that the session accepted.
+    pub published: Vec<(Tick, Vec<(BodyId, BodyState)>)>,
+    /// The server's states of the avatars at ticks whose upstream is not complete yet.
+    server_states: VecDeque<(Tick, Vec<Motion>)>,
     noted: Tick,
-    /// How many body-ticks were judged.
+    /// Number of checked body-ticks.
     pub judged: u64,
-    /// The greatest share of the tolerance that was found.
+    /// The greatest error so far, as a fraction of the tolerance.
     pub worst: f64,
 }
 
 impl Walk {
-    /// A scene of so many avatars, and what drives them; free running, it speaks of so many ticks ahead.
+    /// A scene with this number of avatars under authority; in a free-running scene the member publishes `lead` ticks
+    /// ahead.
     ///
     /// # Panics
     ///
-    /// When it may not drive.
+    /// When authority is denied.
     pub fn new(stepping: Stepping, avatars: u32, lead: u64, seed: u64) -> Self {
         let script = Box::new(Avatars(avatars));
         let mut stage = Stage::new(script, stepping, NORMAL, LinkConfig::PERFECT, seed);
@@ -61,8 +62,8 @@ impl Walk {
             avatars,
             watcher,
             lead,
-            said: Vec::new(),
-            seen: VecDeque::new(),
+            published: Vec::new(),
+            server_states: VecDeque::new(),
             noted: Tick::ZERO,
             judged: 0,
             worst: 0.0,
@@ -76,22 +77,22 @@ impl Walk {
         (0..self.avatars).map(Avatars::id).collect()
     }
 
-    /// The commander asks to drive, and waits for the answer.
+    /// The commander requests authority, and waits for the answer.
     ///
     /// # Errors
     ///
-    /// Why it may not.
+    /// The reason of a denial.
     pub fn take_authority(&mut self, ids: &[BodyId]) -> Result<Vec<BodyId>, AuthorityError> {
         take_authority(&mut self.stage, COMMANDER, ids)
     }
 
-    /// Terms of the commander's link alone.
+    /// Sets the simulated network of the commander's link only.
     ///
     /// # Panics
     ///
-    /// When they cannot be read.
-    pub fn over(&mut self, config: &str) {
-        let config: LinkConfig = config.parse().expect("the tests write links well");
+    /// When the configuration cannot be parsed.
+    pub fn set_link(&mut self, config: &str) {
+        let config: LinkConfig = config.parse().expect("a valid link configuration");
         for direction in [Direction::Up, Direction::Down] {
             self.stage
                 .network
@@ -105,47 +106,47 @@ impl Walk {
         self.stage.copy(self.watcher).stream().complete()
     }
 
-    /// How the commander's drive is doing.
+    /// Statistics of the commander's upstream at the server.
     #[must_use]
     pub fn statistics(&self) -> Option<UpstreamStatistics> {
-        let scene = "stage".parse().expect("a scene's name");
+        let scene = "stage".parse().expect("a valid scene name");
         let mut drives = self.stage.network.server().drives(&scene);
-        drives.find(|drive| drive.driver == Peer(0))
+        drives.find(|status| status.driver == Peer(0))
     }
 
-    /// The simulator's frame: says where the avatars are at a tick.
+    /// Publishes the avatars' states of a tick.
     ///
     /// # Panics
     ///
-    /// When they are not driven.
-    pub fn say(&mut self, tick: Tick) {
+    /// When they are not under authority.
+    pub fn publish(&mut self, tick: Tick) {
         let motions: Vec<(BodyId, BodyState)> = (0..self.avatars)
             .map(|place| (Avatars::id(place), Avatars::walk(place, tick)))
             .collect();
         let session = self.stage.network.client_mut(COMMANDER);
         if session
             .publish(tick, &motions)
-            .expect("the commander drives")
+            .expect("the commander has authority")
         {
-            self.said.push((tick, motions));
+            self.published.push((tick, motions));
         }
     }
 
-    /// A frame of a free-running scene, and a tick's time.
+    /// Publishes one frame of a free-running scene, and lets one tick pass.
     pub fn frame(&mut self) {
         let present = self.newest() + Ticks::new(self.lead as u32);
-        self.say(present);
+        self.publish(present);
         for _ in 0..4 {
             self.stage.run(Span::from_nanos(TICK.as_nanos() / 4));
             self.judge();
         }
     }
 
-    /// Where the server had a body at the newest tick.
+    /// The server's state of a body at the newest tick.
     ///
     /// # Panics
     ///
-    /// When there is none.
+    /// When the body does not exist.
     #[must_use]
     pub fn at(&self, id: BodyId) -> Motion {
         let stream = self.stage.copy(self.watcher).stream();
@@ -154,47 +155,47 @@ impl Walk {
             .expect("a body of the scene")
     }
 
-    /// Notes where the avatars are, and holds what was noted against what was said once it is known what was.
+    /// Stores the server's states of the avatars, and checks stored states whose upstream is complete.
     fn judge(&mut self) {
         let (newest, avatars) = (self.newest(), self.ids());
         if newest > self.noted {
             self.noted = newest;
             let motions = avatars.iter().map(|id| self.at(*id)).collect();
-            self.seen.push_back((newest, motions));
+            self.server_states.push_back((newest, motions));
         }
-        let Some(drive) = self.statistics() else {
+        let Some(status) = self.statistics() else {
             return;
         };
         while let Some((tick, motions)) = self
-            .seen
-            .pop_front_if(|(tick, _)| *tick <= drive.watermark_tick)
+            .server_states
+            .pop_front_if(|(tick, _)| *tick <= status.watermark_tick)
         {
-            let said = self.said.iter().rev().find(|(of, _)| *of == tick);
-            if let Some((_, said)) = said.filter(|_| drive.was_complete_at(tick)) {
-                for ((id, said), had) in said.clone().iter().zip(&motions) {
-                    self.hold(*id, tick, said, had);
+            let published = self.published.iter().rev().find(|(of, _)| *of == tick);
+            if let Some((_, published)) = published.filter(|_| status.was_complete_at(tick)) {
+                for ((id, published), had) in published.clone().iter().zip(&motions) {
+                    self.check(*id, tick, published, had);
                 }
             }
         }
     }
 
-    /// Holds where the server had a body against what was said of it.
+    /// Checks the server's state of a body against the published one.
     ///
     /// # Panics
     ///
-    /// When they are farther apart than the tolerance.
-    pub fn hold(&mut self, id: BodyId, tick: Tick, said: &BodyState, had: &Motion) {
-        let apart = Divergence::between(&said.motion().pose(), &had.pose());
+    /// When the error exceeds the tolerance.
+    pub fn check(&mut self, id: BodyId, tick: Tick, published: &BodyState, had: &Motion) {
+        let apart = Divergence::between(&published.motion().pose(), &had.pose());
         let share = CLOSE.scaled(ToleranceScale::AVATAR).share(&apart, RADIUS);
         assert!(
             share <= 1.0 + ROUNDING,
-            "{id} is off by {share} tolerances at {tick}"
+            "{id} at {tick} has an error of {share} tolerances"
         );
         self.judged += 1;
         self.worst = self.worst.max(share);
     }
 
-    /// Bytes that the commander sent so far, on either lane.
+    /// Bytes that the commander sent so far, on both lanes.
     #[must_use]
     pub fn bytes_up(&self) -> u64 {
         let lanes = [Lane::Control, Lane::State];
@@ -209,11 +210,11 @@ impl Walk {
     }
 }
 
-/// A member asks to drive, and waits for the answer.
+/// A member requests authority, and waits for the answer.
 ///
 /// # Errors
 ///
-/// Why it may not.
+/// The reason of a denial.
 ///
 /// # Panics
 ///
@@ -223,13 +224,13 @@ pub fn take_authority(
     member: usize,
     ids: &[BodyId],
 ) -> Result<Vec<BodyId>, AuthorityError> {
-    let answers = stage.witnesses[member].drives.len();
+    let answers = stage.histories[member].drives.len();
     let session = stage.network.client_mut(member);
     session
         .take_authority(CLOSE, ids)
-        .expect("a member may ask");
+        .expect("a member may request authority");
     stage.run_until_or(Span::from_millis(60_000), |stage| {
-        stage.witnesses[member].drives.len() > answers
+        stage.histories[member].drives.len() > answers
     });
-    stage.witnesses[member].drives[answers].clone()
+    stage.histories[member].drives[answers].clone()
 }

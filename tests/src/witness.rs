@@ -1,6 +1,6 @@
-//! What one member heard and predicted_motion, to be held against the truth.
+//! The events and claims of one member, for comparison with the truth.
 //!
-//! Reads a session and changes nothing in it but that its events are taken.
+//! It reads a session, and changes nothing except that it takes the events.
 
 use rhumb_protocol::Ending;
 use rhumb_protocol::message::{
@@ -14,66 +14,66 @@ use rhumb_reckoning::{BodyId, Metres, Pose, Tick, Tolerance};
 use crate::fnv::Fnv;
 use crate::truth::SceneTruth;
 
-/// That a body was within a distance of this pose at a tick.
+/// A claim of a copy: a body is within a distance of this pose at a tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Claim {
-    /// Which body.
+    /// The body.
     pub id: BodyId,
-    /// When.
+    /// The tick.
     pub tick: Tick,
-    /// Where the copy had it.
+    /// The pose in the copy.
     pub pose: Pose,
-    /// How far off any point of it may be.
+    /// Greatest possible error of any point of the body.
     pub within: Metres,
-    /// What its stream promised for it.
+    /// The tolerance of the body in its stream.
     pub tolerance: Tolerance,
-    /// By what factor it said that this may be exceeded.
+    /// The stated factor by which errors may exceed the tolerance.
     pub error_scale: f64,
 }
 
-/// The account of one member.
+/// The history of one member.
 #[derive(Debug, Default)]
 pub struct ObservationHistory {
-    /// Of every welcome.
+    /// Number of welcomes.
     pub welcomes: usize,
-    /// Indices of the last joining; none while it is no member.
+    /// Id range of the last join; `None` outside a membership.
     pub granted: Option<IdRange>,
-    /// Commands up to a number, and the tick before whose step they acted.
+    /// Commands up to this number were applied before the step of this tick.
     pub applied: Vec<(u64, Tick)>,
-    /// Refused commands.
+    /// Refused commands, by number.
     pub refused: Vec<(u64, CommandError)>,
-    /// Requests turned down.
+    /// Denied requests.
     pub denied: Vec<Denial>,
-    /// Bodies that went.
+    /// Removed bodies.
     pub removed: Vec<(BodyId, RemovalCause)>,
-    /// Streams that it changed to.
+    /// Streams that the member changed to.
     pub following: Vec<StreamChoice>,
-    /// Where the server moved it, and why.
+    /// Changes of tier by the server, with their causes.
     pub moved: Vec<(StreamChoice, TierChangeCause)>,
-    /// What it was given to drive, or why not.
+    /// Answers to requests for authority.
     pub drives: Vec<Result<Vec<BodyId>, AuthorityError>>,
-    /// Bodies whose tracks were other than the server's.
+    /// Bodies whose tracks were corrected after a checksum mismatch.
     pub resynced: Vec<BodyId>,
-    /// Answers to inspections.
+    /// Answers to inspect requests.
     pub inspections: Vec<Inspection>,
-    /// How often the scene was created by it, it left, and the scene was deleted.
+    /// How often this member created the scene.
     pub created: usize,
-    /// See `created`.
+    /// How often it left the scene.
     pub left: usize,
-    /// See `created`.
+    /// How often the scene was deleted.
     pub deleted: usize,
     /// How the connection ended.
     pub ended: Option<Ending>,
-    /// What its bounds promised.
+    /// Claims about all bodies so far.
     pub claims: Vec<Claim>,
-    /// How often a bound was asked for and could not be given.
+    /// Number of bounds that were requested but not available.
     pub unknown: usize,
     last_look: Option<(Tick, u64)>,
 }
 
 impl ObservationHistory {
     /// Takes the session's events.
-    pub fn listen(&mut self, session: &mut ClientSession) {
+    pub fn take_events(&mut self, session: &mut ClientSession) {
         while let Some(event) = session.poll_event() {
             match event {
                 Event::Welcomed(_) => self.welcomes += 1,
@@ -100,8 +100,8 @@ impl ObservationHistory {
         }
     }
 
-    /// Notes what the copy claims now of every body that can move, if anything was heard since the last look.
-    pub fn look(&mut self, session: &ClientSession) {
+    /// Stores the present claims about all bodies that can move, if data arrived since the last call.
+    pub fn store_claims(&mut self, session: &ClientSession) {
         let Some(replica) = session.replica() else {
             return;
         };
@@ -117,8 +117,8 @@ impl ObservationHistory {
         self.claim(replica, |kind| kind != BodyKind::Static);
     }
 
-    /// Notes what the copy claims now of every body.
-    pub fn look_at_all(&mut self, session: &ClientSession) {
+    /// Stores the present claims about all bodies.
+    pub fn store_all_claims(&mut self, session: &ClientSession) {
         if let Some(replica) = session.replica() {
             self.claim(replica, |_| true);
         }
@@ -127,17 +127,17 @@ impl ObservationHistory {
     fn claim(&mut self, replica: &Replica, wanted: impl Fn(BodyKind) -> bool) {
         let stream = replica.stream();
         let tick = stream.watermark_tick();
-        for config in replica.bodies().filter(|config| wanted(config.kind)) {
-            let id = config.id;
+        for desc in replica.bodies().filter(|desc| wanted(desc.kind)) {
+            let id = desc.id;
             match stream
                 .bound(id)
-                .expect("a body of the copy has a bound, if only an unknown one")
+                .expect("every body of the copy has a bound")
             {
                 ErrorBound::Unknown { .. } => self.unknown += 1,
                 ErrorBound::Within(within) => {
                     let predicted_motion = stream
                         .predicted_motion(id, tick)
-                        .expect("a body of the copy is predicted_motion");
+                        .expect("every body of the copy has a prediction");
                     let pose = predicted_motion.pose();
                     self.claims.push(Claim {
                         id,
@@ -146,22 +146,22 @@ impl ObservationHistory {
                         within,
                         tolerance: stream
                             .tolerance_of(id)
-                            .expect("a body of the copy has a tolerance"),
+                            .expect("every body of the copy has a tolerance"),
                         error_scale: stream
                             .error_scale_at(tick)
-                            .expect("a bound knows its factor"),
+                            .expect("every bound has a factor"),
                     });
                 }
             }
         }
     }
 
-    /// Holds every claim against the truth and returns the worst error of all.
+    /// Checks every claim against the truth and returns the greatest error. `member` names the member in messages.
     ///
     /// # Panics
     ///
-    /// At the first claim that was not true.
-    pub fn judge(&self, truth: &SceneTruth, who: &str) -> Metres {
+    /// At the first claim that is false.
+    pub fn judge(&self, truth: &SceneTruth, member: &str) -> Metres {
         let mut worst = Metres::new(0.0);
         for Claim {
             id,
@@ -173,12 +173,12 @@ impl ObservationHistory {
         } in &self.claims
         {
             let (apart, radius) = truth.apart(*id, *tick, pose).unwrap_or_else(|| {
-                panic!("{who}: {id} was bounded at {tick}, where it was not at all")
+                panic!("{member}: {id} has a bound at {tick}, when it did not exist")
             });
             let error = apart.surface_error(radius);
             assert!(
                 error <= *within && tolerance.share(&apart, radius) <= *error_scale,
-                "{who}: {id} at {tick} is off by {error}, bound {within}, tolerance {tolerance}"
+                "{member}: the error of {id} at {tick} is {error}, bound {within}, tolerance {tolerance}"
             );
             if error > worst {
                 worst = error;
@@ -188,22 +188,22 @@ impl ObservationHistory {
     }
 }
 
-/// Two copies of one scene in one tier are equal to the bit: shapes aside, which nothing moves.
+/// Requires that two copies of one scene in one tier are bit-identical; shapes are not compared.
 ///
 /// # Panics
 ///
-/// At the first body whose config, track or belief differ.
+/// At the first body whose configuration, track or prediction differs.
 pub fn assert_same_copy(one: &Replica, other: &Replica) {
-    let ids = |replica: &Replica| replica.bodies().map(|config| config.id).collect::<Vec<_>>();
+    let ids = |replica: &Replica| replica.bodies().map(|desc| desc.id).collect::<Vec<_>>();
     assert_eq!(ids(one), ids(other), "the copies hold different bodies");
     assert_eq!(one.gravity(), other.gravity());
     let (one_stream, other_stream) = (one.stream(), other.stream());
     let tick = one_stream
         .watermark_tick()
         .max(other_stream.watermark_tick());
-    for config in one.bodies() {
-        let id = config.id;
-        assert_eq!(Some(config), other.body(id));
+    for desc in one.bodies() {
+        let id = desc.id;
+        assert_eq!(Some(desc), other.body(id));
         assert_eq!(
             one_stream.track(id),
             other_stream.track(id),
@@ -217,8 +217,8 @@ pub fn assert_same_copy(one: &Replica, other: &Replica) {
     }
 }
 
-/// FNV-1a over what a copy shows at its complete tick: the tick, then for each body in order of index its index,
-/// generation and the bits of position and rotation in f32. `so_far`: of the ticks before, or zero.
+/// FNV-1a over the state of a copy at its complete tick: the tick, then for each body in order of index its index,
+/// generation and the bits of position and rotation in f32. `so_far`: the hash of the ticks before, or zero.
 #[must_use]
 pub fn copy_digest(so_far: u64, replica: &Replica) -> u64 {
     let mut digest = match so_far {
@@ -228,12 +228,12 @@ pub fn copy_digest(so_far: u64, replica: &Replica) -> u64 {
     let mut fold = |word: u32| digest.fold(&word.to_le_bytes());
     let tick = replica.stream().complete();
     fold(tick.value() as u32);
-    for config in replica.bodies() {
-        fold(config.id.index());
-        fold(u32::from(config.id.generation()));
-        let motion = replica.stream().predicted_motion(config.id, tick);
+    for desc in replica.bodies() {
+        fold(desc.id.index());
+        fold(u32::from(desc.id.generation()));
+        let motion = replica.stream().predicted_motion(desc.id, tick);
         let pose = motion
-            .expect("a body of the copy is predicted_motion")
+            .expect("every body of the copy has a prediction")
             .pose();
         for part in pose.position.as_vec3().to_array() {
             fold(part.to_bits());

@@ -1,8 +1,8 @@
-//! The real plug-in's bytes against a host: understood, answered in kind
+//! The server accepts the bytes of the real plug-in and answers correctly.
 //!
-//! Proved by playing recordings of OpenSimulator's unmodified RemotePhysics plug-in (`PluginSession`) to a host in virtual
-//! time: a session each of a region at rest, of a region with a hundred balls and an avatar, of forty balls, of avatars
-//! that walk, fly and are resized, and of everything else that the plug-in can say.
+//! The tests play recordings of OpenSimulator's unmodified RemotePhysics plug-in (`PluginSession`) to a server in
+//! virtual time: sessions with a region at rest, a region with a hundred balls and an avatar, forty balls, avatars
+//! that walk, fly and are resized, and every other message of the plug-in.
 
 use std::collections::BTreeMap;
 
@@ -18,34 +18,34 @@ const AVATAR: &[u8] = include_bytes!("../data/app/harness_avatar.zst");
 const REGION: &[u8] = include_bytes!("../data/app/region_start.zst");
 const REGION_BALLS: &[u8] = include_bytes!("../data/app/region_balls_avatar.zst");
 
-fn host() -> ServerLoop {
+fn server() -> ServerLoop {
     ServerLoop::new(|| Instant::ZERO)
 }
 
-/// Plays a recording to its end, message by message, and checks what every session has in common.
+/// Plays a recording to its end, message by message, and checks the common properties of all sessions.
 fn play(packed: &[u8]) -> (Recording, PluginSession) {
     let recording = Recording::unpack(packed);
-    let mut host = host();
-    let mut talk = PluginSession::begin(&mut host, 1, recording.datagram());
+    let mut server = server();
+    let mut session = PluginSession::begin(&mut server, 1, recording.datagram());
     let steps = recording.count(Kind::AdvanceTime);
     for piece in recording.pieces() {
-        assert!(!talk.closed, "closed before {piece:?}");
-        talk.say(&mut host, piece);
+        assert!(!session.closed, "closed before {piece:?}");
+        session.send(&mut server, piece);
     }
-    assert!(talk.closed, "who logs off is let go");
-    assert_eq!(host.scenes().count(), 0, "its scene ends with it");
-    assert_eq!(talk.received(Kind::LogonReady), 1);
-    assert_eq!(talk.received(Kind::TimeAdvanced), steps);
-    let refused: Vec<_> = talk
-        .lasting
+    assert!(session.closed, "a client that logs off is disconnected");
+    assert_eq!(server.scenes().count(), 0, "the scene ends with its client");
+    assert_eq!(session.received(Kind::LogonReady), 1);
+    assert_eq!(session.received(Kind::TimeAdvanced), steps);
+    let refused: Vec<_> = session
+        .tcp_messages
         .iter()
         .filter(|message| message.kind() == Kind::Error)
         .collect();
     assert!(refused.is_empty(), "{refused:?}");
-    (recording, talk)
+    (recording, session)
 }
 
-/// The ground of the harness's terrain: four plateaus, with steps at the middle.
+/// Height of the harness's terrain: four plateaus, with steps in the middle.
 fn plateau(size: f32, x: f32, y: f32) -> f32 {
     let middle = size * 0.5;
     match (x >= middle, y >= middle) {
@@ -57,24 +57,20 @@ fn plateau(size: f32, x: f32, y: f32) -> f32 {
 }
 
 #[test]
-fn a_region_that_starts_and_stops_is_understood() {
-    let (recording, talk) = play(REGION);
+fn a_region_that_starts_and_stops_is_accepted() {
+    let (recording, session) = play(REGION);
     assert_eq!(recording.count(Kind::AddHeightField), 2);
-    assert_eq!(
-        talk.received(Kind::SetDynamicActor),
-        0,
-        "nothing moves in it"
-    );
+    assert_eq!(session.received(Kind::SetDynamicActor), 0, "no body moves");
 }
 
 #[test]
 fn forty_balls_come_to_rest_on_their_plateaus() {
-    let (recording, talk) = play(BALLS);
+    let (recording, session) = play(BALLS);
     assert_eq!(
-        talk.received(Kind::UpdateMass),
+        session.received(Kind::UpdateMass),
         recording.count(Kind::GetMass)
     );
-    let last = talk.last_states();
+    let last = session.last_states();
     assert_eq!(last.len(), 40);
     for (name, state) in last {
         let above = state.position.z - plateau(64.0, state.position.x, state.position.y);
@@ -85,67 +81,71 @@ fn forty_balls_come_to_rest_on_their_plateaus() {
     }
 }
 
-/// Where an actor was said to be by the end of a frame.
+/// Position of an actor in the last state up to the end of a frame.
 fn at(track: &BTreeMap<usize, Motion>, frame: usize) -> Vec3 {
     let last = track.range(..=frame).next_back();
-    last.expect("it was spoken of by then").1.position
+    last.expect("a state up to that frame").1.position
 }
 
-/// The masses that were reported of an actor, one after the other, kg.
-fn masses(talk: &PluginSession, actor: u32) -> Vec<f32> {
-    let reported = talk.lasting.iter().filter_map(|message| match message {
-        Message::UpdateMass((id, mass)) if id.object == actor => Some(*mass),
-        _ => None,
-    });
+/// The masses reported for an actor, in order, in kg.
+fn masses(session: &PluginSession, actor: u32) -> Vec<f32> {
+    let reported = session
+        .tcp_messages
+        .iter()
+        .filter_map(|message| match message {
+            Message::UpdateMass((id, mass)) if id.object == actor => Some(*mass),
+            _ => None,
+        });
     reported.collect()
 }
 
 #[test]
-fn every_kind_of_thing_is_understood_and_weighed() {
-    let (recording, talk) = play(ZOO);
+fn every_kind_of_object_is_accepted_and_its_mass_reported() {
+    let (recording, session) = play(ZOO);
     assert_eq!(
         recording.count(Kind::ApplyTorque),
         1,
-        "the one without a header"
+        "the message without a header"
     );
-    // By edges, radius and density, as the harness asked for them: reported when asked for, and again when others come of it.
+    // From edges, radius and density, as the harness requested them. A mass is reported on request, and again when it
+    // changes.
     let ball = core::f32::consts::PI / 6.0;
     let expected: [(u32, &[f32]); 5] = [
-        // A box that is made larger; then static, dynamic again.
+        // A box that is enlarged, then made static and dynamic again.
         (720_001, &[1e3, 4e3, 4e3, 4e3]),
-        // A wall of 4 m × 0.5 m × 2 m, of which nothing changes.
+        // A wall of 4 m × 0.5 m × 2 m that does not change.
         (720_002, &[4e3, 4e3, 4e3]),
-        // A ball that becomes of another material.
+        // A ball whose material changes.
         (720_003, &[ball * 1e3, ball * 7.7e3]),
-        // What is attached to it nobody defined.
+        // An actor whose attached shape is undefined.
         (720_004, &[1.0]),
-        // A cube with two more linked, of which one goes.
+        // A cube with two linked cubes, one of which is removed.
         (720_010, &[1e3, 3e3, 2e3]),
     ];
     for (actor, expected) in expected {
-        let reported = masses(&talk, actor);
+        let reported = masses(&session, actor);
         let is_as = |(reported, expected): (&f32, &f32)| (reported / expected - 1.0).abs() < 1e-4;
         let all = reported.len() == expected.len() && reported.iter().zip(expected).all(is_as);
-        assert!(all, "{actor}: {reported:?} kg, and not {expected:?}");
+        assert!(all, "{actor}: {reported:?} kg, not {expected:?}");
     }
-    for (_, state) in &talk.states {
+    for (_, state) in &session.states {
         assert!(state.position.is_finite() && state.rotation.is_normalized());
     }
 }
 
 #[test]
-fn what_is_set_going_goes_there() {
-    let (_, talk) = play(ZOO);
-    // After frame 34 the ball is reported to go at 1 m/s along x and at 3 m/s up: it rises for a third of a second.
-    let ball = talk.track(720_003);
+fn a_body_moves_with_the_velocity_that_is_set() {
+    let (_, session) = play(ZOO);
+    // After frame 34 the velocity is set to 1 m/s along x and 3 m/s up, so the ball rises for a third of a second.
+    let ball = session.track(720_003);
     let top = (35..40).map(|frame| at(&ball, frame).z).fold(0.0, f32::max);
     let rise = top - at(&ball, 34).z;
     assert!((0.35..0.46).contains(&rise), "it rose by {rise} m");
     let way = at(&ball, 38) - at(&ball, 34);
-    assert!((way.x - 4.0 * 0.089).abs() < 0.02, "it went by {way}");
-    assert!(way.y.abs() < 0.01, "it went by {way}");
-    // Before frame 65 a box of 1 m is put 28 m up, over ground at 20 m.
-    let fallen = talk.track(720_001);
+    assert!((way.x - 4.0 * 0.089).abs() < 0.02, "it moved by {way}");
+    assert!(way.y.abs() < 0.01, "it moved by {way}");
+    // Before frame 65 a box of 1 m is placed at a height of 28 m, over ground at 20 m.
+    let fallen = session.track(720_001);
     assert!(at(&fallen, 66).z > 27.5, "{:?}", at(&fallen, 66));
     assert!(
         (at(&fallen, 80).z - 20.5).abs() < 0.02,
@@ -155,10 +155,14 @@ fn what_is_set_going_goes_there() {
 }
 
 #[test]
-fn avatars_stay_upright_walk_on_the_ground_and_feel_it() {
-    let (_, talk) = play(AVATAR);
+fn avatars_stay_upright_on_the_ground_and_report_contacts() {
+    let (_, session) = play(AVATAR);
     let mut felt = 0;
-    for message in talk.passing.iter().chain(&talk.lasting) {
+    for message in session
+        .datagram_messages
+        .iter()
+        .chain(&session.tcp_messages)
+    {
         match message {
             Message::SetDynamicActor(state) => {
                 let turned = (state.rotation * Vec3::Z).z;
@@ -173,18 +177,18 @@ fn avatars_stay_upright_walk_on_the_ground_and_feel_it() {
             _ => {}
         }
     }
-    assert!(felt > 50, "the ground was felt {felt} times");
+    assert!(felt > 50, "{felt} contacts with the ground were reported");
 }
 
 #[test]
-fn an_avatar_goes_where_it_wishes_flies_and_lands_on_its_feet() {
-    let (_, talk) = play(AVATAR);
-    let track = talk.track(800_001);
+fn an_avatar_walks_flies_and_lands_as_commanded() {
+    let (_, session) = play(AVATAR);
+    let track = session.track(800_001);
     let at = |frame| at(&track, frame);
     // 1.9 m tall, on ground at 20 m.
     let stands = |frame: usize| (at(frame).z - 20.95).abs() < 0.03;
     assert!(stands(30) && at(30).distance(at(34)) < 0.01, "{}", at(34));
-    // From frame 35 on it wishes to walk at 2 m/s along x, and is slowed by the ground between two wishes.
+    // From frame 35 on its target velocity is 2 m/s along x; friction slows it between two such messages.
     let walked = at(42) - at(34);
     let requested_authority = 8.0 * 0.089 * 2.0;
     assert!(
@@ -192,22 +196,22 @@ fn an_avatar_goes_where_it_wishes_flies_and_lands_on_its_feet() {
         "{walked}"
     );
     assert!(walked.y.abs() < 0.01 && stands(42), "{walked}");
-    // A step of 6 m ends its way, three metres on.
+    // A step of 6 m stops it after three metres.
     assert!((62.0..63.5).contains(&at(62).x), "{}", at(62));
-    // From frame 70 to 81 it has no weight, and was reported to rise at 1 m/s.
+    // From frame 70 to 81 it has no weight, and its velocity is 1 m/s upwards.
     let risen = at(81).z - at(69).z;
     assert!((0.9..1.1).contains(&risen), "it rose by {risen} m");
     assert!(stands(69) && stands(104), "{} {}", at(69), at(104));
 }
 
 #[test]
-fn a_region_with_balls_and_an_avatar_is_understood_to_its_end() {
-    let (recording, talk) = play(REGION_BALLS);
+fn a_region_with_balls_and_an_avatar_is_accepted_to_its_end() {
+    let (recording, session) = play(REGION_BALLS);
     assert!(recording.messages.len() > 2_600);
-    let last = talk.last_states();
+    let last = session.last_states();
     assert!(last.len() >= 100, "{} moved", last.len());
-    assert!(talk.received(Kind::UpdateMass) >= recording.count(Kind::GetMass));
-    // The last terrain lies above the first, where they had come to lie: they are put on top. Some roll over the edge.
+    assert!(session.received(Kind::UpdateMass) >= recording.count(Kind::GetMass));
+    // The last terrain is above the balls that rest on the first, so they are moved onto it. Some roll over the edge.
     let inside = |state: &Motion| {
         let region = 0.0..255.0;
         region.contains(&state.position.x) && region.contains(&state.position.y)
@@ -221,7 +225,7 @@ fn a_region_with_balls_and_an_avatar_is_understood_to_its_end() {
     assert!(last.values().filter(|state| inside(state)).count() >= 95);
 }
 
-/// Where each actor was said to be last.
+/// The last reported position of each actor.
 fn last_places(messages: &[Message]) -> BTreeMap<u32, Vec3> {
     let states = messages.iter().filter_map(|message| match message {
         Message::SetDynamicActor(state) => Some((state.actor.object, state.position)),
@@ -231,32 +235,39 @@ fn last_places(messages: &[Message]) -> BTreeMap<u32, Vec3> {
 }
 
 #[test]
-fn what_rests_is_said_again_where_nothing_is_lost() {
-    let (_, talk) = play(BALLS);
-    let (passing, lasting) = (last_places(&talk.passing), last_places(&talk.lasting));
-    assert_eq!(lasting.len(), 40, "every ball came to rest once at least");
-    let same = passing
+fn resting_states_are_repeated_on_the_reliable_connection() {
+    let (_, session) = play(BALLS);
+    let (datagram_messages, tcp_messages) = (
+        last_places(&session.datagram_messages),
+        last_places(&session.tcp_messages),
+    );
+    assert_eq!(
+        tcp_messages.len(),
+        40,
+        "every ball came to rest at least once"
+    );
+    let same = datagram_messages
         .iter()
-        .filter(|(name, at)| lasting[name].distance(**at) < 2e-3);
-    assert!(same.count() >= 35, "{passing:?} {lasting:?}");
+        .filter(|(name, at)| tcp_messages[name].distance(**at) < 2e-3);
+    assert!(same.count() >= 35, "{datagram_messages:?} {tcp_messages:?}");
 }
 
 #[test]
 fn simulations_of_several_clients_do_not_touch() {
     let (balls, zoo) = (Recording::unpack(BALLS), Recording::unpack(ZOO));
     let (_, alone) = play(BALLS);
-    let mut host = host();
-    let mut first = PluginSession::begin(&mut host, 1, balls.datagram());
-    // The same session under another number of its simulation.
+    let mut server = server();
+    let mut first = PluginSession::begin(&mut server, 1, balls.datagram());
+    // The same session with another simulation number.
     let mut logon = Vec::new();
     Message::Logon(Logon::new(8, "other")).encode(0, &mut logon);
-    let mut second = PluginSession::begin(&mut host, 2, &logon);
-    second.say(&mut host, &logon);
+    let mut second = PluginSession::begin(&mut server, 2, &logon);
+    second.send(&mut server, &logon);
     let mut others = zoo.pieces().skip(1);
     for piece in balls.pieces() {
-        first.say(&mut host, piece);
+        first.send(&mut server, piece);
         for piece in others.by_ref().take(2) {
-            second.say(&mut host, piece);
+            second.send(&mut server, piece);
         }
     }
     assert_eq!(first.last_states(), alone.last_states());
@@ -267,17 +278,17 @@ fn simulations_of_several_clients_do_not_touch() {
 }
 
 #[test]
-fn a_simulation_has_one_client_and_the_first_goes_on() {
+fn a_second_client_of_a_simulation_is_refused_and_the_first_continues() {
     let recording = Recording::unpack(ZOO);
-    let mut host = host();
-    let mut first = PluginSession::begin(&mut host, 1, recording.datagram());
+    let mut server = server();
+    let mut first = PluginSession::begin(&mut server, 1, recording.datagram());
     let half = recording.bytes.len() / 2;
-    first.say(&mut host, &recording.bytes[..half]);
-    let mut second = PluginSession::begin(&mut host, 2, recording.datagram());
-    second.say(&mut host, &recording.bytes);
-    assert!(second.closed && second.lasting.is_empty());
-    second.end(&mut host);
-    first.say(&mut host, &recording.bytes[half..]);
+    first.send(&mut server, &recording.bytes[..half]);
+    let mut second = PluginSession::begin(&mut server, 2, recording.datagram());
+    second.send(&mut server, &recording.bytes);
+    assert!(second.closed && second.tcp_messages.is_empty());
+    second.end(&mut server);
+    first.send(&mut server, &recording.bytes[half..]);
     assert!(first.closed);
     let frames = recording.count(Kind::AdvanceTime);
     assert_eq!(first.received(Kind::TimeAdvanced), frames);
@@ -288,20 +299,20 @@ fn messages_of_a_rejected_peer_are_ignored() {
     let (mut logon, mut frame) = (Vec::new(), Vec::new());
     Message::Logon(Logon::new(7, "one")).encode(0, &mut logon);
     Message::AdvanceTime((7, 0.089)).encode(0, &mut frame);
-    let mut host = host();
-    let mut first = PluginSession::begin(&mut host, 1, &logon);
-    first.say(&mut host, &logon);
-    let mut second = PluginSession::begin(&mut host, 2, &logon);
-    second.say(&mut host, &logon);
+    let mut server = server();
+    let mut first = PluginSession::begin(&mut server, 1, &logon);
+    first.send(&mut server, &logon);
+    let mut second = PluginSession::begin(&mut server, 2, &logon);
+    second.send(&mut server, &logon);
     assert!(second.closed);
-    // Its connection is not closed yet, and it goes on.
-    second.say(&mut host, &frame);
-    assert_eq!(host.scenes().count(), 0);
-    first.say(&mut host, &frame);
-    second.say(&mut host, &frame);
-    second.end(&mut host);
-    assert!(second.lasting.is_empty() && second.passing.is_empty());
-    let scenes: Vec<String> = host.scenes().map(ToString::to_string).collect();
+    // Its connection is not closed yet, and it continues to send.
+    second.send(&mut server, &frame);
+    assert_eq!(server.scenes().count(), 0);
+    first.send(&mut server, &frame);
+    second.send(&mut server, &frame);
+    second.end(&mut server);
+    assert!(second.tcp_messages.is_empty() && second.datagram_messages.is_empty());
+    let scenes: Vec<String> = server.scenes().map(ToString::to_string).collect();
     assert_eq!(scenes, ["app/7"]);
     assert_eq!(first.received(Kind::TimeAdvanced), 1);
 }
@@ -309,36 +320,36 @@ fn messages_of_a_rejected_peer_are_ignored() {
 #[test]
 fn a_client_whose_datagram_is_lost_receives_its_states_on_tcp() {
     let recording = Recording::unpack(BALLS);
-    let mut host = host();
-    let mut talk = PluginSession::begin(&mut host, 1, b"no logon");
+    let mut server = server();
+    let mut session = PluginSession::begin(&mut server, 1, b"no logon");
     for piece in recording.pieces() {
-        talk.say(&mut host, piece);
+        session.send(&mut server, piece);
     }
-    assert!(talk.passing.is_empty());
-    assert_eq!(talk.last_states().len(), 40);
+    assert!(session.datagram_messages.is_empty());
+    assert_eq!(session.last_states().len(), 40);
 }
 
 #[test]
 fn when_tcp_is_too_slow_for_all_states_every_body_is_served_in_turn() {
     const BODIES: u32 = 1_000;
     const FRAMES: usize = 40;
-    // What a line takes between two frames of a plug-in: 16 KiB in 35 ms.
+    // Bytes that the connection accepts between two frames of a plug-in: 16 KiB in 35 ms.
     const TAKEN_BYTES: usize = (16 << 10) * 89 / 35;
-    let mut host = host();
-    let mut talk = PluginSession::begin(&mut host, 1, b"no logon");
-    talk.say(&mut host, &falling(7, BODIES));
+    let mut server = server();
+    let mut session = PluginSession::begin(&mut server, 1, b"no logon");
+    session.send(&mut server, &falling(7, BODIES));
     let mut frame = Vec::new();
     Message::AdvanceTime((7, 0.089)).encode(0, &mut frame);
     for _ in 0..FRAMES {
-        let before = talk.stream_bytes;
-        talk.say(&mut host, &frame);
-        let waiting = talk.waiting_bytes + talk.stream_bytes - before;
-        assert!(waiting < 70_000, "{waiting} bytes wait");
-        talk.waiting_bytes = waiting.saturating_sub(TAKEN_BYTES);
+        let before = session.stream_bytes;
+        session.send(&mut server, &frame);
+        let waiting = session.waiting_bytes + session.stream_bytes - before;
+        assert!(waiting < 70_000, "{waiting} bytes are queued");
+        session.waiting_bytes = waiting.saturating_sub(TAKEN_BYTES);
     }
-    assert_eq!(talk.received(Kind::TimeAdvanced), FRAMES);
+    assert_eq!(session.received(Kind::TimeAdvanced), FRAMES);
     for ball in 1_000..1_000 + BODIES {
-        let reported: Vec<usize> = talk.track(ball).into_keys().collect();
+        let reported: Vec<usize> = session.track(ball).into_keys().collect();
         let silent = reported.windows(2).map(|two| two[1] - two[0]).max();
         assert!(
             silent.is_some_and(|frames| frames <= 3),
@@ -353,26 +364,26 @@ fn when_tcp_is_too_slow_for_all_states_every_body_is_served_in_turn() {
 }
 
 #[test]
-fn what_came_to_rest_while_nothing_could_be_said_is_said_when_it_can() {
+fn resting_states_are_sent_after_a_blocked_connection_recovers() {
     let recording = Recording::unpack(BALLS);
-    let mut host = host();
-    let mut talk = PluginSession::begin(&mut host, 1, b"no logon");
-    talk.waiting_bytes = 1 << 20;
-    // All but its end, when the ground goes.
+    let mut server = server();
+    let mut session = PluginSession::begin(&mut server, 1, b"no logon");
+    session.waiting_bytes = 1 << 20;
+    // Everything except the end of the recording, where the ground is removed.
     for (piece, message) in recording.pieces().zip(&recording.messages) {
         if message.kind() == Kind::DetachShape {
             break;
         }
-        talk.say(&mut host, piece);
+        session.send(&mut server, piece);
     }
-    assert!(talk.states.is_empty());
+    assert!(session.states.is_empty());
     let frames = recording.count(Kind::AdvanceTime);
-    assert_eq!(talk.received(Kind::TimeAdvanced), frames);
-    talk.waiting_bytes = 0;
+    assert_eq!(session.received(Kind::TimeAdvanced), frames);
+    session.waiting_bytes = 0;
     let mut frame = Vec::new();
     Message::AdvanceTime((7, 0.089)).encode(0, &mut frame);
-    talk.say(&mut host, &frame);
-    let last = talk.last_states();
+    session.send(&mut server, &frame);
+    let last = session.last_states();
     assert_eq!(last.len(), 40);
     for state in last.values() {
         let above = state.position.z - plateau(64.0, state.position.x, state.position.y);
@@ -381,16 +392,16 @@ fn what_came_to_rest_while_nothing_could_be_said_is_said_when_it_can() {
 }
 
 #[test]
-fn an_operator_chooses_what_is_said() {
+fn an_operator_selects_the_states_that_are_sent() {
     let recording = Recording::unpack(BALLS);
     let play = |options: AppOptions| {
-        let mut host = host();
-        host.configure_app(options);
-        let mut talk = PluginSession::begin(&mut host, 1, recording.datagram());
+        let mut server = server();
+        server.configure_app(options);
+        let mut session = PluginSession::begin(&mut server, 1, recording.datagram());
         for piece in recording.pieces() {
-            talk.say(&mut host, piece);
+            session.send(&mut server, piece);
         }
-        talk
+        session
     };
     let frames = recording.count(Kind::AdvanceTime);
     let all = play(AppOptions {
@@ -402,7 +413,10 @@ fn an_operator_chooses_what_is_said() {
         let over = messages.iter().filter(|m| m.kind() == Kind::TimeAdvanced);
         over.count()
     };
-    assert_eq!((over(&all.passing), over(&all.lasting)), (frames, 0));
+    assert_eq!(
+        (over(&all.datagram_messages), over(&all.tcp_messages)),
+        (frames, 0)
+    );
     let never = play(AppOptions {
         states: States::Active,
         time_advanced: TimeAdvanced::Never,
@@ -410,50 +424,50 @@ fn an_operator_chooses_what_is_said() {
     });
     assert_eq!(never.received(Kind::TimeAdvanced), 0);
     let changed = play(AppOptions::default());
-    let count = |talk: &PluginSession| talk.received(Kind::SetDynamicActor);
+    let count = |session: &PluginSession| session.received(Kind::SetDynamicActor);
     assert!(count(&changed) < count(&never) && count(&never) <= count(&all));
 }
 
 #[test]
-fn broken_sessions_end_alone_and_nobody_panics() {
+fn broken_sessions_end_without_a_panic_and_without_effect_on_others() {
     let (zoo, balls) = (Recording::unpack(ZOO), Recording::unpack(BALLS));
     let mut dice = Dice::new(seed(0xa99));
-    let mut host = host();
+    let mut server = server();
     let mut logon = Vec::new();
     Message::Logon(Logon::new(99, "steady")).encode(0, &mut logon);
-    let mut steady = PluginSession::begin(&mut host, 1, &logon);
-    steady.say(&mut host, &logon);
+    let mut steady = PluginSession::begin(&mut server, 1, &logon);
+    steady.send(&mut server, &logon);
     let mut closed = 0;
     for round in 0..60_u16 {
         let of = if round % 2 == 0 { &zoo } else { &balls };
         let mut bytes = of.bytes.clone();
-        // Behind the terrain, where most words are.
+        // The part after the terrain, which has most of the messages.
         let words = bytes.len() - 17_000;
         for _ in 0..1 + dice.below(20) {
             let place = words + dice.below(17_000);
             bytes[place] = dice.below(256) as u8;
         }
-        let mut broken = PluginSession::begin(&mut host, 2 + round, &bytes);
+        let mut broken = PluginSession::begin(&mut server, 2 + round, &bytes);
         for piece in bytes.chunks(1 + dice.below(3_000)) {
-            broken.say(&mut host, piece);
+            broken.send(&mut server, piece);
             if broken.closed {
                 break;
             }
         }
         closed += u32::from(broken.closed);
-        broken.end(&mut host);
+        broken.end(&mut server);
         let mut frame = Vec::new();
         Message::AdvanceTime((99, 0.089)).encode(0, &mut frame);
-        steady.say(&mut host, &frame);
+        steady.send(&mut server, &frame);
         assert_eq!(steady.received(Kind::TimeAdvanced), usize::from(round) + 1);
-        assert_eq!(host.scenes().count(), 1, "a scene ends with its client");
+        assert_eq!(server.scenes().count(), 1, "a scene ends with its client");
     }
-    assert!(closed > 20, "{closed} of 60 were closed");
+    assert!(closed > 20, "only {closed} of 60 sessions were closed");
 }
 
 #[test]
-fn numbers_that_no_engine_should_be_given_are_refused_and_the_session_goes_on() {
-    let mut host = host();
+fn invalid_numbers_are_refused_and_the_session_continues() {
+    let mut server = server();
     let mut bytes = Vec::new();
     let id = |object| Id {
         simulation: 7,
@@ -477,11 +491,11 @@ fn numbers_that_no_engine_should_be_given_are_refused_and_the_session_goes_on() 
         message.encode(index as u32 + 1, &mut bytes);
     }
     Message::AdvanceTime((7, 0.089)).encode(99, &mut bytes);
-    let mut talk = PluginSession::begin(&mut host, 1, b"");
-    talk.say(&mut host, &bytes);
-    assert!(!talk.closed);
-    let refused: Vec<u32> = talk
-        .lasting
+    let mut session = PluginSession::begin(&mut server, 1, b"");
+    session.send(&mut server, &bytes);
+    assert!(!session.closed);
+    let refused: Vec<u32> = session
+        .tcp_messages
         .iter()
         .filter_map(|message| match message {
             Message::Error(fault) => Some(fault.index),
@@ -489,5 +503,5 @@ fn numbers_that_no_engine_should_be_given_are_refused_and_the_session_goes_on() 
         })
         .collect();
     assert_eq!(refused, (1..=wrong.len() as u32).collect::<Vec<_>>());
-    assert_eq!(talk.received(Kind::TimeAdvanced), 1);
+    assert_eq!(session.received(Kind::TimeAdvanced), 1);
 }

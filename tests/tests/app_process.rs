@@ -1,7 +1,7 @@
-//! The real plug-in's bytes against a server process, by TCP and UDP
+//! A server process accepts the bytes of the real plug-in by TCP and UDP.
 //!
-//! Proved by writing recordings of the plug-in to the sockets of the server's own command line, as fast as they are taken,
-//! and by a native client that watches the scene that they lead. Waiting is a read with its patience, never a sleep.
+//! The tests write recordings of the plug-in to the sockets of the server process as fast as it accepts them. A native
+//! client watches the scene. Waiting is a read with a time limit, never a sleep.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
@@ -11,18 +11,18 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 use rhumb_app::{Kind, Logon, Message, MessageFraming};
 use rhumb_client::scene::Shape;
-use rhumb_client::{Client, ClientError, JoinMode, Options, PipelineDepth, Tick, Trust};
+use rhumb_client::{Client, ClientError, JoinMode, JoinOptions, PipelineDepth, Tick, Trust};
 use rhumb_tests::{Programme, Recording, ServerProcess, falling};
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 const ANYWHERE: &str = "127.0.0.1:0";
 const ZOO: &[u8] = include_bytes!("../data/app/harness_zoo.zst");
 const BALLS: &[u8] = include_bytes!("../data/app/harness_balls.zst");
-/// Longer than anything here takes.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Time limit of every wait.
+const TIME_LIMIT: Duration = Duration::from_secs(60);
 
-/// Frames before somebody watches.
-const FRAMES_SEEN: usize = 45;
+/// Number of frames before the native client joins.
+const FRAMES_BEFORE_JOIN: usize = 45;
 
 struct Plugin {
     tcp: TcpStream,
@@ -30,22 +30,22 @@ struct Plugin {
     frames: MessageFraming,
 }
 
-/// What the tests rely on.
+/// Panic message for socket operations.
 const LOOPBACK: &str = "loopback works";
 
 impl Plugin {
     fn connect(server: &ServerProcess, recording: &Recording) -> Self {
-        Self::connect_saying(server, recording.datagram())
+        Self::connect_with(server, recording.datagram())
     }
 
-    /// Connects, and says something by datagram.
-    fn connect_saying(server: &ServerProcess, datagram: &[u8]) -> Self {
-        let app = server.app.expect("it listens for such clients");
+    /// Connects, and sends a datagram.
+    fn connect_with(server: &ServerProcess, datagram: &[u8]) -> Self {
+        let app = server.app.expect("the server listens for such clients");
         let udp = UdpSocket::bind(ANYWHERE).expect(LOOPBACK);
         udp.send_to(datagram, app).expect(LOOPBACK);
-        udp.set_read_timeout(Some(PATIENCE)).expect(LOOPBACK);
+        udp.set_read_timeout(Some(TIME_LIMIT)).expect(LOOPBACK);
         let tcp = TcpStream::connect(app).expect(LOOPBACK);
-        tcp.set_read_timeout(Some(PATIENCE)).expect(LOOPBACK);
+        tcp.set_read_timeout(Some(TIME_LIMIT)).expect(LOOPBACK);
         Self {
             tcp,
             udp,
@@ -53,17 +53,17 @@ impl Plugin {
         }
     }
 
-    fn say(&mut self, bytes: &[u8]) {
+    fn send(&mut self, bytes: &[u8]) {
         self.tcp.write_all(bytes).expect(LOOPBACK);
     }
 
-    /// What comes on TCP, until the server closes it or so many frames are over.
-    fn hear(&mut self, frames: Option<usize>) -> Vec<Message> {
+    /// Receives on TCP until the server closes the connection or this number of frames is over.
+    fn receive(&mut self, frames: Option<usize>) -> Vec<Message> {
         let mut received: Vec<Message> = Vec::new();
         let mut buffer = [0; 4_096];
         let is_over = |message: &&Message| message.kind() == Kind::TimeAdvanced;
         while Some(received.iter().filter(is_over).count()) != frames {
-            // One that was refused may be reset, for what it sent and nobody read.
+            // A refused connection may be reset because of unread data.
             let count = self.tcp.read(&mut buffer).unwrap_or(0);
             if count == 0 {
                 break;
@@ -78,12 +78,12 @@ impl Plugin {
 }
 
 #[test]
-fn a_session_of_the_plug_in_is_driven_to_its_end() {
+fn a_session_of_the_plug_in_runs_to_its_end() {
     let server = SERVER.serve_app(ANYWHERE, &[]);
     let recording = Recording::unpack(ZOO);
     let mut plugin = Plugin::connect(&server, &recording);
-    plugin.say(&recording.bytes);
-    let received = plugin.hear(None);
+    plugin.send(&recording.bytes);
+    let received = plugin.receive(None);
     let count = |kind| received.iter().filter(|m| m.kind() == kind).count();
     assert_eq!(count(Kind::LogonReady), 1);
     let frames = recording.count(Kind::AdvanceTime);
@@ -101,22 +101,22 @@ fn a_session_of_the_plug_in_is_driven_to_its_end() {
     assert!(reported, "{}", ended.log);
 }
 
-/// Where each actor was sent to be last.
-type ScriptedSession = BTreeMap<u32, Vec3>;
+/// The last reported position of each actor.
+type LastPositions = BTreeMap<u32, Vec3>;
 
-/// Says pieces as the plug-in does, frame by frame, and notes what it is reported.
-fn say_in_frames(
+/// Sends messages frame by frame as the plug-in does, and stores the reported positions.
+fn send_in_frames(
     plugin: &mut Plugin,
     pieces: &[&[u8]],
     messages: &[Message],
-    reported: &mut ScriptedSession,
+    reported: &mut LastPositions,
 ) {
     for (piece, message) in pieces.iter().zip(messages) {
-        plugin.say(piece);
+        plugin.send(piece);
         if message.kind() != Kind::AdvanceTime {
             continue;
         }
-        for received in plugin.hear(Some(1)) {
+        for received in plugin.receive(Some(1)) {
             if let Message::SetDynamicActor(state) = received {
                 reported.insert(state.actor.object, state.position);
             }
@@ -125,18 +125,18 @@ fn say_in_frames(
 }
 
 #[test]
-fn a_native_client_watches_what_the_plug_in_leads() {
+fn a_native_client_watches_a_scene_of_the_plug_in() {
     let server = SERVER.serve_app(ANYWHERE, &[]);
     let recording = Recording::unpack(BALLS);
-    // Without its datagram all is sent on TCP, in one order.
-    let mut plugin = Plugin::connect_saying(&server, b"no logon");
+    // Without its datagram the plug-in receives all states on TCP, in order.
+    let mut plugin = Plugin::connect_with(&server, b"no logon");
     let pieces: Vec<&[u8]> = recording.pieces().collect();
     let is_frame = |place: &usize| recording.messages[*place].kind() == Kind::AdvanceTime;
     let frames: Vec<usize> = (0..pieces.len()).filter(is_frame).collect();
-    let mut reported = ScriptedSession::new();
+    let mut reported = LastPositions::new();
     let mut sent = 0;
-    let mut say_up_to = |plugin: &mut Plugin, end: usize, reported: &mut ScriptedSession| {
-        say_in_frames(
+    let mut send_up_to = |plugin: &mut Plugin, end: usize, reported: &mut LastPositions| {
+        send_in_frames(
             plugin,
             &pieces[sent..end],
             &recording.messages[sent..end],
@@ -144,24 +144,31 @@ fn a_native_client_watches_what_the_plug_in_leads() {
         );
         sent = end;
     };
-    say_up_to(&mut plugin, frames[FRAMES_SEEN - 1] + 1, &mut reported);
+    send_up_to(
+        &mut plugin,
+        frames[FRAMES_BEFORE_JOIN - 1] + 1,
+        &mut reported,
+    );
     let trust = Trust::Fingerprint(server.fingerprint);
-    let scene = "app/7".parse().unwrap();
-    let options = Options::new(server.address.to_string(), trust, scene, JoinMode::Join);
-    let mut client = Client::open(options).unwrap();
+    let options = JoinOptions {
+        mode: JoinMode::Join,
+        ..JoinOptions::default()
+    };
+    let connection = Client::connect(&server.address.to_string(), trust).unwrap();
+    let mut client = connection.join_with("app/7", options).unwrap();
     let copy = client.replica().expect("it has joined");
     let shapes: Vec<Shape> = copy
         .bodies()
-        .filter_map(|config| copy.shape(config.shape).cloned())
+        .filter_map(|desc| copy.shape(desc.shape).cloned())
         .collect();
     let is_ground = |shape: &&Shape| matches!(shape, Shape::Heights(_));
     assert_eq!(shapes.iter().filter(is_ground).count(), 1);
     let is_ball = |shape: &&Shape| matches!(shape, Shape::Ball { .. });
     assert_eq!(shapes.iter().filter(is_ball).count(), 40);
-    // Both are reported of the same bodies, each in its own way: what they show is as near as they were promised.
-    let step = Tick::new(client.statistics().complete.value() / FRAMES_SEEN as u64);
-    for frame in FRAMES_SEEN + 1..frames.len() {
-        say_up_to(&mut plugin, frames[frame - 1] + 1, &mut reported);
+    // Both receive the same bodies by different protocols, so their positions agree within the sum of both tolerances.
+    let step = Tick::new(client.statistics().complete.value() / FRAMES_BEFORE_JOIN as u64);
+    for frame in FRAMES_BEFORE_JOIN + 1..frames.len() {
+        send_up_to(&mut plugin, frames[frame - 1] + 1, &mut reported);
         let tick = Tick::new(step.value() * frame as u64);
         while client.statistics().complete < tick {
             client.idle(Duration::from_millis(5)).unwrap();
@@ -171,13 +178,13 @@ fn a_native_client_watches_what_the_plug_in_leads() {
             let shown = client.view().positions().iter();
             let off = shown.map(|other| other.distance(*position));
             let off = off.fold(f32::INFINITY, f32::min);
-            assert!(off <= 0.052, "{actor} is shown {off} m off at {tick}");
+            assert!(off <= 0.052, "{actor} differs by {off} m at {tick}");
         }
     }
     assert_eq!(reported.len(), 40);
-    say_up_to(&mut plugin, pieces.len(), &mut reported);
+    send_up_to(&mut plugin, pieces.len(), &mut reported);
     let ended = loop {
-        if let Err(error) = client.idle(PATIENCE) {
+        if let Err(error) = client.idle(TIME_LIMIT) {
             break error;
         }
     };
@@ -185,28 +192,28 @@ fn a_native_client_watches_what_the_plug_in_leads() {
 }
 
 #[test]
-fn states_leave_no_faster_than_the_operator_lets_them() {
+fn states_are_not_sent_faster_than_the_operator_allows() {
     const BODIES: u32 = 100;
     let server = SERVER.serve_app(ANYWHERE, &["--app-datagram-rate", "1"]);
     let mut logon = Vec::new();
     Message::Logon(Logon::new(7, "falling")).encode(0, &mut logon);
-    let mut plugin = Plugin::connect_saying(&server, &logon);
-    plugin.say(&falling(7, BODIES));
-    // Before the first can have left: whatever holds up who reads makes it longer.
+    let mut plugin = Plugin::connect_with(&server, &logon);
+    plugin.send(&falling(7, BODIES));
+    // Started before the first state is sent: delays of the reader can only make the measured time longer.
     let begun = Instant::now();
-    plugin.say(&frame(7));
+    plugin.send(&frame(7));
     let mut datagram = [0; 2_048];
     let mut reported = BTreeSet::new();
     while reported.len() < BODIES as usize {
         let (bytes, _) = plugin.udp.recv_from(&mut datagram).unwrap();
         match Message::from_datagram(&datagram[..bytes]).unwrap() {
             Message::SetDynamicActor(state) => reported.insert(state.actor.object),
-            other => panic!("{other:?} is no state"),
+            other => panic!("{other:?} is not a state"),
         };
     }
     let took = begun.elapsed();
     let least = Duration::from_millis(u64::from(BODIES) - 1);
-    assert!(took >= least, "all had left after {took:?}");
+    assert!(took >= least, "all states were sent after {took:?}");
 }
 
 #[test]
@@ -214,21 +221,21 @@ fn noise_ends_its_own_connection_with_a_reason() {
     let server = SERVER.serve_app(ANYWHERE, &[]);
     let recording = Recording::unpack(ZOO);
     let mut noisy = Plugin::connect(&server, &recording);
-    noisy.say(b"GET / HTTP/1.1\r\nHost: physics\r\n\r\n");
-    assert!(noisy.hear(None).is_empty());
+    noisy.send(b"GET / HTTP/1.1\r\nHost: physics\r\n\r\n");
+    assert!(noisy.receive(None).is_empty());
     let mut early = Plugin::connect(&server, &recording);
-    early.say(&recording.bytes[76..200]);
-    assert!(early.hear(None).is_empty());
+    early.send(&recording.bytes[76..200]);
+    assert!(early.receive(None).is_empty());
     let mut plugin = Plugin::connect(&server, &recording);
-    plugin.say(&recording.bytes);
-    assert!(!plugin.hear(None).is_empty());
+    plugin.send(&recording.bytes);
+    assert!(!plugin.receive(None).is_empty());
     server.signal("TERM");
     let log = server.wait().log;
     assert!(log.contains("version 18245 is not supported"), "{log}");
     assert!(log.contains("the first message was not a logon"), "{log}");
 }
 
-/// What one frame says of its length, for a simulation.
+/// The messages of one frame of a simulation.
 fn frame(simulation: u32) -> Vec<u8> {
     let mut bytes = Vec::new();
     Message::AdvanceTime((simulation, 0.089)).encode(0, &mut bytes);
@@ -236,32 +243,32 @@ fn frame(simulation: u32) -> Vec<u8> {
 }
 
 #[test]
-fn a_client_whose_datagram_is_lost_is_told_of_a_thousand_bodies_for_as_long_as_it_likes() {
+fn a_client_without_datagrams_receives_a_thousand_bodies_without_overflow() {
     const BODIES: u32 = 1_000;
-    // Many times more than the four megabytes that may wait for a client, if all were sent of all of them.
+    // Sending all states of all frames would exceed the four megabytes that may be queued for a client many times.
     const FRAMES: usize = 250;
     let server = SERVER.serve_app(ANYWHERE, &[]);
-    let mut plugin = Plugin::connect_saying(&server, b"no logon");
-    plugin.say(&falling(7, BODIES));
-    // Another client's frames tell when the first one's were read: so each comes in a read of its own, as it does from a
-    // plug-in, but faster.
-    let mut beside = Plugin::connect_saying(&server, b"no logon");
-    beside.say(&falling(8, 0));
+    let mut plugin = Plugin::connect_with(&server, b"no logon");
+    plugin.send(&falling(7, BODIES));
+    // The answers to another client's frames show when the frames of the first one were read. So each frame arrives in
+    // a read of its own, as from a plug-in, but faster.
+    let mut second = Plugin::connect_with(&server, b"no logon");
+    second.send(&falling(8, 0));
     for _ in 0..FRAMES {
-        plugin.say(&frame(7));
-        beside.say(&frame(8));
-        beside.hear(Some(1));
+        plugin.send(&frame(7));
+        second.send(&frame(8));
+        second.receive(Some(1));
     }
     let over = |received: &[Message]| {
         let over = received.iter().filter(|m| m.kind() == Kind::TimeAdvanced);
         over.count()
     };
-    assert_eq!(over(&plugin.hear(Some(FRAMES))), FRAMES, "it was closed");
-    // Once it has received all, everybody is spoken of within two frames.
+    assert_eq!(over(&plugin.receive(Some(FRAMES))), FRAMES, "it was closed");
+    // After a client has received everything, each body is reported within two frames.
     let mut reported = BTreeSet::new();
     for _ in 0..2 {
-        plugin.say(&frame(7));
-        let received = plugin.hear(Some(1));
+        plugin.send(&frame(7));
+        let received = plugin.receive(Some(1));
         assert_eq!(over(&received), 1, "it was closed");
         reported.extend(received.iter().filter_map(|message| match message {
             Message::SetDynamicActor(state) => Some(state.actor.object),

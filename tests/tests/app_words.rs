@@ -1,7 +1,7 @@
-//! Whatever a client of the paper's protocol says, its scene stays sound
+//! A scene stays valid whatever a client of the paper's protocol sends.
 //!
-//! Proved by random words about few things, with numbers that are sane, absurd or none, so that they contradict each other
-//! in every way; and by shapes, contacts and joints whose outcome is known.
+//! The tests send random messages about a few objects, with valid, extreme or invalid numbers, so that the messages
+//! contradict each other in every way. Other tests have shapes, contacts and joints with a known outcome.
 
 use glam::{Quat, Vec3};
 use rhumb_app::{
@@ -20,24 +20,29 @@ const fn id(object: u32) -> Id {
     }
 }
 
-fn say(host: &mut ServerLoop, talk: &mut PluginSession, message: &Message) {
-    say_as(host, talk, 0, message);
+fn send(server: &mut ServerLoop, session: &mut PluginSession, message: &Message) {
+    send_with_index(server, session, 0, message);
 }
 
-/// Says a message under an index.
-fn say_as(host: &mut ServerLoop, talk: &mut PluginSession, index: u32, message: &Message) {
+/// Sends a message with an index.
+fn send_with_index(
+    server: &mut ServerLoop,
+    session: &mut PluginSession,
+    index: u32,
+    message: &Message,
+) {
     let mut bytes = Vec::new();
     message.encode(index, &mut bytes);
-    talk.say(host, &bytes);
+    session.send(server, &bytes);
 }
 
-/// A host and a client that has logged on and said its world.
+/// A server, and a client that has logged on and defined its world.
 fn logged_on() -> (ServerLoop, PluginSession) {
-    let mut host = ServerLoop::new(|| Instant::ZERO);
+    let mut server = ServerLoop::new(|| Instant::ZERO);
     let mut logon = Vec::new();
     Message::Logon(Logon::new(7, "words")).encode(0, &mut logon);
-    let mut talk = PluginSession::begin(&mut host, 1, &logon);
-    talk.say(&mut host, &logon);
+    let mut session = PluginSession::begin(&mut server, 1, &logon);
+    session.send(&mut server, &logon);
     let world = Message::SetWorld(SetWorld {
         plane: id(0),
         gravity: Vec3::new(0.0, 0.0, -10.0),
@@ -48,8 +53,8 @@ fn logged_on() -> (ServerLoop, PluginSession) {
         height: -5.0,
         normal: Vec3::Z,
     });
-    say(&mut host, &mut talk, &world);
-    (host, talk)
+    send(&mut server, &mut session, &world);
+    (server, session)
 }
 
 const FRAME: Message = Message::AdvanceTime((7, 0.089));
@@ -61,7 +66,7 @@ const STONE: Surface = Surface {
     restitution: 0.0,
 };
 
-fn ball(host: &mut ServerLoop, talk: &mut PluginSession, object: u32, position: Vec3) {
+fn ball(server: &mut ServerLoop, session: &mut PluginSession, object: u32, position: Vec3) {
     let motion = Motion {
         actor: id(object),
         position,
@@ -81,7 +86,7 @@ fn ball(host: &mut ServerLoop, talk: &mut PluginSession, object: u32, position: 
             position: Vec3::ZERO,
         }),
     ] {
-        say(host, talk, &message);
+        send(server, session, &message);
     }
 }
 
@@ -105,8 +110,8 @@ const fn grip(object: u32, anchor: Vec3) -> Grip {
     }
 }
 
-/// A static actor of a shape that was reported under the same number.
-fn stand(host: &mut ServerLoop, talk: &mut PluginSession, object: u32, position: Vec3) {
+/// A static actor whose shape has the same number.
+fn stand(server: &mut ServerLoop, session: &mut PluginSession, object: u32, position: Vec3) {
     for message in [
         Message::CreateStaticActor(CreateStaticActor {
             actor: id(object),
@@ -122,11 +127,11 @@ fn stand(host: &mut ServerLoop, talk: &mut PluginSession, object: u32, position:
             position: Vec3::ZERO,
         }),
     ] {
-        say(host, talk, &message);
+        send(server, session, &message);
     }
 }
 
-/// The corners of a box between two of them.
+/// The corners of a box, from two opposite ones.
 fn corners(least: Vec3, most: Vec3) -> Vec<Vec3> {
     let corner = |bits: u32| {
         let part = |axis: usize| [least, most][(bits >> axis & 1) as usize][axis];
@@ -135,16 +140,16 @@ fn corners(least: Vec3, most: Vec3) -> Vec<Vec3> {
     (0..8).map(corner).collect()
 }
 
-fn frames(host: &mut ServerLoop, talk: &mut PluginSession, count: usize) {
+fn frames(server: &mut ServerLoop, session: &mut PluginSession, count: usize) {
     for _ in 0..count {
-        say(host, talk, &FRAME);
+        send(server, session, &FRAME);
     }
 }
 
 #[test]
-fn what_falls_comes_to_rest_on_a_mesh_and_on_a_hull() {
-    let (mut host, mut talk) = logged_on();
-    // A sheet of four metres whose actor is 3 m up, and a block of points whose top is 2 m above its actor.
+fn falling_balls_come_to_rest_on_a_mesh_and_on_a_hull() {
+    let (mut server, mut session) = logged_on();
+    // A mesh of four metres whose actor is 3 m up, and a convex block whose top is 2 m above its actor.
     let sheet = TriangleMesh {
         shape: id(20),
         points: vec![
@@ -155,22 +160,22 @@ fn what_falls_comes_to_rest_on_a_mesh_and_on_a_hull() {
         ],
         triangles: vec![[0, 1, 2], [0, 2, 3]],
     };
-    say(&mut host, &mut talk, &Message::AddTriangleMesh(sheet));
-    stand(&mut host, &mut talk, 20, Vec3::new(0.0, 0.0, 3.0));
+    send(&mut server, &mut session, &Message::AddTriangleMesh(sheet));
+    stand(&mut server, &mut session, 20, Vec3::new(0.0, 0.0, 3.0));
     let block = ConvexMesh {
         shape: id(21),
         points: corners(Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 2.0)),
     };
-    say(&mut host, &mut talk, &Message::AddConvexMesh(block));
-    stand(&mut host, &mut talk, 21, Vec3::new(10.0, 0.0, -1.0));
-    ball(&mut host, &mut talk, 10, Vec3::new(0.5, 0.25, 5.0));
-    ball(&mut host, &mut talk, 11, Vec3::new(10.2, 0.0, 3.0));
-    // Points off their origin fall, too: a cube of a metre whose corner is where its actor is.
+    send(&mut server, &mut session, &Message::AddConvexMesh(block));
+    stand(&mut server, &mut session, 21, Vec3::new(10.0, 0.0, -1.0));
+    ball(&mut server, &mut session, 10, Vec3::new(0.5, 0.25, 5.0));
+    ball(&mut server, &mut session, 11, Vec3::new(10.2, 0.0, 3.0));
+    // A hull may be off its origin: a cube of one metre whose actor is at a corner.
     let cube = ConvexMesh {
         shape: id(12),
         points: corners(Vec3::ZERO, Vec3::ONE),
     };
-    say(&mut host, &mut talk, &Message::AddConvexMesh(cube));
+    send(&mut server, &mut session, &Message::AddConvexMesh(cube));
     let motion = Motion {
         actor: id(12),
         position: Vec3::new(-1.5, -1.5, 3.5),
@@ -189,36 +194,40 @@ fn what_falls_comes_to_rest_on_a_mesh_and_on_a_hull() {
             position: Vec3::ZERO,
         }),
     ] {
-        say(&mut host, &mut talk, &message);
+        send(&mut server, &mut session, &message);
     }
-    frames(&mut host, &mut talk, 30);
-    assert_eq!(talk.received(Kind::Error), 0, "{:?}", talk.lasting);
-    let last = talk.last_states();
+    frames(&mut server, &mut session, 30);
+    assert_eq!(
+        session.received(Kind::Error),
+        0,
+        "{:?}",
+        session.tcp_messages
+    );
+    let last = session.last_states();
     for (actor, expected) in [
         (10, Vec3::new(0.5, 0.25, 3.5)),
         (11, Vec3::new(10.2, 0.0, 1.5)),
         (12, Vec3::new(-1.5, -1.5, 3.0)),
     ] {
         let off = last[&actor].position.distance(expected);
-        assert!(
-            off < 0.03,
-            "{actor}: {:?}, and not {expected}",
-            last[&actor]
-        );
+        assert!(off < 0.03, "{actor}: {:?}, not {expected}", last[&actor]);
     }
 }
 
 #[test]
 fn each_collision_of_two_prims_is_reported_once() {
-    let (mut host, mut talk) = logged_on();
+    let (mut server, mut session) = logged_on();
     let block = Message::AddBox((id(20), Vec3::new(4.0, 4.0, 2.0)));
-    say(&mut host, &mut talk, &block);
-    stand(&mut host, &mut talk, 20, Vec3::ZERO);
+    send(&mut server, &mut session, &block);
+    stand(&mut server, &mut session, 20, Vec3::ZERO);
     let above = Vec3::new(0.0, 0.0, 3.0);
-    ball(&mut host, &mut talk, 10, above);
+    ball(&mut server, &mut session, 10, above);
     for times in 1..=2 {
-        frames(&mut host, &mut talk, 20);
-        let all = talk.passing.iter().chain(&talk.lasting);
+        frames(&mut server, &mut session, 20);
+        let all = session
+            .datagram_messages
+            .iter()
+            .chain(&session.tcp_messages);
         let reported: Vec<_> = all
             .filter_map(|message| match message {
                 Message::ActorsCollided(contact) => Some(*contact),
@@ -231,18 +240,18 @@ fn each_collision_of_two_prims_is_reported_once() {
         assert!(contact.normal.z > 0.99, "{contact:?}");
         assert!(contact.point.distance(Vec3::Z) < 0.1, "{contact:?}");
         assert!(contact.separation.abs() < 0.1, "{contact:?}");
-        // Up again, and down.
+        // The ball is lifted again, and falls.
         let up = Message::UpdateActorPosition((id(10), above));
-        say(&mut host, &mut talk, &up);
+        send(&mut server, &mut session, &up);
     }
 }
 
 #[test]
 fn joints_hold_actors_together_and_to_the_world() {
-    let (mut host, mut talk) = logged_on();
-    ball(&mut host, &mut talk, 10, Vec3::new(0.0, 0.0, 20.0));
-    ball(&mut host, &mut talk, 11, Vec3::new(2.0, 0.0, 20.0));
-    // The first hangs from the world by a hinge about y, the second is held by the first.
+    let (mut server, mut session) = logged_on();
+    ball(&mut server, &mut session, 10, Vec3::new(0.0, 0.0, 20.0));
+    ball(&mut server, &mut session, 11, Vec3::new(2.0, 0.0, 20.0));
+    // The first hangs from the world by a hinge about y, the second is joined to the first.
     let hinge = Vec3::new(0.0, 1.0, 0.0);
     let hung = joint(
         1,
@@ -256,12 +265,12 @@ fn joints_hold_actors_together_and_to_the_world() {
         grip(11, Vec3::ZERO),
         Vec3::ZERO,
     );
-    say(&mut host, &mut talk, &hung);
-    say(&mut host, &mut talk, &held);
+    send(&mut server, &mut session, &hung);
+    send(&mut server, &mut session, &held);
     for _ in 0..6 {
-        say(&mut host, &mut talk, &FRAME);
+        send(&mut server, &mut session, &FRAME);
     }
-    let last = talk.last_states();
+    let last = session.last_states();
     let (first, second) = (last[&10].position, last[&11].position);
     assert!(first.distance(Vec3::new(0.0, 0.0, 20.0)) < 0.05, "{first}");
     assert!((second.distance(first) - 2.0).abs() < 0.05, "{second}");
@@ -269,23 +278,23 @@ fn joints_hold_actors_together_and_to_the_world() {
         second.z < 19.0 && second.y.abs() < 0.05,
         "it swings: {second}"
     );
-    say(&mut host, &mut talk, &Message::RemoveJoint(id(1)));
+    send(&mut server, &mut session, &Message::RemoveJoint(id(1)));
     for _ in 0..6 {
-        say(&mut host, &mut talk, &FRAME);
+        send(&mut server, &mut session, &FRAME);
     }
-    let first = talk.last_states()[&10].position;
-    assert!(first.z < 19.0, "what nothing holds falls: {first}");
-    assert_eq!(talk.received(Kind::Error), 0);
+    let first = session.last_states()[&10].position;
+    assert!(first.z < 19.0, "a body without a joint falls: {first}");
+    assert_eq!(session.received(Kind::Error), 0);
 }
 
 #[test]
-fn what_fails_only_at_a_frame_is_laid_to_the_last_message_about_it() {
-    let (mut host, mut talk) = logged_on();
-    ball(&mut host, &mut talk, 10, Vec3::new(0.0, 0.0, 20.0));
+fn an_error_found_at_a_frame_names_the_last_message_about_the_object() {
+    let (mut server, mut session) = logged_on();
+    ball(&mut server, &mut session, 10, Vec3::new(0.0, 0.0, 20.0));
     let to_itself = joint(1, grip(10, Vec3::ZERO), grip(10, Vec3::X), Vec3::ZERO);
-    say_as(&mut host, &mut talk, 41, &to_itself);
-    // Where an actor may be, but not its middle.
-    ball(&mut host, &mut talk, 11, Vec3::new(1e5, 0.0, 0.0));
+    send_with_index(&mut server, &mut session, 41, &to_itself);
+    // The actor's position is valid, but its centre of mass is too far away.
+    ball(&mut server, &mut session, 11, Vec3::new(1e5, 0.0, 0.0));
     let off_its_middle = Message::AttachShape(AttachShape {
         actor: id(11),
         shape: id(11),
@@ -293,20 +302,23 @@ fn what_fails_only_at_a_frame_is_laid_to_the_last_message_about_it() {
         rotation: Quat::IDENTITY,
         position: Vec3::new(10.0, 0.0, 0.0),
     });
-    say_as(&mut host, &mut talk, 42, &off_its_middle);
-    say_as(&mut host, &mut talk, 43, &FRAME);
-    let blamed = talk.lasting.iter().filter_map(|message| match message {
-        Message::Error(fault) => Some(fault.index),
-        _ => None,
-    });
-    assert_eq!(blamed.collect::<Vec<_>>(), [42, 41]);
-    assert_eq!(talk.received(Kind::TimeAdvanced), 1);
+    send_with_index(&mut server, &mut session, 42, &off_its_middle);
+    send_with_index(&mut server, &mut session, 43, &FRAME);
+    let named = session
+        .tcp_messages
+        .iter()
+        .filter_map(|message| match message {
+            Message::Error(fault) => Some(fault.index),
+            _ => None,
+        });
+    assert_eq!(named.collect::<Vec<_>>(), [42, 41]);
+    assert_eq!(session.received(Kind::TimeAdvanced), 1);
 }
 
-/// Words about few things.
-struct Babble(Dice);
+/// Random messages about a few objects.
+struct RandomMessages(Dice);
 
-impl Babble {
+impl RandomMessages {
     fn one_in(&mut self, count: usize) -> bool {
         self.0.below(count) == 0
     }
@@ -331,7 +343,7 @@ impl Babble {
         }
     }
 
-    fn thing(&mut self) -> Id {
+    fn object_id(&mut self) -> Id {
         id(self.0.below(6) as u32)
     }
 
@@ -346,14 +358,14 @@ impl Babble {
 
     fn grip(&mut self) -> Grip {
         Grip {
-            actor: self.thing(),
+            actor: self.object_id(),
             rotation: self.rotation(),
             anchor: self.vector(1.0),
         }
     }
 
     fn shape(&mut self) -> Message {
-        let shape = self.thing();
+        let shape = self.object_id();
         let points = (0..self.0.below(12)).map(|_| self.vector(2.0)).collect();
         match self.0.below(7) {
             0 => Message::AddSphere((shape, Vec3::ZERO, self.number(1.0).abs())),
@@ -381,7 +393,7 @@ impl Babble {
 
     fn motion(&mut self) -> Motion {
         Motion {
-            actor: self.thing(),
+            actor: self.object_id(),
             position: self.vector(5.0),
             rotation: self.rotation(),
             gravity_modifier: self.number(2.0),
@@ -391,7 +403,7 @@ impl Babble {
     }
 
     fn word(&mut self) -> Message {
-        let (actor, shape) = (self.thing(), self.thing());
+        let (actor, shape) = (self.object_id(), self.object_id());
         match self.0.below(24) {
             0..=4 => self.shape(),
             5 => Message::CreateStaticActor(CreateStaticActor {
@@ -448,28 +460,28 @@ impl Babble {
 fn any_message_leaves_the_scene_running_with_finite_states() {
     let first = seed(0x0a99);
     for round in 0..120 {
-        let mut babble = Babble(Dice::new(first + round));
-        let (mut host, mut talk) = logged_on();
+        let mut babble = RandomMessages(Dice::new(first + round));
+        let (mut server, mut session) = logged_on();
         let mut frames = 0;
         for _ in 0..150 {
             let word = babble.word();
-            say(&mut host, &mut talk, &word);
+            send(&mut server, &mut session, &word);
             if babble.one_in(4) {
-                say(&mut host, &mut talk, &FRAME);
+                send(&mut server, &mut session, &FRAME);
                 frames += 1;
             }
             assert!(
-                !talk.closed,
+                !session.closed,
                 "seed {}: closed after {word:?}",
                 first + round
             );
         }
-        assert_eq!(talk.received(Kind::TimeAdvanced), frames);
-        for state in talk.last_states().values() {
+        assert_eq!(session.received(Kind::TimeAdvanced), frames);
+        for state in session.last_states().values() {
             let finite = state.position.is_finite() && state.linear.is_finite();
             assert!(finite && state.rotation.is_normalized(), "{state:?}");
         }
-        say(&mut host, &mut talk, &Message::Logoff(7));
-        assert!(talk.closed && host.scenes().count() == 0);
+        send(&mut server, &mut session, &Message::Logoff(7));
+        assert!(session.closed && server.scenes().count() == 0);
     }
 }

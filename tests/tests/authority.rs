@@ -1,6 +1,6 @@
-//! Who drives which bodies, from when on, until when, and what others may do.
+//! Authority over bodies: grants, their end, and their effect on others.
 //!
-//! Proved in virtual time with `Walk`; that what is driven is where it should be is the affair of `upstream`.
+//! The tests run in virtual time with `Walk`; the accuracy of published bodies is tested in `upstream`.
 
 use rhumb_protocol::message::{AuthorityError, StreamChoice};
 use rhumb_protocol::scene::{Command, CommandError, Stepping};
@@ -11,7 +11,7 @@ use rhumb_tests::{Avatars, COMMANDER, TICK, Walk, seed, take_authority};
 use rhumb_transport::{Direction, LinkConfig};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
-/// As `Walk` drives.
+/// The tolerance that `Walk` uses.
 const CLOSE: Tolerance = Tolerance::FINE;
 
 fn put(id: BodyId) -> Command {
@@ -47,20 +47,20 @@ fn a_refused_authority_request_names_its_reason_and_keeps_earlier_grants() {
         assert_eq!(walk.take_authority(&ids), Err(why));
     }
     walk.frame();
-    let guest = walk.stage.enter(NORMAL);
+    let second = walk.stage.enter(NORMAL);
     assert_eq!(
-        take_authority(&mut walk.stage, guest, &[one]),
+        take_authority(&mut walk.stage, second, &[one]),
         Err(AuthorityError::NotYours(one))
     );
-    // What is not granted to anybody any more may be driven by whoever comes first.
+    // A body whose range was given up may be taken by any client.
     walk.stage
         .network
         .client_mut(COMMANDER)
         .leave()
-        .expect("it is a member");
+        .expect("a member");
     walk.stage.run(TICK);
     assert_eq!(
-        take_authority(&mut walk.stage, guest, &[one]),
+        take_authority(&mut walk.stage, second, &[one]),
         Ok(vec![one])
     );
     walk.stage.join(COMMANDER, NORMAL);
@@ -82,7 +82,7 @@ fn a_refused_authority_request_names_its_reason_and_keeps_earlier_grants() {
 fn a_body_under_client_authority_refuses_commands_until_it_is_released() {
     let mut walk = Walk::new(Stepping::FreeRunning, 1, 2, 1);
     let id = Avatars::id(0);
-    let guest = walk.stage.enter(NORMAL);
+    let second = walk.stage.enter(NORMAL);
     let velocity = Command::SetVelocity {
         id,
         linear: glam::Vec3::X,
@@ -91,15 +91,15 @@ fn a_body_under_client_authority_refuses_commands_until_it_is_released() {
     for command in [put(id), velocity] {
         walk.stage
             .network
-            .client_mut(guest)
+            .client_mut(second)
             .command(command)
-            .expect("a member may ask");
+            .expect("a member may send commands");
     }
     for _ in 0..100 {
         walk.frame();
     }
     let driven = Err(CommandError::UnderAuthority(id));
-    let refused = &walk.stage.witnesses[guest].refused;
+    let refused = &walk.stage.histories[second].refused;
     assert_eq!(
         refused
             .iter()
@@ -112,42 +112,47 @@ fn a_body_under_client_authority_refuses_commands_until_it_is_released() {
     let before = walk.at(id);
     walk.stage.run(Span::from_millis(500));
     let apart = Divergence::between(&before.pose(), &walk.at(id).pose());
-    assert!(apart.position.metres() < 0.05, "it goes on by {apart:?}");
+    assert!(
+        apart.position.metres() < 0.05,
+        "its trajectory continues, {apart:?} apart"
+    );
     walk.stage
         .network
-        .client_mut(guest)
+        .client_mut(second)
         .command(put(id))
-        .expect("a member may ask");
+        .expect("a member may send commands");
     walk.stage.run(Span::from_millis(100));
-    assert_eq!(walk.stage.witnesses[guest].refused.len(), 2);
+    assert_eq!(walk.stage.histories[second].refused.len(), 2);
     assert!((walk.at(id).pose().position.y - 5.0).abs() < 1e-6);
 }
 
 #[test]
 fn a_removed_body_ends_its_authority_and_its_index_can_be_reused() {
     let mut walk = Walk::new(Stepping::FreeRunning, 2, 2, 1);
-    walk.over("rtt=80ms,loss=10%");
-    let (gone, stays) = (Avatars::id(0), Avatars::id(1));
+    walk.set_link("rtt=80ms,loss=10%");
+    let (removed, stays) = (Avatars::id(0), Avatars::id(1));
     for _ in 0..60 {
         walk.frame();
     }
-    let guest = walk.stage.enter(NORMAL);
-    let remove = Command::RemoveBody { id: gone };
+    let second = walk.stage.enter(NORMAL);
+    let remove = Command::RemoveBody { id: removed };
     walk.stage
         .network
-        .client_mut(guest)
+        .client_mut(second)
         .command(remove)
-        .expect("a member may ask");
+        .expect("a member may send commands");
     for _ in 0..90 {
         let tick = walk.newest() + Ticks::new(6);
         let session = walk.stage.network.client_mut(COMMANDER);
         let known: Vec<BodyId> = session.authority_bodies().collect();
-        let motions = [(0, gone), (1, stays)];
+        let motions = [(0, removed), (1, stays)];
         let motions = motions.into_iter().filter(|(_, id)| known.contains(id));
         let motions: Vec<_> = motions
             .map(|(place, id)| (id, Avatars::walk(place, tick)))
             .collect();
-        session.publish(tick, &motions).expect("they are driven");
+        session
+            .publish(tick, &motions)
+            .expect("bodies under authority");
         walk.stage.run(TICK);
     }
     assert_eq!(
@@ -158,23 +163,24 @@ fn a_removed_body_ends_its_authority_and_its_index_can_be_reused() {
             .collect::<Vec<_>>(),
         [stays]
     );
-    let drive = walk.statistics().expect("one is left");
-    assert_eq!((drive.bodies, drive.heard.mismatches), (1, 0));
-    let config = walk.stage.copy(COMMANDER).body(stays).expect("it is there");
-    let again = BodyId::new(gone.index(), 1);
-    let config = rhumb_protocol::scene::BodyDesc {
-        id: again,
-        ..config
-    };
+    let status = walk.statistics().expect("one body is left");
+    assert_eq!((status.bodies, status.heard.mismatches), (1, 0));
+    let desc = walk
+        .stage
+        .copy(COMMANDER)
+        .body(stays)
+        .expect("an existing body");
+    let again = BodyId::new(removed.index(), 1);
+    let desc = rhumb_protocol::scene::BodyDesc { id: again, ..desc };
     let motion = Avatars::walk(0, Tick::ZERO).stilled();
-    walk.stage.command(&[Command::AddBody { config, motion }]);
+    walk.stage.command(&[Command::AddBody { desc, motion }]);
     walk.stage.run(Span::from_millis(300));
     assert_eq!(walk.take_authority(&[again, stays]), Ok(vec![again, stays]));
     walk.stage
         .network
-        .client_mut(guest)
+        .client_mut(second)
         .delete()
-        .expect("anybody may");
+        .expect("any member may");
     walk.stage.run(Span::from_millis(500));
     assert_eq!(
         walk.stage
@@ -184,7 +190,7 @@ fn a_removed_body_ends_its_authority_and_its_index_can_be_reused() {
             .count(),
         0
     );
-    assert_eq!(walk.stage.witnesses[COMMANDER].ended, None);
+    assert_eq!(walk.stage.histories[COMMANDER].ended, None);
 }
 
 #[test]
@@ -194,12 +200,15 @@ fn bodies_of_a_silent_client_stop_and_resume_with_its_upstream() {
         walk.frame();
     }
     let last = walk.newest();
-    // Silent since a few ticks: it is trusted for a second and as many ticks.
+    // The client has been silent for a few ticks. The server predicts its bodies for one second more.
     walk.stage.run(Span::from_millis(3_000));
     let stood = walk.at(Avatars::id(0));
     let way = f64::from(WALKED_METRES_IN_TWO_SECONDS);
     let from = Avatars::walk(0, last).motion().pose().position;
-    assert!(stood.pose().position.distance(from) < way, "it flew on");
+    assert!(
+        stood.pose().position.distance(from) < way,
+        "it moved on by prediction"
+    );
     assert!(stood.twist().linear.length() < 1e-3, "{stood:?}");
     walk.stage.run(Span::from_millis(3_000));
     assert_eq!(walk.at(Avatars::id(0)).pose(), stood.pose());
@@ -210,7 +219,7 @@ fn bodies_of_a_silent_client_stop_and_resume_with_its_upstream() {
     assert!(walk.judged > judged + 30);
 }
 
-/// At 1.4 m/s.
+/// Path in two seconds at 1.4 m/s.
 const WALKED_METRES_IN_TWO_SECONDS: f32 = 2.8;
 
 #[test]
@@ -225,7 +234,7 @@ fn a_client_that_paused_for_minutes_retakes_authority_by_itself() {
         walk.frame();
     }
     assert!(walk.judged > judged + 60);
-    assert_eq!(walk.stage.witnesses[COMMANDER].drives.len(), 2);
+    assert_eq!(walk.stage.histories[COMMANDER].drives.len(), 2);
 }
 
 #[test]
@@ -239,7 +248,7 @@ fn a_client_that_leaves_or_disconnects_loses_its_authority() {
         .network
         .client_mut(COMMANDER)
         .leave()
-        .expect("it is a member");
+        .expect("a member");
     walk.stage.run(Span::from_millis(100));
     assert_eq!(walk.statistics(), None);
     let stood = walk.at(id);
@@ -247,7 +256,7 @@ fn a_client_that_leaves_or_disconnects_loses_its_authority() {
     assert_eq!(walk.at(id).pose(), stood.pose());
     walk.stage.join(COMMANDER, NORMAL);
     assert_eq!(walk.take_authority(&[id]), Ok(vec![id]));
-    walk.said.clear();
+    walk.published.clear();
     let judged = walk.judged;
     for _ in 0..60 {
         walk.frame();
@@ -261,29 +270,31 @@ fn a_client_that_leaves_or_disconnects_loses_its_authority() {
 #[test]
 fn two_clients_with_authority_move_their_own_bodies_and_see_the_others() {
     let mut walk = Walk::new(Stepping::FreeRunning, 1, 4, seed(23));
-    let guest = walk.stage.enter(NORMAL);
-    let granted = walk.stage.witnesses[guest].granted.expect("it is a member");
-    let id = granted.id(0).expect("it was granted some");
-    let mut config = walk
+    let second = walk.stage.enter(NORMAL);
+    let granted = walk.stage.histories[second]
+        .granted
+        .expect("a member has a range");
+    let id = granted.id(0).expect("a granted index");
+    let mut desc = walk
         .stage
-        .copy(guest)
+        .copy(second)
         .body(Avatars::id(0))
-        .expect("it is there");
-    config.id = id;
-    // The same walk, from elsewhere and with other rests.
+        .expect("an existing body");
+    desc.id = id;
+    // The same trajectory, shifted in space and time.
     let at = |tick| Avatars::walk(3, tick);
     let motion = at(Tick::ZERO).stilled();
-    let add = Command::AddBody { config, motion };
+    let add = Command::AddBody { desc, motion };
     walk.stage
         .network
-        .client_mut(guest)
+        .client_mut(second)
         .command(add)
-        .expect("it is a member");
+        .expect("a member");
     walk.stage.run(Span::from_millis(100));
-    assert_eq!(take_authority(&mut walk.stage, guest, &[id]), Ok(vec![id]));
+    assert_eq!(take_authority(&mut walk.stage, second, &[id]), Ok(vec![id]));
     let links: LinkConfig = "rtt=50ms,loss=5%"
         .parse()
-        .expect("the tests write links well");
+        .expect("a valid link configuration");
     walk.stage.network.set_config(links);
     walk.stage
         .network
@@ -291,21 +302,32 @@ fn two_clients_with_authority_move_their_own_bodies_and_see_the_others() {
     let mut worst: f64 = 0.0;
     for frame in 0..400 {
         let tick = walk.newest() + Ticks::new(4);
-        let session = walk.stage.network.client_mut(guest);
-        session.publish(tick, &[(id, at(tick))]).expect("it drives");
+        let session = walk.stage.network.client_mut(second);
+        session
+            .publish(tick, &[(id, at(tick))])
+            .expect("a body under authority");
         walk.frame();
         if frame > 30 {
             let copy = walk.stage.copy(COMMANDER).stream();
-            let seen = copy
+            let displayed = copy
                 .predicted_motion(id, copy.complete())
-                .expect("it is there");
-            let said = at(copy.complete()).motion();
-            worst = worst.max(seen.pose().position.distance(said.pose().position));
+                .expect("an existing body");
+            let published = at(copy.complete()).motion();
+            worst = worst.max(
+                displayed
+                    .pose()
+                    .position
+                    .distance(published.pose().position),
+            );
         }
     }
-    // Two tolerances and what a lost packet may cost for a round trip or two.
-    assert!(worst < 0.5, "off by {worst} m");
-    assert!(walk.judged > 200, "{} were judged", walk.judged);
-    let scene = "stage".parse().expect("a scene's name");
+    // Two tolerances, and the prediction error while a packet is lost for a round trip or two.
+    assert!(worst < 0.5, "the error is {worst} m");
+    assert!(
+        walk.judged > 200,
+        "only {} states were checked",
+        walk.judged
+    );
+    let scene = "stage".parse().expect("a valid scene name");
     assert_eq!(walk.stage.network.server().drives(&scene).count(), 2);
 }

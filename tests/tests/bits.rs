@@ -1,12 +1,12 @@
-//! Every bit of the golden vectors flipped: nothing panics or leaves limits.
+//! Every bit of the golden vectors flipped: no panic, no invalid state.
 //!
-//! Datagrams of streams are flipped at the very moment at which they were heard: each flipped one is given to a copy of
-//! the subscriber that had heard all before it. What it then believes is looked at for now and for a second later.
+//! Each datagram of a stream is flipped at the time of its receipt: a copy of the subscriber with all earlier data
+//! receives it. The resulting predictions are checked for now and for one second later.
 
 use rhumb_protocol::message::Frames;
 use rhumb_protocol::packet::{
-    ChecksumMismatch, Checksums, FullPacket, Head, LossReport, PacketKind, Refresh, RepairSymbol,
-    UpdatePacket, Watermark,
+    ChecksumMismatch, Checksums, Datagram, FullPacket, Head, LossReport, PacketKind, Refresh,
+    RepairSymbol, UpdatePacket, Watermark,
 };
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::stream::Subscriber;
@@ -25,7 +25,7 @@ fn bytes_of(case: &Value) -> Vec<u8> {
     unhex(case["bytes"].as_str().expect("digits"))
 }
 
-/// Each of the bytes' variants that differ in one bit.
+/// All variants of the bytes that differ in one bit.
 fn flips(bytes: &[u8]) -> impl Iterator<Item = Vec<u8>> {
     (0..8 * bytes.len()).map(|bit| {
         let mut flipped = bytes.to_vec();
@@ -34,7 +34,7 @@ fn flips(bytes: &[u8]) -> impl Iterator<Item = Vec<u8>> {
     })
 }
 
-/// Reads a datagram as whoever it is for would.
+/// Decodes a datagram as its receiver would.
 fn read(bytes: &[u8]) -> Result<(), Malformed> {
     let mut reader = Reader::new(bytes);
     match Head::decode(&mut reader)?.kind {
@@ -96,7 +96,7 @@ fn a_flipped_bit_of_a_message_never_panics() {
     assert!(read_otherwise > 10_000, "{read_otherwise}");
 }
 
-/// That a motion is one: finite, and turned by a rotation.
+/// Checks that a motion is finite, and that its rotation is of unit length.
 fn assert_is_motion(motion: &Motion, what: &str) {
     let (pose, twist) = (motion.pose(), motion.twist());
     assert!(pose.position.is_finite(), "{what}: {pose:?}");
@@ -108,7 +108,7 @@ fn assert_is_motion(motion: &Motion, what: &str) {
     assert!(finite, "{what}: {twist:?}");
 }
 
-/// That all that is predicted_motion of these bodies is within the limits of what can be sent.
+/// Checks that all predictions for these bodies are within the limits of the wire format.
 fn assert_within_limits(stream: &Subscriber, bodies: &[BodyId], what: &str) {
     for id in bodies {
         let Some(track) = stream.track(*id) else {
@@ -121,17 +121,17 @@ fn assert_within_limits(stream: &Subscriber, bodies: &[BodyId], what: &str) {
             let tick = stream.watermark_tick() + Ticks::new(later);
             let predicted_motion = stream
                 .predicted_motion(*id, tick)
-                .expect("what has a track is predicted_motion");
+                .expect("a body with a track has a prediction");
             assert_is_motion(&predicted_motion, what);
         }
     }
 }
 
 fn bodies(replica: &Replica) -> Vec<BodyId> {
-    replica.bodies().map(|config| config.id).collect()
+    replica.bodies().map(|desc| desc.id).collect()
 }
 
-/// Gives each flip of a datagram to a copy of what the session holds; returns how many changed a track.
+/// Delivers each flip of a datagram to a copy of the session's replica; returns how many changed a track.
 fn flip_for(session: &ClientSession, datagram: &[u8], what: &str) -> u32 {
     let Some(replica) = session.replica() else {
         return 0;
@@ -165,17 +165,17 @@ fn a_flipped_bit_of_a_stream_never_yields_a_pose_outside_the_limits() {
                 let what = format!("event {place} of {}", stream["name"]);
                 changed += flip_for(&session, &datagram, &what);
             }
-            streams::hear(&mut session, event);
+            streams::deliver(&mut session, event);
         }
     }
     assert!(
         changed > 10_000,
-        "{changed} flips changed what was predicted_motion"
+        "only {changed} flips changed a prediction"
     );
 }
 
 #[test]
-fn what_a_flip_makes_malformed_changes_nothing() {
+fn a_datagram_made_malformed_by_a_flip_changes_nothing() {
     for stream in list(&golden("streams.json")["streams"]) {
         let mut session = streams::greeted();
         for event in list(&stream["events"]) {
@@ -186,10 +186,10 @@ fn what_a_flip_makes_malformed_changes_nothing() {
                         "datagram".into(),
                         Value::from(rhumb_tests::grammar::hex(&flipped)),
                     ];
-                    streams::hear(&mut session, &Value::from(reported.to_vec()));
+                    streams::deliver(&mut session, &Value::from(reported.to_vec()));
                 }
             }
-            streams::hear(&mut session, event);
+            streams::deliver(&mut session, event);
             if event[0] == "known" {
                 let replica = session.replica().expect("a member");
                 assert_eq!(streams::known(replica), event[1], "{}", stream["name"]);

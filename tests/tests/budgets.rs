@@ -1,6 +1,6 @@
-//! Streams keep their budgets, and say truly how far off bodies are meanwhile
+//! Streams keep their budgets, and state their error scale truthfully.
 //!
-//! Proved as in `simulated_network`: each bound that a member gives is held against the truth, at every look.
+//! As in `simulated_network`, each bound of each member is checked against the truth at regular times.
 
 use std::num::NonZeroU32;
 
@@ -27,8 +27,8 @@ fn capped(bytes_per_second: u32) -> StreamChoice {
 }
 
 fn stage(scene: &str, choice: StreamChoice, stepping: Stepping, links: &str, seed: u64) -> Stage {
-    let script = by_name(scene, 60, 1).expect("the scene is known by name");
-    let links = links.parse().expect("the tests write possible config");
+    let script = by_name(scene, 60, 1).expect("an existing script");
+    let links = links.parse().expect("a valid link configuration");
     Stage::new(script, stepping, choice, links, seed)
 }
 
@@ -37,17 +37,17 @@ fn inspect(stage: &mut Stage) -> Inspection {
         .network
         .client_mut(COMMANDER)
         .inspect()
-        .expect("it is a member");
+        .expect("a member");
     stage.run(Span::from_millis(1_000));
-    *stage.witnesses[COMMANDER]
+    *stage.histories[COMMANDER]
         .inspections
         .last()
-        .expect("it was answered")
+        .expect("an answer")
 }
 
-/// How many claims allow for more than the tolerance.
+/// Number of claims whose bound exceeds the tolerance.
 fn exceeding(stage: &Stage, member: usize) -> usize {
-    let claims = stage.witnesses[member].claims.iter();
+    let claims = stage.histories[member].claims.iter();
     claims.filter(|claim| claim.error_scale > 1.0).count()
 }
 
@@ -69,7 +69,7 @@ fn bounds_are_true_while_a_budget_does_not_suffice() {
         assert!(exceeding(&stage, late) > 100, "{what}");
         let truth = stage.truth();
         for member in [COMMANDER, late] {
-            stage.witnesses[member].judge(&truth, &what);
+            stage.histories[member].judge(&truth, &what);
         }
     }
 }
@@ -84,27 +84,27 @@ fn a_budget_is_kept_in_every_second() {
             .network
             .client_mut(COMMANDER)
             .inspect()
-            .expect("it is a member");
+            .expect("a member");
         stage.run(Span::from_millis(4));
-        let inspection = stage.witnesses[COMMANDER].inspections.last();
-        sent.push(inspection.expect("it was answered").packet_bytes);
+        let inspection = stage.histories[COMMANDER].inspections.last();
+        sent.push(inspection.expect("an answer").packet_bytes);
     }
     for (second, pair) in sent.windows(2).enumerate() {
         let bytes = pair[1] - pair[0];
         let burst = if second == 0 { 1_150 } else { 0 };
-        // An update may overdraw, and a second of the simulated clock is not always 60 ticks.
+        // An update may overdraw the budget, and a second of the simulated clock is not always 60 ticks.
         assert!(bytes <= 500 + burst + 64, "{bytes} in second {second}");
     }
     let bytes = sent[8] - sent[1];
     assert!(
         bytes >= 7 * 300,
-        "a tight budget is used: {bytes} in seven seconds"
+        "a tight budget must be used: {bytes} bytes in seven seconds"
     );
 }
 
 #[test]
 fn every_waiting_body_is_updated_in_the_end() {
-    // Balls fall and lie: afterwards nothing is off any more, and every body is reported to rest.
+    // The balls fall and come to rest; then the budget suffices, and each rest pose must be published.
     let mut stage = stage("ball-pit", capped(300), Stepping::FreeRunning, "", 1);
     stage.take_authority(Span::from_millis(6_000));
     assert!(exceeding(&stage, COMMANDER) > 100);
@@ -115,21 +115,21 @@ fn every_waiting_body_is_updated_in_the_end() {
     stage.run(Span::from_millis(5_000));
     assert_eq!(inspect(&mut stage).over_budget, before);
     let copy = stage.copy(COMMANDER);
-    for config in copy.bodies() {
+    for desc in copy.bodies() {
         let radius = copy
-            .shape(config.shape)
-            .expect("it has a shape")
+            .shape(desc.shape)
+            .expect("a body has a shape")
             .bounding_radius();
         let bound = Some(ErrorBound::Within(Tolerance::NORMAL.reach(radius)));
-        assert_eq!(copy.stream().bound(config.id), bound);
+        assert_eq!(copy.stream().bound(desc.id), bound);
     }
     let truth = stage.truth();
-    stage.witnesses[COMMANDER].judge(&truth, "who waited");
+    stage.histories[COMMANDER].judge(&truth, "the member with a budget");
 }
 
-/// Bodies that are somewhere else at each tick, too large to be sent but in long words; and one, behind them, that goes a
-/// little way every second.
-const WILD: u32 = 8;
+/// Number of bodies that teleport at each tick, so that only keyframes fit. One more body, with a higher index, moves
+/// a little once per second.
+const TELEPORTING_BODIES: u32 = 8;
 const SECOND: u64 = 60;
 
 fn motion(body: u32, tick: u64) -> BodyState {
@@ -141,17 +141,17 @@ fn motion(body: u32, tick: u64) -> BodyState {
     let mut at = [body as f32 * 2_000.0, 0.0, 0.0];
     let mut turned = Quat::IDENTITY;
     let mut linear = [0.0; 3];
-    if body == WILD {
+    if body == TELEPORTING_BODIES {
         at[0] += (tick / SECOND) as f32 * 0.07;
     } else {
         at = [0, 1, 2].map(|axis| mixed(axis) * 1e5);
         turned = Quat::from_euler(EulerRot::XYZ, mixed(3) * 6.0, mixed(4), mixed(5));
         linear = [6, 7, 8].map(|axis| mixed(axis) * 1e3);
     }
-    BodyState::new(at, turned.to_array(), linear, [0.0; 3]).expect("it is finite")
+    BodyState::new(at, turned.to_array(), linear, [0.0; 3]).expect("a finite state")
 }
 
-/// A stream of these bodies at its source, held to a budget.
+/// The publisher of a stream of these bodies with a budget.
 struct CappedStream {
     publisher: Publisher,
     observation_history: ObservationHistory,
@@ -171,9 +171,13 @@ impl CappedStream {
             features: Features::ALL,
         };
         let mut publisher = Publisher::new(StreamId(0), &config, Tick::ZERO);
-        for body in 0..=WILD {
+        for body in 0..=TELEPORTING_BODIES {
             let parameters =
-                PredictionParameters::plain(Metres::new(if body == WILD { 0.5 } else { 5_000.0 }));
+                PredictionParameters::plain(Metres::new(if body == TELEPORTING_BODIES {
+                    0.5
+                } else {
+                    5_000.0
+                }));
             let track = Track::resting(Tick::ZERO, motion(body, 0));
             assert!(publisher.place(BodyId::new(body, 0), &parameters, track));
         }
@@ -185,17 +189,17 @@ impl CappedStream {
         }
     }
 
-    /// A tick; returns the bytes of its packets.
+    /// Publishes one tick; returns the bytes of its packets.
     fn step(&mut self) -> usize {
         self.tick += 1;
-        let seen = |body| Observation {
+        let observed = |body| Observation {
             id: BodyId::new(body, 0),
             motion: motion(body, self.tick),
             activity: Activity::Awake,
         };
-        let seen: Vec<_> = (0..=WILD).map(seen).collect();
+        let observed: Vec<_> = (0..=TELEPORTING_BODIES).map(observed).collect();
         self.observation_history
-            .observe(Tick::new(self.tick), &seen);
+            .observe(Tick::new(self.tick), &observed);
         let mut sent = Vec::new();
         self.publisher
             .publish(&self.observation_history, 0, &mut sent);
@@ -206,21 +210,21 @@ impl CappedStream {
 #[test]
 fn a_waiting_body_is_updated_even_beside_worse_errors_that_never_rest() {
     let mut stage = CappedStream::new(Budget::new(600, 1_150).expect("within the limits"));
-    let id = BodyId::new(WILD, 0);
+    let id = BodyId::new(TELEPORTING_BODIES, 0);
     let reported = |stage: &CappedStream| {
         let mut tracks = stage.publisher.tracks();
         let found = tracks.find(|(of, _)| *of == id);
-        found.expect("it is there").1.origin.value()
+        found.expect("an existing body").1.origin.value()
     };
     let mut longest = 0;
     while stage.tick < 60 * SECOND {
         stage.step();
-        // It went a little way at the beginning of each second.
+        // The body moves a little at the beginning of each second.
         let off_since = (reported(&stage) / SECOND + 1) * SECOND;
         longest = longest.max(stage.tick.saturating_sub(off_since));
     }
     assert!(stage.publisher.statistics().over_budget > 1_000);
-    assert!(longest < 5 * SECOND, "{longest} ticks without a word");
+    assert!(longest < 5 * SECOND, "{longest} ticks without an update");
 }
 
 #[test]
@@ -233,7 +237,7 @@ fn the_body_with_the_largest_error_is_named_with_its_start_tick() {
             assert_eq!(stage.publisher.waiting(), 0);
             continue;
         };
-        let wild = worst.body.index() < WILD && worst.share > 100.0;
+        let wild = worst.body.index() < TELEPORTING_BODIES && worst.share > 100.0;
         assert!(wild || stage.publisher.waiting() == 1, "{worst:?}");
         waited = waited.max(stage.tick - worst.since.value());
     }
@@ -281,7 +285,7 @@ fn an_ample_budget_costs_nothing_and_changes_nothing() {
 fn a_stream_does_not_depend_on_the_delay_of_its_subscribers() {
     for choice in [capped(700), StreamChoice::Within(Tolerance::NORMAL)] {
         let sent = |links| {
-            let script = by_name("tumbler", 60, 1).expect("the scene is known by name");
+            let script = by_name("tumbler", 60, 1).expect("an existing script");
             let links: rhumb_transport::LinkConfig = links;
             let mut stage = Stage::new(script, Stepping::Lockstep, choice, links, 1);
             for _ in 0..200 {
@@ -295,9 +299,9 @@ fn a_stream_does_not_depend_on_the_delay_of_its_subscribers() {
             let inspection = inspect(&mut stage);
             (inspection.packets, inspection.packet_bytes, down)
         };
-        let parse = |text: &str| text.parse().expect("the tests write possible config");
+        let parse = |text: &str| text.parse().expect("a valid link configuration");
         let near = sent(parse(""));
-        // Within the patience of a lockstep client, which asks again after a tenth of a second.
+        // Below the retry time of a lockstep client, which asks again after a tenth of a second.
         let far = sent(parse("rtt=90ms"));
         assert_eq!(near, far, "{choice:?}");
     }

@@ -1,8 +1,8 @@
-//! The suite against this house's server: all cases, and all requirements.
+//! The conformance suite against this project's server.
 //!
-//! Proved by a server process, as an operator runs it, and all cases of servers over loopback. The suite itself is tried by
-//! servers that are wrong, each against the case that is for it. Caught so far: answers to what was said behind a command came before the command's
-//! own; a member whose advance was lost asked for it after three seconds.
+//! A server process, as an operator runs it, must pass all server cases over loopback. Mutants of the server test the
+//! suite itself, each with one case. Caught so far: answers to later messages came before a command's own answer; a
+//! member whose advance was lost repeated it only after three seconds.
 
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ use serde_json::{Value, json as value_of};
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 
-/// What the cases are tried by: so patiently that a busy machine fails none.
+/// Conditions with a time limit that a busy machine meets.
 fn conditions(server: &ServerProcess, link: LinkConfig) -> Conditions {
     Conditions {
         subject: Subject::Server {
@@ -71,17 +71,17 @@ fn tried(patterns: &[&str], link: LinkConfig) -> Report {
 }
 
 #[test]
-fn the_server_of_this_house_passes_every_case() {
+fn this_server_passes_every_case() {
     let report = tried(&[], LinkConfig::PERFECT);
     assert!(report.results.len() >= 200, "{}", report.summary());
-    // What a report says of a run, in each of its forms.
+    // The settings of the run must be in each form of the report.
     let value: Value = serde_json::from_str(&json(&report)).expect("JSON");
     assert_eq!(value["passed"], true);
     assert_eq!(
         value["cases"].as_array().map(Vec::len),
         Some(report.results.len())
     );
-    let xml = junit(&report).expect("memory can be written to");
+    let xml = junit(&report).expect("writing to memory");
     assert_eq!(xml.matches("<testcase ").count(), report.results.len());
     assert!(!xml.contains("<failure"));
     let reported =
@@ -100,15 +100,15 @@ fn the_server_of_this_house_passes_every_case() {
 }
 
 #[test]
-fn the_server_of_this_house_passes_behind_a_bad_link() {
+fn this_server_passes_behind_a_bad_link() {
     let link = "rtt=20ms,loss=3%,reorder=2%,dup=1%"
         .parse()
-        .expect("config of a link");
+        .expect("a valid link configuration");
     let report = tried(&["L1.1", "L1.4", "L2.1", "L3.1", "L4.1.1"], link);
     assert!(report.results.len() >= 20, "{}", report.summary());
 }
 
-/// Each mutant with the case that is for it, by its number or words of its name.
+/// Each mutant with its case, by id or by words of its name.
 const CAUGHT: [(ServerMutant, &str); 20] = [
     (ServerMutant::AnyVersion, "L1.1.3"),
     (ServerMutant::WrongCode, "L0.1.7"),
@@ -132,7 +132,7 @@ const CAUGHT: [(ServerMutant, &str); 20] = [
     (ServerMutant::SpeedsOff, "L4.3.2"),
 ];
 
-/// What comes of cases with a mutant.
+/// Outcomes of the selected cases with a mutant.
 fn tried_mutant(
     mutant: ServerMutant,
     patterns: &[&str],
@@ -171,7 +171,7 @@ fn each_server_that_breaks_a_promise_is_caught_by_its_case() {
     let mut passed = Vec::new();
     for (mutant, pattern) in CAUGHT {
         let results = tried_mutant(mutant, &[pattern], Profile::BitExact, 1);
-        assert_eq!(results.len(), 1, "{pattern} is one case");
+        assert_eq!(results.len(), 1, "{pattern} selects one case");
         let outcome = &results[0].outcome;
         let caught = outcome.verdict == Verdict::Fail || !outcome.closing.is_good();
         if !caught {
@@ -183,7 +183,7 @@ fn each_server_that_breaks_a_promise_is_caught_by_its_case() {
 
 #[test]
 fn a_server_whose_engine_differs_by_a_bit_passes_all_but_the_bit_exact_profile() {
-    // Levels L0 and L5 and the sessions of L1 are of bytes, which no engine moves.
+    // Levels L0 and L5 and the sessions of L1 do not depend on an engine.
     let physics = ["L2", "L3", "L4", "L1.4"];
     for mutant in [ServerMutant::FrictionOff, ServerMutant::SpeedsOff] {
         let results = tried_mutant(mutant, &physics, Profile::Core, 8);

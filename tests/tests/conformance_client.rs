@@ -1,7 +1,7 @@
-//! The Rust client passes every case; who breaks a promise fails one.
+//! The Rust client passes every case; each client mutant fails one.
 //!
-//! So the suite itself is tried: a case that no mutant fails may be one that nobody can. Mutants are those of
-//! `conformance/mutants`; each is played against the case that is for it, and against no other.
+//! The mutants test the suite itself: a case that no mutant fails may be impossible to fail. They are defined in
+//! `conformance/mutants`; each runs against one case only.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ use rhumb_transport::LinkConfig;
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 const TESTEE: &str = env!("CARGO_BIN_EXE_rhumb-testee");
 
-/// Each mutant with the case that is for it.
+/// Each mutant with its command-line name and its case.
 const CAUGHT: [(ClientMutant, &str, &str); 24] = [
     (ClientMutant::AnyVersion, "any-version", "L1.51.2"),
     (ClientMutant::CriticalPasses, "critical-passes", "L1.51.3"),
@@ -29,7 +29,7 @@ const CAUGHT: [(ClientMutant, &str, &str); 24] = [
     (ClientMutant::WrongCode, "wrong-code", "L1.51.3"),
     (
         ClientMutant::NeverReportsLoss,
-        "never-loss_reports",
+        "never-reports-loss",
         "L2.51.20",
     ),
     (ClientMutant::OffByOne, "off-by-one", "L2.51.20"),
@@ -41,17 +41,17 @@ const CAUGHT: [(ClientMutant, &str, &str); 24] = [
     (ClientMutant::RestLost, "rest-lost", "L4.51.5"),
     (
         ClientMutant::NeverReportsMismatch,
-        "never-mismatches",
+        "never-reports-mismatch",
         "L2.52.1",
     ),
     (
         ClientMutant::RepairSymbolWrong,
-        "repair_symbol-wrong",
+        "repair-symbol-wrong",
         "L2.52.10",
     ),
     (
         ClientMutant::SceneEventsIgnored,
-        "scene_events-ignored",
+        "scene-events-ignored",
         "L1.52.66",
     ),
     (ClientMutant::NanTaken, "nan-taken", "L5.51.3"),
@@ -59,24 +59,28 @@ const CAUGHT: [(ClientMutant, &str, &str); 24] = [
     (ClientMutant::LastBitWrong, "last-bit-wrong", "L4.51.1"),
     (
         ClientMutant::CompleteTooEarly,
-        "promises-too-much",
+        "complete-too-early",
         "L2.51.40",
     ),
-    (ClientMutant::NeverSubscribed, "never-followed", "L2.52.21"),
+    (
+        ClientMutant::NeverSubscribed,
+        "never-subscribed",
+        "L2.52.21",
+    ),
     (
         ClientMutant::SendsBeforeWelcome,
-        "speaks-too-soon",
+        "sends-before-welcome",
         "L1.51.6",
     ),
     (
         ClientMutant::UpstreamBeyondTolerance,
-        "strays-away",
+        "upstream-beyond-tolerance",
         "L3.51.1",
     ),
-    (ClientMutant::WatermarkOnce, "watermarks-once", "L3.51.2"),
+    (ClientMutant::WatermarkOnce, "watermark-once", "L3.51.2"),
     (
         ClientMutant::NeverRetakesAuthority,
-        "never-drives-again",
+        "never-retakes-authority",
         "L3.51.3",
     ),
 ];
@@ -87,7 +91,7 @@ fn conditions(exec: String) -> Conditions {
             listen: "127.0.0.1:0".parse().expect("loopback"),
             exec,
         },
-        // A machine that does much else is slow, not wrong.
+        // A long time limit, so that a busy machine fails no case.
         timeout: Duration::from_secs(20),
         seed: 1,
         link: LinkConfig::PERFECT,
@@ -107,7 +111,7 @@ fn the_rust_client_passes_every_case() {
     );
     assert!(results.len() >= 150, "{} cases", results.len());
     for result in results {
-        // What should be is tried too.
+        // SHOULD is checked too.
         assert!(
             result.outcome.verdict == Verdict::Pass && result.outcome.closing.is_good(),
             "{:?}: {:?}",
@@ -118,13 +122,17 @@ fn the_rust_client_passes_every_case() {
 }
 
 #[test]
-fn the_rust_client_follows_what_the_server_of_this_house_says() {
+fn the_rust_client_follows_this_server_bit_exactly() {
     let server = SERVER.serve_without_log("127.0.0.1:0");
     let (address, pin) = (server.address, server.fingerprint);
-    let servers = [format!("rust={address},{pin}").parse().expect("a server")];
-    let honest = format!("rust={TESTEE}").parse().expect("a client");
+    let servers = [format!("rust={address},{pin}")
+        .parse()
+        .expect("a valid server argument")];
+    let honest = format!("rust={TESTEE}")
+        .parse()
+        .expect("a valid client argument");
     let wrong = format!("wrong={TESTEE} --mutant last-bit-wrong");
-    let clients = [honest, wrong.parse().expect("a client")];
+    let clients = [honest, wrong.parse().expect("a valid client argument")];
     let (pairs, results) = matrix::run(
         &servers,
         &clients,
@@ -142,7 +150,7 @@ fn the_rust_client_follows_what_the_server_of_this_house_says() {
         assert!(passed, "{:?}: {outcome:?}", result.case);
     }
     assert!(honest.tried >= 8, "{pairs:?}");
-    assert!(wrong.passed == 0, "who is wrong passes: {pairs:?}");
+    assert!(wrong.passed == 0, "a mutant passes: {pairs:?}");
 }
 
 #[test]
@@ -162,8 +170,8 @@ fn each_client_that_breaks_a_promise_is_caught_by_its_case() {
             1,
             &mut std::io::sink(),
         );
-        let result = results.first().expect("the case is there");
-        assert_eq!(results.len(), 1, "{id} is one case");
+        let result = results.first().expect("an existing case");
+        assert_eq!(results.len(), 1, "{id} selects one case");
         let caught = matches!(result.outcome.verdict, Verdict::Fail | Verdict::Lax)
             || !result.outcome.closing.is_good();
         assert!(caught, "{mutant:?} passes {id}: {:?}", result.outcome);

@@ -1,7 +1,7 @@
-//! A controller does the same beside a hosted scene as in one process.
+//! A controller has the same effect in a hosted scene as in a local one.
 //!
-//! The host is real, its member polite; the truth is a scene of this thread with the same script and the same hook. A
-//! digest of all that was ever observed is equal only if every push was, at its tick.
+//! The server and its member are real. The truth is a scene of this thread with the same script and the same hook. The
+//! checksum over all observations is equal only if every push had its effect at its tick.
 
 use glam::Vec3;
 use rhumb_protocol::message::StreamChoice;
@@ -16,19 +16,19 @@ const TICKS: u64 = 240;
 
 fn hook(mut controller: Box<dyn Controller>) -> Hook {
     Hook::new(move |scene: &Scene, out| {
-        let motion = |id| scene.observation(id).map(|seen| seen.motion);
+        let motion = |id| scene.observation(id).map(|observation| observation.motion);
         controller.before_step(scene.tick(), &motion, out);
     })
 }
 
 fn script(name: &str) -> Box<dyn Script> {
-    by_name(name, 20, 4).expect("a name of the list")
+    by_name(name, 20, 4).expect("an existing script")
 }
 
-/// The digest of a script's run in this thread, with or without its controller.
+/// Checksum of a script's run in this thread, with or without its controller.
 fn alone(name: &str, controlled: bool) -> u64 {
     let mut script = script(name);
-    let mut scene = Scene::new(script.config()).expect("scripts have good config");
+    let mut scene = Scene::new(script.config()).expect("a valid configuration");
     if let Some(controller) = script.controller().filter(|_| controlled) {
         scene.attach(hook(controller));
     }
@@ -37,7 +37,7 @@ fn alone(name: &str, controlled: bool) -> u64 {
         commands.clear();
         script.commands(Tick::new(tick), &mut commands);
         for command in &commands {
-            scene.apply(command).expect("scripts command what may be");
+            scene.apply(command).expect("a valid command");
         }
         let stepped = scene.step().expect("the engine does not fail");
         assert_eq!(stepped.refused, [], "{name} at {}", scene.tick());
@@ -45,48 +45,48 @@ fn alone(name: &str, controlled: bool) -> u64 {
     scene.digest().value()
 }
 
-/// The digest of the same at a host, and how many commands went up.
+/// Checksum of the same run at a server, and the number of commands that were sent.
 fn hosted(name: &'static str) -> (u64, usize) {
     let twin = script(name);
     let mut script = script(name);
     let hooks = Hooks::new(move |_, _| twin.controller().map(hook));
     let mut table = Table::with_hooks(hooks);
-    let peer = table.alias("played");
-    let session = table.guest(peer);
-    session.create(script.config()).expect("it is welcome");
+    let peer = table.connect("played");
+    let session = table.session(peer);
+    session
+        .create(script.config())
+        .expect("the session is in the lobby");
     session
         .join(StreamChoice::Full)
-        .expect("it is in the lobby");
-    table.settle();
+        .expect("the session is in the lobby");
+    table.run_until_idle();
     let (mut commands, mut sent) = (Vec::new(), 0);
     for tick in 0..TICKS {
         commands.clear();
         script.commands(Tick::new(tick), &mut commands);
         let now = table.now();
-        let session = table.guest(peer);
+        let session = table.session(peer);
         sent += commands.len();
         for command in commands.drain(..) {
-            session.command(command).expect("it is a member");
+            session.command(command).expect("a member");
         }
-        session
-            .advance(now, Tick::new(tick + 1))
-            .expect("it is a member");
-        table.settle();
+        session.advance(now, Tick::new(tick + 1)).expect("a member");
+        table.run_until_idle();
     }
-    let session = table.guest(peer);
-    session.inspect().expect("it is a member");
-    table.settle();
-    let session = table.guest(peer);
+    let session = table.session(peer);
+    session.inspect().expect("a member");
+    table.run_until_idle();
+    let session = table.session(peer);
     let inspected = |event| match event {
         Event::Inspected(inspection) => Some(inspection.truth),
         _ => None,
     };
     let truth = std::iter::from_fn(|| session.poll_event()).find_map(inspected);
-    (truth.expect("an inspection was asked for"), sent)
+    (truth.expect("an inspection was requested"), sent)
 }
 
 #[test]
-fn hosted_or_alone_a_script_with_its_controller_is_one_truth() {
+fn a_script_with_its_controller_has_one_result_hosted_or_local() {
     let mut controlled = 0;
     for name in NAMES {
         let (truth, _) = hosted(name);
@@ -100,7 +100,7 @@ fn hosted_or_alone_a_script_with_its_controller_is_one_truth() {
 }
 
 #[test]
-fn nothing_goes_up_for_what_a_controller_does() {
+fn a_controller_sends_no_commands() {
     let mut script = script("asteroids");
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
@@ -110,18 +110,18 @@ fn nothing_goes_up_for_what_a_controller_does() {
 #[test]
 fn a_hook_moves_bodies_and_nothing_else() {
     let mut script = script("zoo");
-    let mut scene = Scene::new(script.config()).expect("scripts have good config");
+    let mut scene = Scene::new(script.config()).expect("a valid configuration");
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
     for command in &commands {
-        scene.apply(command).expect("scripts command what may be");
+        scene.apply(command).expect("a valid command");
     }
     let dynamic = scene
         .bodies()
         .filter(|body| body.kind == BodyKind::Dynamic)
         .last()
         .map(|body| body.id)
-        .expect("the zoo has some");
+        .expect("the zoo has dynamic bodies");
     let missing = BodyId::new(9_999, 0);
     let (up, none) = (Vec3::new(0.0, 9.0, 0.0), Vec3::ZERO);
     scene.attach(Hook::new(move |_: &Scene, out| {
@@ -143,6 +143,6 @@ fn a_hook_moves_bodies_and_nothing_else() {
     let expected = [HookError::NotAMotion, HookError::NotAMotion, unknown];
     assert_eq!(stepped.refused, expected);
     assert_eq!(scene.gravity(), gravity);
-    let motion = scene.observation(dynamic).expect("it is there").motion;
+    let motion = scene.observation(dynamic).expect("an existing body").motion;
     assert!(motion.parts()[8] > 5.0, "{motion:?}");
 }

@@ -1,7 +1,7 @@
-//! What a tick allocates, and what a body takes, by an allocator that counts
+//! Allocations per tick and memory per body, counted by a special allocator.
 //!
-//! Ten thousand balls are published and followed in one process, without a network. Counts are those of the test's own
-//! thread. Memory is what the heap holds more than before, room in tables and buffers included.
+//! Ten thousand balls are published and subscribed to in one process, without a network. Only allocations of the
+//! test's own thread count. Memory is the growth of the heap, spare capacity of tables and buffers included.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -25,7 +25,7 @@ use rhumb_reckoning::{
 use rhumb_sims::by_name;
 use rhumb_tests::ScriptedSession;
 
-/// The system's allocator, and what was asked of it.
+/// The system's allocator, with counters.
 struct Counting;
 
 thread_local! {
@@ -62,7 +62,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// What work asked of the allocator: calls, and bytes that it keeps.
+/// Number of allocator calls, and growth of the heap in bytes, during `work`.
 fn count<T>(work: impl FnOnce() -> T) -> (T, u64, i64) {
     let before = (CALLS.get(), BYTES.get());
     let done = work();
@@ -72,9 +72,9 @@ fn count<T>(work: impl FnOnce() -> T) -> (T, u64, i64) {
 const BODIES: u32 = 10_000;
 const STREAM: StreamId = StreamId(0);
 const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
-/// Calls of the allocator for a packet at a publisher, whatever it says.
+/// Limit of allocator calls per packet at a publisher, regardless of the number of updates.
 const PER_PACKET: u64 = 10;
-/// Of so many bodies one is struck in each tick.
+/// One in this number of bodies is hit in each tick.
 const STRUCK: u64 = 20;
 
 fn config(tolerance: Tolerance) -> StreamTerms {
@@ -90,16 +90,16 @@ fn config(tolerance: Tolerance) -> StreamTerms {
 fn integrator() -> Integrator {
     Integrator {
         rate: Rate::HZ_60,
-        substeps: NonZeroU32::new(4).expect("four is not zero"),
+        substeps: NonZeroU32::new(4).expect("four is positive"),
     }
 }
 
-/// Balls on their way, each turned back now and then.
+/// Moving balls, some of which reverse their direction regularly.
 #[derive(Clone, Copy)]
 enum Scene {
-    /// Each ball is struck every so many ticks.
+    /// Each ball is hit at regular intervals.
     Struck,
-    /// No ball is ever struck.
+    /// No ball is ever hit.
     Free,
 }
 
@@ -112,9 +112,9 @@ impl Scene {
         };
         let speed = if struck % 2 == 0 { 3.0 } else { -3.0 };
         let since = (phase - last) as f32 / 60.0;
-        // To and fro: where it was struck is where it began, or the end of its way.
-        let way = 3.0 * STRUCK as f32 / 60.0;
-        let from = if struck % 2 == 0 { 0.0 } else { way };
+        // A triangle wave: hits happen at the start and at the end of the path.
+        let path = 3.0 * STRUCK as f32 / 60.0;
+        let from = if struck % 2 == 0 { 0.0 } else { path };
         let x = from + speed * since + (index % 100) as f32;
         BodyState::new(
             [x, 0.0, (index / 100) as f32],
@@ -122,16 +122,16 @@ impl Scene {
             [speed, 0.0, 0.0],
             [0.0; 3],
         )
-        .expect("these numbers are finite")
+        .expect("finite numbers")
     }
 
     fn observations(self, tick: u64) -> Vec<Observation> {
-        let seen = |index| Observation {
+        let observed = |index| Observation {
             id: BodyId::new(index, 0),
             motion: self.state(index, tick),
             activity: Activity::Awake,
         };
-        (0..BODIES).map(seen).collect()
+        (0..BODIES).map(observed).collect()
     }
 
     fn bodies(self) -> impl Iterator<Item = (BodyId, PredictionParameters, Track)> {
@@ -159,18 +159,18 @@ impl Scene {
             gravity: GRAVITY,
             damping: Damping::default(),
             ..by_name("free-fall", 1, 1)
-                .expect("the scene is known by name")
+                .expect("an existing script")
                 .config()
         }
     }
 
-    /// What a member is reported of the bodies when it comes in.
+    /// The snapshot of the bodies for a new member.
     fn scene_events(self) -> Vec<SceneEvent> {
         let ball = ShapeId(0);
         let shape = Shape::Ball { radius: 0.5 };
         let mut scene_events = vec![SceneEvent::ShapeAdded { id: ball, shape }];
         let placed = self.bodies().map(|(id, _, track)| SceneEvent::BodyPlaced {
-            config: BodyDesc {
+            desc: BodyDesc {
                 gravity_scale: 0.0,
                 ..BodyDesc::plain(id, BodyKind::Dynamic, ball)
             },
@@ -200,22 +200,22 @@ impl Scene {
     }
 
     /// The datagrams of each tick.
-    fn said(self, ticks: u64, tolerance: Tolerance) -> Vec<Vec<Bytes>> {
+    fn published(self, ticks: u64, tolerance: Tolerance) -> Vec<Vec<Bytes>> {
         let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
         let mut publisher = self.publisher(tolerance);
-        let say = |tick| {
+        let publish_tick = |tick| {
             let mut out = Vec::new();
             observation_history.observe(Tick::new(tick), &self.observations(tick));
             publisher.publish(&observation_history, 0, &mut out);
             out
         };
-        let said: Vec<_> = (1..=ticks).map(say).collect();
+        let published: Vec<_> = (1..=ticks).map(publish_tick).collect();
         assert_eq!(publisher.tick(), Tick::new(ticks));
-        said
+        published
     }
 }
 
-fn look(view: &mut View, subscriber: &mut Subscriber, tick: u64) {
+fn update_view(view: &mut View, subscriber: &mut Subscriber, tick: u64) {
     let render_params = RenderParams {
         at: RenderTime::at(Tick::new(tick)),
         now: Seconds::new(tick as f64 / 60.0),
@@ -268,30 +268,30 @@ fn publishing_in_four_tiers_allocates_by_packet_and_not_by_update() {
                 publisher.publish(&observation_history, 0, &mut out);
             }
         });
-        // A datagram, its head and its words, the bodies that it is remembered by, and its column.
+        // Head and payload of a datagram, the history of its bodies, and its source symbol.
         let most = PER_PACKET * out.len() as u64;
         assert!(
             calls <= most || tick < 60,
             "{calls} for {} at tick {tick}",
             out.len()
         );
-        let said: u64 = publishers.iter().map(|p| p.statistics().updates).sum();
-        assert!(said - updates > 40 * out.len() as u64 || tick < 60);
-        updates = said;
+        let published: u64 = publishers.iter().map(|p| p.statistics().updates).sum();
+        assert!(published - updates > 40 * out.len() as u64 || tick < 60);
+        updates = published;
     }
 }
 
 #[test]
 fn receiving_and_rendering_a_tick_allocates_nothing() {
-    let said = Scene::Struck.said(200, Tolerance::NORMAL);
+    let published = Scene::Struck.published(200, Tolerance::NORMAL);
     let mut subscriber = Scene::Struck.subscriber(Tolerance::NORMAL);
     let mut view = View::default();
-    for (tick, datagrams) in (1..).zip(&said) {
+    for (tick, datagrams) in (1..).zip(&published) {
         let ((), calls, _) = count(|| {
             for datagram in datagrams {
                 subscriber.handle_datagram(datagram);
             }
-            look(&mut view, &mut subscriber, tick);
+            update_view(&mut view, &mut subscriber, tick);
         });
         assert!(calls == 0 || tick < 100, "{calls} at tick {tick}");
     }
@@ -300,30 +300,30 @@ fn receiving_and_rendering_a_tick_allocates_nothing() {
 }
 
 #[test]
-fn a_body_takes_76_bytes_of_each_stream_at_a_server_and_128_at_most_with_what_ticks_need() {
+fn a_body_takes_76_bytes_per_stream_at_a_server_and_at_most_128_with_scratch_memory() {
     let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
     let (mut publisher, _, placed) = count(|| Scene::Struck.publisher(Tolerance::NORMAL));
-    let mut seen = 0;
+    let mut observed = 0;
     let ((), _, grown) = count(|| {
         for tick in 1..=2 * STRUCK {
             let observations = Scene::Struck.observations(tick);
             let ((), _, kept) =
                 count(|| observation_history.observe(Tick::new(tick), &observations));
-            seen += kept;
+            observed += kept;
             publisher.publish(&observation_history, 0, &mut Vec::new());
         }
     });
-    // What all streams share is not a stream's; what was said is gone.
-    let said = grown - seen;
+    // Memory shared by all streams does not count, and the sent datagrams are dropped.
+    let published = grown - observed;
     assert!(publisher.statistics().updates >= u64::from(BODIES));
-    let each = (placed + said) / i64::from(BODIES);
+    let each = (placed + published) / i64::from(BODIES);
     assert!(placed / i64::from(BODIES) <= 76, "{placed}");
-    assert!(each <= 128, "{each}: {placed} and {said}");
+    assert!(each <= 128, "{each}: {placed} and {published}");
 }
 
 #[test]
 fn a_body_takes_no_more_than_192_bytes_at_a_client() {
-    let said = Scene::Struck.said(2 * STRUCK, Tolerance::NORMAL);
+    let published = Scene::Struck.published(2 * STRUCK, Tolerance::NORMAL);
     let reported = Scene::Struck.scene_events();
     let config = Scene::Struck.config();
     let choice = StreamChoice::Within(Tolerance::NORMAL);
@@ -333,12 +333,12 @@ fn a_body_takes_no_more_than_192_bytes_at_a_client() {
     let mut view = View::default();
     let session = &mut member.session;
     let ((), _, received) = count(|| {
-        for (tick, datagrams) in (1..).zip(&said) {
+        for (tick, datagrams) in (1..).zip(&published) {
             for datagram in datagrams {
                 session.handle_datagram(Instant::ZERO, ScriptedSession::SERVER, datagram);
             }
             let copy = session.replica_mut().expect("a member has a copy");
-            look(&mut view, copy.stream_mut(), tick);
+            update_view(&mut view, copy.stream_mut(), tick);
         }
     });
     let copy = session.replica().expect("a member has a copy");

@@ -1,7 +1,7 @@
-//! What fuzzers found and kept holds with a stable compiler too.
+//! Replays the findings and kept inputs of the fuzzers with a stable compiler.
 //!
-//! Proved by replaying every kept input and every golden vector to its target, and some noise besides. `FUZZ_INPUT=FILE
-//! FUZZ_TARGET=NAME` replays one file, as a fuzzer leaves it.
+//! The tests replay every kept input and every golden vector to its target, plus some noise. `FUZZ_INPUT=FILE
+//! FUZZ_TARGET=NAME` replays one file in the format of a fuzzer.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -10,7 +10,7 @@ use rhumb_tests::fuzzing::inputs::{kept, seeds};
 use rhumb_tests::fuzzing::{TARGETS, Target};
 use rhumb_tests::{Dice, seed};
 
-/// Noise for each target: enough to reach its first branches, and no hunt.
+/// Number of random inputs for each target: enough to reach its first branches, not a search.
 const NOISE: usize = 60;
 
 fn replay(target: &Target, inputs: &[Vec<u8>], what: &str) {
@@ -25,7 +25,7 @@ fn replay(target: &Target, inputs: &[Vec<u8>], what: &str) {
 
 fn target(name: &str) -> &'static Target {
     let found = TARGETS.iter().find(|target| target.name == name);
-    found.unwrap_or_else(|| panic!("there is no {name}"))
+    found.unwrap_or_else(|| panic!("unknown target {name}"))
 }
 
 macro_rules! replays {
@@ -52,12 +52,12 @@ macro_rules! replays {
             let known: BTreeSet<_> = TARGETS.iter().map(|target| target.name).collect();
             assert_eq!(replayed, known);
             let fuzz = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz");
-            let manifest = std::fs::read_to_string(fuzz.join("Cargo.toml")).expect("it lies there");
+            let manifest = std::fs::read_to_string(fuzz.join("Cargo.toml")).expect("reading the manifest");
             for name in known {
                 let file = format!("fuzz_targets/{name}.rs");
                 assert!(fuzz.join(&file).is_file(), "{file}");
                 assert!(manifest.contains(&format!("path = \"{file}\"")), "{file}");
-                assert!(!kept(target(name)).is_empty(), "nothing is kept of {name}");
+                assert!(!kept(target(name)).is_empty(), "{name} has no kept inputs");
             }
         }
     };
@@ -75,6 +75,6 @@ fn one_input_of_the_environment() {
         return;
     };
     let input = std::fs::read(&path);
-    let input = input.unwrap_or_else(|cause| panic!("{path}: {cause}: give its whole path"));
+    let input = input.unwrap_or_else(|cause| panic!("{path}: {cause}: give its absolute path"));
     (target(&name).run)(&input);
 }

@@ -1,11 +1,11 @@
-//! Bytes from anyone: nobody else scene_events, nothing grows, a code ends it.
+//! Arbitrary bytes of a peer do not affect others, and end with a code.
 //!
-//! Proved at a table where a real host has polite guests (real sessions, held against a scene stepped beside them) and
-//! rude ones: arbitrary bytes, real conversations with bytes turned, cut, copied and disordered, and messages at the
-//! wrong time. Well-formed commands with wrong numbers are the affair of `refusals`.
+//! A real server has well-behaved clients, which are real sessions compared with a parallel scene, and raw peers. The
+//! raw peers send arbitrary bytes, damaged recordings of real sessions, and messages at the wrong time. Well-formed
+//! commands with wrong numbers are tested in `refusals`.
 //!
-//! Caught so far: `Reserve` of no index at all took a range that others could have had; a session that had said goodbye
-//! went on to say what it missed.
+//! Caught so far: `Reserve` of zero indices took a range that others could have had; a session that had left still
+//! reported what it missed.
 
 use proptest::prelude::*;
 use rhumb_protocol::limits::{
@@ -22,7 +22,7 @@ use rhumb_tests::{Delivered, Dice, RawPeer, Table};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
-/// A polite guest that leads a scene, and the truth beside it.
+/// A well-behaved client that leads a scene, and the parallel scene as truth.
 struct Good {
     peer: Peer,
     script: Zoo,
@@ -32,13 +32,13 @@ struct Good {
 impl Good {
     fn new(table: &mut Table, name: &str) -> Self {
         let script = Zoo::new(12, 3);
-        let scene = Scene::new(script.config()).expect("a script's config are right");
-        let peer = table.alias(name);
+        let scene = Scene::new(script.config()).expect("a valid configuration");
+        let peer = table.connect(name);
         let config = script.config();
-        let session = table.guest(peer);
-        session.create(config).expect("it is welcome");
-        session.join(NORMAL).expect("it is in the lobby");
-        table.settle();
+        let session = table.session(peer);
+        session.create(config).expect("the session is in the lobby");
+        session.join(NORMAL).expect("the session is in the lobby");
+        table.run_until_idle();
         Self {
             peer,
             script,
@@ -46,27 +46,25 @@ impl Good {
         }
     }
 
-    /// Commands and steps; the copy must be whole and within tolerance whatever else happened.
+    /// Sends commands and steps; the copy must be complete and within tolerance regardless of other peers.
     fn tick(&mut self, table: &mut Table) {
         let mut commands = Vec::new();
         self.script.commands(self.scene.tick(), &mut commands);
         for command in &commands {
-            self.scene
-                .apply(command)
-                .expect("scripts command what may be");
+            self.scene.apply(command).expect("a valid command");
             table
-                .guest(self.peer)
+                .session(self.peer)
                 .command(command.clone())
-                .expect("it is a member");
+                .expect("a member");
         }
         let tick = self.scene.step().expect("the engine steps").tick;
         let now = table.now();
         table
-            .guest(self.peer)
+            .session(self.peer)
             .advance(now, tick)
-            .expect("it is a member");
-        table.settle();
-        let session = table.guest(self.peer);
+            .expect("a member");
+        table.run_until_idle();
+        let session = table.session(self.peer);
         while let Some(event) = session.poll_event() {
             let bad = matches!(
                 event,
@@ -74,48 +72,49 @@ impl Good {
             );
             assert!(!bad, "{event:?}");
         }
-        let stream = session.replica().expect("it is a member").stream();
+        let stream = session.replica().expect("a member").stream();
         assert_eq!(stream.complete(), tick);
-        for config in self.scene.bodies() {
-            let truth = self
-                .scene
-                .observation(config.id)
-                .expect("the scene has its bodies");
+        for desc in self.scene.bodies() {
+            let truth = self.scene.observation(desc.id).expect("an existing body");
             let predicted_motion = stream
-                .predicted_motion(config.id, tick)
-                .expect("so has the copy");
+                .predicted_motion(desc.id, tick)
+                .expect("the copy has the body");
             let radius = self
                 .scene
-                .bounding_radius(config.id)
+                .bounding_radius(desc.id)
                 .expect("a body has a shape");
             let apart =
                 Divergence::between(&truth.motion.motion().pose(), &predicted_motion.pose());
             let share = Tolerance::NORMAL.share(&apart, radius);
-            assert!(share <= 1.0, "{} is off by {share} tolerances", config.id);
+            assert!(
+                share <= 1.0,
+                "{} has an error of {share} tolerances",
+                desc.id
+            );
         }
     }
 }
 
-/// What a real member said and received in its life, in order.
+/// All data that a real member sent and received in its life, in order.
 fn conversation() -> (Vec<Delivered>, Vec<Delivered>) {
     let mut table = Table::default();
     let mut good = Good::new(&mut table, "recorded");
     for _ in 0..12 {
         good.tick(&mut table);
     }
-    let session = table.guest(good.peer);
-    session.reserve(50).expect("it is a member");
-    session.inspect().expect("it is a member");
-    table.settle();
+    let session = table.session(good.peer);
+    session.reserve(50).expect("a member");
+    session.inspect().expect("a member");
+    table.run_until_idle();
     table.pass(Span::from_millis(2_000));
-    table.guest(good.peer).leave().expect("it is a member");
-    table.settle();
-    (table.take_spoken(good.peer), table.take_heard(good.peer))
+    table.session(good.peer).leave().expect("a member");
+    table.run_until_idle();
+    (table.take_sent(good.peer), table.take_received(good.peer))
 }
 
-/// Turns, cuts, copies and disorders what was said.
-fn damage(said: &[Delivered], dice: &mut Dice) -> Vec<Delivered> {
-    let mut damaged = said.to_vec();
+/// Damages sent data: changes bits, truncates, duplicates and reorders.
+fn damage(delivered: &[Delivered], dice: &mut Dice) -> Vec<Delivered> {
+    let mut damaged = delivered.to_vec();
     for _ in 0..1 + dice.below(4) {
         let place = dice.below(damaged.len());
         let other = dice.below(damaged.len());
@@ -123,17 +122,17 @@ fn damage(said: &[Delivered], dice: &mut Dice) -> Vec<Delivered> {
             0 => damaged.swap(place, other),
             1 => damaged.insert(other, damaged[place].clone()),
             2 => drop(damaged.remove(place)),
-            _ => damaged[place] = turned(&damaged[place], dice),
+            _ => damaged[place] = corrupted(&damaged[place], dice),
         }
         if damaged.is_empty() {
-            return said.to_vec();
+            return delivered.to_vec();
         }
     }
     damaged
 }
 
-/// The same with a bit turned, or its end cut off.
-fn turned(said: &Delivered, dice: &mut Dice) -> Delivered {
+/// The same with one bit flipped, or truncated.
+fn corrupted(delivered: &Delivered, dice: &mut Dice) -> Delivered {
     let turn = |bytes: &[u8], dice: &mut Dice| {
         let mut bytes = bytes.to_vec();
         if bytes.is_empty() || dice.below(4) == 0 {
@@ -144,7 +143,7 @@ fn turned(said: &Delivered, dice: &mut Dice) -> Delivered {
         }
         bytes.into()
     };
-    match said {
+    match delivered {
         Delivered::Control(bytes) => Delivered::Control(turn(bytes, dice)),
         Delivered::State(bytes) => Delivered::State(turn(bytes, dice)),
     }
@@ -165,64 +164,65 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(1_000))]
 
     #[test]
-    fn arbitrary_bytes_close_their_sender_and_touch_nobody_else(
+    fn arbitrary_bytes_close_their_sender_and_affect_no_other(
         pieces in proptest::collection::vec(
             (0_usize..3, any::<bool>(), proptest::collection::vec(any::<u8>(), 0..80)), 1..40)
     ) {
         let mut table = Table::default();
         let mut good = Good::new(&mut table, "good");
-        let rude = [table.connect_raw_peer(), table.connect_raw_peer(), RawPeer::enter(&mut table, "good").peer];
-        for (place, (who, control, bytes)) in pieces.iter().enumerate() {
+        let raw_peer = [table.connect_raw_peer(), table.connect_raw_peer(), RawPeer::enter(&mut table, "good").peer];
+        for (place, (sender, control, bytes)) in pieces.iter().enumerate() {
             if *control {
-                // A member may delete its scene or let it step, and two bytes are enough to say so.
+                // A member may delete its scene or advance it, and two bytes suffice for that; such bytes are
+                // replaced.
                 let spared: Vec<u8> = bytes.iter().map(|byte| if [5, 8].contains(byte) { 0xff } else { *byte }).collect();
-                table.control(rude[*who], &spared);
+                table.control(raw_peer[*sender], &spared);
             } else {
-                table.datagram(rude[*who], bytes);
+                table.datagram(raw_peer[*sender], bytes);
             }
             if place % 8 == 0 {
                 good.tick(&mut table);
             }
         }
         good.tick(&mut table);
-        for peer in rude {
+        for peer in raw_peer {
             assert_protocol_code(table.closed(peer));
         }
         prop_assert_eq!(table.closed(good.peer), None);
     }
 
     #[test]
-    fn a_damaged_conversation_touches_nobody_else(seed: u64) {
-        let (spoken, _) = RECORDED.with(Clone::clone);
+    fn a_damaged_session_affects_no_other(seed: u64) {
+        let (recorded, _) = RECORDED.with(Clone::clone);
         let mut dice = Dice::new(seed);
         let mut table = Table::default();
         let mut good = Good::new(&mut table, "good");
-        let rude = table.connect_raw_peer();
-        for (place, said) in damage(&spoken, &mut dice).iter().enumerate() {
-            match said {
-                Delivered::Control(bytes) => table.control(rude, bytes),
-                Delivered::State(bytes) => table.datagram(rude, bytes),
+        let raw_peer = table.connect_raw_peer();
+        for (place, delivered) in damage(&recorded, &mut dice).iter().enumerate() {
+            match delivered {
+                Delivered::Control(bytes) => table.control(raw_peer, bytes),
+                Delivered::State(bytes) => table.datagram(raw_peer, bytes),
             }
             if place % 8 == 0 {
                 good.tick(&mut table);
             }
         }
         good.tick(&mut table);
-        assert_protocol_code(table.closed(rude));
+        assert_protocol_code(table.closed(raw_peer));
         prop_assert_eq!(table.closed(good.peer), None);
     }
 
     #[test]
     fn a_closed_session_answers_nothing(lost: u64) {
         let (_, received) = RECORDED.with(Clone::clone);
-        let mut session = ClientSession::new("recorded".parse().expect("a scene's name"));
+        let mut session = ClientSession::new("recorded".parse().expect("a valid scene name"));
         let (now, later) = (Instant::ZERO, Instant::ZERO + Span::from_millis(900));
         session.handle_opened(now, Peer(0));
         let mut datagrams = 0_u32;
         let mut rest = Vec::new();
-        for said in received {
-            match said {
-                // The last word is that its membership is over.
+        for delivered in received {
+            match delivered {
+                // The last message ends the membership.
                 Delivered::Control(bytes) if bytes[1] != LEFT => session.handle_control(now, Peer(0), &bytes),
                 Delivered::Control(_) => {}
                 Delivered::State(bytes) => {
@@ -246,25 +246,25 @@ proptest! {
     }
 
     #[test]
-    fn a_damaged_conversation_never_makes_a_client_panic_or_grow(seed: u64) {
+    fn a_damaged_session_never_makes_a_client_panic_or_grow(seed: u64) {
         let (_, received) = RECORDED.with(Clone::clone);
         let mut dice = Dice::new(seed);
-        let mut session = ClientSession::new("recorded".parse().expect("a scene's name"));
+        let mut session = ClientSession::new("recorded".parse().expect("a valid scene name"));
         let mut now = Instant::ZERO;
         session.handle_opened(now, Peer(0));
-        for said in damage(&received, &mut dice) {
+        for delivered in damage(&received, &mut dice) {
             now = now + Span::from_millis(5);
-            match said {
+            match delivered {
                 Delivered::Control(bytes) => session.handle_control(now, Peer(0), &bytes),
                 Delivered::State(bytes) => session.handle_datagram(now, Peer(0), &bytes),
             }
             session.handle_timeout(now);
             while session.poll_event().is_some() {}
-            let mut said = 0;
+            let mut delivered = 0;
             while session.poll_transmit().is_some() {
-                said += 1;
+                delivered += 1;
             }
-            prop_assert!(said <= 3, "{} answers to one piece", said);
+            prop_assert!(delivered <= 3, "{} answers to one unit of data", delivered);
             let Some(stream) = session.replica().map(rhumb_protocol::session::Replica::stream) else {
                 continue;
             };
@@ -283,14 +283,15 @@ proptest! {
 const LEFT: u8 = 5;
 
 thread_local! {
-    /// Recorded once for each thread of tests.
+    /// Recorded once per test thread.
     static RECORDED: (Vec<Delivered>, Vec<Delivered>) = conversation();
 }
 
-fn host_bytes(table: &mut Table, peer: Peer) -> usize {
-    let said = table.take_heard(peer);
-    said.iter()
-        .map(|said| match said {
+fn server_bytes(table: &mut Table, peer: Peer) -> usize {
+    let delivered = table.take_received(peer);
+    delivered
+        .iter()
+        .map(|delivered| match delivered {
             Delivered::Control(bytes) | Delivered::State(bytes) => bytes.len(),
         })
         .sum()
@@ -299,10 +300,10 @@ fn host_bytes(table: &mut Table, peer: Peer) -> usize {
 #[test]
 fn a_message_longer_than_the_limit_is_refused_at_its_length() {
     let mut table = Table::default();
-    let rude = table.connect_raw_peer();
-    // 16,385 and one for the type, as a variable integer.
-    table.control(rude, &[0x82, 0x80, 0x01]);
-    assert_eq!(table.closed(rude), Some(CloseCode::MALFORMED));
+    let raw_peer = table.connect_raw_peer();
+    // A length of 16,385 plus one byte for the type, as a varint.
+    table.control(raw_peer, &[0x82, 0x80, 0x01]);
+    assert_eq!(table.closed(raw_peer), Some(CloseCode::MALFORMED));
 }
 
 #[test]
@@ -327,13 +328,13 @@ fn each_wrong_beginning_has_its_code() {
     ] {
         let mut table = Table::default();
         let mut good = Good::new(&mut table, "good");
-        let rude = table.connect_raw_peer();
+        let raw_peer = table.connect_raw_peer();
         let mut bytes = Vec::new();
         for message in &messages {
             message.encode(&mut bytes);
         }
-        table.control(rude, &bytes);
-        assert_eq!(table.closed(rude), Some(code), "{messages:?}");
+        table.control(raw_peer, &bytes);
+        assert_eq!(table.closed(raw_peer), Some(code), "{messages:?}");
         good.tick(&mut table);
     }
 }
@@ -342,11 +343,11 @@ fn each_wrong_beginning_has_its_code() {
 fn a_loss_report_is_answered_by_no_more_than_it_names() {
     let mut table = Table::default();
     let mut good = Good::new(&mut table, "good");
-    let rude = RawPeer::enter(&mut table, "good");
+    let raw_peer = RawPeer::enter(&mut table, "good");
     for _ in 0..20 {
         good.tick(&mut table);
     }
-    table.take_heard(rude.peer);
+    table.take_received(raw_peer.peer);
     for stream in 0..4 {
         for lost in [0, 10, 60_000] {
             let loss_report = LossReport {
@@ -356,8 +357,8 @@ fn a_loss_report_is_answered_by_no_more_than_it_names() {
                 lost: vec![Low16(lost); LOST_NAMED_MAX],
             };
             let bytes = loss_report.encode(StreamId(stream));
-            table.datagram(rude.peer, &bytes);
-            let answers = table.take_heard(rude.peer).len();
+            table.datagram(raw_peer.peer, &bytes);
+            let answers = table.take_received(raw_peer.peer).len();
             assert!(answers <= LOST_NAMED_MAX * 2 + 1, "{answers} answers");
         }
     }
@@ -365,10 +366,10 @@ fn a_loss_report_is_answered_by_no_more_than_it_names() {
 }
 
 #[test]
-fn questions_cost_their_answers_and_nothing_else() {
+fn requests_cost_only_their_answers() {
     let mut table = Table::default();
     let mut good = Good::new(&mut table, "good");
-    let rude = RawPeer::enter(&mut table, "good");
+    let raw_peer = RawPeer::enter(&mut table, "good");
     for message in [
         ClientMessage::Ping {
             sent: Instant::from_nanos(u64::MAX),
@@ -382,11 +383,11 @@ fn questions_cost_their_answers_and_nothing_else() {
         let mut bytes = Vec::new();
         message.encode(&mut bytes);
         for _ in 0..2_000 {
-            table.control(rude.peer, &bytes);
-            assert!(host_bytes(&mut table, rude.peer) < 120, "{message:?}");
+            table.control(raw_peer.peer, &bytes);
+            assert!(server_bytes(&mut table, raw_peer.peer) < 120, "{message:?}");
         }
     }
-    assert_eq!(rude.closed(&table), None);
+    assert_eq!(raw_peer.closed(&table), None);
     good.tick(&mut table);
 }
 
@@ -394,17 +395,17 @@ fn questions_cost_their_answers_and_nothing_else() {
 fn a_reservation_of_nothing_takes_nothing() {
     let mut table = Table::default();
     let good = Good::new(&mut table, "good");
-    let gone = RawPeer::enter(&mut table, "good");
-    table.end(gone.peer);
-    let mut rude = RawPeer::enter(&mut table, "good");
+    let departed = RawPeer::enter(&mut table, "good");
+    table.end(departed.peer);
+    let mut raw_peer = RawPeer::enter(&mut table, "good");
     assert_eq!(
-        rude.granted, gone.granted,
-        "what nobody holds is given out again"
+        raw_peer.granted, departed.granted,
+        "free indices are granted again"
     );
     let leaver = RawPeer::enter(&mut table, "good");
     table.end(leaver.peer);
-    rude.say(&mut table, &ClientMessage::Reserve { count: 0 });
-    assert_eq!(rude.closed(&table), Some(CloseCode::MALFORMED));
+    raw_peer.send(&mut table, &ClientMessage::Reserve { count: 0 });
+    assert_eq!(raw_peer.closed(&table), Some(CloseCode::MALFORMED));
     assert_eq!(RawPeer::enter(&mut table, "good").granted, leaver.granted);
     assert_eq!(table.closed(good.peer), None);
 }

@@ -1,7 +1,7 @@
 //! Every copy has the joints of its scene, whenever its member joined.
 //!
-//! Two polite members at one table: one commands the zoo, which adds and removes joints and bodies that have some; the
-//! other joins late. The scene itself, given the same commands, is the truth.
+//! One session sends the commands of the zoo, which adds and removes joints and bodies with joints; other sessions
+//! join late. A local scene with the same commands is the truth.
 
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::StreamChoice;
@@ -18,54 +18,54 @@ fn listed(joints: &Joints) -> Vec<(JointId, Joint)> {
 }
 
 fn copied(table: &mut Table, peer: Peer) -> Vec<(JointId, Joint)> {
-    let copy = table.guest(peer).replica().expect("it is a member");
+    let copy = table.session(peer).replica().expect("a member");
     listed(copy.joints())
 }
 
 #[test]
 fn a_copy_has_the_joints_of_its_scene_from_the_first_tick_to_the_last() {
     let mut script = Zoo::new(5, 3);
-    let mut scene = Scene::new(script.config()).expect("the zoo has good config");
+    let mut scene = Scene::new(script.config()).expect("a valid configuration");
     let mut table = Table::default();
-    let peer = table.alias("zoo");
-    let session = table.guest(peer);
-    session.create(script.config()).expect("it is welcome");
+    let peer = table.connect("zoo");
+    let session = table.session(peer);
+    session
+        .create(script.config())
+        .expect("the session is in the lobby");
     session
         .join(StreamChoice::Full)
-        .expect("it is in the lobby");
-    table.settle();
+        .expect("the session is in the lobby");
+    table.run_until_idle();
     let mut late = Vec::new();
-    let mut seen = [0_usize; 3];
+    let mut ticks_with = [0_usize; 3];
     for tick in 0..TICKS {
         let mut commands = Vec::new();
         script.commands(Tick::new(tick), &mut commands);
         let now = table.now();
         for command in &commands {
-            scene.apply(command).expect("scripts command what may be");
-            let session = table.guest(peer);
-            session.command(command.clone()).expect("it is a member");
+            scene.apply(command).expect("a valid command");
+            let session = table.session(peer);
+            session.command(command.clone()).expect("a member");
         }
         scene.step().expect("the engine does not fail");
-        let session = table.guest(peer);
-        session
-            .advance(now, Tick::new(tick + 1))
-            .expect("it is a member");
-        table.settle();
-        // Before the link goes, while it is gone, and after it came again with another body.
+        let session = table.session(peer);
+        session.advance(now, Tick::new(tick + 1)).expect("a member");
+        table.run_until_idle();
+        // Before a joint is removed, while it is missing, and after it was added again with another body.
         if [10, 210, 460].contains(&tick) {
-            let peer = table.alias("zoo");
-            let session = table.guest(peer);
+            let peer = table.connect("zoo");
+            let session = table.session(peer);
             session
                 .join(StreamChoice::Full)
-                .expect("it is in the lobby");
-            table.settle();
+                .expect("the session is in the lobby");
+            table.run_until_idle();
             late.push(peer);
         }
         let truth = listed(scene.joints());
-        seen[truth.len()] += 1;
+        ticks_with[truth.len()] += 1;
         for peer in late.iter().chain([&peer]) {
             assert_eq!(copied(&mut table, *peer), truth, "at tick {tick}");
         }
     }
-    assert!(seen[1] > 0 && seen[2] > 0, "{seen:?}");
+    assert!(ticks_with[1] > 0 && ticks_with[2] > 0, "{ticks_with:?}");
 }

@@ -1,6 +1,6 @@
-//! Scenes that are published every so many ticks, or with lookahead.
+//! Scenes with a publish interval above one tick, or with lookahead.
 //!
-//! Proved as in `simulated_network`: what members claim is held against the truth, each claim at its own tick.
+//! As in `simulated_network`, the claims of members are checked against the truth, each at its own tick.
 
 use std::num::NonZeroU32;
 
@@ -23,7 +23,7 @@ const COARSE: StreamChoice = StreamChoice::Within(Tolerance::COARSE);
 
 fn publish_schedule(publish_interval: u32, lookahead: u32) -> PublishSchedule {
     PublishSchedule {
-        publish_interval: NonZeroU32::new(publish_interval).expect("the tests name no zero"),
+        publish_interval: NonZeroU32::new(publish_interval).expect("a positive interval"),
         lookahead: Ticks::new(lookahead),
     }
 }
@@ -35,8 +35,8 @@ fn stage(
     links: &str,
     seed: u64,
 ) -> Stage {
-    let script = by_name(name, bodies, 1).expect("the scene is known by name");
-    let links: LinkConfig = links.parse().expect("the tests write possible config");
+    let script = by_name(name, bodies, 1).expect("an existing script");
+    let links: LinkConfig = links.parse().expect("a valid link configuration");
     let config = SceneConfig {
         stepping: Stepping::FreeRunning,
         publish_schedule,
@@ -47,12 +47,12 @@ fn stage(
 
 fn inspect(stage: &mut Stage) -> Inspection {
     let client = stage.network.client_mut(COMMANDER);
-    client.inspect().expect("a member may ask");
+    client.inspect().expect("a member");
     stage.run(Span::from_millis(20));
-    stage.witnesses[COMMANDER]
+    stage.histories[COMMANDER]
         .inspections
         .pop()
-        .expect("an answer comes at once")
+        .expect("an answer")
 }
 
 #[test]
@@ -83,24 +83,21 @@ fn every_claim_holds_and_is_about_a_published_tick() {
             for member in [COMMANDER, late, full, coarse] {
                 let stream = stage.copy(member).stream();
                 assert!(stream.is_converged(), "{what}: member {member}");
-                assert!(
-                    newest.value() > 200,
-                    "{what}: watermark_tick for {newest} only"
-                );
-                for claim in &stage.witnesses[member].claims {
-                    let spoken = claim
+                assert!(newest.value() > 200, "{what}: complete up to {newest} only");
+                for claim in &stage.histories[member].claims {
+                    let is_published = claim
                         .tick
                         .value()
                         .is_multiple_of(u64::from(publish_interval));
                     let begun = starts.contains(&claim.tick);
-                    assert!(spoken || begun, "{what}: a claim at {}", claim.tick);
+                    assert!(is_published || begun, "{what}: a claim at {}", claim.tick);
                 }
-                assert!(stage.witnesses[member].claims.len() > 1_000, "{what}");
+                assert!(stage.histories[member].claims.len() > 1_000, "{what}");
             }
             assert_same_copy(stage.copy(COMMANDER), stage.copy(late));
             let truth = stage.truth();
             for member in [COMMANDER, late, full, coarse] {
-                stage.witnesses[member].judge(&truth, &what);
+                stage.histories[member].judge(&truth, &what);
             }
         }
     }
@@ -114,10 +111,8 @@ fn nothing_is_claimed_between_two_published_ticks() {
     let stream = copy.stream();
     let watermark_tick = stream.watermark_tick();
     assert!(watermark_tick.value().is_multiple_of(3) && watermark_tick > Tick::ZERO);
-    let dynamic = copy
-        .bodies()
-        .filter(|config| config.kind == BodyKind::Dynamic);
-    let ids: Vec<BodyId> = dynamic.map(|config| config.id).collect();
+    let dynamic = copy.bodies().filter(|desc| desc.kind == BodyKind::Dynamic);
+    let ids: Vec<BodyId> = dynamic.map(|desc| desc.id).collect();
     let mut known = 0;
     for id in ids {
         assert!(matches!(stream.bound(id), Some(ErrorBound::Within(_))));
@@ -135,7 +130,7 @@ fn nothing_is_claimed_between_two_published_ticks() {
             Some(ErrorBound::Within(_))
         ));
     }
-    assert!(known > 0, "nothing is known of the tick before");
+    assert!(known > 0, "no claims about the previous tick");
 }
 
 #[test]
@@ -146,10 +141,10 @@ fn commands_act_at_unpublished_ticks_too() {
         stage.command(&[Command::SetGravity { gravity }]);
         stage.run(TICK);
     }
-    let applied = &stage.witnesses[COMMANDER].applied;
+    let applied = &stage.histories[COMMANDER].applied;
     for rest in 0..4 {
         let at = |(_, tick): &(u64, Tick)| tick.value() % 4 == rest;
-        assert!(applied.iter().any(at), "nothing acted at {rest} of 4");
+        assert!(applied.iter().any(at), "no command acted at {rest} of 4");
     }
 }
 
@@ -160,18 +155,18 @@ fn lookahead_and_longer_publish_intervals_cost_fewer_bytes() {
         stage.take_authority(Span::from_millis(8_000));
         let inspection = inspect(&mut stage);
         let truth = stage.truth();
-        stage.witnesses[COMMANDER].judge(&truth, "who pays");
+        stage.histories[COMMANDER].judge(&truth, "the commander");
         assert!(stage.copy(COMMANDER).stream().is_converged());
         (inspection.packet_bytes, inspection.tick, inspection.truth)
     };
     let (at_once, tick, truth) = cost(PublishSchedule::EACH_TICK);
     let (later, same_tick, same_truth) = cost(publish_schedule(1, 6));
-    // What is published changes nothing of the truth.
+    // The publish schedule does not change the truth.
     assert_eq!((tick, truth), (same_tick, same_truth));
     let (rarer, ..) = cost(publish_schedule(2, 0));
     let (both, ..) = cost(publish_schedule(2, 6));
     println!("bytes: {at_once} at once, {later} with lookahead, {rarer} rarer, {both} both");
-    // An eighth, a fifth and a twelfth, with room.
+    // Savings of about an eighth, a fifth and a twelfth, with some margin.
     assert!(later * 100 < at_once * 90, "{later} of {at_once}");
     assert!(rarer * 100 < at_once * 85, "{rarer} of {at_once}");
     assert!(both * 100 < rarer * 95, "{both} of {rarer}");
@@ -179,7 +174,7 @@ fn lookahead_and_longer_publish_intervals_cost_fewer_bytes() {
 
 #[test]
 fn an_impossible_schedule_is_refused_with_its_cause() {
-    let script = by_name("zoo", 60, 1).expect("the scene is known by name");
+    let script = by_name("zoo", 60, 1).expect("an existing script");
     let refused = |stepping, rate, publish_schedule: PublishSchedule| {
         let mut config = SceneConfig {
             stepping,

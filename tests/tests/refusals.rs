@@ -1,8 +1,7 @@
-//! A wrong command is refused by what is wrong, and nothing of it is done.
+//! An invalid command is refused with the right error, and has no effect.
 //!
-//! Proved by a member of bytes, which checks nothing before it sends: every field of every command gets every kind of
-//! wrong number, and each limit is reached and passed by the least step; the scene's digest, tick and number of bodies
-//! stay as they were.
+//! A raw peer sends unchecked commands: every field of every command gets every kind of wrong number, and each limit
+//! is reached and exceeded by the smallest step. The scene's checksum, tick and number of bodies must not change.
 
 use core::f32::consts::PI;
 
@@ -23,34 +22,34 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 use rhumb_sims::{Script, Zoo};
 use rhumb_tests::{RawPeer, Table};
 
-/// What a rude member may try on: a body of its own of each kind, and a shape.
+/// A raw peer in a scene, with a body of its own of each kind, and a shape.
 struct Rig {
     table: Table,
-    rude: RawPeer,
+    raw_peer: RawPeer,
     ball: BodyId,
 }
 
-/// A polite member makes a scene with a few bodies, and one step.
+/// A session creates a scene with a few bodies, and advances it by one step.
 fn begin(table: &mut Table) {
     let mut script = Zoo::new(5, 3);
-    let peer = table.alias("good");
-    let session = table.guest(peer);
-    session.create(script.config()).expect("it is welcome");
+    let peer = table.connect("good");
+    let session = table.session(peer);
+    session
+        .create(script.config())
+        .expect("the session is in the lobby");
     session
         .join(StreamChoice::Full)
-        .expect("it is in the lobby");
-    table.settle();
+        .expect("the session is in the lobby");
+    table.run_until_idle();
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
     let now = table.now();
-    let session = table.guest(peer);
+    let session = table.session(peer);
     for command in commands {
-        session
-            .command(command)
-            .expect("scripts command what may be");
+        session.command(command).expect("a valid command");
     }
-    session.advance(now, Tick::new(1)).expect("it is a member");
-    table.settle();
+    session.advance(now, Tick::new(1)).expect("a member");
+    table.run_until_idle();
 }
 
 const BALL: ShapeId = ShapeId(100);
@@ -59,30 +58,38 @@ impl Rig {
     fn new() -> Self {
         let mut table = Table::default();
         begin(&mut table);
-        let mut rude = RawPeer::enter(&mut table, "good");
+        let mut raw_peer = RawPeer::enter(&mut table, "good");
         let shape = Shape::Ball { radius: 0.5 };
         let add = Command::AddShape { id: BALL, shape };
-        rude.command(&mut table, add).expect("a fresh number");
-        let ball = rude.granted.id(0).expect("a member has indices");
-        let mut rig = Self { table, rude, ball };
-        rig.wish(add_body(
+        raw_peer.command(&mut table, add).expect("an unused id");
+        let ball = raw_peer.granted.id(0).expect("a member has indices");
+        let mut rig = Self {
+            table,
+            raw_peer,
+            ball,
+        };
+        rig.command(add_body(
             BodyDesc::plain(ball, BodyKind::Dynamic, BALL),
             still(),
         ))
-        .expect("a fresh index");
+        .expect("an unused index");
         rig
     }
 
-    fn wish(&mut self, command: Command) -> Result<(), CommandError> {
-        self.rude.command(&mut self.table, command)
+    fn command(&mut self, command: Command) -> Result<(), CommandError> {
+        self.raw_peer.command(&mut self.table, command)
     }
 
-    /// The wish is refused so, and nothing of it is done.
+    /// Requires that the command is refused with this error, and has no effect.
     fn assert_refused(&mut self, command: Command, expected: CommandError) {
-        let before = self.rude.inspect(&mut self.table);
-        assert_eq!(self.wish(command.clone()), Err(expected), "{command:?}");
-        assert_eq!(self.rude.inspect(&mut self.table), before, "{command:?}");
-        assert_eq!(self.rude.closed(&self.table), None);
+        let before = self.raw_peer.inspect(&mut self.table);
+        assert_eq!(self.command(command.clone()), Err(expected), "{command:?}");
+        assert_eq!(
+            self.raw_peer.inspect(&mut self.table),
+            before,
+            "{command:?}"
+        );
+        assert_eq!(self.raw_peer.closed(&self.table), None);
     }
 }
 
@@ -98,25 +105,25 @@ fn moving(position: Vec3, linear: Vec3, angular: Vec3) -> BodyState {
         linear.to_array(),
         angular.to_array(),
     )
-    .expect("the tests make finite motions")
+    .expect("a finite motion")
 }
 
-fn add_body(config: BodyDesc, motion: BodyState) -> Command {
-    Command::AddBody { config, motion }
+fn add_body(desc: BodyDesc, motion: BodyState) -> Command {
+    Command::AddBody { desc, motion }
 }
 
-/// A vector with one component replaced, in each of three places.
+/// Three vectors, each with another component replaced.
 fn each_place(value: f32) -> [Vec3; 3] {
     [Vec3::X, Vec3::Y, Vec3::Z]
         .map(|axis| Vec3::select(axis.cmpgt(Vec3::ZERO), Vec3::splat(value), Vec3::ZERO))
 }
 
-/// A field of a command that a number can be written into, and what it may be.
+/// A numeric field of a command, and its valid range.
 struct Field {
     quantity: Quantity,
     least: f32,
     most: f32,
-    /// The command with this in the field; scalars take the sum of the parts.
+    /// Makes the command with this value in the field; scalar fields use the sum of the components.
     command: Box<dyn Fn(Vec3) -> Command>,
 }
 
@@ -135,7 +142,7 @@ impl Field {
     }
 }
 
-/// A range around zero.
+/// A range symmetric to zero.
 const fn within(most: f32) -> (f32, f32) {
     (-most, most)
 }
@@ -186,7 +193,7 @@ fn fields_of_commands(id: BodyId) -> Vec<Field> {
     ]
 }
 
-/// Fields of a new_body.
+/// Fields of a new body.
 fn fields_of_bodies(id: BodyId) -> Vec<Field> {
     let plain = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
     let made = move |material: Material| {
@@ -294,7 +301,7 @@ const CORNERS: [Vec3; 3] = [
     Vec3::new(-100.0, -100.0, -100.0),
 ];
 
-/// A hull as bytes have it, unchecked.
+/// A hull decoded from bytes, unchecked.
 fn hull_of(points: &[Vec3]) -> Shape {
     let mut bytes = Writer::new();
     bytes.u8(4);
@@ -302,7 +309,7 @@ fn hull_of(points: &[Vec3]) -> Shape {
     for point in points {
         bytes.f32s(&point.to_array());
     }
-    Shape::decode(&mut Reader::new(&bytes.into_bytes())).expect("the count is right")
+    Shape::decode(&mut Reader::new(&bytes.into_bytes())).expect("the right number of points")
 }
 
 /// Anchors and limits of new joints between the ball and the zoo's floor.
@@ -337,11 +344,11 @@ fn fields_of_joints(ball: BodyId) -> Vec<Field> {
     ]
 }
 
-/// All of them, for a rig's ball and its next body.
+/// All fields, for the rig's ball and its next body.
 fn fields(rig: &Rig) -> Vec<Field> {
-    let fresh = rig.rude.granted.id(1).expect("a member has indices");
+    let unused = rig.raw_peer.granted.id(1).expect("a member has indices");
     let mut fields = fields_of_commands(rig.ball);
-    fields.extend(fields_of_bodies(fresh));
+    fields.extend(fields_of_bodies(unused));
     fields.extend(fields_of_shapes());
     fields.extend(fields_of_joints(rig.ball));
     fields
@@ -364,7 +371,7 @@ fn every_number_that_is_not_finite_is_refused_by_its_name() {
 }
 
 #[test]
-fn what_is_beyond_a_limit_is_refused_by_its_name() {
+fn a_value_beyond_a_limit_is_refused_by_its_name() {
     let mut rig = Rig::new();
     for field in fields(&rig) {
         let just_beyond = [field.least.next_down(), field.most.next_up()];
@@ -378,21 +385,21 @@ fn what_is_beyond_a_limit_is_refused_by_its_name() {
 }
 
 #[test]
-fn what_is_at_a_limit_is_done_and_the_scene_goes_on() {
+fn a_value_at_a_limit_is_accepted_and_the_scene_continues() {
     for number in 0..fields(&Rig::new()).len() {
         for edge in 0..2 {
             let mut rig = Rig::new();
             let field = fields(&rig).swap_remove(number);
             let [along_x, ..] = each_place([field.least, field.most][edge]);
             assert_eq!(
-                rig.wish((field.command)(along_x)),
+                rig.command((field.command)(along_x)),
                 Ok(()),
                 "{}",
                 field.quantity
             );
-            rig.rude
-                .say(&mut rig.table, &ClientMessage::Advance { to: Tick::new(5) });
-            let (_, tick, _) = rig.rude.inspect(&mut rig.table);
+            rig.raw_peer
+                .send(&mut rig.table, &ClientMessage::Advance { to: Tick::new(5) });
+            let (_, tick, _) = rig.raw_peer.inspect(&mut rig.table);
             assert_eq!(tick, 5, "{} at {along_x}", field.quantity);
         }
     }
@@ -423,7 +430,7 @@ fn a_rotation_is_of_unit_length_or_refused() {
 #[test]
 fn the_motion_of_an_added_body_keeps_the_limits_too() {
     let mut rig = Rig::new();
-    let config = BodyDesc::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
+    let desc = BodyDesc::plain(rig.raw_peer.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
     let far = Vec3::new(0.0, COORDINATE_MAX.next_up(), 0.0);
     let fast = Vec3::new(LINEAR_MAX.next_up(), 0.0, 0.0);
     let spinning = Vec3::new(0.0, 0.0, ANGULAR_MAX.next_up());
@@ -433,31 +440,31 @@ fn the_motion_of_an_added_body_keeps_the_limits_too() {
         (moving(Vec3::ZERO, Vec3::ZERO, spinning), Quantity::Angular),
     ] {
         let expected = CommandError::Invalid(Invalid::OutOfRange(quantity));
-        rig.assert_refused(add_body(config, motion), expected);
+        rig.assert_refused(add_body(desc, motion), expected);
     }
 }
 
 #[test]
 fn an_added_body_with_a_motion_that_is_not_finite_is_refused() {
     let mut rig = Rig::new();
-    let config = BodyDesc::plain(rig.rude.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
+    let desc = BodyDesc::plain(rig.raw_peer.granted.id(1).unwrap(), BodyKind::Dynamic, BALL);
     let mut bytes = Vec::new();
-    ClientMessage::Command(add_body(config, still())).encode(&mut bytes);
+    ClientMessage::Command(add_body(desc, still())).encode(&mut bytes);
     let height = 50.0_f32.to_le_bytes();
     let place = bytes
         .windows(4)
         .position(|window| window == height)
         .unwrap();
     bytes[place..place + 4].copy_from_slice(&f32::NAN.to_le_bytes());
-    let received = rig.rude.utter(&mut rig.table, &bytes);
+    let received = rig.raw_peer.send_bytes(&mut rig.table, &bytes);
     let expected = CommandError::Invalid(Invalid::NotFinite(Quantity::Position));
     let refused = |message: &ServerMessage| matches!(message, ServerMessage::Refused { error, .. } if *error == expected);
     assert!(received.iter().any(refused), "{received:?}");
-    assert_eq!(rig.rude.closed(&rig.table), None);
+    assert_eq!(rig.raw_peer.closed(&rig.table), None);
 }
 
 #[test]
-fn a_hull_without_room_inside_is_refused_as_too_thin() {
+fn a_hull_without_a_volume_is_refused_as_too_thin() {
     let mut rig = Rig::new();
     let thin = CommandError::Invalid(Invalid::OutOfRange(Quantity::HullThickness));
     for points in [
@@ -479,7 +486,7 @@ const fn ball_of(id: BodyId, shape: ShapeId) -> BodyDesc {
 }
 
 #[test]
-fn commands_about_what_is_not_there_are_refused_by_its_name() {
+fn commands_about_objects_that_do_not_exist_are_refused_by_their_name() {
     let mut rig = Rig::new();
     let dead = BodyId::new(rig.ball.index(), 7);
     let foreign = BodyId::new(4_000, 0);
@@ -490,15 +497,15 @@ fn commands_about_what_is_not_there_are_refused_by_its_name() {
     rig.assert_refused(Command::Force { id, force }, CommandError::UnknownBody(id));
     let remove = Command::RemoveShape { id: no_shape };
     rig.assert_refused(remove, CommandError::UnknownShape(no_shape));
-    let fresh = rig.rude.granted.id(1).unwrap();
-    let add = add_body(ball_of(fresh, no_shape), still());
+    let unused = rig.raw_peer.granted.id(1).unwrap();
+    let add = add_body(ball_of(unused, no_shape), still());
     rig.assert_refused(add, CommandError::UnknownShape(no_shape));
 }
 
 #[test]
-fn commands_about_what_is_taken_or_not_ones_own_are_refused_by_its_name() {
+fn commands_about_used_or_foreign_ids_are_refused_by_their_name() {
     let mut rig = Rig::new();
-    let granted = rig.rude.granted;
+    let granted = rig.raw_peer.granted;
     let later = BodyId::new(rig.ball.index(), 7);
     for taken in [rig.ball, later] {
         let add = add_body(ball_of(taken, BALL), still());
@@ -521,10 +528,10 @@ fn commands_about_what_is_taken_or_not_ones_own_are_refused_by_its_name() {
 }
 
 #[test]
-fn a_dead_body_stays_dead_and_its_index_may_live_on() {
+fn a_removed_body_stays_removed_and_its_index_can_be_reused() {
     let mut rig = Rig::new();
     let (id, torque) = (rig.ball, Vec3::X);
-    rig.wish(Command::RemoveBody { id }).unwrap();
+    rig.command(Command::RemoveBody { id }).unwrap();
     rig.assert_refused(
         Command::Torque { id, torque },
         CommandError::UnknownBody(id),
@@ -532,7 +539,7 @@ fn a_dead_body_stays_dead_and_its_index_may_live_on() {
     let again = add_body(ball_of(id, BALL), still());
     rig.assert_refused(again, CommandError::BodyIdTaken(id));
     let next = BodyId::new(id.index(), 1);
-    assert_eq!(rig.wish(add_body(ball_of(next, BALL), still())), Ok(()));
+    assert_eq!(rig.command(add_body(ball_of(next, BALL), still())), Ok(()));
 }
 
 #[test]
@@ -555,7 +562,7 @@ fn a_scene_with_an_invalid_config_is_denied() {
         with(|config| config.sleep = Some(sleep(0.1, f32::NAN))),
     ] {
         let mut table = Table::default();
-        let rude = table.connect_raw_peer();
+        let raw_peer = table.connect_raw_peer();
         let mut bytes = Vec::new();
         let scene = "wrong".parse().unwrap();
         ClientMessage::Hello {
@@ -565,10 +572,10 @@ fn a_scene_with_an_invalid_config_is_denied() {
         }
         .encode(&mut bytes);
         ClientMessage::Create(config).encode(&mut bytes);
-        table.control(rude, &bytes);
-        assert_eq!(table.closed(rude), None);
-        let again = table.alias("wrong");
-        let session = table.guest(again);
+        table.control(raw_peer, &bytes);
+        assert_eq!(table.closed(raw_peer), None);
+        let again = table.connect("wrong");
+        let session = table.session(again);
         let event = std::iter::from_fn(|| session.poll_event()).next();
         assert!(matches!(event, Some(Event::Welcomed(welcome)) if welcome.scene.is_none()));
     }

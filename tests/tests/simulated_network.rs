@@ -1,14 +1,14 @@
-//! Real host and members over simulated links: what holds at every tick.
+//! A server and members over simulated links: what holds at every tick.
 //!
-//! Proved in virtual time. Every claim of every member (this body is within so much of there, at this tick) is noted a
-//! few times a tick and held against the truth afterwards; the truth is the commands applied again, at the ticks that
-//! the server named, and its digest must be the server's. Runs are named by their seed.
+//! The tests run in virtual time. Every claim of every member, that a body is within a distance of a pose at a tick,
+//! is stored several times per tick and checked against the truth afterwards. The truth is a replay of the commands at
+//! the ticks stated by the server; its checksum must equal the server's. Runs are named by their seed.
 //!
-//! Caught so far: a member whose scene was deleted while its commands were under way was closed for a violation; a
-//! copy of half a tick, and one refreshed from the future, claimed to be within tolerance at the tick before; who joined
-//! just after gravity had changed predicted_motion in other falls than the publisher; a packet lost for longer than it is
-//! remembered was asked for for ever; a lockstep member that did not lead never learned of a lost last packet; a body
-//! that went while touch was lost stayed in views.
+//! Caught so far: a member whose scene was deleted while its commands were in flight was closed for a violation. An
+//! incomplete copy, and one refreshed from a later tick, claimed to be within tolerance at the tick before. A member
+//! that joined just after a change of gravity predicted other falls than the publisher. A packet lost for longer than
+//! it is remembered was reported forever. A lockstep member that did not lead never noticed the loss of the last
+//! packet. A body that was removed while synchronisation was lost stayed in views.
 
 use rhumb_protocol::message::{Denial, StreamChoice};
 use rhumb_protocol::scene::{Command, Stepping};
@@ -22,21 +22,21 @@ use rhumb_transport::{Direction, LinkConfig, Probability};
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);
 
-/// When faults stop, everything must be known within this virtual time: a silent scene watermarks within 2.5 s, an
-/// asking is repeated within half a second, and all of it may need a new snapshot first.
+/// Virtual time within which every copy converges after the faults stop: an idle scene sends a watermark within 2.5 s,
+/// a loss report is repeated within half a second, and all of this may require a new snapshot first.
 const SETTLES_WITHIN: Span = Span::from_millis(6_000);
-/// Beyond that, control bytes that were lost again and again may wait this long for their next attempt: 64 times the
-/// longest round trip here and 25 ms (see `Link`).
+/// Additional delay of control bytes that were lost repeatedly: 64 times the longest round trip here plus 25 ms (see
+/// `Link`).
 const CONTROL_WAITS: Span = Span::from_millis(64 * (360 + 25));
 
 const SCENES: [&str; 2] = ["ball-pit", "zoo"];
 
 fn script(name: &str) -> Box<dyn Script> {
-    by_name(name, 60, 1).expect("the scenes are known by name")
+    by_name(name, 60, 1).expect("an existing script")
 }
 
 fn links(text: &str) -> LinkConfig {
-    text.parse().expect("the tests write possible config")
+    text.parse().expect("a valid link configuration")
 }
 
 fn lockstep(scene: &str, choice: StreamChoice) -> Stage {
@@ -53,7 +53,7 @@ fn free_running(scene: &str, links: LinkConfig) -> Stage {
     Stage::new(script(scene), Stepping::FreeRunning, NORMAL, links, 1)
 }
 
-/// 1 cm for the centre of a body and 2 mrad for its rotation.
+/// A tolerance of 1 cm for the centre of a body and 2 mrad for its rotation.
 fn parts() -> StreamChoice {
     let bounds = Tolerance::parts(Metres::new(0.01), Radians::new(0.002));
     StreamChoice::Within(bounds.expect("within range"))
@@ -74,16 +74,16 @@ fn in_lockstep_without_loss_every_tick_is_complete_and_every_body_within_toleran
                 let tick = stage.tick();
                 assert_whole(&stage, COMMANDER, tick);
             }
-            let observation_history = &mut stage.witnesses[COMMANDER];
-            observation_history.look_at_all(stage.network.client(COMMANDER));
-            // The member is told of its own new_bodies before the tick that includes them, and of nothing else.
+            let observation_history = &mut stage.histories[COMMANDER];
+            observation_history.store_all_claims(stage.network.client(COMMANDER));
+            // The member receives the placement of its new bodies before the tick that includes them.
             let truth = stage.truth();
-            let worst = stage.witnesses[COMMANDER].judge(&truth, scene);
+            let worst = stage.histories[COMMANDER].judge(&truth, scene);
             if choice == StreamChoice::Full {
-                // A quaternion against itself is off by what rounding leaves.
+                // The difference of a quaternion from itself is not exactly zero, because of rounding.
                 assert!(worst < Metres::new(1e-12), "{scene}: {worst}");
             } else {
-                assert!(worst > Metres::new(0.0), "{scene}: nothing was reckoned");
+                assert!(worst > Metres::new(0.0), "{scene}: no prediction was used");
             }
         }
     }
@@ -103,7 +103,7 @@ fn two_members_of_a_tier_have_one_copy_to_the_bit() {
             assert_same_copy(stage.copy(COMMANDER), stage.copy(second));
         }
         let truth = stage.truth();
-        for observation_history in &stage.witnesses {
+        for observation_history in &stage.histories {
             observation_history.judge(&truth, scene);
         }
     }
@@ -111,7 +111,7 @@ fn two_members_of_a_tier_have_one_copy_to_the_bit() {
 
 #[test]
 fn a_late_joiner_sees_what_the_early_member_sees() {
-    // Gravity changes at ticks 300 and 360 of the zoo: tracks said before and after it live side by side.
+    // The zoo changes gravity at ticks 300 and 360, so tracks from before and after it exist side by side.
     for joining in [1, 77, 301, 303, 361, 390] {
         let mut stage = lockstep("zoo", NORMAL);
         for _ in 0..joining {
@@ -125,7 +125,7 @@ fn a_late_joiner_sees_what_the_early_member_sees() {
             assert_same_copy(stage.copy(COMMANDER), stage.copy(late));
         }
         let truth = stage.truth();
-        stage.witnesses[late].judge(&truth, "the late member");
+        stage.histories[late].judge(&truth, "the late member");
     }
 }
 
@@ -139,7 +139,7 @@ fn either_of_two_lockstep_members_may_lead_and_both_see_every_tick() {
         let tick = stage.advance(leader);
         assert_whole(&stage, COMMANDER, tick);
         assert_whole(&stage, second, tick);
-        // The other one asks for the same tick: nothing steps twice.
+        // The other member requests the same tick: the scene steps only once.
         let now = stage.network.now();
         stage.network.client_mut(second).advance(now, tick).unwrap();
         stage.run(TICK);
@@ -151,51 +151,51 @@ fn either_of_two_lockstep_members_may_lead_and_both_see_every_tick() {
 #[test]
 fn a_member_that_left_can_return_and_its_bodies_stay() {
     let mut stage = lockstep("ball-pit", NORMAL);
-    let guest = stage.enter(NORMAL);
+    let second = stage.enter(NORMAL);
     for round in 0..5 {
         for _ in 0..10 {
             stage.tick();
         }
-        stage.network.client_mut(guest).leave().unwrap();
+        stage.network.client_mut(second).leave().unwrap();
         stage.run(TICK);
-        assert_eq!(stage.witnesses[guest].left, round + 1);
-        assert!(stage.network.client(guest).replica().is_none());
+        assert_eq!(stage.histories[second].left, round + 1);
+        assert!(stage.network.client(second).replica().is_none());
         for _ in 0..10 {
             stage.tick();
         }
-        stage.join(guest, NORMAL);
-        assert_same_copy(stage.copy(COMMANDER), stage.copy(guest));
+        stage.join(second, NORMAL);
+        assert_same_copy(stage.copy(COMMANDER), stage.copy(second));
     }
     let truth = stage.truth();
-    stage.witnesses[guest].judge(&truth, "the guest");
+    stage.histories[second].judge(&truth, "the second member");
 }
 
 #[test]
 fn messages_after_a_leave_close_no_connection() {
     let mut stage = lockstep("ball-pit", NORMAL);
-    let guest = stage.enter(NORMAL);
+    let second = stage.enter(NORMAL);
     stage.tick();
     let now = stage.network.now();
-    let session = stage.network.client_mut(guest);
+    let session = stage.network.client_mut(second);
     session.leave().unwrap();
     session.advance(now, Tick::new(50)).unwrap();
     session.inspect().unwrap();
     stage.run(TICK);
-    assert_eq!(stage.witnesses[guest].ended, None);
-    assert_eq!(stage.witnesses[guest].left, 1);
-    stage.join(guest, NORMAL);
+    assert_eq!(stage.histories[second].ended, None);
+    assert_eq!(stage.histories[second].left, 1);
+    stage.join(second, NORMAL);
     stage.tick();
-    assert_same_copy(stage.copy(COMMANDER), stage.copy(guest));
+    assert_same_copy(stage.copy(COMMANDER), stage.copy(second));
 }
 
 #[test]
-fn a_deleted_scene_leaves_its_members_connected_whatever_was_under_way() {
+fn a_deleted_scene_leaves_its_members_connected_whatever_was_in_flight() {
     let links = links("rtt=80ms");
     let mut stage = Stage::new(script("ball-pit"), Stepping::FreeRunning, NORMAL, links, 1);
     let other = stage.enter(NORMAL);
     stage.take_authority(Span::from_millis(200));
     stage.network.client_mut(other).delete().unwrap();
-    // The commander does not know yet, and goes on for a round trip.
+    // The commander is not notified yet, and continues for a round trip.
     for _ in 0..3 {
         stage.command(&[]);
         let gravity = Command::SetGravity {
@@ -213,14 +213,14 @@ fn a_deleted_scene_leaves_its_members_connected_whatever_was_under_way() {
     }
     stage.run(Span::from_millis(300));
     for member in [COMMANDER, other] {
-        assert_eq!(stage.witnesses[member].ended, None, "member {member}");
-        assert_eq!(stage.witnesses[member].deleted, 1, "member {member}");
+        assert_eq!(stage.histories[member].ended, None, "member {member}");
+        assert_eq!(stage.histories[member].deleted, 1, "member {member}");
         assert!(stage.network.client(member).replica().is_none());
     }
-    // There is no scene to join; one of the same name can be made and joined.
+    // There is no scene to join; another one with the same name can be created and joined.
     stage.network.client_mut(other).join(NORMAL).unwrap();
     stage.run(Span::from_millis(300));
-    assert_eq!(stage.witnesses[other].denied, [Denial::NoSuchScene]);
+    assert_eq!(stage.histories[other].denied, [Denial::NoSuchScene]);
     let config = stage.config();
     stage.network.client_mut(other).create(config).unwrap();
     stage.join(other, NORMAL);
@@ -233,7 +233,7 @@ fn all_converged(stage: &Stage, members: &[usize]) -> bool {
     members.iter().all(converged)
 }
 
-/// Free running over bad links: claims, commands, and what happens when the faults stop.
+/// A free-running scene over bad links: checks claims, commands, and convergence after the faults stop.
 fn survives(scene: &str, config: &str, seed: u64) {
     let what = format!("{scene} over {config:?}, seed {seed}");
     let mut stage = Stage::new(
@@ -255,18 +255,18 @@ fn survives(scene: &str, config: &str, seed: u64) {
     stage.run_until_or(CONTROL_WAITS, known);
     stage.run(SETTLES_WITHIN);
     for member in members {
-        assert_eq!(stage.witnesses[member].ended, None, "{what}");
+        assert_eq!(stage.histories[member].ended, None, "{what}");
         let stream = stage.copy(member).stream();
         assert!(
             stream.is_converged(),
-            "{what}: member {member} does not settle"
+            "{what}: member {member} does not converge"
         );
         assert_eq!(stream.statistics().malformed, 0, "{what}");
         let client = stage.network.client(member);
-        let unknown = stage.witnesses[member].unknown;
-        stage.witnesses[member].look_at_all(client);
+        let unknown = stage.histories[member].unknown;
+        stage.histories[member].store_all_claims(client);
         assert_eq!(
-            stage.witnesses[member].unknown, unknown,
+            stage.histories[member].unknown, unknown,
             "{what}: member {member} has unknown bodies"
         );
     }
@@ -274,7 +274,7 @@ fn survives(scene: &str, config: &str, seed: u64) {
     assert_same_copy(stage.copy(COMMANDER), stage.copy(late));
     let truth = stage.truth();
     for member in members {
-        stage.witnesses[member].judge(&truth, &format!("{what}: member {member}"));
+        stage.histories[member].judge(&truth, &format!("{what}: member {member}"));
     }
 }
 
@@ -307,7 +307,7 @@ fn bursty_loss_breaks_no_claim_and_no_command() {
 }
 
 #[test]
-fn disorder_copies_and_jitter_break_no_claim_and_no_command() {
+fn reordering_duplicates_and_jitter_break_no_claim_and_no_command() {
     for (scene, config) in [
         ("zoo", "rtt=50ms,jitter=60ms"),
         ("ball-pit", "rtt=30ms,reorder=20%,dup=10%"),
@@ -348,14 +348,14 @@ fn lockstep_waits_out_every_loss() {
         let tick = stage.copy(COMMANDER).stream().complete();
         assert_whole(&stage, second, tick);
         let truth = stage.truth();
-        for observation_history in &stage.witnesses {
+        for observation_history in &stage.histories {
             observation_history.judge(&truth, &format!("{scene} over {config}, seed {seed}"));
         }
     }
 }
 
-/// A link that carries nothing more of a member's datagrams, one way or the other.
-fn deafen(stage: &mut Stage, member: usize, direction: Direction) {
+/// Makes a member's link lose all datagrams in one direction.
+fn lose_all_datagrams(stage: &mut Stage, member: usize, direction: Direction) {
     let nothing = LinkConfig::PERFECT.with_loss(Probability::ALL);
     stage.network.set_config_of(member, direction, nothing);
 }
@@ -367,26 +367,26 @@ fn a_member_that_was_cut_off_for_long_gets_a_new_snapshot() {
     let early = stage.enter(StreamChoice::Full);
     stage.take_authority(Span::from_millis(500));
     let before = stage.copy(early).stream().statistics().packets;
-    deafen(&mut stage, lost, Direction::Down);
+    lose_all_datagrams(&mut stage, lost, Direction::Down);
     // More packets than the publisher remembers.
     while stage.copy(early).stream().statistics().packets < before + 1_100 {
         stage.take_authority(Span::from_millis(500));
     }
     assert!(stage.copy(lost).stream().complete() < stage.copy(early).stream().complete());
     stage.network.set_config(LinkConfig::PERFECT);
-    // A silence of the control lane is broken after the longest wait between two attempts.
+    // The control lane recovers after the longest interval between two attempts.
     stage.run(SETTLES_WITHIN);
     assert!(stage.copy(lost).stream().is_converged());
     let bodies = |member| stage.copy(member).bodies().count();
     assert_eq!(bodies(lost), bodies(early));
     let truth = stage.truth();
-    for observation_history in &stage.witnesses {
-        observation_history.judge(&truth, "a member that lost touch, or saw another lose it");
+    for observation_history in &stage.histories {
+        observation_history.judge(&truth, "a member that lost synchronisation, or another one");
     }
 }
 
 #[test]
-fn what_went_while_touch_was_lost_counts_as_changed() {
+fn a_body_removed_during_lost_sync_counts_as_changed() {
     let mut stage = free_running("ball-pit", LinkConfig::PERFECT);
     let lost = stage.enter(StreamChoice::Full);
     stage.take_authority(Span::from_millis(100));
@@ -399,9 +399,9 @@ fn what_went_while_touch_was_lost_counts_as_changed() {
     };
     drain(&mut stage);
     let ball = stage.copy(lost).bodies().last().unwrap().id;
-    deafen(&mut stage, lost, Direction::Down);
+    lose_all_datagrams(&mut stage, lost, Direction::Down);
     stage.command(&[Command::RemoveBody { id: ball }]);
-    // Three packets a tick: more than the publisher remembers.
+    // Three packets per tick: more than the publisher remembers.
     stage.take_authority(Span::from_millis(7_000));
     stage.network.set_config(LinkConfig::PERFECT);
     stage.run(SETTLES_WITHIN);
@@ -423,7 +423,7 @@ fn repair_symbols_go_only_to_members_that_lose_packets() {
     let (lossy, clean) = (received(&stage, loses), received(&stage, other));
     assert!(lossy.repair_symbols > 100 && lossy.rebuilt > 0, "{lossy:?}");
     assert_eq!((clean.repair_symbols, clean.missed), (0, 0));
-    // Whoever begins to lose is helped as well.
+    // A member whose losses begin later receives repair symbols as well.
     let lossy = links("rtt=40ms,loss=10%");
     stage.network.set_config_of(other, Direction::Down, lossy);
     stage.take_authority(Span::from_millis(4_000));
@@ -433,13 +433,13 @@ fn repair_symbols_go_only_to_members_that_lose_packets() {
     let truth = stage.truth();
     for index in [loses, other] {
         assert!(stage.copy(index).stream().is_converged());
-        stage.witnesses[index].judge(&truth, "a member that lost packets");
+        stage.histories[index].judge(&truth, "a member that lost packets");
     }
 }
 
-/// One tick of a member's stream is lost; its link is as these config say afterwards.
+/// Loses one tick of a member's stream; afterwards its link has this configuration.
 fn lose_a_tick(stage: &mut Stage, member: usize, config: LinkConfig) {
-    deafen(stage, member, Direction::Down);
+    lose_all_datagrams(stage, member, Direction::Down);
     stage.take_authority(TICK);
     stage.network.set_config_of(member, Direction::Down, config);
 }
@@ -457,12 +457,12 @@ fn a_first_loss_is_answered_at_once_whatever_others_are_sent() {
     let received = |stage: &Stage, index: usize| stage.copy(index).stream().statistics();
     assert!(received(&stage, loses).repair_symbols > 50);
     assert_eq!(received(&stage, other).repair_symbols, 0);
-    // Until it is a packet that is lost.
+    // Repeats until the lost datagram is a packet.
     while stage.copy(other).stream().missing() == 0 {
         lose_a_tick(&mut stage, other, far);
         stage.take_authority(Span::from_millis(250));
     }
-    // There and back again, and some ticks.
+    // A round trip, and some ticks.
     stage.take_authority(Span::from_millis(400 + 50));
     assert_eq!(stage.copy(other).stream().missing(), 0);
     assert!(received(&stage, other).rebuilt > 0);
@@ -480,7 +480,7 @@ fn losses_of_a_departed_member_cost_others_nothing() {
     stage.take_authority(Span::from_millis(1_000));
     lose_a_tick(&mut stage, other, near);
     let received = |stage: &Stage, index: usize| stage.copy(index).stream().statistics();
-    // So many packets that the one that it lost is worth nothing any more, and so few that it is not forgotten.
+    // Enough packets that the lost one is obsolete, and few enough that it is still remembered.
     let lost_at = received(&stage, other).packets;
     while received(&stage, other).packets < lost_at + 300 {
         stage.take_authority(TICK);
@@ -499,13 +499,13 @@ fn losses_of_a_departed_member_cost_others_nothing() {
 }
 
 #[test]
-fn a_packet_that_is_forgotten_is_not_asked_for_for_ever() {
+fn a_forgotten_packet_is_not_reported_forever() {
     let mut stage = free_running("zoo", LinkConfig::PERFECT);
     let lost = stage.enter(StreamChoice::Full);
     stage.take_authority(Span::from_millis(300));
-    // One tick is lost on the way down, and no asking gets through until it is forgotten; all else is received.
-    deafen(&mut stage, lost, Direction::Up);
-    deafen(&mut stage, lost, Direction::Down);
+    // One tick is lost on the way down, and all loss reports are lost until it is forgotten; everything else arrives.
+    lose_all_datagrams(&mut stage, lost, Direction::Up);
+    lose_all_datagrams(&mut stage, lost, Direction::Down);
     stage.take_authority(TICK);
     stage
         .network
@@ -518,33 +518,33 @@ fn a_packet_that_is_forgotten_is_not_asked_for_for_ever() {
     stage.run(SETTLES_WITHIN);
     assert!(stage.copy(lost).stream().is_converged());
     let truth = stage.truth();
-    stage.witnesses[lost].judge(&truth, "the member");
+    stage.histories[lost].judge(&truth, "the member");
 }
 
 #[test]
 fn a_broken_connection_takes_its_member_and_no_body() {
     let mut stage = lockstep("ball-pit", NORMAL);
-    let gone = stage.enter(NORMAL);
+    let disconnected = stage.enter(NORMAL);
     for _ in 0..20 {
         stage.tick();
     }
-    stage.network.sever(gone, Ending::TimedOut);
+    stage.network.sever(disconnected, Ending::TimedOut);
     stage.tick();
-    assert_eq!(stage.witnesses[gone].ended, Some(Ending::TimedOut));
+    assert_eq!(stage.histories[disconnected].ended, Some(Ending::TimedOut));
     let again = stage.enter(NORMAL);
     assert_same_copy(stage.copy(COMMANDER), stage.copy(again));
     stage.network.client_mut(again).close(CloseCode::DONE);
     stage.run(TICK);
     assert_eq!(
-        stage.witnesses[again].ended,
+        stage.histories[again].ended,
         Some(Ending::Closed(CloseCode::DONE.0))
     );
     stage.tick();
     stage.truth();
 }
 
-/// What a member of the 5 cm tier saw in 300 lockstep ticks.
-fn seen(scene: &str) -> u64 {
+/// Digest of the copy of a member of the 5 cm tier in 300 lockstep ticks.
+fn displayed_digest(scene: &str) -> u64 {
     let mut stage = lockstep(scene, NORMAL);
     let mut digest = 0;
     for _ in 0..300 {
@@ -554,8 +554,8 @@ fn seen(scene: &str) -> u64 {
     digest
 }
 
-/// Recorded once. Another value means that some client, somewhere, sees another scene than this build; if that is meant,
-/// record the new one and say in the commit what changed.
+/// Recorded values. Another value means that some client displays another scene than this build; if that is intended,
+/// record the new value and state the change in the commit.
 #[test]
 fn what_a_client_sees_is_the_same_to_the_bit_in_every_run_and_build() {
     for (scene, recorded) in [
@@ -563,8 +563,8 @@ fn what_a_client_sees_is_the_same_to_the_bit_in_every_run_and_build() {
         ("free-fall", 0x6287_abe3_8e78_a995),
         ("zoo", 0xd7eb_1885_2695_55e2),
     ] {
-        let digest = seen(scene);
-        assert_eq!(digest, seen(scene), "{scene}: two runs");
+        let digest = displayed_digest(scene);
+        assert_eq!(digest, displayed_digest(scene), "{scene}: two runs");
         assert_eq!(digest, recorded, "{scene}: {digest:#018x}");
     }
 }
@@ -577,7 +577,7 @@ fn one_seed_is_one_run_over_any_links() {
         stage.take_authority(Span::from_millis(1_500));
         (
             copy_digest(0, stage.copy(COMMANDER)),
-            stage.witnesses[COMMANDER].claims.len(),
+            stage.histories[COMMANDER].claims.len(),
         )
     };
     let seed = seed(15);

@@ -1,6 +1,6 @@
-//! Members on thin links are moved to what these carry, and back, and reported
+//! The server changes the tier of members on slow links, and notifies them.
 //!
-//! Proved as in `simulated_network`, over links of a limited rate.
+//! As in `simulated_network`, over links of a limited rate.
 
 use glam::Vec3;
 use rhumb_protocol::Span;
@@ -14,8 +14,8 @@ use rhumb_transport::{Direction, LinkConfig};
 const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);
 const COARSE: StreamChoice = StreamChoice::Within(Tolerance::COARSE);
 
-/// Balls in free space, each of which gets another velocity at every tick: fine tiers must speak of all of them each
-/// time, coarse ones now and then.
+/// Balls in free space whose velocities change at every tick: fine tiers need an update for each ball each time,
+/// coarse ones rarely.
 struct RestlessBalls {
     config: SceneConfig,
     chance: u64,
@@ -25,7 +25,7 @@ const BALLS: u32 = 40;
 
 impl RestlessBalls {
     fn new() -> Self {
-        let script = by_name("zoo", 1, 1).expect("the scene is known by name");
+        let script = by_name("zoo", 1, 1).expect("an existing script");
         let config = SceneConfig {
             gravity: Vec3::ZERO,
             ..script.config()
@@ -33,7 +33,7 @@ impl RestlessBalls {
         Self { config, chance: 1 }
     }
 
-    /// From -1 to 1.
+    /// A random number from -1 to 1.
     fn roll(&mut self) -> f32 {
         self.chance = self
             .chance
@@ -62,14 +62,14 @@ impl Script for RestlessBalls {
             });
             out.extend(ids.map(|id| {
                 Command::AddBody {
-                    config: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
+                    desc: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
                     motion: BodyState::new(
                         [id.index() as f32 * 50.0, 0.0, 0.0],
                         [0.0, 0.0, 0.0, 1.0],
                         [0.0; 3],
                         [0.0; 3],
                     )
-                    .expect("a place is finite"),
+                    .expect("a finite state"),
                 }
             }));
             return;
@@ -86,9 +86,9 @@ impl Script for RestlessBalls {
     }
 }
 
-/// A member who follows restless balls exactly, over a good link.
+/// A member with the exact tier of the restless balls, over a good link.
 fn stage(seed: u64) -> (Stage, usize) {
-    let links: LinkConfig = "rtt=40ms".parse().expect("these are config of a link");
+    let links: LinkConfig = "rtt=40ms".parse().expect("a valid link configuration");
     let script = Box::new(RestlessBalls::new());
     let mut stage = Stage::new(script, Stepping::FreeRunning, COARSE, links, seed);
     let member = stage.enter(EXACT);
@@ -98,23 +98,23 @@ fn stage(seed: u64) -> (Stage, usize) {
 }
 
 fn narrow(stage: &mut Stage, member: usize, config: &str) {
-    let config = config.parse().expect("these are config of a link");
+    let config = config.parse().expect("a valid link configuration");
     stage.network.set_config_of(member, Direction::Down, config);
 }
 
-/// Bytes a second that a member's stream takes.
+/// Bytes per second of a member's stream.
 fn rate(stage: &mut Stage, member: usize) -> u64 {
     let mut look = || {
         stage
             .network
             .client_mut(member)
             .inspect()
-            .expect("it is a member");
+            .expect("a member");
         stage.take_authority(Span::from_millis(2_000));
-        stage.witnesses[member]
+        stage.histories[member]
             .inspections
             .last()
-            .expect("it was answered")
+            .expect("an answer")
             .packet_bytes
     };
     let before = look();
@@ -134,7 +134,7 @@ fn a_member_on_a_thin_link_changes_tier_and_back_and_is_notified() {
         &format!("delay=20ms,rate={bits}bit,queue=200kB"),
     );
     stage.take_authority(Span::from_millis(30_000));
-    let moved = stage.witnesses[member].moved.clone();
+    let moved = stage.histories[member].moved.clone();
     assert!(
         moved
             .iter()
@@ -143,14 +143,14 @@ fn a_member_on_a_thin_link_changes_tier_and_back_and_is_notified() {
     );
     println!(
         "{exact} {coarse} {moved:?} {:?}",
-        stage.witnesses[member].following
+        stage.histories[member].following
     );
     let present = stage.copy(member).choice();
     assert!(
         present.tolerance() > Tolerance::EXACT,
         "seed {seed}: {present:?}"
     );
-    // What it shows is not late any more.
+    // Its display is not delayed any more.
     let behind = |stage: &Stage| {
         let newest = stage.copy(COMMANDER).stream().watermark_tick().value();
         newest.saturating_sub(stage.copy(member).stream().watermark_tick().value())
@@ -160,28 +160,35 @@ fn a_member_on_a_thin_link_changes_tier_and_back_and_is_notified() {
         "seed {seed}: {} ticks behind",
         behind(&stage)
     );
-    assert_eq!(stage.witnesses[COMMANDER].moved, [], "its link is wide");
+    assert_eq!(
+        stage.histories[COMMANDER].moved,
+        [],
+        "its link is fast enough"
+    );
     narrow(&mut stage, member, "delay=20ms");
     stage.take_authority(Span::from_millis(120_000));
     assert_eq!(stage.copy(member).choice(), EXACT, "seed {seed}");
-    let last = stage.witnesses[member].moved.last().copied();
+    let last = stage.histories[member].moved.last().copied();
     assert_eq!(last, Some((EXACT, TierChangeCause::LinkRecovered)));
-    // Every move was reported before the copy changed, and all bounds were those of the stream in force.
-    let followed = &stage.witnesses[member].following;
-    let reported: Vec<_> = stage.witnesses[member]
+    // Every change was notified before the copy changed, and each bound belongs to the stream in force.
+    let followed = &stage.histories[member].following;
+    let reported: Vec<_> = stage.histories[member]
         .moved
         .iter()
         .map(|(to, _)| *to)
         .collect();
     assert!(followed.iter().all(|choice| reported.contains(choice)));
     let truth = stage.truth();
-    stage.witnesses[member].judge(&truth, &format!("who was moved, seed {seed}"));
+    stage.histories[member].judge(
+        &truth,
+        &format!("the member whose tier changed, seed {seed}"),
+    );
 }
 
 #[test]
 fn a_fixed_tier_policy_is_kept_and_no_tier_is_coarser_than_allowed() {
     let fine = StreamChoice::Within(Tolerance::FINE);
-    let least = LengthBound::from_micrometres(20_000).expect("within bounds");
+    let least = LengthBound::from_micrometres(20_000).expect("a valid length");
     for (moves, where_to) in [
         (TierPolicy::Never, None),
         (TierPolicy::UpTo(least), Some(fine)),
@@ -189,7 +196,7 @@ fn a_fixed_tier_policy_is_kept_and_no_tier_is_coarser_than_allowed() {
         let (mut stage, member) = stage(1);
         let bits = rate(&mut stage, member) * 8 / 3;
         let session = stage.network.client_mut(member);
-        session.set_tier_policy(moves).expect("it is a member");
+        session.set_tier_policy(moves).expect("a member");
         stage.take_authority(Span::from_millis(500));
         narrow(
             &mut stage,
@@ -197,7 +204,7 @@ fn a_fixed_tier_policy_is_kept_and_no_tier_is_coarser_than_allowed() {
             &format!("delay=20ms,rate={bits}bit,queue=200kB"),
         );
         stage.take_authority(Span::from_millis(20_000));
-        let moved = &stage.witnesses[member].moved;
+        let moved = &stage.histories[member].moved;
         let first = moved.first().map(|(to, _)| *to);
         assert_eq!(first, where_to, "{moves:?}: {moved:?}");
         assert!(
@@ -217,7 +224,7 @@ fn one_choice_of_the_member_undoes_all_tier_changes() {
         &format!("delay=20ms,rate={bits}bit,queue=200kB"),
     );
     stage.run_until_or(Span::from_millis(60_000), |stage| {
-        !stage.witnesses[member].following.is_empty()
+        !stage.histories[member].following.is_empty()
     });
     narrow(&mut stage, member, "delay=20ms");
     let fine = StreamChoice::Within(Tolerance::FINE);
@@ -226,17 +233,17 @@ fn one_choice_of_the_member_undoes_all_tier_changes() {
     stage.take_authority(Span::from_millis(3_000));
     println!(
         "{:?} {:?} {:?}",
-        stage.witnesses[member].moved,
-        stage.witnesses[member].following,
-        stage.witnesses[member].denied
+        stage.histories[member].moved,
+        stage.histories[member].following,
+        stage.histories[member].denied
     );
     assert_eq!(stage.copy(member).choice(), fine);
-    let moves = stage.witnesses[member].moved.len();
+    let moves = stage.histories[member].moved.len();
     stage.take_authority(Span::from_millis(60_000));
     assert_eq!(
-        stage.witnesses[member].moved.len(),
+        stage.histories[member].moved.len(),
         moves,
-        "what it chose is what it has"
+        "it has the tier that it chose"
     );
 }
 
@@ -251,26 +258,29 @@ fn a_member_can_choose_a_tier_at_any_time_after_a_tier_change() {
     for choice in [COARSE, EXACT, normal, EXACT, EXACT, normal] {
         let asked = stage.network.client_mut(member).subscribe(choice);
         assert_eq!(asked, Ok(()), "seed {seed}");
-        let moves = stage.witnesses[member].moved.len();
+        let moves = stage.histories[member].moved.len();
         let mut steps = 0;
-        while steps < 200 && stage.witnesses[member].moved.len() == moves {
+        while steps < 200 && stage.histories[member].moved.len() == moves {
             stage.take_authority(Span::from_millis(50));
             steps += 1;
         }
     }
-    assert!(stage.witnesses[member].moved.len() >= 2, "seed {seed}");
+    assert!(stage.histories[member].moved.len() >= 2, "seed {seed}");
     narrow(&mut stage, member, "delay=20ms");
     let asked = stage.network.client_mut(member).subscribe(normal);
     assert_eq!(asked, Ok(()), "seed {seed}");
-    // What waits on the link passes first.
+    // The queue of the link is drained first.
     stage.take_authority(Span::from_millis(20_000));
     assert_eq!(stage.copy(member).choice(), normal, "seed {seed}");
-    assert_eq!(stage.witnesses[member].denied, [], "seed {seed}");
+    assert_eq!(stage.histories[member].denied, [], "seed {seed}");
     let truth = stage.truth();
-    stage.witnesses[member].judge(&truth, &format!("who was moved and chose, seed {seed}"));
+    stage.histories[member].judge(
+        &truth,
+        &format!("the member that chose after a change, seed {seed}"),
+    );
 }
 
-/// Many bodies that never move: a large snapshot, and next to nothing to say after it.
+/// Many bodies that never move: a large snapshot, and hardly any updates after it.
 struct StillBodies;
 
 impl Script for StillBodies {
@@ -293,22 +303,22 @@ impl Script for StillBodies {
         });
         out.extend((0..4_000).map(|index| {
             Command::AddBody {
-                config: BodyDesc::plain(BodyId::new(index, 0), BodyKind::Static, ShapeId(0)),
+                desc: BodyDesc::plain(BodyId::new(index, 0), BodyKind::Static, ShapeId(0)),
                 motion: BodyState::new(
                     [index as f32 * 2.0, 0.0, 0.0],
                     [0.0, 0.0, 0.0, 1.0],
                     [0.0; 3],
                     [0.0; 3],
                 )
-                .expect("a place is finite"),
+                .expect("a finite state"),
             }
         }));
     }
 }
 
 #[test]
-fn no_link_is_thin_for_a_snapshot_that_takes_long() {
-    let links: LinkConfig = "rtt=40ms".parse().expect("these are config of a link");
+fn a_long_snapshot_changes_no_tier() {
+    let links: LinkConfig = "rtt=40ms".parse().expect("a valid link configuration");
     let mut stage = Stage::new(
         Box::new(StillBodies),
         Stepping::FreeRunning,
@@ -324,12 +334,20 @@ fn no_link_is_thin_for_a_snapshot_that_takes_long() {
     let took = stage.network.now().since(asked);
     assert!(took > Span::from_millis(4_000), "it took {took}");
     stage.take_authority(Span::from_millis(20_000));
-    assert_eq!(stage.witnesses[member].moved, [], "while it joined");
+    assert_eq!(
+        stage.histories[member].moved,
+        [],
+        "no change while it joins"
+    );
     let fine = StreamChoice::Within(Tolerance::FINE);
     let asked = stage.network.client_mut(member).subscribe(fine);
     assert_eq!(asked, Ok(()));
     stage.take_authority(Span::from_millis(20_000));
-    assert_eq!(stage.witnesses[member].moved, [], "while it changed");
+    assert_eq!(
+        stage.histories[member].moved,
+        [],
+        "no change while it changes its stream"
+    );
     assert_eq!(stage.copy(member).choice(), fine);
 }
 
@@ -338,6 +356,6 @@ fn a_longer_round_trip_changes_no_tier() {
     let (mut stage, member) = stage(1);
     narrow(&mut stage, member, "delay=320ms");
     stage.take_authority(Span::from_millis(30_000));
-    assert_eq!(stage.witnesses[member].moved, []);
+    assert_eq!(stage.histories[member].moved, []);
     assert_eq!(stage.copy(member).choice(), EXACT);
 }

@@ -1,6 +1,6 @@
-//! Members change streams, or have tracks made right, in a scene that goes on.
+//! Members change streams, or correct tracks, while a scene runs.
 //!
-//! Proved as in `simulated_network`: what a member claims is held against the truth, whichever stream it has it from.
+//! As in `simulated_network`, the claims of members are checked against the truth, whichever stream they are from.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::{
@@ -22,8 +22,8 @@ const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 const COARSE: StreamChoice = StreamChoice::Within(Tolerance::COARSE);
 
 fn stage(stepping: Stepping, links: &str, seed: u64) -> Stage {
-    let script = by_name("zoo", 60, 1).expect("the scene is known by name");
-    let links: LinkConfig = links.parse().expect("the tests write possible config");
+    let script = by_name("zoo", 60, 1).expect("an existing script");
+    let links: LinkConfig = links.parse().expect("a valid link configuration");
     Stage::new(script, stepping, NORMAL, links, seed)
 }
 
@@ -33,7 +33,7 @@ fn a_member_changes_its_tier_in_lockstep_and_misses_no_tick() {
     let other = stage.enter(NORMAL);
     let choices = [EXACT, COARSE, FINE, StreamChoice::Full, NORMAL];
     for (place, choice) in choices.into_iter().enumerate() {
-        // What is asked for already is not asked for twice.
+        // A choice that is already pending is not sent twice.
         stage.network.client_mut(other).subscribe(choice).unwrap();
         stage.network.client_mut(other).subscribe(choice).unwrap();
         for _ in 0..40 {
@@ -41,11 +41,11 @@ fn a_member_changes_its_tier_in_lockstep_and_misses_no_tick() {
             assert_eq!(stage.copy(other).stream().complete(), tick, "to {choice:?}");
         }
         assert_eq!(stage.copy(other).choice(), choice);
-        assert_eq!(stage.witnesses[other].following.len(), place + 1);
+        assert_eq!(stage.histories[other].following.len(), place + 1);
     }
     assert_same_copy(stage.copy(COMMANDER), stage.copy(other));
     let truth = stage.truth();
-    stage.witnesses[other].judge(&truth, "who changes its tier");
+    stage.histories[other].judge(&truth, "the member that changes its tier");
 }
 
 #[test]
@@ -59,7 +59,7 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
         let mut stage = stage(Stepping::FreeRunning, links, seed);
         let other = stage.enter(NORMAL);
         let mut complete = Tick::ZERO;
-        // At such loss the full one is hardly ever complete: what is shown waits for the next choice then.
+        // At such loss the full stream is hardly ever complete, so the display waits for the next choice.
         let choices = [
             COARSE,
             EXACT,
@@ -70,7 +70,7 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
             NORMAL,
         ];
         for turn in 0..28 {
-            // Some are wanted before the last one is answered, and most before it is shown.
+            // Some choices are made before the last one is answered, and most before it is displayed.
             let choice = choices[turn % choices.len()];
             let asked = stage.network.client_mut(other).subscribe(choice);
             assert_eq!(asked, Ok(()), "{what}");
@@ -79,12 +79,12 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
             assert!(now >= complete, "{what}: back from {complete} to {now}");
             complete = now;
         }
-        assert_eq!(stage.witnesses[other].denied, [], "{what}");
+        assert_eq!(stage.histories[other].denied, [], "{what}");
         stage.network.set_config(LinkConfig::PERFECT);
         stage.run(Span::from_millis(40_000));
         assert!(stage.copy(other).stream().is_converged(), "{what}");
-        // While much is lost a change may have to wait; now none does.
-        assert!(!stage.witnesses[other].following.is_empty(), "{what}");
+        // During heavy loss a change may be delayed; now it must succeed.
+        assert!(!stage.histories[other].following.is_empty(), "{what}");
         assert_eq!(
             stage.network.client_mut(other).subscribe(COARSE),
             Ok(()),
@@ -93,13 +93,13 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
         stage.run(Span::from_millis(1_000));
         assert_eq!(stage.copy(other).choice(), COARSE, "{what}");
         let truth = stage.truth();
-        stage.witnesses[other].judge(&truth, &what);
-        stage.witnesses[COMMANDER].judge(&truth, &what);
+        stage.histories[other].judge(&truth, &what);
+        stage.histories[COMMANDER].judge(&truth, &what);
     }
 }
 
 #[test]
-fn whatever_is_not_complete_yet_another_stream_can_be_chosen_and_is_followed() {
+fn another_stream_can_be_chosen_before_the_last_choice_is_complete() {
     let seed = seed(23);
     let mut stage = stage(Stepping::FreeRunning, "rtt=60ms,loss=20%,burst=8", seed);
     let other = stage.enter(NORMAL);
@@ -109,7 +109,7 @@ fn whatever_is_not_complete_yet_another_stream_can_be_chosen_and_is_followed() {
     };
     follow(&mut stage, StreamChoice::Full);
     stage.take_authority(Span::from_millis(3_000));
-    // A member that changes its mind at every tick is not reported a stream each time, and the last one counts.
+    // A member that changes its choice at every tick does not receive a stream for each; the last choice counts.
     for turn in 0..30 {
         follow(&mut stage, [EXACT, COARSE, StreamChoice::Full][turn % 3]);
         stage.take_authority(TICK);
@@ -117,41 +117,38 @@ fn whatever_is_not_complete_yet_another_stream_can_be_chosen_and_is_followed() {
     follow(&mut stage, FINE);
     stage.take_authority(Span::from_millis(10_000));
     assert_eq!(stage.copy(other).choice(), FINE, "seed {seed}");
-    let followed = &stage.witnesses[other].following;
+    let followed = &stage.histories[other].following;
     assert_eq!(followed.last(), Some(&FINE), "seed {seed}");
-    assert_eq!(stage.witnesses[other].denied, [], "seed {seed}");
+    assert_eq!(stage.histories[other].denied, [], "seed {seed}");
 }
 
-/// Gives a member's copy of a body a track that nobody said; returns the body.
+/// Replaces a track in a member's copy by a wrong one; returns the body.
 fn spoil(stage: &mut Stage, member: usize) -> BodyId {
     let copy = stage.copy(member);
-    let moving = |config: &BodyDesc| config.kind == BodyKind::Dynamic;
-    let config = copy
+    let moving = |desc: &BodyDesc| desc.kind == BodyKind::Dynamic;
+    let desc = copy
         .bodies()
         .filter(moving)
         .last()
-        .unwrap_or_else(|| panic!("nothing moves of {}", copy.bodies().count()));
-    let shape = copy
-        .shape(config.shape)
-        .expect("a body has a shape")
-        .clone();
-    let parameters = PredictionParameters::of(&config, &shape, stage.config().damping, None);
-    let elsewhere = BodyState::new([9.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
-        .expect("a place is finite");
+        .unwrap_or_else(|| panic!("none of {} bodies moves", copy.bodies().count()));
+    let shape = copy.shape(desc.shape).expect("a body has a shape").clone();
+    let parameters = PredictionParameters::of(&desc, &shape, stage.config().damping, None);
+    let elsewhere =
+        BodyState::new([9.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("a finite state");
     let track = Track::resting(copy.stream().watermark_tick(), elsewhere);
     let copy = stage
         .network
         .client_mut(member)
         .replica_mut()
         .expect("a member has a copy");
-    assert!(copy.stream_mut().place(config.id, &parameters, track));
-    config.id
+    assert!(copy.stream_mut().place(desc.id, &parameters, track));
+    desc.id
 }
 
 #[test]
 fn a_track_with_a_wrong_checksum_is_named_and_refreshed() {
     for links in ["", "rtt=80ms,loss=5%"] {
-        let script = by_name("ball-pit", 60, 1).expect("the scene is known by name");
+        let script = by_name("ball-pit", 60, 1).expect("an existing script");
         let links: LinkConfig = links.parse().unwrap();
         let mut stage = Stage::new(script, Stepping::FreeRunning, NORMAL, links, seed(22));
         let other = stage.enter(NORMAL);
@@ -160,37 +157,37 @@ fn a_track_with_a_wrong_checksum_is_named_and_refreshed() {
             stage
                 .copy(other)
                 .bodies()
-                .any(|config| config.kind == BodyKind::Dynamic)
+                .any(|desc| desc.kind == BodyKind::Dynamic)
         });
-        // One that is said anew by chance needs no refresh: another is spoiled then.
+        // A track that happens to be updated needs no refresh: then another one is altered.
         let mut spoiled = Vec::new();
-        while stage.witnesses[other].resynced.is_empty() {
-            assert!(spoiled.len() < 100, "no track was made right");
+        while stage.histories[other].resynced.is_empty() {
+            assert!(spoiled.len() < 100, "no track was corrected");
             spoiled.push(spoil(&mut stage, other));
             stage.take_authority(Span::from_millis(2_000));
         }
-        assert!(spoiled.contains(&stage.witnesses[other].resynced[0]));
+        assert!(spoiled.contains(&stage.histories[other].resynced[0]));
         let received = stage.copy(other).stream().statistics();
         assert!(received.mismatches >= 1 && received.resynced >= 1);
         stage.network.set_config(LinkConfig::PERFECT);
         stage.network.client_mut(other).inspect().unwrap();
         stage.run(Span::from_millis(8_000));
-        let inspected = stage.witnesses[other].inspections.last().unwrap();
+        let inspected = stage.histories[other].inspections.last().unwrap();
         assert!(inspected.resynced >= 1);
         assert_same_copy(stage.copy(COMMANDER), stage.copy(other));
-        assert_eq!(stage.witnesses[COMMANDER].resynced, []);
+        assert_eq!(stage.histories[COMMANDER].resynced, []);
     }
 }
 
 #[test]
-fn a_stream_that_begins_when_bodies_were_just_put_elsewhere_tells_where_they_were() {
+fn a_stream_that_begins_just_after_a_teleport_has_the_earlier_states() {
     let mut stage = stage(Stepping::Lockstep, "", 1);
     let other = stage.enter(NORMAL);
     stage.tick();
     for choice in [COARSE, EXACT, StreamChoice::Full, FINE] {
-        let dynamic = |config: &BodyDesc| config.kind == BodyKind::Dynamic;
+        let dynamic = |desc: &BodyDesc| desc.kind == BodyKind::Dynamic;
         let bodies = stage.copy(other).bodies().filter(dynamic);
-        let ids: Vec<BodyId> = bodies.skip(3).take(4).map(|config| config.id).collect();
+        let ids: Vec<BodyId> = bodies.skip(3).take(4).map(|desc| desc.id).collect();
         let elsewhere = |id: BodyId| Command::SetPose {
             id,
             position: Vec3::new(id.index() as f32 * 3.0, 20.0, 20.0),
@@ -198,25 +195,25 @@ fn a_stream_that_begins_when_bodies_were_just_put_elsewhere_tells_where_they_wer
         };
         let commands: Vec<Command> = ids.into_iter().map(elsewhere).collect();
         stage.command(&commands);
-        // The scene has not stepped when the stream begins.
+        // The scene has not stepped since the teleport when the stream begins.
         stage.network.client_mut(other).subscribe(choice).unwrap();
         stage.run(Span::from_millis(50));
         assert_eq!(stage.copy(other).choice(), choice);
         let client = stage.network.client(other);
-        stage.witnesses[other].look_at_all(client);
+        stage.histories[other].store_all_claims(client);
         for _ in 0..20 {
             stage.tick();
         }
     }
     let truth = stage.truth();
-    stage.witnesses[other].judge(&truth, "who changes its tier");
+    stage.histories[other].judge(&truth, "the member that changes its tier");
 }
 
 #[test]
 fn a_stream_without_subscribers_ends_so_that_others_can_begin() {
     let mut stage = stage(Stepping::Lockstep, "", 1);
     let other = stage.enter(NORMAL);
-    // More choices than a scene may have streams at one time.
+    // More choices than a scene may have streams at a time.
     for millimetres in 1..40 {
         let choice =
             StreamChoice::Within(Tolerance::from_micrometres(millimetres * 1_000).unwrap());
@@ -224,7 +221,7 @@ fn a_stream_without_subscribers_ends_so_that_others_can_begin() {
         stage.tick();
         assert_eq!(stage.copy(other).choice(), choice);
     }
-    assert_eq!(stage.witnesses[other].denied, []);
+    assert_eq!(stage.histories[other].denied, []);
 }
 
 #[test]
@@ -243,9 +240,9 @@ fn a_change_that_is_denied_changes_nothing() {
         .subscribe(tolerance(100))
         .unwrap();
     stage.tick();
-    assert_eq!(stage.witnesses[COMMANDER].denied, [Denial::TooManyStreams]);
+    assert_eq!(stage.histories[COMMANDER].denied, [Denial::TooManyStreams]);
     assert_eq!(stage.copy(COMMANDER).choice(), NORMAL);
-    // One that exists can be followed.
+    // A change to an existing stream still succeeds.
     stage
         .network
         .client_mut(COMMANDER)
@@ -258,7 +255,7 @@ fn a_change_that_is_denied_changes_nothing() {
 
 #[test]
 fn each_tier_is_encoded_once_for_all_subscribers() {
-    let said = |listeners: usize| {
+    let sent = |listeners: usize| {
         let mut stage = stage(Stepping::Lockstep, "", 1);
         let others: Vec<usize> = [EXACT, FINE, NORMAL, COARSE]
             .into_iter()
@@ -270,9 +267,9 @@ fn each_tier_is_encoded_once_for_all_subscribers() {
         }
         let inspected = others.iter().step_by(listeners).map(|member| {
             let session = stage.network.client_mut(*member);
-            session.inspect().expect("it is a member");
+            session.inspect().expect("a member");
             stage.run(Span::from_millis(50));
-            let inspection = stage.witnesses[*member].inspections[0];
+            let inspection = stage.histories[*member].inspections[0];
             (
                 inspection.updates,
                 inspection.packets,
@@ -281,39 +278,40 @@ fn each_tier_is_encoded_once_for_all_subscribers() {
         });
         inspected.collect::<Vec<_>>()
     };
-    let alone = said(1);
+    let alone = sent(1);
     assert!(alone.iter().all(|(updates, ..)| *updates > 0));
-    assert!(alone[0].0 > alone[3].0, "a finer tier says more: {alone:?}");
-    assert_eq!(said(6), alone);
+    assert!(
+        alone[0].0 > alone[3].0,
+        "a finer tier needs more bytes: {alone:?}"
+    );
+    assert_eq!(sent(6), alone);
 }
 
-/// A member that follows a stream of an empty scene at a tick.
+/// A member that subscribes to a stream of an empty scene at a tick.
 fn reported(choice: StreamChoice, stream: u32, tick: u64) -> ScriptedSession {
     let mut reported = ScriptedSession::welcomed(choice);
     send_snapshot(&mut reported, choice, stream, tick);
     while reported.session.poll_event().is_some() {}
-    said(&mut reported);
+    sent(&mut reported);
     reported
 }
 
-/// The whole of an empty scene at a tick.
+/// Delivers the snapshot of an empty scene at a tick.
 fn send_snapshot(reported: &mut ScriptedSession, choice: StreamChoice, stream: u32, tick: u64) {
-    let config = by_name("zoo", 1, 1)
-        .expect("the scene is known by name")
-        .config();
+    let config = by_name("zoo", 1, 1).expect("an existing script").config();
     reported.send_snapshot(&config, choice, (StreamId(stream), Tick::new(tick)), &[]);
 }
 
-/// What it said since the last look, of streams.
-fn said(reported: &mut ScriptedSession) -> Vec<ClientMessage> {
-    let mut said = reported.sent();
-    said.retain(|message| {
+/// The messages about streams that it sent since the last call.
+fn sent(reported: &mut ScriptedSession) -> Vec<ClientMessage> {
+    let mut sent = reported.sent();
+    sent.retain(|message| {
         matches!(
             message,
             ClientMessage::Subscribe(_) | ClientMessage::Subscribed(_)
         )
     });
-    said
+    sent
 }
 
 fn shown(reported: &ScriptedSession) -> StreamChoice {
@@ -328,39 +326,39 @@ fn a_tier_change_before_the_choice_is_shown_leaves_the_member_free_to_choose_aga
         ClientMessage::Subscribed(StreamId(stream))
     });
     reported.session.subscribe(EXACT).unwrap();
-    assert_eq!(said(&mut reported), [follow(EXACT)]);
-    // As long as it is not as far as what is shown, it is not shown.
+    assert_eq!(sent(&mut reported), [follow(EXACT)]);
+    // The new stream is not displayed while it is behind the displayed one.
     send_snapshot(&mut reported, EXACT, 1, 5);
     let (to, cause) = (FINE, TierChangeCause::LinkCongested);
-    reported.tell(&[ServerMessage::TierChanged { to, cause }]);
+    reported.deliver(&[ServerMessage::TierChanged { to, cause }]);
     send_snapshot(&mut reported, FINE, 2, 6);
-    assert_eq!((shown(&reported), said(&mut reported)), (FINE, vec![]));
+    assert_eq!((shown(&reported), sent(&mut reported)), (FINE, vec![]));
     assert_eq!(
         reported.session.poll_event(),
         Some(Event::TierChanged { to, cause })
     );
     reported.session.subscribe(EXACT).unwrap();
-    assert_eq!(said(&mut reported), [follow(EXACT)]);
-    // One that comes meanwhile is left out, and of two that are wanted meanwhile the first.
+    assert_eq!(sent(&mut reported), [follow(EXACT)]);
+    // Pending choices are replaced: only the last of two is sent.
     reported.session.subscribe(COARSE).unwrap();
     reported.session.subscribe(NORMAL).unwrap();
-    assert_eq!(said(&mut reported), []);
+    assert_eq!(sent(&mut reported), []);
     send_snapshot(&mut reported, EXACT, 3, 8);
-    assert_eq!(said(&mut reported), [follow(NORMAL)]);
+    assert_eq!(sent(&mut reported), [follow(NORMAL)]);
     send_snapshot(&mut reported, NORMAL, 4, 11);
     assert_eq!(
-        (shown(&reported), said(&mut reported)),
+        (shown(&reported), sent(&mut reported)),
         (NORMAL, vec![followed(4)])
     );
     assert_eq!(
         reported.session.poll_event(),
         Some(Event::SubscriptionChanged(NORMAL))
     );
-    // A move to what it follows already is reported as any.
+    // A change to the stream that it already follows is confirmed like any other.
     let (to, cause) = (NORMAL, TierChangeCause::LinkRecovered);
-    reported.tell(&[ServerMessage::TierChanged { to, cause }]);
+    reported.deliver(&[ServerMessage::TierChanged { to, cause }]);
     send_snapshot(&mut reported, NORMAL, 5, 12);
-    assert_eq!(said(&mut reported), [followed(5)]);
+    assert_eq!(sent(&mut reported), [followed(5)]);
     assert_eq!(
         reported.session.poll_event(),
         Some(Event::TierChanged { to, cause })
@@ -377,8 +375,8 @@ fn a_member_that_changes_streams_keeps_the_copy_that_the_server_still_publishes(
     reported.session.subscribe(EXACT).unwrap();
     send_snapshot(&mut reported, EXACT, 1, 5);
     reported.session.subscribe(NORMAL).unwrap();
-    said(&mut reported);
-    // The one between could be shown now, but ended with the question.
+    sent(&mut reported);
+    // The intermediate stream could be displayed now, but it ended with the new request.
     let watermark = Watermark {
         next: Low16(0),
         tick: Low16(20),
@@ -388,12 +386,12 @@ fn a_member_that_changes_streams_keeps_the_copy_that_the_server_still_publishes(
     reported
         .session
         .handle_datagram(Instant::ZERO, ScriptedSession::SERVER, &datagram);
-    assert_eq!((shown(&reported), said(&mut reported)), (FINE, vec![]));
-    // When it is denied, the one between goes on.
-    reported.tell(&[ServerMessage::Denied(Denial::TooManyStreams)]);
+    assert_eq!((shown(&reported), sent(&mut reported)), (FINE, vec![]));
+    // When the request is denied, the intermediate stream continues.
+    reported.deliver(&[ServerMessage::Denied(Denial::TooManyStreams)]);
     let followed = ClientMessage::Subscribed(StreamId(1));
     assert_eq!(
-        (shown(&reported), said(&mut reported)),
+        (shown(&reported), sent(&mut reported)),
         (EXACT, vec![followed])
     );
 }

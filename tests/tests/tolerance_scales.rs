@@ -1,6 +1,7 @@
-//! Bodies are followed as closely as their tolerance_scale says, in every stream
+//! Each body is within its own scaled tolerance, in every stream.
 //!
-//! Proved as in `simulated_network`: what members claim of each body is held against the truth, by the body's own tolerance.
+//! As in `simulated_network`, the claims of members about each body are checked against the truth, by the body's own
+//! tolerance.
 
 use rhumb_protocol::Span;
 use rhumb_protocol::message::StreamChoice;
@@ -10,7 +11,7 @@ use rhumb_reckoning::{Tick, Tolerance, ToleranceScale};
 use rhumb_sims::{Script, by_name};
 use rhumb_tests::{COMMANDER, Stage, seed};
 
-/// A script whose bodies are of classes.
+/// A script whose bodies have different tolerance scales.
 struct WithToleranceScales {
     script: Box<dyn Script>,
     tolerance_scale: fn(u32) -> ToleranceScale,
@@ -28,16 +29,16 @@ impl Script for WithToleranceScales {
     fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
         self.script.commands(tick, out);
         for command in out {
-            if let Command::AddBody { config, .. } = command {
-                config.tolerance_scale = (self.tolerance_scale)(config.id.index());
+            if let Command::AddBody { desc, .. } = command {
+                desc.tolerance_scale = (self.tolerance_scale)(desc.id.index());
             }
         }
     }
 }
 
-/// Each tolerance_scale in turn.
+/// Each tolerance scale in turn.
 fn all_in_turn(index: u32) -> ToleranceScale {
-    ToleranceScale::new((index % 7) as i8 - 3).expect("there are seven classes")
+    ToleranceScale::new((index % 7) as i8 - 3).expect("one of seven tolerance scales")
 }
 
 fn stage(
@@ -46,12 +47,12 @@ fn stage(
     links: &str,
     seed: u64,
 ) -> Stage {
-    let script = by_name("ball-pit", 60, 1).expect("the scene is known by name");
+    let script = by_name("ball-pit", 60, 1).expect("an existing script");
     let script = Box::new(WithToleranceScales {
         script,
         tolerance_scale,
     });
-    let links = links.parse().expect("the tests write possible config");
+    let links = links.parse().expect("a valid link configuration");
     Stage::new(
         script,
         stepping,
@@ -72,25 +73,22 @@ fn every_body_is_within_its_scaled_tolerance_in_every_tier() {
     let mut bounded = 0;
     for member in [COMMANDER].into_iter().chain(others) {
         let copy = stage.copy(member);
-        for config in copy
-            .bodies()
-            .filter(|config| config.kind == BodyKind::Dynamic)
-        {
-            assert_eq!(config.tolerance_scale, all_in_turn(config.id.index()));
-            let tolerance = copy.stream().tolerance().scaled(config.tolerance_scale);
+        for desc in copy.bodies().filter(|desc| desc.kind == BodyKind::Dynamic) {
+            assert_eq!(desc.tolerance_scale, all_in_turn(desc.id.index()));
+            let tolerance = copy.stream().tolerance().scaled(desc.tolerance_scale);
             let radius = copy
-                .shape(config.shape)
-                .expect("it has a shape")
+                .shape(desc.shape)
+                .expect("a body has a shape")
                 .bounding_radius();
             let bound = Some(ErrorBound::Within(tolerance.reach(radius)));
-            assert_eq!(copy.stream().bound(config.id), bound);
+            assert_eq!(copy.stream().bound(desc.id), bound);
             bounded += 1;
         }
     }
-    assert!(bounded > 4 * 40, "{bounded} bodies were bounded");
+    assert!(bounded > 4 * 40, "only {bounded} bodies have bounds");
     let truth = stage.truth();
     for member in [COMMANDER].into_iter().chain(others) {
-        stage.witnesses[member].judge(&truth, "a member");
+        stage.histories[member].judge(&truth, "a member");
     }
 }
 
@@ -104,8 +102,8 @@ fn tolerance_scales_hold_over_a_bad_link_and_for_late_joiners() {
     let truth = stage.truth();
     for member in [COMMANDER, late] {
         let who = format!("member {member}, seed {seed}");
-        stage.witnesses[member].judge(&truth, &who);
-        assert!(!stage.witnesses[member].claims.is_empty(), "{who}");
+        stage.histories[member].judge(&truth, &who);
+        assert!(!stage.histories[member].claims.is_empty(), "{who}");
     }
 }
 
@@ -120,9 +118,9 @@ fn debris_costs_less_than_avatars() {
             .network
             .client_mut(COMMANDER)
             .inspect()
-            .expect("it is a member");
+            .expect("a member");
         stage.tick();
-        stage.witnesses[COMMANDER].inspections[0].packet_bytes
+        stage.histories[COMMANDER].inspections[0].packet_bytes
     };
     let (avatars, debris) = (
         cost(|_| ToleranceScale::AVATAR),

@@ -1,7 +1,7 @@
-//! What a simulator drives, the server has where the simulator says it is.
+//! The server's states of published bodies are within tolerance.
 //!
-//! Proved in virtual time, over simulated links, by `Walk`: at each tick of which the server knew all in time, avatars
-//! were within the tolerance. Who may drive what is the affair of `drivers`.
+//! The tests run in virtual time, over simulated links, with `Walk`: at each tick whose upstream was complete in time,
+//! avatars must be within tolerance. Grants of authority are tested in `authority`.
 
 use rhumb_protocol::Span;
 use rhumb_protocol::message::StreamChoice;
@@ -12,38 +12,45 @@ use rhumb_tests::{Avatars, COMMANDER, TICK, Walk, seed};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
-/// Over links that spoil what they can: what the server knew in time was right, and little came late.
+/// Over disturbed links: upstream that was complete in time is correct, and few steps are late.
 fn survives(config: &str, lead: u64, late: f64, seed: u64) {
     let mut walk = Walk::new(Stepping::FreeRunning, 3, lead, seed);
-    walk.over(config);
+    walk.set_link(config);
     for _ in 0..900 {
         walk.frame();
     }
-    let drive = walk.statistics().expect("the commander drives");
-    let share = drive.late_steps as f64 / drive.steps as f64;
+    let status = walk.statistics().expect("the commander has authority");
+    let share = status.late_steps as f64 / status.steps as f64;
     assert!(
         share <= late,
         "{config}, seed {seed}: {share} of the steps were late"
     );
-    assert!(walk.judged > 1_000, "{config}: {} were judged", walk.judged);
-    assert!(walk.worst > 0.3, "{config}: nothing was reckoned");
-    assert_eq!((drive.heard.malformed, drive.refused), (0, 0));
-    assert_eq!(drive.heard.mismatches, 0);
-    walk.over("");
+    assert!(
+        walk.judged > 1_000,
+        "{config}: only {} states were checked",
+        walk.judged
+    );
+    assert!(walk.worst > 0.3, "{config}: no prediction was used");
+    assert_eq!((status.heard.malformed, status.refused), (0, 0));
+    assert_eq!(status.heard.mismatches, 0);
+    walk.set_link("");
     for _ in 0..120 {
         walk.frame();
     }
-    let (before, judged) = (walk.statistics().expect("it still drives"), walk.judged);
+    let (before, judged) = (
+        walk.statistics().expect("it still has authority"),
+        walk.judged,
+    );
     for _ in 0..60 {
         walk.frame();
     }
-    let after = walk.statistics().expect("it still drives");
+    let after = walk.statistics().expect("it still has authority");
     assert_eq!(after.late_steps, before.late_steps, "{config}, seed {seed}");
     assert!(walk.judged > judged + 100);
 }
 
 #[test]
-fn what_the_server_knows_of_an_avatar_is_within_the_tolerance_over_any_link() {
+fn the_servers_state_of_an_avatar_is_within_tolerance_over_any_link() {
     for (config, lead, known) in [
         ("", 1, 0.0),
         ("rtt=60ms", 3, 0.02),
@@ -59,20 +66,20 @@ fn what_the_server_knows_of_an_avatar_is_within_the_tolerance_over_any_link() {
 #[test]
 fn without_a_lead_the_server_predicts_over_the_delay() {
     let mut walk = Walk::new(Stepping::FreeRunning, 1, 0, 1);
-    walk.over("rtt=100ms");
+    walk.set_link("rtt=100ms");
     let mut worst: f64 = 0.0;
     for frame in 0..200 {
         walk.frame();
-        // Walks from its second 4 to 6 are interrupted by a rest; until then the course is even.
+        // The trajectory pauses between its seconds 4 and 6; until then it is smooth.
         if frame > 30 && walk.newest() < Tick::new(230) {
             let truth = Avatars::walk(0, walk.newest()).motion().pose();
             let apart = Divergence::between(&truth, &walk.at(Avatars::id(0)).pose());
             worst = worst.max(apart.position.metres());
         }
     }
-    assert!(worst > 0.0 && worst < 0.1, "off by {worst} m");
-    let drive = walk.statistics().expect("it drives");
-    assert!(drive.late_steps > 10, "{drive:?}");
+    assert!(worst > 0.0 && worst < 0.1, "the error is {worst} m");
+    let status = walk.statistics().expect("it has authority");
+    assert!(status.late_steps > 10, "{status:?}");
 }
 
 #[test]
@@ -87,7 +94,7 @@ fn a_still_avatar_costs_only_watermarks() {
             let session = walk.stage.network.client_mut(COMMANDER);
             session
                 .publish(tick, &[(id, stands)])
-                .expect("the commander drives");
+                .expect("the commander has authority");
             walk.stage.run(TICK);
         }
         walk.bytes_up() - before
@@ -98,17 +105,21 @@ fn a_still_avatar_costs_only_watermarks() {
         .network
         .client(COMMANDER)
         .upstream()
-        .expect("it drives");
+        .expect("it has authority");
     let bytes = stand(&mut walk, 3_000);
     let after = walk
         .stage
         .network
         .client(COMMANDER)
         .upstream()
-        .expect("it drives");
-    let said = |of: PublisherStatistics| (of.updates, of.packets, of.bytes, of.over_budget);
-    assert_eq!(said(after), said(upstream), "a body that stands");
-    // Twenty watermarks of eight bytes or so in fifty seconds, and what looks at the clock.
+        .expect("it has authority");
+    let counters = |of: PublisherStatistics| (of.updates, of.packets, of.bytes, of.over_budget);
+    assert_eq!(
+        counters(after),
+        counters(upstream),
+        "a standing body needs no updates"
+    );
+    // About twenty watermarks of eight bytes in fifty seconds, and the clock queries.
     assert!(bytes < 400, "{bytes} bytes in fifty seconds");
 }
 
@@ -135,7 +146,7 @@ fn a_walking_avatar_costs_a_fraction_of_what_commands_cost() {
         walk.stage.run(TICK);
     }
     let commanded = walk.bytes_up() - before;
-    println!("{frames} frames of a walk: {driven} bytes driven, {commanded} commanded");
+    println!("{frames} frames of a walk: {driven} bytes by upstream, {commanded} by commands");
     assert!(driven * 10 < commanded, "{driven} and {commanded} bytes");
 }
 
@@ -143,24 +154,24 @@ fn a_walking_avatar_costs_a_fraction_of_what_commands_cost() {
 fn in_lockstep_every_step_has_its_upstream_input() {
     let digest = |config: &str, seed| {
         let mut walk = Walk::new(Stepping::Lockstep, 2, 0, seed);
-        walk.over(config);
+        walk.set_link(config);
         for _ in 0..400 {
             let tick = walk.newest().next();
-            walk.say(tick);
+            walk.publish(tick);
             walk.stage.advance(COMMANDER);
             walk.stage.run_until_or(Span::from_millis(1_000), |stage| {
                 stage.copy(walk.watcher).stream().complete() >= tick
             });
-            for (id, said) in walk.said.last().expect("it was said").1.clone() {
-                walk.hold(id, tick, &said, &walk.at(id));
+            for (id, published) in walk.published.last().expect("a published state").1.clone() {
+                walk.check(id, tick, &published, &walk.at(id));
             }
         }
-        let statistics = walk.statistics().expect("the commander drives");
+        let statistics = walk.statistics().expect("the commander has authority");
         assert_eq!((statistics.late_steps, statistics.steps), (0, 400));
         let session = walk.stage.network.client_mut(COMMANDER);
-        session.inspect().expect("a member may ask");
+        session.inspect().expect("a member");
         walk.stage.run(Span::from_millis(2_000));
-        walk.stage.witnesses[COMMANDER].inspections[0].truth
+        walk.stage.histories[COMMANDER].inspections[0].truth
     };
     let truth = digest("", 1);
     assert_eq!(digest("", 2), truth);
@@ -172,38 +183,38 @@ fn a_body_on_a_platform_under_authority_moves_along_and_sleeps_with_it() {
     let mut walk = Walk::new(Stepping::Lockstep, 0, 0, 1);
     let (platform, freight) = (Avatars::platform(), Avatars::freight());
     assert_eq!(walk.take_authority(&[platform]), Ok(vec![platform]));
-    let start = Avatars::berth().position();
+    let start = Avatars::platform_start().position();
     let way = |tick: u64| {
         let moved = tick.clamp(60, 180) - 60;
         let speed = if (60..180).contains(&tick) { 0.5 } else { 0.0 };
         let position = [start[0] + moved as f32 / 120.0, start[1], start[2]];
         BodyState::new(position, [0.0, 0.0, 0.0, 1.0], [speed, 0.0, 0.0], [0.0; 3])
-            .expect("a place")
+            .expect("a finite state")
     };
     for tick in 1..=400 {
         let session = walk.stage.network.client_mut(COMMANDER);
         session
             .publish(Tick::new(tick), &[(platform, way(tick))])
-            .expect("it drives");
+            .expect("it has authority");
         walk.stage.advance(COMMANDER);
     }
     let carried = walk.at(freight).pose().position;
     assert!((carried.x - 1.0).abs() < 0.1, "the freight is at {carried}");
     let moved = walk.at(platform).pose().position;
-    // What stands for a second is there to the bit, as far as the engine has it.
+    // A body that stands for a second is bit-exact, within the engine's precision.
     assert!((moved.x - 1.0).abs() < 1e-6, "the platform is at {moved}");
     let session = walk.stage.network.client_mut(COMMANDER);
-    session.inspect().expect("a member may ask");
+    session.inspect().expect("a member");
     walk.stage.run(TICK);
-    let inspection = walk.stage.witnesses[COMMANDER].inspections[0];
-    // All but the one that turns.
+    let inspection = walk.stage.histories[COMMANDER].inspections[0];
+    // Only the turning body is awake.
     assert_eq!(inspection.awake, 1);
 }
 
 #[test]
 fn upstream_continues_while_the_copy_changes_streams() {
     let mut walk = Walk::new(Stepping::FreeRunning, 1, 8, seed(22));
-    walk.over("rtt=80ms,loss=3%");
+    walk.set_link("rtt=80ms,loss=3%");
     for choice in [
         StreamChoice::Within(Tolerance::EXACT),
         StreamChoice::Full,
@@ -212,12 +223,16 @@ fn upstream_continues_while_the_copy_changes_streams() {
         let session = walk.stage.network.client_mut(COMMANDER);
         session
             .subscribe(choice)
-            .expect("no other change is asked for");
+            .expect("no other change is pending");
         for _ in 0..120 {
             walk.frame();
         }
         assert_eq!(walk.stage.copy(COMMANDER).choice(), choice);
     }
-    assert!(walk.judged > 200, "{} were judged", walk.judged);
-    assert_eq!(walk.stage.witnesses[COMMANDER].drives.len(), 1);
+    assert!(
+        walk.judged > 200,
+        "only {} states were checked",
+        walk.judged
+    );
+    assert_eq!(walk.stage.histories[COMMANDER].drives.len(), 1);
 }

@@ -1,6 +1,6 @@
-//! Vectors, tables and examples of the control stream are what the codec has.
+//! Vectors, tables and examples of the control stream agree with the codec.
 //!
-//! After a change that is meant, write the vectors with `cargo run -p rhumb-tests --example control_vectors -- --write`.
+//! After an intended change, write the vectors with `cargo run -p rhumb-tests --example control_vectors -- --write`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -18,9 +18,9 @@ use rhumb_tests::vectors::{Decoded, Sender, control, folder, golden, streams};
 use serde_json::Value;
 
 #[test]
-fn the_golden_vectors_are_what_the_codec_encodes_and_refuses() {
+fn the_golden_vectors_agree_with_the_codec() {
     let golden = std::fs::read_to_string(folder().join("control.json"));
-    let golden = golden.expect("the specification lies beside the crates");
+    let golden = golden.expect("the specification is in the repository");
     let computed = control();
     for (number, (is, was)) in computed.lines().zip(golden.lines()).enumerate() {
         assert_eq!(is, was, "line {}", number + 1);
@@ -29,7 +29,7 @@ fn the_golden_vectors_are_what_the_codec_encodes_and_refuses() {
 }
 
 #[test]
-fn a_session_that_receives_a_golden_stream_knows_what_its_member_knew() {
+fn a_session_that_receives_a_golden_stream_reaches_its_recorded_states() {
     let golden = golden("streams.json");
     for stream in golden["streams"].as_array().expect("streams are listed") {
         let events = stream["events"].as_array().expect("events are listed");
@@ -51,7 +51,7 @@ fn the_golden_vectors_are_many() {
     assert!(count("refused client messages") + count("refused server messages") >= 150);
 }
 
-/// What each limit is in code.
+/// The value of each limit in code.
 fn limits_in_code() -> BTreeMap<&'static str, f64> {
     macro_rules! limits {
         ($($name:ident)*) => {
@@ -89,7 +89,7 @@ fn limits_in_the_document() -> BTreeMap<String, f64> {
 #[test]
 fn limits_are_the_same_in_code_document_and_table() {
     let grammar = Grammar::load();
-    // Compared as what code computes with: most are f32, whose decimals are the document's.
+    // Compared in the type that code uses: most are f32, whose decimals the document has.
     let single = |value: f64| value as f32;
     let code: BTreeMap<_, _> = limits_in_code()
         .into_iter()
@@ -104,7 +104,7 @@ fn limits_are_the_same_in_code_document_and_table() {
         .collect();
     assert_eq!(code, document);
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../protocol/src/limits.rs");
-    let source = std::fs::read_to_string(source).expect("the limits lie beside this package");
+    let source = std::fs::read_to_string(source).expect("the limits are in the repository");
     let constants = source.lines().filter_map(|line| {
         let (name, _) = line.strip_prefix("pub const ")?.split_once(':')?;
         Some(name.to_owned())
@@ -139,7 +139,7 @@ fn codes_are_the_same_in_code_and_table() {
     }
     let kinds = table["datagrams"].as_array().expect("a list");
     for first in 0..=u8::MAX {
-        // The low half is the kind; the other names a stream, whose rest follows it if all its bits are ones.
+        // The low half is the kind; the other half is the stream id, whose rest follows if all its bits are ones.
         let known = Head::decode(&mut Reader::new(&[first, 0])).is_ok();
         let listed = kinds.iter().any(|row| row["kind"] == first & 0xf);
         assert_eq!(known, listed, "{first:#x}");
@@ -150,9 +150,9 @@ fn codes_are_the_same_in_code_and_table() {
     }
 }
 
-/// Each type of message with a body of zeros, each code behind those that have one: known to both or to neither.
+/// Each message type with a body of zeros, and each code after those types: known to both or to neither.
 #[test]
-fn every_type_that_the_table_has_the_codec_has_and_no_other() {
+fn the_codec_and_the_table_have_the_same_types() {
     let grammar = Grammar::load();
     for side in [Sender::Client, Sender::Server] {
         let codes = &grammar.table()["types"][side.type_name()]["codes"];
@@ -177,12 +177,12 @@ fn every_type_that_the_table_has_the_codec_has_and_no_other() {
     }
 }
 
-/// The examples of a clause: what each shows, and its bytes.
+/// The examples of a clause: the meaning and the bytes of each.
 fn examples(clause: &str) -> Vec<(String, Vec<u8>)> {
     let text = Document::Protocol.text();
     let begin = text
         .find(&format!("### {clause} "))
-        .expect("the clause is there");
+        .expect("an existing clause");
     let section = &text[begin..];
     let section = section[4..]
         .find("\n#")
@@ -211,7 +211,7 @@ fn is_bytes(text: &str) -> bool {
 }
 
 #[test]
-fn the_documents_examples_of_messages_mean_what_they_say() {
+fn the_documents_examples_of_messages_decode_as_described() {
     let grammar = Grammar::load();
     let mut words = Vec::new();
     for (name, bytes) in examples("4.13") {
@@ -229,7 +229,7 @@ fn the_documents_examples_of_messages_mean_what_they_say() {
             Decoded::Accepted(None),
             "{name}"
         );
-        let is = means["is"].as_str().expect("a message is something");
+        let is = means["is"].as_str().expect("a decoded message has a type");
         let inner = ["command", "event"].map(|word| means[word]["is"].as_str().unwrap_or(is));
         assert!(
             inner.iter().any(|is| name.contains(is)) || name.contains(is),
@@ -255,7 +255,7 @@ fn the_documents_examples_of_messages_mean_what_they_say() {
 fn the_documents_examples_of_datagrams_are_of_stream_five() {
     let (_, empty) = &examples("5.18")[0];
     let written = UpdateWriter::new(StreamId(5), 70_000, 300, 12).finish(true);
-    assert_eq!(empty, &written, "a tick in which nothing was sent");
+    assert_eq!(empty, &written, "a tick without updates");
     let kinds: Vec<_> = examples("5.18")
         .into_iter()
         .map(|(_, bytes)| {

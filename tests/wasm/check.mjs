@@ -1,6 +1,6 @@
 // Checks the predictors, compiled to WebAssembly, against the golden vectors, bit for bit.
 //
-// Usage: node check.mjs MODULE.wasm. Prints what failed, then a count; the exit code is 1 if anything did.
+// Usage: node check.mjs MODULE.wasm. Prints failures, then a count; the exit code is 1 after a failure.
 
 import { readFile } from "node:fs/promises";
 

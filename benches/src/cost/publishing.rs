@@ -93,8 +93,8 @@ impl Script for FlightScript {
                 ],
             )
             .expect("these numbers are finite");
-            let config = BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, ShapeId(0));
-            out.push(Command::AddBody { config, motion });
+            let desc = BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, ShapeId(0));
+            out.push(Command::AddBody { desc, motion });
         }
     }
 }
@@ -240,10 +240,10 @@ fn placed(
     observation: &Observation,
 ) -> Option<(BodyId, PredictionParameters, Track)> {
     let id = observation.id;
-    let (config, shape) = (scene.body(id)?, scene.shape_of(id)?);
+    let (desc, shape) = (scene.body(id)?, scene.shape_of(id)?);
     let parameters =
-        PredictionParameters::of(config, shape, scene.config().damping, scene.inertia(id));
-    let moves = config.kind == BodyKind::Dynamic;
+        PredictionParameters::of(desc, shape, scene.config().damping, scene.inertia(id));
+    let moves = desc.kind == BodyKind::Dynamic;
     let track = Track {
         origin: scene.tick(),
         predictor: if moves {

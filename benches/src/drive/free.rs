@@ -35,18 +35,17 @@ impl ScriptedBodies {
             Command::AddShape { id, ref shape } => {
                 self.shapes.insert(id, shape.clone());
             }
-            Command::AddBody { config, motion } => {
-                if let Some(shape) = self.shapes.get(&config.shape).cloned() {
-                    self.bodies
-                        .insert(config.id.index(), (config, shape.clone()));
+            Command::AddBody { desc, motion } => {
+                if let Some(shape) = self.shapes.get(&desc.shape).cloned() {
+                    self.bodies.insert(desc.id.index(), (desc, shape.clone()));
                     let observation = Observation {
-                        id: config.id,
+                        id: desc.id,
                         motion,
                         activity: Activity::Awake,
                     };
                     truth.placed.push(Placed {
                         tick,
-                        config,
+                        desc,
                         shape,
                         observation,
                     });
@@ -101,13 +100,13 @@ impl TruthStream {
             };
             for record in &packet.records {
                 let before = self.states.insert(record.index, record.motion);
-                if let Some((config, _)) = scripted.bodies.get(&record.index)
+                if let Some((desc, _)) = scripted.bodies.get(&record.index)
                     && before != Some(record.motion)
                 {
                     let observation = Observation {
-                        id: config.id,
+                        id: desc.id,
                         motion: record.motion,
-                        activity: activity(config, &record.motion),
+                        activity: activity(desc, &record.motion),
                     };
                     self.changed.insert(record.index, observation);
                 }
@@ -129,9 +128,9 @@ impl TruthStream {
         {
             row.extend(std::mem::take(&mut self.changed).into_values());
         }
-        let known = scripted.bodies.values().map(|(config, shape)| {
-            let motion = *self.states.get(&config.id.index())?;
-            Some(known(config.id, motion, shape.bounding_radius(), config))
+        let known = scripted.bodies.values().map(|(desc, shape)| {
+            let motion = *self.states.get(&desc.id.index())?;
+            Some(known(desc.id, motion, shape.bounding_radius(), desc))
         });
         self.recent.push(Tick::new(self.tick), known);
     }
@@ -139,20 +138,20 @@ impl TruthStream {
 
 /// A full stream carries no sleep flag. The engine sets the velocity of a sleeping body to exactly zero, and an awake
 /// body almost never has exactly zero velocity.
-fn activity(config: &BodyDesc, motion: &BodyState) -> Activity {
-    match config.kind {
+fn activity(desc: &BodyDesc, motion: &BodyState) -> Activity {
+    match desc.kind {
         BodyKind::Dynamic if *motion == motion.stilled() => Activity::Asleep,
         _ => Activity::Awake,
     }
 }
 
-fn known(id: BodyId, motion: BodyState, radius: Metres, config: &BodyDesc) -> TrueBody {
+fn known(id: BodyId, motion: BodyState, radius: Metres, desc: &BodyDesc) -> TrueBody {
     TrueBody {
         id,
         motion,
         radius,
-        kind: config.kind,
-        tolerance_scale: config.tolerance_scale,
+        kind: desc.kind,
+        tolerance_scale: desc.tolerance_scale,
     }
 }
 
@@ -380,8 +379,8 @@ mod tests {
         let shape = Shape::Ball { radius: 0.5 };
         for body in 0..2 {
             let id = BodyId::new(body, 0);
-            let config = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0));
-            scripted.bodies.insert(body, (config, shape.clone()));
+            let desc = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0));
+            scripted.bodies.insert(body, (desc, shape.clone()));
         }
         for piece in [packet(1, 0, false), packet(1, 1, true)] {
             truth_stream.receive(&[piece], &scripted, &mut truth, &mut |_| ());

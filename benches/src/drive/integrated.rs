@@ -46,14 +46,14 @@ impl Integrated {
         self.scene.apply(command).map_err(DriveError::Refused)?;
         let tick = self.scene.tick();
         match *command {
-            Command::AddBody { config, .. } => {
-                let observation = self.scene.observation(config.id);
-                let shape = self.scene.shape_of(config.id).cloned();
+            Command::AddBody { desc, .. } => {
+                let observation = self.scene.observation(desc.id);
+                let shape = self.scene.shape_of(desc.id).cloned();
                 if let (Some(observation), Some(shape)) = (observation, shape) {
                     self.remember(&observation);
                     self.truth.placed.push(Placed {
                         tick,
-                        config,
+                        desc,
                         shape,
                         observation,
                     });

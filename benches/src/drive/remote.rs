@@ -7,10 +7,10 @@ use std::time::Duration;
 use bytes::Bytes;
 use glam::{Quat, Vec3};
 use rhumb_client::{
-    Client, ErrorBound, Inspection, JoinMode, Options, PipelineDepth, StreamChoice, Trust,
-    WireStatistics,
+    Client, ErrorBound, Event, Inspection, JoinMode, JoinOptions, PipelineDepth, StreamChoice,
+    Trust, WireStatistics,
 };
-use rhumb_protocol::scene::{Command, SceneConfig, SceneName};
+use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_protocol::session::Replica;
 use rhumb_protocol::stream::Subscriber;
 use rhumb_reckoning::{BodyId, Tick, Ticks, Tolerance};
@@ -56,7 +56,7 @@ pub(super) struct Remote {
     client: Client,
     depth: PipelineDepth,
     bodies: u32,
-    /// Body indices reserved beyond the first grant.
+    /// Body indices that the client has given out.
     reserved: u32,
     keep: Retention,
     packet_log: PacketLog,
@@ -104,9 +104,7 @@ struct PendingFrame {
 }
 
 /// Name of the scene on the benchmark's own servers.
-pub(super) fn scene_name() -> SceneName {
-    "bench".parse().expect("the name has only letters")
-}
+pub(super) const SCENE_NAME: &str = "bench";
 
 impl Remote {
     /// Starts a server and joins its scene.
@@ -131,17 +129,17 @@ impl Remote {
             )?)
         };
         let address = relay.as_ref().map_or(process.address, UdpRelay::local_addr);
-        let mut options = Options::new(
-            address.to_string(),
-            Trust::Fingerprint(process.fingerprint),
-            scene_name(),
-            JoinMode::CreateOrJoin(setup.config),
-        );
-        options.stream = setup.stream;
-        options.patience = SERVER_TIMEOUT;
-        options.delay_ticks = f64::from(setup.delay.count());
-        (options.whole_ticks, options.smooth) = (true, false);
-        let mut client = Client::open(options)?;
+        let options = JoinOptions {
+            mode: JoinMode::CreateOrJoin(setup.config),
+            stream: setup.stream,
+            delay_ticks: f64::from(setup.delay.count()),
+            whole_ticks: true,
+            smooth: false,
+            ..JoinOptions::default()
+        };
+        let trust = Trust::Fingerprint(process.fingerprint);
+        let connection = Client::connect_within(&address.to_string(), trust, SERVER_TIMEOUT)?;
+        let mut client = connection.join_with(SCENE_NAME, options)?;
         let packet_log = PacketLog::default();
         if setup.keep == Retention::Everything {
             record(&mut client, Arc::clone(&packet_log));
@@ -187,18 +185,16 @@ impl Remote {
             .filter(|command| matches!(command, Command::AddBody { .. }))
             .count() as u32;
         let needed = needed.max(self.bodies);
-        let granted = self.client.granted();
-        if granted.first() != 0 || granted.generation() != 0 {
+        let more = self.client.new_ids(needed.saturating_sub(self.reserved))?;
+        let expected = (self.reserved..).map(|index| BodyId::new(index, 0));
+        if more
+            .iter()
+            .zip(expected)
+            .any(|(id, expected)| *id != expected)
+        {
             return Err(DriveError::NotGranted);
         }
-        let has = granted.count() + self.reserved;
-        if has < needed {
-            let more = self.client.reserve(needed - has)?;
-            if more.first() != has {
-                return Err(DriveError::NotGranted);
-            }
-            self.reserved += more.count();
-        }
+        self.reserved += more.len() as u32;
         Ok(())
     }
 
@@ -218,12 +214,12 @@ impl Remote {
 
     fn await_applied(&mut self, number: u64) -> Result<(), DriveError> {
         loop {
-            while let Some(client_event) = self.client.poll_event() {
-                match client_event {
-                    rhumb_client::ClientEvent::Refused { error, .. } => {
+            while let Some((_, event)) = self.client.poll_event() {
+                match event {
+                    Event::Refused { error, .. } => {
                         return Err(DriveError::Refused(error));
                     }
-                    rhumb_client::ClientEvent::Applied { through, .. } if through >= number => {
+                    Event::Applied { through, .. } if through >= number => {
                         return Ok(());
                     }
                     _ => {}
@@ -337,7 +333,7 @@ impl Remote {
     fn knowledge(&self, id: BodyId, tick: Tick) -> StreamKnowledge {
         let client = &self.client;
         let stream = client.replica().map(Replica::stream);
-        match client.bound_at(id, tick) {
+        match client.error_bound_at(id, tick) {
             Some(ErrorBound::Within(_)) => {
                 let error_scale = stream.and_then(|stream| stream.error_scale_at(tick));
                 StreamKnowledge::Within(error_scale.unwrap_or(1.0))

@@ -72,7 +72,7 @@ impl<'a> Paths<'a> {
                 of_body.push((tick, observation.motion));
             }
         }
-        let can_move = |placed: &&Placed| placed.config.kind != BodyKind::Static;
+        let can_move = |placed: &&Placed| placed.desc.kind != BodyKind::Static;
         Self {
             recording,
             publish_interval,
@@ -99,7 +99,7 @@ impl<'a> Paths<'a> {
     /// Path of a body; `None` if it is present at no frame.
     pub(super) fn get(&self, place: usize) -> Option<Path> {
         let placed = self.placed[place];
-        let id = placed.config.id;
+        let id = placed.desc.id;
         let last = u64::from(self.recording.ticks());
         let end = self.removed.get(&id).map_or(last, |tick| tick.value());
         let observed = self.rows.get(&id).map_or(&[][..], Vec::as_slice);

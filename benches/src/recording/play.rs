@@ -45,10 +45,10 @@ fn inertias(script: &mut dyn Script, ticks: u64) -> BTreeMap<BodyId, Inertia> {
         // A command refused here has no body in the recording either.
         if creates
             && scene.apply(&command).is_ok()
-            && let Command::AddBody { config, .. } = command
-            && let Some(inertia) = scene.inertia(config.id)
+            && let Command::AddBody { desc, .. } = command
+            && let Some(inertia) = scene.inertia(desc.id)
         {
-            inertias.insert(config.id, inertia);
+            inertias.insert(desc.id, inertia);
         }
     }
     inertias

@@ -178,7 +178,7 @@ fn place(row: Vec<Observation>, shapes: &[Shape]) -> Result<Vec<Placed>, Recordi
     Ok(placed
         .map(|((observation, shape), number)| Placed {
             tick: Tick::ZERO,
-            config: BodyDesc::plain(observation.id, BodyKind::Dynamic, ShapeId(number)),
+            desc: BodyDesc::plain(observation.id, BodyKind::Dynamic, ShapeId(number)),
             shape: shape.clone(),
             observation,
         })

@@ -88,17 +88,17 @@ impl<'a> ReplayJudge<'a> {
             && placed.tick <= self.tick
         {
             self.placed += 1;
-            let index = placed.config.id.index() as usize;
+            let index = placed.desc.id.index() as usize;
             if index >= self.bodies.len() {
                 self.bodies.resize(index + 1, None);
             }
             let motion = placed.observation.motion;
             self.bodies[index] = Some(RecordedBody {
-                id: placed.config.id,
+                id: placed.desc.id,
                 motion,
                 radius: placed.shape.bounding_radius(),
-                tolerance_scale: placed.config.tolerance_scale,
-                is_static: placed.config.kind == BodyKind::Static,
+                tolerance_scale: placed.desc.tolerance_scale,
+                is_static: placed.desc.kind == BodyKind::Static,
                 recorded: Tick::ZERO,
                 shown: (motion.position(), motion.rotation()),
             });

@@ -207,16 +207,16 @@ impl<'a> ReplaySession<'a> {
             self.placed += 1;
             let parameters = self.recording.parameters(placed);
             let track = first_track(placed, &parameters);
-            let id = placed.config.id;
+            let id = placed.desc.id;
             let motion = placed.observation.motion;
             let mut fits = self.sender.place(id, &parameters, track, motion);
             if tick == Tick::ZERO {
                 let subscriber = self.client.receiver.subscriber_mut();
                 fits &= subscriber.place(id, &parameters, track);
             } else {
-                let config = placed.config;
+                let desc = placed.desc;
                 let scene_event = SceneEvent::BodyPlaced {
-                    config,
+                    desc,
                     inertia: parameters.inertia,
                     track,
                     alias: None,
@@ -464,7 +464,7 @@ fn add_wire(frame: &mut Frame, sent: &Frame) {
 /// What is predicted_motion of a body before anything was said of it, as a server's scene has it.
 pub(crate) fn first_track(placed: &Placed, parameters: &PredictionParameters) -> Track {
     let is_torque_free = parameters.inertia.is_some();
-    let predictor = match (placed.observation.activity, placed.config.kind) {
+    let predictor = match (placed.observation.activity, placed.desc.kind) {
         (Activity::Asleep, _) | (_, BodyKind::Static) => Predictor::Rest,
         (Activity::Awake, BodyKind::Dynamic) if is_torque_free => Predictor::BallisticTorqueFree,
         (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,

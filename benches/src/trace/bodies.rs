@@ -35,11 +35,11 @@ impl<'a> Body<'a> {
     }
 
     pub(super) const fn id(&self) -> BodyId {
-        self.placed.config.id
+        self.placed.desc.id
     }
 
     pub(super) fn is_static(&self) -> bool {
-        self.placed.config.kind == BodyKind::Static
+        self.placed.desc.kind == BodyKind::Static
     }
 
     /// Upper bound of the distance between any surface point and the same point of `other`, metres.
@@ -80,7 +80,7 @@ impl<'a> Bodies<'a> {
     }
 
     fn place(&mut self, placed: &'a Placed) {
-        let index = placed.config.id.index() as usize;
+        let index = placed.desc.id.index() as usize;
         if index >= self.slots.len() {
             self.slots.resize(index + 1, None);
         }
@@ -177,7 +177,7 @@ impl<'a> TruthBodies<'a> {
             self.bodies.remove(*id);
         }
         for placed in after.placed {
-            statics |= placed.config.kind == BodyKind::Static;
+            statics |= placed.desc.kind == BodyKind::Static;
             self.bodies.place(placed);
         }
         statics
@@ -200,7 +200,7 @@ impl<'a> CopiedBodies<'a> {
             placed_by_id: truth
                 .placed
                 .iter()
-                .map(|placed| (placed.config.id, placed))
+                .map(|placed| (placed.desc.id, placed))
                 .collect(),
             bodies: Bodies::default(),
             placed: 0,

@@ -229,9 +229,9 @@ impl From<&Placed> for Placement {
             Solid::Heights(_) | Solid::Mesh(_) | Solid::Compound(_) => (0, Vec::new()),
         };
         Self {
-            index: placed.config.id.index(),
-            generation: placed.config.id.generation().into(),
-            kind: match placed.config.kind {
+            index: placed.desc.id.index(),
+            generation: placed.desc.id.generation().into(),
+            kind: match placed.desc.kind {
                 BodyKind::Static => 1,
                 BodyKind::Dynamic => 2,
                 BodyKind::Kinematic => 3,
@@ -241,7 +241,7 @@ impl From<&Placed> for Placement {
             bounding_radius_m: placed.shape.bounding_radius().metres(),
             motion: placed.observation.motion.parts().into(),
             awake: placed.observation.activity == Activity::Awake,
-            tolerance_scale: placed.config.tolerance_scale.exponent().into(),
+            tolerance_scale: placed.desc.tolerance_scale.exponent().into(),
         }
     }
 }

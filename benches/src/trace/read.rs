@@ -97,7 +97,7 @@ fn placed(tick: Tick, placement: &Placement) -> Option<Placed> {
         .and_then(ToleranceScale::new)?;
     Some(Placed {
         tick,
-        config: BodyDesc {
+        desc: BodyDesc {
             tolerance_scale,
             ..BodyDesc::plain(id, kind, ShapeId(0))
         },

@@ -36,7 +36,7 @@ fn observation(id: BodyId, position: [f32; 3], activity: Activity) -> Observatio
 fn placed(tick: u64, id: BodyId, kind: BodyKind, shape: Shape, position: [f32; 3]) -> Placed {
     Placed {
         tick: Tick::new(tick),
-        config: BodyDesc::plain(id, kind, ShapeId(id.index())),
+        desc: BodyDesc::plain(id, kind, ShapeId(id.index())),
         shape,
         observation: observation(id, position, Activity::Awake),
     }

@@ -14,8 +14,8 @@ impl Client {
     /// Asks to drive these kinematic bodies, in place of those that it drove before, so that the server's bodies are within
     /// the tolerance of where [`Self::publish`] says they are. None at all ends it.
     ///
-    /// Does not wait: [`ClientEvent::AuthorityGrant`](crate::ClientEvent::AuthorityGrant) or
-    /// [`ClientEvent::AuthorityDenied`](crate::ClientEvent::AuthorityDenied) tells what came of it. While they are driven, nobody can put
+    /// Sends at once and does not wait: [`Event::AuthorityGrant`](crate::Event::AuthorityGrant) or
+    /// [`Event::AuthorityDenied`](crate::Event::AuthorityDenied) tells what came of it. While they are driven, nobody can put
     /// them elsewhere by a command. They are driven no longer once they or this client leave the scene; then they stand
     /// still.
     ///
@@ -83,7 +83,7 @@ impl Client {
     }
 
     /// Changes how many ticks ahead of the server's clock driven bodies are said to be; see
-    /// [`Options::lead_ticks`](crate::Options::lead_ticks). Half of the round trip that [`Self::statistics`] tells, and a
+    /// [`JoinOptions::lead_ticks`](crate::JoinOptions::lead_ticks). Half of the round trip that [`Self::statistics`] tells, and a
     /// tick or two for jitter, spares the server from predicting.
     pub const fn set_lead_ticks(&mut self, ticks: f64) {
         self.lead_ticks = ticks;

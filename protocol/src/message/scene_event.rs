@@ -46,7 +46,7 @@ pub enum SceneEvent {
     /// A body was added.
     BodyPlaced {
         /// Its description.
-        config: BodyDesc,
+        desc: BodyDesc,
         /// Its moments of inertia, if it [can tumble](BodyDesc::can_tumble) and they are not equal.
         inertia: Option<Inertia>,
         /// Its track.
@@ -107,14 +107,14 @@ impl Wire for SceneEvent {
                 id.encode(to);
             }
             Self::BodyPlaced {
-                config,
+                desc,
                 inertia,
                 track,
                 alias,
             } => {
                 to.u8(2);
-                config.encode(to);
-                if config.can_tumble() {
+                desc.encode(to);
+                if desc.can_tumble() {
                     inertia::encode(inertia.as_ref(), to);
                 }
                 track.encode(to);
@@ -166,15 +166,15 @@ impl Wire for SceneEvent {
                 id: ShapeId::decode(from)?,
             },
             2 => {
-                let config = BodyDesc::decode(from)?;
-                config.check().map_err(|_| Malformed::OutOfRange)?;
-                let inertia = if config.can_tumble() {
+                let desc = BodyDesc::decode(from)?;
+                desc.check().map_err(|_| Malformed::OutOfRange)?;
+                let inertia = if desc.can_tumble() {
                     inertia::decode(from)?
                 } else {
                     None
                 };
                 Self::BodyPlaced {
-                    config,
+                    desc,
                     inertia,
                     track: Track::decode(from)?,
                     alias: (from.varint_to(u64::from(INDICES_MAX))? as u32).checked_sub(1),

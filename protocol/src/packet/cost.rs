@@ -1,19 +1,16 @@
 //! What a payload would cost: for who chooses, or must know that it fits.
 //!
-//! Nothing here is normative, and nothing changes the coder. Costs are in 1/256 bits. A correction costs what its form,
-//! its place and its velocities do, each by itself, so that who tries many need not count the same numbers again.
+//! Nothing here is normative, and nothing changes the coder. Costs are in 1/256 bits.
 
-use rhumb_reckoning::{ConstantAcceleration, Residual, VelocityResidual};
+use rhumb_reckoning::{Residual, VelocityResidual};
 
-use super::acceleration::numbers_of_acceleration;
 use super::age::Age;
 use super::model::{code_cost, opening_cost};
 use super::payload::{
     INDEX_BITS, PredictionMode, UpdateCoder, UpdateForm, UpdatePayload, each_number,
 };
-use super::residual_numbers::{numbers_of_place, numbers_of_velocity};
 use super::rest_steps::{length, resting};
-use super::tables::contexts;
+use super::tables::contexts::{self, TripleContexts};
 
 /// A keyframe bit.
 const BIT: u32 = 256;
@@ -21,47 +18,6 @@ const BIT: u32 = 256;
 /// A packet of which nothing is said yet: who chooses does not know what will be said before.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InitialCostModel;
-
-/// What position and turn of a correction cost at the beginning of a packet, whatever its form.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PoseCost {
-    /// In which context each number is said by the first kind of form, and its size; position, then turn.
-    numbers: [(u16, u32); 6],
-    signs: u32,
-}
-
-impl PoseCost {
-    pub(crate) fn of(age: Age, residual: &Residual) -> Self {
-        let mut place = Self {
-            numbers: [(0, 0); 6],
-            signs: 0,
-        };
-        let mut free = place.numbers.iter_mut();
-        numbers_of_place(0, age, residual, |context, size| {
-            if let Some(number) = free.next() {
-                // There are fewer contexts than 2¹⁶.
-                *number = (context as u16, size);
-            }
-            place.signs += sign(size);
-        });
-        place
-    }
-
-    /// By a form of this mode, with velocities or without.
-    #[inline]
-    pub(crate) fn by(&self, mode: &PredictionMode, moved: bool) -> u32 {
-        let kind = UpdateForm::of_mode(mode, moved).kind();
-        let [x, y, z, a, b, c] = self.numbers;
-        let position = kind * contexts::KIND_OF_POSITION;
-        let turn = kind * contexts::KIND_OF_TURN;
-        let of = |(context, size): (u16, u32), behind: usize| {
-            opening_cost(usize::from(context) + behind, size)
-        };
-        let positions = of(x, position) + of(y, position) + of(z, position);
-        let turns = of(a, turn) + of(b, turn) + of(c, turn);
-        self.signs + positions + turns
-    }
-}
 
 /// By what expectations costs are reckoned.
 pub(crate) trait CostModel {
@@ -74,6 +30,21 @@ pub(crate) trait CostModel {
     /// The body that the last held one is held by.
     fn parent(&self) -> Option<u32>;
 
+    /// What three numbers with their signs cost that are written in a row.
+    #[inline]
+    fn cost_of_three(&self, contexts: TripleContexts, numbers: [i32; 3]) -> u32 {
+        // Written out, since `map` of an array stays a call here.
+        let [a, b, c] = numbers;
+        let (a, b, c) = (a.unsigned_abs(), b.unsigned_abs(), c.unsigned_abs());
+        let sum = u64::from(a) + u64::from(b);
+        self.cost_of_number(contexts.context(0, 0), a)
+            + self.cost_of_number(contexts.context(1, u64::from(a)), b)
+            + self.cost_of_number(contexts.context(2, sum), c)
+            + sign(a)
+            + sign(b)
+            + sign(c)
+    }
+
     /// What payload this next would cost, its gap aside.
     fn cost(&self, payload: &UpdatePayload) -> u32 {
         let bits = match payload {
@@ -84,11 +55,9 @@ pub(crate) trait CostModel {
             } => {
                 let velocity = residual.velocity.as_ref();
                 let moved = velocity.is_some();
-                let said =
-                    velocity.map_or(0, |velocity| self.cost_of_velocity(mode, *age, velocity));
                 return self.cost_of_form(mode, *age, moved)
                     + self.cost_of_place(mode, *age, moved, residual)
-                    + said;
+                    + velocity.map_or(0, |it| self.cost_of_velocity(mode, *age, it));
             }
             UpdatePayload::Keyframe(keyframe) => keyframe.bit_len() as u32 + INDEX_BITS,
             UpdatePayload::Resting {
@@ -98,7 +67,7 @@ pub(crate) trait CostModel {
                 1 + lengths.iter().sum::<u32>()
             }
         };
-        let mut cost = bits * BIT + cost_of_form_code(self.row(), UpdateForm::of(payload));
+        let mut cost = bits * BIT + code_cost(self.row(), UpdateForm::of(payload).code());
         each_number(payload, |context, number| {
             cost += self.cost_of_number(context, number);
         });
@@ -106,16 +75,16 @@ pub(crate) trait CostModel {
     }
 
     /// Of a correction, what says its form, its age, its parent and its push.
-    #[inline]
     fn cost_of_form(&self, mode: &PredictionMode, age: Age, moved: bool) -> u32 {
         let form = UpdateForm::of_mode(mode, moved);
         let context = contexts::age(form.kind());
-        cost_of_form_code(self.row(), form)
+        code_cost(self.row(), form.code())
             + self.cost_of_number(context, age.count() - 1)
             + self.cost_of_parent(mode)
     }
 
-    /// Of a correction of this form, what says position and turn.
+    /// Of a correction of this mode, what says position and turn.
+    #[inline]
     fn cost_of_place(
         &self,
         mode: &PredictionMode,
@@ -123,15 +92,16 @@ pub(crate) trait CostModel {
         moved: bool,
         residual: &Residual,
     ) -> u32 {
-        let mut cost = 0;
         let kind = UpdateForm::of_mode(mode, moved).kind();
-        numbers_of_place(kind, age, residual, |context, size| {
-            cost += self.cost_of_number(context, size) + sign(size);
-        });
-        cost
+        let class = contexts::age_class(age.count());
+        let [x, y, z] = residual.position;
+        let largest = x.unsigned_abs().max(y.unsigned_abs()).max(z.unsigned_abs());
+        self.cost_of_three(contexts::position(kind, class), residual.position)
+            + self.cost_of_three(contexts::turn(kind, class, largest), residual.turn)
     }
 
     /// Of a correction of this mode, what says velocities.
+    #[inline]
     fn cost_of_velocity(
         &self,
         mode: &PredictionMode,
@@ -139,12 +109,11 @@ pub(crate) trait CostModel {
         velocity: &VelocityResidual,
     ) -> u32 {
         let kind = UpdateForm::of_mode(mode, true).kind();
+        let class = contexts::age_class(age.count());
         let velocity_exponent = contexts::velocity_exponent(kind, age.count());
-        let mut cost = self.cost_of_number(velocity_exponent, velocity.velocity_exponent);
-        numbers_of_velocity(kind, age, velocity, |context, size| {
-            cost += self.cost_of_number(context, size) + sign(size);
-        });
-        cost
+        self.cost_of_number(velocity_exponent, velocity.velocity_exponent)
+            + self.cost_of_three(contexts::velocity(kind, class, 2), velocity.linear)
+            + self.cost_of_three(contexts::velocity(kind, class, 3), velocity.angular)
     }
 
     fn cost_of_parent(&self, mode: &PredictionMode) -> u32 {
@@ -152,9 +121,11 @@ pub(crate) trait CostModel {
         match *mode {
             PredictionMode::Same => 0,
             PredictionMode::World { parent_age, .. } => {
-                let push = mode
-                    .acceleration()
-                    .map_or(0, |push| self.cost_of_acceleration(&push));
+                let push = mode.acceleration().map_or(0, |push| {
+                    let steps = push.steps().map(i32::from);
+                    self.cost_of_number(contexts::ACCELERATION_EXPONENT, push.exponent().into())
+                        + self.cost_of_three(contexts::acceleration(), steps)
+                });
                 BIT + parent_age.map_or(0, age) + push
             }
             PredictionMode::Attached { parent, parent_age } => {
@@ -163,16 +134,6 @@ pub(crate) trait CostModel {
                 named * BIT + age(parent_age)
             }
         }
-    }
-
-    /// What payload a push would cost.
-    fn cost_of_acceleration(&self, push: &ConstantAcceleration) -> u32 {
-        let mut cost = 0;
-        numbers_of_acceleration(push, |context, number| {
-            let signed = number != 0 && context != contexts::ACCELERATION_EXPONENT;
-            cost += self.cost_of_number(context, number.unsigned_abs()) + u32::from(signed) * BIT;
-        });
-        cost
     }
 }
 
@@ -204,10 +165,6 @@ impl CostModel for UpdateCoder {
     fn parent(&self) -> Option<u32> {
         self.parent
     }
-}
-
-fn cost_of_form_code(row: usize, form: UpdateForm) -> u32 {
-    code_cost(row, form.code())
 }
 
 /// What is nothing has no sign.

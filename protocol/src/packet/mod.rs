@@ -25,7 +25,7 @@ mod zigzag;
 
 pub use age::Age;
 pub use checksums::{ChecksumMismatch, Checksums, IndexRanges};
-pub(crate) use cost::{CostModel, InitialCostModel, PoseCost};
+pub(crate) use cost::{CostModel, InitialCostModel};
 pub use error_scale::ErrorScale;
 pub use full::{FULL_RECORD_BYTES, FullPacket, FullRecord};
 pub(crate) use galois::{add_times, inverse, times};

@@ -3,6 +3,7 @@
 //! Every packet begins with the same expectations and learns from its own numbers alone, so that a lost packet derails
 //! no other (PROTOCOL 5.4). Writer and reader hold one of these each and change it by the same calls.
 
+use super::payload::CODE_COUNT;
 use super::tables::contexts::{self, TripleContexts};
 use super::tables::{CLASSES, CONTEXTS, EXPECTED, GROUPS, MODES, SHAPES, SYMBOLS};
 use crate::wire::Malformed;
@@ -278,9 +279,25 @@ pub(crate) const fn symbol_cost(size: u32) -> u32 {
 
 /// What a form costs by the expectation of this row, in 1/256 bits.
 pub(super) fn code_cost(row: usize, code: usize) -> u32 {
-    let starts = &MODES[row];
-    symbol_cost(u32::from(starts[code + 1] - starts[code]))
+    CODE_COSTS[row][code].into()
 }
+
+/// What each form costs, by row.
+static CODE_COSTS: [[u16; CODE_COUNT]; MODES.len()] = {
+    let mut costs = [[0; CODE_COUNT]; MODES.len()];
+    let mut row = 0;
+    while row < MODES.len() {
+        let mut code = 0;
+        while code < CODE_COUNT {
+            let size = MODES[row][code + 1] - MODES[row][code];
+            // At most twelve bits.
+            costs[row][code] = symbol_cost(size as u32) as u16;
+            code += 1;
+        }
+        row += 1;
+    }
+    costs
+};
 
 /// What each symbol of each alphabet costs, in 1/256 bits.
 static COSTS: [[u16; SYMBOLS]; SHAPES.len()] = {

@@ -1,6 +1,6 @@
 //! The numbers of a correction, in the order in which they are said.
 //!
-//! One walk for who writes and who counts the cost; who reads asks for the same contexts in the same order.
+//! The writer walks over them; the reader and the cost ask for the same contexts in the same order.
 
 use rhumb_reckoning::{Residual, VelocityResidual};
 
@@ -18,32 +18,6 @@ pub(super) fn numbers(
     if let Some(velocity) = &residual.velocity {
         each_of_velocity(kind, age, velocity, &mut emit);
     }
-}
-
-/// The same over the sizes of its numbers of position and of turn alone.
-#[inline]
-pub(super) fn numbers_of_place(
-    kind: usize,
-    age: Age,
-    residual: &Residual,
-    mut emit: impl FnMut(usize, u32),
-) {
-    each_of_place(kind, age, residual, &mut |context, number: i32| {
-        emit(context, number.unsigned_abs());
-    });
-}
-
-/// The same over the sizes of the numbers of its velocities alone.
-#[inline]
-pub(super) fn numbers_of_velocity(
-    kind: usize,
-    age: Age,
-    velocity: &VelocityResidual,
-    mut emit: impl FnMut(usize, u32),
-) {
-    each_of_velocity(kind, age, velocity, &mut |context, number: i32| {
-        emit(context, number.unsigned_abs());
-    });
 }
 
 #[inline]

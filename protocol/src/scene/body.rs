@@ -146,18 +146,18 @@ impl Wire for BodyDesc {
             _ => return Err(Malformed::UnknownCode),
         };
         let shape = ShapeId::decode(from)?;
-        let mut config = Self::plain(id, kind, shape);
-        config.gyroscopic = flags & flag::NOT_GYROSCOPIC == 0;
-        config.turns = flags & flag::DOES_NOT_TURN == 0;
+        let mut desc = Self::plain(id, kind, shape);
+        desc.gyroscopic = flags & flag::NOT_GYROSCOPIC == 0;
+        desc.turns = flags & flag::DOES_NOT_TURN == 0;
         if flags & flag::MATERIAL != 0 {
-            config.material = Some(Material::decode(from)?);
+            desc.material = Some(Material::decode(from)?);
         }
         if flags & flag::DAMPING != 0 {
-            config.damping = Some(Damping::decode(from)?);
+            desc.damping = Some(Damping::decode(from)?);
         }
         if flags & flag::GRAVITY_SCALE != 0 {
-            config.gravity_scale = from.f32()?;
-            if config.gravity_scale.to_bits() == 1.0_f32.to_bits() {
+            desc.gravity_scale = from.f32()?;
+            if desc.gravity_scale.to_bits() == 1.0_f32.to_bits() {
                 return Err(Malformed::NotCanonical);
             }
         }
@@ -167,8 +167,8 @@ impl Wire for BodyDesc {
             if tolerance_scale == ToleranceScale::USUAL {
                 return Err(Malformed::NotCanonical);
             }
-            config.tolerance_scale = tolerance_scale;
+            desc.tolerance_scale = tolerance_scale;
         }
-        Ok(config)
+        Ok(desc)
     }
 }

@@ -33,7 +33,7 @@ pub enum Command {
     /// Adds a body to the scene.
     AddBody {
         /// Its description; its index is one of the member's own.
-        config: BodyDesc,
+        desc: BodyDesc,
         /// Its pose and velocities.
         motion: BodyState,
     },
@@ -118,8 +118,8 @@ impl Command {
             Self::AddShape { ref shape, .. } => shape.check(),
             Self::AddJoint { ref joint, .. } => joint.check(),
             Self::RemoveShape { .. } | Self::RemoveBody { .. } | Self::RemoveJoint { .. } => Ok(()),
-            Self::AddBody { config, motion } => {
-                config.check()?;
+            Self::AddBody { desc, motion } => {
+                desc.check()?;
                 Self::check_motion(&motion)
             }
             Self::SetPose {
@@ -198,9 +198,9 @@ impl Wire for Command {
                 to.u8(code::REMOVE_SHAPE);
                 id.encode(to);
             }
-            Self::AddBody { config, motion } => {
+            Self::AddBody { desc, motion } => {
                 to.u8(code::ADD_BODY);
-                config.encode(to);
+                desc.encode(to);
                 motion.encode(to);
             }
             Self::RemoveBody { id } => {
@@ -254,7 +254,7 @@ impl Wire for Command {
                 id: ShapeId::decode(from)?,
             },
             code::ADD_BODY => Self::AddBody {
-                config: BodyDesc::decode(from)?,
+                desc: BodyDesc::decode(from)?,
                 motion: BodyState::decode(from)?,
             },
             code::REMOVE_BODY => Self::RemoveBody {

@@ -59,6 +59,28 @@ pub struct SceneConfig {
     pub publish_schedule: PublishSchedule,
 }
 
+impl Default for SceneConfig {
+    /// 60 ticks a second of four substeps in lockstep, the earth's gravity along −y, no damping, bodies as heavy as water.
+    fn default() -> Self {
+        Self {
+            integrator: Integrator {
+                rate: Rate::HZ_60,
+                substeps: NonZeroU32::MIN.saturating_add(3),
+            },
+            gravity: Vec3::new(0.0, -9.806_65, 0.0),
+            stepping: Stepping::Lockstep,
+            material: Material {
+                friction: 0.5,
+                restitution: 0.0,
+                density: 1_000.0,
+            },
+            damping: Damping::default(),
+            sleep: None,
+            publish_schedule: PublishSchedule::EACH_TICK,
+        }
+    }
+}
+
 impl SceneConfig {
     /// Checks every number.
     ///

@@ -1,5 +1,6 @@
 //! Types of a scene that clients and servers share.
 mod body;
+mod body_builder;
 mod checks;
 mod command;
 mod compound;
@@ -16,6 +17,7 @@ mod publish_schedule;
 mod shape;
 
 pub use body::{BodyDesc, BodyKind};
+pub use body_builder::BodyBuilder;
 pub use checks::{Invalid, Quantity};
 pub use command::{Command, CommandError};
 pub use compound::{Compound, Part};

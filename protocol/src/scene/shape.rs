@@ -73,6 +73,38 @@ pub enum Shape {
 }
 
 impl Shape {
+    /// A sphere of this radius, metres.
+    #[must_use]
+    pub const fn ball(radius: f32) -> Self {
+        Self::Ball { radius }
+    }
+
+    /// A box of these half edge lengths along x, y and z, metres.
+    #[must_use]
+    pub const fn cuboid(x: f32, y: f32, z: f32) -> Self {
+        Self::Cuboid {
+            half_extents: Vec3::new(x, y, z),
+        }
+    }
+
+    /// A capsule along y: half the length of its straight part, and its radius, metres.
+    #[must_use]
+    pub const fn capsule(half_height: f32, radius: f32) -> Self {
+        Self::Capsule {
+            half_height,
+            radius,
+        }
+    }
+
+    /// A cylinder along y: half its length, and its radius, metres.
+    #[must_use]
+    pub const fn cylinder(half_height: f32, radius: f32) -> Self {
+        Self::Cylinder {
+            half_height,
+            radius,
+        }
+    }
+
     /// Whether it has volume and mass: neither a height field nor a mesh, nor a compound with such a part.
     #[must_use]
     pub fn is_solid(&self) -> bool {

@@ -409,8 +409,8 @@ impl ClientSession {
             return Ok(());
         }
         match *scene_event {
-            SceneEvent::BodyPlaced { config, .. } => {
-                self.events.push_back(Event::BodyPlaced(config.id))
+            SceneEvent::BodyPlaced { desc, .. } => {
+                self.events.push_back(Event::BodyPlaced(desc.id))
             }
             SceneEvent::BodyRemoved { id, cause } => {
                 self.upstream_state.remove(id);

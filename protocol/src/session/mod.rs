@@ -16,5 +16,5 @@ pub use close::CloseCode;
 pub use event::Event;
 pub use misuse::Misuse;
 pub use replica::Replica;
-pub use server::{Request, ServerSession};
+pub use server::ServerSession;
 pub use upstream_receiver::UpstreamReceiver;

@@ -91,8 +91,8 @@ impl Replica {
     #[must_use]
     pub fn body(&self, id: BodyId) -> Option<BodyDesc> {
         let kind = self.stream().label(id)?;
-        let config = *self.kinds.get(kind);
-        Some(BodyDesc { id, ..config })
+        let desc = *self.kinds.get(kind);
+        Some(BodyDesc { id, ..desc })
     }
 
     /// A shape.
@@ -155,14 +155,14 @@ impl Replica {
                 self.shape_bytes -= shape.bytes();
             }
             SceneEvent::BodyPlaced {
-                config,
+                desc,
                 inertia,
                 track,
                 alias,
             } => {
-                self.place(config, *inertia, *track)?;
+                self.place(desc, *inertia, *track)?;
                 if let Some(alias) = alias {
-                    self.stream_mut().alias(config.id, *alias);
+                    self.stream_mut().alias(desc.id, *alias);
                 }
             }
             SceneEvent::BodyRemoved { id, .. } => {
@@ -191,17 +191,17 @@ impl Replica {
 
     fn place(
         &mut self,
-        config: &BodyDesc,
+        desc: &BodyDesc,
         inertia: Option<Inertia>,
         track: Track,
     ) -> Result<(), CloseCode> {
-        let shape = self.shapes.get(&config.shape).ok_or(CloseCode::VIOLATION)?;
-        let parameters = PredictionParameters::of(config, shape, self.damping, inertia);
-        let before = self.stream().body(config.id.index());
+        let shape = self.shapes.get(&desc.shape).ok_or(CloseCode::VIOLATION)?;
+        let parameters = PredictionParameters::of(desc, shape, self.damping, inertia);
+        let before = self.stream().body(desc.id.index());
         let kind_before = before.and_then(|id| self.stream().label(id));
-        let kind = self.kinds.join(nameless(config));
+        let kind = self.kinds.join(nameless(desc));
         let stream = self.receiver.subscriber_mut();
-        if !stream.place_labelled(config.id, &parameters, track, Some(kind)) {
+        if !stream.place_labelled(desc.id, &parameters, track, Some(kind)) {
             self.kinds.leave(kind);
             return Err(CloseCode::LIMIT);
         }
@@ -228,10 +228,10 @@ impl Replica {
 }
 
 /// What many bodies can have in common.
-fn nameless(config: &BodyDesc) -> BodyDesc {
+fn nameless(desc: &BodyDesc) -> BodyDesc {
     BodyDesc {
         id: BodyId::new(0, 0),
-        ..*config
+        ..*desc
     }
 }
 

@@ -1,68 +1,17 @@
-//! One connection at the server: reads requests where they are allowed.
+//! One connection at the server: hands on messages where they are allowed.
 //!
-//! Does not know scenes: what a request means is decided by the host, which answers by `send`. Invariant: after the
-//! first violation nothing more is read, and the connection is to be closed.
+//! Does not know scenes: the server loop acts on a message and answers by `send`. Invariant: after the first violation
+//! nothing more is read, and the connection is to be closed.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
 use bytes::Bytes;
-use rhumb_reckoning::Tick;
 
 use super::close::CloseCode;
-use crate::message::{
-    ClientMessage, Frames, Grease, ServerMessage, StreamChoice, TakeAuthority, TierPolicy,
-    VERSIONS, Welcome,
-};
-use crate::packet::StreamId;
-use crate::scene::{Command, CommandError, SceneConfig, SceneName};
-use crate::time::Instant;
+use crate::message::{ClientMessage, Frames, Grease, ServerMessage, VERSIONS, Welcome};
+use crate::scene::{CommandError, SceneConfig};
 use crate::wire::Malformed;
-
-/// What a client wants, now that it may want it.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Request {
-    /// The first of every connection; to be answered by [`ServerSession::welcome`].
-    Hello {
-        /// What the connection is about.
-        scene: SceneName,
-    },
-    /// Create the scene.
-    Create(SceneConfig),
-    /// Become a member.
-    Join(StreamChoice),
-    /// Be one no longer.
-    Leave,
-    /// End the scene.
-    Delete,
-    /// More body indices.
-    Reserve(u32),
-    /// A command with its number.
-    Command {
-        /// CountSink from the joining.
-        number: u64,
-        /// What is requested_authority, or why nobody can wish that.
-        command: Result<Command, CommandError>,
-    },
-    /// Step to this tick.
-    Advance(Tick),
-    /// A new snapshot.
-    Resync,
-    /// The time.
-    Ping(Instant),
-    /// The scene's state.
-    Inspect,
-    /// Another stream.
-    Subscribe(StreamChoice),
-    /// The stream before this one is needed no more.
-    Subscribed(StreamId),
-    /// To drive bodies.
-    TakeAuthority(TakeAuthority),
-    /// A packet of the stream on which it says how they move.
-    Upstream(Vec<u8>),
-    /// To be moved only so far when its link is thin.
-    TierPolicy(TierPolicy),
-}
 
 /// How far the conversation has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,9 +19,7 @@ enum ServerState {
     Silent,
     Greeted,
     Lobby,
-    Member {
-        commands: u64,
-    },
+    Member,
     /// A member until just now: what it said before it knew may still be under way, and is skipped.
     AwaitingLeft,
     Closed,
@@ -103,15 +50,17 @@ impl ServerSession {
         }
     }
 
-    /// The next bytes of the client's control stream. Drain [`Self::poll_request`] after each call.
+    /// The next bytes of the client's control stream. Drain [`Self::poll_message`] after each call.
     pub fn handle_control(&mut self, bytes: &[u8]) {
         if self.state != ServerState::Closed {
             self.frames.push(bytes);
         }
     }
 
-    /// The next request. Answer it before the next call: what is allowed depends on the answer.
-    pub fn poll_request(&mut self) -> Option<Request> {
+    /// The next message that is allowed now, or why a member's command cannot be one of this version.
+    ///
+    /// Answer it before the next call: the answer decides which messages are allowed.
+    pub fn poll_message(&mut self) -> Option<Result<ClientMessage, CommandError>> {
         while self.state != ServerState::Closed {
             let message = match self.frames.next_frame() {
                 Ok(None) => return None,
@@ -120,18 +69,17 @@ impl ServerSession {
             };
             match message {
                 Ok(None) => {}
-                Ok(Some(message)) => match self.admit(message) {
-                    Ok(Some(request)) => return Some(request),
-                    Ok(None) => {}
+                Ok(Some(message)) => match self.admit(&message) {
+                    Ok(true) => return Some(Ok(message)),
+                    Ok(false) => {}
                     Err(code) => self.close(code),
                 },
-                // Well framed and numbered, so that it is refused like any other command that cannot be.
-                Err(Malformed::Motion(invalid)) if self.is_member() => {
-                    let command = Err(CommandError::Invalid(invalid.into()));
-                    return Some(self.numbered(command));
+                // Its frame is whole, so the command is refused alone, and the connection goes on.
+                Err(Malformed::Motion(invalid)) if self.state == ServerState::Member => {
+                    return Some(Err(CommandError::Invalid(invalid.into())));
                 }
-                Err(Malformed::UnknownCommand) if self.is_member() => {
-                    return Some(self.numbered(Err(CommandError::UnknownCommand)));
+                Err(Malformed::UnknownCommand) if self.state == ServerState::Member => {
+                    return Some(Err(CommandError::UnknownCommand));
                 }
                 Err(malformed) => self.close(malformed.into()),
             }
@@ -139,38 +87,15 @@ impl ServerSession {
         None
     }
 
-    const fn is_member(&self) -> bool {
-        matches!(self.state, ServerState::Member { .. })
-    }
-
-    /// Gives a member's command its number.
-    fn numbered(&mut self, command: Result<Command, CommandError>) -> Request {
-        let number = match self.state {
-            ServerState::Member { commands } => commands,
-            _ => 0,
-        };
-        self.state = ServerState::Member {
-            commands: number + 1,
-        };
-        Request::Command { number, command }
-    }
-
-    /// Whether a message is allowed now; `None` for one that is overtaken by the end of a membership.
-    fn admit(&mut self, message: ClientMessage) -> Result<Option<Request>, CloseCode> {
-        if self.state == ServerState::AwaitingLeft && is_for_members(&message) {
-            return Ok(None);
-        }
-        self.admit_now(message).map(Some)
-    }
-
-    fn admit_now(&mut self, message: ClientMessage) -> Result<Request, CloseCode> {
+    /// Whether to hand a message on: `false` for one that is overtaken by the end of a membership.
+    fn admit(&mut self, message: &ClientMessage) -> Result<bool, CloseCode> {
         match (self.state, message) {
             (
                 ServerState::Silent,
                 ClientMessage::Hello {
                     versions,
-                    scene,
                     extensions,
+                    ..
                 },
             ) => {
                 if !versions.contains(&VERSIONS[0]) {
@@ -180,35 +105,20 @@ impl ServerSession {
                     return Err(CloseCode::EXTENSION);
                 }
                 self.state = ServerState::Greeted;
-                Ok(Request::Hello { scene })
+                Ok(true)
             }
             (ServerState::Silent | ServerState::Greeted | ServerState::Closed, _) => {
                 Err(CloseCode::VIOLATION)
             }
-            (_, ClientMessage::Ping { sent }) => Ok(Request::Ping(sent)),
-            (_, ClientMessage::Delete) => Ok(Request::Delete),
-            (ServerState::Member { .. }, message) => self.admit_member(message),
-            (_, ClientMessage::Create(config)) => Ok(Request::Create(config)),
-            (_, ClientMessage::Join(choice)) => Ok(Request::Join(choice)),
+            (_, ClientMessage::Ping { .. } | ClientMessage::Delete) => Ok(true),
+            (ServerState::AwaitingLeft, message) if is_for_members(message) => Ok(false),
+            (ServerState::Member, message) if is_for_members(message) => Ok(true),
+            (
+                ServerState::Lobby | ServerState::AwaitingLeft,
+                ClientMessage::Create(_) | ClientMessage::Join(_),
+            ) => Ok(true),
             _ => Err(CloseCode::VIOLATION),
         }
-    }
-
-    fn admit_member(&mut self, message: ClientMessage) -> Result<Request, CloseCode> {
-        Ok(match message {
-            ClientMessage::Command(command) => self.numbered(Ok(command)),
-            ClientMessage::Advance { to } => Request::Advance(to),
-            ClientMessage::Reserve { count } => Request::Reserve(count),
-            ClientMessage::Resync => Request::Resync,
-            ClientMessage::Inspect => Request::Inspect,
-            ClientMessage::Subscribe(choice) => Request::Subscribe(choice),
-            ClientMessage::Subscribed(stream) => Request::Subscribed(stream),
-            ClientMessage::TakeAuthority(drive) => Request::TakeAuthority(drive),
-            ClientMessage::Upstream(packet) => Request::Upstream(packet),
-            ClientMessage::TierPolicy(tier_policy) => Request::TierPolicy(tier_policy),
-            ClientMessage::Leave => Request::Leave,
-            _ => return Err(CloseCode::VIOLATION),
-        })
     }
 
     /// Answers the hello.
@@ -231,11 +141,9 @@ impl ServerSession {
             ServerMessage::Joined(_)
                 if matches!(self.state, ServerState::Lobby | ServerState::AwaitingLeft) =>
             {
-                self.state = ServerState::Member { commands: 0 };
+                self.state = ServerState::Member;
             }
-            ServerMessage::Left | ServerMessage::Deleted
-                if matches!(self.state, ServerState::Member { .. }) =>
-            {
+            ServerMessage::Left | ServerMessage::Deleted if self.state == ServerState::Member => {
                 self.state = ServerState::AwaitingLeft;
             }
             _ => {}
@@ -296,8 +204,10 @@ const fn is_for_members(message: &ClientMessage) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message::{Extension, Extensions};
+    use crate::message::{Extension, Extensions, StreamChoice};
+    use crate::scene::Command;
     use proptest::prelude::*;
+    use rhumb_reckoning::Tick;
 
     fn hello() -> ClientMessage {
         ClientMessage::Hello {
@@ -320,7 +230,7 @@ mod tests {
     #[test]
     fn a_session_begins_with_a_hello() {
         let mut session = session_after(&[ClientMessage::Delete]);
-        assert_eq!(session.poll_request(), None);
+        assert_eq!(session.poll_message(), None);
         assert_eq!(session.poll_close(), Some(CloseCode::VIOLATION));
     }
 
@@ -332,7 +242,7 @@ mod tests {
             extensions: Extensions::NONE,
         };
         let mut session = session_after(&[future]);
-        assert_eq!(session.poll_request(), None);
+        assert_eq!(session.poll_message(), None);
         assert_eq!(session.poll_close(), Some(CloseCode::VERSION));
     }
 
@@ -347,7 +257,7 @@ mod tests {
                 scene: "pit".parse().unwrap(),
                 extensions,
             }]);
-            assert_eq!(session.poll_request().is_none(), closed.is_some());
+            assert_eq!(session.poll_message().is_none(), closed.is_some());
             assert_eq!(session.poll_close(), closed);
         }
     }
@@ -359,20 +269,20 @@ mod tests {
         });
         let mut session = session_after(&[hello(), command]);
         assert!(matches!(
-            session.poll_request(),
-            Some(Request::Hello { .. })
+            session.poll_message(),
+            Some(Ok(ClientMessage::Hello { .. }))
         ));
         session.welcome(None);
-        assert_eq!(session.poll_request(), None);
+        assert_eq!(session.poll_message(), None);
         assert_eq!(session.poll_close(), Some(CloseCode::VIOLATION));
     }
 
     #[test]
     fn messages_sent_before_a_left_reply_are_skipped() {
         let mut session = session_after(&[hello()]);
-        session.poll_request();
+        session.poll_message();
         session.welcome(None);
-        session.state = ServerState::Member { commands: 7 };
+        session.state = ServerState::Member;
         session.send(&ServerMessage::Deleted);
         let mut bytes = Vec::new();
         for message in [
@@ -387,18 +297,18 @@ mod tests {
             message.encode(&mut bytes);
         }
         session.handle_control(&bytes);
-        assert_eq!(session.poll_request(), Some(Request::Delete));
-        let joins = Some(Request::Join(StreamChoice::Full));
-        assert_eq!(session.poll_request(), joins);
+        assert_eq!(session.poll_message(), Some(Ok(ClientMessage::Delete)));
+        let joins = Some(Ok(ClientMessage::Join(StreamChoice::Full)));
+        assert_eq!(session.poll_message(), joins);
         assert_eq!(session.poll_close(), None);
     }
 
     #[test]
-    fn a_command_from_the_future_is_refused_and_takes_a_number() {
+    fn a_command_from_the_future_is_refused_alone() {
         let mut session = session_after(&[hello()]);
-        session.poll_request();
+        session.poll_message();
         session.welcome(None);
-        session.state = ServerState::Member { commands: 7 };
+        session.state = ServerState::Member;
         let mut bytes = Vec::new();
         crate::message::frame(7, &[0x80, 1, 2, 3], &mut bytes);
         ClientMessage::Command(Command::RemoveJoint {
@@ -407,18 +317,11 @@ mod tests {
         .encode(&mut bytes);
         crate::message::frame(7, &[0x7f], &mut bytes);
         session.handle_control(&bytes);
-        let command = Err(CommandError::UnknownCommand);
-        let refused = Request::Command { number: 7, command };
-        assert_eq!(session.poll_request(), Some(refused));
-        let next = session.poll_request();
-        assert!(matches!(
-            next,
-            Some(Request::Command {
-                number: 8,
-                command: Ok(_)
-            })
-        ));
-        assert_eq!(session.poll_request(), None);
+        let refused = Some(Err(CommandError::UnknownCommand));
+        assert_eq!(session.poll_message(), refused);
+        let next = session.poll_message();
+        assert!(matches!(next, Some(Ok(ClientMessage::Command(_)))));
+        assert_eq!(session.poll_message(), None);
         assert_eq!(session.poll_close(), Some(CloseCode::MALFORMED));
     }
 
@@ -429,9 +332,9 @@ mod tests {
         crate::message::frame(0xee, &[1, 2, 3], &mut bytes);
         ClientMessage::Delete.encode(&mut bytes);
         session.handle_control(&bytes);
-        assert!(session.poll_request().is_some());
+        assert!(session.poll_message().is_some());
         session.welcome(None);
-        assert_eq!(session.poll_request(), Some(Request::Delete));
+        assert_eq!(session.poll_message(), Some(Ok(ClientMessage::Delete)));
     }
 
     proptest! {
@@ -439,14 +342,14 @@ mod tests {
         fn no_bytes_make_a_session_panic(bytes in proptest::collection::vec(any::<u8>(), 0..2_000)) {
             let mut session = session_after(&[hello()]);
             session.handle_control(&bytes);
-            let mut requests = 0;
-            while let Some(request) = session.poll_request() {
-                if let Request::Hello { .. } = request {
+            let mut messages = 0;
+            while let Some(message) = session.poll_message() {
+                if let Ok(ClientMessage::Hello { .. }) = message {
                     session.welcome(None);
                 }
-                requests += 1;
+                messages += 1;
             }
-            prop_assert!(requests <= bytes.len() + 1);
+            prop_assert!(messages <= bytes.len() + 1);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The server's end of an upstream: where one client's bodies belong at a tick.
+//! The server's end of an upstream: where a client's bodies belong.
 //!
 //! Wraps a `StreamReceiver`. Bytes come from anyone: none may panic, memory is bounded, and only granted bodies are
 //! affected. Does not move bodies in the engine.
@@ -284,10 +284,10 @@ mod tests {
     }
 
     fn parameters(id: BodyId) -> Option<PredictionParameters> {
-        let config = BodyDesc::plain(id, BodyKind::Kinematic, ShapeId(0));
+        let desc = BodyDesc::plain(id, BodyKind::Kinematic, ShapeId(0));
         let shape = Shape::Ball { radius: 0.5 };
         Some(PredictionParameters::of(
-            &config,
+            &desc,
             &shape,
             Damping::default(),
             None,

@@ -1,4 +1,4 @@
-//! The upstream of a client: the states of the bodies that it has authority over.
+//! The upstream of a client: states of the bodies it has authority over.
 //!
 //! Wraps a `StreamSender`. Does not know by which lane its packets go. Invariant: once the server has received all that
 //! `publish` returned, it predicts each body within the tolerance of the state that was given here.

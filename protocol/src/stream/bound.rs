@@ -2,6 +2,8 @@
 //!
 //! What is known, and what is not; nothing is reckoned here.
 
+use core::fmt;
+
 use rhumb_reckoning::{Metres, Tick};
 
 /// How far the copy of one body may be from the truth, at the newest tick that the stream has watermark_tick for.
@@ -17,4 +19,13 @@ pub enum ErrorBound {
         /// Up to which the stream was whole.
         since: Tick,
     },
+}
+
+impl fmt::Display for ErrorBound {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Within(distance) => write!(f, "within {} m", distance.metres()),
+            Self::Unknown { since } => write!(f, "not known since {since}"),
+        }
+    }
 }

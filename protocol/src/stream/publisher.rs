@@ -23,9 +23,9 @@ use rhumb_reckoning::{
 };
 
 use super::aliases::AliasTable;
-use super::choose::{Chooser, ParentCandidate, Subject, share};
 use super::features::Features;
 use super::fec_encoder::FecEncoder;
+use super::mode_decision::{Context, ModeDecision, Parent, Subject, share};
 use super::observation::{Activity, Observation};
 use super::observation_history::ObservationHistory;
 use super::sent_packets::SentPackets;
@@ -436,11 +436,11 @@ impl Publisher {
                 ObservationWindow::of(observation_history, other.id, tick, place),
             ))
         });
-        let chooser = Chooser {
+        let decision = ModeDecision::new(Context {
             tracks: &self.tracks,
             features: self.features,
             slack: self.slack * closeness,
-        };
+        });
         let stride = seen.stride;
         let subject = Subject {
             index: observation.id.index(),
@@ -454,8 +454,8 @@ impl Publisher {
             stride,
             ahead: seen.ahead(),
             ends: seen.ends(),
-            parent_candidate: attached_to.as_ref().and_then(|(other, seen)| {
-                Some(ParentCandidate {
+            parent: attached_to.as_ref().and_then(|(other, seen)| {
+                Some(Parent {
                     index: other.id.index(),
                     slot: self.tracks.slot(other.id.index())?,
                     truth: other.motion.motion(),
@@ -468,10 +468,12 @@ impl Publisher {
                 })
             }),
         };
-        let chosen = chooser.decide_mode(&subject).or_else(|| {
-            let choice = chooser.choose(&subject)?;
-            Some((choice.payload, choice.track))
-        });
+        let chosen = decision.decide(&subject);
+        if chosen.is_none() && !expired && used <= 1.0 {
+            // No correction keeps a parent closer than its grid is fine.
+            return None;
+        }
+        let chosen = chosen.or_else(|| decision.widened().decide(&subject));
         Some(chosen.unwrap_or_else(|| self.anew(tick, slot, observation, &truth)))
     }
 

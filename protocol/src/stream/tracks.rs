@@ -13,7 +13,7 @@ use glam::{DVec3, Vec3};
 use rhumb_reckoning::{
     BodyId, BodyState, Conditions, Damping, ErrorPrefilter, Grid, Inertia, Integrator, Metres,
     Motion, PredictionX4, Predictor, PrefilterInput, StepCoefficientTable, TRACK_AGE_MAX, Tick,
-    Ticks, Tolerance, ToleranceScale, Track, attached_motion,
+    Ticks, Tolerance, ToleranceScale, Track, UnforcedMotion, attached_motion,
 };
 
 use super::gravity_history::GravityHistory;
@@ -61,20 +61,15 @@ impl PredictionParameters {
     /// A body that no engine moves keeps the velocity it is given: nothing damps it and nothing pulls at it. One that cannot
     /// tumble has no inertia, whatever its engine says: listeners are not told of it.
     #[must_use]
-    pub fn of(
-        config: &BodyDesc,
-        shape: &Shape,
-        damping: Damping,
-        inertia: Option<Inertia>,
-    ) -> Self {
+    pub fn of(desc: &BodyDesc, shape: &Shape, damping: Damping, inertia: Option<Inertia>) -> Self {
         let radius = shape.bounding_radius();
-        let tolerance_scale = config.tolerance_scale;
-        match config.kind {
+        let tolerance_scale = desc.tolerance_scale;
+        match desc.kind {
             BodyKind::Dynamic => Self {
                 radius,
-                damping: config.damping.unwrap_or(damping),
-                gravity_scale: config.gravity_scale,
-                inertia: inertia.filter(|_| config.can_tumble()),
+                damping: desc.damping.unwrap_or(damping),
+                gravity_scale: desc.gravity_scale,
+                inertia: inertia.filter(|_| desc.can_tumble()),
                 tolerance_scale,
             },
             BodyKind::Static | BodyKind::Kinematic => Self {
@@ -338,32 +333,23 @@ impl Tracks {
         })
     }
 
-    /// What a predictor makes of a motion some ticks after a tick at which it is said.
-    pub(crate) fn predicted_after(
-        &self,
-        slot: &Slot,
-        predictor: Predictor,
-        start: &Motion,
-        tick: Tick,
-        ticks: Ticks,
-    ) -> Motion {
-        self.with_conditions(slot, predictor, tick, |conditions| {
-            predictor.predict(start, ticks, conditions)
-        })
-    }
-
-    /// What a predictor that does not fall makes of a motion in some ticks; and what share of a pull would be added to the way
-    /// if there were one, s².
+    /// What a predictor that does not fall makes of a motion in some ticks.
     pub(crate) fn continued(
         &self,
         slot: &Slot,
         predictor: Predictor,
         start: &Motion,
         ticks: Ticks,
-    ) -> (Motion, f64) {
+    ) -> Motion {
         self.with_conditions(slot, predictor, Tick::ZERO, |conditions| {
-            let motion = predictor.predict(start, ticks, conditions);
-            (motion, conditions.fall(ticks))
+            predictor.predict(start, ticks, conditions)
+        })
+    }
+
+    /// How far a body gets in some ticks.
+    pub(crate) fn unforced(&self, slot: &Slot, ticks: Ticks) -> UnforcedMotion {
+        self.with_conditions(slot, Predictor::Uniform, Tick::ZERO, |conditions| {
+            conditions.unforced(ticks)
         })
     }
 
@@ -447,14 +433,14 @@ mod tests {
         let shape = Shape::Ball { radius: 0.5 };
         let inertia = Inertia::new([1.0, 2.0, 2.5], [0.0, 0.0, 0.0, 1.0]).unwrap();
         for (gyroscopic, turns) in [(true, true), (true, false), (false, true), (false, false)] {
-            let config = BodyDesc {
+            let desc = BodyDesc {
                 gyroscopic,
                 turns,
                 ..plain
             };
             let parameters =
-                PredictionParameters::of(&config, &shape, Damping::default(), Some(inertia));
-            assert_eq!(parameters.inertia.is_some(), config.can_tumble());
+                PredictionParameters::of(&desc, &shape, Damping::default(), Some(inertia));
+            assert_eq!(parameters.inertia.is_some(), desc.can_tumble());
         }
     }
 }

@@ -153,10 +153,10 @@ impl WorldMirror {
                 self.shape_cache.take(&nothing, lead)?
             }
         };
-        let mut config = BodyDesc::plain(id, actor.kind, shape);
-        config.material = form.material;
-        config.gravity_scale = actor.gravity;
-        config.turns = !actor.upright;
+        let mut desc = BodyDesc::plain(id, actor.kind, shape);
+        desc.material = form.material;
+        desc.gravity_scale = actor.gravity;
+        desc.turns = !actor.upright;
         let (position, rotation) = form.frame.body_of(actor.position, actor.rotation);
         let still = actor.kind == BodyKind::Static;
         let [linear, angular] =
@@ -168,7 +168,7 @@ impl WorldMirror {
             angular.to_array(),
         )
         .map_err(|_| Refusal::Number)?;
-        if let Err(error) = lead.command(&Command::AddBody { config, motion }) {
+        if let Err(error) = lead.command(&Command::AddBody { desc, motion }) {
             self.shape_cache.give_back(shape, lead);
             self.names.give_back(id);
             return Err(error.into());

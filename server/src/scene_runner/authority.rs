@@ -10,19 +10,16 @@ use rhumb_reckoning::BodyId;
 use super::SceneRunner;
 use crate::authority_table::UpstreamStatistics;
 use crate::body_placement;
-use crate::member::PendingCommand;
 use crate::outbox::Outbox;
 
 impl SceneRunner {
-    /// Handles a member's request for authority, in place of its former one.
-    pub(crate) fn take_authority(&mut self, peer: Peer, request: TakeAuthority, out: &mut Outbox) {
-        self.enqueue(peer, PendingCommand::TakeAuthority(request), out);
-    }
-
-    /// Handles an upstream packet from the control stream: it acts before the advances that follow it.
-    pub(crate) fn upstream(&mut self, peer: Peer, packet: Vec<u8>, out: &mut Outbox) {
-        if self.config().stepping == Stepping::Lockstep {
-            self.enqueue(peer, PendingCommand::Upstream(packet), out);
+    /// A packet of a member's upstream on the control stream, where members lead: it acts before the steps of the next
+    /// advance. In a free-running scene such packets come as datagrams.
+    pub(super) fn handle_upstream_message(&mut self, peer: Peer, packet: &[u8], out: &mut Outbox) {
+        if self.config().stepping == Stepping::Lockstep
+            && let Ok(datagram) = Datagram::open(packet)
+        {
+            self.handle_upstream(peer, &datagram, out);
         }
     }
 

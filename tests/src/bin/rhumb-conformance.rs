@@ -1,4 +1,4 @@
-//! The `rhumb-conformance` binary: tries implementations over the real wire.
+//! The `rhumb-conformance` binary: tests implementations over a connection.
 
 use std::process::ExitCode;
 

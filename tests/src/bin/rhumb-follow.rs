@@ -1,7 +1,8 @@
-//! Leads a lockstep scene and writes what its copy holds, tick by tick.
+//! Leads a lockstep scene and writes the state of its copy, tick by tick.
 //!
-//! For comparison with another client of the same scene. Says `going` when others may join, waits for a line, leads on,
-//! says `done` and waits for the end of its input. A line of the file is a tick at which the copy was complete.
+//! The output is for comparison with another client of the same scene. It prints `going` when others may join and
+//! waits for a line of input. Then it leads on, prints `done` and waits for the end of its input. The file has one
+//! line for each complete tick.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufWriter, Write};
@@ -18,41 +19,41 @@ use rhumb_sims::{Script, by_name};
 use rhumb_tests::testee::copy_line;
 use rhumb_transport::{ClientOptions, Clock, Fingerprint, QuicClient, Received, Trust};
 
-/// Leads a scene and writes what its copy holds.
+/// Leads a scene and writes the state of its copy.
 #[derive(Debug, Parser)]
 struct Arguments {
-    /// Where the server listens.
+    /// Address of the server.
     #[arg(long)]
     server: SocketAddr,
-    /// What to pin.
+    /// Fingerprint to pin.
     #[arg(long)]
     fingerprint: Fingerprint,
     /// Name of the scene, which is created.
     #[arg(long)]
     scene: String,
-    /// Which script it runs.
+    /// Name of the script.
     #[arg(long, default_value = "ball-pit")]
     script: String,
-    /// Bodies of the script.
+    /// Number of bodies of the script.
     #[arg(long)]
     bodies: u32,
     /// Tolerance in micrometres.
     #[arg(long)]
     micrometres: u32,
-    /// Ticks in all.
+    /// Number of ticks.
     #[arg(long)]
     ticks: u64,
-    /// Where to write.
+    /// File to write.
     #[arg(long)]
     out: PathBuf,
 }
 
 const SERVER: Peer = Peer(0);
-/// How long anything may take before it counts as lost.
-const PATIENCE: Span = Span::from_millis(20_000);
-/// Ticks before others join.
+/// Longest wait for an answer.
+const TIME_LIMIT: Span = Span::from_millis(20_000);
+/// Number of ticks before others join.
 const ALONE: u64 = 20;
-/// The least time of a tick.
+/// Shortest duration of a tick.
 const FRAME: Span = Span::from_millis(16);
 
 struct Leader {
@@ -74,7 +75,7 @@ impl Leader {
         let connection = QuicClient::connect(options, Duration::from_secs(10))
             .map_err(|error| failed(&error.to_string()))?;
         let scene = arguments.scene.parse();
-        let mut session = ClientSession::new(scene.map_err(|_| failed("no name of a scene"))?);
+        let mut session = ClientSession::new(scene.map_err(|_| failed("not a valid scene name"))?);
         let clock = Clock::start();
         session.handle_opened(clock.now(), SERVER);
         Ok(Self {
@@ -86,7 +87,7 @@ impl Leader {
         })
     }
 
-    /// Takes in what comes until a moment, and writes each tick that becomes complete.
+    /// Processes at most one event until a moment, and writes each tick that becomes complete.
     fn turn(&mut self, until: Instant) -> io::Result<()> {
         self.flush();
         let wake = self
@@ -129,21 +130,21 @@ impl Leader {
         writeln!(self.out, "{}", copy_line(replica, tick))
     }
 
-    /// Waits for what `seen` makes of an event.
-    fn await_event(&mut self, seen: impl Fn(&Event) -> bool) -> io::Result<()> {
-        let end = self.clock.now() + PATIENCE;
+    /// Waits for an event that `wanted` accepts.
+    fn await_event(&mut self, wanted: impl Fn(&Event) -> bool) -> io::Result<()> {
+        let end = self.clock.now() + TIME_LIMIT;
         while self.clock.now() < end {
             while let Some(event) = self.session.poll_event() {
-                if seen(&event) {
+                if wanted(&event) {
                     return Ok(());
                 }
             }
             self.turn(end)?;
         }
-        Err(failed("the server took too long"))
+        Err(failed("no answer of the server in time"))
     }
 
-    /// One tick: the script's commands, the advance, and patience.
+    /// Sends the script's commands of one tick, advances the scene, and waits for the complete tick.
     fn lead(&mut self, script: &mut dyn Script, tick: u64) -> io::Result<()> {
         let mut commands = Vec::new();
         script.commands(Tick::new(tick), &mut commands);
@@ -159,10 +160,10 @@ impl Leader {
             replica.is_some_and(|replica| replica.stream().complete() >= to)
         };
         while !is_there(self) {
-            if self.clock.now() > begin + PATIENCE {
-                return Err(failed("a tick took too long"));
+            if self.clock.now() > begin + TIME_LIMIT {
+                return Err(failed("a tick was not complete in time"));
             }
-            self.turn(begin + PATIENCE)?;
+            self.turn(begin + TIME_LIMIT)?;
         }
         while self.clock.now() < begin + FRAME {
             self.turn(begin + FRAME)?;
@@ -172,7 +173,7 @@ impl Leader {
     }
 }
 
-/// Tells whoever started this.
+/// Prints a word for the parent process.
 fn say(word: &str) -> io::Result<()> {
     let mut out = io::stdout().lock();
     writeln!(out, "{word}")?;
@@ -182,9 +183,9 @@ fn say(word: &str) -> io::Result<()> {
 fn main() -> io::Result<()> {
     let arguments = Arguments::parse();
     let script = by_name(&arguments.script, arguments.bodies, 1);
-    let mut script = script.ok_or_else(|| failed("no script of this name"))?;
+    let mut script = script.ok_or_else(|| failed("unknown script"))?;
     let length = LengthBound::from_micrometres(arguments.micrometres);
-    let length = length.map_err(|_| failed("no tolerance that a stream offers"))?;
+    let length = length.map_err(|_| failed("not a valid tolerance"))?;
     let mut leader = Leader::open(&arguments)?;
     leader.await_event(|event| matches!(event, Event::Welcomed(_)))?;
     let misuse = |misuse: rhumb_protocol::session::Misuse| failed(&misuse.to_string());

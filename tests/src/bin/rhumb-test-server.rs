@@ -1,4 +1,4 @@
-//! The server's command line as a binary that this package's tests find.
+//! The server's command line, as a binary that this package's tests can find.
 
 use std::process::ExitCode;
 

@@ -1,33 +1,33 @@
-//! The Rust client as one under test, for `rhumb-conformance client`.
+//! The Rust client as the client under test of `rhumb-conformance client`.
 //!
-//! `--mutant NAME` makes it break one promise on purpose, for trying the suite itself. Exit code 127: it has not what it is
-//! ordered to do.
+//! `--mutant NAME` makes it break one promise on purpose, to test the suite itself. Exit code 127 means that the task
+//! is unsupported.
 
 use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::Parser;
 use rhumb_tests::conformance::mutants::ClientMutant;
-use rhumb_tests::testee::{Honest, TesteeOrders, run};
+use rhumb_tests::testee::{Honest, TesteeEnvironment, run};
 
-/// Follows a scene as its environment orders, and tells what it holds.
+/// Subscribes to a scene as its environment says, and reports the state of its copy.
 #[derive(Debug, Parser)]
 struct Arguments {
-    /// The promise that it breaks.
+    /// The promise to break.
     #[arg(long, value_enum)]
     mutant: Option<ClientMutant>,
 }
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let orders = match TesteeOrders::from_environment() {
-        Ok(orders) => orders,
+    let environment = match TesteeEnvironment::from_environment() {
+        Ok(environment) => environment,
         Err(None) => return ExitCode::from(127),
         Err(Some(why)) => return fail(&why),
     };
     let done = match arguments.mutant {
-        None => run(&orders, &mut Honest),
-        Some(mutant) => run(&orders, mutant.habit().as_mut()),
+        None => run(&environment, &mut Honest),
+        Some(mutant) => run(&environment, mutant.behaviour().as_mut()),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -36,7 +36,7 @@ fn main() -> ExitCode {
 }
 
 fn fail(why: &str) -> ExitCode {
-    // Nowhere is left to say that this failed.
+    // Standard error is closed too: there is no other place for the message.
     let _ = writeln!(io::stderr(), "error: {why}");
     ExitCode::FAILURE
 }

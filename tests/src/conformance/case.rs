@@ -1,6 +1,6 @@
-//! One promise of one side, and how it is tried.
+//! A conformance case: one promise of one side, and how it is tested.
 //!
-//! See the parent for how one is written.
+//! The parent module describes how a case is written.
 
 use std::fmt;
 
@@ -8,60 +8,60 @@ use super::outcome::CaseResult;
 use super::trial::Trial;
 use crate::requirements::Document;
 
-/// Who is tried.
+/// The implementation under test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Role {
     /// A server.
     Server,
     /// A client.
     Client,
-    /// Who reads bytes, without a wire.
+    /// A program that decodes bytes, without a connection.
     Decoder,
     /// A client with a server.
     Pair,
 }
 
-/// What a server may leave out, if it says so.
+/// A feature that a server may leave out, if it declares so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, clap::ValueEnum)]
 pub enum Feature {
-    /// Scenes that step when members say so.
+    /// Scenes that step when members ask for it.
     Lockstep,
     /// Scenes that step by the server's clock.
     FreeRunning,
-    /// Members that move bodies themselves.
-    AuthorityGrant,
-    /// Streams within a budget.
+    /// Members that simulate bodies themselves (client authority).
+    Authority,
+    /// Streams limited by a byte budget.
     Budgets,
-    /// Shapes without an inside.
+    /// Shapes without a volume.
     Sheets,
-    /// Shapes of parts.
+    /// Shapes made of several parts.
     Compounds,
-    /// Streams that speak of each so-manyeth tick, or later.
+    /// Streams with a publish interval above one tick, or with a later start.
     PublishSchedule,
 }
 
-/// Which cases are wanted beyond those that every implementation must pass.
+/// The cases that are selected beyond those that every implementation must pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, clap::ValueEnum)]
 pub enum Profile {
-    /// What makes an implementation conformant.
+    /// The cases that every conformant implementation must pass.
     #[default]
     Core,
-    /// The truth of the engine of this house, to the bit, too.
+    /// Additionally the bit-exact results of this project's physics engine.
     BitExact,
 }
 
-/// How a case stands to others that run beside it.
+/// When a case runs relative to the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Schedule {
-    /// Waits long for a clock of the peer's: begins first.
+    /// Waits long for a timer of the peer: starts first.
     Slow,
-    /// Neither.
+    /// No constraint.
     Any,
-    /// Would disturb others: comes when they are over.
+    /// Would disturb other cases: runs after all of them.
     Alone,
 }
 
-/// A case of a group as it stands in a table: its number, its promise, what it cites, and how it is tried.
+/// A case as a table row: number in its group, promise, cited requirements, test function.
 pub(super) type CaseRow = (
     u32,
     &'static str,
@@ -71,21 +71,21 @@ pub(super) type CaseRow = (
 
 type CaseFn = Box<dyn Fn(&mut Trial<'_>) -> CaseResult + Send + Sync>;
 
-/// One case.
+/// One conformance case.
 pub struct Case {
-    /// Level, group and number or key, with dots between.
+    /// Level, group and number or key, separated by dots.
     pub id: String,
     /// The promise.
     pub name: String,
-    /// Who is tried.
+    /// The implementation under test.
     pub side: Role,
-    /// The requirements that it tries.
+    /// The requirements under test.
     pub cites: Vec<(Document, String)>,
-    /// What must be there for it to be tried.
+    /// Features that the peer must have.
     pub needs: Vec<Feature>,
-    /// For whom it is.
+    /// The profile that selects it.
     pub profile: Profile,
-    /// When it runs.
+    /// When it runs relative to the others.
     pub turn: Schedule,
     played: Option<CaseFn>,
 }
@@ -128,19 +128,19 @@ impl Case {
         }
     }
 
-    /// One of a family that is made from data: the last part of its id is a key of what it is made from, so that others may
-    /// come between without renaming it.
+    /// One member of a family that is made from data. The last part of the id is a hash of `bytes`, so that new
+    /// members do not rename the others.
     #[must_use]
     pub fn keyed(mut self, bytes: &[u8]) -> Self {
         self.id = format!("{}.{}", self.id, key(bytes));
         self
     }
 
-    /// Which requirements it tries, as `PROTOCOL 3.1-1, 3.1-4; RECKONING 2.1-1`.
+    /// Adds the requirements under test, written as `PROTOCOL 3.1-1, 3.1-4; RECKONING 2.1-1`.
     ///
     /// # Panics
     ///
-    /// When no document has such a name: the caller is one of us.
+    /// When no document has such a name: the caller is a case of this suite.
     #[must_use]
     pub fn cites(mut self, text: &str) -> Self {
         for part in text.split("; ") {
@@ -155,35 +155,35 @@ impl Case {
         self
     }
 
-    /// What the peer may leave out, and must have for this.
+    /// Adds optional features that the peer must have.
     #[must_use]
     pub fn needs(mut self, features: &[Feature]) -> Self {
         self.needs.extend_from_slice(features);
         self
     }
 
-    /// That it waits long.
+    /// Marks a case that waits long.
     #[must_use]
     pub fn slow(mut self) -> Self {
         self.turn = Schedule::Slow;
         self
     }
 
-    /// That it would disturb others.
+    /// Marks a case that would disturb others.
     #[must_use]
     pub fn alone(mut self) -> Self {
         self.turn = Schedule::Alone;
         self
     }
 
-    /// That only servers of the same engine need pass it.
+    /// Limits the case to servers of the same physics engine.
     #[must_use]
     pub fn bit_exact(mut self) -> Self {
         self.profile = Profile::BitExact;
         self
     }
 
-    /// How it is tried.
+    /// Sets the test function.
     #[must_use]
     pub fn play(
         mut self,
@@ -193,19 +193,20 @@ impl Case {
         self
     }
 
-    /// Tries it.
+    /// Runs the test function.
     ///
     /// # Panics
     ///
-    /// When nothing says how.
+    /// When the case has no test function.
     pub fn run(&self, trial: &mut Trial<'_>) -> CaseResult {
-        let played = self.played.as_ref().expect("a case says how it is tried");
+        let played = self.played.as_ref().expect("a case has a test function");
         played(trial)
     }
 
-    /// Whether a pattern means it: the beginning of its id up to a dot, or words of its name, `*` for anything.
+    /// Whether a pattern selects this case: a prefix of the id up to a dot, or words of the name; `*` matches any
+    /// text.
     #[must_use]
-    pub fn is_meant_by(&self, pattern: &str) -> bool {
+    pub fn is_selected_by(&self, pattern: &str) -> bool {
         let below = self.id.strip_prefix(pattern);
         below.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
             || matches(pattern, &self.id)
@@ -213,7 +214,7 @@ impl Case {
     }
 }
 
-/// Whether a text is as a pattern, in which `*` stands for anything.
+/// Whether a text matches a pattern, in which `*` stands for any text.
 fn matches(pattern: &str, text: &str) -> bool {
     match pattern.split_once('*') {
         None => pattern == text,
@@ -224,7 +225,7 @@ fn matches(pattern: &str, text: &str) -> bool {
     }
 }
 
-/// Eight hexadecimal digits: FNV-1a of 32 bits.
+/// FNV-1a hash of 32 bits, as eight hexadecimal digits.
 fn key(bytes: &[u8]) -> String {
     let hash = bytes.iter().fold(0x811c_9dc5_u32, |hash, byte| {
         (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193)
@@ -239,10 +240,10 @@ impl fmt::Debug for Case {
 }
 
 impl Role {
-    /// All.
+    /// All roles.
     pub const ALL: [Self; 4] = [Self::Server, Self::Client, Self::Decoder, Self::Pair];
 
-    /// The word for it.
+    /// The role as one lower-case word.
     #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
@@ -259,18 +260,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_case_is_meant_by_its_id_its_group_and_words_of_its_name() {
+    fn a_case_is_selected_by_its_id_its_group_and_words_of_its_name() {
         let case = Case::server("L1.2.3", "a ping is answered by a pong");
         for pattern in ["L1", "L1.2", "L1.2.3", "L1.*", "*.3", "ping is", "pong"] {
-            assert!(case.is_meant_by(pattern), "{pattern}");
+            assert!(case.is_selected_by(pattern), "{pattern}");
         }
         for pattern in ["L1.2.", "L1.20", "L", "L2", "ping * ping"] {
-            assert!(!case.is_meant_by(pattern), "{pattern}");
+            assert!(!case.is_selected_by(pattern), "{pattern}");
         }
     }
 
     #[test]
-    fn a_family_is_named_by_what_it_is_made_from() {
+    fn the_id_of_a_family_member_depends_on_its_data() {
         let id = |bytes: &[u8]| Case::server("L0.4", "a vector").keyed(bytes).id;
         assert_eq!(id(&[1]), id(&[1]));
         assert_ne!(id(&[1]), id(&[2]));

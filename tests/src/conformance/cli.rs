@@ -1,7 +1,7 @@
 //! The command line of `rhumb-conformance`.
 //!
-//! Verdicts that are not good go to standard output as they come, the summary last. Exit code 0: all is good; 1: something
-//! is not; 2: nothing could be tried.
+//! Verdicts that are not good go to standard output immediately, the summary last. Exit code 0: all is good; 1: a case
+//! is not good; 2: no case could run.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -24,7 +24,7 @@ use super::suite::{self, Selection};
 use super::trace;
 use super::trial::{Conditions, Subject};
 
-/// Tries implementations of Rhumb over the real wire.
+/// Tests implementations of Rhumb over a real connection.
 #[derive(Debug, Parser)]
 #[command(name = "rhumb-conformance", version, about)]
 pub struct Arguments {
@@ -34,19 +34,19 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Task {
-    /// Tries a server, as clients that behave badly.
+    /// Tests a server; the suite plays misbehaving clients.
     Server(ServerTask),
-    /// Tries a server by the cases of level L5 alone.
+    /// Tests a server with the cases of level L5 only.
     Security(ServerTask),
-    /// Tries a client, as a server that behaves badly.
+    /// Tests a client; the suite plays a misbehaving server.
     Client(ClientTask),
-    /// Tries who reads bytes by the golden vectors.
+    /// Tests a decoder with the golden vectors.
     Vectors(VectorsTask),
-    /// Tries each of some clients with each of some servers.
+    /// Tests each given client with each given server.
     Matrix(MatrixTask),
-    /// Judges a recorded run by the promise.
+    /// Checks a recorded run against the accuracy promise.
     Trace(TraceTask),
-    /// Says which requirements no case tries, and why.
+    /// Lists the requirements that no case tests, with reasons.
     Coverage,
 }
 
@@ -58,7 +58,7 @@ struct ServerTask {
     /// SHA-256 of the server's certificate, as 64 hexadecimal digits.
     #[arg(long, conflicts_with = "roots", required_unless_present_any = ["roots", "list"])]
     fingerprint: Option<Fingerprint>,
-    /// PEM file with the roots that watermark for the server.
+    /// PEM file with the root certificates that the server's certificate must chain to.
     #[arg(long)]
     roots: Option<PathBuf>,
     #[command(flatten)]
@@ -67,10 +67,10 @@ struct ServerTask {
 
 #[derive(Debug, Args)]
 struct ClientTask {
-    /// Where to listen; port 0: each case elsewhere.
+    /// Address to listen on; port 0: another port for each case.
     #[arg(long, default_value = "127.0.0.1:0")]
     listen: SocketAddr,
-    /// The command that starts the client.
+    /// Command that starts the client.
     #[arg(long, required_unless_present = "list")]
     exec: Option<String>,
     #[command(flatten)]
@@ -79,7 +79,7 @@ struct ClientTask {
 
 #[derive(Debug, Args)]
 struct VectorsTask {
-    /// The command that starts the decoder; without one this house's own is tried.
+    /// Command that starts the decoder; by default the project's own decoder is tested.
     #[arg(long)]
     exec: Option<String>,
     #[command(flatten)]
@@ -88,14 +88,14 @@ struct VectorsTask {
 
 #[derive(Debug, Args)]
 struct MatrixTask {
-    /// A server that listens; as often as there are some.
+    /// A server that is already listening; may be repeated.
     #[arg(
         long = "server",
         value_name = "NAME=HOST:PORT,FINGERPRINT",
         required_unless_present = "list"
     )]
     servers: Vec<NamedServer>,
-    /// The command that starts a client, as for `client`; as often as there are some.
+    /// Command that starts a client, as for `client`; may be repeated.
     #[arg(
         long = "client",
         value_name = "NAME=COMMAND",
@@ -108,7 +108,7 @@ struct MatrixTask {
 
 #[derive(Debug, Args)]
 struct TraceTask {
-    /// A trace of `rhumb-bench`.
+    /// A trace written by `rhumb-bench`.
     file: PathBuf,
     #[command(flatten)]
     reports: Reports,
@@ -116,31 +116,31 @@ struct TraceTask {
 
 #[derive(Debug, Args)]
 struct Common {
-    /// Only shows which cases would be tried.
+    /// Only list the selected cases.
     #[arg(long)]
     list: bool,
-    /// Only these cases: the beginning of an id, or words of a name, `*` for anything.
+    /// Only these cases: a prefix of an id, or words of a name; `*` matches any text.
     #[arg(long, value_name = "PATTERN")]
     case: Vec<String>,
-    /// What should be counts as what must be.
+    /// Treat SHOULD as MUST.
     #[arg(long)]
     strict: bool,
-    /// Of all chance.
+    /// Seed of all random numbers.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Seconds that an answer may take.
+    /// Seconds that the peer has to answer.
     #[arg(long, default_value = "2", value_parser = seconds)]
     timeout: Duration,
-    /// What lies between the ends, as `rtt=100ms,loss=5%`.
+    /// Simulated network between suite and peer, as `rtt=100ms,loss=5%`.
     #[arg(long, default_value = "")]
     link: LinkConfig,
-    /// How much is wanted.
+    /// Which cases to run.
     #[arg(long, value_enum, default_value = "core")]
     profile: Profile,
-    /// What the peer says that it has not: it must then refuse it.
+    /// Features that the peer declares as missing: it must refuse them.
     #[arg(long, value_enum, value_delimiter = ',')]
     without: Vec<Feature>,
-    /// Cases that run at a time.
+    /// Number of cases that run at a time.
     #[arg(long, default_value = "8")]
     side_by_side: NonZeroUsize,
     #[command(flatten)]
@@ -149,31 +149,31 @@ struct Common {
 
 #[derive(Debug, Args)]
 struct Reports {
-    /// Where to write a report as JSON.
+    /// Where to write the report as JSON.
     #[arg(long)]
     json: Option<PathBuf>,
-    /// Where to write a report as JUnit XML.
+    /// Where to write the report as JUnit XML.
     #[arg(long)]
     junit: Option<PathBuf>,
-    /// Where to write a report as a page.
+    /// Where to write the report as HTML.
     #[arg(long)]
     html: Option<PathBuf>,
 }
 
-/// A time that is not none.
+/// Parses a positive number of seconds.
 fn seconds(text: &str) -> Result<Duration, String> {
-    let number: f64 = text.parse().map_err(|_| "no number".to_owned())?;
+    let number: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
     let time = Duration::try_from_secs_f64(number).map_err(|error| error.to_string())?;
     if time.is_zero() {
-        return Err("nothing answers in no time".into());
+        return Err("the time must be positive".into());
     }
     Ok(time)
 }
 
-/// Why nothing was tried, or a report not written.
+/// Why no case ran, or why a report was not written.
 type BoxError = Box<dyn std::error::Error>;
 
-/// Does what the arguments say.
+/// Runs the command that the arguments select.
 #[must_use]
 pub fn main(arguments: Arguments) -> ExitCode {
     let done = match arguments.task {
@@ -189,7 +189,7 @@ pub fn main(arguments: Arguments) -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(trouble) => {
-            // Nowhere is left to say that this failed.
+            // Standard error is closed too: there is no other place for the message.
             let _ = writeln!(std::io::stderr(), "error: {trouble}");
             ExitCode::from(2)
         }
@@ -197,7 +197,7 @@ pub fn main(arguments: Arguments) -> ExitCode {
 }
 
 impl ServerTask {
-    /// `level`: the beginning of the ids that are tried.
+    /// `level`: the prefix of the ids to run.
     fn run(self, level: &str) -> Result<bool, BoxError> {
         let mut cases = suite::cases(Role::Server);
         cases.retain(|case| case.id.starts_with(level));
@@ -206,13 +206,13 @@ impl ServerTask {
         }
         let given = self.target.clone().unwrap_or_default();
         let target = given.to_socket_addrs()?.next();
-        let target = target.ok_or("the target has no address")?;
+        let target = target.ok_or("the target name resolves to no address")?;
         let name = given.rsplit_once(':').map_or("localhost", |(host, _)| host);
         let name = name.trim_matches(['[', ']']).to_owned();
         let trust = match (self.fingerprint, self.roots.clone()) {
             (Some(fingerprint), _) => Trust::Fingerprint(fingerprint),
             (None, Some(roots)) => Trust::Roots(roots),
-            (None, None) => return Err("a server is known by --fingerprint or --roots".into()),
+            (None, None) => return Err("the server needs --fingerprint or --roots".into()),
         };
         let subject = Subject::Server {
             target,
@@ -245,11 +245,11 @@ impl ClientTask {
     }
 }
 
-/// Whether the shell finds what a command starts: it ends with the status that says *unsupported* where it does not.
+/// Checks that the shell finds the program of a command. If it does not, the exit status would mean *unsupported*.
 fn must_be_there(command: &str) -> Result<(), BoxError> {
     let programme = command.split_whitespace().next().unwrap_or_default();
     if programme.contains(['\'', '"', '\\', '~', '$', '`']) {
-        // What the shell makes of it only the shell knows.
+        // Only the shell can expand these characters.
         return Ok(());
     }
     let found = Command::new("sh")
@@ -257,16 +257,16 @@ fn must_be_there(command: &str) -> Result<(), BoxError> {
         .status()?;
     match found.success() {
         true => Ok(()),
-        false => Err(format!("{programme:?} is no command that is there").into()),
+        false => Err(format!("{programme:?} is not an executable command").into()),
     }
 }
 
-/// That no name is sent twice: a pair is known by two.
+/// Checks that no name occurs twice: a pair is identified by two names.
 fn must_differ<'a>(names: impl Iterator<Item = &'a str>) -> Result<(), BoxError> {
     let mut seen = BTreeSet::new();
     for name in names {
         if !seen.insert(name) {
-            return Err(format!("two are called {name}").into());
+            return Err(format!("the name {name} occurs twice").into());
         }
     }
     Ok(())
@@ -280,10 +280,13 @@ impl VectorsTask {
             return self.common.list(&cases);
         }
         if self.common.link != LinkConfig::PERFECT || !self.common.without.is_empty() {
-            return Err("--link and --without are of peers: bytes are read without them".into());
+            return Err("--link and --without do not apply to a decoder".into());
         }
         self.exec.as_deref().map_or(Ok(()), must_be_there)?;
-        let name = self.exec.clone().unwrap_or_else(|| "this house".into());
+        let name = self
+            .exec
+            .clone()
+            .unwrap_or_else(|| "built-in decoder".into());
         let exec = self.exec;
         self.common.run(name, Subject::Decoder { exec }, cases)
     }
@@ -313,7 +316,7 @@ impl MatrixTask {
             }
         }
         self.common.must_mean(&cases)?;
-        // Whom is sent for each pair.
+        // The subject is replaced for each pair.
         let conditions = self.common.conditions(Subject::Decoder { exec: None });
         let (pairs, results) = matrix::run(
             &self.servers,
@@ -350,11 +353,11 @@ impl TraceTask {
 }
 
 impl Common {
-    /// That no profile is asked for where there is but one: of what moves bodies a server alone is asked.
+    /// Rejects `--profile` where only one profile exists: only a server has a physics engine.
     fn must_be_core(&self) -> Result<(), BoxError> {
         match self.profile {
             Profile::Core => Ok(()),
-            _ => Err("--profile is of servers".into()),
+            _ => Err("--profile applies to servers only".into()),
         }
     }
 
@@ -366,21 +369,22 @@ impl Common {
         }
     }
 
-    /// That each pattern means a case, and that some are wanted.
+    /// Checks that each pattern selects a case, and that the selection is not empty.
     fn must_mean(&self, cases: &[Case]) -> Result<(), BoxError> {
         for pattern in &self.case {
-            if !cases.iter().any(|case| case.is_meant_by(pattern)) {
-                return Err(format!("no case is meant by --case {pattern:?}").into());
+            if !cases.iter().any(|case| case.is_selected_by(pattern)) {
+                return Err(format!("--case {pattern:?} selects no case").into());
             }
         }
         let selection = self.selection();
         if !cases.iter().any(|case| selection.wants(case)) {
-            return Err("no case that is meant is of this --profile".into());
+            return Err("this --profile contains none of the selected cases".into());
         }
         Ok(())
     }
 
-    /// That a server is there, and is the one that was meant: else each case would wait for it and fail.
+    /// Checks that the server listens and presents the expected certificate. Otherwise each case would wait for it and
+    /// fail.
     fn must_listen(
         &self,
         sent: &str,
@@ -390,7 +394,7 @@ impl Common {
     ) -> Result<(), BoxError> {
         let config = RawPeerConfig::default();
         let line = RawConnection::connect(target, name, trust, &config, self.timeout * 2);
-        let line = line.map_err(|error| format!("the server {sent} cannot be tried: {error}"))?;
+        let line = line.map_err(|error| format!("the server {sent} cannot be reached: {error}"))?;
         line.close(0);
         Ok(())
     }
@@ -442,7 +446,7 @@ impl Common {
         self.conclude(name, results, Vec::new())
     }
 
-    /// Writes the reports, and says whether all is good.
+    /// Writes the reports; returns whether all is good.
     fn conclude(
         &self,
         subject: String,
@@ -461,23 +465,23 @@ impl Common {
 }
 
 impl Reports {
-    /// That what is to be written can be, before anything is tried for it.
+    /// Checks, before any case runs, that the reports can be written.
     fn must_have_folders(&self) -> Result<(), BoxError> {
         for path in [&self.json, &self.junit, &self.html].into_iter().flatten() {
             let folder = path.parent().filter(|folder| *folder != Path::new(""));
             if folder.is_some_and(|folder| !folder.is_dir()) {
-                return Err(named(path, &"its folder is not there"));
+                return Err(named(path, &"its folder does not exist"));
             }
             if path.is_dir() {
-                return Err(named(path, &"it is a folder, and no place for a report"));
+                return Err(named(path, &"it is a folder, not a file"));
             }
         }
         Ok(())
     }
 
-    /// Says how it went, writes the reports, and says whether all is good.
+    /// Prints the summary, writes the reports, returns whether all is good.
     fn conclude(&self, report: &Report) -> Result<bool, BoxError> {
-        // First: what cannot be written must not cost what was found.
+        // The summary comes first: a failing write must not cost the results.
         writeln!(std::io::stdout(), "{}", report.summary())?;
         if let Some(path) = &self.json {
             write(path, &report::json(report))?;
@@ -496,7 +500,7 @@ fn write(path: &Path, text: &str) -> Result<(), BoxError> {
     std::fs::write(path, text).map_err(|error| named(path, &error))
 }
 
-/// What is wrong with a file, with its name.
+/// An error message with the name of its file.
 fn named(path: &Path, error: &dyn fmt::Display) -> BoxError {
     format!("{}: {error}", path.display()).into()
 }

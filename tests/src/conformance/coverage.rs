@@ -1,7 +1,7 @@
-//! Which requirements no case tries, and why.
+//! Which requirements no case tests, and why.
 //!
-//! Reasons stand in `tests/data/uncovered.json`, by document and requirement. A test holds that each requirement has a case
-//! or a reason, and that nothing is cited that is not there.
+//! The reasons are in `tests/data/uncovered.json`, by document and requirement. A test holds that each requirement has
+//! a case or a reason, and that every citation names an existing requirement.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -12,14 +12,14 @@ use super::case::Role;
 use super::suite;
 use crate::requirements::{Document, Requirement};
 
-/// One requirement, with the cases that try it.
+/// One requirement, with the cases that test it.
 #[derive(Clone, Debug)]
 pub struct Covered {
     /// The requirement.
     pub requirement: Requirement,
     /// Ids of its cases.
     pub cases: Vec<String>,
-    /// Why it has none, if somebody said so.
+    /// The reason why no case tests it, if given.
     pub reason: Option<String>,
 }
 
@@ -27,7 +27,7 @@ pub struct Covered {
 ///
 /// # Panics
 ///
-/// When the table of reasons is not there, or no JSON.
+/// When the table of reasons is missing or is not JSON.
 #[must_use]
 pub fn coverage() -> Vec<Covered> {
     let mut cases: BTreeMap<(Document, String), Vec<String>> = BTreeMap::new();
@@ -54,15 +54,15 @@ pub fn coverage() -> Vec<Covered> {
     covered.collect()
 }
 
-/// The reasons that are given, by requirement.
+/// The given reasons, by requirement.
 ///
 /// # Panics
 ///
-/// When the table is not there, or no JSON.
+/// When the table is missing or is not JSON.
 #[must_use]
 pub fn reasons() -> BTreeMap<(Document, String), String> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/uncovered.json");
-    let text = std::fs::read_to_string(path).expect("the table lies beside this file");
+    let text = std::fs::read_to_string(path).expect("reading the table");
     let table: Value = serde_json::from_str(&text).expect("the table is JSON");
     let mut reasons = BTreeMap::new();
     for document in Document::ALL {
@@ -77,7 +77,7 @@ pub fn reasons() -> BTreeMap<(Document, String), String> {
     reasons
 }
 
-/// What is wrong with how requirements and cases belong together; empty when nothing is.
+/// Contradictions between requirements, cases and reasons; empty when there are none.
 #[must_use]
 pub fn holes() -> Vec<String> {
     let coverage = coverage();
@@ -90,16 +90,21 @@ pub fn holes() -> Vec<String> {
         let has_reason = one.reason.as_ref().is_some_and(|reason| !reason.is_empty());
         let name = &one.requirement;
         if one.cases.is_empty() && !has_reason {
-            holes.push(format!("{name} has neither case nor reason: {}", name.text));
+            holes.push(format!(
+                "{name} has neither a case nor a reason: {}",
+                name.text
+            ));
         }
         if !one.cases.is_empty() && has_reason {
-            holes.push(format!("{name} has a case, and a reason why it has none"));
+            holes.push(format!(
+                "{name} has a case and also a reason why it has none"
+            ));
         }
     }
     for (document, id) in reasons().into_keys() {
         if !known.contains(&(document, id.clone())) {
             holes.push(format!(
-                "{} {id} has a reason and is not there",
+                "{} {id} has a reason, but no document has it",
                 document.name()
             ));
         }

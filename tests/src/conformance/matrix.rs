@@ -1,6 +1,6 @@
-//! Each client with each server: who is tried, and what came of it.
+//! The matrix: each client tested with each server.
 //!
-//! Servers listen already; a client is started anew for each case.
+//! Servers are already listening; a client is started anew for each case.
 
 use std::fmt;
 use std::io::Write;
@@ -15,7 +15,7 @@ use super::run::{self, Tried};
 use super::suite::{self, Selection};
 use super::trial::{Conditions, Subject};
 
-/// A server by a name of its own: `NAME=HOST:PORT,FINGERPRINT`.
+/// A server with a name: `NAME=HOST:PORT,FINGERPRINT`.
 #[derive(Clone, Debug)]
 pub struct NamedServer {
     pub(super) name: String,
@@ -24,29 +24,29 @@ pub struct NamedServer {
     pub(super) fingerprint: Fingerprint,
 }
 
-/// A client by a name of its own: `NAME=COMMAND`.
+/// A client with a name: `NAME=COMMAND`.
 #[derive(Clone, Debug)]
 pub struct NamedClient {
     pub(super) name: String,
     pub(super) exec: String,
 }
 
-/// What came of one client with one server.
+/// The result of one client with one server.
 #[derive(Clone, Debug)]
 pub struct Pairing {
     /// The server's name.
     pub server: String,
     /// The client's name.
     pub client: String,
-    /// How many cases were tried.
+    /// Number of cases that ran.
     pub tried: usize,
-    /// How many of these passed.
+    /// Number of these that passed.
     pub passed: usize,
-    /// Of how many the client says that it has not what they try.
+    /// Number of these that the client declares unsupported.
     pub unsupported: usize,
 }
 
-/// Tries each client with each server. `conditions` say how; whom is said by the pair.
+/// Runs each client with each server. `conditions` apply to all pairs; only the subject differs.
 pub fn run(
     servers: &[NamedServer],
     clients: &[NamedClient],
@@ -88,7 +88,7 @@ pub fn run(
     (pairs, all)
 }
 
-/// The cases of pairs, each with the two names behind its id.
+/// The cases of one pair, with both names appended to the id.
 pub(super) fn cases(server: &str, client: &str) -> Vec<Case> {
     let mut cases = suite::cases(Role::Pair);
     for case in &mut cases {
@@ -98,7 +98,7 @@ pub(super) fn cases(server: &str, client: &str) -> Vec<Case> {
     cases
 }
 
-/// The table as text: a row for each server, a column for each client.
+/// The matrix as text: a row for each server, a column for each client.
 #[must_use]
 pub fn table(pairs: &[Pairing]) -> String {
     let clients = clients_of(pairs);
@@ -122,14 +122,14 @@ pub fn table(pairs: &[Pairing]) -> String {
     table
 }
 
-/// The clients' names, in order.
+/// The names of the clients, in order.
 pub(super) fn clients_of(pairs: &[Pairing]) -> Vec<&str> {
     let first = pairs.first().map(|pair| &pair.server);
     let of_first = pairs.iter().filter(|pair| Some(&pair.server) == first);
     of_first.map(|pair| pair.client.as_str()).collect()
 }
 
-/// What came of each server with all clients.
+/// The results of each server with all clients.
 pub(super) fn rows(pairs: &[Pairing]) -> Vec<(&str, Vec<&Pairing>)> {
     let rows = pairs.chunk_by(|one, other| one.server == other.server);
     rows.map(|row| (row[0].server.as_str(), row.iter().collect()))
@@ -137,7 +137,7 @@ pub(super) fn rows(pairs: &[Pairing]) -> Vec<(&str, Vec<&Pairing>)> {
 }
 
 impl Pairing {
-    /// Whether nothing went as it must not.
+    /// Whether no case failed.
     #[must_use]
     pub const fn is_good(&self) -> bool {
         self.passed + self.unsupported == self.tried
@@ -154,14 +154,14 @@ impl fmt::Display for Pairing {
     }
 }
 
-/// A name that may stand in a case's id.
+/// Splits `NAME=REST`; the name may be part of a case id.
 fn named(text: &str) -> Result<(String, &str), String> {
-    let (name, rest) = text.split_once('=').ok_or("no NAME= before it")?;
+    let (name, rest) = text.split_once('=').ok_or("expected NAME= at the start")?;
     let is_name = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-');
     if is_name {
         Ok((name.to_owned(), rest))
     } else {
-        Err(format!("{name:?} is no name: letters, digits and - are"))
+        Err(format!("{name:?} is not a name: use letters, digits and -"))
     }
 }
 
@@ -170,12 +170,16 @@ impl FromStr for NamedServer {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let (name, rest) = named(text)?;
-        let (place, fingerprint) = rest.rsplit_once(',').ok_or("no fingerprint behind it")?;
+        let (place, fingerprint) = rest
+            .rsplit_once(',')
+            .ok_or("expected ,FINGERPRINT at the end")?;
         let mut found = (place.to_socket_addrs()).map_err(|error| format!("{place}: {error}"))?;
         let host = place.rsplit_once(':').map_or(place, |(host, _)| host);
         Ok(Self {
             name,
-            target: found.next().ok_or("the server has no address")?,
+            target: found
+                .next()
+                .ok_or("the server name resolves to no address")?,
             host: host.trim_matches(['[', ']']).to_owned(),
             fingerprint: fingerprint
                 .parse()
@@ -203,9 +207,11 @@ mod tests {
         let pin = "ab".repeat(32);
         let server: NamedServer = format!("one=127.0.0.1:4433,{pin}")
             .parse()
-            .expect("it is one");
+            .expect("a valid server argument");
         assert_eq!((server.name.as_str(), server.target.port()), ("one", 4433));
-        let client: NamedClient = "two=run it --with=this".parse().expect("it is one");
+        let client: NamedClient = "two=run it --with=this"
+            .parse()
+            .expect("a valid client argument");
         assert_eq!(
             (client.name.as_str(), client.exec.as_str()),
             ("two", "run it --with=this")

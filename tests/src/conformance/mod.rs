@@ -1,40 +1,43 @@
-//! `rhumb-conformance`: tries implementations over the real wire.
+//! `rhumb-conformance`: tests implementations over a real connection.
 //!
-//! Every verdict comes from what was seen on the wire, never from what a peer says of itself. Nothing here is part of a
-//! session: where a case needs to know what a stream means it reads it by this house's own subscriber, which the vectors
-//! hold.
+//! Every verdict comes from observed packets and messages, never from what a peer claims about itself. This module
+//! takes part in no session. Where a case needs the meaning of a stream, it decodes it with the project's own
+//! subscriber, which the golden vectors verify.
 //!
 //! # How a case is written
 //!
 //! A case is one promise of one side, in a file of its group: `server/l1_session.rs` and so on. Each such file has
-//! `pub(super) fn cases() -> Vec<Case>`, and each case stands there as
+//! `pub(super) fn cases() -> Vec<Case>`, and each case is written as
 //!
 //! ```ignore
 //! Case::server("L1.1.1", "a hello is answered by a welcome")
 //!     .cites("PROTOCOL 3.1-1, 3.1-4")
 //!     .play(|trial| {
-//!         let mut guest = trial.guest()?;         // a connection with its control stream, about a scene of its own
-//!         let welcome = guest.hello()?;           // says it, and waits for what must come
+//!         let mut client = trial.client()?;       // a connection with its control stream, and a scene of its own
+//!         let welcome = client.hello()?;          // sends `Hello` and waits for `Welcome`
 //!         ensure(welcome.version == 1, "the version is one that was offered")
 //!     })
 //! ```
 //!
-//! - The **id** is level, group and number; it never changes and is not used again. Groups of servers are numbered from 1,
-//!   those of clients from 51, those of pairs from 71, those of decoders from 81. A family made from vectors has the vector's key as its last part
-//!   ([`Case::keyed`]).
-//! - The **name** is the promise. `cites` names the requirements that it tries; `coverage` compares them with the documents.
-//! - `play` is given a [`Trial`], and says how it went by its [`CaseResult`]: `Ok(())`, or the first [`Stop`]: *fail* (the peer broke a
-//!   promise), *lax* (it did otherwise than a SHOULD asks), *unsupported*, *inconclusive* (the runner could not try it).
-//!   `?` does most of it: what a [`RawClient`] waits for and does not get is a failure with the trace beside it.
-//! - How a connection **closes** is judged apart: [`RawClient::must_be_closed`] fails the case only when the peer stays or
-//!   vanishes; another code is noted as the case's closing verdict.
-//! - `needs` says what a peer may leave out ([`Feature`]); a server that is said to lack it (`--without`) is not asked, and
-//!   has to refuse it, which cases of their own try.
-//! - Nothing sleeps. That nothing comes of something is seen by a barrier: [`RawClient::barrier`] says `Ping` and returns all
-//!   that came before its `Pong`. Every other wait is `--timeout` at most.
-//! - A case has a scene of its own ([`Trial::scene`]), which is deleted behind it. One that would disturb others says
-//!   [`Case::alone`]; one that must wait out a clock of the peer's says [`Case::slow`] and begins first.
-//! - A case of a client is played by a host of bytes ([`Host`]): see `client/`.
+//! - The **id** is level, group and number; it never changes and is never reused. Groups of servers are numbered from
+//!   1, those of clients from 51, those of pairs from 71, those of decoders from 81. In a family made from vectors,
+//!   the last part of the id is the key of the vector ([`Case::keyed`]).
+//! - The **name** is the promise. `cites` names the requirements under test; `coverage` compares them with the
+//!   documents.
+//! - `play` receives a [`Trial`] and returns a [`CaseResult`]: `Ok(())`, or the first [`Stop`]: *fail* (the peer broke
+//!   a promise), *lax* (the peer ignores a SHOULD), *unsupported*, *inconclusive* (the runner could not run the case).
+//!   The `?` operator does most of the work: if an answer that a [`RawClient`] waits for does not come, the case fails
+//!   and the report includes its log.
+//! - How a connection **closes** is judged separately: [`RawClient::must_be_closed`] fails the case only when the peer
+//!   keeps the connection open or vanishes without a close; another code is recorded as the closing verdict of the
+//!   case.
+//! - `needs` lists optional features ([`Feature`]). If the server is declared to lack one (`--without`), the case is
+//!   skipped; cases of their own test that such a server refuses it.
+//! - Nothing sleeps. To prove that a message has no effect, a case uses a barrier: [`RawClient::barrier`] sends `Ping`
+//!   and returns all messages received before its `Pong`. Every other wait lasts at most `--timeout`.
+//! - A case has a scene of its own ([`Trial::scene`]), which is deleted afterwards. A case that would disturb others
+//!   is marked [`Case::alone`]; a case that waits for a timer of the peer is marked [`Case::slow`] and starts first.
+//! - In a client case the suite plays the server byte by byte ([`RawServer`]): see `client/`.
 
 pub mod case;
 pub mod cli;
@@ -58,7 +61,7 @@ pub use case::{Case, Feature, Role};
 pub use cli::{Arguments, main};
 pub use outcome::{CaseOutcome, CaseResult, Closing, Stop, Verdict, ensure};
 pub use peer::{
-    Decoder, Delivery, Host, Interceptor, LaneAction, LivePair, LossyClient, RawClient, Setting,
-    compare, compare_recorded,
+    Decoder, Delivery, Interceptor, LaneAction, LivePair, LossyClient, RawClient, RawServer,
+    Setting, compare, compare_recorded,
 };
 pub use trial::Trial;

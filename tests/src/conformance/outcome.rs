@@ -1,76 +1,76 @@
-//! What came of a case: its behaviour, and apart from that how it closed.
+//! The outcome of a case: behaviour and, separately, the connection's close.
 //!
-//! Judges nothing by itself; the words are those of reports.
+//! Contains no checks of its own; the words are those of the reports.
 
 use std::fmt;
 use std::time::Duration;
 
-/// What a case's function returns.
+/// The result of a case's function.
 pub type CaseResult = Result<(), Stop>;
 
-/// Why a case did not come to its good end.
+/// Why a case ended early.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Stop {
     /// The peer broke a promise.
     Fail(String),
-    /// The peer does otherwise than a SHOULD asks.
+    /// The peer ignores a SHOULD.
     Lax(String),
-    /// The peer says that it does not have what this tries, in the way that the protocol has for it.
+    /// The peer declares, by the protocol's means, that it lacks the tested feature.
     Unsupported(String),
-    /// The runner could not try it.
+    /// The runner could not run the case.
     Inconclusive(String),
 }
 
-/// The word for how a case went.
+/// The verdict about the peer's behaviour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Verdict {
-    /// As it must.
+    /// As required.
     Pass,
-    /// As it may, and not as it should.
+    /// Allowed, but not as recommended.
     Lax,
-    /// The peer said that it cannot, and did nothing of it.
+    /// The peer declared that it lacks the feature, and did nothing of it.
     Unsupported,
-    /// Nobody knows.
+    /// Unknown.
     Inconclusive,
-    /// As it must not.
+    /// A requirement is violated.
     Fail,
 }
 
 /// How the connection closed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Closing {
-    /// The case does not close, or does so itself.
+    /// The case does not close the connection, or the suite closes it.
     NotJudged,
-    /// With the code that the document has for it.
+    /// With the code that the document requires.
     Clean,
-    /// With another one.
+    /// With another code.
     WrongCode {
-        /// Those that would have done.
+        /// The acceptable codes.
         wanted: Vec<u64>,
-        /// The one that came.
-        seen: u64,
+        /// The received code.
+        received: u64,
     },
     /// Without a code.
     Unclean(String),
 }
 
-/// What came of a case.
+/// The outcome of a case.
 #[derive(Clone, Debug)]
 pub struct CaseOutcome {
-    /// How it went.
+    /// The verdict.
     pub verdict: Verdict,
-    /// Why, unless it passed.
+    /// The reason, unless it passed.
     pub why: String,
-    /// How it closed.
+    /// How the connection closed.
     pub closing: Closing,
-    /// How long it took.
+    /// How long the case ran.
     pub took: Duration,
-    /// What was said and heard, unless it passed.
+    /// The log of sent and received data, unless the case passed.
     pub trace: Vec<String>,
 }
 
 impl Verdict {
-    /// All, from the best to the worst.
+    /// All verdicts, from the best to the worst.
     pub const ALL: [Self; 5] = [
         Self::Pass,
         Self::Lax,
@@ -79,7 +79,7 @@ impl Verdict {
         Self::Fail,
     ];
 
-    /// The word for it.
+    /// The verdict as one word.
     #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
@@ -93,7 +93,7 @@ impl Verdict {
 }
 
 impl Closing {
-    /// The word for it.
+    /// The closing as one or two words.
     #[must_use]
     pub const fn word(&self) -> &'static str {
         match self {
@@ -104,7 +104,7 @@ impl Closing {
         }
     }
 
-    /// Whether it is as it must be.
+    /// Whether the connection closed as required.
     #[must_use]
     pub const fn is_good(&self) -> bool {
         matches!(self, Self::NotJudged | Self::Clean)
@@ -112,7 +112,7 @@ impl Closing {
 }
 
 impl CaseOutcome {
-    /// Whether nothing is wrong with it; `strict` asks for what should be too.
+    /// Whether the outcome is good; with `strict`, SHOULD counts as MUST.
     #[must_use]
     pub fn is_good(&self, strict: bool) -> bool {
         let behaved = match self.verdict {
@@ -125,7 +125,7 @@ impl CaseOutcome {
 }
 
 impl Stop {
-    /// The word for it.
+    /// The verdict that this stop leads to.
     #[must_use]
     pub const fn verdict(&self) -> Verdict {
         match self {
@@ -136,7 +136,7 @@ impl Stop {
         }
     }
 
-    /// What it says.
+    /// The reason.
     #[must_use]
     pub fn why(&self) -> &str {
         match self {
@@ -146,13 +146,13 @@ impl Stop {
         }
     }
 
-    /// A broken promise.
+    /// A failure with this reason.
     pub fn fail<T>(why: impl Into<String>) -> Result<T, Self> {
         Err(Self::Fail(why.into()))
     }
 }
 
-/// Passes if the promise, which is said in words, was kept.
+/// Passes if the promise was kept; `promise` states it in words.
 ///
 /// # Errors
 ///
@@ -165,7 +165,7 @@ pub fn ensure(kept: bool, promise: impl Into<String>) -> CaseResult {
     }
 }
 
-/// Passes if what SHOULD be is.
+/// Passes if a SHOULD is followed.
 ///
 /// # Errors
 ///
@@ -181,9 +181,13 @@ pub fn should(kept: bool, promise: impl Into<String>) -> CaseResult {
 impl fmt::Display for Closing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::WrongCode { wanted, seen } => {
+            Self::WrongCode { wanted, received } => {
                 let wanted: Vec<_> = wanted.iter().map(ToString::to_string).collect();
-                write!(f, "wrong code: {seen} and not {}", wanted.join(" or "))
+                write!(
+                    f,
+                    "wrong code: {received} instead of {}",
+                    wanted.join(" or ")
+                )
             }
             Self::Unclean(how) => write!(f, "unclean: {how}"),
             Self::NotJudged | Self::Clean => f.write_str(self.word()),

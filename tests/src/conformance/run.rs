@@ -1,6 +1,6 @@
-//! Tries many cases, side by side where they do not disturb each other.
+//! Runs many cases, in parallel where they do not disturb each other.
 //!
-//! Results are in order of id, whatever ended first.
+//! Results are in order of id, independent of which case ends first.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -13,16 +13,16 @@ use super::outcome::{CaseOutcome, Closing, Verdict};
 use super::suite::Selection;
 use super::trial::{Conditions, Trial};
 
-/// A case with what came of it.
+/// A case with its outcome.
 #[derive(Debug)]
 pub struct Tried {
     /// The case.
     pub case: Case,
-    /// What came of it.
+    /// The outcome.
     pub outcome: CaseOutcome,
 }
 
-/// Tries what is wanted of these cases, `side_by_side` at a time, and tells each that ends to `progress`.
+/// Runs the selected cases, `side_by_side` at a time, and reports each finished case to `progress`.
 #[must_use]
 pub fn run(
     cases: Vec<Case>,
@@ -44,10 +44,10 @@ pub fn run(
     let progress = Mutex::new(progress);
     let play = |case: &Case| {
         let outcome = match selection.lacks(case) {
-            Some(feature) => unsupported(&format!("the peer is sent to have no {feature:?}")),
+            Some(feature) => unsupported(&format!("the peer is declared to lack {feature:?}")),
             None => Trial::run(conditions, case),
         };
-        tell(case, &outcome, &progress);
+        report_progress(case, &outcome, &progress);
         let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);
         outcomes.push((case.id.clone(), outcome));
     };
@@ -71,7 +71,7 @@ pub fn run(
         let outcome = outcomes.remove(&case.id);
         let outcome = outcome.unwrap_or_else(|| CaseOutcome {
             verdict: Verdict::Inconclusive,
-            why: "it was not tried to its end".into(),
+            why: "it did not run to its end".into(),
             ..unsupported("")
         });
         Tried { case, outcome }
@@ -89,13 +89,13 @@ fn unsupported(why: &str) -> CaseOutcome {
     }
 }
 
-/// Tells of a case as soon as it is over.
-fn tell(case: &Case, outcome: &CaseOutcome, progress: &Mutex<&mut (dyn Write + Send)>) {
+/// Reports a case as soon as it is over, unless it is good.
+fn report_progress(case: &Case, outcome: &CaseOutcome, progress: &Mutex<&mut (dyn Write + Send)>) {
     if outcome.verdict == Verdict::Pass && outcome.closing.is_good() {
         return;
     }
     let mut progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
     let (word, closing) = (outcome.verdict.word(), &outcome.closing);
-    // Nobody may be listening any more; the report has it too.
+    // A closed output is ignored: the report contains the same text.
     let _ = writeln!(progress, "{word:12} {case:?}: {} {closing}", outcome.why);
 }

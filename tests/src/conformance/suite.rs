@@ -1,18 +1,18 @@
-//! All cases, and which of them are wanted.
+//! The list of all cases, and which of them are selected.
 //!
-//! Invariant, held by a test: no id stands twice.
+//! Invariant, held by a test: ids are unique.
 
 use super::case::{Case, Feature, Profile, Role};
 use super::{client, decoder, pair, server};
 
-/// Which cases are wanted.
+/// Which cases are selected.
 #[derive(Clone, Debug, Default)]
 pub struct Selection {
-    /// Patterns; none means all.
+    /// Patterns; an empty list selects all cases.
     pub patterns: Vec<String>,
-    /// How much is wanted.
+    /// The profile to run.
     pub profile: Profile,
-    /// What the peer says that it has not.
+    /// Features that the peer is declared to lack.
     pub without: Vec<Feature>,
 }
 
@@ -30,15 +30,15 @@ pub fn cases(side: Role) -> Vec<Case> {
 }
 
 impl Selection {
-    /// Whether a case is wanted.
+    /// Whether a case is selected.
     #[must_use]
     pub fn wants(&self, case: &Case) -> bool {
-        let by_pattern = |pattern: &String| case.is_meant_by(pattern);
+        let by_pattern = |pattern: &String| case.is_selected_by(pattern);
         case.profile <= self.profile
             && (self.patterns.is_empty() || self.patterns.iter().any(by_pattern))
     }
 
-    /// What the case needs and the peer says that it has not.
+    /// The feature that the case needs and the peer lacks, if any.
     #[must_use]
     pub fn lacks(&self, case: &Case) -> Option<Feature> {
         let lacks = |feature: &&Feature| self.without.contains(feature);
@@ -46,7 +46,7 @@ impl Selection {
     }
 }
 
-/// Numbers by their value, all else by its letters.
+/// Sort key of an id: numbers by value, everything else as text.
 fn order(id: &str) -> Vec<(u64, String)> {
     let parts = id.trim_start_matches('L').split('.');
     let part = |text: &str| match text.parse() {
@@ -63,17 +63,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_id_stands_twice() {
+    fn ids_are_unique() {
         let mut ids = BTreeSet::new();
         for side in Role::ALL {
             for case in cases(side) {
-                assert!(ids.insert(case.id.clone()), "{case:?}: another has its id");
+                assert!(
+                    ids.insert(case.id.clone()),
+                    "{case:?}: its id is not unique"
+                );
             }
         }
     }
 
     #[test]
-    fn ids_are_in_order_of_their_numbers() {
+    fn ids_are_sorted_by_their_numbers() {
         assert!(order("L0.2.9") < order("L0.10.1"));
         assert!(order("L0.2.9") < order("L0.2.12345678"));
         assert!(order("L1.2.9") > order("L0.2.a1b2c3d4"));

@@ -1,6 +1,6 @@
-//! One case being tried: what it tries, what it may use, and what was seen.
+//! One run of a case: the peer under test, its connections, its log.
 //!
-//! Lives on one thread. Scenes that its guests created are deleted when it is over.
+//! Lives on one thread. Scenes that its clients created are deleted at the end.
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -13,30 +13,30 @@ use rhumb_transport::{Fingerprint, LinkConfig, RawConnection, RawPeerConfig, Tru
 
 use super::case::{Case, Feature};
 use super::outcome::{CaseOutcome, Closing, Stop, Verdict};
-use super::peer::{Decoder, Host, Interceptor, LossyClient, RawClient, Setting};
+use super::peer::{Decoder, Interceptor, LossyClient, RawClient, RawServer, Setting};
 use crate::seed::Dice;
 
-/// Who is tried, and how patiently.
+/// The peer under test and the limits of the run.
 #[derive(Clone, Debug)]
 pub struct Conditions {
-    /// The peer.
+    /// The peer under test.
     pub subject: Subject,
-    /// How long anything may take that has no time of its own.
+    /// Default time limit of every wait.
     pub timeout: Duration,
-    /// Of all chance.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// What lies between the ends, if not nothing.
+    /// Simulated network between suite and peer, if not ideal.
     pub link: LinkConfig,
-    /// What the peer says that it has not.
+    /// Features that the peer is declared to lack.
     pub without: Vec<Feature>,
 }
 
 impl Conditions {
-    /// What lies before a target, if something does; the so many-th of its case.
+    /// A relay with the simulated network in front of a target, if one is configured; `nth` relay of its case.
     ///
     /// # Errors
     ///
-    /// [`Stop::Inconclusive`] when the machine does not let it.
+    /// [`Stop::Inconclusive`] when the machine has no socket for it.
     pub(super) fn relay(
         &self,
         target: std::net::SocketAddr,
@@ -58,51 +58,51 @@ impl Conditions {
     }
 }
 
-/// Who is tried.
+/// The peer under test.
 #[derive(Clone, Debug)]
 pub enum Subject {
-    /// A server that listens somewhere.
+    /// A server that is already listening.
     Server {
-        /// Where.
+        /// Its address.
         target: std::net::SocketAddr,
-        /// The name that its certificate bears.
+        /// The name in its certificate.
         name: String,
-        /// What makes it the right one.
+        /// How its certificate is verified.
         trust: Trust,
     },
     /// A client, which is started anew for each case.
     Client {
-        /// Where the suite listens; port 0 is another port for each case.
+        /// Address that the suite listens on; port 0 is another port for each case.
         listen: std::net::SocketAddr,
-        /// The command.
+        /// The command that starts it.
         exec: String,
     },
-    /// Who reads bytes: a command, or else this house.
+    /// A decoder: a command, or by default the project's own.
     Decoder {
-        /// The command.
+        /// The command that starts it.
         exec: Option<String>,
     },
-    /// A client, which is started anew for each case, with a server that listens somewhere.
+    /// A client, which is started anew for each case, with a server that is already listening.
     Pair {
-        /// Where.
+        /// The server's address.
         target: std::net::SocketAddr,
-        /// The name that its certificate bears.
+        /// The name in its certificate.
         name: String,
-        /// What makes it the right one.
+        /// How its certificate is verified.
         trust: Trust,
-        /// The client's command.
+        /// The command that starts the client.
         exec: String,
     },
 }
 
-/// What was said and heard, in order.
+/// The log of sent and received data, in order.
 #[derive(Clone, Debug, Default)]
 pub struct Log(Rc<RefCell<Vec<String>>>);
 
-/// One case being tried.
+/// One run of a case.
 #[derive(Debug)]
 pub struct Trial<'a> {
-    /// Who is tried, and how.
+    /// The peer under test and the limits of the run.
     pub conditions: &'a Conditions,
     case: &'a Case,
     log: Log,
@@ -113,7 +113,7 @@ pub struct Trial<'a> {
 }
 
 impl<'a> Trial<'a> {
-    /// Tries a case.
+    /// Runs a case.
     #[must_use]
     pub fn run(conditions: &'a Conditions, case: &'a Case) -> CaseOutcome {
         let clock = rhumb_transport::Clock::start();
@@ -127,7 +127,7 @@ impl<'a> Trial<'a> {
             lines: 0,
         };
         let played = catch_unwind(AssertUnwindSafe(|| case.run(&mut trial)));
-        let play = played.unwrap_or_else(|_| Err(Stop::Inconclusive("the suite erred".into())));
+        let play = played.unwrap_or_else(|_| Err(Stop::Inconclusive("the suite panicked".into())));
         let took = Duration::from_nanos(clock.now().as_nanos());
         trial.clear();
         let closing = trial.closing.borrow().clone();
@@ -152,7 +152,7 @@ impl<'a> Trial<'a> {
         &self.case.id
     }
 
-    /// The case's own chance.
+    /// The random numbers of the case, reproducible from the seed.
     #[must_use]
     pub fn dice(&self) -> Dice {
         let id = self.case.id.bytes();
@@ -160,27 +160,27 @@ impl<'a> Trial<'a> {
         Dice::new(id.fold(self.conditions.seed, fold))
     }
 
-    /// Notes something for who reads the trace.
+    /// Adds a line to the log.
     pub fn note(&self, line: impl Into<String>) {
         self.log.note(line);
     }
 
-    /// What was said and heard.
+    /// The log of sent and received data.
     pub(super) fn log(&self) -> Log {
         self.log.clone()
     }
 
-    /// How long anything may take that has no time of its own.
+    /// Default time limit of every wait.
     #[must_use]
     pub const fn timeout(&self) -> Duration {
         self.conditions.timeout
     }
 
-    /// The name of a scene that nobody else uses.
+    /// The name of a scene that no other case uses.
     ///
     /// # Panics
     ///
-    /// Never: what it is made of may stand in a name.
+    /// Never: all parts of it are valid in a name.
     #[must_use]
     pub fn scene(&mut self) -> SceneName {
         self.named += 1;
@@ -188,43 +188,43 @@ impl<'a> Trial<'a> {
         let process = std::process::id();
         format!("conformance/{process:x}-{seed:x}/{id}/{number}")
             .parse()
-            .expect("letters, digits and what may stand between")
+            .expect("a valid scene name")
     }
 
-    /// A connection with an open control stream, about a new scene. Nothing was said yet.
+    /// A connection with an open control stream, about a new scene. Nothing is sent yet.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when there is none to be had.
-    pub fn guest(&mut self) -> Result<RawClient, Stop> {
+    /// [`Stop::Fail`] when the server refuses the connection.
+    pub fn client(&mut self) -> Result<RawClient, Stop> {
         let scene = self.scene();
-        self.guest_of(&scene)
+        self.client_of(&scene)
     }
 
-    /// The same about a scene of this name.
+    /// The same for the scene of this name.
     ///
     /// # Errors
     ///
-    /// As [`Self::guest`].
-    pub fn guest_of(&mut self, scene: &SceneName) -> Result<RawClient, Stop> {
-        let guest = self.bare_guest(scene, &RawPeerConfig::default())?;
-        guest.line.open_control();
-        Ok(guest)
+    /// As [`Self::client`].
+    pub fn client_of(&mut self, scene: &SceneName) -> Result<RawClient, Stop> {
+        let client = self.bare_client(scene, &RawPeerConfig::default())?;
+        client.connection.open_control();
+        Ok(client)
     }
 
-    /// The same by other config, and without a control stream.
+    /// The same with this configuration, and without a control stream.
     ///
     /// # Errors
     ///
-    /// As [`Self::guest`].
-    pub fn bare_guest(
+    /// As [`Self::client`].
+    pub fn bare_client(
         &mut self,
         scene: &SceneName,
         config: &RawPeerConfig,
     ) -> Result<RawClient, Stop> {
-        let (line, relay) = self.connect(config)?;
+        let (connection, relay) = self.connect(config)?;
         Ok(RawClient::new(
-            line,
+            connection,
             relay,
             scene.clone(),
             self.timeout(),
@@ -234,50 +234,54 @@ impl<'a> Trial<'a> {
         ))
     }
 
-    /// A member-to-be that keeps a copy as a session does.
+    /// A client with a session and a replica, which is not yet a member.
     ///
     /// # Errors
     ///
-    /// As [`Self::guest`].
-    pub fn follower(&mut self) -> Result<LossyClient, Stop> {
+    /// As [`Self::client`].
+    pub fn subscriber(&mut self) -> Result<LossyClient, Stop> {
         let scene = self.scene();
-        self.follower_of(&scene)
+        self.subscriber_of(&scene)
     }
 
-    /// The same about a scene of this name.
+    /// The same for the scene of this name.
     ///
     /// # Errors
     ///
-    /// As [`Self::guest`].
-    pub fn follower_of(&mut self, scene: &SceneName) -> Result<LossyClient, Stop> {
-        Ok(LossyClient::new(self.guest_of(scene)?))
+    /// As [`Self::client`].
+    pub fn subscriber_of(&mut self, scene: &SceneName) -> Result<LossyClient, Stop> {
+        Ok(LossyClient::new(self.client_of(scene)?))
     }
 
-    /// A server of bytes, and the client under test connected to it.
+    /// A raw server, with the client under test connected to it.
     ///
     /// # Errors
     ///
-    /// [`Stop::Inconclusive`] when it cannot be started; [`Stop::Unsupported`] when the client says so.
-    pub fn host(&mut self) -> Result<Host, Stop> {
-        self.host_of("subscribe 10000")
+    /// [`Stop::Inconclusive`] when the client cannot be started; [`Stop::Unsupported`] when it declares so.
+    pub fn raw_server(&mut self) -> Result<RawServer, Stop> {
+        self.raw_server_for("subscribe 10000")
     }
 
-    /// The same with a client that is to do this once it is welcomed; the words are those of `docs/book/src/implementing.md`.
+    /// The same; the client performs this task after `Welcome`. `docs/book/src/implementing.md` lists the tasks.
     ///
     /// # Errors
     ///
-    /// As [`Self::host`].
-    pub fn host_of(&mut self, task: &str) -> Result<Host, Stop> {
-        self.host_pinned(task, None)
+    /// As [`Self::raw_server`].
+    pub fn raw_server_for(&mut self, task: &str) -> Result<RawServer, Stop> {
+        self.raw_server_pinned(task, None)
     }
 
-    /// The same with a client that was told this fingerprint, whatever the server's is.
+    /// The same; the client is given this fingerprint instead of the server's.
     ///
     /// # Errors
     ///
-    /// As [`Self::host`]; [`Stop::Fail`] when the client lets no connection stand.
-    pub fn host_pinned(&mut self, task: &str, pinned: Option<Fingerprint>) -> Result<Host, Stop> {
-        Host::start(
+    /// As [`Self::raw_server`]; [`Stop::Fail`] when the client keeps no connection.
+    pub fn raw_server_pinned(
+        &mut self,
+        task: &str,
+        pinned: Option<Fingerprint>,
+    ) -> Result<RawServer, Stop> {
+        RawServer::start(
             self.conditions,
             self.case,
             task,
@@ -287,17 +291,21 @@ impl<'a> Trial<'a> {
         )
     }
 
-    /// A real server in this process, a script in its scene, and the client under test before it.
+    /// A real server in this process with a scripted scene, and the client under test connected to it.
     ///
     /// # Errors
     ///
-    /// As [`Self::host`].
-    pub fn feed(&mut self, setting: Setting) -> Result<Interceptor, Stop> {
-        let host = self.host_of(&setting.task)?;
-        Interceptor::begin(host, &format!("conformance/{}", self.case.id), &setting)
+    /// As [`Self::raw_server`].
+    pub fn interceptor(&mut self, setting: Setting) -> Result<Interceptor, Stop> {
+        let raw_server = self.raw_server_for(&setting.task)?;
+        Interceptor::begin(
+            raw_server,
+            &format!("conformance/{}", self.case.id),
+            &setting,
+        )
     }
 
-    /// Who reads bytes.
+    /// The decoder under test.
     ///
     /// # Errors
     ///
@@ -309,7 +317,7 @@ impl<'a> Trial<'a> {
         Decoder::start(exec.as_deref(), self.timeout() * 10, self.log.clone())
     }
 
-    /// Where the client under test finds the server under test: behind the link, if there is one.
+    /// Address of the server under test for the client under test: that of the relay, if there is one.
     pub(super) fn behind_the_link(
         &mut self,
     ) -> Result<(std::net::SocketAddr, Option<UdpRelay>), Stop> {
@@ -342,43 +350,44 @@ impl<'a> Trial<'a> {
         config: &RawPeerConfig,
     ) -> Result<(RawConnection, Option<UdpRelay>), Stop> {
         let (target, name, trust) = self.server()?;
-        // The suite's own member of a scene of a pair is spared the link.
+        // The suite's own member of a pair's scene does not use the simulated network.
         let relay = match self.conditions.subject {
             Subject::Pair { .. } => None,
             _ => self.relay(target)?,
         };
         let address = relay.as_ref().map_or(target, UdpRelay::local_addr);
-        let patience = self.timeout() * 2;
-        let line = RawConnection::connect(address, name, trust, config, patience);
-        let line = line.map_err(|error| Stop::Fail(format!("no connection: {error}")))?;
-        Ok((line, relay))
+        let time_limit = self.timeout() * 2;
+        let connection = RawConnection::connect(address, name, trust, config, time_limit);
+        let connection =
+            connection.map_err(|error| Stop::Fail(format!("no connection: {error}")))?;
+        Ok((connection, relay))
     }
 
-    /// What lies between the ends, if something does.
+    /// The relay with the simulated network, if one is configured.
     fn relay(&mut self, target: std::net::SocketAddr) -> Result<Option<UdpRelay>, Stop> {
         self.lines += 1;
         self.conditions.relay(target, self.lines)
     }
 
-    /// Connects by these config, whatever comes of it.
+    /// Connects with this configuration and returns the end of the connection.
     ///
     /// # Errors
     ///
     /// How it ended.
-    pub fn knock(
+    pub fn try_connect(
         &mut self,
         config: &RawPeerConfig,
     ) -> Result<(RawConnection, Option<UdpRelay>), Stop> {
         self.connect(config)
     }
 
-    /// Deletes what scenes are left.
+    /// Deletes the remaining scenes.
     fn clear(&mut self) {
         let left: Vec<_> = self.scenes.borrow().iter().cloned().collect();
         for scene in left {
-            let deleted = self.guest_of(&scene).and_then(|mut guest| {
-                guest.hello()?;
-                guest.delete()
+            let deleted = self.client_of(&scene).and_then(|mut client| {
+                client.hello()?;
+                client.delete()
             });
             if let Err(stop) = deleted {
                 self.log
@@ -389,10 +398,10 @@ impl<'a> Trial<'a> {
 }
 
 impl Log {
-    /// Lines kept: enough to see what led to a failure.
+    /// Number of lines kept: enough to show what led to a failure.
     const LINES_MAX: usize = 400;
 
-    /// Notes a line, in place of the oldest once there are many.
+    /// Adds a line; drops the oldest one when full.
     pub fn note(&self, line: impl Into<String>) {
         let mut lines = self.0.borrow_mut();
         if lines.len() >= Self::LINES_MAX {

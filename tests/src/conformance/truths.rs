@@ -1,8 +1,9 @@
-//! What bodies of some scenes do in the engine of this house, to the bit.
+//! Recorded bit-exact results of some scenes in this project's physics engine.
 //!
-//! Of each body that can move, at chosen ticks, `tests/data/truths.json` has the checksums of its motion, by its place in what its member was
-//! granted. It is computed in this process, without a wire, so that a server and what it says are held against the engine
-//! alone. `cargo run -p rhumb-tests --example truths -- --write` writes it; a test holds that it is what is computed.
+//! `tests/data/truths.json` has checksums of the motion of each dynamic body, at chosen ticks, by the index of the
+//! body in its member's id range. The checksums are computed in this process without a connection, so that a server
+//! and its packets are compared with the engine alone. `cargo run -p rhumb-tests --example truths -- --write` writes
+//! the file; a test compares it with a new computation.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -19,31 +20,31 @@ use serde_json::{Value, json};
 
 use crate::fnv::Fnv;
 
-/// Digests of the bodies of a scene at a tick, by their places.
+/// Checksums of the bodies of a scene at a tick, by index in the id range.
 pub type BodyDigests = BTreeMap<u32, u64>;
 
-/// A scene whose truth is recorded.
+/// A scene with recorded results.
 #[derive(Clone, Copy, Debug)]
 pub struct ReferenceScene {
-    /// Of its script.
+    /// Name of its script.
     pub name: &'static str,
-    /// How many the script is asked for.
+    /// Number of bodies given to the script.
     bodies: u32,
 }
 
-/// The ticks at which motions are recorded: what one step does, what errors of a bit have become after seconds.
+/// Ticks at which motion is recorded: the effect of one step, and the growth of single-bit errors over seconds.
 pub const TICKS: [u64; 6] = [1, 2, 10, 60, 120, 240];
 
-/// Balls that fall on a floor: the least that a server must have.
+/// Balls that fall on a floor: the minimum that a server must support.
 pub const GROUND: ReferenceScene = ReferenceScene::of("balls on ground", 9);
 /// A pit of balls.
 pub const PIT: ReferenceScene = ReferenceScene::of("ball-pit", 30);
 
-/// Of all chance in scripts.
+/// Seed of the scripts.
 const SEED: u64 = 1;
 
 impl ReferenceScene {
-    /// All.
+    /// All reference scenes.
     pub const ALL: [Self; 10] = [
         GROUND,
         PIT,
@@ -65,42 +66,45 @@ impl ReferenceScene {
     ///
     /// # Panics
     ///
-    /// Never: the names are those of scripts.
+    /// Never: the names are those of existing scripts.
     #[must_use]
     pub fn script(&self) -> Box<dyn Script> {
         if self.name == GROUND.name {
             return Box::new(BallsOnGround { balls: self.bodies });
         }
-        by_name(self.name, self.bodies, SEED).expect("the names are those of scripts")
+        by_name(self.name, self.bodies, SEED).expect("an existing script")
     }
 
-    /// What each body that can move does at the chosen ticks, by the engine of this build.
+    /// The motion of each dynamic body at the chosen ticks, computed by the engine of this build.
     fn computed(&self) -> BTreeMap<u64, BodyDigests> {
         let mut script = self.script();
-        let mut scene = Scene::new(script.config()).expect("a script's config are good");
+        let mut scene =
+            Scene::new(script.config()).expect("the configuration of a script is valid");
         let mut commands = Vec::new();
-        // As it was put, until the engine says otherwise.
+        // The initial motion, until the engine reports another.
         let mut motions = BTreeMap::new();
         let mut ticks = BTreeMap::new();
         for tick in 1..=TICKS[TICKS.len() - 1] {
             commands.clear();
             script.commands(scene.tick(), &mut commands);
             for command in &commands {
-                scene.apply(command).expect("a script is obeyed");
-                if let Command::AddBody { config, motion } = command {
-                    motions.insert(config.id, *motion);
+                scene
+                    .apply(command)
+                    .expect("the commands of a script are valid");
+                if let Command::AddBody { desc, motion } = command {
+                    motions.insert(desc.id, *motion);
                 }
             }
-            scene.step().expect("the engine steps what scripts build");
+            scene.step().expect("the engine steps scripted scenes");
             for observation in scene.observations() {
                 motions.insert(observation.id, observation.motion);
             }
             if TICKS.contains(&tick) {
-                let can_move = |config: &&BodyDesc| config.kind != BodyKind::Static;
+                let can_move = |desc: &&BodyDesc| desc.kind != BodyKind::Static;
                 let bodies = scene.bodies().filter(can_move);
-                let bodies = bodies.map(|config| {
-                    let motion = motions[&config.id].motion();
-                    (config.id.index(), checksums(&motion))
+                let bodies = bodies.map(|desc| {
+                    let motion = motions[&desc.id].motion();
+                    (desc.id.index(), checksums(&motion))
                 });
                 ticks.insert(tick, bodies.collect());
             }
@@ -108,7 +112,7 @@ impl ReferenceScene {
         ticks
     }
 
-    /// What each body did when it was recorded; `None` of a tick that was not.
+    /// The recorded motion of each body; `None` if the tick was not recorded.
     #[must_use]
     pub fn recorded(&self, tick: Tick) -> Option<BodyDigests> {
         let recorded: Value = serde_json::from_str(RECORDED).ok()?;
@@ -126,7 +130,7 @@ impl ReferenceScene {
 
 const RECORDED: &str = include_str!("../../data/truths.json");
 
-/// A motion as the record has it.
+/// Checksum of a motion, as recorded.
 #[must_use]
 pub fn checksums(motion: &Motion) -> u64 {
     let mut checksums = Fnv::START;
@@ -134,11 +138,11 @@ pub fn checksums(motion: &Motion) -> u64 {
     checksums.value()
 }
 
-/// The record, as the engine of this build makes it.
+/// The content of the file, computed by the engine of this build.
 ///
 /// # Panics
 ///
-/// When the engine does not step what scripts build.
+/// When the engine cannot step a scripted scene.
 #[must_use]
 pub fn truths() -> String {
     let mut scenes = BTreeMap::new();
@@ -147,7 +151,7 @@ pub fn truths() -> String {
             let mut text = String::new();
             for (place, checksums) in bodies {
                 let space = if text.is_empty() { "" } else { " " };
-                write!(text, "{space}{place}:{checksums:016x}").expect("memory can be written to");
+                write!(text, "{space}{place}:{checksums:016x}").expect("writing to memory");
             }
             (tick.to_string(), Value::String(text))
         });
@@ -159,18 +163,21 @@ pub fn truths() -> String {
     text
 }
 
-/// The engine's name and version, by the lock file of the workspace.
+/// Name and version of the engine, from the lock file of the workspace.
 fn engine() -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.lock");
-    let lock = std::fs::read_to_string(path).expect("the lock file lies above the crates");
+    let lock = std::fs::read_to_string(path).expect("reading the lock file");
     let mut lines = lock
         .lines()
         .skip_while(|line| *line != "name = \"rapier3d\"");
     let version = lines.nth(1).and_then(|line| line.split('"').nth(1));
-    format!("rapier3d {}", version.expect("the engine is locked"))
+    format!(
+        "rapier3d {}",
+        version.expect("the lock file contains the engine")
+    )
 }
 
-/// Balls that fall askew on a floor, roll, touch and come to rest; all of the scene's own material.
+/// Balls that fall obliquely on a floor, roll, touch and come to rest; all with the default material of the scene.
 #[derive(Clone, Copy, Debug)]
 struct BallsOnGround {
     balls: u32,
@@ -216,8 +223,8 @@ impl Script for BallsOnGround {
             let turn = Quat::IDENTITY.to_array();
             let motion = BodyState::new(place.to_array(), turn, linear.to_array(), [0.0; 3]);
             out.push(Command::AddBody {
-                config: BodyDesc::plain(id, kind, shape),
-                motion: motion.expect("balls are placed at finite poses"),
+                desc: BodyDesc::plain(id, kind, shape),
+                motion: motion.expect("a finite state"),
             });
         };
         let below = Vec3::new(0.0, -1.0, 0.0);
@@ -236,7 +243,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_record_is_what_the_engine_does() {
+    fn the_recorded_checksums_match_the_engine() {
         let computed = truths();
         for (number, (is, was)) in computed.lines().zip(RECORDED.lines()).enumerate() {
             assert_eq!(is, was, "line {} of tests/data/truths.json", number + 1);
@@ -245,13 +252,13 @@ mod tests {
     }
 
     #[test]
-    fn each_scene_is_recorded_at_each_tick_and_moves_between_them() {
+    fn each_scene_is_recorded_at_each_tick_and_moves_in_between() {
         for subject in ReferenceScene::ALL {
             let recorded = |tick: u64| {
                 let bodies = subject.recorded(Tick::new(tick));
                 bodies.unwrap_or_else(|| panic!("{subject:?} at {tick}"))
             };
-            // Later on some scenes are at rest.
+            // Some scenes are at rest later on.
             for (before, after) in [(1, 2), (2, 10), (10, 60)] {
                 let (before, after) = (recorded(before), recorded(after));
                 assert_ne!(before, after, "{subject:?}");

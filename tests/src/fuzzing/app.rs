@@ -1,8 +1,8 @@
-//! The paper's protocol: messages of any bytes, and who says any of them.
+//! Fuzzers of the paper's protocol: arbitrary bytes, and arbitrary messages.
 //!
-//! Promises: however the bytes are cut, the same is read; what is read is written again as it was, but for what the
-//! protocol does not fix; whatever a client says, its scene goes on, says finite states, and ends with
-//! its client.
+//! Promises: messages are decoded the same however the bytes are split. A decoded message is encoded as it was, except
+//! for parts that the protocol does not fix. Whatever a client sends, its scene continues, sends finite states, and
+//! ends with its client.
 
 use glam::{Quat, Vec3};
 use rhumb_app::{
@@ -17,29 +17,29 @@ use rhumb_server::ServerLoop;
 use super::script::Script;
 use crate::PluginSession;
 
-/// Acts of one script, so that it ends soon.
+/// Number of actions of one script, so that it ends soon.
 const ACTS_MAX: usize = 80;
 
-/// Any bytes; the first says how the rest is cut.
+/// Arbitrary bytes; the first selects how the rest is split.
 pub fn app_messages(data: &[u8]) {
     let Some((cut, stream)) = data.split_first() else {
         return;
     };
     let whole = read(stream, stream.len().max(1));
     let pieces = read(stream, usize::from(*cut).max(1));
-    // Two numbers that are none are not equal, but are written alike.
+    // NaNs are not equal, but their text is.
     assert_eq!(format!("{whole:?}"), format!("{pieces:?}"));
     for framed in &whole.0 {
         let mut written = Vec::new();
         framed.message.encode(framed.index, &mut written);
-        let again = Message::from_datagram(&written).expect("what was just written");
+        let again = Message::from_datagram(&written).expect("bytes that were just encoded");
         assert_eq!(format!("{again:?}"), format!("{:?}", framed.message));
     }
     check_body(stream);
     let _ = Message::from_datagram(stream);
 }
 
-/// The body of a message whose type the first two bytes say: one that reads is written alike.
+/// The body of a message whose type is in the first two bytes: if it decodes, it is encoded as it was.
 fn check_body(bytes: &[u8]) {
     let Some((code, body)) = bytes.split_first_chunk::<2>() else {
         return;
@@ -49,7 +49,7 @@ fn check_body(bytes: &[u8]) {
     if let Ok(message) = Message::decode(kind, body) {
         let mut written = Vec::new();
         message.encode(0, &mut written);
-        // Of a long text the beginning is said.
+        // A long text is truncated when it is encoded.
         if !matches!(message, Message::Error(_)) {
             assert_eq!(&written[HEADER_BYTES..], body, "{message:?}");
         }
@@ -71,59 +71,66 @@ fn read(stream: &[u8], piece: usize) -> (Vec<FramedMessage>, Option<MalformedMes
     (all, None)
 }
 
-/// A script of messages, of frames, and of bytes.
+/// A script of messages, frames and bytes.
 pub fn app_scene(data: &[u8]) {
     let mut script = Script::new(data);
-    let mut host = ServerLoop::new(|| Instant::ZERO);
+    let mut server = ServerLoop::new(|| Instant::ZERO);
     let mut logon = Vec::new();
     Message::Logon(Logon::new(7, "words")).encode(0, &mut logon);
-    let mut talk = PluginSession::begin(&mut host, 1, &logon);
-    talk.say(&mut host, &logon);
-    say(&mut host, &mut talk, &world(&mut script));
-    // Bytes that are said bare may begin a message, of which what comes next is then a part.
+    let mut session = PluginSession::begin(&mut server, 1, &logon);
+    session.send(&mut server, &logon);
+    send(&mut server, &mut session, &world(&mut script));
+    // Raw bytes may begin a message that later bytes complete.
     let (mut frames, mut bare) = (0, false);
     for _ in 0..ACTS_MAX {
-        if !script.goes_on() || talk.closed {
+        if !script.goes_on() || session.closed {
             break;
         }
         match script.below(16) {
             0..4 => {
                 let seconds = script.one_of(&[0.089, 0.0167, 0.5]);
-                say(&mut host, &mut talk, &Message::AdvanceTime((7, seconds)));
+                send(
+                    &mut server,
+                    &mut session,
+                    &Message::AdvanceTime((7, seconds)),
+                );
                 frames += 1;
             }
             4 if script.below(4) == 0 => {
                 bare = true;
-                talk.say(&mut host, script.bytes(60));
+                session.send(&mut server, script.bytes(60));
             }
             _ => {
-                let word = word(&mut script);
-                say(&mut host, &mut talk, &word);
+                let message = message(&mut script);
+                send(&mut server, &mut session, &message);
             }
         }
     }
-    for state in talk.last_states().values() {
+    for state in session.last_states().values() {
         let finite = state.position.is_finite() && state.linear.is_finite();
         let is_state = finite && state.angular.is_finite() && state.rotation.is_normalized();
         assert!(is_state, "{state:?}");
     }
-    if !talk.closed {
+    if !session.closed {
         assert_eq!(
-            talk.received(Kind::TimeAdvanced),
+            session.received(Kind::TimeAdvanced),
             frames,
-            "the scene went on"
+            "the scene continues"
         );
-        say(&mut host, &mut talk, &Message::Logoff(7));
-        assert!(talk.closed || bare, "who logs off is let go");
+        send(&mut server, &mut session, &Message::Logoff(7));
+        assert!(
+            session.closed || bare,
+            "a client that logs off is disconnected"
+        );
     }
-    let left = host.scenes().count();
-    assert!(left == 0 || !talk.closed, "a scene ends with its client");
+    let left = server.scenes().count();
+    assert!(left == 0 || !session.closed, "a scene ends with its client");
 }
 
-fn say(host: &mut ServerLoop, talk: &mut PluginSession, message: &Message) {
+fn send(server: &mut ServerLoop, session: &mut PluginSession, message: &Message) {
     let mut bytes = Vec::new();
     message.encode(0, &mut bytes);
-    talk.say(host, &bytes);
+    session.send(server, &bytes);
 }
 
 fn id(script: &mut Script<'_>) -> Id {
@@ -216,7 +223,7 @@ fn points(script: &mut Script<'_>) -> Vec<Vec3> {
     (0..script.below(12)).map(|_| script.vector(2.0)).collect()
 }
 
-fn word(script: &mut Script<'_>) -> Message {
+fn message(script: &mut Script<'_>) -> Message {
     let actor = id(script);
     match script.below(24) {
         0..4 => shape(script),

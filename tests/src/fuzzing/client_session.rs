@@ -1,7 +1,7 @@
-//! A client's session that hears recorded words, disturbed, and any others.
+//! Fuzzes a client session with recorded data, disturbed, and arbitrary bytes.
 //!
-//! Promises: nothing panics; the session says what the protocol has, and not without end; after its end it says nothing;
-//! its copy stays within the limits.
+//! Promises: nothing panics. The session sends valid protocol, in limited amounts, and nothing after its end. Its copy
+//! stays within the limits.
 
 use std::sync::LazyLock;
 
@@ -21,20 +21,20 @@ use super::subscriber::assert_is_within_limits;
 use crate::vectors::golden;
 use crate::vectors::streams::greeted;
 
-/// One thing that a member received.
+/// One unit of received data.
 enum Received {
     Control(Vec<u8>),
     Datagram(Vec<u8>),
 }
 
-/// What the members of the golden streams received.
+/// The data that the members of the golden streams received.
 static STREAMS: LazyLock<Vec<Vec<Received>>> = LazyLock::new(|| {
     let file = golden("streams.json");
     let streams = file["streams"].as_array().into_iter().flatten();
     streams.map(received).collect()
 });
 
-/// Every message of a server in the golden vectors.
+/// Every server message of the golden vectors.
 static MESSAGES: LazyLock<Vec<Vec<u8>>> =
     LazyLock::new(|| with_bytes(&golden("control.json")["server messages"]));
 
@@ -51,9 +51,9 @@ fn received(stream: &Value) -> Vec<Received> {
     received.collect()
 }
 
-/// The host, as the session names it.
+/// The server's name in the session.
 const HOST: Peer = Peer(0);
-/// What a session says at most to one thing that it received, or at one moment.
+/// The most messages that a session sends after one received unit, or at one moment.
 const ANSWERS_MAX: usize = 8;
 
 struct Client {
@@ -63,7 +63,7 @@ struct Client {
     ended: bool,
 }
 
-/// A script of what is received, and of what the application wants.
+/// A script of received data and application calls.
 pub fn client_session(data: &[u8]) {
     let mut script = Script::new(data);
     let mut client = Client {
@@ -79,32 +79,32 @@ pub fn client_session(data: &[u8]) {
         match script.below(12) {
             0..4 => {
                 for received in rest.by_ref().take(1 + script.below(30)) {
-                    client.hear(received);
+                    client.receive(received);
                 }
             }
             4 => drop(rest.nth(script.below(3))),
             5 | 6 => {
                 if let Some(received) = rest.as_slice().first() {
-                    client.hear(&turned(received, &mut script));
+                    client.receive(&with_bit_flipped(received, &mut script));
                 }
             }
             7 => {
                 let place = script.below(MESSAGES.len());
-                client.hear(&turned(
+                client.receive(&with_bit_flipped(
                     &Received::Control(MESSAGES[place].clone()),
                     &mut script,
                 ));
             }
-            8 => client.hear(&Received::Control(script.bytes(60).to_vec())),
-            9 => client.hear(&Received::Datagram(script.bytes(60).to_vec())),
+            8 => client.receive(&Received::Control(script.bytes(60).to_vec())),
+            9 => client.receive(&Received::Datagram(script.bytes(60).to_vec())),
             10 => client.wait(script.any()),
             _ => client.want(&mut script),
         }
     }
 }
 
-/// The same, with a bit turned or not.
-fn turned(received: &Received, script: &mut Script<'_>) -> Received {
+/// The same data, possibly with one bit flipped.
+fn with_bit_flipped(received: &Received, script: &mut Script<'_>) -> Received {
     let mut turn = |bytes: &[u8]| {
         let mut bytes = bytes.to_vec();
         let bit = script.any::<u16>() as usize;
@@ -120,7 +120,7 @@ fn turned(received: &Received, script: &mut Script<'_>) -> Received {
 }
 
 impl Client {
-    fn hear(&mut self, received: &Received) {
+    fn receive(&mut self, received: &Received) {
         match received {
             Received::Control(bytes) => self.session.handle_control(self.now, HOST, bytes),
             Received::Datagram(bytes) => self.session.handle_datagram(self.now, HOST, bytes),
@@ -134,7 +134,7 @@ impl Client {
         self.drain();
     }
 
-    /// The application may want anything at any time; what cannot be is its mistake.
+    /// The application may call anything at any time; the session refuses invalid calls.
     fn want(&mut self, script: &mut Script<'_>) {
         let session = &mut self.session;
         let choice = script.one_of(&[
@@ -143,7 +143,7 @@ impl Client {
             StreamChoice::Within(Tolerance::NORMAL),
         ]);
         let bodies: Vec<_> = session.replica().map_or_else(Vec::new, |replica| {
-            replica.bodies().map(|config| config.id).take(3).collect()
+            replica.bodies().map(|desc| desc.id).take(3).collect()
         });
         let _ = match script.below(11) {
             0 => session.join(choice),
@@ -173,22 +173,26 @@ impl Client {
         self.drain();
     }
 
-    /// What it says is of the protocol; what it believes is within limits.
+    /// Checks that all sent data is valid protocol, and that the copy is within limits.
     fn drain(&mut self) {
         while self.session.poll_event().is_some() {}
         let mut sent = 0;
         while let Some(transmit) = self.session.poll_transmit() {
             sent += 1;
-            assert!(!self.ended, "{transmit:?} after the end");
+            assert!(!self.ended, "{transmit:?} is sent after the end");
             match transmit {
                 Transmit::Control { bytes, .. } => self.frames.push(&bytes),
                 Transmit::State { bytes, .. } => assert_eq!(written_again(&bytes), Ok(())),
                 Transmit::Close { .. } => self.ended = true,
             }
         }
-        assert!(sent <= ANSWERS_MAX, "{sent} answers to one thing");
-        while let Some(framed) = self.frames.next_frame().expect("a session says messages") {
-            ClientMessage::decode(&framed).expect("a session says what is known");
+        assert!(sent <= ANSWERS_MAX, "{sent} answers to one unit of data");
+        while let Some(framed) = self
+            .frames
+            .next_frame()
+            .expect("a session sends whole messages")
+        {
+            ClientMessage::decode(&framed).expect("a session sends known messages");
         }
         let Some(stream) = self.session.replica().map(Replica::stream) else {
             return;

@@ -1,4 +1,4 @@
-//! Commands of a script, about few things, so that they contradict another.
+//! Random commands about a few objects, so that they contradict each other.
 
 use glam::Vec3;
 use rhumb_protocol::limits::{ANGULAR_MAX, COORDINATE_MAX, FORCE_MAX, GRAVITY_MAX, LINEAR_MAX};
@@ -10,10 +10,10 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
 
 use super::script::Script;
 
-/// Shapes and joints have numbers below it.
+/// Ids of shapes and joints are below this.
 const THINGS: usize = 5;
 
-/// Any command about one of these bodies.
+/// A random command about one of these bodies.
 pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
     let id = if bodies.is_empty() {
         BodyId::new(0, 0)
@@ -29,7 +29,7 @@ pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
             id: shape_id(script),
         },
         3..6 => Command::AddBody {
-            config: config(script, id),
+            desc: config(script, id),
             motion: motion(script),
         },
         6 => Command::RemoveBody { id },
@@ -80,7 +80,7 @@ fn joint_id(script: &mut Script<'_>) -> JointId {
     JointId(script.below(THINGS) as u32)
 }
 
-/// Near the others, mostly.
+/// A position, usually near the others.
 fn place(script: &mut Script<'_>, most: f32) -> Vec3 {
     if script.below(6) == 0 {
         script.vector(most)
@@ -89,7 +89,7 @@ fn place(script: &mut Script<'_>, most: f32) -> Vec3 {
     }
 }
 
-/// From a push to the limit.
+/// A vector of any length up to the limit.
 fn strength(script: &mut Script<'_>) -> Vec3 {
     let most = script.one_of(&[10.0, 1e4, FORCE_MAX]);
     script.vector(most)
@@ -102,7 +102,7 @@ fn motion(script: &mut Script<'_>) -> BodyState {
     let motion = BodyState::new(position, rotation, linear.to_array(), angular.to_array());
     motion.unwrap_or_else(|_| {
         BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
-            .expect("nothing moves at the origin")
+            .expect("the rest state at the origin")
     })
 }
 
@@ -130,13 +130,13 @@ fn config(script: &mut Script<'_>, id: BodyId) -> BodyDesc {
         gravity_scale: script.number(2.0),
         gyroscopic: script.any(),
         tolerance_scale: ToleranceScale::new(script.below(7) as i8 - 3)
-            .expect("there are seven classes"),
+            .expect("one of seven tolerance scales"),
         turns: script.any(),
         ..plain
     }
 }
 
-/// A length, mostly one that a body may have.
+/// A length, usually valid for a body.
 fn length(script: &mut Script<'_>) -> f32 {
     match script.below(8) {
         0 => script.number(1e4),
@@ -146,7 +146,7 @@ fn length(script: &mut Script<'_>) -> f32 {
     }
 }
 
-/// Any shape; of those that do not check their points, one that is wrong too.
+/// A random shape; shapes whose constructors check nothing may be invalid.
 fn shape(script: &mut Script<'_>) -> Shape {
     match script.below(9) {
         8 => {
@@ -205,7 +205,7 @@ fn simple(script: &mut Script<'_>) -> Shape {
     }
 }
 
-/// Points, some of which may lie in one place, on a line, or in a plane.
+/// Points, some of which may coincide or be collinear or coplanar.
 fn points(script: &mut Script<'_>, least: usize, more: usize) -> Vec<Vec3> {
     let count = least + script.below(more);
     let flat = script.one_of(&[Vec3::ONE, Vec3::ONE, Vec3::new(1.0, 1.0, 1e-4), Vec3::X]);

@@ -1,7 +1,7 @@
-//! Control messages of either side, from any bytes.
+//! Fuzzes the decoders of control messages of both sides with arbitrary bytes.
 //!
-//! Promises: however a stream is cut, the same is read of it; what is read is written again as it was; and the table of
-//! the specification has every message that the codec has.
+//! Promises: messages are decoded the same however a stream is split. A decoded message is encoded as it was. The
+//! table of the specification contains every message of the codec.
 
 use std::sync::LazyLock;
 
@@ -11,17 +11,17 @@ use rhumb_protocol::wire::Malformed;
 use crate::grammar::Grammar;
 use crate::vectors::{Decoded, Sender};
 
-/// Longer bodies are left to the codec: the table's reader is made to be read.
+/// Longer bodies are decoded by the codec only: the table decoder is written for readability, not speed.
 const BODY_BYTES_OF_THE_TABLE: usize = 2_000;
 
 static GRAMMAR: LazyLock<Grammar> = LazyLock::new(Grammar::load);
 
-/// What a client says. The first byte says how the rest is cut.
+/// Messages of a client. The first byte selects how the rest is split.
 pub fn client_messages(data: &[u8]) {
     check(Sender::Client, data);
 }
 
-/// What a server says. The first byte says how the rest is cut.
+/// Messages of a server. The first byte selects how the rest is split.
 pub fn server_messages(data: &[u8]) {
     check(Sender::Server, data);
 }
@@ -34,17 +34,17 @@ fn check(side: Sender, data: &[u8]) {
     let in_pieces = read(stream, usize::from(*cut).max(1));
     assert!(
         in_pieces.0 == framed && in_pieces.1 == end,
-        "it reads otherwise in pieces"
+        "the pieces decode differently"
     );
     let mut again = Vec::new();
     for Framed { kind, body } in &framed {
         frame(*kind, body, &mut again);
         check_message(side, *kind, body);
     }
-    assert!(stream.starts_with(&again), "a length has one form");
+    assert!(stream.starts_with(&again), "a length has one encoding");
 }
 
-/// The messages of a stream that comes in pieces, and why there are no more, if it cannot go on.
+/// The messages of a stream that is split into pieces, and the error that ended it, if any.
 fn read(stream: &[u8], piece: usize) -> (Vec<Framed>, Option<Malformed>) {
     let (mut frames, mut all) = (Frames::new(), Vec::new());
     for bytes in stream.chunks(piece) {
@@ -60,7 +60,7 @@ fn read(stream: &[u8], piece: usize) -> (Vec<Framed>, Option<Malformed>) {
     (all, None)
 }
 
-/// The outcome itself holds that what is read is written alike.
+/// `Sender::outcome` itself checks that a decoded message is encoded as it was.
 fn check_message(side: Sender, kind: u8, body: &[u8]) {
     let outcome = side.outcome(kind, body);
     if body.len() > BODY_BYTES_OF_THE_TABLE {
@@ -69,10 +69,10 @@ fn check_message(side: Sender, kind: u8, body: &[u8]) {
     let mut message = vec![kind];
     message.extend_from_slice(body);
     let by_table = GRAMMAR.read(side.type_name(), &message);
-    // The table does not tell what numbers mean together, so that it reads more.
-    let is_said = !matches!(outcome, Decoded::Refused(_));
+    // The table does not express constraints between numbers, so it accepts more.
+    let is_accepted = !matches!(outcome, Decoded::Refused(_));
     assert!(
-        by_table.is_ok() || !is_said,
-        "{by_table:?}, but the codec {outcome:?}"
+        by_table.is_ok() || !is_accepted,
+        "the table says {by_table:?}, the codec {outcome:?}"
     );
 }

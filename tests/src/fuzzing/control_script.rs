@@ -1,8 +1,8 @@
-//! A host with a live scene, and guests that say anything at all.
+//! Fuzzes a server that has a live scene with arbitrary client data.
 //!
-//! Promises: who says what is not of the protocol is closed with its code, and nobody else is; a refused command leaves
-//! the scene's checksums, tick and bodies as they were; an accepted one does what it does to a scene stepped beside; and a
-//! polite guest's copy is within its tolerance all the while.
+//! Promises: a client that sends invalid protocol is closed with the right code, and no other client is. A refused
+//! command leaves the scene's checksums, tick and bodies unchanged. An accepted command has the same effect as in a
+//! second scene that is stepped in parallel. The copy of a well-behaved client is within tolerance all the time.
 
 use std::sync::LazyLock;
 
@@ -22,27 +22,27 @@ use super::subscriber::assert_is_within_limits;
 use crate::vectors::golden;
 use crate::{RawPeer, Table};
 
-/// Acts of one script, so that it ends soon.
+/// Number of actions of one script, so that it ends soon.
 const ACTS_MAX: usize = 60;
 const NAME: &str = "room";
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
-/// Every message of a client in the golden vectors.
+/// Every client message of the golden vectors.
 static MESSAGES: LazyLock<Vec<Vec<u8>>> =
     LazyLock::new(|| with_bytes(&golden("control.json")["client messages"]));
 
-/// Types of messages by which any member may end a scene, change it and let it step.
+/// Types of messages by which any member may end, change or advance the scene; they are not sent.
 const SPARED: [u8; 3] = [5, 7, 8];
 
 struct FuzzedServer {
     table: Table,
-    polite: rhumb_protocol::Peer,
-    rude: RawPeer,
+    well_behaved: rhumb_protocol::Peer,
+    raw_peer: RawPeer,
     bodies: Vec<BodyId>,
     truth: Scene,
 }
 
-/// A script of commands, of steps, and of bytes.
+/// A script of commands, steps and bytes.
 pub fn control_script(data: &[u8]) {
     let mut script = Script::new(data);
     let mut stage = FuzzedServer::new();
@@ -67,7 +67,7 @@ pub fn control_script(data: &[u8]) {
             }
             8 => {
                 let datagram = datagram(&mut script);
-                stage.table.datagram(stage.rude.peer, &datagram);
+                stage.table.datagram(stage.raw_peer.peer, &datagram);
             }
             _ => stage
                 .table
@@ -79,13 +79,13 @@ pub fn control_script(data: &[u8]) {
     stage.check();
 }
 
-/// Any bytes, a greeting before them or not; or any message there is, with a bit turned or not.
+/// Arbitrary bytes with or without a hello before them, or any message, possibly with one bit flipped.
 fn strange_bytes(script: &mut Script<'_>) -> Vec<u8> {
     let mut bytes = Vec::new();
     if script.any() {
         let hello = ClientMessage::Hello {
             versions: vec![1],
-            scene: NAME.parse().expect("a good name"),
+            scene: NAME.parse().expect("a valid scene name"),
             extensions: Extensions::NONE,
         };
         hello.encode(&mut bytes);
@@ -120,7 +120,7 @@ fn assert_code(code: Option<CloseCode>) {
     assert!(code.is_none_or(|code| known.contains(&code)), "{code:?}");
 }
 
-/// An loss_report that is not true, or any bytes.
+/// A loss report about other packets than the lost ones, or arbitrary bytes.
 fn datagram(script: &mut Script<'_>) -> Vec<u8> {
     if script.any() {
         return script.bytes(60).to_vec();
@@ -139,45 +139,48 @@ fn datagram(script: &mut Script<'_>) -> Vec<u8> {
 impl FuzzedServer {
     fn new() -> Self {
         let mut table = Table::default();
-        let polite = table.alias(NAME);
+        let well_behaved = table.connect(NAME);
         let config = scene_config(Stepping::Lockstep);
-        let session = table.guest(polite);
-        session.create(config).expect("it is welcome");
-        session.join(NORMAL).expect("it is in the lobby");
-        table.settle();
-        let rude = RawPeer::enter(&mut table, NAME);
-        let granted = |place| rude.granted.id(place).expect("a member has indices");
+        let session = table.session(well_behaved);
+        session.create(config).expect("the session is in the lobby");
+        session.join(NORMAL).expect("the session is in the lobby");
+        table.run_until_idle();
+        let raw_peer = RawPeer::enter(&mut table, NAME);
+        let granted = |place| raw_peer.granted.id(place).expect("a member has indices");
         let mut bodies: Vec<_> = (0..5).map(granted).collect();
-        // One that comes again, and one of nobody's.
+        // Two more ids: a body that is added again, and one of another member.
         let again = bodies[0];
         bodies.push(BodyId::new(again.index(), again.generation() + 1));
         bodies.push(BodyId::new(1 << 19, 0));
         Self {
             table,
-            polite,
-            rude,
+            well_behaved,
+            raw_peer,
             bodies,
-            truth: Scene::new(config).expect("good config"),
+            truth: Scene::new(config).expect("a valid configuration"),
         }
     }
 
-    /// Both scenes are asked.
+    /// Sends a command to both scenes and compares the answers.
     fn command(&mut self, command: Command) {
-        let before = self.rude.inspect(&mut self.table);
-        // What cannot be said at all breaks the conversation, and is the affair of messages.
-        if command.check().is_err() && !is_said(&command) {
+        let before = self.raw_peer.inspect(&mut self.table);
+        // A command that cannot be encoded is malformed, which the fuzzers of messages cover.
+        if command.check().is_err() && !is_encodable(&command) {
             return;
         }
-        let answer = self.rude.command(&mut self.table, command.clone());
-        let after = self.rude.inspect(&mut self.table);
+        let answer = self.raw_peer.command(&mut self.table, command.clone());
+        let after = self.raw_peer.inspect(&mut self.table);
         if answer.is_err() {
             assert_eq!(after, before, "{command:?} was refused by {answer:?}");
         }
-        let is_own = |id: BodyId| self.rude.granted.contains(id);
-        if let Command::AddBody { config, .. } = &command
-            && !is_own(config.id)
+        let is_own = |id: BodyId| self.raw_peer.granted.contains(id);
+        if let Command::AddBody { desc, .. } = &command
+            && !is_own(desc.id)
         {
-            assert!(answer.is_err(), "{command:?} is of nobody's");
+            assert!(
+                answer.is_err(),
+                "{command:?} names an id outside the granted range"
+            );
             return;
         }
         let beside = self.truth.apply(&command);
@@ -190,53 +193,66 @@ impl FuzzedServer {
         let tick = self
             .truth
             .step()
-            .expect("what was accepted is stepped")
+            .expect("a scene of accepted commands can be stepped")
             .tick;
         let now = self.table.now();
-        let session = self.table.guest(self.polite);
-        session.advance(now, tick).expect("it is a member");
-        self.table.settle();
-        let reported = self.rude.inspect(&mut self.table);
+        let session = self.table.session(self.well_behaved);
+        session.advance(now, tick).expect("the session is a member");
+        self.table.run_until_idle();
+        let reported = self.raw_peer.inspect(&mut self.table);
         let bodies = self.truth.body_count() as u32;
         let expected = (self.truth.digest().value(), tick.value(), bodies);
-        assert_eq!(reported, expected, "another truth than beside");
-        let session = self.table.guest(self.polite);
-        let stream = session.replica().expect("it is a member").stream();
+        assert_eq!(
+            reported, expected,
+            "the server's scene differs from the parallel one"
+        );
+        let session = self.table.session(self.well_behaved);
+        let stream = session.replica().expect("the session is a member").stream();
         let all_there = self
             .truth
             .bodies()
-            .all(|config| stream.track(config.id).is_some());
-        assert!(all_there, "a body is missing in the copy");
+            .all(|desc| stream.track(desc.id).is_some());
+        assert!(all_there, "the copy misses a body");
     }
 
     fn check(&mut self) {
-        assert_eq!(self.table.closed(self.polite), None);
-        assert_eq!(self.table.closed(self.rude.peer), None);
+        assert_eq!(self.table.closed(self.well_behaved), None);
+        assert_eq!(self.table.closed(self.raw_peer.peer), None);
         let tick: Tick = self.truth.tick();
-        let session = self.table.guest(self.polite);
+        let session = self.table.session(self.well_behaved);
         while session.poll_event().is_some() {}
-        let stream = session.replica().expect("it is a member").stream();
+        let stream = session.replica().expect("the session is a member").stream();
         assert_eq!(stream.complete(), tick);
         assert_is_within_limits(stream, stream.index_end().min(6_000) as u32);
         let mut all = Vec::new();
         self.truth.observe_all(&mut all);
-        for seen in all {
-            let config = *self.truth.body(seen.id).expect("what is seen is there");
-            // Who came since the last step is reported of with the next.
-            let Some(predicted_motion) = stream.predicted_motion(config.id, tick) else {
+        for observation in all {
+            let desc = *self
+                .truth
+                .body(observation.id)
+                .expect("an observed body exists");
+            // A body that was added since the last step is published with the next one.
+            let Some(predicted_motion) = stream.predicted_motion(desc.id, tick) else {
                 continue;
             };
-            let radius = self.truth.bounding_radius(config.id).expect("a shape");
-            let apart = Divergence::between(&seen.motion.motion().pose(), &predicted_motion.pose());
-            let tolerance = Tolerance::NORMAL.scaled(config.tolerance_scale);
+            let radius = self.truth.bounding_radius(desc.id).expect("a shape");
+            let apart = Divergence::between(
+                &observation.motion.motion().pose(),
+                &predicted_motion.pose(),
+            );
+            let tolerance = Tolerance::NORMAL.scaled(desc.tolerance_scale);
             let share = tolerance.share(&apart, radius);
-            assert!(share <= 1.0, "{} is off by {share} tolerances", config.id);
+            assert!(
+                share <= 1.0,
+                "{} has an error of {share} tolerances",
+                desc.id
+            );
         }
     }
 }
 
-/// Whether a command that is wrong can be said and is answered.
-fn is_said(command: &Command) -> bool {
+/// Whether an invalid command can be encoded, so that it is answered.
+fn is_encodable(command: &Command) -> bool {
     use rhumb_protocol::wire::Wire as _;
     use rhumb_protocol::wire::bytes::{Reader, Writer};
     let mut to = Writer::new();

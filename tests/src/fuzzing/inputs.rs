@@ -1,7 +1,7 @@
-//! The inputs of each fuzzer that are kept, and those of the golden vectors.
+//! The kept inputs of each fuzzer, and those from the golden vectors.
 //!
-//! `fuzz/corpus/NAME.hex` has an input a line, in hexadecimal digits; a line that begins with `#` says something of the
-//! next. Seeds are made of `spec/vectors` whenever they are wanted, so that they follow the wire.
+//! `fuzz/corpus/NAME.hex` has one input per line, in hexadecimal digits; a line that begins with `#` describes the
+//! next one. Seeds are generated from `spec/vectors` on demand, so that they follow the wire format.
 
 use std::path::{Path, PathBuf};
 
@@ -29,19 +29,20 @@ fn path(target: &Target) -> PathBuf {
         .join(format!("{}.hex", target.name))
 }
 
-/// Inputs that are kept.
+/// The kept inputs of a target.
 ///
 /// # Panics
 ///
-/// When there is no such file.
+/// When the file is missing.
 #[must_use]
 pub fn kept(target: &Target) -> Vec<Vec<u8>> {
-    let text = std::fs::read_to_string(path(target)).expect("each fuzzer has inputs that are kept");
+    let text =
+        std::fs::read_to_string(path(target)).expect("each fuzzer has a file of kept inputs");
     let inputs = text.lines().filter(|line| !line.starts_with('#'));
     inputs.map(unhex).collect()
 }
 
-/// Inputs that the golden vectors give a target: those whose bytes it reads.
+/// The inputs from the golden vectors whose bytes a target can decode.
 #[must_use]
 pub fn seeds(target: &Target) -> Vec<Vec<u8>> {
     let control = |sections: [&str; 2]| {
@@ -61,10 +62,10 @@ pub fn seeds(target: &Target) -> Vec<Vec<u8>> {
     }
 }
 
-/// A trace of ours: `rhumb-bench evaluate --scene free-fall --bodies 1 --seconds 0.1 --modes integrated`.
+/// A trace of `rhumb-bench evaluate --scene free-fall --bodies 1 --seconds 0.1 --modes integrated`.
 fn trace() -> Vec<u8> {
     let path = root().join("tests/data/traces/free_fall.mcap");
-    std::fs::read(path).expect("a trace lies beside the crates")
+    std::fs::read(path).expect("a trace in the repository")
 }
 
 fn datagrams() -> impl Iterator<Item = Vec<u8>> {
@@ -80,11 +81,11 @@ fn behind(front: &[u8], cases: impl Iterator<Item = Vec<u8>>) -> Vec<Vec<u8>> {
     cases.map(|bytes| [front, &bytes].concat()).collect()
 }
 
-/// Writes the kept inputs and the seeds of a target into a folder, a file each, as a fuzzer reads them.
+/// Writes the kept inputs and the seeds of a target into a folder, one file each, as a fuzzer expects them.
 ///
 /// # Errors
 ///
-/// When a file is not written.
+/// When a file cannot be written.
 pub fn unpack(target: &Target, folder: &Path) -> std::io::Result<usize> {
     std::fs::create_dir_all(folder)?;
     let mut inputs = kept(target);
@@ -95,12 +96,12 @@ pub fn unpack(target: &Target, folder: &Path) -> std::io::Result<usize> {
     Ok(inputs.len())
 }
 
-/// Keeps the inputs of a folder, in place of those that are kept, up to so many bytes in all: the shortest. What is sent
-/// of findings stays, and so do they.
+/// Replaces the kept inputs by those of a folder: the shortest, up to a total number of bytes. Findings and their
+/// descriptions stay.
 ///
 /// # Errors
 ///
-/// When a file is not read or written.
+/// When a file cannot be read or written.
 pub fn pack(target: &Target, folder: &Path, bytes_max: usize) -> std::io::Result<usize> {
     let known = std::fs::read_to_string(path(target)).unwrap_or_default();
     let mut lines = findings(&known);

@@ -1,7 +1,7 @@
-//! A publisher and a listener over a link that a script has at its mercy.
+//! Fuzzes a publisher and a subscriber over a scripted link.
 //!
-//! Promises: nothing said is malformed to who hears it; while the listener knows all of a tick, its tracks are the
-//! publisher's to the bit; what it bounds lies within its bound; when the script ends, everything becomes known.
+//! Promises: every packet is well-formed for its receiver. While the subscriber has a complete tick, its tracks are
+//! bit-identical to the publisher's. Each stated bound holds. After the end of the script the subscriber converges.
 
 use std::collections::VecDeque;
 
@@ -12,28 +12,28 @@ use rhumb_reckoning::{Divergence, Metres, Radians, Tolerance};
 use super::script::Script;
 use super::source::{BODIES, SceneChange, Source, parameters};
 
-/// Ticks of one script, so that it ends soon.
+/// Number of ticks of one script, so that it ends soon.
 const TICKS_MAX: u64 = 240;
-/// Ticks within which all is known once nothing is lost any more.
+/// Ticks within which the subscriber converges once no datagram is lost.
 const CALM_TICKS: u64 = 40;
 
 struct FuzzedLink {
     source: Source,
     subscriber: Subscriber,
     limited: bool,
-    /// What is under way, by the tick at which it arrives.
-    air: VecDeque<(u64, Bytes)>,
-    mail: VecDeque<(u64, SceneChange)>,
-    /// Bits that say of each datagram in turn whether it is lost.
-    fate: u32,
-    /// Ticks by which datagrams and news are late at most.
+    /// Datagrams in flight, by the tick of their arrival.
+    in_flight: VecDeque<(u64, Bytes)>,
+    pending_changes: VecDeque<(u64, SceneChange)>,
+    /// One bit for each datagram in turn: whether it is lost.
+    loss_bits: u32,
+    /// Greatest delay of datagrams and of scene changes, in ticks.
     late: [u64; 2],
     copies: bool,
     redundancy: Redundancy,
     sent: u32,
 }
 
-/// A script of ticks, blows, new_bodies and faults.
+/// A script of ticks, impulses, new bodies and faults.
 pub fn link(data: &[u8]) {
     let mut script = Script::new(data);
     let mut link = FuzzedLink::new(&mut script);
@@ -41,13 +41,16 @@ pub fn link(data: &[u8]) {
         link.act(&mut script);
         link.check();
     }
-    (link.fate, link.late, link.copies) = (0, [0, 0], false);
+    (link.loss_bits, link.late, link.copies) = (0, [0, 0], false);
     for _ in 0..CALM_TICKS {
         link.tick();
         link.check();
     }
     let tick = link.source.tick;
-    assert!(link.subscriber.is_converged(), "something stays unknown");
+    assert!(
+        link.subscriber.is_converged(),
+        "the subscriber does not converge"
+    );
     assert_eq!(link.subscriber.complete(), tick);
     assert_eq!(
         link.subscriber.state_checksum(),
@@ -83,24 +86,25 @@ impl FuzzedLink {
             source,
             subscriber,
             limited,
-            air: VecDeque::new(),
-            mail: VecDeque::new(),
-            fate: 0,
+            in_flight: VecDeque::new(),
+            pending_changes: VecDeque::new(),
+            loss_bits: 0,
             late: [0, 0],
             copies: false,
             redundancy: Redundancy::Off,
             sent: 0,
         };
         for index in 0..BODIES / 2 {
-            let news = link.source.add(index, script.sane_vector(20.0));
-            link.post(news);
+            let changes = link.source.add(index, script.sane_vector(20.0));
+            link.queue_changes(changes);
         }
         link
     }
 
-    fn post(&mut self, news: impl IntoIterator<Item = SceneChange>) {
+    fn queue_changes(&mut self, changes: impl IntoIterator<Item = SceneChange>) {
         let at = self.source.tick.value() + self.late[1];
-        self.mail.extend(news.into_iter().map(|news| (at, news)));
+        self.pending_changes
+            .extend(changes.into_iter().map(|changes| (at, changes)));
     }
 
     fn act(&mut self, script: &mut Script<'_>) {
@@ -113,23 +117,23 @@ impl FuzzedLink {
             }
             3 | 4 => self.source.strike(script),
             5 => {
-                self.fate = script.any();
+                self.loss_bits = script.any();
                 self.late = [script.below(5) as u64, script.below(9) as u64];
                 self.copies = script.any();
             }
             6 => {
-                let news = self
+                let changes = self
                     .source
                     .add(script.below(BODIES), script.sane_vector(20.0));
-                self.post(news);
+                self.queue_changes(changes);
             }
             7 => {
-                let news = self.source.remove(script.below(BODIES));
-                self.post(news);
+                let changes = self.source.remove(script.below(BODIES));
+                self.queue_changes(changes);
             }
             8 => {
-                let news = self.source.change_gravity(script.sane_vector(30.0));
-                self.post([news]);
+                let changes = self.source.change_gravity(script.sane_vector(30.0));
+                self.queue_changes([changes]);
             }
             _ => {
                 self.redundancy = script.one_of(&[
@@ -144,7 +148,7 @@ impl FuzzedLink {
 
     fn is_lost(&mut self) -> bool {
         self.sent = self.sent.wrapping_add(1);
-        self.fate.rotate_right(self.sent) & 1 == 1
+        self.loss_bits.rotate_right(self.sent) & 1 == 1
     }
 
     fn send(&mut self, datagram: &Bytes) {
@@ -157,23 +161,25 @@ impl FuzzedLink {
         } else {
             u64::from(self.sent) % (self.late[0] + 1)
         };
-        self.air.push_back((now + delay, datagram.clone()));
+        self.in_flight.push_back((now + delay, datagram.clone()));
         if self.copies {
-            self.air.push_back((now + delay / 2, datagram.clone()));
+            self.in_flight
+                .push_back((now + delay / 2, datagram.clone()));
         }
     }
 
     fn tick(&mut self) {
-        let mut said = self.source.step();
+        let mut datagrams = self.source.step();
         let tick = self.source.tick.value();
-        // A checksums states nothing of what a budget over_budget, so that there it goes with packets alone.
+        // Checksum packets do not carry the error scale of a stream with a budget, so such a stream sends none
+        // separately.
         if tick.is_multiple_of(10) && !self.limited {
-            said.push(self.source.publisher.checksums(self.source.scene_events));
+            datagrams.push(self.source.publisher.checksums(self.source.scene_events));
         }
         self.source
             .publisher
-            .encode_repair_symbols(self.redundancy, &mut said);
-        for datagram in &said {
+            .encode_repair_symbols(self.redundancy, &mut datagrams);
+        for datagram in &datagrams {
             self.send(datagram);
         }
         self.deliver();
@@ -184,11 +190,12 @@ impl FuzzedLink {
 
     fn deliver(&mut self) {
         let now = self.source.tick.value();
-        while let Some((_, news)) = self.mail.pop_front_if(|(at, _)| *at <= now) {
-            news.tell(&mut self.subscriber);
+        while let Some((_, changes)) = self.pending_changes.pop_front_if(|(at, _)| *at <= now) {
+            changes.apply_to(&mut self.subscriber);
         }
-        let (due, later): (Vec<_>, Vec<_>) = self.air.drain(..).partition(|(at, _)| *at <= now);
-        self.air.extend(later);
+        let (due, later): (Vec<_>, Vec<_>) =
+            self.in_flight.drain(..).partition(|(at, _)| *at <= now);
+        self.in_flight.extend(later);
         for (_, datagram) in due {
             self.subscriber.handle_datagram(&datagram);
         }
@@ -203,7 +210,7 @@ impl FuzzedLink {
         let mut answers = Vec::new();
         for number in self.source.publisher.answer(&loss_report, &mut answers) {
             let refresh = self.source.publisher.refresh(number, scene_events);
-            answers.extend(refresh.expect("the history is long enough"));
+            answers.extend(refresh.expect("the publisher keeps a long enough history"));
         }
         answers.push(self.source.publisher.watermark(scene_events));
         for datagram in &answers {
@@ -220,10 +227,10 @@ impl FuzzedLink {
             (0, 0, 0)
         );
         let watermark_tick = subscriber.watermark_tick();
-        let current = watermark_tick == self.source.tick && self.mail.is_empty();
+        let current = watermark_tick == self.source.tick && self.pending_changes.is_empty();
         for (id, track) in publisher.tracks() {
             let Some(bound) = subscriber.bound(id) else {
-                assert!(!self.mail.is_empty(), "{id} is not bounded at all");
+                assert!(!self.pending_changes.is_empty(), "{id} has no bound");
                 continue;
             };
             let ErrorBound::Within(within) = bound else {
@@ -236,16 +243,19 @@ impl FuzzedLink {
                     "{id} at {watermark_tick}"
                 );
             }
-            // A body that came after that tick has no truth there.
+            // A body that was added after that tick has no truth there.
             let Some(truth) = self.source.truth(id, watermark_tick) else {
                 continue;
             };
             let predicted_motion = subscriber
                 .predicted_motion(id, watermark_tick)
-                .expect("it is bounded");
+                .expect("a body with a bound");
             let apart = Divergence::between(&truth.motion().pose(), &predicted_motion.pose());
             let error = apart.surface_error(parameters(id).radius);
-            assert!(error <= within, "{id} is off by {error}, not {within}");
+            assert!(
+                error <= within,
+                "{id} has an error of {error}, bound {within}"
+            );
         }
         if current && subscriber.is_converged() {
             assert_eq!(subscriber.state_checksum(), publisher.state_checksum());

@@ -1,7 +1,7 @@
-//! What the fuzzers run, and the inputs that are kept of them.
+//! The fuzz targets and their kept inputs.
 //!
-//! Each target takes any bytes and panics where a promise is broken. The fuzzers of `fuzz/` call the same functions as the
-//! test that replays what is kept, so that nothing here needs another compiler than the rest.
+//! Each target accepts arbitrary bytes and panics if a promise is broken. The fuzzers of `fuzz/` call the same
+//! functions as the test that replays the kept inputs, so this code builds with the normal compiler.
 
 mod app;
 mod client_session;
@@ -34,18 +34,18 @@ pub use scene_commands::scene_commands;
 pub use subscriber::subscriber;
 pub use upstream::upstream;
 
-/// Something that is fuzzed.
+/// A fuzz target.
 #[derive(Clone, Copy, Debug)]
 pub struct Target {
-    /// What it is called, here and in `fuzz/`.
+    /// Its name, here and in `fuzz/`.
     pub name: &'static str,
-    /// Takes an input.
+    /// Runs one input.
     pub run: fn(&[u8]),
 }
 
 macro_rules! targets {
     ($($name:ident)*) => {
-        /// All of them, in order of name.
+        /// All targets, in order of name.
         pub const TARGETS: &[Target] = &[$(Target { name: stringify!($name), run: $name }),*];
     };
 }

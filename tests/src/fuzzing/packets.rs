@@ -1,7 +1,7 @@
-//! Datagrams, from any bytes and from anything that can be sent.
+//! Fuzzes the datagram codec with arbitrary bytes and with valid packets.
 //!
-//! Promises: what is read is written again as it was, byte by byte, so that a value has one encoding; what is written is
-//! read as it was sent; and whatever the range coder is given, it reads or refuses.
+//! Promises: a decoded packet is encoded as it was, byte for byte, so each value has one encoding. An encoded packet
+//! is decoded as it was. The range decoder accepts or refuses any input without a panic.
 
 use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
 use rhumb_protocol::packet::{
@@ -18,7 +18,7 @@ use super::script::Script;
 
 const STREAM: StreamId = StreamId(3);
 
-/// Whatever a datagram may be.
+/// All packet kinds.
 pub(super) const KINDS: [PacketKind; 12] = [
     PacketKind::Updates,
     PacketKind::UpdatesEnd,
@@ -34,25 +34,25 @@ pub(super) const KINDS: [PacketKind; 12] = [
     PacketKind::WatermarkOverBudget,
 ];
 
-/// The head of a datagram, of which the rest is still to be sent.
+/// A datagram that contains only its head so far.
 pub(super) fn begun(kind: PacketKind, stream: StreamId) -> Vec<u8> {
     let mut to = Writer::new();
     Head { kind, stream }.encode(&mut to);
     to.into_bytes()
 }
 
-/// Packets of updates: any bytes, whatever can be sent with a bit turned, and numbers without meaning.
+/// State packets: arbitrary bytes, valid packets with a flipped bit, and meaningless numbers.
 pub fn state_packets(data: &[u8]) {
     let mut script = Script::new(data);
     let datagram = match script.below(3) {
         0 => script.rest().to_vec(),
         1 => sent(&mut script),
-        _ => forged(&mut script),
+        _ => meaningless_numbers(&mut script),
     };
     let _ = written_again(&datagram);
 }
 
-/// Packets of every other kind: any bytes, and refreshes with a bit turned.
+/// Packets of every other kind: arbitrary bytes, and refreshes with a flipped bit.
 pub fn side_packets(data: &[u8]) {
     let mut script = Script::new(data);
     let datagram = if script.any() {
@@ -65,7 +65,7 @@ pub fn side_packets(data: &[u8]) {
     let _ = written_again(&datagram);
 }
 
-/// Turns a bit, if the script goes on.
+/// Flips a bit, unless the script has ended.
 fn turn(script: &mut Script<'_>, datagram: &mut [u8]) {
     if script.goes_on() {
         let bit = script.below(datagram.len() * 8);
@@ -73,7 +73,7 @@ fn turn(script: &mut Script<'_>, datagram: &mut [u8]) {
     }
 }
 
-/// What a publisher might say, once it was read as it was sent.
+/// A packet that a publisher may send, after a check that it decodes correctly.
 fn sent(script: &mut Script<'_>) -> Vec<u8> {
     let mut writer = UpdateWriter::new(STREAM, script.any(), script.any(), script.any());
     let mut all = updates(script, 12);
@@ -83,18 +83,18 @@ fn sent(script: &mut Script<'_>) -> Vec<u8> {
     assert!(datagram.len() <= DATAGRAM_BYTES_MAX);
     assert_eq!(written_again(&datagram), Ok(()), "{all:?}");
     let mut reader = Reader::new(&datagram);
-    let head = Head::decode(&mut reader).expect("what was just written");
+    let head = Head::decode(&mut reader).expect("bytes that were just encoded");
     let mut read = Vec::new();
     UpdatePacket::decode(head.kind == PacketKind::UpdatesEnd, reader)
         .and_then(|packet| packet.updates(&mut read))
-        .expect("what was just written");
-    assert_eq!(read, all, "read otherwise than it was sent");
+        .expect("bytes that were just encoded");
+    assert_eq!(read, all, "the decoded updates differ");
     turn(script, &mut datagram);
     datagram
 }
 
-/// Numbers in contexts of the range coder, as no publisher says them.
-fn forged(script: &mut Script<'_>) -> Vec<u8> {
+/// Numbers in contexts of the range coder that no publisher sends.
+fn meaningless_numbers(script: &mut Script<'_>) -> Vec<u8> {
     let mut test_encoder = TestEncoder::default();
     while script.goes_on() {
         test_encoder = match script.below(4) {
@@ -117,7 +117,7 @@ fn forged(script: &mut Script<'_>) -> Vec<u8> {
     datagram
 }
 
-/// Repairs with any tracks.
+/// Refreshes with any tracks.
 fn refresh(script: &mut Script<'_>) -> Vec<u8> {
     let mut writer = RefreshWriter::default();
     let mut index = 0;
@@ -139,22 +139,22 @@ fn refresh(script: &mut Script<'_>) -> Vec<u8> {
     for part in &parts {
         assert_eq!(written_again(part), Ok(()));
         let mut reader = Reader::new(part);
-        Head::decode(&mut reader).expect("what was just written");
+        Head::decode(&mut reader).expect("bytes that were just encoded");
         read.extend(
             Refresh::decode(reader)
-                .expect("what was just written")
+                .expect("bytes that were just encoded")
                 .records,
         );
     }
-    assert_eq!(read, records, "read otherwise than it was sent");
+    assert_eq!(read, records, "the decoded records differ");
     parts.into_iter().next().expect("a refresh has a part")
 }
 
-/// Reads a datagram and writes it again.
+/// Decodes a datagram and encodes it again.
 ///
 /// # Panics
 ///
-/// When it is written otherwise than it was read.
+/// When the bytes differ.
 pub(super) fn written_again(datagram: &[u8]) -> Result<(), Malformed> {
     let mut reader = Reader::new(datagram);
     let head = Head::decode(&mut reader)?;
@@ -180,12 +180,12 @@ pub(super) fn written_again(datagram: &[u8]) -> Result<(), Malformed> {
         PacketKind::RepairSymbol => Some(RepairSymbol::decode(reader)?.encode(stream)),
     };
     if let Some(again) = again {
-        assert_eq!(again, datagram, "one value, one encoding");
+        assert_eq!(again, datagram, "each value has one encoding");
     }
     Ok(())
 }
 
-/// `None` where a writer would have begun another packet.
+/// `None` where the encoder would have started another packet.
 fn state_again(head: Head, reader: Reader<'_>) -> Result<Option<Vec<u8>>, Malformed> {
     let over_budget = head.kind == PacketKind::UpdatesOverBudget;
     let packet = if over_budget {
@@ -213,7 +213,7 @@ fn state_again(head: Head, reader: Reader<'_>) -> Result<Option<Vec<u8>>, Malfor
     }))
 }
 
-/// A writer says all parts of a refresh; of the part at hand only its place among them cannot be told.
+/// An encoder produces all parts of a refresh; the position of the given part among them is unknown.
 fn refresh_again(
     head: Head,
     reader: Reader<'_>,

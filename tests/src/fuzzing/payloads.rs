@@ -1,4 +1,4 @@
-//! Motions, tracks and payloads of a script: all that is said of a body.
+//! Random motions, tracks and payloads: the content of updates.
 
 use rhumb_protocol::limits::INDICES_MAX;
 use rhumb_protocol::packet::{Age, Keyframe, PredictionMode, Update, UpdatePayload};
@@ -10,7 +10,7 @@ use rhumb_reckoning::{
 
 use super::script::Script;
 
-/// Steps within a limit: few, mostly.
+/// Numbers of quantiser steps within a limit, usually small.
 fn steps(script: &mut Script<'_>, limit: i32) -> [i32; 3] {
     let mut all = [0; 3];
     let small = script.any::<u8>();
@@ -25,25 +25,25 @@ fn steps(script: &mut Script<'_>, limit: i32) -> [i32; 3] {
     all
 }
 
-/// A motion to the bit.
+/// An exact motion.
 pub(super) fn body_state(script: &mut Script<'_>) -> BodyState {
     let position = script.vector(1e3).to_array();
     let rotation = script.rotation().to_array();
     let (linear, angular) = (script.vector(30.0), script.vector(30.0));
     BodyState::new(position, rotation, linear.to_array(), angular.to_array()).unwrap_or_else(|_| {
         BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
-            .expect("nothing moves at the origin")
+            .expect("the rest state at the origin")
     })
 }
 
-/// A motion on a grid.
+/// A quantised motion.
 pub(super) fn quantised(script: &mut Script<'_>) -> QuantisedState {
     let position = steps(script, rhumb_reckoning::POSITION_LIMIT);
     let largest = script.any::<u8>() % 4;
     let others = steps(script, 1 << 18);
     let rotation = PackedRotation::from_parts(largest, others)
         .or_else(|| PackedRotation::from_parts(3, [0; 3]))
-        .expect("no turn is a rotation");
+        .expect("the identity is a valid rotation");
     QuantisedState {
         position,
         rotation,
@@ -52,20 +52,20 @@ pub(super) fn quantised(script: &mut Script<'_>) -> QuantisedState {
     }
 }
 
-/// A predictor, with any push.
+/// A predictor, with any acceleration.
 pub(super) fn predictor(script: &mut Script<'_>) -> Predictor {
     match script.one_of(&Predictor::ALL) {
         Predictor::Accelerated(_) => {
             let [x, y, z] = steps(script, i32::from(ACCELERATION_LIMIT));
             let exponent = script.below(usize::from(ACCELERATION_EXPONENT_MAX) + 1) as u8;
             let push = ConstantAcceleration::new([x as i16, y as i16, z as i16], exponent);
-            Predictor::Accelerated(push.expect("it is within the limits"))
+            Predictor::Accelerated(push.expect("an acceleration within the limits"))
         }
         predictor => predictor,
     }
 }
 
-/// A whole track.
+/// A keyframe.
 pub(super) fn keyframe(script: &mut Script<'_>) -> Keyframe {
     let predictor = predictor(script);
     let exact = script.any::<bool>() && predictor.acceleration().is_none();
@@ -85,7 +85,7 @@ pub(super) fn keyframe(script: &mut Script<'_>) -> Keyframe {
     }
 }
 
-/// How many ticks were spoken of since something was said.
+/// The number of published ticks since an update.
 fn age(script: &mut Script<'_>, most: u32) -> Age {
     let age = match script.below(4) {
         0 => script.any::<u32>() % (most + 1),
@@ -118,7 +118,7 @@ fn velocity(script: &mut Script<'_>) -> VelocityResidual {
     }
 }
 
-/// What an update says of a body.
+/// The payload of an update.
 pub(super) fn payload(script: &mut Script<'_>) -> UpdatePayload {
     match script.below(6) {
         0 => UpdatePayload::Keyframe(keyframe(script)),

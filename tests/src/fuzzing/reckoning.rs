@@ -1,8 +1,8 @@
-//! Reckoning: shortcuts against the exact, grids against what is put on them.
+//! Fuzzes the arithmetic of `reckoning`: fast paths, quantisers, corrections.
 //!
-//! Promises: what the prefilter lets pass the exact judgement allows, and four predictions side by side are one by one's, to the
-//! bit; a grid's point is its own nearest, within half a step of what it stands for; a rest_correction says any pose to the bit;
-//! all that follows is finite.
+//! Promises: the exact test accepts everything that the prefilter accepts. Four predictions at once equal four single
+//! ones, bit for bit. A quantised value is its own nearest grid point, within half a step of the original. A rest
+//! correction restores any pose bit for bit. All results are finite.
 
 use std::num::NonZeroU32;
 
@@ -19,10 +19,10 @@ use super::payloads::{body_state, predictor, quantised};
 use super::script::Script;
 use super::subscriber::assert_is_motion;
 
-/// Ten thousand times as far as a body may be, metres.
+/// Ten thousand times the coordinate limit of a body, in metres.
 const FAR: f64 = 1e9;
 
-/// Any length, or a length and an angle.
+/// A tolerance from one length, or from a length and an angle.
 fn tolerance(script: &mut Script<'_>) -> Tolerance {
     let length = Metres::new(f64::from(script.sane(0.2).abs()));
     let turn = Radians::new(f64::from(script.sane(3.0).abs()));
@@ -51,12 +51,12 @@ fn radius(script: &mut Script<'_>) -> Metres {
 fn flow(script: &mut Script<'_>) -> (Integrator, StepCoefficientTable) {
     let rates = [
         Rate::HZ_60,
-        Rate::new(10, 1).expect("a rate"),
+        Rate::new(10, 1).expect("a valid rate"),
         Rate::new(1_000, 1).expect("a rate"),
     ];
     let integrator = Integrator {
         rate: script.one_of(&rates),
-        substeps: NonZeroU32::new(1 + script.below(8) as u32).expect("more than zero"),
+        substeps: NonZeroU32::new(1 + script.below(8) as u32).expect("a positive number"),
     };
     let damping = Damping {
         linear: script.one_of(&[0.0, 0.5, 100.0]),
@@ -82,13 +82,13 @@ fn track(script: &mut Script<'_>) -> Track {
     }
 }
 
-/// Four tracks, and truths beside them: the prefilter and the exact judgement, the batch and the exact prediction.
+/// Four tracks and true states near them: compares prefilter with exact test, and batch with single prediction.
 pub fn prefilter(data: &[u8]) {
     let mut script = Script::new(data);
     let tolerance = tolerance(&mut script);
     let (integrator, flow) = flow(&mut script);
     let gravity = script.sane_vector(1e3).as_dvec3();
-    let inertia = Inertia::new([1.0, 2.0, 2.5], [0.0, 0.0, 0.0, 1.0]).expect("an inertia");
+    let inertia = Inertia::new([1.0, 2.0, 2.5], [0.0, 0.0, 0.0, 1.0]).expect("a valid inertia");
     let radius = radius(&mut script);
     let grid = Grid::new(tolerance, radius);
     let mut prefilter = ErrorPrefilter::new(tolerance, integrator);
@@ -115,7 +115,7 @@ pub fn prefilter(data: &[u8]) {
         assert_eq!(
             bits(&by_cursor),
             bits(&predicted_motion),
-            "a cursor changes no bit"
+            "the result with a cursor is bit-identical"
         );
         if batch.take(place, &DenseTrack::new(&track), tick, &grid, &conditions) {
             predicted.push((place, predicted_motion));
@@ -131,7 +131,7 @@ pub fn prefilter(data: &[u8]) {
             conditions: &conditions,
         };
         prefilter.look(place, &case, &mut undecided);
-        // No body is so far away; there f64 itself is too coarse for both to round alike.
+        // Beyond this distance, which no body reaches, the rounding of f64 is coarser than the comparison.
         let is_near = predicted_motion.pose().position.abs().max_element() < FAR;
         shares.push(if is_near {
             tolerance.share(&apart, radius)
@@ -146,13 +146,13 @@ pub fn prefilter(data: &[u8]) {
     }
     let mut rest = predicted.into_iter();
     batch.predict(|place, motion| {
-        let (expected, exact) = rest.next().expect("no more than were taken");
+        let (expected, exact) = rest.next().expect("one result per track");
         assert_eq!((place, bits(&motion)), (expected, bits(&exact)));
     });
-    assert_eq!(rest.next(), None, "one was forgotten");
+    assert_eq!(rest.next(), None, "a result is missing");
 }
 
-/// Truth within about what a tolerance allows of a belief, and to f32.
+/// A true state about one tolerance away from a prediction, rounded to f32.
 fn beside(script: &mut Script<'_>, predicted_motion: &Motion, reach: Metres) -> BodyState {
     let pose = predicted_motion.pose();
     let scale = script.one_of(&[0.1, 0.9, 1.0, 1.1]);
@@ -179,7 +179,7 @@ fn bits(motion: &Motion) -> Vec<u64> {
         .collect()
 }
 
-/// A motion on a grid, a correction of it, and a rest_correction.
+/// A quantised motion, a correction of it, and a rest correction.
 pub fn quantiser(data: &[u8]) {
     let mut script = Script::new(data);
     let tolerance = tolerance(&mut script);
@@ -188,7 +188,7 @@ pub fn quantiser(data: &[u8]) {
     let on_grid = QuantisedState::of(&motion, &grid);
     assert!(on_grid.is_within_limits());
     check_quantised(&motion, &on_grid, &grid);
-    // Whatever is on a grid stays where it is.
+    // A quantised value stays where it is.
     let sent = quantised(&mut script);
     let again = QuantisedState::of(&sent.motion(&grid), &grid);
     assert_eq!(
@@ -234,10 +234,10 @@ fn check_quantised(motion: &Motion, quantised: &QuantisedState, grid: &Grid) {
         VELOCITY_LIMIT,
     );
     let turned = value.pose().rotation.dot(pose.rotation).abs();
-    assert!(turned > 1.0 - 1e-9, "the rotation is another: {turned}");
+    assert!(turned > 1.0 - 1e-9, "the rotation differs: {turned}");
 }
 
-/// A correction of a prediction, as a decoder may meet it, is on the grid, where it says.
+/// A correction of a prediction that a decoder may receive is on the grid.
 fn check_residual(script: &mut Script<'_>, motion: &Motion, predicted: &Motion, grid: &Grid) {
     let wanted = Residual::wanted(&motion.pose(), &predicted.pose(), grid);
     let steps = |wanted: DVec3, limit: i32| {
@@ -272,7 +272,7 @@ fn check_residual(script: &mut Script<'_>, motion: &Motion, predicted: &Motion, 
     assert!(residual.onto(predicted, over, grid).is_within_limits());
 }
 
-/// What can be sent as a rest_correction of any prediction is had back to the bit.
+/// A pose that can be encoded as a rest correction of a prediction is restored bit for bit.
 fn check_rest_correction(truth: &BodyState, predicted: &Motion) {
     if let Some(rest_correction) = RestCorrection::of(truth, &predicted.pose()) {
         let back = rest_correction.onto(&predicted.pose());

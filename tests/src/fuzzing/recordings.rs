@@ -1,14 +1,14 @@
-//! The readers of recordings, from any bytes.
+//! Fuzzes the decoders of recordings with arbitrary bytes.
 //!
-//! Promises: what is no recording is refused in words, and takes no more memory than its bytes account for; what is one
-//! holds what its bytes say, number by number.
+//! Promises: an invalid recording is refused with a message, and memory stays proportional to its bytes. A valid
+//! recording contains the numbers of its bytes.
 
 use rhumb_bench::recording::{Recording, mcap, rhtrace};
 use rhumb_reckoning::Tick;
 
 use super::script::Script;
 
-/// The first byte says which form the rest is of: packed and foreign, foreign and to be packed, or a trace of ours.
+/// The first byte selects the form of the rest: packed foreign recording, unpacked foreign recording, or trace.
 pub fn recordings(data: &[u8]) {
     let Some((form, bytes)) = data.split_first() else {
         return;
@@ -21,7 +21,7 @@ pub fn recordings(data: &[u8]) {
     }
 }
 
-/// A recording, or nothing once its refusal has words.
+/// A valid recording; formats the error of an invalid one.
 fn reported<E: std::error::Error>(read: Result<Recording, E>) -> Option<Recording> {
     if let Err(error) = &read {
         assert!(!error.to_string().is_empty());
@@ -29,19 +29,19 @@ fn reported<E: std::error::Error>(read: Result<Recording, E>) -> Option<Recordin
     read.ok()
 }
 
-/// A foreign recording before it is packed.
+/// A foreign recording before compression.
 fn foreign(plain: &[u8]) {
-    let packed = zstd::encode_all(plain, 1).expect("bytes can be packed");
+    let packed = zstd::encode_all(plain, 1).expect("compressing bytes");
     if let Some(recording) = reported(rhtrace::read("fuzz", &packed)) {
         assert_eq!(
             written(&recording, plain),
             plain,
-            "one recording, its bytes"
+            "a recording has one encoding"
         );
     }
 }
 
-/// A foreign recording that is one but for some numbers.
+/// A foreign recording that is valid except for some numbers.
 fn boxes(script: &mut Script<'_>) -> Vec<u8> {
     let bodies = 1 + script.below(3) as u16;
     let frames = 1 + script.below(5) as u32;
@@ -72,7 +72,7 @@ fn boxes(script: &mut Script<'_>) -> Vec<u8> {
     bytes
 }
 
-/// The bytes of a recording; what it does not keep, its step and flags, is taken from the bytes that it was read from.
+/// The bytes of a recording; its step and flags, which a recording does not keep, are copied from the original bytes.
 fn written(recording: &Recording, from: &[u8]) -> Vec<u8> {
     let truth = &recording.truth;
     let mut to = rhtrace::MAGIC.to_vec();

@@ -1,7 +1,7 @@
-//! A listener that loses packets and has them back from repair_symbols.
+//! Fuzzes a subscriber that loses packets and restores them by repair symbols.
 //!
-//! Promises: a repair_symbol is the sum that the specification says, by arithmetic of its own here; and a listener that had back
-//! what it lost believes what another believes that lost nothing.
+//! Promises: a repair symbol equals the specified sum, computed by independent arithmetic here. A subscriber that
+//! restores lost packets has the same tracks as one that lost nothing.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ use rhumb_reckoning::Tolerance;
 use super::script::Script;
 use super::source::{BODIES, Source};
 
-/// Ticks of one script, so that it ends soon.
+/// Number of ticks of one script, so that it ends soon.
 const TICKS_MAX: u64 = 200;
 
 /// x⁸ + x⁴ + x³ + x² + 1 without its highest power. Source: PROTOCOL 5.16.
@@ -23,13 +23,13 @@ const REDUCTION: u8 = 0x1d;
 
 struct SubscriberPair {
     source: Source,
-    whole: Subscriber,
+    lossless: Subscriber,
     lossy: Subscriber,
-    /// The packets of updates so far.
+    /// The state packets so far.
     packets: BTreeMap<u64, Bytes>,
 }
 
-/// A script of ticks, each packet and repair_symbol of which arrives or not.
+/// A script of ticks; each packet and repair symbol arrives or is lost.
 pub fn repair_symbols(data: &[u8]) {
     let mut script = Script::new(data);
     let mut subscribers = SubscriberPair::new();
@@ -55,29 +55,29 @@ impl SubscriberPair {
     fn new() -> Self {
         let mut source = Source::new(Tolerance::EXACT, None);
         let start = source.start();
-        let (mut whole, mut lossy) = (Subscriber::new(&start), Subscriber::new(&start));
-        whole.handle_snapshot_end();
+        let (mut lossless, mut lossy) = (Subscriber::new(&start), Subscriber::new(&start));
+        lossless.handle_snapshot_end();
         lossy.handle_snapshot_end();
         for index in 0..BODIES {
             let place = glam::Vec3::new(index as f32 * 3.0, 4.0 + index as f32, 0.0);
-            let news = source.add(index, place).expect("there is none yet");
-            news.tell(&mut whole);
-            news.tell(&mut lossy);
+            let changes = source.add(index, place).expect("a free index");
+            changes.apply_to(&mut lossless);
+            changes.apply_to(&mut lossy);
         }
         Self {
             source,
-            whole,
+            lossless,
             lossy,
             packets: BTreeMap::new(),
         }
     }
 
-    /// A tick; `lost`: bits of its datagrams that do not arrive.
+    /// One tick; `lost`: one bit for each datagram that does not arrive.
     fn tick(&mut self, redundancy: Redundancy, lost: u8) {
         let sent = self.source.step();
         let next = self.source.publisher.next_number();
         for datagram in &sent {
-            self.whole.handle_datagram(datagram);
+            self.lossless.handle_datagram(datagram);
             if let Some((number, _)) = column(datagram) {
                 self.packets.insert(number.expand(next), datagram.clone());
             }
@@ -86,10 +86,10 @@ impl SubscriberPair {
         self.source
             .publisher
             .encode_repair_symbols(redundancy, &mut repair_symbols);
-        self.hear(sent.iter().chain(&repair_symbols), lost);
+        self.receive(sent.iter().chain(&repair_symbols), lost);
     }
 
-    /// The lossy one says what it lost, and hears repair_symbols and refreshes of it, or not.
+    /// The lossy subscriber reports its losses; the answers arrive or are lost.
     fn ask(&mut self, lost: u8) {
         let loss_report = self.lossy.loss_report();
         let mut answers = Vec::new();
@@ -98,13 +98,13 @@ impl SubscriberPair {
                 .source
                 .publisher
                 .refresh(number, self.source.scene_events);
-            answers.extend(refresh.expect("the history is long enough"));
+            answers.extend(refresh.expect("the publisher keeps a long enough history"));
         }
         answers.push(self.source.publisher.watermark(self.source.scene_events));
-        self.hear(answers.iter(), lost);
+        self.receive(answers.iter(), lost);
     }
 
-    fn hear<'a>(&mut self, sent: impl Iterator<Item = &'a Bytes>, lost: u8) {
+    fn receive<'a>(&mut self, sent: impl Iterator<Item = &'a Bytes>, lost: u8) {
         for (place, datagram) in sent.enumerate() {
             self.check_sum(datagram);
             if lost >> (place % 8) & 1 == 0 {
@@ -113,21 +113,22 @@ impl SubscriberPair {
         }
     }
 
-    /// That a repair_symbol is the sum of the columns that it names.
+    /// Checks that a repair symbol is the sum of the source symbols that it names.
     fn check_sum(&self, datagram: &[u8]) {
         let mut reader = Reader::new(datagram);
-        let head = Head::decode(&mut reader).expect("a publisher says datagrams");
+        let head = Head::decode(&mut reader).expect("a publisher sends valid packets");
         if head.kind != PacketKind::RepairSymbol {
             return;
         }
-        let repair_symbol = RepairSymbol::decode(reader).expect("a publisher says repair_symbols");
+        let repair_symbol =
+            RepairSymbol::decode(reader).expect("a publisher sends valid repair symbols");
         let last = repair_symbol
             .last
             .expand(self.source.publisher.next_number());
         let mut sums = Vec::new();
         for number in repair_symbol.numbers(last) {
-            let packet = self.packets.get(&number).expect("it covers what was sent");
-            let (_, column) = column(packet).expect("it covers packets of updates");
+            let packet = self.packets.get(&number).expect("it covers sent packets");
+            let (_, column) = column(packet).expect("it covers state packets");
             let factor = RepairSymbol::factor(repair_symbol.row, number);
             if sums.len() < column.len() {
                 sums.resize(column.len(), 0);
@@ -148,18 +149,18 @@ impl SubscriberPair {
             (received.malformed, received.mismatches, received.resynced),
             (0, 0, 0)
         );
-        let same_tick = self.lossy.watermark_tick() == self.whole.watermark_tick();
+        let same_tick = self.lossy.watermark_tick() == self.lossless.watermark_tick();
         if !same_tick || !self.lossy.is_converged() {
             return;
         }
-        assert_eq!(self.lossy.state_checksum(), self.whole.state_checksum());
+        assert_eq!(self.lossy.state_checksum(), self.lossless.state_checksum());
         for (id, track) in self.source.publisher.tracks() {
             assert_eq!(self.lossy.track(id), Some(track));
         }
     }
 }
 
-/// The number of a packet of updates, and what repair_symbols sum of it: whether it ends its tick, and what follows its number.
+/// The number of a state packet, and its source symbol: whether it ends its tick, and the bytes after its number.
 fn column(datagram: &[u8]) -> Option<(Low16, Vec<u8>)> {
     let mut reader = Reader::new(datagram);
     let head = Head::decode(&mut reader).ok()?;
@@ -172,7 +173,7 @@ fn column(datagram: &[u8]) -> Option<(Low16, Vec<u8>)> {
     Some((number, [&[ends], reader.rest()].concat()))
 }
 
-/// In the field of PROTOCOL 5.16, bit by bit.
+/// Product in the field of PROTOCOL 5.16, computed bit by bit.
 fn product(mut a: u8, mut b: u8) -> u8 {
     let mut product = 0;
     while b != 0 {

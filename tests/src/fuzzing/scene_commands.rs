@@ -1,7 +1,7 @@
-//! A scene that gets any commands, and steps.
+//! Fuzzes a scene with arbitrary commands and steps.
 //!
-//! Promises: a command is written and read as it is; a refused one changes nothing; whatever was accepted, the engine
-//! steps, and every body is where a body may be; the same script gives the same truth.
+//! Promises: a command is decoded as it was encoded. A refused command changes nothing. The engine can step whatever
+//! was accepted, and every body stays at a valid place. The same script gives the same result.
 
 use std::num::NonZeroU32;
 
@@ -17,19 +17,19 @@ use super::commands::command;
 use super::script::Script;
 use super::subscriber::assert_is_motion;
 
-/// Commands and steps of one script, so that it ends soon.
+/// Number of commands and steps of one script, so that it ends soon.
 const ACTS_MAX: usize = 60;
-/// Bodies have indices below it.
+/// Indices of bodies are below this.
 const BODIES: u32 = 6;
 
 /// A script of commands and steps.
 pub fn scene_commands(data: &[u8]) {
     let once = played(&mut Script::new(data));
     let again = played(&mut Script::new(data));
-    assert_eq!(once, again, "one script, one truth");
+    assert_eq!(once, again, "the same script gives the same result");
 }
 
-/// Terms of a scene in which bodies fall asleep soon.
+/// The configuration of a scene in which bodies fall asleep soon.
 pub(super) fn scene_config(stepping: Stepping) -> SceneConfig {
     SceneConfig {
         integrator: Integrator {
@@ -52,11 +52,11 @@ pub(super) fn scene_config(stepping: Stepping) -> SceneConfig {
     }
 }
 
-/// The checksums of what comes of a script.
+/// Checksum of the result of a script.
 fn played(script: &mut Script<'_>) -> u64 {
     let mut bodies: Vec<_> = (0..BODIES).map(|index| BodyId::new(index, 0)).collect();
     bodies.extend([BodyId::new(0, 1), BodyId::new(1, 1)]);
-    let mut scene = Scene::new(scene_config(Stepping::Lockstep)).expect("good config");
+    let mut scene = Scene::new(scene_config(Stepping::Lockstep)).expect("a valid configuration");
     for _ in 0..ACTS_MAX {
         if !script.goes_on() {
             break;
@@ -79,15 +79,17 @@ fn played(script: &mut Script<'_>) -> u64 {
 }
 
 fn step(scene: &mut Scene) {
-    scene.step().expect("what was accepted can be stepped");
-    let ids = scene.bodies().map(|config| config.id);
+    scene
+        .step()
+        .expect("a scene of accepted commands can be stepped");
+    let ids = scene.bodies().map(|desc| desc.id);
     for id in ids.collect::<Vec<_>>() {
-        let seen = scene.observation(id).expect("a body is somewhere");
-        assert_is_motion(&seen.motion.motion());
+        let observation = scene.observation(id).expect("an existing body has a state");
+        assert_is_motion(&observation.motion.motion());
     }
 }
 
-/// All that a refused command might have changed.
+/// All state that a refused command must not change.
 fn state(scene: &Scene) -> impl PartialEq + std::fmt::Debug + use<> {
     let mut all = Vec::new();
     scene.observe_all(&mut all);
@@ -111,7 +113,7 @@ fn state(scene: &Scene) -> impl PartialEq + std::fmt::Debug + use<> {
     )
 }
 
-/// One that is wrong is not always read, but never read as another.
+/// An invalid command may fail to decode, but it is never decoded as another.
 pub(super) fn assert_read_as_written(command: &Command) {
     let mut to = Writer::new();
     command.encode(&mut to);

@@ -1,11 +1,11 @@
-//! A fuzzer's bytes as a script: choices and numbers, one after the other.
+//! Interprets a fuzzer's bytes as a sequence of choices and numbers.
 //!
-//! Never fails: where the bytes end, all choices are the first and all numbers zero.
+//! It never fails: after the end of the bytes, each choice is the first and each number is zero.
 
 use arbitrary::{Arbitrary, Unstructured};
 use glam::{Quat, Vec3};
 
-/// What is left of the bytes.
+/// The remaining bytes.
 pub(super) struct Script<'a>(Unstructured<'a>);
 
 impl<'a> Script<'a> {
@@ -13,7 +13,7 @@ impl<'a> Script<'a> {
         Self(Unstructured::new(data))
     }
 
-    /// Whether anything is left.
+    /// Whether bytes are left.
     pub(super) fn goes_on(&self) -> bool {
         !self.0.is_empty()
     }
@@ -23,33 +23,33 @@ impl<'a> Script<'a> {
         self.0.arbitrary().unwrap_or_default()
     }
 
-    /// A number below `most`, which is not zero.
+    /// A number below `most`, which must be positive.
     pub(super) fn below(&mut self, most: usize) -> usize {
         self.0.int_in_range(0..=most - 1).unwrap_or(0)
     }
 
-    /// One of these, of which there is at least one.
+    /// One of these elements; there must be at least one.
     pub(super) fn one_of<T: Copy>(&mut self, all: &[T]) -> T {
         all[self.below(all.len())]
     }
 
-    /// So many bytes at most.
+    /// At most this many bytes.
     pub(super) fn bytes(&mut self, most: usize) -> &'a [u8] {
         let length = self.below(most + 1).min(self.0.len());
         self.0.bytes(length).unwrap_or_default()
     }
 
-    /// All that is left.
+    /// All remaining bytes.
     pub(super) fn rest(self) -> &'a [u8] {
         self.0.take_rest()
     }
 
-    /// A number of this size at most.
+    /// A finite number whose absolute value is at most `most`.
     pub(super) fn sane(&mut self, most: f32) -> f32 {
         f32::from(self.any::<i16>()) / 32_768.0 * most
     }
 
-    /// A number around this size, or none that anybody should be given.
+    /// A number of about this size, or rarely an invalid one such as NaN.
     pub(super) fn number(&mut self, most: f32) -> f32 {
         match self.below(12) {
             0 => f32::from_bits(self.any()),
@@ -65,12 +65,12 @@ impl<'a> Script<'a> {
         Vec3::new(self.number(most), self.number(most), self.number(most))
     }
 
-    /// A vector of sane numbers.
+    /// A vector of finite numbers.
     pub(super) fn sane_vector(&mut self, most: f32) -> Vec3 {
         Vec3::new(self.sane(most), self.sane(most), self.sane(most))
     }
 
-    /// A rotation, nearly always.
+    /// A rotation, which is rarely invalid.
     pub(super) fn rotation(&mut self) -> Quat {
         match self.below(8) {
             0 => Quat::from_xyzw(

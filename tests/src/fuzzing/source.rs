@@ -1,7 +1,7 @@
-//! A stream's source over bodies that a script moves.
+//! The publisher of a stream, with bodies that a script moves.
 //!
-//! No engine: bodies fall, are struck, fall asleep, are put elsewhere and ride on one another. Keeps where each was, so
-//! that copies can be held against it.
+//! There is no engine: bodies fall, are hit, fall asleep, are teleported and are attached to each other. The true
+//! states are kept for comparison with copies.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -21,13 +21,13 @@ use rhumb_reckoning::{
 
 use super::script::Script;
 
-/// The stream's name.
+/// The id of the stream.
 pub(super) const STREAM: StreamId = StreamId(3);
-/// Bodies have indices below it.
+/// Indices of bodies are below this.
 pub(super) const BODIES: usize = 8;
 const RADIUS: Metres = Metres::new(0.5);
 
-/// What all listeners hear of, in order.
+/// A scene change that all subscribers receive in order.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum SceneChange {
     Placed(BodyId, Track),
@@ -36,17 +36,17 @@ pub(super) enum SceneChange {
 }
 
 impl SceneChange {
-    pub(super) fn tell(self, subscriber: &mut Subscriber) {
+    pub(super) fn apply_to(self, subscriber: &mut Subscriber) {
         match self {
             Self::Placed(id, track) => assert!(subscriber.place(id, &parameters(id), track)),
-            Self::Removed(id) => assert!(subscriber.remove(id), "{id} was placed"),
+            Self::Removed(id) => assert!(subscriber.remove(id), "{id} exists"),
             Self::Gravity(since, gravity) => subscriber.change_gravity(since, gravity),
         }
         subscriber.apply_scene_event();
     }
 }
 
-/// Of every body another than its neighbour's.
+/// Prediction parameters that differ between neighbouring bodies.
 pub(super) fn parameters(id: BodyId) -> PredictionParameters {
     let index = id.index();
     let inertia = Inertia::new([1.0, 2.0, 2.5], [0.0, 0.0, 0.0, 1.0]);
@@ -59,7 +59,7 @@ pub(super) fn parameters(id: BodyId) -> PredictionParameters {
         gravity_scale: [1.0, 0.0, 1.0, -0.5][index as usize % 4],
         inertia: inertia.ok().filter(|_| index % 3 == 2),
         tolerance_scale: ToleranceScale::new((index % 7) as i8 - 3)
-            .expect("there are seven classes"),
+            .expect("one of seven tolerance scales"),
     }
 }
 
@@ -72,8 +72,8 @@ struct ScriptedBody {
     linear: DVec3,
     angular: DVec3,
     asleep: bool,
-    /// On whom it rides.
-    mount: Option<usize>,
+    /// Index of the parent that it is attached to.
+    parent: Option<usize>,
 }
 
 impl ScriptedBody {
@@ -84,7 +84,7 @@ impl ScriptedBody {
             self.linear.as_vec3().to_array(),
             self.angular.as_vec3().to_array(),
         )
-        .expect("a scripted_body's motion is finite")
+        .expect("the motion of a scripted body is finite")
     }
 
     fn step(&mut self, gravity: DVec3) {
@@ -103,27 +103,27 @@ impl ScriptedBody {
     }
 }
 
-/// Nobody goes farther.
+/// Bodies stay within this distance of the origin on each axis, in metres.
 const FAR: DVec3 = DVec3::splat(1e5);
 
-/// The source.
+/// The publisher and its bodies.
 pub(super) struct Source {
     pub(super) publisher: Publisher,
     observation_history: ObservationHistory,
-    scripted_bodies: [Option<ScriptedBody>; BODIES],
+    bodies: [Option<ScriptedBody>; BODIES],
     generations: [u16; BODIES],
-    /// What was told of who sleeps.
-    told_asleep: [Option<(BodyId, BodyState)>; BODIES],
+    /// The published rest state of each sleeping body.
+    published_rests: [Option<(BodyId, BodyState)>; BODIES],
     gravity: Vec3,
     pub(super) tick: Tick,
-    /// How much news there was.
+    /// Number of scene changes so far.
     pub(super) scene_events: u64,
-    /// Where bodies were after each tick.
+    /// True states after each tick.
     past: Vec<BTreeMap<BodyId, BodyState>>,
 }
 
 impl Source {
-    /// Without bodies.
+    /// A publisher without bodies.
     pub(super) fn new(tolerance: Tolerance, budget: Option<Budget>) -> Self {
         let gravity = Vec3::new(0.0, -9.8, 0.0);
         let config = StreamTerms {
@@ -140,9 +140,9 @@ impl Source {
         Self {
             publisher,
             observation_history: ObservationHistory::new(PublishSchedule::EACH_TICK),
-            scripted_bodies: [None; BODIES],
+            bodies: [None; BODIES],
             generations: [0; BODIES],
-            told_asleep: [None; BODIES],
+            published_rests: [None; BODIES],
             gravity,
             tick: Tick::ZERO,
             scene_events: 0,
@@ -150,7 +150,7 @@ impl Source {
         }
     }
 
-    /// What a listener begins with.
+    /// The start of the stream for a new subscriber.
     pub(super) fn start(&self) -> StreamStart {
         StreamStart {
             stream: STREAM,
@@ -164,45 +164,43 @@ impl Source {
         }
     }
 
-    /// Puts a body where there is none.
+    /// Adds a body, if the index is free.
     pub(super) fn add(&mut self, index: usize, position: Vec3) -> Option<SceneChange> {
-        if self.scripted_bodies[index].is_some() {
+        if self.bodies[index].is_some() {
             return None;
         }
-        let scripted_body = ScriptedBody {
+        let body = ScriptedBody {
             id: BodyId::new(index as u32, self.generations[index]),
             position: position.as_dvec3().clamp(-FAR, FAR),
             rotation: DQuat::IDENTITY,
             linear: DVec3::ZERO,
             angular: DVec3::ZERO,
             asleep: false,
-            mount: None,
+            parent: None,
         };
-        self.scripted_bodies[index] = Some(scripted_body);
+        self.bodies[index] = Some(body);
         let track = Track {
             origin: self.tick,
             predictor: Predictor::Ballistic,
-            anchor: Anchor::Exact(scripted_body.body_state()),
+            anchor: Anchor::Exact(body.body_state()),
             parent: None,
         };
-        let placed = self
-            .publisher
-            .place(scripted_body.id, &parameters(scripted_body.id), track);
-        assert!(placed, "eight bodies are not too many");
+        let placed = self.publisher.place(body.id, &parameters(body.id), track);
+        assert!(placed, "eight aliases fit into the table");
         self.scene_events += 1;
-        Some(SceneChange::Placed(scripted_body.id, track))
+        Some(SceneChange::Placed(body.id, track))
     }
 
-    /// Takes a body out.
+    /// Removes a body, if it exists.
     pub(super) fn remove(&mut self, index: usize) -> Option<SceneChange> {
-        let scripted_body = self.scripted_bodies[index].take()?;
+        let body = self.bodies[index].take()?;
         self.generations[index] = self.generations[index].wrapping_add(1);
-        self.publisher.remove(scripted_body.id);
+        self.publisher.remove(body.id);
         self.scene_events += 1;
-        Some(SceneChange::Removed(scripted_body.id))
+        Some(SceneChange::Removed(body.id))
     }
 
-    /// Lets something else pull.
+    /// Changes the gravity.
     pub(super) fn change_gravity(&mut self, gravity: Vec3) -> SceneChange {
         self.gravity = gravity;
         self.publisher.change_gravity(self.tick, gravity);
@@ -210,61 +208,49 @@ impl Source {
         SceneChange::Gravity(self.tick, gravity)
     }
 
-    /// Something happens to a body.
+    /// Applies a random change to a body.
     pub(super) fn strike(&mut self, script: &mut Script<'_>) {
-        let (index, mount) = (script.below(BODIES), script.below(BODIES));
-        let Some(scripted_body) = &mut self.scripted_bodies[index] else {
+        let (index, parent) = (script.below(BODIES), script.below(BODIES));
+        let Some(body) = &mut self.bodies[index] else {
             return;
         };
-        scripted_body.asleep = false;
+        body.asleep = false;
         match script.below(5) {
-            0 => scripted_body.linear += script.sane_vector(20.0).as_dvec3(),
-            1 => scripted_body.angular += script.sane_vector(20.0).as_dvec3(),
-            2 => scripted_body.position = script.sane_vector(1e5).as_dvec3(),
-            3 => {
-                (
-                    scripted_body.linear,
-                    scripted_body.angular,
-                    scripted_body.asleep,
-                ) = (DVec3::ZERO, DVec3::ZERO, true)
-            }
-            _ => {
-                scripted_body.mount =
-                    (mount != index && scripted_body.mount.is_none()).then_some(mount)
-            }
+            0 => body.linear += script.sane_vector(20.0).as_dvec3(),
+            1 => body.angular += script.sane_vector(20.0).as_dvec3(),
+            2 => body.position = script.sane_vector(1e5).as_dvec3(),
+            3 => (body.linear, body.angular, body.asleep) = (DVec3::ZERO, DVec3::ZERO, true),
+            _ => body.parent = (parent != index && body.parent.is_none()).then_some(parent),
         }
     }
 
-    /// The next tick: what is sent of it.
+    /// Steps to the next tick, and returns its datagrams.
     pub(super) fn step(&mut self) -> Vec<Bytes> {
         self.tick = self.tick.next();
-        let before = self.scripted_bodies;
+        let before = self.bodies;
         let mut observations = Vec::new();
-        for (index, scripted_body) in self.scripted_bodies.iter_mut().enumerate() {
-            let Some(scripted_body) = scripted_body else {
+        for (index, body) in self.bodies.iter_mut().enumerate() {
+            let Some(body) = body else {
                 continue;
             };
-            if !scripted_body.asleep {
-                scripted_body.step(self.gravity.as_dvec3());
+            if !body.asleep {
+                body.step(self.gravity.as_dvec3());
             }
-            if let Some(mount) = scripted_body.mount.and_then(|mount| before[mount])
-                && !scripted_body.asleep
+            if let Some(parent) = body.parent.and_then(|parent| before[parent])
+                && !body.asleep
             {
-                let offset = mount.rotation * DVec3::new(0.0, 1.0, 0.0);
-                scripted_body.position =
-                    (mount.position + mount.linear / 60.0 + offset).clamp(-FAR, FAR);
-                (scripted_body.linear, scripted_body.rotation) = (mount.linear, mount.rotation);
+                let offset = parent.rotation * DVec3::new(0.0, 1.0, 0.0);
+                body.position = (parent.position + parent.linear / 60.0 + offset).clamp(-FAR, FAR);
+                (body.linear, body.rotation) = (parent.linear, parent.rotation);
             }
-            // An engine tells of a sleeper once.
-            let sleeper = scripted_body
-                .asleep
-                .then(|| (scripted_body.id, scripted_body.body_state()));
-            if sleeper.is_none() || self.told_asleep[index] != sleeper {
-                self.told_asleep[index] = sleeper;
+            // An engine reports a sleeping body only once.
+            let sleeper = body.asleep.then(|| (body.id, body.body_state()));
+            if sleeper.is_none() || self.published_rests[index] != sleeper {
+                self.published_rests[index] = sleeper;
                 observations.push(Observation {
-                    id: scripted_body.id,
-                    motion: scripted_body.body_state(),
-                    activity: if scripted_body.asleep {
+                    id: body.id,
+                    motion: body.body_state(),
+                    activity: if body.asleep {
                         Activity::Asleep
                     } else {
                         Activity::Awake
@@ -272,12 +258,9 @@ impl Source {
                 });
             }
         }
-        let scripted_bodies = self.scripted_bodies.iter().flatten();
-        self.past.push(
-            scripted_bodies
-                .map(|scripted_body| (scripted_body.id, scripted_body.body_state()))
-                .collect(),
-        );
+        let bodies = self.bodies.iter().flatten();
+        self.past
+            .push(bodies.map(|body| (body.id, body.body_state())).collect());
         self.observation_history.observe(self.tick, &observations);
         let mut sent = Vec::new();
         self.publisher
@@ -288,7 +271,7 @@ impl Source {
         sent
     }
 
-    /// Where a body was after a tick.
+    /// True state of a body after a tick.
     pub(super) fn truth(&self, id: BodyId, tick: Tick) -> Option<&BodyState> {
         self.past.get(tick.value() as usize)?.get(&id)
     }

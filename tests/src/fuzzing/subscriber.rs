@@ -1,7 +1,7 @@
-//! A listener that hears any datagrams and any news of its stream.
+//! Fuzzes a subscriber with arbitrary datagrams and scene changes.
 //!
-//! Promises: nothing panics; memory stays within the limits; whatever is predicted_motion is a motion within the limits of what
-//! can be said; what the listener says is of the protocol.
+//! Promises: nothing panics. Memory stays within the limits. Each prediction is a motion within the limits of the wire
+//! format. The subscriber sends valid packets.
 
 use rhumb_protocol::limits::{HISTORY_PACKETS, INDICES_MAX, LOST_NAMED_MAX};
 use rhumb_protocol::packet::{
@@ -16,7 +16,7 @@ use super::payloads::{body_state, keyframe, updates};
 use super::script::Script;
 use super::source::{BODIES, STREAM, SceneChange, Source};
 
-/// What somebody says of a stream who knows about where it stands.
+/// A source of packets with plausible numbers and ticks.
 pub(super) struct PacketSource {
     pub(super) number: u64,
     pub(super) tick: u64,
@@ -34,7 +34,7 @@ impl PacketSource {
         }
     }
 
-    /// Any datagram of the stream, well formed or not.
+    /// A datagram of the stream, valid or not.
     pub(super) fn datagram(&mut self, script: &mut Script<'_>, bodies: usize) -> Vec<u8> {
         let number = Self::near(script, self.number);
         let tick = Self::near(script, self.tick + 1);
@@ -100,7 +100,7 @@ impl PacketSource {
         }
     }
 
-    /// A full packet, or any bytes behind a head of this stream.
+    /// A full packet, or arbitrary bytes after a head of this stream.
     fn raw(&mut self, script: &mut Script<'_>, tick: u64) -> Vec<u8> {
         if script.any() {
             let records = (0..script.below(3) as u32).map(|index| FullRecord {
@@ -122,7 +122,7 @@ impl PacketSource {
     }
 }
 
-/// A script of datagrams and news.
+/// A script of datagrams and scene changes.
 pub fn subscriber(data: &[u8]) {
     let mut script = Script::new(data);
     let tolerance = script.one_of(&[Tolerance::NORMAL, Tolerance::EXACT, Tolerance::COARSE]);
@@ -140,23 +140,23 @@ pub fn subscriber(data: &[u8]) {
         scene_events: 0,
     };
     for index in 0..BODIES / 2 {
-        let news = source.add(index, script.sane_vector(50.0));
-        tell(news, &mut subscriber, &mut packet_source);
+        let changes = source.add(index, script.sane_vector(50.0));
+        apply(changes, &mut subscriber, &mut packet_source);
     }
     while script.goes_on() {
         match script.below(12) {
             0 => {
-                let news = source.add(script.below(BODIES), script.sane_vector(50.0));
-                tell(news, &mut subscriber, &mut packet_source);
+                let changes = source.add(script.below(BODIES), script.sane_vector(50.0));
+                apply(changes, &mut subscriber, &mut packet_source);
             }
             1 => {
-                let news = source.remove(script.below(BODIES));
-                tell(news, &mut subscriber, &mut packet_source);
+                let changes = source.remove(script.below(BODIES));
+                apply(changes, &mut subscriber, &mut packet_source);
             }
             2 => {
                 let (since, gravity) = (script.below(200) as u64, script.sane_vector(1e3));
-                let news = SceneChange::Gravity(Tick::new(since), gravity);
-                tell(Some(news), &mut subscriber, &mut packet_source);
+                let changes = SceneChange::Gravity(Tick::new(since), gravity);
+                apply(Some(changes), &mut subscriber, &mut packet_source);
             }
             3 => subscriber.handle_snapshot_end(),
             _ => {
@@ -168,16 +168,23 @@ pub fn subscriber(data: &[u8]) {
     }
 }
 
-fn tell(news: Option<SceneChange>, subscriber: &mut Subscriber, packet_source: &mut PacketSource) {
-    if let Some(news) = news {
-        news.tell(subscriber);
+fn apply(
+    changes: Option<SceneChange>,
+    subscriber: &mut Subscriber,
+    packet_source: &mut PacketSource,
+) {
+    if let Some(changes) = changes {
+        changes.apply_to(subscriber);
         packet_source.scene_events += 1;
     }
 }
 
 fn check(subscriber: &mut Subscriber) {
     assert!(subscriber.missing() <= HISTORY_PACKETS);
-    assert!(subscriber.index_end() <= BODIES, "a packet makes no bodies");
+    assert!(
+        subscriber.index_end() <= BODIES,
+        "a packet cannot add bodies"
+    );
     let loss_report = subscriber.loss_report();
     assert!(loss_report.lost.len() <= LOST_NAMED_MAX);
     assert_eq!(written_again(&loss_report.encode(STREAM)), Ok(()));
@@ -192,23 +199,25 @@ fn check(subscriber: &mut Subscriber) {
     assert_is_within_limits(subscriber, BODIES as u32);
 }
 
-/// That all that is predicted_motion of bodies of these indices is a motion within the limits.
+/// Checks that each prediction for bodies of these indices is a motion within the limits.
 pub(super) fn assert_is_within_limits(stream: &Subscriber, end: u32) {
     let ids = (0..end).filter_map(|index| stream.body(index));
     for id in ids.collect::<Vec<BodyId>>() {
-        let track = stream.track(id).expect("what is there has a track");
+        let track = stream.track(id).expect("an existing body has a track");
         if let Anchor::Quantised(quantised) = &track.anchor {
             assert!(quantised.is_within_limits(), "{id}: {quantised:?}");
         }
         for later in [0, 1, 60] {
             let tick = stream.watermark_tick() + Ticks::new(later);
-            let predicted_motion = stream.predicted_motion(id, tick).expect("what has a track");
+            let predicted_motion = stream
+                .predicted_motion(id, tick)
+                .expect("a body with a track");
             assert_is_motion(&predicted_motion);
         }
     }
 }
 
-/// That a motion is one: finite, and turned by a rotation.
+/// Checks that a motion is finite, and that its rotation is of unit length.
 pub(super) fn assert_is_motion(motion: &Motion) {
     let (pose, twist) = (motion.pose(), motion.twist());
     assert!(pose.position.is_finite(), "{motion:?}");

@@ -1,7 +1,7 @@
-//! What a server makes of a member's own stream, bad as link and datagrams be.
+//! Fuzzes the server's side of an upstream, over a bad link and with lies.
 //!
-//! Promises: an honest driver's bodies are within its tolerance of where it has them, wherever the server is sure of it;
-//! of a dishonest one, no body is made that was not granted, and all are put where a body may be.
+//! Promises: bodies of an honest publisher are within its tolerance wherever the server claims to know them. A
+//! dishonest publisher can add no body without a grant, and all bodies stay at valid places.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::num::NonZeroU32;
@@ -31,7 +31,7 @@ const BODIES: u32 = 4;
 const TICKS_MAX: u64 = 240;
 const SCENE_EVENTS: u64 = 0;
 const TICK: Span = Span::from_nanos(16_666_667);
-const MANNER: PredictionParameters = PredictionParameters {
+const PARAMETERS: PredictionParameters = PredictionParameters {
     radius: Metres::new(0.5),
     damping: Damping {
         linear: 0.0,
@@ -42,71 +42,70 @@ const MANNER: PredictionParameters = PredictionParameters {
     tolerance_scale: ToleranceScale::USUAL,
 };
 
-struct TakeAuthority {
+struct FuzzedUpstream {
     publisher: Publisher,
     observation_history: ObservationHistory,
-    driven: UpstreamReceiver,
+    receiver: UpstreamReceiver,
     places: [Vec3; BODIES as usize],
     speeds: [Vec3; BODIES as usize],
     truth: BTreeMap<u64, Vec<BodyState>>,
-    air: VecDeque<(u64, Bytes)>,
+    in_flight: VecDeque<(u64, Bytes)>,
     tick: u64,
-    fate: u32,
+    loss_bits: u32,
     late: u64,
     redundancy: Redundancy,
     sent: u32,
-    /// Whether nothing but what the driver says was received.
+    /// Whether the server received only data of the publisher.
     honest: bool,
 }
 
-/// A script of ticks, blows, faults and lies.
+/// A script of ticks, impulses, faults and forged packets.
 pub fn upstream(data: &[u8]) {
     let mut script = Script::new(data);
-    let mut drive = TakeAuthority::new(&mut script);
+    let mut run = FuzzedUpstream::new(&mut script);
     let mut packet_source = PacketSource {
         number: 0,
         tick: 0,
         scene_events: SCENE_EVENTS,
     };
-    while script.goes_on() && drive.tick < TICKS_MAX {
+    while script.goes_on() && run.tick < TICKS_MAX {
         match script.below(8) {
             0..4 => {
                 for _ in 0..=script.below(6) {
-                    drive.step();
+                    run.step();
                 }
             }
             4 | 5 => {
                 let body = script.below(BODIES as usize);
-                drive.speeds[body] = script.sane_vector(20.0);
+                run.speeds[body] = script.sane_vector(20.0);
             }
-            6 => (drive.fate, drive.late) = (script.any(), script.below(4) as u64),
+            6 => (run.loss_bits, run.late) = (script.any(), script.below(4) as u64),
             _ if script.below(8) == 0 => {
-                drive.honest = false;
+                run.honest = false;
                 let datagram = packet_source.datagram(&mut script, 6);
                 if let Ok(datagram) = Datagram::open(&datagram) {
-                    drive.driven.handle_datagram(&datagram);
+                    run.receiver.handle_datagram(&datagram);
                 }
             }
             _ => {
-                (packet_source.number, packet_source.tick) =
-                    (drive.publisher.next_number(), drive.tick)
+                (packet_source.number, packet_source.tick) = (run.publisher.next_number(), run.tick)
             }
         }
-        drive.check();
+        run.check();
     }
-    (drive.fate, drive.late) = (0, 0);
+    (run.loss_bits, run.late) = (0, 0);
     for _ in 0..200 {
-        drive.step();
-        drive.check();
+        run.step();
+        run.check();
     }
-    if drive.honest {
-        assert!(!drive.driven.has_lost_sync());
-        assert!(drive.driven.is_complete_at(Tick::new(drive.tick)));
-        assert_eq!(drive.driven.watermark_tick(), Tick::new(drive.tick));
+    if run.honest {
+        assert!(!run.receiver.has_lost_sync());
+        assert!(run.receiver.is_complete_at(Tick::new(run.tick)));
+        assert_eq!(run.receiver.watermark_tick(), Tick::new(run.tick));
     }
 }
 
-impl TakeAuthority {
+impl FuzzedUpstream {
     fn new(script: &mut Script<'_>) -> Self {
         let tolerance = script.one_of(&[Tolerance::NORMAL, Tolerance::EXACT, Tolerance::COARSE]);
         let integrator = Integrator {
@@ -127,7 +126,7 @@ impl TakeAuthority {
         };
         let places = [0.0, 1.0, 2.0, 3.0].map(|x| Vec3::new(x * 4.0, 1.0, 0.0));
         let bodies = places.iter().enumerate();
-        let driving = AuthorityGrant {
+        let grant = AuthorityGrant {
             stream: STREAM,
             tick: Tick::ZERO,
             bodies: bodies
@@ -140,20 +139,20 @@ impl TakeAuthority {
                 .collect(),
         };
         let mut publisher = Publisher::new(STREAM, &config, Tick::ZERO);
-        for (index, (_, motion)) in driving.bodies.iter().enumerate() {
+        for (index, (_, motion)) in grant.bodies.iter().enumerate() {
             let id = BodyId::new(index as u32, 0);
-            assert!(publisher.place(id, &MANNER, driving.first_track(*motion)));
+            assert!(publisher.place(id, &PARAMETERS, grant.first_track(*motion)));
         }
         Self {
-            driven: UpstreamReceiver::new(&driving, tolerance, integrator, |_| Some(MANNER)),
+            receiver: UpstreamReceiver::new(&grant, tolerance, integrator, |_| Some(PARAMETERS)),
             publisher,
             observation_history: ObservationHistory::new(PublishSchedule::EACH_TICK),
             places,
             speeds: [Vec3::ZERO; BODIES as usize],
             truth: BTreeMap::new(),
-            air: VecDeque::new(),
+            in_flight: VecDeque::new(),
             tick: 0,
-            fate: 0,
+            loss_bits: 0,
             late: 0,
             redundancy: script.one_of(&[Redundancy::Off, Redundancy::Plain]),
             sent: 0,
@@ -163,19 +162,19 @@ impl TakeAuthority {
 
     fn is_lost(&mut self) -> bool {
         self.sent = self.sent.wrapping_add(1);
-        self.fate.rotate_right(self.sent) & 1 == 1
+        self.loss_bits.rotate_right(self.sent) & 1 == 1
     }
 
     fn send(&mut self, datagrams: &[Bytes]) {
         for datagram in datagrams {
             if !self.is_lost() {
                 let at = self.tick + u64::from(self.sent) % (self.late + 1);
-                self.air.push_back((at, datagram.clone()));
+                self.in_flight.push_back((at, datagram.clone()));
             }
         }
     }
 
-    /// A tick of the driver, and of the server.
+    /// One tick of the publisher and of the server.
     fn step(&mut self) {
         self.tick += 1;
         for (place, speed) in self.places.iter_mut().zip(self.speeds) {
@@ -185,8 +184,8 @@ impl TakeAuthority {
         let motions: Vec<_> = motions
             .map(|(place, speed)| motion(*place, speed))
             .collect();
-        let seen = motions.iter().enumerate();
-        let seen: Vec<_> = seen
+        let observed = motions.iter().enumerate();
+        let observed: Vec<_> = observed
             .map(|(index, motion)| Observation {
                 id: BodyId::new(index as u32, 0),
                 motion: *motion,
@@ -195,20 +194,20 @@ impl TakeAuthority {
             .collect();
         self.truth.insert(self.tick, motions);
         self.observation_history
-            .observe(Tick::new(self.tick), &seen);
-        let mut said = Vec::new();
+            .observe(Tick::new(self.tick), &observed);
+        let mut datagrams = Vec::new();
         self.publisher
-            .publish(&self.observation_history, SCENE_EVENTS, &mut said);
-        if said.is_empty() {
-            said.push(self.publisher.watermark(SCENE_EVENTS));
+            .publish(&self.observation_history, SCENE_EVENTS, &mut datagrams);
+        if datagrams.is_empty() {
+            datagrams.push(self.publisher.watermark(SCENE_EVENTS));
         }
         self.publisher
-            .encode_repair_symbols(self.redundancy, &mut said);
-        self.send(&said);
+            .encode_repair_symbols(self.redundancy, &mut datagrams);
+        self.send(&datagrams);
         self.deliver();
         let mut asked = Vec::new();
         let now = Instant::ZERO + Span::from_nanos(TICK.as_nanos() * self.tick);
-        self.driven.ask(now, Tick::new(self.tick), &mut asked);
+        self.receiver.ask(now, Tick::new(self.tick), &mut asked);
         for datagram in asked {
             assert_eq!(written_again(&datagram), Ok(()));
             if !self.is_lost() {
@@ -219,11 +218,11 @@ impl TakeAuthority {
     }
 
     fn answer(&mut self, datagram: &[u8]) {
-        let datagram = Datagram::open(datagram).expect("a server says datagrams");
+        let datagram = Datagram::open(datagram).expect("a server sends valid packets");
         let mut answers = Vec::new();
         if datagram.head().kind == PacketKind::LossReport {
             let loss_report =
-                LossReport::decode(datagram.body()).expect("a server says loss_reports");
+                LossReport::decode(datagram.body()).expect("a server sends valid loss reports");
             for number in self.publisher.answer(&loss_report, &mut answers) {
                 answers.extend(
                     self.publisher
@@ -234,7 +233,7 @@ impl TakeAuthority {
             answers.push(self.publisher.watermark(SCENE_EVENTS));
         } else {
             let mismatch = rhumb_protocol::packet::ChecksumMismatch::decode(datagram.body())
-                .expect("or mismatches");
+                .expect("a server sends valid mismatches");
             match self.publisher.answer_mismatch(mismatch, SCENE_EVENTS) {
                 MismatchReply::Sums(sums) => answers.push(sums),
                 MismatchReply::Resync(_, all) => answers.extend(all),
@@ -245,23 +244,24 @@ impl TakeAuthority {
 
     fn deliver(&mut self) {
         let now = self.tick;
-        let (due, later): (Vec<_>, Vec<_>) = self.air.drain(..).partition(|(at, _)| *at <= now);
-        self.air.extend(later);
+        let (due, later): (Vec<_>, Vec<_>) =
+            self.in_flight.drain(..).partition(|(at, _)| *at <= now);
+        self.in_flight.extend(later);
         for (_, datagram) in due {
             let datagram = Datagram::open(&datagram).expect("an upstream sends datagrams");
-            self.driven.handle_datagram(&datagram);
+            self.receiver.handle_datagram(&datagram);
         }
     }
 
     fn check(&mut self) {
         let tick = Tick::new(self.tick);
-        let known = self.driven.is_complete_at(tick) && self.driven.watermark_tick() >= tick;
-        let tolerance = self.driven.tolerance();
+        let known = self.receiver.is_complete_at(tick) && self.receiver.watermark_tick() >= tick;
+        let tolerance = self.receiver.tolerance();
         let mut count = 0;
-        for (id, motion) in self.driven.motions(tick) {
+        for (id, motion) in self.receiver.motions(tick) {
             assert!(
                 (10..10 + BODIES).contains(&id.index()),
-                "{id} was not granted"
+                "{id} is outside the grant"
             );
             assert_is_motion(&motion);
             count += 1;
@@ -269,13 +269,16 @@ impl TakeAuthority {
             if let Some(truth) = truth.filter(|_| self.honest && known) {
                 let truth = truth[id.index() as usize - 10].motion().pose();
                 let apart = Divergence::between(&truth, &motion.pose());
-                let share = tolerance.share(&apart, MANNER.radius);
-                assert!(share <= 1.0, "{id} is off by {share} tolerances at {tick}");
+                let share = tolerance.share(&apart, PARAMETERS.radius);
+                assert!(
+                    share <= 1.0,
+                    "{id} at {tick} has an error of {share} tolerances"
+                );
             }
         }
         assert!(count <= BODIES);
         if self.honest {
-            let received = self.driven.statistics();
+            let received = self.receiver.statistics();
             assert_eq!((received.malformed, received.mismatches), (0, 0));
         }
     }
@@ -290,5 +293,5 @@ fn motion(place: Vec3, speed: Vec3) -> BodyState {
         speed.to_array(),
         spin.to_array(),
     )
-    .expect("a place is finite")
+    .expect("a finite state")
 }

@@ -1,11 +1,11 @@
-//! What a copy holds, as text.
+//! The state of a copy, as text.
 //!
-//! The sum over its tracks, and each body that does not rest, to the bit.
+//! The checksum over its tracks, and the exact motion of each body that does not rest.
 
 use rhumb_protocol::session::Replica;
 use rhumb_reckoning::{Motion, Tick};
 
-/// A copy at a tick, as a line of JSON.
+/// The state of a copy at a tick, as one line of JSON.
 #[must_use]
 pub fn copy_line(copy: &Replica, tick: Tick) -> String {
     let (moving, sum) = (moving(copy, tick), copy.stream().state_checksum());
@@ -15,14 +15,14 @@ pub fn copy_line(copy: &Replica, tick: Tick) -> String {
     )
 }
 
-/// Each body that does not rest, with its motion at a tick.
+/// The motion of each body that does not rest, at a tick.
 #[must_use]
 pub fn moving(copy: &Replica, tick: Tick) -> String {
     let stream = copy.stream();
-    let moving = copy.bodies().filter_map(|config| {
-        let track = stream.track(config.id)?;
-        let motion = stream.predicted_motion(config.id, tick)?;
-        let (index, generation) = (config.id.index(), config.id.generation());
+    let moving = copy.bodies().filter_map(|desc| {
+        let track = stream.track(desc.id)?;
+        let motion = stream.predicted_motion(desc.id, tick)?;
+        let (index, generation) = (desc.id.index(), desc.id.generation());
         let text = || format!("\"{index}:{generation}\":\"{}\"", bits(&motion));
         (!track.is_exact_rest()).then(text)
     });
@@ -30,7 +30,7 @@ pub fn moving(copy: &Replica, tick: Tick) -> String {
     moving.join(",")
 }
 
-/// The thirteen doubles of a motion.
+/// The thirteen doubles of a motion, as hexadecimal digits.
 #[must_use]
 pub fn bits(motion: &Motion) -> String {
     let (pose, twist) = (motion.pose(), motion.twist());

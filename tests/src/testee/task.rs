@@ -1,6 +1,6 @@
-//! What a client under test is ordered to do, by its environment.
+//! The task of a client under test, from its environment.
 //!
-//! A word that means nothing here is *unsupported*: that is how the suite sees whether a client can say so.
+//! An unknown task is *unsupported*: this shows the suite whether a client can declare so.
 
 use std::env;
 use std::net::SocketAddr;
@@ -11,62 +11,62 @@ use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{LengthBound, Tolerance};
 use rhumb_transport::Fingerprint;
 
-/// What it is to do once it is welcomed.
+/// The task after the welcome.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TesteeTask {
-    /// To follow the scene within so many micrometres.
+    /// Subscribe to the scene with a tolerance in micrometres.
     Subscribe {
         /// The surface tolerance.
         within: u32,
     },
-    /// To follow its full stream.
+    /// Subscribe to its full stream.
     Full,
-    /// To follow it within as many bytes as a budget has.
+    /// Subscribe with a byte budget.
     Capped {
         /// The surface tolerance.
         within: u32,
-        /// Bytes a second.
+        /// Bytes per second.
         rate: u32,
     },
-    /// To follow it, and ask for each next tick once it has the one before.
+    /// Subscribe, and request each next tick when the one before is complete.
     Advance {
         /// The surface tolerance.
         within: u32,
-        /// The last tick that it asks for.
+        /// The last requested tick.
         ticks: u64,
     },
-    /// To follow it, and as soon as it is a member another stream of it.
+    /// Subscribe, and change to another stream after joining.
     Change {
-        /// The surface tolerance at first.
+        /// The first surface tolerance.
         within: u32,
-        /// The one afterwards.
+        /// The second one.
         to: u32,
     },
-    /// To follow its full stream, and drive a body of its own along a course.
+    /// Subscribe to the full stream, and publish a body along a trajectory.
     TakeAuthority {
-        /// The surface tolerance of what it drives.
+        /// The surface tolerance of the upstream.
         within: u32,
     },
 }
 
-/// All that it is told.
+/// The environment of a client under test.
 #[derive(Clone, Debug)]
-pub struct TesteeOrders {
-    /// Where the server is.
+pub struct TesteeEnvironment {
+    /// Address of the server.
     pub server: SocketAddr,
-    /// What to pin.
+    /// Fingerprint to pin.
     pub fingerprint: Fingerprint,
-    /// What the connection is about.
+    /// Name of the scene.
     pub scene: SceneName,
-    /// What to do.
+    /// The task.
     pub task: TesteeTask,
 }
 
-/// Bytes at once of a stream within a budget.
+/// Burst size of a stream with a budget, in bytes.
 const BURST: u32 = 4_000;
 
 impl TesteeTask {
-    /// What words mean, if they mean something.
+    /// Parses a task; `None` if it is unknown.
     #[must_use]
     pub fn read(text: &str) -> Option<Self> {
         let words: Vec<_> = text.split(' ').collect();
@@ -99,22 +99,22 @@ impl TesteeTask {
         })
     }
 
-    /// The stream that it joins.
+    /// The stream that the client joins first.
     ///
     /// # Panics
     ///
-    /// Never: what is read is in range.
+    /// Never: parsed numbers are in range.
     #[must_use]
     pub fn choice(self) -> StreamChoice {
         let surface = |micrometres| {
-            let length = LengthBound::from_micrometres(micrometres).expect("it is in range");
+            let length = LengthBound::from_micrometres(micrometres).expect("a length in range");
             Tolerance::Surface(length)
         };
         match self {
             Self::Full | Self::TakeAuthority { .. } => StreamChoice::Full,
             Self::Capped { within, rate } => StreamChoice::Capped {
                 tolerance: surface(within),
-                budget: Budget::new(rate, BURST).expect("the suite asks for what may be"),
+                budget: Budget::new(rate, BURST).expect("a valid budget"),
             },
             Self::Subscribe { within }
             | Self::Advance { within, .. }
@@ -123,23 +123,23 @@ impl TesteeTask {
     }
 }
 
-impl TesteeOrders {
-    /// What the environment says; `Err(None)` when it wishes what is not known here.
+impl TesteeEnvironment {
+    /// Reads the environment; `Err(None)` when the task is unknown.
     ///
     /// # Errors
     ///
-    /// What is missing, or is none of what it should be.
+    /// The variable that is missing or invalid.
     pub fn from_environment() -> Result<Self, Option<String>> {
-        let sent = |name: &str| env::var(name).map_err(|_| Some(format!("no {name}")));
-        let wrong = |name: &'static str| move |_| Some(format!("{name} is none"));
+        let sent = |name: &str| env::var(name).map_err(|_| Some(format!("{name} is missing")));
+        let wrong = |name: &'static str| move |_| Some(format!("{name} is invalid"));
         let task = sent("RHUMB_TASK")?;
         Ok(Self {
             server: sent("RHUMB_ADDR")?
                 .parse()
-                .map_err(|_| Some("RHUMB_ADDR is none".to_owned()))?,
+                .map_err(|_| Some("RHUMB_ADDR is invalid".to_owned()))?,
             fingerprint: sent("RHUMB_FINGERPRINT")?
                 .parse()
-                .map_err(|_| Some("RHUMB_FINGERPRINT is none".to_owned()))?,
+                .map_err(|_| Some("RHUMB_FINGERPRINT is invalid".to_owned()))?,
             scene: sent("RHUMB_SCENE")?.parse().map_err(wrong("RHUMB_SCENE"))?,
             task: TesteeTask::read(&task).ok_or(None)?,
         })

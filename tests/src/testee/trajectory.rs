@@ -1,27 +1,27 @@
-//! Where a body that a client under test drives is at a tick.
+//! The trajectory of a body under the authority of a client under test.
 //!
-//! Stated in `docs/book/src/implementing.md`, so that a client in any language has the same course but for roundings.
+//! It is specified in `docs/book/src/implementing.md`, so that clients in all languages have the same one, except for rounding.
 
 use rhumb_reckoning::{BodyState, Tick};
 
-/// The last tick that a client that drives says and asks for.
-pub const COURSE_TICKS: u64 = 240;
+/// The last tick that the client publishes and requests.
+pub const TRAJECTORY_TICKS: u64 = 240;
 
-/// Ticks of each round, of which it goes for [`GOING`] and stands for the others.
+/// Ticks of each cycle: the body moves for [`GOING`] and stands still for the rest.
 const ROUND: u64 = 120;
 const GOING: u64 = 80;
-/// Metres from the axis.
+/// Distance from the axis, in metres.
 const RADIUS: f64 = 2.0;
-/// Radians a tick.
+/// Rotation about the axis, in radians per tick.
 const TURN: f64 = 0.05;
-/// Ticks a second, of the scenes that it is driven in.
+/// Ticks per second of the scene.
 const RATE: f64 = 60.0;
 
-/// Where the body is at a tick and how it moves: around a circle at a height of 50 m, with a rest each two seconds.
+/// State of the body at a tick: it circles at a height of 50 m, and stands still once every two seconds.
 ///
 /// # Panics
 ///
-/// Never: a circle is finite.
+/// Never: the numbers are finite.
 #[must_use]
 pub fn trajectory(tick: Tick) -> BodyState {
     let (rounds, within) = (tick.value() / ROUND, tick.value() % ROUND);
@@ -34,7 +34,7 @@ pub fn trajectory(tick: Tick) -> BodyState {
     };
     let position = [(RADIUS * cos) as f32, 50.0, (RADIUS * sin) as f32];
     let linear = [(-speed * sin) as f32, 0.0, (speed * cos) as f32];
-    BodyState::new(position, [0.0, 0.0, 0.0, 1.0], linear, [0.0; 3]).expect("a circle is finite")
+    BodyState::new(position, [0.0, 0.0, 0.0, 1.0], linear, [0.0; 3]).expect("finite numbers")
 }
 
 #[cfg(test)]
@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_goes_and_stands_in_turns() {
+    fn the_body_alternates_between_moving_and_standing() {
         let parts = |tick| trajectory(Tick::new(tick)).parts();
         assert_eq!(parts(0)[..3], [2.0, 50.0, 0.0]);
         assert_eq!(parts(80), parts(119));

@@ -1,6 +1,6 @@
-//! Messages that differ from good ones in one number.
+//! Makes vectors that differ from valid messages in one number.
 //!
-//! The table says where the numbers stand and what bounds them; nothing is changed twice in the same way.
+//! The table gives the positions and bounds of the numbers; each kind of change is made only once.
 
 use std::collections::BTreeSet;
 
@@ -10,7 +10,7 @@ use super::pieces::{f, v};
 use super::{MessageCase, Sender};
 use crate::grammar::{Grammar, Span};
 
-/// Every change of one number of the cases that the table reads.
+/// Every change of one number in the cases that the table decodes.
 pub(super) fn cases(grammar: &Grammar, side: Sender, sent: &[MessageCase]) -> Vec<MessageCase> {
     let mut changed = Vec::new();
     let mut seen = BTreeSet::new();
@@ -20,7 +20,7 @@ pub(super) fn cases(grammar: &Grammar, side: Sender, sent: &[MessageCase]) -> Ve
             continue;
         };
         let of = kinds(&means);
-        // The first span is the type, which cases of their own change.
+        // The first span is the message type, which other cases change.
         for span in spans.iter().skip(1) {
             let place: String = span.path.chars().filter(|c| !c.is_ascii_digit()).collect();
             let now = &typed[span.start..span.end];
@@ -43,7 +43,7 @@ pub(super) fn cases(grammar: &Grammar, side: Sender, sent: &[MessageCase]) -> Ve
     changed
 }
 
-/// Which of several each part of a value is.
+/// The variants that a value consists of.
 fn kinds(means: &Value) -> String {
     match means {
         Value::Object(fields) => {

@@ -1,4 +1,4 @@
-//! What clients say: every message and command.
+//! Vectors of client messages: every message and command.
 
 use super::MessageCase;
 use super::pieces::{
@@ -12,36 +12,36 @@ pub(super) fn cases() -> Vec<MessageCase> {
     for (stepping, word) in [(0, "lockstep"), (1, "free running")] {
         for sleep in [false, true] {
             let name = format!("Create, {word}, sleep {sleep}");
-            cases.say(2, name, &[&config(stepping, sleep)]);
+            cases.add(2, name, &[&config(stepping, sleep)]);
         }
     }
     for (word, publish_schedule) in [("every third tick", [3, 0]), ("with lookahead", [1, 1])] {
         let name = format!("Create, lockstep, {word}");
-        cases.say(2, name, &[&config_of(0, false, publish_schedule)]);
+        cases.add(2, name, &[&config_of(0, false, publish_schedule)]);
     }
     choosing(&mut cases);
     moves(&mut cases);
     for (kind, name) in [(4, "Leave"), (5, "Delete"), (9, "Resync"), (11, "Inspect")] {
-        cases.say(kind, name, &[]);
+        cases.add(kind, name, &[]);
     }
-    cases.say(6, "Reserve", &[&v(4_096)]);
-    cases.say(8, "Advance", &[&v(300)]);
-    cases.say(10, "Ping", &[&v(123_456_789_012)]);
-    cases.say(13, "Subscribed", &[&v(5)]);
-    cases.say(15, "Upstream, nothing", &[]);
-    cases.say(15, "Upstream", &[&[2, 5, 0, 0, 9, 0, 0, 0]]);
-    cases.say(15, "Upstream, the longest", &[&[1; 1_150]]);
-    cases.say(15, "Upstream, too long", &[&[1; 1_151]]);
+    cases.add(6, "Reserve", &[&v(4_096)]);
+    cases.add(8, "Advance", &[&v(300)]);
+    cases.add(10, "Ping", &[&v(123_456_789_012)]);
+    cases.add(13, "Subscribed", &[&v(5)]);
+    cases.add(15, "Upstream, nothing", &[]);
+    cases.add(15, "Upstream", &[&[2, 5, 0, 0, 9, 0, 0, 0]]);
+    cases.add(15, "Upstream, the longest", &[&[1; 1_150]]);
+    cases.add(15, "Upstream, too long", &[&[1; 1_151]]);
     commands(&mut cases);
     for kind in [17, 0x7f] {
-        cases.say(
+        cases.add(
             kind,
             format!("a critical type {kind} that nobody knows"),
             &[&[1]],
         );
     }
     for kind in [0x80, 0x8a, 0xff] {
-        cases.say(
+        cases.add(
             kind,
             format!("an optional type {kind} that nobody knows"),
             &[&[1, 2, 3]],
@@ -52,60 +52,60 @@ pub(super) fn cases() -> Vec<MessageCase> {
 
 fn choosing(cases: &mut CaseList) {
     for (word, choice) in choices() {
-        cases.say(3, format!("Join, {word}"), &[&choice]);
-        cases.say(12, format!("Subscribe, {word}"), &[&choice]);
+        cases.add(3, format!("Join, {word}"), &[&choice]);
+        cases.add(12, format!("Subscribe, {word}"), &[&choice]);
         if choice != [1] {
-            cases.say(14, format!("TakeAuthority none, {word}"), &[&choice, &[0]]);
+            cases.add(14, format!("TakeAuthority none, {word}"), &[&choice, &[0]]);
             let (one, other) = (id(3, 0), id(300, 2));
-            cases.say(
+            cases.add(
                 14,
                 format!("TakeAuthority two, {word}"),
                 &[&choice, &[2], &one, &other],
             );
             let later = id(3, 1);
-            cases.say(
+            cases.add(
                 14,
                 format!("TakeAuthority by generation, {word}"),
                 &[&choice, &[2], &one, &later],
             );
-            cases.say(
+            cases.add(
                 14,
                 format!("TakeAuthority one twice, {word}"),
                 &[&choice, &[2], &one, &one],
             );
-            cases.say(
+            cases.add(
                 14,
                 format!("TakeAuthority in falling order, {word}"),
                 &[&choice, &[2], &other, &one],
             );
         }
     }
-    cases.say(14, "TakeAuthority by a full stream", &[&[1, 0]]);
+    cases.add(14, "TakeAuthority by a full stream", &[&[1, 0]]);
     let all: Vec<u8> = (0..256).flat_map(|index| id(index, 0)).collect();
-    cases.say(
+    cases.add(
         14,
         "TakeAuthority the most",
         &[&choices()[0].1, &v(256), &all],
     );
-    cases.say(
+    cases.add(
         14,
         "TakeAuthority one more than the most",
         &[&choices()[0].1, &v(257), &all, &id(256, 0)],
     );
 }
 
-/// Whether the server may move a member, and budgets that are none.
+/// Tier policies, and invalid budgets.
 fn moves(cases: &mut CaseList) {
-    cases.say(16, "TierPolicy, never", &[&[0]]);
+    cases.add(16, "TierPolicy, never", &[&[0]]);
     for most in [999, 1_000, 200_000, 10_000_000, 10_000_001] {
-        cases.say(16, format!("TierPolicy, up to {most}"), &[&[1], &v(most)]);
+        cases.add(16, format!("TierPolicy, up to {most}"), &[&[1], &v(most)]);
     }
-    cases.say(16, "TierPolicy, no such word", &[&[2]]);
-    cases.say(16, "TierPolicy, nothing", &[]);
+    cases.add(16, "TierPolicy, no such word", &[&[2]]);
+    cases.add(16, "TierPolicy, nothing", &[]);
     let budget = [v(8_000), v(2_000)].concat();
-    cases.say(3, "Join, a full stream in a budget", &[&[3], &budget, &[1]]);
+    cases.add(3, "Join, a full stream in a budget", &[&[3], &budget, &[1]]);
     let twice = [&[3][..], &budget, &[0], &v(50_000)].concat();
-    cases.say(3, "Join, a budget in a budget", &[&[3], &budget, &twice]);
+    cases.add(3, "Join, a budget in a budget", &[&[3], &budget, &twice]);
 }
 
 fn hellos(cases: &mut CaseList) {
@@ -129,10 +129,10 @@ fn hellos(cases: &mut CaseList) {
         ("Hello with extensions that fall", &[1], &[27, 3]),
         ("Hello with an extension twice", &[1], &[27, 27]),
     ] {
-        cases.say(1, name, &[&offer(versions), &pit, &extensions(ids)]);
+        cases.add(1, name, &[&offer(versions), &pit, &extensions(ids)]);
     }
     let magic = [b"RHMC", &offer(&[1])[4..], &pit, &[0]].concat();
-    cases.say(1, "Hello of another protocol", &[&magic]);
+    cases.add(1, "Hello of another protocol", &[&magic]);
     let longest = [&[64], &[b'x'; 64][..]].concat();
     for (name, scene) in [
         ("Hello, the longest name", &longest[..]),
@@ -143,33 +143,33 @@ fn hellos(cases: &mut CaseList) {
         ("Hello, a name that is no text", b"\x01\xff"),
         ("Hello, a name too long", &[&[65], &[b'x'; 65][..]].concat()),
     ] {
-        cases.say(1, name, &[&offer(&[1]), scene, &[0]]);
+        cases.add(1, name, &[&offer(&[1]), scene, &[0]]);
     }
 }
 
 fn commands(cases: &mut CaseList) {
     for (word, shape) in shapes() {
-        cases.say(7, format!("AddShape, {word}"), &[&[0], &v(1), &shape]);
+        cases.add(7, format!("AddShape, {word}"), &[&[0], &v(1), &shape]);
     }
     let points = |count: u8| -> Vec<u8> {
         let numbers =
             (0..count).flat_map(|n| [f32::from(n % 2), f32::from(n / 2 % 2), f32::from(n / 4)]);
         [vec![4, count], f(&numbers.collect::<Vec<_>>())].concat()
     };
-    cases.say(7, "AddShape, the most points", &[&[0], &v(1), &points(255)]);
-    cases.say(7, "AddShape, too few points", &[&[0], &v(1), &points(3)]);
-    cases.say(
+    cases.add(7, "AddShape, the most points", &[&[0], &v(1), &points(255)]);
+    cases.add(7, "AddShape, too few points", &[&[0], &v(1), &points(3)]);
+    cases.add(
         7,
         "AddShape, a flat hull",
         &[&[0], &v(1), &[4, 4], &f(&[0.0; 12])],
     );
     for (word, shape) in bad_shapes() {
-        cases.say(7, format!("AddShape, {word}"), &[&[0], &v(1), &shape]);
+        cases.add(7, format!("AddShape, {word}"), &[&[0], &v(1), &shape]);
     }
-    cases.say(7, "RemoveShape", &[&[1], &v(1)]);
+    cases.add(7, "RemoveShape", &[&[1], &v(1)]);
     for flags in [0, 1, 2, 4, 8, 16, 32, 60, 61, 64, 128, 193, 254, 255] {
         let config = body(300, flags);
-        cases.say(
+        cases.add(
             7,
             format!("AddBody, flags {flags}"),
             &[&[2], &config, &motion(0)],
@@ -177,7 +177,7 @@ fn commands(cases: &mut CaseList) {
     }
     for present in 1..8 {
         let config = body(3, 1);
-        cases.say(
+        cases.add(
             7,
             format!("AddBody, present {present}"),
             &[&[2], &config, &motion(present)],
@@ -186,21 +186,21 @@ fn commands(cases: &mut CaseList) {
     pushes(cases);
 }
 
-/// Commands that say how what is there shall move, or be held.
+/// Commands that move or constrain existing bodies.
 fn pushes(cases: &mut CaseList) {
-    cases.say(7, "RemoveBody", &[&[3], &id(300, 2)]);
-    cases.say(
+    cases.add(7, "RemoveBody", &[&[3], &id(300, 2)]);
+    cases.add(
         7,
         "SetPose",
         &[&[4], &id(300, 2), &f(&[1.0, 2.0, 3.0]), &f(&TURNED)],
     );
     let unturned = f(&[0.0, 0.0, 0.0, 0.0]);
-    cases.say(
+    cases.add(
         7,
         "SetPose, no rotation",
         &[&[4], &id(300, 2), &f(&[0.0; 3]), &unturned],
     );
-    cases.say(
+    cases.add(
         7,
         "SetVelocity",
         &[&[5], &id(300, 2), &f(&[1.0, -1.0, 0.0, 0.0, 0.5, 99.0])],
@@ -211,24 +211,24 @@ fn pushes(cases: &mut CaseList) {
         (8, "Impulse"),
         (9, "TorqueImpulse"),
     ] {
-        cases.say(7, name, &[&[code], &id(300, 2), &f(&[0.0, 2.5, 0.0])]);
+        cases.add(7, name, &[&[code], &id(300, 2), &f(&[0.0, 2.5, 0.0])]);
     }
-    cases.say(7, "SetGravity", &[&[10], &f(&[0.0, -1.5, 0.0])]);
+    cases.add(7, "SetGravity", &[&[10], &f(&[0.0, -1.5, 0.0])]);
     for (word, joint) in joints() {
-        cases.say(7, format!("AddJoint, {word}"), &[&[11], &v(7), &joint]);
+        cases.add(7, format!("AddJoint, {word}"), &[&[11], &v(7), &joint]);
     }
     let fixed = [&[8][..], &joints()[0].1[1..], &f(&[0.0, 1.0])].concat();
-    cases.say(7, "AddJoint, fixed with limits", &[&[11], &v(7), &fixed]);
-    cases.say(7, "RemoveJoint", &[&[12], &v(7)]);
+    cases.add(7, "AddJoint, fixed with limits", &[&[11], &v(7), &fixed]);
+    cases.add(7, "RemoveJoint", &[&[12], &v(7)]);
     for code in [13, 0x7f] {
-        cases.say(
+        cases.add(
             7,
             format!("a critical command {code} that nobody knows"),
             &[&[code, 1]],
         );
     }
     for code in [0x80, 0x9a, 0xff] {
-        cases.say(
+        cases.add(
             7,
             format!("an optional command {code} that nobody knows"),
             &[&[code, 1]],

@@ -1,7 +1,7 @@
-//! The golden vectors of the control stream.
+//! Makes the golden vectors of the control stream.
 //!
-//! Messages are put together by hand from the document and read by the codec and by the table; what both make of them is
-//! written down. `cargo run -p rhumb-tests --example control_vectors -- --write` writes `spec/vectors/control.json`.
+//! Messages are composed by hand from the document and decoded by the codec and by the table; the results of both are
+//! recorded. `cargo run -p rhumb-tests --example control_vectors -- --write` writes `spec/vectors/control.json`.
 
 mod change;
 mod client;
@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 
 use crate::grammar::{Grammar, hex};
 
-/// Where golden vectors lie.
+/// The folder of the golden vectors.
 #[must_use]
 pub fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors")
@@ -28,15 +28,15 @@ pub fn folder() -> PathBuf {
 ///
 /// # Panics
 ///
-/// When it is not there, or no JSON.
+/// When it is missing or is not JSON.
 #[must_use]
 pub fn golden(file: &str) -> Value {
     let text = std::fs::read_to_string(folder().join(file));
-    let text = text.expect("the specification lies beside the crates");
+    let text = text.expect("the specification is in the repository");
     serde_json::from_str(&text).expect("vectors are JSON")
 }
 
-/// Who says a message.
+/// The sender of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sender {
     /// A client.
@@ -45,7 +45,7 @@ pub enum Sender {
     Server,
 }
 
-/// One message that is sent, or refused.
+/// A message that is valid, or that must be refused.
 #[derive(Clone, Debug)]
 pub(crate) struct MessageCase {
     name: String,
@@ -53,23 +53,23 @@ pub(crate) struct MessageCase {
     body: Vec<u8>,
 }
 
-/// What comes of a message.
+/// The result of decoding a message.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Decoded {
-    /// It is one, and says the same when it is written again; a number of it may be one that no engine should be given.
+    /// Valid, and encoded as it was; contains the number that the server must refuse, if any.
     Accepted(Option<Invalid>),
-    /// Nobody need know it.
+    /// An unknown optional message, which is skipped.
     Skipped,
-    /// A command that nobody need know is refused.
+    /// An unknown command, which is refused.
     UnknownCommand,
-    /// A command whose motion is none is refused.
+    /// A command with an invalid motion, which is refused.
     NoMotion(Quantity),
-    /// It is none.
+    /// Malformed.
     Refused(Malformed),
 }
 
 impl Sender {
-    /// What the table calls what it says.
+    /// The table's name for this side's messages.
     #[must_use]
     pub const fn type_name(self) -> &'static str {
         match self {
@@ -78,11 +78,11 @@ impl Sender {
         }
     }
 
-    /// What the codec makes of a message.
+    /// The codec's result for a message.
     ///
     /// # Panics
     ///
-    /// When what it reads is not written as it was.
+    /// When a decoded message is not encoded as it was.
     #[must_use]
     pub fn outcome(self, kind: u8, body: &[u8]) -> Decoded {
         let framed = Framed {
@@ -114,12 +114,16 @@ impl Sender {
                 Err(malformed) => return Decoded::Refused(malformed),
             },
         };
-        assert_eq!(written, framed_bytes(kind, body), "one value, one encoding");
+        assert_eq!(
+            written,
+            framed_bytes(kind, body),
+            "each value has one encoding"
+        );
         Decoded::Accepted(invalid)
     }
 }
 
-/// The number of a well-formed message that the server would refuse it for.
+/// The number for which the server must refuse a well-formed message.
 fn check(message: &ClientMessage) -> Option<Invalid> {
     match message {
         ClientMessage::Command(command) => Command::check(command).err(),
@@ -134,7 +138,7 @@ fn framed_bytes(kind: u8, body: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// The file.
+/// The content of `control.json`.
 #[must_use]
 pub fn control() -> String {
     let grammar = Grammar::load();
@@ -184,7 +188,7 @@ fn lines<'a>(
         let typed = [&[*kind], &body[..]].concat();
         line["means"] = match grammar.read(side.type_name(), &typed) {
             Ok((means, _)) => means,
-            Err(why) => panic!("{name}: the codec reads what the table does not: {why:?}"),
+            Err(why) => panic!("{name}: the codec accepts it, the table does not: {why:?}"),
         };
         line["cuts"] = json!(whole_at(side, *kind, body));
         sent.push(line.to_string());
@@ -192,7 +196,7 @@ fn lines<'a>(
     (sent, refused)
 }
 
-/// The lengths, up to one byte more, at which a body, cut or with a zero byte behind, is one of its kind.
+/// Lengths up to one byte more at which the body, truncated or extended by a zero byte, is valid for its type.
 fn whole_at(side: Sender, kind: u8, body: &[u8]) -> Vec<usize> {
     let longer = [body, &[0]].concat();
     let is_whole = |end: &usize| {
@@ -205,7 +209,7 @@ fn whole_at(side: Sender, kind: u8, body: &[u8]) -> Vec<usize> {
         .collect()
 }
 
-/// The word for why bytes are no value.
+/// The name of a decoding error.
 fn word(why: Malformed) -> String {
     match why {
         Malformed::Motion(_) => "NotFinite".to_owned(),
@@ -222,7 +226,7 @@ pub fn error_json(invalid: Invalid) -> Value {
     }
 }
 
-/// Streams of bytes, how they fall into messages, and what ends them.
+/// Byte streams, the messages in them, and the error that ends them.
 fn frames() -> Vec<String> {
     let leave = [1_u8, 4];
     let (first, second) = (

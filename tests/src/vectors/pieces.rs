@@ -1,8 +1,8 @@
-//! What messages are put together from by hand.
+//! Building blocks of hand-made messages.
 
 use super::MessageCase;
 
-/// A variable integer.
+/// A varint.
 pub(super) fn v(mut number: u64) -> Vec<u8> {
     let mut bytes = Vec::new();
     while number >= 0x80 {
@@ -18,14 +18,14 @@ pub(super) fn f(numbers: &[f32]) -> Vec<u8> {
     numbers.iter().flat_map(|one| one.to_le_bytes()).collect()
 }
 
-/// A body's name.
+/// A body id.
 pub(super) fn id(index: u64, generation: u64) -> Vec<u8> {
     [v(index), v(generation)].concat()
 }
 
 pub(super) const TURNED: [f32; 4] = [0.5, -0.5, 0.5, 0.5];
 
-/// A motion with the parts that `present` says.
+/// A motion with the parts that `present` selects.
 pub(super) fn motion(present: u8) -> Vec<u8> {
     let mut bytes = [vec![present], f(&[1.0, 2.5, -3.0])].concat();
     if present & 1 != 0 {
@@ -40,7 +40,7 @@ pub(super) fn motion(present: u8) -> Vec<u8> {
     bytes
 }
 
-/// Terms of a body with the parts that `flags` says.
+/// The description of a body with the parts that `flags` selects.
 pub(super) fn body(index: u64, flags: u8) -> Vec<u8> {
     let mut bytes = [id(index, 2), vec![flags], v(1)].concat();
     if flags & 4 != 0 {
@@ -58,12 +58,12 @@ pub(super) fn body(index: u64, flags: u8) -> Vec<u8> {
     bytes
 }
 
-/// A scene's config; free running says that it is spoken of every third tick, with lookahead.
+/// A scene's configuration; a free-running scene publishes every third tick, with lookahead.
 pub(super) fn config(stepping: u8, sleep: bool) -> Vec<u8> {
     config_of(stepping, sleep, if stepping == 0 { [1, 0] } else { [3, 2] })
 }
 
-/// The same with what is said for every and lookahead.
+/// The same with this publish interval and lookahead.
 pub(super) fn config_of(stepping: u8, sleep: bool, publish_schedule: [u64; 2]) -> Vec<u8> {
     let mut bytes = [v(60), v(1), v(4), f(&[0.0, -9.81, 0.0]), vec![stepping]].concat();
     bytes.extend(f(&[0.5, 0.25, 1_000.0, 0.0, 0.125]));
@@ -76,7 +76,7 @@ pub(super) fn config_of(stepping: u8, sleep: bool, publish_schedule: [u64; 2]) -
     bytes
 }
 
-/// Each shape with its word.
+/// Each shape with its name.
 pub(super) fn shapes() -> [(&'static str, Vec<u8>); 9] {
     let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
     [
@@ -99,20 +99,20 @@ pub(super) fn shapes() -> [(&'static str, Vec<u8>); 9] {
     ]
 }
 
-/// Heights of so many rows and columns.
+/// A height field with these numbers of rows and columns.
 pub(super) fn heights(counts: [u64; 2], spacings: [f32; 2]) -> Vec<u8> {
     let heights: Vec<f32> = (0..counts[0] * counts[1]).map(|n| n as f32 - 2.5).collect();
     [vec![5], counts.map(v).concat(), f(&spacings), f(&heights)].concat()
 }
 
-/// A mesh of points by their coordinates, and triangles by places of points.
+/// A mesh from coordinates of points, and triangles as indices of points.
 pub(super) fn mesh(coordinates: &[f32], places: &[u64]) -> Vec<u8> {
     let counts = [coordinates.len() as u64 / 3, places.len() as u64 / 3];
     let places: Vec<u8> = places.iter().flat_map(|place| v(*place)).collect();
     [vec![6], counts.map(v).concat(), f(coordinates), places].concat()
 }
 
-/// Shapes that hold together, each beside the one before.
+/// A compound of these shapes, placed side by side.
 pub(super) fn compound(parts: &[Vec<u8>]) -> Vec<u8> {
     let mut bytes = vec![7, parts.len() as u8];
     for (place, part) in parts.iter().enumerate() {
@@ -123,7 +123,7 @@ pub(super) fn compound(parts: &[Vec<u8>]) -> Vec<u8> {
     bytes
 }
 
-/// Shapes that are none, or that no engine should be given.
+/// Shapes that are malformed or that a server must refuse.
 pub(super) fn bad_shapes() -> Vec<(&'static str, Vec<u8>)> {
     let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     let ball = [vec![0], f(&[0.5])].concat();
@@ -152,7 +152,7 @@ pub(super) fn bad_shapes() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// Each kind of joint, with and without what may be left out.
+/// Each kind of joint, with and without optional parts.
 pub(super) fn joints() -> Vec<(String, Vec<u8>)> {
     let limits = [-0.5, 0.75, -1.0, 1.0, 0.0, 0.0];
     let mut joints = Vec::new();
@@ -176,7 +176,7 @@ pub(super) fn joints() -> Vec<(String, Vec<u8>)> {
     joints
 }
 
-/// Extensions of these numbers, each with a value of as many bytes as it has bits set.
+/// Extensions with these ids; each value has as many bytes as its id has bits set.
 pub(super) fn extensions(ids: &[u32]) -> Vec<u8> {
     let mut bytes = v(ids.len() as u64);
     for id in ids {
@@ -187,7 +187,7 @@ pub(super) fn extensions(ids: &[u32]) -> Vec<u8> {
     bytes
 }
 
-/// Each choice of a stream with its word.
+/// Each choice of a stream with its name.
 pub(super) fn choices() -> [(&'static str, Vec<u8>); 5] {
     [
         ("within 0.05 m", [vec![0], v(50_000)].concat()),
@@ -207,12 +207,12 @@ pub(super) fn choices() -> [(&'static str, Vec<u8>); 5] {
     ]
 }
 
-/// Gathers cases.
+/// A list of cases under construction.
 #[derive(Debug, Default)]
 pub(super) struct CaseList(pub(super) Vec<MessageCase>);
 
 impl CaseList {
-    pub(super) fn say(&mut self, kind: u8, name: impl Into<String>, parts: &[&[u8]]) {
+    pub(super) fn add(&mut self, kind: u8, name: impl Into<String>, parts: &[&[u8]]) {
         let (name, body) = (name.into(), parts.concat());
         self.0.push(MessageCase { name, kind, body });
     }

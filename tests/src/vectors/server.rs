@@ -1,4 +1,4 @@
-//! What servers say: every message, scene_event, error and denial.
+//! Vectors of server messages: every message, scene event, error and denial.
 
 use rhumb_protocol::packet::Keyframe;
 use rhumb_protocol::wire::bits::BitWriter;
@@ -21,7 +21,7 @@ pub(super) fn cases() -> Vec<MessageCase> {
         (5, "Left"),
         (6, "Deleted"),
     ] {
-        cases.say(kind, name, &[]);
+        cases.add(kind, name, &[]);
     }
     for (word, choice) in choices() {
         let start = [
@@ -36,7 +36,7 @@ pub(super) fn cases() -> Vec<MessageCase> {
         ];
         let (config, more) = (config(0, false), extensions(&[]));
         let parts = [&choice[..], &config, &start.concat(), &more].concat();
-        cases.say(3, format!("Joined, {word}"), &[&parts]);
+        cases.add(3, format!("Joined, {word}"), &[&parts]);
     }
     for (first, count) in [
         (0, 4_096),
@@ -45,15 +45,15 @@ pub(super) fn cases() -> Vec<MessageCase> {
         ((1 << 20) - 1, 2),
     ] {
         let range = [v(first), v(count), v(7)].concat();
-        cases.say(7, format!("Reserved, {count} from {first}"), &[&range]);
+        cases.add(7, format!("Reserved, {count} from {first}"), &[&range]);
     }
     denials(&mut cases);
-    cases.say(9, "Applied", &[&v(4), &v(299)]);
+    cases.add(9, "Applied", &[&v(4), &v(299)]);
     errors(&mut cases);
     scene_events(&mut cases);
-    cases.say(12, "Pong", &[&v(123_456_789_012), &v(300), &v(7_654_321)]);
+    cases.add(12, "Pong", &[&v(123_456_789_012), &v(300), &v(7_654_321)]);
     let numbers: Vec<u8> = (0..10).flat_map(|place| v(1 << (5 * place))).collect();
-    cases.say(
+    cases.add(
         13,
         "Inspection",
         &[
@@ -64,28 +64,28 @@ pub(super) fn cases() -> Vec<MessageCase> {
             &numbers,
         ],
     );
-    drivings(&mut cases);
+    authority_answers(&mut cases);
     others(&mut cases);
     cases.0
 }
 
-/// That a member is moved, and what nobody knows.
+/// Changes of tier, and unknown messages.
 fn others(cases: &mut CaseList) {
     for (word, choice) in choices() {
         for cause in [0, 1, 2] {
             let name = format!("TierChanged, {word}, cause {cause}");
-            cases.say(16, name, &[&choice, &[cause]]);
+            cases.add(16, name, &[&choice, &[cause]]);
         }
     }
     for kind in [17, 0x7f] {
-        cases.say(
+        cases.add(
             kind,
             format!("a critical type {kind} that nobody knows"),
             &[&[1]],
         );
     }
     for kind in [0x80, 0x8a, 0xff] {
-        cases.say(
+        cases.add(
             kind,
             format!("an optional type {kind} that nobody knows"),
             &[&[1, 2, 3]],
@@ -96,8 +96,8 @@ fn others(cases: &mut CaseList) {
 fn welcomes(cases: &mut CaseList) {
     for (word, versions) in [("", 1_u16), (", a version from the future", 2)] {
         let version = versions.to_le_bytes();
-        cases.say(1, format!("Welcome, no scene{word}"), &[&version, &[0, 0]]);
-        cases.say(
+        cases.add(1, format!("Welcome, no scene{word}"), &[&version, &[0, 0]]);
+        cases.add(
             1,
             format!("Welcome{word}"),
             &[&version, &[1], &config(1, true), &extensions(&[27])],
@@ -105,11 +105,11 @@ fn welcomes(cases: &mut CaseList) {
     }
 }
 
-fn drivings(cases: &mut CaseList) {
+fn authority_answers(cases: &mut CaseList) {
     let driven = [id(3, 0), motion(0), id(300, 2), motion(7)].concat();
-    cases.say(14, "AuthorityGrant none", &[&v(9), &v(300), &[0]]);
-    cases.say(14, "AuthorityGrant two", &[&v(9), &v(300), &[2], &driven]);
-    cases.say(
+    cases.add(14, "AuthorityGrant none", &[&v(9), &v(300), &[0]]);
+    cases.add(14, "AuthorityGrant two", &[&v(9), &v(300), &[2], &driven]);
+    cases.add(
         14,
         "AuthorityGrant one twice",
         &[
@@ -123,24 +123,24 @@ fn drivings(cases: &mut CaseList) {
         ],
     );
     for reason in 0..4 {
-        cases.say(
+        cases.add(
             15,
             format!("AuthorityDenied, {reason}"),
             &[&[reason], &id(300, 2)],
         );
     }
     for reason in [4, 5, 6, 0x7f, 0x80, 0xff] {
-        cases.say(15, format!("AuthorityDenied, {reason}"), &[&[reason]]);
+        cases.add(15, format!("AuthorityDenied, {reason}"), &[&[reason]]);
     }
 }
 
 fn denials(cases: &mut CaseList) {
     for code in [0, 1, 4, 5, 6, 7, 8, 9, 10, 11, 12, 0x7f, 0x80, 0xff] {
-        cases.say(8, format!("Denied, {code}"), &[&[code]]);
+        cases.add(8, format!("Denied, {code}"), &[&[code]]);
     }
     for code in [2, 3] {
         for quantity in [0, 16, 25, 30, 31] {
-            cases.say(
+            cases.add(
                 8,
                 format!("Denied, {code} {quantity}"),
                 &[&[code, quantity]],
@@ -152,7 +152,7 @@ fn denials(cases: &mut CaseList) {
 fn errors(cases: &mut CaseList) {
     for code in [0, 1] {
         for quantity in 0..32 {
-            cases.say(
+            cases.add(
                 10,
                 format!("Refused, {code} {quantity}"),
                 &[&v(4), &[code, quantity]],
@@ -160,29 +160,29 @@ fn errors(cases: &mut CaseList) {
         }
     }
     for code in [2, 4, 5, 10, 15, 16] {
-        cases.say(
+        cases.add(
             10,
             format!("Refused, {code} of a body"),
             &[&v(4), &[code], &id(300, 2)],
         );
     }
     for code in [3, 6, 7, 12, 13, 14, 17] {
-        cases.say(
+        cases.add(
             10,
             format!("Refused, {code} of a shape or joint"),
             &[&v(4), &[code], &v(300)],
         );
     }
     for code in [8, 9, 11, 18, 19, 20, 0x7f, 0x80, 0xff] {
-        cases.say(10, format!("Refused, {code}"), &[&v(4), &[code]]);
+        cases.add(10, format!("Refused, {code}"), &[&v(4), &[code]]);
     }
 }
 
-/// A track that is said in bits.
+/// A track encoded as a bit string.
 fn in_bits(predictor: Predictor, parent: Option<BodyId>) -> Vec<u8> {
     let moving = predictor != Predictor::Rest;
     let speed = |numbers: [i32; 3]| if moving { numbers } else { [0; 3] };
-    let rotation = PackedRotation::from_parts(3, [1_000, -20_000, 0]).expect("a stable one");
+    let rotation = PackedRotation::from_parts(3, [1_000, -20_000, 0]).expect("a valid rotation");
     let anchor = QuantisedState {
         position: [70_000, -5, 0],
         rotation,
@@ -202,20 +202,20 @@ fn in_bits(predictor: Predictor, parent: Option<BodyId>) -> Vec<u8> {
 
 fn scene_events(cases: &mut CaseList) {
     for (word, shape) in shapes() {
-        cases.say(11, format!("ShapeAdded, {word}"), &[&[0], &v(1), &shape]);
+        cases.add(11, format!("ShapeAdded, {word}"), &[&[0], &v(1), &shape]);
     }
     for (word, shape) in bad_shapes() {
-        cases.say(11, format!("ShapeAdded, {word}"), &[&[0], &v(1), &shape]);
+        cases.add(11, format!("ShapeAdded, {word}"), &[&[0], &v(1), &shape]);
     }
-    cases.say(
+    cases.add(
         11,
         "ShapeAdded, a flat hull",
         &[&[0], &v(1), &[4, 4], &f(&[0.0; 12])],
     );
-    cases.say(11, "ShapeRemoved", &[&[1], &v(1)]);
+    cases.add(11, "ShapeRemoved", &[&[1], &v(1)]);
     for flags in [0, 2, 4, 8, 16, 33, 60, 61, 66, 97, 129, 193, 254] {
         let name = format!("BodyPlaced, flags {flags}");
-        cases.say(
+        cases.add(
             11,
             name,
             &[&[2], &body(300, flags), &v(6), &[8], &motion(0), &[0]],
@@ -224,31 +224,31 @@ fn scene_events(cases: &mut CaseList) {
     inertias(cases);
     tracks(cases);
     for cause in 0..4 {
-        cases.say(
+        cases.add(
             11,
             format!("BodyRemoved, {cause}"),
             &[&[3], &id(300, 2), &[cause]],
         );
     }
-    cases.say(
+    cases.add(
         11,
         "GravityChanged",
         &[&[4], &v(300), &f(&[0.0, -1.5, 0.0])],
     );
-    cases.say(11, "SceneFaulted", &[&[5], &v(300)]);
+    cases.add(11, "SceneFaulted", &[&[5], &v(300)]);
     for (word, joint) in joints() {
-        cases.say(11, format!("JointAdded, {word}"), &[&[6], &v(7), &joint]);
+        cases.add(11, format!("JointAdded, {word}"), &[&[6], &v(7), &joint]);
     }
-    cases.say(11, "JointRemoved", &[&[7], &v(7)]);
+    cases.add(11, "JointRemoved", &[&[7], &v(7)]);
     for code in [8, 0x7f] {
-        cases.say(
+        cases.add(
             11,
             format!("a critical scene_event {code} that nobody knows"),
             &[&[code, 1]],
         );
     }
     for code in [0x80, 0x9a, 0xff] {
-        cases.say(
+        cases.add(
             11,
             format!("an optional scene_event {code} that nobody knows"),
             &[&[code, 1]],
@@ -279,7 +279,7 @@ fn inertias(cases: &mut CaseList) {
         ),
     ] {
         let name = format!("BodyPlaced, inertia: {word}");
-        cases.say(
+        cases.add(
             11,
             name,
             &[&[2], &tumbler, &inertia, &v(6), &[8], &motion(0), &[0]],
@@ -292,7 +292,7 @@ fn tracks(cases: &mut CaseList) {
     for predictor in 8..13_u8 {
         for present in 0..8 {
             let name = format!("BodyPlaced, body_state {predictor}, present {present}");
-            cases.say(
+            cases.add(
                 11,
                 name,
                 &[&[2], &plain, &v(6), &[predictor], &motion(present), &v(9)],
@@ -301,7 +301,7 @@ fn tracks(cases: &mut CaseList) {
     }
     for code in [1, 7, 13, 15, 16, 0x80] {
         let name = format!("BodyPlaced, a track of no form {code}");
-        cases.say(11, name, &[&[2], &plain, &v(6), &[code], &motion(0), &v(9)]);
+        cases.add(11, name, &[&[2], &plain, &v(6), &[code], &motion(0), &v(9)]);
     }
     let parent = Some(BodyId::new(7, 1));
     for (word, track) in [
@@ -320,6 +320,6 @@ fn tracks(cases: &mut CaseList) {
         ),
     ] {
         let name = format!("BodyPlaced, quantised, {word}");
-        cases.say(11, name, &[&[2], &plain, &v(6), &[0], &track, &v(0)]);
+        cases.add(11, name, &[&[2], &plain, &v(6), &[0], &track, &v(0)]);
     }
 }

@@ -1,8 +1,8 @@
-//! Golden streams: what a member received over a bad link, and what it then knew.
+//! Golden streams: data received over a bad link, and the resulting states.
 //!
-//! Recorded from a real host by `cargo run -p rhumb-tests --example control_vectors -- --write`, and held by replaying what was
-//! received to a session: so an engine that moves bodies otherwise does not change what is golden here, but the wire does.
-
+//! They are recorded from a real server by `cargo run -p rhumb-tests --example control_vectors -- --write`. The tests
+//! replay the received data to a session. So a change of the engine does not invalidate them, but a change of the wire
+//! format does.
 use bytes::Bytes;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
@@ -20,7 +20,7 @@ use crate::grammar::{hex, unhex};
 use crate::seed::Dice;
 use crate::table::{Delivered, DeliveryAction, LossFilter, Table};
 
-/// One recording to be made.
+/// The parameters of a recording.
 #[derive(Clone, Copy, Debug)]
 struct Recording {
     name: &'static str,
@@ -29,16 +29,16 @@ struct Recording {
     stepping: Stepping,
     publish_schedule: Option<(u32, u32)>,
     choice: StreamChoice,
-    /// Of a hundred datagrams, how many are lost, come late or come twice.
+    /// Of a hundred datagrams, how many are lost, delayed or duplicated.
     bad: usize,
     ticks: u64,
-    /// Whether bodies are of classes, and such that have ground and parts come too.
+    /// Whether bodies have different tolerance scales, and a height field and a compound are added.
     diverse: bool,
 }
 
-/// The host, as each session names it.
+/// The server's name in each session.
 const HOST: Peer = Peer(0);
-/// Ticks at the end without faults.
+/// Ticks without faults at the end.
 const CALM: u64 = 60;
 
 impl Recording {
@@ -113,7 +113,7 @@ fn recordings() -> Vec<Recording> {
     ]
 }
 
-/// What a member knows, as the vectors have it.
+/// The state of a member, in the form of the vectors.
 #[must_use]
 pub fn known(replica: &Replica) -> Value {
     let stream = replica.stream();
@@ -127,19 +127,19 @@ pub fn known(replica: &Replica) -> Value {
         "poses": format!("{:016x}", poses(replica)),
     });
     if matches!(replica.choice(), StreamChoice::Capped { .. }) {
-        // Factors are whole when counted in eighths.
+        // Error scales are multiples of one eighth.
         let error_scale = stream.error_scale_at(stream.watermark_tick());
         known["error_scale_eighths"] = json!(error_scale.map(|factor| (factor * 8.0) as u64));
     }
     known
 }
 
-/// FNV-1a over the bits of each body's predicted_motion motion at the watermark_tick tick, in order of index.
+/// FNV-1a over the bits of each body's predicted motion at the complete tick, in order of index.
 fn poses(replica: &Replica) -> u64 {
     let stream = replica.stream();
     let mut digest = Fnv::START;
-    for config in replica.bodies() {
-        if let Some(motion) = stream.predicted_motion(config.id, stream.watermark_tick()) {
+    for desc in replica.bodies() {
+        if let Some(motion) = stream.predicted_motion(desc.id, stream.watermark_tick()) {
             digest.fold_motion(&motion);
         }
     }
@@ -153,10 +153,9 @@ fn received(sent: &Delivered) -> Value {
     }
 }
 
-/// Records a recording: what was received, with what was known after each tick.
+/// Makes a recording: the received data, with the member's state after each tick.
 fn record(recording: &Recording, seed: u64) -> Vec<Value> {
-    let mut script =
-        by_name(recording.scene, recording.bodies, 1).expect("a scene that has a script");
+    let mut script = by_name(recording.scene, recording.bodies, 1).expect("an existing script");
     let mut config = script.config();
     config.stepping = recording.stepping;
     config.publish_schedule = recording.publish_schedule.map_or(
@@ -167,31 +166,34 @@ fn record(recording: &Recording, seed: u64) -> Vec<Value> {
         },
     );
     let mut table = Table::default();
-    let peer = table.alias("golden");
+    let peer = table.connect("golden");
     let now = table.now();
     table
-        .guest(peer)
+        .session(peer)
         .create(config)
-        .expect("config of a script");
-    table.settle();
+        .expect("a valid configuration");
+    table.run_until_idle();
     table
-        .guest(peer)
+        .session(peer)
         .join(recording.choice)
         .expect("a scene to join");
-    table.settle();
-    let mut events: Vec<Value> = table.take_heard(peer).iter().map(received).collect();
+    table.run_until_idle();
+    let mut events: Vec<Value> = table.take_received(peer).iter().map(received).collect();
     let mut dice = Dice::new(seed);
     let (bad, frame) = (recording.bad, Span::from_nanos(16_666_667));
     for tick in 0..recording.ticks {
         if tick == recording.ticks - CALM {
-            table.sift(peer, LossFilter::new(|_| DeliveryAction::Arrives));
-            table.sift_spoken(peer, LossFilter::new(|_| DeliveryAction::Arrives));
+            table.filter_downlink(peer, LossFilter::new(|_| DeliveryAction::Arrives));
+            table.filter_uplink(peer, LossFilter::new(|_| DeliveryAction::Arrives));
         } else if tick == 1 {
             let (mut there, mut back) = (dice.clone(), dice.clone());
-            table.sift(peer, LossFilter::new(move |_| fate(&mut there, bad)));
-            // Echoes are lost more often, so that what is missing stays missing for some ticks.
-            let deaf = 3 * bad;
-            table.sift_spoken(peer, LossFilter::new(move |_| fate(&mut back, deaf)));
+            table.filter_downlink(peer, LossFilter::new(move |_| fate(&mut there, bad)));
+            // Loss reports are lost more often, so that gaps stay open for some ticks.
+            let loss_of_reports = 3 * bad;
+            table.filter_uplink(
+                peer,
+                LossFilter::new(move |_| fate(&mut back, loss_of_reports)),
+            );
         }
         let mut commands = Vec::new();
         script.commands(Tick::new(tick), &mut commands);
@@ -202,32 +204,32 @@ fn record(recording: &Recording, seed: u64) -> Vec<Value> {
         let at = now + Span::from_nanos(frame.as_nanos() * tick);
         for command in commands {
             table
-                .guest(peer)
+                .session(peer)
                 .command(command)
-                .expect("scripts command what may be");
+                .expect("scripts send valid commands");
         }
         if recording.stepping == Stepping::Lockstep {
             let to = Tick::new(tick + 1);
             table
-                .guest(peer)
+                .session(peer)
                 .advance(at, to)
                 .expect("a member advances");
         }
-        table.settle();
+        table.run_until_idle();
         table.pass(frame);
-        events.extend(table.take_heard(peer).iter().map(received));
+        events.extend(table.take_received(peer).iter().map(received));
         events.push(json!(["known", null]));
     }
     with_knowledge(events)
 }
 
-/// Puts what a session knows behind each tick, and behind each datagram that leaves it unsettled.
+/// Inserts the session's state after each tick, and after each datagram that leaves it unconverged.
 fn with_knowledge(events: Vec<Value>) -> Vec<Value> {
     let mut session = greeted();
     let mut reported = Vec::new();
     for event in events {
         let is_tick = event[0] == "known";
-        hear(&mut session, &event);
+        deliver(&mut session, &event);
         if !is_tick {
             reported.push(event);
         }
@@ -241,24 +243,24 @@ fn with_knowledge(events: Vec<Value>) -> Vec<Value> {
     reported
 }
 
-/// A session that waits for what its server says.
+/// A session that waits for its server's first message.
 ///
 /// # Panics
 ///
-/// Never: its scene has a name.
+/// Never: the name of its scene is valid.
 #[must_use]
 pub fn greeted() -> ClientSession {
-    let mut session = ClientSession::new("golden".parse().expect("a good name"));
+    let mut session = ClientSession::new("golden".parse().expect("a valid scene name"));
     session.handle_opened(Instant::ZERO, HOST);
     session
 }
 
-/// Says an event of a stream to a session.
+/// Delivers an event of a stream to a session.
 ///
 /// # Panics
 ///
-/// When it is none.
-pub fn hear(session: &mut ClientSession, event: &Value) {
+/// When the event is malformed.
+pub fn deliver(session: &mut ClientSession, event: &Value) {
     let bytes = || Bytes::from(unhex(event[1].as_str().expect("digits")));
     match event[0].as_str() {
         Some("control") => session.handle_control(Instant::ZERO, HOST, &bytes()),
@@ -278,7 +280,7 @@ fn fate(dice: &mut Dice, bad: usize) -> DeliveryAction {
     }
 }
 
-/// What the script would not do: other gravity, a body that goes.
+/// Commands that the script does not contain: a change of gravity, the removal of a body.
 fn disturbance(recording: &Recording, tick: u64, dice: &mut Dice) -> Vec<Command> {
     let mut commands = Vec::new();
     if recording.scene == "zoo" && tick % 40 == 25 {
@@ -297,24 +299,25 @@ fn disturbance(recording: &Recording, tick: u64, dice: &mut Dice) -> Vec<Command
     commands
 }
 
-/// Gives a body that comes a tolerance_scale: each in turn.
+/// Sets the tolerance scale of an added body: each in turn.
 fn classify(command: &mut Command) {
-    if let Command::AddBody { config, .. } = command {
-        let turn = (config.id.index() % 7) as i8;
-        config.tolerance_scale = ToleranceScale::new(turn - 3).expect("one of seven");
+    if let Command::AddBody { desc, .. } = command {
+        let turn = (desc.id.index() % 7) as i8;
+        desc.tolerance_scale =
+            ToleranceScale::new(turn - 3).expect("one of seven tolerance scales");
     }
 }
 
-/// Ground that is too long for one message, and a dumbbell that falls on it without being turned.
+/// A height field that is too long for one message, and a dumbbell that falls on it without rotation.
 fn new_bodies() -> Vec<Command> {
     let heights: Vec<f32> = (0..4_480).map(|post| (post % 3) as f32 * 0.25).collect();
-    let ground = Heights::new(70, 0.25, 0.125, &heights).expect("a field");
+    let ground = Heights::new(70, 0.25, 0.125, &heights).expect("a valid height field");
     let end = |x| Part {
         position: glam::Vec3::new(x, 0.0, 0.0),
         rotation: glam::Quat::IDENTITY,
         shape: Shape::Ball { radius: 0.25 },
     };
-    let dumbbell = Compound::new(vec![end(-0.5), end(0.5)]).expect("two balls");
+    let dumbbell = Compound::new(vec![end(-0.5), end(0.5)]).expect("a valid compound");
     let mut commands = Vec::new();
     for (place, (shape, kind, at)) in [
         (Shape::Heights(ground), BodyKind::Static, [20.0, 0.0, 20.0]),
@@ -329,16 +332,16 @@ fn new_bodies() -> Vec<Command> {
     {
         let id = ShapeId(8_000 + place as u32);
         commands.push(Command::AddShape { id, shape });
-        let mut config = BodyDesc::plain(BodyId::new(4_000 + place as u32, 0), kind, id);
-        config.turns = kind == BodyKind::Static;
+        let mut desc = BodyDesc::plain(BodyId::new(4_000 + place as u32, 0), kind, id);
+        desc.turns = kind == BodyKind::Static;
         let motion = BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
-        let motion = motion.expect("a place is finite");
-        commands.push(Command::AddBody { config, motion });
+        let motion = motion.expect("a finite state");
+        commands.push(Command::AddBody { desc, motion });
     }
     commands
 }
 
-/// The file.
+/// The content of `streams.json`.
 #[must_use]
 pub fn streams() -> String {
     let recordings = recordings()
@@ -357,17 +360,18 @@ pub fn streams() -> String {
     format!("{{\n\"format\": \"rhumb stream vectors 1\",\n\"streams\": [\n{recordings}\n]\n}}\n")
 }
 
-/// Says to a session what a stream's member received; for each known state, its place, what it should be and what it is.
+/// Delivers the data of a stream's member to a session; returns for each recorded state its index, the expected and
+/// the actual state.
 ///
 /// # Panics
 ///
-/// When an event is none.
+/// When an event is malformed.
 #[must_use]
 pub fn replayed(events: &[Value]) -> Vec<(usize, Value, Value)> {
     let mut session = greeted();
     let mut states = Vec::new();
     for (place, event) in events.iter().enumerate() {
-        hear(&mut session, event);
+        deliver(&mut session, event);
         if event[0] == "known" {
             let replica = session.replica().expect("a member");
             states.push((place, event[1].clone(), known(replica)));

@@ -12,7 +12,7 @@ use crate::house::{File, files, report, root};
 /// The numbers of a document's headings and numbered clauses.
 fn clauses(document: &str) -> BTreeSet<String> {
     let text =
-        fs::read_to_string(root().join(document)).expect("the specification has this document");
+        fs::read_to_string(root().join(document)).expect("reading a document of the specification");
     let numbers = text.lines().filter_map(|line| {
         let line = line.trim_start_matches('#').trim_start();
         let number = line.split_whitespace().next()?.trim_end_matches('.');
@@ -26,7 +26,7 @@ fn is_number(text: &str) -> bool {
         .all(|part| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
-/// The clauses that a text cites of a document, by line.
+/// The clauses of a document that a text cites, with line numbers.
 fn cited(text: &str, name: &str) -> Vec<(usize, String)> {
     let mut cited = Vec::new();
     for (number, line) in text.lines().enumerate() {
@@ -47,7 +47,7 @@ fn cited(text: &str, name: &str) -> Vec<(usize, String)> {
 }
 
 #[test]
-fn every_cited_clause_can_be_read() {
+fn every_cited_clause_exists() {
     let mut violations = Vec::new();
     let files = files();
     for document in Document::ALL {
@@ -66,28 +66,28 @@ fn every_cited_clause_can_be_read() {
 }
 
 #[test]
-fn every_requirement_has_a_name_of_its_clause_for_itself() {
+fn every_requirement_has_a_unique_name_in_its_clause() {
     let mut violations = Vec::new();
     for document in Document::ALL {
         let mut seen = BTreeSet::new();
         for requirement in document.requirements() {
             let clause = requirement.id.split('-').next().unwrap_or_default();
             if clause != requirement.clause {
-                violations.push(format!("{requirement} stands in {}", requirement.clause));
+                violations.push(format!("{requirement} is in clause {}", requirement.clause));
             }
             if requirement.text.is_empty() {
-                violations.push(format!("{requirement} says nothing"));
+                violations.push(format!("{requirement} is empty"));
             }
             if !seen.insert(requirement.id.clone()) {
-                violations.push(format!("{requirement} is there twice"));
+                violations.push(format!("{requirement} occurs twice"));
             }
         }
     }
-    report("a requirement has a name for itself", &violations);
+    report("a requirement has a unique name", &violations);
 }
 
 #[test]
-fn what_must_should_or_may_be_has_a_name() {
+fn every_must_should_or_may_belongs_to_a_requirement() {
     let mut violations = Vec::new();
     for document in Document::ALL {
         for part in parts(&document.text()) {
@@ -105,7 +105,7 @@ fn what_must_should_or_may_be_has_a_name() {
 
 #[test]
 fn citations_are_found() {
-    // Written so that this file cites nothing itself.
+    // Split, so that this file itself contains no citation.
     let name = ["PROTO", "COL"].concat();
     let text = format!("see ({name} 3.4), {name} 5.\n{name}.md, {name} x, {name} 3.4-12.");
     let found = cited(&text, &name);

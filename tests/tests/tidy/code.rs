@@ -1,14 +1,14 @@
-//! Rust sources without their comments and strings, and the functions in them.
+//! Removes comments and strings from Rust sources, and finds their functions.
 //!
-//! Knows only as much of the language as that takes. Lines stay where they are.
+//! It knows only as much of the language as that needs. Line numbers stay the same.
 
-/// The text with comments, strings and characters blanked out.
-pub(crate) fn without_words(text: &str) -> String {
+/// The text with comments, strings and characters replaced by blanks.
+pub(crate) fn without_text(text: &str) -> String {
     let bytes = text.as_bytes();
     let mut out = bytes.to_vec();
     let mut place = 0;
     while place < bytes.len() {
-        let end = match word_end(bytes, place) {
+        let end = match text_end(bytes, place) {
             Some(end) => end,
             None => {
                 place += 1;
@@ -25,8 +25,8 @@ pub(crate) fn without_words(text: &str) -> String {
     String::from_utf8_lossy(&out).into_owned()
 }
 
-/// Where the comment, string or character that begins here ends.
-fn word_end(bytes: &[u8], place: usize) -> Option<usize> {
+/// End of the comment, string or character literal that begins here.
+fn text_end(bytes: &[u8], place: usize) -> Option<usize> {
     let rest = &bytes[place..];
     let starts_name = place == 0 || !is_name(bytes[place - 1]);
     match rest {
@@ -70,7 +70,7 @@ fn comment_len(rest: &[u8]) -> usize {
     place
 }
 
-/// Up to and with the quote that no backslash precedes.
+/// Length up to and including the quote that no backslash precedes.
 fn quoted_len(rest: &[u8], quote: u8) -> usize {
     let mut place = 0;
     while place < rest.len() {
@@ -100,7 +100,7 @@ fn raw_len(rest: &[u8]) -> Option<usize> {
     })
 }
 
-/// A function's name, first line (counted from one) and length in lines.
+/// Name, first line (counted from one) and length in lines of a function.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Function {
     pub(crate) name: String,
@@ -130,7 +130,7 @@ fn function(code: &str, start: usize) -> Option<Function> {
     })
 }
 
-/// Where the body ends that begins after a signature; `None` when there is none.
+/// End of the body after a signature; `None` when there is none.
 fn body(rest: &[u8]) -> Option<usize> {
     let (mut braces, mut brackets) = (0_usize, 0_usize);
     for (place, byte) in rest.iter().enumerate() {
@@ -152,10 +152,10 @@ fn body(rest: &[u8]) -> Option<usize> {
 }
 
 #[test]
-fn words_are_blanked_and_code_is_not() {
+fn comments_and_strings_are_blanked_and_code_is_not() {
     let text =
         "a /* b /* c */ d */ e // f\n\"g\\\"h\" r#\"i\"j\"# 'k' '\\'' l: &'m str; for_r\"n\"";
-    let kept: String = without_words(text).split_whitespace().collect();
+    let kept: String = without_text(text).split_whitespace().collect();
     assert_eq!(kept, "ael:&'mstr;for_r");
 }
 

@@ -1,22 +1,22 @@
-//! The files of the house, as they lie on the disk.
+//! The files of the repository, as they are on the disk.
 //!
-//! Reads; judges nothing. What cargo and the benches leave behind is no part of the house.
+//! It reads files and checks nothing. Build outputs of cargo and the benches are left out.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::code;
 
-/// One file of the house.
+/// One file of the repository.
 pub(crate) struct File {
-    /// From the root, with slashes.
+    /// Path from the root, with slashes.
     pub(crate) path: String,
-    /// As it stands; empty where it is not text.
+    /// Its text; empty if it is not text.
     pub(crate) text: String,
 }
 
 impl File {
-    /// Whether it lies in a folder, or is one of several files named by their beginning.
+    /// Whether its path begins with one of these.
     pub(crate) fn is_in(&self, beginnings: &[&str]) -> bool {
         beginnings
             .iter()
@@ -27,14 +27,14 @@ impl File {
         self.path.ends_with(".rs")
     }
 
-    /// Whether it only proves: tests, and the package of tests.
+    /// Whether it is test code: a file of tests, or of the package of tests.
     pub(crate) fn is_test(&self) -> bool {
         self.path.starts_with("tests/") || self.path.contains("/tests/")
     }
 
-    /// The code alone, line by line as it was.
+    /// The code without comments and strings, with the same lines.
     pub(crate) fn code(&self) -> String {
-        code::without_words(&self.text)
+        code::without_text(&self.text)
     }
 }
 
@@ -43,11 +43,11 @@ pub(crate) fn root() -> PathBuf {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));
     package
         .parent()
-        .expect("this package lies in the root")
+        .expect("this package is in the repository")
         .to_owned()
 }
 
-/// Folders that are made, not written.
+/// Folders with generated content.
 const MADE: [&str; 5] = [
     "target",
     "results",
@@ -70,9 +70,9 @@ pub(crate) fn sources() -> Vec<File> {
 }
 
 fn walk(folder: &Path, path: &str, files: &mut Vec<File>) {
-    let entries = fs::read_dir(folder).expect("the house can be read");
+    let entries = fs::read_dir(folder).expect("reading the repository");
     for entry in entries {
-        let entry = entry.expect("the house can be read");
+        let entry = entry.expect("reading the repository");
         let name = entry.file_name().to_string_lossy().into_owned();
         let path = if path.is_empty() {
             name.clone()
@@ -90,7 +90,7 @@ fn walk(folder: &Path, path: &str, files: &mut Vec<File>) {
     }
 }
 
-/// Fails with every violation of a rule, or does nothing.
+/// Fails with all violations of a rule, if there are any.
 pub(crate) fn report(rule: &str, violations: &[String]) {
     let count = violations.len();
     assert!(

@@ -1,10 +1,11 @@
-//! The house rules, held against every file of the house.
+//! Checks the source rules in every file of the repository.
 //!
-//! Proved by reading the sources as text. Each rule reports all that breaks it at once. What is said in comments and
-//! strings counts for no rule about code.
+//! The tests read the sources as text. Each rule reports all violations at once. Comments and strings are ignored by
+//! rules about code.
 
 mod citations;
 mod code;
 mod documents;
 mod house;
 mod rules;
+mod words;

@@ -1,17 +1,17 @@
-//! What every source keeps to: its first line, its lengths, its names.
+//! Rules for every source: its first line, its lengths, its names.
 //!
-//! Each exception stands beside the rule that it is from.
+//! Each exception is listed beside its rule.
 
 use crate::code::functions;
 use crate::house::{File, report, sources};
 
-/// Longest first line, with its mark.
+/// Longest first line, including `//! `.
 const FIRST_LINE_MAX: usize = 79;
 const FILE_LINES_MAX: usize = 600;
 const FUNCTION_LINES_MAX: usize = 70;
 
 #[test]
-fn every_file_begins_with_what_it_is_for() {
+fn every_file_begins_with_its_purpose() {
     let mut violations = Vec::new();
     for File { path, text } in sources() {
         let first = text.lines().next().unwrap_or_default();
@@ -51,7 +51,7 @@ fn files_and_functions_are_short() {
     report("a file has 600 lines at most, a function 70", &violations);
 }
 
-/// Where in the code of these files any of these words stand.
+/// All places in the code of these files that contain one of these words.
 fn naming(words: &[&str], wanted: impl Fn(&File) -> bool) -> Vec<String> {
     let mut violations = Vec::new();
     for file in sources().into_iter().filter(wanted) {
@@ -64,7 +64,7 @@ fn naming(words: &[&str], wanted: impl Fn(&File) -> bool) -> Vec<String> {
     violations
 }
 
-/// Whether a line holds a word, and not only as a part of a longer name.
+/// Whether a line contains a word, not only as a part of a longer name.
 fn holds(line: &str, word: &str) -> bool {
     let in_name = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
     line.match_indices(word).any(|(start, _)| {
@@ -77,7 +77,7 @@ fn holds(line: &str, word: &str) -> bool {
 }
 
 #[test]
-fn nothing_is_left_undone_silenced_or_expected_to_panic() {
+fn no_code_is_unfinished_silenced_or_expected_to_panic() {
     let words = [
         "todo!",
         "unimplemented!",
@@ -88,7 +88,7 @@ fn nothing_is_left_undone_silenced_or_expected_to_panic() {
         "should_panic",
     ];
     report(
-        "nothing is left undone, silenced or expected to panic",
+        "no code is unfinished, silenced or expected to panic",
         &naming(&words, |_| true),
     );
 }
@@ -99,11 +99,11 @@ fn no_test_sleeps() {
         &["thread::sleep", "sleep_ms", "tokio::time::sleep"],
         File::is_test,
     );
-    report("a test waits by a call that has patience", &violations);
+    report("a test waits by a call with a time limit", &violations);
 }
 
 #[test]
-fn belief_and_protocol_read_no_clock_open_no_socket_and_iterate_no_hash() {
+fn reckoning_and_protocol_read_no_clock_open_no_socket_and_iterate_no_hash() {
     let words = [
         "std::time",
         "std::net",
@@ -114,7 +114,7 @@ fn belief_and_protocol_read_no_clock_open_no_socket_and_iterate_no_hash() {
     ];
     let pure = |file: &File| file.is_in(&["reckoning/src/", "protocol/src/"]);
     report(
-        "reckoning and protocol know neither clock nor socket",
+        "reckoning and protocol use neither clock nor socket",
         &naming(&words, pure),
     );
 }
@@ -124,7 +124,7 @@ fn only_the_engines_files_name_the_engine() {
     let words = ["rapier3d", "rapier"];
     let others = |file: &File| !file.is_in(&["server/src/engine/"]);
     report(
-        "only server/src/engine/rapier* knows the engine",
+        "only server/src/engine/rapier* names the engine",
         &naming(&words, others),
     );
     let types = ["rapier3d"];
@@ -132,13 +132,13 @@ fn only_the_engines_files_name_the_engine() {
         file.is_in(&["server/src/engine/"]) && !file.is_in(&["server/src/engine/rapier"])
     };
     report(
-        "only server/src/engine/rapier* knows the engine",
+        "only server/src/engine/rapier* names the engine",
         &naming(&types, beside),
     );
 }
 
 #[test]
-fn sockets_and_clocks_are_in_the_rooms_that_own_them() {
+fn sockets_and_clocks_are_used_only_in_the_crates_that_own_them() {
     let own = |file: &File| {
         file.is_in(&[
             "transport/",
@@ -155,17 +155,17 @@ fn sockets_and_clocks_are_in_the_rooms_that_own_them() {
         let hosts = imports.filter(|line| holds(line, "Instant"));
         clocks.extend(hosts.map(|line| format!("{}: {line}", file.path)));
     }
-    report("a clock is read where it is owned", &clocks);
-    // Addresses are no sockets: a client resolves its server's name.
+    report("only its owners read a clock", &clocks);
+    // Addresses are not sockets: a client resolves its server's name.
     let sockets = ["UdpSocket", "TcpStream", "TcpListener", "UnixStream"];
     report(
-        "a socket is opened where it is owned",
+        "only its owners open a socket",
         &naming(&sockets, |file| !own(file)),
     );
     let net = naming(&["std::net"], |file| {
         !own(file) && !file.is_in(&["client/src/client.rs"])
     });
-    report("the network is named where it is owned", &net);
+    report("only its owners name the network", &net);
 }
 
 #[test]

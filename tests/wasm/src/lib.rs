@@ -1,7 +1,7 @@
-//! The predictors behind plain functions, for JavaScript to check.
+//! The predictors as plain functions for a check in JavaScript.
 //!
-//! No memory is shared and no pointer passed: the caller writes numbers by index, asks for one prediction, and reads
-//! the result by index. Invariant: what is read is the last prediction, or nothing but zeros where it was refused.
+//! No memory or pointer is shared: the caller sets numbers by index, requests one prediction, and reads the result by
+//! index. Invariant: the result is the last prediction, or all zeros if the inputs were refused.
 
 use core::num::NonZeroU32;
 use core::sync::atomic::{AtomicU64, Ordering};
@@ -12,16 +12,16 @@ use rhumb_reckoning::{
     Rate, StepCoefficientTable, TRACK_AGE_MAX, Ticks,
 };
 
-/// What a prediction is made from: see [`given`] for the order.
+/// The inputs of a prediction; [`give`] has the order.
 static GIVEN: [AtomicU64; 32] = [const { AtomicU64::new(0) }; 32];
-/// Position, rotation, linear and angular velocity.
+/// The result: position, rotation, linear and angular velocity.
 static RESULT: [AtomicU64; 13] = [const { AtomicU64::new(0) }; 13];
 
-/// Sets one number that the next prediction is made from; an index out of range is passed over.
+/// Sets one input of the next prediction; an index out of range is ignored.
 ///
-/// 0 to 12: the body_state motion. 13 to 15: gravity. 16: ticks, 17: seconds, 18: substeps, 19: linear damping,
-/// 20: angular damping. 21 to 23: moments of inertia, all zero where none are known. 24 to 27: their frame. 28 to 30: steps of a push, 31: how often
-/// they are doubled.
+/// 0 to 12: the initial state. 13 to 15: gravity. 16: ticks, 17: seconds, 18: substeps, 19: linear damping, 20: angular
+/// damping. 21 to 23: moments of inertia, all zero if unknown. 24 to 27: their frame. 28 to 30: steps of an
+/// acceleration, 31: its exponent.
 #[unsafe(no_mangle)]
 pub extern "C" fn give(index: u32, value: f64) {
     if let Some(slot) = GIVEN.get(index as usize) {
@@ -29,7 +29,8 @@ pub extern "C" fn give(index: u32, value: f64) {
     }
 }
 
-/// Predicts by predictor 0 (rest), 1 (uniform), 2 (ballistic), 3 (torque_free), 4 (ballistic_torque_free) or 5 (pushed); 1 if there is a result, 0 if the given was refused.
+/// Predicts by predictor 0 (rest), 1 (uniform), 2 (ballistic), 3 (torque-free), 4 (ballistic and torque-free) or 5
+/// (constant acceleration). Returns 1 if there is a result, 0 if the inputs were refused.
 #[unsafe(no_mangle)]
 pub extern "C" fn predict(predictor: u32, elapsed: u32) -> u32 {
     let end = prediction(predictor, elapsed);
@@ -62,7 +63,7 @@ fn prediction(predictor: u32, elapsed: u32) -> Option<Motion> {
         }
         predictor => *predictor,
     };
-    // The caller widened f32s, so that narrowing them is exact.
+    // The inputs are widened f32s, so narrowing them is exact.
     let single = |index: usize| given(index) as f32;
     let three = |first: usize| [single(first), single(first + 1), single(first + 2)];
     let rotation = [single(3), single(4), single(5), single(6)];

@@ -123,7 +123,7 @@ impl MessageWriter {
                 self.shapes.insert(id, shape.clone());
             }
             Command::RemoveShape { id } => drop(self.shapes.remove(&id)),
-            Command::AddBody { config, motion } => self.add(&config, motion, out)?,
+            Command::AddBody { desc, motion } => self.add(&desc, motion, out)?,
             Command::RemoveBody { id } => {
                 out.push(Message::RemoveActor(object(id.index())));
                 out.push(Message::RemoveShape(object(id.index())));
@@ -167,18 +167,18 @@ impl MessageWriter {
 
     fn add(
         &self,
-        config: &BodyDesc,
+        desc: &BodyDesc,
         motion: BodyState,
         out: &mut Vec<Message>,
     ) -> Result<(), Unsupported> {
-        if config.damping.is_some_and(|damping| damping != DAMPING) {
+        if desc.damping.is_some_and(|damping| damping != DAMPING) {
             return Err(Unsupported::Damping);
         }
-        if !config.gyroscopic || !config.turns {
+        if !desc.gyroscopic || !desc.turns {
             return Err(Unsupported::Turning);
         }
-        let actor = id(config.id.index() + FIRST_OBJECT);
-        out.push(match self.shapes.get(&config.shape) {
+        let actor = id(desc.id.index() + FIRST_OBJECT);
+        out.push(match self.shapes.get(&desc.shape) {
             Some(Shape::Ball { radius }) => Message::AddSphere((actor, Vec3::ZERO, *radius)),
             Some(Shape::Cuboid { half_extents }) => Message::AddBox((actor, *half_extents * 2.0)),
             Some(Shape::Hull(hull)) => Message::AddConvexMesh(ConvexMesh {
@@ -190,7 +190,7 @@ impl MessageWriter {
         let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
         let position = Vec3::new(px, py, pz);
         let rotation = Quat::from_xyzw(x, y, z, w);
-        out.push(match config.kind {
+        out.push(match desc.kind {
             BodyKind::Static => Message::CreateStaticActor(CreateStaticActor {
                 actor,
                 position,
@@ -202,7 +202,7 @@ impl MessageWriter {
                     actor,
                     position,
                     rotation,
-                    gravity_modifier: config.gravity_scale,
+                    gravity_modifier: desc.gravity_scale,
                     linear: Vec3::new(vx, vy, vz),
                     angular: Vec3::new(wx, wy, wz),
                 },
@@ -210,7 +210,7 @@ impl MessageWriter {
             }),
             BodyKind::Kinematic => return Err(Unsupported::Kinematic),
         });
-        let material = config.material.unwrap_or(self.material);
+        let material = desc.material.unwrap_or(self.material);
         out.push(Message::AttachShape(AttachShape {
             actor,
             shape: Id {

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use glam::{Quat, Vec3};
 use rhumb_app::{Logon, Message};
-use rhumb_client::{Client, Inspection, JoinMode, Options, Trust};
+use rhumb_client::{Client, Inspection, JoinMode, JoinOptions, Trust};
 use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_reckoning::{BodyId, Tick};
 use rhumb_transport::Clock;
@@ -173,10 +173,10 @@ impl AppRemote {
                 .encode(command, &mut encoded)
                 .map_err(AppError::Unsupported)?;
             self.connection.with(|replica, _| match *command {
-                Command::AddBody { config, motion } => {
+                Command::AddBody { desc, motion } => {
                     let [px, py, pz, x, y, z, w, ..] = motion.parts();
                     let rotation = Quat::from_xyzw(x, y, z, w);
-                    replica.place(config.id, Vec3::new(px, py, pz), rotation);
+                    replica.place(desc.id, Vec3::new(px, py, pz), rotation);
                 }
                 Command::RemoveBody { id } => replica.remove(id),
                 _ => {}
@@ -302,13 +302,13 @@ impl AppRemote {
     /// The server's report on the scene at the end, requested by a native client that joins for it.
     pub(in crate::drive) fn inspect(&mut self) -> Result<Inspection, DriveError> {
         let scene = format!("app/{SIMULATION}");
-        let options = Options::new(
-            self.process.address.to_string(),
-            Trust::Fingerprint(self.process.fingerprint),
-            scene.parse().expect("a number names a scene"),
-            JoinMode::Join,
-        );
-        let mut client = Client::open(options)?;
+        let trust = Trust::Fingerprint(self.process.fingerprint);
+        let options = JoinOptions {
+            mode: JoinMode::Join,
+            ..JoinOptions::default()
+        };
+        let mut client = Client::connect(&self.process.address.to_string(), trust)?
+            .join_with(&scene, options)?;
         // A client that lost the end of a frame may be ahead of its server.
         let mut attempts = READY_ATTEMPTS;
         loop {

@@ -46,7 +46,7 @@ impl LocalPlayer {
         for command in commands {
             self.scene.apply(command).map_err(DriveError::Refused)?;
             match *command {
-                Command::AddBody { config, motion } => self.remember(config.id, motion),
+                Command::AddBody { desc, motion } => self.remember(desc.id, motion),
                 Command::RemoveBody { id } => self.forget(id),
                 _ => {}
             }

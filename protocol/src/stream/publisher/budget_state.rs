@@ -13,7 +13,7 @@ use rhumb_reckoning::{BodyId, Predictor, TRACK_AGE_MAX, Tick};
 use super::Publisher;
 use crate::packet::{CostModel, ErrorScale, InitialCostModel, Keyframe, Update};
 use crate::stream::budget::{Budget, TokenBucket};
-use crate::stream::choose::share;
+use crate::stream::mode_decision::share;
 use crate::stream::observation::{Activity, Observation};
 use crate::stream::observation_history::ObservationHistory;
 use crate::stream::tracks::Slot;

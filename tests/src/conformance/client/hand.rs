@@ -1,6 +1,6 @@
-//! What a server made of bytes says to let a client in: a scene of one ball.
+//! Messages that a raw server sends to admit a client to a scene of one ball.
 //!
-//! Its truth is a session of this house that hears the same.
+//! Expected results come from a session of this project that receives the same messages.
 
 use glam::Vec3;
 use rhumb_protocol::message::{
@@ -19,15 +19,15 @@ use rhumb_reckoning::{
 };
 
 use crate::conformance::outcome::{CaseResult, Stop};
-use crate::conformance::peer::Host;
+use crate::conformance::peer::RawServer;
 
-/// The stream of a server made of bytes.
+/// The stream id of the raw server.
 pub(super) const STREAM: StreamId = StreamId(5);
-/// Its first packet's number.
+/// The number of the first packet.
 pub(super) const NEXT: u64 = 100;
 /// The tick of its snapshot.
 pub(super) const TICK: u64 = 1_000;
-/// SceneEvents that the snapshot includes.
+/// Number of scene events included in the snapshot.
 pub(super) const SCENE_EVENTS: u64 = 10;
 /// The ball.
 pub(super) const BALL: BodyId = BodyId::new(3, 0);
@@ -66,9 +66,10 @@ pub(super) fn welcome() -> Welcome {
     }
 }
 
-/// Where the stream begins.
+/// A `Joined` with the start of the stream.
 pub(super) fn joined() -> Joined {
-    let length = LengthBound::from_micrometres(10_000).expect("a centimetre is offered");
+    let length =
+        LengthBound::from_micrometres(10_000).expect("one centimetre is a valid tolerance");
     let tolerance = Tolerance::Surface(length);
     Joined {
         choice: StreamChoice::Within(tolerance),
@@ -96,7 +97,7 @@ pub(super) fn shape() -> SceneEvent {
     }
 }
 
-/// A ball that flies on.
+/// A moving ball with this predictor.
 pub(super) fn ball(id: BodyId, predictor: Predictor) -> SceneEvent {
     let moves = predictor != Predictor::Rest;
     let linear = if moves { [1.0, 2.0, -3.0] } else { [0.0; 3] };
@@ -105,16 +106,16 @@ pub(super) fn ball(id: BodyId, predictor: Predictor) -> SceneEvent {
     let body_state = BodyState::new(place, [0.0, 0.0, 0.0, 1.0], linear, angular);
     let on_its_grid = QuantisedState {
         position: [id.index() as i32, 10, 0],
-        rotation: PackedRotation::from_parts(3, [0; 3]).expect("no turn is a rotation"),
+        rotation: PackedRotation::from_parts(3, [0; 3]).expect("the identity is a valid rotation"),
         linear: [1, 2, -3],
         angular: [5, 0, 10],
     };
     let anchor = match predictor.acceleration() {
         Some(_) => Anchor::Quantised(on_its_grid),
-        None => Anchor::Exact(body_state.expect("it is finite")),
+        None => Anchor::Exact(body_state.expect("a finite body state")),
     };
     SceneEvent::BodyPlaced {
-        config: BodyDesc::plain(id, BodyKind::Dynamic, SHAPE),
+        desc: BodyDesc::plain(id, BodyKind::Dynamic, SHAPE),
         inertia: None,
         track: Track {
             origin: Tick::new(TICK - 1),
@@ -126,107 +127,121 @@ pub(super) fn ball(id: BodyId, predictor: Predictor) -> SceneEvent {
     }
 }
 
-/// What a client calls a body in what it tells.
+/// The name of a body in a client's reports.
 pub(super) fn name(id: BodyId) -> String {
     format!("{}:{}", id.index(), id.generation())
 }
 
-/// Hears its hello and welcomes it.
-pub(super) fn welcomed(host: &mut Host) -> CaseResult {
-    host.await_message("hello", |message| {
+/// Receives the client's hello and sends the welcome.
+pub(super) fn welcomed(server: &mut RawServer) -> CaseResult {
+    server.await_message("hello", |message| {
         matches!(message, ClientMessage::Hello { .. }).then_some(())
     })?;
-    host.say(&ServerMessage::Welcome(welcome()));
+    server.send(&ServerMessage::Welcome(welcome()));
     Ok(())
 }
 
-/// Welcomes it, and waits for its wish to join.
-pub(super) fn wants_in(host: &mut Host) -> CaseResult {
-    welcomed(host)?;
-    host.await_message("join", |message| {
+/// Sends the welcome, and waits for the client's `Join`.
+pub(super) fn awaits_join(server: &mut RawServer) -> CaseResult {
+    welcomed(server)?;
+    server.await_message("join", |message| {
         matches!(message, ClientMessage::Join(_)).then_some(())
     })
 }
 
-/// Makes it a member of a scene of one ball.
-pub(super) fn let_in(host: &mut Host) -> CaseResult {
-    wants_in(host)?;
-    snapshot(host, &[shape(), ball(BALL, Predictor::Ballistic)]);
-    reported(host, "joined").map(drop)
+/// Makes the client a member of a scene of one ball.
+pub(super) fn admit(server: &mut RawServer) -> CaseResult {
+    awaits_join(server)?;
+    snapshot(server, &[shape(), ball(BALL, Predictor::Ballistic)]);
+    reported(server, "joined").map(drop)
 }
 
-/// Says a snapshot of these scene_events.
-pub(super) fn snapshot(host: &mut Host, scene_events: &[SceneEvent]) {
-    host.say(&ServerMessage::Joined(joined()));
+/// Sends a snapshot with these scene events.
+pub(super) fn snapshot(server: &mut RawServer, scene_events: &[SceneEvent]) {
+    server.send(&ServerMessage::Joined(joined()));
     for scene_event in scene_events {
-        host.say(&ServerMessage::SceneEvent(scene_event.clone()));
+        server.send(&ServerMessage::SceneEvent(scene_event.clone()));
     }
-    host.say(&ServerMessage::SnapshotEnd);
+    server.send(&ServerMessage::SnapshotEnd);
 }
 
-/// The next line that is of this kind.
-pub(super) fn reported(host: &mut Host, is: &str) -> Result<serde_json::Value, Stop> {
+/// Waits for the next report of this kind.
+pub(super) fn reported(server: &mut RawServer, is: &str) -> Result<serde_json::Value, Stop> {
     loop {
-        host.must_be_supported()?;
-        match host.next_line()? {
+        server.must_be_supported()?;
+        match server.next_line()? {
             Some(line) if line["is"] == is => return Ok(line),
             Some(_) => {}
-            None => return Stop::fail(format!("the client does not tell {is:?}")),
+            None => return Stop::fail(format!("the client does not report {is:?}")),
         }
     }
 }
 
-/// What it tells of a tick, which it comes to tell of.
-pub(super) fn told_tick(host: &mut Host, tick: u64) -> Result<serde_json::Value, Stop> {
+/// Waits for the client's report of this tick.
+pub(super) fn reported_tick(server: &mut RawServer, tick: u64) -> Result<serde_json::Value, Stop> {
     loop {
-        let reported = reported(host, "tick")?;
+        let reported = reported(server, "tick")?;
         if reported["tick"] == tick {
             return Ok(reported);
         }
     }
 }
 
-/// Vouches for a tick; `next` as the packets stand.
-pub(super) fn watermark(host: &mut Host, next: u64, tick: u64, scene_events: u64) -> CaseResult {
+/// Sends a watermark for a tick; `next` is the number of the next packet.
+pub(super) fn watermark(
+    server: &mut RawServer,
+    next: u64,
+    tick: u64,
+    scene_events: u64,
+) -> CaseResult {
     let watermark = Watermark {
         next: Low16::of(next),
         tick: Low16::of(tick),
         scene_events: Low16::of(scene_events),
     };
-    host.throw(&watermark.encode(STREAM))
+    server.send_datagram(&watermark.encode(STREAM))
 }
 
-/// The next loss_report of the client's.
-pub(super) fn loss_report(host: &mut Host) -> Result<LossReport, Stop> {
+/// Waits for the client's next loss report.
+pub(super) fn loss_report(server: &mut RawServer) -> Result<LossReport, Stop> {
     loop {
-        let Some(bytes) = host.next_datagram()? else {
-            return Stop::fail("the client says no loss_report");
+        let Some(bytes) = server.next_datagram()? else {
+            return Stop::fail("the client sends no loss report");
         };
         let mut reader = Reader::new(&bytes);
         let head = Head::decode(&mut reader);
         let head = head.map_err(|why| Stop::Fail(format!("its datagram is malformed: {why:?}")))?;
         if head.kind == PacketKind::LossReport {
             if head.stream != STREAM {
-                return Stop::fail(format!("it loss_reports {}, which is none", head.stream));
+                return Stop::fail(format!(
+                    "its loss report is for {}, which is not its stream",
+                    head.stream
+                ));
             }
             let loss_report = LossReport::decode(reader);
             return loss_report
-                .map_err(|why| Stop::Fail(format!("its loss_report is malformed: {why:?}")));
+                .map_err(|why| Stop::Fail(format!("its loss report is malformed: {why:?}")));
         }
     }
 }
 
-/// That the client still listens: what it is shown to have missed it asks for. The packet before `next` is missing then.
-pub(super) fn must_go_on(host: &mut Host, next: u64, tick: u64, scene_events: u64) -> CaseResult {
+/// Requires that the client still responds: it must report a packet that it is shown to have missed, the one before
+/// `next`.
+pub(super) fn must_go_on(
+    server: &mut RawServer,
+    next: u64,
+    tick: u64,
+    scene_events: u64,
+) -> CaseResult {
     let wanted = Low16::of(next - 1);
     let mut asked = Vec::new();
-    // Behind many datagrams one may be lost, as any datagram may be.
+    // After many datagrams this one may be lost too, so it is sent up to three times.
     for _ in 0..3 {
-        watermark(host, next, tick, scene_events)?;
-        asked = loss_report(host)?.lost;
+        watermark(server, next, tick, scene_events)?;
+        asked = loss_report(server)?.lost;
         if asked.contains(&wanted) {
             return Ok(());
         }
     }
-    Stop::fail(format!("it asks for {asked:?}, not for {wanted:?}"))
+    Stop::fail(format!("it reports {asked:?} as lost, not {wanted:?}"))
 }

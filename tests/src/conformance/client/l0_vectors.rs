@@ -1,6 +1,7 @@
-//! L0.51 to L0.53: golden vectors, played to a client on the wire.
+//! L0.51 to L0.53: golden vectors, sent to a client over a connection.
 //!
-//! Of the many messages that must be refused some of each kind and reason are played; decoders are tried with all of them.
+//! Of the many messages that must be refused, a few of each kind and reason are sent; decoders are tested with all of
+//! them.
 
 use std::collections::BTreeMap;
 
@@ -29,7 +30,7 @@ pub(super) fn cases() -> Vec<Case> {
 
 const SKIPPED: &[CaseRow] = &[(
     1,
-    "messages that nobody need know are skipped, as the vectors have them",
+    "unassigned optional messages of the vectors are skipped",
     "PROTOCOL 3.5-11, 4.1-2",
     skipped,
 )];
@@ -37,15 +38,15 @@ const SKIPPED: &[CaseRow] = &[(
 const DATAGRAMS: &[CaseRow] = &[
     (
         1,
-        "each malformed datagram of the vectors is dropped, and nothing of it predicted_motion",
+        "each malformed datagram of the vectors is dropped without any effect",
         "PROTOCOL 2.5-1, 2.5-4, 5.1-2, 5.2-2, 5.3-4, 5.3-5, 5.4-4, 5.4-5, 5.5-6, 5.5-7, 5.6-3, 5.6-7, 5.6-9, 5.6-16, 5.6-18, 5.8-5, 5.17-3, 6.5-1",
         |trial| ballistic_torque_free(trial, &datagrams("refused")),
     ),
     (
         2,
-        "datagrams of another stream, or of the other end's kind, are dropped",
+        "datagrams of another stream, or of a kind that only a client sends, are dropped",
         "PROTOCOL 5.8-1, 5.8-4, 6.5-3",
-        strangers,
+        of_other_streams,
     ),
     (
         3,
@@ -59,19 +60,19 @@ const DATAGRAMS: &[CaseRow] = &[
     ),
     (
         4,
-        "datagrams with bits flipped, cut short or with bytes behind do no harm",
+        "datagrams with flipped bits, truncated or with trailing bytes do no harm",
         "PROTOCOL 2.5-1, 2.5-4, 5.1-2, 5.3-4",
         damaged,
     ),
     (
         5,
-        "a stream id of 33 bits is not that of its low 32",
+        "a stream id of 33 bits is not truncated to 32",
         "PROTOCOL 2.5-4, 5.8-5",
-        of_a_stream_too_far,
+        with_a_stream_id_of_33_bits,
     ),
 ];
 
-/// Messages that are malformed, some of each kind and reason.
+/// Malformed messages, a few of each kind and reason.
 fn refused() -> Vec<Case> {
     let table = golden("control.json");
     let mut found: BTreeMap<_, Vec<(String, Vec<u8>)>> = BTreeMap::new();
@@ -99,56 +100,56 @@ fn refused() -> Vec<Case> {
                 .keyed(&bytes)
                 .cites("PROTOCOL 2.2-3, 2.5-1, 2.5-3, 4.1-4")
                 .play(move |trial| {
-                    let mut host = trial.host()?;
-                    hand::let_in(&mut host)?;
-                    host.utter(&bytes);
-                    host.must_be_closed(CloseCode::MALFORMED)
+                    let mut server = trial.raw_server()?;
+                    hand::admit(&mut server)?;
+                    server.send_bytes(&bytes);
+                    server.must_be_closed(CloseCode::MALFORMED)
                 })
         })
         .collect()
 }
 
-/// Vectors of one kind and one reason that are played.
+/// Number of vectors that are sent of each kind and reason.
 const OF_EACH: usize = 2;
 
 fn skipped(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::let_in(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::admit(&mut server)?;
     let table = golden("control.json");
     let lines = table["server messages"].as_array().into_iter().flatten();
     for line in lines.filter(|line| line.get("skipped").is_some()) {
-        host.utter(&read(line).1);
+        server.send_bytes(&read(line).1);
     }
     hand::must_go_on(
-        &mut host,
+        &mut server,
         hand::NEXT + 1,
         hand::TICK + 1,
         hand::SCENE_EVENTS,
     )
 }
 
-/// A stream goes on as if nothing had come between.
+/// Requires that a stream continues correctly although these datagrams are inserted.
 fn ballistic_torque_free(trial: &mut Trial<'_>, datagrams: &[Vec<u8>]) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 12))?;
-    feed.enter()?;
-    let stream = feed.mirror()?.stream().stream();
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 12))?;
+    interceptor.enter()?;
+    let stream = interceptor.mirror()?.stream().stream();
     for (place, datagram) in datagrams.iter().enumerate() {
         let datagram = datagram::of_stream(datagram, stream);
         if datagram.len() <= 1150 {
-            feed.host.throw(&datagram)?;
+            interceptor.raw_server.send_datagram(&datagram)?;
         }
         if place % 10 == 0 {
-            feed.step(1)?;
+            interceptor.step(1)?;
         }
     }
-    feed.step(10)?;
-    feed.must_follow()
+    interceptor.step(10)?;
+    interceptor.must_follow()
 }
 
-/// A watermark for a tick in the name of a stream that is 2³² more than the one that is followed.
-fn of_a_stream_too_far(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::let_in(&mut host)?;
+/// Sends a watermark for a stream id that is 2³² greater than that of the followed stream.
+fn with_a_stream_id_of_33_bits(trial: &mut Trial<'_>) -> CaseResult {
+    let mut server = trial.raw_server()?;
+    hand::admit(&mut server)?;
     let watermark = Watermark {
         next: Low16::of(hand::NEXT),
         tick: Low16::of(hand::TICK + 1),
@@ -160,29 +161,31 @@ fn of_a_stream_too_far(trial: &mut Trial<'_>) -> CaseResult {
     far.u8(head);
     far.varint(more);
     far.raw(&bytes[1..]);
-    host.throw(&far.into_bytes())?;
+    server.send_datagram(&far.into_bytes())?;
     hand::must_go_on(
-        &mut host,
+        &mut server,
         hand::NEXT + 1,
         hand::TICK + 2,
         hand::SCENE_EVENTS,
     )?;
-    let reported = host.lines_written()?;
-    let predicted_motion = reported
+    let reported = server.lines_written()?;
+    let is_reported = reported
         .iter()
         .any(|reported| reported["tick"] == hand::TICK + 1);
-    ensure(!predicted_motion, "nothing of it is predicted_motion")
+    ensure(!is_reported, "the client must ignore it")
 }
 
-fn strangers(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 12))?;
-    feed.enter()?;
-    let other = StreamId(feed.mirror()?.stream().stream().0 ^ 0x55);
+fn of_other_streams(trial: &mut Trial<'_>) -> CaseResult {
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 12))?;
+    interceptor.enter()?;
+    let other = StreamId(interceptor.mirror()?.stream().stream().0 ^ 0x55);
     for sent in datagrams("accepted") {
-        feed.host.throw(&datagram::of_stream(&sent, other))?;
+        interceptor
+            .raw_server
+            .send_datagram(&datagram::of_stream(&sent, other))?;
     }
-    let own = feed.mirror()?.stream().stream();
-    // Echoes and mismatches are what listeners say.
+    let own = interceptor.mirror()?.stream().stream();
+    // Loss reports and checksum mismatches are kinds that only subscribers send.
     let loss_report = LossReport {
         next: Low16(1),
         gone: Low16(0),
@@ -193,17 +196,21 @@ fn strangers(trial: &mut Trial<'_>) -> CaseResult {
         first: 0,
         stride: 1,
     };
-    feed.host.throw(&loss_report.encode(own))?;
-    feed.host.throw(&ChecksumMismatch { range }.encode(own))?;
-    feed.step(20)?;
-    feed.must_follow()
+    interceptor
+        .raw_server
+        .send_datagram(&loss_report.encode(own))?;
+    interceptor
+        .raw_server
+        .send_datagram(&ChecksumMismatch { range }.encode(own))?;
+    interceptor.step(20)?;
+    interceptor.must_follow()
 }
 
-/// Before each datagram some that are none any more.
+/// Inserts some damaged copies before each datagram.
 fn damaged(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 30))?;
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 30))?;
     let mut dice = trial.dice();
-    feed.sift(move |bytes| {
+    interceptor.filter_datagrams(move |bytes| {
         let mut sent = Vec::new();
         for _ in 0..6 {
             let mut flipped = bytes.clone();
@@ -213,14 +220,14 @@ fn damaged(trial: &mut Trial<'_>) -> CaseResult {
         }
         sent.push(bytes[..dice.below(bytes.len())].to_vec());
         sent.push([&bytes[..], &[0]].concat());
-        // Of some it cannot be seen that they are not what was sent: those are QUIC's to keep away.
+        // Some damaged copies are still well-formed; QUIC must prevent those, not the client.
         sent.retain(|bytes| datagram::read(bytes).is_err());
         sent.push(bytes);
         sent
     });
-    feed.enter()?;
-    feed.step(60)?;
-    feed.must_follow()
+    interceptor.enter()?;
+    interceptor.step(60)?;
+    interceptor.must_follow()
 }
 
 fn datagrams(section: &str) -> Vec<Vec<u8>> {

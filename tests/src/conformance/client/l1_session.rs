@@ -1,4 +1,4 @@
-//! L1.51: how clients begin, and what they bear or refuse on the way in.
+//! L1.51: how clients begin a session, and what they refuse before joining.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use rhumb_transport::Certificate;
 use super::{hand, table};
 use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::outcome::{CaseResult, Stop, ensure, should};
-use crate::conformance::peer::Host;
+use crate::conformance::peer::RawServer;
 use crate::conformance::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -24,102 +24,106 @@ pub(super) fn cases() -> Vec<Case> {
     cases
 }
 
-/// What a client says of itself.
+/// The client's first messages.
 const BEGINNINGS: &[CaseRow] = &[
     (
         1,
-        "a client says hello first, and offers version 1",
+        "a client sends hello first, and offers version 1",
         "PROTOCOL 1.1-1, 1.3-1, 3.1-1, 3.1-2, 4.1-1",
         hello,
     ),
     (
         4,
-        "a client opens one stream, both ways, and no other",
+        "a client opens one bidirectional stream, and no other",
         "PROTOCOL 1.1-2, 1.1-3",
         |trial| {
-            let mut host = trial.host()?;
-            hand::let_in(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
             hand::must_go_on(
-                &mut host,
+                &mut server,
                 hand::NEXT + 1,
                 hand::TICK + 1,
                 hand::SCENE_EVENTS,
             )?;
-            ensure(host.opened == [true], "it opened one stream, both ways")
+            ensure(
+                server.opened == [true],
+                "it opens exactly one bidirectional stream",
+            )
         },
     ),
     (
         5,
-        "a client takes datagrams of 1150 bytes",
+        "a client accepts datagrams of 1150 bytes",
         "PROTOCOL 1.1-4, 5.8-3",
         |trial| {
-            let mut host = trial.host()?;
-            host.await_message("hello", Some)?;
-            let most = host.line.datagram_bytes_max();
+            let mut server = trial.raw_server()?;
+            server.await_message("hello", Some)?;
+            let most = server.connection.datagram_bytes_max();
             ensure(
                 most >= Some(1150),
-                format!("it takes 1150, and not {most:?}"),
+                format!("it accepts 1150 bytes, not {most:?}"),
             )
         },
     ),
     (
         6,
-        "a client waits for the welcome before it says more",
+        "a client waits for the welcome before it sends more",
         "PROTOCOL 3.2-2",
-        patient,
+        waits_for_welcome,
     ),
     (
         7,
-        "a client offers a greased version, and says a greased extension",
+        "a client offers a greased version, and sends a greased extension",
         "PROTOCOL 3.5-7, 3.5-8",
         greases,
     ),
     (
         19,
-        "a client says nothing to who is another server than it was reported of",
+        "a client sends nothing to a server with an unexpected certificate",
         "PROTOCOL 1.3-1",
         another_server,
     ),
     (
         8,
-        "a client says by its exit code that it has not what a case tries",
+        "a client declares an unsupported task by its exit code",
         "PROTOCOL 3.1-3",
         |trial| {
-            // A made-up wish: who follows all the same would pass what it never did.
-            let exit = match trial.host_of("made-up words of the suite") {
+            // The task is invented: a client that subscribes anyway would pass cases of tasks that it does not
+            // perform.
+            let exit = match trial.raw_server_for("made-up words of the suite") {
                 Err(Stop::Unsupported(_)) => return Ok(()),
                 Err(other) => return Err(other),
-                Ok(mut host) => host.await_message("hello", Some).map(drop),
+                Ok(mut server) => server.await_message("hello", Some).map(drop),
             };
             match exit {
                 Err(Stop::Unsupported(_)) => Ok(()),
-                _ => Stop::fail("it does something else than it was ordered to"),
+                _ => Stop::fail("it performs another task than the given one"),
             }
         },
     ),
 ];
 
-/// A case of a welcome that ends the connection: number, promise, what it cites, the welcome, and the code.
+/// A case of a welcome that ends the connection: number, promise, citations, the welcome, the close code.
 type RefusedWelcome = (u32, &'static str, &'static str, fn() -> Welcome, CloseCode);
 
 const WELCOMES_REFUSED: [RefusedWelcome; 4] = [
     (
         2,
-        "a client that is welcomed in a version that it did not offer closes",
+        "a client closes when the welcome has a version that it did not offer",
         "PROTOCOL 3.1-5, 3.5-10",
         || of_version(7),
         CloseCode::VERSION,
     ),
     (
         9,
-        "a client that is welcomed in a version from the future closes",
+        "a client closes when the welcome has a future version",
         "PROTOCOL 3.1-5, 3.5-10",
         || of_version(2),
         CloseCode::VERSION,
     ),
     (
         10,
-        "a welcome with a critical extension that nobody knows ends the connection",
+        "a welcome with an unknown critical extension ends the connection",
         "PROTOCOL 3.5-1, 3.5-4, 3.5-12",
         || Welcome {
             extensions: extension(28),
@@ -129,7 +133,7 @@ const WELCOMES_REFUSED: [RefusedWelcome; 4] = [
     ),
     (
         11,
-        "a welcome with config outside the limits ends the connection",
+        "a welcome with a configuration outside the limits ends the connection",
         "PROTOCOL 4.3-2, 7-1",
         || {
             let mut config = hand::config();
@@ -147,18 +151,18 @@ fn refused((number, name, cites, welcome, code): RefusedWelcome) -> Case {
     Case::client(&format!("L1.51.{number}"), name)
         .cites(cites)
         .play(move |trial| {
-            let mut host = trial.host()?;
-            host.await_message("hello", Some)?;
-            host.say(&ServerMessage::Welcome(welcome()));
-            host.must_be_closed(code)
+            let mut server = trial.raw_server()?;
+            server.await_message("hello", Some)?;
+            server.send(&ServerMessage::Welcome(welcome()));
+            server.must_be_closed(code)
         })
 }
 
-/// What comes with a welcome, and behind it.
+/// Content of a welcome, and of the messages after it.
 const WELCOMES: &[CaseRow] = &[
     (
         12,
-        "a greased version is not taken though it was offered",
+        "a welcome with a greased version is refused although the client offered it",
         "PROTOCOL 3.5-9",
         greased_version,
     ),
@@ -173,27 +177,27 @@ const WELCOMES: &[CaseRow] = &[
         "a joined with a critical extension ends the connection",
         "PROTOCOL 3.5-12",
         |trial| {
-            let mut host = trial.host()?;
-            hand::wants_in(&mut host)?;
-            host.say(&ServerMessage::Joined(Joined {
+            let mut server = trial.raw_server()?;
+            hand::awaits_join(&mut server)?;
+            server.send(&ServerMessage::Joined(Joined {
                 extensions: extension(1_000),
                 ..hand::joined()
             }));
-            host.must_be_closed(CloseCode::EXTENSION)
+            server.must_be_closed(CloseCode::EXTENSION)
         },
     ),
     (
         15,
-        "a joined with config outside the limits ends the connection",
+        "a joined with a configuration outside the limits ends the connection",
         "PROTOCOL 4.3-2",
         |trial| {
-            let mut host = trial.host()?;
-            hand::wants_in(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::awaits_join(&mut server)?;
             let mut joined = hand::joined();
             joined.config.integrator.substeps =
-                core::num::NonZeroU32::new(17).expect("it is not zero");
-            host.say(&ServerMessage::Joined(joined));
-            host.must_be_closed(CloseCode::VIOLATION)
+                core::num::NonZeroU32::new(17).expect("17 is not zero");
+            server.send(&ServerMessage::Joined(joined));
+            server.must_be_closed(CloseCode::VIOLATION)
         },
     ),
     (
@@ -201,51 +205,51 @@ const WELCOMES: &[CaseRow] = &[
         "a second welcome ends the connection",
         "PROTOCOL 3.1-4",
         |trial| {
-            let mut host = trial.host()?;
-            hand::wants_in(&mut host)?;
-            host.say(&ServerMessage::Welcome(hand::welcome()));
-            host.must_be_closed(CloseCode::VIOLATION)
+            let mut server = trial.raw_server()?;
+            hand::awaits_join(&mut server)?;
+            server.send(&ServerMessage::Welcome(hand::welcome()));
+            server.must_be_closed(CloseCode::VIOLATION)
         },
     ),
     (
         17,
-        "control bytes may be cut anywhere",
+        "control bytes may be split at any position",
         "PROTOCOL 4.1-1, 4.8-1, 4.8-4",
         byte_by_byte,
     ),
 ];
 
-/// What ends a connection, and what does not.
+/// Messages that end a connection, and those that do not.
 const ENDS: &[CaseRow] = &[
     (
         3,
         "a client ends the connection at a message of an unknown type below 0x80",
         "PROTOCOL 4.1-3, 2.5-3, 3.5-11",
         |trial| {
-            let mut host = trial.host()?;
-            host.await_message("hello", Some)?;
-            host.utter(&[1, 0x7d]);
-            host.must_be_closed(CloseCode::MALFORMED)
+            let mut server = trial.raw_server()?;
+            server.await_message("hello", Some)?;
+            server.send_bytes(&[1, 0x7d]);
+            server.must_be_closed(CloseCode::MALFORMED)
         },
     ),
     (
         18,
-        "a denied join leaves the connection as it was",
+        "a denied join leaves the connection open",
         "PROTOCOL 4.7-1, 3.5-15",
         |trial| {
-            let mut host = trial.host()?;
-            hand::wants_in(&mut host)?;
-            host.say(&ServerMessage::Denied(Denial::NoSuchScene));
-            host.listen(Duration::from_millis(200))?;
+            let mut server = trial.raw_server()?;
+            hand::awaits_join(&mut server)?;
+            server.send(&ServerMessage::Denied(Denial::NoSuchScene));
+            server.listen(Duration::from_millis(200))?;
             ensure(
-                host.ended.is_none() || host.ended_as(0),
-                "it does not break",
+                server.ended.is_none() || server.ended_as(0),
+                "it does not close with an error",
             )
         },
     ),
 ];
 
-/// Codes that a server may close with.
+/// Close codes that a server may use.
 fn codes() -> Vec<Case> {
     let mut cases = Vec::new();
     for (place, code) in [0_u32, 256, 257, 9_999, u32::MAX >> 2]
@@ -253,15 +257,15 @@ fn codes() -> Vec<Case> {
         .enumerate()
     {
         let id = format!("L1.51.{}", 30 + place);
-        let name = format!("a connection that the server closes with {code} is an ordinary end");
+        let name = format!("a client exits normally when the server closes with {code}");
         cases.push(
             Case::client(&id, &name)
                 .cites("PROTOCOL 3.4-1, 3.5-17")
                 .play(move |trial| {
-                    let mut host = trial.host()?;
-                    hand::let_in(&mut host)?;
-                    host.line.close(code);
-                    host.must_exit()
+                    let mut server = trial.raw_server()?;
+                    hand::admit(&mut server)?;
+                    server.connection.close(code);
+                    server.must_exit()
                 }),
         );
     }
@@ -282,27 +286,27 @@ fn extension(id: u32) -> Extensions {
     extensions
 }
 
-/// The certificate is one of the suite's own; the client was reported another.
+/// The certificate is generated by the suite; the client was given the fingerprint of another one.
 fn another_server(trial: &mut Trial<'_>) -> CaseResult {
     let other = Certificate::development(["localhost"]);
     let other = other.map_err(|error| Stop::Inconclusive(error.to_string()))?;
-    match trial.host_pinned("subscribe 10000", Some(other.fingerprint())) {
-        // Whether it lets a connection stand or looks behind the handshake is its own affair; that it comes is not.
+    match trial.raw_server_pinned("subscribe 10000", Some(other.fingerprint())) {
+        // The client may refuse the connection or check after the handshake. It must attempt to connect.
         Err(Stop::Fail(_)) => Ok(()),
         Err(other) => Err(other),
-        Ok(mut host) => {
-            let sent = host.listen(Duration::from_millis(300))?;
+        Ok(mut server) => {
+            let sent = server.listen(Duration::from_millis(300))?;
             ensure(
                 sent.is_empty(),
-                format!("it says nothing to another server, and not {sent:?}"),
+                format!("it sends nothing to another server, not {sent:?}"),
             )
         }
     }
 }
 
 fn hello(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    match host.await_message("hello", Some)? {
+    let mut server = trial.raw_server()?;
+    match server.await_message("hello", Some)? {
         ClientMessage::Hello {
             versions, scene, ..
         } => {
@@ -310,30 +314,30 @@ fn hello(trial: &mut Trial<'_>) -> CaseResult {
             ensure(versions.contains(&1), "it offers version 1")?;
             ensure(
                 scene.as_str() == wanted,
-                format!("it is about {wanted}, and not {}", scene.as_str()),
+                format!("it names scene {wanted}, not {}", scene.as_str()),
             )
         }
         other => Stop::fail(format!("it begins with {other:?}")),
     }
 }
 
-fn patient(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    host.await_message("hello", Some)?;
-    let early = host.listen(Duration::from_millis(250))?;
+fn waits_for_welcome(trial: &mut Trial<'_>) -> CaseResult {
+    let mut server = trial.raw_server()?;
+    server.await_message("hello", Some)?;
+    let early = server.listen(Duration::from_millis(250))?;
     ensure(
         early.is_empty(),
-        format!("it says nothing before the welcome, and not {early:?}"),
+        format!("it sends nothing before the welcome, not {early:?}"),
     )?;
-    host.say(&ServerMessage::Welcome(hand::welcome()));
-    host.await_message("join", |message| {
+    server.send(&ServerMessage::Welcome(hand::welcome()));
+    server.await_message("join", |message| {
         matches!(message, ClientMessage::Join(_)).then_some(())
     })
 }
 
 fn greases(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    let hello = host.await_message("hello", Some)?;
+    let mut server = trial.raw_server()?;
+    let hello = server.await_message("hello", Some)?;
     let ClientMessage::Hello {
         versions,
         extensions,
@@ -345,72 +349,72 @@ fn greases(trial: &mut Trial<'_>) -> CaseResult {
     let greased = |version: &u16| version & 0x0f0f == 0x0a0a && version >> 8 == version & 0xff;
     should(
         versions.iter().any(greased),
-        format!("it offers a greased version among {versions:?}"),
+        format!("one of its versions {versions:?} is greased"),
     )?;
     let greased = |id: u32| id >= 27 && (id - 27).is_multiple_of(62);
     should(
         extensions.iter().any(|one| greased(one.id)),
-        "it says a greased extension",
+        "it sends a greased extension",
     )
 }
 
 fn greased_version(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    let ClientMessage::Hello { versions, .. } = host.await_message("hello", Some)? else {
+    let mut server = trial.raw_server()?;
+    let ClientMessage::Hello { versions, .. } = server.await_message("hello", Some)? else {
         return Stop::fail("it does not begin with a hello");
     };
     let greased = versions.into_iter().find(|version| *version != 1);
-    host.say(&ServerMessage::Welcome(of_version(
+    server.send(&ServerMessage::Welcome(of_version(
         greased.unwrap_or(0x0a0a),
     )));
-    host.must_be_closed(CloseCode::VERSION)
+    server.must_be_closed(CloseCode::VERSION)
 }
 
-/// What the document lets a server say wherever it likes.
+/// Optional content that the document allows in any position.
 fn skips(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    host.await_message("hello", Some)?;
-    host.utter(&[1, 0x8a]);
-    host.say(&ServerMessage::Welcome(Welcome {
+    let mut server = trial.raw_server()?;
+    server.await_message("hello", Some)?;
+    server.send_bytes(&[1, 0x8a]);
+    server.send(&ServerMessage::Welcome(Welcome {
         extensions: extension(27),
         ..hand::welcome()
     }));
-    host.utter(&[4, 0xfa, 0x00, 0x01, 0x02]);
-    host.utter(&[2, 0x80, 0x01]);
-    host.await_message("join", |message| {
+    server.send_bytes(&[4, 0xfa, 0x00, 0x01, 0x02]);
+    server.send_bytes(&[2, 0x80, 0x01]);
+    server.await_message("join", |message| {
         matches!(message, ClientMessage::Join(_)).then_some(())
     })?;
-    host.utter(&[3, 0x9a, 0xff, 0xff]);
-    host.say(&ServerMessage::Joined(Joined {
+    server.send_bytes(&[3, 0x9a, 0xff, 0xff]);
+    server.send(&ServerMessage::Joined(Joined {
         extensions: extension(27 + 62),
         ..hand::joined()
     }));
-    host.say(&ServerMessage::SceneEvent(hand::shape()));
-    host.utter(&[2, 0xc3, 0]);
-    host.say(&ServerMessage::SceneEvent(hand::ball(
+    server.send(&ServerMessage::SceneEvent(hand::shape()));
+    server.send_bytes(&[2, 0xc3, 0]);
+    server.send(&ServerMessage::SceneEvent(hand::ball(
         hand::BALL,
         Predictor::Ballistic,
     )));
-    host.say(&ServerMessage::SnapshotEnd);
-    host.utter(&[1, 0xff]);
-    goes_on(&mut host)
+    server.send(&ServerMessage::SnapshotEnd);
+    server.send_bytes(&[1, 0xff]);
+    goes_on(&mut server)
 }
 
 fn byte_by_byte(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::wants_in(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::awaits_join(&mut server)?;
     let mut bytes = Vec::new();
     ServerMessage::Joined(hand::joined()).encode(&mut bytes);
     ServerMessage::SceneEvent(hand::shape()).encode(&mut bytes);
     ServerMessage::SceneEvent(hand::ball(hand::BALL, Predictor::Ballistic)).encode(&mut bytes);
     ServerMessage::SnapshotEnd.encode(&mut bytes);
     for byte in bytes {
-        host.line.say(vec![byte]);
+        server.connection.say(vec![byte]);
     }
-    goes_on(&mut host)
+    goes_on(&mut server)
 }
 
-fn goes_on(host: &mut Host) -> CaseResult {
-    hand::reported(host, "joined")?;
-    hand::must_go_on(host, hand::NEXT + 1, hand::TICK + 1, hand::SCENE_EVENTS)
+fn goes_on(server: &mut RawServer) -> CaseResult {
+    hand::reported(server, "joined")?;
+    hand::must_go_on(server, hand::NEXT + 1, hand::TICK + 1, hand::SCENE_EVENTS)
 }

@@ -1,4 +1,4 @@
-//! L1.52: snapshots and scene_events, and what of them a client does not let pass.
+//! L1.52: snapshots and scene events, and which of them a client must refuse.
 
 use std::time::Duration;
 
@@ -24,21 +24,21 @@ pub(super) fn cases() -> Vec<Case> {
     cases
 }
 
-/// SceneEvents.
+/// Makes scene events.
 type Producer = fn() -> Vec<SceneEvent>;
 
-/// SceneEvents that contradict what was sent before.
+/// Scene events that contradict earlier ones.
 const CONTRADICTIONS: [(&str, Producer); 8] = [
-    ("a body whose shape is not there", || {
+    ("a body whose shape does not exist", || {
         vec![of_shape(BodyId::new(9, 0), ShapeId(7))]
     }),
-    ("the removal of a body that is not there", || {
+    ("the removal of a body that does not exist", || {
         vec![SceneEvent::BodyRemoved {
             id: BodyId::new(9, 0),
             cause: RemovalCause::Command,
         }]
     }),
-    ("the removal of an earlier body of an index", || {
+    ("the removal of an earlier body with the same index", || {
         vec![SceneEvent::BodyRemoved {
             id: BodyId::new(3, 1),
             cause: RemovalCause::LeftWorld,
@@ -51,13 +51,13 @@ const CONTRADICTIONS: [(&str, Producer); 8] = [
         };
         vec![removed.clone(), removed]
     }),
-    ("the removal of a shape that is not there", || {
+    ("the removal of a shape that does not exist", || {
         vec![SceneEvent::ShapeRemoved { id: ShapeId(7) }]
     }),
-    ("a joint of a body that is not there", || {
+    ("a joint of a body that does not exist", || {
         vec![joint(JointId(1), BodyId::new(9, 0))]
     }),
-    ("a joint that is there already", || {
+    ("a joint that already exists", || {
         let second = hand::ball(BodyId::new(4, 0), Predictor::Rest);
         vec![
             second,
@@ -65,7 +65,7 @@ const CONTRADICTIONS: [(&str, Producer); 8] = [
             joint(JointId(1), BodyId::new(4, 0)),
         ]
     }),
-    ("the removal of a joint that is not there", || {
+    ("the removal of a joint that does not exist", || {
         vec![SceneEvent::JointRemoved { id: JointId(1) }]
     }),
 ];
@@ -77,12 +77,12 @@ fn contradictions() -> Vec<Case> {
         let name = format!("{what} ends the connection");
         let case = Case::client(&id, &name).cites("PROTOCOL 4.6-7, 7-1");
         cases.push(case.play(move |trial| {
-            let mut host = trial.host()?;
-            hand::let_in(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
             sent()
                 .into_iter()
-                .for_each(|scene_event| host.say(&ServerMessage::SceneEvent(scene_event)));
-            host.must_be_closed(CloseCode::VIOLATION)
+                .for_each(|scene_event| server.send(&ServerMessage::SceneEvent(scene_event)));
+            server.must_be_closed(CloseCode::VIOLATION)
         }));
     }
     cases
@@ -96,7 +96,7 @@ fn of_shape(id: BodyId, shape: ShapeId) -> SceneEvent {
             alias,
             ..
         } => SceneEvent::BodyPlaced {
-            config: BodyDesc::plain(id, BodyKind::Dynamic, shape),
+            desc: BodyDesc::plain(id, BodyKind::Dynamic, shape),
             inertia,
             track,
             alias,
@@ -115,7 +115,7 @@ fn joint(id: JointId, other: BodyId) -> SceneEvent {
     SceneEvent::JointAdded { id, joint }
 }
 
-/// Numbers that no scene has.
+/// Numbers that no scene may contain.
 fn malformed() -> Vec<Case> {
     type Producer = fn() -> Vec<u8>;
     let of: [(&str, &str, Producer); 7] = [
@@ -137,14 +137,14 @@ fn malformed() -> Vec<Case> {
                 gravity,
             }))
         }),
-        ("a ball of no size", "4.6-1", || {
+        ("a ball of radius zero", "4.6-1", || {
             let shape = Shape::Ball { radius: 0.0 };
             bytes_of(&ServerMessage::SceneEvent(SceneEvent::ShapeAdded {
                 id: ShapeId(4),
                 shape,
             }))
         }),
-        ("a ball of NaN", "4.6-1", || {
+        ("a ball of radius NaN", "4.6-1", || {
             let shape = Shape::Ball { radius: f32::NAN };
             bytes_of(&ServerMessage::SceneEvent(SceneEvent::ShapeAdded {
                 id: ShapeId(4),
@@ -162,10 +162,10 @@ fn malformed() -> Vec<Case> {
         let name = format!("{what} is malformed");
         let cites = format!("PROTOCOL 2.5-3, {clause}; RECKONING 1.6-1");
         cases.push(Case::client(&id, &name).cites(&cites).play(move |trial| {
-            let mut host = trial.host()?;
-            hand::let_in(&mut host)?;
-            host.utter(&sent());
-            host.must_be_closed(CloseCode::MALFORMED)
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
+            server.send_bytes(&sent());
+            server.must_be_closed(CloseCode::MALFORMED)
         }));
     }
     cases
@@ -173,7 +173,7 @@ fn malformed() -> Vec<Case> {
 
 const NOT_A_NUMBER: [u8; 4] = f32::NAN.to_le_bytes();
 
-/// A ball whose position has other bytes for its y.
+/// A placement of the ball with these bytes as its y coordinate.
 fn patched(number: [u8; 4]) -> Vec<u8> {
     let mut bytes = bytes_of(&ServerMessage::SceneEvent(hand::ball(
         BodyId::new(4, 0),
@@ -193,29 +193,29 @@ fn bytes_of(message: &ServerMessage) -> Vec<u8> {
     bytes
 }
 
-/// Long messages.
+/// Messages that are longer than a piece.
 fn pieces() -> Vec<Case> {
     vec![
-        Case::client("L1.52.40", "a shape that comes in pieces is understood")
+        Case::client("L1.52.40", "a shape in several pieces is decoded")
             .cites("PROTOCOL 4.1-5, 4.1-7, 4.8-1")
             .play(|trial| {
-                let mut host = trial.host()?;
-                hand::wants_in(&mut host)?;
+                let mut server = trial.raw_server()?;
+                hand::awaits_join(&mut server)?;
                 let mesh = SceneEvent::ShapeAdded {
                     id: ShapeId(2),
                     shape: mesh(2_000)?,
                 };
                 hand::snapshot(
-                    &mut host,
+                    &mut server,
                     &[
                         mesh,
                         hand::shape(),
                         hand::ball(hand::BALL, Predictor::Ballistic),
                     ],
                 );
-                hand::reported(&mut host, "joined")?;
+                hand::reported(&mut server, "joined")?;
                 hand::must_go_on(
-                    &mut host,
+                    &mut server,
                     hand::NEXT + 1,
                     hand::TICK + 1,
                     hand::SCENE_EVENTS,
@@ -235,7 +235,7 @@ fn pieces() -> Vec<Case> {
         ),
         refused_pieces(
             "L1.52.42",
-            "a piece before an empty rest is malformed",
+            "a piece before an empty last part is malformed",
             "4.1-8",
             || {
                 let mut bytes = piece();
@@ -268,21 +268,21 @@ fn pieces() -> Vec<Case> {
 fn refused_pieces(id: &str, name: &str, clause: &str, sent: fn() -> Vec<u8>) -> Case {
     let case = Case::client(id, name).cites(&format!("PROTOCOL 2.5-3, {clause}"));
     case.play(move |trial| {
-        let mut host = trial.host()?;
-        hand::let_in(&mut host)?;
-        host.line.say(sent());
-        host.must_be_closed(CloseCode::MALFORMED)
+        let mut server = trial.raw_server()?;
+        hand::admit(&mut server)?;
+        server.connection.say(sent());
+        server.must_be_closed(CloseCode::MALFORMED)
     })
 }
 
-/// A piece of the length that pieces have.
+/// A piece of exactly the required length.
 fn piece() -> Vec<u8> {
     let mut bytes = vec![0x81, 0x80, 0x01, 0];
     bytes.resize(4 + 16_384, 0);
     bytes
 }
 
-/// A sheet of so many points.
+/// A mesh with this number of points.
 fn mesh(points: u16) -> Result<Shape, Stop> {
     let place = |point: u16| {
         let along = f32::from(point);
@@ -293,100 +293,100 @@ fn mesh(points: u16) -> Result<Shape, Stop> {
         .map(|point| [point - 2, point - 1, point])
         .collect();
     let mesh = Mesh::new(&places, &triangles);
-    let errs = |why| Stop::Inconclusive(format!("the suite errs: {why:?}"));
+    let errs = |why| Stop::Inconclusive(format!("error of the suite: {why:?}"));
     mesh.map(Shape::Mesh).map_err(errs)
 }
 
-/// What joins control stream and datagrams.
+/// The scene event count, which orders control stream and datagrams.
 const COUNTS: &[CaseRow] = &[
     (
         60,
-        "a datagram that counts more scene_events than were received waits for them",
+        "a datagram that counts more scene events than were received waits for them",
         "PROTOCOL 1.2-1, 4.6-5, 4.6-6, 6.5-2, 6.1-3",
-        waits_for_notices,
+        waits_for_scene_events,
     ),
     (
         66,
-        "a tick is not complete before the scene_events that its packet counts",
+        "a tick is not complete before the scene events that its packet counts",
         "PROTOCOL 4.6-6, 6.5-2",
         |trial| {
-            let mut host = trial.host()?;
-            hand::let_in(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
             hand::watermark(
-                &mut host,
+                &mut server,
                 hand::NEXT,
                 hand::TICK + 1,
                 hand::SCENE_EVENTS + 1,
             )?;
-            host.listen(Duration::from_millis(150))?;
-            let early = host.lines_written()?;
+            server.listen(Duration::from_millis(150))?;
+            let early = server.lines_written()?;
             let early = early
                 .iter()
                 .any(|reported| reported["tick"] == hand::TICK + 1);
-            ensure(!early, "it waits for the scene_event")?;
-            host.utter(&[2, 11, 0x8a]);
-            hand::told_tick(&mut host, hand::TICK + 1).map(drop)
+            ensure(!early, "it waits for the scene event")?;
+            server.send_bytes(&[2, 11, 0x8a]);
+            hand::reported_tick(&mut server, hand::TICK + 1).map(drop)
         },
     ),
     (
         61,
-        "an optional scene_event that nobody knows changes nothing, and counts",
+        "an unknown optional scene event changes nothing, but is counted",
         "PROTOCOL 3.5-14, 4.6-5, 4.6-6",
         unknown_scene_events,
     ),
     (
         62,
-        "scene_events of the snapshot do not count",
+        "scene events of the snapshot are not counted",
         "PROTOCOL 4.8-3, 4.6-5",
         |trial| {
-            let mut host = trial.host()?;
-            hand::let_in(&mut host)?;
-            hand::watermark(&mut host, hand::NEXT, hand::TICK + 1, hand::SCENE_EVENTS)?;
-            hand::told_tick(&mut host, hand::TICK + 1).map(drop)
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
+            hand::watermark(&mut server, hand::NEXT, hand::TICK + 1, hand::SCENE_EVENTS)?;
+            hand::reported_tick(&mut server, hand::TICK + 1).map(drop)
         },
     ),
     (
         63,
-        "datagrams that come before the end of the snapshot are held",
+        "datagrams that come before the end of the snapshot are kept until then",
         "PROTOCOL 6.5-2, 6.11-3",
         before_the_end,
     ),
     (
         64,
-        "bodies come, go and come again in the middle of a stream",
+        "bodies are placed, removed and placed again while a stream runs",
         "PROTOCOL 2.4-1, 2.4-2, 6.1-3, 6.3-5, 6.13-5, 4.6-2",
-        comings_and_goings,
+        placed_and_removed,
     ),
     (
         65,
-        "a scene that is deleted ends the membership, not the connection",
+        "deleting the scene ends the membership, not the connection",
         "PROTOCOL 3.3-2, 3.5-15",
         |trial| {
-            let mut host = trial.host()?;
-            hand::let_in(&mut host)?;
-            host.say(&ServerMessage::Deleted);
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
+            server.send(&ServerMessage::Deleted);
             hand::watermark(
-                &mut host,
+                &mut server,
                 hand::NEXT + 1,
                 hand::TICK + 1,
                 hand::SCENE_EVENTS,
             )?;
-            host.listen(Duration::from_millis(150))?;
+            server.listen(Duration::from_millis(150))?;
             ensure(
-                host.ended.is_none() || host.ended_as(0),
-                "it does not break",
+                server.ended.is_none() || server.ended_as(0),
+                "it does not close with an error",
             )
         },
     ),
 ];
 
-/// The control stream is a while behind: what is sent of a body comes before the body.
-fn waits_for_notices(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 40).after(5))?;
-    feed.enter()?;
+/// The control stream is delayed: packets about a body come before the body's placement.
+fn waits_for_scene_events(trial: &mut Trial<'_>) -> CaseResult {
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 40).after(5))?;
+    interceptor.enter()?;
     let mut kept = Vec::new();
-    feed.tamper(move |word| match word {
-        Delivery::State(_) => vec![word],
+    interceptor.tamper(move |delivery| match delivery {
+        Delivery::State(_) => vec![delivery],
         Delivery::Control(bytes) => {
             kept.extend(bytes);
             if kept.len() < 1_500 {
@@ -395,60 +395,60 @@ fn waits_for_notices(trial: &mut Trial<'_>) -> CaseResult {
             vec![Delivery::Control(std::mem::take(&mut kept))]
         }
     });
-    feed.step(40)?;
-    // What was kept last comes with the next scene_event.
-    feed.flush_control()?;
-    feed.must_follow()
+    interceptor.step(40)?;
+    // The last delayed scene event is released by the next one.
+    interceptor.flush_control()?;
+    interceptor.must_follow()
 }
 
 fn unknown_scene_events(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::let_in(&mut host)?;
-    hand::watermark(&mut host, hand::NEXT, hand::TICK + 2, hand::SCENE_EVENTS)?;
-    hand::told_tick(&mut host, hand::TICK + 2)?;
-    host.utter(&[4, 11, 0x8a, 1, 2]);
-    host.utter(&[2, 11, 0xfe]);
+    let mut server = trial.raw_server()?;
+    hand::admit(&mut server)?;
+    hand::watermark(&mut server, hand::NEXT, hand::TICK + 2, hand::SCENE_EVENTS)?;
+    hand::reported_tick(&mut server, hand::TICK + 2)?;
+    server.send_bytes(&[4, 11, 0x8a, 1, 2]);
+    server.send_bytes(&[2, 11, 0xfe]);
     hand::watermark(
-        &mut host,
+        &mut server,
         hand::NEXT,
         hand::TICK + 3,
         hand::SCENE_EVENTS + 2,
     )?;
-    hand::told_tick(&mut host, hand::TICK + 3).map(drop)
+    hand::reported_tick(&mut server, hand::TICK + 3).map(drop)
 }
 
 fn before_the_end(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::wants_in(&mut host)?;
-    host.say(&ServerMessage::Joined(Joined { ..hand::joined() }));
-    host.say(&ServerMessage::SceneEvent(hand::shape()));
-    // Of a stream that is not known yet it would be dropped (6.5-3).
-    host.listen(Duration::from_millis(100))?;
-    hand::watermark(&mut host, hand::NEXT, hand::TICK + 1, hand::SCENE_EVENTS)?;
-    host.listen(Duration::from_millis(50))?;
-    host.say(&ServerMessage::SceneEvent(hand::ball(
+    let mut server = trial.raw_server()?;
+    hand::awaits_join(&mut server)?;
+    server.send(&ServerMessage::Joined(Joined { ..hand::joined() }));
+    server.send(&ServerMessage::SceneEvent(hand::shape()));
+    // A datagram of a stream that the client does not know yet would be dropped (6.5-3).
+    server.listen(Duration::from_millis(100))?;
+    hand::watermark(&mut server, hand::NEXT, hand::TICK + 1, hand::SCENE_EVENTS)?;
+    server.listen(Duration::from_millis(50))?;
+    server.send(&ServerMessage::SceneEvent(hand::ball(
         hand::BALL,
         Predictor::Ballistic,
     )));
-    host.say(&ServerMessage::SnapshotEnd);
-    hand::told_tick(&mut host, hand::TICK + 1).map(drop)
+    server.send(&ServerMessage::SnapshotEnd);
+    hand::reported_tick(&mut server, hand::TICK + 1).map(drop)
 }
 
-fn comings_and_goings(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 6).after(30))?;
-    feed.enter()?;
-    let first = feed
+fn placed_and_removed(trial: &mut Trial<'_>) -> CaseResult {
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 6).after(30))?;
+    interceptor.enter()?;
+    let first = interceptor
         .mirror()?
         .bodies()
         .filter(|body| body.kind == BodyKind::Dynamic)
         .map(|body| body.id)
         .next();
     let Some(first) = first else {
-        return Err(Stop::Inconclusive("the pit is empty".into()));
+        return Err(Stop::Inconclusive("no body can be removed".into()));
     };
-    let shape = feed.mirror()?.body(first).map(|config| config.shape);
-    feed.command(Command::RemoveBody { id: first })?;
-    feed.step(5)?;
+    let shape = interceptor.mirror()?.body(first).map(|desc| desc.shape);
+    interceptor.command(Command::RemoveBody { id: first })?;
+    interceptor.step(5)?;
     let again = BodyId::new(first.index(), first.generation() + 1);
     let motion = BodyState::new(
         [0.0, 6.0, 0.0],
@@ -456,11 +456,11 @@ fn comings_and_goings(trial: &mut Trial<'_>) -> CaseResult {
         [1.0, 0.0, 0.0],
         [0.0; 3],
     );
-    let motion = motion.map_err(|_| Stop::Inconclusive("the suite errs".into()))?;
-    feed.command(Command::AddBody {
-        config: BodyDesc::plain(again, BodyKind::Dynamic, shape.unwrap_or(ShapeId(0))),
+    let motion = motion.map_err(|_| Stop::Inconclusive("error of the suite".into()))?;
+    interceptor.command(Command::AddBody {
+        desc: BodyDesc::plain(again, BodyKind::Dynamic, shape.unwrap_or(ShapeId(0))),
         motion,
     })?;
-    feed.step(20)?;
-    feed.must_follow()
+    interceptor.step(20)?;
+    interceptor.must_follow()
 }

@@ -1,7 +1,8 @@
-//! L2.51: a alias that changed hands while packets were missing.
+//! L2.51: an alias that was reassigned while packets were missing.
 //!
-//! The ball leaves its alias, another body takes it, and the ball rests elsewhere. Then comes the packet that had aliased the
-//! ball first. Who puts it back there takes what was sent of the other body for something that it knows already.
+//! The ball loses its alias to another body, and then comes to rest under no alias. Then the packet comes that had
+//! assigned the alias to the ball first. A client that applies this assignment would take updates of the other body
+//! for old data.
 
 use core::num::NonZeroU32;
 
@@ -17,13 +18,13 @@ use rhumb_reckoning::{
 use super::{hand, table};
 use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
-use crate::conformance::peer::Host;
+use crate::conformance::peer::RawServer;
 use crate::conformance::trial::Trial;
 use crate::testee::bits;
 
 const CASES: &[CaseRow] = &[(
     45,
-    "who was received of since takes no alias that a late packet says",
+    "a late packet assigns no alias to a body that was updated since",
     "PROTOCOL 6.6-11, 6.13-6, 6.13-7, 6.13-11, 6.13-12",
     late_assignment,
 )];
@@ -32,11 +33,11 @@ pub(super) fn cases() -> Vec<Case> {
     table("L2.51", CASES)
 }
 
-/// Who takes the ball's alias.
+/// The body that takes over the ball's alias.
 const OTHER: BodyId = BodyId::new(4, 0);
-/// The tick behind all packets.
+/// The tick of the last packet.
 const LAST: u64 = hand::TICK + 7;
-/// The packet of that tick, which never comes.
+/// The packet of that tick, which is never sent.
 const NEVER: u64 = hand::NEXT + 6;
 
 fn keyframe(predictor: Predictor, x: f32, speed: f32) -> Keyframe {
@@ -44,7 +45,7 @@ fn keyframe(predictor: Predictor, x: f32, speed: f32) -> Keyframe {
     let motion = BodyState::new([x, 10.0, 0.0], [0.0, 0.0, 0.0, 1.0], linear, [0.0; 3]);
     Keyframe {
         predictor,
-        anchor: Anchor::Exact(motion.expect("it is finite")),
+        anchor: Anchor::Exact(motion.expect("a finite motion")),
         parent: None,
     }
 }
@@ -57,14 +58,15 @@ fn resting(x: f32) -> Keyframe {
     keyframe(Predictor::Rest, x, 0.0)
 }
 
-/// What is sent in six ticks, a packet in each.
+/// Six packets, one for each tick.
 fn packets() -> Vec<Vec<u8>> {
     let of = |alias, body: BodyId, keyframe| Update {
         alias,
         body: Some(body.index()),
         payload: UpdatePayload::Keyframe(keyframe),
     };
-    let age = Age::of(Tick::new(2), Tick::new(4), NonZeroU32::MIN).expect("two ticks");
+    let age =
+        Age::of(Tick::new(2), Tick::new(4), NonZeroU32::MIN).expect("two ticks are a valid age");
     let correction = UpdatePayload::Residual {
         mode: PredictionMode::Same,
         age,
@@ -89,13 +91,13 @@ fn packets() -> Vec<Vec<u8>> {
     let written = sent.iter().zip(0..).map(|(update, place)| {
         let (number, tick) = (hand::NEXT + place, hand::TICK + 1 + place);
         let mut writer = UpdateWriter::new(hand::STREAM, number, tick, hand::SCENE_EVENTS);
-        assert!(writer.push(update), "a packet has room for one body");
+        assert!(writer.push(update), "one body fits into a packet");
         writer.finish(true)
     });
     written.collect()
 }
 
-/// What the stream is for who hears all of it in order.
+/// The subscriber state after all packets in order.
 fn truth(packets: &[Vec<u8>]) -> Subscriber {
     let mut truth = Subscriber::new(&hand::joined().start);
     let parameters = PredictionParameters {
@@ -112,7 +114,7 @@ fn truth(packets: &[Vec<u8>]) -> Subscriber {
         let rest = resting(0.0).track(Tick::new(hand::TICK - 1));
         assert!(
             truth.place(id, &parameters, rest),
-            "two bodies are not too many"
+            "two aliases fit into the table"
         );
     }
     truth.handle_snapshot_end();
@@ -122,12 +124,17 @@ fn truth(packets: &[Vec<u8>]) -> Subscriber {
     truth
 }
 
-/// Makes a lost packet good at a tick; `record`: what its body does, if it spoke of one that is there.
-fn refresh(host: &mut Host, lost: u64, tick: u64, record: Option<RefreshRecord>) -> CaseResult {
+/// Sends the refresh of a lost packet at a tick; `record`: the track of a body that the packet named, if it exists.
+fn refresh(
+    server: &mut RawServer,
+    lost: u64,
+    tick: u64,
+    record: Option<RefreshRecord>,
+) -> CaseResult {
     let mut writer = RefreshWriter::default();
     record.iter().for_each(|record| writer.push(record));
     for datagram in writer.finish(hand::STREAM, lost, tick, hand::SCENE_EVENTS) {
-        host.throw(&datagram)?;
+        server.send_datagram(&datagram)?;
     }
     Ok(())
 }
@@ -135,56 +142,57 @@ fn refresh(host: &mut Host, lost: u64, tick: u64, record: Option<RefreshRecord>)
 fn late_assignment(trial: &mut Trial<'_>) -> CaseResult {
     let packets = packets();
     let truth = truth(&packets);
-    let mut host = trial.host()?;
-    hand::wants_in(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::awaits_join(&mut server)?;
     let balls = [hand::BALL, OTHER].map(|id| hand::ball(id, Predictor::Rest));
     let [ball, other] = balls;
-    hand::snapshot(&mut host, &[hand::shape(), ball, other]);
-    hand::reported(&mut host, "joined")?;
+    hand::snapshot(&mut server, &[hand::shape(), ball, other]);
+    hand::reported(&mut server, "joined")?;
     for packet in &packets[3..] {
-        host.throw(packet)?;
+        server.send_datagram(packet)?;
     }
-    host.throw(&packets[0])?;
+    server.send_datagram(&packets[0])?;
     let rests = RefreshRecord {
         index: hand::BALL.index(),
         alias: None,
         age: Ticks::new(0),
         keyframe: resting(5.0),
     };
-    refresh(&mut host, hand::NEXT + 1, hand::TICK + 6, Some(rests))?;
-    host.throw(&packets[2])?;
-    // All is there now, but for what the client could not read and may ask for: then it has that too.
-    hand::watermark(&mut host, NEVER + 1, LAST, hand::SCENE_EVENTS)?;
+    refresh(&mut server, hand::NEXT + 1, hand::TICK + 6, Some(rests))?;
+    server.send_datagram(&packets[2])?;
+    // All data has arrived now, except packets that the client could not decode and may report: the loop sends those
+    // again.
+    hand::watermark(&mut server, NEVER + 1, LAST, hand::SCENE_EVENTS)?;
     let asked = loop {
-        let asked = hand::loss_report(&mut host)?.lost;
+        let asked = hand::loss_report(&mut server)?.lost;
         if asked.contains(&Low16::of(NEVER)) {
             break asked;
         }
     };
-    let gone = || Stop::Inconclusive("the suite has no such body".into());
+    let no_body = || Stop::Inconclusive("the suite's subscriber has no such body".into());
     if asked.contains(&Low16::of(hand::NEXT + 4)) {
-        let track = truth.track(OTHER).ok_or_else(gone)?;
+        let track = truth.track(OTHER).ok_or_else(no_body)?;
         let goes_on = RefreshRecord {
             index: OTHER.index(),
             alias: Some(0),
             age: Ticks::new(2),
             keyframe: Keyframe::of(&track),
         };
-        refresh(&mut host, hand::NEXT + 4, LAST, Some(goes_on))?;
+        refresh(&mut server, hand::NEXT + 4, LAST, Some(goes_on))?;
     }
-    refresh(&mut host, NEVER, LAST, None)?;
-    let reported = hand::told_tick(&mut host, LAST)?;
+    refresh(&mut server, NEVER, LAST, None)?;
+    let reported = hand::reported_tick(&mut server, LAST)?;
     let there = truth
         .predicted_motion(OTHER, Tick::new(LAST))
-        .ok_or_else(gone)?;
-    let predicted_motion = &reported["moving"][hand::name(OTHER)];
+        .ok_or_else(no_body)?;
+    let reported_motion = &reported["moving"][hand::name(OTHER)];
     ensure(
-        *predicted_motion == bits(&there),
-        format!("it knows what the other body does, and does not hold {predicted_motion}"),
+        *reported_motion == bits(&there),
+        format!("the client predicts the other body correctly, not {reported_motion}"),
     )?;
     let sum = format!("{:016x}", truth.state_checksum());
     ensure(
         reported["checksum"] == sum,
-        format!("its sum is {sum}, and not {}", reported["checksum"]),
+        format!("its checksum is {sum}, not {}", reported["checksum"]),
     )
 }

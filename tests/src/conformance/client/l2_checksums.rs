@@ -1,4 +1,4 @@
-//! L2.52: sums and mismatches, repair_symbols, and streams that change.
+//! L2.52: checksums, mismatches, repair symbols, and streams that change.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -21,130 +21,131 @@ pub(super) fn cases() -> Vec<Case> {
     table("L2.52", CASES)
 }
 
-/// What each case of the group promises, cites and does.
+/// The cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         1,
-        "a copy that is other than the stream is doubted, and made right",
+        "a client reports a copy that differs from the stream, and corrects it",
         "PROTOCOL 5.14-1, 5.14-2, 5.15-1, 6.12-1, 6.12-2, 6.12-5, 6.12-6, 6.12-8",
         mismatches,
     ),
     (
         2,
-        "a copy that is as the stream is not doubted",
+        "a client reports no mismatch while its copy equals the stream",
         "PROTOCOL 6.12-4, 6.12-5",
-        trusts,
+        no_mismatch,
     ),
     (
         3,
-        "a checksums watermarks for its tick",
+        "a checksum packet completes its tick",
         "PROTOCOL 6.12-4, 6.4-4",
-        digests_vouch,
+        checksums_complete_ticks,
     ),
     (
         10,
-        "a lost packet is rebuilt from a repair_symbol, without a refresh",
+        "a lost packet is rebuilt from a repair symbol, without a refresh",
         "PROTOCOL 5.16-1, 5.16-2, 5.16-3, 5.16-4, 6.15-3, 6.15-4, 6.15-5",
         rebuilds,
     ),
     (
         11,
-        "two lost packets are rebuilt from repair_symbols of two rows",
+        "two lost packets are rebuilt from repair symbols of two rows",
         "PROTOCOL 5.16-3, 6.15-3, 6.15-4",
         rebuilds_two,
     ),
     (
         12,
-        "a repair_symbol that is wrong does no harm: what was lost is refreshed",
+        "a wrong repair symbol does no harm: the lost packet is refreshed",
         "PROTOCOL 6.15-6, 6.15-9",
         wrong_repair_symbol,
     ),
     (
         13,
-        "repair_symbols of what cannot be received, and of nothing, are dropped",
+        "repair symbols of impossible packets, and of no packet, are dropped",
         "PROTOCOL 6.15-2, 6.15-7",
         useless_repair_symbols,
     ),
     (
         14,
-        "what came back by repair_symbols is reported as gone",
+        "packets rebuilt from repair symbols are reported as lost on the link",
         "PROTOCOL 5.13-1, 6.15-5, 6.15-13",
-        tells_of_loss,
+        reports_loss,
     ),
     (
         15,
-        "a repair_symbol that gives back only what is too old by now is dropped",
+        "a repair symbol that restores only packets that are too old is dropped",
         "PROTOCOL 6.15-3",
         late_repair_symbol,
     ),
     (
         20,
-        "a client that changes its stream follows the new one to the bit",
+        "a client that changes its stream follows the new one bit-exactly",
         "PROTOCOL 4.8-8, 4.8-10, 4.8-12, 4.8-14",
         changes,
     ),
     (
         21,
-        "a client that is moved follows the new stream, and says so",
+        "a client whose tier changes follows the new stream, and confirms it",
         "PROTOCOL 4.12-5, 4.8-12",
         |trial| moved(trial, TierChangeCause::LinkRecovered),
     ),
     (
         22,
-        "a client that is moved off a stream that goes on no more follows the new one",
+        "a client whose tier changes follows the new stream although the old one has stopped",
         "PROTOCOL 4.12-5, 4.12-6",
         |trial| moved(trial, TierChangeCause::LinkCongested),
     ),
     (
         23,
-        "a full stream is followed to the bit",
+        "a client follows a full stream bit-exactly",
         "PROTOCOL 5.12-1, 6.10-1, 6.10-3, 6.10-4; RECKONING 1.6-1",
         |trial| {
-            let mut feed = trial.feed(Setting::of("ball-pit", 30).wishing("subscribe full"))?;
-            feed.enter()?;
+            let mut interceptor =
+                trial.interceptor(Setting::of("ball-pit", 30).with_task("subscribe full"))?;
+            interceptor.enter()?;
             let mut count = 0;
-            feed.sift(move |bytes| {
+            interceptor.filter_datagrams(move |bytes| {
                 count += 1;
                 if count % 6 == 5 { vec![] } else { vec![bytes] }
             });
-            feed.step(60)?;
-            feed.mend();
-            feed.step(2)?;
-            feed.must_follow()
+            interceptor.step(60)?;
+            interceptor.stop_tampering();
+            interceptor.step(2)?;
+            interceptor.must_follow()
         },
     ),
     (
         24,
-        "a stream within a budget is followed to the bit",
+        "a client follows a stream with a budget bit-exactly",
         "PROTOCOL 5.17-1, 5.17-2, 6.16-8, 6.16-9",
         |trial| {
             let task = "subscribe 1000 budget 2000";
-            let mut feed = trial.feed(Setting::of("ball-pit", 60).wishing(task))?;
-            feed.enter()?;
+            let mut interceptor = trial.interceptor(Setting::of("ball-pit", 60).with_task(task))?;
+            interceptor.enter()?;
             let mut count = 0;
-            feed.sift(move |bytes| {
+            interceptor.filter_datagrams(move |bytes| {
                 count += 1;
                 if count % 9 == 8 { vec![] } else { vec![bytes] }
             });
-            feed.step(90)?;
-            feed.mend();
-            feed.step(2)?;
-            feed.must_follow()
+            interceptor.step(90)?;
+            interceptor.stop_tampering();
+            interceptor.step(2)?;
+            interceptor.must_follow()
         },
     ),
 ];
 
-/// Ticks in a second, and one.
+/// Ticks per second, plus one.
 const SECOND: u64 = 61;
 
-/// The client is reported of one body that it is a metre higher than it is.
-fn lie_of_one(feed: &mut Interceptor) -> Rc<RefCell<bool>> {
+/// Tampers with one track, so that one body of the client's copy is a metre too high.
+fn tamper_one_track(interceptor: &mut Interceptor) -> Rc<RefCell<bool>> {
     let mut frames = Frames::new();
     let done = Rc::new(RefCell::new(false));
-    let lied = Rc::clone(&done);
-    feed.tamper(move |word| {
-        let Delivery::Control(bytes) = word else {
-            return vec![word];
+    let tampered = Rc::clone(&done);
+    interceptor.tamper(move |delivery| {
+        let Delivery::Control(bytes) = delivery else {
+            return vec![delivery];
         };
         frames.push(&bytes);
         let mut sent = Vec::new();
@@ -152,12 +153,12 @@ fn lie_of_one(feed: &mut Interceptor) -> Rc<RefCell<bool>> {
             let message = ServerMessage::decode(&framed);
             match message {
                 Ok(Some(ServerMessage::SceneEvent(SceneEvent::BodyPlaced {
-                    config,
+                    desc,
                     inertia,
                     track,
                     alias,
-                }))) if !*lied.borrow() && matches!(track.anchor, Anchor::Quantised(_)) => {
-                    *lied.borrow_mut() = true;
+                }))) if !*tampered.borrow() && matches!(track.anchor, Anchor::Quantised(_)) => {
+                    *tampered.borrow_mut() = true;
                     let track = match track.anchor {
                         Anchor::Exact(_) => track,
                         Anchor::Quantised(mut quantised) => {
@@ -169,7 +170,7 @@ fn lie_of_one(feed: &mut Interceptor) -> Rc<RefCell<bool>> {
                         }
                     };
                     let scene_event = SceneEvent::BodyPlaced {
-                        config,
+                        desc,
                         inertia,
                         track,
                         alias,
@@ -185,73 +186,73 @@ fn lie_of_one(feed: &mut Interceptor) -> Rc<RefCell<bool>> {
 }
 
 fn mismatches(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(busy())?;
-    let lied = lie_of_one(&mut feed);
-    feed.enter_unjudged()?;
-    feed.mend();
-    // A sum is due once it is a second old.
+    let mut interceptor = trial.interceptor(busy())?;
+    let tampered = tamper_one_track(&mut interceptor);
+    interceptor.enter_unjudged()?;
+    interceptor.stop_tampering();
+    // A checksum is due once the last one is a second old.
     for _ in 0..3 {
-        feed.step_unjudged(SECOND)?;
-        feed.run(Duration::from_millis(60))?;
+        interceptor.step_unjudged(SECOND)?;
+        interceptor.run(Duration::from_millis(60))?;
     }
-    if !*lied.borrow() {
-        return Err(Stop::Inconclusive("there was nothing to lie of".into()));
+    if !*tampered.borrow() {
+        return Err(Stop::Inconclusive("no track could be altered".into()));
     }
     should(
-        feed.kinds.contains(&PacketKind::ChecksumMismatch),
-        "it mismatches",
+        interceptor.kinds.contains(&PacketKind::ChecksumMismatch),
+        "it reports the mismatch",
     )?;
-    feed.must_end_alike()
+    interceptor.must_end_alike()
 }
 
-fn trusts(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 20).after(60))?;
-    feed.enter()?;
-    feed.step(2 * SECOND)?;
-    feed.must_follow()?;
+fn no_mismatch(trial: &mut Trial<'_>) -> CaseResult {
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 20).after(60))?;
+    interceptor.enter()?;
+    interceptor.step(2 * SECOND)?;
+    interceptor.must_follow()?;
     ensure(
-        !feed.kinds.contains(&PacketKind::ChecksumMismatch),
-        "nothing is to be doubted",
+        !interceptor.kinds.contains(&PacketKind::ChecksumMismatch),
+        "it reports no mismatch",
     )
 }
 
-fn digests_vouch(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(busy())?;
-    feed.enter()?;
+fn checksums_complete_ticks(trial: &mut Trial<'_>) -> CaseResult {
+    let mut interceptor = trial.interceptor(busy())?;
+    interceptor.enter()?;
     let checksum_packets = Rc::new(RefCell::new(0));
     let counted = Rc::clone(&checksum_packets);
-    feed.sift(move |bytes| {
+    interceptor.filter_datagrams(move |bytes| {
         *counted.borrow_mut() += u32::from(datagram::kind(&bytes) == Some(PacketKind::Checksums));
         vec![bytes]
     });
-    feed.step(2 * SECOND)?;
-    feed.must_follow()?;
+    interceptor.step(2 * SECOND)?;
+    interceptor.must_follow()?;
     if *checksum_packets.borrow() == 0 {
-        return Err(Stop::Inconclusive("the suite sent no checksums".into()));
+        return Err(Stop::Inconclusive("the server sent no checksums".into()));
     }
     Ok(())
 }
 
-/// Packets since the last repair_symbol, with their numbers, as a case says repair_symbols of.
+/// Packets since the last repair symbol, with their numbers, from which a case makes repair symbols.
 #[derive(Debug, Default)]
 struct SentPackets {
     number: u64,
     packets: Vec<(u64, Vec<u8>)>,
 }
 
-/// Loses the first of some packets in a row and says repair_symbols of them in their place; no refresh comes.
+/// Drops the first packets of a run and sends repair symbols of the run in their place; refreshes are dropped.
 fn with_repair_symbols(
-    feed: &mut Interceptor,
+    interceptor: &mut Interceptor,
     lost: usize,
-    spoil: fn(&mut RepairSymbol),
+    disturb: fn(&mut RepairSymbol),
 ) -> Result<(), Stop> {
-    let stream = feed.mirror()?.stream().stream();
-    let next = feed.next_number();
+    let stream = interceptor.mirror()?.stream().stream();
+    let next = interceptor.next_number();
     let mut sent = SentPackets {
         number: next,
         packets: Vec::new(),
     };
-    feed.sift(move |bytes| {
+    interceptor.filter_datagrams(move |bytes| {
         if matches!(
             datagram::kind(&bytes),
             Some(PacketKind::Refresh | PacketKind::RepairSymbol)
@@ -264,7 +265,7 @@ fn with_repair_symbols(
         let number = sent.number;
         sent.number += 1;
         let place = sent.packets.len();
-        // A packet without updates has no column: it is never covered.
+        // A packet without updates is not a source symbol: repair symbols never cover it.
         if RepairSymbol::of(0, &[(number, &bytes)]).is_none() {
             return vec![bytes];
         }
@@ -279,7 +280,7 @@ fn with_repair_symbols(
             for row in 0..lost {
                 let repair_symbol = RepairSymbol::of(7 + row as u8, &covered);
                 words.extend(repair_symbol.map(|mut repair_symbol| {
-                    spoil(&mut repair_symbol);
+                    disturb(&mut repair_symbol);
                     repair_symbol.encode(stream)
                 }));
             }
@@ -299,35 +300,35 @@ fn rebuilds_two(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn repair_symbols(trial: &mut Trial<'_>, lost: usize) -> CaseResult {
-    let mut feed = trial.feed(busy())?;
-    feed.enter()?;
-    with_repair_symbols(&mut feed, lost, |_| {})?;
-    feed.step_until_repair_symbol(60)?;
-    // No refresh came: what is complete was rebuilt.
-    feed.must_follow()
+    let mut interceptor = trial.interceptor(busy())?;
+    interceptor.enter()?;
+    with_repair_symbols(&mut interceptor, lost, |_| {})?;
+    interceptor.step_until_repair_symbol(60)?;
+    // No refresh was delivered, so a complete copy proves that the packets were rebuilt.
+    interceptor.must_follow()
 }
 
 fn wrong_repair_symbol(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(busy())?;
-    feed.enter()?;
-    with_repair_symbols(&mut feed, 1, |repair_symbol| {
-        // The kind of the packet: what is rebuilt is none.
+    let mut interceptor = trial.interceptor(busy())?;
+    interceptor.enter()?;
+    with_repair_symbols(&mut interceptor, 1, |repair_symbol| {
+        // The first symbol covers the kind of the packet, so the rebuilt packet is malformed.
         if let Some(first) = repair_symbol.sums.first_mut() {
             *first ^= 0x40;
         }
     })?;
-    feed.step(30)?;
-    feed.mend();
-    feed.step(3)?;
-    feed.run(Duration::from_millis(300))?;
-    feed.must_follow()
+    interceptor.step(30)?;
+    interceptor.stop_tampering();
+    interceptor.step(3)?;
+    interceptor.run(Duration::from_millis(300))?;
+    interceptor.must_follow()
 }
 
 fn useless_repair_symbols(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 30))?;
-    feed.enter()?;
-    let stream = feed.mirror()?.stream().stream();
-    let next = feed.next_number();
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 30))?;
+    interceptor.enter()?;
+    let stream = interceptor.mirror()?.stream().stream();
+    let next = interceptor.next_number();
     let far = RepairSymbol {
         last: Low16::of(next + 5_000),
         covered: 0x7fff_ffff,
@@ -345,22 +346,25 @@ fn useless_repair_symbols(trial: &mut Trial<'_>) -> CaseResult {
         sums: Vec::new(),
     };
     for repair_symbol in [&far, &long_ago, &empty] {
-        feed.host.throw(&repair_symbol.encode(stream))?;
+        interceptor
+            .raw_server
+            .send_datagram(&repair_symbol.encode(stream))?;
     }
-    feed.step(40)?;
-    feed.must_follow()
+    interceptor.step(40)?;
+    interceptor.must_follow()
 }
 
-/// Of ten packets under one repair_symbol two are lost, and one of these comes when the other is older than all that is kept.
+/// Of ten packets under one repair symbol two are lost. One of these comes only when the other is older than all
+/// packets that a client keeps.
 fn late_repair_symbol(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(busy())?;
-    feed.enter()?;
-    let stream = feed.mirror()?.stream().stream();
-    let mut number = feed.next_number();
+    let mut interceptor = trial.interceptor(busy())?;
+    interceptor.enter()?;
+    let stream = interceptor.mirror()?.stream().stream();
+    let mut number = interceptor.next_number();
     let mut sent: Vec<(u64, Vec<u8>)> = Vec::new();
     let (tried, is_tried) = (Rc::new(Cell::new(0)), 2);
     let noted = Rc::clone(&tried);
-    feed.sift(move |bytes| {
+    interceptor.filter_datagrams(move |bytes| {
         if !datagram::is_packet(&bytes) {
             return vec![];
         }
@@ -384,99 +388,100 @@ fn late_repair_symbol(trial: &mut Trial<'_>) -> CaseResult {
             _ => vec![bytes],
         }
     });
-    feed.step(60)?;
+    interceptor.step(60)?;
     if tried.get() != is_tried {
-        return Err(Stop::Inconclusive("the suite sent too few packets".into()));
+        return Err(Stop::Inconclusive("the server sent too few packets".into()));
     }
-    feed.mend();
-    feed.step(3)?;
-    feed.must_follow()
+    interceptor.stop_tampering();
+    interceptor.step(3)?;
+    interceptor.must_follow()
 }
 
-fn tells_of_loss(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(busy())?;
-    feed.enter()?;
-    with_repair_symbols(&mut feed, 1, |_| {})?;
-    feed.step_until_repair_symbol(60)?;
-    feed.run(Duration::from_millis(700))?;
-    let gone = feed
+fn reports_loss(trial: &mut Trial<'_>) -> CaseResult {
+    let mut interceptor = trial.interceptor(busy())?;
+    interceptor.enter()?;
+    with_repair_symbols(&mut interceptor, 1, |_| {})?;
+    interceptor.step_until_repair_symbol(60)?;
+    interceptor.run(Duration::from_millis(700))?;
+    let gone = interceptor
         .loss_reports
         .iter()
         .map(|(_, loss_report): &(_, LossReport)| loss_report.gone.0)
         .max();
     should(
         gone >= Some(1),
-        format!("it tells of what is gone, and not {gone:?}"),
+        format!("it reports the packets lost on the link, not {gone:?}"),
     )?;
-    feed.must_follow()
+    interceptor.must_follow()
 }
 
 fn changes(trial: &mut Trial<'_>) -> CaseResult {
-    let setting = Setting::of("ball-pit", 30).wishing("subscribe 10000 change 50000");
-    let mut feed = trial.feed(setting)?;
-    feed.change_mirror_to(within(50_000)?);
-    feed.enter()?;
-    feed.follow_unjudged(20)?;
-    let follows = |feed: &mut Interceptor| {
-        feed.reported
+    let setting = Setting::of("ball-pit", 30).with_task("subscribe 10000 change 50000");
+    let mut interceptor = trial.interceptor(setting)?;
+    interceptor.change_mirror_to(within(50_000)?);
+    interceptor.enter()?;
+    interceptor.follow_unjudged(20)?;
+    let follows = |interceptor: &mut Interceptor| {
+        interceptor
+            .reported
             .iter()
             .any(|reported| reported["is"] == "following")
     };
-    // Of a scene that stands still nothing more is sent.
+    // A scene that does not step sends nothing more.
     let (mut tries, mut stopped) = (0, Ok(()));
-    feed.until("change to the new stream", |feed| {
+    interceptor.until("change to the new stream", |interceptor| {
         tries += 1;
         if tries % 10 == 0 {
-            stopped = feed.step_unjudged(2);
+            stopped = interceptor.step_unjudged(2);
         }
-        stopped.is_err() || follows(feed)
+        stopped.is_err() || follows(interceptor)
     })?;
     stopped?;
-    feed.must_end_alike()
+    interceptor.must_end_alike()
 }
 
 fn within(micrometres: u32) -> Result<StreamChoice, Stop> {
     let length = LengthBound::from_micrometres(micrometres);
-    let errs = |_| Stop::Inconclusive("the suite errs".into());
+    let errs = |_| Stop::Inconclusive("error of the suite".into());
     length
         .map(|length| StreamChoice::Within(Tolerance::Surface(length)))
         .map_err(errs)
 }
 
-/// The server follows a task that the client has not sent, and calls it a move.
+/// The server changes the tier of the client by a choice that the client did not make.
 fn moved(trial: &mut Trial<'_>, cause: TierChangeCause) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 30))?;
-    feed.enter()?;
-    feed.step(10)?;
-    feed.must_follow()?;
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 30))?;
+    interceptor.enter()?;
+    interceptor.step(10)?;
+    interceptor.must_follow()?;
     let to = within(50_000)?;
-    let old = feed.mirror()?.stream().stream();
+    let old = interceptor.mirror()?.stream().stream();
     let mut first = true;
-    feed.tamper(move |word| match word {
+    interceptor.tamper(move |delivery| match delivery {
         Delivery::Control(bytes) if std::mem::take(&mut first) => {
             let mut sent = Vec::new();
             ServerMessage::TierChanged { to, cause }.encode(&mut sent);
             sent.extend(bytes);
             vec![Delivery::Control(sent)]
         }
-        // What the link did not carry is sent no more.
+        // Packets lost on the link are not sent again.
         Delivery::State(bytes)
             if cause == TierChangeCause::LinkCongested
                 && datagram::head(&bytes).is_some_and(|head| head.stream == old) =>
         {
             vec![]
         }
-        word => vec![word],
+        delivery => vec![delivery],
     });
-    feed.change_mirror_to(to);
+    interceptor.change_mirror_to(to);
     let mut bytes = Vec::new();
     ClientMessage::Subscribe(to).encode(&mut bytes);
-    feed.speak_for_client(&bytes)?;
-    feed.follow_unjudged(20)?;
-    feed.must_end_alike()?;
-    let followed = feed
-        .said
+    interceptor.speak_for_client(&bytes)?;
+    interceptor.follow_unjudged(20)?;
+    interceptor.must_end_alike()?;
+    let followed = interceptor
+        .messages
         .iter()
         .any(|message| matches!(message, ClientMessage::Subscribed(stream) if *stream != old));
-    ensure(followed, "it says that it follows the new stream")
+    ensure(followed, "it confirms the new stream")
 }

@@ -1,4 +1,4 @@
-//! L2.51: what links do to datagrams, and a copy is right all the same.
+//! L2.51: the copy stays correct whatever the network does to datagrams.
 
 use std::collections::VecDeque;
 
@@ -11,10 +11,10 @@ use crate::conformance::peer::datagram::{is_packet, kind};
 use crate::conformance::trial::Trial;
 use crate::seed::Dice;
 
-/// What comes in place of a datagram.
+/// Maps a datagram to the datagrams that are delivered in its place.
 type DatagramFilter = Box<dyn FnMut(Vec<u8>) -> Vec<Vec<u8>>>;
 
-/// Number, what the link does, requirements of PROTOCOL, and how.
+/// Number, name of the disturbance, requirements of PROTOCOL, and the disturbance itself.
 type LinkRow = (u32, &'static str, &'static str, fn(Dice) -> DatagramFilter);
 
 const LINKS: [LinkRow; 8] = [
@@ -41,19 +41,19 @@ const LINKS: [LinkRow; 8] = [
     }),
     (
         5,
-        "datagrams come in pairs, the later one first",
+        "datagrams come in pairs in reversed order",
         "6.6-2, 6.6-3, 6.6-11",
         in_pairs,
     ),
     (
         6,
-        "datagrams come five late, and again",
+        "each datagram comes once in place, and again five datagrams later",
         "6.6-3, 6.6-4, 6.6-12, 6.2-2",
         late_and_again,
     ),
     (
         7,
-        "only what refreshes say comes of each third tick",
+        "the packets of every third tick come by refreshes only",
         "6.7-3, 6.7-8, 6.2-8, 5.11-1",
         each_third_refreshed,
     ),
@@ -67,29 +67,29 @@ const LINKS: [LinkRow; 8] = [
 
 pub(super) fn cases() -> Vec<Case> {
     let case = |(number, what, cites, made): LinkRow| {
-        let name = format!("a client holds what the stream says to the bit though {what}");
+        let name = format!("a client's copy is bit-exact although {what}");
         Case::client(&format!("L2.51.{number}"), &name)
             .cites(&format!("PROTOCOL 6.1-2, 6.5-1, {cites}"))
             .play(move |trial| {
-                let sieve = made(trial.dice());
-                over(trial, sieve)
+                let filter = made(trial.dice());
+                over(trial, filter)
             })
     };
     LINKS.into_iter().map(case).collect()
 }
 
-/// A drum over a link that is bad for a while, then good.
-fn over(trial: &mut Trial<'_>, sieve: DatagramFilter) -> CaseResult {
-    let mut feed = trial.feed(busy())?;
-    feed.enter()?;
-    feed.sift(sieve);
-    feed.step(60)?;
-    feed.mend();
-    feed.step(3)?;
-    feed.must_follow()
+/// A rotating drum over a link that is disturbed for a while, then ideal.
+fn over(trial: &mut Trial<'_>, filter: DatagramFilter) -> CaseResult {
+    let mut interceptor = trial.interceptor(busy())?;
+    interceptor.enter()?;
+    interceptor.filter_datagrams(filter);
+    interceptor.step(60)?;
+    interceptor.stop_tampering();
+    interceptor.step(3)?;
+    interceptor.must_follow()
 }
 
-/// Loses each datagram that is to be lost.
+/// Drops the selected datagrams.
 fn losing(mut is_lost: impl FnMut(&[u8]) -> bool + 'static) -> DatagramFilter {
     Box::new(move |bytes| if is_lost(&bytes) { vec![] } else { vec![bytes] })
 }

@@ -1,6 +1,7 @@
-//! L4.51: what a client predicts, bit for bit, in live scenes of each kind.
+//! L4.51: a client's predictions are bit-exact in live scenes of each kind.
 //!
-//! The golden streams are played to decoders (L4.81): on a wire lanes have no order between them, which they rely on.
+//! Golden streams go to decoders only (L4.81). They rely on an order between control stream and datagrams that a
+//! connection does not guarantee.
 
 use core::num::NonZeroU32;
 
@@ -10,7 +11,7 @@ use crate::conformance::outcome::{CaseResult, ensure};
 use crate::conformance::peer::Setting;
 use crate::conformance::trial::Trial;
 
-/// A publish_schedule of three.
+/// A publish interval of three ticks.
 const EACH_THIRD: NonZeroU32 = NonZeroU32::new(3).expect("three is not zero");
 
 pub(super) fn cases() -> Vec<Case> {
@@ -19,7 +20,7 @@ pub(super) fn cases() -> Vec<Case> {
         "L4.51",
         &[(
             20,
-            "a client follows a scene that speaks of each third tick, to the bit",
+            "a client follows a scene that publishes every third tick bit-exactly",
             "PROTOCOL 5.6-15, 6.2-1, 6.3-1, 6.4-4",
             each_third_tick,
         )],
@@ -27,7 +28,7 @@ pub(super) fn cases() -> Vec<Case> {
     cases
 }
 
-/// Scripts, and what of RECKONING each has much of.
+/// Scripts, their body counts, and the requirements of RECKONING that each exercises most.
 const SCENES: [(&str, u32, &str); 8] = [
     ("ball-pit", 40, "RECKONING 1.3-1, 2.1-1, 3.4-1, 4.4-1"),
     ("asteroids-plain", 16, "RECKONING 3.1-1, 3.3-1"),
@@ -41,35 +42,35 @@ const SCENES: [(&str, u32, &str); 8] = [
 
 fn scenes() -> Vec<Case> {
     let of = |(place, (script, bodies, cites)): (usize, (&'static str, u32, &str))| {
-        let name = format!("a client predicts {script} to the bit at every tick");
+        let name = format!("a client predicts {script} bit-exactly at every tick");
         let cites = format!("PROTOCOL 6.1-2, 6.1-4, 6.2-4, 6.2-6; {cites}");
         Case::client(&format!("L4.51.{}", place + 1), &name)
             .cites(&cites)
             .play(move |trial| {
-                let mut feed = trial.feed(Setting::of(script, bodies))?;
-                feed.enter()?;
-                feed.step(80)?;
-                feed.must_follow()?;
-                let reported = feed.ticks_told();
+                let mut interceptor = trial.interceptor(Setting::of(script, bodies))?;
+                interceptor.enter()?;
+                interceptor.step(80)?;
+                interceptor.must_follow()?;
+                let reported = interceptor.ticks_reported();
                 ensure(
                     reported >= 20,
-                    format!("it tells of ticks as they come, and not of {reported} in eighty"),
+                    format!("it reports ticks as they come, not {reported} of 80"),
                 )
             })
     };
     SCENES.into_iter().enumerate().map(of).collect()
 }
 
-/// Corrections name revisions by ages, and ages count only ticks that are spoken of.
+/// Corrections name revisions by age, and an age counts published ticks only.
 fn each_third_tick(trial: &mut Trial<'_>) -> CaseResult {
     let setting = Setting::of("tumbler", 20).each(EACH_THIRD);
-    let mut feed = trial.feed(setting)?;
-    feed.enter()?;
-    feed.step(60)?;
-    feed.must_follow()?;
-    let reported = feed.ticks_told();
+    let mut interceptor = trial.interceptor(setting)?;
+    interceptor.enter()?;
+    interceptor.step(60)?;
+    interceptor.must_follow()?;
+    let reported = interceptor.ticks_reported();
     ensure(
         reported >= 15,
-        format!("it tells of ticks as they come, and not of {reported} in sixty"),
+        format!("it reports ticks as they come, not {reported} of 60"),
     )
 }

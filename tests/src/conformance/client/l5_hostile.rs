@@ -1,4 +1,4 @@
-//! L5.51: servers that mean harm, and clients that show only what can be.
+//! L5.51: hostile servers, and clients that display only valid states.
 
 use std::time::Duration;
 
@@ -20,20 +20,20 @@ pub(super) fn cases() -> Vec<Case> {
     let mut cases = table("L5.51", CASES);
     for (place, (what, motion)) in greatest().into_iter().enumerate() {
         let id = format!("L5.51.{}", 20 + place);
-        let name = format!("{what} at the edge of the range is taken as it is");
+        let name = format!("{what} at the edge of the range is accepted unchanged");
         cases.push(
             Case::client(&id, &name)
                 .cites("PROTOCOL 5.5-2, 7-1; RECKONING 1.6-1")
                 .play(move |trial| {
-                    let mut host = trial.host()?;
-                    hand::let_in(&mut host)?;
-                    host.throw(&whole(motion))?;
-                    let reported = hand::told_tick(&mut host, hand::TICK + 1)?;
+                    let mut server = trial.raw_server()?;
+                    hand::admit(&mut server)?;
+                    server.send_datagram(&keyframe_packet(motion))?;
+                    let reported = hand::reported_tick(&mut server, hand::TICK + 1)?;
                     let (name, wanted) = (hand::name(hand::BALL), digits(motion));
                     let shown = &reported["moving"][&name];
                     ensure(
                         *shown == wanted,
-                        format!("it shows {wanted} as it was said, and not {shown}"),
+                        format!("it displays {wanted} as received, not {shown}"),
                     )
                 }),
         );
@@ -41,64 +41,64 @@ pub(super) fn cases() -> Vec<Case> {
     cases
 }
 
-/// What each case of the group promises, cites and does.
+/// The cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         1,
         "random bytes on the control stream end the connection, and nothing else",
         "PROTOCOL 2.5-1, 2.5-3",
         |trial| {
-            let mut host = trial.host()?;
-            hand::let_in(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
             let mut dice = trial.dice();
-            // A message of a known type, of nothing that any field could be.
+            // A message of a known type whose fields are all invalid.
             let mut bytes = vec![0xff, 0x7f, 3];
             bytes.extend((0..16_400).map(|_| 0x80 | dice.below(128) as u8));
-            host.line.say(bytes);
-            host.must_be_closed(CloseCode::MALFORMED)?;
-            host.must_exit()
+            server.connection.say(bytes);
+            server.must_be_closed(CloseCode::MALFORMED)?;
+            server.must_exit()
         },
     ),
     (
         2,
-        "a flood of datagrams that are none leaves the copy as it was",
+        "a flood of malformed datagrams leaves the copy unchanged",
         "PROTOCOL 2.5-4, 6.5-1",
         flood,
     ),
     (
         3,
-        "no motion that is not a number is shown",
+        "a motion with NaN is never displayed",
         "PROTOCOL 5.5-4, 5.12-2; RECKONING 1.6-1",
         not_a_number,
     ),
     (
         4,
-        "a rotation that is not of unit length is not taken",
+        "a rotation that is not of unit length is refused",
         "PROTOCOL 5.12-2; RECKONING 1.6-1",
         not_of_unit_length,
     ),
     (
         5,
-        "what is predicted far ahead stays finite",
+        "a prediction far ahead stays finite",
         "RECKONING 1.6-1, 3.1-1, 3.9-2",
         far_ahead,
     ),
     (
         6,
-        "a clock that makes no sense changes nothing of the copy",
+        "nonsensical clock values change nothing in the copy",
         "PROTOCOL 4.9-5",
         |trial| {
-            let mut host = trial.host()?;
-            hand::let_in(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
             for (sent, tick) in [(0, 0), (u64::MAX, 1 << 48), (1 << 60, 3)] {
-                host.say(&ServerMessage::Pong {
+                server.send(&ServerMessage::Pong {
                     sent: Instant::from_nanos(sent),
                     tick: Tick::new(tick),
                     since_tick_ns: u64::MAX,
                 });
             }
             hand::must_go_on(
-                &mut host,
+                &mut server,
                 hand::NEXT + 1,
                 hand::TICK + 1,
                 hand::SCENE_EVENTS,
@@ -107,18 +107,18 @@ const CASES: &[CaseRow] = &[
     ),
     (
         7,
-        "answers that nobody asked for do no harm",
+        "unrequested answers do no harm",
         "PROTOCOL 4.2-2, 4.2-3",
         |trial| {
-            let mut host = trial.host()?;
-            hand::let_in(&mut host)?;
-            host.say(&ServerMessage::Applied {
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
+            server.send(&ServerMessage::Applied {
                 through: 1 << 40,
                 tick: Tick::new(3),
             });
-            host.say(&ServerMessage::Created);
+            server.send(&ServerMessage::Created);
             hand::must_go_on(
-                &mut host,
+                &mut server,
                 hand::NEXT + 1,
                 hand::TICK + 1,
                 hand::SCENE_EVENTS,
@@ -127,17 +127,17 @@ const CASES: &[CaseRow] = &[
     ),
     (
         8,
-        "a faulted scene is shown as it stands",
+        "a faulted scene is displayed in its last state",
         "PROTOCOL 3.3-6, 6.3-6",
         |trial| {
-            let mut host = trial.host()?;
-            hand::let_in(&mut host)?;
+            let mut server = trial.raw_server()?;
+            hand::admit(&mut server)?;
             let tick = Tick::new(hand::TICK + 1);
-            host.say(&ServerMessage::SceneEvent(SceneEvent::SceneFaulted {
+            server.send(&ServerMessage::SceneEvent(SceneEvent::SceneFaulted {
                 tick,
             }));
             hand::must_go_on(
-                &mut host,
+                &mut server,
                 hand::NEXT + 1,
                 hand::TICK + 1,
                 hand::SCENE_EVENTS + 1,
@@ -146,14 +146,13 @@ const CASES: &[CaseRow] = &[
     ),
 ];
 
-/// Motions with numbers as great as any command may say.
+/// Motions with the greatest numbers that a command may contain.
 fn greatest() -> Vec<(&'static str, BodyState)> {
     let body_state = |position: f32, linear: f32, angular: f32| {
-        // No minus zero: a prediction adds to what was said, and may make a plus of it.
+        // No negative zero: a prediction adds to the position, and may turn it into a positive zero.
         let position = [position, 0.0 - position, 0.0];
         let no_turn = [0.0, 0.0, 0.0, 1.0];
-        BodyState::new(position, no_turn, [linear; 3], [angular; 3])
-            .expect("its numbers are finite")
+        BodyState::new(position, no_turn, [linear; 3], [angular; 3]).expect("finite numbers")
     };
     vec![
         ("a position", body_state(COORDINATE_MAX, 0.0, 0.0)),
@@ -166,8 +165,8 @@ fn greatest() -> Vec<(&'static str, BodyState)> {
     ]
 }
 
-/// A packet that says the ball's whole track.
-fn whole(motion: BodyState) -> Vec<u8> {
+/// A packet with a keyframe of the ball.
+fn keyframe_packet(motion: BodyState) -> Vec<u8> {
     let mut writer =
         UpdateWriter::new(hand::STREAM, hand::NEXT, hand::TICK + 1, hand::SCENE_EVENTS);
     let payload = Keyframe {
@@ -180,11 +179,11 @@ fn whole(motion: BodyState) -> Vec<u8> {
         body: Some(hand::BALL.index()),
         payload: UpdatePayload::Keyframe(payload),
     });
-    assert!(fits, "a packet has room for one body");
+    assert!(fits, "one body fits into a packet");
     writer.finish(true)
 }
 
-/// A motion whose rotation is of unit length, as a client tells of it: its numbers widened.
+/// A motion, with its rotation normalised, in the form of a client's report: each number widened to a double.
 fn digits(motion: BodyState) -> String {
     let widened = motion.parts().map(f64::from);
     let digits = widened.map(|number| format!("{:016x}", number.to_bits()));
@@ -205,25 +204,25 @@ fn is_finite(reported: &serde_json::Value) -> bool {
 }
 
 fn flood(trial: &mut Trial<'_>) -> CaseResult {
-    let mut feed = trial.feed(Setting::of("ball-pit", 12))?;
-    feed.enter()?;
+    let mut interceptor = trial.interceptor(Setting::of("ball-pit", 12))?;
+    interceptor.enter()?;
     let mut dice = trial.dice();
     for round in 0..20 {
         for _ in 0..100 {
             let length = 1 + dice.below(200);
             let mut bytes: Vec<_> = (0..length).map(|_| dice.below(256) as u8).collect();
             bytes[0] = bytes[0] & 0xf0 | datagram::NO_KINDS[dice.below(4)];
-            feed.host.throw(&bytes)?;
+            interceptor.raw_server.send_datagram(&bytes)?;
         }
         if round % 5 == 0 {
-            feed.step(2)?;
+            interceptor.step(2)?;
         }
     }
-    feed.step(10)?;
-    feed.must_follow()
+    interceptor.step(10)?;
+    interceptor.must_follow()
 }
 
-/// A full packet of one record whose y is another number.
+/// A full packet of one record with other bytes for y and w.
 fn full(number: u64, tick: u64, y: [u8; 4], w: [u8; 4]) -> Vec<u8> {
     let five = 5.5_f32;
     let motion = BodyState::new([1.0, five, 2.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
@@ -240,7 +239,7 @@ fn full(number: u64, tick: u64, y: [u8; 4], w: [u8; 4]) -> Vec<u8> {
     };
     let mut bytes = packet.encode(hand::STREAM);
     for (before, after) in [(five.to_le_bytes(), y), (1.0_f32.to_le_bytes(), w)] {
-        // The last: the rotation's w is 1, and so is the first part of the position.
+        // Only the last match: the rotation's w is 1, and so is the first coordinate of the position.
         if let Some(at) = bytes.windows(4).rposition(|four| four == before) {
             bytes[at..at + 4].copy_from_slice(&after);
         }
@@ -248,33 +247,33 @@ fn full(number: u64, tick: u64, y: [u8; 4], w: [u8; 4]) -> Vec<u8> {
     bytes
 }
 
-/// Neither is a motion; the packet is dropped whole, and is missing when the next one comes.
+/// The record is not a valid motion; the keyframe_packet packet is dropped, and is missing when the next one comes.
 fn dropped_whole(trial: &mut Trial<'_>, y: [u8; 4], w: [u8; 4]) -> CaseResult {
-    let mut host = trial.host_of("subscribe full")?;
-    hand::wants_in(&mut host)?;
+    let mut server = trial.raw_server_for("subscribe full")?;
+    hand::awaits_join(&mut server)?;
     let mut joined = hand::joined();
     joined.choice = rhumb_protocol::message::StreamChoice::Full;
-    host.say(&ServerMessage::Joined(joined));
-    host.say(&ServerMessage::SceneEvent(hand::shape()));
-    host.say(&ServerMessage::SceneEvent(hand::ball(
+    server.send(&ServerMessage::Joined(joined));
+    server.send(&ServerMessage::SceneEvent(hand::shape()));
+    server.send(&ServerMessage::SceneEvent(hand::ball(
         hand::BALL,
         Predictor::Uniform,
     )));
-    host.say(&ServerMessage::SnapshotEnd);
-    hand::reported(&mut host, "joined")?;
-    host.throw(&full(hand::NEXT, hand::TICK + 1, y, w))?;
+    server.send(&ServerMessage::SnapshotEnd);
+    hand::reported(&mut server, "joined")?;
+    server.send_datagram(&full(hand::NEXT, hand::TICK + 1, y, w))?;
     hand::must_go_on(
-        &mut host,
+        &mut server,
         hand::NEXT + 1,
         hand::TICK + 2,
         hand::SCENE_EVENTS,
     )?;
-    for reported in host.lines_written()? {
-        ensure(is_finite(&reported), "each number that it shows is finite")?;
+    for reported in server.lines_written()? {
+        ensure(is_finite(&reported), "each displayed number is finite")?;
         let tick = reported["tick"].as_u64().unwrap_or_default();
         ensure(
             tick <= hand::TICK,
-            format!("it believes nothing of it, and not tick {tick}"),
+            format!("it ignores the packet and does not report tick {tick}"),
         )?;
     }
     Ok(())
@@ -297,8 +296,8 @@ fn not_of_unit_length(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn far_ahead(trial: &mut Trial<'_>) -> CaseResult {
-    let mut host = trial.host()?;
-    hand::wants_in(&mut host)?;
+    let mut server = trial.raw_server()?;
+    hand::awaits_join(&mut server)?;
     let predictors = [
         Predictor::Uniform,
         Predictor::Ballistic,
@@ -311,26 +310,28 @@ fn far_ahead(trial: &mut Trial<'_>) -> CaseResult {
         .zip(3..)
         .map(|(predictor, index)| hand::ball(BodyId::new(index, 0), predictor));
     scene_events.extend(balls);
-    hand::snapshot(&mut host, &scene_events);
-    hand::reported(&mut host, "joined")?;
+    hand::snapshot(&mut server, &scene_events);
+    hand::reported(&mut server, "joined")?;
     for tick in [1, 2, 60, 1_022] {
-        hand::watermark(&mut host, hand::NEXT, hand::TICK + tick, hand::SCENE_EVENTS)?;
-        let reported = hand::told_tick(&mut host, hand::TICK + tick)?;
+        hand::watermark(
+            &mut server,
+            hand::NEXT,
+            hand::TICK + tick,
+            hand::SCENE_EVENTS,
+        )?;
+        let reported = hand::reported_tick(&mut server, hand::TICK + tick)?;
         ensure(
             is_finite(&reported),
-            format!("each number is finite {tick} ticks on"),
+            format!("each number is finite after {tick} ticks"),
         )?;
         let count = reported["moving"]
             .as_object()
             .map_or(0, serde_json::Map::len);
         ensure(
             count == predictors.len(),
-            format!(
-                "it tells of {} bodies, and not of {count}",
-                predictors.len()
-            ),
+            format!("it reports {} bodies, not {count}", predictors.len()),
         )?;
     }
-    host.listen(Duration::from_millis(20))?;
-    ensure(host.ended.is_none(), "it goes on")
+    server.listen(Duration::from_millis(20))?;
+    ensure(server.ended.is_none(), "the connection stays open")
 }

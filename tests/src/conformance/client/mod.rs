@@ -1,6 +1,6 @@
 //! The cases of clients, by level.
 //!
-//! Each is played by a server of bytes, or by a real one that a case comes between.
+//! In each case the suite plays the server: either raw bytes, or a real server whose data the case intercepts.
 
 mod hand;
 mod l0_vectors;
@@ -26,7 +26,7 @@ fn table(group: &str, rows: &[CaseRow]) -> Vec<Case> {
     rows.iter().map(case).collect()
 }
 
-/// All of them.
+/// All cases of this module.
 pub(super) fn cases() -> Vec<Case> {
     let groups = [
         l0_vectors::cases(),

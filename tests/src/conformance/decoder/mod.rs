@@ -1,6 +1,6 @@
-//! L0.81 to L4.81: the golden vectors, played to who reads bytes.
+//! L0.81 to L4.81: the golden vectors, given to a decoder.
 //!
-//! A case is all vectors of one kind: a process that answers them is started once for each.
+//! One case covers all vectors of one kind; its decoder process is started once.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use super::peer::Decoder;
 use super::trial::Trial;
 use crate::vectors::golden;
 
-/// All of them.
+/// All cases of this module.
 pub(super) fn cases() -> Vec<Case> {
     let (control, packets, streams) = (
         golden("control.json"),
@@ -34,7 +34,7 @@ pub(super) fn cases() -> Vec<Case> {
     cases.extend(datagrams(&packets));
     cases.push(family(
         "L0.86",
-        "repair_symbols are summed",
+        "repair symbols are computed",
         "PROTOCOL 5.16-2, 5.16-3, 5.16-4",
         lines_of(&packets["repair_symbols"]),
         repair_symbol,
@@ -43,13 +43,13 @@ pub(super) fn cases() -> Vec<Case> {
     cases
 }
 
-/// What a side says, and must not say.
+/// Messages that a side may send, and bytes that it must not send.
 fn messages(side: &'static str, control: &Value) -> Vec<Case> {
     let sent = grouped(&control[&format!("{side} says")], |line| {
         word(&line["means"]["is"])
     });
     let sent = sent.into_iter().map(|(kind, lines)| {
-        let name = format!("{kind}, as a {side} says it, is read as it is meant");
+        let name = format!("{kind}, as a {side} sends it, is decoded correctly");
         let cites = "PROTOCOL 2.5-1, 2.5-2, 4.1-4";
         family("L0.81", &name, cites, lines, move |decoder, line| {
             message(decoder, side, line)
@@ -59,7 +59,7 @@ fn messages(side: &'static str, control: &Value) -> Vec<Case> {
         word(&line["refusal"])
     });
     let refused = refused.into_iter().map(|(why, lines)| {
-        let name = format!("what a {side} must not say is refused: {why}");
+        let name = format!("bytes that a {side} must not send are refused: {why}");
         let cites = "PROTOCOL 2.5-1";
         family("L0.82", &name, cites, lines, move |decoder, line| {
             let answer = decoder.ask(&json!({"message": side, "bytes": line["bytes"]}))?;
@@ -69,17 +69,17 @@ fn messages(side: &'static str, control: &Value) -> Vec<Case> {
     sent.chain(refused).collect()
 }
 
-/// Datagrams, and what is none.
+/// Datagrams, valid and malformed.
 fn datagrams(packets: &Value) -> Vec<Case> {
     let sent = grouped(&packets["accepted"], |line| word(&line["means"]["kind"]));
     let sent = sent.into_iter().map(|(kind, lines)| {
-        let name = format!("datagrams of kind {kind} are read as they are meant");
+        let name = format!("datagrams of kind {kind} are decoded correctly");
         let cites = "PROTOCOL 2.5-2, 5.6-16, 5.8-1";
         family("L0.84", &name, cites, lines, packet)
     });
     let refused = grouped(&packets["refused"], |line| word(&line["refusal"]));
     let refused = refused.into_iter().map(|(why, lines)| {
-        let name = format!("datagrams that are none are refused: {why}");
+        let name = format!("malformed datagrams are refused: {why}");
         let cites = "PROTOCOL 2.5-1, 2.5-4, 5.8-5";
         family("L0.85", &name, cites, lines, |decoder, line| {
             let answer = decoder.ask(&json!({"packet": line["bytes"]}))?;
@@ -89,17 +89,17 @@ fn datagrams(packets: &Value) -> Vec<Case> {
     sent.chain(refused).collect()
 }
 
-/// A stream, as one of its members received it.
+/// A stream, as one of its subscribers received it.
 fn received(stream: Value) -> Case {
     let name = format!(
-        "who hears {} knows what its member knew",
+        "a decoder of {} reaches the subscriber's state",
         word(&stream["name"])
     );
     let cites = "PROTOCOL 5.6-15, 6.1-2, 6.2-1, 6.2-2, 6.2-3, 6.6-15, 6.8-2, 6.13-6, 6.13-7, 6.13-11, 6.13-13";
     family("L4.81", &name, cites, vec![stream], known)
 }
 
-/// A case of all these vectors.
+/// One case that contains all these vectors.
 fn family(
     group: &str,
     name: &str,
@@ -128,7 +128,7 @@ fn message(decoder: &mut Decoder, side: &str, line: &Value) -> CaseResult {
     }
     if let Some(error) = line.get("error") {
         let reported = answer.get("error");
-        // Who knows only that a number is wrong may say so by a null.
+        // A decoder that only knows that a number is wrong may answer null.
         return must(
             reported.is_some_and(|reported| reported.is_null() || reported == error),
             line,
@@ -161,7 +161,7 @@ fn packet(decoder: &mut Decoder, line: &Value) -> CaseResult {
 fn repair_symbol(decoder: &mut Decoder, line: &Value) -> CaseResult {
     let bytes = crate::grammar::unhex(&word(&line["repair_symbol"]));
     let mut reader = rhumb_protocol::wire::bytes::Reader::new(&bytes);
-    let read = |_| Stop::Inconclusive("a vector is no repair_symbol".into());
+    let read = |_| Stop::Inconclusive("a vector is not a repair symbol".into());
     let head: rhumb_protocol::packet::Head =
         rhumb_protocol::wire::Wire::decode(&mut reader).map_err(read)?;
     let sent = rhumb_protocol::packet::RepairSymbol::decode(reader).map_err(read)?;
@@ -180,13 +180,13 @@ fn known(decoder: &mut Decoder, line: &Value) -> CaseResult {
         .collect();
     if reported.len() != wanted.len() {
         return Stop::fail(format!(
-            "it tells {} times what it knows, not {}",
+            "it reports its state {} times, not {}",
             reported.len(),
             wanted.len()
         ));
     }
     for (place, (reported, mut wanted)) in reported.into_iter().zip(wanted).enumerate() {
-        // What is shown of a body that is in mismatch is nobody's promise (6.8).
+        // The displayed state of a body with a checksum mismatch is not specified (6.8).
         if wanted["converged"] != true
             && reported.get("poses").is_none()
             && let Some(wanted) = wanted.as_object_mut()
@@ -195,7 +195,7 @@ fn known(decoder: &mut Decoder, line: &Value) -> CaseResult {
         }
         if reported != wanted {
             return Stop::fail(format!(
-                "at the {place}th time it knows {reported}, and should {wanted}"
+                "report {place} is {reported}, but {wanted} is expected"
             ));
         }
     }
@@ -209,7 +209,7 @@ fn must(right: bool, line: &Value, answer: &Value) -> CaseResult {
     let (name, bytes) = (word(&line["name"]), word(&line["bytes"]));
     let wanted: String = line["means"].to_string().chars().take(200).collect();
     Stop::fail(format!(
-        "{name}, {bytes}: answered by {answer}; means {wanted}"
+        "{name}, {bytes}: the answer is {answer}; expected is {wanted}"
     ))
 }
 
@@ -225,7 +225,7 @@ fn lines_of(lines: &Value) -> Vec<Value> {
     lines.as_array().cloned().unwrap_or_default()
 }
 
-/// A text as it is, anything else as JSON.
+/// A string without quotes, any other value as JSON.
 fn word(value: &Value) -> String {
     value
         .as_str()
@@ -237,11 +237,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_shown_of_a_vector_is_cut_between_letters() {
+    fn the_excerpt_of_a_vector_is_cut_between_characters() {
         let line = json!({"name": "long", "bytes": "", "means": "ä".repeat(300)});
         let Err(Stop::Fail(why)) = must(false, &line, &json!({})) else {
-            panic!("it is not right");
+            panic!("the case must fail");
         };
-        assert_eq!(why.matches('ä').count(), 199, "behind a quotation mark");
+        assert_eq!(
+            why.matches('ä').count(),
+            199,
+            "one character is the quotation mark"
+        );
     }
 }

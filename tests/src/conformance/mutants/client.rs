@@ -18,60 +18,60 @@ use crate::testee::Behaviour;
 /// The promise that is broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum ClientMutant {
-    /// Takes whatever version it is welcomed in.
+    /// Accepts any version in `Welcome`.
     AnyVersion,
-    /// Lets a critical message pass that nobody knows.
+    /// Ignores an unknown critical message.
     CriticalPasses,
-    /// Ends the connection at an optional message that nobody knows.
+    /// Ends the connection at an unknown optional message.
     OptionalRefused,
-    /// Closes with the next code.
+    /// Closes with the code that follows the correct one.
     WrongCode,
-    /// Never asks for what is lost.
+    /// Never reports lost packets.
     NeverReportsLoss,
-    /// Asks for the packet behind the one that is lost.
+    /// Reports the packet after the lost one.
     OffByOne,
-    /// Hears no refresh.
+    /// Ignores refreshes.
     RefreshIgnored,
-    /// Takes an old packet of a full stream for one of the newest tick.
+    /// Treats an old packet of a full stream as one of the newest tick.
     StaleTaken,
-    /// Takes a correction whatever revision it is of.
+    /// Applies a correction regardless of its revision.
     RevisionIgnored,
-    /// Hears no rest.
+    /// Ignores rest updates.
     RestLost,
-    /// Never mismatches.
+    /// Never reports a checksum mismatch.
     NeverReportsMismatch,
-    /// Sums repair_symbols wrongly.
+    /// Computes repair symbols wrongly.
     RepairSymbolWrong,
-    /// Reads datagrams whatever scene_events they count.
+    /// Processes datagrams regardless of their scene event count.
     SceneEventsIgnored,
-    /// Takes what is no number for zero.
+    /// Treats NaN as zero.
     NanTaken,
-    /// Follows however far a stream jumps.
+    /// Never resynchronises, however far a stream jumps.
     NeverResyncs,
-    /// Predicts the last bit wrongly.
+    /// Predicts with one wrong bit.
     LastBitWrong,
-    /// Tells of a tick as complete whatever is missing.
+    /// Reports a tick as complete although data is missing.
     CompleteTooEarly,
-    /// Stays where it was when it has caught up with another stream.
+    /// Never reports the switch to another stream.
     NeverSubscribed,
-    /// Wishes to join in the same breath as its hello, before it is welcomed.
+    /// Sends `Join` together with its hello, before the welcome.
     SendsBeforeWelcome,
-    /// Takes what waits for a packet for known as soon as one comes late.
+    /// Treats everything that waits for a packet as received as soon as one late packet comes.
     LateIsAll,
-    /// Asks for one packet of all that are lost.
+    /// Requests one packet of all that are lost.
     AsksForOne,
-    /// AuthorityTable, and says the server only each fourth packet of it.
+    /// Publishes its bodies, but sends only every fourth packet.
     UpstreamBeyondTolerance,
-    /// Vouches for the first silence of what it drives, and for none later.
+    /// Sends a watermark for the first silence of its upstream, and none later.
     WatermarkOnce,
-    /// Does not hear that the server has lost touch with what it drives.
+    /// Ignores that the server has withdrawn its authority.
     NeverRetakesAuthority,
 }
 
 impl ClientMutant {
-    /// How it does so.
+    /// The behaviour that breaks the promise.
     #[must_use]
-    pub fn habit(self) -> Box<dyn Behaviour> {
+    pub fn behaviour(self) -> Box<dyn Behaviour> {
         Box::new(MutantBehaviour {
             mutant: self,
             frames: Frames::new(),
@@ -89,14 +89,14 @@ struct MutantBehaviour {
     frames: Frames,
     sent: Frames,
     recent: VecDeque<Vec<u8>>,
-    /// Numbers of packets, as their low bits.
+    /// Low bits of the received packet numbers.
     received: BTreeSet<u16>,
     begun: bool,
     packets: u64,
 }
 
 impl MutantBehaviour {
-    /// A message that is received, as it is taken; none when it is passed over.
+    /// A received message as the mutant takes it; `None` to ignore it.
     fn take(&self, kind: u8, body: Vec<u8>) -> Option<(u8, Vec<u8>)> {
         let known = 1..=16;
         match self.mutant {
@@ -119,7 +119,7 @@ impl MutantBehaviour {
         }
     }
 
-    /// What it hears, and refreshes that say nothing of what was received before and waits.
+    /// The received datagram, and refreshes without updates for all packets that are still missing.
     fn with_all_known(&mut self, session: &ClientSession, bytes: &[u8]) -> Vec<Vec<u8>> {
         let mut received = vec![bytes.to_vec()];
         let (Some((head, packet, _)), Some(copy)) = (updates_of(bytes), session.replica()) else {
@@ -138,7 +138,7 @@ impl MutantBehaviour {
         received
     }
 
-    /// What it says, but for packets of its upstream that it holds back: three of four, or all watermarks but the first.
+    /// The sent bytes without part of the upstream: three of four packets, or all watermarks but the first.
     fn thin_out_upstream(&mut self, bytes: &[u8]) -> Vec<u8> {
         self.sent.push(bytes);
         let mut sent = Vec::new();
@@ -212,7 +212,7 @@ impl Behaviour for MutantBehaviour {
                 }
                 vec![wrong]
             }
-            ClientMutant::SceneEventsIgnored => vec![without_notices(bytes)],
+            ClientMutant::SceneEventsIgnored => vec![with_fewer_scene_events(bytes)],
             ClientMutant::NanTaken if is_full => vec![without_nans(bytes)],
             _ => vec![bytes.to_vec()],
         }
@@ -254,7 +254,7 @@ impl Behaviour for MutantBehaviour {
             ClientMutant::NeverResyncs => 9,
             ClientMutant::NeverSubscribed => 13,
             ClientMutant::SendsBeforeWelcome if !std::mem::replace(&mut self.begun, true) => {
-                // It joins in the same breath.
+                // The join goes into the same write.
                 let mut sent = bytes.to_vec();
                 frame(3, &[0, 0xd0, 0x86, 3], &mut sent);
                 return sent;
@@ -302,7 +302,7 @@ impl Behaviour for MutantBehaviour {
     }
 }
 
-/// The records of an old full packet, as those of a later one that is sent behind another.
+/// The records of an old full packet under the head of a later one, with the next number.
 fn renewed(old: &[u8], new: &[u8]) -> Option<Vec<u8>> {
     let read = |bytes| {
         let mut reader = Reader::new(bytes);
@@ -310,7 +310,7 @@ fn renewed(old: &[u8], new: &[u8]) -> Option<Vec<u8>> {
         Some((head, FullPacket::decode(true, reader).ok()?))
     };
     let ((_, old), (head, new)) = (read(old)?, read(new)?);
-    // Its own number was received; the next one is not, and is dropped as a copy when it comes.
+    // Its own number was received already. The next number is new; the real packet with it is dropped as a duplicate.
     let packet = FullPacket {
         number: Low16(new.number.0.wrapping_add(1)),
         tick: Low16(new.tick.0.wrapping_add(1)),
@@ -319,7 +319,7 @@ fn renewed(old: &[u8], new: &[u8]) -> Option<Vec<u8>> {
     Some(packet.encode(head.stream))
 }
 
-/// The same packet, with each correction's age as the track that is there has it.
+/// The same packet, with the revision of each correction replaced by that of the present track.
 fn rebuilt_on(session: &ClientSession, bytes: &[u8]) -> Option<Vec<u8>> {
     let copy = session.replica()?.stream();
     let publish_interval = session.config()?.publish_schedule.publish_interval;
@@ -327,7 +327,7 @@ fn rebuilt_on(session: &ClientSession, bytes: &[u8]) -> Option<Vec<u8>> {
     let tick = Tick::new(packet.tick.expand(copy.watermark_tick().value()));
     let aliased: Vec<_> = updates.iter().filter_map(|update| update.body).collect();
     for update in &mut updates {
-        // Who names its body is known; of others only a session knows who sits where.
+        // An update that names its body is known; otherwise only the session resolves the alias.
         let index = update
             .body
             .or_else(|| (!aliased.contains(&update.alias)).then_some(update.alias))?;
@@ -347,8 +347,8 @@ fn rebuilt_on(session: &ClientSession, bytes: &[u8]) -> Option<Vec<u8>> {
     written(head, &packet, &updates)
 }
 
-/// The same datagram with a count of scene_events that is 200 less, or zero: one that was reached long ago.
-fn without_notices(bytes: &[u8]) -> Vec<u8> {
+/// The same datagram with the scene event count reduced by 200, at least zero: a count reached long ago.
+fn with_fewer_scene_events(bytes: &[u8]) -> Vec<u8> {
     let mut reader = Reader::new(bytes);
     let mut bytes = bytes.to_vec();
     let Ok(head) = Head::decode(&mut reader) else {
@@ -368,7 +368,7 @@ fn without_notices(bytes: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// The same full packet with zero in place of what is no number.
+/// The same full packet with NaN replaced by zero.
 fn without_nans(bytes: &[u8]) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     let records = bytes.len() / 56 * 56;

@@ -1,6 +1,6 @@
-//! Peers that break one promise on purpose: each must fail its case.
+//! Mutants: peers that break one promise, so that its case must fail.
 //!
-//! None is a change of the product: each is a good peer whose ears and mouth are not its own.
+//! No mutant changes the product: each wraps a correct peer and alters the data that it receives or sends.
 
 mod client;
 mod packets;

@@ -1,10 +1,10 @@
-//! State packets that say less than they did.
+//! Removes updates from state packets.
 
 use rhumb_protocol::packet::{Head, PacketKind, Update, UpdatePacket, UpdatePayload, UpdateWriter};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 
-/// The updates of a packet with its head, if it is one of a reckoned stream.
+/// Head and updates of a packet, if it belongs to a reckoned stream.
 pub(super) fn updates_of(bytes: &[u8]) -> Option<(Head, UpdatePacket<'_>, Vec<Update>)> {
     let mut reader = Reader::new(bytes);
     let head = Head::decode(&mut reader).ok()?;
@@ -35,7 +35,7 @@ pub(super) fn written(
     Some(writer.finish(packet.ends_tick))
 }
 
-/// The same packet without bodies that come to rest.
+/// The same packet without rest updates.
 pub(super) fn without_rests(bytes: &[u8]) -> Option<Vec<u8>> {
     let (head, packet, mut updates) = updates_of(bytes)?;
     updates.retain(|update| !matches!(update.payload, UpdatePayload::Resting { .. }));

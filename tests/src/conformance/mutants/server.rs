@@ -22,45 +22,45 @@ use crate::conformance::peer::datagram;
 /// The promise that is broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ServerMutant {
-    /// Takes whatever version it is offered.
+    /// Accepts any offered version.
     AnyVersion,
-    /// Closes with the next code.
+    /// Closes with the code that follows the correct one.
     WrongCode,
-    /// Lets a critical message pass that nobody knows.
+    /// Ignores an unknown critical message.
     CriticalPasses,
-    /// Ends the connection at an optional message that nobody knows.
+    /// Ends the connection at an unknown optional message.
     OptionalRefused,
-    /// Ends the connection at a command of the future.
+    /// Ends the connection at an unknown command.
     CommandRefused,
-    /// Takes what is no number for zero.
+    /// Treats NaN as zero.
     NanTaken,
-    /// Repairs nothing.
+    /// Never sends a refresh.
     RefreshIgnored,
-    /// Numbers packets from one too many on.
+    /// Numbers packets one too high.
     OffByOne,
-    /// Never says that nothing was to be said.
+    /// Never sends a watermark.
     NeverSendsWatermark,
-    /// Says no rest.
+    /// Sends no rest updates.
     RestLost,
-    /// Says nothing of who has left the tolerance.
+    /// Sends no updates for bodies that leave their tolerance.
     ToleranceIgnored,
-    /// Sums tracks wrongly.
+    /// Computes checksums wrongly.
     ChecksumsWrong,
-    /// Sums repair_symbols wrongly.
+    /// Computes repair symbols wrongly.
     RepairSymbolWrong,
-    /// Steps once more than it was asked to.
+    /// Steps one tick more than requested.
     StepsTooFar,
-    /// Tells nobody of another gravity.
+    /// Sends no scene event for a changed gravity.
     GravityNotSent,
-    /// Tells nobody that a command was refused.
+    /// Sends no refusals of commands.
     RefusalsNotSent,
-    /// Tells who joins late of no joint.
+    /// Leaves joints out of the snapshot of a late joiner.
     JointsNotSent,
-    /// Answers a ping by another number.
+    /// Answers a ping with another number.
     PongWrong,
-    /// Steps with a scene's friction one number above what was asked for: as another engine, near by and not the same.
+    /// Steps with the next higher friction value: like another engine whose results are close but not equal.
     FrictionOff,
-    /// Says one bit of each speed otherwise on full streams.
+    /// Changes one bit of each speed on full streams.
     SpeedsOff,
 }
 
@@ -69,26 +69,26 @@ impl ServerMutant {
     ///
     /// # Panics
     ///
-    /// When the machine lets nobody listen.
+    /// When the machine has no free port.
     #[must_use]
     pub fn serve(self) -> MutantServer {
         let certificate = Certificate::development(["localhost", "127.0.0.1"]);
         let server = QuicServer::bind(ServerOptions {
             listen: SocketAddr::from(([127, 0, 0, 1], 0)),
-            certificate: certificate.expect("a certificate can be made"),
+            certificate: certificate.expect("making a certificate"),
         });
-        let server = server.expect("loopback can be listened on");
+        let server = server.expect("listening on loopback");
         let (address, fingerprint) = (server.local_addr(), server.fingerprint());
         let stop = Stop::new();
-        let asked = stop.clone();
+        let stop_requested = stop.clone();
         let thread = thread::spawn(move || {
             let mut endpoint = MutantEndpoint {
                 mutant: self,
-                host: ServerLoop::new(|| Instant::ZERO),
+                inner: ServerLoop::new(|| Instant::ZERO),
                 connections: BTreeMap::new(),
             };
-            // A server that breaks is no mutant: then its case cannot be tried, which its test sees.
-            let _ = server.run(&mut endpoint, &asked);
+            // If the server fails, its case is inconclusive, which the test of the mutants detects.
+            let _ = server.run(&mut endpoint, &stop_requested);
         });
         MutantServer {
             address,
@@ -99,12 +99,12 @@ impl ServerMutant {
     }
 }
 
-/// A mutant that serves until this is dropped.
+/// A running mutant; it stops on drop.
 #[derive(Debug)]
 pub struct MutantServer {
-    /// Where it is.
+    /// Its address.
     pub address: SocketAddr,
-    /// What to pin.
+    /// The fingerprint to pin.
     pub fingerprint: Fingerprint,
     stop: Stop,
     thread: Option<JoinHandle<()>>,
@@ -114,31 +114,31 @@ impl Drop for MutantServer {
     fn drop(&mut self) {
         self.stop.stop();
         if let Some(thread) = self.thread.take() {
-            // Whether it panicked is for its case to see.
+            // A panic of this thread shows in its case.
             let _ = thread.join();
         }
     }
 }
 
-/// A good server, and what stands before its ears and mouth.
+/// A correct server whose received and sent data is altered.
 struct MutantEndpoint {
     mutant: ServerMutant,
-    host: ServerLoop,
+    inner: ServerLoop,
     connections: BTreeMap<Peer, MutantConnection>,
 }
 
-/// A connection.
+/// The state of one connection.
 #[derive(Default)]
 struct MutantConnection {
     received: Frames,
-    said: Frames,
+    sent: Frames,
     is_in_snapshot: bool,
 }
 
 impl Endpoint for MutantEndpoint {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
         self.connections.insert(peer, MutantConnection::default());
-        self.host.handle_opened(now, peer);
+        self.inner.handle_opened(now, peer);
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
@@ -157,25 +157,25 @@ impl Endpoint for MutantEndpoint {
                 }
             }
         }
-        self.host.handle_control(now, from, &received);
+        self.inner.handle_control(now, from, &received);
     }
 
     fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        self.host.handle_datagram(now, from, bytes);
+        self.inner.handle_datagram(now, from, bytes);
     }
 
     fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
         self.connections.remove(&peer);
-        self.host.handle_ended(now, peer, ending);
+        self.inner.handle_ended(now, peer, ending);
     }
 
     fn handle_timeout(&mut self, now: Instant) {
-        self.host.handle_timeout(now);
+        self.inner.handle_timeout(now);
     }
 
     fn poll_transmit(&mut self) -> Option<Transmit> {
         loop {
-            let said = match self.host.poll_transmit()? {
+            let sent = match self.inner.poll_transmit()? {
                 Transmit::Control { to, bytes } => {
                     let connection = self.connections.get_mut(&to)?;
                     let bytes = connection.sent_bytes_as(self.mutant, &bytes).into();
@@ -190,18 +190,18 @@ impl Endpoint for MutantEndpoint {
                     Some(Transmit::Close { to, code })
                 }
             };
-            if said.is_some() {
-                return said;
+            if sent.is_some() {
+                return sent;
             }
         }
     }
 
     fn poll_timeout(&self) -> Option<Wake> {
-        self.host.poll_timeout()
+        self.inner.poll_timeout()
     }
 }
 
-/// What it takes a message for.
+/// A received message as the mutant takes it.
 fn received_as(mutant: ServerMutant, framed: Framed) -> Vec<u8> {
     let Framed { kind, mut body } = framed;
     let known = 0..=16;
@@ -253,7 +253,7 @@ fn received_as(mutant: ServerMutant, framed: Framed) -> Vec<u8> {
 
 const COMMAND: u8 = 7;
 
-/// Terms with the next friction above or below; at the ends of its range with their own.
+/// The configuration with the next friction value above or below; unchanged at the ends of the range.
 fn with_friction(mut config: SceneConfig, next: fn(f32) -> f32) -> SceneConfig {
     let friction = config.material.friction;
     if friction > 0.0 && friction < FRICTION_MAX {
@@ -263,11 +263,11 @@ fn with_friction(mut config: SceneConfig, next: fn(f32) -> f32) -> SceneConfig {
 }
 
 impl MutantConnection {
-    /// What it says in place of bytes of the control stream.
+    /// The bytes that replace sent bytes of the control stream.
     fn sent_bytes_as(&mut self, mutant: ServerMutant, bytes: &Bytes) -> Vec<u8> {
-        self.said.push(bytes);
-        let mut said = Vec::new();
-        while let Ok(Some(framed)) = self.said.next_frame() {
+        self.sent.push(bytes);
+        let mut output = Vec::new();
+        while let Ok(Some(framed)) = self.sent.next_frame() {
             let message = ServerMessage::decode(&framed).ok().flatten();
             match &message {
                 Some(ServerMessage::Joined(_)) => self.is_in_snapshot = true,
@@ -284,8 +284,8 @@ impl MutantConnection {
                     ServerMutant::GravityNotSent,
                     Some(ServerMessage::SceneEvent(SceneEvent::GravityChanged { .. })),
                 ) => {
-                    // A scene_event that nobody knows, so that the count of scene_events stays.
-                    frame(framed.kind, &[0x8a], &mut said);
+                    // An unknown scene event, so that the count of scene events stays correct.
+                    frame(framed.kind, &[0x8a], &mut output);
                 }
                 (
                     ServerMutant::PongWrong,
@@ -301,23 +301,23 @@ impl MutantConnection {
                         tick,
                         since_tick_ns,
                     };
-                    pong.encode(&mut said);
+                    pong.encode(&mut output);
                 }
                 (ServerMutant::FrictionOff, Some(ServerMessage::Welcome(mut welcome))) => {
                     let config = welcome
                         .scene
                         .map(|config| with_friction(config, f32::next_down));
                     welcome.scene = config;
-                    ServerMessage::Welcome(welcome).encode(&mut said);
+                    ServerMessage::Welcome(welcome).encode(&mut output);
                 }
-                _ => frame(framed.kind, &framed.body, &mut said),
+                _ => frame(framed.kind, &framed.body, &mut output),
             }
         }
-        said
+        output
     }
 }
 
-/// What it sends in place of a datagram.
+/// The datagram that replaces a sent one.
 fn sent_as(mutant: ServerMutant, bytes: &[u8]) -> Option<Vec<u8>> {
     let kind = datagram::kind(bytes);
     let otherwise = match (mutant, kind) {
@@ -338,7 +338,7 @@ fn sent_as(mutant: ServerMutant, bytes: &[u8]) -> Option<Vec<u8>> {
     Some(otherwise.unwrap_or_else(|| bytes.to_vec()))
 }
 
-/// A packet that says nothing of anybody.
+/// The packet without its updates.
 fn without_updates(bytes: &[u8]) -> Option<Vec<u8>> {
     let (head, packet, _) = updates_of(bytes)?;
     written(head, &packet, &[])
@@ -359,7 +359,7 @@ fn other_speeds(bytes: &[u8], kind: PacketKind) -> Option<Vec<u8>> {
     let mut packet = FullPacket::decode(kind == PacketKind::FullEnd, reader).ok()?;
     for record in &mut packet.records {
         let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = record.motion.parts();
-        // Who does not move is left: even the least speed would show in who sleeps.
+        // A zero speed stays: any other value would show the body as awake.
         let vy = if vy == 0.0 { vy } else { vy.next_up() };
         let (place, turn) = ([px, py, pz], [x, y, z, w]);
         record.motion = BodyState::new(place, turn, [vx, vy, vz], [wx, wy, wz]).ok()?;

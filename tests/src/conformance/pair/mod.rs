@@ -1,7 +1,7 @@
-//! L4.71: a client follows a scene of a server, whoever wrote either.
+//! L4.71: a client follows a scene of a server, both from any implementer.
 //!
-//! Each client is tried with each server. What fails here and not with the suite's own ends is where the two read the
-//! documents differently.
+//! Each client is tested with each server. If a case fails here but not with the suite's own peers, client and server
+//! interpret the documents differently.
 
 use rhumb_protocol::message::StreamChoice;
 use rhumb_reckoning::{LengthBound, Tolerance};
@@ -11,7 +11,7 @@ use super::outcome::{CaseResult, Stop, ensure};
 use super::peer::{LivePair, Setting};
 use super::trial::Trial;
 
-/// All of them.
+/// All cases of this module.
 pub(super) fn cases() -> Vec<Case> {
     let case = |(number, name, cites, play): &CaseRow| {
         Case::pair(&format!("L4.71.{number}"), name)
@@ -21,101 +21,106 @@ pub(super) fn cases() -> Vec<Case> {
     CASES.iter().map(case).collect()
 }
 
-/// What each case of the group promises, cites and does.
+/// The cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         1,
-        "a pit is followed to the bit",
+        "a client follows a ball pit bit-exactly",
         "PROTOCOL 6.1-2, 6.3-10, 6.11-1; RECKONING 3.4-1",
         |trial| followed(trial, Setting::of("ball-pit", 30)),
     ),
     (
         2,
-        "what tumbles is followed to the bit",
+        "a client follows torque-free rotation bit-exactly",
         "PROTOCOL 6.1-2, 2.6-6; RECKONING 2.6-1, 3.7-1",
         |trial| followed(trial, Setting::of("asteroids", 12)),
     ),
     (
         3,
-        "what joints hold is followed to the bit",
+        "a client follows jointed bodies bit-exactly",
         "PROTOCOL 6.1-2, 4.8-1; RECKONING 4.4-1",
         |trial| followed(trial, Setting::of("ragdolls", 3)),
     ),
     (
         4,
-        "what comes to rest is followed to the bit",
+        "a client follows bodies that come to rest bit-exactly",
         "PROTOCOL 6.1-2, 6.3-9; RECKONING 4.7-1",
         |trial| followed(trial, Setting::of("dominoes", 12)),
     ),
     (
         5,
-        "a full stream is followed to the bit",
+        "a client follows a full stream bit-exactly",
         "PROTOCOL 5.12-1, 6.10-1, 6.10-3",
-        |trial| followed(trial, Setting::of("ball-pit", 20).wishing("subscribe full")),
+        |trial| {
+            followed(
+                trial,
+                Setting::of("ball-pit", 20).with_task("subscribe full"),
+            )
+        },
     ),
     (
         6,
-        "a stream within a budget is followed to the bit",
+        "a client follows a stream with a budget bit-exactly",
         "PROTOCOL 5.17-1, 6.16-1",
         |trial| {
             let task = "subscribe 1000 budget 2000";
-            followed(trial, Setting::of("ball-pit", 40).wishing(task))
+            followed(trial, Setting::of("ball-pit", 40).with_task(task))
         },
     ),
     (
         7,
-        "a client that asks for ticks gets them, to the bit",
+        "a client that advances the scene receives the ticks bit-exactly",
         "PROTOCOL 4.9-1, 4.9-2, 6.4-1",
         asked_for,
     ),
     (
         8,
-        "a client that changes its stream follows the other one to the bit",
+        "a client that changes its stream follows the new one bit-exactly",
         "PROTOCOL 4.8-8, 4.8-10, 4.8-12",
         changed,
     ),
 ];
 
-/// Ticks for which a client follows.
+/// Number of ticks that a client follows.
 const TICKS: u64 = 120;
 
 fn followed(trial: &mut Trial<'_>, setting: Setting) -> CaseResult {
-    let mut couple = LivePair::begin(trial, &setting, None)?;
+    let mut pair = LivePair::begin(trial, &setting, None)?;
     for _ in 0..TICKS {
-        couple.step()?;
+        pair.step()?;
     }
-    couple.must_follow()
+    pair.must_follow()
 }
 
 fn asked_for(trial: &mut Trial<'_>) -> CaseResult {
     let last = 60;
     let task = format!("subscribe 10000 advance {last}");
-    let mut couple = LivePair::begin(trial, &Setting::of("ball-pit", 20).wishing(&task), None)?;
-    couple.until("sixty ticks", |couple| couple.newest() >= last)?;
-    couple.must_follow()?;
+    let mut pair = LivePair::begin(trial, &Setting::of("ball-pit", 20).with_task(&task), None)?;
+    pair.until("sixty ticks", |pair| pair.newest() >= last)?;
+    pair.must_follow()?;
     ensure(
-        couple.newest() == last,
-        "no tick but those that it asked for",
+        pair.newest() == last,
+        "the scene steps only the requested ticks",
     )
 }
 
 fn changed(trial: &mut Trial<'_>) -> CaseResult {
     let length = LengthBound::from_micrometres(50_000);
-    let length = length.map_err(|_| Stop::Inconclusive("the suite errs".into()))?;
+    let length = length.map_err(|_| Stop::Inconclusive("error of the suite".into()))?;
     let choice = StreamChoice::Within(Tolerance::Surface(length));
-    let setting = Setting::of("ball-pit", 20).wishing("subscribe 10000 change 50000");
-    let mut couple = LivePair::begin(trial, &setting, Some(choice))?;
+    let setting = Setting::of("ball-pit", 20).with_task("subscribe 10000 change 50000");
+    let mut pair = LivePair::begin(trial, &setting, Some(choice))?;
     for _ in 0..TICKS {
-        couple.step()?;
-        if couple.has_told("following") {
+        pair.step()?;
+        if pair.has_reported("following") {
             break;
         }
-        couple.pass_over();
+        pair.pass_over();
     }
-    couple.until("other stream", |couple| couple.has_told("following"))?;
-    couple.pass_over();
+    pair.until("other stream", |pair| pair.has_reported("following"))?;
+    pair.pass_over();
     for _ in 0..TICKS {
-        couple.step()?;
+        pair.step()?;
     }
-    couple.must_follow()
+    pair.must_follow()
 }

@@ -1,8 +1,8 @@
 //! The client under test, as a process.
 //!
-//! What it is started with, and the lines that it writes, are described in `docs/book/src/implementing.md`: in short, its environment
-//! has `RHUMB_ADDR`, `RHUMB_FINGERPRINT`, `RHUMB_SCENE`, `RHUMB_TASK`, `RHUMB_CASE`, `RHUMB_SEED`, and it writes a JSON
-//! object a line. Exit code 127 says *unsupported*.
+//! `docs/book/src/implementing.md` describes its environment and the lines that it writes. In short: its environment has
+//! `RHUMB_ADDR`, `RHUMB_FINGERPRINT`, `RHUMB_SCENE`, `RHUMB_TASK`, `RHUMB_CASE`, `RHUMB_SEED`, and it writes one JSON
+//! object per line. Exit code 127 means *unsupported*.
 
 use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
@@ -20,14 +20,14 @@ use crate::conformance::outcome::Stop;
 use crate::conformance::trial::Log;
 use crate::testee::TesteeTask;
 
-/// What a client says by its exit code that it does not have what a case tries.
+/// Exit code of a client that lacks the feature under test.
 const UNSUPPORTED: i32 = 127;
-/// How often it is looked whether a client that does not connect has ended.
+/// Interval at which to check whether a client that does not connect has ended.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// What a client is started with.
+/// The environment of a client process.
 #[derive(Debug)]
-pub(super) struct ClientOrders<'a> {
+pub(super) struct ClientEnvironment<'a> {
     pub(super) server: SocketAddr,
     pub(super) fingerprint: Fingerprint,
     pub(super) scene: String,
@@ -36,28 +36,32 @@ pub(super) struct ClientOrders<'a> {
     pub(super) seed: u64,
 }
 
-/// The client's process, killed when dropped; what it complained of is noted then.
+/// The client's process. Dropping it kills the process and copies the tail of its standard error to the log.
 #[derive(Debug)]
 pub(super) struct ClientProcess {
     child: Child,
-    /// The lines that it writes.
+    /// The lines that the process writes.
     pub(super) lines: Receiver<String>,
     stderr_tail: Option<StderrTail>,
     log: Log,
-    /// Whether it was ordered to do no more than every client does.
+    /// Whether its task requires only what every client supports.
     is_plain: bool,
 }
 
 impl ClientProcess {
-    pub(super) fn start(exec: &str, orders: &ClientOrders<'_>, log: Log) -> std::io::Result<Self> {
+    pub(super) fn start(
+        exec: &str,
+        environment: &ClientEnvironment<'_>,
+        log: Log,
+    ) -> std::io::Result<Self> {
         let mut child = Command::new("sh")
             .args(["-c", &format!("exec {exec}")])
-            .env("RHUMB_ADDR", orders.server.to_string())
-            .env("RHUMB_FINGERPRINT", orders.fingerprint.to_string())
-            .env("RHUMB_SCENE", &orders.scene)
-            .env("RHUMB_TASK", orders.task)
-            .env("RHUMB_CASE", orders.case)
-            .env("RHUMB_SEED", orders.seed.to_string())
+            .env("RHUMB_ADDR", environment.server.to_string())
+            .env("RHUMB_FINGERPRINT", environment.fingerprint.to_string())
+            .env("RHUMB_SCENE", &environment.scene)
+            .env("RHUMB_TASK", environment.task)
+            .env("RHUMB_CASE", environment.case)
+            .env("RHUMB_SEED", environment.seed.to_string())
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -73,23 +77,24 @@ impl ClientProcess {
             stderr_tail,
             log,
             is_plain: matches!(
-                TesteeTask::read(orders.task),
+                TesteeTask::read(environment.task),
                 Some(TesteeTask::Subscribe { .. })
             ),
         })
     }
 
-    /// What comes of it, if it ended and said that it has not what was asked for.
+    /// The stop that follows if the process has ended with the exit code for *unsupported*.
     ///
-    /// It may lack much, but who does not even follow is no client; a command that is not there ends with that status too.
+    /// Subscribing is mandatory, so a plain task fails then. A shell that does not find the command ends with that
+    /// code too.
     pub(super) fn gave_up(&mut self) -> Option<Stop> {
         let ended = self.child.try_wait().ok().flatten();
         let says_so = ended.and_then(|status| status.code()) == Some(UNSUPPORTED);
         says_so.then(|| {
             if self.is_plain {
-                Stop::Fail("its exit code says that it does not even follow".into())
+                Stop::Fail("its exit code declares even a plain subscription unsupported".into())
             } else {
-                Stop::Unsupported("the client's exit code says so".into())
+                Stop::Unsupported("declared by the client's exit code".into())
             }
         })
     }
@@ -98,15 +103,15 @@ impl ClientProcess {
         self.child.try_wait().ok().flatten().is_some()
     }
 
-    /// Its connection, once it has one.
+    /// Waits for the client's connection.
     pub(super) fn connected(
         &mut self,
         server: &RawPeerServer,
-        patience: Duration,
+        time_limit: Duration,
     ) -> Result<RawConnection, Stop> {
         let clock = Clock::start();
-        let patience = Span::from_nanos(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX));
-        let end = Instant::ZERO + patience;
+        let time_limit = Span::from_nanos(u64::try_from(time_limit.as_nanos()).unwrap_or(u64::MAX));
+        let end = Instant::ZERO + time_limit;
         while clock.now() < end {
             if let Some(line) = server.accept(LOOK) {
                 return line.map_err(|error| Stop::Fail(format!("no connection: {error}")));
@@ -130,24 +135,24 @@ fn read_lines(out: ChildStdout, written: &mpsc::Sender<String>) {
     }
 }
 
-/// A line that a client wrote.
+/// Parses a line that the client wrote.
 ///
 /// # Errors
 ///
-/// [`Stop::Fail`] when it tells nothing.
+/// [`Stop::Fail`] when it is not a report.
 pub(super) fn reported(line: &str) -> Result<Value, Stop> {
     let value: Value = serde_json::from_str(line)
-        .map_err(|error| Stop::Fail(format!("the client tells what is no JSON: {error}")))?;
+        .map_err(|error| Stop::Fail(format!("a line of the client is not JSON: {error}")))?;
     if value["is"].is_string() {
         Ok(value)
     } else {
-        Stop::fail("the client tells what has no `is`")
+        Stop::fail("a line of the client has no field `is`")
     }
 }
 
 impl Drop for ClientProcess {
     fn drop(&mut self) {
-        // One that has ended already needs no ending.
+        // Killing a process that has already ended does nothing.
         let _ = self.child.kill();
         let _ = self.child.wait();
         let stderr_tail = self.stderr_tail.iter().flat_map(StderrTail::last);

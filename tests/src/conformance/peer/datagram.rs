@@ -1,28 +1,31 @@
-//! What a datagram is, as far as a case must know to lose or to spoil it.
+//! Reads datagrams as far as a case needs to drop or modify them.
 //!
-//! PacketKind and stream are told by its head (PROTOCOL 5.8); what it says is read only to see that it says something.
+//! The head gives the packet kind and the stream (PROTOCOL 5.8); the body is decoded only to check that it is
+//! well-formed.
 
 use rhumb_protocol::packet::{
-    ChecksumMismatch, Checksums, FullPacket, Head, LossReport, PacketKind, Refresh, RepairSymbol,
-    StreamId, UpdatePacket, Watermark,
+    ChecksumMismatch, Checksums, FullPacket, Head, LossReport, Low16, PacketKind, Refresh,
+    RepairSymbol, StreamId, UpdatePacket, Watermark,
 };
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 
-/// The kinds that no datagram has.
+use crate::conformance::outcome::{Stop, ensure};
+
+/// Kind values that the protocol does not assign.
 pub(crate) const NO_KINDS: [u8; 4] = [10, 13, 14, 15];
 
-/// What it is, if it is something.
+/// The packet kind of a datagram, if it is a packet.
 pub(crate) fn kind(datagram: &[u8]) -> Option<PacketKind> {
     head(datagram).map(|head| head.kind)
 }
 
-/// What it begins with, if it is something.
+/// The head of a datagram, if it is a packet.
 pub(crate) fn head(datagram: &[u8]) -> Option<Head> {
     Head::decode(&mut Reader::new(datagram)).ok()
 }
 
-/// Whether it is a packet with a number.
+/// Whether a datagram is a packet with a number.
 pub(crate) fn is_packet(datagram: &[u8]) -> bool {
     let packets = [
         PacketKind::Updates,
@@ -45,7 +48,7 @@ pub(crate) fn tick_of(packet: &[u8]) -> Option<u16> {
     reader.u16().ok()
 }
 
-/// The same datagram, whatever it is, in the name of another stream; one whose stream cannot be read stays as it is.
+/// The same datagram under another stream id. A datagram whose stream cannot be read stays unchanged.
 pub(crate) fn of_stream(datagram: &[u8], stream: StreamId) -> Vec<u8> {
     let mut reader = Reader::new(datagram);
     let is_read = match reader.u8().map(|first| first >> 4) {
@@ -66,11 +69,11 @@ pub(crate) fn of_stream(datagram: &[u8], stream: StreamId) -> Vec<u8> {
     bytes
 }
 
-/// Whether a datagram is one of some stream.
+/// Checks that a datagram is a well-formed packet of some stream.
 ///
 /// # Errors
 ///
-/// What is wrong with it.
+/// The way in which it is malformed.
 pub(crate) fn read(datagram: &[u8]) -> Result<(), Malformed> {
     let mut from = Reader::new(datagram);
     let head = Head::decode(&mut from)?;
@@ -93,12 +96,67 @@ pub(crate) fn read(datagram: &[u8]) -> Result<(), Malformed> {
     }
 }
 
+/// Decodes the body of a datagram.
+///
+/// # Errors
+///
+/// [`Stop::Fail`] when it is malformed.
+pub(crate) fn body<'a, T>(
+    bytes: &'a [u8],
+    decode: impl FnOnce(Reader<'a>) -> Result<T, Malformed>,
+) -> Result<T, Stop> {
+    let mut reader = Reader::new(bytes);
+    let read = Head::decode(&mut reader).and_then(|_| decode(reader));
+    read.map_err(|why| Stop::Fail(format!("a datagram is malformed: {why:?}")))
+}
+
+/// The state packet, if the datagram is one; its updates are decoded too.
+///
+/// # Errors
+///
+/// [`Stop::Fail`] when it is malformed, or when its updates are out of order.
+pub(crate) fn state_packet(
+    kind: PacketKind,
+    bytes: &[u8],
+) -> Result<Option<UpdatePacket<'_>>, Stop> {
+    if !matches!(kind, PacketKind::Updates | PacketKind::UpdatesEnd) {
+        return Ok(None);
+    }
+    let packet = body(bytes, |reader| {
+        UpdatePacket::decode(kind == PacketKind::UpdatesEnd, reader)
+    })?;
+    let again = body(bytes, |reader| {
+        UpdatePacket::decode(kind == PacketKind::UpdatesEnd, reader)
+    })?;
+    let mut updates = Vec::new();
+    again
+        .updates(&mut updates)
+        .map_err(|why| Stop::Fail(format!("updates are malformed: {why:?}")))?;
+    let rise = updates.windows(2).all(|pair| pair[0].alias < pair[1].alias);
+    ensure(rise, "updates come in rising order of alias")?;
+    Ok(Some(packet))
+}
+
+/// The tick that a datagram completes, if any.
+///
+/// # Errors
+///
+/// [`Stop::Fail`] when it is malformed.
+pub(crate) fn completed_tick(kind: PacketKind, bytes: &[u8]) -> Result<Option<Low16>, Stop> {
+    Ok(match kind {
+        PacketKind::UpdatesEnd => state_packet(kind, bytes)?.map(|packet| packet.tick),
+        PacketKind::Watermark => Some(body(bytes, Watermark::decode)?.tick),
+        PacketKind::Checksums => Some(body(bytes, Checksums::decode)?.tick),
+        _ => None,
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_datagram_of_another_stream_says_the_same() {
+    fn only_the_stream_id_of_a_datagram_is_replaced() {
         for (sent, stream, named) in [
             ("58ffff3f01", 3, "38ffff3f01"),
             ("f80201", 3, "3801"),

@@ -1,6 +1,6 @@
-//! Who reads bytes: a process that answers line by line, or this house itself.
+//! The decoder under test: a process that answers lines, or the built-in one.
 //!
-//! A question and its answer are a JSON object a line; what they say stands in `docs/book/src/implementing.md`.
+//! A question and its answer are one JSON object per line; `docs/book/src/implementing.md` describes them.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -19,31 +19,31 @@ use crate::conformance::trial::Log;
 use crate::grammar::{Grammar, hex, unhex};
 use crate::vectors::{Decoded, Sender, error_json, streams};
 
-/// Who reads bytes.
+/// The decoder under test.
 pub enum Decoder {
     /// A process.
     Process {
-        /// The process, which is ended with this.
+        /// The process, which is killed on drop.
         child: Child,
-        /// Where questions go.
+        /// Its standard input, for questions.
         questions: ChildStdin,
-        /// Its answers.
+        /// The lines of its standard output.
         answers: Receiver<String>,
-        /// How long one may take.
-        patience: Duration,
-        /// What it writes beside them.
+        /// Time limit of one answer.
+        time_limit: Duration,
+        /// The tail of its standard error.
         stderr_tail: Option<StderrTail>,
-        /// Where that is noted at its end.
+        /// The log that receives this tail on drop.
         log: Log,
     },
-    /// This house.
+    /// The project's own decoder.
     House(Box<Grammar>),
 }
 
 impl Decoder {
     pub(in crate::conformance) fn start(
         exec: Option<&str>,
-        patience: Duration,
+        time_limit: Duration,
         log: Log,
     ) -> Result<Self, Stop> {
         let Some(exec) = exec else {
@@ -72,41 +72,41 @@ impl Decoder {
             child,
             questions,
             answers,
-            patience,
+            time_limit,
             stderr_tail,
             log,
         })
     }
 
-    /// What it answers.
+    /// Asks a question and returns the answer.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it does not in time, or not by a JSON object; [`Stop::Unsupported`] when it says that it cannot.
+    /// [`Stop::Fail`] when no JSON object comes in time; [`Stop::Unsupported`] when the decoder declares so.
     pub fn ask(&mut self, question: &Value) -> Result<Value, Stop> {
         let answer = match self {
             Self::House(grammar) => answer(grammar, question),
             Self::Process {
                 questions,
                 answers,
-                patience,
+                time_limit,
                 ..
             } => {
                 let lost = |why: String| Stop::Fail(format!("no answer to {question}: {why}"));
                 writeln!(questions, "{question}").map_err(|error| lost(error.to_string()))?;
                 let line = answers
-                    .recv_timeout(*patience)
+                    .recv_timeout(*time_limit)
                     .map_err(|error| lost(error.to_string()))?;
                 serde_json::from_str(&line).map_err(|error| lost(error.to_string()))?
             }
         };
         if answer.get("unsupported").is_some() {
-            return Err(Stop::Unsupported("the decoder says so".into()));
+            return Err(Stop::Unsupported("declared by the decoder".into()));
         }
         Ok(answer)
     }
 
-    /// Whether what it reads has to be told in full.
+    /// Whether its answers contain the full meaning of packets.
     #[must_use]
     pub const fn tells(&self) -> bool {
         matches!(self, Self::Process { .. })
@@ -122,7 +122,7 @@ impl Drop for Decoder {
             ..
         } = self
         {
-            // One that has ended already needs no ending.
+            // Killing a process that has already ended does nothing.
             let _ = child.kill();
             let _ = child.wait();
             let stderr_tail = stderr_tail.iter().flat_map(StderrTail::last);
@@ -131,7 +131,7 @@ impl Drop for Decoder {
     }
 }
 
-/// What this house makes of it. Of packets it says only that they are some: what they mean is held by their own vectors.
+/// The answer of the project's own decoder. It only classifies packets; their meaning is tested by their own vectors.
 fn answer(grammar: &Grammar, question: &Value) -> Value {
     if let Some(side) = question["message"].as_str() {
         let side = if side == "client" {
@@ -177,7 +177,7 @@ fn message(grammar: &Grammar, side: Sender, bytes: &[u8]) -> Value {
     let mut frames = Frames::new();
     frames.push(bytes);
     let Ok(Some(framed)) = frames.next_frame() else {
-        return json!({"refused": "no message"});
+        return json!({"refused": "not a message"});
     };
     let mut sent = match side.outcome(framed.kind, &framed.body) {
         Decoded::Skipped => return json!({"skipped": true}),
@@ -217,7 +217,7 @@ impl std::fmt::Debug for Decoder {
         f.write_str(if self.tells() {
             "a process"
         } else {
-            "this house"
+            "built-in"
         })
     }
 }

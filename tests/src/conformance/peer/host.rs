@@ -1,6 +1,6 @@
-//! A server made of bytes, and the client under test started against it.
+//! A raw server, and the client under test started against it.
 //!
-//! What is said to it are bytes; what it must do with them is the case's matter.
+//! The server sends only the bytes of the case; each case checks the client's reaction.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -17,31 +17,31 @@ use rhumb_transport::{
 };
 use serde_json::Value;
 
-use super::client_process::{ClientOrders, ClientProcess, reported};
+use super::client_process::{ClientEnvironment, ClientProcess, reported};
 use crate::conformance::case::Case;
 use crate::conformance::outcome::{CaseResult, Closing, Stop};
 use crate::conformance::trial::{Conditions, Log, Subject};
 use crate::grammar::hex;
 
-/// A server made of bytes, and the client under test.
+/// A raw server, and the client under test.
 #[derive(Debug)]
-pub struct Host {
+pub struct RawServer {
     /// The connection that the client opened.
-    pub line: RawConnection,
-    /// Datagrams received and not taken yet.
+    pub connection: RawConnection,
+    /// Received datagrams that the case has not taken yet.
     pub datagrams: VecDeque<Bytes>,
-    /// How the connection ended, if it did.
+    /// How the connection ended, if it has.
     pub ended: Option<RawPeerEnd>,
-    /// Bytes of the control stream received and not taken yet, for who reads them as bytes.
-    pub uttered: VecDeque<Bytes>,
-    /// Streams that the client opened, and whether both may speak on each.
+    /// Received bytes of the control stream that the case has not taken yet.
+    pub control_bytes: VecDeque<Bytes>,
+    /// Streams that the client opened; `true` for bidirectional ones.
     pub opened: Vec<bool>,
-    /// Types of messages that nobody need know, as they came.
+    /// Types of received optional messages that the protocol does not assign, in order.
     pub greased: Vec<u8>,
     frames: Frames,
     received: VecDeque<ClientMessage>,
     client: ClientProcess,
-    /// Kept for its thread, on which the line lives.
+    /// Kept alive for its thread, which owns the connection.
     _server: RawPeerServer,
     _relay: Option<UdpRelay>,
     timeout: Duration,
@@ -50,7 +50,7 @@ pub struct Host {
     closing: Rc<RefCell<Closing>>,
 }
 
-impl Host {
+impl RawServer {
     pub(in crate::conformance) fn start(
         conditions: &Conditions,
         case: &Case,
@@ -69,7 +69,7 @@ impl Host {
         let server = server.map_err(|error| inconclusive(&error))?;
         let relay = conditions.relay(server.address(), 0)?;
         let pinned = pinned.unwrap_or_else(|| server.fingerprint());
-        let orders = ClientOrders {
+        let environment = ClientEnvironment {
             server: relay
                 .as_ref()
                 .map_or_else(|| server.address(), UdpRelay::local_addr),
@@ -79,14 +79,14 @@ impl Host {
             case: &case.id,
             seed: conditions.seed,
         };
-        let mut client = ClientProcess::start(exec, &orders, log.clone())
+        let mut client = ClientProcess::start(exec, &environment, log.clone())
             .map_err(|error| inconclusive(&error))?;
-        let line = client.connected(&server, conditions.timeout * 5)?;
+        let connection = client.connected(&server, conditions.timeout * 5)?;
         Ok(Self {
-            line,
+            connection,
             datagrams: VecDeque::new(),
             ended: None,
-            uttered: VecDeque::new(),
+            control_bytes: VecDeque::new(),
             opened: Vec::new(),
             greased: Vec::new(),
             frames: Frames::new(),
@@ -101,60 +101,60 @@ impl Host {
         })
     }
 
-    /// Says bytes on the control stream.
-    pub fn utter(&mut self, bytes: &[u8]) {
+    /// Sends bytes on the control stream.
+    pub fn send_bytes(&mut self, bytes: &[u8]) {
         self.log.note(format!("> {}", hex(bytes)));
-        self.line.say(bytes.to_vec());
+        self.connection.say(bytes.to_vec());
     }
 
-    /// Says a message.
-    pub fn say(&mut self, message: &ServerMessage) {
+    /// Sends a message.
+    pub fn send(&mut self, message: &ServerMessage) {
         self.log.note(format!("> {message:?}"));
         let mut bytes = Vec::new();
         message.encode(&mut bytes);
-        self.line.say(bytes);
+        self.connection.say(bytes);
     }
 
     /// Sends a datagram.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when the client does not take one so long.
-    pub fn throw(&mut self, bytes: &[u8]) -> CaseResult {
+    /// [`Stop::Fail`] when the client does not accept a datagram of this length.
+    pub fn send_datagram(&mut self, bytes: &[u8]) -> CaseResult {
         self.log.note(format!("> datagram {}", hex(bytes)));
-        if self.line.datagram(bytes.to_vec()) {
+        if self.connection.datagram(bytes.to_vec()) {
             Ok(())
         } else {
             Stop::fail(format!(
-                "the client takes no datagrams of {} bytes",
+                "the client does not accept datagrams of {} bytes",
                 bytes.len()
             ))
         }
     }
 
-    /// The longest that anything may take that has no time of its own, from now on.
-    pub(super) fn patience(&self) -> Instant {
+    /// The end of a default time limit that starts now.
+    pub(super) fn time_limit(&self) -> Instant {
         let ns = u64::try_from(self.timeout.as_nanos()).unwrap_or(u64::MAX);
         self.clock.now() + Span::from_nanos(ns)
     }
 
-    /// What time it is.
+    /// The current time.
     #[must_use]
     pub fn now(&self) -> Instant {
         self.clock.now()
     }
 
-    /// Notes something for who reads the trace.
+    /// Adds a line to the log.
     pub(super) fn note(&self, line: impl Into<String>) {
         self.log.note(line);
     }
 
-    /// Takes in one thing that was seen, waiting for it until a moment; `false` when nothing was, or the connection is over.
+    /// Processes one event, waiting for it until a moment; `false` if there was none or the connection is over.
     pub(super) fn take_in(&mut self, until: Instant) -> Result<bool, Stop> {
         if self.ended.is_some() {
             return Ok(false);
         }
-        match self.line.hear(self.clock.until(until)) {
+        match self.connection.hear(self.clock.until(until)) {
             None => return Ok(false),
             Some(RawEvent::Control(bytes)) => self.read(&bytes)?,
             Some(RawEvent::Datagram(bytes)) => {
@@ -177,9 +177,9 @@ impl Host {
     }
 
     fn read(&mut self, bytes: &[u8]) -> CaseResult {
-        self.uttered.push_back(Bytes::copy_from_slice(bytes));
+        self.control_bytes.push_back(Bytes::copy_from_slice(bytes));
         self.frames.push(bytes);
-        let malformed = |why| Stop::Fail(format!("the client says what is malformed: {why:?}"));
+        let malformed = |why| Stop::Fail(format!("the client sends malformed bytes: {why:?}"));
         while let Some(framed) = self.frames.next_frame().map_err(malformed)? {
             if let Some(message) = ClientMessage::decode(&framed).map_err(malformed)? {
                 self.log.note(format!("< {message:?}"));
@@ -191,20 +191,20 @@ impl Host {
         Ok(())
     }
 
-    /// The next message that is what is awaited; others that come before are passed over.
+    /// The next message that `wanted` accepts; earlier ones are skipped.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when none comes in time; [`Stop::Unsupported`] when the client has said so.
+    /// [`Stop::Fail`] when none comes in time; [`Stop::Unsupported`] when the client has declared so.
     pub fn await_message<T>(
         &mut self,
         what: &str,
-        mut is: impl FnMut(ClientMessage) -> Option<T>,
+        mut wanted: impl FnMut(ClientMessage) -> Option<T>,
     ) -> Result<T, Stop> {
-        let until = self.patience();
+        let until = self.time_limit();
         loop {
             while let Some(message) = self.received.pop_front() {
-                if let Some(found) = is(message) {
+                if let Some(found) = wanted(message) {
                     return Ok(found);
                 }
             }
@@ -215,11 +215,11 @@ impl Host {
         }
     }
 
-    /// All that the client says until it is silent for so long.
+    /// All messages of the client until it is silent for this long.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it says what is malformed.
+    /// [`Stop::Fail`] when it sends malformed bytes.
     pub fn listen(&mut self, silence: Duration) -> Result<Vec<ClientMessage>, Stop> {
         let ns = u64::try_from(silence.as_nanos()).unwrap_or(u64::MAX);
         loop {
@@ -234,18 +234,18 @@ impl Host {
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it says what is malformed.
+    /// [`Stop::Fail`] when it sends malformed bytes.
     pub fn next_datagram(&mut self) -> Result<Option<Bytes>, Stop> {
-        let until = self.patience();
+        let until = self.time_limit();
         while self.datagrams.is_empty() && self.take_in(until)? {}
         Ok(self.datagrams.pop_front())
     }
 
-    /// The lines that the client wrote since they were taken last.
+    /// The reports that the client wrote since the last call.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when one is no JSON object.
+    /// [`Stop::Fail`] when a line is not a JSON object.
     pub fn lines_written(&mut self) -> Result<Vec<Value>, Stop> {
         let lines: Vec<_> = self.client.lines.try_iter().collect();
         lines
@@ -254,11 +254,11 @@ impl Host {
             .collect()
     }
 
-    /// The next line that the client writes, if one comes in time.
+    /// The next report of the client, if one comes in time.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it is no JSON object.
+    /// [`Stop::Fail`] when it is not a JSON object.
     pub fn next_line(&mut self) -> Result<Option<Value>, Stop> {
         let line = self.client.lines.recv_timeout(self.timeout).ok();
         line.map(|line| self.read_line(&line)).transpose()
@@ -269,59 +269,59 @@ impl Host {
         reported(line)
     }
 
-    /// Why nothing more comes of it, if its process has ended and says that it has not what a case tries.
+    /// Stops the case if the client's process has ended and declared the feature unsupported.
     ///
     /// # Errors
     ///
-    /// [`Stop::Unsupported`] then; [`Stop::Fail`] if it is what every client has.
+    /// [`Stop::Unsupported`] then; [`Stop::Fail`] if the feature is mandatory.
     pub fn must_be_supported(&mut self) -> CaseResult {
         self.client.gave_up().map_or(Ok(()), Err)
     }
 
-    /// Whether the client closed with this code.
+    /// Whether the client closed the connection with this code.
     #[must_use]
     pub fn ended_as(&self, code: u64) -> bool {
         self.ended == Some(RawPeerEnd::Closed(code))
     }
 
-    /// That the client's process ends by itself.
+    /// Requires that the client's process exits by itself.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it goes on.
+    /// [`Stop::Fail`] when it does not.
     pub fn must_exit(&mut self) -> CaseResult {
-        let until = self.patience();
+        let until = self.time_limit();
         while self.clock.now() < until {
             if self.client.has_ended() {
                 return Ok(());
             }
             let next = self.clock.now() + Span::from_millis(5);
             if !self.take_in(next)? && self.ended.is_some() {
-                // Nothing more is seen on the line: what it tells is awaited in its place.
+                // The connection gives no more events, so wait for a report instead.
                 let _ = self.client.lines.recv_timeout(Duration::from_millis(5));
             }
         }
-        Stop::fail("the client's process goes on after the end of its connection")
+        Stop::fail("the client's process does not exit after the end of its connection")
     }
 
-    /// That the client ends the connection; another code than this is noted as the closing verdict.
+    /// Requires that the client closes the connection; another code than this one is recorded as the closing verdict.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it stays.
+    /// [`Stop::Fail`] when it keeps the connection open.
     pub fn must_be_closed(&mut self, code: CloseCode) -> CaseResult {
-        let until = self.patience();
+        let until = self.time_limit();
         while self.take_in(until)? {}
         let code = u64::from(code.0);
         let (closing, play) = match &self.ended {
             None => {
-                let why = format!("the client goes on; it must close with {code}");
+                let why = format!("the client keeps the connection; it must close with {code}");
                 (Closing::Unclean("it stays open".into()), Stop::fail(why))
             }
-            Some(RawPeerEnd::Closed(seen)) if *seen == code => (Closing::Clean, Ok(())),
-            Some(RawPeerEnd::Closed(seen)) => {
-                let (wanted, seen) = (vec![code], *seen);
-                (Closing::WrongCode { wanted, seen }, Ok(()))
+            Some(RawPeerEnd::Closed(received)) if *received == code => (Closing::Clean, Ok(())),
+            Some(RawPeerEnd::Closed(received)) => {
+                let (wanted, received) = (vec![code], *received);
+                (Closing::WrongCode { wanted, received }, Ok(()))
             }
             Some(other) => (Closing::Unclean(other.to_string()), Ok(())),
         };

@@ -1,7 +1,7 @@
-//! A real server in this process, and a case between it and the client.
+//! A real server, with a case between it and the client under test.
 //!
-//! A session of this house, to which nothing is done, is a member of the same stream: what it holds is what the client must
-//! hold, bit for bit.
+//! An undisturbed session of this project, the mirror, subscribes to the same stream. Its replica is what the client
+//! must hold, bit for bit.
 
 mod unjudged;
 
@@ -23,14 +23,14 @@ use rhumb_transport::RawPeerEnd;
 use serde_json::Value;
 
 use super::datagram;
-use super::host::Host;
+use super::host::RawServer;
 use super::setting::Setting;
 use super::stream_history::StreamHistory;
 use crate::conformance::outcome::{CaseResult, Stop};
 use crate::grammar::hex;
 use crate::testee::TesteeTask;
 
-/// Something that is said to the client.
+/// One unit of data sent to the client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Delivery {
     /// Bytes of the control stream.
@@ -41,15 +41,15 @@ pub enum Delivery {
 
 type TamperFn = Box<dyn FnMut(Delivery) -> Vec<Delivery>>;
 
-/// A real server, and the client under test.
+/// A real server, the mirror, and the client under test.
 pub struct Interceptor {
-    /// The connection with the client.
-    pub host: Host,
-    /// What the client said by loss_reports, and when.
+    /// The raw server that holds the connection with the client.
+    pub raw_server: RawServer,
+    /// The client's loss reports with the time of receipt.
     pub loss_reports: Vec<(Instant, LossReport)>,
-    /// Kinds of all datagrams that the client said.
+    /// Kinds of all datagrams of the client.
     pub kinds: Vec<PacketKind>,
-    /// What the client reported.
+    /// The client's reports.
     pub reported: Vec<Value>,
     pub(in crate::conformance) server: Server,
     mirror: ClientSession,
@@ -59,16 +59,17 @@ pub struct Interceptor {
     tamper: TamperFn,
     stream_history: StreamHistory,
     events: Vec<Event>,
-    /// Kinds of the last datagrams that were sent.
+    /// Kinds of the most recently sent datagrams.
     sent: VecDeque<PacketKind>,
-    /// One more than the number of the newest packet of the mirror's stream.
+    /// Number of the newest packet of the mirror's stream, plus one.
     next: u64,
-    /// Messages that the client said.
-    pub said: Vec<ClientMessage>,
+    /// Messages of the client.
+    pub messages: Vec<ClientMessage>,
     frames: Frames,
 }
 
-/// How long a client may take to tell of a tick before more is said to it all the same: it may have lost what it needs.
+/// How long to wait for the client's report of a tick before the next one is sent. The client may have lost data that
+/// it needs, so the wait is bounded.
 const LANES: Span = Span::from_millis(200);
 
 const MIRROR: Peer = Peer(0);
@@ -77,11 +78,11 @@ const SERVER: Peer = Peer(0);
 
 impl Interceptor {
     pub(in crate::conformance) fn begin(
-        host: Host,
+        raw_server: RawServer,
         scene: &str,
         setting: &Setting,
     ) -> Result<Self, Stop> {
-        let errs = |what: &str| Stop::Inconclusive(format!("the suite errs: {what}"));
+        let errs = |what: &str| Stop::Inconclusive(format!("error of the suite: {what}"));
         let script = by_name(setting.script, setting.bodies, 1).ok_or_else(|| errs("no script"))?;
         let task = TesteeTask::read(&setting.task).ok_or_else(|| errs("no task"))?;
         let name = scene.parse().map_err(|_| errs("no name"))?;
@@ -93,8 +94,8 @@ impl Interceptor {
             },
             ..script.config()
         };
-        let mut feed = Self {
-            host,
+        let mut interceptor = Self {
+            raw_server,
             loss_reports: Vec::new(),
             kinds: Vec::new(),
             reported: Vec::new(),
@@ -103,53 +104,53 @@ impl Interceptor {
             script,
             scripted: Tick::ZERO,
             config,
-            tamper: Box::new(|word| vec![word]),
+            tamper: Box::new(|delivery| vec![delivery]),
             stream_history: StreamHistory::default(),
             events: Vec::new(),
             sent: VecDeque::new(),
             next: 0,
-            said: Vec::new(),
+            messages: Vec::new(),
             frames: Frames::new(),
         };
-        feed.server.handle_opened(feed.now(), MIRROR);
-        feed.mirror.handle_opened(feed.now(), SERVER);
-        feed.exchange()?;
-        feed.task(|mirror, _| mirror.create(config))?;
-        feed.task(|mirror, _| mirror.join(task.choice()))?;
+        interceptor.server.handle_opened(interceptor.now(), MIRROR);
+        interceptor.mirror.handle_opened(interceptor.now(), SERVER);
+        interceptor.exchange()?;
+        interceptor.task(|mirror, _| mirror.create(config))?;
+        interceptor.task(|mirror, _| mirror.join(task.choice()))?;
         if setting.stepping == Stepping::Lockstep {
             for _ in 0..setting.before {
-                feed.step_alone()?;
+                interceptor.step_alone()?;
             }
         }
-        feed.server.handle_opened(feed.now(), CLIENT);
-        Ok(feed)
+        interceptor.server.handle_opened(interceptor.now(), CLIENT);
+        Ok(interceptor)
     }
 
-    /// The moment at the server.
+    /// The current time of the server.
     fn now(&self) -> Instant {
-        self.host.now()
+        self.raw_server.now()
     }
 
-    /// What the client hears in place of each word from now on.
+    /// Replaces each delivery to the client by others from now on.
     pub fn tamper(&mut self, tamper: impl FnMut(Delivery) -> Vec<Delivery> + 'static) {
         self.tamper = Box::new(tamper);
     }
 
-    /// What the client hears in place of each datagram from now on.
-    pub fn sift(&mut self, mut sieve: impl FnMut(Vec<u8>) -> Vec<Vec<u8>> + 'static) {
-        self.tamper(move |word| match word {
-            Delivery::State(bytes) => sieve(bytes).into_iter().map(Delivery::State).collect(),
+    /// Replaces each datagram to the client by others from now on.
+    pub fn filter_datagrams(&mut self, mut filter: impl FnMut(Vec<u8>) -> Vec<Vec<u8>> + 'static) {
+        self.tamper(move |delivery| match delivery {
+            Delivery::State(bytes) => filter(bytes).into_iter().map(Delivery::State).collect(),
             control @ Delivery::Control(_) => vec![control],
         });
     }
 
-    /// The client hears all again, as it is said.
-    pub fn mend(&mut self) {
-        self.tamper(|word| vec![word]);
+    /// Delivers everything unchanged from now on.
+    pub fn stop_tampering(&mut self) {
+        self.tamper(|delivery| vec![delivery]);
     }
 
-    /// Has the server say something on the control stream, so that a tamper that keeps it back lets go of it: the answers to
-    /// many pings that the client did not say.
+    /// Makes the server send data on the control stream, so that a tamper function that delays data releases it: the
+    /// answers to many pings that the client did not send.
     ///
     /// # Errors
     ///
@@ -164,7 +165,7 @@ impl Interceptor {
         Ok(())
     }
 
-    /// The copy to which nothing was done.
+    /// The replica of the undisturbed session.
     ///
     /// # Errors
     ///
@@ -174,22 +175,22 @@ impl Interceptor {
         self.mirror.replica().ok_or_else(none)
     }
 
-    /// Does something with the session of this house.
+    /// Calls the mirror's session.
     ///
     /// # Errors
     ///
-    /// [`Stop::Inconclusive`] when it does not allow it.
+    /// [`Stop::Inconclusive`] when the session refuses the call.
     pub fn task<T, E: fmt::Display>(
         &mut self,
         task: impl FnOnce(&mut ClientSession, Instant) -> Result<T, E>,
     ) -> CaseResult {
         let now = self.now();
         let done = task(&mut self.mirror, now);
-        done.map_err(|error| Stop::Inconclusive(format!("the suite errs: {error}")))?;
+        done.map_err(|error| Stop::Inconclusive(format!("error of the suite: {error}")))?;
         self.exchange()
     }
 
-    /// Commands in the scene.
+    /// Sends a command as the mirror.
     ///
     /// # Errors
     ///
@@ -198,7 +199,7 @@ impl Interceptor {
         self.task(|mirror, _| mirror.command(command))
     }
 
-    /// Says to the server what the client did not: a message of its own.
+    /// Sends bytes to the server in the name of the client.
     pub fn speak_for_client(&mut self, bytes: &[u8]) -> CaseResult {
         let now = self.now();
         self.server.handle_control(now, CLIENT, bytes);
@@ -209,19 +210,21 @@ impl Interceptor {
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it does not.
+    /// [`Stop::Fail`] when it does not happen in time.
     pub fn enter(&mut self) -> CaseResult {
         let is = |reported: &Value| reported["is"] == "joined";
-        self.until("copy of the client's", |feed| feed.reported.iter().any(is))
+        self.until("copy of the client's", |interceptor| {
+            interceptor.reported.iter().any(is)
+        })
     }
 
-    /// The script's commands and the next tick that is spoken of, without the client.
+    /// Sends the script's commands and steps to the next published tick, without the client.
     fn step_alone(&mut self) -> CaseResult {
         let mut commands = Vec::new();
         self.script.commands(self.scripted, &mut commands);
         self.scripted = self.scripted.next();
         if !commands.is_empty() {
-            self.let_tell()?;
+            self.await_report()?;
         }
         for command in commands {
             self.command(command)?;
@@ -232,34 +235,37 @@ impl Interceptor {
         if self.mirror()?.stream().complete() >= to {
             Ok(())
         } else {
-            Err(Stop::Inconclusive(format!("no tick {to} without a wire")))
+            Err(Stop::Inconclusive(format!(
+                "the server does not reach tick {to}"
+            )))
         }
     }
 
-    /// Waits for a moment until the client has reported of the last tick: what is said of it may be overtaken by the scene_events of the
-    /// next one, since lanes have no order between them, and then the client tells of a tick that never was so.
-    fn let_tell(&mut self) -> CaseResult {
+    /// Waits for a bounded time until the client has reported the last tick. The lanes have no order between them. So
+    /// scene events of the next tick may overtake the packets of this one, and the client would report a state that
+    /// never existed.
+    fn await_report(&mut self) -> CaseResult {
         let tick = self.mirror()?.stream().complete().value();
         let end = self.now() + LANES;
-        let is_told = |feed: &Self| {
-            let last = feed
+        let is_reported = |interceptor: &Self| {
+            let last = interceptor
                 .reported
                 .iter()
                 .rev()
                 .find(|reported| reported["is"] == "tick");
             last.is_none_or(|reported| reported["tick"] == tick)
         };
-        while !is_told(self) && self.now() < end && self.host.ended.is_none() {
+        while !is_reported(self) && self.now() < end && self.raw_server.ended.is_none() {
             self.turn(end)?;
         }
         Ok(())
     }
 
-    /// So many ticks, a few milliseconds each.
+    /// Steps this number of ticks, a few milliseconds apart.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when the client says what is malformed, or tells what is not so.
+    /// [`Stop::Fail`] when the client sends malformed bytes, or reports a wrong state.
     pub fn step(&mut self, ticks: u64) -> CaseResult {
         for _ in 0..ticks {
             self.step_alone()?;
@@ -268,7 +274,7 @@ impl Interceptor {
         Ok(())
     }
 
-    /// So many ticks with hardly any time between them.
+    /// Steps this number of ticks with hardly any time between them.
     ///
     /// # Errors
     ///
@@ -280,29 +286,29 @@ impl Interceptor {
         self.run(Duration::from_millis(20))
     }
 
-    /// Goes on for so long.
+    /// Runs for this time.
     ///
     /// # Errors
     ///
     /// As [`Self::step`].
     pub fn run(&mut self, time: Duration) -> CaseResult {
-        let end = self.host.now() + span(time);
-        while self.host.now() < end && self.host.ended.is_none() {
+        let end = self.raw_server.now() + span(time);
+        while self.raw_server.now() < end && self.raw_server.ended.is_none() {
             self.turn(end)?;
         }
         Ok(())
     }
 
-    /// Goes on until something is so.
+    /// Runs until a condition holds.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it does not become so in time.
+    /// [`Stop::Fail`] when it does not hold in time.
     pub fn until(&mut self, what: &str, is: impl FnMut(&mut Self) -> bool) -> CaseResult {
         self.until_for(Duration::ZERO, what, is)
     }
 
-    /// The same with more patience than anything else is given.
+    /// The same with an extended time limit.
     ///
     /// # Errors
     ///
@@ -313,32 +319,32 @@ impl Interceptor {
         what: &str,
         mut is: impl FnMut(&mut Self) -> bool,
     ) -> CaseResult {
-        let end = self.host.patience() + span(longer);
+        let end = self.raw_server.time_limit() + span(longer);
         while !is(self) {
-            if self.host.now() >= end || self.host.ended.is_some() {
-                self.host.must_be_supported()?;
-                return Stop::fail(format!("no {what}: {:?}", self.host.ended));
+            if self.raw_server.now() >= end || self.raw_server.ended.is_some() {
+                self.raw_server.must_be_supported()?;
+                return Stop::fail(format!("no {what}: {:?}", self.raw_server.ended));
             }
-            let soon = self.host.now() + Span::from_millis(5);
+            let soon = self.raw_server.now() + Span::from_millis(5);
             self.turn(soon.min(end))?;
         }
         Ok(())
     }
 
-    /// The session of this house follows another stream, as the client is to.
+    /// Subscribes the mirror to another stream, which the client is expected to choose too.
     pub fn change_mirror_to(&mut self, choice: StreamChoice) {
         self.stream_history.forget();
-        // It may already be about to.
+        // The mirror may already be changing its stream.
         let _ = self.task(|mirror, _| mirror.subscribe(choice));
     }
 
-    /// The number of the next packet that the stream will say.
+    /// The number of the stream's next packet.
     #[must_use]
     pub fn next_number(&self) -> u64 {
         self.next
     }
 
-    /// Ticks until a repair_symbol was the last that was said, so that nothing is missing behind it.
+    /// Steps until the last sent datagram is a repair symbol, so that no later packet can be lost.
     ///
     /// # Errors
     ///
@@ -354,16 +360,17 @@ impl Interceptor {
         Ok(())
     }
 
-    /// That the client's copy comes to be as ours: the same tick, sum and motions, to the bit.
+    /// Waits until the client's copy equals the mirror's: the same tick, checksum and motions, bit for bit.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it does not in time, or was ever otherwise than the stream at a tick that it reported of.
+    /// [`Stop::Fail`] when this does not happen in time, or when any report differed from the stream.
     pub fn must_follow(&mut self) -> CaseResult {
         let tick = self.mirror()?.stream().complete().value();
-        let what = format!("copy at {tick} as the stream has it");
-        self.until(&what, |feed| {
-            feed.reported
+        let what = format!("copy at {tick} equal to the stream");
+        self.until(&what, |interceptor| {
+            interceptor
+                .reported
                 .iter()
                 .rev()
                 .any(|reported| reported["is"] == "tick" && reported["tick"] == tick)
@@ -371,48 +378,48 @@ impl Interceptor {
         self.judge()
     }
 
-    /// How many ticks the client reported of.
+    /// Number of ticks that the client reported.
     #[must_use]
-    pub fn ticks_told(&self) -> usize {
+    pub fn ticks_reported(&self) -> usize {
         self.reported
             .iter()
             .filter(|reported| reported["is"] == "tick")
             .count()
     }
 
-    /// Holds what the client reported against the stream.
+    /// Checks the client's reports against the stream.
     fn judge(&mut self) -> CaseResult {
         let choice = self.choice().ok();
         self.stream_history.judge(&self.reported, choice)
     }
 
-    /// What happened to the session of this house.
+    /// The mirror's events that were not taken yet.
     pub fn events(&mut self) -> Vec<Event> {
         std::mem::take(&mut self.events)
     }
 
-    /// Takes in what comes from the client until a moment, one thing at most.
+    /// Processes at most one event of the client until a moment.
     fn turn(&mut self, until: Instant) -> CaseResult {
         let wakes = [self.server.poll_timeout(), self.mirror.poll_timeout()];
         let next = wakes.into_iter().flatten().map(|wake| wake.at).min();
         let soon = next.map_or(until, |next| {
             let wait = next.since(self.now());
-            (self.host.now() + wait).min(until)
+            (self.raw_server.now() + wait).min(until)
         });
-        self.host.take_in(soon)?;
-        while let Some(bytes) = self.host.uttered.pop_front() {
+        self.raw_server.take_in(soon)?;
+        while let Some(bytes) = self.raw_server.control_bytes.pop_front() {
             let now = self.now();
             self.server.handle_control(now, CLIENT, &bytes);
             self.frames.push(&bytes);
             while let Ok(Some(framed)) = self.frames.next_frame() {
-                self.said
+                self.messages
                     .extend(ClientMessage::decode(&framed).ok().flatten());
             }
         }
-        while let Some(bytes) = self.host.datagrams.pop_front() {
-            self.hear_datagram(&bytes);
+        while let Some(bytes) = self.raw_server.datagrams.pop_front() {
+            self.receive_datagram(&bytes);
         }
-        if let Some(end) = &self.host.ended {
+        if let Some(end) = &self.raw_server.ended {
             let ending = match end {
                 RawPeerEnd::Closed(code) => {
                     Ending::Closed(u32::try_from(*code).unwrap_or(u32::MAX))
@@ -422,31 +429,31 @@ impl Interceptor {
             let now = self.now();
             self.server.handle_ended(now, CLIENT, ending);
         }
-        let lines = self.host.lines_written()?;
+        let lines = self.raw_server.lines_written()?;
         self.reported.extend(lines);
         self.exchange()
     }
 
-    fn hear_datagram(&mut self, bytes: &[u8]) {
+    fn receive_datagram(&mut self, bytes: &[u8]) {
         let mut reader = Reader::new(bytes);
         if let Ok(head) = Head::decode(&mut reader) {
             self.kinds.push(head.kind);
             if head.kind == PacketKind::LossReport
                 && let Ok(loss_report) = LossReport::decode(reader)
             {
-                self.loss_reports.push((self.host.now(), loss_report));
+                self.loss_reports.push((self.raw_server.now(), loss_report));
             }
         }
         let now = self.now();
         self.server.handle_datagram(now, CLIENT, bytes);
     }
 
-    /// Lets server and mirror speak until neither has anything to say; the client hears what the case lets it hear.
+    /// Exchanges data between server and mirror until both are idle; the client receives what the case lets through.
     fn exchange(&mut self) -> CaseResult {
         loop {
-            let mut said = false;
+            let mut progress = false;
             while let Some(transmit) = self.mirror.poll_transmit() {
-                said = true;
+                progress = true;
                 let now = self.now();
                 match transmit {
                     Transmit::Control { bytes, .. } => {
@@ -461,19 +468,19 @@ impl Interceptor {
                 }
             }
             while let Some(transmit) = self.server.poll_transmit() {
-                said = true;
+                progress = true;
                 self.pass_on(transmit)?;
             }
             while let Some(event) = self.mirror.poll_event() {
                 self.events.push(event);
             }
-            if !said && !self.wake() {
+            if !progress && !self.wake() {
                 return Ok(());
             }
         }
     }
 
-    /// Lets who waits for this moment go on; `false` when nobody does.
+    /// Fires the timeouts that are due; `false` when none is.
     fn wake(&mut self) -> bool {
         let now = self.now();
         let due =
@@ -510,27 +517,27 @@ impl Interceptor {
                         "the suite's server closes with {code}"
                     )));
                 }
-                return Stop::fail(format!("the client breaks the protocol: {code}"));
+                return Stop::fail(format!("the server closes the client's connection: {code}"));
             }
         }
         Ok(())
     }
 
-    fn send(&mut self, word: Delivery) {
-        for word in (self.tamper)(word) {
-            match word {
+    fn send(&mut self, delivery: Delivery) {
+        for delivery in (self.tamper)(delivery) {
+            match delivery {
                 Delivery::Control(bytes) => {
-                    self.host.note(format!("> {}", hex(&bytes)));
-                    self.host.line.say(bytes);
+                    self.raw_server.note(format!("> {}", hex(&bytes)));
+                    self.raw_server.connection.say(bytes);
                 }
                 Delivery::State(bytes) => {
                     self.sent.extend(datagram::kind(&bytes));
                     if self.sent.len() > 8 {
                         self.sent.pop_front();
                     }
-                    self.host.note(format!("> datagram {}", hex(&bytes)));
-                    // What QUIC cannot send now is lost, as any datagram may be.
-                    let _ = self.host.line.datagram(bytes);
+                    self.raw_server.note(format!("> datagram {}", hex(&bytes)));
+                    // A datagram that QUIC cannot send now is lost, which datagrams allow.
+                    let _ = self.raw_server.connection.datagram(bytes);
                 }
             }
         }
@@ -542,13 +549,13 @@ impl Interceptor {
         }
     }
 
-    /// The config of the scene.
+    /// The configuration of the scene.
     #[must_use]
     pub const fn config(&self) -> SceneConfig {
         self.config
     }
 
-    /// Which stream is followed.
+    /// The choice of the followed stream.
     ///
     /// # Errors
     ///
@@ -561,7 +568,7 @@ impl Interceptor {
 impl fmt::Debug for Interceptor {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Interceptor")
-            .field("host", &self.host)
+            .field("raw_server", &self.raw_server)
             .finish_non_exhaustive()
     }
 }

@@ -1,7 +1,7 @@
 //! A client under test in a scene of a server under test.
 //!
-//! A session of this house leads the scene and is a member of the stream that the client follows: what it holds of it is
-//! what the client must hold, bit for bit.
+//! A session of this project leads the scene and subscribes to the same stream as the client. The copy of the client
+//! must equal the copy of this leader, bit for bit.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use rhumb_sims::{Script, by_name};
 use rhumb_transport::{Trust, UdpRelay};
 use serde_json::Value;
 
-use super::client_process::{ClientOrders, ClientProcess, reported};
+use super::client_process::{ClientEnvironment, ClientProcess, reported};
 use super::lossy_client::LossyClient;
 use super::setting::Setting;
 use super::stream_history::StreamHistory;
@@ -21,9 +21,9 @@ use crate::conformance::outcome::{CaseResult, Stop};
 use crate::conformance::trial::{Subject, Trial};
 use crate::testee::TesteeTask;
 
-/// A leader, and the client under test.
+/// The leading session, and the client under test.
 pub struct LivePair {
-    /// What the client reported.
+    /// The client's reports.
     pub reported: Vec<Value>,
     leader: LossyClient,
     client: ClientProcess,
@@ -32,22 +32,22 @@ pub struct LivePair {
     choice: StreamChoice,
     stream_history: StreamHistory,
     timeout: Duration,
-    /// Kept for its thread.
+    /// Kept alive for its thread.
     _relay: Option<UdpRelay>,
 }
 
 impl LivePair {
-    /// The scene stands at the setting's tick, and the client has joined it.
+    /// Advances the scene to the tick of the setting, and waits until the client has joined.
     pub(in crate::conformance) fn begin(
         trial: &mut Trial<'_>,
         setting: &Setting,
         choice: Option<StreamChoice>,
     ) -> Result<Self, Stop> {
-        let errs = |what: &str| Stop::Inconclusive(format!("the suite errs: {what}"));
+        let errs = |what: &str| Stop::Inconclusive(format!("error of the suite: {what}"));
         let task = TesteeTask::read(&setting.task).ok_or_else(|| errs("no task"))?;
         let script = by_name(setting.script, setting.bodies, 1).ok_or_else(|| errs("no script"))?;
         let choice = choice.unwrap_or_else(|| task.choice());
-        let mut leader = trial.follower()?;
+        let mut leader = trial.subscriber()?;
         leader.create(SceneConfig {
             stepping: Stepping::Lockstep,
             ..script.config()
@@ -60,7 +60,7 @@ impl LivePair {
         let Trust::Fingerprint(fingerprint) = *trust else {
             return Err(errs("no fingerprint"));
         };
-        let orders = ClientOrders {
+        let environment = ClientEnvironment {
             server,
             fingerprint,
             scene: leader.scene.to_string(),
@@ -69,9 +69,9 @@ impl LivePair {
             seed: trial.conditions.seed,
         };
         let cannot = |error: std::io::Error| Stop::Inconclusive(error.to_string());
-        let mut couple = Self {
+        let mut pair = Self {
             reported: Vec::new(),
-            client: ClientProcess::start(exec, &orders, trial.log()).map_err(cannot)?,
+            client: ClientProcess::start(exec, &environment, trial.log()).map_err(cannot)?,
             leader,
             script,
             scripted: Tick::ZERO,
@@ -81,19 +81,19 @@ impl LivePair {
             _relay: relay,
         };
         for _ in 0..setting.before {
-            couple.step()?;
+            pair.step()?;
         }
-        couple.until("copy of the client's", |couple| couple.has_told("joined"))?;
-        Ok(couple)
+        pair.until("copy of the client's", |pair| pair.has_reported("joined"))?;
+        Ok(pair)
     }
 
-    /// Whether the client reported so.
+    /// Whether the client wrote a report of this kind.
     #[must_use]
-    pub fn has_told(&self, is: &str) -> bool {
+    pub fn has_reported(&self, is: &str) -> bool {
         self.reported.iter().any(|reported| reported["is"] == is)
     }
 
-    /// The newest tick that the client reported of.
+    /// The newest tick in the client's reports.
     #[must_use]
     pub fn newest(&self) -> u64 {
         let ticks = self
@@ -103,38 +103,37 @@ impl LivePair {
         ticks.max().unwrap_or_default()
     }
 
-    /// The tick for which the leader's copy is complete.
+    /// The complete tick of the leader's copy.
     fn complete(&self) -> Result<u64, Stop> {
         let copy = self.leader.replica()?;
         Ok(copy.stream().complete().value())
     }
 
-    /// The script's commands and the next tick.
+    /// Sends the script's commands and advances the scene by one tick.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it does not come.
+    /// [`Stop::Fail`] when the tick does not come.
     pub fn step(&mut self) -> CaseResult {
         self.command()?;
         let to = self.leader.replica()?.stream().watermark_tick().next();
         self.leader.ask_for(to)?;
         let stream_history = &mut self.stream_history;
-        self.leader
-            .turn_until("tick that was asked for", |leader| {
-                let Some(copy) = leader.copy() else {
-                    return false;
-                };
-                stream_history.keep(copy);
-                copy.stream().complete() >= to
-            })?;
-        self.hear()
+        self.leader.turn_until("requested tick", |leader| {
+            let Some(copy) = leader.copy() else {
+                return false;
+            };
+            stream_history.keep(copy);
+            copy.stream().complete() >= to
+        })?;
+        self.read_reports()
     }
 
-    /// The script's commands of the next tick, whoever asks for it.
+    /// Sends the script's commands of the next tick, without advancing the scene.
     ///
     /// # Errors
     ///
-    /// [`Stop::Inconclusive`] when the leader is no member.
+    /// [`Stop::Inconclusive`] when the leader is not a member.
     pub fn command(&mut self) -> CaseResult {
         let mut commands = Vec::new();
         self.script.commands(self.scripted, &mut commands);
@@ -145,13 +144,14 @@ impl LivePair {
         Ok(())
     }
 
-    /// Goes on until something is so.
+    /// Runs until a condition holds.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it does not become so in time; [`Stop::Unsupported`] when the client says that it has not this.
+    /// [`Stop::Fail`] when it does not hold in time; [`Stop::Unsupported`] when the client declares the task
+    /// unsupported.
     pub fn until(&mut self, what: &str, is: impl Fn(&Self) -> bool) -> CaseResult {
-        // A client is started, and may have to be patient itself.
+        // The limit is five times the normal one: the client's process must start, and may wait for timers of its own.
         let nanos = u64::try_from(self.timeout.as_nanos() * 5).unwrap_or(u64::MAX);
         let clock = rhumb_transport::Clock::start();
         let end = clock.now() + Span::from_nanos(nanos);
@@ -166,24 +166,24 @@ impl LivePair {
             let look = |copy: &_| stream_history.keep(copy);
             self.leader
                 .turn_for_and_look(Duration::from_millis(5), look);
-            self.hear()?;
+            self.read_reports()?;
         }
         Ok(())
     }
 
-    fn hear(&mut self) -> CaseResult {
+    fn read_reports(&mut self) -> CaseResult {
         for line in self.client.lines.try_iter() {
             self.reported.push(reported(&line)?);
         }
         Ok(())
     }
 
-    /// Whatever the client reported so far is of another stream than the leader's.
+    /// Skips the check of all reports so far: they belong to another stream than the leader's.
     pub fn pass_over(&mut self) {
         self.stream_history.pass_over(&self.reported);
     }
 
-    /// That the client comes to the leader's tick, and never reported what was not so.
+    /// Waits until the client reaches the leader's tick, and checks all its reports.
     ///
     /// # Errors
     ///
@@ -191,12 +191,12 @@ impl LivePair {
     pub fn must_follow(&mut self) -> CaseResult {
         let tick = self.complete()?;
         let what = format!("copy of the client's at {tick}");
-        self.until(&what, |couple| couple.newest() >= tick)?;
-        // Who asked for ticks itself may have reported of one that the leader is still to hear of.
+        self.until(&what, |pair| pair.newest() >= tick)?;
+        // A client that advances the scene itself may report a tick that the leader has not received yet.
         let newest = self.newest();
-        let what = format!("tick {newest} of which the client tells");
-        self.until(&what, |couple| {
-            couple.complete().is_ok_and(|complete| complete >= newest)
+        let what = format!("tick {newest} that the client reports");
+        self.until(&what, |pair| {
+            pair.complete().is_ok_and(|complete| complete >= newest)
         })?;
         self.stream_history.judge(&self.reported, Some(self.choice))
     }

@@ -1,7 +1,7 @@
-//! A client that keeps a copy, over a lane that loses what a case wants lost.
+//! A client with a replica, whose datagrams a case drops or reorders.
 //!
-//! The copy is that of this house's session; what reaches it is the case's matter. So a case holds a server's stream
-//! against what a subscriber may conclude from it.
+//! The replica is kept by the project's own session; the case selects which datagrams reach it. So a case can compare
+//! the server's stream with the conclusions that the protocol allows a subscriber.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -22,40 +22,40 @@ use crate::conformance::outcome::{CaseResult, Stop};
 use crate::conformance::trial::Log;
 use crate::grammar::hex;
 
-/// What becomes of a datagram.
+/// The fate of a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LaneAction {
-    /// It comes.
+    /// It is delivered.
     Comes,
     /// It is lost.
     Lost,
-    /// It comes twice.
+    /// It is delivered twice.
     Twice,
-    /// It comes behind the next one that comes.
+    /// It is delivered after the next delivered one.
     Late,
 }
 
 type LaneFilter = Box<dyn FnMut(&[u8]) -> LaneAction>;
 
-/// A client that keeps a copy.
+/// A client with a replica.
 pub struct LossyClient {
-    /// The session with the copy.
+    /// The session with the replica.
     pub session: ClientSession,
-    /// What happened and was not taken yet.
+    /// Events that the case has not taken yet.
     pub events: VecDeque<Event>,
-    /// What it was granted, as a member.
+    /// The id range granted to it as a member.
     pub granted: IdRange,
-    /// What its connection is about.
+    /// The scene of its connection.
     pub scene: SceneName,
-    /// Datagrams that came, whatever became of them.
+    /// Number of received datagrams, dropped ones included.
     pub arrived: u64,
-    /// How often it asked for a new snapshot.
+    /// How often it requested a new snapshot.
     pub resyncs: u64,
-    /// Where every body was at each tick that the copy was complete for, if that is recorded.
-    pub seen: Option<BTreeMap<Tick, BTreeMap<BodyId, Pose>>>,
-    line: RawConnection,
+    /// The pose of each body at each complete tick, if they are recorded.
+    pub recorded: Option<BTreeMap<Tick, BTreeMap<BodyId, Pose>>>,
+    connection: RawConnection,
     clock: Clock,
-    sieve: LaneFilter,
+    filter: LaneFilter,
     late: Vec<Bytes>,
     sent: Frames,
     timeout: Duration,
@@ -67,15 +67,15 @@ pub struct LossyClient {
 const SERVER: Peer = Peer(0);
 
 impl LossyClient {
-    pub(in crate::conformance) fn new(guest: RawClient) -> Self {
+    pub(in crate::conformance) fn new(client: RawClient) -> Self {
         let Parts {
-            line,
+            connection,
             scene,
             timeout,
             log,
             scenes,
             relay,
-        } = guest.into_parts();
+        } = client.into_parts();
         let mut session = ClientSession::new(scene.clone());
         let clock = Clock::start();
         session.handle_opened(clock.now(), SERVER);
@@ -87,10 +87,10 @@ impl LossyClient {
             arrived: 0,
             resyncs: 0,
             sent: Frames::new(),
-            seen: None,
-            line,
+            recorded: None,
+            connection,
             clock,
-            sieve: Box::new(|_| LaneAction::Comes),
+            filter: Box::new(|_| LaneAction::Comes),
             late: Vec::new(),
             timeout,
             log,
@@ -99,18 +99,18 @@ impl LossyClient {
         }
     }
 
-    /// What becomes of the datagrams that come from now on. Where some are lost, answers to what is asked for them may be
-    /// lost too, several times: so everything may take longer.
-    pub fn sift(&mut self, sieve: impl FnMut(&[u8]) -> LaneAction + 'static) {
+    /// Sets the fate of all datagrams from now on. Answers to loss reports may be lost too, several times, so every
+    /// time limit is extended.
+    pub fn filter_datagrams(&mut self, filter: impl FnMut(&[u8]) -> LaneAction + 'static) {
         self.timeout *= 4;
-        self.sieve = Box::new(sieve);
+        self.filter = Box::new(filter);
     }
 
-    /// Is welcomed.
+    /// Sends `Hello` and waits for `Welcome`.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it is not.
+    /// [`Stop::Fail`] when no `Welcome` comes.
     pub fn greet(&mut self) -> Result<Welcome, Stop> {
         self.until("welcome", |event| match event {
             Event::Welcomed(welcome) => Some(welcome),
@@ -118,17 +118,19 @@ impl LossyClient {
         })
     }
 
-    /// Greets, and creates the scene.
+    /// Sends hello and creates the scene.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when that is denied.
+    /// [`Stop::Fail`] when it is denied.
     pub fn create(&mut self, config: SceneConfig) -> CaseResult {
         self.greet()?;
         self.task(|session| session.create(config))?;
         self.until("answer to create", |event| match event {
             Event::Created => Some(Ok(())),
-            Event::Denied(denial) => Some(Stop::fail(format!("no scene is created: {denial}"))),
+            Event::Denied(denial) => Some(Stop::fail(format!(
+                "creating the scene is denied: {denial}"
+            ))),
             _ => None,
         })?
     }
@@ -137,33 +139,34 @@ impl LossyClient {
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when that is denied.
+    /// [`Stop::Fail`] when it is denied.
     pub fn join(&mut self, choice: StreamChoice) -> Result<IdRange, Stop> {
         self.task(|session| session.join(choice))?;
         self.granted = self.until("snapshot", |event| match event {
             Event::Joined(granted) => Some(Ok(granted)),
-            Event::Denied(denial) => Some(Stop::fail(format!("nobody is let in: {denial}"))),
+            Event::Denied(denial) => Some(Stop::fail(format!("joining is denied: {denial}"))),
             _ => None,
         })??;
         Ok(self.granted)
     }
 
-    /// Does something with the session that it allows.
+    /// Calls the session.
     ///
     /// # Errors
     ///
-    /// [`Stop::Inconclusive`] when it does not.
+    /// [`Stop::Inconclusive`] when the session refuses the call.
     pub fn task<T>(
         &mut self,
         task: impl FnOnce(&mut ClientSession) -> Result<T, Misuse>,
     ) -> Result<T, Stop> {
         let sent = task(&mut self.session);
-        let sent = sent.map_err(|misuse| Stop::Inconclusive(format!("the suite errs: {misuse}")));
+        let sent =
+            sent.map_err(|misuse| Stop::Inconclusive(format!("error of the suite: {misuse}")));
         self.flush();
         sent
     }
 
-    /// Commands, and waits for what came of it.
+    /// Sends a command and waits for its outcome.
     ///
     /// # Errors
     ///
@@ -182,7 +185,7 @@ impl LossyClient {
         Ok(refused.map_or(Ok(tick), Err))
     }
 
-    /// Commands what must be applied.
+    /// Sends a command that must be applied; returns its tick.
     ///
     /// # Errors
     ///
@@ -193,11 +196,11 @@ impl LossyClient {
             .map_err(|error| Stop::Fail(format!("{sent} is refused: {error}")))
     }
 
-    /// Lets a lockstep scene step to a tick, and does not wait.
+    /// Lets a lockstep scene step to a tick, without waiting.
     ///
     /// # Errors
     ///
-    /// [`Stop::Inconclusive`] when it is no member.
+    /// [`Stop::Inconclusive`] when the client is not a member.
     pub fn ask_for(&mut self, to: Tick) -> CaseResult {
         let now = self.clock.now();
         self.task(|session| session.advance(now, to))
@@ -207,77 +210,77 @@ impl LossyClient {
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it does not become so in time.
+    /// [`Stop::Fail`] when that does not happen in time.
     pub fn advance(&mut self, to: Tick) -> CaseResult {
         self.ask_for(to)?;
         self.complete(to)
     }
 
-    /// Records from now on where bodies are at each tick that the copy is complete for.
+    /// Records the poses of all bodies at each complete tick from now on.
     pub fn record(&mut self) {
-        self.seen = Some(BTreeMap::new());
+        self.recorded = Some(BTreeMap::new());
     }
 
-    fn note_seen(&mut self) {
-        let (Some(seen), Some(copy)) = (&mut self.seen, self.session.replica()) else {
+    fn record_poses(&mut self) {
+        let (Some(recorded), Some(copy)) = (&mut self.recorded, self.session.replica()) else {
             return;
         };
         let stream = copy.stream();
         let tick = stream.complete();
-        if seen.contains_key(&tick) || !stream.is_converged() {
+        if recorded.contains_key(&tick) || !stream.is_converged() {
             return;
         }
-        let poses = copy.bodies().filter_map(|config| {
-            let predicted_motion = stream.predicted_motion(config.id, tick)?;
-            Some((config.id, predicted_motion.pose()))
+        let poses = copy.bodies().filter_map(|desc| {
+            let predicted_motion = stream.predicted_motion(desc.id, tick)?;
+            Some((desc.id, predicted_motion.pose()))
         });
-        seen.insert(tick, poses.collect());
+        recorded.insert(tick, poses.collect());
     }
 
     /// Waits until the copy is complete at a tick.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it does not become so in time.
+    /// [`Stop::Fail`] when that does not happen in time.
     pub fn complete(&mut self, tick: Tick) -> CaseResult {
         let what = format!("complete copy at {tick}");
-        self.turn_until(&what, |follower| {
-            follower
+        self.turn_until(&what, |subscriber| {
+            subscriber
                 .copy()
                 .is_some_and(|copy| copy.stream().complete() >= tick)
         })
     }
 
-    /// The copy.
+    /// The replica, if there is one.
     #[must_use]
     pub const fn copy(&self) -> Option<&Replica> {
         self.session.replica()
     }
 
-    /// The copy, which a member has.
+    /// The replica, which every member has.
     ///
     /// # Errors
     ///
-    /// [`Stop::Inconclusive`] when it is none.
+    /// [`Stop::Inconclusive`] when there is none.
     pub fn replica(&self) -> Result<&Replica, Stop> {
         let none = || Stop::Inconclusive("the suite has no copy of the scene".into());
         self.copy().ok_or_else(none)
     }
 
-    /// What is made of the first event of which something is.
+    /// Waits for the first event that `wanted` accepts, and returns its result.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when there is none in time.
+    /// [`Stop::Fail`] when none comes in time.
     pub fn until<T>(
         &mut self,
         what: &str,
-        mut seen: impl FnMut(Event) -> Option<T>,
+        mut wanted: impl FnMut(Event) -> Option<T>,
     ) -> Result<T, Stop> {
         let mut found = None;
-        self.turn_until(what, |follower| {
-            while let Some(event) = follower.events.pop_front() {
-                found = seen(event);
+        self.turn_until(what, |subscriber| {
+            while let Some(event) = subscriber.events.pop_front() {
+                found = wanted(event);
                 if found.is_some() {
                     return true;
                 }
@@ -287,11 +290,11 @@ impl LossyClient {
         found.ok_or_else(|| Stop::Inconclusive("the suite lost an event".into()))
     }
 
-    /// Goes on until something is so.
+    /// Runs until a condition holds.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it does not become so in time.
+    /// [`Stop::Fail`] when it does not hold in time.
     pub fn turn_until(&mut self, what: &str, mut is: impl FnMut(&mut Self) -> bool) -> CaseResult {
         let end = self.clock.now() + span(self.timeout);
         loop {
@@ -312,12 +315,12 @@ impl LossyClient {
         }
     }
 
-    /// Goes on for so long.
+    /// Runs for this time.
     pub fn turn_for(&mut self, time: Duration) {
         self.turn_for_and_look(time, |_| {});
     }
 
-    /// Goes on for so long, and shows the copy after each thing that comes.
+    /// Runs for this time, and shows the replica after each received event.
     pub fn turn_for_and_look(&mut self, time: Duration, mut look: impl FnMut(&Replica)) {
         let end = self.clock.now() + span(time);
         while self.clock.now() < end {
@@ -326,16 +329,16 @@ impl LossyClient {
         }
     }
 
-    /// Takes in what comes until a moment, one thing at most.
+    /// Processes at most one event until a moment.
     fn turn(&mut self, until: Instant) {
         self.flush();
         let wake = self
             .session
             .poll_timeout()
             .map_or(until, |wake| wake.at.min(until));
-        if let Some(seen) = self.line.hear(self.clock.until(wake)) {
+        if let Some(event) = self.connection.hear(self.clock.until(wake)) {
             let now = self.clock.now();
-            match seen {
+            match event {
                 RawEvent::Control(bytes) => {
                     self.note_control(&bytes);
                     self.session.handle_control(now, SERVER, &bytes);
@@ -358,7 +361,7 @@ impl LossyClient {
             }
         }
         self.session.handle_timeout(self.clock.now());
-        self.note_seen();
+        self.record_poses();
         self.flush();
     }
 
@@ -368,7 +371,7 @@ impl LossyClient {
 
     fn sort(&mut self, now: Instant, bytes: &Bytes) {
         self.arrived += 1;
-        let fate = (self.sieve)(bytes);
+        let fate = (self.filter)(bytes);
         self.log
             .note(format!("< datagram, {fate:?}: {}", hex(bytes)));
         match fate {
@@ -393,14 +396,14 @@ impl LossyClient {
                         let sent = ClientMessage::decode(&framed);
                         self.resyncs += u64::from(sent == Ok(Some(ClientMessage::Resync)));
                     }
-                    self.line.say(bytes);
+                    self.connection.say(bytes);
                 }
                 Transmit::State { bytes, .. } => {
                     self.log.note(format!("> datagram {}", hex(&bytes)));
-                    // What QUIC cannot send now is lost, as any datagram may be.
-                    let _ = self.line.datagram(bytes);
+                    // A datagram that QUIC cannot send now is lost, which datagrams allow.
+                    let _ = self.connection.datagram(bytes);
                 }
-                Transmit::Close { code, .. } => self.line.close(code),
+                Transmit::Close { code, .. } => self.connection.close(code),
             }
         }
         while let Some(event) = self.session.poll_event() {

@@ -1,4 +1,4 @@
-//! The suite's own ends of connections, mannerly only where a case wants so.
+//! The suite's own ends of connections, which misbehave only on request.
 
 mod client_process;
 pub(super) mod datagram;
@@ -14,7 +14,7 @@ mod stream_history;
 mod tolerance_check;
 
 pub use decoder::Decoder;
-pub use host::Host;
+pub use host::RawServer;
 pub use interceptor::{Delivery, Interceptor};
 pub use live_pair::LivePair;
 pub use lossy_client::{LaneAction, LossyClient};

@@ -1,7 +1,7 @@
-//! A client made of bytes: says what a case wants, waits for what must come.
+//! A raw client: sends the bytes of a case and waits for the required answers.
 //!
-//! Keeps no copy of a scene; see `follower` for one that does. What a server says that is not of the protocol fails the case
-//! at once, whatever the case is about.
+//! It keeps no copy of a scene; see `lossy_client` for one that does. Bytes of the server that are not valid protocol
+//! fail the case immediately.
 
 use std::cell::RefCell;
 use std::collections::{BTreeSet, VecDeque};
@@ -23,22 +23,22 @@ use crate::conformance::outcome::{CaseResult, Closing, Stop};
 use crate::conformance::trial::Log;
 use crate::grammar::hex;
 
-/// A client made of bytes.
+/// A raw client.
 #[derive(Debug)]
 pub struct RawClient {
-    /// The connection itself.
-    pub line: RawConnection,
-    /// What its connection is about.
+    /// The connection.
+    pub connection: RawConnection,
+    /// The scene of its connection.
     pub scene: SceneName,
-    /// What it was granted, as a member.
+    /// The id range granted to it as a member.
     pub granted: IdRange,
-    /// Commands that it said, as a member.
+    /// Number of commands that it sent as a member.
     pub commands: u64,
-    /// Datagrams received and not taken yet.
+    /// Received datagrams that the case has not taken yet.
     pub datagrams: VecDeque<Bytes>,
-    /// How the connection ended, if it did.
+    /// How the connection ended, if it has.
     pub ended: Option<RawPeerEnd>,
-    /// Types of messages that nobody need know, as they came.
+    /// Types of received optional messages that the protocol does not assign, in order.
     pub greased: Vec<u8>,
     frames: Frames,
     received: VecDeque<ServerMessage>,
@@ -52,7 +52,7 @@ pub struct RawClient {
 
 impl RawClient {
     pub(in crate::conformance) fn new(
-        line: RawConnection,
+        connection: RawConnection,
         relay: Option<UdpRelay>,
         scene: SceneName,
         timeout: Duration,
@@ -61,7 +61,7 @@ impl RawClient {
         scenes: Rc<RefCell<BTreeSet<SceneName>>>,
     ) -> Self {
         Self {
-            line,
+            connection,
             scene,
             granted: IdRange::EMPTY,
             commands: 0,
@@ -79,59 +79,60 @@ impl RawClient {
         }
     }
 
-    /// Says bytes on the control stream.
-    pub fn utter(&mut self, bytes: &[u8]) {
+    /// Sends bytes on the control stream.
+    pub fn send_bytes(&mut self, bytes: &[u8]) {
         self.log.note(format!("> {}", hex(bytes)));
-        self.line.say(bytes.to_vec());
+        self.connection.say(bytes.to_vec());
     }
 
-    /// Says a message.
-    pub fn say(&mut self, message: &ClientMessage) {
+    /// Sends a message.
+    pub fn send(&mut self, message: &ClientMessage) {
         self.log.note(format!("> {message:?}"));
         let mut bytes = Vec::new();
         message.encode(&mut bytes);
-        self.line.say(bytes);
+        self.connection.say(bytes);
         if matches!(message, ClientMessage::Command(_)) {
             self.commands += 1;
         }
     }
 
-    /// Says messages in one piece.
-    pub fn say_together(&mut self, messages: &[ClientMessage]) {
+    /// Sends several messages in one write.
+    pub fn send_together(&mut self, messages: &[ClientMessage]) {
         let mut bytes = Vec::new();
         for message in messages {
             self.log.note(format!("> {message:?}"));
             message.encode(&mut bytes);
             self.commands += u64::from(matches!(message, ClientMessage::Command(_)));
         }
-        self.line.say(bytes);
+        self.connection.say(bytes);
     }
 
     /// Sends a datagram.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when the peer does not take one so long.
-    pub fn throw(&mut self, bytes: &[u8]) -> CaseResult {
+    /// [`Stop::Fail`] when the peer does not accept a datagram of this length.
+    pub fn send_datagram(&mut self, bytes: &[u8]) -> CaseResult {
         self.log.note(format!("> datagram {}", hex(bytes)));
-        if self.line.datagram(bytes.to_vec()) || self.line.datagram_bytes_max() >= Some(bytes.len())
+        if self.connection.datagram(bytes.to_vec())
+            || self.connection.datagram_bytes_max() >= Some(bytes.len())
         {
             Ok(())
         } else {
             Stop::fail(format!(
-                "the peer takes datagrams of {:?} bytes, and not of {}",
-                self.line.datagram_bytes_max(),
+                "the peer accepts datagrams of {:?} bytes, not of {}",
+                self.connection.datagram_bytes_max(),
                 bytes.len()
             ))
         }
     }
 
-    /// Takes in one thing that was seen, waiting for it until a moment; `false` when nothing was, or the connection is over.
+    /// Processes one event, waiting for it until a moment; `false` if there was none or the connection is over.
     fn take_in(&mut self, until: Instant) -> Result<bool, Stop> {
         if self.ended.is_some() {
             return Ok(false);
         }
-        match self.line.hear(self.clock.until(until)) {
+        match self.connection.hear(self.clock.until(until)) {
             None => return Ok(false),
             Some(RawEvent::Control(bytes)) => self.read(&bytes)?,
             Some(RawEvent::Datagram(bytes)) => {
@@ -144,13 +145,13 @@ impl RawClient {
             }
             Some(RawEvent::Opened { both_ways }) => {
                 return Stop::fail(format!(
-                    "a server opens no stream (1.1-3); both ways: {both_ways}"
+                    "the server must not open a stream (1.1-3); bidirectional: {both_ways}"
                 ));
             }
             Some(RawEvent::ControlFinished) => self.log.note("< the control stream's end"),
             Some(RawEvent::ControlReset(code)) => {
                 self.log
-                    .note(format!("< the control stream is broken off with {code}"));
+                    .note(format!("< the control stream is reset with {code}"));
             }
         }
         Ok(true)
@@ -159,13 +160,13 @@ impl RawClient {
     fn read(&mut self, bytes: &[u8]) -> CaseResult {
         self.frames.push(bytes);
         loop {
-            let malformed = |why| Stop::Fail(format!("the server says what is malformed: {why:?}"));
+            let malformed = |why| Stop::Fail(format!("the server sends malformed bytes: {why:?}"));
             let Some(framed) = self.frames.next_frame().map_err(malformed)? else {
                 return Ok(());
             };
             let Some(message) = ServerMessage::decode(&framed).map_err(malformed)? else {
                 self.log
-                    .note(format!("< type {:#x}, which nobody need know", framed.kind));
+                    .note(format!("< unassigned type {:#x}", framed.kind));
                 self.greased.push(framed.kind);
                 continue;
             };
@@ -183,8 +184,8 @@ impl RawClient {
         }
     }
 
-    /// Until when a wait that begins now lasts.
-    fn patience(&self) -> Instant {
+    /// The end of a default time limit that starts now.
+    fn time_limit(&self) -> Instant {
         let ns = u64::try_from(self.timeout.as_nanos()).unwrap_or(u64::MAX);
         self.clock.now() + Span::from_nanos(ns)
     }
@@ -195,7 +196,7 @@ impl RawClient {
     ///
     /// [`Stop::Fail`] when what comes is malformed.
     pub fn next_message(&mut self) -> Result<Option<ServerMessage>, Stop> {
-        let until = self.patience();
+        let until = self.time_limit();
         while self.received.is_empty() && self.take_in(until)? {}
         Ok(self.received.pop_front())
     }
@@ -206,12 +207,12 @@ impl RawClient {
     ///
     /// [`Stop::Fail`] when what comes on the control stream is malformed.
     pub fn next_datagram(&mut self) -> Result<Option<Bytes>, Stop> {
-        let until = self.patience();
+        let until = self.time_limit();
         while self.datagrams.is_empty() && self.take_in(until)? {}
         Ok(self.datagrams.pop_front())
     }
 
-    /// The next message that is what is awaited; others that come before are passed over.
+    /// The next message that `wanted` accepts; earlier ones are skipped.
     ///
     /// # Errors
     ///
@@ -219,12 +220,12 @@ impl RawClient {
     pub fn await_message<T>(
         &mut self,
         what: &str,
-        mut is: impl FnMut(ServerMessage) -> Option<T>,
+        mut wanted: impl FnMut(ServerMessage) -> Option<T>,
     ) -> Result<T, Stop> {
-        let until = self.patience();
+        let until = self.time_limit();
         loop {
             while let Some(message) = self.received.pop_front() {
-                if let Some(found) = is(message) {
+                if let Some(found) = wanted(message) {
                     return Ok(found);
                 }
             }
@@ -237,17 +238,17 @@ impl RawClient {
         }
     }
 
-    /// All that came before the answer to a `Ping` said now.
+    /// Sends a `Ping` and returns all messages received before its `Pong`.
     ///
     /// # Errors
     ///
     /// [`Stop::Fail`] when there is no answer.
     pub fn barrier(&mut self) -> Result<Vec<ServerMessage>, Stop> {
         let sent = Instant::from_nanos(0x5eed_0000 + self.clock.now().as_nanos() % 0x10000);
-        self.say(&ClientMessage::Ping { sent });
+        self.send(&ClientMessage::Ping { sent });
         let mut before = Vec::new();
         self.await_message(
-            "pong: the conversation does not go on",
+            "pong: the server has stopped answering",
             |message| match message {
                 ServerMessage::Pong { sent: back, .. } if back == sent => Some(()),
                 other => {
@@ -259,13 +260,13 @@ impl RawClient {
         Ok(before)
     }
 
-    /// Says hello and is welcomed.
+    /// Sends `Hello` and waits for `Welcome`.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it is not.
+    /// [`Stop::Fail`] when no `Welcome` comes.
     pub fn hello(&mut self) -> Result<Welcome, Stop> {
-        self.say(&ClientMessage::Hello {
+        self.send(&ClientMessage::Hello {
             versions: vec![1],
             scene: self.scene.clone(),
             extensions: Extensions::NONE,
@@ -280,9 +281,9 @@ impl RawClient {
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it is denied, or nothing comes.
+    /// [`Stop::Fail`] when it is denied, or when no answer comes.
     pub fn create(&mut self, config: SceneConfig) -> CaseResult {
-        self.say(&ClientMessage::Create(config));
+        self.send(&ClientMessage::Create(config));
         self.await_message(
             "answer to create",
             answer(|message| matches!(message, ServerMessage::Created)),
@@ -290,24 +291,24 @@ impl RawClient {
         .or_else(|denial| Stop::fail(format!("a scene cannot be created: {denial}")))
     }
 
-    /// Becomes a member, and hears the whole snapshot.
+    /// Becomes a member and receives the whole snapshot.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it is denied, or what comes is no snapshot.
+    /// [`Stop::Fail`] when it is denied, or when the snapshot is malformed.
     pub fn join(&mut self, choice: StreamChoice) -> Result<(Joined, Vec<SceneEvent>), Stop> {
-        self.say(&ClientMessage::Join(choice));
+        self.send(&ClientMessage::Join(choice));
         let (joined, scene_events) = self.snapshot()?;
         self.granted = joined.granted;
         self.commands = 0;
         Ok((joined, scene_events))
     }
 
-    /// The next `Joined` and its snapshot.
+    /// Receives the next `Joined` and its snapshot.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it does not come, or something else stands in it.
+    /// [`Stop::Fail`] when it does not come, or when it contains other messages.
     pub fn snapshot(&mut self) -> Result<(Joined, Vec<SceneEvent>), Stop> {
         let joined = self.await_message("snapshot", |message| match message {
             ServerMessage::Joined(joined) => Some(Ok(joined)),
@@ -322,35 +323,35 @@ impl RawClient {
                 ServerMessage::SnapshotEnd => return Ok((joined, scene_events)),
                 other => {
                     return Stop::fail(format!(
-                        "a snapshot holds scene_events (4.8-2), not {other:?}"
+                        "a snapshot contains scene events only (4.8-2), not {other:?}"
                     ));
                 }
             }
         }
     }
 
-    /// Greets, creates the scene and joins it.
+    /// Sends hello, creates the scene and joins it.
     ///
     /// # Errors
     ///
-    /// As those three.
+    /// As those three calls.
     pub fn enter(&mut self, config: SceneConfig, choice: StreamChoice) -> Result<Joined, Stop> {
         self.hello()?;
         self.create(config)?;
         self.join(choice).map(|(joined, _)| joined)
     }
 
-    /// Commands, and waits for what came of it.
+    /// Sends a command and waits for its outcome.
     ///
     /// # Errors
     ///
     /// [`Stop::Fail`] when no answer comes.
     pub fn command(&mut self, command: Command) -> Result<Result<Tick, CommandError>, Stop> {
-        self.say(&ClientMessage::Command(command));
+        self.send(&ClientMessage::Command(command));
         self.outcome_of(self.commands - 1)
     }
 
-    /// What came of the command of this number.
+    /// Waits for the outcome of the command of this number.
     ///
     /// # Errors
     ///
@@ -368,24 +369,24 @@ impl RawClient {
         Ok(refused.map_or(Ok(tick), Err))
     }
 
-    /// Commands what must be applied.
+    /// Sends a command that must be applied; returns its tick.
     ///
     /// # Errors
     ///
     /// [`Stop::Fail`] when it is refused.
     pub fn must(&mut self, command: Command) -> Result<Tick, Stop> {
-        let said = format!("{command:?}");
+        let sent = format!("{command:?}");
         self.command(command)?
-            .map_err(|error| Stop::Fail(format!("{said} is refused: {error}")))
+            .map_err(|error| Stop::Fail(format!("{sent} is refused: {error}")))
     }
 
     /// Deletes the scene.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it is not.
+    /// [`Stop::Fail`] when it is denied.
     pub fn delete(&mut self) -> CaseResult {
-        self.say(&ClientMessage::Delete);
+        self.send(&ClientMessage::Delete);
         self.await_message(
             "answer to delete",
             answer(|message| matches!(message, ServerMessage::Deleted)),
@@ -393,32 +394,35 @@ impl RawClient {
         .or_else(|denial| Stop::fail(format!("a scene cannot be deleted: {denial}")))
     }
 
-    /// That the server ends the connection, whatever it says before; another code than this is noted as the closing verdict.
+    /// Requires that the server closes the connection; another code than this one is recorded as the closing verdict.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it stays, or vanishes without a word.
+    /// [`Stop::Fail`] when the connection stays open, or is lost without a close.
     pub fn must_be_closed(&mut self, code: CloseCode) -> CaseResult {
         self.must_be_closed_with(&[u64::from(code.0)])
     }
 
-    /// The same where several codes would do.
+    /// The same with several acceptable codes.
     ///
     /// # Errors
     ///
     /// As [`Self::must_be_closed`].
     pub fn must_be_closed_with(&mut self, codes: &[u64]) -> CaseResult {
-        let until = self.patience();
+        let until = self.time_limit();
         while self.take_in(until)? {}
         let (closing, play) = match &self.ended {
             None => {
-                let why = format!("the server goes on; it must close with {codes:?}");
+                let why =
+                    format!("the server keeps the connection; it must close with one of {codes:?}");
                 (Closing::Unclean("it stays open".into()), Stop::fail(why))
             }
-            Some(RawPeerEnd::Closed(seen)) if codes.contains(seen) => (Closing::Clean, Ok(())),
-            Some(RawPeerEnd::Closed(seen)) => {
-                let (wanted, seen) = (codes.to_vec(), *seen);
-                (Closing::WrongCode { wanted, seen }, Ok(()))
+            Some(RawPeerEnd::Closed(received)) if codes.contains(received) => {
+                (Closing::Clean, Ok(()))
+            }
+            Some(RawPeerEnd::Closed(received)) => {
+                let (wanted, received) = (codes.to_vec(), *received);
+                (Closing::WrongCode { wanted, received }, Ok(()))
             }
             Some(other) => (Closing::Unclean(other.to_string()), Ok(())),
         };
@@ -426,10 +430,10 @@ impl RawClient {
         play
     }
 
-    /// Leaves the connection to who follows by it.
+    /// Hands the connection over to a [`LossyClient`](super::LossyClient).
     pub(super) fn into_parts(self) -> Parts {
         Parts {
-            line: self.line,
+            connection: self.connection,
             scene: self.scene,
             timeout: self.timeout,
             log: self.log,
@@ -439,9 +443,9 @@ impl RawClient {
     }
 }
 
-/// What a follower takes over.
+/// The parts that a [`LossyClient`](super::LossyClient) takes over.
 pub(super) struct Parts {
-    pub(super) line: RawConnection,
+    pub(super) connection: RawConnection,
     pub(super) scene: SceneName,
     pub(super) timeout: Duration,
     pub(super) log: Log,
@@ -449,7 +453,7 @@ pub(super) struct Parts {
     pub(super) relay: Option<UdpRelay>,
 }
 
-/// The answer to a request: what is said for yes, or a denial.
+/// The answer to a request: the message that `yes` accepts, or a denial.
 fn answer(
     yes: impl Fn(&ServerMessage) -> bool,
 ) -> impl FnMut(ServerMessage) -> Option<Result<(), Denial>> {

@@ -1,28 +1,28 @@
-//! What a live scene is, and what the client is to do in it.
+//! The setting of a live scene: its script, and the task of the client.
 
 use core::num::NonZeroU32;
 
 use rhumb_protocol::scene::Stepping;
 
-/// What the scene is, and what the client is to do in it.
+/// The script of a live scene, and the task of the client in it.
 #[derive(Clone, Debug)]
 pub struct Setting {
-    /// Which script runs.
+    /// Name of the script.
     pub script: &'static str,
-    /// Bodies of it.
+    /// Number of bodies.
     pub bodies: u32,
-    /// Ticks before the client may join.
+    /// Number of ticks before the client may join.
     pub before: u64,
-    /// Lockstep, or free.
+    /// Lockstep or free-running.
     pub stepping: Stepping,
-    /// Which ticks are spoken of: the multiples of this number.
+    /// The server publishes the multiples of this number of ticks.
     pub publish_interval: NonZeroU32,
-    /// What the client does.
+    /// The client's task.
     pub task: String,
 }
 
 impl Setting {
-    /// A client that follows this script, from its twentieth tick on, in lockstep.
+    /// A client that subscribes to this script from tick 20 on, in lockstep.
     #[must_use]
     pub fn of(script: &'static str, bodies: u32) -> Self {
         Self {
@@ -37,19 +37,19 @@ impl Setting {
 
     /// The same with another task.
     #[must_use]
-    pub fn wishing(self, task: &str) -> Self {
+    pub fn with_task(self, task: &str) -> Self {
         let task = task.to_owned();
         Self { task, ..self }
     }
 
-    /// The same in a scene that speaks of the multiples of this number only.
+    /// The same with another publish interval.
     #[must_use]
     pub const fn each(mut self, publish_interval: NonZeroU32) -> Self {
         self.publish_interval = publish_interval;
         self
     }
 
-    /// The same from another tick on.
+    /// The same with another number of ticks before the client joins.
     #[must_use]
     pub const fn after(mut self, before: u64) -> Self {
         self.before = before;

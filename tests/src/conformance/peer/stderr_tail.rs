@@ -1,6 +1,6 @@
 //! The last lines that a process under test wrote to standard error.
 //!
-//! For who reads why a case failed; nothing is judged by them.
+//! For readers of the report; no verdict depends on them.
 
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader};
@@ -10,21 +10,21 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-/// Lines kept: a traceback, or a panic with its message.
+/// Number of lines kept: enough for a traceback, or a panic with its message.
 const LINES_MAX: usize = 20;
-/// How long the end of what was written is waited for, once the process has ended: what it started itself may live on.
-const PATIENCE: Duration = Duration::from_millis(200);
+/// How long to wait for the end of the output after the process has ended: its own child processes may live on.
+const TIME_LIMIT: Duration = Duration::from_millis(200);
 
-/// What a process complained of last.
+/// The tail of a process's standard error.
 #[derive(Debug)]
 pub struct StderrTail {
     lines: Arc<Mutex<VecDeque<String>>>,
-    /// Closed when there is no more to come.
+    /// Disconnected at the end of the output.
     over: Receiver<()>,
 }
 
 impl StderrTail {
-    /// Reads on until the end.
+    /// Starts a thread that reads until the end of the output.
     pub(super) fn of(written: ChildStderr) -> Self {
         let lines = Arc::new(Mutex::new(VecDeque::new()));
         let (reading, over) = mpsc::channel();
@@ -44,8 +44,8 @@ impl StderrTail {
 
     /// The last lines of a process that has ended.
     pub(super) fn last(&self) -> Vec<String> {
-        // Nothing is ever said; that it can no more be said is the end.
-        let _ = self.over.recv_timeout(PATIENCE);
+        // Nothing is ever sent on this channel; its disconnect marks the end of the output.
+        let _ = self.over.recv_timeout(TIME_LIMIT);
         let lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
         lines.iter().map(|line| format!("stderr: {line}")).collect()
     }
@@ -60,11 +60,11 @@ mod tests {
     #[test]
     fn the_last_lines_are_kept() {
         let mut child = Command::new("sh")
-            .args(["-c", "for n in $(seq 30); do loss_report line $n >&2; done"])
+            .args(["-c", "for n in $(seq 30); do echo line $n >&2; done"])
             .stderr(Stdio::piped())
             .spawn()
             .expect("a shell");
-        let stderr_tail = StderrTail::of(child.stderr.take().expect("it is piped"));
+        let stderr_tail = StderrTail::of(child.stderr.take().expect("standard error is piped"));
         child.wait().expect("it ends");
         let last = stderr_tail.last();
         assert_eq!(last.len(), LINES_MAX);

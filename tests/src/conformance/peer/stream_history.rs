@@ -1,6 +1,6 @@
-//! What a stream was at each tick, and whether what a client tells was so.
+//! The history of a stream by tick, for the check of a client's reports.
 //!
-//! Kept of a copy to which nothing was done. Nothing is judged twice.
+//! The history comes from an undisturbed copy. Each report is checked once.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,18 +11,18 @@ use serde_json::Value;
 use crate::conformance::outcome::{CaseResult, Stop};
 use crate::testee::{bits, moving};
 
-/// What a copy is at a tick.
+/// The state of a copy at a tick.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct CopyState {
-    /// The sum over all tracks, as it is written.
+    /// The checksum over all tracks, as text.
     sum: String,
-    /// What moves, as it is written.
+    /// The moving bodies, as text.
     moving: String,
-    /// The motion of each body, also of those that rest.
+    /// The motion of each body, resting bodies included.
     all: BTreeMap<String, String>,
 }
 
-/// What a stream was at each tick.
+/// The history of a stream by tick.
 #[derive(Debug, Default)]
 pub(super) struct StreamHistory {
     held: BTreeMap<u64, BTreeSet<CopyState>>,
@@ -30,7 +30,7 @@ pub(super) struct StreamHistory {
 }
 
 impl StreamHistory {
-    /// Keeps what the copy is at its complete tick.
+    /// Stores the state of the copy at its complete tick.
     pub(super) fn keep(&mut self, copy: &Replica) {
         let tick = copy.stream().complete();
         self.held
@@ -39,17 +39,17 @@ impl StreamHistory {
             .insert(state_of(copy));
     }
 
-    /// Another stream is kept from now on.
+    /// Clears the history: another stream follows.
     pub(super) fn forget(&mut self) {
         self.held.clear();
     }
 
-    /// What was reported so far is nobody's matter.
+    /// Marks all reports so far as not to be checked.
     pub(super) fn pass_over(&mut self, reported: &[Value]) {
         self.judged = reported.len();
     }
 
-    /// Holds what the client reported since the last time against the stream, which is of this choice.
+    /// Checks the client's reports since the last call against the history of the stream, which has this choice.
     pub(super) fn judge(&mut self, reported: &[Value], choice: Option<StreamChoice>) -> CaseResult {
         for reported in reported[self.judged..]
             .iter()
@@ -58,13 +58,14 @@ impl StreamHistory {
             let tick = reported["tick"].as_u64().unwrap_or(u64::MAX);
             let Some(states) = self.held.get(&tick) else {
                 return Stop::fail(format!(
-                    "the client tells of {tick} as complete, which the stream never was"
+                    "the client reports {tick} as complete, but the stream never was"
                 ));
             };
-            let (sum, known) = told_state(reported);
+            let (sum, known) = reported_state(reported);
             let later = || self.held.range(tick..).flat_map(|(_, states)| states);
             let is_known = |name: &str| later().any(|state| state.all.contains_key(name));
-            // A full stream has no sums, and the sum of a copy counts whoever was placed behind the tick.
+            // A full stream has no checksums, and the checksum of a copy includes bodies that were placed after the
+            // tick.
             let counts_others = |state: &CopyState| {
                 let is_new = |name: &String| !state.all.contains_key(name);
                 choice == Some(StreamChoice::Full)
@@ -81,7 +82,7 @@ impl StreamHistory {
                 .first()
                 .map(|state| format!("{} {}", state.sum, state.moving));
             return Stop::fail(format!(
-                "at {tick} the client holds {sum} {known}; the stream sent {ours:?}"
+                "at {tick} the client reports {sum} {known}; the stream has {ours:?}"
             ));
         }
         self.judged = reported.len();
@@ -89,7 +90,7 @@ impl StreamHistory {
     }
 }
 
-/// Whether the client's last line of a tick tells what the copy is now.
+/// Whether the client's last report of a tick equals the present state of the copy.
 pub(super) fn is_alike(copy: &Replica, reported: &[Value]) -> bool {
     let tick = copy.stream().complete().value();
     let last = reported
@@ -98,16 +99,16 @@ pub(super) fn is_alike(copy: &Replica, reported: &[Value]) -> bool {
         .find(|reported| reported["is"] == "tick");
     let ours = state_of(copy);
     last.is_some_and(|reported| {
-        reported["tick"] == tick && told_state(reported) == (ours.sum, ours.moving)
+        reported["tick"] == tick && reported_state(reported) == (ours.sum, ours.moving)
     })
 }
 
 fn state_of(copy: &Replica) -> CopyState {
     let stream = copy.stream();
     let tick = stream.complete();
-    let all = copy.bodies().filter_map(|config| {
-        let (index, generation) = (config.id.index(), config.id.generation());
-        let motion = stream.predicted_motion(config.id, tick)?;
+    let all = copy.bodies().filter_map(|desc| {
+        let (index, generation) = (desc.id.index(), desc.id.generation());
+        let motion = stream.predicted_motion(desc.id, tick)?;
         Some((format!("{index}:{generation}"), bits(&motion)))
     });
     CopyState {
@@ -117,14 +118,15 @@ fn state_of(copy: &Replica) -> CopyState {
     }
 }
 
-/// The sum and what moves, as we write them.
-fn told_state(reported: &Value) -> (String, String) {
+/// The checksum and the moving bodies, as text.
+fn reported_state(reported: &Value) -> (String, String) {
     let sum = reported["checksum"].as_str().unwrap_or_default().to_owned();
     (sum, as_text(&reported["moving"]))
 }
 
-/// Whether each body that is reported of is where it is, and none is left out that moves, whatever the sum. One that is new was
-/// placed behind the tick: whoever heard of it before the next tick tells of it, and whoever heard of that first does not.
+/// Whether each reported body has its motion of the history and no moving body is missing; checksums are not compared.
+/// A new body may have been placed after the tick: it is reported if its scene event came before the next tick, else
+/// not.
 fn is_same_body_by_body(
     reported: &Value,
     state: &CopyState,
@@ -137,18 +139,19 @@ fn is_same_body_by_body(
         let ours = state.all.get(name);
         ours.map_or_else(|| is_new(name), |ours| motion == ours)
     };
-    let is_told = |(name, motion): (&String, &String)| reported.contains_key(name) || lies(motion);
-    reported.iter().all(is_ours) && state.all.iter().all(is_told)
+    let is_reported =
+        |(name, motion): (&String, &String)| reported.contains_key(name) || is_at_rest(motion);
+    reported.iter().all(is_ours) && state.all.iter().all(is_reported)
 }
 
 /// Whether both velocities of a motion are zero.
-fn lies(motion: &str) -> bool {
+fn is_at_rest(motion: &str) -> bool {
     let velocities = motion.get(7 * 16..).unwrap_or_default().as_bytes();
     let is_zero = |number: &[u8]| matches!(number, [b'0' | b'8', rest @ ..] if rest.iter().all(|digit| *digit == b'0'));
     velocities.chunks(16).all(is_zero)
 }
 
-/// What moves, as we write it: by index, without spaces.
+/// The moving bodies as text: sorted by index, without spaces.
 fn as_text(moving: &Value) -> String {
     let number = |part: Option<&str>| part.and_then(|part| part.parse::<u32>().ok());
     let mut rows: Vec<_> = moving.as_object().into_iter().flatten().collect();
@@ -177,7 +180,7 @@ mod tests {
         digits.concat()
     }
 
-    /// A stream at a tick, and who is there and moves so fast.
+    /// The state of a stream at a tick with these bodies and speeds.
     fn state(sum: &str, bodies: &[(&str, f64)]) -> CopyState {
         let all = bodies.iter();
         CopyState {
@@ -196,22 +199,22 @@ mod tests {
         let same =
             |moving: Value| is_same_body_by_body(&json!({"moving": moving}), &state, &is_new);
         assert!(same(json!({"1:0": motion(0.5), "2:0": motion(0.0)})));
-        assert!(same(json!({"1:0": motion(0.5)})), "the other one lies");
+        assert!(same(json!({"1:0": motion(0.5)})), "the other body rests");
         assert!(
             !same(json!({"2:0": motion(0.0)})),
-            "one that moves is left out"
+            "a moving body is missing"
         );
-        assert!(!same(json!({"1:0": motion(0.25)})), "it moves otherwise");
+        assert!(!same(json!({"1:0": motion(0.25)})), "its motion differs");
         assert!(
             !same(json!({"1:0": motion(0.5), "3:0": motion(0.0)})),
-            "nobody knows it"
+            "the body is unknown"
         );
         assert!(
             !same(json!({})) && !same(Value::Null),
             "nothing is reported"
         );
         let with_new = json!({"1:0": motion(0.5), "4:0": motion(0.0)});
-        assert!(same(with_new), "placed behind this tick");
+        assert!(same(with_new), "placed after this tick");
     }
 
     #[test]
@@ -227,10 +230,13 @@ mod tests {
             let held = held.clone();
             StreamHistory { held, judged: 0 }.judge(&[reported], None)
         };
-        assert!(judged(0, json!({})).is_ok(), "some were placed by then");
+        assert!(
+            judged(0, json!({})).is_ok(),
+            "some bodies are placed by then"
+        );
         let stranger = json!({"2:0": motion(0.0)});
-        assert!(judged(0, stranger).is_err(), "nobody knows it");
-        assert!(judged(1, json!({})).is_err(), "all were there");
+        assert!(judged(0, stranger).is_err(), "the body is unknown");
+        assert!(judged(1, json!({})).is_err(), "all bodies are placed");
         assert!(judged(3, json!({})).is_err(), "no such tick");
     }
 }

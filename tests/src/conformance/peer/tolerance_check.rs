@@ -1,6 +1,6 @@
-//! The promise: each body of a copy is within its tolerance of the truth.
+//! Compares a copy with the truth: each body must be within its tolerance.
 //!
-//! The truth is what the same server says by its full stream, to the bit.
+//! The truth is the full stream of the same server, which is bit-exact.
 
 use rhumb_protocol::scene::Shape;
 use rhumb_protocol::session::Replica;
@@ -9,7 +9,7 @@ use rhumb_reckoning::{Divergence, Tick};
 use super::lossy_client::LossyClient;
 use crate::conformance::outcome::Stop;
 
-/// The greatest share of its tolerance that any body of a copy uses at a tick.
+/// The greatest ratio of error to tolerance over all bodies of a copy at a tick.
 ///
 /// # Errors
 ///
@@ -17,9 +17,9 @@ use crate::conformance::outcome::Stop;
 fn worst_share(copy: &Replica, truth: &Replica, tick: Tick) -> Result<f64, Stop> {
     let mut worst = 0.0_f64;
     let mut bodies = 0;
-    for config in truth.bodies() {
-        let id = config.id;
-        let missing = || Stop::Fail(format!("{id} is in the full stream alone at {tick}"));
+    for desc in truth.bodies() {
+        let id = desc.id;
+        let missing = || Stop::Fail(format!("{id} exists in the full stream only at {tick}"));
         let there = truth
             .stream()
             .predicted_motion(id, tick)
@@ -29,7 +29,7 @@ fn worst_share(copy: &Replica, truth: &Replica, tick: Tick) -> Result<f64, Stop>
             .predicted_motion(id, tick)
             .ok_or_else(missing)?;
         let radius = truth
-            .shape(config.shape)
+            .shape(desc.shape)
             .ok_or_else(missing)?
             .bounding_radius();
         let tolerance = copy.stream().tolerance_of(id).ok_or_else(missing)?;
@@ -46,7 +46,7 @@ fn worst_share(copy: &Replica, truth: &Replica, tick: Tick) -> Result<f64, Stop>
     }
 }
 
-/// Fails unless every body of a copy is within a factor of its tolerance at a tick.
+/// Fails unless each body of a copy is within `factor` times its tolerance at a tick. Returns the greatest ratio.
 ///
 /// # Errors
 ///
@@ -57,12 +57,12 @@ pub fn compare(copy: &Replica, truth: &Replica, tick: Tick, factor: f64) -> Resu
         Ok(worst)
     } else {
         Stop::fail(format!(
-            "at {tick} a body is {worst:.3} times its tolerance from the truth; promised is {factor}"
+            "at {tick} an error is {worst:.3} times its tolerance; {factor} is allowed"
         ))
     }
 }
 
-/// Compares what two members recorded, at every tick that both have; returns how many these are.
+/// Compares the recordings of two members at every tick that both have. Returns the number of these ticks.
 ///
 /// # Errors
 ///
@@ -71,8 +71,8 @@ pub fn compare_recorded(copy: &LossyClient, truth: &LossyClient) -> Result<usize
     let (here, there) = (copy.replica()?, truth.replica()?);
     let none = || Stop::Inconclusive("nothing was recorded".into());
     let (copied, true_ones) = (
-        copy.seen.as_ref().ok_or_else(none)?,
-        truth.seen.as_ref().ok_or_else(none)?,
+        copy.recorded.as_ref().ok_or_else(none)?,
+        truth.recorded.as_ref().ok_or_else(none)?,
     );
     let mut compared = 0;
     for (tick, poses) in copied {
@@ -80,17 +80,17 @@ pub fn compare_recorded(copy: &LossyClient, truth: &LossyClient) -> Result<usize
             continue;
         };
         for (id, pose) in poses {
-            let (Some(truth), Some(config)) = (wanted.get(id), there.body(*id)) else {
+            let (Some(truth), Some(desc)) = (wanted.get(id), there.body(*id)) else {
                 continue;
             };
-            let radius = there.shape(config.shape).map(Shape::bounding_radius);
+            let radius = there.shape(desc.shape).map(Shape::bounding_radius);
             let (Some(radius), Some(tolerance)) = (radius, here.stream().tolerance_of(*id)) else {
                 continue;
             };
             let share = tolerance.share(&Divergence::between(truth, pose), radius);
             if share > 1.0 {
                 return Stop::fail(format!(
-                    "{id} at {tick} is {share:.3} times its tolerance off"
+                    "{id} at {tick} has an error of {share:.3} times its tolerance"
                 ));
             }
         }

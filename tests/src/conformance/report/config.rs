@@ -1,6 +1,6 @@
-//! How patiently, over what and for how much a run of the suite tried.
+//! The settings of a run: seed, time limit, simulated network, profile.
 //!
-//! Said with each report, in the words of the command line: so that a run can be repeated.
+//! Each report contains them in the words of the command line, so that a run can be repeated.
 
 use std::fmt;
 
@@ -9,29 +9,29 @@ use rhumb_transport::LinkConfig;
 
 use crate::conformance::case::{Feature, Profile};
 
-/// How a run tried.
+/// The settings of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunSettings {
-    /// Of all chance.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Seconds that an answer may take.
+    /// Seconds that the peer has to answer.
     pub timeout_s: f64,
-    /// What lies between the ends.
+    /// Simulated network between suite and peer.
     pub link: LinkConfig,
-    /// How much is wanted.
+    /// The profile that was run.
     pub profile: Profile,
-    /// What the peer says that it has not.
+    /// Features that the peer is declared to lack.
     pub without: Vec<Feature>,
 }
 
 impl RunSettings {
-    /// The word of the command line for its profile.
+    /// The profile as on the command line.
     #[must_use]
     pub fn profile(&self) -> String {
         word(&self.profile)
     }
 
-    /// The words of the command line for what the peer has not.
+    /// The missing features as on the command line.
     #[must_use]
     pub fn lacking(&self) -> Vec<String> {
         self.without.iter().map(word).collect()
@@ -54,7 +54,7 @@ impl fmt::Display for RunSettings {
     }
 }
 
-/// The word of the command line for it.
+/// A value as on the command line.
 fn word(value: &impl ValueEnum) -> String {
     let possible = value.to_possible_value();
     possible.map_or_else(String::new, |value| value.get_name().to_owned())
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_usual_is_not_said() {
+    fn default_settings_are_not_mentioned() {
         let usual = RunSettings {
             seed: 3,
             timeout_s: 2.0,
@@ -75,14 +75,14 @@ mod tests {
         };
         assert_eq!(usual.to_string(), "seed 3, timeout 2 s");
         let other = RunSettings {
-            link: "loss=5%".parse().expect("config of a link"),
+            link: "loss=5%".parse().expect("a valid link configuration"),
             profile: Profile::BitExact,
-            without: vec![Feature::AuthorityGrant],
+            without: vec![Feature::Authority],
             ..usual
         };
         assert_eq!(
             other.to_string(),
-            "seed 3, timeout 2 s, link loss=5%, profile bit-exact, without driving"
+            "seed 3, timeout 2 s, link loss=5%, profile bit-exact, without authority"
         );
     }
 }

@@ -1,4 +1,4 @@
-//! A report as a page that stands alone: verdicts, failures, coverage.
+//! A report as a self-contained HTML page: verdicts, failures, coverage.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -11,7 +11,7 @@ use super::style::STYLE;
 use crate::conformance::matrix::{Pairing, clients_of, rows};
 use crate::conformance::run::Tried;
 
-/// The text of a report as a page.
+/// The report as HTML.
 #[must_use]
 pub fn html(report: &Report) -> String {
     let title = format!("Conformance of {}", escape(&report.subject));
@@ -45,7 +45,7 @@ pub fn html(report: &Report) -> String {
     page
 }
 
-/// The beginning of a page, up to its body.
+/// The start of a page, up to its body.
 pub(crate) fn head(title: &str) -> String {
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -54,7 +54,7 @@ pub(crate) fn head(title: &str) -> String {
     )
 }
 
-/// A row for each server, a column for each client.
+/// The matrix: a row for each server, a column for each client.
 fn pairs(page: &mut String, pairs: &[Pairing]) {
     if pairs.is_empty() {
         return;
@@ -89,7 +89,7 @@ fn row(page: &mut String, Tried { case, outcome }: &Tried) {
     );
 }
 
-/// What went wrong, with the words of the requirements and the trace beside it.
+/// Each failure, with the text of its requirements and its log.
 fn failures(page: &mut String, report: &Report) {
     let texts: BTreeMap<_, _> = (report.coverage.iter())
         .map(|one| (one.requirement.to_string(), one.requirement.text.clone()))
@@ -113,7 +113,7 @@ fn failures(page: &mut String, report: &Report) {
 }
 
 fn coverage(page: &mut String, report: &Report) {
-    page.push_str("<h2>Requirements</h2>\n<table>\n<tr><th>requirement</th><th>level</th><th>says</th><th>cases</th></tr>\n");
+    page.push_str("<h2>Requirements</h2>\n<table>\n<tr><th>requirement</th><th>level</th><th>text</th><th>cases</th></tr>\n");
     for one in &report.coverage {
         let cases = match (&one.reason, one.cases.len()) {
             (Some(reason), 0) => format!("none: {}", escape(reason)),

@@ -8,7 +8,7 @@ use crate::conformance::coverage::Covered;
 use crate::conformance::matrix::Pairing;
 use crate::conformance::run::Tried;
 
-/// The text of a report as JSON.
+/// The report as JSON.
 #[must_use]
 pub fn json(report: &Report) -> String {
     let results: Vec<_> = report.results.iter().map(result).collect();
@@ -36,7 +36,7 @@ pub fn json(report: &Report) -> String {
     format!("{page:#}\n")
 }
 
-/// A client with a server.
+/// The result of a client with a server.
 fn pair(pair: &Pairing) -> Value {
     json!({
         "server": pair.server,
@@ -68,7 +68,7 @@ fn result(Tried { case, outcome }: &Tried) -> Value {
     line
 }
 
-/// The requirements of a case, as one cites them.
+/// The requirements of a case, in citation form.
 pub(super) fn cites(case: &Case) -> Vec<String> {
     let cites = case.cites.iter();
     cites

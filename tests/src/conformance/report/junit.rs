@@ -9,11 +9,11 @@ use super::Report;
 use crate::conformance::outcome::Verdict;
 use crate::conformance::run::Tried;
 
-/// The text of a report as JUnit XML.
+/// The report as JUnit XML.
 ///
 /// # Errors
 ///
-/// What the writer says, which writes to memory.
+/// The error of the writer, which writes to memory.
 pub fn junit(report: &Report) -> io::Result<String> {
     let mut writer = Writer::new_with_indent(Vec::new(), b' ', 1);
     writer.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;

@@ -1,4 +1,4 @@
-//! What came of all cases, in the forms that people and machines read.
+//! The report of a run, in forms for people and for machines.
 
 mod config;
 mod html;
@@ -21,22 +21,22 @@ pub use junit::junit;
 /// A run of the suite.
 #[derive(Debug)]
 pub struct Report {
-    /// Who was tried: an address or a command.
+    /// The peer under test: an address or a command.
     pub subject: String,
-    /// How they were tried; not sent of what was recorded before.
+    /// The settings of the run; absent for a recorded run.
     pub config: Option<RunSettings>,
-    /// Whether what should be counts as what must be.
+    /// Whether SHOULD counts as MUST.
     pub strict: bool,
-    /// What came of each case.
+    /// The result of each case.
     pub results: Vec<Tried>,
-    /// What came of each client with each server, where some were tried.
+    /// The result of each client with each server, in a matrix run.
     pub pairs: Vec<Pairing>,
-    /// Each requirement, with the cases that try it.
+    /// Each requirement, with the cases that test it.
     pub coverage: Vec<Covered>,
 }
 
 impl Report {
-    /// How many cases went how.
+    /// Number of cases by verdict.
     #[must_use]
     pub fn counts(&self) -> BTreeMap<Verdict, usize> {
         let mut counts = BTreeMap::new();
@@ -46,26 +46,26 @@ impl Report {
         counts
     }
 
-    /// Cases of which something is wrong.
+    /// The cases that are not good.
     pub fn bad(&self) -> impl Iterator<Item = &Tried> {
         let bad = |result: &&Tried| !result.outcome.is_good(self.strict);
         self.results.iter().filter(bad)
     }
 
-    /// Whether the peer passed. Who says of all that it has not it passed nothing, unless that was sent beforehand.
+    /// Whether the peer passed. A run in which every case is unsupported passes only if `--without` declared it.
     #[must_use]
     pub fn passed(&self) -> bool {
         self.bad().next().is_none() && !self.is_vacuous()
     }
 
-    /// Whether all that was tried is unsupported, and nobody had sent so.
+    /// Whether every case is unsupported although nothing was declared with `--without`.
     fn is_vacuous(&self) -> bool {
         let lacks = |result: &Tried| result.outcome.verdict == Verdict::Unsupported;
-        let was_said = |config: &RunSettings| !config.without.is_empty();
-        self.results.iter().all(lacks) && !self.config.as_ref().is_some_and(was_said)
+        let was_declared = |config: &RunSettings| !config.without.is_empty();
+        self.results.iter().all(lacks) && !self.config.as_ref().is_some_and(was_declared)
     }
 
-    /// One line: how many cases, and how they went.
+    /// One line: the number of cases, and their verdicts.
     #[must_use]
     pub fn summary(&self) -> String {
         let counts = self.counts();
@@ -78,12 +78,12 @@ impl Report {
             .iter()
             .filter(|one| !one.outcome.closing.is_good());
         let vacuous = if self.is_vacuous() {
-            "; nothing passed, and no --without had sent so"
+            "; nothing passed, and --without declares nothing missing"
         } else {
             ""
         };
         format!(
-            "{} cases: {}; {} closed otherwise than they must{vacuous}",
+            "{} cases: {}; {} closed wrongly{vacuous}",
             self.results.len(),
             counts.join(", "),
             closing.count()

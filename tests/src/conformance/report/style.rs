@@ -1,4 +1,4 @@
-//! How a report looks, light or dark as the reader's system is.
+//! The style sheet of the HTML report, for light and dark colour schemes.
 
 /// The style sheet of a page.
 pub(super) const STYLE: &str = "

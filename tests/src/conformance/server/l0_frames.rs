@@ -1,4 +1,4 @@
-//! L0.1: how messages are framed.
+//! L0.1: framing of messages.
 
 use rhumb_protocol::limits::MESSAGE_BYTES_MAX;
 use rhumb_protocol::message::{ClientMessage, ServerMessage, frame};
@@ -12,16 +12,19 @@ use crate::conformance::trial::Trial;
 pub(super) fn cases() -> Vec<Case> {
     let refused = |id: &str, name: &str, cites: &str, bytes: Vec<u8>| {
         Case::server(id, name).cites(cites).play(move |trial| {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
-            guest.utter(&bytes);
-            guest.must_be_closed(CloseCode::MALFORMED)
+            let mut client = trial.client()?;
+            client.hello()?;
+            client.send_bytes(&bytes);
+            client.must_be_closed(CloseCode::MALFORMED)
         })
     };
     vec![
-        Case::server("L0.1.1", "messages are read however their bytes are cut")
-            .cites("PROTOCOL 4.1-1, 1.2-1")
-            .play(cut_anywhere),
+        Case::server(
+            "L0.1.1",
+            "messages are decoded however their bytes are split",
+        )
+        .cites("PROTOCOL 4.1-1, 1.2-1")
+        .play(cut_anywhere),
         Case::server(
             "L0.1.2",
             "a message of an unknown type from 0x80 on is skipped",
@@ -62,34 +65,34 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 fn cut_anywhere(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.hello()?;
+    let mut client = trial.client()?;
+    client.hello()?;
     let mut bytes = Vec::new();
     ClientMessage::Create(lockstep()).encode(&mut bytes);
     for byte in bytes {
-        guest.utter(&[byte]);
+        client.send_bytes(&[byte]);
     }
-    guest.await_message("answer to create", |message| {
+    client.await_message("answer to create", |message| {
         matches!(message, ServerMessage::Created).then_some(())
     })
 }
 
 fn optional_types(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
+    let mut client = trial.client()?;
     let mut bytes = Vec::new();
-    // Before the hello, and of every length that a message may have.
+    // Before the hello, and of every permitted length.
     frame(0x8a, &[], &mut bytes);
-    guest.utter(&bytes);
-    guest.hello()?;
+    client.send_bytes(&bytes);
+    client.hello()?;
     let mut bytes = Vec::new();
     for kind in 0x80..=0xff {
         frame(kind, &[kind; 3], &mut bytes);
     }
     frame(0xfa, &[0; MESSAGE_BYTES_MAX], &mut bytes);
-    guest.utter(&bytes);
-    let received = guest.barrier()?;
+    client.send_bytes(&bytes);
+    let received = client.barrier()?;
     ensure(
         received.is_empty(),
-        format!("nothing comes of it, not {received:?}"),
+        format!("it has no effect, not {received:?}"),
     )
 }

@@ -1,4 +1,4 @@
-//! L0.2: long messages, which come in pieces.
+//! L0.2: long messages, which are sent in pieces.
 
 use glam::Vec3;
 use rhumb_protocol::limits::{LONG_MESSAGE_BYTES_MAX, MESSAGE_BYTES_MAX};
@@ -15,53 +15,53 @@ use crate::conformance::trial::Trial;
 pub(super) fn cases() -> Vec<Case> {
     let refused = |id: &str, name: &str, cites: &str, bytes: fn() -> Vec<u8>| {
         Case::server(id, name).cites(cites).play(move |trial| {
-            let mut guest = member(trial)?;
-            guest.utter(&bytes());
-            guest.must_be_closed(CloseCode::MALFORMED)
+            let mut client = member(trial)?;
+            client.send_bytes(&bytes());
+            client.must_be_closed(CloseCode::MALFORMED)
         })
     };
     let full = [7; MESSAGE_BYTES_MAX];
     vec![
         Case::server(
             "L0.2.1",
-            "ground of a hundred thousand heights comes in pieces",
+            "a height field of a hundred thousand heights is accepted in pieces",
         )
         .cites("PROTOCOL 4.1-5, 4.1-7, 2.6-15, 2.6-14")
         .needs(&[Feature::Sheets])
         .play(|trial| long(trial, &heights()?)),
-        Case::server("L0.2.2", "a mesh of many triangles comes in pieces")
+        Case::server("L0.2.2", "a mesh of many triangles is accepted in pieces")
             .cites("PROTOCOL 4.1-5, 2.6-16")
             .needs(&[Feature::Sheets])
             .play(|trial| long(trial, &mesh()?)),
         refused(
             "L0.2.3",
-            "a piece that is short is malformed",
+            "a short piece is malformed",
             "PROTOCOL 4.1-8",
             || framed(0, &[1, 2, 3]),
         ),
         refused(
             "L0.2.4",
-            "a piece before an empty rest is malformed",
+            "a piece before an empty last part is malformed",
             "PROTOCOL 4.1-8, 4.1-5",
             || [framed(0, &[7; MESSAGE_BYTES_MAX]), framed(9, &[])].concat(),
         ),
         refused(
             "L0.2.5",
-            "another message between a piece and its rest is malformed",
+            "another message between a piece and the next is malformed",
             "PROTOCOL 4.1-6",
             || [framed(0, &[7; MESSAGE_BYTES_MAX]), framed(10, &[1])].concat(),
         ),
         Case::server(
             "L0.2.6",
-            "pieces of more bytes than a long message may have are malformed",
+            "pieces with more bytes than the longest message are malformed",
         )
         .cites("PROTOCOL 4.1-7")
         .play(move |trial| {
-            let mut guest = member(trial)?;
+            let mut client = member(trial)?;
             for _ in 0..=LONG_MESSAGE_BYTES_MAX / MESSAGE_BYTES_MAX {
-                guest.line.say(framed(0, &full));
+                client.connection.say(framed(0, &full));
             }
-            guest.must_be_closed(CloseCode::MALFORMED)
+            client.must_be_closed(CloseCode::MALFORMED)
         }),
         Case::server(
             "L0.2.7",
@@ -69,25 +69,25 @@ pub(super) fn cases() -> Vec<Case> {
         )
         .cites("PROTOCOL 4.1-2, 4.1-5")
         .play(move |trial| {
-            let mut guest = member(trial)?;
+            let mut client = member(trial)?;
             let pieces = [framed(0, &full), framed(0, &full), framed(0x9a, &[1])];
-            guest.line.say(pieces.concat());
-            let received = guest.barrier()?;
+            client.connection.say(pieces.concat());
+            let received = client.barrier()?;
             ensure(
                 received.is_empty(),
-                format!("nothing comes of it, not {received:?}"),
+                format!("it has no effect, not {received:?}"),
             )
         }),
     ]
 }
 
 fn member(trial: &mut Trial<'_>) -> Result<RawClient, Stop> {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), StreamChoice::Full)?;
-    Ok(guest)
+    let mut client = trial.client()?;
+    client.enter(lockstep(), StreamChoice::Full)?;
+    Ok(client)
 }
 
-/// One message as it is framed by itself.
+/// One message in a frame of its own.
 fn framed(kind: u8, body: &[u8]) -> Vec<u8> {
     let mut length = body.len() + 1;
     let mut bytes = Vec::new();
@@ -101,9 +101,9 @@ fn framed(kind: u8, body: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Says a command in pieces, and hears of it as everybody does.
+/// Sends a command in pieces, and checks that its scene event reaches a late joiner too.
 fn long(trial: &mut Trial<'_>, shape: &Shape) -> CaseResult {
-    let mut guest = member(trial)?;
+    let mut client = member(trial)?;
     let command = Command::AddShape {
         id: ShapeId(3),
         shape: shape.clone(),
@@ -112,21 +112,26 @@ fn long(trial: &mut Trial<'_>, shape: &Shape) -> CaseResult {
     ClientMessage::Command(command).encode(&mut bytes);
     ensure(
         bytes.len() > 2 * MESSAGE_BYTES_MAX,
-        "it takes several pieces",
+        "the message needs several pieces",
     )?;
     for part in bytes.chunks(5_000) {
-        guest.line.say(part.to_vec());
+        client.connection.say(part.to_vec());
     }
-    guest.commands += 1;
-    let applied = guest.outcome_of(0)?;
+    client.commands += 1;
+    let applied = client.outcome_of(0)?;
     ensure(applied.is_ok(), format!("it is applied, not {applied:?}"))?;
-    let mut late = trial.guest_of(&guest.scene.clone())?;
+    let mut late = trial.client_of(&client.scene.clone())?;
     late.hello()?;
     let (_, scene_events) = late.join(StreamChoice::Full)?;
-    let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| matches!(scene_event, rhumb_protocol::message::SceneEvent::ShapeAdded { shape: reported, .. } if reported == shape);
+    let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| {
+        matches!(
+            scene_event,
+            rhumb_protocol::message::SceneEvent::ShapeAdded { shape: reported, .. } if reported == shape
+        )
+    };
     ensure(
         scene_events.iter().any(is_it),
-        "who comes later is reported the very shape",
+        "a late joiner receives the same shape",
     )
 }
 
@@ -138,7 +143,7 @@ fn heights() -> Result<Shape, Stop> {
     let heights = Heights::new(u32::from(side), 1.0, 0.5, &heights);
     heights
         .map(Shape::Heights)
-        .map_err(|_| Stop::Inconclusive("no heights".into()))
+        .map_err(|_| Stop::Inconclusive("the height field is invalid".into()))
 }
 
 fn mesh() -> Result<Shape, Stop> {
@@ -163,5 +168,5 @@ fn mesh() -> Result<Shape, Stop> {
         .collect();
     Mesh::new(&points, &triangles)
         .map(Shape::Mesh)
-        .map_err(|_| Stop::Inconclusive("no mesh".into()))
+        .map_err(|_| Stop::Inconclusive("the mesh is invalid".into()))
 }

@@ -1,7 +1,7 @@
-//! L0.11 to L0.14: the golden vectors of clients, played on the wire.
+//! L0.11 to L0.14: golden vectors of client messages, sent to a server.
 //!
-//! Each vector is a case, named by its key. A server may find another fault first where a message has two: what such a
-//! message names may not exist either, which is no less true.
+//! Each vector is a case, named by its key. If a message has two faults, the server may find either first. For
+//! example, an object named by the message may not exist, which is a valid reason to refuse it too.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -25,9 +25,9 @@ struct Vector {
     name: String,
     bytes: Vec<u8>,
     kind: u8,
-    /// The number that is wrong in it, as `NotFinite 3`.
+    /// The reason why the command is refused, as `NotFinite 3`.
     error: Option<String>,
-    /// Lengths of its body at which it is whole too.
+    /// Lengths at which the truncated body is well-formed too.
     cuts: Vec<usize>,
 }
 
@@ -40,15 +40,18 @@ pub(super) fn cases() -> Vec<Case> {
             .keyed(&vector.bytes)
             .cites(&format!("PROTOCOL 2.5-1, 2.5-3, {}", clause(&vector)))
             .play(move |trial| {
-                let mut guest = in_its_state(trial, vector.kind)?;
-                guest.utter(&vector.bytes);
-                guest.must_be_closed(CloseCode::MALFORMED)
+                let mut client = in_its_state(trial, vector.kind)?;
+                client.send_bytes(&vector.bytes);
+                client.must_be_closed(CloseCode::MALFORMED)
             })
     });
     let sent = vectors.sent.iter().map(|vector| {
         let vector = vector.clone();
         let (group, name) = match &vector.error {
-            Some(_) => ("L0.13", format!("refused for a number: {}", vector.name)),
+            Some(_) => (
+                "L0.13",
+                format!("refused for an invalid number: {}", vector.name),
+            ),
             None => ("L0.12", format!("understood: {}", vector.name)),
         };
         Case::server(group, &name)
@@ -61,7 +64,7 @@ pub(super) fn cases() -> Vec<Case> {
     cases
 }
 
-/// Each kind of message, cut at every length.
+/// Each kind of message, truncated at every length.
 fn truncations(sent: &[Vector]) -> impl Iterator<Item = Case> {
     let mut kinds: Vec<u8> = sent.iter().map(|vector| vector.kind).collect();
     kinds.sort_unstable();
@@ -73,7 +76,7 @@ fn truncations(sent: &[Vector]) -> impl Iterator<Item = Case> {
         .map(move |kind| {
             let sent = Arc::clone(&sent);
             let name = format!(
-                "a message of type {kind}, cut at each length or with a byte behind, is malformed"
+                "a message of type {kind}, truncated at any length or with a trailing byte, is malformed"
             );
             Case::server(&format!("L0.14.{kind}"), &name)
                 .cites("PROTOCOL 2.5-1, 4.1-4")
@@ -83,7 +86,7 @@ fn truncations(sent: &[Vector]) -> impl Iterator<Item = Case> {
 
 fn cut(trial: &mut Trial<'_>, sent: &[Vector], kind: u8) -> CaseResult {
     let short = |vector: &&Vector| vector.kind == kind && vector.bytes.len() < 60;
-    // The first of them are the plain ones; each takes a connection for every cut.
+    // Two vectors of each kind suffice: every truncation needs a connection of its own.
     for vector in sent.iter().filter(short).take(2) {
         let (start, body) = body_of(&vector.bytes);
         let longer = [&vector.bytes[start..], &[0]].concat();
@@ -92,12 +95,12 @@ fn cut(trial: &mut Trial<'_>, sent: &[Vector], kind: u8) -> CaseResult {
                 continue;
             }
             trial.note(format!("{}, {end} bytes of {body}", vector.name));
-            let mut guest = in_its_state(trial, kind)?;
+            let mut client = in_its_state(trial, kind)?;
             let mut bytes = Vec::new();
             rhumb_protocol::message::frame(kind, &longer[..end], &mut bytes);
-            guest.utter(&bytes);
-            guest.must_be_closed(CloseCode::MALFORMED)?;
-            if let Some(end) = &guest.ended
+            client.send_bytes(&bytes);
+            client.must_be_closed(CloseCode::MALFORMED)?;
+            if let Some(end) = &client.ended
                 && *end != rhumb_transport::RawPeerEnd::Closed(CloseCode::MALFORMED.0.into())
             {
                 return Ok(());
@@ -107,7 +110,7 @@ fn cut(trial: &mut Trial<'_>, sent: &[Vector], kind: u8) -> CaseResult {
     Ok(())
 }
 
-/// Where the body of a framed message begins, and how long it is.
+/// Start and length of the body of a framed message.
 fn body_of(bytes: &[u8]) -> (usize, usize) {
     let length = bytes
         .iter()
@@ -117,35 +120,35 @@ fn body_of(bytes: &[u8]) -> (usize, usize) {
     (length + 1, bytes.len() - length - 1)
 }
 
-/// A guest that may say a message of this type.
+/// A client in a state in which a message of this type is allowed.
 fn in_its_state(trial: &mut Trial<'_>, kind: u8) -> Result<RawClient, Stop> {
-    let mut guest = trial.guest()?;
+    let mut client = trial.client()?;
     match kind {
         HELLO => {}
-        CREATE => drop(guest.hello()?),
+        CREATE => drop(client.hello()?),
         _ => {
-            guest.enter(lockstep(), StreamChoice::Full)?;
+            client.enter(lockstep(), StreamChoice::Full)?;
         }
     }
-    Ok(guest)
+    Ok(client)
 }
 
 fn understood(trial: &mut Trial<'_>, vector: &Vector) -> CaseResult {
-    let mut guest = match vector.kind {
+    let mut client = match vector.kind {
         JOIN => {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
-            guest.create(lockstep())?;
-            guest
+            let mut client = trial.client()?;
+            client.hello()?;
+            client.create(lockstep())?;
+            client
         }
         kind => in_its_state(trial, kind)?,
     };
-    guest.utter(&vector.bytes);
+    client.send_bytes(&vector.bytes);
     match vector.kind {
-        HELLO => greeted(&mut guest),
-        COMMAND => commanded(&mut guest, vector),
+        HELLO => greeted(&mut client),
+        COMMAND => commanded(&mut client, vector),
         CREATE => {
-            let answer = guest.await_message("answer", |message| match message {
+            let answer = client.await_message("answer", |message| match message {
                 ServerMessage::Created => Some(None),
                 ServerMessage::Denied(Denial::InvalidConfig(invalid)) => {
                     Some(Some(format!("{invalid:?}")))
@@ -156,30 +159,30 @@ fn understood(trial: &mut Trial<'_>, vector: &Vector) -> CaseResult {
             match (&vector.error, answer) {
                 (None, None) => Ok(()),
                 (Some(error), Some(denial)) if *error == denial => Ok(()),
-                (error, answer) => Stop::fail(format!("answered by {answer:?}; must be {error:?}")),
+                (error, answer) => Stop::fail(format!("the answer is {answer:?}, not {error:?}")),
             }
         }
-        _ => guest.barrier().map(drop),
+        _ => client.barrier().map(drop),
     }
 }
 
-/// A hello of what may be sent: welcomed, or refused for a reason of its own.
-fn greeted(guest: &mut RawClient) -> CaseResult {
-    let first = guest.next_message()?;
-    match (first, &guest.ended) {
+/// The answer to a valid hello: a welcome, or a refusal for another valid reason.
+fn greeted(client: &mut RawClient) -> CaseResult {
+    let first = client.next_message()?;
+    match (first, &client.ended) {
         (Some(ServerMessage::Welcome(welcome)), _) => ensure(welcome.version == 1, "version 1"),
         (None, Some(rhumb_transport::RawPeerEnd::Closed(3 | 5))) => Ok(()),
-        other => Stop::fail(format!("answered by {other:?}")),
+        other => Stop::fail(format!("the answer is {other:?}")),
     }
 }
 
-fn commanded(guest: &mut RawClient, vector: &Vector) -> CaseResult {
-    let outcome = guest.outcome_of(0)?;
+fn commanded(client: &mut RawClient, vector: &Vector) -> CaseResult {
+    let outcome = client.outcome_of(0)?;
     let Some(error) = &vector.error else {
         return Ok(());
     };
     match outcome {
-        Ok(_) => Stop::fail(format!("it is applied; it must be refused by {error}")),
+        Ok(_) => Stop::fail(format!("it is applied; it must be refused with {error}")),
         Err(
             CommandError::UnknownBody(_)
             | CommandError::UnknownShape(_)
@@ -188,7 +191,7 @@ fn commanded(guest: &mut RawClient, vector: &Vector) -> CaseResult {
         ) => Ok(()),
         Err(CommandError::UnknownCommand) if error == "UnknownCommand" => Ok(()),
         Err(CommandError::Invalid(invalid)) if format!("{invalid:?}") == *error => Ok(()),
-        Err(other) => Stop::fail(format!("refused by {other:?}; must be {error}")),
+        Err(other) => Stop::fail(format!("it is refused with {other:?}, not {error}")),
     }
 }
 
@@ -197,7 +200,7 @@ const CREATE: u8 = 2;
 const JOIN: u8 = 3;
 const COMMAND: u8 = 7;
 
-/// The clause's requirement that a type of message stands under.
+/// The requirement about this type of message.
 fn clause(vector: &Vector) -> &'static str {
     match vector.kind {
         HELLO => "3.5-3",
@@ -214,12 +217,12 @@ struct Vectors {
     refused: Vec<Vector>,
 }
 
-/// The vectors of what clients say.
+/// The vectors of client messages.
 fn vectors() -> Vectors {
     let table = golden("control.json");
     let of = |section: &str| {
         let lines = table[section].as_array().expect("a section is a list");
-        // Some good messages differ in one number only, so that a change of that makes the same bytes of both.
+        // Some vectors differ in one number only and have the same bytes without it.
         let mut seen = BTreeSet::new();
         let vectors = lines.iter().map(vector);
         vectors
@@ -251,7 +254,7 @@ fn vector(line: &Value) -> Vector {
     }
 }
 
-/// An error of a vector, as this house writes it.
+/// A vector's error in the notation of this project's error types.
 fn named(word: &str, quantity: Option<u64>) -> String {
     let quantity = quantity.and_then(|code| u8::try_from(code).ok());
     match quantity.and_then(rhumb_protocol::scene::Quantity::from_code) {

@@ -1,6 +1,7 @@
-//! L1.6: what a server is sent to lack it refuses, and what it has it grants.
+//! L1.6: a server refuses declared missing features, and grants all others.
 //!
-//! So nobody passes by a claim: who says that it lacks something (`--without`) and grants it has claimed what is not so.
+//! So a server cannot pass by a false declaration: it fails if it grants a feature that `--without` declares as
+//! missing.
 
 use std::num::NonZeroU32;
 
@@ -19,19 +20,19 @@ use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
-/// Whether a server grants something, or refuses it in the way that the protocol has for it.
+/// Whether a server grants a feature, or refuses it as the protocol requires.
 type FeatureCheck = fn(&mut Trial<'_>) -> Result<bool, Stop>;
 
 const FEATURES: [(Feature, &str, FeatureCheck); 7] = [
-    (Feature::Lockstep, "a scene that members lead", |trial| {
+    (Feature::Lockstep, "a lockstep scene", |trial| {
         created(trial, lockstep())
     }),
-    (Feature::FreeRunning, "a scene that runs free", |trial| {
+    (Feature::FreeRunning, "a free-running scene", |trial| {
         created(trial, free())
     }),
     (
         Feature::PublishSchedule,
-        "a scene that is spoken of more rarely, and later",
+        "a scene with a publish schedule",
         |trial| {
             let publish_schedule = PublishSchedule {
                 publish_interval: NonZeroU32::new(2).unwrap_or(NonZeroU32::MIN),
@@ -46,20 +47,20 @@ const FEATURES: [(Feature, &str, FeatureCheck); 7] = [
             )
         },
     ),
-    (Feature::Budgets, "a stream within a budget", budget),
-    (Feature::AuthorityGrant, "driving", driving),
-    (Feature::Sheets, "a shape without an inside", |trial| {
+    (Feature::Budgets, "a stream with a budget", budget),
+    (Feature::Authority, "authority over bodies", authority),
+    (Feature::Sheets, "a shape without a volume", |trial| {
         let heights = Heights::new(2, 1.0, 1.0, &[0.0; 4]).map(Shape::Heights);
         made(
             trial,
-            heights.map_err(|_| Stop::Inconclusive("no heights".into()))?,
+            heights.map_err(|_| Stop::Inconclusive("the height field is invalid".into()))?,
         )
     }),
-    (Feature::Compounds, "a shape of parts", |trial| {
+    (Feature::Compounds, "a compound shape", |trial| {
         let compound = Compound::new(Vec::new()).map(Shape::Compound);
         made(
             trial,
-            compound.map_err(|_| Stop::Inconclusive("no parts".into()))?,
+            compound.map_err(|_| Stop::Inconclusive("the compound is invalid".into()))?,
         )
     }),
 ];
@@ -67,7 +68,7 @@ const FEATURES: [(Feature, &str, FeatureCheck); 7] = [
 pub(super) fn cases() -> Vec<Case> {
     let cases = FEATURES.iter().zip(1..).map(|(row, number)| {
         let (feature, what, asked) = row;
-        let name = format!("{what} is granted by who has it, and refused by who lacks it");
+        let name = format!("{what} is granted if supported, and refused if declared missing");
         Case::server(&format!("L1.6.{number}"), &name)
             .cites("PROTOCOL 4.7-1, 7-3")
             .play(move |trial| claimed(trial, *feature, *asked))
@@ -79,13 +80,13 @@ fn claimed(trial: &mut Trial<'_>, feature: Feature, asked: FeatureCheck) -> Case
     let lacks = trial.conditions.without.contains(&feature);
     let granted = asked(trial)?;
     match (lacks, granted) {
-        (true, false) => Err(Stop::Unsupported("it says so, and refuses it".into())),
-        (true, true) => Stop::fail("it is sent to lack this, and grants it"),
-        (false, granted) => ensure(granted, "it is not sent to lack this, and refuses it"),
+        (true, false) => Err(Stop::Unsupported("declared missing, and refused".into())),
+        (true, true) => Stop::fail("the feature is declared missing, but granted"),
+        (false, granted) => ensure(granted, "the feature is not declared missing, but refused"),
     }
 }
 
-/// A stepping that the server has.
+/// A configuration with a stepping mode that the server supports.
 fn any(trial: &Trial<'_>) -> SceneConfig {
     if trial.conditions.without.contains(&Feature::Lockstep) {
         free()
@@ -101,68 +102,68 @@ fn free() -> SceneConfig {
     }
 }
 
-/// Whether the next answer is this one, and no denial; either way the conversation goes on.
-fn granted(guest: &mut RawClient, yes: fn(&ServerMessage) -> bool) -> Result<bool, Stop> {
-    let answer = guest.await_message("answer", |message| match message {
+/// Whether the next answer is the expected one rather than a denial; the connection stays open in both cases.
+fn granted(client: &mut RawClient, yes: fn(&ServerMessage) -> bool) -> Result<bool, Stop> {
+    let answer = client.await_message("answer", |message| match message {
         ServerMessage::Denied(_) | ServerMessage::AuthorityDenied(_) => Some(false),
         other => yes(&other).then_some(true),
     })?;
-    guest.barrier()?;
+    client.barrier()?;
     Ok(answer)
 }
 
 fn created(trial: &mut Trial<'_>, config: SceneConfig) -> Result<bool, Stop> {
-    let mut guest = trial.guest()?;
-    guest.hello()?;
-    guest.say(&ClientMessage::Create(config));
-    let created = granted(&mut guest, |message| {
+    let mut client = trial.client()?;
+    client.hello()?;
+    client.send(&ClientMessage::Create(config));
+    let created = granted(&mut client, |message| {
         matches!(message, ServerMessage::Created)
     })?;
-    let mut other = trial.guest_of(&guest.scene.clone())?;
+    let mut other = trial.client_of(&client.scene.clone())?;
     let exists = other.hello()?.scene.is_some();
     ensure(
         exists == created,
-        "the scene is there if it was created, and only then",
+        "the scene exists if and only if it was created",
     )?;
     Ok(created)
 }
 
 fn budget(trial: &mut Trial<'_>) -> Result<bool, Stop> {
-    let none = || Stop::Inconclusive("no budget".into());
-    let mut guest = trial.guest()?;
-    guest.hello()?;
-    guest.create(any(trial))?;
-    guest.say(&ClientMessage::Join(StreamChoice::Capped {
+    let none = || Stop::Inconclusive("the budget is invalid".into());
+    let mut client = trial.client()?;
+    client.hello()?;
+    client.create(any(trial))?;
+    client.send(&ClientMessage::Join(StreamChoice::Capped {
         tolerance: Tolerance::NORMAL,
         budget: Budget::per_second(8_000).ok_or_else(none)?,
     }));
-    granted(&mut guest, |message| {
+    granted(&mut client, |message| {
         matches!(message, ServerMessage::Joined(_))
     })
 }
 
-fn driving(trial: &mut Trial<'_>) -> Result<bool, Stop> {
-    let mut guest = trial.guest()?;
-    guest.enter(any(trial), NORMAL)?;
-    guest.must(ball_shape())?;
-    let id = body(guest.granted, 0)?;
-    guest.must(Command::AddBody {
-        config: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
+fn authority(trial: &mut Trial<'_>) -> Result<bool, Stop> {
+    let mut client = trial.client()?;
+    client.enter(any(trial), NORMAL)?;
+    client.must(ball_shape())?;
+    let id = body(client.granted, 0)?;
+    client.must(Command::AddBody {
+        desc: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
         motion: moving(Vec3::ZERO, Vec3::ZERO),
     })?;
-    guest.say(&ClientMessage::TakeAuthority(TakeAuthority {
+    client.send(&ClientMessage::TakeAuthority(TakeAuthority {
         tolerance: Tolerance::NORMAL,
         bodies: vec![id],
     }));
-    granted(&mut guest, |message| {
+    granted(&mut client, |message| {
         matches!(message, ServerMessage::AuthorityGrant(_))
     })
 }
 
 fn made(trial: &mut Trial<'_>, shape: Shape) -> Result<bool, Stop> {
-    let mut guest = trial.guest()?;
-    guest.enter(any(trial), NORMAL)?;
+    let mut client = trial.client()?;
+    client.enter(any(trial), NORMAL)?;
     let id = ShapeId(3);
-    let made = guest.command(Command::AddShape { id, shape })?;
+    let made = client.command(Command::AddShape { id, shape })?;
     Ok(made.is_ok())
 }

@@ -1,4 +1,4 @@
-//! L1.4: scenes begin and end, members come and go.
+//! L1.4: lifetime of scenes and memberships.
 
 use glam::Vec3;
 use rhumb_protocol::message::{ClientMessage, Denial, SceneEvent, ServerMessage, StreamChoice};
@@ -12,17 +12,17 @@ use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
-/// What each case of the group promises, cites and does.
+/// The cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         1,
-        "who joins a scene that is not there is denied with 0",
+        "joining a scene that does not exist is denied with 0",
         "PROTOCOL 4.7-1, 4.2-3",
         |trial| {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
+            let mut client = trial.client()?;
+            client.hello()?;
             denied(
-                &mut guest,
+                &mut client,
                 &ClientMessage::Join(NORMAL),
                 Denial::NoSuchScene,
             )
@@ -30,24 +30,24 @@ const CASES: &[CaseRow] = &[
     ),
     (
         2,
-        "who deletes a scene that is not there is denied with 0",
+        "deleting a scene that does not exist is denied with 0",
         "PROTOCOL 4.7-1",
         |trial| {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
-            denied(&mut guest, &ClientMessage::Delete, Denial::NoSuchScene)
+            let mut client = trial.client()?;
+            client.hello()?;
+            denied(&mut client, &ClientMessage::Delete, Denial::NoSuchScene)
         },
     ),
     (
         3,
-        "a scene that exists is not created again",
+        "creating a scene that exists is denied",
         "PROTOCOL 3.3-1, 4.7-1",
         |trial| {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
-            guest.create(lockstep())?;
+            let mut client = trial.client()?;
+            client.hello()?;
+            client.create(lockstep())?;
             denied(
-                &mut guest,
+                &mut client,
                 &ClientMessage::Create(lockstep()),
                 Denial::SceneExists,
             )
@@ -55,86 +55,86 @@ const CASES: &[CaseRow] = &[
     ),
     (
         4,
-        "a welcome tells the config of a scene that exists",
+        "a welcome contains the configuration of a scene that exists",
         "PROTOCOL 3.1-4",
         |trial| {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
-            guest.create(lockstep())?;
-            let mut other = trial.guest_of(&guest.scene.clone())?;
+            let mut client = trial.client()?;
+            client.hello()?;
+            client.create(lockstep())?;
+            let mut other = trial.client_of(&client.scene.clone())?;
             let reported = other.hello()?.scene;
             ensure(
                 reported == Some(lockstep()),
-                format!("its config, and not {reported:?}"),
+                format!("its configuration, not {reported:?}"),
             )
         },
     ),
     (
         5,
-        "who deletes a scene need not be its member, and all members hear it",
+        "a client that is not a member may delete the scene, and all members are notified",
         "PROTOCOL 3.3-1, 3.3-2",
         deleted,
     ),
     (
         6,
-        "who leaves and joins again begins anew, and finds what it left",
+        "a client that leaves and joins again starts a new membership and finds its bodies",
         "PROTOCOL 3.3-3, 4.4-1",
         left,
     ),
     (
         7,
-        "answers come in the order of what they answer",
+        "answers come in the order of their requests",
         "PROTOCOL 4.2-2, 4.2-3",
         in_order,
     ),
     (
         8,
-        "a name of 64 bytes of all that may stand in one is a scene's",
+        "a scene name may have 64 bytes of every permitted character",
         "PROTOCOL 2.3-2",
         long_name,
     ),
     (
         9,
-        "connections of two scenes hear nothing of each other",
+        "connections of two scenes receive nothing of each other",
         "PROTOCOL 3.1-3",
         two_scenes,
     ),
     (
         12,
-        "a ping comes back with its number and the newest tick",
+        "a pong contains the number of its ping and the newest tick",
         "PROTOCOL 4.9-4",
         pinged,
     ),
     (
         14,
-        "an inspection tells tick and bodies",
+        "an inspection contains tick and number of bodies",
         "PROTOCOL 4.10-1",
         inspected,
     ),
 ];
 
-/// Those that need other things.
+/// Cases that need free-running scenes.
 const FREE_RUNNING: &[CaseRow] = &[
     (
         10,
-        "a scene that runs free stands still while it has no members",
+        "a free-running scene pauses while it has no members",
         "PROTOCOL 3.3-4",
         stands_still,
     ),
     (
         11,
-        "who advances a scene that runs free is denied with 8",
+        "advancing a free-running scene is denied with 8",
         "PROTOCOL 4.2-3",
         |trial| {
-            let mut guest = trial.guest()?;
-            guest.enter(free(), NORMAL)?;
+            let mut client = trial.client()?;
+            client.enter(free(), NORMAL)?;
             let advance = ClientMessage::Advance { to: Tick::new(5) };
-            denied(&mut guest, &advance, Denial::NotLockstep)
+            denied(&mut client, &advance, Denial::NotLockstep)
         },
     ),
     (
         13,
-        "the clock of a scene that runs free goes as its config say",
+        "a free-running scene keeps the rate of its configuration",
         "PROTOCOL 4.9-5",
         clock,
     ),
@@ -154,25 +154,25 @@ fn free() -> SceneConfig {
     }
 }
 
-fn denied(guest: &mut RawClient, request: &ClientMessage, denial: Denial) -> CaseResult {
-    guest.say(request);
-    let received = guest.barrier()?;
+fn denied(client: &mut RawClient, request: &ClientMessage, denial: Denial) -> CaseResult {
+    client.send(request);
+    let received = client.barrier()?;
     ensure(
         received == [ServerMessage::Denied(denial)],
-        format!("it is denied, {denial}, and nothing else; not {received:?}"),
+        format!("the only answer is the denial {denial}, not {received:?}"),
     )
 }
 
 fn deleted(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member = trial.guest()?;
+    let mut member = trial.client()?;
     member.enter(lockstep(), StreamChoice::Full)?;
-    let mut other = trial.guest_of(&member.scene.clone())?;
+    let mut other = trial.client_of(&member.scene.clone())?;
     other.hello()?;
     other.delete()?;
-    member.await_message("word that the scene is deleted", |message| {
+    member.await_message("message that the scene is deleted", |message| {
         matches!(message, ServerMessage::Deleted).then_some(())
     })?;
-    // It is in the lobby again.
+    // The former member is in the lobby again.
     denied(
         &mut member,
         &ClientMessage::Join(NORMAL),
@@ -182,25 +182,30 @@ fn deleted(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn left(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), NORMAL)?;
-    guest.must(ball_shape())?;
-    let id = body(guest.granted, 0)?;
-    guest.must(ball(id, Vec3::ONE, Vec3::ZERO))?;
-    guest.say(&ClientMessage::Leave);
-    guest.await_message("answer to leave", |message| {
+    let mut client = trial.client()?;
+    client.enter(lockstep(), NORMAL)?;
+    client.must(ball_shape())?;
+    let id = body(client.granted, 0)?;
+    client.must(ball(id, Vec3::ONE, Vec3::ZERO))?;
+    client.send(&ClientMessage::Leave);
+    client.await_message("answer to leave", |message| {
         matches!(message, ServerMessage::Left).then_some(())
     })?;
-    let (_, scene_events) = guest.join(NORMAL)?;
-    let is_it = |scene_event: &SceneEvent| matches!(scene_event, SceneEvent::BodyPlaced { config, .. } if config.id == id);
-    ensure(scene_events.iter().any(is_it), "its body stays")?;
-    // The first command of a membership is number 0.
-    guest.must(Command::RemoveBody { id }).map(drop)
+    let (_, scene_events) = client.join(NORMAL)?;
+    let is_it = |scene_event: &SceneEvent| {
+        matches!(
+            scene_event,
+            SceneEvent::BodyPlaced { desc, .. } if desc.id == id
+        )
+    };
+    ensure(scene_events.iter().any(is_it), "its body still exists")?;
+    // Command numbers of a membership start at 0.
+    client.must(Command::RemoveBody { id }).map(drop)
 }
 
 fn in_order(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.hello()?;
+    let mut client = trial.client()?;
+    client.hello()?;
     let mut bytes = Vec::new();
     for message in [
         ClientMessage::Join(NORMAL),
@@ -211,8 +216,8 @@ fn in_order(trial: &mut Trial<'_>) -> CaseResult {
     ] {
         message.encode(&mut bytes);
     }
-    guest.utter(&bytes);
-    let received = guest.barrier()?;
+    client.send_bytes(&bytes);
+    let received = client.barrier()?;
     let wanted = [
         ServerMessage::Denied(Denial::NoSuchScene),
         ServerMessage::Created,
@@ -222,7 +227,7 @@ fn in_order(trial: &mut Trial<'_>) -> CaseResult {
     ];
     ensure(
         received == wanted,
-        format!("answers in order, and not {received:?}"),
+        format!("answers in order, not {received:?}"),
     )
 }
 
@@ -235,34 +240,37 @@ fn long_name(trial: &mut Trial<'_>) -> CaseResult {
     name.truncate(64);
     let scene = name
         .parse()
-        .map_err(|_| Stop::Inconclusive("no name".into()))?;
-    let mut guest = trial.guest_of(&scene)?;
-    guest.enter(lockstep(), NORMAL)?;
-    guest.delete()
+        .map_err(|_| Stop::Inconclusive("the name is invalid".into()))?;
+    let mut client = trial.client_of(&scene)?;
+    client.enter(lockstep(), NORMAL)?;
+    client.delete()
 }
 
 fn two_scenes(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut one, mut other) = (trial.guest()?, trial.guest()?);
+    let (mut one, mut other) = (trial.client()?, trial.client()?);
     one.enter(lockstep(), StreamChoice::Full)?;
     other.enter(lockstep(), StreamChoice::Full)?;
     one.must(ball_shape())?;
     let id = body(one.granted, 0)?;
     one.must(ball(id, Vec3::ONE, Vec3::ZERO))?;
-    one.say(&ClientMessage::Advance { to: Tick::new(5) });
+    one.send(&ClientMessage::Advance { to: Tick::new(5) });
     one.barrier()?;
     let received = other.barrier()?;
     ensure(
         received.is_empty(),
-        format!("the other hears nothing, not {received:?}"),
+        format!("the other connection receives nothing, not {received:?}"),
     )?;
-    ensure(other.datagrams.is_empty(), "and no datagram")
+    ensure(
+        other.datagrams.is_empty(),
+        "the other connection receives no datagram",
+    )
 }
 
-/// The tick of a pong, and how long before it was reached, in nanoseconds.
-fn pong(guest: &mut RawClient, number: u64) -> Result<(Tick, u64), Stop> {
+/// The tick of a pong, and the time in nanoseconds since it was reached.
+fn pong(client: &mut RawClient, number: u64) -> Result<(Tick, u64), Stop> {
     let number = rhumb_protocol::Instant::from_nanos(number);
-    guest.say(&ClientMessage::Ping { sent: number });
-    guest.await_message("pong", |message| match message {
+    client.send(&ClientMessage::Ping { sent: number });
+    client.await_message("pong", |message| match message {
         ServerMessage::Pong {
             sent,
             tick,
@@ -273,53 +281,53 @@ fn pong(guest: &mut RawClient, number: u64) -> Result<(Tick, u64), Stop> {
 }
 
 fn stands_still(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(free(), NORMAL)?;
-    guest.say(&ClientMessage::Leave);
-    guest.await_message("answer to leave", |message| {
+    let mut client = trial.client()?;
+    client.enter(free(), NORMAL)?;
+    client.send(&ClientMessage::Leave);
+    client.await_message("answer to leave", |message| {
         matches!(message, ServerMessage::Left).then_some(())
     })?;
-    let (before, _) = pong(&mut guest, 1)?;
-    // A time in which it would have gone on.
+    let (before, _) = pong(&mut client, 1)?;
+    // Enough time for several ticks, if the scene did not pause.
     let clock = rhumb_transport::Clock::start();
     while clock.now().as_nanos() < 200_000_000 {
-        guest.barrier()?;
+        client.barrier()?;
     }
-    let (after, _) = pong(&mut guest, 2)?;
+    let (after, _) = pong(&mut client, 2)?;
     ensure(
         before == after,
-        format!("it stands at {before}, not at {after}"),
+        format!("it stays at {before}, not {after}"),
     )?;
-    let (joined, _) = guest.join(NORMAL)?;
+    let (joined, _) = client.join(NORMAL)?;
     ensure(
         joined.start.tick.value() <= before.value() + 1,
-        "and goes on from there",
+        "it continues from there",
     )
 }
 
 fn pinged(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), NORMAL)?;
+    let mut client = trial.client()?;
+    client.enter(lockstep(), NORMAL)?;
     for number in [0, 1, u64::MAX] {
-        let (tick, _) = pong(&mut guest, number)?;
-        ensure(tick == Tick::ZERO, "nobody has asked for a tick")?;
+        let (tick, _) = pong(&mut client, number)?;
+        ensure(tick == Tick::ZERO, "no tick was requested")?;
     }
-    guest.say(&ClientMessage::Advance { to: Tick::new(3) });
-    while let Some(_datagram) = guest.next_datagram()? {
-        if pong(&mut guest, 7)?.0 == Tick::new(3) {
+    client.send(&ClientMessage::Advance { to: Tick::new(3) });
+    while let Some(_datagram) = client.next_datagram()? {
+        if pong(&mut client, 7)?.0 == Tick::new(3) {
             return Ok(());
         }
     }
-    Stop::fail("the pong never tells the tick that was asked for")
+    Stop::fail("no pong contains the requested tick")
 }
 
 fn clock(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(free(), NORMAL)?;
+    let mut client = trial.client()?;
+    client.enter(free(), NORMAL)?;
     let clock = rhumb_transport::Clock::start();
-    let at = |guest: &mut RawClient| -> Result<(f64, f64, f64), Stop> {
+    let at = |client: &mut RawClient| -> Result<(f64, f64, f64), Stop> {
         let sent = clock.now().as_nanos() as f64;
-        let (tick, since) = pong(guest, 1)?;
+        let (tick, since) = pong(client, 1)?;
         let received = clock.now().as_nanos() as f64;
         let scene = tick.value() as f64 / 60.0 + since as f64 / 1e9;
         Ok((
@@ -328,35 +336,35 @@ fn clock(trial: &mut Trial<'_>) -> CaseResult {
             (received - sent) / 1e9,
         ))
     };
-    let (begin, begin_scene, first) = at(&mut guest)?;
+    let (begin, begin_scene, first) = at(&mut client)?;
     while clock.now().as_nanos() < 700_000_000 {
-        guest.barrier()?;
+        client.barrier()?;
     }
-    let (end, end_scene, last) = at(&mut guest)?;
+    let (end, end_scene, last) = at(&mut client)?;
     let (passed, went) = (end - begin, end_scene - begin_scene);
-    // A server that is late may let time go slower (3.3-5); it may not let it go faster.
+    // A late server may slow down (3.3-5), but it must not run faster.
     let slack = 2.0 / 60.0 + first + last;
     ensure(
         went <= passed + slack,
-        format!("in {passed:.3} s it goes on by {went:.3} s"),
+        format!("in {passed:.3} s the scene advances by {went:.3} s"),
     )?;
     ensure(
         went >= passed / 2.0 - slack,
-        format!("in {passed:.3} s it goes on by {went:.3} s"),
+        format!("in {passed:.3} s the scene advances by {went:.3} s"),
     )
 }
 
 fn inspected(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), NORMAL)?;
-    guest.must(ball_shape())?;
+    let mut client = trial.client()?;
+    client.enter(lockstep(), NORMAL)?;
+    client.must(ball_shape())?;
     for place in 0..3 {
         let at = Vec3::X * (3 * place) as f32;
-        let id = body(guest.granted, place)?;
-        guest.must(ball(id, at, Vec3::ZERO))?;
+        let id = body(client.granted, place)?;
+        client.must(ball(id, at, Vec3::ZERO))?;
     }
-    guest.say(&ClientMessage::Inspect);
-    let reported = guest.await_message("inspection", |message| match message {
+    client.send(&ClientMessage::Inspect);
+    let reported = client.await_message("inspection", |message| match message {
         ServerMessage::Inspection(reported) => Some(reported),
         _ => None,
     })?;
@@ -364,5 +372,5 @@ fn inspected(trial: &mut Trial<'_>) -> CaseResult {
         reported.bodies == 3 && reported.awake <= 3,
         format!("three bodies, not {}", reported.bodies),
     )?;
-    ensure(reported.tick == Tick::ZERO, "no tick was asked for")
+    ensure(reported.tick == Tick::ZERO, "no tick was requested")
 }

@@ -1,4 +1,4 @@
-//! L1.1: how conversations begin.
+//! L1.1: how sessions begin.
 
 use rhumb_protocol::message::{ClientMessage, Extension, Extensions, ServerMessage, StreamChoice};
 use rhumb_protocol::session::CloseCode;
@@ -13,66 +13,60 @@ pub(super) fn cases() -> Vec<Case> {
     vec![
         Case::server(
             "L1.1.1",
-            "a hello is answered by a welcome in a version that was offered",
+            "a hello is answered by a welcome with an offered version",
         )
         .cites("PROTOCOL 3.1-4, 3.1-6")
         .play(|trial| {
-            let welcome = trial.guest()?.hello()?;
+            let welcome = trial.client()?.hello()?;
             ensure(welcome.version == 1, "version 1 was offered")?;
-            ensure(welcome.scene.is_none(), "nobody has created the scene")
+            ensure(welcome.scene.is_none(), "the scene does not exist yet")
         }),
         Case::server(
             "L1.1.2",
-            "who offers only versions of the future is closed with code 3",
+            "a client that offers only future versions is closed with code 3",
         )
         .cites("PROTOCOL 3.1-7, 3.5-10")
         .play(|trial| {
-            let mut guest = trial.guest()?;
-            offer(&mut guest, &[0x7777, 2], Extensions::NONE);
-            guest.must_be_closed(CloseCode::VERSION)
+            let mut client = trial.client()?;
+            offer(&mut client, &[0x7777, 2], Extensions::NONE);
+            client.must_be_closed(CloseCode::VERSION)
         }),
         Case::server(
             "L1.1.3",
-            "who offers only a greased version is closed with code 3",
+            "a client that offers only greased versions is closed with code 3",
         )
         .cites("PROTOCOL 3.5-9, 3.5-7")
         .play(|trial| {
-            let mut guest = trial.guest()?;
-            offer(&mut guest, &[0x0a0a, 0xfafa], Extensions::NONE);
-            guest.must_be_closed(CloseCode::VERSION)
+            let mut client = trial.client()?;
+            offer(&mut client, &[0x0a0a, 0xfafa], Extensions::NONE);
+            client.must_be_closed(CloseCode::VERSION)
         }),
-        Case::server(
-            "L1.1.4",
-            "a critical extension that is not known closes with code 5",
-        )
-        .cites("PROTOCOL 3.5-12, 3.5-4")
-        .play(|trial| {
-            let mut guest = trial.guest()?;
-            offer(&mut guest, &[1], extension(62));
-            guest.must_be_closed(CloseCode::EXTENSION)
-        }),
-        Case::server(
-            "L1.1.5",
-            "an optional extension that is not known is skipped",
-        )
-        .cites("PROTOCOL 3.5-12, 3.5-2, 3.5-7")
-        .play(|trial| {
-            let mut guest = trial.guest()?;
-            offer(&mut guest, &[1], extension(27));
-            welcomed(&mut guest)
-        }),
+        Case::server("L1.1.4", "an unknown critical extension closes with code 5")
+            .cites("PROTOCOL 3.5-12, 3.5-4")
+            .play(|trial| {
+                let mut client = trial.client()?;
+                offer(&mut client, &[1], extension(62));
+                client.must_be_closed(CloseCode::EXTENSION)
+            }),
+        Case::server("L1.1.5", "an unknown optional extension is skipped")
+            .cites("PROTOCOL 3.5-12, 3.5-2, 3.5-7")
+            .play(|trial| {
+                let mut client = trial.client()?;
+                offer(&mut client, &[1], extension(27));
+                welcomed(&mut client)
+            }),
         Case::server(
             "L1.1.6",
-            "what a member says before it is one closes with code 2",
+            "a member's message from a client that has not joined closes with code 2",
         )
         .cites("PROTOCOL 3.2-1")
         .play(too_early),
     ]
 }
 
-fn offer(guest: &mut RawClient, versions: &[u16], extensions: Extensions) {
-    let scene = guest.scene.clone();
-    guest.say(&ClientMessage::Hello {
+fn offer(client: &mut RawClient, versions: &[u16], extensions: Extensions) {
+    let scene = client.scene.clone();
+    client.send(&ClientMessage::Hello {
         versions: versions.to_vec(),
         scene,
         extensions,
@@ -89,16 +83,16 @@ fn extension(id: u32) -> Extensions {
     extensions
 }
 
-fn welcomed(guest: &mut RawClient) -> CaseResult {
-    guest.await_message("welcome", |message| {
+fn welcomed(client: &mut RawClient) -> CaseResult {
+    client.await_message("welcome", |message| {
         matches!(message, ServerMessage::Welcome(_)).then_some(())
     })
 }
 
 fn too_early(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.hello()?;
-    guest.create(lockstep())?;
-    guest.say(&ClientMessage::Subscribe(StreamChoice::Full));
-    guest.must_be_closed(CloseCode::VIOLATION)
+    let mut client = trial.client()?;
+    client.hello()?;
+    client.create(lockstep())?;
+    client.send(&ClientMessage::Subscribe(StreamChoice::Full));
+    client.must_be_closed(CloseCode::VIOLATION)
 }

@@ -1,6 +1,7 @@
 //! L1.2: every message in every state.
 //!
-//! One case for each message and state of the table of 3.2: it is allowed, skipped, or ends the connection.
+//! One case for each message and each state in the table of 3.2: the message is allowed, skipped, or ends the
+//! connection.
 
 use rhumb_protocol::Instant;
 use rhumb_protocol::message::{
@@ -17,7 +18,7 @@ use crate::conformance::outcome::{CaseResult, ensure};
 use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
-/// How far a conversation has come.
+/// The state of a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SessionStage {
     Silent,
@@ -26,7 +27,7 @@ enum SessionStage {
     Parted,
 }
 
-/// What a message must come to.
+/// The required reaction to a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Expected {
     Handled,
@@ -65,36 +66,36 @@ pub(super) fn cases() -> Vec<Case> {
     .enumerate()
     {
         for (kind, name) in (1_u8..).zip(NAMES) {
-            let fate = fate(state, kind);
+            let expected = expected(state, kind);
             if state == SessionStage::Silent && kind == 1 {
                 continue;
             }
             let id = format!("L1.2.{}", place * 20 + usize::from(kind));
-            let (cites, words) = match fate {
+            let (cites, words) = match expected {
                 Expected::Handled => ("PROTOCOL 3.2-1", "is allowed"),
                 Expected::Skipped => ("PROTOCOL 3.2-3", "is skipped"),
                 Expected::Violation => ("PROTOCOL 3.2-1", "ends the connection with code 2"),
             };
-            let name = format!("{name} said by who is {} {words}", word(state));
+            let name = format!("{name} from a client {} {words}", word(state));
             let case = Case::server(&id, &name).cites(cites);
-            cases.push(case.play(move |trial| play(trial, state, kind, fate)));
+            cases.push(case.play(move |trial| play(trial, state, kind, expected)));
         }
     }
     cases
 }
 
-/// Who is in a state.
+/// The state in words.
 const fn word(state: SessionStage) -> &'static str {
     match state {
         SessionStage::Silent => "silent",
         SessionStage::Lobby => "in the lobby",
-        SessionStage::Member => "a member",
+        SessionStage::Member => "that is a member",
         SessionStage::Parted => "parted",
     }
 }
 
 /// The table of PROTOCOL 3.2.
-const fn fate(state: SessionStage, kind: u8) -> Expected {
+const fn expected(state: SessionStage, kind: u8) -> Expected {
     let for_lobby = matches!(kind, 2 | 3 | 5 | 10);
     let for_members = matches!(kind, 4..=16);
     match state {
@@ -106,18 +107,18 @@ const fn fate(state: SessionStage, kind: u8) -> Expected {
     }
 }
 
-fn play(trial: &mut Trial<'_>, state: SessionStage, kind: u8, fate: Expected) -> CaseResult {
-    let mut guest = in_state(trial, state)?;
-    let message = message(&guest, kind);
-    guest.say(&message);
-    match fate {
-        Expected::Violation => guest.must_be_closed(CloseCode::VIOLATION),
-        Expected::Handled => guest.barrier().map(drop),
+fn play(trial: &mut Trial<'_>, state: SessionStage, kind: u8, expected: Expected) -> CaseResult {
+    let mut client = in_state(trial, state)?;
+    let message = message(&client, kind);
+    client.send(&message);
+    match expected {
+        Expected::Violation => client.must_be_closed(CloseCode::VIOLATION),
+        Expected::Handled => client.barrier().map(drop),
         Expected::Skipped => {
-            let received = guest.barrier()?;
+            let received = client.barrier()?;
             ensure(
                 received.is_empty(),
-                format!("it is not answered, but by {received:?}"),
+                format!("it must not be answered, but the answer is {received:?}"),
             )
         }
     }
@@ -127,31 +128,31 @@ fn in_state(
     trial: &mut Trial<'_>,
     state: SessionStage,
 ) -> Result<RawClient, crate::conformance::Stop> {
-    let mut guest = trial.guest()?;
+    let mut client = trial.client()?;
     if state == SessionStage::Silent {
-        return Ok(guest);
+        return Ok(client);
     }
-    guest.hello()?;
-    guest.create(lockstep())?;
+    client.hello()?;
+    client.create(lockstep())?;
     if state == SessionStage::Lobby {
-        return Ok(guest);
+        return Ok(client);
     }
-    guest.join(StreamChoice::Full)?;
+    client.join(StreamChoice::Full)?;
     if state == SessionStage::Parted {
-        guest.say(&ClientMessage::Leave);
-        guest.await_message("answer to leave", |message| {
+        client.send(&ClientMessage::Leave);
+        client.await_message("answer to leave", |message| {
             matches!(message, ServerMessage::Left).then_some(())
         })?;
     }
-    Ok(guest)
+    Ok(client)
 }
 
-/// A plain message of a type.
-fn message(guest: &RawClient, kind: u8) -> ClientMessage {
+/// An ordinary message of a type.
+fn message(client: &RawClient, kind: u8) -> ClientMessage {
     match kind {
         1 => ClientMessage::Hello {
             versions: vec![1],
-            scene: guest.scene.clone(),
+            scene: client.scene.clone(),
             extensions: Extensions::NONE,
         },
         2 => ClientMessage::Create(lockstep()),

@@ -1,4 +1,4 @@
-//! L1.3: the connection under the conversation.
+//! L1.3: the QUIC connection below the session.
 
 use std::time::Duration;
 
@@ -17,14 +17,14 @@ use crate::conformance::trial::Trial;
 const NO_CONTROL_STREAM: u64 = 0x103;
 const NO_DATAGRAMS: u64 = 0x104;
 
-/// What each case of the group promises, cites and does.
+/// The cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         1,
-        "a connection is by the name rhumb/1",
+        "a connection negotiates the ALPN name rhumb/1",
         "PROTOCOL 1.1-1",
         |trial| {
-            let (line, _relay) = trial.knock(&RawPeerConfig::default())?;
+            let (line, _relay) = trial.try_connect(&RawPeerConfig::default())?;
             ensure(
                 line.alpn().as_deref() == Some(b"rhumb/1"),
                 "ALPN names rhumb/1",
@@ -33,55 +33,55 @@ const CASES: &[CaseRow] = &[
     ),
     (
         2,
-        "who speaks another protocol is not let in",
+        "a client with another ALPN protocol is refused",
         "PROTOCOL 1.1-1",
-        |trial| not_let_in(trial, b"h3"),
+        |trial| refused_alpn(trial, b"h3"),
     ),
     (
         3,
-        "who speaks a protocol of a later number is not let in",
+        "a client with a later protocol version in ALPN is refused",
         "PROTOCOL 1.1-1",
-        |trial| not_let_in(trial, b"rhumb/2"),
+        |trial| refused_alpn(trial, b"rhumb/2"),
     ),
     (
         4,
-        "a server takes the longest datagrams",
+        "a server accepts the longest datagrams",
         "PROTOCOL 1.1-4, 5.8-3",
         |trial| {
-            let (line, _relay) = trial.knock(&RawPeerConfig::default())?;
+            let (line, _relay) = trial.try_connect(&RawPeerConfig::default())?;
             let most = line.datagram_bytes_max().unwrap_or_default();
             ensure(
                 most >= DATAGRAM_BYTES_MAX,
-                format!("1150 bytes, and not {most}"),
+                format!("1150 bytes, not {most}"),
             )
         },
     ),
     (
         5,
-        "who takes no datagrams is closed with code 0x104",
+        "a client that accepts no datagrams is closed with code 0x104",
         "PROTOCOL 1.1-4",
         |trial| small_datagrams(trial, None),
     ),
     (
         6,
-        "who takes only short datagrams is closed with code 0x104",
+        "a client that accepts only short datagrams is closed with code 0x104",
         "PROTOCOL 1.1-4",
         |trial| small_datagrams(trial, Some(600)),
     ),
     (
         9,
-        "who breaks off the control stream is closed with code 0x103",
+        "a client that resets the control stream is closed with code 0x103",
         "PROTOCOL 1.1-2",
         |trial| {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
-            guest.line.break_off(7);
-            guest.must_be_closed_with(&[NO_CONTROL_STREAM])
+            let mut client = trial.client()?;
+            client.hello()?;
+            client.connection.break_off(7);
+            client.must_be_closed_with(&[NO_CONTROL_STREAM])
         },
     ),
     (
         10,
-        "another stream of a client's changes nothing",
+        "another stream of a client has no effect",
         "PROTOCOL 1.1-3, 1.1-2",
         other_streams,
     ),
@@ -93,23 +93,23 @@ const CASES: &[CaseRow] = &[
     ),
     (
         12,
-        "a client that closes is gone, whatever code it gives",
+        "a client that closes has left, whatever its close code",
         "PROTOCOL 3.4-1, 3.5-17, 3.3-3",
         closes,
     ),
 ];
 
-/// Those that wait for a clock of the server's.
+/// Cases that wait for a timer of the server.
 const SLOW: &[CaseRow] = &[
     (
         7,
-        "who opens no control stream is given up after five seconds",
+        "a client without a control stream is closed after five seconds",
         "PROTOCOL 1.4-3",
         no_control_stream,
     ),
     (
         8,
-        "who says nothing at all is lost after ten seconds",
+        "a silent connection times out after ten seconds",
         "PROTOCOL 1.4-1",
         silent,
     ),
@@ -122,17 +122,17 @@ pub(super) fn cases() -> Vec<Case> {
         .collect()
 }
 
-fn not_let_in(trial: &mut Trial<'_>, alpn: &[u8]) -> CaseResult {
+fn refused_alpn(trial: &mut Trial<'_>, alpn: &[u8]) -> CaseResult {
     let config = RawPeerConfig {
         alpn: vec![alpn.to_vec()],
         ..RawPeerConfig::default()
     };
-    match trial.knock(&config) {
-        Ok(_) => Stop::fail("it is let in"),
-        // A TLS alert of the number 120, as QUIC carries it.
+    match trial.try_connect(&config) {
+        Ok(_) => Stop::fail("it is accepted"),
+        // The TLS alert no_application_protocol (120), as a QUIC error code.
         Err(Stop::Fail(why)) if why.contains("0x178") => Ok(()),
         Err(other) => Stop::fail(format!(
-            "not refused by no_application_protocol: {}",
+            "not refused with no_application_protocol: {}",
             other.why()
         )),
     }
@@ -144,23 +144,23 @@ fn small_datagrams(trial: &mut Trial<'_>, datagram_bytes: Option<u16>) -> CaseRe
         datagram_bytes,
         ..RawPeerConfig::default()
     };
-    let mut guest = trial.bare_guest(&scene, &config)?;
-    guest.line.open_control();
-    guest.must_be_closed_with(&[NO_DATAGRAMS])
+    let mut client = trial.bare_client(&scene, &config)?;
+    client.connection.open_control();
+    client.must_be_closed_with(&[NO_DATAGRAMS])
 }
 
 fn no_control_stream(trial: &mut Trial<'_>) -> CaseResult {
     let scene = trial.scene();
-    let mut guest = trial.bare_guest(&scene, &RawPeerConfig::default())?;
+    let mut client = trial.bare_client(&scene, &RawPeerConfig::default())?;
     let clock = Clock::start();
-    while guest.ended.is_none() && clock.now().as_nanos() < 8_000_000_000 {
-        guest.next_message()?;
+    while client.ended.is_none() && clock.now().as_nanos() < 8_000_000_000 {
+        client.next_message()?;
     }
     let seconds = clock.now().as_nanos() as f64 / 1e9;
-    let given_up = guest.ended == Some(RawPeerEnd::Closed(NO_CONTROL_STREAM));
+    let given_up = client.ended == Some(RawPeerEnd::Closed(NO_CONTROL_STREAM));
     should(
         given_up,
-        format!("given up with code 0x103, not {:?}", guest.ended),
+        format!("closed with code 0x103, not {:?}", client.ended),
     )?;
     should(
         (4.0..=7.0).contains(&seconds),
@@ -175,17 +175,17 @@ fn silent(trial: &mut Trial<'_>) -> CaseResult {
         keep_alive: None,
         ..RawPeerConfig::default()
     };
-    let mut guest = trial.bare_guest(&scene, &config)?;
-    guest.line.open_control();
-    guest.hello()?;
+    let mut client = trial.bare_client(&scene, &config)?;
+    client.connection.open_control();
+    client.hello()?;
     let clock = Clock::start();
-    while guest.ended.is_none() && clock.now().as_nanos() < 16_000_000_000 {
-        guest.next_message()?;
+    while client.ended.is_none() && clock.now().as_nanos() < 16_000_000_000 {
+        client.next_message()?;
     }
     let seconds = clock.now().as_nanos() as f64 / 1e9;
     ensure(
-        guest.ended == Some(RawPeerEnd::TimedOut),
-        format!("it times out, not {:?}", guest.ended),
+        client.ended == Some(RawPeerEnd::TimedOut),
+        format!("it times out, not {:?}", client.ended),
     )?;
     ensure(
         (9.0..=13.0).contains(&seconds),
@@ -194,40 +194,40 @@ fn silent(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn other_streams(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.hello()?;
-    guest.line.open_another(true);
-    guest.line.open_another(false);
-    // Whether it minds is its own matter; what it says on the control stream is not.
-    guest.create(lockstep())?;
-    guest.join(StreamChoice::Full)?;
-    guest.barrier().map(drop)
+    let mut client = trial.client()?;
+    client.hello()?;
+    client.connection.open_another(true);
+    client.connection.open_another(false);
+    // The server may ignore or stop the streams; the control stream must still work.
+    client.create(lockstep())?;
+    client.join(StreamChoice::Full)?;
+    client.barrier().map(drop)
 }
 
 fn last_words(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.hello()?;
+    let mut client = trial.client()?;
+    client.hello()?;
     let mut bytes = Vec::new();
     ClientMessage::Create(lockstep()).encode(&mut bytes);
     bytes.extend_from_slice(&[1, 0x7d]);
-    guest.utter(&bytes);
-    guest
+    client.send_bytes(&bytes);
+    client
         .await_message("answer that was due before the close", |message| {
             matches!(message, ServerMessage::Created).then_some(())
         })
         .or_else(|stop| should(false, stop.why()))?;
-    guest.must_be_closed(CloseCode::MALFORMED)
+    client.must_be_closed(CloseCode::MALFORMED)
 }
 
 fn closes(trial: &mut Trial<'_>) -> CaseResult {
-    let mut one = trial.guest()?;
+    let mut one = trial.client()?;
     one.enter(lockstep(), StreamChoice::Full)?;
     let scene = one.scene.clone();
-    one.line.close(0x3fff_1234);
+    one.connection.close(0x3fff_1234);
     drop(one);
-    let mut other = trial.guest_of(&scene)?;
+    let mut other = trial.client_of(&scene)?;
     let welcome = other.hello()?;
-    ensure(welcome.scene.is_some(), "its scene stays")?;
+    ensure(welcome.scene.is_some(), "its scene still exists")?;
     other.join(StreamChoice::Full)?;
     other.barrier().map(drop)
 }

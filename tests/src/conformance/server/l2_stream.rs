@@ -1,4 +1,4 @@
-//! L2.1: what a stream brings in the end, whatever its lane loses.
+//! L2.1: the final content of a stream, whatever its lane loses.
 
 use glam::Vec3;
 use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
@@ -25,13 +25,13 @@ pub(super) fn cases() -> Vec<Case> {
         .play(no_farther),
         case(
             "L2.1.2",
-            "of a lane that loses every third datagram all is refreshed",
+            "on a lane that loses every third datagram everything is refreshed",
             "PROTOCOL 6.7-3, 6.7-8, 6.4-3",
         )
         .play(|trial| {
-            let mut follower = scene(trial, NORMAL)?;
+            let mut subscriber = scene(trial, NORMAL)?;
             let mut count = 0_u32;
-            follower.sift(move |_| {
+            subscriber.filter_datagrams(move |_| {
                 count += 1;
                 if count.is_multiple_of(3) {
                     LaneAction::Lost
@@ -40,69 +40,69 @@ pub(super) fn cases() -> Vec<Case> {
                 }
             });
             for tick in 1..=60 {
-                follower.advance(Tick::new(tick))?;
+                subscriber.advance(Tick::new(tick))?;
             }
-            undoubted(&follower)
+            is_consistent(&subscriber)
         }),
         case(
             "L2.1.3",
-            "datagrams that come twice or late change nothing",
+            "repeated and late datagrams change nothing",
             "PROTOCOL 6.6-4, 6.6-3",
         )
         .play(|trial| {
-            let mut follower = scene(trial, NORMAL)?;
+            let mut subscriber = scene(trial, NORMAL)?;
             let mut dice = trial.dice();
-            follower.sift(move |_| {
+            subscriber.filter_datagrams(move |_| {
                 [LaneAction::Twice, LaneAction::Late, LaneAction::Comes][dice.below(3)]
             });
             for tick in 1..=60 {
-                follower.advance(Tick::new(tick))?;
+                subscriber.advance(Tick::new(tick))?;
             }
-            undoubted(&follower)
+            is_consistent(&subscriber)
         }),
         case(
             "L2.1.4",
-            "a stream that begins where one has ended has another id",
+            "a stream that begins after another has ended has a new id",
             "PROTOCOL 5.8-2, 5.8-6, 6.5-3",
         )
         .play(begins_anew),
     ]
 }
 
-/// To the tick that was asked for, and no farther.
+/// Steps to the requested tick, and no farther.
 fn no_farther(trial: &mut Trial<'_>) -> CaseResult {
-    let mut follower = scene(trial, NORMAL)?;
-    follower.advance(Tick::new(10))?;
-    let watermark_tick = follower.replica()?.stream().watermark_tick();
+    let mut subscriber = scene(trial, NORMAL)?;
+    subscriber.advance(Tick::new(10))?;
+    let watermark_tick = subscriber.replica()?.stream().watermark_tick();
     ensure(
         watermark_tick == Tick::new(10),
-        "nothing beyond what was asked for",
+        "no tick beyond the requested one",
     )?;
-    // What it stepped to shows to who joins then.
-    let mut late = trial.guest_of(&follower.scene)?;
+    // A late joiner sees the newest tick.
+    let mut late = trial.client_of(&subscriber.scene)?;
     late.hello()?;
     let (joined, _) = late.join(StreamChoice::Full)?;
     let tick = joined.start.tick;
     ensure(
         tick == Tick::new(10),
-        format!("it stands at 10, and not at {tick}"),
+        format!("the scene is at tick 10, not {tick}"),
     )
 }
 
-/// Datagrams of the stream before may still be on their way.
+/// Datagrams of the previous stream may still be in flight.
 fn begins_anew(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    let mut before = guest.enter(lockstep(), NORMAL)?.start.stream;
+    let mut client = trial.client()?;
+    let mut before = client.enter(lockstep(), NORMAL)?.start.stream;
     for _ in 0..8 {
-        guest.say(&ClientMessage::Leave);
-        guest.await_message("left", |message| {
+        client.send(&ClientMessage::Leave);
+        client.await_message("left", |message| {
             matches!(message, ServerMessage::Left).then_some(())
         })?;
-        let (joined, _) = guest.join(NORMAL)?;
+        let (joined, _) = client.join(NORMAL)?;
         let stream = joined.start.stream;
         should(
             stream != before,
-            format!("it has another id, and not {stream} again"),
+            format!("it has a new id, not {stream} again"),
         )?;
         before = stream;
     }
@@ -111,20 +111,23 @@ fn begins_anew(trial: &mut Trial<'_>) -> CaseResult {
 
 /// A member of a scene with a ball above a floor.
 fn scene(trial: &mut Trial<'_>, choice: StreamChoice) -> Result<LossyClient, Stop> {
-    let mut follower = trial.follower()?;
-    follower.create(lockstep())?;
-    let granted = follower.join(choice)?;
-    follower.must(ball_shape())?;
-    follower.must(floor_shape())?;
-    follower.must(floor(body(granted, 0)?))?;
-    follower.must(ball(body(granted, 1)?, Vec3::new(0.0, 3.0, 0.0), Vec3::X))?;
-    Ok(follower)
+    let mut subscriber = trial.subscriber()?;
+    subscriber.create(lockstep())?;
+    let granted = subscriber.join(choice)?;
+    subscriber.must(ball_shape())?;
+    subscriber.must(floor_shape())?;
+    subscriber.must(floor(body(granted, 0)?))?;
+    subscriber.must(ball(body(granted, 1)?, Vec3::new(0.0, 3.0, 0.0), Vec3::X))?;
+    Ok(subscriber)
 }
 
-/// That the copy is converged, and no sum was another.
-fn undoubted(follower: &LossyClient) -> CaseResult {
-    let stream = follower.replica()?.stream();
-    ensure(stream.is_converged(), "nothing is missing in the end")?;
+/// Requires that the copy is complete, and that no checksum differed.
+fn is_consistent(subscriber: &LossyClient) -> CaseResult {
+    let stream = subscriber.replica()?.stream();
+    ensure(stream.is_converged(), "nothing is missing at the end")?;
     let received = stream.statistics();
-    ensure(received.mismatches == 0, "every sum is the copy's own")
+    ensure(
+        received.mismatches == 0,
+        "every checksum equals the copy's own",
+    )
 }

@@ -1,4 +1,4 @@
-//! L3.2: what commands do, and what each is refused for.
+//! L3.2: effects of commands, and the errors that refuse them.
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::{
@@ -19,27 +19,29 @@ use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;
 
-/// What is there when a command is refused: a ball, a floor, a kinematic ball, a joint between ball and floor.
+/// The scene in which commands are refused: a ball, a floor, a kinematic ball, a joint between ball and floor.
 struct Fixtures {
     ball: BodyId,
     floor: BodyId,
     lift: BodyId,
-    nobody: BodyId,
+    missing: BodyId,
 }
 
-/// What is said, and what it must be refused by.
+/// A command, and the error that must refuse it.
 type Refused = fn(&Fixtures) -> (Command, CommandError);
 
-/// Each error that a single member can come to, with the command that comes to it.
+/// Each error that one member can cause, with a command that causes it.
 const REFUSED: [(&str, Refused); 17] = [
-    ("taking out a body that is not there", |cast| {
+    ("removing a body that does not exist", |fixtures| {
         (
-            Command::RemoveBody { id: cast.nobody },
-            CommandError::UnknownBody(cast.nobody),
+            Command::RemoveBody {
+                id: fixtures.missing,
+            },
+            CommandError::UnknownBody(fixtures.missing),
         )
     }),
-    ("moving a body that is not there", |cast| {
-        let (id, linear) = (cast.nobody, Vec3::X);
+    ("moving a body that does not exist", |fixtures| {
+        let (id, linear) = (fixtures.missing, Vec3::X);
         let angular = Vec3::ZERO;
         (
             Command::SetVelocity {
@@ -50,79 +52,82 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::UnknownBody(id),
         )
     }),
-    ("a body of another generation than is there", |cast| {
-        let id = BodyId::new(cast.ball.index(), cast.ball.generation() + 1);
+    ("a body with the wrong generation", |fixtures| {
+        let id = BodyId::new(fixtures.ball.index(), fixtures.ball.generation() + 1);
         (Command::RemoveBody { id }, CommandError::UnknownBody(id))
     }),
-    ("forgetting a shape that is not known", |_| {
+    ("removing a shape that does not exist", |_| {
         let id = ShapeId(77);
         (Command::RemoveShape { id }, CommandError::UnknownShape(id))
     }),
-    ("a body of a shape that is not known", |cast| {
-        let shape = ShapeId(77);
-        let config = BodyDesc::plain(cast.nobody, BodyKind::Dynamic, shape);
-        let motion = moving(Vec3::Y * 50.0, Vec3::ZERO);
-        (
-            Command::AddBody { config, motion },
-            CommandError::UnknownShape(shape),
-        )
+    (
+        "adding a body with a shape that does not exist",
+        |fixtures| {
+            let shape = ShapeId(77);
+            let desc = BodyDesc::plain(fixtures.missing, BodyKind::Dynamic, shape);
+            let motion = moving(Vec3::Y * 50.0, Vec3::ZERO);
+            (
+                Command::AddBody { desc, motion },
+                CommandError::UnknownShape(shape),
+            )
+        },
+    ),
+    ("adding a body with an index in use", |fixtures| {
+        let command = ball(fixtures.ball, Vec3::Y * 50.0, Vec3::ZERO);
+        (command, CommandError::BodyIdTaken(fixtures.ball))
     }),
-    ("a body of an index that is in use", |cast| {
-        let command = ball(cast.ball, Vec3::Y * 50.0, Vec3::ZERO);
-        (command, CommandError::BodyIdTaken(cast.ball))
-    }),
-    ("a shape of a number that is in use", |_| {
+    ("adding a shape with an id in use", |_| {
         (ball_shape(), CommandError::ShapeIdTaken(BALL))
     }),
-    ("forgetting a shape that a body has", |_| {
+    ("removing a shape that a body uses", |_| {
         (
             Command::RemoveShape { id: BALL },
             CommandError::ShapeInUse(BALL),
         )
     }),
-    ("a force on a static body", |cast| {
+    ("applying a force to a static body", |fixtures| {
         let force = Vec3::X;
         (
             Command::Force {
-                id: cast.floor,
+                id: fixtures.floor,
                 force,
             },
-            CommandError::NotPushable(cast.floor),
+            CommandError::NotPushable(fixtures.floor),
         )
     }),
-    ("an impulse on a kinematic body", |cast| {
+    ("applying an impulse to a kinematic body", |fixtures| {
         let impulse = Vec3::X;
         (
             Command::Impulse {
-                id: cast.lift,
+                id: fixtures.lift,
                 impulse,
             },
-            CommandError::NotPushable(cast.lift),
+            CommandError::NotPushable(fixtures.lift),
         )
     }),
-    ("a torque on a kinematic body", |cast| {
+    ("applying a torque to a kinematic body", |fixtures| {
         let torque = Vec3::X;
         (
             Command::Torque {
-                id: cast.lift,
+                id: fixtures.lift,
                 torque,
             },
-            CommandError::NotPushable(cast.lift),
+            CommandError::NotPushable(fixtures.lift),
         )
     }),
-    ("a torque impulse on a static body", |cast| {
+    ("applying a torque impulse to a static body", |fixtures| {
         let impulse = Vec3::X;
         (
             Command::TorqueImpulse {
-                id: cast.floor,
+                id: fixtures.floor,
                 impulse,
             },
-            CommandError::NotPushable(cast.floor),
+            CommandError::NotPushable(fixtures.floor),
         )
     }),
-    ("a velocity of a static body", |cast| {
+    ("setting the velocity of a static body", |fixtures| {
         let (linear, angular) = (Vec3::X, Vec3::ZERO);
-        let id = cast.floor;
+        let id = fixtures.floor;
         (
             Command::SetVelocity {
                 id,
@@ -132,108 +137,108 @@ const REFUSED: [(&str, Refused); 17] = [
             CommandError::NotPushable(id),
         )
     }),
-    ("letting go of a joint that is not there", |_| {
+    ("removing a joint that does not exist", |_| {
         let id = JointId(9);
         (Command::RemoveJoint { id }, CommandError::UnknownJoint(id))
     }),
-    ("a joint of a number that is in use", |cast| {
+    ("adding a joint with an id in use", |fixtures| {
         let id = JointId(0);
-        let joint = joint(cast.ball, cast.lift);
+        let joint = joint(fixtures.ball, fixtures.lift);
         (
             Command::AddJoint { id, joint },
             CommandError::JointIdTaken(id),
         )
     }),
-    ("a joint of a body to itself", |cast| {
-        let joint = joint(cast.ball, cast.ball);
+    ("joining a body to itself", |fixtures| {
+        let joint = joint(fixtures.ball, fixtures.ball);
         let id = JointId(1);
         (
             Command::AddJoint { id, joint },
-            CommandError::JoinedToItself(cast.ball),
+            CommandError::JoinedToItself(fixtures.ball),
         )
     }),
-    ("a joint to a body that is not there", |cast| {
-        let joint = joint(cast.ball, cast.nobody);
+    ("adding a joint to a body that does not exist", |fixtures| {
+        let joint = joint(fixtures.ball, fixtures.missing);
         let id = JointId(1);
         (
             Command::AddJoint { id, joint },
-            CommandError::UnknownBody(cast.nobody),
+            CommandError::UnknownBody(fixtures.missing),
         )
     }),
 ];
 
-/// What else each case of the group promises, cites and does.
+/// The other cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         31,
-        "commands that come together are answered by scene_events, then by one Applied",
+        "commands in one write are answered by their scene events, then by one Applied",
         "PROTOCOL 4.6-9, 4.6-10",
         together,
     ),
     (
         32,
-        "a command of the future is refused with 19, and has a number",
+        "an unknown command is refused with 19, and is counted",
         "PROTOCOL 3.5-13, 4.4-1",
         future,
     ),
     (
         33,
-        "a body that is taken out is gone for everybody, with its joints",
+        "a removed body is removed for all members, with its joints",
         "PROTOCOL 4.4-5, 4.6-2",
         joints_go,
     ),
     (
         34,
-        "an index is used again with a greater generation only",
+        "an index is reused only with a greater generation",
         "PROTOCOL 2.4-2, 4.4-2",
         generations,
     ),
     (
         35,
-        "who is no owner may command a body too",
+        "a member may command another member's body",
         "PROTOCOL 4.4-3",
         not_owner,
     ),
     (
         39,
-        "scene_events of a command are reported to every member alike",
+        "all members receive the same scene events of a command",
         "PROTOCOL 4.6-5, 4.6-9",
-        told_alike,
+        notified_alike,
     ),
     (
         40,
-        "a rotation within a thousandth of unit length is taken",
+        "a rotation within a thousandth of unit length is accepted",
         "PROTOCOL 4.5-2, 4.5-1",
         unit_length,
     ),
     (
         41,
-        "what is refused leaves no trace, however many come",
+        "refused commands have no effect, however many come",
         "PROTOCOL 4.4-7",
         no_trace,
     ),
 ];
 
-/// Those of shapes without an inside.
+/// Cases that need shapes without a volume.
 const SHEETS: &[CaseRow] = &[(
     36,
-    "a dynamic body without an inside is refused with 17",
+    "a dynamic body without a volume is refused with 17",
     "PROTOCOL 2.6-13",
     |trial| no_inside(trial, sheet()?),
 )];
 
-/// Those of shapes of parts.
+/// Cases that need compound shapes.
 const COMPOUNDS: &[CaseRow] = &[(
     38,
-    "a body of no parts is a body",
+    "a body with an empty compound shape is valid",
     "PROTOCOL 2.6-17",
     no_parts,
 )];
 
-/// Those of both.
+/// Cases that need both.
 const SHEETS_IN_COMPOUNDS: &[CaseRow] = &[(
     37,
-    "a dynamic body with a part without an inside is refused with 17",
+    "a dynamic body with a part without a volume is refused with 17",
     "PROTOCOL 2.6-13",
     |trial| {
         let part = Part {
@@ -248,7 +253,7 @@ const SHEETS_IN_COMPOUNDS: &[CaseRow] = &[(
 
 pub(super) fn cases() -> Vec<Case> {
     let refused = REFUSED.iter().zip(1..).map(|((what, refused), number)| {
-        let name = format!("{what} is refused by its own error, and does nothing");
+        let name = format!("{what} is refused with its own error and has no effect");
         Case::server(&format!("L3.2.{number}"), &name)
             .cites("PROTOCOL 4.4-7, 4.6-8, 4.4-4")
             .needs(&[Feature::Lockstep])
@@ -269,7 +274,7 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 fn none() -> Stop {
-    Stop::Inconclusive("the suite has no such shape".into())
+    Stop::Inconclusive("the suite built an invalid shape".into())
 }
 
 fn sheet() -> Result<Shape, Stop> {
@@ -291,69 +296,72 @@ fn joint(first: BodyId, second: BodyId) -> Joint {
 }
 
 fn member(trial: &mut Trial<'_>) -> Result<RawClient, Stop> {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), NORMAL)?;
-    Ok(guest)
+    let mut client = trial.client()?;
+    client.enter(lockstep(), NORMAL)?;
+    Ok(client)
 }
 
-fn cast(guest: &mut RawClient) -> Result<Fixtures, Stop> {
-    let id = |place| body(guest.granted, place);
-    let cast = Fixtures {
+fn fixtures(client: &mut RawClient) -> Result<Fixtures, Stop> {
+    let id = |place| body(client.granted, place);
+    let fixtures = Fixtures {
         ball: id(0)?,
         floor: id(1)?,
         lift: id(2)?,
-        nobody: id(3)?,
+        missing: id(3)?,
     };
-    guest.must(ball_shape())?;
-    guest.must(floor_shape())?;
-    guest.must(floor(cast.floor))?;
-    guest.must(ball(cast.ball, Vec3::Y * 5.0, Vec3::ZERO))?;
-    guest.must(Command::AddBody {
-        config: BodyDesc::plain(cast.lift, BodyKind::Kinematic, BALL),
+    client.must(ball_shape())?;
+    client.must(floor_shape())?;
+    client.must(floor(fixtures.floor))?;
+    client.must(ball(fixtures.ball, Vec3::Y * 5.0, Vec3::ZERO))?;
+    client.must(Command::AddBody {
+        desc: BodyDesc::plain(fixtures.lift, BodyKind::Kinematic, BALL),
         motion: moving(Vec3::new(5.0, 5.0, 0.0), Vec3::ZERO),
     })?;
-    let joint = joint(cast.ball, cast.floor);
+    let joint = joint(fixtures.ball, fixtures.floor);
     let id = JointId(0);
-    guest.must(Command::AddJoint { id, joint })?;
-    Ok(cast)
+    client.must(Command::AddJoint { id, joint })?;
+    Ok(fixtures)
 }
 
-/// What anybody who joins now is reported of the scene.
-fn reported(trial: &mut Trial<'_>, guest: &RawClient) -> Result<Vec<SceneEvent>, Stop> {
-    let mut late = trial.guest_of(&guest.scene.clone())?;
+/// The snapshot of the scene that a late joiner receives.
+fn reported(trial: &mut Trial<'_>, client: &RawClient) -> Result<Vec<SceneEvent>, Stop> {
+    let mut late = trial.client_of(&client.scene.clone())?;
     late.hello()?;
     Ok(late.join(StreamChoice::Full)?.1)
 }
 
 fn is_refused(trial: &mut Trial<'_>, refused: Refused) -> CaseResult {
-    let mut guest = member(trial)?;
-    let cast = cast(&mut guest)?;
-    let before = reported(trial, &guest)?;
-    let (command, error) = refused(&cast);
-    let outcome = guest.command(command)?;
+    let mut client = member(trial)?;
+    let fixtures = fixtures(&mut client)?;
+    let before = reported(trial, &client)?;
+    let (command, error) = refused(&fixtures);
+    let outcome = client.command(command)?;
     ensure(
         outcome == Err(error),
-        format!("refused by {error:?}, not {outcome:?}"),
+        format!("refused with {error:?}, not {outcome:?}"),
     )?;
-    let received = guest.barrier()?;
+    let received = client.barrier()?;
     ensure(
         received.is_empty(),
-        format!("no scene_event of it, not {received:?}"),
+        format!("no scene event, not {received:?}"),
     )?;
-    ensure(reported(trial, &guest)? == before, "the scene is as before")
+    ensure(
+        reported(trial, &client)? == before,
+        "the scene is unchanged",
+    )
 }
 
 fn together(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    let id = body(guest.granted, 0)?;
+    let mut client = member(trial)?;
+    let id = body(client.granted, 0)?;
     let commands = [
         ball_shape(),
         Command::RemoveShape { id: ShapeId(99) },
         ball(id, Vec3::ZERO, Vec3::ZERO),
         Command::RemoveBody { id },
     ];
-    guest.say_together(&commands.map(ClientMessage::Command));
-    let received = guest.barrier()?;
+    client.send_together(&commands.map(ClientMessage::Command));
+    let received = client.barrier()?;
     let scene_events: Vec<_> = received
         .iter()
         .filter_map(|message| match message {
@@ -374,7 +382,7 @@ fn together(trial: &mut Trial<'_>) -> CaseResult {
     );
     ensure(
         order,
-        format!("a scene_event of each, in order, not {scene_events:?}"),
+        format!("one scene event per command, in order, not {scene_events:?}"),
     )?;
     let last = matches!(
         received.last(),
@@ -382,120 +390,125 @@ fn together(trial: &mut Trial<'_>) -> CaseResult {
     );
     ensure(
         last,
-        format!("Applied through the last comes last, not {received:?}"),
+        format!("Applied for the last command comes last, not {received:?}"),
     )?;
     let refused =
         |message: &ServerMessage| matches!(message, ServerMessage::Refused { number: 1, .. });
     ensure(
         received.iter().any(refused),
-        "and the one that is wrong is refused by its number",
+        "the invalid command is refused by its number",
     )
 }
 
 fn future(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    guest.utter(&[5, 7, 0x8a, 1, 2, 3]);
-    let outcome = guest.outcome_of(0)?;
+    let mut client = member(trial)?;
+    client.send_bytes(&[5, 7, 0x8a, 1, 2, 3]);
+    let outcome = client.outcome_of(0)?;
     ensure(
         outcome == Err(CommandError::UnknownCommand),
         format!("refused with 19, not {outcome:?}"),
     )?;
-    guest.commands = 1;
-    guest.must(ball_shape()).map(drop)
+    client.commands = 1;
+    client.must(ball_shape()).map(drop)
 }
 
 fn joints_go(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    let cast = cast(&mut guest)?;
-    guest.must(Command::RemoveBody { id: cast.floor })?;
-    let left = reported(trial, &guest)?;
+    let mut client = member(trial)?;
+    let fixtures = fixtures(&mut client)?;
+    client.must(Command::RemoveBody { id: fixtures.floor })?;
+    let left = reported(trial, &client)?;
     let joint_left =
         |scene_event: &SceneEvent| matches!(scene_event, SceneEvent::JointAdded { .. });
-    ensure(!left.iter().any(joint_left), "its joint is gone with it")?;
-    let outcome = guest.command(Command::RemoveJoint { id: JointId(0) })?;
+    ensure(!left.iter().any(joint_left), "its joint is removed too")?;
+    let outcome = client.command(Command::RemoveJoint { id: JointId(0) })?;
     let error = Err(CommandError::UnknownJoint(JointId(0)));
     ensure(
         outcome == error,
-        format!("and cannot be let go of, not {outcome:?}"),
+        format!("removing the joint again is refused, not {outcome:?}"),
     )?;
-    let again = joint(cast.ball, cast.lift);
+    let again = joint(fixtures.ball, fixtures.lift);
     let id = JointId(0);
-    guest.must(Command::AddJoint { id, joint: again }).map(drop)
+    client
+        .must(Command::AddJoint { id, joint: again })
+        .map(drop)
 }
 
 fn generations(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    guest.must(ball_shape())?;
-    let first = body(guest.granted, 0)?;
+    let mut client = member(trial)?;
+    client.must(ball_shape())?;
+    let first = body(client.granted, 0)?;
     let of = |step: u16| BodyId::new(first.index(), first.generation() + step);
     let add = |id| ball(id, Vec3::ZERO, Vec3::ZERO);
-    guest.must(add(of(1)))?;
-    guest.must(Command::RemoveBody { id: of(1) })?;
+    client.must(add(of(1)))?;
+    client.must(Command::RemoveBody { id: of(1) })?;
     for step in [0, 1] {
-        let outcome = guest.command(add(of(step)))?;
+        let outcome = client.command(add(of(step)))?;
         let error = Err(CommandError::BodyIdTaken(of(step)));
         ensure(
             outcome == error,
-            format!("generation {step} was there, not {outcome:?}"),
+            format!("generation {step} was used before, not {outcome:?}"),
         )?;
     }
-    guest.must(add(of(2))).map(drop)
+    client.must(add(of(2))).map(drop)
 }
 
 fn not_owner(trial: &mut Trial<'_>) -> CaseResult {
     let mut owner = member(trial)?;
-    let cast = cast(&mut owner)?;
-    let mut other = trial.guest_of(&owner.scene.clone())?;
+    let fixtures = fixtures(&mut owner)?;
+    let mut other = trial.client_of(&owner.scene.clone())?;
     other.hello()?;
     other.join(NORMAL)?;
     other.must(Command::Impulse {
-        id: cast.ball,
+        id: fixtures.ball,
         impulse: Vec3::X,
     })?;
-    other.must(Command::RemoveBody { id: cast.ball })?;
-    owner.await_message("word that its body is gone", |message| match message {
-        ServerMessage::SceneEvent(SceneEvent::BodyRemoved { id, cause }) => {
-            (id == cast.ball && cause == RemovalCause::Command).then_some(())
-        }
-        _ => None,
-    })
+    other.must(Command::RemoveBody { id: fixtures.ball })?;
+    owner.await_message(
+        "message that its body is removed",
+        |message| match message {
+            ServerMessage::SceneEvent(SceneEvent::BodyRemoved { id, cause }) => {
+                (id == fixtures.ball && cause == RemovalCause::Command).then_some(())
+            }
+            _ => None,
+        },
+    )
 }
 
 fn no_inside(trial: &mut Trial<'_>, shape: Shape) -> CaseResult {
-    let mut guest = member(trial)?;
+    let mut client = member(trial)?;
     let id = ShapeId(5);
-    guest.must(Command::AddShape { id, shape })?;
+    client.must(Command::AddShape { id, shape })?;
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    let config = |kind, place| Ok(BodyDesc::plain(body(guest.granted, place)?, kind, id));
-    let dynamic: Result<_, Stop> = config(BodyKind::Dynamic, 0);
-    let still: Result<_, Stop> = config(BodyKind::Static, 0);
+    let desc = |kind, place| Ok(BodyDesc::plain(body(client.granted, place)?, kind, id));
+    let dynamic: Result<_, Stop> = desc(BodyKind::Dynamic, 0);
+    let still: Result<_, Stop> = desc(BodyKind::Static, 0);
     let (dynamic, still) = (dynamic?, still?);
-    let outcome = guest.command(Command::AddBody {
-        config: dynamic,
+    let outcome = client.command(Command::AddBody {
+        desc: dynamic,
         motion,
     })?;
     ensure(
         outcome == Err(CommandError::NoInside(id)),
         format!("NoInside, not {outcome:?}"),
     )?;
-    let config = still;
-    guest.must(Command::AddBody { config, motion }).map(drop)
+    let desc = still;
+    client.must(Command::AddBody { desc, motion }).map(drop)
 }
 
 fn no_parts(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
+    let mut client = member(trial)?;
     let id = ShapeId(5);
     let compound = Compound::new(Vec::new()).map_err(|_| none())?;
     let shape = Shape::Compound(compound);
-    guest.must(Command::AddShape { id, shape })?;
-    let config = BodyDesc::plain(body(guest.granted, 0)?, BodyKind::Dynamic, id);
+    client.must(Command::AddShape { id, shape })?;
+    let desc = BodyDesc::plain(body(client.granted, 0)?, BodyKind::Dynamic, id);
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    guest.must(Command::AddBody { config, motion }).map(drop)
+    client.must(Command::AddBody { desc, motion }).map(drop)
 }
 
-fn told_alike(trial: &mut Trial<'_>) -> CaseResult {
+fn notified_alike(trial: &mut Trial<'_>) -> CaseResult {
     let mut one = member(trial)?;
-    let mut other = trial.guest_of(&one.scene.clone())?;
+    let mut other = trial.client_of(&one.scene.clone())?;
     other.hello()?;
     other.join(StreamChoice::Full)?;
     let scene_events = |received: Vec<ServerMessage>| -> Vec<_> {
@@ -507,50 +520,53 @@ fn told_alike(trial: &mut Trial<'_>) -> CaseResult {
     };
     let forgotten = Command::RemoveShape { id: FLOOR };
     let commands = [ball_shape(), floor_shape(), forgotten];
-    one.say_together(&commands.map(ClientMessage::Command));
+    one.send_together(&commands.map(ClientMessage::Command));
     let first = scene_events(one.barrier()?);
     let second = scene_events(other.barrier()?);
     ensure(
         first.len() == 3,
-        format!("three scene_events, not {first:?}"),
+        format!("three scene events, not {first:?}"),
     )?;
     ensure(
         first == second,
-        format!("the other hears the same, not {second:?}"),
+        format!("the other member receives the same, not {second:?}"),
     )
 }
 
 fn unit_length(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    let cast = cast(&mut guest)?;
+    let mut client = member(trial)?;
+    let fixtures = fixtures(&mut client)?;
     let set = |w: f32| Command::SetPose {
-        id: cast.ball,
+        id: fixtures.ball,
         position: Vec3::Y * 5.0,
         rotation: Quat::from_xyzw(0.0, 0.0, 0.0, w),
     };
-    guest.must(set(1.000_4))?;
-    guest.must(set(0.999_6))?;
-    let outcome = guest.command(set(1.01))?;
+    client.must(set(1.000_4))?;
+    client.must(set(0.999_6))?;
+    let outcome = client.command(set(1.01))?;
     let refused = matches!(outcome, Err(CommandError::Invalid(_)));
     ensure(
         refused,
-        format!("one farther off is refused, not {outcome:?}"),
+        format!("a greater deviation is refused, not {outcome:?}"),
     )
 }
 
 fn no_trace(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = member(trial)?;
-    let cast = cast(&mut guest)?;
-    let before = reported(trial, &guest)?;
+    let mut client = member(trial)?;
+    let fixtures = fixtures(&mut client)?;
+    let before = reported(trial, &client)?;
     for (_, refused) in REFUSED {
         for _ in 0..20 {
-            let (command, error) = refused(&cast);
-            let outcome = guest.command(command)?;
+            let (command, error) = refused(&fixtures);
+            let outcome = client.command(command)?;
             ensure(
                 outcome == Err(error),
-                format!("refused by {error:?}, not {outcome:?}"),
+                format!("refused with {error:?}, not {outcome:?}"),
             )?;
         }
     }
-    ensure(reported(trial, &guest)? == before, "the scene is as before")
+    ensure(
+        reported(trial, &client)? == before,
+        "the scene is unchanged",
+    )
 }

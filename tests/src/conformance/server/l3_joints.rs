@@ -1,4 +1,4 @@
-//! L3.3: joints hold what they are to hold, and leave the rest free.
+//! L3.3: joints constrain the specified directions, and leave the others free.
 
 use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::message::StreamChoice;
@@ -14,7 +14,7 @@ use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::LossyClient;
 use crate::conformance::trial::Trial;
 
-/// What each case of the group promises, cites and does.
+/// The cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         1,
@@ -24,10 +24,7 @@ const CASES: &[CaseRow] = &[
             hangs(trial, JointKind::Spherical(None), |there| {
                 let length = there.pose().position.length();
                 let off = (length - 2.0).abs();
-                ensure(
-                    off <= 0.02,
-                    format!("2 m from where it hangs, not {length}"),
-                )
+                ensure(off <= 0.02, format!("2 m from the anchor, not {length}"))
             })
         },
     ),
@@ -37,14 +34,14 @@ const CASES: &[CaseRow] = &[
         "PROTOCOL 2.6-7, 2.6-11",
         |trial| {
             let mut lowest = 0.0_f64;
-            let mut hung = hang(trial, JointKind::Spherical(None))?;
+            let mut hanging = hang(trial, JointKind::Spherical(None))?;
             for tick in 1..=90 {
-                hung.follower.advance(Tick::new(tick))?;
-                lowest = lowest.min(hung.there()?.pose().position.y);
+                hanging.subscriber.advance(Tick::new(tick))?;
+                lowest = lowest.min(hanging.there()?.pose().position.y);
             }
             ensure(
                 lowest <= -1.8,
-                format!("it swings down, and not to {lowest} m only"),
+                format!("it swings down, not only to {lowest} m"),
             )
         },
     ),
@@ -55,69 +52,66 @@ const CASES: &[CaseRow] = &[
         |trial| {
             hangs(trial, JointKind::Fixed, |there| {
                 let off = (there.pose().position - DVec3::X * 2.0).length();
-                ensure(
-                    off <= 0.05,
-                    format!("it stays where it is held, not {off} m off"),
-                )
+                ensure(off <= 0.05, format!("it stays in place, not {off} m away"))
             })
         },
     ),
     (
         4,
-        "a revolute joint turns about its x alone",
+        "a revolute joint turns about its x axis only",
         "PROTOCOL 2.6-7, 2.6-11",
         |trial| {
-            // About x nothing pulls a body that lies along x: it is held up.
+            // Gravity has no torque about x for a body that lies along x, so the body stays in place.
             hangs(trial, JointKind::Revolute(None), |there| {
                 let off = (there.pose().position - DVec3::X * 2.0).length();
-                ensure(off <= 0.05, format!("it is held up, not {off} m off"))
+                ensure(off <= 0.05, format!("it stays in place, not {off} m away"))
             })
         },
     ),
     (
         5,
-        "a prismatic joint slides along its x alone",
+        "a prismatic joint slides along its x axis only",
         "PROTOCOL 2.6-7, 2.6-11",
         |trial| {
-            let mut hung = hang(trial, JointKind::Prismatic(None))?;
-            let id = hung.body;
+            let mut hanging = hang(trial, JointKind::Prismatic(None))?;
+            let id = hanging.body;
             let (linear, angular) = (Vec3::X, Vec3::ZERO);
-            hung.follower.must(Command::SetVelocity {
+            hanging.subscriber.must(Command::SetVelocity {
                 id,
                 linear,
                 angular,
             })?;
-            hung.follower.advance(Tick::new(60))?;
-            let place = hung.there()?.pose().position;
+            hanging.subscriber.advance(Tick::new(60))?;
+            let place = hanging.there()?.pose().position;
             ensure(
                 (place.x - 3.0).abs() <= 0.05,
-                format!("it slides a metre, and is at {place}"),
+                format!("it slides by one metre, and is at {place}"),
             )?;
             ensure(
                 place.y.abs() <= 0.05,
-                format!("and is held up, not at {place}"),
+                format!("it stays at its height, not at {place}"),
             )
         },
     ),
     (
         6,
-        "a prismatic joint slides no farther than its limits",
+        "a prismatic joint stops at its limits",
         "PROTOCOL 2.6-7, 2.6-11",
         |trial| {
             let limits = JointLimits {
                 least: -0.25,
                 most: 0.25,
             };
-            let mut hung = hang(trial, JointKind::Prismatic(Some(limits)))?;
-            let id = hung.body;
+            let mut hanging = hang(trial, JointKind::Prismatic(Some(limits)))?;
+            let id = hanging.body;
             let (linear, angular) = (Vec3::X * 2.0, Vec3::ZERO);
-            hung.follower.must(Command::SetVelocity {
+            hanging.subscriber.must(Command::SetVelocity {
                 id,
                 linear,
                 angular,
             })?;
-            hung.follower.advance(Tick::new(60))?;
-            let place = hung.there()?.pose().position;
+            hanging.subscriber.advance(Tick::new(60))?;
+            let place = hanging.there()?.pose().position;
             ensure(
                 (1.7..=2.3).contains(&place.x),
                 format!("it stays within 0.25 m, not at {place}"),
@@ -126,24 +120,25 @@ const CASES: &[CaseRow] = &[
     ),
     (
         7,
-        "who joins late is reported of a joint as it was made",
+        "a late joiner receives a joint as it was made",
         "PROTOCOL 2.6-7, 2.6-11",
         reported,
     ),
     (
         8,
-        "what a joint held is free once it lets go",
+        "a body is free after its joint is removed",
         "PROTOCOL 2.6-7, 2.6-11",
         |trial| {
-            let mut hung = hang(trial, JointKind::Fixed)?;
-            hung.follower.advance(Tick::new(10))?;
-            hung.follower
+            let mut hanging = hang(trial, JointKind::Fixed)?;
+            hanging.subscriber.advance(Tick::new(10))?;
+            hanging
+                .subscriber
                 .must(Command::RemoveJoint { id: JointId(0) })?;
-            hung.follower.advance(Tick::new(70))?;
-            let height = hung.there()?.pose().position.y;
+            hanging.subscriber.advance(Tick::new(70))?;
+            let height = hanging.there()?.pose().position.y;
             ensure(
                 height <= -4.0,
-                format!("it falls, and is not at {height} m"),
+                format!("it falls, and is not still at {height} m"),
             )
         },
     ),
@@ -153,59 +148,59 @@ pub(super) fn cases() -> Vec<Case> {
     table("L3.3", &[Feature::Lockstep], CASES).collect()
 }
 
-/// A ball two metres beside a static one that holds it.
+/// A ball two metres beside a static one, and a joint between them.
 struct HangingBall {
-    follower: LossyClient,
+    subscriber: LossyClient,
     body: BodyId,
     joint: Joint,
 }
 
 impl HangingBall {
     fn there(&self) -> Result<Motion, Stop> {
-        let stream = self.follower.replica()?.stream();
-        let gone = || Stop::Fail("the body is not there".into());
+        let stream = self.subscriber.replica()?.stream();
+        let no_body = || Stop::Fail("the body does not exist".into());
         stream
             .predicted_motion(self.body, stream.complete())
-            .ok_or_else(gone)
+            .ok_or_else(no_body)
     }
 }
 
 fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<HangingBall, Stop> {
-    let mut follower = trial.follower()?;
-    follower.create(lockstep())?;
-    let granted = follower.join(StreamChoice::Full)?;
-    let (hook, hung) = (body(granted, 0)?, body(granted, 1)?);
-    follower.must(ball_shape())?;
-    follower.must(Command::AddBody {
-        config: BodyDesc::plain(hook, BodyKind::Static, BALL),
+    let mut subscriber = trial.subscriber()?;
+    subscriber.create(lockstep())?;
+    let granted = subscriber.join(StreamChoice::Full)?;
+    let (hook, hanging) = (body(granted, 0)?, body(granted, 1)?);
+    subscriber.must(ball_shape())?;
+    subscriber.must(Command::AddBody {
+        desc: BodyDesc::plain(hook, BodyKind::Static, BALL),
         motion: moving(Vec3::ZERO, Vec3::ZERO),
     })?;
-    follower.must(ball(hung, Vec3::X * 2.0, Vec3::ZERO))?;
+    subscriber.must(ball(hanging, Vec3::X * 2.0, Vec3::ZERO))?;
     let frame = |anchor| JointFrame {
         anchor,
         rotation: Quat::IDENTITY,
     };
     let joint = Joint {
         kind,
-        bodies: [hook, hung],
+        bodies: [hook, hanging],
         frames: [frame(Vec3::ZERO), frame(Vec3::X * -2.0)],
         collide: false,
     };
     let id = JointId(0);
-    follower.must(Command::AddJoint { id, joint })?;
+    subscriber.must(Command::AddJoint { id, joint })?;
     Ok(HangingBall {
-        follower,
-        body: hung,
+        subscriber,
+        body: hanging,
         joint,
     })
 }
 
-/// Holds something at every tick of two seconds.
+/// Checks a condition at every tick of two seconds.
 fn hangs(trial: &mut Trial<'_>, kind: JointKind, holds: fn(Motion) -> CaseResult) -> CaseResult {
-    let mut hung = hang(trial, kind)?;
+    let mut hanging = hang(trial, kind)?;
     for tick in 1..=120 {
-        hung.follower.advance(Tick::new(tick))?;
-        holds(hung.there()?)?;
+        hanging.subscriber.advance(Tick::new(tick))?;
+        holds(hanging.there()?)?;
     }
     Ok(())
 }
@@ -215,13 +210,18 @@ fn reported(trial: &mut Trial<'_>) -> CaseResult {
         least: -1.0,
         most: 0.5,
     };
-    let hung = hang(trial, JointKind::Revolute(Some(limits)))?;
-    let mut late = trial.guest_of(&hung.follower.scene.clone())?;
+    let hanging = hang(trial, JointKind::Revolute(Some(limits)))?;
+    let mut late = trial.client_of(&hanging.subscriber.scene.clone())?;
     late.hello()?;
     let (_, scene_events) = late.join(StreamChoice::Full)?;
-    let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| matches!(scene_event, rhumb_protocol::message::SceneEvent::JointAdded { id: JointId(0), joint } if *joint == hung.joint);
+    let is_it = |scene_event: &rhumb_protocol::message::SceneEvent| {
+        matches!(
+            scene_event,
+            rhumb_protocol::message::SceneEvent::JointAdded { id: JointId(0), joint } if *joint == hanging.joint
+        )
+    };
     ensure(
         scene_events.iter().any(is_it),
-        format!("as it was made, and not {scene_events:?}"),
+        format!("as it was made, not {scene_events:?}"),
     )
 }

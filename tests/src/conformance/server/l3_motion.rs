@@ -1,6 +1,7 @@
-//! L3.4: what commands do to a body's motion, whichever engine moves it.
+//! L3.4: effects of commands on a body's motion, with any physics engine.
 //!
-//! Each is one body, or two, in a scene of its own; tolerances are a tick's worth of what may be stepped first.
+//! Each case has one or two bodies in a scene of its own. Tolerances allow one tick, since engines integrate position
+//! and velocity in different orders.
 
 use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::message::StreamChoice;
@@ -17,11 +18,11 @@ use crate::conformance::trial::Trial;
 
 const FULL: StreamChoice = StreamChoice::Full;
 
-/// What each case of the group promises, cites and does.
+/// The cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         1,
-        "an impulse changes the velocity at once, by itself over the mass",
+        "an impulse changes the velocity at once, by impulse over mass",
         "PROTOCOL 4.4-6, 2.6-1",
         impulse,
     ),
@@ -33,7 +34,7 @@ const CASES: &[CaseRow] = &[
     ),
     (
         3,
-        "a torque impulse spins a ball by itself over its moment",
+        "a torque impulse changes the spin of a ball by impulse over moment of inertia",
         "PROTOCOL 4.4-6, 2.6-1",
         spin,
     ),
@@ -45,25 +46,25 @@ const CASES: &[CaseRow] = &[
     ),
     (
         5,
-        "a velocity that is set is had, and kept where nothing acts",
+        "a set velocity takes effect, and stays where no force acts",
         "PROTOCOL 4.4-6, 2.6-1",
         velocity,
     ),
     (
         6,
-        "a body that is put elsewhere is there at once",
+        "a teleported body is at its new place at once",
         "PROTOCOL 4.4-6, 2.6-1",
         put,
     ),
     (
         7,
-        "a kinematic body keeps the velocity that it was given, and falls not",
+        "a kinematic body keeps its velocity, and does not fall",
         "PROTOCOL 2.6-5",
         kinematic,
     ),
     (
         8,
-        "a kinematic body that is put elsewhere goes there during the next tick",
+        "a kinematic body with a new pose moves there during the next tick",
         "PROTOCOL 2.6-5",
         lifted,
     ),
@@ -81,19 +82,19 @@ const CASES: &[CaseRow] = &[
     ),
     (
         11,
-        "another gravity pulls from the next step on",
+        "a changed gravity acts from the next step on",
         "PROTOCOL 4.4-6, 6.9-2",
         gravity,
     ),
     (
         12,
-        "damping slows a body as its config say",
+        "damping slows a body as specified",
         "PROTOCOL 6.1-4",
         damped,
     ),
     (
         13,
-        "of two balls that meet the momentum stays",
+        "a collision of two balls conserves momentum",
         "PROTOCOL 2.6-4",
         momentum,
     ),
@@ -105,13 +106,13 @@ const CASES: &[CaseRow] = &[
     ),
     (
         15,
-        "a body that nothing turns keeps its rotation when it is hit",
+        "a body with locked rotations keeps its rotation when it is hit",
         "PROTOCOL 2.6-6",
         unturned,
     ),
     (
         16,
-        "a box that spins about its middle axis turns over",
+        "a box that spins about its middle axis flips",
         "PROTOCOL 2.6-6",
         tumbles,
     ),
@@ -123,7 +124,7 @@ const CASES: &[CaseRow] = &[
     ),
     (
         18,
-        "a static body that is put elsewhere stays there",
+        "a static body with a new pose stays there",
         "PROTOCOL 2.6-3, 6.10-2",
         moved_floor,
     ),
@@ -133,109 +134,109 @@ pub(super) fn cases() -> Vec<Case> {
     table("L3.4", &[Feature::Lockstep], CASES).collect()
 }
 
-/// Kilograms of the ball: that of its solid at the scene's density.
+/// Mass of the ball, in kilograms: its volume at the scene's density.
 fn mass() -> f64 {
     let volume = 4.0 / 3.0 * std::f64::consts::PI * f64::from(RADIUS).powi(3);
     volume * 1_000.0
 }
 
-/// kg·m² of the ball about any axis.
+/// Moment of inertia of the ball about any axis, in kg·m².
 fn moment() -> f64 {
     0.4 * mass() * f64::from(RADIUS).powi(2)
 }
 
-/// A ball that stands still where nothing pulls.
+/// A ball at rest in a scene without gravity.
 fn still(trial: &mut Trial<'_>) -> Result<(LossyClient, BodyId), Stop> {
-    let (mut follower, id) = alone(trial, false, FULL)?;
-    follower.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
-    Ok((follower, id))
+    let (mut subscriber, id) = alone(trial, false, FULL)?;
+    subscriber.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
+    Ok((subscriber, id))
 }
 
 fn near(what: &str, is: f64, wanted: f64, slack: f64) -> CaseResult {
     ensure(
         (is - wanted).abs() <= slack,
-        format!("{what} is {wanted}, not {is}"),
+        format!("{what} must be {wanted}, not {is}"),
     )
 }
 
 fn impulse(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = still(trial)?;
+    let (mut subscriber, id) = still(trial)?;
     let impulse = Vec3::Z * (2.0 * mass()) as f32;
-    follower.must(Command::Impulse { id, impulse })?;
-    follower.advance(Tick::new(SECOND))?;
-    let motion = now(&follower, id)?;
+    subscriber.must(Command::Impulse { id, impulse })?;
+    subscriber.advance(Tick::new(SECOND))?;
+    let motion = now(&subscriber, id)?;
     near("its speed in m/s", motion.twist().linear.z, 2.0, 0.02)?;
-    near("its way in m", motion.pose().position.z, 2.0, 0.05)
+    near("its path in m", motion.pose().position.z, 2.0, 0.05)
 }
 
 fn force(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = still(trial)?;
-    // As much as makes 1 m/s in one tick.
+    let (mut subscriber, id) = still(trial)?;
+    // The force that changes the speed by 1 m/s in one tick.
     let force = Vec3::X * (mass() / TICK) as f32;
-    follower.must(Command::Force { id, force })?;
-    follower.advance(Tick::new(1))?;
-    let first = now(&follower, id)?.twist().linear.x;
+    subscriber.must(Command::Force { id, force })?;
+    subscriber.advance(Tick::new(1))?;
+    let first = now(&subscriber, id)?.twist().linear.x;
     near("its speed after a tick in m/s", first, 1.0, 0.01)?;
-    follower.advance(Tick::new(20))?;
+    subscriber.advance(Tick::new(20))?;
     near(
         "its speed later",
-        now(&follower, id)?.twist().linear.x,
+        now(&subscriber, id)?.twist().linear.x,
         first,
         1e-4,
     )
 }
 
 fn spin(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = still(trial)?;
+    let (mut subscriber, id) = still(trial)?;
     let impulse = Vec3::Y * (3.0 * moment()) as f32;
-    follower.must(Command::TorqueImpulse { id, impulse })?;
-    follower.advance(Tick::new(SECOND / 2))?;
-    let motion = now(&follower, id)?;
+    subscriber.must(Command::TorqueImpulse { id, impulse })?;
+    subscriber.advance(Tick::new(SECOND / 2))?;
+    let motion = now(&subscriber, id)?;
     near("its spin in rad/s", motion.twist().angular.y, 3.0, 0.03)?;
     let turn = 2.0 * motion.pose().rotation.y.abs().asin();
     near("its turn in rad", turn, 1.5, 0.06)?;
-    near("its way in m", motion.pose().position.length(), 0.0, 1e-5)
+    near("its path in m", motion.pose().position.length(), 0.0, 1e-5)
 }
 
 fn torque(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = still(trial)?;
+    let (mut subscriber, id) = still(trial)?;
     let torque = Vec3::X * (moment() / TICK) as f32;
-    follower.must(Command::Torque { id, torque })?;
-    follower.advance(Tick::new(1))?;
+    subscriber.must(Command::Torque { id, torque })?;
+    subscriber.advance(Tick::new(1))?;
     near(
         "its spin in rad/s",
-        now(&follower, id)?.twist().angular.x,
+        now(&subscriber, id)?.twist().angular.x,
         1.0,
         0.01,
     )?;
-    follower.advance(Tick::new(20))?;
+    subscriber.advance(Tick::new(20))?;
     near(
         "its spin later",
-        now(&follower, id)?.twist().angular.x,
+        now(&subscriber, id)?.twist().angular.x,
         1.0,
         0.011,
     )
 }
 
 fn velocity(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = still(trial)?;
+    let (mut subscriber, id) = still(trial)?;
     let (linear, angular) = (Vec3::Y * 4.0, Vec3::Z);
     let set = Command::SetVelocity {
         id,
         linear,
         angular,
     };
-    follower.must(set)?;
-    follower.advance(Tick::new(SECOND))?;
-    let twist = now(&follower, id)?.twist();
+    subscriber.must(set)?;
+    subscriber.advance(Tick::new(SECOND))?;
+    let twist = now(&subscriber, id)?.twist();
     near(
-        "what is off in m/s",
+        "the velocity error in m/s",
         (twist.linear - DVec3::Y * 4.0).length(),
         0.0,
         1e-4,
     )?;
     near(
-        "what is off in rad/s",
+        "the spin error in rad/s",
         (twist.angular - DVec3::Z).length(),
         0.0,
         1e-3,
@@ -243,7 +244,7 @@ fn velocity(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn put(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = still(trial)?;
+    let (mut subscriber, id) = still(trial)?;
     let position = Vec3::new(20.0, -3.0, 1.0);
     let rotation = Quat::from_xyzw(0.0, 1.0, 0.0, 0.0);
     let set = Command::SetPose {
@@ -251,11 +252,11 @@ fn put(trial: &mut Trial<'_>) -> CaseResult {
         position,
         rotation,
     };
-    follower.must(set)?;
-    follower.advance(Tick::new(1))?;
-    let pose = now(&follower, id)?.pose();
+    subscriber.must(set)?;
+    subscriber.advance(Tick::new(1))?;
+    let pose = now(&subscriber, id)?.pose();
     near(
-        "what is off in m",
+        "the position error in m",
         (pose.position - position.as_dvec3()).length(),
         0.0,
         1e-5,
@@ -263,21 +264,21 @@ fn put(trial: &mut Trial<'_>) -> CaseResult {
     near("its rotation's y", pose.rotation.y.abs(), 1.0, 1e-5)
 }
 
-/// A kinematic ball that stands still where all else falls.
+/// A kinematic ball at rest in a scene with gravity.
 fn lift(trial: &mut Trial<'_>) -> Result<(LossyClient, BodyId), Stop> {
-    let (mut follower, id) = alone(trial, true, FULL)?;
-    let config = BodyDesc::plain(id, BodyKind::Kinematic, BALL);
+    let (mut subscriber, id) = alone(trial, true, FULL)?;
+    let desc = BodyDesc::plain(id, BodyKind::Kinematic, BALL);
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    follower.must(Command::AddBody { config, motion })?;
-    Ok((follower, id))
+    subscriber.must(Command::AddBody { desc, motion })?;
+    Ok((subscriber, id))
 }
 
 fn kinematic(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = lift(trial)?;
-    follower.advance(Tick::new(10))?;
+    let (mut subscriber, id) = lift(trial)?;
+    subscriber.advance(Tick::new(10))?;
     near(
         "its fall in m",
-        now(&follower, id)?.pose().position.length(),
+        now(&subscriber, id)?.pose().position.length(),
         0.0,
         0.0,
     )?;
@@ -287,142 +288,148 @@ fn kinematic(trial: &mut Trial<'_>) -> CaseResult {
         linear,
         angular,
     };
-    follower.must(set)?;
-    follower.advance(Tick::new(10 + SECOND))?;
-    let off = now(&follower, id)?.pose().position - DVec3::new(2.0, 1.0, 0.0);
-    near("what is off in m", off.length(), 0.0, 1e-3)
+    subscriber.must(set)?;
+    subscriber.advance(Tick::new(10 + SECOND))?;
+    let off = now(&subscriber, id)?.pose().position - DVec3::new(2.0, 1.0, 0.0);
+    near("the position error in m", off.length(), 0.0, 1e-3)
 }
 
 fn lifted(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = lift(trial)?;
+    let (mut subscriber, id) = lift(trial)?;
     let (position, rotation) = (Vec3::X * 0.5, Quat::IDENTITY);
     let set = Command::SetPose {
         id,
         position,
         rotation,
     };
-    follower.must(set)?;
+    subscriber.must(set)?;
     for tick in [1, 10] {
-        follower.advance(Tick::new(tick))?;
-        let off = now(&follower, id)?.pose().position - position.as_dvec3();
-        near("what is off in m", off.length(), 0.0, 1e-6)?;
+        subscriber.advance(Tick::new(tick))?;
+        let off = now(&subscriber, id)?.pose().position - position.as_dvec3();
+        near("the position error in m", off.length(), 0.0, 1e-6)?;
     }
     Ok(())
 }
 
 fn pushes(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, false, FULL)?;
-    let pushed = body(follower.granted, 1)?;
-    let config = BodyDesc::plain(id, BodyKind::Kinematic, BALL);
+    let (mut subscriber, id) = alone(trial, false, FULL)?;
+    let pushed = body(subscriber.granted, 1)?;
+    let desc = BodyDesc::plain(id, BodyKind::Kinematic, BALL);
     let motion = moving(Vec3::ZERO, Vec3::X);
-    follower.must(Command::AddBody { config, motion })?;
-    follower.must(ball(pushed, Vec3::X * 1.5, Vec3::ZERO))?;
-    follower.advance(Tick::new(2 * SECOND))?;
-    let (lift, ball) = (now(&follower, id)?, now(&follower, pushed)?);
+    subscriber.must(Command::AddBody { desc, motion })?;
+    subscriber.must(ball(pushed, Vec3::X * 1.5, Vec3::ZERO))?;
+    subscriber.advance(Tick::new(2 * SECOND))?;
+    let (lift, ball) = (now(&subscriber, id)?, now(&subscriber, pushed)?);
     let off = lift.pose().position - DVec3::X * 2.0;
-    near("what it was held up by in m", off.length(), 0.0, 1e-3)?;
+    near("its deviation in m", off.length(), 0.0, 1e-3)?;
     let ahead = ball.pose().position.x - lift.pose().position.x;
     ensure(
         ahead >= 0.95,
-        format!("the ball is pushed ahead, and is {ahead} m before it"),
+        format!("the ball is pushed ahead, and is {ahead} m in front"),
     )
 }
 
 fn scaled(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, true, FULL)?;
+    let (mut subscriber, id) = alone(trial, true, FULL)?;
     let scales = [0.0, 0.5, -1.0];
     let named = |place: usize| BodyId::new(id.index() + place as u32, id.generation());
     for (place, scale) in scales.into_iter().enumerate() {
-        let mut config = BodyDesc::plain(named(place), BodyKind::Dynamic, BALL);
-        config.gravity_scale = scale;
+        let mut desc = BodyDesc::plain(named(place), BodyKind::Dynamic, BALL);
+        desc.gravity_scale = scale;
         let motion = moving(Vec3::X * (3 * place) as f32, Vec3::ZERO);
-        follower.must(Command::AddBody { config, motion })?;
+        subscriber.must(Command::AddBody { desc, motion })?;
     }
-    follower.advance(Tick::new(SECOND))?;
+    subscriber.advance(Tick::new(SECOND))?;
     let g = f64::from(G);
     for (place, scale) in scales.into_iter().enumerate() {
-        let speed = now(&follower, named(place))?.twist().linear.y;
+        let speed = now(&subscriber, named(place))?.twist().linear.y;
         near("its speed in m/s", speed, -g * f64::from(scale), g * TICK)?;
     }
     Ok(())
 }
 
 fn gravity(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, true, FULL)?;
-    follower.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
-    follower.advance(Tick::new(30))?;
-    let before = now(&follower, id)?.twist().linear;
+    let (mut subscriber, id) = alone(trial, true, FULL)?;
+    subscriber.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
+    subscriber.advance(Tick::new(30))?;
+    let before = now(&subscriber, id)?.twist().linear;
     let gravity = Vec3::X * 6.0;
-    follower.must(Command::SetGravity { gravity })?;
-    follower.advance(Tick::new(60))?;
-    let gained = now(&follower, id)?.twist().linear - before;
-    near("what it fell faster in m/s", gained.y, 0.0, 1e-4)?;
-    near("what it went aside faster in m/s", gained.x, 3.0, 0.1)?;
+    subscriber.must(Command::SetGravity { gravity })?;
+    subscriber.advance(Tick::new(60))?;
+    let gained = now(&subscriber, id)?.twist().linear - before;
+    near("its gain in vertical speed in m/s", gained.y, 0.0, 1e-4)?;
+    near("its gain in horizontal speed in m/s", gained.x, 3.0, 0.1)?;
     ensure(
-        follower.replica()?.gravity() == gravity,
-        "everybody is reported of it",
+        subscriber.replica()?.gravity() == gravity,
+        "all members receive the change",
     )
 }
 
 fn damped(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, false, FULL)?;
-    let mut config = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
-    config.damping = Some(Damping {
+    let (mut subscriber, id) = alone(trial, false, FULL)?;
+    let mut desc = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
+    desc.damping = Some(Damping {
         linear: 1.0,
         angular: 0.0,
     });
     let motion = moving(Vec3::ZERO, Vec3::X * 10.0);
-    follower.must(Command::AddBody { config, motion })?;
-    follower.advance(Tick::new(SECOND))?;
-    // 1/e of it is left after a second; steps make a little of it.
+    subscriber.must(Command::AddBody { desc, motion })?;
+    subscriber.advance(Tick::new(SECOND))?;
+    // After one second 1/e of the speed is left; the engine's steps change that slightly.
     let wanted = 10.0 * (-1.0_f64).exp();
     near(
         "its speed in m/s",
-        now(&follower, id)?.twist().linear.x,
+        now(&subscriber, id)?.twist().linear.x,
         wanted,
         0.1,
     )
 }
 
 fn momentum(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, false, FULL)?;
-    let other = body(follower.granted, 1)?;
-    follower.must(ball(id, Vec3::ZERO, Vec3::X * 3.0))?;
-    follower.must(ball(other, Vec3::X * 2.0, Vec3::ZERO))?;
-    follower.advance(Tick::new(2 * SECOND))?;
-    let (one, two) = (now(&follower, id)?.twist(), now(&follower, other)?.twist());
+    let (mut subscriber, id) = alone(trial, false, FULL)?;
+    let other = body(subscriber.granted, 1)?;
+    subscriber.must(ball(id, Vec3::ZERO, Vec3::X * 3.0))?;
+    subscriber.must(ball(other, Vec3::X * 2.0, Vec3::ZERO))?;
+    subscriber.advance(Tick::new(2 * SECOND))?;
+    let (one, two) = (
+        now(&subscriber, id)?.twist(),
+        now(&subscriber, other)?.twist(),
+    );
     let off = one.linear + two.linear - DVec3::X * 3.0;
-    near("what both lack in m/s", off.length(), 0.0, 0.03)?;
-    ensure(two.linear.x >= 0.5, "the other was hit")
+    near("the lost momentum per mass in m/s", off.length(), 0.0, 0.03)?;
+    ensure(two.linear.x >= 0.5, "the other ball was hit")
 }
 
 fn wakes(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, true, EXACT)?;
-    let under = body(follower.granted, 1)?;
-    follower.must(floor_shape())?;
-    follower.must(floor(under))?;
-    follower.must(ball(id, Vec3::Y * RADIUS, Vec3::ZERO))?;
+    let (mut subscriber, id) = alone(trial, true, EXACT)?;
+    let under = body(subscriber.granted, 1)?;
+    subscriber.must(floor_shape())?;
+    subscriber.must(floor(under))?;
+    subscriber.must(ball(id, Vec3::Y * RADIUS, Vec3::ZERO))?;
     for second in 1..=6 {
-        follower.advance(Tick::new(second * SECOND))?;
+        subscriber.advance(Tick::new(second * SECOND))?;
     }
     let impulse = Vec3::Y * (5.0 * mass()) as f32;
-    follower.must(Command::Impulse { id, impulse })?;
-    follower.advance(Tick::new(6 * SECOND + 20))?;
-    let height = now(&follower, id)?.pose().position.y;
-    ensure(height >= 0.8, format!("it jumps, and is not at {height} m"))
+    subscriber.must(Command::Impulse { id, impulse })?;
+    subscriber.advance(Tick::new(6 * SECOND + 20))?;
+    let height = now(&subscriber, id)?.pose().position.y;
+    ensure(
+        height >= 0.8,
+        format!("it jumps, and is not still at {height} m"),
+    )
 }
 
 fn unturned(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, false, FULL)?;
-    let other = body(follower.granted, 1)?;
-    let mut config = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
-    config.turns = false;
+    let (mut subscriber, id) = alone(trial, false, FULL)?;
+    let other = body(subscriber.granted, 1)?;
+    let mut desc = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
+    desc.turns = false;
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
-    follower.must(Command::AddBody { config, motion })?;
-    // Beside its middle, so that it would turn.
-    follower.must(ball(other, Vec3::new(-2.0, 0.4, 0.0), Vec3::X * 4.0))?;
-    follower.advance(Tick::new(2 * SECOND))?;
-    let motion = now(&follower, id)?;
+    subscriber.must(Command::AddBody { desc, motion })?;
+    // The hit is off centre, so that an unlocked body would turn.
+    subscriber.must(ball(other, Vec3::new(-2.0, 0.4, 0.0), Vec3::X * 4.0))?;
+    subscriber.advance(Tick::new(2 * SECOND))?;
+    let motion = now(&subscriber, id)?;
     ensure(motion.twist().linear.length() >= 0.5, "it was hit")?;
     near(
         "its rotation's w",
@@ -433,65 +440,65 @@ fn unturned(trial: &mut Trial<'_>) -> CaseResult {
 }
 
 fn tumbles(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, false, FULL)?;
+    let (mut subscriber, id) = alone(trial, false, FULL)?;
     let shape = ShapeId(7);
-    follower.must(Command::AddShape {
+    subscriber.must(Command::AddShape {
         id: shape,
         shape: Shape::Cuboid {
             half_extents: Vec3::new(0.2, 0.5, 1.0),
         },
     })?;
     let spin = Vec3::new(0.05, 6.0, 0.0);
-    let config = BodyDesc::plain(id, BodyKind::Dynamic, shape);
+    let desc = BodyDesc::plain(id, BodyKind::Dynamic, shape);
     let motion = turning(Vec3::ZERO, Quat::IDENTITY, Vec3::ZERO, spin);
-    follower.must(Command::AddBody { config, motion })?;
+    subscriber.must(Command::AddBody { desc, motion })?;
     let mut least = f64::INFINITY;
     for tick in 1..=6 * SECOND {
-        follower.advance(Tick::new(tick))?;
-        let motion = now(&follower, id)?;
-        // The box's own y, where it points now.
+        subscriber.advance(Tick::new(tick))?;
+        let motion = now(&subscriber, id)?;
+        // The direction of the box's own y axis in the world.
         least = least.min((motion.pose().rotation * DVec3::Y).y);
         let off = motion.pose().position.length();
-        near("its way in m", off, 0.0, 1e-3)?;
+        near("its displacement in m", off, 0.0, 1e-3)?;
     }
     ensure(
         least <= -0.5,
-        format!("its axis turns over; the least of it is {least}"),
+        format!("its axis flips; the least value of its y component is {least}"),
     )
 }
 
 fn fast(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, id) = alone(trial, true, FULL)?;
-    let under = body(follower.granted, 1)?;
-    follower.must(floor_shape())?;
-    follower.must(floor(under))?;
-    // Less in a tick than the floor is thick.
-    follower.must(ball(id, Vec3::Y * 10.0, Vec3::NEG_Y * 60.0))?;
-    follower.advance(Tick::new(2 * SECOND))?;
-    let height = now(&follower, id)?.pose().position.y;
+    let (mut subscriber, id) = alone(trial, true, FULL)?;
+    let under = body(subscriber.granted, 1)?;
+    subscriber.must(floor_shape())?;
+    subscriber.must(floor(under))?;
+    // The path per tick is shorter than the floor is thick.
+    subscriber.must(ball(id, Vec3::Y * 10.0, Vec3::NEG_Y * 60.0))?;
+    subscriber.advance(Tick::new(2 * SECOND))?;
+    let height = now(&subscriber, id)?.pose().position.y;
     ensure(
         height >= 0.0,
-        format!("it is on the floor, and not at {height} m"),
+        format!("it is on the floor, not at {height} m"),
     )
 }
 
 fn moved_floor(trial: &mut Trial<'_>) -> CaseResult {
-    let (mut follower, _) = alone(trial, true, FULL)?;
-    let under = body(follower.granted, 1)?;
-    follower.must(floor_shape())?;
-    follower.must(floor(under))?;
-    follower.advance(Tick::new(5))?;
+    let (mut subscriber, _) = alone(trial, true, FULL)?;
+    let under = body(subscriber.granted, 1)?;
+    subscriber.must(floor_shape())?;
+    subscriber.must(floor(under))?;
+    subscriber.advance(Tick::new(5))?;
     let (id, position, rotation) = (under, Vec3::Y * 7.0, Quat::IDENTITY);
     let set = Command::SetPose {
         id,
         position,
         rotation,
     };
-    follower.must(set)?;
+    subscriber.must(set)?;
     for tick in [6, 60] {
-        follower.advance(Tick::new(tick))?;
-        let off = now(&follower, id)?.pose().position - position.as_dvec3();
-        near("what is off in m", off.length(), 0.0, 1e-6)?;
+        subscriber.advance(Tick::new(tick))?;
+        let off = now(&subscriber, id)?.pose().position - position.as_dvec3();
+        near("the position error in m", off.length(), 0.0, 1e-6)?;
     }
     Ok(())
 }

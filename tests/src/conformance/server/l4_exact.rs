@@ -1,7 +1,7 @@
-//! L4.3: bodies move to the bit as in the engine of this house.
+//! L4.3: motions are bit-exact results of this project's physics engine.
 //!
-//! Asked of servers that have that engine alone, by the profile `bit-exact`. The full stream carries an engine's own
-//! numbers, so that nothing that is said of a stream's tolerance matters here.
+//! Profile `bit-exact`, for servers with the same engine only. The full stream carries the engine's own numbers, so no
+//! tolerance matters here.
 
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{BodyDesc, BodyKind};
@@ -27,26 +27,26 @@ pub(super) fn cases() -> Vec<Case> {
         .into_iter()
         .enumerate()
         .map(|(place, subject)| {
-            let name = format!("{}: every body moves as recorded, to the bit", subject.name);
+            let name = format!("{}: every body moves bit-exactly as recorded", subject.name);
             case(place + 1, &name, "PROTOCOL 6.10-1, 6.10-3")
                 .play(move |trial| moves(trial, subject))
         });
     let others = [
         case(
             31,
-            "balls that are asked for ten ticks ahead move as recorded, to the bit",
+            "balls move bit-exactly as recorded when ten ticks are requested ahead",
             "PROTOCOL 4.9-1",
         )
         .play(moves_ahead),
         case(
             32,
-            "who joins in the midst of a run is reported of it as recorded, to the bit",
+            "a late joiner receives the recorded motions bit-exactly",
             "PROTOCOL 6.10-3, 6.11-1",
         )
         .play(joins_late),
         case(
             33,
-            "who sleeps lies as recorded, to the bit, on a stream within a tolerance too",
+            "sleeping bodies have the recorded poses bit-exactly, on a stream with a tolerance too",
             "PROTOCOL 6.3-9",
         )
         .play(sleeps),
@@ -54,9 +54,9 @@ pub(super) fn cases() -> Vec<Case> {
     each.chain(others).collect()
 }
 
-/// A member of a scene of a script, which leads it.
+/// A member that sends the commands of a script and advances its scene.
 struct LeadMember {
-    follower: LossyClient,
+    subscriber: LossyClient,
     subject: ReferenceScene,
     script: Box<dyn Script>,
     tick: Tick,
@@ -69,49 +69,49 @@ impl LeadMember {
         choice: StreamChoice,
     ) -> Result<Self, Stop> {
         let script = subject.script();
-        let mut follower = trial.follower()?;
-        follower.create(script.config())?;
-        follower.join(choice)?;
+        let mut subscriber = trial.subscriber()?;
+        subscriber.create(script.config())?;
+        subscriber.join(choice)?;
         Ok(Self {
-            follower,
+            subscriber,
             subject,
             script,
             tick: Tick::ZERO,
         })
     }
 
-    /// Gives the commands of the newest tick.
+    /// Sends the commands of the newest tick.
     fn command(&mut self) -> CaseResult {
         let mut commands = Vec::new();
         self.script.commands(self.tick, &mut commands);
         for mut command in commands {
-            rename(&mut command, self.follower.granted)?;
-            self.follower.task(|session| session.command(command))?;
+            rename(&mut command, self.subscriber.granted)?;
+            self.subscriber.task(|session| session.command(command))?;
         }
         Ok(())
     }
 
-    /// Goes on to a tick, one by one.
+    /// Advances to a tick, one by one.
     fn go(&mut self, to: Tick) -> CaseResult {
         while self.tick < to {
             self.command()?;
             self.tick = self.tick.next();
-            self.follower.advance(self.tick)?;
+            self.subscriber.advance(self.tick)?;
         }
         Ok(())
     }
 }
 
-/// Fails unless every body of a copy that can move moves as it is recorded of the tick.
+/// Fails unless every dynamic body of a copy has the recorded motion of the tick.
 fn judge(copy: &LossyClient, subject: ReferenceScene, first: u32, tick: Tick) -> CaseResult {
     let unrecorded = || Stop::Inconclusive(format!("{tick} of {} is not recorded", subject.name));
     let recorded = subject.recorded(tick).ok_or_else(unrecorded)?;
     let replica = copy.replica()?;
     let stream = replica.stream();
-    let can_move = |config: &BodyDesc| config.kind != BodyKind::Static;
-    let here = replica.bodies().filter(can_move).filter_map(|config| {
-        let motion = stream.predicted_motion(config.id, tick)?;
-        Some((config.id.index().checked_sub(first)?, checksums(&motion)))
+    let can_move = |desc: &BodyDesc| desc.kind != BodyKind::Static;
+    let here = replica.bodies().filter(can_move).filter_map(|desc| {
+        let motion = stream.predicted_motion(desc.id, tick)?;
+        Some((desc.id.index().checked_sub(first)?, checksums(&motion)))
     });
     let here: BodyDigests = here.collect();
     ensure(
@@ -122,7 +122,7 @@ fn judge(copy: &LossyClient, subject: ReferenceScene, first: u32, tick: Tick) ->
     let otherwise: Vec<_> = otherwise.map(|(place, _)| *place).collect();
     ensure(
         otherwise.is_empty(),
-        format!("at {tick} each body is as recorded, to the bit; otherwise are {otherwise:?}"),
+        format!("at {tick} each body is bit-exactly as recorded, except {otherwise:?}"),
     )
 }
 
@@ -130,24 +130,29 @@ fn moves(trial: &mut Trial<'_>, subject: ReferenceScene) -> CaseResult {
     let mut lead = LeadMember::begin(trial, subject, StreamChoice::Full)?;
     for tick in TICKS.map(Tick::new) {
         lead.go(tick)?;
-        judge(&lead.follower, subject, lead.follower.granted.first(), tick)?;
+        judge(
+            &lead.subscriber,
+            subject,
+            lead.subscriber.granted.first(),
+            tick,
+        )?;
     }
     Ok(())
 }
 
 fn moves_ahead(trial: &mut Trial<'_>) -> CaseResult {
-    // All that is commanded of it is commanded before its first step.
+    // This script has no commands after the first step.
     let mut lead = LeadMember::begin(trial, GROUND, StreamChoice::Full)?;
     lead.command()?;
-    let first = lead.follower.granted.first();
+    let first = lead.subscriber.granted.first();
     let recorded = TICKS.into_iter().filter(|tick| tick % 10 == 0);
     for tick in recorded.map(Tick::new) {
         while lead.tick < tick {
             lead.tick = lead.tick + Ticks::new(10);
-            lead.follower.ask_for(lead.tick)?;
+            lead.subscriber.ask_for(lead.tick)?;
         }
-        lead.follower.complete(tick)?;
-        judge(&lead.follower, GROUND, first, tick)?;
+        lead.subscriber.complete(tick)?;
+        judge(&lead.subscriber, GROUND, first, tick)?;
     }
     Ok(())
 }
@@ -156,11 +161,11 @@ fn joins_late(trial: &mut Trial<'_>) -> CaseResult {
     let mut lead = LeadMember::begin(trial, PIT, NORMAL)?;
     let (joins, later) = (Tick::new(60), Tick::new(120));
     lead.go(joins)?;
-    let scene = lead.follower.scene.clone();
-    let mut late = trial.follower_of(&scene)?;
+    let scene = lead.subscriber.scene.clone();
+    let mut late = trial.subscriber_of(&scene)?;
     late.greet()?;
     late.join(StreamChoice::Full)?;
-    let first = lead.follower.granted.first();
+    let first = lead.subscriber.granted.first();
     judge(&late, PIT, first, joins)?;
     lead.go(later)?;
     late.complete(later)?;
@@ -171,15 +176,15 @@ fn sleeps(trial: &mut Trial<'_>) -> CaseResult {
     let mut lead = LeadMember::begin(trial, GROUND, NORMAL)?;
     let tick = Tick::new(TICKS[TICKS.len() - 1]);
     lead.go(tick)?;
-    let first = lead.follower.granted.first();
+    let first = lead.subscriber.granted.first();
     let recorded = lead.subject.recorded(tick).unwrap_or_default();
-    let replica = lead.follower.replica()?;
+    let replica = lead.subscriber.replica()?;
     let stream = replica.stream();
     let mut asleep = 0;
-    for config in replica.bodies() {
-        let (id, place) = (config.id, config.id.index().wrapping_sub(first));
+    for desc in replica.bodies() {
+        let (id, place) = (desc.id, desc.id.index().wrapping_sub(first));
         let rests = stream.track(id).is_some_and(|track| track.is_exact_rest());
-        if config.kind == BodyKind::Static || !rests {
+        if desc.kind == BodyKind::Static || !rests {
             continue;
         }
         let is = stream
@@ -187,7 +192,7 @@ fn sleeps(trial: &mut Trial<'_>) -> CaseResult {
             .map(|motion| checksums(&motion));
         ensure(
             is == recorded.get(&place).copied(),
-            format!("the body at place {place} sleeps at {tick} where it is recorded"),
+            format!("the body at index {place} sleeps at {tick} at its recorded pose"),
         )?;
         asleep += 1;
     }

@@ -1,4 +1,4 @@
-//! L4.2: scenes by the server's clock, streams that change, and budgets.
+//! L4.2: free-running scenes, streams that change, and budgets.
 
 use std::num::NonZeroU32;
 use std::time::Duration;
@@ -18,82 +18,82 @@ use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::{LaneAction, LossyClient, compare, compare_recorded, datagram};
 use crate::conformance::trial::Trial;
 
-/// What each case of the group promises, cites and does.
+/// The cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         1,
-        "a scene that runs free keeps its promise",
+        "a free-running scene keeps its tolerance",
         "PROTOCOL 6.3-7, 3.3-4, 6.8-2",
         |trial| runs(trial, NORMAL, 0, (1, 0)),
     ),
     (
         2,
-        "a scene that runs free keeps its promise on a bad lane",
+        "a free-running scene keeps its tolerance on a bad lane",
         "PROTOCOL 6.3-7, 6.8-4, 6.15-2",
         |trial| runs(trial, EXACT, 8, (1, 0)),
     ),
 ];
 
-/// Those that need other things.
+/// Cases that need other features.
 const FREE_RUNNING_SCHEDULE: &[CaseRow] = &[(
     3,
-    "a scene that runs free speaks of each other tick, three ticks later",
+    "a free-running scene publishes every other tick with a lookahead of three ticks",
     "PROTOCOL 6.3-1, 6.3-3",
     |trial| runs(trial, NORMAL, 0, (2, 3)),
 )];
 
-/// Those that wait for a clock of the server's.
+/// Cases that wait for a timer of the server.
 const SLOW: &[CaseRow] = &[(
     4,
-    "a stream that has nothing to say watermarks ever more rarely",
+    "an idle stream sends watermarks at increasing intervals",
     "PROTOCOL 6.4-2",
     silence,
 )];
 
-/// Those that need other things.
+/// Cases that need other features.
 const LOCKSTEP: &[CaseRow] = &[
     (
         5,
-        "a member that changes its stream keeps its promises all the way",
+        "a member that changes its stream stays within tolerance all the time",
         "PROTOCOL 4.8-8, 4.8-10, 4.8-12, 4.8-13",
         changes,
     ),
     (
         6,
-        "who joins late has the copy of who was there",
+        "a late joiner has the same copy as an earlier member",
         "PROTOCOL 6.11-1, 6.11-2, 6.11-3, 6.1-2, 6.13-5",
         late,
     ),
     (
         7,
-        "who asks for a new snapshot has the copy of the others",
+        "a member that requests a new snapshot has the same copy as the others",
         "PROTOCOL 4.8-5, 6.11-1",
         resyncs,
     ),
     (
         8,
-        "a scene goes on after a pause as before it",
+        "a scene continues after a pause",
         "PROTOCOL 4.9-1, 6.4-1",
         pause,
     ),
     (
         10,
-        "a change of gravity holds for tracks that are sent from then on",
+        "a change of gravity applies to tracks that are sent afterwards",
         "PROTOCOL 6.9-1, 6.9-2, 6.9-3, 6.9-5",
         gravity,
     ),
     (
         11,
-        "the tracks of two members of one stream are the same to the bit",
+        "the tracks of two members of one stream are bit-identical",
         "PROTOCOL 6.1-2, 6.6-15, 6.12-1, 6.12-2",
         same,
     ),
 ];
 
-/// Those that need other things.
+/// Cases that need other features.
 const LOCKSTEP_BUDGETS: &[CaseRow] = &[(
     9,
-    "a stream within a budget says by how much it is off",
+    "a stream with a budget states its error scale",
     "PROTOCOL 6.16-1, 6.16-5, 6.16-8, 6.16-10, 5.17-1",
     budget,
 )];
@@ -116,19 +116,19 @@ pub(super) fn cases() -> Vec<Case> {
         .collect()
 }
 
-/// Balls that fall onto a floor, a few at a time, from above one another.
-fn balls(follower: &mut LossyClient, count: u32) -> CaseResult {
-    let granted = follower.granted;
-    follower.must(ball_shape())?;
-    follower.must(floor_shape())?;
-    follower.must(floor(body(granted, 0)?))?;
+/// Adds balls that fall onto a floor, a few at a time, from above one another.
+fn balls(subscriber: &mut LossyClient, count: u32) -> CaseResult {
+    let granted = subscriber.granted;
+    subscriber.must(ball_shape())?;
+    subscriber.must(floor_shape())?;
+    subscriber.must(floor(body(granted, 0)?))?;
     for place in 1..=count {
         let at = Vec3::new(
             (place % 4) as f32 * 0.8,
             1.0 + place as f32,
             (place % 3) as f32 * 0.7,
         );
-        follower.must(ball(body(granted, place)?, at, Vec3::ZERO))?;
+        subscriber.must(ball(body(granted, place)?, at, Vec3::ZERO))?;
     }
     Ok(())
 }
@@ -138,10 +138,10 @@ fn enter(
     config: SceneConfig,
     choice: StreamChoice,
 ) -> Result<LossyClient, Stop> {
-    let mut follower = trial.follower()?;
-    follower.create(config)?;
-    follower.join(choice)?;
-    Ok(follower)
+    let mut subscriber = trial.subscriber()?;
+    subscriber.create(config)?;
+    subscriber.join(choice)?;
+    Ok(subscriber)
 }
 
 fn beside(
@@ -149,16 +149,16 @@ fn beside(
     other: &LossyClient,
     choice: StreamChoice,
 ) -> Result<LossyClient, Stop> {
-    let mut follower = trial.follower_of(&other.scene.clone())?;
-    follower.greet()?;
-    follower.join(choice)?;
-    Ok(follower)
+    let mut subscriber = trial.subscriber_of(&other.scene.clone())?;
+    subscriber.greet()?;
+    subscriber.join(choice)?;
+    Ok(subscriber)
 }
 
 fn runs(
     trial: &mut Trial<'_>,
     choice: StreamChoice,
-    spoilt: usize,
+    disturbed: usize,
     publish_schedule: (u32, u32),
 ) -> CaseResult {
     let config = SceneConfig {
@@ -172,10 +172,10 @@ fn runs(
     let mut copy = enter(trial, config, choice)?;
     let mut truth = beside(trial, &copy, StreamChoice::Full)?;
     balls(&mut copy, 8)?;
-    if spoilt > 0 {
+    if disturbed > 0 {
         let mut dice = trial.dice();
-        copy.sift(move |_| {
-            if dice.below(spoilt) == 0 {
+        copy.filter_datagrams(move |_| {
+            if dice.below(disturbed) == 0 {
                 LaneAction::Lost
             } else {
                 LaneAction::Comes
@@ -188,20 +188,20 @@ fn runs(
         copy.turn_for(Duration::from_millis(10));
         truth.turn_for(Duration::from_millis(10));
     }
-    let spoken = |follower: &LossyClient| {
-        let ticks = follower.seen.iter().flatten().map(|(tick, _)| *tick);
+    let is_published = |subscriber: &LossyClient| {
+        let ticks = subscriber.recorded.iter().flatten().map(|(tick, _)| *tick);
         ticks
             .skip(1)
             .all(|tick| config.publish_schedule.publishes(tick))
     };
     ensure(
-        spoken(&truth),
-        "ticks that are complete are those that are spoken of",
+        is_published(&truth),
+        "complete ticks are the published ones",
     )?;
     let compared = compare_recorded(&copy, &truth)?;
     ensure(
         compared >= 10,
-        format!("{compared} ticks could be compared"),
+        format!("enough ticks are comparable, not only {compared}"),
     )
 }
 
@@ -211,15 +211,15 @@ fn silence(trial: &mut Trial<'_>) -> CaseResult {
         gravity: Vec3::ZERO,
         ..lockstep()
     };
-    let mut follower = enter(trial, config, NORMAL)?;
-    follower.turn_for(Duration::from_secs(3));
-    let before = follower.arrived;
-    follower.turn_for(Duration::from_secs(6));
-    let came = follower.arrived - before;
-    // Each 150 ticks: two or three in six seconds, and an answer or two to what was asked meanwhile.
+    let mut subscriber = enter(trial, config, NORMAL)?;
+    subscriber.turn_for(Duration::from_secs(3));
+    let before = subscriber.arrived;
+    subscriber.turn_for(Duration::from_secs(6));
+    let came = subscriber.arrived - before;
+    // One every 150 ticks: two or three in six seconds, and an answer or two to earlier loss reports.
     ensure(
         (1..=8).contains(&came),
-        format!("{came} datagrams in six seconds of silence"),
+        format!("{came} datagrams came in six idle seconds"),
     )
 }
 
@@ -231,7 +231,7 @@ fn changes(trial: &mut Trial<'_>) -> CaseResult {
     for choice in [EXACT, StreamChoice::Full, NORMAL] {
         copy.task(|session| session.subscribe(choice))?;
         let mut waited = 0;
-        // What comes before its snapshot is lost to the new copy, and refreshed while the scene goes on.
+        // Packets before the new snapshot are lost to the new copy, and are refreshed while the scene advances.
         while waited < 20 || (waited < 2_000 && copy.replica()?.choice() != choice) {
             (tick, waited) = (tick + 1, waited + 1);
             copy.advance(Tick::new(tick))?;
@@ -244,7 +244,7 @@ fn changes(trial: &mut Trial<'_>) -> CaseResult {
     Ok(())
 }
 
-/// That two copies of one stream are the same at a tick, to the bit.
+/// Requires that two copies of one stream are bit-identical at a tick.
 fn alike(one: &LossyClient, other: &LossyClient, tick: Tick) -> CaseResult {
     let (one, other) = (one.replica()?, other.replica()?);
     let sums = (
@@ -253,14 +253,14 @@ fn alike(one: &LossyClient, other: &LossyClient, tick: Tick) -> CaseResult {
     );
     ensure(
         sums.0 == sums.1,
-        format!("their sums at {tick} are {sums:x?}"),
+        format!("their checksums at {tick} are {sums:x?}"),
     )?;
-    for config in one.bodies() {
-        let id = config.id;
+    for desc in one.bodies() {
+        let id = desc.id;
         let predicted_motion = one.stream().predicted_motion(id, tick);
         ensure(
             predicted_motion == other.stream().predicted_motion(id, tick),
-            format!("{id} at {tick}"),
+            format!("the motions of {id} at {tick} are equal"),
         )?;
     }
     ensure(
@@ -292,10 +292,10 @@ fn resyncs(trial: &mut Trial<'_>) -> CaseResult {
     balls(&mut first, 10)?;
     first.advance(Tick::new(30))?;
     let mut other = beside(trial, &first, EXACT)?;
-    // It hears nothing for so long that it has lost touch, and only a snapshot helps.
+    // All datagrams are lost for so long that only a snapshot helps.
     let last = 30 + TICK_JUMP_MAX + 400;
-    other.sift(move |bytes| match datagram::tick_of(bytes) {
-        // The low bits are all of it here.
+    other.filter_datagrams(move |bytes| match datagram::tick_of(bytes) {
+        // In this scene the tick fits into its low bits.
         Some(tick) if u64::from(tick) > last => LaneAction::Comes,
         _ => LaneAction::Lost,
     });
@@ -306,26 +306,26 @@ fn resyncs(trial: &mut Trial<'_>) -> CaseResult {
     other.complete(tick)?;
     if other.resyncs == 0 {
         return Err(Stop::Inconclusive(
-            "the suite did not ask for a snapshot".into(),
+            "the suite did not request a snapshot".into(),
         ));
     }
     alike(&first, &other, tick)
 }
 
 fn pause(trial: &mut Trial<'_>) -> CaseResult {
-    let mut follower = enter(trial, lockstep(), EXACT)?;
-    balls(&mut follower, 4)?;
-    follower.advance(Tick::new(20))?;
-    let before = follower.arrived;
-    follower.turn_for(Duration::from_millis(300));
+    let mut subscriber = enter(trial, lockstep(), EXACT)?;
+    balls(&mut subscriber, 4)?;
+    subscriber.advance(Tick::new(20))?;
+    let before = subscriber.arrived;
+    subscriber.turn_for(Duration::from_millis(300));
     ensure(
-        follower.arrived == before,
-        "nothing comes while nobody asks",
+        subscriber.arrived == before,
+        "no packet comes while no tick is requested",
     )?;
-    let tick = follower.replica()?.stream().complete();
-    ensure(tick == Tick::new(20), "and the scene stands")?;
+    let tick = subscriber.replica()?.stream().complete();
+    ensure(tick == Tick::new(20), "the scene pauses")?;
     for tick in 21..=40 {
-        follower.advance(Tick::new(tick))?;
+        subscriber.advance(Tick::new(tick))?;
     }
     Ok(())
 }
@@ -333,7 +333,8 @@ fn pause(trial: &mut Trial<'_>) -> CaseResult {
 fn budget(trial: &mut Trial<'_>) -> CaseResult {
     let choice = StreamChoice::Capped {
         tolerance: Tolerance::EXACT,
-        budget: Budget::new(1_000, 1_150).ok_or_else(|| Stop::Inconclusive("no budget".into()))?,
+        budget: Budget::new(1_000, 1_150)
+            .ok_or_else(|| Stop::Inconclusive("the budget is invalid".into()))?,
     };
     let mut copy = enter(trial, lockstep(), choice)?;
     let mut truth = beside(trial, &copy, StreamChoice::Full)?;
@@ -344,13 +345,14 @@ fn budget(trial: &mut Trial<'_>) -> CaseResult {
         copy.advance(tick)?;
         truth.complete(tick)?;
         let factor = copy.replica()?.stream().error_scale_at(tick);
-        let factor = factor.ok_or_else(|| Stop::Fail(format!("nothing is stated of {tick}")))?;
+        let factor =
+            factor.ok_or_else(|| Stop::Fail(format!("no error scale is stated for {tick}")))?;
         exceeded += u32::from(factor > 1.0);
         compare(copy.replica()?, truth.replica()?, tick, factor)?;
     }
     ensure(
         exceeded > 0,
-        "a thousand bytes a second do not suffice for twenty balls",
+        "the error scale must exceed one: a thousand bytes per second are too few for twenty balls",
     )
 }
 
@@ -385,7 +387,7 @@ fn same(trial: &mut Trial<'_>) -> CaseResult {
     let mut other = beside(trial, &one, EXACT)?;
     balls(&mut one, 10)?;
     let mut dice = trial.dice();
-    other.sift(move |_| {
+    other.filter_datagrams(move |_| {
         if dice.below(5) == 0 {
             LaneAction::Lost
         } else {
@@ -395,7 +397,7 @@ fn same(trial: &mut Trial<'_>) -> CaseResult {
     for tick in 1..=90 {
         let tick = Tick::new(tick);
         one.advance(tick)?;
-        // Who asks for a tick too misses it soon; who does not waits for seconds (6.7-2).
+        // A member that requests a tick notices its loss soon; another one waits for seconds (6.7-2).
         other.advance(tick)?;
         alike(&one, &other, tick)?;
     }
@@ -403,5 +405,5 @@ fn same(trial: &mut Trial<'_>) -> CaseResult {
         .events
         .iter()
         .any(|event| matches!(event, Event::Amended(_)));
-    ensure(!reported, "no track had to be made right")
+    ensure(!reported, "no track needed a correction after a mismatch")
 }

@@ -1,7 +1,7 @@
-//! L4.1: bodies are within their tolerances, as the full stream has them.
+//! L4.1: bodies stay within tolerance of the full stream.
 //!
-//! The same scene is followed by two streams, one of them the full one; at every tick that the copy is complete for, publish_interval
-//! body of it is compared. Scenes are this house's scripts, which name no engine.
+//! Two streams follow the same scene, one of them the full one. Every body of the copy is compared at every complete
+//! tick. Scenes are this project's scripts, which do not depend on an engine.
 
 use std::num::NonZeroU32;
 
@@ -25,14 +25,14 @@ struct Setup {
     bodies: u32,
     choice: StreamChoice,
     ticks: u64,
-    /// One datagram in so many is lost, one comes twice, one late; none at zero.
-    spoilt: usize,
-    /// Each so-manyeth tick is spoken of, and what lookahead there is.
+    /// One datagram in this number is lost, one is duplicated, one is delayed; none at zero.
+    disturbed: usize,
+    /// Publish interval and lookahead, in ticks.
     publish_schedule: (u32, u32),
-    /// How many ticks are asked for ahead.
+    /// Number of ticks that are requested ahead.
     depth: u64,
-    /// Whether bodies are of classes.
-    classes: bool,
+    /// Whether bodies have different tolerance scales.
+    tolerance_scales: bool,
 }
 
 impl Setup {
@@ -42,10 +42,10 @@ impl Setup {
             bodies,
             choice,
             ticks: 180,
-            spoilt: 0,
+            disturbed: 0,
             publish_schedule: (1, 0),
             depth: 1,
-            classes: false,
+            tolerance_scales: false,
         }
     }
 }
@@ -53,13 +53,13 @@ impl Setup {
 pub(super) fn cases() -> Vec<Case> {
     let promise = "PROTOCOL 6.3-7, 6.3-10, 6.1-2, 6.1-4, 6.10-1, 6.8-2, 6.8-4";
     let mut number = 0;
-    let mut case = |name: String, cites: &str, way: Setup| {
+    let mut case = |name: String, cites: &str, setup: Setup| {
         number += 1;
         Case::server(&format!("L4.1.{number}"), &name)
             .cites(promise)
             .cites(cites)
             .needs(&[Feature::Lockstep])
-            .play(move |trial| follow(trial, way))
+            .play(move |trial| follow(trial, setup))
     };
     let mut cases = Vec::new();
     for (script, bodies, cites) in [
@@ -75,7 +75,7 @@ pub(super) fn cases() -> Vec<Case> {
         ("zoo", 12, "PROTOCOL 6.1-5, 6.2-3"),
     ] {
         for (word, choice) in [("five centimetres", NORMAL), ("five millimetres", EXACT)] {
-            let name = format!("{script}: every body is within {word} at every tick");
+            let name = format!("{script}: the error of every body is within {word} at every tick");
             cases.push(case(name, cites, Setup::of(script, bodies, choice)));
         }
     }
@@ -83,53 +83,59 @@ pub(super) fn cases() -> Vec<Case> {
         Setup::of("ball-pit", 20, NORMAL),
         Setup::of("zoo", 12, EXACT),
     );
-    for (name, cites, way) in spoilt(pit, zoo).into_iter().chain(otherwise(pit, zoo)) {
-        cases.push(case(name.to_owned(), cites, way));
+    for (name, cites, setup) in disturbed(pit, zoo).into_iter().chain(otherwise(pit, zoo)) {
+        cases.push(case(name.to_owned(), cites, setup));
     }
     cases
 }
 
-/// Ways over lanes that lose, repeat and disorder.
-fn spoilt(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)> {
+/// Setups with lanes that lose, duplicate and reorder.
+fn disturbed(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)> {
     vec![
         (
-            "a pit on a bad lane: what is watermark_tick for holds",
+            "a ball pit on a bad lane: complete ticks are within tolerance",
             "PROTOCOL 6.7-3, 6.6-14, 6.6-15, 6.8-5, 6.7-8",
-            Setup { spoilt: 6, ..pit },
+            Setup {
+                disturbed: 6,
+                ..pit
+            },
         ),
         (
-            "a zoo on a bad lane: what is watermark_tick for holds",
+            "a zoo on a bad lane: complete ticks are within tolerance",
             "PROTOCOL 6.7-3, 6.13-7, 6.13-12, 6.6-8",
-            Setup { spoilt: 5, ..zoo },
+            Setup {
+                disturbed: 5,
+                ..zoo
+            },
         ),
         (
-            "a tumbler on a bad lane: what is held by another is right too",
+            "a tumbler on a bad lane: attached bodies are within tolerance too",
             "PROTOCOL 6.7-3, 6.8-4",
             Setup {
-                spoilt: 6,
+                disturbed: 6,
                 ..Setup::of("tumbler", 12, EXACT)
             },
         ),
         (
-            "a zoo that speaks of each other tick, on a bad lane",
+            "a zoo that is published every other tick, on a bad lane",
             "PROTOCOL 6.3-1",
             Setup {
                 publish_schedule: (2, 0),
                 depth: 2,
-                spoilt: 6,
+                disturbed: 6,
                 ..zoo
             },
         ),
     ]
 }
 
-/// Ways that are asked for, or choose, otherwise.
+/// Setups with other tolerances or other steps.
 fn otherwise(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)> {
     let parts = Tolerance::parts(Metres::new(0.01), Radians::new(0.002)).expect("within range");
     let coarse = LengthBound::from_micrometres(200_000).expect("within range");
     vec![
         (
-            "a pit in parts: positions and turns are within bounds of their own",
+            "a ball pit with separate bounds for position and rotation",
             "PROTOCOL 4.2-1",
             Setup {
                 choice: StreamChoice::Within(parts),
@@ -137,7 +143,7 @@ fn otherwise(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)>
             },
         ),
         (
-            "a pit within twenty centimetres",
+            "a ball pit within twenty centimetres",
             "PROTOCOL 4.2-1",
             Setup {
                 choice: StreamChoice::Within(Tolerance::Surface(coarse)),
@@ -145,28 +151,28 @@ fn otherwise(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)>
             },
         ),
         (
-            "a pit with classes: each body within its own tolerance",
+            "a ball pit with tolerance scales: each body is within its own tolerance",
             "PROTOCOL 2.6-12",
             Setup {
-                classes: true,
+                tolerance_scales: true,
                 ..pit
             },
         ),
         (
-            "a zoo with classes: each body within its own tolerance",
+            "a zoo with tolerance scales: each body is within its own tolerance",
             "PROTOCOL 2.6-12",
             Setup {
-                classes: true,
+                tolerance_scales: true,
                 ..zoo
             },
         ),
         (
-            "a pit that is asked for ten ticks ahead",
+            "a ball pit whose ticks are requested ten ahead",
             "PROTOCOL 4.9-1, 6.3-12",
             Setup { depth: 10, ..pit },
         ),
         (
-            "a pit that speaks of each third tick",
+            "a ball pit that is published every third tick",
             "PROTOCOL 5.6-15, 6.3-1, 6.3-2, 4.9-6",
             Setup {
                 publish_schedule: (3, 0),
@@ -177,13 +183,14 @@ fn otherwise(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)>
     ]
 }
 
-/// Follows a script by two streams, one of them the full one, and compares at every tick that is spoken of.
-fn follow(trial: &mut Trial<'_>, way: Setup) -> CaseResult {
+/// Follows a script by two streams, one of them the full one, and compares them at every published tick.
+fn follow(trial: &mut Trial<'_>, setup: Setup) -> CaseResult {
     let scene = trial.scene();
-    let unknown = || Stop::Inconclusive(format!("no script {}", way.script));
-    let mut script = by_name(way.script, way.bodies, trial.conditions.seed).ok_or_else(unknown)?;
-    let mut leader = trial.follower_of(&scene)?;
-    let (publish_interval, lookahead) = way.publish_schedule;
+    let unknown = || Stop::Inconclusive(format!("no script {}", setup.script));
+    let mut script =
+        by_name(setup.script, setup.bodies, trial.conditions.seed).ok_or_else(unknown)?;
+    let mut leader = trial.subscriber_of(&scene)?;
+    let (publish_interval, lookahead) = setup.publish_schedule;
     let config = SceneConfig {
         stepping: Stepping::Lockstep,
         publish_schedule: PublishSchedule {
@@ -193,22 +200,27 @@ fn follow(trial: &mut Trial<'_>, way: Setup) -> CaseResult {
         ..script.config()
     };
     leader.create(config)?;
-    leader.join(way.choice)?;
-    let mut truth = trial.follower_of(&scene)?;
+    leader.join(setup.choice)?;
+    let mut truth = trial.subscriber_of(&scene)?;
     truth.greet()?;
     truth.join(StreamChoice::Full)?;
-    spoil(trial, &mut leader, way.spoilt);
+    disturb(trial, &mut leader, setup.disturbed);
     let mut worst = 0.0_f64;
     let mut judged = 0;
-    for tick in 0..way.ticks {
-        command(&mut leader, script.as_mut(), Tick::new(tick), way.classes)?;
+    for tick in 0..setup.ticks {
+        command(
+            &mut leader,
+            script.as_mut(),
+            Tick::new(tick),
+            setup.tolerance_scales,
+        )?;
         let to = Tick::new(tick + 1);
-        if (tick + 1) % way.depth == 0 {
+        if (tick + 1) % setup.depth == 0 {
             leader.advance(to)?;
         } else {
             leader.ask_for(to)?;
         }
-        if config.publish_schedule.publishes(to) && (tick + 1) % way.depth == 0 {
+        if config.publish_schedule.publishes(to) && (tick + 1) % setup.depth == 0 {
             truth.complete(to)?;
             worst = worst.max(compare(leader.replica()?, truth.replica()?, to, 1.0)?);
             judged += 1;
@@ -220,16 +232,16 @@ fn follow(trial: &mut Trial<'_>, way: Setup) -> CaseResult {
     let received = leader.replica()?.stream().statistics();
     ensure(
         received.mismatches == 0,
-        "every sum over tracks is the copy's own",
+        "every checksum over tracks equals the copy's own",
     )
 }
 
-fn spoil(trial: &Trial<'_>, follower: &mut LossyClient, one_in: usize) {
+fn disturb(trial: &Trial<'_>, subscriber: &mut LossyClient, one_in: usize) {
     if one_in == 0 {
         return;
     }
     let mut dice = trial.dice();
-    follower.sift(move |_| match dice.below(one_in) {
+    subscriber.filter_datagrams(move |_| match dice.below(one_in) {
         0 => LaneAction::Lost,
         1 if dice.below(2) == 0 => LaneAction::Twice,
         1 => LaneAction::Late,
@@ -237,27 +249,27 @@ fn spoil(trial: &Trial<'_>, follower: &mut LossyClient, one_in: usize) {
     });
 }
 
-/// The script's commands of a tick, with bodies named as they were granted.
+/// Sends the script's commands of a tick, with body ids in the granted range.
 fn command(
     leader: &mut LossyClient,
     script: &mut dyn Script,
     tick: Tick,
-    classes: bool,
+    tolerance_scales: bool,
 ) -> CaseResult {
     let mut commands = Vec::new();
     script.commands(tick, &mut commands);
     for mut command in commands {
         rename(&mut command, leader.granted)?;
-        if classes && let Command::AddBody { config, .. } = &mut command {
-            let step = (config.id.index() % 7) as i8 - 3;
-            config.tolerance_scale = ToleranceScale::new(step).unwrap_or(ToleranceScale::USUAL);
+        if tolerance_scales && let Command::AddBody { desc, .. } = &mut command {
+            let step = (desc.id.index() % 7) as i8 - 3;
+            desc.tolerance_scale = ToleranceScale::new(step).unwrap_or(ToleranceScale::USUAL);
         }
         leader.task(|session| session.command(command))?;
     }
     Ok(())
 }
 
-/// Names the bodies of a command by their places in what was granted: scripts count them from zero.
+/// Moves the body ids of a command into the granted range: scripts count them from zero.
 pub(super) fn rename(command: &mut Command, granted: IdRange) -> CaseResult {
     let named = |id: &mut BodyId| -> CaseResult {
         let first = granted.id(0).map_or(0, BodyId::generation);
@@ -268,7 +280,7 @@ pub(super) fn rename(command: &mut Command, granted: IdRange) -> CaseResult {
         Ok(())
     };
     match command {
-        Command::AddBody { config, .. } => named(&mut config.id),
+        Command::AddBody { desc, .. } => named(&mut desc.id),
         Command::RemoveBody { id }
         | Command::SetPose { id, .. }
         | Command::SetVelocity { id, .. }

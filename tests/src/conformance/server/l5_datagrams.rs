@@ -1,6 +1,6 @@
-//! L5.2: every malformed datagram of the vectors, which nobody minds.
+//! L5.2: every malformed datagram of the vectors is ignored.
 //!
-//! What a source says is ballistic_torque_free at an upstream, what a listener says at the stream. Neither moves a body, is answered, or
+//! Publisher packets are sent for an upstream, subscriber packets for the stream. None moves a body, is answered, or
 //! ends a connection.
 
 use glam::Vec3;
@@ -29,81 +29,84 @@ pub(super) fn cases() -> Vec<Case> {
         let name = line["name"].as_str().unwrap_or_default();
         let case = Case::server("L5.2", &format!("malformed and dropped: {name}"));
         let case = case.keyed(&bytes).cites("PROTOCOL 2.5-4, 6.14-6");
-        let case = case.needs(&[Feature::FreeRunning, Feature::AuthorityGrant]);
+        let case = case.needs(&[Feature::FreeRunning, Feature::Authority]);
         Some(case.play(move |trial| dropped(trial, &bytes)))
     });
     cases.collect()
 }
 
 fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> CaseResult {
-    let mut guest = trial.guest()?;
+    let mut client = trial.client()?;
     let config = SceneConfig {
         stepping: Stepping::FreeRunning,
         ..lockstep()
     };
-    let joined = guest.enter(config, NORMAL)?;
-    let id = body(guest.granted, 0)?;
-    let upstream = take_authority(&mut guest, id)?;
+    let joined = client.enter(config, NORMAL)?;
+    let id = body(client.granted, 0)?;
+    let upstream = take_authority(&mut client, id)?;
     for stream in [joined.start.stream, upstream] {
-        guest.throw(&datagram::of_stream(bytes, stream))?;
-        guest.throw(bytes)?;
+        client.send_datagram(&datagram::of_stream(bytes, stream))?;
+        client.send_datagram(bytes)?;
     }
-    // A watermark is the answer to an loss_report that is well sent; so those before it were read.
+    // The loss report is well-formed, so its answer proves that all datagrams before it were processed.
     let loss_report = LossReport {
         next: Low16::of(joined.start.next),
         gone: Low16::of(0),
         repair_symbols: 0,
         lost: Vec::new(),
     };
-    guest.throw(&loss_report.encode(joined.start.stream))?;
+    client.send_datagram(&loss_report.encode(joined.start.stream))?;
     loop {
-        let datagram = guest.next_datagram()?;
+        let datagram = client.next_datagram()?;
         let datagram =
-            datagram.ok_or_else(|| Stop::Fail("an loss_report is not answered".into()))?;
+            datagram.ok_or_else(|| Stop::Fail("a loss report is not answered".into()))?;
         match datagram::kind(&datagram) {
             Some(PacketKind::Refresh | PacketKind::RepairSymbol) => {
-                return Stop::fail("it is answered");
+                return Stop::fail("a malformed datagram is answered");
             }
             Some(PacketKind::Watermark) => break,
             _ => {}
         }
     }
-    let received = guest.barrier()?;
+    let received = client.barrier()?;
     ensure(
         received.is_empty(),
-        format!("nothing is sent of it, not {received:?}"),
+        format!("no answer is sent, not {received:?}"),
     )?;
-    let bodies = again(&mut guest)?;
+    let bodies = again(&mut client)?;
     ensure(
         bodies == [moving(PLACE, Vec3::ZERO)],
-        format!("its body stands where it stood, not {bodies:?}"),
+        format!("its body has not moved, not {bodies:?}"),
     )
 }
 
 const PLACE: Vec3 = Vec3::new(1.0, 2.0, 3.0);
 
-/// AuthorityTable a kinematic body of one's own, and says nothing of it.
-fn take_authority(guest: &mut RawClient, id: BodyId) -> Result<StreamId, Stop> {
-    guest.must(ball_shape())?;
-    guest.must(Command::AddBody {
-        config: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
+/// Takes authority over a new kinematic body, and sends no packet for it.
+fn take_authority(client: &mut RawClient, id: BodyId) -> Result<StreamId, Stop> {
+    client.must(ball_shape())?;
+    client.must(Command::AddBody {
+        desc: BodyDesc::plain(id, BodyKind::Kinematic, BALL),
         motion: moving(PLACE, Vec3::ZERO),
     })?;
-    guest.say(&ClientMessage::TakeAuthority(TakeAuthority {
+    client.send(&ClientMessage::TakeAuthority(TakeAuthority {
         tolerance: Tolerance::NORMAL,
         bodies: vec![id],
     }));
-    guest.await_message("answer to drive", |message| match message {
-        ServerMessage::AuthorityGrant(driving) => Some(Ok(driving.stream)),
-        ServerMessage::AuthorityDenied(error) => Some(Stop::fail(format!("{error}"))),
-        _ => None,
-    })?
+    client.await_message(
+        "answer to the request for authority",
+        |message| match message {
+            ServerMessage::AuthorityGrant(grant) => Some(Ok(grant.stream)),
+            ServerMessage::AuthorityDenied(error) => Some(Stop::fail(format!("{error}"))),
+            _ => None,
+        },
+    )?
 }
 
-/// Where the bodies are, by a snapshot.
-fn again(guest: &mut RawClient) -> Result<Vec<BodyState>, Stop> {
-    guest.say(&ClientMessage::Resync);
-    let (_, scene_events) = guest.snapshot()?;
+/// The states of all bodies, from a new snapshot.
+fn again(client: &mut RawClient) -> Result<Vec<BodyState>, Stop> {
+    client.send(&ClientMessage::Resync);
+    let (_, scene_events) = client.snapshot()?;
     let tracks = scene_events
         .into_iter()
         .filter_map(|scene_event| match scene_event {

@@ -1,6 +1,6 @@
-//! L5.1: what nobody may do to others, however it tries.
+//! L5.1: attacks of one client must not affect others.
 //!
-//! In each case somebody behaves well beside who does not: what the one is promised holds all the while.
+//! In each case a well-behaved client runs beside a hostile one, and its promises must hold all the time.
 
 use glam::Vec3;
 use rhumb_protocol::Instant;
@@ -17,26 +17,26 @@ use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::{LossyClient, RawClient};
 use crate::conformance::trial::Trial;
 
-/// Too many control bytes wait for who does not read them.
+/// Close code for a client that does not read its control bytes.
 const CONTROL_OVERFLOW: u64 = 0x102;
 
-/// What each case of the group promises, cites and does.
+/// The cases of the group: promise, citations, test function.
 const CASES: &[CaseRow] = &[
     (
         1,
-        "datagrams of chance are dropped, and nothing comes of them",
+        "random datagrams are dropped without any effect",
         "PROTOCOL 2.5-4, 5.8-4, 3.5-16",
         |trial| beside(trial, noise),
     ),
     (
         2,
-        "a body of an index that was not granted is refused",
+        "a body with an index that was not granted is refused",
         "PROTOCOL 4.4-2, 4.6-8",
         not_granted,
     ),
     (
         3,
-        "a body of another scene is not there",
+        "a body of another scene is not accessible",
         "PROTOCOL 3.1-3, 4.4-7",
         other_scene,
     ),
@@ -48,50 +48,50 @@ const CASES: &[CaseRow] = &[
     ),
     (
         5,
-        "loss_reports that name all that was never sent cost others nothing",
+        "loss reports for packets that were never sent do not affect others",
         "PROTOCOL 6.7-7, 5.13-1",
         |trial| beside(trial, loss_reports),
     ),
     (
         6,
-        "mismatches without end cost others nothing",
+        "endless mismatches do not affect others",
         "PROTOCOL 6.12-7",
         |trial| beside(trial, mismatches),
     ),
     (
         7,
-        "pings without end are answered, each by its number",
+        "endless pings are answered, each with its number",
         "PROTOCOL 4.2-2",
         |trial| beside(trial, pings),
     ),
     (
         9,
-        "bytes of chance on the control stream end one connection, and no other",
+        "random bytes on the control stream end only that connection",
         "PROTOCOL 2.5-3",
         |trial| beside(trial, chance),
     ),
     (
         10,
-        "snapshots without end are reported as often as they can be reported together",
+        "endless requests for snapshots are answered only as often as they can be combined",
         "PROTOCOL 4.8-9",
         |trial| beside(trial, snapshots),
     ),
     (
         11,
-        "commands beyond what may wait for a tick are applied all the same, or close with code 4",
+        "commands beyond the queue limit of a tick are applied, or close with code 4",
         "PROTOCOL 7-1, 7-2",
         waiting,
     ),
     (
         12,
-        "who says nothing but hello, again and again, costs others nothing",
+        "connections that send only hello do not affect others",
         "PROTOCOL 1.4-4, 3.4-1",
         |trial| {
             beside(trial, |trial, _| {
                 for _ in 0..60 {
-                    let mut guest = trial.guest()?;
-                    guest.hello()?;
-                    guest.line.close(0);
+                    let mut client = trial.client()?;
+                    client.hello()?;
+                    client.connection.close(0);
                 }
                 Ok(())
             })
@@ -99,16 +99,16 @@ const CASES: &[CaseRow] = &[
     ),
     (
         13,
-        "a scene's name is not reported to who does not say it",
+        "a client cannot learn a scene's name",
         "PROTOCOL 3.1-3, 4.7-1",
         |trial| {
-            let mut guest = trial.guest()?;
-            guest.hello()?;
-            guest.create(lockstep())?;
-            let mut other = trial.guest()?;
+            let mut client = trial.client()?;
+            client.hello()?;
+            client.create(lockstep())?;
+            let mut other = trial.client()?;
             let welcome = other.hello()?;
-            ensure(welcome.scene.is_none(), "its scene is not there")?;
-            other.say(&ClientMessage::Join(NORMAL));
+            ensure(welcome.scene.is_none(), "its scene does not exist")?;
+            other.send(&ClientMessage::Join(NORMAL));
             let received = other.barrier()?;
             ensure(
                 matches!(received[..], [ServerMessage::Denied(_)]),
@@ -118,12 +118,12 @@ const CASES: &[CaseRow] = &[
     ),
 ];
 
-/// Those that wait for a clock of the server's.
+/// Cases that wait for a timer of the server.
 const SLOW: &[CaseRow] = &[(
     8,
-    "who does not read is closed before it costs others",
+    "a client that does not read is closed before it affects others",
     "PROTOCOL 7-2",
-    deaf,
+    never_reads,
 )];
 
 pub(super) fn cases() -> Vec<Case> {
@@ -133,21 +133,21 @@ pub(super) fn cases() -> Vec<Case> {
         .collect()
 }
 
-/// A scene with somebody who behaves well, while a member of the same scene does something; then it goes on as promised.
+/// Runs an attack in the same scene as a well-behaved member; then requires that the member continues correctly.
 fn beside(
     trial: &mut Trial<'_>,
     does: fn(&mut Trial<'_>, &mut RawClient) -> CaseResult,
 ) -> CaseResult {
-    let mut good = trial.follower()?;
+    let mut good = trial.subscriber()?;
     good.create(lockstep())?;
     let granted = good.join(NORMAL)?;
     good.must(ball_shape())?;
     good.must(ball(body(granted, 0)?, Vec3::ZERO, Vec3::X))?;
-    let mut rude = trial.guest_of(&good.scene.clone())?;
-    rude.hello()?;
-    rude.join(StreamChoice::Full)?;
+    let mut attacker = trial.client_of(&good.scene.clone())?;
+    attacker.hello()?;
+    attacker.join(StreamChoice::Full)?;
     good.advance(Tick::new(10))?;
-    does(trial, &mut rude)?;
+    does(trial, &mut attacker)?;
     goes_on(&mut good, 10)
 }
 
@@ -163,37 +163,37 @@ fn goes_on(good: &mut LossyClient, from: u64) -> CaseResult {
     let received = good.replica()?.stream().statistics();
     ensure(
         received.mismatches == 0 && received.malformed == 0,
-        "its copy is right",
+        "its copy is correct",
     )
 }
 
-fn noise(trial: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
+fn noise(trial: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
     let mut dice = trial.dice();
     for _ in 0..500 {
         let length = dice.below(1_150);
         let bytes: Vec<u8> = (0..length).map(|_| dice.below(256) as u8).collect();
-        rude.throw(&bytes)?;
+        attacker.send_datagram(&bytes)?;
     }
-    rude.barrier().map(drop)
+    attacker.barrier().map(drop)
 }
 
-fn greased(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
+fn greased(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
     for kind in 0..=0xff_u8 {
-        rude.throw(&[kind])?;
-        rude.throw(&[kind, 0, 1, 2, 3])?;
+        attacker.send_datagram(&[kind])?;
+        attacker.send_datagram(&[kind, 0, 1, 2, 3])?;
     }
-    rude.throw(&[])?;
-    rude.barrier().map(drop)
+    attacker.send_datagram(&[])?;
+    attacker.barrier().map(drop)
 }
 
-/// The stream that a member follows.
-fn stream(rude: &mut RawClient) -> Result<StreamId, Stop> {
-    rude.say(&ClientMessage::Resync);
-    Ok(rude.snapshot()?.0.start.stream)
+/// The stream of a member.
+fn stream(attacker: &mut RawClient) -> Result<StreamId, Stop> {
+    attacker.send(&ClientMessage::Resync);
+    Ok(attacker.snapshot()?.0.start.stream)
 }
 
-fn loss_reports(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
-    let stream = stream(rude)?;
+fn loss_reports(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
+    let stream = stream(attacker)?;
     for number in 0..400_u64 {
         let loss_report = LossReport {
             next: Low16::of(number * 97),
@@ -201,33 +201,33 @@ fn loss_reports(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
             repair_symbols: (number % 33) as u8,
             lost: (0..64).map(|lost| Low16::of(number * 64 + lost)).collect(),
         };
-        rude.throw(&loss_report.encode(stream))?;
+        attacker.send_datagram(&loss_report.encode(stream))?;
     }
-    rude.barrier().map(drop)
+    attacker.barrier().map(drop)
 }
 
-fn mismatches(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
-    let stream = stream(rude)?;
+fn mismatches(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
+    let stream = stream(attacker)?;
     for number in 0..400_u32 {
         let range = IndexRanges {
             first: number * 2_000,
             stride: 1 + number,
         };
-        rude.throw(&ChecksumMismatch { range }.encode(stream))?;
+        attacker.send_datagram(&ChecksumMismatch { range }.encode(stream))?;
     }
-    rude.barrier().map(drop)
+    attacker.barrier().map(drop)
 }
 
-fn pings(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
+fn pings(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
     let pings: Vec<_> = (0..5_000)
         .map(|number| ClientMessage::Ping {
             sent: Instant::from_nanos(number),
         })
         .collect();
-    rude.say_together(&pings);
+    attacker.send_together(&pings);
     let mut next = 0;
     while next < 5_000 {
-        next = rude.await_message("pong", |message| match message {
+        next = attacker.await_message("pong", |message| match message {
             ServerMessage::Pong { sent, .. } => Some(sent.as_nanos() + 1),
             _ => None,
         })?;
@@ -238,59 +238,59 @@ fn pings(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
 fn chance(trial: &mut Trial<'_>, _: &mut RawClient) -> CaseResult {
     let mut dice = trial.dice();
     for _ in 0..40 {
-        let mut guest = trial.guest()?;
+        let mut client = trial.client()?;
         let bytes: Vec<u8> = (0..1 + dice.below(300))
             .map(|_| dice.below(256) as u8)
             .collect();
-        guest.utter(&bytes);
-        // What chance says may be the beginning of a message; then nothing comes of it.
-        guest.line.finish();
+        client.send_bytes(&bytes);
+        // Random bytes may be the start of a message; then the server waits for more.
+        client.connection.finish();
     }
     Ok(())
 }
 
-fn snapshots(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
-    rude.say_together(&vec![ClientMessage::Resync; 500]);
-    let received = rude.barrier()?;
+fn snapshots(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
+    attacker.send_together(&vec![ClientMessage::Resync; 500]);
+    let received = attacker.barrier()?;
     let reported = received
         .iter()
         .filter(|message| matches!(message, ServerMessage::Joined(_)));
     let reported = reported.count();
     ensure(
         (1..=100).contains(&reported),
-        format!("some of five hundred, not {reported}"),
+        format!("fewer than five hundred, not {reported}"),
     )
 }
 
 fn not_granted(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), StreamChoice::Full)?;
-    guest.must(ball_shape())?;
+    let mut client = trial.client()?;
+    client.enter(lockstep(), StreamChoice::Full)?;
+    client.must(ball_shape())?;
     let beyond = BodyId::new(1_000_000, 0);
-    match guest.command(ball(beyond, Vec3::ZERO, Vec3::ZERO))? {
+    match client.command(ball(beyond, Vec3::ZERO, Vec3::ZERO))? {
         Err(CommandError::NotGranted(id)) => ensure(id == beyond, "the error names it"),
-        other => Stop::fail(format!("{other:?}; must be refused by NotGranted")),
+        other => Stop::fail(format!("{other:?}; must be refused with NotGranted")),
     }
 }
 
 fn other_scene(trial: &mut Trial<'_>) -> CaseResult {
-    let mut one = trial.guest()?;
+    let mut one = trial.client()?;
     one.enter(lockstep(), StreamChoice::Full)?;
     one.must(ball_shape())?;
     let id = body(one.granted, 0)?;
     one.must(ball(id, Vec3::ZERO, Vec3::ZERO))?;
-    let mut other = trial.guest()?;
+    let mut other = trial.client()?;
     other.enter(lockstep(), StreamChoice::Full)?;
     match other.command(Command::RemoveBody { id })? {
         Err(CommandError::UnknownBody(_)) => {}
-        came => return Stop::fail(format!("{came:?}; must be refused by UnknownBody")),
+        came => return Stop::fail(format!("{came:?}; must be refused with UnknownBody")),
     }
     one.must(Command::RemoveBody { id }).map(drop)
 }
 
-/// A member that asks for snapshots of a large scene and reads none of them.
-fn deaf(trial: &mut Trial<'_>) -> CaseResult {
-    let mut good = trial.follower()?;
+/// A member that requests snapshots of a large scene and reads none of them.
+fn never_reads(trial: &mut Trial<'_>) -> CaseResult {
+    let mut good = trial.subscriber()?;
     good.create(lockstep())?;
     let granted = good.join(NORMAL)?;
     good.must(ball_shape())?;
@@ -300,34 +300,34 @@ fn deaf(trial: &mut Trial<'_>) -> CaseResult {
         good.task(|session| session.command(ball(id, at, Vec3::ZERO)))?;
     }
     good.advance(Tick::new(1))?;
-    let mut rude = trial.guest_of(&good.scene.clone())?;
-    rude.hello()?;
-    rude.line.read_control(false);
-    rude.say(&ClientMessage::Join(StreamChoice::Full));
+    let mut attacker = trial.client_of(&good.scene.clone())?;
+    attacker.hello()?;
+    attacker.connection.read_control(false);
+    attacker.send(&ClientMessage::Join(StreamChoice::Full));
     let mut tick = 1;
-    // Each snapshot takes some 100 kB; what may wait is a few MB more than what QUIC has under way.
+    // Each snapshot has some 100 kB; a server may buffer a few MB more than QUIC has in flight.
     for _ in 0..400 {
-        rude.say(&ClientMessage::Resync);
+        attacker.send(&ClientMessage::Resync);
         tick += 1;
         good.advance(Tick::new(tick))?;
-        while let Some(seen) = rude.line.hear(std::time::Duration::ZERO) {
-            if let rhumb_transport::RawEvent::Ended(end) = seen {
+        while let Some(event) = attacker.connection.hear(std::time::Duration::ZERO) {
+            if let rhumb_transport::RawEvent::Ended(end) = event {
                 let overflow = rhumb_transport::RawPeerEnd::Closed(CONTROL_OVERFLOW);
                 ensure(
                     end == overflow,
-                    format!("code {CONTROL_OVERFLOW:#x}, not {end}"),
+                    format!("close code {CONTROL_OVERFLOW:#x}, not {end}"),
                 )?;
                 return goes_on(&mut good, tick);
             }
         }
     }
-    Stop::fail("it may wait for tens of megabytes")
+    Stop::fail("the server buffers tens of megabytes")
 }
 
-/// Commands behind an advance that is not there yet.
+/// Sends commands behind an advance that is not complete yet.
 fn waiting(trial: &mut Trial<'_>) -> CaseResult {
-    let mut guest = trial.guest()?;
-    guest.enter(lockstep(), NORMAL)?;
+    let mut client = trial.client()?;
+    client.enter(lockstep(), NORMAL)?;
     let command = ClientMessage::Command(Command::SetGravity {
         gravity: Vec3::ZERO,
     });
@@ -336,11 +336,11 @@ fn waiting(trial: &mut Trial<'_>) -> CaseResult {
         to: Tick::new(rhumb_protocol::limits::ADVANCE_TICKS_MAX),
     }];
     together.resize(most + 500, command);
-    guest.say_together(&together);
-    // A server that steps meanwhile lets none of them wait so long; one that does not may close.
-    match guest.outcome_of(guest.commands - 1) {
-        Ok(Ok(_)) => guest.barrier().map(drop),
+    client.send_together(&together);
+    // A server that steps meanwhile queues fewer commands; one that does not may close.
+    match client.outcome_of(client.commands - 1) {
+        Ok(Ok(_)) => client.barrier().map(drop),
         Ok(Err(error)) => Stop::fail(format!("a change of gravity is refused: {error}")),
-        Err(_) => guest.must_be_closed(CloseCode::LIMIT),
+        Err(_) => client.must_be_closed(CloseCode::LIMIT),
     }
 }

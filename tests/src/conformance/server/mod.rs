@@ -21,11 +21,12 @@ mod l4_free;
 mod l4_tolerance;
 mod l5_datagrams;
 mod l5_security;
+mod raw_member;
 mod scenery;
 
 use super::case::{Case, CaseRow, Feature};
 
-/// The cases of a group that need the same of a server.
+/// The cases of a group that need the same features.
 fn table(group: &str, needs: &[Feature], rows: &[CaseRow]) -> impl Iterator<Item = Case> + use<> {
     let case = |(number, name, cites, play): &CaseRow| {
         Case::server(&format!("{group}.{number}"), name)
@@ -36,7 +37,7 @@ fn table(group: &str, needs: &[Feature], rows: &[CaseRow]) -> impl Iterator<Item
     rows.iter().map(case).collect::<Vec<_>>().into_iter()
 }
 
-/// All of them.
+/// All cases of this module.
 pub(super) fn cases() -> Vec<Case> {
     [
         l0_frames::cases(),

@@ -1,6 +1,7 @@
-//! The scenes that cases of servers play in: config, a floor, a ball.
+//! Common scenes of the server cases: configurations, a floor, a ball.
 //!
-//! Bodies are named by their place in what a member was granted, so that no server's way of granting matters.
+//! Bodies are named by their index in the range granted to a member, so that cases do not depend on a server's choice
+//! of ranges.
 
 use core::num::NonZeroU32;
 
@@ -14,25 +15,25 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tolerance};
 
 use crate::conformance::outcome::Stop;
 
-/// Metres a second a second, downwards.
+/// Gravity of the scenes, downwards, in m/s².
 pub(super) const G: f32 = 9.81;
-/// The shape of balls, once there is one.
+/// The shape of balls, after [`ball_shape`].
 pub(super) const BALL: ShapeId = ShapeId(1);
-/// The shape of floors, once there is one.
+/// The shape of floors, after [`floor_shape`].
 pub(super) const FLOOR: ShapeId = ShapeId(2);
-/// Metres: the ball's.
+/// Radius of the ball, in metres.
 pub(super) const RADIUS: f32 = 0.5;
-/// A stream within five centimetres.
+/// A stream with a tolerance of five centimetres.
 pub(super) const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
-/// A stream within five millimetres.
+/// A stream with a tolerance of five millimetres.
 pub(super) const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);
 
-/// A scene at sixty ticks a second that steps when members say so.
+/// A lockstep scene at sixty ticks per second.
 pub(super) fn lockstep() -> SceneConfig {
     SceneConfig {
         integrator: Integrator {
-            rate: Rate::new(60, 1).expect("neither is zero"),
+            rate: Rate::new(60, 1).expect("both are positive"),
             substeps: NonZeroU32::MIN,
         },
         gravity: Vec3::new(0.0, -G, 0.0),
@@ -59,7 +60,7 @@ pub(super) fn weightless(config: SceneConfig) -> SceneConfig {
     }
 }
 
-/// Makes the ball's shape known.
+/// The command that adds the ball's shape.
 pub(super) fn ball_shape() -> Command {
     Command::AddShape {
         id: BALL,
@@ -67,7 +68,7 @@ pub(super) fn ball_shape() -> Command {
     }
 }
 
-/// Makes the floor's shape known.
+/// The command that adds the floor's shape.
 pub(super) fn floor_shape() -> Command {
     Command::AddShape {
         id: FLOOR,
@@ -77,38 +78,38 @@ pub(super) fn floor_shape() -> Command {
     }
 }
 
-/// The body at a place of what was granted.
+/// The body with this index in the granted range.
 ///
 /// # Errors
 ///
-/// [`Stop::Fail`] when less was granted than the protocol says.
+/// [`Stop::Fail`] when the range is smaller than the protocol requires.
 pub(super) fn body(granted: IdRange, place: u32) -> Result<BodyId, Stop> {
-    let too_few = || Stop::Fail(format!("{granted:?} is not so many indices as GRANT has"));
+    let too_few = || Stop::Fail(format!("{granted:?} has fewer than GRANT indices"));
     granted.id(place).ok_or_else(too_few)
 }
 
-/// Puts a ball somewhere, moving so.
+/// Adds a ball at a position with a velocity.
 pub(super) fn ball(id: BodyId, at: Vec3, linear: Vec3) -> Command {
     Command::AddBody {
-        config: BodyDesc::plain(id, BodyKind::Dynamic, BALL),
+        desc: BodyDesc::plain(id, BodyKind::Dynamic, BALL),
         motion: moving(at, linear),
     }
 }
 
-/// Puts the floor so that its top is at a height of zero.
+/// Adds the floor; its top is at height zero.
 pub(super) fn floor(id: BodyId) -> Command {
     Command::AddBody {
-        config: BodyDesc::plain(id, BodyKind::Static, FLOOR),
+        desc: BodyDesc::plain(id, BodyKind::Static, FLOOR),
         motion: moving(Vec3::new(0.0, -1.0, 0.0), Vec3::ZERO),
     }
 }
 
-/// Somewhere, unturned, moving so.
+/// A state with this position and velocity, without rotation.
 pub(super) fn moving(position: Vec3, linear: Vec3) -> BodyState {
     turning(position, Quat::IDENTITY, linear, Vec3::ZERO)
 }
 
-/// Somewhere, turned and moving so.
+/// A state with this pose and these velocities.
 pub(super) fn turning(position: Vec3, rotation: Quat, linear: Vec3, angular: Vec3) -> BodyState {
     BodyState::new(
         position.to_array(),
@@ -116,5 +117,5 @@ pub(super) fn turning(position: Vec3, rotation: Quat, linear: Vec3, angular: Vec
         linear.to_array(),
         angular.to_array(),
     )
-    .expect("cases place bodies at finite poses")
+    .expect("cases use finite numbers")
 }

@@ -1,4 +1,4 @@
-//! The truth of a trace, the copies in it, and how far one is from the other.
+//! Compares the copies in a trace with its truth.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,19 +13,20 @@ type Body = (u32, u32);
 /// Position, then rotation.
 type Pose = [f32; 7];
 
-/// A copy is of f32, and its rotations are brought to unit length twice: at 128 m that is worth 16 µm.
+/// Numeric error of the comparison, in metres: copies hold f32, and rotations are normalised twice. At 128 m both
+/// amount to 16 µm.
 const EXACT_M: f64 = 2e-5;
-/// A static body, as traces number kinds.
+/// The number of static bodies in the trace format.
 const STATIC: i32 = 1;
-/// Ticks of sleep after which a rest must have come through.
+/// Ticks of sleep after which the rest pose must have arrived.
 const SLEPT_TICKS: u64 = 60;
 
-/// What is known of a body that came.
+/// A body of the scene.
 #[derive(Clone, Debug)]
 struct Placed {
     kind: i32,
     radius_m: f64,
-    /// How much wider its tolerance is than the run's.
+    /// Factor from the tolerance of the run to that of the body.
     scale: f64,
     began: Pose,
 }
@@ -35,7 +36,7 @@ struct Placed {
 pub(super) struct TracedTruth {
     poses: BTreeMap<Body, Pose>,
     placed: BTreeMap<Body, Placed>,
-    /// Since which tick each body sleeps.
+    /// The tick at which each sleeping body fell asleep.
     asleep: BTreeMap<Body, u64>,
     coming: Vec<Body>,
     leaving: Vec<Body>,
@@ -43,7 +44,8 @@ pub(super) struct TracedTruth {
 }
 
 impl TracedTruth {
-    /// What is placed or removed after a tick is so from the next; what comes before the first is there at once.
+    /// Advances to a tick. Placements and removals after a tick take effect at the next; those before the first take
+    /// effect immediately.
     pub(super) fn step(&mut self, states: &States) {
         self.settle();
         self.tick = states.tick;
@@ -105,29 +107,29 @@ pub(super) struct TracedCopy {
     has_budget: bool,
     mismatches: u64,
     frames: BTreeMap<u32, (u64, u64)>,
-    seen: BTreeMap<u32, Poses>,
+    poses_by_frame: BTreeMap<u32, Poses>,
     breaches: BTreeMap<(u64, Body), i32>,
     copy: BTreeMap<Body, Option<Pose>>,
     next: u32,
     judged: u64,
     untold: Vec<(u64, Body, f64)>,
     unexplained: BTreeSet<(u64, Body)>,
-    /// Bodies that slept long and were off at the frame that was judged last.
+    /// Bodies that slept long but were displayed elsewhere at the last compared frame, with the error in metres.
     off_asleep: Vec<(Body, f64)>,
 }
 
 impl TracedCopy {
-    /// A run by its record.
+    /// A run from its metadata.
     ///
     /// # Errors
     ///
-    /// Which number of the record is missing or is none.
+    /// The number in the metadata that is missing or malformed.
     pub(super) fn of(config: &RunMetadata) -> Result<Self, String> {
         let sent = |name: &str| config.get(name).cloned().unwrap_or_default();
         let mismatches = config.get("mismatches").map(String::as_str);
         let tolerance_m = config.get("tolerance_m").map(|text| {
             let number = text.parse();
-            number.map_err(|_| format!("its tolerance_m is no number: {text:?}"))
+            number.map_err(|_| format!("tolerance_m is not a number: {text:?}"))
         });
         Ok(Self {
             scene: sent("scene"),
@@ -136,9 +138,9 @@ impl TracedCopy {
             tolerance_m: tolerance_m.transpose()?,
             has_budget: config.contains_key("budget_bytes_per_second"),
             mismatches: (mismatches.and_then(|text| text.parse().ok()))
-                .ok_or_else(|| format!("its mismatches are no count: {mismatches:?}"))?,
+                .ok_or_else(|| format!("mismatches is not a count: {mismatches:?}"))?,
             frames: BTreeMap::new(),
-            seen: BTreeMap::new(),
+            poses_by_frame: BTreeMap::new(),
             breaches: BTreeMap::new(),
             copy: BTreeMap::new(),
             next: 0,
@@ -156,7 +158,7 @@ impl TracedCopy {
             &self.link
         };
         format!(
-            "{} by {}, over {link}, keeps the promise",
+            "{} by {}, over {link}, keeps the accuracy promise",
             self.scene, self.mode
         )
     }
@@ -167,7 +169,7 @@ impl TracedCopy {
     }
 
     pub(super) fn add_poses(&mut self, poses: Poses) {
-        self.seen.insert(poses.frame, poses);
+        self.poses_by_frame.insert(poses.frame, poses);
     }
 
     pub(super) fn add_breach(&mut self, breach: &Breach) {
@@ -175,12 +177,12 @@ impl TracedCopy {
         self.breaches.insert((breach.tick, body), breach.cause);
     }
 
-    /// Shows all frames of this tick, and compares each with the truth.
+    /// Applies all frames of this tick, and compares each with the truth.
     pub(super) fn follow(&mut self, truth: &TracedTruth, tick: u64) {
         while let Some(&(at, body_ticks)) = self.frames.get(&self.next)
             && at <= tick
         {
-            if let Some(poses) = self.seen.remove(&self.next) {
+            if let Some(poses) = self.poses_by_frame.remove(&self.next) {
                 self.show(&poses);
             }
             self.next += 1;
@@ -210,7 +212,7 @@ impl TracedCopy {
             else {
                 continue;
             };
-            // Until it is mentioned, a body is where it was placed.
+            // A body without a frame is displayed where it was placed.
             let shown = self.copy.get(body).copied().unwrap_or(Some(placed.began));
             let Some(shown) = shown else {
                 continue;
@@ -237,30 +239,30 @@ impl TracedCopy {
         }
     }
 
-    /// Whether the promise was kept.
+    /// Whether the accuracy promise was kept.
     pub(super) fn judge(&self, truth: &TracedTruth) -> CaseResult {
         if self.judged == 0 {
-            return Err(Stop::Inconclusive("no body was shown at any frame".into()));
+            return Err(Stop::Inconclusive("no frame shows a body".into()));
         }
         if self.mismatches > 0 {
-            return Stop::fail(format!("{} sums differ", self.mismatches));
+            return Stop::fail(format!("{} checksums differ", self.mismatches));
         }
         if let Some((tick, body, error_m)) = self.untold.first() {
             let count = self.untold.len();
             return Stop::fail(format!(
-                "{count} breaches are not reported of; the first is {body:?}, {error_m} m off at {tick}"
+                "{count} breaches are not recorded; the first is {body:?}, {error_m} m off at {tick}"
             ));
         }
         if let Some((tick, body)) = self.unexplained.first() {
             let count = self.unexplained.len();
             return Stop::fail(format!(
-                "{count} breaches have a fault for a cause; the first is {body:?} at {tick}"
+                "{count} breaches are caused by a fault; the first is {body:?} at {tick}"
             ));
         }
         let lossless = self.link.is_empty() && !self.has_budget;
         match self.off_asleep.first().filter(|_| lossless) {
             Some((body, error_m)) => Stop::fail(format!(
-                "{} bodies sleep and are shown elsewhere at {}; the first is {body:?}, {error_m} m off",
+                "{} sleeping bodies are displayed elsewhere at {}; the first is {body:?}, {error_m} m off",
                 self.off_asleep.len(),
                 truth.tick
             )),
@@ -269,14 +271,14 @@ impl TracedCopy {
     }
 }
 
-/// Causes of breaches that the network or a budget is: loss, lateness, want of budget.
+/// Causes that excuse a breach: loss, delay, exhausted budget.
 const EXPLAINED: [i32; 3] = [1, 2, 4];
 
 fn bodies(index: &[u32], generation: &[u32]) -> impl Iterator<Item = Body> {
     index.iter().copied().zip(generation.iter().copied())
 }
 
-/// How far apart any two like points of a body's surface are at most, in metres: |Δp| + 2 r sin(turn / 2).
+/// Greatest distance between equal points of a body's surface in two poses, in metres: |Δp| + 2 r sin(turn / 2).
 fn surface_error_m(real: &Pose, shown: &Pose, radius_m: f64) -> f64 {
     if real == shown {
         return 0.0;
@@ -303,12 +305,12 @@ mod tests {
     }
 
     #[test]
-    fn a_record_without_its_numbers_is_no_run() {
-        let run = read(&[("mismatches", "3"), ("tolerance_m", "0.05")]).expect("a record");
+    fn metadata_without_its_numbers_is_refused() {
+        let run = read(&[("mismatches", "3"), ("tolerance_m", "0.05")]).expect("valid metadata");
         assert_eq!((run.mismatches, run.tolerance_m), (3, Some(0.05)));
         assert!(
             read(&[("mismatches", "0")]).is_ok(),
-            "not each has a tolerance"
+            "a missing tolerance must be refused"
         );
         for wrong in [
             &[][..],

@@ -1,6 +1,6 @@
-//! What a trace of `rhumb-bench` says, as far as a verdict needs it.
+//! The messages of a `rhumb-bench` trace, as far as the comparison needs them.
 //!
-//! Fields are numbered as in `benches/proto/rhumb.proto`; others are passed over.
+//! Field numbers are those of `benches/proto/rhumb.proto`; other fields are skipped.
 
 /// The engine's bodies at a tick.
 #[derive(Clone, PartialEq, prost::Message)]
@@ -35,7 +35,7 @@ pub(super) struct States {
     pub(super) removed_generation: Vec<u32>,
 }
 
-/// A body that came.
+/// A placed body.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct Placement {
     #[prost(uint32, tag = "1")]
@@ -52,7 +52,7 @@ pub(super) struct Placement {
     pub(super) tolerance_scale: i32,
 }
 
-/// What a copy showed at a frame: what differs from the frame before.
+/// The poses that a copy displayed at a frame: the changes since the frame before.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct Poses {
     #[prost(uint64, tag = "1")]
@@ -94,7 +94,7 @@ pub(super) struct TickStats {
     pub(super) body_ticks: u64,
 }
 
-/// A body that was farther off than its tolerance, and why.
+/// A body whose error exceeded its tolerance, and the cause.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct Breach {
     #[prost(uint64, tag = "1")]
@@ -126,7 +126,7 @@ impl Poses {
     }
 }
 
-/// A pose of these columns, if all of them have one.
+/// The pose at an index of these columns, if all columns have one.
 pub(super) fn pose(columns: &Columns<'_>, place: usize) -> Option<[f32; 7]> {
     let mut pose = [0.0; 7];
     for (part, column) in pose.iter_mut().zip(columns) {

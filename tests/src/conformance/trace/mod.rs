@@ -1,8 +1,9 @@
-//! Judges a recorded run by the promise, without the one who recorded it.
+//! Checks a recorded run against the accuracy promise.
 //!
-//! A trace is a file of `rhumb-bench`: the engine's states at every tick, and what each client's copy showed. Errors are
-//! computed anew from both. A body that is off must be told of as a breach, and by a cause that the network or a budget is;
-//! a body that has slept for a second must be shown where it lies, unless its stream is still in want of something.
+//! The check is independent of the recorder. A trace is a file of `rhumb-bench`: the engine's states at every tick,
+//! and the poses that each client's copy displayed. Errors are recomputed from both. An error beyond the tolerance
+//! must be recorded as a breach, and its cause must be the network or the budget. A body that has slept for a second
+//! must be displayed at its rest pose, unless its stream still misses data.
 
 mod judge;
 mod messages;
@@ -19,10 +20,10 @@ use super::run::Tried;
 use judge::{TracedCopy, TracedTruth};
 use messages::{Breach, Poses, States, TickStats};
 
-/// What a run was, by the names of its record.
+/// The metadata of a run: values by name.
 type RunMetadata = BTreeMap<String, String>;
 
-/// What a file holds of one load.
+/// The part of a file that belongs to one load.
 #[derive(Default)]
 struct Load {
     states: Vec<States>,
@@ -33,7 +34,7 @@ struct Load {
 ///
 /// # Errors
 ///
-/// What is wrong with the file.
+/// The way in which the file is malformed.
 pub fn judge(path: &Path) -> Result<Vec<Tried>, Box<dyn std::error::Error>> {
     let bytes = std::fs::read(path)?;
     let mut loads = runs_of(&bytes)?;
@@ -81,7 +82,8 @@ pub fn judge(path: &Path) -> Result<Vec<Tried>, Box<dyn std::error::Error>> {
 
 /// The runs that have a copy, by load and name.
 fn runs_of(bytes: &[u8]) -> Result<BTreeMap<String, Load>, Box<dyn std::error::Error>> {
-    let summary = Summary::read(bytes)?.ok_or("the trace has no summary: it was not finished")?;
+    let summary =
+        Summary::read(bytes)?.ok_or("the trace has no summary: its recording was interrupted")?;
     let mut loads: BTreeMap<String, Load> = BTreeMap::new();
     for index in &summary.metadata_indexes {
         if !index.name.starts_with("rhumb.run.") {
@@ -99,12 +101,12 @@ fn runs_of(bytes: &[u8]) -> Result<BTreeMap<String, Load>, Box<dyn std::error::E
         load.runs.insert(sent("name"), run);
     }
     if loads.is_empty() {
-        return Err("the trace has no run of a client".into());
+        return Err("the trace contains no client run".into());
     }
     Ok(loads)
 }
 
-/// A run as a case that was tried.
+/// The result of a run, in the form of a case.
 fn verdict(load: &str, name: &str, run: &TracedCopy, truth: &TracedTruth) -> Tried {
     let case =
         Case::decoder(&format!("trace.{load}.{name}"), &run.name()).cites("PROTOCOL 6.3-7, 6.3-9");

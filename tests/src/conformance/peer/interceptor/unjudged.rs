@@ -1,4 +1,4 @@
-//! A case goes on whatever the client tells, and judges the end alone.
+//! Steps that ignore the client's reports; only the final state is checked.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use super::Interceptor;
 use crate::conformance::outcome::CaseResult;
 
 impl Interceptor {
-    /// As [`Self::enter`], whatever the client's copy is.
+    /// As [`Self::enter`], without a check of the client's copy.
     ///
     /// # Errors
     ///
@@ -18,7 +18,7 @@ impl Interceptor {
         Ok(())
     }
 
-    /// So many ticks, whatever the client tells of them.
+    /// Steps this number of ticks, without a check of the client's reports.
     ///
     /// # Errors
     ///
@@ -29,7 +29,7 @@ impl Interceptor {
         Ok(())
     }
 
-    /// Ticks until session and client both have come to the new stream, and some more.
+    /// Steps until both mirror and client have reached the new stream, and this number of ticks more.
     ///
     /// # Errors
     ///
@@ -42,20 +42,20 @@ impl Interceptor {
         Ok(())
     }
 
-    /// That the client's copy comes to be as ours at the last tick, whatever it was before.
+    /// Waits until the client's copy equals the mirror's at the last tick; earlier reports are ignored.
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`](crate::conformance::outcome::Stop::Fail) when it does not in time.
+    /// [`Stop::Fail`](crate::conformance::outcome::Stop::Fail) when this does not happen in time.
     pub fn must_end_alike(&mut self) -> CaseResult {
         let mut tries = 0;
-        self.until("copy that ends as the stream has it", |feed| {
+        self.until("copy equal to the stream at the end", |interceptor| {
             tries += 1;
-            let Ok(copy) = feed.mirror() else {
+            let Ok(copy) = interceptor.mirror() else {
                 return false;
             };
-            let alike = is_alike(copy, &feed.reported);
-            alike || (tries % 10 == 0 && feed.step_unjudged(2).is_err())
+            let alike = is_alike(copy, &interceptor.reported);
+            alike || (tries % 10 == 0 && interceptor.step_unjudged(2).is_err())
         })
     }
 }

@@ -1,0 +1,138 @@
+//! A connection to a server before it joins a scene.
+//!
+//! Joining takes up to three answers: welcome, creation, snapshot. Each is awaited for the connection's patience at most.
+
+use std::net::{SocketAddr, ToSocketAddrs};
+use std::time::Duration;
+
+use rhumb_protocol::message::Denial;
+use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::session::{ClientSession, Event};
+use rhumb_transport::{ClientOptions, QuicClient, Trust};
+
+use crate::client::Client;
+use crate::error::{ClientError, OpenError};
+use crate::join_options::{JoinMode, JoinOptions};
+use crate::pump::{Pump, span};
+
+/// A connection to a server that has joined no scene yet.
+pub struct ServerConnection {
+    connection: QuicClient,
+    patience: Duration,
+}
+
+impl ServerConnection {
+    pub(crate) fn open(address: &str, trust: Trust, patience: Duration) -> Result<Self, OpenError> {
+        let options = ClientOptions {
+            server_name: host_of(address).to_owned(),
+            ..ClientOptions::new(resolve(address)?, trust)
+        };
+        let connection = QuicClient::connect(options, patience)?;
+        Ok(Self {
+            connection,
+            patience,
+        })
+    }
+
+    /// Joins a scene of this name as [`JoinOptions::default`] has it: creates the scene unless it exists.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::join_with`].
+    pub fn join(self, scene: &str) -> Result<Client, OpenError> {
+        self.join_with(scene, JoinOptions::default())
+    }
+
+    /// Joins a scene of this name, and returns when the client's copy of the scene is complete.
+    ///
+    /// # Errors
+    ///
+    /// [`OpenError`] for a name that cannot be a scene's, a request that the server denies, and an answer that does not
+    /// come in time.
+    pub fn join_with(self, scene: &str, options: JoinOptions) -> Result<Client, OpenError> {
+        let name: SceneName = scene.parse().map_err(|cause| OpenError::SceneName {
+            scene: scene.to_owned(),
+            cause,
+        })?;
+        let patience = self.patience;
+        let denied = |denial| OpenError::Denied {
+            scene: name.clone(),
+            denial,
+        };
+        let mut pump = Pump::new(ClientSession::new(name.clone()), self.connection);
+        let welcome = await_event(&mut pump, patience, "welcome", |event| match event {
+            Event::Welcomed(welcome) => Some(Ok(welcome)),
+            _ => None,
+        })?
+        .map_err(denied)?;
+        let create = match options.mode {
+            JoinMode::Create(config) => Some(config),
+            JoinMode::CreateOrJoin(config) if welcome.scene.is_none() => Some(config),
+            JoinMode::CreateOrJoin(_) | JoinMode::Join => None,
+        };
+        if let Some(config) = create {
+            pump.session.create(config).map_err(ClientError::from)?;
+            let created = await_event(&mut pump, patience, "answer", |event| match event {
+                Event::Created => Some(Ok(())),
+                Event::Denied(denial) => Some(Err(denial)),
+                _ => None,
+            })?;
+            match created {
+                // Another client has created it since the welcome.
+                Err(Denial::SceneExists) if matches!(options.mode, JoinMode::CreateOrJoin(_)) => {}
+                other => other.map_err(denied)?,
+            }
+        }
+        pump.session
+            .join(options.stream)
+            .map_err(ClientError::from)?;
+        let granted = await_event(&mut pump, patience, "scene", |event| match event {
+            Event::Joined(granted) => Some(Ok(granted)),
+            Event::Denied(denial) => Some(Err(denial)),
+            _ => None,
+        })?
+        .map_err(denied)?;
+        Ok(Client::joined(pump, patience, &options, granted))
+    }
+}
+
+/// Waits until an event is the one that is wanted; the inner result is the server's answer.
+fn await_event<T>(
+    pump: &mut Pump,
+    patience: Duration,
+    awaited: &'static str,
+    wanted: impl Fn(Event) -> Option<Result<T, Denial>>,
+) -> Result<Result<T, Denial>, ClientError> {
+    let deadline = pump.now() + span(patience);
+    loop {
+        pump.turn(deadline);
+        while let Some(event) = pump.session.poll_event() {
+            if let Event::Ended(ending) = event {
+                return Err(ClientError::Ended(ending));
+            }
+            if let Some(answer) = wanted(event) {
+                return Ok(answer);
+            }
+        }
+        if pump.now() >= deadline {
+            return Err(ClientError::Timeout { awaited, patience });
+        }
+    }
+}
+
+fn resolve(server: &str) -> Result<SocketAddr, OpenError> {
+    let failed = |cause| OpenError::Address {
+        server: server.to_owned(),
+        cause,
+    };
+    let mut addresses = server.to_socket_addrs().map_err(failed)?;
+    addresses
+        .next()
+        .ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()))
+}
+
+/// The part of `host:port` that a certificate names.
+fn host_of(server: &str) -> &str {
+    let host = server.rsplit_once(':').map_or(server, |(host, _)| host);
+    host.trim_start_matches('[').trim_end_matches(']')
+}

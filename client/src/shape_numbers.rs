@@ -1,0 +1,134 @@
+//! Numbers for shapes, so that equal shapes of a scene have one number.
+//!
+//! Sends nothing. The number follows from the shape's bytes: two clients that add equal shapes at once choose the same
+//! number, and the refusal of the second is no fault.
+
+use std::collections::BTreeMap;
+
+use rhumb_protocol::limits::SHAPES_MAX;
+use rhumb_protocol::scene::{CommandError, Shape, ShapeId};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Writer;
+
+/// Shapes that this client has added and the server has not answered.
+#[derive(Debug, Default)]
+pub(crate) struct ShapeNumbers {
+    unanswered: BTreeMap<ShapeId, UnansweredShape>,
+}
+
+#[derive(Debug)]
+struct UnansweredShape {
+    shape: Shape,
+    /// Number of the command that adds it.
+    command: u64,
+}
+
+/// Where a shape belongs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ShapeSlot {
+    /// The scene has an equal shape, or will have.
+    Known(ShapeId),
+    /// No shape has this number yet.
+    Free(ShapeId),
+}
+
+impl ShapeNumbers {
+    /// Finds a shape's number; none when all numbers are taken. `known`: the shapes of the scene.
+    pub(crate) fn find<'a>(
+        &'a self,
+        shape: &Shape,
+        known: impl Fn(ShapeId) -> Option<&'a Shape>,
+    ) -> Option<ShapeSlot> {
+        let first = hash(shape);
+        for step in 0..SHAPES_MAX {
+            let id = ShapeId((first + step) % SHAPES_MAX);
+            let unanswered = self.unanswered.get(&id).map(|added| &added.shape);
+            match known(id).or(unanswered) {
+                None => return Some(ShapeSlot::Free(id)),
+                Some(other) if other == shape => return Some(ShapeSlot::Known(id)),
+                Some(_) => {}
+            }
+        }
+        None
+    }
+
+    /// A command adds a shape.
+    pub(crate) fn add(&mut self, id: ShapeId, shape: Shape, command: u64) {
+        let added = UnansweredShape { shape, command };
+        self.unanswered.insert(id, added);
+    }
+
+    /// The server has answered commands up to this number.
+    pub(crate) fn handle_applied(&mut self, through: u64) {
+        self.unanswered.retain(|_, added| added.command > through);
+    }
+
+    /// Whether a refused command added a shape that the scene has under this number all the same.
+    pub(crate) fn is_harmless<'a>(
+        &self,
+        number: u64,
+        error: CommandError,
+        known: impl Fn(ShapeId) -> Option<&'a Shape>,
+    ) -> bool {
+        let CommandError::ShapeIdTaken(id) = error else {
+            return false;
+        };
+        let added = self.unanswered.get(&id);
+        added.is_some_and(|added| added.command == number && known(id) == Some(&added.shape))
+    }
+}
+
+/// A number below [`SHAPES_MAX`] from a shape's bytes on the wire: FNV-1a.
+fn hash(shape: &Shape) -> u32 {
+    let mut bytes = Writer::new();
+    shape.encode(&mut bytes);
+    let mix = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+    let hash = bytes
+        .into_bytes()
+        .into_iter()
+        .fold(0xcbf2_9ce4_8422_2325, mix);
+    (hash % u64::from(SHAPES_MAX)) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_shapes_have_one_number_before_and_after_the_answer() {
+        let mut numbers = ShapeNumbers::default();
+        let ball = Shape::ball(0.5);
+        let Some(ShapeSlot::Free(id)) = numbers.find(&ball, |_| None) else {
+            panic!("no shape is known");
+        };
+        numbers.add(id, ball.clone(), 7);
+        assert_eq!(numbers.find(&ball, |_| None), Some(ShapeSlot::Known(id)));
+        numbers.handle_applied(7);
+        let known = |other| (other == id).then_some(&ball);
+        assert_eq!(numbers.find(&ball, known), Some(ShapeSlot::Known(id)));
+        assert_eq!(numbers.find(&ball, |_| None), Some(ShapeSlot::Free(id)));
+    }
+
+    #[test]
+    fn a_shape_takes_no_number_of_another() {
+        let numbers = ShapeNumbers::default();
+        let (ball, other) = (Shape::ball(0.5), Shape::cuboid(1.0, 2.0, 3.0));
+        let taken = ShapeId(hash(&ball));
+        let known = |id| (id == taken).then_some(&other);
+        let next = ShapeId((taken.0 + 1) % SHAPES_MAX);
+        assert_eq!(numbers.find(&ball, known), Some(ShapeSlot::Free(next)));
+        assert_eq!(numbers.find(&ball, |_| Some(&other)), None);
+    }
+
+    #[test]
+    fn only_the_refusal_of_an_equal_shape_is_harmless() {
+        let mut numbers = ShapeNumbers::default();
+        let (ball, id) = (Shape::ball(0.5), ShapeId(3));
+        numbers.add(id, ball.clone(), 7);
+        let taken = CommandError::ShapeIdTaken(id);
+        assert!(numbers.is_harmless(7, taken, |_| Some(&ball)));
+        assert!(!numbers.is_harmless(8, taken, |_| Some(&ball)));
+        assert!(!numbers.is_harmless(7, taken, |_| None));
+        assert!(!numbers.is_harmless(7, CommandError::ShapeUnfit(id), |_| Some(&ball)));
+    }
+}

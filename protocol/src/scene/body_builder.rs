@@ -1,0 +1,216 @@
+//! The description of a body before it has a name: its shape itself, and where it starts.
+//!
+//! Sends nothing. A client names the body and its shape when it adds the body.
+
+use glam::{Quat, Vec3};
+use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
+
+use super::body::{BodyDesc, BodyKind};
+use super::checks::Invalid;
+use super::material::Material;
+use super::shape::{Shape, ShapeId};
+
+/// A body to add: what [`BodyDesc`] says of it, its shape, its pose and its velocity.
+///
+/// Lengths in metres, world frame. A new one is at rest at the origin, unturned, and has the scene's material and damping.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BodyBuilder {
+    kind: BodyKind,
+    shape: Shape,
+    position: Vec3,
+    rotation: Quat,
+    linear: Vec3,
+    angular: Vec3,
+    material: Option<Material>,
+    damping: Option<Damping>,
+    gravity_scale: f32,
+    gyroscopic: bool,
+    tolerance_scale: ToleranceScale,
+    turns: bool,
+}
+
+impl BodyDesc {
+    /// A body that the engine moves.
+    #[must_use]
+    pub const fn dynamic(shape: Shape) -> BodyBuilder {
+        BodyBuilder::new(BodyKind::Dynamic, shape)
+    }
+
+    /// A body that nothing moves, such as a floor.
+    #[must_use]
+    pub const fn fixed(shape: Shape) -> BodyBuilder {
+        BodyBuilder::new(BodyKind::Static, shape)
+    }
+
+    /// A body that its client moves, by commands or by authority. It pushes others and is not pushed.
+    #[must_use]
+    pub const fn kinematic(shape: Shape) -> BodyBuilder {
+        BodyBuilder::new(BodyKind::Kinematic, shape)
+    }
+}
+
+impl BodyBuilder {
+    const fn new(kind: BodyKind, shape: Shape) -> Self {
+        Self {
+            kind,
+            shape,
+            position: Vec3::ZERO,
+            rotation: Quat::IDENTITY,
+            linear: Vec3::ZERO,
+            angular: Vec3::ZERO,
+            material: None,
+            damping: None,
+            gravity_scale: 1.0,
+            gyroscopic: true,
+            tolerance_scale: ToleranceScale::USUAL,
+            turns: true,
+        }
+    }
+
+    /// Starts with its centre of mass there, metres.
+    #[must_use]
+    pub const fn at(mut self, x: f32, y: f32, z: f32) -> Self {
+        self.position = Vec3::new(x, y, z);
+        self
+    }
+
+    /// Starts with its centre of mass there, metres.
+    #[must_use]
+    pub fn position(mut self, position: impl Into<Vec3>) -> Self {
+        self.position = position.into();
+        self
+    }
+
+    /// Starts turned so, body → world.
+    #[must_use]
+    pub fn rotation(mut self, rotation: impl Into<Quat>) -> Self {
+        self.rotation = rotation.into();
+        self
+    }
+
+    /// Starts with this velocity of its centre of mass, m/s.
+    #[must_use]
+    pub fn linear_velocity(mut self, linear: impl Into<Vec3>) -> Self {
+        self.linear = linear.into();
+        self
+    }
+
+    /// Starts with this spin, rad/s about world axes.
+    #[must_use]
+    pub fn angular_velocity(mut self, angular: impl Into<Vec3>) -> Self {
+        self.angular = angular.into();
+        self
+    }
+
+    /// Has a material of its own in place of the scene's.
+    #[must_use]
+    pub const fn material(mut self, material: Material) -> Self {
+        self.material = Some(material);
+        self
+    }
+
+    /// Has a damping of its own in place of the scene's.
+    #[must_use]
+    pub const fn damping(mut self, damping: Damping) -> Self {
+        self.damping = Some(damping);
+        self
+    }
+
+    /// Feels the scene's gravity times this factor.
+    #[must_use]
+    pub const fn gravity_scale(mut self, factor: f32) -> Self {
+        self.gravity_scale = factor;
+        self
+    }
+
+    /// Is published within the stream's tolerance times this power of two.
+    #[must_use]
+    pub const fn tolerance_scale(mut self, tolerance_scale: ToleranceScale) -> Self {
+        self.tolerance_scale = tolerance_scale;
+        self
+    }
+
+    /// Keeps the axis of its spin even if its moments of inertia differ.
+    #[must_use]
+    pub const fn without_gyroscopic_forces(mut self) -> Self {
+        self.gyroscopic = false;
+        self
+    }
+
+    /// Is not turned by contacts; only commands turn it.
+    #[must_use]
+    pub const fn with_locked_rotation(mut self) -> Self {
+        self.turns = false;
+        self
+    }
+
+    /// Its shape.
+    #[must_use]
+    pub const fn shape(&self) -> &Shape {
+        &self.shape
+    }
+
+    /// What it is, once it and its shape have names.
+    #[must_use]
+    pub const fn desc(&self, id: BodyId, shape: ShapeId) -> BodyDesc {
+        BodyDesc {
+            id,
+            kind: self.kind,
+            shape,
+            material: self.material,
+            damping: self.damping,
+            gravity_scale: self.gravity_scale,
+            gyroscopic: self.gyroscopic,
+            tolerance_scale: self.tolerance_scale,
+            turns: self.turns,
+        }
+    }
+
+    /// Where it starts, and how it moves.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] for a number that is not finite, or a rotation that is not of unit length.
+    pub fn state(&self) -> Result<BodyState, Invalid> {
+        let state = BodyState::new(
+            self.position.to_array(),
+            self.rotation.to_array(),
+            self.linear.to_array(),
+            self.angular.to_array(),
+        );
+        state.map_err(Invalid::from)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_built_body_is_what_its_builder_was_told() {
+        let body = BodyDesc::dynamic(Shape::ball(0.5))
+            .at(1.0, 2.0, 3.0)
+            .linear_velocity([0.0, 0.0, 4.0])
+            .gravity_scale(0.0)
+            .with_locked_rotation();
+        let id = BodyId::new(7, 1);
+        let expected = BodyDesc {
+            gravity_scale: 0.0,
+            turns: false,
+            ..BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(3))
+        };
+        assert_eq!(body.desc(id, ShapeId(3)), expected);
+        let state = body.state().unwrap();
+        assert_eq!(state.position(), [1.0, 2.0, 3.0]);
+        assert_eq!(state.parts()[7..], [0.0, 0.0, 4.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_start_that_is_not_finite_is_named() {
+        let body = BodyDesc::fixed(Shape::ball(0.5)).at(0.0, f32::NAN, 0.0);
+        assert_eq!(
+            body.state(),
+            Err(Invalid::NotFinite(super::super::Quantity::Position))
+        );
+    }
+}

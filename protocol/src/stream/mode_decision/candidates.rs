@@ -1,0 +1,547 @@
+//! Stage one: the prediction modes by which a body may go on, each with its error forecast.
+//!
+//! In the world: rest, uniform, falling, accelerated; or attached to another body. Moving modes differ by what accelerates the body
+//! alone: the unaccelerated forecast is computed once for all of them.
+
+use glam::DVec3;
+use rhumb_reckoning::{
+    ConstantAcceleration, Motion, Pose, Predictor, Ticks, attached_motion, relative_to,
+};
+
+use super::acceleration::{ACCELERATIONS, accelerations};
+use super::errors::{Errors, Units, apart};
+use super::forecast::{ErrorForecast, Known, Pull};
+use super::subject::{Context, Parent, Subject, share};
+use crate::packet::{Age, PredictionMode};
+
+/// Modes that are tried: rest, uniform, falling, attached, accelerated.
+const MODES: usize = 4 + ACCELERATIONS;
+/// Their numbers, where they are looked for.
+const REST: usize = 0;
+const ATTACHED: usize = 3;
+/// Ticks by which strays are compared.
+const STRAY_TICKS: f64 = 3.0;
+/// Ticks that an acceleration is expected to last at most.
+const ACCELERATION_LASTS: f64 = 16.0;
+/// A parent's prediction is taken for its place while it uses less of its tolerance than this: beyond, an update follows soon.
+const PARENT_SHARE: f64 = 0.6;
+
+/// What the modes in one frame of reference correct.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Base<'a> {
+    /// The body whose frame it is; none for the world.
+    pub(super) parent: Option<&'a Parent<'a>>,
+    /// Where the body is, and where it was predicted.
+    pub(super) truth: Motion,
+    pub(super) predicted: Motion,
+}
+
+/// A prediction mode, and how far off it will be.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Candidate<'a> {
+    pub(super) mode: PredictionMode,
+    pub(super) predictor: Predictor,
+    pub(super) base: &'a Base<'a>,
+    pub(super) forecast: ErrorForecast<'a>,
+}
+
+impl Candidate<'_> {
+    pub(super) fn moves(&self) -> bool {
+        self.predictor != Predictor::Rest
+    }
+}
+
+/// The prediction modes of one body that apply, by number.
+pub(super) type Modes<'a> = [Option<Candidate<'a>>; MODES];
+
+/// What the prediction modes of one body are made of.
+#[derive(Debug)]
+pub(super) struct Candidates<'a, const N: usize> {
+    subject: &'a Subject<'a>,
+    units: Units,
+    world: Base<'a>,
+    /// Of the body that it is attached to now.
+    parent_age: Option<Age>,
+    /// A body whose parent is gone needs a keyframe.
+    orphaned: bool,
+    rest: Option<Forecast<N>>,
+    attached: Option<(Base<'a>, PredictionMode, Forecast<N>)>,
+    floating: Predictor,
+    falling: Predictor,
+    unaccelerated: Forecast<N>,
+    falls: Falls<N>,
+    /// By how much the true velocities differ from the predicted ones, in a tick.
+    pub(super) velocity: Errors,
+    gravity: Option<DVec3>,
+    accelerations: [Option<ConstantAcceleration>; ACCELERATIONS],
+}
+
+/// What is forecast of a mode that nothing accelerates.
+#[derive(Clone, Copy, Debug)]
+struct Forecast<const N: usize> {
+    known: Known<N>,
+    slope: Errors,
+    curve: Errors,
+}
+
+/// What an acceleration of 1 m/s² adds, in metres: at each known tick, to the slope and to the curve.
+#[derive(Clone, Copy, Debug)]
+struct Falls<const N: usize> {
+    known: [f64; N],
+    slope: f64,
+    curve: f64,
+}
+
+/// How an error grows: in a tick, and in a tick squared.
+#[derive(Clone, Copy, Debug)]
+struct Growth {
+    slope: [DVec3; 2],
+    curve: [DVec3; 2],
+}
+
+impl Growth {
+    /// Of errors one and two strides after a prediction that began rightly.
+    fn of_strays([one, two]: [[DVec3; 2]; 2], stride: f64) -> Self {
+        Self::of(one, two, stride, 0.5)
+    }
+
+    /// Of a body that moved so far in its last stride and in its last two.
+    fn of_moves([one, two]: [[DVec3; 2]; 2], stride: f64) -> Self {
+        Self::of(one, two, stride, -0.5)
+    }
+
+    fn of(one: [DVec3; 2], two: [DVec3; 2], stride: f64, bend: f64) -> Self {
+        let (slope, curve) = (0.5 / stride, bend / (stride * stride));
+        Self {
+            slope: [
+                (one[0] * 4.0 - two[0]) * slope,
+                (one[1] * 4.0 - two[1]) * slope,
+            ],
+            curve: [
+                (two[0] - one[0] * 2.0) * curve,
+                (two[1] - one[1] * 2.0) * curve,
+            ],
+        }
+    }
+}
+
+impl<'a, const N: usize> Candidates<'a, N> {
+    pub(super) fn new(context: &Context<'_>, subject: &'a Subject<'a>, units: &Units) -> Self {
+        let now = subject.track;
+        let above = context.tracks.parent(now);
+        let is_torque_free = subject.slot.is_torque_free() && context.features.torque_free;
+        let (floating, falling) = if is_torque_free {
+            (Predictor::TorqueFree, Predictor::BallisticTorqueFree)
+        } else {
+            (Predictor::Uniform, Predictor::Ballistic)
+        };
+        let gravity = context.tracks.gravity(subject.slot, subject.tick);
+        let reach = 1.0 / units.still.to_array()[0];
+        let parent = subject
+            .parent
+            .as_ref()
+            .filter(|_| context.features.attached);
+        let world = Base {
+            parent: None,
+            truth: subject.truth,
+            predicted: subject.predicted_motion,
+        };
+        let step_s = context.tracks.integrator().rate.step().seconds();
+        let sources = Sources::<N> {
+            context,
+            subject,
+            units,
+            moved: [moved(subject, 1, step_s), moved(subject, 2, step_s)],
+        };
+        let (twist, other) = (subject.truth.twist(), subject.predicted_motion.twist());
+        let velocity = Errors::of(
+            [twist.linear - other.linear, twist.angular - other.angular],
+            units.moving,
+        );
+        let (unaccelerated, falls) = sources.unaccelerated(floating, &velocity);
+        Self {
+            subject,
+            units: *units,
+            parent_age: above.and_then(|(_, slot)| context.tracks.age(&slot.track(), subject.tick)),
+            orphaned: now.parent.is_some() && above.is_none(),
+            rest: context.features.resting.then(|| sources.rest()),
+            attached: parent.and_then(|parent| sources.attached(parent)),
+            world,
+            floating,
+            falling,
+            unaccelerated,
+            falls,
+            velocity,
+            gravity: Some(gravity).filter(|by| context.features.ballistic && *by != DVec3::ZERO),
+            accelerations: accelerations(context, subject, reach),
+        }
+    }
+
+    /// All of them; without lookahead only those that may serve best.
+    pub(super) fn modes(&'a self) -> Modes<'a> {
+        let mut modes = [const { None }; MODES];
+        if self.orphaned {
+            return modes;
+        }
+        let steadiest = if N == 1 { self.steadiest() } else { None };
+        for (number, mode) in modes.iter_mut().enumerate() {
+            let serves = match number {
+                _ if N > 1 => true,
+                REST => !self.is_fast(),
+                ATTACHED => true,
+                _ => steadiest == Some(number),
+            };
+            if serves || self.keeps(number) {
+                *mode = self.candidate(number);
+            }
+        }
+        modes
+    }
+
+    /// Whether a mode is the track's own.
+    fn keeps(&self, number: usize) -> bool {
+        let now = self.subject.track;
+        let predictor = match number {
+            REST => Predictor::Rest,
+            1 => self.floating,
+            2 => self.falling,
+            // The track's own acceleration is the first of them.
+            4 => return now.predictor.acceleration().is_some(),
+            _ => return false,
+        };
+        now.parent.is_none() && now.predictor == predictor
+    }
+
+    /// Whether the body moves by the tolerance in each tick: then it does not rest.
+    fn is_fast(&self) -> bool {
+        let rest = self.rest.as_ref();
+        rest.is_some_and(|rest| self.stray(&rest.slope, &rest.curve) > STRAY_TICKS)
+    }
+
+    /// The moving mode from which the body strayed least lately.
+    fn steadiest(&self) -> Option<usize> {
+        let mut least = (None, f64::INFINITY);
+        for number in [1, 2, 4, 5, 6] {
+            let acceleration = match number {
+                1 => Some(DVec3::ZERO),
+                2 => self.gravity,
+                _ => self.accelerations[number - 4].map(|it| it.acceleration()),
+            };
+            let Some(acceleration) = acceleration else {
+                continue;
+            };
+            let pull = Errors::of_position(acceleration, self.units.still);
+            let (free, falls) = (&self.unaccelerated, &self.falls);
+            let slope = free.slope - self.velocity - pull * falls.slope;
+            let stray = self.stray(&slope, &(free.curve - pull * falls.curve));
+            if stray < least.1 {
+                least = (Some(number), stray);
+            }
+        }
+        least.0
+    }
+
+    /// The share of the tolerance that an error which grows so takes after some ticks.
+    fn stray(&self, slope: &Errors, curve: &Errors) -> f64 {
+        let strayed = *slope * STRAY_TICKS + *curve * (STRAY_TICKS * STRAY_TICKS);
+        self.units.share(&strayed)
+    }
+
+    #[inline]
+    fn candidate(&'a self, number: usize) -> Option<Candidate<'a>> {
+        let steady = f64::INFINITY;
+        let candidate = match number {
+            REST => self.in_world(Predictor::Rest, self.forecast(self.rest.as_ref()?, steady)),
+            1 => self.in_world(self.floating, self.forecast(&self.unaccelerated, steady)),
+            2 => self.in_world(self.falling, self.accelerated(self.gravity?, steady)),
+            ATTACHED => {
+                let (base, mode, forecast) = self.attached.as_ref()?;
+                Candidate {
+                    mode: *mode,
+                    predictor: Predictor::Rest,
+                    base,
+                    forecast: self.forecast(forecast, steady),
+                }
+            }
+            _ => {
+                let push = (*self.accelerations.get(number - 4)?)?;
+                let forecast = self.accelerated(push.acceleration(), ACCELERATION_LASTS);
+                self.in_world(Predictor::Accelerated(push), forecast)
+            }
+        };
+        Some(candidate)
+    }
+
+    fn in_world(&'a self, predictor: Predictor, forecast: ErrorForecast<'a>) -> Candidate<'a> {
+        let now = self.subject.track;
+        let same = now.parent.is_none() && now.predictor == predictor;
+        Candidate {
+            mode: if same {
+                PredictionMode::Same
+            } else {
+                PredictionMode::World {
+                    predictor,
+                    parent_age: self.parent_age,
+                }
+            },
+            predictor,
+            base: &self.world,
+            forecast,
+        }
+    }
+
+    fn forecast(&'a self, of: &'a Forecast<N>, lasts: f64) -> ErrorForecast<'a> {
+        let known = of.known.errors();
+        let last = known.len() - 1;
+        ErrorForecast {
+            known,
+            pull: None,
+            slope: of.slope,
+            curve: of.curve,
+            ends: self.subject.ends && last == self.subject.ahead.len(),
+            lasts,
+        }
+    }
+
+    /// Of a moving mode with this acceleration, m/s².
+    fn accelerated(&'a self, acceleration: DVec3, lasts: f64) -> ErrorForecast<'a> {
+        let each = Errors::of_position(acceleration, self.units.still);
+        let (free, falls) = (self.forecast(&self.unaccelerated, lasts), &self.falls);
+        ErrorForecast {
+            pull: Some(Pull {
+                each,
+                falls: &falls.known,
+            }),
+            slope: free.slope - each * falls.slope,
+            curve: free.curve - each * falls.curve,
+            ..free
+        }
+    }
+}
+
+/// What forecasts are made of.
+#[derive(Clone, Copy, Debug)]
+struct Sources<'s, 'a, const N: usize> {
+    context: &'s Context<'s>,
+    subject: &'a Subject<'a>,
+    units: &'s Units,
+    /// How far the body moved in its last stride and in its last two.
+    moved: [[DVec3; 2]; 2],
+}
+
+impl<'a, const N: usize> Sources<'_, 'a, N> {
+    /// The forecast of the errors at the published tick and at those after it that are known.
+    fn forecast(
+        &self,
+        error: impl Fn(usize, &Motion) -> Option<[DVec3; 2]>,
+        lately: impl FnOnce() -> Growth,
+    ) -> Forecast<N> {
+        let of = |errors| Errors::of(errors, self.units.still);
+        let subject = self.subject;
+        let mut known = Known::new(error(0, &subject.truth).map_or(Errors::ZERO, of));
+        for (tick, truth) in (1..N).zip(subject.ahead) {
+            let Some(error) = error(tick, truth) else {
+                break;
+            };
+            known.push(of(error));
+        }
+        let (slope, curve) = match known.errors() {
+            [.., before, last] => (*last - *before, Errors::ZERO),
+            _ => {
+                let lately = lately();
+                (of(lately.slope), of(lately.curve))
+            }
+        };
+        Forecast {
+            known,
+            slope,
+            curve,
+        }
+    }
+
+    /// Of a body that stays where it was predicted.
+    fn rest(&self) -> Forecast<N> {
+        let predicted = self.subject.predicted_motion.pose();
+        self.forecast(
+            |_, truth| Some(apart(&truth.pose(), &predicted)),
+            || Growth::of_moves(self.moved, f64::from(self.subject.stride.count())),
+        )
+    }
+
+    /// Of a mode that nothing accelerates, and what an acceleration changes of it.
+    fn unaccelerated(&self, predictor: Predictor, velocity: &Errors) -> (Forecast<N>, Falls<N>) {
+        let (subject, tracks) = (self.subject, self.context.tracks);
+        let slot = subject.slot;
+        let mut motion = subject.predicted_motion;
+        let mut expected = [motion.pose(); N];
+        let mut falls = [0.0; N];
+        for tick in 1..=subject.ahead.len().min(N - 1) {
+            motion = tracks.continued(slot, predictor, &motion, Ticks::new(1));
+            expected[tick] = motion.pose();
+            falls[tick] = tracks.unforced(slot, Ticks::new(tick as u32)).fall;
+        }
+        let (strays, fallen) = self.strays(predictor);
+        let stride = f64::from(subject.stride.count());
+        let mut forecast = self.forecast(
+            |tick, truth| Some(apart(&truth.pose(), &expected[tick])),
+            || Growth::of_strays(strays, stride),
+        );
+        let last = forecast.known.errors().len() - 1;
+        let mut falls = Falls {
+            known: falls,
+            slope: fallen[0] * (2.0 / stride) - fallen[1] * (0.5 / stride),
+            curve: (fallen[1] - fallen[0] * 2.0) * (0.5 / (stride * stride)),
+        };
+        if last == 0 {
+            forecast.slope = forecast.slope + *velocity;
+        } else {
+            falls.slope = falls.known[last] - falls.known[last - 1];
+            falls.curve = 0.0;
+        }
+        (forecast, falls)
+    }
+
+    /// How far the last stride and the last two diverged from an unaccelerated mode, and what an acceleration of 1 m/s² would have added.
+    fn strays(&self, predictor: Predictor) -> ([[DVec3; 2]; 2], [f64; 2]) {
+        let (subject, tracks) = (self.subject, self.context.tracks);
+        let prediction_error = |strides: usize| {
+            let past = subject.past[strides - 1].as_ref()?;
+            let ticks = Ticks::new(strides as u32 * subject.stride.count());
+            let unforced = tracks.unforced(subject.slot, ticks);
+            if predictor.is_torque_free() {
+                let expected = tracks.continued(subject.slot, predictor, past, ticks);
+                return Some((
+                    apart(&subject.truth.pose(), &expected.pose()),
+                    unforced.fall,
+                ));
+            }
+            let (twist, [moved, turned]) = (past.twist(), self.moved[strides - 1]);
+            let diverged = [
+                moved - twist.linear * unforced.reach,
+                turned - twist.angular * unforced.turn,
+            ];
+            Some((diverged, unforced.fall))
+        };
+        let Some((one, fall)) = prediction_error(1) else {
+            return ([[DVec3::ZERO; 2]; 2], [0.0; 2]);
+        };
+        let (two, fallen) =
+            prediction_error(2).unwrap_or(([one[0] * 4.0, one[1] * 4.0], fall * 4.0));
+        ([one, two], [fall, fallen])
+    }
+
+    /// Of being attached to a body.
+    fn attached(&self, parent: &'a Parent<'a>) -> Option<(Base<'a>, PredictionMode, Forecast<N>)> {
+        let (subject, tracks) = (self.subject, self.context.tracks);
+        let track = subject.track;
+        let above = parent.slot.track();
+        let is_attached = track.parent == Some(parent.slot.id(parent.index));
+        let may_be =
+            track.parent.is_none() && above.parent.is_none() && parent.index != subject.index;
+        if !is_attached && !may_be {
+            return None;
+        }
+        // Nothing says of a body that was not seen before that it is attached.
+        let now = relative_to(&parent.truth.pose(), &subject.truth.pose());
+        let moved = |stride: usize| {
+            let (own, of) = (
+                subject.past[stride].as_ref()?,
+                parent.past[stride].as_ref()?,
+            );
+            let then = relative_to(&of.pose(), &own.pose());
+            Some(apart(&now.pose(), &then.pose()))
+        };
+        let one = moved(0)?;
+        let stride = f64::from(subject.stride.count());
+        let fast = self.units.share(&Errors::of(one, self.units.still)) > stride;
+        if N == 1 && fast && !is_attached {
+            return None;
+        }
+        let two = moved(1).unwrap_or([one[0] * 2.0, one[1] * 2.0]);
+        let predicted_motion = tracks.framed((parent.index, parent.slot), &above, subject.tick);
+        let base = Base {
+            parent: Some(parent),
+            truth: relative_to(&predicted_motion.pose(), &subject.truth.pose()),
+            predicted: if is_attached {
+                tracks.framed((subject.index, subject.slot), track, subject.tick)
+            } else {
+                relative_to(&predicted_motion.pose(), &subject.predicted_motion.pose())
+            },
+        };
+        let mode = if is_attached {
+            PredictionMode::Same
+        } else {
+            PredictionMode::Attached {
+                parent: parent.index,
+                parent_age: tracks.age(&above, subject.tick)?,
+            }
+        };
+        let error = |tick: usize, truth: &Motion| {
+            let seen = match tick {
+                0 => base.truth,
+                _ => {
+                    let by = where_parent(self.context, subject, parent, tick)?;
+                    relative_to(&by, &truth.pose())
+                }
+            };
+            Some(apart(&seen.pose(), &base.predicted.pose()))
+        };
+        let forecast = self.forecast(error, || Growth::of_moves([one, two], stride));
+        Some((base, mode, forecast))
+    }
+}
+
+/// How far a body moved in its last strides; by its velocities where it was not seen before.
+fn moved(subject: &Subject<'_>, strides: usize, step_s: f64) -> [DVec3; 2] {
+    match &subject.past[strides - 1] {
+        Some(past) => apart(&subject.truth.pose(), &past.pose()),
+        None => {
+            let twist = subject.truth.twist();
+            let seconds = step_s * f64::from(subject.stride.count()) * strides as f64;
+            [twist.linear * seconds, twist.angular * seconds]
+        }
+    }
+}
+
+/// Where a parent will be predicted, or is if an update of it comes before.
+fn where_parent(
+    context: &Context<'_>,
+    subject: &Subject<'_>,
+    parent: &Parent<'_>,
+    ticks: usize,
+) -> Option<Pose> {
+    let truth = parent.ahead.get(ticks - 1)?.pose();
+    let (tracks, slot) = (context.tracks, parent.slot);
+    let tick = subject.tick + Ticks::new(ticks as u32);
+    let predicted_motion = tracks.framed((parent.index, slot), &slot.track(), tick);
+    let used = share(
+        &truth,
+        &predicted_motion.pose(),
+        tracks.tolerance_of(slot),
+        tracks.radius(slot),
+    );
+    Some(if used <= PARENT_SHARE {
+        predicted_motion.pose()
+    } else {
+        truth
+    })
+}
+
+impl Base<'_> {
+    /// Where a body at a pose of this frame is in the world, as a subscriber computes it.
+    pub(super) fn in_world(
+        &self,
+        context: &Context<'_>,
+        subject: &Subject<'_>,
+        pose: &Pose,
+    ) -> Pose {
+        match self.parent {
+            None => *pose,
+            Some(Parent { index, slot, .. }) => {
+                let tracks = context.tracks;
+                let by = tracks.framed((*index, slot), &slot.track(), subject.tick);
+                attached_motion(&by, pose).pose()
+            }
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! Prediction errors of position and turn, as shares of a body's tolerance.
+//!
+//! For choosing alone: the promise is judged by [`Tolerance::share`]. Errors of position and of turn lie in the two lanes
+//! of one vector, so that both take one instruction.
+
+use core::ops::{Add, Mul, Sub};
+
+use glam::DVec3;
+use rhumb_reckoning::{
+    Grid, Metres, Pose, RESIDUAL_LIMIT, Residual, TURN_LIMIT, Tolerance, VELOCITY_EXPONENT_MAX,
+    VelocityResidual,
+};
+use wide::f64x2;
+
+/// How far one pose is from another: metres, and a rotation vector in radians.
+pub(super) fn apart(to: &Pose, from: &Pose) -> [DVec3; 2] {
+    let turn = to.rotation * from.rotation.conjugate();
+    let sign = if turn.w < 0.0 { -2.0 } else { 2.0 };
+    let chord = DVec3::new(turn.x, turn.y, turn.z) * sign;
+    // The angle is twice the arcsine of half the chord: two config of its series.
+    let turn = chord * (1.0 + chord.length_squared() * (1.0 / 24.0));
+    [to.position - from.position, turn]
+}
+
+/// An error by axis, in each position and turn; or a change of it in a tick.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Errors([f64x2; 3]);
+
+impl Errors {
+    pub(super) const ZERO: Self = Self([f64x2::ZERO; 3]);
+
+    /// Of metres and radians, or of other numbers of which one is worth `unit`.
+    #[inline]
+    pub(super) fn of([position, turn]: [DVec3; 2], unit: f64x2) -> Self {
+        Self([
+            f64x2::new([position.x, turn.x]) * unit,
+            f64x2::new([position.y, turn.y]) * unit,
+            f64x2::new([position.z, turn.z]) * unit,
+        ])
+    }
+
+    /// Of whole steps.
+    #[inline]
+    fn of_steps([a, b, c]: [i32; 3], [p, q, r]: [i32; 3], unit: f64x2) -> Self {
+        let pair = |one: i32, other: i32| f64x2::new([f64::from(one), f64::from(other)]) * unit;
+        Self([pair(a, p), pair(b, q), pair(c, r)])
+    }
+
+    /// Of position alone.
+    pub(super) fn of_position(metres: DVec3, unit: f64x2) -> Self {
+        Self::of([metres, DVec3::ZERO], unit)
+    }
+
+    /// The product with another: of positions, and of turns.
+    #[inline]
+    pub(super) fn dot(&self, other: &Self) -> f64x2 {
+        let ([a, b, c], [x, y, z]) = (self.0, other.0);
+        a * x + b * y + c * z
+    }
+}
+
+impl Add for Errors {
+    type Output = Self;
+
+    #[inline]
+    fn add(self, other: Self) -> Self {
+        let ([a, b, c], [x, y, z]) = (self.0, other.0);
+        Self([a + x, b + y, c + z])
+    }
+}
+
+impl Sub for Errors {
+    type Output = Self;
+
+    #[inline]
+    fn sub(self, other: Self) -> Self {
+        let ([a, b, c], [x, y, z]) = (self.0, other.0);
+        Self([a - x, b - y, c - z])
+    }
+}
+
+impl Mul<f64> for Errors {
+    type Output = Self;
+
+    #[inline]
+    fn mul(self, factor: f64) -> Self {
+        let ([a, b, c], factor) = (self.0, f64x2::splat(factor));
+        Self([a * factor, b * factor, c * factor])
+    }
+}
+
+/// What lengths, angles and steps are worth of one body's tolerance.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Units {
+    /// A metre, and a radian.
+    pub(super) still: f64x2,
+    /// A metre and a radian a second, in a tick.
+    pub(super) moving: f64x2,
+    /// A step of a residual's position, and of its turn.
+    steps: f64x2,
+    /// Steps of a residual's velocities, in a tick.
+    velocities: f64x2,
+    /// Whether position and turn share one bound.
+    shared: bool,
+}
+
+impl Units {
+    /// `slack`: factor on the tolerance.
+    pub(super) fn new(
+        tolerance: Tolerance,
+        radius: Metres,
+        slack: f64,
+        grid: &Grid,
+        step_s: f64,
+    ) -> Self {
+        let (position, turn, shared) = match tolerance {
+            Tolerance::Surface(length) => {
+                let length = length.metres().metres();
+                (length, length / radius.metres(), true)
+            }
+            Tolerance::Parts { position, turn } => {
+                (position.metres().metres(), turn.radians().radians(), false)
+            }
+        };
+        let still = f64x2::new([1.0 / (position * slack), 1.0 / (turn * slack)]);
+        let moving = still * f64x2::splat(step_s);
+        Self {
+            still,
+            moving,
+            steps: still * f64x2::new([grid.position(), grid.turn()]),
+            velocities: moving * f64x2::new([grid.linear(), grid.angular()]),
+            shared,
+        }
+    }
+
+    /// The share of the tolerance that an error takes.
+    #[inline]
+    pub(super) fn share(&self, errors: &Errors) -> f64 {
+        self.share_of_squares(errors.dot(errors))
+    }
+
+    /// The same of the squares of the errors of position and of turn.
+    #[inline]
+    pub(super) fn share_of_squares(&self, squares: f64x2) -> f64 {
+        let [position, turn] = squares.fast_max(f64x2::ZERO).sqrt().to_array();
+        if self.shared {
+            position + turn
+        } else {
+            position.max(turn)
+        }
+    }
+
+    /// What a residual takes off the error, its velocities aside.
+    #[inline]
+    pub(super) fn of_residual(&self, residual: &Residual) -> Errors {
+        Errors::of_steps(residual.position, residual.turn, self.steps)
+    }
+
+    /// What velocities take off the error in a tick.
+    #[inline]
+    pub(super) fn of_velocity(&self, velocity: &VelocityResidual) -> Errors {
+        let doubled = f64::from(1_u32 << velocity.velocity_exponent.min(VELOCITY_EXPONENT_MAX));
+        let unit = self.velocities * f64x2::splat(doubled);
+        Errors::of_steps(velocity.linear, velocity.angular, unit)
+    }
+
+    /// The residual without velocities that takes off most of an error. A part of a step counts as a whole one from `rounding` on.
+    pub(super) fn residual(&self, errors: &Errors, rounding: [f64; 2]) -> Residual {
+        let [position, turn] = steps(errors, self.steps, f64x2::new(rounding), f64x2::new(LIMITS));
+        Residual {
+            position,
+            turn,
+            velocity: None,
+        }
+    }
+
+    /// The velocities that take off most of an error that grows so in a tick, in steps that are doubled `velocity_exponent` times.
+    pub(super) fn velocity(&self, errors: &Errors, velocity_exponent: u32) -> VelocityResidual {
+        let doubled = f64::from(1_u32 << velocity_exponent.min(VELOCITY_EXPONENT_MAX));
+        let unit = self.velocities * f64x2::splat(doubled);
+        let [linear, angular] = steps(errors, unit, f64x2::splat(0.5), f64x2::splat(1e9));
+        VelocityResidual {
+            velocity_exponent,
+            linear,
+            angular,
+        }
+    }
+}
+
+/// The most steps of position and of turn.
+const LIMITS: [f64; 2] = [RESIDUAL_LIMIT as f64, TURN_LIMIT as f64];
+
+/// Keyframe steps, within limits.
+#[inline]
+fn steps(Errors(errors): &Errors, unit: f64x2, rounding: f64x2, limit: f64x2) -> [[i32; 3]; 2] {
+    let (inverse, up) = (f64x2::ONE / unit, f64x2::ONE - rounding);
+    let of = |errors: f64x2| {
+        let steps = errors * inverse;
+        // What is no number becomes zero by the cast.
+        let size = (steps.abs() + up).fast_min(limit);
+        let ([x, y], [p, q]) = (steps.to_array(), size.to_array());
+        let signed = |of: f64, size: f64| {
+            let size = size as i32;
+            if of < 0.0 { -size } else { size }
+        };
+        [signed(x, p), signed(y, q)]
+    };
+    // Written out, since `map` of an array stays a call here.
+    let [x, y, z] = *errors;
+    let ([a, p], [b, q], [c, r]) = (of(x), of(y), of(z));
+    [[a, b, c], [p, q, r]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn units() -> Units {
+        let (tolerance, radius) = (Tolerance::NORMAL, Metres::new(0.5));
+        Units::new(
+            tolerance,
+            radius,
+            1.0,
+            &Grid::new(tolerance, radius),
+            1.0 / 60.0,
+        )
+    }
+
+    fn vector() -> impl Strategy<Value = DVec3> {
+        proptest::array::uniform3(-3.0..3.0_f64).prop_map(DVec3::from_array)
+    }
+
+    proptest! {
+        #[test]
+        fn the_nearest_residual_leaves_less_than_half_a_step_by_axis(position in vector(), turn in vector()) {
+            let units = units();
+            let errors = Errors::of([position, turn], units.still);
+            let left = errors - units.of_residual(&units.residual(&errors, [0.5; 2]));
+            for (lanes, steps) in left.0.iter().zip([units.steps; 3]) {
+                let ([x, p], [a, b]) = (lanes.to_array(), steps.to_array());
+                prop_assert!(x.abs() <= 0.5001 * a && p.abs() <= 0.5001 * b);
+            }
+        }
+
+        #[test]
+        fn a_residual_is_within_limits_whatever_the_error(
+            error in prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(1e300), -1e9..1e9],
+        ) {
+            let units = units();
+            let errors = Errors::of([DVec3::splat(error); 2], units.still);
+            prop_assert!(units.residual(&errors, [0.5; 2]).is_within_limits());
+        }
+    }
+}

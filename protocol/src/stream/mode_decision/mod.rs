@@ -1,0 +1,189 @@
+//! The mode decision: which update corrects a track best, for how long and for how many bits.
+//!
+//! Only the publisher decides, so that nothing here is normative: any decision keeps the promise, a good one keeps it with fewer
+//! bytes. Three stages:
+//!
+//! 1. *Candidates*: the prediction modes that apply (rest, uniform, falling, attached, accelerated), each with its error forecast: how far
+//!    off the uncorrected prediction will be, from what lookahead knows or from how the body diverged lately.
+//! 2. *Cost*: bits of a correction over the ticks that it is expected to hold.
+//! 3. *Refinement*: the residual of least cost. What is chosen is then put on the grid and checked as a subscriber computes it.
+
+mod acceleration;
+mod candidates;
+mod cost;
+mod errors;
+mod forecast;
+mod ranking;
+mod refinement;
+mod shortlist;
+mod subject;
+
+use rhumb_reckoning::{Anchor, Predictor, Seconds, TRACK_AGE_MAX, Ticks, Track};
+
+use super::features::Features;
+use crate::packet::{Age, UpdatePayload};
+use candidates::{Candidate, Candidates};
+use errors::Units;
+use forecast::{Expectation, SPAN};
+use ranking::Settings;
+use refinement::Refinement;
+use shortlist::Choice;
+pub(crate) use subject::{Context, Parent, Subject, share};
+
+/// What the ticks of a track's whole life add to the expected error of the next, as a share of the tolerance …
+const ERROR_GROWTH_PER_LIFETIME: f64 = 0.1;
+/// … and each tick, at least and at most.
+const ERROR_GROWTH: [f64; 2] = [0.001, 0.05];
+
+/// A body whose track held for so many ticks flies: lookahead ends before it strays, and its last ticks tell more.
+const FLIGHT: Ticks = Ticks::new(12);
+
+/// Decides for one publisher.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ModeDecision<'a> {
+    context: Context<'a>,
+}
+
+impl<'a> ModeDecision<'a> {
+    pub(crate) const fn new(context: Context<'a>) -> Self {
+        Self { context }
+    }
+
+    /// The best correction among those that keep the promise, with the track that it leads to; `None` where a keyframe is needed.
+    pub(crate) fn decide(&self, subject: &Subject<'_>) -> Option<(UpdatePayload, Track)> {
+        let track = subject.track;
+        let ticks = subject.tick.since(track.origin)?;
+        let aged = ticks > TRACK_AGE_MAX && track.predictor != Predictor::Rest;
+        let age = self.context.tracks.age(track, subject.tick)?;
+        if age == Age::new(0) || aged || !self.context.features.residuals {
+            return None;
+        }
+        let over = track
+            .predictor
+            .divergence_time(ticks, self.context.tracks.integrator().rate);
+        let update = Update {
+            context: &self.context,
+            subject,
+            age,
+            over,
+        };
+        let flies = ticks >= FLIGHT && track.predictor != Predictor::Rest;
+        if subject.ahead.is_empty() || flies || !self.context.features.mode_decision {
+            self.decide_within::<1>(&update, ticks)
+        } else {
+            self.decide_within::<SPAN>(&update, ticks)
+        }
+    }
+
+    /// The same without lookahead, and by the promised tolerance where that is tightened.
+    pub(crate) fn widened(&self) -> Self {
+        Self::new(Context {
+            features: Features {
+                mode_decision: false,
+                ..self.context.features
+            },
+            slack: self.context.slack.max(1.0),
+            ..self.context
+        })
+    }
+
+    /// The same where at most so many ticks are known, the published one included.
+    fn decide_within<const N: usize>(
+        &self,
+        update: &Update<'_>,
+        ticks: Ticks,
+    ) -> Option<(UpdatePayload, Track)> {
+        let (subject, age) = (update.subject, update.age);
+        let rate = self.context.tracks.integrator().rate;
+        let (tolerance, radius) = (
+            self.context.tracks.tolerance_of(subject.slot),
+            self.context.tracks.radius(subject.slot),
+        );
+        let step = rate.step().seconds();
+        let units = Units::new(
+            tolerance,
+            radius,
+            self.context.slack,
+            self.context.tracks.grid(subject.slot),
+            step,
+        );
+        let candidates = Candidates::<N>::new(&self.context, subject, &units);
+        let interval = self.context.tracks.publish_interval().get();
+        let [least, most] = ERROR_GROWTH;
+        let settings = Settings {
+            expectation: Expectation {
+                units,
+                // A track that held for long, as of a flying body, is expected to stray less.
+                growth: (ERROR_GROWTH_PER_LIFETIME / f64::from(ticks.count())).clamp(least, most),
+                interval: interval as usize,
+            },
+            features: self.context.features,
+            age,
+            rate: step / update.over.seconds(),
+            looks_ahead: N > 1,
+        };
+        let mut refinement = Refinement::new(&settings);
+        let modes = candidates.modes();
+        for (number, mode) in modes.iter().enumerate() {
+            if let Some(mode) = mode {
+                refinement.consider(number, mode, &candidates.velocity);
+            }
+        }
+        let choices = refinement.finish(&modes, &candidates.velocity);
+        choices
+            .iter()
+            .find_map(|choice| update.of(modes[choice.mode].as_ref()?, choice))
+    }
+}
+
+/// Makes an update of a choice.
+#[derive(Clone, Copy, Debug)]
+struct Update<'u> {
+    context: &'u Context<'u>,
+    subject: &'u Subject<'u>,
+    age: Age,
+    /// In what time the prediction diverged.
+    over: Seconds,
+}
+
+impl Update<'_> {
+    /// What a choice leads to, as a subscriber computes it, if that keeps the promise.
+    fn of(&self, candidate: &Candidate<'_>, choice: &Choice) -> Option<(UpdatePayload, Track)> {
+        let (subject, tracks) = (self.subject, self.context.tracks);
+        let grid = tracks.grid(subject.slot);
+        let residual = choice.residual;
+        let quantised = residual.onto(&candidate.base.predicted, self.over, grid);
+        let begun = quantised.motion(grid);
+        let pose = candidate
+            .base
+            .in_world(self.context, subject, &begun.pose());
+        let (tolerance, radius) = (
+            tracks.tolerance_of(subject.slot),
+            tracks.radius(subject.slot),
+        );
+        let used = share(&subject.truth.pose(), &pose, tolerance, radius);
+        let keeps = used <= self.context.slack.max(1.0);
+        if !keeps || !residual.is_within_limits() {
+            return None;
+        }
+        let rests = candidate.predictor == Predictor::Rest;
+        let parent = candidate.base.parent;
+        Some((
+            UpdatePayload::Residual {
+                mode: candidate.mode,
+                age: self.age,
+                residual,
+            },
+            Track {
+                origin: subject.tick,
+                predictor: candidate.predictor,
+                anchor: Anchor::Quantised(if rests {
+                    quantised.stilled()
+                } else {
+                    quantised
+                }),
+                parent: parent.map(|parent| parent.slot.id(parent.index)),
+            },
+        ))
+    }
+}

@@ -1,0 +1,191 @@
+//! What one candidate's corrections are worth: bits for each tick.
+//!
+//! A correction that breaks within what lookahead knows is weighed together with the one that must follow.
+
+use rhumb_reckoning::Residual;
+
+use super::cost::Cost;
+use super::errors::Errors;
+use super::forecast::{Effect, ErrorForecast, Expectation, Lifetime};
+use super::shortlist::{BestCorrections, Choice, SHORTLIST};
+use crate::packet::Age;
+use crate::stream::features::Features;
+
+/// Steps are rounded to the nearest.
+pub(super) const NEAREST: [f64; 2] = [0.5; 2];
+/// The exponent of velocities that are sent whether or not it pays.
+const PLAIN: u32 = 3;
+/// Velocities are sent in steps that are doubled so often, if at all.
+const VELOCITY_EXPONENTS: [u32; 6] = [9, 7, 5, 3, 1, 0];
+/// Corrections that follow begin at these.
+const FITS_AFTER: [usize; 2] = [0, 3];
+
+/// How one body's corrections are searched.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Settings {
+    pub(super) expectation: Expectation,
+    pub(super) features: Features,
+    /// Of the track that is corrected.
+    pub(super) age: Age,
+    /// The share of a correction that a moving mode adds to it in each tick.
+    pub(super) rate: f64,
+    /// Whether what follows a correction is weighed too.
+    pub(super) looks_ahead: bool,
+}
+
+impl Settings {
+    /// How many corrections are kept.
+    pub(super) const fn room(&self) -> usize {
+        if self.looks_ahead { SHORTLIST } else { 2 }
+    }
+}
+
+/// One candidate's corrections, weighed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CorrectionRanker<'s> {
+    pub(super) forecast: &'s ErrorForecast<'s>,
+    pub(super) expectation: &'s Expectation,
+    pub(super) cost: Cost,
+    /// See [`Settings::rate`]; nothing of a mode that rests.
+    pub(super) rate: f64,
+}
+
+impl CorrectionRanker<'_> {
+    pub(super) fn effect(&self, residual: &Residual) -> Effect {
+        let units = &self.expectation.units;
+        let at_once = units.of_residual(residual);
+        let each_tick = at_once * self.rate;
+        Effect {
+            at_once,
+            each_tick: match &residual.velocity {
+                Some(velocity) => each_tick + units.of_velocity(velocity),
+                None => each_tick,
+            },
+        }
+    }
+
+    pub(super) fn lifetime(&self, effect: &Effect) -> Lifetime {
+        self.forecast.lifetime(effect, self.expectation)
+    }
+
+    pub(super) fn price(&self, residual: &Residual) -> f64 {
+        let lifetime = self.lifetime(&self.effect(residual));
+        self.cost.price(self.cost.bits(residual), lifetime.ticks)
+    }
+
+    /// Leaves out a step after another as long as that pays; only those that differ from a sparser residual, if there is one.
+    pub(super) fn leave_out_steps(
+        &self,
+        from: (Residual, f64),
+        sparser: Option<&Residual>,
+        note: &mut impl FnMut(Residual, f64),
+    ) -> (Residual, f64) {
+        let (mut best, mut least) = from;
+        for axis in 0..6 {
+            let steps = |residual: &Residual| match axis {
+                0..3 => residual.position[axis],
+                _ => residual.turn[axis - 3],
+            };
+            let now = steps(&best);
+            if now == 0 || sparser.is_some_and(|sparser| steps(sparser) == now) {
+                continue;
+            }
+            let mut fewer = best;
+            match axis {
+                0..3 => fewer.position[axis] -= now.signum(),
+                _ => fewer.turn[axis - 3] -= now.signum(),
+            }
+            let price = self.price(&fewer);
+            note(fewer, price);
+            if price < least {
+                (best, least) = (fewer, price);
+            }
+        }
+        (best, least)
+    }
+
+    /// Weighs a correction with velocities that take `slope` off the error in each tick.
+    pub(super) fn with_velocities(
+        &self,
+        settings: &Settings,
+        (mode, residual): (usize, &Residual),
+        slope: &Errors,
+        best: &mut BestCorrections,
+    ) {
+        let units = &self.expectation.units;
+        let effect = self.effect(residual);
+        let exact = Effect {
+            each_tick: *slope,
+            ..effect
+        };
+        // Nothing lasts longer than what goes on at the true velocities, and finer steps cost more.
+        let longest = self.lifetime(&exact).ticks;
+        let lacking = *slope - effect.each_tick;
+        let place = self.cost.of_form(true) + self.cost.of_place(residual, true);
+        for velocity_exponent in settings.features.steps(VELOCITY_EXPONENTS) {
+            let velocity = units.velocity(&lacking, velocity_exponent);
+            let bits = place + self.cost.of_velocity(&velocity);
+            let must = !settings.features.derived && velocity_exponent <= PLAIN;
+            if self.cost.price(bits, longest) >= best.least() && !must && !settings.looks_ahead {
+                return;
+            }
+            let residual = Residual {
+                velocity: Some(velocity),
+                ..*residual
+            };
+            if velocity.is_within_limits() {
+                let ticks = self.lifetime(&self.effect(&residual)).ticks;
+                let price = self.cost.price(bits, ticks);
+                best.note(
+                    settings.room(),
+                    Choice {
+                        mode,
+                        residual,
+                        price,
+                    },
+                );
+            }
+        }
+    }
+
+    /// The price of a correction together with the one that must follow it, if that is known.
+    pub(super) fn price_with_next(&self, residual: &Residual) -> f64 {
+        let effect = self.effect(residual);
+        let lifetime = self.lifetime(&effect);
+        let bits = self.cost.bits(residual);
+        let breach = match lifetime.breach {
+            None | Some(0) => return self.cost.price(bits, lifetime.ticks),
+            Some(breach) => breach,
+        };
+        let interval = self.expectation.interval;
+        let known = self.forecast.known_after(breach, &effect);
+        let later = CorrectionRanker {
+            forecast: &ErrorForecast {
+                known: known.errors(),
+                pull: None,
+                slope: self.forecast.slope - effect.each_tick,
+                ..*self.forecast
+            },
+            expectation: self.expectation,
+            cost: self
+                .cost
+                .following(bits, breach, Age::new(breach.div_ceil(interval) as u32)),
+            rate: if self.rate > 0.0 {
+                1.0 / breach as f64
+            } else {
+                0.0
+            },
+        };
+        let mut least = f64::INFINITY;
+        for fit in FITS_AFTER {
+            if fit <= later.forecast.last() {
+                let nearest = later.forecast.nearest(fit, later.rate);
+                let residual = self.expectation.units.residual(&nearest, NEAREST);
+                let (_, price) =
+                    later.leave_out_steps((residual, later.price(&residual)), None, &mut |_, _| {});
+                least = least.min(price);
+            }
+        }
+        least
+    }
+}

@@ -1,0 +1,203 @@
+//! Stage three: the residual of each candidate that costs least for each tick that it holds.
+//!
+//! Corrections begin at those that fit the known ticks best, and leave out steps as long as that pays.
+
+use rhumb_reckoning::Residual;
+
+use super::candidates::{Candidate, Modes};
+use super::cost::{Beside, Cost};
+use super::errors::Errors;
+use super::forecast::Effect;
+use super::ranking::{CorrectionRanker, NEAREST, Settings};
+use super::shortlist::{BestCorrections, Choice, SHORTLIST};
+
+/// Steps by which corrections are made sparser: a part of the last step below this share is left out.
+const SPARSE: f64 = 0.7;
+/// Corrections begin at the best fits of so many known ticks; moving ones with velocities at straight lines through so many.
+const FITS: [usize; 5] = [0, 1, 2, 4, 6];
+const LINES: [usize; 3] = [2, 4, 6];
+
+/// The search for one body's correction.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Refinement<'r> {
+    settings: &'r Settings,
+    best: BestCorrections,
+    /// In the world.
+    start: Option<Start>,
+    /// The mode that velocities may serve best, and what it would cost if they cost nothing.
+    moving: Option<(usize, f64)>,
+}
+
+/// The correction that is nearest to the published tick: all modes of one frame share it.
+#[derive(Clone, Copy, Debug)]
+struct Start {
+    residual: Residual,
+    at_once: Errors,
+    /// Its bits beside its form, where that keeps the track's mode and where it changes it.
+    bits: [Option<u32>; 2],
+}
+
+impl Start {
+    fn new(ranker: &CorrectionRanker<'_>) -> Self {
+        let units = &ranker.expectation.units;
+        let residual = units.residual(&ranker.forecast.known[0], NEAREST);
+        Self {
+            residual,
+            at_once: units.of_residual(&residual),
+            bits: [None; 2],
+        }
+    }
+
+    /// What it costs without velocities, its form included.
+    fn bits(&mut self, cost: &Cost) -> u32 {
+        let (residual, bits) = (&self.residual, &mut self.bits[usize::from(cost.changes())]);
+        cost.of_form(false) + *bits.get_or_insert_with(|| cost.of_place(residual, false))
+    }
+}
+
+impl<'r> Refinement<'r> {
+    pub(super) fn new(settings: &'r Settings) -> Self {
+        Self {
+            settings,
+            best: BestCorrections::default(),
+            start: None,
+            moving: None,
+        }
+    }
+
+    fn ranker<'s>(&self, candidate: &'s Candidate<'_>) -> CorrectionRanker<'s>
+    where
+        'r: 's,
+    {
+        let beside = if self.settings.looks_ahead {
+            Beside::NEXT
+        } else {
+            Beside::default()
+        };
+        let (mode, age) = (candidate.mode, self.settings.age);
+        CorrectionRanker {
+            forecast: &candidate.forecast,
+            expectation: &self.settings.expectation,
+            cost: Cost::new(mode, age, beside),
+            rate: if candidate.moves() {
+                self.settings.rate
+            } else {
+                0.0
+            },
+        }
+    }
+
+    fn note(&mut self, mode: usize, residual: Residual, price: f64) {
+        let choice = Choice {
+            mode,
+            residual,
+            price,
+        };
+        self.best.note(self.settings.room(), choice);
+    }
+
+    /// Weighs the corrections of a candidate. `velocity`: by how much the true velocities differ from the predicted ones.
+    pub(super) fn consider(&mut self, mode: usize, candidate: &Candidate<'_>, velocity: &Errors) {
+        let ranker = self.ranker(candidate);
+        if self.settings.looks_ahead {
+            return self.consider_known(mode, candidate.moves(), &ranker);
+        }
+        let own = &mut None;
+        let start = match candidate.base.parent {
+            None => &mut self.start,
+            Some(_) => own,
+        };
+        let start = start.get_or_insert_with(|| Start::new(&ranker));
+        let (residual, bits) = (start.residual, start.bits(&ranker.cost));
+        let effect = Effect {
+            at_once: start.at_once,
+            each_tick: start.at_once * ranker.rate,
+        };
+        let moves = candidate.moves();
+        if !moves || self.settings.features.derived {
+            let ticks = ranker.lifetime(&effect).ticks;
+            self.note(mode, residual, ranker.cost.price(bits, ticks));
+        }
+        if moves {
+            let exact = Effect {
+                each_tick: *velocity,
+                ..effect
+            };
+            let price = ranker.cost.price(bits, ranker.lifetime(&exact).ticks);
+            if self.moving.is_none_or(|(_, least)| price < least) {
+                self.moving = Some((mode, price));
+            }
+        }
+    }
+
+    /// The same with lookahead: the best are weighed together with those that must follow.
+    fn consider_known(&mut self, mode: usize, moves: bool, ranker: &CorrectionRanker<'_>) {
+        let settings = self.settings;
+        let (forecast, units) = (ranker.forecast, &ranker.expectation.units);
+        let mut best = BestCorrections::default();
+        if !moves || settings.features.derived {
+            for fit in FITS.into_iter().take_while(|fit| *fit <= forecast.last()) {
+                let residual = units.residual(&forecast.nearest(fit, ranker.rate), NEAREST);
+                let price = ranker.price(&residual);
+                let mut note = |residual, price| {
+                    best.note(
+                        SHORTLIST,
+                        Choice {
+                            mode,
+                            residual,
+                            price,
+                        },
+                    )
+                };
+                note(residual, price);
+                if settings.features.sparse {
+                    ranker.leave_out_steps((residual, price), None, &mut note);
+                }
+            }
+        }
+        let lines = if moves { &LINES[..] } else { &[] };
+        for line in lines
+            .iter()
+            .copied()
+            .take_while(|line| *line < forecast.last())
+        {
+            let [begin, slope] = forecast.line(line);
+            let residual = units.residual(&begin, NEAREST);
+            let nearest = forecast.slope_from(line, &units.of_residual(&residual));
+            for slope in [slope, nearest] {
+                ranker.with_velocities(settings, (mode, &residual), &slope, &mut best);
+            }
+        }
+        for choice in best.iter() {
+            let price = ranker.price_with_next(&choice.residual);
+            self.best.note(SHORTLIST, Choice { price, ..*choice });
+        }
+    }
+
+    /// The best corrections in order.
+    pub(super) fn finish(&mut self, modes: &Modes<'_>, velocity: &Errors) -> &BestCorrections {
+        if self.settings.looks_ahead {
+            return &self.best;
+        }
+        if let Some((mode, price)) = self.moving
+            && price < self.best.least()
+            && let Some(candidate) = &modes[mode]
+        {
+            let ranker = self.ranker(candidate);
+            let units = &ranker.expectation.units;
+            let residual = units.residual(&ranker.forecast.known[0], NEAREST);
+            ranker.with_velocities(self.settings, (mode, &residual), velocity, &mut self.best);
+        }
+        if let Some(best) = self.best.first().filter(|_| self.settings.features.sparse)
+            && let Some(candidate) = &modes[best.mode]
+        {
+            let ranker = self.ranker(candidate);
+            let units = &ranker.expectation.units;
+            let sparse = units.residual(&ranker.forecast.known[0], [SPARSE; 2]);
+            let found =
+                ranker.leave_out_steps((best.residual, best.price), Some(&sparse), &mut |_, _| {});
+            self.note(best.mode, found.0, found.1);
+        }
+        &self.best
+    }
+}

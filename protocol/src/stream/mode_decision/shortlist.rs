@@ -1,0 +1,102 @@
+//! The best corrections of one body so far.
+//!
+//! Knows nothing of what they are worth but the price. Invariant: they are in order, the cheapest first, and none is there twice.
+
+use rhumb_reckoning::Residual;
+
+/// Corrections that are kept with lookahead, to be weighed with what follows them.
+pub(super) const SHORTLIST: usize = 3;
+
+/// A correction, and what it is worth: 1/256 bits for each tick, less is better.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Choice {
+    /// The number of its mode.
+    pub(super) mode: usize,
+    pub(super) residual: Residual,
+    pub(super) price: f64,
+}
+
+/// The best corrections so far, the best first, none twice.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct BestCorrections {
+    choices: [Option<Choice>; SHORTLIST],
+}
+
+impl BestCorrections {
+    pub(super) const fn first(&self) -> Option<Choice> {
+        self.choices[0]
+    }
+
+    /// The price of the best.
+    pub(super) fn least(&self) -> f64 {
+        self.choices[0].map_or(f64::INFINITY, |best| best.price)
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = &Choice> {
+        self.choices.iter().flatten()
+    }
+
+    /// Notes a correction, if it is among the best `room`.
+    pub(super) fn note(&mut self, room: usize, choice: Choice) {
+        let mut at = 0;
+        for other in self.choices[..room].iter().flatten() {
+            if other.price > choice.price {
+                break;
+            }
+            let same = other.price == choice.price && other.mode == choice.mode;
+            if same && other.residual == choice.residual {
+                return;
+            }
+            at += 1;
+        }
+        if at < room && choice.price.is_finite() {
+            self.choices.copy_within(at..room - 1, at + 1);
+            self.choices[at] = Some(choice);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::vec::Vec;
+    use proptest::prelude::*;
+
+    fn choice(steps: i32, price: f64) -> Choice {
+        let residual = Residual {
+            position: [steps, 0, 0],
+            ..Residual::default()
+        };
+        Choice {
+            mode: 0,
+            residual,
+            price,
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_best_are_kept_in_order_and_none_twice(
+            prices in proptest::collection::vec(0_u32..50, 0..40), again in 0_usize..40, room in 1..=SHORTLIST,
+        ) {
+            let choices: Vec<_> = (0..)
+                .zip(&prices)
+                .map(|(steps, price)| choice(steps, f64::from(*price)))
+                .collect();
+            let mut list = BestCorrections::default();
+            for choice in choices.iter().chain(choices.get(again)) {
+                list.note(room, *choice);
+            }
+            list.note(room, choice(-1, f64::INFINITY));
+            let mut best = prices.clone();
+            best.sort_unstable();
+            best.truncate(room);
+            let kept: Vec<_> = list.iter().collect();
+            let kept_prices: Vec<_> = kept.iter().map(|choice| choice.price as u32).collect();
+            prop_assert_eq!(kept_prices, best);
+            for (place, choice) in kept.iter().enumerate() {
+                prop_assert!(kept[..place].iter().all(|other| other.residual != choice.residual));
+            }
+        }
+    }
+}
