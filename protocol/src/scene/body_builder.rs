@@ -1,6 +1,6 @@
-//! The description of a body before it has a name: its shape itself, and where it starts.
+//! Builder of a body: its description, shape, pose and velocity.
 //!
-//! Sends nothing. A client names the body and its shape when it adds the body.
+//! Sends nothing. A client assigns the ids of body and shape when it adds the body.
 
 use glam::{Quat, Vec3};
 use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
@@ -10,9 +10,10 @@ use super::checks::Invalid;
 use super::material::Material;
 use super::shape::{Shape, ShapeId};
 
-/// A body to add: what [`BodyDesc`] says of it, its shape, its pose and its velocity.
+/// A body to add: the content of [`BodyDesc`], its shape, its pose and its velocity.
 ///
-/// Lengths in metres, world frame. A new one is at rest at the origin, unturned, and has the scene's material and damping.
+/// Lengths in metres, world frame. A new one is at rest at the origin, unturned, with the scene's material and
+/// damping.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BodyBuilder {
     kind: BodyKind,
@@ -67,63 +68,63 @@ impl BodyBuilder {
         }
     }
 
-    /// Starts with its centre of mass there, metres.
+    /// Sets the start of its centre of mass, metres.
     #[must_use]
     pub const fn at(mut self, x: f32, y: f32, z: f32) -> Self {
         self.position = Vec3::new(x, y, z);
         self
     }
 
-    /// Starts with its centre of mass there, metres.
+    /// Sets the start of its centre of mass, metres.
     #[must_use]
     pub fn position(mut self, position: impl Into<Vec3>) -> Self {
         self.position = position.into();
         self
     }
 
-    /// Starts turned so, body → world.
+    /// Sets its rotation at the start, body → world.
     #[must_use]
     pub fn rotation(mut self, rotation: impl Into<Quat>) -> Self {
         self.rotation = rotation.into();
         self
     }
 
-    /// Starts with this velocity of its centre of mass, m/s.
+    /// Sets the velocity of its centre of mass at the start, m/s.
     #[must_use]
     pub fn linear_velocity(mut self, linear: impl Into<Vec3>) -> Self {
         self.linear = linear.into();
         self
     }
 
-    /// Starts with this spin, rad/s about world axes.
+    /// Sets its spin at the start, rad/s about world axes.
     #[must_use]
     pub fn angular_velocity(mut self, angular: impl Into<Vec3>) -> Self {
         self.angular = angular.into();
         self
     }
 
-    /// Has a material of its own in place of the scene's.
+    /// Sets its own material in place of the scene's.
     #[must_use]
     pub const fn material(mut self, material: Material) -> Self {
         self.material = Some(material);
         self
     }
 
-    /// Has a damping of its own in place of the scene's.
+    /// Sets its own damping in place of the scene's.
     #[must_use]
     pub const fn damping(mut self, damping: Damping) -> Self {
         self.damping = Some(damping);
         self
     }
 
-    /// Feels the scene's gravity times this factor.
+    /// Sets its factor on the scene's gravity.
     #[must_use]
     pub const fn gravity_scale(mut self, factor: f32) -> Self {
         self.gravity_scale = factor;
         self
     }
 
-    /// Is published within the stream's tolerance times this power of two.
+    /// Sets the power of two on its streams' tolerance.
     #[must_use]
     pub const fn tolerance_scale(mut self, tolerance_scale: ToleranceScale) -> Self {
         self.tolerance_scale = tolerance_scale;
@@ -137,7 +138,7 @@ impl BodyBuilder {
         self
     }
 
-    /// Is not turned by contacts; only commands turn it.
+    /// Prevents rotation by contacts; only commands turn it.
     #[must_use]
     pub const fn with_locked_rotation(mut self) -> Self {
         self.turns = false;
@@ -150,7 +151,7 @@ impl BodyBuilder {
         &self.shape
     }
 
-    /// What it is, once it and its shape have names.
+    /// Its description, for these ids of body and shape.
     #[must_use]
     pub const fn desc(&self, id: BodyId, shape: ShapeId) -> BodyDesc {
         BodyDesc {
@@ -166,7 +167,7 @@ impl BodyBuilder {
         }
     }
 
-    /// Where it starts, and how it moves.
+    /// Its pose and velocity at the start.
     ///
     /// # Errors
     ///
@@ -187,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_built_body_is_what_its_builder_was_told() {
+    fn a_built_body_has_the_values_of_its_builder() {
         let body = BodyDesc::dynamic(Shape::ball(0.5))
             .at(1.0, 2.0, 3.0)
             .linear_velocity([0.0, 0.0, 4.0])
@@ -206,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_start_that_is_not_finite_is_named() {
+    fn a_non_finite_start_is_named_in_the_error() {
         let body = BodyDesc::fixed(Shape::ball(0.5)).at(0.0, f32::NAN, 0.0);
         assert_eq!(
             body.state(),
