@@ -6,7 +6,7 @@ use rhumb_reckoning::{
     Radians, Tick, Tolerance, ToleranceScale, Track, TurnBound, Twist,
 };
 
-use super::flight::{GRAVITIES, accelerations, gravity, lawful, tables};
+use super::flight::{GRAVITIES, accelerations, gravity, tables, with_predictor};
 use super::rng::{VectorRng, motion, thirteen};
 use crate::document::CaseJson;
 
@@ -213,7 +213,7 @@ pub(super) fn tracks(rng: &mut VectorRng) -> Vec<CaseJson> {
                 inertia: None,
             },
         );
-        let case = lawful(CaseJson::new(), predictor)
+        let case = with_predictor(CaseJson::new(), predictor)
             .integer("integrator", table as i64)
             .integer("grid", grid_index as i64)
             .integer("gravity", pull as i64)

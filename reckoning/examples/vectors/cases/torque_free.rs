@@ -2,7 +2,9 @@
 
 use rhumb_reckoning::{BodyState, Conditions, Inertia, Predictor, Ticks};
 
-use super::flight::{GRAVITIES, accelerations, body_state, given_starts, gravity, lawful, tables};
+use super::flight::{
+    GRAVITIES, accelerations, body_state, given_starts, gravity, tables, with_predictor,
+};
 use super::rng::thirteen;
 use crate::document::CaseJson;
 
@@ -81,7 +83,7 @@ pub(super) fn torque_free_rotations() -> Vec<CaseJson> {
             };
             let end = predictor.predict(&motion.motion(), Ticks::new(elapsed), &conditions);
             cases.push(
-                lawful(CaseJson::new(), predictor)
+                with_predictor(CaseJson::new(), predictor)
                     .integer("integrator", table as i64)
                     .integer("initial_state", start as i64)
                     .integer("gravity", pull as i64)
