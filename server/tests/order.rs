@@ -204,5 +204,5 @@ fn answers_keep_the_order_of_requests() {
         "applied 3",
         "left",
     ];
-    assert_eq!(words, expected);
+    assert_eq!(answers, expected);
 }
