@@ -135,8 +135,6 @@ pub const FEC_SPAN: u32 = 32;
 pub const FEC_ROWS: u8 = 128;
 /// FecEncoder that a subscriber keeps until it heard enough of them.
 pub const REPAIR_SYMBOLS_KEPT: usize = 16;
-/// Changes of who sits where that a subscriber remembers while something is missing.
-pub const ALIAS_CHANGES_KEPT: usize = 1_024;
 /// Packets that a subscriber holds back while scene_events are on their way.
 pub const PACKETS_HELD_MAX: usize = 512;
 /// Sums that one checksums holds.

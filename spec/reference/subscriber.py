@@ -13,7 +13,6 @@ from fec_decoder import Decoder
 
 PREDICTORS = ("rest", "uniform", "ballistic", "torque_free", "ballistic_torque_free", "constant_acceleration")
 HISTORY, JUMP, PENDING_MAX = LIMITS["HISTORY_PACKETS"], LIMITS["TICK_JUMP_MAX"], LIMITS["PACKETS_HELD_MAX"]
-ASSIGNMENTS_KEPT = LIMITS["ALIAS_CHANGES_KEPT"]
 IDENTITY = ["00000000", "00000000", "00000000", "3f800000"]
 
 
@@ -174,11 +173,7 @@ class Scene:
         self.has_snapshot, self.scene_events, self.next = False, joined["events"], joined["next"]
         self.watermark = self.newest = self.converged_at = joined["tick"]
         self.known_from = 0
-        self.aliases, self.alias_of = {}, {}  # alias: (index, since); index: alias
-        self.remembers = False
-        self.refreshed_at = 0  # the newest tick of a refresh
-        self.assignments = []  # (since, alias, index or None), while something is missing or unread
-        self.last_assignments = {}  # of these the last of (since, alias)
+        self.aliases, self.alias_of = {}, {}  # alias: (index or None, since); index: alias
         self.missing, self.unread, self.parts, self.pending, self.gone = {}, {}, {}, [], 0
         self.unreadable = {}  # packets of which something was unread
         self.decoder = Decoder(self.stream)
@@ -243,7 +238,7 @@ class Scene:
         elif name == "BodyRemoved":
             body = self.bodies.get(msg["id"]["index"])
             self.must(body and body.generation == msg["id"]["generation"])
-            self.dismiss(body.index)
+            self.leave(body.index)
             del self.bodies[body.index]
             self.part(msg["id"])
         elif name == "GravityChanged":
@@ -276,7 +271,7 @@ class Scene:
     def place(self, msg):
         self.must(msg["desc"]["shape"] in self.shapes)
         body = Body(msg["desc"], msg.get("inertia"), track_of_scene_event(msg["track"]), self)
-        self.dismiss(body.index)
+        self.leave(body.index)
         before = self.bodies.get(body.index)
         if before:
             self.part({"index": before.index, "generation": before.generation})
@@ -288,61 +283,24 @@ class Scene:
         self.has_snapshot = True
         self.release()
 
-    # 6.13 ReceivedAliases
+    # 6.13 Aliases
 
     def leave(self, index):
         alias = self.alias_of.pop(index, None)
         if alias is not None:
-            self.aliases[alias] = (None, self.aliases[alias][1])
-
-    def dismiss(self, index):
-        """6.13-14."""
-        self.leave(index)
-        self.assignments = [(since, alias, None if assigned == index else assigned) for since, alias, assigned in self.assignments]
-        self.last_assignments = {(since, alias): assigned for since, alias, assigned in self.assignments}
-
-    def note(self, alias, index, since):
-        """6.13-13, each once (6.13-15)."""
-        self.remembers = self.remembers or bool(self.missing or self.unread)
-        if self.remembers and self.last_assignments.get((since, alias), "nothing") != index:
-            self.assignments.append((since, alias, index))
-            self.last_assignments[since, alias] = index
-
-    def note_assigned(self, alias):
-        index, since = self.aliases.get(alias, (None, 0))
-        if index is not None:
-            self.note(alias, index, since)
-
-    def body_at(self, alias, number, tick):
-        """Who sits in a alias at a tick, or assignments there; None if nobody is known."""
-        index, since = self.aliases.get(alias, (None, 0))
-        if index is not None and since <= tick:
-            return index
-        if tick < self.refreshed_at or len(self.assignments) > ASSIGNMENTS_KEPT or any(other < number for other in self.missing):
-            return None
-        by_then = [change for change in self.assignments if change[0] <= tick]
-        here = [change for change in reversed(by_then) if change[1] == alias]
-        if not here:
-            return None
-        since, _, index = max(here, key=lambda change: change[0])
-        went = any(assigned == index and begun > since for begun, _, assigned in by_then)
-        return None if went else index
+            self.aliases[alias] = (None, self.since(alias))
 
     def assign_alias(self, alias, index, tick):
-        """6.13-7. A alias of which it is known that nobody is known to assign_alias there has None for its body."""
+        """6.13-7"""
         body, there = self.bodies.get(index), self.alias_of.get(index)
         gone_on = body is None or body.track.origin > tick
-        self.note(alias, index, tick)
         if self.since(alias) > tick or (gone_on and there == alias):
             return
-        self.note_assigned(alias)
         if alias in self.aliases:
             self.alias_of.pop(self.aliases[alias][0], None)
         if gone_on or (there is not None and self.since(there) > tick):
             self.aliases[alias] = (None, tick)
             return
-        if there is not None:
-            self.note_assigned(there)
         self.leave(index)
         self.aliases[alias], self.alias_of[index] = (index, tick), alias
 
@@ -384,9 +342,6 @@ class Scene:
         self.settle()
 
     def settle(self):
-        self.remembers = bool(self.missing or self.unread)
-        if not self.remembers:
-            self.assignments, self.last_assignments = [], {}
         if self.is_converged() and self.known_from <= self.watermark:
             self.converged_at = self.watermark
 
@@ -508,14 +463,8 @@ class Scene:
             if update.get("mode") == "attached" or update.get("parent_age") is not None:
                 later.append(update)
             else:
-                outcomes.append(self.receive_update(update, number, tick))
-        outcomes += [self.receive_update(update, number, tick) for update in later]
-        for index in [index for index, body in self.bodies.items() if index in self.alias_of]:
-            track = self.bodies[index].track
-            if track.is_exact_rest() and track.origin == tick:
-                self.note_assigned(self.alias_of[index])
-                self.note(self.alias_of[index], None, tick + 1)
-                self.leave(index)
+                outcomes.append(self.receive_update(update, tick))
+        outcomes += [self.receive_update(update, tick) for update in later]
         waits = "unreadable" in outcomes and any(other < number for other in self.missing)
         if "without alias" in outcomes or "unreadable" in outcomes and not waits:
             self.missing[number] = tick
@@ -524,12 +473,12 @@ class Scene:
         if "without alias" in outcomes or "unreadable" in outcomes:
             self.unreadable[number] = msg
 
-    def receive_update(self, update, number, tick):
+    def receive_update(self, update, tick):
         """"received", "unreadable", or "without alias"."""
         index = update["body"]
         if index is None:
-            index = self.body_at(update["alias"], number, tick)
-            if index is None:
+            index, since = self.aliases.get(update["alias"], (None, 0))
+            if index is None or since > tick:
                 return "without alias"
         body = self.bodies.get(index)
         if update["body"] is not None:
@@ -626,7 +575,6 @@ class Scene:
             return
         if lost not in self.missing or self.is_checksum_refresh(msg):
             return
-        self.refreshed_at = max(self.refreshed_at, tick)
         for record in msg["records"]:
             self.receive_record(record, tick)
         name = (tick, msg["events"], msg["parts"])
@@ -643,9 +591,7 @@ class Scene:
         index, body = record["index"], self.bodies.get(record["index"])
         if record["alias"] is not None:
             self.assign_alias(record["alias"], index, tick)
-        elif index in self.alias_of and self.aliases[self.alias_of[index]][1] <= tick:
-            self.note_assigned(self.alias_of[index])
-            self.note(self.alias_of[index], None, tick)
+        elif index in self.alias_of and self.since(self.alias_of[index]) <= tick:
             self.leave(index)
         track = track_of_keyframe(tick - record["age"], record["keyframe"])
         if body is not None and track.origin > body.track.origin:
@@ -666,7 +612,7 @@ class Scene:
             index, body = record["index"], self.bodies.get(record["index"])
             if body is None or self.mismatched_range != (index, 1):
                 continue
-            self.dismiss(index)
+            self.leave(index)
             body.track, body.before, body.older = track_of_keyframe(tick - record["age"], record["keyframe"]), None, []
             self.known_from = max(self.known_from, body.track.origin)
             self.mismatched_range = None

@@ -487,7 +487,6 @@ impl Subscriber {
         self.converged_at = self.complete();
         if self.gaps.is_converged() {
             self.older.clear();
-            self.aliases.forget();
         }
     }
 

@@ -159,13 +159,8 @@ impl Subscriber {
             let owner = self.owner(body, tick);
             self.aliases.take(update.alias, body, tick, owner);
         }
-        // Who sits there now may not be who was meant then.
         let sits = || self.aliases.body_since(update.alias, tick);
-        let sat = || {
-            let keyframe = !self.gaps.lacks_before(number);
-            keyframe.then(|| self.aliases.body_then(update.alias, tick))?
-        };
-        let Some(index) = update.body.or_else(sits).or_else(sat) else {
+        let Some(index) = update.body.or_else(sits) else {
             self.statistics.unread += 1;
             self.gaps.note_unread(number, tick, false);
             return;
@@ -179,12 +174,7 @@ impl Subscriber {
             }
             return;
         }
-        let taken = self.take(index, tick, &update.payload);
-        let rests = |slot: &Slot| slot.origin() == tick && slot.is_exact_rest();
-        if self.tracks.slot(index).is_some_and(rests) {
-            self.aliases.release(index, tick);
-        }
-        match taken {
+        match self.take(index, tick, &update.payload) {
             Ok(()) => {}
             Err(Unreadable::OtherRevision) => {
                 self.statistics.unread += 1;

@@ -19,14 +19,6 @@ impl Subscriber {
         if self.try_read(datagram).is_err() {
             self.statistics.malformed += 1;
         }
-        self.remember_aliases();
-    }
-
-    /// While something is missing it is remembered who sits where.
-    fn remember_aliases(&mut self) {
-        if !self.gaps.is_converged() {
-            self.aliases.remember();
-        }
     }
 
     fn try_read(&mut self, datagram: &Datagram<'_>) -> Result<(), Malformed> {
@@ -147,7 +139,6 @@ impl Subscriber {
                 statements.packet(number, tick, error_scale);
             }
             self.keep(number, datagram);
-            self.remember_aliases();
             self.apply_all(number, tick, &updates);
             if number < newest {
                 self.read_again_after(number, &mut updates);
@@ -332,7 +323,6 @@ impl Subscriber {
     /// the answer to a mismatch, which came too late.
     fn make_good(&mut self, lost: u64, as_of: Tick, refresh: &Refresh) -> Result<(), Malformed> {
         self.statistics.refreshes += 1;
-        self.aliases.refresh(as_of);
         for record in &refresh.records {
             let Some(origin) = as_of.before(record.age) else {
                 return Err(Malformed::OutOfRange);
