@@ -178,7 +178,6 @@ class Scene:
         self.unreadable = {}  # packets of which something was unread
         self.decoder = Decoder(self.stream)
         self.lost_sync, self.checksum_mismatches, self.granted = False, 0, joined["granted"]
-        self.mismatched_range, self.last_checksum_refresh = None, []  # mismatched_range indices: first, how many
 
     def flow(self, damping):
         config = self.config
@@ -315,7 +314,7 @@ class Scene:
             msg = packets.decoded(data)
         except packets.Malformed:
             return
-        if msg["stream"] != self.stream or msg["kind"] in (6, 8):
+        if msg["stream"] != self.stream or msg["kind"] == 6:
             return
         if msg["kind"] in packets.OVER_BUDGET and not self.capped:
             return
@@ -570,10 +569,7 @@ class Scene:
     def receive_refresh(self, msg, tick):
         lost = expanded(msg["lost"], self.next)
         self.newest = max(self.newest, tick)
-        if lost >= self.next:
-            self.receive_checksum_refresh(msg, tick)
-            return
-        if lost not in self.missing or self.is_checksum_refresh(msg):
+        if lost not in self.missing:
             return
         for record in msg["records"]:
             self.receive_record(record, tick)
@@ -600,47 +596,17 @@ class Scene:
 
     # 6.12 StateChecksum
 
-    def is_checksum_refresh(self, msg):
-        """6.12-8: whether it may be what answers a checksum_mismatch, and came too late."""
-        index, stride = self.mismatched_range or (None, 0)
-        alone = all(record["index"] == index and record["alias"] is None for record in msg["records"])
-        return stride == 1 and msg["parts"] == 1 and alone
-
-    def receive_checksum_refresh(self, msg, tick):
-        """6.12-8: the track of a body that is mismatched_range, in place of its own; of a packet that was not sent."""
-        for record in msg["records"]:
-            index, body = record["index"], self.bodies.get(record["index"])
-            if body is None or self.mismatched_range != (index, 1):
-                continue
-            self.leave(index)
-            body.track, body.before, body.older = track_of_keyframe(tick - record["age"], record["keyframe"]), None, []
-            self.known_from = max(self.known_from, body.track.origin)
-            self.mismatched_range = None
-            self.last_checksum_refresh.append((index, body.generation))
-
-    def checksum_mismatch(self):
-        """5.15: what to send_message while something is mismatched_range."""
-        first, stride = self.mismatched_range
-        return {"stream": self.stream, "kind": 8, "first": first, "stride": stride}
-
-    def sum(self, first=0, end=1 << 20):
-        return sum(checksums(body) for body in self.bodies.values() if first <= body.index < end) & MASK
+    def sum(self):
+        return sum(checksums(body) for body in self.bodies.values()) & MASK
 
     def compare(self, msg):
+        """6.12-5: another sum is a fault; only a new snapshot helps."""
         alike = expanded(msg["next"], self.next) == self.next
         if not (self.is_converged() and alike and expanded(msg["events"], self.scene_events) == self.scene_events):
             return
-        for place, expected in enumerate(msg["checksums"]):
-            first = msg["first"] + place * msg["stride"]
-            if first >= 1 << 20:
-                break
-            if self.sum(first, first + msg["stride"]) != int(expected, 16):
-                self.checksum_mismatches += 1
-                self.mismatched_range = (first, msg["stride"])
-                return
-        end = msg["first"] + len(msg["checksums"]) * msg["stride"]
-        if self.mismatched_range and msg["first"] <= self.mismatched_range[0] and sum(self.mismatched_range) <= end:
-            self.mismatched_range = None
+        if self.sum() != int(msg["checksum"], 16):
+            self.checksum_mismatches += 1
+            self.lost_sync = True
 
     # What is known
 

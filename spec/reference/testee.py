@@ -62,9 +62,6 @@ class Report:
         self.last = None
 
     def note(self, scene):
-        for index, generation in scene.last_checksum_refresh:
-            write_line({"is": "resynced", "body": f"{index}:{generation}"})
-        scene.last_checksum_refresh = []
         tick = scene.complete()
         if not scene.whole or not scene.is_converged() or tick == self.last:
             return

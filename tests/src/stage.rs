@@ -247,13 +247,9 @@ impl Stage {
         for (index, witness) in self.witnesses.iter().enumerate() {
             let copy = self.network.client(index).replica();
             let mismatches = copy.map_or(0, |copy| copy.stream().statistics().mismatches);
-            assert_eq!(
-                (mismatches, &witness.resynced[..]),
-                (0, &[][..]),
-                "member {index}"
-            );
+            assert_eq!((mismatches, witness.mismatches), (0, 0), "member {index}");
         }
-        assert_eq!(inspected.resynced, 0);
+        assert_eq!(inspected.mismatches, 0);
         let witness = &self.witnesses[COMMANDER];
         assert_eq!(witness.refused, []);
         assert_eq!(self.unanswered(), 0, "not every command was answered");

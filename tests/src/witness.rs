@@ -53,7 +53,7 @@ pub struct ObservationHistory {
     /// What it was given to drive, or why not.
     pub drives: Vec<Result<Vec<BodyId>, AuthorityError>>,
     /// Bodies whose tracks were other than the server's.
-    pub resynced: Vec<BodyId>,
+    pub mismatches: u64,
     /// Answers to inspections.
     pub inspections: Vec<Inspection>,
     /// How often the scene was created by it, it left, and the scene was deleted.
@@ -89,7 +89,7 @@ impl ObservationHistory {
                 Event::BodyRemoved { id, cause } => self.removed.push((id, cause)),
                 Event::Inspected(inspection) => self.inspections.push(inspection),
                 Event::Ended(ending) => self.ended = Some(ending),
-                Event::Amended(id) => self.resynced.push(id),
+                Event::ChecksumMismatch => self.mismatches += 1,
                 Event::AuthorityGrant(bodies) => self.drives.push(Ok(bodies)),
                 Event::AuthorityDenied(error) => self.drives.push(Err(error)),
                 Event::Reserved(_)

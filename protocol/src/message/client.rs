@@ -9,6 +9,7 @@ use super::authority::TakeAuthority;
 use super::choice::StreamChoice;
 use super::extensions::Extensions;
 use super::frame::{Framed, frame};
+use super::resync::ResyncCause;
 use super::tier_policy::TierPolicy;
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};
 use crate::packet::StreamId;
@@ -49,8 +50,8 @@ pub enum ClientMessage {
         /// The tick.
         to: Tick,
     },
-    /// Lost so much that only a new snapshot helps.
-    Resync,
+    /// Only a new snapshot helps.
+    Resync(ResyncCause),
     /// What time is it?
     Ping {
         /// The client's own moment, which comes back.
@@ -131,7 +132,10 @@ impl ClientMessage {
                 body.varint(tick.value());
                 kind::ADVANCE
             }
-            Self::Resync => kind::RESYNC,
+            Self::Resync(cause) => {
+                cause.encode(&mut body);
+                kind::RESYNC
+            }
             Self::Ping { sent } => {
                 body.varint(sent.as_nanos());
                 kind::PING
@@ -189,7 +193,7 @@ impl ClientMessage {
             kind::ADVANCE => Self::Advance {
                 to: Tick::new(from.count()?),
             },
-            kind::RESYNC => Self::Resync,
+            kind::RESYNC => Self::Resync(ResyncCause::decode(&mut from)?),
             kind::PING => Self::Ping {
                 sent: Instant::from_nanos(from.varint()?),
             },

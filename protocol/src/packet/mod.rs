@@ -24,7 +24,7 @@ mod update;
 mod zigzag;
 
 pub use age::Age;
-pub use checksums::{ChecksumMismatch, Checksums, IndexRanges};
+pub use checksums::Checksums;
 pub(crate) use cost::{CostModel, InitialCostModel, PoseCost};
 pub use error_scale::ErrorScale;
 pub use full::{FULL_RECORD_BYTES, FullPacket, FullRecord};

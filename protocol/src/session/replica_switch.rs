@@ -9,7 +9,7 @@ use bytes::Bytes;
 
 use super::close::CloseCode;
 use super::replica::Replica;
-use crate::message::{Joined, SceneEvent};
+use crate::message::{Joined, ResyncCause, SceneEvent};
 use crate::packet::Datagram;
 use crate::stream::StreamReceiver;
 use crate::time::{Instant, Span};
@@ -128,9 +128,26 @@ impl ReplicaSwitch {
         reports
     }
 
-    /// Whether only a new snapshot helps: of the newest copy, as the one before gives way to it.
+    /// The newest copy: the one before gives way to it.
+    fn newest(&self) -> Option<&Replica> {
+        self.next.as_ref().or(self.shown.as_ref())
+    }
+
+    /// Whether only a new snapshot helps.
     pub(crate) fn have_lost_sync(&self) -> bool {
-        let newest = self.next.as_ref().or(self.shown.as_ref());
-        newest.is_some_and(|copy| copy.stream().has_lost_sync())
+        self.newest()
+            .is_some_and(|copy| copy.stream().has_lost_sync())
+    }
+
+    /// Why a new snapshot is asked for, where one is.
+    pub(crate) fn resync_cause(&self) -> ResyncCause {
+        if self
+            .newest()
+            .is_some_and(|copy| copy.stream().has_mismatched())
+        {
+            ResyncCause::ChecksumMismatch
+        } else {
+            ResyncCause::LostSync
+        }
     }
 }

@@ -33,7 +33,9 @@ use super::start::StreamStart;
 use super::tracks::{PredictionParameters, Slot, Tracks};
 use super::watermark::second;
 use crate::capacity::push;
-use crate::packet::{Age, ErrorScale, Keyframe, Low16, StreamId, Update, UpdatePayload, Watermark};
+use crate::packet::{
+    Age, Checksums, ErrorScale, Keyframe, Low16, StreamId, Update, UpdatePayload, Watermark,
+};
 use attaching::LargeBody;
 use budget_state::BudgetState;
 pub use budget_state::OverBudget;
@@ -220,11 +222,6 @@ impl Publisher {
     #[must_use]
     pub fn second(&self) -> Ticks {
         second(self.tracks.integrator().rate)
-    }
-
-    /// What it believes.
-    pub(super) const fn table(&self) -> &Tracks {
-        &self.tracks
     }
 
     /// Says what must be said of what was observed and appends the datagrams to `out`; none when every track still
@@ -510,6 +507,24 @@ impl Publisher {
             parent: None,
         };
         (UpdatePayload::Keyframe(keyframe), keyframe.track(tick))
+    }
+
+    /// The checksum over all tracks, by which two ends can be compared.
+    #[must_use]
+    pub fn state_checksum(&self) -> u64 {
+        self.tracks.state_checksum().value()
+    }
+
+    /// The datagram that says the checksum over all tracks. `scene_events`: how many the scene has given.
+    #[must_use]
+    pub fn checksums(&self, scene_events: u64) -> Bytes {
+        let checksums = Checksums {
+            next: Low16::of(self.sent_packets.next()),
+            tick: Low16::of(self.tick.value()),
+            scene_events: Low16::of(scene_events),
+            sum: self.state_checksum(),
+        };
+        Bytes::from(checksums.encode(self.stream))
     }
 
     /// The datagram that watermarks for the silence since the last packet.

@@ -22,14 +22,13 @@ use super::bound::ErrorBound;
 use super::error_scale_log::ErrorScaleLog;
 use super::fec_decoder::FecDecoder;
 use super::gaps::PacketGaps;
-use super::mismatch::MismatchSearch;
 use super::previous_tracks::PreviousTracks;
 use super::start::StreamStart;
 use super::statistics::SubscriberStatistics;
 use super::tracks::{PredictionParameters, Slot, Tracks};
 use crate::capacity::{grow_to, push};
 use crate::limits::INDICES_MAX;
-use crate::packet::{ChecksumMismatch, Datagram, Head, LossReport, Low16, StreamId, Update};
+use crate::packet::{Datagram, Head, LossReport, Low16, StreamId, Update};
 
 /// One stream at its listener.
 #[derive(Clone, Debug)]
@@ -61,8 +60,8 @@ pub struct Subscriber {
     /// The tick of the newest packet that said something.
     newest_update: Tick,
     lost_sync: bool,
-    mismatches: MismatchSearch,
-    resynced: VecDeque<BodyId>,
+    /// A checksum of the publisher's is another than that of the tracks here.
+    mismatched: bool,
     /// Whether the snapshot is keyframe; until then datagrams wait.
     placed: bool,
     /// Indices that changed since they were last drained, each once, and whether each index is among them.
@@ -107,8 +106,7 @@ impl Subscriber {
             newest: start.tick,
             newest_update: start.tick,
             lost_sync: false,
-            mismatches: MismatchSearch::default(),
-            resynced: VecDeque::new(),
+            mismatched: false,
             placed: false,
             changed: Vec::new(),
             marked: Vec::new(),
@@ -219,10 +217,16 @@ impl Subscriber {
         self.placed && self.gaps.is_converged() && self.deferred.is_empty() && !self.lost_sync
     }
 
-    /// Whether so much is missing that only a new snapshot helps.
+    /// Whether only a new snapshot helps: so much is missing, or the tracks here are others than the publisher's.
     #[must_use]
     pub const fn has_lost_sync(&self) -> bool {
         self.lost_sync
+    }
+
+    /// Whether the tracks here are others than the publisher's: a fault of one of the two ends.
+    #[must_use]
+    pub const fn has_mismatched(&self) -> bool {
+        self.mismatched
     }
 
     /// One more than the highest index that any body had.
@@ -389,11 +393,13 @@ impl Subscriber {
         self.attached_indices = attached;
     }
 
-    /// Counts every index below this one as changed.
-    pub(crate) fn touch_below(&mut self, end: usize) {
-        for index in 0..end as u32 {
+    /// Takes the place of another copy of the same scene: counts every index as changed that may have been in it, and
+    /// goes on counting its faults.
+    pub(crate) fn succeed(&mut self, old: &Self) {
+        for index in 0..old.index_end() as u32 {
             self.touch(index);
         }
+        self.statistics.mismatches += old.statistics.mismatches;
     }
 
     /// A scene_event placed a body; `false` when that breaks a limit.
@@ -499,21 +505,10 @@ impl Subscriber {
             .retain(|index| tracks.slot(index).is_some_and(|slot| slot.origin() > end));
     }
 
-    /// What the publisher is to be asked, because a sum over tracks is another here.
-    #[must_use]
-    pub fn mismatch(&self) -> Option<ChecksumMismatch> {
-        self.mismatches.mismatch()
-    }
-
     /// The sum over all tracks, by which two ends can be compared.
     #[must_use]
     pub fn state_checksum(&self) -> u64 {
         self.tracks.state_checksum().value()
-    }
-
-    /// The next body whose track was made right.
-    pub fn poll_resynced(&mut self) -> Option<BodyId> {
-        self.resynced.pop_front()
     }
 
     /// How many of the packets that are known to have been sent did not come by themselves, since this began.

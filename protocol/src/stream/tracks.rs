@@ -247,18 +247,6 @@ impl Tracks {
         self.state_checksum
     }
 
-    /// The sum over the tracks of a range of indices.
-    pub(crate) fn state_checksum_of(&self, range: core::ops::Range<usize>) -> StateChecksum {
-        let mut sum = StateChecksum::default();
-        let end = range.end.min(self.slots.len());
-        for index in range.start.min(end)..end {
-            if let Some(slot) = &self.slots[index] {
-                sum.add(slot.id(index as u32), &slot.track());
-            }
-        }
-        sum
-    }
-
     /// Every body's index and place, in order.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (u32, &Slot)> {
         self.slots

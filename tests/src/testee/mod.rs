@@ -205,12 +205,7 @@ impl Testee<'_> {
                 self.told = None;
                 self.tell_copy()?;
             }
-            Event::Amended(id) => {
-                let (index, generation) = (id.index(), id.generation());
-                tell(&format!(
-                    "{{\"is\":\"resynced\",\"body\":\"{index}:{generation}\"}}"
-                ))?;
-            }
+            Event::ChecksumMismatch => tell("{\"is\":\"mismatch\"}")?,
             Event::Deleted => tell("{\"is\":\"deleted\"}")?,
             Event::SceneFaulted(_) => tell("{\"is\":\"faulted\"}")?,
             Event::Ended(ending) => {

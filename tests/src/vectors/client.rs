@@ -21,11 +21,13 @@ pub(super) fn cases() -> Vec<MessageCase> {
     }
     choosing(&mut cases);
     moves(&mut cases);
-    for (kind, name) in [(4, "Leave"), (5, "Delete"), (9, "Resync"), (11, "Inspect")] {
+    for (kind, name) in [(4, "Leave"), (5, "Delete"), (11, "Inspect")] {
         cases.say(kind, name, &[]);
     }
     cases.say(6, "Reserve", &[&v(4_096)]);
     cases.say(8, "Advance", &[&v(300)]);
+    cases.say(9, "Resync, touch is lost", &[&[0]]);
+    cases.say(9, "Resync, a checksum differs", &[&[1]]);
     cases.say(10, "Ping", &[&v(123_456_789_012)]);
     cases.say(13, "Subscribed", &[&v(5)]);
     cases.say(15, "Upstream, nothing", &[]);

@@ -311,7 +311,7 @@ fn across_the_turn(trial: &mut Trial<'_>) -> CaseResult {
 
 fn resyncs(host: &mut Host) -> CaseResult {
     host.await_message("resync", |message| {
-        matches!(message, ClientMessage::Resync).then_some(())
+        matches!(message, ClientMessage::Resync(_)).then_some(())
     })
 }
 

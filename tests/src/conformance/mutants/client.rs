@@ -38,8 +38,6 @@ pub enum ClientMutant {
     RevisionIgnored,
     /// Hears no rest.
     RestLost,
-    /// Never mismatches.
-    NeverReportsMismatch,
     /// Sums repair_symbols wrongly.
     RepairSymbolWrong,
     /// Reads datagrams whatever scene_events they count.
@@ -224,8 +222,7 @@ impl Behaviour for MutantBehaviour {
             .ok()
             .map(|head| (head.kind, head.stream));
         match (self.mutant, kind) {
-            (ClientMutant::NeverReportsLoss, Some((PacketKind::LossReport, _)))
-            | (ClientMutant::NeverReportsMismatch, Some((PacketKind::ChecksumMismatch, _))) => None,
+            (ClientMutant::NeverReportsLoss, Some((PacketKind::LossReport, _))) => None,
             (ClientMutant::OffByOne, Some((PacketKind::LossReport, stream))) => {
                 let mut loss_report = LossReport::decode(reader).ok()?;
                 loss_report

@@ -3,8 +3,8 @@
 //! PacketKind and stream are told by its head (PROTOCOL 5.8); what it says is read only to see that it says something.
 
 use rhumb_protocol::packet::{
-    ChecksumMismatch, Checksums, FullPacket, Head, LossReport, PacketKind, Refresh, RepairSymbol,
-    StreamId, UpdatePacket, Watermark,
+    Checksums, FullPacket, Head, LossReport, PacketKind, Refresh, RepairSymbol, StreamId,
+    UpdatePacket, Watermark,
 };
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
@@ -88,7 +88,6 @@ pub(crate) fn read(datagram: &[u8]) -> Result<(), Malformed> {
         PacketKind::Full | PacketKind::FullEnd => FullPacket::decode(true, from).map(drop),
         PacketKind::LossReport => LossReport::decode(from).map(drop),
         PacketKind::Checksums => Checksums::decode(from).map(drop),
-        PacketKind::ChecksumMismatch => ChecksumMismatch::decode(from).map(drop),
         PacketKind::RepairSymbol => RepairSymbol::decode(from).map(drop),
     }
 }

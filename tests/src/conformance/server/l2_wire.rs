@@ -3,11 +3,10 @@
 //! No session stands between: a member of bytes says an loss_report or a mismatch, and reads what comes.
 
 use glam::Vec3;
-use rhumb_protocol::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX};
-use rhumb_protocol::message::{ClientMessage, Joined, ServerMessage, StreamChoice};
+use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
+use rhumb_protocol::message::{ClientMessage, Joined, ResyncCause, ServerMessage, StreamChoice};
 use rhumb_protocol::packet::{
-    ChecksumMismatch, Checksums, Head, IndexRanges, LossReport, Low16, PacketKind, Refresh,
-    RepairSymbol, UpdatePacket, Watermark,
+    Checksums, Head, LossReport, Low16, PacketKind, Refresh, RepairSymbol, UpdatePacket, Watermark,
 };
 use rhumb_protocol::scene::Command;
 use rhumb_protocol::wire::Wire;
@@ -48,10 +47,6 @@ pub(super) fn cases() -> Vec<Case> {
             .play(never_sent),
         case("L2.2.8", "who wants repair_symbols for lost packets gets some", "PROTOCOL 6.15-8, 5.16-3, 5.16-4")
             .play(repair_symbols),
-        case("L2.2.9", "a mismatch of all is answered by sums of parts", "PROTOCOL 6.12-7, 5.14-1, 5.14-2, 5.15-1")
-            .play(doubted),
-        case("L2.2.10", "a mismatch of one index is answered by its track", "PROTOCOL 6.12-7")
-            .play(doubted_one),
         case("L2.2.11", "a body that sleeps is silent, and its ticks are watermark_tick for", "PROTOCOL 6.3-9, 6.4-1, 6.13-3")
             .play(asleep),
         case("L2.2.12", "a resync is answered by a whole snapshot, and commands go on in number", "PROTOCOL 4.8-5, 4.8-6, 4.8-3")
@@ -377,55 +372,6 @@ fn sums_of(
     RepairSymbol::of(repair_symbol.row, &covered).map(|repair_symbol| repair_symbol.sums)
 }
 
-fn doubted(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, NORMAL, 3)?;
-    member_link.step(5)?;
-    let range = IndexRanges::ALL;
-    member_link
-        .guest
-        .throw(&ChecksumMismatch { range }.encode(member_link.joined.start.stream))?;
-    loop {
-        let (kind, bytes) = member_link.next()?;
-        if kind != PacketKind::Checksums {
-            continue;
-        }
-        let checksums = read(&bytes, Checksums::decode)?;
-        if checksums.ranges.stride == INDICES_MAX {
-            continue;
-        }
-        ensure(checksums.ranges.first == 0, "from the first index on")?;
-        ensure(
-            checksums.ranges.stride == INDICES_MAX.div_ceil(128),
-            "of a 128th each",
-        )?;
-        return ensure(checksums.sums.len() <= 128, "up to 128 parts");
-    }
-}
-
-fn doubted_one(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member_link = RawMember::begin(trial, NORMAL, 3)?;
-    member_link.step(5)?;
-    let index = body(member_link.guest.granted, 1)?.index();
-    let range = IndexRanges {
-        first: index,
-        stride: 1,
-    };
-    member_link
-        .guest
-        .throw(&ChecksumMismatch { range }.encode(member_link.joined.start.stream))?;
-    loop {
-        let (kind, bytes) = member_link.next()?;
-        if kind == PacketKind::Refresh {
-            let refresh = read(&bytes, Refresh::decode)?;
-            let indices: Vec<u32> = refresh.records.iter().map(|record| record.index).collect();
-            return ensure(
-                indices == [index],
-                format!("its track alone, not {indices:?}"),
-            );
-        }
-    }
-}
-
 fn asleep(trial: &mut Trial<'_>) -> CaseResult {
     let mut guest = trial.guest()?;
     let config = super::scenery::weightless(lockstep());
@@ -458,7 +404,9 @@ fn resync(trial: &mut Trial<'_>) -> CaseResult {
     let mut member_link = RawMember::begin(trial, NORMAL, 3)?;
     member_link.step(10)?;
     let commands = member_link.guest.commands;
-    member_link.guest.say(&ClientMessage::Resync);
+    member_link
+        .guest
+        .say(&ClientMessage::Resync(ResyncCause::LostSync));
     let (joined, scene_events) = member_link.guest.snapshot()?;
     ensure(joined.start.tick == Tick::new(10), "of the newest tick")?;
     ensure(
@@ -526,9 +474,11 @@ fn follows(trial: &mut Trial<'_>) -> CaseResult {
 fn only_the_last(trial: &mut Trial<'_>) -> CaseResult {
     let mut member_link = RawMember::begin(trial, NORMAL, 1)?;
     let full = ClientMessage::Subscribe(StreamChoice::Full);
-    member_link
-        .guest
-        .say_together(&[ClientMessage::Resync, ClientMessage::Resync, full]);
+    member_link.guest.say_together(&[
+        ClientMessage::Resync(ResyncCause::LostSync),
+        ClientMessage::Resync(ResyncCause::LostSync),
+        full,
+    ]);
     let received = member_link.guest.barrier()?;
     let joined: Vec<_> = received
         .iter()
@@ -605,11 +555,7 @@ fn checksum_packets(trial: &mut Trial<'_>) -> CaseResult {
         for (kind, bytes) in member_link.step(to)? {
             if kind == PacketKind::Checksums {
                 let checksums = read(&bytes, Checksums::decode)?;
-                ensure(
-                    checksums.ranges == IndexRanges::ALL && checksums.sums.len() == 1,
-                    "over all indices",
-                )?;
-                sums.extend(checksums.sums);
+                sums.push(checksums.sum);
             }
         }
     }

@@ -4,7 +4,9 @@
 //! ends a connection.
 
 use glam::Vec3;
-use rhumb_protocol::message::{ClientMessage, SceneEvent, ServerMessage, TakeAuthority};
+use rhumb_protocol::message::{
+    ClientMessage, ResyncCause, SceneEvent, ServerMessage, TakeAuthority,
+};
 use rhumb_protocol::packet::{LossReport, Low16, PacketKind, StreamId};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Stepping};
 use rhumb_reckoning::{Anchor, BodyId, BodyState, Tolerance};
@@ -102,7 +104,7 @@ fn take_authority(guest: &mut RawClient, id: BodyId) -> Result<StreamId, Stop> {
 
 /// Where the bodies are, by a snapshot.
 fn again(guest: &mut RawClient) -> Result<Vec<BodyState>, Stop> {
-    guest.say(&ClientMessage::Resync);
+    guest.say(&ClientMessage::Resync(ResyncCause::LostSync));
     let (_, scene_events) = guest.snapshot()?;
     let tracks = scene_events
         .into_iter()

@@ -4,8 +4,8 @@
 
 use glam::Vec3;
 use rhumb_protocol::Instant;
-use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
-use rhumb_protocol::packet::{ChecksumMismatch, IndexRanges, LossReport, Low16, StreamId};
+use rhumb_protocol::message::{ClientMessage, ResyncCause, ServerMessage, StreamChoice};
+use rhumb_protocol::packet::{LossReport, Low16, StreamId};
 use rhumb_protocol::scene::{Command, CommandError};
 use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::{BodyId, Tick};
@@ -51,12 +51,6 @@ const CASES: &[CaseRow] = &[
         "loss_reports that name all that was never sent cost others nothing",
         "PROTOCOL 6.7-7, 5.13-1",
         |trial| beside(trial, loss_reports),
-    ),
-    (
-        6,
-        "mismatches without end cost others nothing",
-        "PROTOCOL 6.12-7",
-        |trial| beside(trial, mismatches),
     ),
     (
         7,
@@ -188,7 +182,7 @@ fn greased(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
 
 /// The stream that a member follows.
 fn stream(rude: &mut RawClient) -> Result<StreamId, Stop> {
-    rude.say(&ClientMessage::Resync);
+    rude.say(&ClientMessage::Resync(ResyncCause::LostSync));
     Ok(rude.snapshot()?.0.start.stream)
 }
 
@@ -202,18 +196,6 @@ fn loss_reports(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
             lost: (0..64).map(|lost| Low16::of(number * 64 + lost)).collect(),
         };
         rude.throw(&loss_report.encode(stream))?;
-    }
-    rude.barrier().map(drop)
-}
-
-fn mismatches(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
-    let stream = stream(rude)?;
-    for number in 0..400_u32 {
-        let range = IndexRanges {
-            first: number * 2_000,
-            stride: 1 + number,
-        };
-        rude.throw(&ChecksumMismatch { range }.encode(stream))?;
     }
     rude.barrier().map(drop)
 }
@@ -250,7 +232,7 @@ fn chance(trial: &mut Trial<'_>, _: &mut RawClient) -> CaseResult {
 }
 
 fn snapshots(_: &mut Trial<'_>, rude: &mut RawClient) -> CaseResult {
-    rude.say_together(&vec![ClientMessage::Resync; 500]);
+    rude.say_together(&vec![ClientMessage::Resync(ResyncCause::LostSync); 500]);
     let received = rude.barrier()?;
     let reported = received
         .iter()
@@ -307,7 +289,7 @@ fn deaf(trial: &mut Trial<'_>) -> CaseResult {
     let mut tick = 1;
     // Each snapshot takes some 100 kB; what may wait is a few MB more than what QUIC has under way.
     for _ in 0..400 {
-        rude.say(&ClientMessage::Resync);
+        rude.say(&ClientMessage::Resync(ResyncCause::LostSync));
         tick += 1;
         good.advance(Tick::new(tick))?;
         while let Some(seen) = rude.line.hear(std::time::Duration::ZERO) {
