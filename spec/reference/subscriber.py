@@ -13,6 +13,7 @@ from fec_decoder import Decoder
 
 PREDICTORS = ("rest", "uniform", "ballistic", "torque_free", "ballistic_torque_free", "constant_acceleration")
 HISTORY, JUMP, PENDING_MAX = LIMITS["HISTORY_PACKETS"], LIMITS["TICK_JUMP_MAX"], LIMITS["PACKETS_HELD_MAX"]
+OTHER_CARRIER = object()
 IDENTITY = ["00000000", "00000000", "00000000", "3f800000"]
 
 
@@ -75,7 +76,7 @@ class Body:
         if inertia and inertia["is"] != "none":
             moments = [f32(part) for part in inertia["moments"]]
             self.inertia = reckoning.Inertia.of(moments, [f32(part) for part in inertia.get("frame", IDENTITY)])
-        self.track, self.before, self.older = track, None, []
+        self.track, self.before = track, None
 
     def moved(self, track, tick, gravity):
         """The motion of one of its tracks at a tick, in the track's own frame (RECKONING 3.1)."""
@@ -465,20 +466,20 @@ class Scene:
                 outcomes.append(self.receive_update(update, tick))
         outcomes += [self.receive_update(update, tick) for update in later]
         waits = "unreadable" in outcomes and any(other < number for other in self.missing)
-        if "without alias" in outcomes or "unreadable" in outcomes and not waits:
+        if "lost" in outcomes or "unreadable" in outcomes and not waits:
             self.missing[number] = tick
         elif waits:
             self.unread[number] = tick
-        if "without alias" in outcomes or "unreadable" in outcomes:
+        if "lost" in outcomes or "unreadable" in outcomes:
             self.unreadable[number] = msg
 
     def receive_update(self, update, tick):
-        """"received", "unreadable", or "without alias"."""
+        """"received", "unreadable", or "lost": then the packet is missing."""
         index = update["body"]
         if index is None:
             index, since = self.aliases.get(update["alias"], (None, 0))
             if index is None or since > tick:
-                return "without alias"
+                return "lost"
         body = self.bodies.get(index)
         if update["body"] is not None:
             self.assign_alias(update["alias"], index, tick)
@@ -496,10 +497,8 @@ class Scene:
             track = self.corrected(body, update, tick)
             if track is None:
                 return "unreadable"
-        if self.missing:
-            body.older.append(body.before)
-        elif body.older:
-            body.older = []
+            if track is OTHER_CARRIER:
+                return "lost"
         body.before, body.track = old, track
         return "received"
 
@@ -508,14 +507,8 @@ class Scene:
         publish_interval = self.config["publish interval"]
         return tick // publish_interval - track.origin // publish_interval if track.origin <= tick else None
 
-    def revision(self, body, tick, age):
-        """The body's track of an age, if it is still known (6.2, 6.6)."""
-        known = (body.track, body.before, *body.older)
-        tracks = [track for track in known if track and self.age(track, tick) == age]
-        return tracks[0] if tracks else None
-
     def corrected(self, body, update, tick):
-        """The track that a correction gives, or None where it cannot be read."""
+        """The track that a correction gives; None where the body's track is another, OTHER_CARRIER where its parent's is."""
         old = body.track
         if self.age(old, tick) != update["age"]:
             return None
@@ -528,16 +521,18 @@ class Scene:
             if (old.parent is None) != (update["parent_age"] is None):
                 return None
             if old.parent is not None:
-                named = parent_body and self.revision(parent_body, tick, update["parent_age"])
-                if named is None:
+                if parent_body is None:
                     return None
-                own = reckoning.attached_motion(self.own(parent_body, named, tick), own)
+                if self.age(parent_body.track, tick) != update["parent_age"]:
+                    return OTHER_CARRIER
+                own = reckoning.attached_motion(self.own(parent_body, parent_body.track, tick), own)
         elif update["mode"] == "attached":
             by = self.bodies[update["parent"]]
-            named = self.revision(by, tick, update["parent_age"])
-            if by is body or named is None or named.parent is not None or old.parent is not None:
+            if self.age(by.track, tick) != update["parent_age"]:
+                return OTHER_CARRIER
+            if by is body or by.track.parent is not None or old.parent is not None:
                 return None
-            own = reckoning.relative_to(self.own(by, named, tick), own)
+            own = reckoning.relative_to(self.own(by, by.track, tick), own)
             predictor, parent, acceleration = "rest", (by.index, by.generation), None
         msg = [tuple(update[name]) if name in update else None for name in packets.TRIPLES]
         over = reckoning.prediction_error(old.predictor, tick - old.origin, body.flow.dt)

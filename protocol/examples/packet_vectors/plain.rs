@@ -113,7 +113,7 @@ pub(crate) fn meaning(head: Head, reader: Reader<'_>) -> Result<String, Malforme
             let checksums = Checksums::decode(reader)?;
             write!(
                 body,
-                "\"kind\": 7, \"next\": {}, \"tick\": {}, \"events\": {}, \"sum\": \"{:016x}\"",
+                "\"kind\": 7, \"next\": {}, \"tick\": {}, \"events\": {}, \"checksum\": \"{:016x}\"",
                 checksums.next.0, checksums.tick.0, checksums.scene_events.0, checksums.sum
             )
         }

@@ -95,7 +95,13 @@ impl ClientMessage {
     /// Appends the message, framed.
     pub fn encode(&self, to: &mut Vec<u8>) {
         let mut body = Writer::new();
-        let kind = match self {
+        let kind = self.encode_body(&mut body);
+        frame(kind, &body.into_bytes(), to);
+    }
+
+    /// Appends what follows the frame's head; returns the message's type.
+    fn encode_body(&self, body: &mut Writer) -> u8 {
+        match self {
             Self::Hello {
                 versions,
                 scene,
@@ -106,16 +112,16 @@ impl ClientMessage {
                 for version in versions {
                     body.u16(*version);
                 }
-                scene.encode(&mut body);
-                extensions.encode(&mut body);
+                scene.encode(body);
+                extensions.encode(body);
                 kind::HELLO
             }
             Self::Create(config) => {
-                config.encode(&mut body);
+                config.encode(body);
                 kind::CREATE
             }
             Self::Join(choice) => {
-                choice.encode(&mut body);
+                choice.encode(body);
                 kind::JOIN
             }
             Self::Leave => kind::LEAVE,
@@ -125,7 +131,7 @@ impl ClientMessage {
                 kind::RESERVE
             }
             Self::Command(command) => {
-                command.encode(&mut body);
+                command.encode(body);
                 kind::COMMAND
             }
             Self::Advance { to: tick } => {
@@ -133,7 +139,7 @@ impl ClientMessage {
                 kind::ADVANCE
             }
             Self::Resync(cause) => {
-                cause.encode(&mut body);
+                cause.encode(body);
                 kind::RESYNC
             }
             Self::Ping { sent } => {
@@ -142,15 +148,15 @@ impl ClientMessage {
             }
             Self::Inspect => kind::INSPECT,
             Self::Subscribe(choice) => {
-                choice.encode(&mut body);
+                choice.encode(body);
                 kind::FOLLOW
             }
             Self::Subscribed(stream) => {
-                stream.encode(&mut body);
+                stream.encode(body);
                 kind::FOLLOWED
             }
             Self::TakeAuthority(drive) => {
-                drive.encode(&mut body);
+                drive.encode(body);
                 kind::DRIVE
             }
             Self::Upstream(packet) => {
@@ -158,11 +164,10 @@ impl ClientMessage {
                 kind::UPSTREAM
             }
             Self::TierPolicy(tier_policy) => {
-                tier_policy.encode(&mut body);
+                tier_policy.encode(body);
                 kind::MOVES
             }
-        };
-        frame(kind, &body.into_bytes(), to);
+        }
     }
 
     /// Reads a message; `None` for one of an unknown type that may be ignored.

@@ -11,7 +11,6 @@ use super::choose::{
     Chooser, ModeCandidate, OVERHEAD, ParentCandidate, Subject, apart, error_growth, share,
 };
 use super::forecast::{ErrorForecast, ForecastErrors, Lifetime, SPAN};
-use super::tracks::FormerTracks;
 use crate::packet::{Age, CostModel, InitialCostModel, PredictionMode, UpdatePayload};
 
 /// Corrections that are weighed with what follows them, for each mode.
@@ -350,9 +349,7 @@ impl Chooser<'_> {
             residual,
         };
         let (index, tick) = (subject.index, subject.tick);
-        let said = self
-            .tracks
-            .corrected_track(index, tick, &payload, FormerTracks::default());
+        let said = self.tracks.corrected_track(index, tick, &payload);
         let track = said.ok()?;
         let begun = track.start(self.tracks.grid(subject.slot));
         let used = self.exact_share(subject, mode_candidate.frame, &begun.pose());

@@ -39,7 +39,6 @@ use crate::packet::{
 use attaching::LargeBody;
 use budget_state::BudgetState;
 pub use budget_state::OverBudget;
-use refreshing::ParentReferences;
 use scan::ObservationScan;
 use window::ObservationWindow;
 
@@ -104,7 +103,8 @@ pub struct Publisher {
     alias_table: AliasTable,
     /// Who holds others, and how many, in order of index.
     child_counts: Vec<(u32, u32)>,
-    parent_references: ParentReferences,
+    /// Bodies whose updates of this tick build on their parents' tracks: parents and bodies.
+    attached: Vec<(u32, u32)>,
     updates: Vec<Update>,
     /// Who came to rest at this tick: packets still name them by their aliases.
     resting_bodies: Vec<u32>,
@@ -135,7 +135,7 @@ impl Publisher {
             tick,
             alias_table: AliasTable::default(),
             child_counts: Vec::new(),
-            parent_references: ParentReferences::default(),
+            attached: Vec::new(),
             updates: Vec::new(),
             resting_bodies: Vec::new(),
             scan: Some(Box::new(ObservationScan::new(
@@ -298,7 +298,7 @@ impl Publisher {
         for index in self.resting_bodies.drain(..) {
             self.alias_table.release(index);
         }
-        self.parent_references.end_tick(self.sent_packets.next());
+        self.attached.clear();
     }
 
     /// The slot of a body that was seen at the present tick: not of one that came later, or has the index of one that went.
@@ -338,7 +338,11 @@ impl Publisher {
         };
         let before = slot.parent();
         self.tracks.set_track(index, track);
-        let payload = self.readable(index, before, payload, &track);
+        if let Some(parent) = track.parent.or(before)
+            && payload.names_parent()
+        {
+            self.attached.push((parent.index(), index));
+        }
         if before != track.parent {
             self.move_child(before, track.parent);
         }

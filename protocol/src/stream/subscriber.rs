@@ -13,9 +13,7 @@ use alloc::vec::Vec;
 use core::num::NonZeroU32;
 
 use glam::Vec3;
-use rhumb_reckoning::{
-    BodyId, DenseTrack, Metres, Motion, Tick, Tolerance, Track, attached_motion,
-};
+use rhumb_reckoning::{BodyId, Metres, Motion, Tick, Tolerance, Track, attached_motion};
 
 use super::aliases::{AliasOwner, ReceivedAliases};
 use super::bound::ErrorBound;
@@ -42,8 +40,6 @@ pub struct Subscriber {
     first: u64,
     /// The tracks before the present ones, where nothing was said between the two.
     before: PreviousTracks,
-    /// The tracks before these, while packets are missing: each with its body's index.
-    older: Vec<(u32, DenseTrack)>,
     /// The newest origin of a track before which too little of its body was heard.
     known_from: Tick,
     gaps: PacketGaps,
@@ -93,7 +89,6 @@ impl Subscriber {
             publish_interval: start.publish_interval,
             first: start.next,
             before: PreviousTracks::default(),
-            older: Vec::new(),
             known_from: Tick::ZERO,
             gaps: PacketGaps::new(start.next),
             fec_decoder: FecDecoder::new(start.next),
@@ -491,9 +486,7 @@ impl Subscriber {
 
     fn note_converged(&mut self) {
         self.converged_at = self.complete();
-        if self.gaps.is_converged() {
-            self.older.clear();
-        }
+        if self.gaps.is_converged() {}
     }
 
     /// Nobody asks any more what was predicted_motion at a tick before this one: tracks that bodies left by then, as far as

@@ -24,7 +24,7 @@ use crate::limits::{DAMPINGS_MAX, INDICES_MAX};
 use crate::packet::Age;
 use crate::scene::{BodyDesc, BodyKind, Shape};
 
-pub(crate) use applying::{CorrectionsX4, FormerTracks, Unreadable};
+pub(crate) use applying::{CorrectionsX4, Unreadable};
 use rotation_cursors::RotationCursors;
 pub(crate) use slot::Slot;
 

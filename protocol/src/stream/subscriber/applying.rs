@@ -5,10 +5,7 @@ use rhumb_reckoning::{BodyId, DenseTrack, PredictionX4, Tick};
 use super::Subscriber;
 use crate::packet::{Update, UpdatePayload};
 use crate::stream::aliases::AliasOwner;
-use crate::stream::tracks::{CorrectionsX4, FormerTracks, Slot, Unreadable};
-
-/// Tracks that bodies left while packets were missing: what a long gap of a lively scene takes.
-const OLDER_KEPT: usize = 4_096;
+use crate::stream::tracks::{CorrectionsX4, Slot, Unreadable};
 
 impl Subscriber {
     /// Takes in what was overtaken by a newer payload: it is what attached until then.
@@ -43,16 +40,6 @@ impl Subscriber {
         }
     }
 
-    /// While a packet is missing that may name it, the track is kept that a body had before its last one.
-    fn keep_older(&mut self, index: u32) {
-        if self.missing_packets().next().is_some()
-            && self.older.len() < OLDER_KEPT
-            && let Some(before) = self.before.get(index)
-        {
-            self.older.push((index, DenseTrack::new(&before)));
-        }
-    }
-
     /// Takes in what a packet says of a body.
     pub(super) fn take(
         &mut self,
@@ -61,11 +48,7 @@ impl Subscriber {
         payload: &UpdatePayload,
     ) -> Result<(), Unreadable> {
         let before = self.tracks.slot(index).map(|slot| *slot.dense());
-        let former_tracks = FormerTracks {
-            before: Some(&self.before),
-            older: &self.older,
-        };
-        let heard = self.tracks.apply(index, tick, payload, former_tracks);
+        let heard = self.tracks.apply(index, tick, payload);
         if heard == Err(Unreadable::Superseded) {
             self.apply_late(index, tick, payload);
         }
@@ -85,7 +68,6 @@ impl Subscriber {
 
     /// A body has another track than it had before.
     fn note_applied(&mut self, index: u32, before: Option<DenseTrack>) {
-        self.keep_older(index);
         match before {
             Some(before) => self.before.keep(index, before),
             None => self.before.forget(index),
@@ -179,6 +161,11 @@ impl Subscriber {
             Err(Unreadable::OtherRevision) => {
                 self.statistics.unread += 1;
                 self.gaps.note_unread(number, tick, true);
+            }
+            // A refresh of what is missing before it says nothing of this body.
+            Err(Unreadable::OtherCarrier) => {
+                self.statistics.unread += 1;
+                self.gaps.note_unread(number, tick, false);
             }
             // Removed or said anew since: what came later stands.
             Err(Unreadable::NoBody | Unreadable::Superseded) => {}

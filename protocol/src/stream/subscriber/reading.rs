@@ -11,7 +11,7 @@ use crate::packet::{
     RefreshRecord, RepairSymbol, Update, UpdatePacket, UpdatePayload, Watermark,
 };
 use crate::stream::gaps::{PacketArrival, RefreshId};
-use crate::stream::tracks::{FormerTracks, Slot};
+use crate::stream::tracks::Slot;
 use crate::wire::Malformed;
 
 impl Subscriber {
@@ -296,11 +296,7 @@ impl Subscriber {
                 None => self.aliases.release_by(record.index, as_of),
             }
             let parent_candidate = self.tracks.slot(record.index).and_then(Slot::parent);
-            if self
-                .tracks
-                .apply(record.index, origin, &keyframe, FormerTracks::default())
-                .is_ok()
-            {
+            if self.tracks.apply(record.index, origin, &keyframe).is_ok() {
                 self.note_attached(record.index, parent_candidate);
                 self.touch(record.index);
             }
