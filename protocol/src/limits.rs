@@ -135,12 +135,8 @@ pub const FEC_SPAN: u32 = 32;
 pub const FEC_ROWS: u8 = 128;
 /// Repair symbols that a subscriber keeps until it can decode.
 pub const REPAIR_SYMBOLS_KEPT: usize = 16;
-/// Alias changes that a subscriber keeps while packets are missing.
-pub const ALIAS_CHANGES_KEPT: usize = 1_024;
 /// Packets that a subscriber holds back while scene events are in transit.
 pub const PACKETS_HELD_MAX: usize = 512;
-/// Ranges in one checksum packet.
-pub const CHECKSUM_RANGES_MAX: usize = 128;
 /// Milliseconds after which a silent free-running stream must send a watermark. QUIC acknowledges each watermark, and
 /// both together must stay below 60 bytes a second with all headers (measured: 126 bytes a watermark).
 pub const SILENCE_MS_MAX: u32 = 2_500;
@@ -164,4 +160,3 @@ const _: () = assert!(HISTORY_PACKETS < 1 << 15);
 const _: () = assert!(TICK_JUMP_MAX < 1 << 15);
 // All packets of a repair symbol have different coefficients, and the mask of covered packets fits its bits.
 const _: () = assert!(FEC_SPAN <= FEC_ROWS as u32 && FEC_SPAN <= 32);
-const _: () = assert!(CHECKSUM_RANGES_MAX * 8 + 32 < DATAGRAM_BYTES_MAX);

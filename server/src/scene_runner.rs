@@ -496,7 +496,7 @@ impl SceneRunner {
             updates: sent.updates,
             packets: sent.packets,
             packet_bytes: sent.bytes,
-            resynced: stream.sender.resynced(),
+            mismatches: stream.sender.mismatches(),
             over_budget: sent.over_budget,
             times: self.times.summary(),
         };

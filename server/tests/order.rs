@@ -6,7 +6,7 @@ use std::num::NonZeroU32;
 
 use glam::Vec3;
 use rhumb_protocol::message::{
-    ClientMessage, Extensions, Frames, ServerMessage, StreamChoice, VERSIONS,
+    ClientMessage, Extensions, Frames, ResyncCause, ServerMessage, StreamChoice, VERSIONS,
 };
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, Invalid, Material, PublishSchedule, Quantity,
@@ -139,7 +139,10 @@ fn an_invalid_motion_is_refused_and_the_connection_stays() {
 
 #[test]
 fn a_thousand_resyncs_in_one_read_get_one_snapshot() {
-    let replies = conversation(&joined(std::iter::repeat_n(ClientMessage::Resync, 1_000)));
+    let replies = conversation(&joined(std::iter::repeat_n(
+        ClientMessage::Resync(ResyncCause::LostSync),
+        1_000,
+    )));
     let snapshots = replies
         .iter()
         .filter(|message| **message == ServerMessage::SnapshotEnd);

@@ -36,8 +36,8 @@ pub struct Inspection {
     pub packets: u64,
     /// Their bytes.
     pub packet_bytes: u64,
-    /// Tracks of that stream that were sent again after a checksum mismatch.
-    pub resynced: u64,
+    /// Snapshots that members of that stream requested because a checksum differed.
+    pub mismatches: u64,
     /// Bodies over budget in that stream, counted at every tick.
     pub over_budget: u64,
     /// Time of the tick's stages.
@@ -55,7 +55,7 @@ impl Wire for Inspection {
             self.updates,
             self.packets,
             self.packet_bytes,
-            self.resynced,
+            self.mismatches,
             self.over_budget,
             times.step_total,
             times.step_median,
@@ -81,7 +81,7 @@ impl Wire for Inspection {
             updates: from.varint()?,
             packets: from.varint()?,
             packet_bytes: from.varint()?,
-            resynced: from.varint()?,
+            mismatches: from.varint()?,
             over_budget: from.varint()?,
             times: StageTimes {
                 step_total: from.varint()?,

@@ -62,8 +62,9 @@ pub enum Event {
         /// Why.
         cause: RemovalCause,
     },
-    /// The copy of a body was not what the server had said, and was made right. That is a fault of one of the two ends.
-    Amended(BodyId),
+    /// A checksum differs from that of the copy: a fault of the server or of this client. The session requests a new
+    /// snapshot.
+    ChecksumMismatch,
     /// The engine failed; the scene stands still after this tick.
     SceneFaulted(Tick),
     /// These bodies, in rising order, are the application's to drive from now on, and no others.

@@ -114,15 +114,9 @@ impl Replica {
         &self.joints
     }
 
-    /// The next body whose track was made right.
-    pub(crate) fn poll_resynced(&mut self) -> Option<BodyId> {
-        self.stream_mut().poll_resynced()
-    }
-
     /// Takes the place of a copy of the same scene: all that it held counts as changed, since it may be gone.
     pub(crate) fn take_over(&mut self, old: &Self) {
-        let end = old.stream().index_end();
-        self.stream_mut().touch_below(end);
+        self.stream_mut().succeed(old.stream());
     }
 
     /// The snapshot is whole.

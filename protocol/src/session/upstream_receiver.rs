@@ -126,7 +126,7 @@ impl UpstreamReceiver {
             .filter_map(|body_track| body_track.id)
     }
 
-    /// Whether so much is missing that the stream must begin anew.
+    /// Whether the stream must be replaced: too many packets are missing, or a checksum differs.
     #[must_use]
     pub const fn has_lost_sync(&self) -> bool {
         self.subscriber().has_lost_sync()
@@ -206,8 +206,7 @@ impl UpstreamReceiver {
         })
     }
 
-    /// Appends the reports that are due at a tick: of losses, of a mismatch, and of silence, so that the client states its
-    /// watermark.
+    /// Appends the reports that are due at a tick: of losses, and of silence, so that the client states its watermark.
     pub fn ask(&mut self, now: Instant, tick: Tick, out: &mut Vec<Bytes>) {
         let silence = self.subscriber().silent_ticks();
         let overdue = tick
@@ -368,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn a_corrupted_track_is_detected_and_refreshed() {
+    fn a_wrong_track_ends_the_stream() {
         let (mut driver, mut driven) = ends();
         let (mut said, mut asked): (Vec<Bytes>, Vec<Bytes>) = Default::default();
         for step in 1..=200_u64 {
@@ -392,10 +391,8 @@ mod tests {
                 driver.handle_datagram(now, Span::from_millis(30), &opened(&question), &mut said);
             }
         }
-        let heard = driven.statistics();
-        assert_eq!((heard.mismatches, heard.resynced), (1, 1), "{heard:?}");
-        let placed = placed(&mut driven, Tick::new(300)).expect("it is there");
-        assert_eq!(placed.pose().position.x, 0.0);
+        assert_eq!(driven.statistics().mismatches, 1);
+        assert!(driven.has_lost_sync());
     }
 
     #[test]

@@ -171,7 +171,7 @@ impl UpstreamSender {
         self.sender.stream()
     }
 
-    /// Answers a datagram of the server about this stream: a loss report or a mismatch.
+    /// Answers a datagram of the server about this stream: a loss report.
     pub(crate) fn handle_datagram(
         &mut self,
         now: Instant,
