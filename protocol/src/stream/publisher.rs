@@ -455,19 +455,9 @@ impl Publisher {
             stride,
             ahead: seen.ahead(),
             ends: seen.ends(),
-            parent: attached_to.as_ref().and_then(|(other, seen)| {
-                Some(Parent {
-                    index: other.id.index(),
-                    slot: self.tracks.slot(other.id.index())?,
-                    truth: other.motion.motion(),
-                    past: if seen.stride == stride {
-                        seen.past
-                    } else {
-                        [None; 2]
-                    },
-                    ahead: seen.ahead(),
-                })
-            }),
+            parent: attached_to
+                .as_ref()
+                .and_then(|(other, seen)| self.parent(other, seen, stride)),
         };
         let chosen = decision.decide(&subject);
         if chosen.is_none() && !expired && used <= 1.0 {
@@ -476,6 +466,27 @@ impl Publisher {
         }
         let chosen = chosen.or_else(|| decision.widened().decide(&subject));
         Some(chosen.unwrap_or_else(|| self.anew(tick, slot, observation, &truth)))
+    }
+
+    /// What is known of a body that another may be attached to; `stride`: of the other.
+    fn parent<'s>(
+        &'s self,
+        observation: &Observation,
+        seen: &'s ObservationWindow,
+        stride: Ticks,
+    ) -> Option<Parent<'s>> {
+        let index = observation.id.index();
+        Some(Parent {
+            index,
+            slot: self.tracks.slot(index)?,
+            truth: observation.motion.motion(),
+            past: if seen.stride == stride {
+                seen.past
+            } else {
+                [None; 2]
+            },
+            ahead: seen.ahead(),
+        })
     }
 
     /// A motion said alone: on the grid, or to the bit where the grid is too coarse for the promise (a body of a

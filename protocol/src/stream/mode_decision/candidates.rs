@@ -1,4 +1,4 @@
-//! Stage one: the prediction modes by which a body may go on, each with its error forecast.
+//! Stage one: the prediction modes that apply, each with its error forecast.
 //!
 //! In the world: rest, uniform, falling, accelerated; or attached to another body. Moving modes differ by what accelerates the body
 //! alone: the unaccelerated forecast is computed once for all of them.

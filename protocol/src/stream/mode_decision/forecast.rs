@@ -1,4 +1,4 @@
-//! The error forecast: how far off a prediction will be, and for how long a corrected one holds.
+//! The error forecast, and how long a corrected prediction holds by it.
 //!
 //! Nothing is predicted here. A correction takes so much off the error at once, and so much more each tick where it implies
 //! velocities, so that one forecast serves all corrections of one prediction mode. That is near enough to choose by.

@@ -1,4 +1,4 @@
-//! The mode decision: which update corrects a track best, for how long and for how many bits.
+//! The mode decision: which update corrects a track best.
 //!
 //! Only the publisher decides, so that nothing here is normative: any decision keeps the promise, a good one keeps it with fewer
 //! bytes. Three stages:

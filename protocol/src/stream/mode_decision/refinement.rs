@@ -1,4 +1,4 @@
-//! Stage three: the residual of each candidate that costs least for each tick that it holds.
+//! Stage three: each candidate's residual of least cost for each tick.
 //!
 //! Corrections begin at those that fit the known ticks best, and leave out steps as long as that pays.
 
