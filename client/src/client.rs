@@ -8,23 +8,22 @@ mod authority;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use rhumb_protocol::limits::{GRANT, GRANTED_MAX, SILENCE_MS_MAX};
+use rhumb_protocol::limits::SILENCE_MS_MAX;
 use rhumb_protocol::message::{Denial, Inspection, StreamChoice, TierPolicy};
-use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, SceneConfig, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, SceneConfig};
 use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_protocol::{Ending, Instant};
 use rhumb_reckoning::{BodyId, BodyState, Seconds, Tick, Ticks, Tolerance};
 use rhumb_transport::Trust;
 
+use crate::body_naming::BodyNaming;
 use crate::clock::{RenderTime, SceneClock};
 use crate::error::{ClientError, OpenError};
-use crate::id_allocator::IdAllocator;
 use crate::join_options::JoinOptions;
 use crate::pipeline_depth::PipelineDepth;
 use crate::pump::{Pump, TapChannel, span};
 use crate::server_connection::ServerConnection;
-use crate::shape_numbers::{ShapeNumbers, ShapeSlot};
 use crate::statistics::Statistics;
 use crate::view::{RenderParams, View};
 
@@ -41,8 +40,7 @@ pub struct Client {
     pump: Pump,
     patience: Duration,
     view: View,
-    ids: IdAllocator,
-    shapes: ShapeNumbers,
+    naming: BodyNaming,
     config: SceneConfig,
     clock: SceneClock,
     /// The same for what is driven, which the view's delay does not hold back.
@@ -104,8 +102,7 @@ impl Client {
             pump,
             patience,
             view: View::default(),
-            ids: IdAllocator::new(granted),
-            shapes: ShapeNumbers::default(),
+            naming: BodyNaming::new(granted),
             config,
             clock: SceneClock::new(config.integrator.rate),
             upstream_clock: SceneClock::new(config.integrator.rate),
@@ -214,7 +211,7 @@ impl Client {
     pub fn add_body(&mut self, body: BodyBuilder) -> Result<BodyId, ClientError> {
         let state = self.check_body(&body)?;
         self.reserve_ids(1)?;
-        self.queue_body(&body, state)
+        self.naming.add_body(&mut self.pump.session, &body, state)
     }
 
     /// Queues the addition of many bodies, and returns their ids in the same order. Equal shapes are sent once.
@@ -239,7 +236,8 @@ impl Client {
         self.reserve_ids(u32::try_from(checked.len()).unwrap_or(u32::MAX))?;
         let mut ids = Vec::with_capacity(checked.len());
         for (body, state) in &checked {
-            ids.push(self.queue_body(body, *state)?);
+            let session = &mut self.pump.session;
+            ids.push(self.naming.add_body(session, body, *state)?);
         }
         Ok(ids)
     }
@@ -253,7 +251,7 @@ impl Client {
     /// As [`Self::add_bodies`].
     pub fn new_ids(&mut self, count: u32) -> Result<Vec<BodyId>, ClientError> {
         self.reserve_ids(count)?;
-        Ok((0..count).filter_map(|_| self.ids.take()).collect())
+        Ok(self.naming.take_ids(count))
     }
 
     /// Queues a command, which acts before the next tick; returns the number that its answer will name.
@@ -266,15 +264,7 @@ impl Client {
     /// [`ClientError::Misuse`] for a number that no engine should be given; then it is not queued.
     pub fn command(&mut self, command: Command) -> Result<u64, ClientError> {
         self.check_open()?;
-        let shape = match &command {
-            Command::AddShape { id, shape } => Some((*id, shape.clone())),
-            _ => None,
-        };
-        let number = self.pump.session.command(command)?;
-        if let Some((id, shape)) = shape {
-            self.shapes.add(id, shape, number);
-        }
-        Ok(number)
+        Ok(self.naming.command(&mut self.pump.session, command)?)
     }
 
     /// Sends the queued commands at once.
@@ -284,48 +274,21 @@ impl Client {
 
     fn check_body(&self, body: &BodyBuilder) -> Result<BodyState, ClientError> {
         self.check_open()?;
-        body.shape().check().map_err(Misuse::Invalid)?;
+        body.check().map_err(Misuse::Invalid)?;
         Ok(body.state().map_err(Misuse::Invalid)?)
-    }
-
-    /// Queues a body whose id is reserved.
-    fn queue_body(&mut self, body: &BodyBuilder, state: BodyState) -> Result<BodyId, ClientError> {
-        let shape = self.shape_number(body.shape())?;
-        let id = self.ids.take().ok_or(Misuse::Indices(1))?;
-        let desc = body.desc(id, shape);
-        let motion = state;
-        self.command(Command::AddBody { desc, motion })?;
-        Ok(id)
-    }
-
-    /// The number of a shape, which is queued if the scene has no equal one.
-    fn shape_number(&mut self, shape: &Shape) -> Result<ShapeId, ClientError> {
-        let replica = self.pump.session.replica();
-        let known = |id| replica.and_then(|replica| replica.shape(id));
-        match self.shapes.find(shape, known) {
-            Some(ShapeSlot::Known(id)) => Ok(id),
-            Some(ShapeSlot::Free(id)) => {
-                let shape = shape.clone();
-                self.command(Command::AddShape { id, shape })?;
-                Ok(id)
-            }
-            None => Err(ClientError::TooManyShapes),
-        }
     }
 
     /// Waits until so many ids can be given out.
     fn reserve_ids(&mut self, count: u32) -> Result<(), ClientError> {
         self.check_open()?;
-        let missing = count.saturating_sub(self.ids.available());
+        let missing = self.naming.missing_ids(count);
         if missing == 0 {
             return Ok(());
         }
-        // A client has a limited number of ranges, so it asks for no small one while it may ask for more.
-        let most = GRANTED_MAX.saturating_sub(self.ids.granted());
-        self.pump.session.reserve(GRANT.min(most).max(missing))?;
+        self.pump.session.reserve(missing)?;
         self.denied = None;
         let deadline = self.deadline();
-        while self.ids.available() < count {
+        while self.naming.missing_ids(count) > 0 {
             if let Some(denial) = self.denied.take() {
                 return Err(ClientError::Denied(denial));
             }
@@ -580,24 +543,13 @@ impl Client {
                 self.inspected = Some(inspection);
                 return false;
             }
-            Event::Reserved(range) => {
-                self.ids.grant(range);
-                return false;
-            }
-            Event::Refused { number, error } => {
-                let replica = self.pump.session.replica();
-                let known = |id| replica.and_then(|replica| replica.shape(id));
-                return !self.shapes.is_harmless(number, error, known);
-            }
-            Event::Applied { through, .. } => self.shapes.handle_applied(through),
-            Event::BodyRemoved { id, .. } => self.ids.release(id),
             Event::Denied(denial) => self.denied = Some(denial),
             Event::SceneFaulted(tick) => self.faulted = Some(tick),
             Event::Deleted => self.deleted = true,
             Event::Ended(ending) => self.ended = Some(ending),
             _ => {}
         }
-        true
+        self.naming.note(event, self.pump.session.replica())
     }
 
     fn refresh(&mut self, at: RenderTime, smooth: bool) {

@@ -48,6 +48,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod body_naming;
 mod client;
 mod clock;
 mod error;

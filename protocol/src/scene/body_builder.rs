@@ -7,6 +7,7 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
 
 use super::body::{BodyDesc, BodyKind};
 use super::checks::Invalid;
+use super::command::Command;
 use super::material::Material;
 use super::shape::{Shape, ShapeId};
 
@@ -167,6 +168,18 @@ impl BodyBuilder {
         }
     }
 
+    /// Checks every number: of the shape, of the description, and of the start.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] names the first that is wrong.
+    pub fn check(&self) -> Result<(), Invalid> {
+        self.shape.check()?;
+        // Names are no part of the check.
+        self.desc(BodyId::new(0, 0), ShapeId(0)).check()?;
+        Command::check_motion(&self.state()?)
+    }
+
     /// Its pose and velocity at the start.
     ///
     /// # Errors
@@ -186,6 +199,7 @@ impl BodyBuilder {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Quantity;
 
     #[test]
     fn a_built_body_has_the_values_of_its_builder() {
@@ -207,11 +221,25 @@ mod tests {
     }
 
     #[test]
-    fn a_non_finite_start_is_named_in_the_error() {
-        let body = BodyDesc::fixed(Shape::ball(0.5)).at(0.0, f32::NAN, 0.0);
-        assert_eq!(
-            body.state(),
-            Err(Invalid::NotFinite(super::super::Quantity::Position))
-        );
+    fn an_invalid_number_is_named_in_the_error() {
+        let ball = |radius| BodyDesc::fixed(Shape::ball(radius));
+        assert_eq!(ball(0.5).check(), Ok(()));
+        for (body, invalid) in [
+            (
+                ball(0.5).at(0.0, f32::NAN, 0.0),
+                Invalid::NotFinite(Quantity::Position),
+            ),
+            (
+                ball(0.5).at(1e9, 0.0, 0.0),
+                Invalid::OutOfRange(Quantity::Position),
+            ),
+            (ball(-1.0), Invalid::OutOfRange(Quantity::Extent)),
+            (
+                ball(0.5).gravity_scale(f32::NAN),
+                Invalid::NotFinite(Quantity::GravityScale),
+            ),
+        ] {
+            assert_eq!(body.check(), Err(invalid));
+        }
     }
 }

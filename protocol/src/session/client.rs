@@ -1,4 +1,4 @@
-//! The client's end of a connection: wishes, its copy of the scene, refresh.
+//! The client's end of a connection: requests, its copy of the scene, refresh.
 //!
 //! Does not wait and does not display. Poll order: feed `handle_*`, then drain `poll_event` and `poll_transmit`, then ask
 //! `poll_timeout`. After an `Ended` event nothing more happens.
@@ -154,7 +154,7 @@ impl ClientSession {
         self.as_member(&ClientMessage::Reserve { count })
     }
 
-    /// Wishes something; returns the number that its answer will name.
+    /// Queues a command; returns the number that its answer will name.
     ///
     /// # Errors
     ///

@@ -1,0 +1,114 @@
+//! Names for what a client adds to its scene: ids of bodies, numbers of shapes.
+//!
+//! Queues commands at the session and never waits.
+
+use rhumb_protocol::limits::{GRANT, GRANTED_MAX};
+use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Shape, ShapeId};
+use rhumb_protocol::session::{ClientSession, Event, Misuse, Replica};
+use rhumb_reckoning::{BodyId, BodyState};
+
+use crate::error::ClientError;
+use crate::id_allocator::IdAllocator;
+use crate::shape_numbers::{ShapeNumbers, ShapeSlot};
+
+/// The ids and numbers of one client in one scene.
+#[derive(Debug)]
+pub(crate) struct BodyNaming {
+    ids: IdAllocator,
+    shapes: ShapeNumbers,
+}
+
+impl BodyNaming {
+    /// `granted`: the ids that the server granted when the client joined.
+    pub(crate) fn new(granted: IdRange) -> Self {
+        Self {
+            ids: IdAllocator::new(granted),
+            shapes: ShapeNumbers::default(),
+        }
+    }
+
+    /// How many ids the server must grant before `count` can be given out; zero when it need not.
+    ///
+    /// A client has a limited number of ranges, so it asks for no small one while it may ask for more.
+    pub(crate) fn missing_ids(&self, count: u32) -> u32 {
+        match count.saturating_sub(self.ids.available()) {
+            0 => 0,
+            missing => {
+                let most = GRANTED_MAX.saturating_sub(self.ids.granted());
+                GRANT.min(most).max(missing)
+            }
+        }
+    }
+
+    /// Gives out as many ids; fewer when the server has not granted so many.
+    pub(crate) fn take_ids(&mut self, count: u32) -> Vec<BodyId> {
+        (0..count).map_while(|_| self.ids.take()).collect()
+    }
+
+    /// Queues a command; returns its number.
+    pub(crate) fn command(
+        &mut self,
+        session: &mut ClientSession,
+        command: Command,
+    ) -> Result<u64, Misuse> {
+        let shape = match &command {
+            Command::AddShape { id, shape } => Some((*id, shape.clone())),
+            _ => None,
+        };
+        let number = session.command(command)?;
+        if let Some((id, shape)) = shape {
+            self.shapes.add(id, shape, number);
+        }
+        Ok(number)
+    }
+
+    /// Queues a body under a new id, and its shape unless the scene has an equal one.
+    pub(crate) fn add_body(
+        &mut self,
+        session: &mut ClientSession,
+        body: &BodyBuilder,
+        motion: BodyState,
+    ) -> Result<BodyId, ClientError> {
+        let shape = self.shape_number(session, body.shape())?;
+        let id = self.ids.take().ok_or(Misuse::Indices(1))?;
+        let desc = body.desc(id, shape);
+        self.command(session, Command::AddBody { desc, motion })?;
+        Ok(id)
+    }
+
+    fn shape_number(
+        &mut self,
+        session: &mut ClientSession,
+        shape: &Shape,
+    ) -> Result<ShapeId, ClientError> {
+        let replica = session.replica();
+        let known = |id| replica.and_then(|replica| replica.shape(id));
+        match self.shapes.find(shape, known) {
+            Some(ShapeSlot::Known(id)) => Ok(id),
+            Some(ShapeSlot::Free(id)) => {
+                let shape = shape.clone();
+                self.command(session, Command::AddShape { id, shape })?;
+                Ok(id)
+            }
+            None => Err(ClientError::TooManyShapes),
+        }
+    }
+
+    /// Keeps what an event tells of names; returns whether the caller is to see the event.
+    pub(crate) fn note(&mut self, event: &Event, replica: Option<&Replica>) -> bool {
+        match *event {
+            Event::Reserved(range) => {
+                self.ids.grant(range);
+                return false;
+            }
+            Event::Refused { number, error } => {
+                let known = |id| replica.and_then(|replica| replica.shape(id));
+                return !self.shapes.is_harmless(number, error, known);
+            }
+            Event::Applied { through, .. } => self.shapes.handle_applied(through),
+            Event::BodyRemoved { id, .. } => self.ids.release(id),
+            _ => {}
+        }
+        true
+    }
+}
