@@ -393,8 +393,8 @@ def check_scalar(value, least, most, quantity):
 
 
 def check_rotation(parts):
-    squared = sum(part * part for part in parts)
-    if not abs(squared - 1) <= SLACK:
+    x, y, z, w = parts
+    if not abs(math.sqrt(x * x + y * y + z * z + w * w) - 1) <= SLACK:
         raise Refused("NotFinite", "rotation")
 
 

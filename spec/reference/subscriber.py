@@ -13,7 +13,7 @@ from fec_decoder import Decoder
 
 PREDICTORS = ("rest", "uniform", "ballistic", "torque_free", "ballistic_torque_free", "constant_acceleration")
 HISTORY, JUMP, PENDING_MAX = LIMITS["HISTORY_PACKETS"], LIMITS["TICK_JUMP_MAX"], LIMITS["PACKETS_HELD_MAX"]
-OTHER_PARENT_REVISION = object()
+UNREADABLE, NO_SUCH_PARENT_TRACK = "unreadable", "no such parent track"
 IDENTITY = ["00000000", "00000000", "00000000", "3f800000"]
 
 
@@ -175,8 +175,8 @@ class Scene:
         self.watermark = self.newest = self.converged_at = joined["tick"]
         self.known_from = 0
         self.aliases, self.alias_of = {}, {}  # alias: (index or None, since); index: alias
-        self.missing, self.unread, self.parts, self.pending, self.lost_on_link = {}, {}, {}, [], 0
-        self.unreadable = {}  # packets with unread updates
+        self.missing, self.unread, self.pending, self.lost_on_link = {}, {}, [], 0
+        self.received = {}  # state packets, by number, with their ticks
         self.decoder = Decoder(self.stream)
         self.lost_sync, self.checksum_mismatches, self.granted = False, 0, joined["granted"]
 
@@ -308,7 +308,7 @@ class Scene:
         """The tick of the last assignment of an alias; the tick of the snapshot if there was none."""
         return self.aliases[alias][1] if alias in self.aliases else 0
 
-    # 6.5 Reading
+    # 6.0 The subscriber's side of the procedure, line by line
 
     def receive_datagram(self, data):
         try:
@@ -320,116 +320,197 @@ class Scene:
         if msg["kind"] in packets.OVER_BUDGET and not self.capped:
             return
         if msg["kind"] == 9:
-            self.receive_repair_symbol(msg)
-            return
+            return self.receive_repair_symbol(msg)
         msg["data"] = data
-        if not self.has_snapshot or expanded(msg["events"], self.scene_events) > self.scene_events:
-            if len(self.pending) < PENDING_MAX:
-                self.pending.append(msg)
-            return
-        self.read(msg)
+        if self.due(msg):
+            self.read(msg)
         self.rebuild()
-        self.process_pending()
+        self.settle()
+
+    def due(self, msg):
+        if self.has_snapshot and expanded(msg["events"], self.scene_events) <= self.scene_events:
+            return True
+        if len(self.pending) < PENDING_MAX:
+            self.pending.append(msg)
+        return False
 
     def release(self):
+        """read_waiting"""
         waiting, self.pending = self.pending, []
         for msg in waiting:
-            if self.has_snapshot and expanded(msg["events"], self.scene_events) <= self.scene_events:
+            if self.due(msg):
                 self.read(msg)
-            else:
-                self.pending.append(msg)
-        self.rebuild()
-        self.process_pending()
+                self.rebuild()
+        self.settle()
 
-    def process_pending(self):
+    def settle(self):
         if self.is_converged() and self.known_from <= self.watermark:
             self.converged_at = self.watermark
 
-    def read(self, msg):
+    def read(self, msg, rebuilt=False):
         if self.lost_sync:
             return
         tick = expanded(msg["tick"], self.newest)
         if tick > self.newest + JUMP:
             self.lost_sync = True
-            return
-        kind = msg["kind"]
-        if kind in (2, 7, 12):
-            number = expanded(msg["next"], self.next)
-            self.receive_watermark(number, tick)
-            if kind != 7:
-                self.statements.watermark(number, tick, stated(msg))
-            else:
-                self.compare(msg)
-        elif kind == 3:
+        elif msg["kind"] in (2, 7, 12):
+            self.receive_watermark(msg, tick)
+        elif msg["kind"] == 3:
             self.receive_refresh(msg, tick)
         else:
-            self.receive_packet(msg, tick)
+            self.receive_packet(msg, tick, rebuilt)
 
-    # 6.6 Gaps
-
-    def note_gap(self, end, tick):
-        for number in range(self.next, min(end, self.next + HISTORY + 1)):
-            self.missing[number] = tick
-        self.lost_on_link += max(end - self.next, 0)
-        self.next = max(self.next, end)
-        if self.missing and self.next > min(self.missing) + HISTORY:
-            self.lost_sync = True
-
-    def receive_watermark(self, next_number, tick):
-        self.note_gap(next_number, tick)
-        self.newest, self.watermark = max(self.newest, tick), max(self.watermark, tick)
-
-    def receive_packet(self, msg, tick, rebuilt=False):
+    def receive_packet(self, msg, tick, rebuilt):
         number = expanded(msg["number"], self.next)
-        if number < self.next and number not in self.missing:
-            return
         late = number < self.next
         if not late:
-            self.note_gap(number, tick)
-            self.next = max(self.next, number + 1)
-        if self.lost_sync:
-            return
-        self.newest = max(self.newest, tick)
-        if late:
+            self.announce(number + 1, tick)
+            if self.lost_sync:
+                return
             del self.missing[number]
-            self.parts.pop(number, None)
-            self.lost_on_link -= not rebuilt
-        publish_interval = self.config["publish interval"]
-        ends = msg["kind"] in (1, 5, 11)
+        elif number in self.missing:
+            self.fill(number, 0)
+        else:
+            return
+        self.lost_on_link -= not rebuilt
+        self.newest = max(self.newest, tick)
+        ends, before = msg["kind"] in (1, 5, 11), max(tick - 1, 0)
+        self.watermark = max(self.watermark, tick if ends else before - before % self.config["publish interval"])
         self.statements.packet(number, tick, stated(msg) if ends else None)
-        before = max(tick - 1, 0)
-        self.watermark = max(self.watermark, tick if ends else before - before % publish_interval)
         if msg["kind"] in (4, 5):
-            self.receive_full(msg, tick)
+            for record in msg["records"]:
+                self.put(record["index"], Track(tick, "uniform", record["motion"]), tick)
         else:
             if msg["kind"] != 11:
-                # Packets of a stream with a budget have no source symbol (5.17): none is restored.
                 self.decoder.keep(number, msg["data"])
-            self.receive_state(msg, number, tick)
+            self.received[number] = (msg, tick)
+            self.apply_all(msg["updates"], number, tick)
         if late:
-            self.refreshed(number, None)
-            self.read_again_after(number)
+            self.read_again(number)
 
-    def refreshed(self, number, refreshed_at):
-        """A missing packet was received late (None), or was replaced by a refresh of this tick."""
-        for other, tick in sorted(self.unread.items()):
-            if other > number and (refreshed_at is None or refreshed_at < tick):
-                del self.unread[other]
-                self.missing[other] = tick
-        if self.missing:
-            oldest = min(self.missing)
-            self.unread = {other: tick for other, tick in self.unread.items() if other > oldest}
+    def announce(self, end, tick):
+        if end - min(self.missing, default=self.next) > HISTORY:
+            self.lost_sync = True
+            return
+        for number in range(self.next, end):
+            self.missing[number] = (tick, None)
+        self.lost_on_link += max(end - self.next, 0)
+        self.next = max(self.next, end)
+
+    def receive_watermark(self, msg, tick):
+        number = expanded(msg["next"], self.next)
+        self.announce(number, tick)
+        if self.lost_sync:
+            return
+        self.newest, self.watermark = max(self.newest, tick), max(self.watermark, tick)
+        if msg["kind"] == 7:
+            self.compare(msg)
         else:
-            self.unread = {}
+            self.statements.watermark(number, tick, stated(msg))
 
-    def read_again_after(self, number):
-        """Reads unread packets that are still kept, in order, each like a late one."""
+    def apply_all(self, updates, number, tick):
+        """6.2-3"""
+        for names_parent in (False, True):
+            for update in updates:
+                if names_parent == (update.get("mode") == "attached" or update.get("parent_age") is not None):
+                    self.apply(update, number, tick)
+
+    def apply(self, update, number, tick):
+        index = update["body"]
+        if index is not None:
+            self.assign_alias(update["alias"], index, tick)
+        else:
+            index, since = self.aliases.get(update["alias"], (None, 0))
+            if index is None or since > tick:
+                return self.unreadable(number, tick, waits=False)
+        body = self.bodies.get(index)
+        if body is None:
+            return None
+        if tick <= body.track.origin:
+            return self.overtaken(body, update, tick)
+        track = self.new_track(body, update, tick)
+        if track is UNREADABLE:
+            self.unreadable(number, tick, waits=True)
+        elif track is NO_SUCH_PARENT_TRACK:
+            self.unreadable(number, tick, waits=False)
+        elif track is not None:
+            body.before, body.track = body.track, track
+        return None
+
+    def put(self, index, track, tick):
+        body = self.bodies.get(index)
+        if body is None:
+            return
+        if tick <= body.track.origin:
+            self.overtaken_by(body, track, tick)
+        else:
+            body.before, body.track = body.track, track
+
+    def overtaken(self, body, update, tick):
+        self.overtaken_by(body, track_of_keyframe(tick, update["keyframe"]) if "keyframe" in update else None, tick)
+
+    def overtaken_by(self, body, track, tick):
+        if body.before is None or not body.before.origin < tick < body.track.origin:
+            return
+        body.before = track
+        if track is None:
+            self.known_from = max(self.known_from, body.track.origin)
+
+    def unreadable(self, number, tick, waits):
+        if number in self.missing:
+            return
+        if waits and any(other < number for other in self.missing):
+            self.unread[number] = tick
+        else:
+            self.missing[number] = (tick, None)
+            self.unread.pop(number, None)
+
+    def fill(self, number, as_of):
+        self.missing.pop(number, None)
+        for other, tick in sorted(self.unread.items()):
+            if other > number and tick > as_of:
+                del self.unread[other]
+                self.missing[other] = (tick, None)
+        oldest = min(self.missing, default=self.next)
+        self.unread = {other: tick for other, tick in self.unread.items() if other > oldest}
+
+    def read_again(self, number):
         for other in range(number + 1, self.next):
-            if other in self.missing and other in self.unreadable and other in self.decoder.symbols:
-                tick = self.missing.pop(other)
-                self.parts.pop(other, None)
-                self.refreshed(other, None)
-                self.receive_state(self.unreadable.pop(other), other, tick)
+            if other in self.missing and other in self.received and other in self.decoder.symbols:
+                msg, tick = self.received[other]
+                self.fill(other, 0)
+                self.apply_all(msg["updates"], other, tick)
+
+    def receive_refresh(self, msg, tick):
+        lost = expanded(msg["lost"], self.next)
+        if lost not in self.missing:
+            return
+        for record in msg["records"]:
+            self.receive_record(record, tick)
+        name = (tick, expanded(msg["events"], self.scene_events), msg["parts"])
+        shown, refresh = self.missing[lost]
+        if refresh is None or refresh[0] < name:
+            refresh = (name, set())
+            self.missing[lost] = (shown, refresh)
+        if refresh[0] > name:
+            return
+        refresh[1].add(msg["part"])
+        if len(refresh[1]) == msg["parts"]:
+            self.fill(lost, tick)
+            self.read_again(lost)
+
+    def receive_record(self, record, tick):
+        index, body = record["index"], self.bodies.get(record["index"])
+        if record["alias"] is not None:
+            self.assign_alias(record["alias"], index, tick)
+        elif index in self.alias_of and self.since(self.alias_of[index]) <= tick:
+            self.leave(index)
+        if body is None:
+            return
+        if tick - record["age"] > body.track.origin:
+            body.track = track_of_keyframe(tick - record["age"], record["keyframe"])
+        body.before = None
+        self.known_from = max(self.known_from, body.track.origin)
 
     # 6.15 Repair symbols
 
@@ -438,7 +519,7 @@ class Scene:
             last = expanded(msg["last"], self.next)
             self.decoder.receive(last, msg["covered"], msg["row"], bytes.fromhex(msg["symbol"]), self.next)
             self.rebuild()
-            self.process_pending()
+            self.settle()
 
     def rebuild(self):
         while (found := self.decoder.rebuilt()) is not None:
@@ -450,93 +531,50 @@ class Scene:
                 return
             self.decoder.keep(number, data)
             msg["data"] = data
-            if expanded(msg["events"], self.scene_events) > self.scene_events:
-                self.pending.append(msg)
-            else:
-                self.receive_packet(msg, expanded(msg["tick"], self.newest), rebuilt=True)
+            if self.due(msg):
+                self.read(msg, rebuilt=True)
 
     # 6.2 Revisions
 
-    def receive_state(self, msg, number, tick):
-        later, outcomes = [], []
-        for update in msg["updates"]:
-            if update.get("mode") == "attached" or update.get("parent_age") is not None:
-                later.append(update)
-            else:
-                outcomes.append(self.receive_update(update, tick))
-        outcomes += [self.receive_update(update, tick) for update in later]
-        waits = "unreadable" in outcomes and any(other < number for other in self.missing)
-        if "lost" in outcomes or "unreadable" in outcomes and not waits:
-            self.missing[number] = tick
-        elif waits:
-            self.unread[number] = tick
-        if "lost" in outcomes or "unreadable" in outcomes:
-            self.unreadable[number] = msg
-
-    def receive_update(self, update, tick):
-        """"received", "unreadable", or "lost": then the packet is missing."""
-        index = update["body"]
-        if index is None:
-            index, since = self.aliases.get(update["alias"], (None, 0))
-            if index is None or since > tick:
-                return "lost"
-        body = self.bodies.get(index)
-        if update["body"] is not None:
-            self.assign_alias(update["alias"], index, tick)
-        if body is None:
-            return "received"
-        if "parent" in update and update["parent"] not in self.bodies:
-            return "received"
-        old = body.track
-        if tick <= old.origin:
-            self.known_from = max(self.known_from, old.origin)
-            return "received"
-        if "keyframe" in update:
-            track = track_of_keyframe(tick, update["keyframe"])
-        else:
-            track = self.corrected(body, update, tick)
-            if track is None:
-                return "unreadable"
-            if track is OTHER_PARENT_REVISION:
-                return "lost"
-        body.before, body.track = old, track
-        return "received"
-
     def age(self, track, tick):
-        """The age of a track (5.6), or None if its tick is later."""
+        """How old a track is (5.6), or None if it is of a later tick."""
         publish_interval = self.config["publish interval"]
         return tick // publish_interval - track.origin // publish_interval if track.origin <= tick else None
 
-    def corrected(self, body, update, tick):
-        """The corrected track; None if the body has another revision, OTHER_PARENT_REVISION if its parent has."""
+    def new_track(self, body, update, tick):
+        """The track that an update gives; None if the update is ignored."""
+        if "keyframe" in update:
+            return track_of_keyframe(tick, update["keyframe"])
         old = body.track
         if self.age(old, tick) != update["age"]:
-            return None
+            return UNREADABLE
         own, predictor, parent, acceleration = self.own(body, old, tick), old.predictor, old.parent, old.acceleration
         if "negated" in update:
-            return None if old.parent else self.apply_rest_update(own, update, tick)
+            return UNREADABLE if old.parent else self.apply_rest_update(own, update, tick) or UNREADABLE
         if update["mode"] == "world":
             parent_body = self.parent(old)
             predictor, parent, acceleration = PREDICTORS[update["predictor"]], None, acceleration_of(update)
             if (old.parent is None) != (update["parent_age"] is None):
-                return None
+                return UNREADABLE
             if old.parent is not None:
                 if parent_body is None:
-                    return None
+                    return UNREADABLE
                 if self.age(parent_body.track, tick) != update["parent_age"]:
-                    return OTHER_PARENT_REVISION
+                    return NO_SUCH_PARENT_TRACK
                 own = reckoning.attached_motion(self.own(parent_body, parent_body.track, tick), own)
         elif update["mode"] == "attached":
-            by = self.bodies[update["parent"]]
-            if self.age(by.track, tick) != update["parent_age"]:
-                return OTHER_PARENT_REVISION
-            if by is body or by.track.parent is not None or old.parent is not None:
+            by = self.bodies.get(update["parent"])
+            if by is None:
                 return None
+            if self.age(by.track, tick) != update["parent_age"]:
+                return NO_SUCH_PARENT_TRACK
+            if by is body or by.track.parent is not None or old.parent is not None:
+                return UNREADABLE
             own = reckoning.relative_to(self.own(by, by.track, tick), own)
             predictor, parent, acceleration = "rest", (by.index, by.generation), None
-        msg = [tuple(update[name]) if name in update else None for name in packets.TRIPLES]
+        triples = [tuple(update[name]) if name in update else None for name in packets.TRIPLES]
         over = reckoning.prediction_error(old.predictor, tick - old.origin, body.flow.dt)
-        anchor = reckoning.Residual(*msg, update.get("velocity_exponent", 0)).onto(own, over, body.grid)
+        anchor = reckoning.Residual(*triples, update.get("velocity_exponent", 0)).onto(own, over, body.grid)
         if predictor == "rest":
             anchor = replace(anchor, linear=(0, 0, 0), angular=(0, 0, 0))
         return Track(tick, predictor, anchor, parent, acceleration)
@@ -546,48 +584,6 @@ class Scene:
         steps = update["steps"]
         numbers = reckoning.rest_state(own, update["negated"], steps[:3], steps[3:6], steps[6])
         return numbers and Track(tick, "rest", [struct.pack(">f", number).hex() for number in numbers])
-
-    # 6.10 The full stream
-
-    def receive_full(self, msg, tick):
-        for record in msg["records"]:
-            body = self.bodies.get(record["index"])
-            if body is None:
-                continue
-            if tick <= body.track.origin:
-                self.known_from = max(self.known_from, body.track.origin)
-                continue
-            body.before, body.track = body.track, Track(tick, "uniform", record["motion"])
-
-    # 6.7 Refresh
-
-    def receive_refresh(self, msg, tick):
-        lost = expanded(msg["lost"], self.next)
-        self.newest = max(self.newest, tick)
-        if lost not in self.missing:
-            return
-        for record in msg["records"]:
-            self.receive_record(record, tick)
-        name = (tick, msg["events"], msg["parts"])
-        received = self.parts.get(lost, (name, set()))
-        parts = received[1] if received[0] == name else set()
-        parts.add(msg["part"])
-        self.parts[lost] = (name, parts)
-        if len(parts) == msg["parts"]:
-            del self.missing[lost], self.parts[lost]
-            self.refreshed(lost, tick)
-            self.read_again_after(lost)
-
-    def receive_record(self, record, tick):
-        index, body = record["index"], self.bodies.get(record["index"])
-        if record["alias"] is not None:
-            self.assign_alias(record["alias"], index, tick)
-        elif index in self.alias_of and self.since(self.alias_of[index]) <= tick:
-            self.leave(index)
-        track = track_of_keyframe(tick - record["age"], record["keyframe"])
-        if body is not None and track.origin > body.track.origin:
-            body.track, body.before = track, None
-            self.known_from = max(self.known_from, track.origin)
 
     # 6.12 State checksum
 

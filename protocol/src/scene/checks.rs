@@ -217,14 +217,14 @@ pub(super) fn vector(value: Vec3, most: f32, quantity: Quantity) -> Result<(), I
     Ok(())
 }
 
-/// Checks that a quaternion is within the slack of unit length.
+/// A quaternion of unit length, by the rule for body states (RECKONING 1.6).
 pub(super) fn rotation(value: Quat) -> Result<(), Invalid> {
     let squared: f64 = value
         .to_array()
         .iter()
         .map(|&c| f64::from(c) * f64::from(c))
         .sum();
-    let near_unit = (squared - 1.0).abs() <= UNIT_LENGTH_SLACK;
+    let near_unit = (libm::sqrt(squared) - 1.0).abs() <= UNIT_LENGTH_SLACK;
     if near_unit {
         Ok(())
     } else {

@@ -119,25 +119,23 @@ impl Shape {
         }
     }
 
-    /// Approximate bytes in memory.
+    /// Its size for the limits of shapes (PROTOCOL 2.6-18): the same on every machine.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        let own = size_of::<Self>();
-        own + match self {
+        let own = match self {
             Self::Hull(hull) => size_of_val(hull.points()),
             Self::Heights(heights) => size_of_val(heights.heights()),
             Self::Mesh(mesh) => size_of_val(mesh.points()) + size_of_val(mesh.triangles()),
             Self::Compound(compound) => {
                 let parts = compound.parts().iter();
-                parts
-                    .map(|part| size_of_val(part) + part.shape.bytes())
-                    .sum()
+                parts.map(|part| PART_BYTES + part.shape.bytes()).sum()
             }
             Self::Ball { .. }
             | Self::Cuboid { .. }
             | Self::Capsule { .. }
             | Self::Cylinder { .. } => 0,
-        }
+        };
+        SHAPE_BYTES + own
     }
 
     /// Checks every length.
@@ -279,5 +277,9 @@ impl Wire for Shape {
     }
 }
 
-/// Code of a compound.
+/// The code of a compound.
 const COMPOUND: u8 = 7;
+/// What a shape counts beside its points, heights, triangles and parts.
+const SHAPE_BYTES: usize = 48;
+/// What a part counts beside its shape.
+const PART_BYTES: usize = 80;
