@@ -226,7 +226,7 @@ impl Subscriber {
         Ok(())
     }
 
-    /// A checksum also is a watermark. It is compared if the subscriber has received all packets before it and none after it.
+    /// A checksum also is a watermark. It is compared if all packets before it were received, and none after it.
     fn read_checksums(
         &mut self,
         datagram: &Datagram<'_>,
