@@ -135,12 +135,8 @@ pub const FEC_SPAN: u32 = 32;
 pub const FEC_ROWS: u8 = 128;
 /// FecEncoder that a subscriber keeps until it heard enough of them.
 pub const REPAIR_SYMBOLS_KEPT: usize = 16;
-/// Changes of who sits where that a subscriber remembers while something is missing.
-pub const ALIAS_CHANGES_KEPT: usize = 1_024;
 /// Packets that a subscriber holds back while scene_events are on their way.
 pub const PACKETS_HELD_MAX: usize = 512;
-/// Sums that one checksums holds.
-pub const CHECKSUM_RANGES_MAX: usize = 128;
 /// Milliseconds within which a stream that runs freely watermarks, however long it has been silent: QUIC answers each watermark,
 /// and both together must stay below 60 bytes a second, all headers counted (measured: 126 bytes a watermark).
 pub const SILENCE_MS_MAX: u32 = 2_500;
@@ -164,4 +160,3 @@ const _: () = assert!(HISTORY_PACKETS < 1 << 15);
 const _: () = assert!(TICK_JUMP_MAX < 1 << 15);
 // No two packets of a repair_symbol have the same factor, and what it covers fits its bits.
 const _: () = assert!(FEC_SPAN <= FEC_ROWS as u32 && FEC_SPAN <= 32);
-const _: () = assert!(CHECKSUM_RANGES_MAX * 8 + 32 < DATAGRAM_BYTES_MAX);

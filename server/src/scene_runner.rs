@@ -494,7 +494,7 @@ impl SceneRunner {
             updates: said.updates,
             packets: said.packets,
             packet_bytes: said.bytes,
-            resynced: stream.sender.resynced(),
+            mismatches: stream.sender.mismatches(),
             over_budget: said.over_budget,
             times: self.times.summary(),
         };

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use rhumb_protocol::limits::SCENES_MAX;
 use rhumb_protocol::message::{ClientMessage, Denial, Grease, ServerMessage};
-use rhumb_protocol::packet::{ChecksumMismatch, Datagram, LossReport, PacketKind};
+use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
 use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName};
 use rhumb_protocol::session::ServerSession;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
@@ -163,7 +163,7 @@ impl ServerLoop {
                 }
             }
             Ok(ClientMessage::Reserve { count }) => runner.reserve(peer, count, out),
-            Ok(ClientMessage::Resync) => runner.resync(peer),
+            Ok(ClientMessage::Resync(cause)) => runner.resync(peer, cause),
             Ok(ClientMessage::Subscribe(choice)) => runner.subscribe(peer, choice),
             Ok(ClientMessage::Subscribed(stream)) => runner.subscribed(peer, stream),
             Ok(ClientMessage::TierPolicy(tier_policy)) => runner.set_tier_policy(peer, tier_policy),
@@ -304,11 +304,6 @@ impl Endpoint for ServerLoop {
             PacketKind::LossReport => {
                 if let Ok(loss_report) = LossReport::decode(datagram.body()) {
                     runner.handle_loss_report(now, from, stream, &loss_report, &mut self.out);
-                }
-            }
-            PacketKind::ChecksumMismatch => {
-                if let Ok(mismatch) = ChecksumMismatch::decode(datagram.body()) {
-                    runner.handle_mismatch(now, from, stream, mismatch, &mut self.out);
                 }
             }
             // Everything else comes from the sender of a stream: here, of an upstream.

@@ -2,15 +2,15 @@
 
 use bytes::Bytes;
 use glam::Vec3;
+use rhumb_protocol::Peer;
 use rhumb_protocol::limits::STREAMS_PER_SCENE_MAX;
 use rhumb_protocol::message::{Denial, StreamChoice};
-use rhumb_protocol::packet::{ChecksumMismatch, StreamId};
+use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
-    Features, MismatchReply, Observation, ObservationHistory, PredictionParameters, StreamSender,
-    StreamTerms, WatermarkPolicy,
+    Features, Observation, ObservationHistory, PredictionParameters, StreamSender, StreamTerms,
+    WatermarkPolicy,
 };
-use rhumb_protocol::{Instant, Peer};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
 
 use crate::over_budget::OverBudgetLog;
@@ -107,24 +107,6 @@ impl Stream {
         {
             self.over_budget.log_once_a_second(publisher);
         }
-    }
-
-    /// Answers a member whose checksum over some tracks is another.
-    pub(crate) fn handle_mismatch(
-        &mut self,
-        now: Instant,
-        from: Peer,
-        mismatch: ChecksumMismatch,
-        scene_events: u64,
-    ) -> Vec<Bytes> {
-        let answer = self
-            .sender
-            .handle_mismatch(now, from.0, mismatch, scene_events);
-        if let Some(MismatchReply::Resync(id, _)) = &answer {
-            let name = id.map(tracing::field::display);
-            tracing::warn!(stream = %self.id(), body = name, "a member's track was another");
-        }
-        answer.map_or_else(Vec::new, MismatchReply::into_datagrams)
     }
 }
 

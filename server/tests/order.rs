@@ -6,7 +6,7 @@ use std::num::NonZeroU32;
 
 use glam::Vec3;
 use rhumb_protocol::message::{
-    ClientMessage, Extensions, Frames, ServerMessage, StreamChoice, VERSIONS,
+    ClientMessage, Extensions, Frames, ResyncCause, ServerMessage, StreamChoice, VERSIONS,
 };
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, Invalid, Material, PublishSchedule, Quantity,
@@ -136,7 +136,10 @@ fn a_motion_that_is_none_is_refused_and_the_conversation_goes_on() {
 
 #[test]
 fn a_snapshot_asked_for_a_thousand_times_in_one_piece_is_told_once() {
-    let said = conversation(&joined(std::iter::repeat_n(ClientMessage::Resync, 1_000)));
+    let said = conversation(&joined(std::iter::repeat_n(
+        ClientMessage::Resync(ResyncCause::LostSync),
+        1_000,
+    )));
     let snapshots = said
         .iter()
         .filter(|message| **message == ServerMessage::SnapshotEnd);

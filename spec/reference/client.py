@@ -23,7 +23,7 @@ import packets
 import subscriber
 
 FIRST_LOSS_REPORT, LAST_LOSS_REPORT, SILENCE = 0.025, 0.5, 3.0
-FIRST_AWAITED, LAST_AWAITED, CHECKSUM_MISMATCH = 0.1, 2.0, 0.03
+FIRST_AWAITED, LAST_AWAITED = 0.1, 2.0
 DONE, MALFORMED, VIOLATION, VERSION, EXTENSION = 0, 1, 2, 3, 5
 
 
@@ -44,7 +44,7 @@ class Member(QuicConnectionProtocol):
         self.asked_at, self.loss_report_interval, self.received_at = 0.0, FIRST_LOSS_REPORT, 0.0
         self.awaited, self.awaited_at, self.awaited_for = 0, 0.0, FIRST_AWAITED
         self.timed, self.took = None, (0.0, 0.0)  # a requested tick and the time of the request; durations of the last two
-        self.asked_coming_at, self.mismatched_at = 0.0, 0.0
+        self.asked_coming_at = 0.0
 
     # Receiving
 
@@ -157,7 +157,7 @@ class Member(QuicConnectionProtocol):
                 raise Ended(msg)
 
     async def refresh(self):
-        """6.7, 6.12: sends loss reports for missing packets and silent streams, and mismatches until they are answered."""
+        """6.7, 6.12: sends loss reports for missing packets and silent streams, and asks for a new snapshot after lost sync."""
         while self.ended is None:
             await asyncio.sleep(0.005)
             now, scene = self._loop.time(), self.scene
@@ -167,7 +167,7 @@ class Member(QuicConnectionProtocol):
                 # 6.7-10: one request; the present copy is not updated any more.
                 if not self.is_resyncing:
                     self.is_resyncing = True
-                    self.send_message({"is": "Resync"})
+                    self.send_message({"is": "Resync", "cause": int(scene.checksum_mismatches > 0)})
                 continue
             if not scene.missing:
                 self.loss_report_interval = FIRST_LOSS_REPORT
@@ -178,9 +178,6 @@ class Member(QuicConnectionProtocol):
             elif scene.complete() < self.awaited and now - self.awaited_at > self.awaited_for:
                 self.send(scene.loss_report())
                 self.awaited_at, self.awaited_for = now, min(2 * self.awaited_for, LAST_AWAITED)
-            if scene.mismatched_range and now - self.mismatched_at > CHECKSUM_MISMATCH:
-                self.send(scene.checksum_mismatch())
-                self.mismatched_at = now
             if self.coming and self.coming.has_snapshot and self.coming.missing and now - self.asked_coming_at > LAST_LOSS_REPORT:
                 self.send(self.coming.loss_report())
                 self.asked_coming_at = now

@@ -14,7 +14,7 @@ TABLES = json.loads((Path(__file__).resolve().parent.parent / "tables" / "packet
 
 INDEX_BITS, INDICES = 20, 1 << 20
 AGE_MAX = 1 << 30
-UPDATES_MAX, RECORDS_MAX, LOST_MAX, PARTS_MAX, SUMS_MAX = 400, 9200, 64, 64, 128
+UPDATES_MAX, RECORDS_MAX, LOST_MAX, PARTS_MAX = 400, 9200, 64, 64
 SPAN, ROWS, SYMBOL_MAX = 32, 128, 1136
 POSITION_LIMIT, VELOCITY_LIMIT, RESIDUAL_LIMIT, TURN_LIMIT = 1 << 30, 1 << 24, 1 << 26, 1 << 10
 VELOCITY_EXPONENT_MAX = 12
@@ -615,7 +615,7 @@ def read_head(frm):
     """Kind and stream [5.8]."""
     first = frm.u8()
     kind, stream = first & 15, first >> 4
-    refuse_if(kind > 9 and kind not in OVER_BUDGET, "UnknownCode")
+    refuse_if(kind == 8 or kind > 9 and kind not in OVER_BUDGET, "UnknownCode")
     if stream == LARGE:
         stream += frm.varint(WORD - 1)
         refuse_if(stream >= WORD, "OutOfRange")
@@ -657,13 +657,7 @@ def decoded(datagram):
         read_full(msg, frm)
     elif kind == 7:
         msg |= {name: frm.low16() for name in ("next", "tick", "events")}
-        msg |= {"first": frm.varint(INDICES - 1), "stride": frm.varint(INDICES)}
-        refuse_if(msg["stride"] == 0, "OutOfRange")
-        msg["checksums"] = [frm.raw(8)[::-1].hex() for _ in range(frm.varint(SUMS_MAX))]
-        frm.finish()
-    elif kind == 8:
-        msg |= {"first": frm.varint(INDICES - 1), "stride": frm.varint(INDICES)}
-        refuse_if(msg["stride"] == 0, "OutOfRange")
+        msg["checksum"] = frm.raw(8)[::-1].hex()
         frm.finish()
     elif kind == 6:
         msg |= {"next": frm.low16(), "abandoned": frm.low16(), "repair_symbols": frm.u8()}
@@ -738,12 +732,8 @@ def encoded(msg):
             for record in msg["records"]
         )
         return head + low16s("number", "tick", "events") + records
-    if kind in (7, 8):
-        ranges = varint(msg["first"]) + varint(msg["stride"])
-        if kind == 8:
-            return head + ranges
-        checksums = b"".join(bytes.fromhex(part)[::-1] for part in msg["checksums"])
-        return head + low16s("next", "tick", "events") + ranges + varint(len(msg["checksums"])) + checksums
+    if kind == 7:
+        return head + low16s("next", "tick", "events") + bytes.fromhex(msg["checksum"])[::-1]
     if kind == 9:
         return head + low16s("last") + varint(msg["covered"]) + bytes([msg["row"]]) + bytes.fromhex(msg["symbol"])
     lost = b"".join(number.to_bytes(2, "little") for number in msg["lost"])

@@ -13,7 +13,7 @@ from fec_decoder import Decoder
 
 PREDICTORS = ("rest", "uniform", "ballistic", "torque_free", "ballistic_torque_free", "constant_acceleration")
 HISTORY, JUMP, PENDING_MAX = LIMITS["HISTORY_PACKETS"], LIMITS["TICK_JUMP_MAX"], LIMITS["PACKETS_HELD_MAX"]
-ASSIGNMENTS_KEPT = LIMITS["ALIAS_CHANGES_KEPT"]
+OTHER_PARENT_REVISION = object()
 IDENTITY = ["00000000", "00000000", "00000000", "3f800000"]
 
 
@@ -76,7 +76,7 @@ class Body:
         if inertia and inertia["is"] != "none":
             moments = [f32(part) for part in inertia["moments"]]
             self.inertia = reckoning.Inertia.of(moments, [f32(part) for part in inertia.get("frame", IDENTITY)])
-        self.track, self.before, self.older = track, None, []
+        self.track, self.before = track, None
 
     def moved(self, track, tick, gravity):
         """The motion of one of its tracks at a tick, in the frame of the track (RECKONING 3.1)."""
@@ -174,16 +174,11 @@ class Scene:
         self.has_snapshot, self.scene_events, self.next = False, joined["events"], joined["next"]
         self.watermark = self.newest = self.converged_at = joined["tick"]
         self.known_from = 0
-        self.aliases, self.alias_of = {}, {}  # alias: (index, since); index: alias
-        self.remembers = False
-        self.refreshed_at = 0  # newest tick of a refresh
-        self.assignments = []  # (since, alias, index or None), while packets are missing or unread
-        self.last_assignments = {}  # the last of these for each (since, alias)
+        self.aliases, self.alias_of = {}, {}  # alias: (index or None, since); index: alias
         self.missing, self.unread, self.parts, self.pending, self.lost_on_link = {}, {}, {}, [], 0
         self.unreadable = {}  # packets with unread updates
         self.decoder = Decoder(self.stream)
         self.lost_sync, self.checksum_mismatches, self.granted = False, 0, joined["granted"]
-        self.mismatched_range, self.resynced = None, []  # indices with a mismatch: first, count
 
     def flow(self, damping):
         config = self.config
@@ -243,7 +238,7 @@ class Scene:
         elif name == "BodyRemoved":
             body = self.bodies.get(msg["id"]["index"])
             self.must(body and body.generation == msg["id"]["generation"])
-            self.forget_body(body.index)
+            self.leave(body.index)
             del self.bodies[body.index]
             self.part(msg["id"])
         elif name == "GravityChanged":
@@ -276,7 +271,7 @@ class Scene:
     def place(self, msg):
         self.must(msg["desc"]["shape"] in self.shapes)
         body = Body(msg["desc"], msg.get("inertia"), track_of_scene_event(msg["track"]), self)
-        self.forget_body(body.index)
+        self.leave(body.index)
         before = self.bodies.get(body.index)
         if before:
             self.part({"index": before.index, "generation": before.generation})
@@ -293,56 +288,19 @@ class Scene:
     def leave(self, index):
         alias = self.alias_of.pop(index, None)
         if alias is not None:
-            self.aliases[alias] = (None, self.aliases[alias][1])
-
-    def forget_body(self, index):
-        """6.13-14."""
-        self.leave(index)
-        self.assignments = [(since, alias, None if assigned == index else assigned) for since, alias, assigned in self.assignments]
-        self.last_assignments = {(since, alias): assigned for since, alias, assigned in self.assignments}
-
-    def note(self, alias, index, since):
-        """6.13-13, each once (6.13-15)."""
-        self.remembers = self.remembers or bool(self.missing or self.unread)
-        if self.remembers and self.last_assignments.get((since, alias), "nothing") != index:
-            self.assignments.append((since, alias, index))
-            self.last_assignments[since, alias] = index
-
-    def note_assigned(self, alias):
-        index, since = self.aliases.get(alias, (None, 0))
-        if index is not None:
-            self.note(alias, index, since)
-
-    def body_at(self, alias, number, tick):
-        """The body under an alias at a tick, or assigned there; None if unknown."""
-        index, since = self.aliases.get(alias, (None, 0))
-        if index is not None and since <= tick:
-            return index
-        if tick < self.refreshed_at or len(self.assignments) > ASSIGNMENTS_KEPT or any(other < number for other in self.missing):
-            return None
-        by_then = [change for change in self.assignments if change[0] <= tick]
-        here = [change for change in reversed(by_then) if change[1] == alias]
-        if not here:
-            return None
-        since, _, index = max(here, key=lambda change: change[0])
-        went = any(assigned == index and begun > since for begun, _, assigned in by_then)
-        return None if went else index
+            self.aliases[alias] = (None, self.since(alias))
 
     def assign_alias(self, alias, index, tick):
-        """6.13-7: an alias whose body is known to be unknown has None as its body."""
+        """6.13-7."""
         body, there = self.bodies.get(index), self.alias_of.get(index)
         moved_on = body is None or body.track.origin > tick
-        self.note(alias, index, tick)
         if self.since(alias) > tick or (moved_on and there == alias):
             return
-        self.note_assigned(alias)
         if alias in self.aliases:
             self.alias_of.pop(self.aliases[alias][0], None)
         if moved_on or (there is not None and self.since(there) > tick):
             self.aliases[alias] = (None, tick)
             return
-        if there is not None:
-            self.note_assigned(there)
         self.leave(index)
         self.aliases[alias], self.alias_of[index] = (index, tick), alias
 
@@ -357,7 +315,7 @@ class Scene:
             msg = packets.decoded(data)
         except packets.Malformed:
             return
-        if msg["stream"] != self.stream or msg["kind"] in (6, 8):
+        if msg["stream"] != self.stream or msg["kind"] == 6:
             return
         if msg["kind"] in packets.OVER_BUDGET and not self.capped:
             return
@@ -384,9 +342,6 @@ class Scene:
         self.process_pending()
 
     def process_pending(self):
-        self.remembers = bool(self.missing or self.unread)
-        if not self.remembers:
-            self.assignments, self.last_assignments = [], {}
         if self.is_converged() and self.known_from <= self.watermark:
             self.converged_at = self.watermark
 
@@ -508,29 +463,23 @@ class Scene:
             if update.get("mode") == "attached" or update.get("parent_age") is not None:
                 later.append(update)
             else:
-                outcomes.append(self.receive_update(update, number, tick))
-        outcomes += [self.receive_update(update, number, tick) for update in later]
-        for index in [index for index, body in self.bodies.items() if index in self.alias_of]:
-            track = self.bodies[index].track
-            if track.is_exact_rest() and track.origin == tick:
-                self.note_assigned(self.alias_of[index])
-                self.note(self.alias_of[index], None, tick + 1)
-                self.leave(index)
+                outcomes.append(self.receive_update(update, tick))
+        outcomes += [self.receive_update(update, tick) for update in later]
         waits = "unreadable" in outcomes and any(other < number for other in self.missing)
-        if "without alias" in outcomes or "unreadable" in outcomes and not waits:
+        if "lost" in outcomes or "unreadable" in outcomes and not waits:
             self.missing[number] = tick
         elif waits:
             self.unread[number] = tick
-        if "without alias" in outcomes or "unreadable" in outcomes:
+        if "lost" in outcomes or "unreadable" in outcomes:
             self.unreadable[number] = msg
 
-    def receive_update(self, update, number, tick):
-        """"received", "unreadable", or "without alias"."""
+    def receive_update(self, update, tick):
+        """"received", "unreadable", or "lost": then the packet is missing."""
         index = update["body"]
         if index is None:
-            index = self.body_at(update["alias"], number, tick)
-            if index is None:
-                return "without alias"
+            index, since = self.aliases.get(update["alias"], (None, 0))
+            if index is None or since > tick:
+                return "lost"
         body = self.bodies.get(index)
         if update["body"] is not None:
             self.assign_alias(update["alias"], index, tick)
@@ -548,10 +497,8 @@ class Scene:
             track = self.corrected(body, update, tick)
             if track is None:
                 return "unreadable"
-        if self.missing:
-            body.older.append(body.before)
-        elif body.older:
-            body.older = []
+            if track is OTHER_PARENT_REVISION:
+                return "lost"
         body.before, body.track = old, track
         return "received"
 
@@ -560,14 +507,8 @@ class Scene:
         publish_interval = self.config["publish interval"]
         return tick // publish_interval - track.origin // publish_interval if track.origin <= tick else None
 
-    def revision(self, body, tick, age):
-        """The body's track with this age, if it is still kept (6.2, 6.6)."""
-        known = (body.track, body.before, *body.older)
-        tracks = [track for track in known if track and self.age(track, tick) == age]
-        return tracks[0] if tracks else None
-
     def corrected(self, body, update, tick):
-        """The corrected track, or None where the correction cannot be read."""
+        """The corrected track; None if the body has another revision, OTHER_PARENT_REVISION if its parent has."""
         old = body.track
         if self.age(old, tick) != update["age"]:
             return None
@@ -580,16 +521,18 @@ class Scene:
             if (old.parent is None) != (update["parent_age"] is None):
                 return None
             if old.parent is not None:
-                named = parent_body and self.revision(parent_body, tick, update["parent_age"])
-                if named is None:
+                if parent_body is None:
                     return None
-                own = reckoning.attached_motion(self.own(parent_body, named, tick), own)
+                if self.age(parent_body.track, tick) != update["parent_age"]:
+                    return OTHER_PARENT_REVISION
+                own = reckoning.attached_motion(self.own(parent_body, parent_body.track, tick), own)
         elif update["mode"] == "attached":
             by = self.bodies[update["parent"]]
-            named = self.revision(by, tick, update["parent_age"])
-            if by is body or named is None or named.parent is not None or old.parent is not None:
+            if self.age(by.track, tick) != update["parent_age"]:
+                return OTHER_PARENT_REVISION
+            if by is body or by.track.parent is not None or old.parent is not None:
                 return None
-            own = reckoning.relative_to(self.own(by, named, tick), own)
+            own = reckoning.relative_to(self.own(by, by.track, tick), own)
             predictor, parent, acceleration = "rest", (by.index, by.generation), None
         msg = [tuple(update[name]) if name in update else None for name in packets.TRIPLES]
         over = reckoning.prediction_error(old.predictor, tick - old.origin, body.flow.dt)
@@ -621,12 +564,8 @@ class Scene:
     def receive_refresh(self, msg, tick):
         lost = expanded(msg["lost"], self.next)
         self.newest = max(self.newest, tick)
-        if lost >= self.next:
-            self.receive_checksum_refresh(msg, tick)
+        if lost not in self.missing:
             return
-        if lost not in self.missing or self.is_checksum_refresh(msg):
-            return
-        self.refreshed_at = max(self.refreshed_at, tick)
         for record in msg["records"]:
             self.receive_record(record, tick)
         name = (tick, msg["events"], msg["parts"])
@@ -643,9 +582,7 @@ class Scene:
         index, body = record["index"], self.bodies.get(record["index"])
         if record["alias"] is not None:
             self.assign_alias(record["alias"], index, tick)
-        elif index in self.alias_of and self.aliases[self.alias_of[index]][1] <= tick:
-            self.note_assigned(self.alias_of[index])
-            self.note(self.alias_of[index], None, tick)
+        elif index in self.alias_of and self.since(self.alias_of[index]) <= tick:
             self.leave(index)
         track = track_of_keyframe(tick - record["age"], record["keyframe"])
         if body is not None and track.origin > body.track.origin:
@@ -654,47 +591,17 @@ class Scene:
 
     # 6.12 State checksum
 
-    def is_checksum_refresh(self, msg):
-        """6.12-8: whether it may be a late answer to a checksum mismatch."""
-        index, stride = self.mismatched_range or (None, 0)
-        alone = all(record["index"] == index and record["alias"] is None for record in msg["records"])
-        return stride == 1 and msg["parts"] == 1 and alone
-
-    def receive_checksum_refresh(self, msg, tick):
-        """6.12-8: replaces the track of a body with a mismatch; this refresh names a packet that was never sent."""
-        for record in msg["records"]:
-            index, body = record["index"], self.bodies.get(record["index"])
-            if body is None or self.mismatched_range != (index, 1):
-                continue
-            self.forget_body(index)
-            body.track, body.before, body.older = track_of_keyframe(tick - record["age"], record["keyframe"]), None, []
-            self.known_from = max(self.known_from, body.track.origin)
-            self.mismatched_range = None
-            self.resynced.append((index, body.generation))
-
-    def checksum_mismatch(self):
-        """5.15: the packet to send while a range has a mismatch."""
-        first, stride = self.mismatched_range
-        return {"stream": self.stream, "kind": 8, "first": first, "stride": stride}
-
-    def sum(self, first=0, end=1 << 20):
-        return sum(checksums(body) for body in self.bodies.values() if first <= body.index < end) & MASK
+    def sum(self):
+        return sum(checksums(body) for body in self.bodies.values()) & MASK
 
     def compare(self, msg):
+        """6.12-5, 6.12-6: a mismatch is a fault; only a new snapshot helps."""
         alike = expanded(msg["next"], self.next) == self.next
         if not (self.is_converged() and alike and expanded(msg["events"], self.scene_events) == self.scene_events):
             return
-        for place, expected in enumerate(msg["checksums"]):
-            first = msg["first"] + place * msg["stride"]
-            if first >= 1 << 20:
-                break
-            if self.sum(first, first + msg["stride"]) != int(expected, 16):
-                self.checksum_mismatches += 1
-                self.mismatched_range = (first, msg["stride"])
-                return
-        end = msg["first"] + len(msg["checksums"]) * msg["stride"]
-        if self.mismatched_range and msg["first"] <= self.mismatched_range[0] and sum(self.mismatched_range) <= end:
-            self.mismatched_range = None
+        if self.sum() != int(msg["checksum"], 16):
+            self.checksum_mismatches += 1
+            self.lost_sync = True
 
     # State of the copy
 

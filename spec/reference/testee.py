@@ -62,9 +62,6 @@ class Report:
         self.last = None
 
     def note(self, scene):
-        for index, generation in scene.resynced:
-            write_line({"is": "resynced", "body": f"{index}:{generation}"})
-        scene.resynced = []
         tick = scene.complete()
         if not scene.has_snapshot or not scene.is_converged() or tick == self.last:
             return

@@ -52,8 +52,8 @@ pub struct ObservationHistory {
     pub moved: Vec<(StreamChoice, TierChangeCause)>,
     /// Answers to requests for authority.
     pub drives: Vec<Result<Vec<BodyId>, AuthorityError>>,
-    /// Bodies whose tracks were corrected after a checksum mismatch.
-    pub resynced: Vec<BodyId>,
+    /// Checksum mismatches of the copy.
+    pub mismatches: u64,
     /// Answers to inspect requests.
     pub inspections: Vec<Inspection>,
     /// How often this member created the scene.
@@ -89,7 +89,7 @@ impl ObservationHistory {
                 Event::BodyRemoved { id, cause } => self.removed.push((id, cause)),
                 Event::Inspected(inspection) => self.inspections.push(inspection),
                 Event::Ended(ending) => self.ended = Some(ending),
-                Event::Amended(id) => self.resynced.push(id),
+                Event::ChecksumMismatch => self.mismatches += 1,
                 Event::AuthorityGrant(bodies) => self.drives.push(Ok(bodies)),
                 Event::AuthorityDenied(error) => self.drives.push(Err(error)),
                 Event::Reserved(_)

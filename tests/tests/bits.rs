@@ -5,8 +5,8 @@
 
 use rhumb_protocol::message::Frames;
 use rhumb_protocol::packet::{
-    ChecksumMismatch, Checksums, Datagram, FullPacket, Head, LossReport, PacketKind, Refresh,
-    RepairSymbol, UpdatePacket, Watermark,
+    Checksums, Datagram, FullPacket, Head, LossReport, PacketKind, Refresh, RepairSymbol,
+    UpdatePacket, Watermark,
 };
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::stream::Subscriber;
@@ -52,7 +52,6 @@ fn read(bytes: &[u8]) -> Result<(), Malformed> {
         PacketKind::Full | PacketKind::FullEnd => FullPacket::decode(true, reader).map(drop),
         PacketKind::LossReport => LossReport::decode(reader).map(drop),
         PacketKind::Checksums => Checksums::decode(reader).map(drop),
-        PacketKind::ChecksumMismatch => ChecksumMismatch::decode(reader).map(drop),
         PacketKind::RepairSymbol => RepairSymbol::decode(reader).map(drop),
     }
 }

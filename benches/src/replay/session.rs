@@ -32,6 +32,8 @@ pub enum ReplayError {
     Limits(Tick),
     /// So much was lost that a member would have to take a new snapshot, which a replay has none of.
     OutOfSync(Tick),
+    /// A checksum differs from that of the copy: a fault of the publisher or of the subscriber.
+    ChecksumMismatch(Tick),
     /// It is spoken of more seldom than once in the whole recording.
     IntervalTooLong(Tick),
     /// The stream did not complete the last tick within ten seconds after it.
@@ -45,6 +47,9 @@ impl fmt::Display for ReplayError {
                 write!(f, "a stream cannot have the recording's bodies at {tick}")
             }
             Self::OutOfSync(tick) => write!(f, "so much was lost by {tick} that no refresh helps"),
+            Self::ChecksumMismatch(tick) => {
+                write!(f, "at {tick} a checksum differs from that of the copy")
+            }
             Self::IntervalTooLong(last) => {
                 write!(f, "nothing would be said: the recording ends at {last}")
             }
@@ -331,6 +336,9 @@ impl<'a> ReplaySession<'a> {
                 Lane::Control if self.client.receive_event(now) => {}
                 Lane::Control => return Err(ReplayError::Limits(self.sender.tick())),
             }
+        }
+        if self.client.subscriber().has_mismatched() {
+            return Err(ReplayError::ChecksumMismatch(self.sender.tick()));
         }
         if self.client.subscriber().has_lost_sync() {
             return Err(ReplayError::OutOfSync(self.sender.tick()));

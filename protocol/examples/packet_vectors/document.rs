@@ -145,10 +145,9 @@ pub(crate) fn meaning(bytes: &[u8]) -> Result<String, Malformed> {
                 hex(&repair_symbol.sums)
             )
         }
-        PacketKind::Full
-        | PacketKind::FullEnd
-        | PacketKind::Checksums
-        | PacketKind::ChecksumMismatch => plain::meaning(head, reader)?,
+        PacketKind::Full | PacketKind::FullEnd | PacketKind::Checksums => {
+            plain::meaning(head, reader)?
+        }
     };
     Ok(format!("{{\"stream\": {}, {body}}}", head.stream.0))
 }

@@ -9,6 +9,7 @@ use super::authority::TakeAuthority;
 use super::choice::StreamChoice;
 use super::extensions::Extensions;
 use super::frame::{Framed, frame};
+use super::resync::ResyncCause;
 use super::tier_policy::TierPolicy;
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};
 use crate::packet::StreamId;
@@ -49,8 +50,8 @@ pub enum ClientMessage {
         /// The tick.
         to: Tick,
     },
-    /// Lost so much that only a new snapshot helps.
-    Resync,
+    /// Only a new snapshot helps.
+    Resync(ResyncCause),
     /// What time is it?
     Ping {
         /// The client's own moment, which comes back.
@@ -94,7 +95,13 @@ impl ClientMessage {
     /// Appends the message, framed.
     pub fn encode(&self, to: &mut Vec<u8>) {
         let mut body = Writer::new();
-        let kind = match self {
+        let kind = self.encode_body(&mut body);
+        frame(kind, &body.into_bytes(), to);
+    }
+
+    /// Appends the body of the message; returns its type.
+    fn encode_body(&self, body: &mut Writer) -> u8 {
+        match self {
             Self::Hello {
                 versions,
                 scene,
@@ -105,16 +112,16 @@ impl ClientMessage {
                 for version in versions {
                     body.u16(*version);
                 }
-                scene.encode(&mut body);
-                extensions.encode(&mut body);
+                scene.encode(body);
+                extensions.encode(body);
                 kind::HELLO
             }
             Self::Create(config) => {
-                config.encode(&mut body);
+                config.encode(body);
                 kind::CREATE
             }
             Self::Join(choice) => {
-                choice.encode(&mut body);
+                choice.encode(body);
                 kind::JOIN
             }
             Self::Leave => kind::LEAVE,
@@ -124,29 +131,32 @@ impl ClientMessage {
                 kind::RESERVE
             }
             Self::Command(command) => {
-                command.encode(&mut body);
+                command.encode(body);
                 kind::COMMAND
             }
             Self::Advance { to: tick } => {
                 body.varint(tick.value());
                 kind::ADVANCE
             }
-            Self::Resync => kind::RESYNC,
+            Self::Resync(cause) => {
+                cause.encode(body);
+                kind::RESYNC
+            }
             Self::Ping { sent } => {
                 body.varint(sent.as_nanos());
                 kind::PING
             }
             Self::Inspect => kind::INSPECT,
             Self::Subscribe(choice) => {
-                choice.encode(&mut body);
+                choice.encode(body);
                 kind::FOLLOW
             }
             Self::Subscribed(stream) => {
-                stream.encode(&mut body);
+                stream.encode(body);
                 kind::FOLLOWED
             }
             Self::TakeAuthority(drive) => {
-                drive.encode(&mut body);
+                drive.encode(body);
                 kind::DRIVE
             }
             Self::Upstream(packet) => {
@@ -154,11 +164,10 @@ impl ClientMessage {
                 kind::UPSTREAM
             }
             Self::TierPolicy(tier_policy) => {
-                tier_policy.encode(&mut body);
+                tier_policy.encode(body);
                 kind::MOVES
             }
-        };
-        frame(kind, &body.into_bytes(), to);
+        }
     }
 
     /// Reads a message; `None` for one of an unknown type that may be ignored.
@@ -189,7 +198,7 @@ impl ClientMessage {
             kind::ADVANCE => Self::Advance {
                 to: Tick::new(from.count()?),
             },
-            kind::RESYNC => Self::Resync,
+            kind::RESYNC => Self::Resync(ResyncCause::decode(&mut from)?),
             kind::PING => Self::Ping {
                 sent: Instant::from_nanos(from.varint()?),
             },

@@ -36,8 +36,8 @@ pub struct Inspection {
     pub packets: u64,
     /// Their bytes.
     pub packet_bytes: u64,
-    /// Tracks of that stream that some member had otherwise, and was told again.
-    pub resynced: u64,
+    /// How often a member of that stream requested a new snapshot because a checksum differed.
+    pub mismatches: u64,
     /// Bodies of which that stream over_budget that they were off, for want of budget, each counted at every tick.
     pub over_budget: u64,
     /// Where the tick's time went.
@@ -55,7 +55,7 @@ impl Wire for Inspection {
             self.updates,
             self.packets,
             self.packet_bytes,
-            self.resynced,
+            self.mismatches,
             self.over_budget,
             times.step_total,
             times.step_median,
@@ -81,7 +81,7 @@ impl Wire for Inspection {
             updates: from.varint()?,
             packets: from.varint()?,
             packet_bytes: from.varint()?,
-            resynced: from.varint()?,
+            mismatches: from.varint()?,
             over_budget: from.varint()?,
             times: StageTimes {
                 step_total: from.varint()?,

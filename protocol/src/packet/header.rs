@@ -88,8 +88,6 @@ pub enum PacketKind {
     LossReport,
     /// Sums over tracks.
     Checksums,
-    /// From a member: a sum is another.
-    ChecksumMismatch,
     /// A sum over the last packets, from which a lost one can be had.
     RepairSymbol,
     /// Updates of a stream with a budget; the last packet of its tick, and something was over_budget.
@@ -99,7 +97,7 @@ pub enum PacketKind {
 }
 
 impl PacketKind {
-    const CODES: [(u8, Self); 12] = [
+    const CODES: [(u8, Self); 11] = [
         (0, Self::Updates),
         (1, Self::UpdatesEnd),
         (2, Self::Watermark),
@@ -108,7 +106,6 @@ impl PacketKind {
         (5, Self::FullEnd),
         (6, Self::LossReport),
         (7, Self::Checksums),
-        (8, Self::ChecksumMismatch),
         (9, Self::RepairSymbol),
         (11, Self::UpdatesOverBudget),
         (12, Self::WatermarkOverBudget),

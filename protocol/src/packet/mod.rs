@@ -24,7 +24,7 @@ mod update;
 mod zigzag;
 
 pub use age::Age;
-pub use checksums::{ChecksumMismatch, Checksums, IndexRanges};
+pub use checksums::Checksums;
 pub(crate) use cost::{CostModel, InitialCostModel};
 pub use error_scale::ErrorScale;
 pub use full::{FULL_RECORD_BYTES, FullPacket, FullRecord};
@@ -34,7 +34,6 @@ pub use keyframe::Keyframe;
 pub(crate) use keyframe::{predictor_code, predictor_of};
 pub use loss_report::LossReport;
 pub use payload::{PredictionMode, UpdatePayload};
-pub(crate) use refresh::REFRESH_RECORDS_MAX;
 pub use refresh::{Refresh, RefreshRecord, RefreshWriter};
 pub use repair_symbol::RepairSymbol;
 pub(crate) use repair_symbol::{packet_of, source_symbol_into, source_symbol_of};

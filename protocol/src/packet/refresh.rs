@@ -9,7 +9,7 @@ use rhumb_reckoning::Ticks;
 
 use super::header::{Head, Low16, PacketKind, StreamId};
 use super::keyframe::Keyframe;
-use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX, REFRESH_PARTS_MAX};
+use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX, REFRESH_PARTS_MAX, UPDATES_PER_PACKET_MAX};
 use crate::wire::bits::{BitReader, BitWriter, PutBits, TakeBits, golomb_len};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -177,10 +177,8 @@ impl RefreshWriter {
     }
 }
 
-/// So many records fit the parts of one refresh, whatever they emit.
-pub(crate) const REFRESH_RECORDS_MAX: usize = 720;
 const _: () = assert!(
-    REFRESH_RECORDS_MAX * (Keyframe::BITS_MAX + 100)
+    UPDATES_PER_PACKET_MAX * (Keyframe::BITS_MAX + 100)
         <= REFRESH_PARTS_MAX as usize
             * (DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX - Keyframe::BITS_MAX / 8)
             * 8

@@ -493,13 +493,6 @@ impl Endpoint for ClientSession {
         if let Some(tick) = after {
             self.note_shown(now, tick);
         }
-        while let Some(id) = self
-            .replica_switch
-            .shown_mut()
-            .and_then(Replica::poll_resynced)
-        {
-            self.events.push_back(Event::Amended(id));
-        }
         self.watch(now);
     }
 

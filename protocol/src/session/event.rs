@@ -63,9 +63,9 @@ pub enum Event {
         /// The reason for the removal.
         cause: RemovalCause,
     },
-    /// The replica's track of a body contradicted the server's checksum and was replaced. One of the two ends has a
-    /// fault.
-    Amended(BodyId),
+    /// A checksum differs from that of the replica: a fault of the server or of this client. The session requests a new
+    /// snapshot.
+    ChecksumMismatch,
     /// The physics engine failed. The scene does not step past this tick.
     SceneFaulted(Tick),
     /// The application has authority over these bodies and no others from now on, in rising order.

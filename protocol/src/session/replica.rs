@@ -114,16 +114,10 @@ impl Replica {
         &self.joints
     }
 
-    /// The next body whose track a resync has replaced.
-    pub(crate) fn poll_resynced(&mut self) -> Option<BodyId> {
-        self.stream_mut().poll_resynced()
-    }
-
     /// Replaces another replica of the same scene. Every body of the other one counts as changed, because it may be
     /// gone.
     pub(crate) fn take_over(&mut self, old: &Self) {
-        let end = old.stream().index_end();
-        self.stream_mut().touch_below(end);
+        self.stream_mut().succeed(old.stream());
     }
 
     /// Marks the snapshot as complete.

@@ -9,7 +9,7 @@ use bytes::Bytes;
 
 use super::close::CloseCode;
 use super::replica::Replica;
-use crate::message::{Joined, SceneEvent};
+use crate::message::{Joined, ResyncCause, SceneEvent};
 use crate::packet::Datagram;
 use crate::stream::StreamReceiver;
 use crate::time::{Instant, Span};
@@ -128,9 +128,26 @@ impl ReplicaSwitch {
         reports
     }
 
-    /// Whether only a new snapshot helps. The newest replica decides, because it replaces the shown one.
+    /// The replica of the newest stream, which will replace the shown one.
+    fn newest(&self) -> Option<&Replica> {
+        self.next.as_ref().or(self.shown.as_ref())
+    }
+
+    /// Whether only a new snapshot helps.
     pub(crate) fn have_lost_sync(&self) -> bool {
-        let newest = self.next.as_ref().or(self.shown.as_ref());
-        newest.is_some_and(|copy| copy.stream().has_lost_sync())
+        self.newest()
+            .is_some_and(|copy| copy.stream().has_lost_sync())
+    }
+
+    /// The cause to give if a new snapshot is requested.
+    pub(crate) fn resync_cause(&self) -> ResyncCause {
+        if self
+            .newest()
+            .is_some_and(|copy| copy.stream().has_mismatched())
+        {
+            ResyncCause::ChecksumMismatch
+        } else {
+            ResyncCause::LostSync
+        }
     }
 }

@@ -191,7 +191,7 @@ const fn is_for_members(message: &ClientMessage) -> bool {
             | ClientMessage::Reserve { .. }
             | ClientMessage::Command(_)
             | ClientMessage::Advance { .. }
-            | ClientMessage::Resync
+            | ClientMessage::Resync(_)
             | ClientMessage::Inspect
             | ClientMessage::Subscribe(_)
             | ClientMessage::Subscribed(_)

@@ -170,7 +170,7 @@ impl UpstreamSender {
         self.sender.stream()
     }
 
-    /// Answers a loss report or a checksum mismatch that the server sent about this stream.
+    /// Answers a loss report that the server sent about this stream.
     pub(crate) fn handle_datagram(
         &mut self,
         now: Instant,

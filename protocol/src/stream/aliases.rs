@@ -1,8 +1,8 @@
 //! Which body sits where: small numbers for those that are much spoken of.
 //!
-//! Both ends keep assignments. The publisher decides, and says each assignment; a listener that missed one finds the alias
-//! empty or its body's track of another age, and never takes one body for another (PROTOCOL 6.13). While something is
-//! missing it remembers who sat where, within a bound beyond which it knows of nobody.
+//! Publisher and subscriber keep the assignments. The publisher decides, and sends each assignment. A subscriber that
+//! missed one finds no body under the alias, or a body whose track has another age: it never confuses two bodies
+//! (PROTOCOL 6.13).
 
 use alloc::collections::{BTreeSet, BinaryHeap};
 use alloc::vec::Vec;
@@ -12,7 +12,6 @@ use core::num::NonZeroU32;
 use rhumb_reckoning::Tick;
 
 use crate::capacity::grow_to;
-use crate::limits::ALIAS_CHANGES_KEPT;
 
 /// Who sits where, and of each alias something more.
 #[derive(Clone, Debug, Default)]
@@ -82,142 +81,60 @@ impl PackedTick {
     }
 }
 
-/// What is known of a body that is said to sit somewhere.
+/// State of the body of an assignment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum AliasOwner {
     /// Nothing that is newer.
     AsAssigned,
-    /// It was heard of since, or is not there any more.
+    /// It has a newer track, or was removed.
     MovedOn,
 }
 
-/// From this tick on a body sat in a alias, or nobody that is known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct AliasChange {
-    alias: u32,
-    body: Option<u32>,
-    since: Tick,
-}
-
-/// The aliases as a listener knows them: with when each was said.
+/// The aliases of a subscriber: for each, the body that took it last, and the tick.
+///
+/// A body keeps its alias when it comes to rest: until another body takes the alias, late updates with this alias are
+/// updates of that body.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ReceivedAliases {
     now: AliasMap<PackedTick>,
-    /// Who sat where while packets are missing that may name them so, as it was heard: of one tick the last counts.
-    changes: Vec<AliasChange>,
-    remembers: bool,
-    /// More was heard than is kept, so that nothing is known of before.
-    overflowed: bool,
-    /// The newest tick of which a refresh told: who sat where before it may have been said in what it stands for.
-    refreshed: Tick,
 }
 
 impl ReceivedAliases {
-    /// The body that sits in a alias since a tick or earlier, if that is known.
+    /// The body that has an alias since a tick or earlier, if there is one.
     pub(crate) fn body_since(&self, alias: u32, tick: Tick) -> Option<u32> {
         self.now.body(alias).filter(|_| self.since(alias) <= tick)
     }
 
-    /// The body that sat in a alias at a tick and does no more, if that is known. It is not while anything is missing that was
-    /// said before that tick.
-    pub(crate) fn body_then(&self, alias: u32, tick: Tick) -> Option<u32> {
-        if tick < self.refreshed || self.overflowed {
-            return None;
-        }
-        let by_then = || self.changes.iter().filter(|change| change.since <= tick);
-        let here = by_then().filter(|change| change.alias == alias);
-        let last = here.max_by_key(|change| change.since)?;
-        let went = |other: &AliasChange| other.body == last.body && other.since > last.since;
-        last.body.filter(|_| !by_then().any(went))
-    }
-
-    /// Something is missing: who sits where is remembered from now on.
-    pub(crate) const fn remember(&mut self) {
-        self.remembers = true;
-    }
-
-    /// Nothing is missing any more.
-    pub(crate) fn forget(&mut self) {
-        self.changes.clear();
-        (self.remembers, self.overflowed) = (false, false);
-    }
-
-    /// Something was made good by what its bodies do at this tick.
-    pub(crate) fn refresh(&mut self, as_of: Tick) {
-        self.refreshed = self.refreshed.max(as_of);
-    }
-
-    fn note(&mut self, alias: u32, body: Option<u32>, since: Tick) {
-        if !self.remembers || self.overflowed {
-            return;
-        }
-        // What was noted last of its alias and tick is not noted again (PROTOCOL 6.13-15).
-        let mut newest_first = self.changes.iter().rev();
-        let last = newest_first.find(|change| change.alias == alias && change.since == since);
-        if last.is_some_and(|change| change.body == body) {
-            return;
-        }
-        if self.changes.len() < ALIAS_CHANGES_KEPT {
-            self.changes.push(AliasChange { alias, body, since });
-        } else {
-            self.overflowed = true;
-        }
-    }
-
-    /// Who sits in a alias will do so no longer.
-    fn note_owner(&mut self, alias: u32) {
-        if let Some(body) = self.now.body(alias) {
-            self.note(alias, Some(body), self.since(alias));
-        }
-    }
-
-    /// A body takes a alias; who sat there stands. What was said later of either stays.
+    /// Assigns an alias to a body at a tick (PROTOCOL 6.13-7). Later assignments stay.
     ///
-    /// Who has gone on since takes none: where it sits now was said with what was heard later. Then who sits there is not
-    /// known, unless it is this body still.
+    /// A body with a newer track may have lost the alias since: then the alias names no body, unless it already names
+    /// this one.
     pub(crate) fn take(&mut self, alias: u32, body: u32, tick: Tick, owner: AliasOwner) {
         let later = |alias: u32| self.since(alias) > tick;
-        let (gone_on, had) = (owner == AliasOwner::MovedOn, self.now.of(body));
+        let (moved_on, had) = (owner == AliasOwner::MovedOn, self.now.of(body));
         let (taken, moved) = (later(alias), had.is_some_and(later));
-        self.note(alias, Some(body), tick);
-        if taken || (gone_on && had == Some(alias)) {
+        if taken || (moved_on && had == Some(alias)) {
             return;
         }
-        self.note_owner(alias);
-        if gone_on || moved {
+        if moved_on || moved {
             self.now.empty(alias, PackedTick::of(tick));
         } else {
-            if let Some(had) = had {
-                self.note_owner(had);
-            }
             self.now.put(alias, body, PackedTick::of(tick));
         }
     }
 
-    /// A body leaves its alias after this tick, if it has one.
-    pub(crate) fn release(&mut self, body: u32, tick: Tick) {
-        if let Some(alias) = self.now.of(body) {
-            self.note_owner(alias);
-            self.note(alias, None, tick.next());
-            self.now.release(body);
-        }
-    }
-
-    /// A body is another one now, or another one than was predicted_motion: where it sat is not known.
+    /// Releases the alias of an index when a body is placed there or removed.
     pub(crate) fn clear(&mut self, body: u32) {
         self.now.release(body);
-        for change in &mut self.changes {
-            change.body = change.body.filter(|other| *other != body);
-        }
     }
 
-    /// A body had no alias at a tick; one that it took later stays.
+    /// Releases the alias that a body has since a tick or earlier.
     pub(crate) fn release_by(&mut self, body: u32, tick: Tick) {
-        if let Some(alias) = self.now.of(body)
-            && self.since(alias) <= tick
+        if self
+            .now
+            .of(body)
+            .is_some_and(|alias| self.since(alias) <= tick)
         {
-            self.note_owner(alias);
-            self.note(alias, None, tick);
             self.now.release(body);
         }
     }
@@ -358,76 +275,29 @@ mod tests {
     }
 
     #[test]
-    fn repeated_assignments_take_no_memory() {
-        let mut aliases = left_at_twelve();
-        for _ in 0..=ALIAS_CHANGES_KEPT {
-            aliases.take(4, 9, Tick::new(10), AliasOwner::MovedOn);
-        }
-        assert_eq!(aliases.body_then(4, Tick::new(11)), Some(9));
-        for since in 0..=ALIAS_CHANGES_KEPT as u64 {
-            aliases.take(5, 8, Tick::new(since), AliasOwner::MovedOn);
-        }
-        assert_eq!(aliases.body_then(4, Tick::new(11)), None);
-    }
-
-    /// ReceivedAliases that remember, in which body 9 sat in alias 4 from tick 10 on and came to rest at tick 12.
-    fn left_at_twelve() -> ReceivedAliases {
+    fn a_body_at_rest_keeps_its_alias_until_another_takes_it() {
         let mut aliases = ReceivedAliases::default();
-        aliases.remember();
         aliases.take(4, 9, Tick::new(10), AliasOwner::AsAssigned);
-        aliases.release(9, Tick::new(12));
-        aliases
-    }
-
-    #[test]
-    fn released_alias_is_remembered_while_packets_are_missing() {
-        let mut aliases = left_at_twelve();
-        let owners = |aliases: &ReceivedAliases, alias| {
-            [9, 10, 12, 13, 15].map(|tick| {
-                let tick = Tick::new(tick);
-                let now = aliases.body_since(alias, tick);
-                now.or_else(|| aliases.body_then(alias, tick))
-            })
-        };
-        assert_eq!(owners(&aliases, 4), [None, Some(9), Some(9), None, None]);
+        assert_eq!(aliases.body_since(4, Tick::new(9)), None);
+        assert_eq!(aliases.body_since(4, Tick::new(14)), Some(9));
         aliases.take(4, 7, Tick::new(15), AliasOwner::AsAssigned);
-        assert_eq!(owners(&aliases, 4), [None, Some(9), Some(9), None, Some(7)]);
-        // Heard late: another one took it between the two.
-        aliases.take(4, 6, Tick::new(13), AliasOwner::MovedOn);
-        assert_eq!(
-            owners(&aliases, 4),
-            [None, Some(9), Some(9), Some(6), Some(7)]
-        );
-        // Heard later still: body 9 had gone elsewhere before.
-        aliases.take(5, 9, Tick::new(11), AliasOwner::AsAssigned);
-        assert_eq!(owners(&aliases, 4), [None, Some(9), None, Some(6), Some(7)]);
-        aliases.refresh(Tick::new(13));
-        assert_eq!(owners(&aliases, 4), [None, None, None, Some(6), Some(7)]);
-        aliases.forget();
-        assert_eq!(owners(&aliases, 4), [None, None, None, None, Some(7)]);
+        assert_eq!(aliases.body_since(4, Tick::new(14)), None);
+        assert_eq!(aliases.body_since(4, Tick::new(15)), Some(7));
+        aliases.release_by(7, Tick::new(14));
+        assert_eq!(aliases.body_since(4, Tick::new(16)), Some(7));
+        aliases.release_by(7, Tick::new(15));
+        assert_eq!(aliases.body_since(4, Tick::new(16)), None);
     }
 
     #[test]
-    fn removed_body_hides_earlier_alias_owners() {
-        let mut aliases = left_at_twelve();
-        aliases.take(4, 7, Tick::new(8), AliasOwner::AsAssigned);
+    fn a_body_that_takes_its_alias_again_has_it_since_then() {
+        let mut aliases = ReceivedAliases::default();
+        aliases.take(4, 9, Tick::new(10), AliasOwner::AsAssigned);
+        aliases.take(4, 9, Tick::new(20), AliasOwner::AsAssigned);
+        assert_eq!(aliases.body_since(4, Tick::new(15)), None);
+        assert_eq!(aliases.body_since(4, Tick::new(20)), Some(9));
         aliases.clear(9);
-        let then = [8, 9, 10, 11].map(|tick| aliases.body_then(4, Tick::new(tick)));
-        assert_eq!(then, [Some(7), Some(7), None, None]);
-    }
-
-    #[test]
-    fn alias_memory_overflow_forgets_all_owners() {
-        let mut aliases = left_at_twelve();
-        for body in 0..ALIAS_CHANGES_KEPT as u32 {
-            aliases.take(5, 100 + body, Tick::new(20), AliasOwner::AsAssigned);
-        }
-        assert_eq!(aliases.body_then(4, Tick::new(11)), None);
-        aliases.forget();
-        assert_eq!(
-            aliases.body_since(5, Tick::new(20)),
-            Some(99 + ALIAS_CHANGES_KEPT as u32)
-        );
+        assert_eq!(aliases.body_since(4, Tick::new(20)), None);
     }
 
     #[test]

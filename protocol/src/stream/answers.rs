@@ -1,7 +1,7 @@
 //! How often one listener is answered.
 //!
-//! Bounds what a listener can make its sender do: reports and mismatches have a pause between them, and no packet is
-//! refreshed twice within a round trip.
+//! Bounds what a listener can make its sender do: reports have a pause between them, and no packet is refreshed twice
+//! within a round trip.
 
 use alloc::collections::BTreeMap;
 
@@ -10,8 +10,6 @@ use crate::time::{Instant, Span};
 /// Reports of one listener that follow each other faster are not answered: half of the time that a receiver allows for
 /// disorder before it reports a loss.
 const REPORT_PAUSE: Span = Span::from_millis(2);
-/// The same of checksum mismatches: each answer may cost a checksum over all tracks.
-const MISMATCH_PAUSE: Span = Span::from_millis(20);
 
 /// When each listener was answered last.
 #[derive(Debug, Default)]
@@ -22,7 +20,6 @@ pub(super) struct Answers {
 #[derive(Debug, Default)]
 struct Answered {
     report: Option<Instant>,
-    mismatch: Option<Instant>,
     /// By number of packet.
     refreshes: BTreeMap<u64, Instant>,
 }
@@ -37,12 +34,6 @@ impl Answers {
     pub(super) fn allow_report(&mut self, now: Instant, listener: u64) -> bool {
         let answered = self.listeners.entry(listener).or_default();
         is_due(&mut answered.report, now, REPORT_PAUSE)
-    }
-
-    /// The same of a checksum mismatch.
-    pub(super) fn allow_mismatch(&mut self, now: Instant, listener: u64) -> bool {
-        let answered = self.listeners.entry(listener).or_default();
-        is_due(&mut answered.mismatch, now, MISMATCH_PAUSE)
     }
 
     /// Whether a packet is to be refreshed now; if so, it is not again for a round trip.

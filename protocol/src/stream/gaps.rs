@@ -87,11 +87,6 @@ impl PacketGaps {
         self.missing.contains_key(&number)
     }
 
-    /// Whether a packet before this one is missing.
-    pub(crate) fn lacks_before(&self, number: u64) -> bool {
-        self.missing.range(..number).next().is_some()
-    }
-
     /// A body whose track is at least this new is known for sure; `None` when every body is.
     pub(crate) fn unsure_before(&self) -> Option<Tick> {
         let missing = self.missing.values().map(|missing| missing.before);

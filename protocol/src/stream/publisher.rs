@@ -33,11 +33,12 @@ use super::start::StreamStart;
 use super::tracks::{PredictionParameters, Slot, Tracks};
 use super::watermark::second;
 use crate::capacity::push;
-use crate::packet::{Age, ErrorScale, Keyframe, Low16, StreamId, Update, UpdatePayload, Watermark};
+use crate::packet::{
+    Age, Checksums, ErrorScale, Keyframe, Low16, StreamId, Update, UpdatePayload, Watermark,
+};
 use attaching::LargeBody;
 use budget_state::BudgetState;
 pub use budget_state::OverBudget;
-use refreshing::ParentReferences;
 use scan::ObservationScan;
 use window::ObservationWindow;
 
@@ -102,7 +103,8 @@ pub struct Publisher {
     alias_table: AliasTable,
     /// Who holds others, and how many, in order of index.
     child_counts: Vec<(u32, u32)>,
-    parent_references: ParentReferences,
+    /// Pairs of parent and body: this tick's updates of the bodies build on tracks of the parents.
+    attached: Vec<(u32, u32)>,
     updates: Vec<Update>,
     /// Who came to rest at this tick: packets still name them by their aliases.
     resting_bodies: Vec<u32>,
@@ -133,7 +135,7 @@ impl Publisher {
             tick,
             alias_table: AliasTable::default(),
             child_counts: Vec::new(),
-            parent_references: ParentReferences::default(),
+            attached: Vec::new(),
             updates: Vec::new(),
             resting_bodies: Vec::new(),
             scan: Some(Box::new(ObservationScan::new(
@@ -222,11 +224,6 @@ impl Publisher {
         second(self.tracks.integrator().rate)
     }
 
-    /// What it believes.
-    pub(super) const fn table(&self) -> &Tracks {
-        &self.tracks
-    }
-
     /// Says what must be said of what was observed and appends the datagrams to `out`; none when every track still
     /// holds, or nothing is spoken of now.
     ///
@@ -301,7 +298,7 @@ impl Publisher {
         for index in self.resting_bodies.drain(..) {
             self.alias_table.release(index);
         }
-        self.parent_references.end_tick(self.sent_packets.next());
+        self.attached.clear();
     }
 
     /// The slot of a body that was seen at the present tick: not of one that came later, or has the index of one that went.
@@ -341,7 +338,11 @@ impl Publisher {
         };
         let before = slot.parent();
         self.tracks.set_track(index, track);
-        let payload = self.readable(index, before, payload, &track);
+        if let Some(parent) = track.parent.or(before)
+            && payload.names_parent()
+        {
+            self.attached.push((parent.index(), index));
+        }
         if before != track.parent {
             self.move_child(before, track.parent);
         }
@@ -512,6 +513,24 @@ impl Publisher {
             parent: None,
         };
         (UpdatePayload::Keyframe(keyframe), keyframe.track(tick))
+    }
+
+    /// The checksum over all tracks; a converged subscriber has the same.
+    #[must_use]
+    pub fn state_checksum(&self) -> u64 {
+        self.tracks.state_checksum().value()
+    }
+
+    /// The datagram with the checksum over all tracks. `scene_events`: the scene's number of events so far.
+    #[must_use]
+    pub fn checksums(&self, scene_events: u64) -> Bytes {
+        let checksums = Checksums {
+            next: Low16::of(self.sent_packets.next()),
+            tick: Low16::of(self.tick.value()),
+            scene_events: Low16::of(scene_events),
+            sum: self.state_checksum(),
+        };
+        Bytes::from(checksums.encode(self.stream))
     }
 
     /// The datagram that watermarks for the silence since the last packet.

@@ -1,7 +1,7 @@
 //! The receiver of a stream: its subscriber, and when it reports.
 //!
-//! It reports losses (open or restored by repair symbols), an overdue watermark, and a checksum mismatch. Sans-IO. Used
-//! by a client for its scene, by a server for an upstream, and by replays. They decide how long silence may last.
+//! It reports losses (open or restored by repair symbols) and overdue watermarks. Sans-IO. A client uses it for its
+//! scene, a server for an upstream, and a replay; each sets how long silence may last.
 //! Poll order: `subscriber_mut().handle`, `watch`, then `due` and `report`.
 
 use alloc::vec::Vec;
@@ -14,10 +14,8 @@ use super::subscriber::Subscriber;
 use crate::endpoint::{Wake, WakeReason};
 use crate::time::{Instant, Span};
 
-/// How long a mismatch may be the network's disorder before it is reported.
+/// Delay of a report, because packets may arrive in another order.
 pub(crate) const DISORDER: Span = Span::from_millis(4);
-/// The longest pause between two reports of one mismatch.
-const MISMATCH_MOST: Span = Span::from_millis(500);
 /// How often losses are reported that repair symbols have made good: the sender adapts its redundancy to them.
 const RESTORED_PAUSE: Span = Span::from_millis(500);
 /// How much longer than the first timeout a free-running stream may be silent before it is asked: its last packet may be
@@ -33,7 +31,6 @@ pub(crate) const SILENCE_MOST: Span = Span::from_millis(2_000);
 pub struct StreamReceiver {
     subscriber: Subscriber,
     nacks: NackScheduler,
-    mismatch: RetryTimer,
     silence: RetryTimer,
     /// When losses were reported last, and how many there were.
     reported: (Instant, u64),
@@ -51,7 +48,6 @@ impl StreamReceiver {
         Self {
             subscriber,
             nacks: NackScheduler::new(),
-            mismatch: RetryTimer::new(DISORDER, MISMATCH_MOST),
             silence: RetryTimer::new(silence, SILENCE_MOST),
             reported: (Instant::ZERO, 0),
         }
@@ -68,14 +64,9 @@ impl StreamReceiver {
         &mut self.subscriber
     }
 
-    /// Looks at what is missing or different, after anything was received.
+    /// Updates the retry timers after anything was received.
     pub fn watch(&mut self, now: Instant) {
         self.nacks.watch(now, &self.subscriber);
-        if self.subscriber.mismatch().is_some() {
-            self.mismatch.begin(now);
-        } else {
-            self.mismatch.end();
-        }
     }
 
     /// A datagram came: none is overdue.
@@ -98,7 +89,7 @@ impl StreamReceiver {
     #[must_use]
     pub fn due(&self) -> Option<Wake> {
         let restored = self.restored_due();
-        let repair = [self.nacks.due(), self.mismatch.due(), restored];
+        let repair = [self.nacks.due(), restored];
         let repair = repair.into_iter().flatten().min();
         let wakes = [
             (repair, WakeReason::Refresh),
@@ -130,11 +121,6 @@ impl StreamReceiver {
         if let Some(report) = report {
             self.reported = (now, self.subscriber.lost());
             out.push(Bytes::from(report.encode(stream)));
-        }
-        if let Some(mismatch) = self.subscriber.mismatch()
-            && self.mismatch.ask(now, min_delay)
-        {
-            out.push(Bytes::from(mismatch.encode(stream)));
         }
     }
 }

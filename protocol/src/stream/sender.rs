@@ -18,16 +18,15 @@ use super::answers::Answers;
 use super::budget::Budget;
 use super::full::FullPublisher;
 use super::loss_tracker::LossTracker;
-use super::mismatch::MismatchReply;
 use super::observation_history::ObservationHistory;
 use super::publisher::{Publisher, PublisherStatistics, StreamTerms};
 use super::tracks::PredictionParameters;
 use super::watermark::{Silence, WatermarkPolicy};
 use crate::limits::HISTORY_PACKETS;
-use crate::packet::{ChecksumMismatch, Datagram, LossReport, PacketKind, StreamId};
+use crate::packet::{Datagram, LossReport, PacketKind, StreamId};
 use crate::time::{Instant, Span};
 
-/// A listener that reports a loss or a mismatch.
+/// A subscriber that reports a loss.
 #[derive(Clone, Copy, Debug)]
 pub struct Recipient {
     /// The caller's number for it.
@@ -61,7 +60,7 @@ pub struct StreamSender {
     silence: Silence,
     /// When the checksum over all tracks was sent last, and its value.
     checksum: (Tick, u64),
-    resynced: u64,
+    mismatches: u64,
     /// The datagrams of the last tick that every listener is sent.
     packets: Vec<Bytes>,
     /// The repair symbols behind them, for listeners that lose packets.
@@ -101,7 +100,7 @@ impl StreamSender {
             listeners: 1,
             silence: Silence::new(policy, tick),
             checksum: (tick, 0),
-            resynced: 0,
+            mismatches: 0,
             packets: Vec::new(),
             symbols: Vec::new(),
             losses: LossTracker::default(),
@@ -232,7 +231,7 @@ impl StreamSender {
         with_publisher!(&self.source, publisher => publisher.watermark(scene_events))
     }
 
-    /// Answers a datagram of a listener: a loss report or a mismatch. Any other is dropped.
+    /// Answers a loss report of a subscriber. Other datagrams are dropped.
     pub fn handle_datagram(
         &mut self,
         now: Instant,
@@ -241,19 +240,10 @@ impl StreamSender {
         scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
-        match datagram.head().kind {
-            PacketKind::LossReport => {
-                if let Ok(report) = LossReport::decode(datagram.body()) {
-                    self.handle_report(now, from, &report, scene_events, out);
-                }
-            }
-            PacketKind::ChecksumMismatch => {
-                if let Ok(mismatch) = ChecksumMismatch::decode(datagram.body()) {
-                    let answer = self.handle_mismatch(now, from.id, mismatch, scene_events);
-                    out.extend(answer.into_iter().flat_map(MismatchReply::into_datagrams));
-                }
-            }
-            _ => {}
+        if datagram.head().kind == PacketKind::LossReport
+            && let Ok(report) = LossReport::decode(datagram.body())
+        {
+            self.handle_report(now, from, &report, scene_events, out);
         }
     }
 
@@ -294,25 +284,6 @@ impl StreamSender {
         out.push(self.watermark(scene_events));
     }
 
-    /// Answers a listener whose checksum over some tracks is another; `None` if its last one was only just answered.
-    pub fn handle_mismatch(
-        &mut self,
-        now: Instant,
-        listener: u64,
-        mismatch: ChecksumMismatch,
-        scene_events: u64,
-    ) -> Option<MismatchReply> {
-        let Source::Reckoned(publisher) = &self.source else {
-            return None;
-        };
-        if !self.answers.allow_mismatch(now, listener) {
-            return None;
-        }
-        let answer = publisher.answer_mismatch(mismatch, scene_events);
-        self.resynced += u64::from(matches!(answer, MismatchReply::Resync(..)));
-        Some(answer)
-    }
-
     /// Its name.
     #[must_use]
     pub fn stream(&self) -> StreamId {
@@ -337,10 +308,15 @@ impl StreamSender {
         with_publisher!(&self.source, publisher => publisher.statistics())
     }
 
-    /// Tracks that were sent again because a listener had another.
+    /// Counts a subscriber's request for a new snapshot because of a checksum mismatch.
+    pub const fn count_mismatch(&mut self) {
+        self.mismatches += 1;
+    }
+
+    /// Number of checksum mismatches of all subscribers.
     #[must_use]
-    pub const fn resynced(&self) -> u64 {
-        self.resynced
+    pub const fn mismatches(&self) -> u64 {
+        self.mismatches
     }
 
     /// How many listeners it has.

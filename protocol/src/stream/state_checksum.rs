@@ -1,7 +1,6 @@
 //! A sum over all tracks, by which two ends find out if they agree.
 //!
-//! Kept up to date at the cost of what changes. Does not say which track differs: sums over ranges of indices do, when they
-//! are compared one after another (PROTOCOL 6.12).
+//! Kept up to date at the cost of what changes. Does not say which track differs (PROTOCOL 6.12).
 
 use rhumb_reckoning::{Anchor, BodyId, Track};
 

@@ -29,8 +29,6 @@ pub struct SubscriberStatistics {
     pub overflowed: u64,
     /// Sums over tracks that were compared with the publisher's.
     pub compared: u64,
-    /// Of these, sums over all tracks that were others: a fault of one of the two ends.
+    /// Of these, the mismatches: a fault of the publisher or of the subscriber. A new snapshot follows.
     pub mismatches: u64,
-    /// Bodies whose track was made right for that.
-    pub resynced: u64,
 }

@@ -13,23 +13,20 @@ use alloc::vec::Vec;
 use core::num::NonZeroU32;
 
 use glam::Vec3;
-use rhumb_reckoning::{
-    BodyId, DenseTrack, Metres, Motion, Tick, Tolerance, Track, attached_motion,
-};
+use rhumb_reckoning::{BodyId, Metres, Motion, Tick, Tolerance, Track, attached_motion};
 
 use super::aliases::{AliasOwner, ReceivedAliases};
 use super::bound::ErrorBound;
 use super::error_scale_log::ErrorScaleLog;
 use super::fec_decoder::FecDecoder;
 use super::gaps::PacketGaps;
-use super::mismatch::MismatchSearch;
 use super::previous_tracks::PreviousTracks;
 use super::start::StreamStart;
 use super::statistics::SubscriberStatistics;
 use super::tracks::{PredictionParameters, Slot, Tracks};
 use crate::capacity::{grow_to, push};
 use crate::limits::INDICES_MAX;
-use crate::packet::{ChecksumMismatch, Datagram, Head, LossReport, Low16, StreamId, Update};
+use crate::packet::{Datagram, Head, LossReport, Low16, StreamId, Update};
 
 /// One stream at its listener.
 #[derive(Clone, Debug)]
@@ -43,8 +40,6 @@ pub struct Subscriber {
     first: u64,
     /// The tracks before the present ones, where nothing was said between the two.
     before: PreviousTracks,
-    /// The tracks before these, while packets are missing: each with its body's index.
-    older: Vec<(u32, DenseTrack)>,
     /// The newest origin of a track before which too little of its body was heard.
     known_from: Tick,
     gaps: PacketGaps,
@@ -61,8 +56,8 @@ pub struct Subscriber {
     /// The tick of the newest packet that said something.
     newest_update: Tick,
     lost_sync: bool,
-    mismatches: MismatchSearch,
-    resynced: VecDeque<BodyId>,
+    /// Whether a checksum of the publisher differs from that of the tracks.
+    mismatched: bool,
     /// Whether the snapshot is keyframe; until then datagrams wait.
     placed: bool,
     /// Indices that changed since they were last drained, each once, and whether each index is among them.
@@ -94,7 +89,6 @@ impl Subscriber {
             publish_interval: start.publish_interval,
             first: start.next,
             before: PreviousTracks::default(),
-            older: Vec::new(),
             known_from: Tick::ZERO,
             gaps: PacketGaps::new(start.next),
             fec_decoder: FecDecoder::new(start.next),
@@ -107,8 +101,7 @@ impl Subscriber {
             newest: start.tick,
             newest_update: start.tick,
             lost_sync: false,
-            mismatches: MismatchSearch::default(),
-            resynced: VecDeque::new(),
+            mismatched: false,
             placed: false,
             changed: Vec::new(),
             marked: Vec::new(),
@@ -219,10 +212,16 @@ impl Subscriber {
         self.placed && self.gaps.is_converged() && self.deferred.is_empty() && !self.lost_sync
     }
 
-    /// Whether so much is missing that only a new snapshot helps.
+    /// Whether only a new snapshot helps: too many packets are missing, or a checksum differs.
     #[must_use]
     pub const fn has_lost_sync(&self) -> bool {
         self.lost_sync
+    }
+
+    /// Whether a checksum differs: a fault of the publisher or of the subscriber.
+    #[must_use]
+    pub const fn has_mismatched(&self) -> bool {
+        self.mismatched
     }
 
     /// One more than the highest index that any body had.
@@ -389,11 +388,12 @@ impl Subscriber {
         self.attached_indices = attached;
     }
 
-    /// Counts every index below this one as changed.
-    pub(crate) fn touch_below(&mut self, end: usize) {
-        for index in 0..end as u32 {
+    /// Replaces another copy of the same scene: every index of that copy counts as changed, and its mismatches are added.
+    pub(crate) fn succeed(&mut self, old: &Self) {
+        for index in 0..old.index_end() as u32 {
             self.touch(index);
         }
+        self.statistics.mismatches += old.statistics.mismatches;
     }
 
     /// A scene_event placed a body; `false` when that breaks a limit.
@@ -485,10 +485,6 @@ impl Subscriber {
 
     fn note_converged(&mut self) {
         self.converged_at = self.complete();
-        if self.gaps.is_converged() {
-            self.older.clear();
-            self.aliases.forget();
-        }
     }
 
     /// Nobody asks any more what was predicted_motion at a tick before this one: tracks that bodies left by then, as far as
@@ -500,21 +496,10 @@ impl Subscriber {
             .retain(|index| tracks.slot(index).is_some_and(|slot| slot.origin() > end));
     }
 
-    /// What the publisher is to be asked, because a sum over tracks is another here.
-    #[must_use]
-    pub fn mismatch(&self) -> Option<ChecksumMismatch> {
-        self.mismatches.mismatch()
-    }
-
     /// The sum over all tracks, by which two ends can be compared.
     #[must_use]
     pub fn state_checksum(&self) -> u64 {
         self.tracks.state_checksum().value()
-    }
-
-    /// The next body whose track was made right.
-    pub fn poll_resynced(&mut self) -> Option<BodyId> {
-        self.resynced.pop_front()
     }
 
     /// How many of the packets that are known to have been sent did not come by themselves, since this began.

@@ -24,7 +24,7 @@ use crate::limits::{DAMPINGS_MAX, INDICES_MAX};
 use crate::packet::Age;
 use crate::scene::{BodyDesc, BodyKind, Shape};
 
-pub(crate) use applying::{CorrectionsX4, FormerTracks, Unreadable};
+pub(crate) use applying::{CorrectionsX4, Unreadable};
 use rotation_cursors::RotationCursors;
 pub(crate) use slot::Slot;
 
@@ -245,18 +245,6 @@ impl Tracks {
     /// The sum over all tracks.
     pub(crate) const fn state_checksum(&self) -> StateChecksum {
         self.state_checksum
-    }
-
-    /// The sum over the tracks of a range of indices.
-    pub(crate) fn state_checksum_of(&self, range: core::ops::Range<usize>) -> StateChecksum {
-        let mut sum = StateChecksum::default();
-        let end = range.end.min(self.slots.len());
-        for index in range.start.min(end)..end {
-            if let Some(slot) = &self.slots[index] {
-                sum.add(slot.id(index as u32), &slot.track());
-            }
-        }
-        sum
     }
 
     /// Every body's index and place, in order.

@@ -1,7 +1,9 @@
 //! What a member asks of its streams: another one, or what it lost.
 
-use rhumb_protocol::message::{Denial, ServerMessage, StreamChoice, TierChangeCause, TierPolicy};
-use rhumb_protocol::packet::{ChecksumMismatch, LossReport, StreamId};
+use rhumb_protocol::message::{
+    Denial, ResyncCause, ServerMessage, StreamChoice, TierChangeCause, TierPolicy,
+};
+use rhumb_protocol::packet::{LossReport, StreamId};
 use rhumb_protocol::scene::Stepping;
 use rhumb_protocol::stream::Recipient;
 use rhumb_protocol::{Instant, LinkReport, Peer, Span};
@@ -12,13 +14,26 @@ use crate::outbox::Outbox;
 use crate::tier_controller::{Confirmation, TierDecision};
 
 impl SceneRunner {
-    /// A member lost touch with its stream and needs the whole scene again; it is told when the piece is read, and once
-    /// however often it asks in it.
-    pub(crate) fn resync(&mut self, peer: Peer) {
-        if let Some(member) = self.members.get_mut(&peer) {
-            member
-                .snapshot_request
-                .get_or_insert(SnapshotRequest::Again);
+    /// A member needs a new snapshot. It is sent once for all requests of one batch of messages.
+    pub(crate) fn resync(&mut self, peer: Peer, cause: ResyncCause) {
+        let Some(member) = self.members.get_mut(&peer) else {
+            return;
+        };
+        if member.snapshot_request.is_some() {
+            return;
+        }
+        member.snapshot_request = Some(SnapshotRequest::Again);
+        let stream = member.stream();
+        match cause {
+            ResyncCause::LostSync => {
+                tracing::debug!(peer = peer.0, %stream, "a member lost sync with its stream");
+            }
+            ResyncCause::ChecksumMismatch => {
+                tracing::warn!(peer = peer.0, %stream, "a member's checksum differs from its stream's");
+                if let Some(stream) = self.streams.get_mut(stream) {
+                    stream.sender.count_mismatch();
+                }
+            }
         }
     }
 
@@ -196,26 +211,6 @@ impl SceneRunner {
             .handle_report(now, from, loss_report, self.scene_events, &mut answers);
         for datagram in answers {
             out.datagram(peer, datagram);
-        }
-    }
-
-    /// A member believes otherwise than its stream said: it hears more sums, or the one track in question.
-    pub(crate) fn handle_mismatch(
-        &mut self,
-        now: Instant,
-        peer: Peer,
-        stream: StreamId,
-        mismatch: ChecksumMismatch,
-        out: &mut Outbox,
-    ) {
-        let member = self.members.get(&peer);
-        if !member.is_some_and(|member| member.hears(stream)) {
-            return;
-        }
-        if let Some(stream) = self.streams.get_mut(stream) {
-            for datagram in stream.handle_mismatch(now, peer, mismatch, self.scene_events) {
-                out.datagram(peer, datagram);
-            }
         }
     }
 }

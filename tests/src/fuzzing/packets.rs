@@ -5,9 +5,9 @@
 
 use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
 use rhumb_protocol::packet::{
-    ChecksumMismatch, Checksums, FullPacket, Head, LossReport, Low16, PacketKind, Refresh,
-    RefreshRecord, RefreshWriter, RepairSymbol, StreamId, TestEncoder, Update, UpdatePacket,
-    UpdateWriter, Watermark,
+    Checksums, FullPacket, Head, LossReport, Low16, PacketKind, Refresh, RefreshRecord,
+    RefreshWriter, RepairSymbol, StreamId, TestEncoder, Update, UpdatePacket, UpdateWriter,
+    Watermark,
 };
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
@@ -19,7 +19,7 @@ use super::script::Script;
 const STREAM: StreamId = StreamId(3);
 
 /// All packet kinds.
-pub(super) const KINDS: [PacketKind; 12] = [
+pub(super) const KINDS: [PacketKind; 11] = [
     PacketKind::Updates,
     PacketKind::UpdatesEnd,
     PacketKind::Watermark,
@@ -28,7 +28,6 @@ pub(super) const KINDS: [PacketKind; 12] = [
     PacketKind::FullEnd,
     PacketKind::LossReport,
     PacketKind::Checksums,
-    PacketKind::ChecksumMismatch,
     PacketKind::RepairSymbol,
     PacketKind::UpdatesOverBudget,
     PacketKind::WatermarkOverBudget,
@@ -176,7 +175,6 @@ pub(super) fn written_again(datagram: &[u8]) -> Result<(), Malformed> {
         }
         PacketKind::LossReport => Some(LossReport::decode(reader)?.encode(stream)),
         PacketKind::Checksums => Some(Checksums::decode(reader)?.encode(stream)),
-        PacketKind::ChecksumMismatch => Some(ChecksumMismatch::decode(reader)?.encode(stream)),
         PacketKind::RepairSymbol => Some(RepairSymbol::decode(reader)?.encode(stream)),
     };
     if let Some(again) = again {

@@ -13,8 +13,8 @@ use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::session::UpstreamReceiver;
 use rhumb_protocol::stream::{
-    Activity, Features, MismatchReply, Observation, ObservationHistory, PredictionParameters,
-    Publisher, Redundancy, StreamTerms,
+    Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
+    Redundancy, StreamTerms,
 };
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{
@@ -220,25 +220,14 @@ impl FuzzedUpstream {
     fn answer(&mut self, datagram: &[u8]) {
         let datagram = Datagram::open(datagram).expect("a server sends valid packets");
         let mut answers = Vec::new();
-        if datagram.head().kind == PacketKind::LossReport {
-            let loss_report =
-                LossReport::decode(datagram.body()).expect("a server sends valid loss reports");
-            for number in self.publisher.answer(&loss_report, &mut answers) {
-                answers.extend(
-                    self.publisher
-                        .refresh(number, SCENE_EVENTS)
-                        .unwrap_or_default(),
-                );
-            }
-            answers.push(self.publisher.watermark(SCENE_EVENTS));
-        } else {
-            let mismatch = rhumb_protocol::packet::ChecksumMismatch::decode(datagram.body())
-                .expect("a server sends valid mismatches");
-            match self.publisher.answer_mismatch(mismatch, SCENE_EVENTS) {
-                MismatchReply::Sums(sums) => answers.push(sums),
-                MismatchReply::Resync(_, all) => answers.extend(all),
-            }
+        assert_eq!(datagram.head().kind, PacketKind::LossReport);
+        let loss_report =
+            LossReport::decode(datagram.body()).expect("a server sends valid loss reports");
+        for number in self.publisher.answer(&loss_report, &mut answers) {
+            let refresh = self.publisher.refresh(number, SCENE_EVENTS);
+            answers.extend(refresh.unwrap_or_default());
         }
+        answers.push(self.publisher.watermark(SCENE_EVENTS));
         self.send(&answers);
     }
 

@@ -210,12 +210,7 @@ impl Testee<'_> {
                 self.reported = None;
                 self.report_copy()?;
             }
-            Event::Amended(id) => {
-                let (index, generation) = (id.index(), id.generation());
-                report(&format!(
-                    "{{\"is\":\"resynced\",\"body\":\"{index}:{generation}\"}}"
-                ))?;
-            }
+            Event::ChecksumMismatch => report("{\"is\":\"mismatch\"}")?,
             Event::Deleted => report("{\"is\":\"deleted\"}")?,
             Event::SceneFaulted(_) => report("{\"is\":\"faulted\"}")?,
             Event::Ended(ending) => {

@@ -21,11 +21,13 @@ pub(super) fn cases() -> Vec<MessageCase> {
     }
     choosing(&mut cases);
     moves(&mut cases);
-    for (kind, name) in [(4, "Leave"), (5, "Delete"), (9, "Resync"), (11, "Inspect")] {
+    for (kind, name) in [(4, "Leave"), (5, "Delete"), (11, "Inspect")] {
         cases.add(kind, name, &[]);
     }
     cases.add(6, "Reserve", &[&v(4_096)]);
     cases.add(8, "Advance", &[&v(300)]);
+    cases.add(9, "Resync, lost sync", &[&[0]]);
+    cases.add(9, "Resync, checksum mismatch", &[&[1]]);
     cases.add(10, "Ping", &[&v(123_456_789_012)]);
     cases.add(13, "Subscribed", &[&v(5)]);
     cases.add(15, "Upstream, nothing", &[]);

@@ -1,6 +1,7 @@
 //! When a client reports what its replicas lack and requests a new snapshot.
 
-use crate::message::ClientMessage;
+use super::super::event::Event;
+use crate::message::{ClientMessage, ResyncCause};
 use crate::stream::SILENCE_MOST;
 use crate::time::{Instant, Span};
 
@@ -66,7 +67,11 @@ impl ClientSession {
         }
         if lost_sync && !self.awaits_snapshot() && self.resync_timer.ask(now, RESYNC_AGAIN) {
             self.resyncing = true;
-            self.send(&ClientMessage::Resync);
+            let cause = self.replica_switch.resync_cause();
+            if cause == ResyncCause::ChecksumMismatch {
+                self.events.push_back(Event::ChecksumMismatch);
+            }
+            self.send(&ClientMessage::Resync(cause));
         }
         if awaits {
             self.await_tick(now);

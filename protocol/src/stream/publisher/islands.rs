@@ -149,7 +149,7 @@ impl Publisher {
     /// other.
     fn join_attached(&self, updates: &[Update], union: &mut UnionFind) {
         let aliases = self.alias_table.aliases();
-        for (parent, body) in self.parent_references.of_now() {
+        for &(parent, body) in &self.attached {
             let place = |index: u32| {
                 let alias = aliases.of(index)?;
                 updates

@@ -5,10 +5,7 @@ use rhumb_reckoning::{BodyId, DenseTrack, PredictionX4, Tick};
 use super::Subscriber;
 use crate::packet::{Update, UpdatePayload};
 use crate::stream::aliases::AliasOwner;
-use crate::stream::tracks::{CorrectionsX4, FormerTracks, Slot, Unreadable};
-
-/// Tracks that bodies left while packets were missing: what a long gap of a lively scene takes.
-const OLDER_KEPT: usize = 4_096;
+use crate::stream::tracks::{CorrectionsX4, Slot, Unreadable};
 
 impl Subscriber {
     /// Takes in what was overtaken by a newer payload: it is what attached until then.
@@ -43,16 +40,6 @@ impl Subscriber {
         }
     }
 
-    /// While a packet is missing that may name it, the track is kept that a body had before its last one.
-    fn keep_older(&mut self, index: u32) {
-        if self.missing_packets().next().is_some()
-            && self.older.len() < OLDER_KEPT
-            && let Some(before) = self.before.get(index)
-        {
-            self.older.push((index, DenseTrack::new(&before)));
-        }
-    }
-
     /// Takes in what a packet says of a body.
     pub(super) fn take(
         &mut self,
@@ -61,11 +48,7 @@ impl Subscriber {
         payload: &UpdatePayload,
     ) -> Result<(), Unreadable> {
         let before = self.tracks.slot(index).map(|slot| *slot.dense());
-        let former_tracks = FormerTracks {
-            before: Some(&self.before),
-            older: &self.older,
-        };
-        let heard = self.tracks.apply(index, tick, payload, former_tracks);
+        let heard = self.tracks.apply(index, tick, payload);
         if heard == Err(Unreadable::Superseded) {
             self.apply_late(index, tick, payload);
         }
@@ -85,7 +68,6 @@ impl Subscriber {
 
     /// A body has another track than it had before.
     fn note_applied(&mut self, index: u32, before: Option<DenseTrack>) {
-        self.keep_older(index);
         match before {
             Some(before) => self.before.keep(index, before),
             None => self.before.forget(index),
@@ -159,13 +141,8 @@ impl Subscriber {
             let owner = self.owner(body, tick);
             self.aliases.take(update.alias, body, tick, owner);
         }
-        // Who sits there now may not be who was meant then.
         let sits = || self.aliases.body_since(update.alias, tick);
-        let sat = || {
-            let keyframe = !self.gaps.lacks_before(number);
-            keyframe.then(|| self.aliases.body_then(update.alias, tick))?
-        };
-        let Some(index) = update.body.or_else(sits).or_else(sat) else {
+        let Some(index) = update.body.or_else(sits) else {
             self.statistics.unread += 1;
             self.gaps.note_unread(number, tick, false);
             return;
@@ -179,16 +156,16 @@ impl Subscriber {
             }
             return;
         }
-        let taken = self.take(index, tick, &update.payload);
-        let rests = |slot: &Slot| slot.origin() == tick && slot.is_exact_rest();
-        if self.tracks.slot(index).is_some_and(rests) {
-            self.aliases.release(index, tick);
-        }
-        match taken {
+        match self.take(index, tick, &update.payload) {
             Ok(()) => {}
             Err(Unreadable::OtherRevision) => {
                 self.statistics.unread += 1;
                 self.gaps.note_unread(number, tick, true);
+            }
+            // Refreshes of earlier missing packets need not contain this body.
+            Err(Unreadable::OtherParentRevision) => {
+                self.statistics.unread += 1;
+                self.gaps.note_unread(number, tick, false);
             }
             // Removed or said anew since: what came later stands.
             Err(Unreadable::NoBody | Unreadable::Superseded) => {}

@@ -7,25 +7,17 @@ use rhumb_reckoning::{Predictor, Tick};
 use super::Subscriber;
 use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
 use crate::packet::{
-    Checksums, Datagram, ErrorScale, FullPacket, IndexRanges, Keyframe, Low16, PacketKind, Refresh,
+    Checksums, Datagram, ErrorScale, FullPacket, Keyframe, Low16, PacketKind, Refresh,
     RefreshRecord, RepairSymbol, Update, UpdatePacket, UpdatePayload, Watermark,
 };
 use crate::stream::gaps::{PacketArrival, RefreshId};
-use crate::stream::tracks::{FormerTracks, Slot};
+use crate::stream::tracks::Slot;
 use crate::wire::Malformed;
 
 impl Subscriber {
     pub(super) fn read(&mut self, datagram: &Datagram<'_>) {
         if self.try_read(datagram).is_err() {
             self.statistics.malformed += 1;
-        }
-        self.remember_aliases();
-    }
-
-    /// While something is missing it is remembered who sits where.
-    fn remember_aliases(&mut self) {
-        if !self.gaps.is_converged() {
-            self.aliases.remember();
         }
     }
 
@@ -58,7 +50,6 @@ impl Subscriber {
                 Ok(())
             }
             PacketKind::LossReport
-            | PacketKind::ChecksumMismatch
             | PacketKind::UpdatesOverBudget
             | PacketKind::WatermarkOverBudget => {
                 return Err(Malformed::UnknownCode);
@@ -147,7 +138,6 @@ impl Subscriber {
                 statements.packet(number, tick, error_scale);
             }
             self.keep(number, datagram);
-            self.remember_aliases();
             self.apply_all(number, tick, &updates);
             if number < newest {
                 self.read_again_after(number, &mut updates);
@@ -236,7 +226,7 @@ impl Subscriber {
         Ok(())
     }
 
-    /// Sums over tracks watermark, and can be compared if nothing was heard or missed since.
+    /// A checksum also is a watermark. It is compared if the subscriber has received all packets before it and none after it.
     fn read_checksums(
         &mut self,
         datagram: &Datagram<'_>,
@@ -262,45 +252,10 @@ impl Subscriber {
             return Ok(());
         }
         self.statistics.compared += 1;
-        if self.mismatches.compare(&self.tracks, checksums) && checksums.ranges == IndexRanges::ALL
-        {
+        if checksums.sum != self.state_checksum() {
             self.statistics.mismatches += 1;
+            (self.mismatched, self.lost_sync) = (true, true);
         }
-        Ok(())
-    }
-
-    /// Whether a refresh may be the answer to the mismatch about one body. Of a packet that is known to have been sent it came
-    /// too late, and makes nothing good; what is a refresh after all comes again when nothing is doubted any more.
-    fn may_resync(&self, refresh: &Refresh) -> bool {
-        let doubted = self.mismatches.index();
-        let of_it =
-            |record: &RefreshRecord| Some(record.index) == doubted && record.alias.is_none();
-        doubted.is_some() && refresh.parts == 1 && refresh.records.iter().all(of_it)
-    }
-
-    /// Takes the publisher's track of the body that is doubted, whatever is predicted_motion here.
-    fn resync(&mut self, as_of: Tick, refresh: &Refresh) -> Result<(), Malformed> {
-        let Some(index) = self.mismatches.index() else {
-            return Ok(());
-        };
-        for record in refresh
-            .records
-            .iter()
-            .filter(|record| record.index == index)
-        {
-            let origin = as_of.before(record.age).ok_or(Malformed::OutOfRange)?;
-            let parent_candidate = self.tracks.slot(index).and_then(Slot::parent);
-            if self.tracks.set_track(index, record.keyframe.track(origin)) {
-                self.note_attached(index, parent_candidate);
-                self.aliases.clear(index);
-                self.older.retain(|(of, _)| *of != index);
-                self.drop_previous(index);
-                self.touch(index);
-                self.statistics.resynced += 1;
-                self.resynced.extend(self.body(index));
-            }
-        }
-        self.mismatches.end();
         Ok(())
     }
 
@@ -319,20 +274,16 @@ impl Subscriber {
             return Ok(());
         }
         let lost = refresh.lost.expand(self.gaps.next());
-        if lost >= self.gaps.next() {
-            self.resync(as_of, refresh)?;
-        } else if self.gaps.lacks(lost) && !self.may_resync(refresh) {
+        if self.gaps.lacks(lost) {
             self.make_good(lost, as_of, refresh)?;
         }
         self.touch_attached();
         Ok(())
     }
 
-    /// Takes in a refresh of a packet that is missing. One of a packet that was heard says nothing that is not known, or is
-    /// the answer to a mismatch, which came too late.
+    /// Applies a refresh of a missing packet. A refresh of a received packet contains nothing new.
     fn make_good(&mut self, lost: u64, as_of: Tick, refresh: &Refresh) -> Result<(), Malformed> {
         self.statistics.refreshes += 1;
-        self.aliases.refresh(as_of);
         for record in &refresh.records {
             let Some(origin) = as_of.before(record.age) else {
                 return Err(Malformed::OutOfRange);
@@ -345,11 +296,7 @@ impl Subscriber {
                 None => self.aliases.release_by(record.index, as_of),
             }
             let parent_candidate = self.tracks.slot(record.index).and_then(Slot::parent);
-            if self
-                .tracks
-                .apply(record.index, origin, &keyframe, FormerTracks::default())
-                .is_ok()
-            {
+            if self.tracks.apply(record.index, origin, &keyframe).is_ok() {
                 self.note_attached(record.index, parent_candidate);
                 self.touch(record.index);
             }

@@ -8,7 +8,6 @@ use rhumb_reckoning::{
 
 use super::{Slot, Tracks};
 use crate::packet::{Age, PredictionMode, UpdatePayload};
-use crate::stream::previous_tracks::PreviousTracks;
 
 /// Why a payload could not be taken in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,8 +16,10 @@ pub(crate) enum Unreadable {
     NoBody,
     /// The track is as new as the payload, or newer.
     Superseded,
-    /// The payload builds on a track that is not here.
+    /// The payload builds on another track of its body.
     OtherRevision,
+    /// The payload builds on another track of the parent.
+    OtherParentRevision,
 }
 
 impl Tracks {
@@ -31,7 +32,6 @@ impl Tracks {
         mode: &PredictionMode,
         age: Age,
         tick: Tick,
-        former_tracks: FormerTracks<'_>,
     ) -> Result<PredictionBase, Unreadable> {
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
         let track = &slot.track();
@@ -53,8 +53,7 @@ impl Tracks {
                 let predicted_motion = match (self.parent(track), parent_age) {
                     (None, None) if free => self.framed((index, slot), track, tick),
                     (Some(parent_candidate), Some(age)) => {
-                        let revision = self.of_age(former_tracks, parent_candidate, age, tick);
-                        let revision = revision.ok_or(Unreadable::OtherRevision)?;
+                        let revision = self.of_age(parent_candidate, age, tick)?;
                         let motion = self.framed((index, slot), track, tick);
                         let parent_candidate = self.framed(parent_candidate, &revision, tick);
                         attached_motion(&parent_candidate, &motion.pose())
@@ -65,9 +64,7 @@ impl Tracks {
             }
             PredictionMode::Attached { parent, parent_age } => {
                 let parent_candidate = self.slot(parent).ok_or(Unreadable::NoBody)?;
-                let revision =
-                    self.of_age(former_tracks, (parent, parent_candidate), parent_age, tick);
-                let revision = revision.ok_or(Unreadable::OtherRevision)?;
+                let revision = self.of_age((parent, parent_candidate), parent_age, tick)?;
                 let free = revision.parent.is_none() && track.parent.is_none();
                 if parent == index || !free {
                     return Err(Unreadable::OtherRevision);
@@ -91,19 +88,11 @@ impl Tracks {
         self.age(track, tick) == Some(age)
     }
 
-    /// The revision of a body's track that has an age, if that is known.
-    fn of_age(
-        &self,
-        former_tracks: FormerTracks<'_>,
-        (index, slot): (u32, &Slot),
-        age: Age,
-        tick: Tick,
-    ) -> Option<Track> {
-        let before = former_tracks.before.and_then(|before| before.get(index));
-        let older = former_tracks.older.iter().filter(|(of, _)| *of == index);
-        let all = core::iter::once(slot.track()).chain(before);
-        let mut all = all.chain(older.map(|(_, track)| track.track()));
-        all.find(|track| self.is_of_age(track, age, tick))
+    /// The track of a parent if it has this age.
+    fn of_age(&self, (_, slot): (u32, &Slot), age: Age, tick: Tick) -> Result<Track, Unreadable> {
+        let track = slot.track();
+        let known = self.is_of_age(&track, age, tick).then_some(track);
+        known.ok_or(Unreadable::OtherParentRevision)
     }
 
     /// The track that a payload at `tick` gives a body.
@@ -112,7 +101,6 @@ impl Tracks {
         index: u32,
         tick: Tick,
         payload: &UpdatePayload,
-        former_tracks: FormerTracks<'_>,
     ) -> Result<Track, Unreadable> {
         let (mode, age, residual) = match payload {
             UpdatePayload::Keyframe(keyframe) => return Ok(keyframe.track(tick)),
@@ -126,7 +114,7 @@ impl Tracks {
                 residual,
             } => (mode, *age, residual),
         };
-        let prediction_base = self.prediction_base(index, mode, age, tick, former_tracks)?;
+        let prediction_base = self.prediction_base(index, mode, age, tick)?;
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
         Ok(prediction_base.track(tick, residual, self.grid(slot)))
     }
@@ -158,13 +146,12 @@ impl Tracks {
         index: u32,
         tick: Tick,
         payload: &UpdatePayload,
-        former_tracks: FormerTracks<'_>,
     ) -> Result<(), Unreadable> {
         let slot = self.slot(index).ok_or(Unreadable::NoBody)?;
         if tick <= slot.origin() {
             return Err(Unreadable::Superseded);
         }
-        let track = self.corrected_track(index, tick, payload, former_tracks)?;
+        let track = self.corrected_track(index, tick, payload)?;
         self.set_track(index, track);
         Ok(())
     }
@@ -284,15 +271,6 @@ impl Tracks {
         }
         *len = 0;
     }
-}
-
-/// Tracks that bodies have left: what is heard late may name a parent's.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct FormerTracks<'a> {
-    /// Those just before the present ones.
-    pub(crate) before: Option<&'a PreviousTracks>,
-    /// Those before these, with the indices of their bodies.
-    pub(crate) older: &'a [(u32, DenseTrack)],
 }
 
 /// What a correction is added to.

@@ -6,9 +6,7 @@
 use std::collections::BTreeMap;
 
 use rhumb_protocol::message::Frames;
-use rhumb_protocol::packet::{
-    ChecksumMismatch, IndexRanges, LossReport, Low16, StreamId, Watermark,
-};
+use rhumb_protocol::packet::{LossReport, Low16, StreamId, Watermark};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::wire::bytes::Writer;
 use serde_json::Value;
@@ -185,23 +183,16 @@ fn of_other_streams(trial: &mut Trial<'_>) -> CaseResult {
             .send_datagram(&datagram::of_stream(&sent, other))?;
     }
     let own = interceptor.mirror()?.stream().stream();
-    // Loss reports and checksum mismatches are kinds that only subscribers send.
+    // Only subscribers send loss reports.
     let loss_report = LossReport {
         next: Low16(1),
         gone: Low16(0),
         repair_symbols: 0,
         lost: Vec::new(),
     };
-    let range = IndexRanges {
-        first: 0,
-        stride: 1,
-    };
     interceptor
         .raw_server
         .send_datagram(&loss_report.encode(own))?;
-    interceptor
-        .raw_server
-        .send_datagram(&ChecksumMismatch { range }.encode(own))?;
     interceptor.step(20)?;
     interceptor.must_follow()
 }

@@ -318,7 +318,7 @@ fn across_the_wraparound(trial: &mut Trial<'_>) -> CaseResult {
 
 fn resyncs(server: &mut RawServer) -> CaseResult {
     server.await_message("resync", |message| {
-        matches!(message, ClientMessage::Resync).then_some(())
+        matches!(message, ClientMessage::Resync(_)).then_some(())
     })
 }
 

@@ -95,7 +95,8 @@ fn received(stream: Value) -> Case {
         "a decoder of {} reaches the subscriber's state",
         word(&stream["name"])
     );
-    let cites = "PROTOCOL 5.6-15, 6.1-2, 6.2-1, 6.2-2, 6.2-3, 6.6-15, 6.8-2, 6.13-6, 6.13-7, 6.13-11, 6.13-13";
+    let cites =
+        "PROTOCOL 5.6-15, 6.1-2, 6.2-1, 6.2-2, 6.2-3, 6.6-15, 6.8-2, 6.13-6, 6.13-7, 6.13-11";
     family("L4.81", &name, cites, vec![stream], known)
 }
 

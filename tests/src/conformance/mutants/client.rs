@@ -38,8 +38,6 @@ pub enum ClientMutant {
     RevisionIgnored,
     /// Ignores rest updates.
     RestLost,
-    /// Never reports a checksum mismatch.
-    NeverReportsMismatch,
     /// Computes repair symbols wrongly.
     RepairSymbolWrong,
     /// Processes datagrams regardless of their scene event count.
@@ -224,8 +222,7 @@ impl Behaviour for MutantBehaviour {
             .ok()
             .map(|head| (head.kind, head.stream));
         match (self.mutant, kind) {
-            (ClientMutant::NeverReportsLoss, Some((PacketKind::LossReport, _)))
-            | (ClientMutant::NeverReportsMismatch, Some((PacketKind::ChecksumMismatch, _))) => None,
+            (ClientMutant::NeverReportsLoss, Some((PacketKind::LossReport, _))) => None,
             (ClientMutant::OffByOne, Some((PacketKind::LossReport, stream))) => {
                 let mut loss_report = LossReport::decode(reader).ok()?;
                 loss_report

@@ -371,7 +371,7 @@ fn other_sums(bytes: &[u8]) -> Option<Vec<u8>> {
     let mut reader = Reader::new(bytes);
     let head = Head::decode(&mut reader).ok()?;
     let mut checksums = Checksums::decode(reader).ok()?;
-    checksums.sums.iter_mut().for_each(|sum| *sum ^= 1);
+    checksums.sum ^= 1;
     Some(checksums.encode(head.stream))
 }
 

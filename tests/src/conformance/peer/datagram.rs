@@ -4,8 +4,8 @@
 //! well-formed.
 
 use rhumb_protocol::packet::{
-    ChecksumMismatch, Checksums, FullPacket, Head, LossReport, Low16, PacketKind, Refresh,
-    RepairSymbol, StreamId, UpdatePacket, Watermark,
+    Checksums, FullPacket, Head, LossReport, Low16, PacketKind, Refresh, RepairSymbol, StreamId,
+    UpdatePacket, Watermark,
 };
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
@@ -91,7 +91,6 @@ pub(crate) fn read(datagram: &[u8]) -> Result<(), Malformed> {
         PacketKind::Full | PacketKind::FullEnd => FullPacket::decode(true, from).map(drop),
         PacketKind::LossReport => LossReport::decode(from).map(drop),
         PacketKind::Checksums => Checksums::decode(from).map(drop),
-        PacketKind::ChecksumMismatch => ChecksumMismatch::decode(from).map(drop),
         PacketKind::RepairSymbol => RepairSymbol::decode(from).map(drop),
     }
 }

@@ -47,8 +47,6 @@ pub struct Interceptor {
     pub raw_server: RawServer,
     /// The client's loss reports with the time of receipt.
     pub loss_reports: Vec<(Instant, LossReport)>,
-    /// Kinds of all datagrams of the client.
-    pub kinds: Vec<PacketKind>,
     /// The client's reports.
     pub reported: Vec<Value>,
     pub(in crate::conformance) server: Server,
@@ -97,7 +95,6 @@ impl Interceptor {
         let mut interceptor = Self {
             raw_server,
             loss_reports: Vec::new(),
-            kinds: Vec::new(),
             reported: Vec::new(),
             server: Server::new(|| Instant::ZERO),
             mirror: ClientSession::new(name),
@@ -436,13 +433,11 @@ impl Interceptor {
 
     fn receive_datagram(&mut self, bytes: &[u8]) {
         let mut reader = Reader::new(bytes);
-        if let Ok(head) = Head::decode(&mut reader) {
-            self.kinds.push(head.kind);
-            if head.kind == PacketKind::LossReport
-                && let Ok(loss_report) = LossReport::decode(reader)
-            {
-                self.loss_reports.push((self.raw_server.now(), loss_report));
-            }
+        if let Ok(head) = Head::decode(&mut reader)
+            && head.kind == PacketKind::LossReport
+            && let Ok(loss_report) = LossReport::decode(reader)
+        {
+            self.loss_reports.push((self.raw_server.now(), loss_report));
         }
         let now = self.now();
         self.server.handle_datagram(now, CLIENT, bytes);

@@ -394,7 +394,8 @@ impl LossyClient {
                     self.sent.push(&bytes);
                     while let Ok(Some(framed)) = self.sent.next_frame() {
                         let sent = ClientMessage::decode(&framed);
-                        self.resyncs += u64::from(sent == Ok(Some(ClientMessage::Resync)));
+                        self.resyncs +=
+                            u64::from(matches!(sent, Ok(Some(ClientMessage::Resync(_)))));
                     }
                     self.connection.say(bytes);
                 }

@@ -5,7 +5,7 @@
 
 use rhumb_protocol::Instant;
 use rhumb_protocol::message::{
-    ClientMessage, Extensions, ServerMessage, StreamChoice, TakeAuthority, TierPolicy,
+    ClientMessage, Extensions, ResyncCause, ServerMessage, StreamChoice, TakeAuthority, TierPolicy,
 };
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::Command;
@@ -164,7 +164,7 @@ fn message(client: &RawClient, kind: u8) -> ClientMessage {
             gravity: glam::Vec3::ZERO,
         }),
         8 => ClientMessage::Advance { to: Tick::new(1) },
-        9 => ClientMessage::Resync,
+        9 => ClientMessage::Resync(ResyncCause::LostSync),
         10 => ClientMessage::Ping {
             sent: Instant::from_nanos(7),
         },

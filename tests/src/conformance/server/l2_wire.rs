@@ -1,13 +1,12 @@
 //! L2.2: the datagrams that answer a member's messages, bit by bit.
 //!
-//! No session is in between: a raw member sends a loss report or a mismatch, and decodes the answers.
+//! No session is in between: a raw member sends loss reports and decodes the answers.
 
 use glam::Vec3;
-use rhumb_protocol::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX};
-use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
+use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
+use rhumb_protocol::message::{ClientMessage, ResyncCause, ServerMessage, StreamChoice};
 use rhumb_protocol::packet::{
-    ChecksumMismatch, Checksums, Head, IndexRanges, Low16, PacketKind, Refresh, RepairSymbol,
-    Watermark,
+    Checksums, Head, Low16, PacketKind, Refresh, RepairSymbol, Watermark,
 };
 use rhumb_protocol::scene::Command;
 use rhumb_protocol::wire::Wire;
@@ -71,18 +70,6 @@ const CASES: &[CaseRow] = &[
         "a member that requests repair symbols for lost packets receives some",
         "PROTOCOL 6.15-8, 5.16-3, 5.16-4",
         repair_symbols,
-    ),
-    (
-        9,
-        "a mismatch of all indices is answered by checksums of ranges",
-        "PROTOCOL 6.12-7, 5.14-1, 5.14-2, 5.15-1",
-        mismatch_of_all,
-    ),
-    (
-        10,
-        "a mismatch of one index is answered by its track",
-        "PROTOCOL 6.12-7",
-        mismatch_of_one,
     ),
     (
         11,
@@ -289,58 +276,6 @@ fn sums_of(
     RepairSymbol::of(repair_symbol.row, &covered).map(|repair_symbol| repair_symbol.sums)
 }
 
-fn mismatch_of_all(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member = RawMember::begin(trial, NORMAL, 3)?;
-    member.step(5)?;
-    let range = IndexRanges::ALL;
-    member
-        .client
-        .send_datagram(&ChecksumMismatch { range }.encode(member.joined.start.stream))?;
-    loop {
-        let (kind, bytes) = member.next()?;
-        if kind != PacketKind::Checksums {
-            continue;
-        }
-        let checksums = datagram::body(&bytes, Checksums::decode)?;
-        if checksums.ranges.stride == INDICES_MAX {
-            continue;
-        }
-        ensure(
-            checksums.ranges.first == 0,
-            "the first range starts at the first index",
-        )?;
-        ensure(
-            checksums.ranges.stride == INDICES_MAX.div_ceil(128),
-            "each range is a 128th",
-        )?;
-        return ensure(checksums.sums.len() <= 128, "at most 128 ranges");
-    }
-}
-
-fn mismatch_of_one(trial: &mut Trial<'_>) -> CaseResult {
-    let mut member = RawMember::begin(trial, NORMAL, 3)?;
-    member.step(5)?;
-    let index = body(member.client.granted, 1)?.index();
-    let range = IndexRanges {
-        first: index,
-        stride: 1,
-    };
-    member
-        .client
-        .send_datagram(&ChecksumMismatch { range }.encode(member.joined.start.stream))?;
-    loop {
-        let (kind, bytes) = member.next()?;
-        if kind == PacketKind::Refresh {
-            let refresh = datagram::body(&bytes, Refresh::decode)?;
-            let indices: Vec<u32> = refresh.records.iter().map(|record| record.index).collect();
-            return ensure(
-                indices == [index],
-                format!("only its track, not {indices:?}"),
-            );
-        }
-    }
-}
-
 fn asleep(trial: &mut Trial<'_>) -> CaseResult {
     let mut client = trial.client()?;
     let config = super::scenery::weightless(lockstep());
@@ -373,7 +308,9 @@ fn resync(trial: &mut Trial<'_>) -> CaseResult {
     let mut member = RawMember::begin(trial, NORMAL, 3)?;
     member.step(10)?;
     let commands = member.client.commands;
-    member.client.send(&ClientMessage::Resync);
+    member
+        .client
+        .send(&ClientMessage::Resync(ResyncCause::LostSync));
     let (joined, scene_events) = member.client.snapshot()?;
     ensure(
         joined.start.tick == Tick::new(10),
@@ -447,9 +384,11 @@ fn follows(trial: &mut Trial<'_>) -> CaseResult {
 fn only_the_last(trial: &mut Trial<'_>) -> CaseResult {
     let mut member = RawMember::begin(trial, NORMAL, 1)?;
     let full = ClientMessage::Subscribe(StreamChoice::Full);
-    member
-        .client
-        .send_together(&[ClientMessage::Resync, ClientMessage::Resync, full]);
+    member.client.send_together(&[
+        ClientMessage::Resync(ResyncCause::LostSync),
+        ClientMessage::Resync(ResyncCause::LostSync),
+        full,
+    ]);
     let received = member.client.barrier()?;
     let joined: Vec<_> = received
         .iter()
@@ -532,11 +471,7 @@ fn checksum_packets(trial: &mut Trial<'_>) -> CaseResult {
         for (kind, bytes) in member.step(to)? {
             if kind == PacketKind::Checksums {
                 let checksums = datagram::body(&bytes, Checksums::decode)?;
-                ensure(
-                    checksums.ranges == IndexRanges::ALL && checksums.sums.len() == 1,
-                    "the checksum covers all indices",
-                )?;
-                sums.extend(checksums.sums);
+                sums.push(checksums.sum);
             }
         }
     }

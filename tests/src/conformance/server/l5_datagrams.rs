@@ -4,7 +4,9 @@
 //! ends a connection.
 
 use glam::Vec3;
-use rhumb_protocol::message::{ClientMessage, SceneEvent, ServerMessage, TakeAuthority};
+use rhumb_protocol::message::{
+    ClientMessage, ResyncCause, SceneEvent, ServerMessage, TakeAuthority,
+};
 use rhumb_protocol::packet::{LossReport, Low16, PacketKind, StreamId};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Stepping};
 use rhumb_reckoning::{Anchor, BodyId, BodyState, Tolerance};
@@ -105,7 +107,7 @@ fn take_authority(client: &mut RawClient, id: BodyId) -> Result<StreamId, Stop> 
 
 /// The states of all bodies, from a new snapshot.
 fn again(client: &mut RawClient) -> Result<Vec<BodyState>, Stop> {
-    client.send(&ClientMessage::Resync);
+    client.send(&ClientMessage::Resync(ResyncCause::LostSync));
     let (_, scene_events) = client.snapshot()?;
     let tracks = scene_events
         .into_iter()

@@ -4,8 +4,8 @@
 
 use glam::Vec3;
 use rhumb_protocol::Instant;
-use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
-use rhumb_protocol::packet::{ChecksumMismatch, IndexRanges, LossReport, Low16, StreamId};
+use rhumb_protocol::message::{ClientMessage, ResyncCause, ServerMessage, StreamChoice};
+use rhumb_protocol::packet::{LossReport, Low16, StreamId};
 use rhumb_protocol::scene::{Command, CommandError};
 use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::{BodyId, Tick};
@@ -51,12 +51,6 @@ const CASES: &[CaseRow] = &[
         "loss reports for packets that were never sent do not affect others",
         "PROTOCOL 6.7-7, 5.13-1",
         |trial| beside(trial, loss_reports),
-    ),
-    (
-        6,
-        "endless mismatches do not affect others",
-        "PROTOCOL 6.12-7",
-        |trial| beside(trial, mismatches),
     ),
     (
         7,
@@ -188,7 +182,7 @@ fn greased(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
 
 /// The stream of a member.
 fn stream(attacker: &mut RawClient) -> Result<StreamId, Stop> {
-    attacker.send(&ClientMessage::Resync);
+    attacker.send(&ClientMessage::Resync(ResyncCause::LostSync));
     Ok(attacker.snapshot()?.0.start.stream)
 }
 
@@ -202,18 +196,6 @@ fn loss_reports(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
             lost: (0..64).map(|lost| Low16::of(number * 64 + lost)).collect(),
         };
         attacker.send_datagram(&loss_report.encode(stream))?;
-    }
-    attacker.barrier().map(drop)
-}
-
-fn mismatches(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
-    let stream = stream(attacker)?;
-    for number in 0..400_u32 {
-        let range = IndexRanges {
-            first: number * 2_000,
-            stride: 1 + number,
-        };
-        attacker.send_datagram(&ChecksumMismatch { range }.encode(stream))?;
     }
     attacker.barrier().map(drop)
 }
@@ -250,7 +232,7 @@ fn chance(trial: &mut Trial<'_>, _: &mut RawClient) -> CaseResult {
 }
 
 fn snapshots(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
-    attacker.send_together(&vec![ClientMessage::Resync; 500]);
+    attacker.send_together(&vec![ClientMessage::Resync(ResyncCause::LostSync); 500]);
     let received = attacker.barrier()?;
     let reported = received
         .iter()
@@ -307,7 +289,7 @@ fn never_reads(trial: &mut Trial<'_>) -> CaseResult {
     let mut tick = 1;
     // Each snapshot has some 100 kB; a server may buffer a few MB more than QUIC has in flight.
     for _ in 0..400 {
-        attacker.send(&ClientMessage::Resync);
+        attacker.send(&ClientMessage::Resync(ResyncCause::LostSync));
         tick += 1;
         good.advance(Tick::new(tick))?;
         while let Some(event) = attacker.connection.hear(std::time::Duration::ZERO) {
