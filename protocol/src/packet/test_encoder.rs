@@ -1,4 +1,4 @@
-//! Puts together what no publisher says, for vectors of what is refused.
+//! Encodes packets that no publisher sends, for vectors of refused packets.
 
 use alloc::vec::Vec;
 
@@ -6,7 +6,7 @@ use super::model::Model;
 use super::tables::{MODES, SHAPES, SYMBOLS};
 use crate::wire::range::{RangeWriter, TOTAL_BITS};
 
-/// The updates of one packet, number by number, without regard to their meaning.
+/// The updates of one packet, encoded number by number without checks.
 #[doc(hidden)]
 #[derive(Debug, Default)]
 pub struct TestEncoder {
@@ -15,14 +15,14 @@ pub struct TestEncoder {
 }
 
 impl TestEncoder {
-    /// A number in a context.
+    /// Appends a number in a context.
     #[must_use]
     pub fn number(mut self, context: usize, number: u32) -> Self {
         self.model.write(context, number, &mut self.words);
         self
     }
 
-    /// A code of a form, or of the taking of a alias, after a form of this row.
+    /// Appends a code of a form, or of an alias assignment, after a form of this row.
     #[must_use]
     pub fn code(mut self, row: usize, code: usize) -> Self {
         let starts = &MODES[row];
@@ -32,7 +32,7 @@ impl TestEncoder {
         self
     }
 
-    /// The last symbol of a shape.
+    /// Appends the last symbol of a shape.
     #[must_use]
     pub fn escape(mut self, shape: usize) -> Self {
         let start = SHAPES[shape][SYMBOLS - 1];
@@ -42,14 +42,14 @@ impl TestEncoder {
         self
     }
 
-    /// Raw bits; `count` is at most 32.
+    /// Appends raw bits; `count` is at most 32.
     #[must_use]
     pub fn raw(mut self, value: u32, count: u32) -> Self {
         self.words.raw(value, count);
         self
     }
 
-    /// The bytes.
+    /// The encoded bytes.
     #[must_use]
     pub fn into_bytes(self) -> Vec<u8> {
         self.words.into_bytes()
