@@ -238,7 +238,7 @@ static OPENING_COSTS: [[u16; KNOWN]; CONTEXTS] = {
         let code_choice = CodeChoice::of(context, EXPECTED[context] as u32);
         let mut number = 0;
         while number < KNOWN {
-            // At most twelve bits for a symbol, and fewer than 16 raw bits for an expectation below 2²⁰.
+            // At most twelve bits for a symbol, plus the raw bits of an expectation below 2²⁰.
             costs[context][number] = code_choice.cost(number as u32) as u16;
             number += 1;
         }

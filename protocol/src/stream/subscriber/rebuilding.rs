@@ -10,7 +10,7 @@ use crate::wire::Malformed;
 impl Subscriber {
     /// Keeps a packet for the repair_symbols that cover it, and to read it again.
     pub(super) fn keep(&mut self, number: u64, datagram: &Datagram<'_>) {
-        self.fec_decoder.hear_packet(number, datagram);
+        self.fec_decoder.add_packet(number, datagram);
     }
 
     /// Keeps a repair_symbol for what it may give back.
