@@ -213,7 +213,7 @@ impl Publisher {
         let first_new = out.len();
         let spoke = !updates.is_empty();
         self.budget_state = Some(budget_state);
-        self.say(tick, &mut updates, scene_events, out);
+        self.encode_updates(tick, &mut updates, scene_events, out);
         self.updates = updates;
         if let Some(budget_state) = self.budget_state.as_mut().filter(|_| spoke) {
             budget_state

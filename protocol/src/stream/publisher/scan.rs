@@ -68,7 +68,7 @@ impl Publisher {
         let mut least = f64::INFINITY;
         self.statistics.looked += observations.len() as u64;
         for (place, observation) in observations.iter().enumerate() {
-            let Some(slot) = self.seen_slot(observation) else {
+            let Some(slot) = self.observed_slot(observation) else {
                 continue;
             };
             let radius = self.tracks.radius(slot).metres();
