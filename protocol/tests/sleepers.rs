@@ -114,8 +114,8 @@ fn free_aliases_of_sleeping_bodies_are_not_scanned() {
     assert!(after.updates > before.updates + u64::from(AWAKE));
     let looks = (TICKS - 120) / 60 + 1;
     // Aliases near the assigned ones are scanned too.
-    let (looked, most) = (after.aliases - before.aliases, 100 * looks);
-    assert!(looked > 0 && looked <= most, "{looked} of {most}");
+    let (scanned, most) = (after.aliases - before.aliases, 100 * looks);
+    assert!(scanned > 0 && scanned <= most, "{scanned} of {most}");
 }
 
 #[test]
@@ -129,7 +129,7 @@ fn ten_thousand_sleeping_bodies_are_not_scanned() {
 fn sleeping_bodies_cost_neither_work_nor_bytes() {
     let (few, said_of_few) = run(AWAKE, AWAKE);
     let (many, said_of_many) = run(10_000, AWAKE);
-    assert_eq!(few.looked, u64::from(AWAKE) * TICKS);
+    assert_eq!(few.checked, u64::from(AWAKE) * TICKS);
     assert!(few.updates > u64::from(AWAKE));
     assert_eq!(few, many);
     assert_eq!(said_of_few, said_of_many);

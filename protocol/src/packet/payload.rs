@@ -372,8 +372,8 @@ impl UpdateCoder {
                 Ok(PredictionMode::Same)
             }
             UpdateForm::World { predictor, .. } => {
-                let held = from.bit()?;
-                let parent_age = if held {
+                let was_attached = from.bit()?;
+                let parent_age = if was_attached {
                     Some(self.read_parent_age(from)?)
                 } else {
                     None

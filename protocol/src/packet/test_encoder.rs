@@ -11,14 +11,14 @@ use crate::wire::range::{RangeWriter, TOTAL_BITS};
 #[derive(Debug, Default)]
 pub struct TestEncoder {
     model: Model,
-    words: RangeWriter,
+    range_writer: RangeWriter,
 }
 
 impl TestEncoder {
     /// Appends a number in a context.
     #[must_use]
     pub fn number(mut self, context: usize, number: u32) -> Self {
-        self.model.write(context, number, &mut self.words);
+        self.model.write(context, number, &mut self.range_writer);
         self
     }
 
@@ -27,7 +27,7 @@ impl TestEncoder {
     pub fn code(mut self, row: usize, code: usize) -> Self {
         let starts = &MODES[row];
         let size = starts[code + 1] - starts[code];
-        self.words
+        self.range_writer
             .symbol(u32::from(starts[code]), u32::from(size), TOTAL_BITS);
         self
     }
@@ -37,7 +37,7 @@ impl TestEncoder {
     pub fn escape(mut self, shape: usize) -> Self {
         let start = SHAPES[shape][SYMBOLS - 1];
         let size = SHAPES[shape][SYMBOLS] - start;
-        self.words
+        self.range_writer
             .symbol(u32::from(start), u32::from(size), TOTAL_BITS);
         self
     }
@@ -45,13 +45,13 @@ impl TestEncoder {
     /// Appends raw bits; `count` is at most 32.
     #[must_use]
     pub fn raw(mut self, value: u32, count: u32) -> Self {
-        self.words.raw(value, count);
+        self.range_writer.raw(value, count);
         self
     }
 
     /// The encoded bytes.
     #[must_use]
     pub fn into_bytes(self) -> Vec<u8> {
-        self.words.into_bytes()
+        self.range_writer.into_bytes()
     }
 }

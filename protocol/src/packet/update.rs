@@ -28,7 +28,7 @@ pub struct Update {
 /// Writes one packet of updates, given in rising order of alias.
 #[derive(Debug)]
 pub struct UpdateWriter {
-    words: RangeWriter,
+    range_writer: RangeWriter,
     coder: UpdateCoder,
     next_alias: u32,
     count: u16,
@@ -54,7 +54,7 @@ impl UpdateWriter {
     #[must_use]
     pub fn new(stream: StreamId, number: u64, tick: u64, scene_events: u64) -> Self {
         Self {
-            words: RangeWriter::with_capacity(DATAGRAM_BYTES_MAX),
+            range_writer: RangeWriter::with_capacity(DATAGRAM_BYTES_MAX),
             coder: UpdateCoder::default(),
             next_alias: 0,
             count: 0,
@@ -75,13 +75,14 @@ impl UpdateWriter {
             .alias
             .checked_sub(self.next_alias)
             .expect("updates come in rising order of alias");
-        let room = (UPDATES_BYTES_MAX - END_BYTES_MAX).saturating_sub(self.words.byte_len_max());
+        let free_bytes =
+            (UPDATES_BYTES_MAX - END_BYTES_MAX).saturating_sub(self.range_writer.byte_len_max());
         let full = usize::from(self.count) == UPDATES_PER_PACKET_MAX;
-        if full || room < UPDATE_BYTES_MAX && self.bytes_max(&update.payload) > room {
+        if full || free_bytes < UPDATE_BYTES_MAX && self.bytes_max(&update.payload) > free_bytes {
             return false;
         }
         self.coder
-            .write(gap, update.body, &update.payload, &mut self.words);
+            .write(gap, update.body, &update.payload, &mut self.range_writer);
         self.next_alias = update.alias + 1;
         self.count += 1;
         true
@@ -118,7 +119,7 @@ impl UpdateWriter {
     }
 
     fn finish_as(mut self, kind: PacketKind, error_scale: Option<ErrorScale>) -> Vec<u8> {
-        self.coder.end(&mut self.words);
+        self.coder.end(&mut self.range_writer);
         let mut head = Writer::new();
         Head {
             kind,
@@ -131,7 +132,7 @@ impl UpdateWriter {
         self.number.encode(&mut head);
         self.tick.encode(&mut head);
         self.scene_events.encode(&mut head);
-        head.raw(&self.words.into_bytes());
+        head.raw(&self.range_writer.into_bytes());
         head.into_bytes()
     }
 }
@@ -149,7 +150,7 @@ pub struct UpdatePacket<'a> {
     pub ends_tick: bool,
     /// The factor by which tracks may exceed their tolerances, if the packet carries one.
     pub error_scale: ErrorScale,
-    words: RangeReader<'a>,
+    range_reader: RangeReader<'a>,
 }
 
 impl<'a> UpdatePacket<'a> {
@@ -168,7 +169,7 @@ impl<'a> UpdatePacket<'a> {
             scene_events,
             ends_tick,
             error_scale: ErrorScale::NONE,
-            words: RangeReader::new(from.rest()),
+            range_reader: RangeReader::new(from.rest()),
         })
     }
 
@@ -195,7 +196,7 @@ impl<'a> UpdatePacket<'a> {
         out.clear();
         let mut coder = UpdateCoder::default();
         let mut next_alias = 0_u32;
-        while let Some((gap, body, payload)) = coder.read(&mut self.words)? {
+        while let Some((gap, body, payload)) = coder.read(&mut self.range_reader)? {
             if out.len() == UPDATES_PER_PACKET_MAX {
                 return Err(Malformed::TooLong);
             }
@@ -210,7 +211,7 @@ impl<'a> UpdatePacket<'a> {
             });
             next_alias = alias + 1;
         }
-        self.words.finish()
+        self.range_reader.finish()
     }
 }
 

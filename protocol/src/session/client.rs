@@ -376,17 +376,17 @@ impl ClientSession {
     /// another stream meanwhile skips the one between; the server sends that stream no more.
     fn switch_replica(&mut self) {
         let shown = self.replica_switch.shown();
-        let goes_on = shown.is_some_and(|copy| !copy.stream().has_lost_sync());
-        if self.stream_selection.is_asking() && goes_on {
+        let is_live = shown.is_some_and(|replica| !replica.stream().has_lost_sync());
+        if self.stream_selection.is_asking() && is_live {
             return;
         }
         let Some(before) = self.replica_switch.switch_when_caught_up() else {
             return;
         };
-        let Some(copy) = self.replica_switch.shown() else {
+        let Some(replica) = self.replica_switch.shown() else {
             return;
         };
-        let (choice, stream) = (copy.choice(), copy.stream().stream());
+        let (choice, stream) = (replica.choice(), replica.stream().stream());
         if self.stream_selection.take_subscription_change() || before.choice() != choice {
             self.events.push_back(Event::SubscriptionChanged(choice));
         }
@@ -484,7 +484,7 @@ impl Endpoint for ClientSession {
         let watermark_tick = |replica_switch: &ReplicaSwitch| {
             replica_switch
                 .shown()
-                .map(|copy| copy.stream().watermark_tick())
+                .map(|replica| replica.stream().watermark_tick())
         };
         let before = watermark_tick(&self.replica_switch);
         self.replica_switch.handle_datagram(&datagram);

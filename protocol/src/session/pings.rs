@@ -119,9 +119,9 @@ mod tests {
     fn converged() -> Pings {
         let mut pings = Pings::new();
         pings.begin(Instant::ZERO);
-        for look in 1..FIRST_PINGS {
+        for ping in 1..FIRST_PINGS {
             let due = pings.due().unwrap();
-            assert_eq!(due, Instant::ZERO + Span::from_millis(u64::from(look) * 50));
+            assert_eq!(due, Instant::ZERO + Span::from_millis(u64::from(ping) * 50));
             pings.note_sent(due);
         }
         let (one_way, none) = (Span::from_millis(20), Span::ZERO);

@@ -56,7 +56,7 @@ impl ReplicaSwitch {
 
     /// Completes the snapshot. The first replica of a membership is shown at once.
     pub(crate) fn end_snapshot(&mut self) -> Result<(), CloseCode> {
-        let filling = self.next.as_mut().filter(|copy| !copy.is_complete());
+        let filling = self.next.as_mut().filter(|replica| !replica.is_complete());
         filling.ok_or(CloseCode::VIOLATION)?.end_snapshot();
         if self.shown.is_none() {
             self.shown = self.next.take();
@@ -92,9 +92,9 @@ impl ReplicaSwitch {
 
     /// Hands a datagram to the replicas that follow its stream.
     pub(crate) fn handle_datagram(&mut self, datagram: &Datagram<'_>) {
-        for copy in [&mut self.next, &mut self.shown].into_iter().flatten() {
-            if copy.stream().stream() == datagram.head().stream {
-                copy.stream_mut().handle(datagram);
+        for replica in [&mut self.next, &mut self.shown].into_iter().flatten() {
+            if replica.stream().stream() == datagram.head().stream {
+                replica.stream_mut().handle(datagram);
             }
         }
     }
@@ -105,8 +105,8 @@ impl ReplicaSwitch {
         let complete = replicas
             .into_iter()
             .flatten()
-            .filter(|copy| copy.is_complete());
-        complete.map(|copy| &copy.receiver)
+            .filter(|replica| replica.is_complete());
+        complete.map(|replica| &replica.receiver)
     }
 
     /// See [`Self::receivers`].
@@ -115,8 +115,8 @@ impl ReplicaSwitch {
         let complete = replicas
             .into_iter()
             .flatten()
-            .filter(|copy| copy.is_complete());
-        complete.map(|copy| &mut copy.receiver)
+            .filter(|replica| replica.is_complete());
+        complete.map(|replica| &mut replica.receiver)
     }
 
     /// The reports due now.
@@ -136,14 +136,14 @@ impl ReplicaSwitch {
     /// Whether only a new snapshot helps.
     pub(crate) fn have_lost_sync(&self) -> bool {
         self.newest()
-            .is_some_and(|copy| copy.stream().has_lost_sync())
+            .is_some_and(|replica| replica.stream().has_lost_sync())
     }
 
     /// The cause to give if a new snapshot is requested.
     pub(crate) fn resync_cause(&self) -> ResyncCause {
         if self
             .newest()
-            .is_some_and(|copy| copy.stream().has_mismatched())
+            .is_some_and(|replica| replica.stream().has_mismatched())
         {
             ResyncCause::ChecksumMismatch
         } else {

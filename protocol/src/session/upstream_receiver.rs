@@ -37,7 +37,7 @@ pub struct UpstreamReceiver {
     body_tracks: Vec<BodyTracks>,
     watermark_schedule: WatermarkSchedule,
     /// Up to this tick everything was received, even where a later packet is missing.
-    sure_until: Tick,
+    complete_until: Tick,
     /// The newest tick that `motions` was called for.
     present: Tick,
     changed: Vec<u32>,
@@ -86,7 +86,7 @@ impl UpstreamReceiver {
             receiver: StreamReceiver::with_timeout(subscriber, DISORDER),
             body_tracks,
             watermark_schedule: WatermarkSchedule::of(integrator.rate),
-            sure_until: grant.tick,
+            complete_until: grant.tick,
             present: grant.tick,
             changed: Vec::new(),
         }
@@ -136,8 +136,9 @@ impl UpstreamReceiver {
     /// Whether no packet about this tick is known to be missing.
     #[must_use]
     pub fn is_complete_at(&self, tick: Tick) -> bool {
-        let known = self.subscriber().is_converged() && self.subscriber().known_from() <= tick;
-        known || tick <= self.sure_until
+        let is_complete =
+            self.subscriber().is_converged() && self.subscriber().known_from() <= tick;
+        is_complete || tick <= self.complete_until
     }
 
     /// Whether the client has been silent for so long that its bodies stand still at this tick.
@@ -186,7 +187,7 @@ impl UpstreamReceiver {
         }
         // After a refresh, unknown ticks may still lie ahead of the present one; the old bound then stays valid.
         if converged && self.subscriber().known_from() <= self.present {
-            self.sure_until = watermark_tick;
+            self.complete_until = watermark_tick;
         }
         Some(watermark_tick.next())
     }
@@ -242,8 +243,8 @@ impl BodyTracks {
 
     /// The track in force at a tick. Tracks before it are dropped.
     fn at(&mut self, tick: Tick) -> Option<&Track> {
-        let held = self.tracks.partition_point(|track| track.origin <= tick);
-        self.tracks.drain(..held.saturating_sub(1));
+        let begun_tracks = self.tracks.partition_point(|track| track.origin <= tick);
+        self.tracks.drain(..begun_tracks.saturating_sub(1));
         self.tracks.front().filter(|track| track.origin <= tick)
     }
 }
@@ -329,7 +330,7 @@ mod tests {
             let mut under_way: Vec<(u64, Bytes)> = Vec::new();
             let mut fates = fates.into_iter();
             let (mut packets, mut reports): (Vec<Bytes>, Vec<Bytes>) = Default::default();
-            let mut sure = 0;
+            let mut checked = 0;
             for step in 1..240_u64 {
                 let tick = Tick::new(100 + step);
                 let now = Instant::from_nanos(step * 16_666_667);
@@ -358,11 +359,11 @@ mod tests {
                     let apart = Divergence::between(&walk(step).motion().pose(), &placed.pose());
                     let share = TOLERANCE.share(&apart, Metres::new(0.5));
                     prop_assert!(share <= 1.0, "off by {} at step {}", share, step);
-                    sure += 1;
+                    checked += 1;
                 }
                 upstream_receiver.ask(now, tick, &mut reports);
             }
-            prop_assert!(lead < 8 || sure > 0);
+            prop_assert!(lead < 8 || checked > 0);
             prop_assert_eq!(upstream_receiver.statistics().mismatches, 0);
             prop_assert_eq!(upstream_receiver.statistics().malformed, 0);
         }

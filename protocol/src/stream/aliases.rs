@@ -203,22 +203,22 @@ impl AliasTable {
     /// Frees the aliases of idle bodies. Call it once a tick, before any update. Returns the number of aliases that it
     /// scanned.
     pub(crate) fn release_idle_aliases(&mut self, tick: Tick) -> u64 {
-        let mut looked = 0;
+        let mut scanned = 0;
         if tick.value() >= self.swept.value() + ALIAS_IDLE_TICKS {
             self.swept = tick;
-            looked = self.release_idle(tick);
+            scanned = self.release_idle(tick);
         }
         self.free.extend(self.freed.drain(..).map(Reverse));
-        looked
+        scanned
     }
 
     fn release_idle(&mut self, tick: Tick) -> u64 {
-        let mut looked = 0;
+        let mut scanned = 0;
         let mut blocks = core::mem::take(&mut self.blocks);
         blocks.retain(|block| {
             let mut taken = false;
             for alias in block * BLOCK..self.end.min((block + 1) * BLOCK) {
-                looked += 1;
+                scanned += 1;
                 let (_, updated) = self.aliases.aliases[alias as usize];
                 let silent = (tick.value() as u32).wrapping_sub(updated);
                 let Some(body) = self.aliases.body(alias) else {
@@ -233,7 +233,7 @@ impl AliasTable {
             taken
         });
         self.blocks = blocks;
-        looked
+        scanned
     }
 }
 

@@ -100,8 +100,13 @@ impl LossTracker {
             .map(|receiver| receiver.loss(next))
             .collect();
         losses.sort_unstable();
-        let spared = listeners.saturating_sub(1) / LISTENERS_PER_EXCEPTION;
-        let worst = losses.iter().rev().nth(spared).copied().unwrap_or_default();
+        let exceptions = listeners.saturating_sub(1) / LISTENERS_PER_EXCEPTION;
+        let worst = losses
+            .iter()
+            .rev()
+            .nth(exceptions)
+            .copied()
+            .unwrap_or_default();
         self.redundancy = self.redundancy.for_loss(worst);
         self.redundancy
     }
@@ -142,13 +147,16 @@ impl ReceiverLosses {
         // A smaller total than at the start of the window: the listener started again.
         let has_restarted = lost < self.since.lost;
         if has_restarted || span >= WINDOW {
-            let anew = if has_restarted {
+            let restarted = if has_restarted {
                 Self::of(sent, loss_report)
             } else {
                 Self::begin(newest, more)
             };
             let loses_from = self.loses_from;
-            *self = Self { loses_from, ..anew };
+            *self = Self {
+                loses_from,
+                ..restarted
+            };
             return;
         }
         self.newest = newest;

@@ -53,7 +53,7 @@ pub struct PublisherStatistics {
     /// Bytes of these packets.
     pub bytes: u64,
     /// Observations compared with tracks. A body that stays asleep has none.
-    pub looked: u64,
+    pub checked: u64,
     /// Aliases scanned for idle bodies: the assigned ones and free ones near them.
     pub aliases: u64,
     /// Bodies out of tolerance without an update, because the budget did not suffice. Counted at every tick.
@@ -484,12 +484,12 @@ impl Publisher {
             return None;
         }
         let chosen = chosen.or_else(|| decision.widened().decide(&subject));
-        Some(chosen.unwrap_or_else(|| self.anew(tick, slot, observation, &truth)))
+        Some(chosen.unwrap_or_else(|| self.keyframe_update(tick, slot, observation, &truth)))
     }
 
     /// A motion that needs no prediction: on the grid, or exact if the grid is too coarse for the tolerance, as for a
     /// body of a hundred metres.
-    fn anew(
+    fn keyframe_update(
         &self,
         tick: Tick,
         slot: &Slot,
@@ -505,10 +505,10 @@ impl Publisher {
             (false, false) => Predictor::Uniform,
         };
         let quantised = QuantisedState::of(truth, grid);
-        let published = quantised.motion(grid);
+        let on_grid = quantised.motion(grid);
         let used = share(
             &truth.pose(),
-            &published.pose(),
+            &on_grid.pose(),
             self.tracks.tolerance_of(slot),
             self.tracks.radius(slot),
         );

@@ -49,7 +49,7 @@ impl SourceSymbols {
         }
     }
 
-    /// The source_symbol of a packet, if it is kept.
+    /// The source symbol of a packet, if it is kept.
     pub(crate) fn get(&self, number: u64) -> Option<&[u8]> {
         let place = self.places.get(place_of(number))?;
         (place.number == Some(number)).then_some(&place.source_symbol)

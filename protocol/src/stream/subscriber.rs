@@ -39,7 +39,7 @@ pub struct Subscriber {
     /// The number of the first packet.
     first: u64,
     /// The tracks directly before the present ones.
-    before: PreviousTracks,
+    previous_tracks: PreviousTracks,
     /// Before this tick, previous tracks may be incomplete.
     known_from: Tick,
     gaps: PacketGaps,
@@ -86,7 +86,7 @@ impl Subscriber {
             start: start.tick,
             publish_interval: start.publish_interval,
             first: start.next,
-            before: PreviousTracks::default(),
+            previous_tracks: PreviousTracks::default(),
             known_from: Tick::ZERO,
             gaps: PacketGaps::new(start.next),
             fec_decoder: FecDecoder::new(start.next),
@@ -288,7 +288,7 @@ impl Subscriber {
         if track.origin <= tick {
             return Some(*track);
         }
-        let before = self.before.get(index);
+        let before = self.previous_tracks.get(index);
         before.filter(|before| before.origin <= tick)
     }
 
@@ -312,7 +312,7 @@ impl Subscriber {
             let attached = self.track_at(index, track, tick);
             attached.filter(|attached| !is_uncertain(attached))
         };
-        let known = certain_track(id.index(), &track).is_some_and(|then| match then.parent {
+        let is_known = certain_track(id.index(), &track).is_some_and(|then| match then.parent {
             None => true,
             // An attached body is known no better than its parent.
             Some(_) => self
@@ -320,7 +320,7 @@ impl Subscriber {
                 .parent(&then)
                 .is_some_and(|(index, parent)| certain_track(index, &parent.track()).is_some()),
         });
-        if tick > self.watermark_tick || !self.is_published(tick) || self.lost_sync || !known {
+        if tick > self.watermark_tick || !self.is_published(tick) || self.lost_sync || !is_known {
             return Some(ErrorBound::Unknown { since });
         }
         let Some(error_scale) = self.error_scale_at(tick) else {
@@ -419,7 +419,7 @@ impl Subscriber {
                 self.attached_indices.push(id.index());
             }
             self.touch(id.index());
-            self.before.forget(id.index());
+            self.previous_tracks.forget(id.index());
         }
         placed
     }
@@ -492,7 +492,7 @@ impl Subscriber {
     pub fn forget_before(&mut self, tick: Tick) {
         let end = tick.min(self.converged_at);
         let tracks = &self.tracks;
-        self.before
+        self.previous_tracks
             .retain(|index| tracks.slot(index).is_some_and(|slot| slot.origin() > end));
     }
 
@@ -505,8 +505,8 @@ impl Subscriber {
     /// The number of packets that did not arrive since the start, recovered ones included.
     #[must_use]
     pub const fn lost(&self) -> u64 {
-        let heard = self.statistics.packets - self.statistics.rebuilt;
-        (self.gaps.next() - self.first).saturating_sub(heard)
+        let arrived = self.statistics.packets - self.statistics.rebuilt;
+        (self.gaps.next() - self.first).saturating_sub(arrived)
     }
 
     /// The loss report with the oldest missing packets.

@@ -23,7 +23,7 @@ enum PendingReplica {
     /// No such replica exists, or it follows the present stream.
     Nothing,
     /// The member requested this stream.
-    Asked(StreamChoice),
+    Requested(StreamChoice),
     /// The server moves the member to this stream.
     TierChanged,
 }
@@ -43,7 +43,7 @@ impl StreamSelection {
     pub(super) fn select(&mut self, choice: StreamChoice) {
         let is_pending = match self.requested {
             Some(requested) => requested == choice,
-            None => self.pending_replica == PendingReplica::Asked(choice),
+            None => self.pending_replica == PendingReplica::Requested(choice),
         };
         self.wanted = (!is_pending).then_some(choice);
     }
@@ -73,7 +73,7 @@ impl StreamSelection {
             self.pending_replica = PendingReplica::TierChanged;
         } else if self.requested == Some(choice) {
             self.requested = None;
-            self.pending_replica = PendingReplica::Asked(choice);
+            self.pending_replica = PendingReplica::Requested(choice);
         }
     }
 

@@ -171,10 +171,10 @@ impl ClientSession {
         else {
             return;
         };
-        let copy = self.replica_switch.shown();
+        let replica = self.replica_switch.shown();
         let parameters = |id: BodyId| {
-            let body = copy?.body(id)?;
-            let shape = copy?.shape(body.shape)?;
+            let body = replica?.body(id)?;
+            let shape = replica?.shape(body.shape)?;
             Some(PredictionParameters::of(&body, shape, config.damping, None))
         };
         let upstream_sender = UpstreamSender::new(

@@ -204,7 +204,7 @@ impl Publisher {
             .token_bucket
             .earn(tick.since(before).unwrap_or_default());
         let observations = observation_history.at(tick).unwrap_or_default();
-        self.statistics.looked += observations.len() as u64;
+        self.statistics.checked += observations.len() as u64;
         let due = self.due(&mut budget_state, tick, observations);
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();

@@ -66,7 +66,7 @@ impl Publisher {
         scan.largest.clear();
         scan.parent_candidates.clear();
         let mut least = f64::INFINITY;
-        self.statistics.looked += observations.len() as u64;
+        self.statistics.checked += observations.len() as u64;
         for (place, observation) in observations.iter().enumerate() {
             let Some(slot) = self.observed_slot(observation) else {
                 continue;

@@ -16,7 +16,7 @@ impl Subscriber {
         if self.restricted.is_some() {
             return self.drop_previous(index);
         }
-        let Some(before) = self.before.origin(index) else {
+        let Some(before) = self.previous_tracks.origin(index) else {
             return;
         };
         let present = self.tracks.slot(index).map(Slot::origin);
@@ -25,7 +25,7 @@ impl Subscriber {
         }
         match payload {
             UpdatePayload::Keyframe(keyframe) => self
-                .before
+                .previous_tracks
                 .keep(index, DenseTrack::new(&keyframe.track(tick))),
             UpdatePayload::Residual { .. } | UpdatePayload::Resting { .. } => {
                 self.drop_previous(index)
@@ -36,7 +36,7 @@ impl Subscriber {
     /// Drops the previous track of a body, because it may be incomplete.
     pub(super) fn drop_previous(&mut self, index: u32) {
         if let Some(origin) = self.tracks.slot(index).map(Slot::origin) {
-            self.before.forget(index);
+            self.previous_tracks.forget(index);
             self.known_from = self.known_from.max(origin);
         }
     }
@@ -70,8 +70,8 @@ impl Subscriber {
     /// Notes that a body has another track.
     fn note_applied(&mut self, index: u32, before: Option<DenseTrack>) {
         match before {
-            Some(before) => self.before.keep(index, before),
-            None => self.before.forget(index),
+            Some(before) => self.previous_tracks.keep(index, before),
+            None => self.previous_tracks.forget(index),
         }
         self.statistics.updates += 1;
         // The receiver of a restricted stream sees only the newest track if one datagram brings several.
