@@ -1,7 +1,8 @@
-//! Bodies that something pushes steadily are told so, and spoken of less often
+//! Predicted constant acceleration saves updates and stays in tolerance.
 //!
-//! One body that an engine of four substeps pushes for a while, and lets fly again, at a centimetre. It is proved by
-//! what the publisher counts, by the listener's track, and by how far it is from the truth.
+//! An engine with four substeps accelerates one body for a while and lets it fly again; the tolerance is one
+//! centimetre. Proved by the publisher's counters, by the listener's track, and by the distance between track and
+//! truth.
 
 use std::num::NonZeroU32;
 
@@ -26,7 +27,7 @@ const INTEGRATOR: Integrator = Integrator {
 };
 const FIRST: DVec3 = DVec3::new(2.0, 0.5, -1.0);
 
-/// Where a body is, and how fast.
+/// The position and velocity of the body.
 #[derive(Clone, Copy)]
 struct AcceleratedBody {
     position: DVec3,
@@ -34,11 +35,11 @@ struct AcceleratedBody {
 }
 
 impl AcceleratedBody {
-    /// As an engine does it.
-    fn step(&mut self, push: DVec3) {
+    /// Steps as an engine does, by substeps.
+    fn step(&mut self, acceleration: DVec3) {
         let substep = INTEGRATOR.rate.step().seconds() / f64::from(SUBSTEPS.get());
         for _ in 0..SUBSTEPS.get() {
-            self.linear += push * substep;
+            self.linear += acceleration * substep;
             self.position += self.linear * substep;
         }
     }
@@ -55,16 +56,16 @@ impl AcceleratedBody {
     }
 }
 
-/// How a run went.
+/// The result of a run.
 struct RunResult {
     updates: u64,
-    /// Share of the tolerance that the listener's track used at most.
+    /// The greatest share of the tolerance that the error of the listener's track takes.
     worst: f64,
-    /// Ticks at which the listener took the body for one that is accelerated.
+    /// The number of ticks at which the listener's track has a constant acceleration.
     accelerated: u32,
 }
 
-/// One body's publisher, its listener, and what was seen.
+/// The publisher of one body, its listener, and the body's true motion.
 struct AccelerationLink {
     observation_history: ObservationHistory,
     publisher: Publisher,
@@ -112,18 +113,18 @@ impl AccelerationLink {
         }
     }
 
-    /// A tick passes; what the listener believes from then on, and how far that is from the truth, m.
-    fn step(&mut self, push: DVec3) -> Option<(Track, f64)> {
+    /// Steps one tick. Returns the listener's track and its distance from the truth, m.
+    fn step(&mut self, acceleration: DVec3) -> Option<(Track, f64)> {
         let mut flight = *self.past.last()?;
-        flight.step(push);
+        flight.step(acceleration);
         let tick = Tick::new(self.past.len() as u64);
         self.past.push(flight);
-        let seen = Observation {
+        let observation = Observation {
             id: BODY,
             motion: flight.body_state(),
             activity: Activity::Awake,
         };
-        self.observation_history.observe(tick, &[seen]);
+        self.observation_history.observe(tick, &[observation]);
         let mut packets = Vec::new();
         self.publisher
             .publish(&self.observation_history, 0, &mut packets);
@@ -142,12 +143,12 @@ impl AccelerationLink {
     }
 }
 
-/// A body that is accelerated so from tick to tick.
-fn run(pushes: &[DVec3], features: Features, lookahead: u32) -> RunResult {
+/// Runs a body with this acceleration in each tick.
+fn run(accelerations: &[DVec3], features: Features, lookahead: u32) -> RunResult {
     let mut link = AccelerationLink::new(features, lookahead);
     let (mut worst, mut accelerated) = (0.0_f64, 0);
-    for push in pushes {
-        if let Some((track, off)) = link.step(*push) {
+    for acceleration in accelerations {
+        if let Some((track, off)) = link.step(*acceleration) {
             assert_eq!(link.publisher.tracks().next(), Some((BODY, track)));
             accelerated += u32::from(track.predictor.acceleration().is_some());
             worst = worst.max(off / 0.01);
@@ -160,51 +161,54 @@ fn run(pushes: &[DVec3], features: Features, lookahead: u32) -> RunResult {
     }
 }
 
-/// Flies for a while, is accelerated for a while, and flies on.
-fn once(push: DVec3, ticks: usize) -> Vec<DVec3> {
-    let mut pushes = vec![DVec3::ZERO; 20];
-    pushes.extend(vec![push; ticks]);
-    pushes.extend(vec![DVec3::ZERO; 60]);
-    pushes
+/// The accelerations of a body that flies, is accelerated for some ticks, and flies on.
+fn once(acceleration: DVec3, ticks: usize) -> Vec<DVec3> {
+    let mut accelerations = vec![DVec3::ZERO; 20];
+    accelerations.extend(vec![acceleration; ticks]);
+    accelerations.extend(vec![DVec3::ZERO; 60]);
+    accelerations
 }
 
 #[test]
 fn steady_acceleration_needs_fewer_updates() {
-    let pushes = once(DVec3::new(-9.0, 3.0, 2.0), 40);
+    let accelerations = once(DVec3::new(-9.0, 3.0, 2.0), 40);
     for lookahead in [0, 6] {
-        let told = run(&pushes, Features::ALL, lookahead);
+        let with = run(&accelerations, Features::ALL, lookahead);
         let blind = Features {
             accelerated: false,
             ..Features::ALL
         };
-        let untold = run(&pushes, blind, lookahead);
-        assert!(told.accelerated > 20, "{} ticks", told.accelerated);
-        assert_eq!(untold.accelerated, 0);
-        let (some, many) = (told.updates, untold.updates);
-        assert!(some * 2 <= many, "{some} updates, {many} without");
+        let without = run(&accelerations, blind, lookahead);
+        assert!(with.accelerated > 20, "{} ticks", with.accelerated);
+        assert_eq!(without.accelerated, 0);
+        let (some, many) = (with.updates, without.updates);
+        assert!(
+            some * 2 <= many,
+            "{some} updates with the feature, {many} without it"
+        );
     }
 }
 
 #[test]
 fn ended_acceleration_is_corrected_soon() {
-    let pushes = once(DVec3::new(0.0, 10.0, 0.0), 30);
-    let told = run(&pushes, Features::ALL, 0);
+    let accelerations = once(DVec3::new(0.0, 10.0, 0.0), 30);
+    let with = run(&accelerations, Features::ALL, 0);
     assert!(
-        (10..40).contains(&told.accelerated),
+        (10..40).contains(&with.accelerated),
         "{} ticks",
-        told.accelerated
+        with.accelerated
     );
 }
 
 proptest! {
     #[test]
     fn accelerated_bodies_stay_within_tolerance(
-        pushes in proptest::collection::vec((proptest::array::uniform3(-40.0..40.0_f64), 1..30_usize), 1..8),
+        accelerations in proptest::collection::vec((proptest::array::uniform3(-40.0..40.0_f64), 1..30_usize), 1..8),
         lookahead in 0..=6_u32,
     ) {
-        let each = |(push, ticks): ([f64; 3], usize)| vec![DVec3::from_array(push); ticks];
-        let pushes: Vec<_> = pushes.into_iter().flat_map(each).collect();
-        let run = run(&pushes, Features::ALL, lookahead);
+        let each = |(acceleration, ticks): ([f64; 3], usize)| vec![DVec3::from_array(acceleration); ticks];
+        let accelerations: Vec<_> = accelerations.into_iter().flat_map(each).collect();
+        let run = run(&accelerations, Features::ALL, lookahead);
         prop_assert!(run.worst <= 1.0, "{} of the tolerance", run.worst);
     }
 }

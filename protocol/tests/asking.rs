@@ -1,7 +1,7 @@
-//! When a member asks for what it does not hear.
+//! When a client reports that an expected datagram has not arrived.
 //!
-//! A session alone, told by hand what a server would say. Caught so far: who had heard nothing for a while asked for a lost
-//! answer to its advance after three seconds only, as if it had asked for nothing.
+//! A client session alone, with hand-made messages of a server. Caught so far: a client that had received nothing for a
+//! while reported a lost answer to its advance only after three seconds, as if it had requested nothing.
 
 use std::num::NonZeroU32;
 
@@ -36,7 +36,7 @@ const TERMS: SceneConfig = SceneConfig {
     publish_schedule: PublishSchedule::EACH_TICK,
 };
 
-/// A member of a scene without bodies, at its beginning.
+/// A member of a scene without bodies, directly after joining.
 fn member(now: Instant) -> ClientSession {
     let mut session = ClientSession::new("pit".parse().expect("a name"));
     session.handle_opened(now, PEER);
@@ -66,7 +66,7 @@ fn member(now: Instant) -> ClientSession {
     let mut bytes = Vec::new();
     welcome.encode(&mut bytes);
     session.handle_control(now, PEER, &bytes);
-    session.join(choice).expect("who is welcomed may join");
+    session.join(choice).expect("a welcomed client may join");
     bytes.clear();
     joined.encode(&mut bytes);
     ServerMessage::SnapshotEnd.encode(&mut bytes);
@@ -75,8 +75,8 @@ fn member(now: Instant) -> ClientSession {
     session
 }
 
-/// When the session asks next whether something was lost, and nothing is heard meanwhile.
-fn asks(session: &mut ClientSession, from: Instant) -> Instant {
+/// The time of the session's next report of a possible loss, if nothing is received meanwhile.
+fn next_report(session: &mut ClientSession, from: Instant) -> Instant {
     let mut now = from;
     loop {
         let wake = session.poll_timeout().expect("it waits for a tick");
@@ -91,18 +91,23 @@ fn asks(session: &mut ClientSession, from: Instant) -> Instant {
     }
 }
 
-/// PROTOCOL 6.7-2: 100 ms after it asked for a tick.
+/// PROTOCOL 6.7-2: 100 ms after the request of a tick.
 #[test]
-fn a_lost_answer_to_an_advance_is_asked_for_after_a_tenth_of_a_second() {
+fn a_lost_answer_to_an_advance_is_reported_after_a_tenth_of_a_second() {
     let mut session = member(Instant::ZERO);
-    let asked = Instant::ZERO + Span::from_millis(1_500);
-    session.handle_timeout(asked);
-    session.advance(asked, Tick::new(1)).expect("a member may");
+    let requested = Instant::ZERO + Span::from_millis(1_500);
+    session.handle_timeout(requested);
+    session
+        .advance(requested, Tick::new(1))
+        .expect("a member may");
     while session.poll_transmit().is_some() {}
-    assert_eq!(asks(&mut session, asked), asked + Span::from_millis(100));
+    assert_eq!(
+        next_report(&mut session, requested),
+        requested + Span::from_millis(100)
+    );
 }
 
-/// PROTOCOL 6.7-2: twice what the quicker of the last two took, and doubling from there.
+/// PROTOCOL 6.7-2: twice the shorter of the last two response times, then doubling.
 #[test]
 fn retry_timer_follows_the_response_time() {
     let mut session = member(Instant::ZERO);
@@ -123,7 +128,7 @@ fn retry_timer_follows_the_response_time() {
     session.advance(now, Tick::new(4)).expect("a member may");
     for millis in [320, 640, 1_280, 2_000, 2_000] {
         let due = now + Span::from_millis(millis);
-        now = asks(&mut session, now);
+        now = next_report(&mut session, now);
         assert_eq!(now, due);
     }
 }

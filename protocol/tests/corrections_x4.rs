@@ -1,7 +1,7 @@
-//! What a packet corrects is taken in side by side as it is one by one
+//! Corrections applied four at a time equal corrections applied singly.
 //!
-//! One listener hears them in one packet, the other each in a packet of its own. What a packet says twice of a body, as no
-//! publisher does, is heard once: the first of it.
+//! One subscriber receives the updates in one packet, the other in a packet each. If a packet has two updates of a
+//! body, which no publisher sends, only the first counts.
 
 use glam::Vec3;
 use proptest::prelude::*;
@@ -17,17 +17,17 @@ const BODIES: u32 = 9;
 const STREAM: StreamId = StreamId(1);
 const RECEIVED: Tick = Tick::new(30);
 
-/// A body in flight, or one that lies still.
+/// The track of a body in flight, or of one at rest.
 fn track(index: u32) -> Track {
     let rests = index.is_multiple_of(4);
     let place = index as f32;
-    let said = BodyState::new(
+    let state = BodyState::new(
         [place, 1.0, -place],
         [0.6, 0.0, 0.0, 0.8],
         [place, 0.5, 0.0],
         [0.1, place, 2.0],
     );
-    let said = said.expect("these numbers are finite");
+    let state = state.expect("these numbers are finite");
     Track {
         origin: Tick::new(u64::from(index)),
         predictor: if rests {
@@ -35,7 +35,7 @@ fn track(index: u32) -> Track {
         } else {
             Predictor::Ballistic
         },
-        anchor: Anchor::Exact(if rests { said.stilled() } else { said }),
+        anchor: Anchor::Exact(if rests { state.stilled() } else { state }),
         parent: None,
     }
 }
@@ -62,7 +62,7 @@ fn listener() -> Subscriber {
     subscriber
 }
 
-/// A correction of a body; now and then of another revision than it has.
+/// A correction of a body, sometimes of a revision that the body does not have.
 fn correction() -> impl Strategy<Value = (u32, UpdatePayload)> {
     let steps = || proptest::array::uniform3(-40..40);
     let mode = prop_oneof![
@@ -115,11 +115,11 @@ proptest! {
             let id = BodyId::new(index, 0);
             prop_assert_eq!(together.track(id), one_by_one.track(id));
             prop_assert_eq!(together.predicted_motion(id, Tick::new(12)), one_by_one.predicted_motion(id, Tick::new(12)));
-            let spoken = aliased.iter().any(|(_, (body, payload))| {
+            let is_updated = aliased.iter().any(|(_, (body, payload))| {
                 let fits = matches!(payload, UpdatePayload::Residual { age, .. } if *age == Age::new(30 - index));
                 *body == index && fits
             });
-            prop_assert_eq!(together.track(id).map(|track| track.origin == RECEIVED), Some(spoken));
+            prop_assert_eq!(together.track(id).map(|track| track.origin == RECEIVED), Some(is_updated));
         }
         prop_assert_eq!(together.statistics().updates, one_by_one.statistics().updates);
         prop_assert_eq!(together.statistics().unread, one_by_one.statistics().unread);

@@ -1,7 +1,7 @@
-//! A listener that loses packets of a stream, and what repair_symbols make of that.
+//! Recovery of lost packets from repair symbols and refreshes.
 //!
-//! Scripts of single losses: a publisher says how some bodies bounce about, and the listener hears what the script lets
-//! pass. Track must equal track, to the bit, as soon as enough was heard.
+//! Scripts of single losses: a publisher sends the updates of some bouncing bodies, and the listener receives what the
+//! script delivers. As soon as enough is received, all tracks are equal to the bit.
 
 use bytes::Bytes;
 use glam::Vec3;
@@ -28,7 +28,7 @@ struct FecLink {
     tick: u64,
 }
 
-/// Where a body is at a tick: it hops, each at its own time.
+/// The state of a body at a tick: it hops, each body at its own time.
 fn motion(body: u32, tick: u64) -> BodyState {
     let phase = ((tick + u64::from(body) * 3) % 16) as f32 / 16.0;
     let height = 4.0 * phase * (1.0 - phase);
@@ -79,10 +79,10 @@ impl FecLink {
         }
     }
 
-    /// One tick: its packet, and the repair_symbols that go with it.
-    fn say(&mut self, redundancy: Redundancy) -> (Bytes, Vec<Bytes>) {
+    /// Publishes one tick: its packet, and the repair symbols after it.
+    fn publish_tick(&mut self, redundancy: Redundancy) -> (Bytes, Vec<Bytes>) {
         self.tick += 1;
-        let seen: Vec<_> = (0..BODIES)
+        let observations: Vec<_> = (0..BODIES)
             .map(|body| Observation {
                 id: BodyId::new(body, 0),
                 motion: motion(body, self.tick),
@@ -90,35 +90,31 @@ impl FecLink {
             })
             .collect();
         self.observation_history
-            .observe(Tick::new(self.tick), &seen);
+            .observe(Tick::new(self.tick), &observations);
         let (mut packets, mut repair_symbols) = (Vec::new(), Vec::new());
         self.publisher
             .publish(&self.observation_history, 0, &mut packets);
         self.publisher
             .encode_repair_symbols(redundancy, &mut repair_symbols);
-        assert_eq!(
-            packets.len(),
-            1,
-            "bodies that hop are spoken of in each tick"
-        );
+        assert_eq!(packets.len(), 1, "hopping bodies are updated in each tick");
         (packets.remove(0), repair_symbols)
     }
 
-    /// A tick of which everything arrives.
+    /// Publishes a tick and delivers everything.
     fn pass(&mut self, redundancy: Redundancy) {
-        let (packet, repair_symbols) = self.say(redundancy);
+        let (packet, repair_symbols) = self.publish_tick(redundancy);
         for datagram in [packet].iter().chain(&repair_symbols) {
             self.subscriber.handle_datagram(datagram);
         }
     }
 
-    /// Tells the publisher what is lost; what it says to that arrives. Returns the kinds of that.
-    fn ask(&mut self) -> Vec<PacketKind> {
+    /// Reports the losses to the publisher and delivers its answer. Returns the kinds of the datagrams in it.
+    fn report_losses(&mut self) -> Vec<PacketKind> {
         let loss_report = self.subscriber.loss_report();
         let mut answers = Vec::new();
         for number in self.publisher.answer(&loss_report, &mut answers) {
             let refresh = self.publisher.refresh(number, 0);
-            answers.extend(refresh.expect("it is remembered"));
+            answers.extend(refresh.expect("the packet is kept"));
         }
         let kind = |datagram: &Bytes| {
             Head::decode(&mut Reader::new(datagram))
@@ -142,14 +138,17 @@ impl FecLink {
 }
 
 #[test]
-fn a_lost_packet_is_had_back_from_the_next_repair_symbol_and_what_builds_on_it_is_read() {
+fn a_lost_packet_is_recovered_from_the_next_repair_symbol_and_its_dependents_are_read() {
     let mut link = FecLink::new(Features::ALL);
     for _ in 0..10 {
         link.pass(Redundancy::Plain);
     }
-    let (_, repair_symbols) = link.say(Redundancy::Plain);
-    assert!(repair_symbols.is_empty(), "after every other tick");
-    let (packet, repair_symbols) = link.say(Redundancy::Plain);
+    let (_, repair_symbols) = link.publish_tick(Redundancy::Plain);
+    assert!(
+        repair_symbols.is_empty(),
+        "repair symbols follow every second tick"
+    );
+    let (packet, repair_symbols) = link.publish_tick(Redundancy::Plain);
     link.subscriber.handle_datagram(&packet);
     assert!(!link.agrees());
     link.subscriber.handle_datagram(&repair_symbols[0]);
@@ -169,22 +168,25 @@ fn losses_beyond_fec_are_refreshed() {
         link.pass(Redundancy::Off);
     }
     for _ in 0..=REPAIR_SYMBOLS_KEPT {
-        link.say(Redundancy::Off);
+        link.publish_tick(Redundancy::Off);
     }
     link.pass(Redundancy::Off);
     assert_eq!(link.subscriber.missing(), REPAIR_SYMBOLS_KEPT + 1);
-    assert_eq!(link.ask(), [PacketKind::Refresh; REPAIR_SYMBOLS_KEPT + 1]);
+    assert_eq!(
+        link.report_losses(),
+        [PacketKind::Refresh; REPAIR_SYMBOLS_KEPT + 1]
+    );
     assert!(link.agrees());
 }
 
 #[test]
-fn two_lost_packets_and_a_lost_repair_symbol_are_had_back_from_the_repair_symbols_after() {
+fn two_lost_packets_and_a_lost_repair_symbol_are_recovered_from_later_repair_symbols() {
     let mut link = FecLink::new(Features::ALL);
     for _ in 0..10 {
         link.pass(Redundancy::Plain);
     }
-    link.say(Redundancy::Plain);
-    link.say(Redundancy::Plain);
+    link.publish_tick(Redundancy::Plain);
+    link.publish_tick(Redundancy::Plain);
     for _ in 0..2 {
         assert!(!link.agrees() || link.subscriber.missing() == 0);
         link.pass(Redundancy::Plain);
@@ -200,12 +202,12 @@ fn sporadic_loss_is_recovered_by_requested_repair_symbols() {
     for _ in 0..5 {
         link.pass(Redundancy::Off);
     }
-    link.say(Redundancy::Off);
-    link.say(Redundancy::Off);
+    link.publish_tick(Redundancy::Off);
+    link.publish_tick(Redundancy::Off);
     link.pass(Redundancy::Off);
     assert_eq!(link.subscriber.loss_report().repair_symbols, 2);
-    // One of them may be lost.
-    assert_eq!(link.ask(), [PacketKind::RepairSymbol; 3]);
+    // One more than needed, because one may be lost.
+    assert_eq!(link.report_losses(), [PacketKind::RepairSymbol; 3]);
     assert!(link.agrees());
 }
 
@@ -213,11 +215,11 @@ fn sporadic_loss_is_recovered_by_requested_repair_symbols() {
 fn old_losses_are_refreshed() {
     let mut link = FecLink::new(Features::ALL);
     link.pass(Redundancy::Off);
-    link.say(Redundancy::Off);
+    link.publish_tick(Redundancy::Off);
     for _ in 0..40 {
         link.pass(Redundancy::Off);
     }
-    assert!(link.ask().contains(&PacketKind::Refresh));
+    assert!(link.report_losses().contains(&PacketKind::Refresh));
     assert!(link.agrees());
 }
 
@@ -227,9 +229,9 @@ fn without_redundancy_losses_are_refreshed() {
     features.redundancy = false;
     let mut link = FecLink::new(features);
     link.pass(Redundancy::Plain);
-    link.say(Redundancy::Plain);
+    link.publish_tick(Redundancy::Plain);
     link.pass(Redundancy::Plain);
-    assert_eq!(link.ask(), [PacketKind::Refresh]);
+    assert_eq!(link.report_losses(), [PacketKind::Refresh]);
     assert!(link.agrees());
 }
 
@@ -239,7 +241,7 @@ fn wrong_repair_symbol_is_rejected_and_refresh_requested() {
     for _ in 0..5 {
         link.pass(Redundancy::Off);
     }
-    link.say(Redundancy::Off);
+    link.publish_tick(Redundancy::Off);
     link.pass(Redundancy::Off);
     let before: Vec<_> = (0..BODIES)
         .map(|body| link.subscriber.track(BodyId::new(body, 0)))
@@ -257,18 +259,18 @@ fn wrong_repair_symbol_is_rejected_and_refresh_requested() {
     assert_eq!(before, after);
     assert_eq!(link.subscriber.statistics().malformed, 1);
     assert_eq!(link.subscriber.loss_report().repair_symbols, 0);
-    assert!(link.ask().contains(&PacketKind::Refresh));
+    assert!(link.report_losses().contains(&PacketKind::Refresh));
     assert!(link.agrees());
 }
 
 #[test]
-fn a_rest_record_is_said_once_and_made_good_by_its_gap() {
+fn a_lost_rest_update_is_found_by_its_gap_and_refreshed() {
     let mut link = FecLink::new(Features::ALL);
     for _ in 0..5 {
         link.pass(Redundancy::Off);
     }
     link.tick += 1;
-    let seen: Vec<_> = (0..BODIES)
+    let observations: Vec<_> = (0..BODIES)
         .map(|body| Observation {
             id: BodyId::new(body, 0),
             motion: motion(body, link.tick).stilled(),
@@ -276,12 +278,12 @@ fn a_rest_record_is_said_once_and_made_good_by_its_gap() {
         })
         .collect();
     link.observation_history
-        .observe(Tick::new(link.tick), &seen);
+        .observe(Tick::new(link.tick), &observations);
     let mut lost = Vec::new();
     link.publisher
         .publish(&link.observation_history, 0, &mut lost);
     assert!(!lost.is_empty());
-    // Nothing is ever said of these bodies again; that silence is watermark_tick for is enough to find the gap.
+    // These bodies need no further update. The watermark of their silence is enough to find the gap.
     link.tick += 1;
     link.observation_history.observe(Tick::new(link.tick), &[]);
     let mut more = Vec::new();
@@ -291,7 +293,7 @@ fn a_rest_record_is_said_once_and_made_good_by_its_gap() {
     link.subscriber
         .handle_datagram(&link.publisher.watermark(0));
     assert!(!link.agrees() && link.subscriber.missing() == lost.len());
-    link.ask();
+    link.report_losses();
     assert!(link.agrees());
     assert!(link.publisher.tracks().all(|(_, track)| track.is_resting()));
 }

@@ -1,7 +1,7 @@
-//! A listener that need not look back: what it forgets, nobody misses
+//! A subscriber that drops previous tracks loses nothing that it needs.
 //!
-//! Two listeners hear the same of a stream that loses packets; one of them is told again and again from which tick on
-//! it will be asked. Of every tick from there on both believe the same, to the bit, and bound it alike.
+//! Two subscribers receive the same datagrams of a stream with losses. One of them is told the earliest tick of
+//! interest again and again. From that tick on both predict the same motions, to the bit, with the same bounds.
 
 use bytes::Bytes;
 use glam::Vec3;
@@ -17,10 +17,10 @@ use rhumb_reckoning::{
 };
 
 const BODIES: u32 = 10;
-/// From this one on bodies go along with the first, as if it held them.
+/// Bodies from this index on move along with the first one, as if attached to it.
 const GATHERED: u32 = 5;
 
-/// Where a body is at a tick: it hops, the last ones as the first one does.
+/// The state of a body at a tick: it hops; the last ones move as the first one does.
 fn motion(body: u32, tick: u64) -> BodyState {
     let hops = if body < GATHERED { body } else { 0 };
     let phase = ((tick + u64::from(hops) * 3) % 7) as f32 / 7.0;
@@ -67,19 +67,19 @@ fn ends() -> (Publisher, Subscriber) {
     (publisher, subscriber)
 }
 
-/// Has a observation_history see all bodies at a tick.
-fn see(observation_history: &mut ObservationHistory, tick: u64) -> &ObservationHistory {
-    let seen = |body| Observation {
+/// Adds the observations of all bodies at a tick.
+fn observe(observation_history: &mut ObservationHistory, tick: u64) -> &ObservationHistory {
+    let observation = |body| Observation {
         id: BodyId::new(body, 0),
         motion: motion(body, tick),
         activity: Activity::Awake,
     };
-    let seen: Vec<_> = (0..BODIES).map(seen).collect();
-    observation_history.observe(Tick::new(tick), &seen);
+    let observations: Vec<_> = (0..BODIES).map(observation).collect();
+    observation_history.observe(Tick::new(tick), &observations);
     observation_history
 }
 
-/// What becomes of a tick's packets, and how far back it is looked from now on.
+/// The fate of a tick's packets, and how far back the next motions are needed.
 #[derive(Clone, Copy, Debug)]
 struct Step {
     lost: bool,
@@ -99,43 +99,43 @@ fn step() -> impl Strategy<Value = Step> {
 proptest! {
     #[test]
     fn forgotten_tracks_are_never_needed(steps in proptest::collection::vec(step(), 1..120)) {
-        let (mut publisher, mut mindful) = ends();
-        let mut forgetful = mindful.clone();
+        let (mut publisher, mut keeping) = ends();
+        let mut dropping = keeping.clone();
         let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
         let mut from = 0;
         for (tick, step) in (1..).zip(&steps) {
-            let mut said: Vec<Bytes> = Vec::new();
-            publisher.publish(see(&mut observation_history, tick), 0, &mut said);
+            let mut datagrams: Vec<Bytes> = Vec::new();
+            publisher.publish(observe(&mut observation_history, tick), 0, &mut datagrams);
             if step.lost {
-                said.clear();
+                datagrams.clear();
             }
             if step.refreshed {
-                let missing: Vec<u64> = mindful.missing_packets().collect();
+                let missing: Vec<u64> = keeping.missing_packets().collect();
                 let refreshes = missing.iter().filter_map(|number| publisher.refresh(*number, 0));
-                said.extend(refreshes.flatten());
+                datagrams.extend(refreshes.flatten());
             }
-            for datagram in &said {
-                mindful.handle_datagram(datagram);
-                forgetful.handle_datagram(datagram);
+            for datagram in &datagrams {
+                keeping.handle_datagram(datagram);
+                dropping.handle_datagram(datagram);
             }
             from = from.max(tick.saturating_sub(step.back));
-            forgetful.forget_before(Tick::new(from));
-            prop_assert_eq!(mindful.statistics(), forgetful.statistics());
+            dropping.forget_before(Tick::new(from));
+            prop_assert_eq!(keeping.statistics(), dropping.statistics());
             for (body, at) in (0..BODIES).flat_map(|body| (from..=tick + 1).map(move |at| (body, at))) {
                 let (id, at) = (BodyId::new(body, 0), Tick::new(at));
-                prop_assert_eq!(mindful.predicted_motion(id, at), forgetful.predicted_motion(id, at));
-                prop_assert_eq!(mindful.bound_at(id, at), forgetful.bound_at(id, at));
+                prop_assert_eq!(keeping.predicted_motion(id, at), dropping.predicted_motion(id, at));
+                prop_assert_eq!(keeping.bound_at(id, at), dropping.bound_at(id, at));
             }
         }
     }
 }
 
 #[test]
-fn the_gathered_are_held() {
+fn bodies_that_move_along_are_attached() {
     let (mut publisher, _) = ends();
     let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
     for tick in 1..40 {
-        publisher.publish(see(&mut observation_history, tick), 0, &mut Vec::new());
+        publisher.publish(observe(&mut observation_history, tick), 0, &mut Vec::new());
     }
     let held = publisher
         .tracks()

@@ -1,6 +1,6 @@
-//! What a later version may say, this one bears or refuses by name.
+//! Messages of later versions are accepted or refused by their code.
 //!
-//! Each promise is shown at the bytes of a client's control stream; a server's stand with its session.
+//! Shown on the bytes of a client's control stream; the tests of the server's side are in its session.
 
 use std::num::NonZeroU32;
 
@@ -76,7 +76,7 @@ fn joined(extensions: Extensions) -> ServerMessage {
     })
 }
 
-fn hears(session: &mut ClientSession, messages: &[ServerMessage]) {
+fn receive(session: &mut ClientSession, messages: &[ServerMessage]) {
     let mut bytes = Vec::new();
     for message in messages {
         message.encode(&mut bytes);
@@ -94,15 +94,15 @@ fn opened(at: u64) -> ClientSession {
     session
 }
 
-/// A session that is a member with a keyframe, empty copy.
+/// A session that is a member with a complete, empty replica.
 fn member() -> ClientSession {
     let mut session = opened(0);
-    hears(&mut session, &[welcome(1, Extensions::NONE)]);
+    receive(&mut session, &[welcome(1, Extensions::NONE)]);
     session
         .join(StreamChoice::Within(Tolerance::NORMAL))
-        .expect("one may join from the lobby");
+        .expect("a client in the lobby may join");
     let snapshot = [joined(Extensions::NONE), ServerMessage::SnapshotEnd];
-    hears(&mut session, &snapshot);
+    receive(&mut session, &snapshot);
     assert!(matches!(
         events(&mut session)[..],
         [Event::Welcomed(_), Event::Joined(_)]
@@ -110,34 +110,37 @@ fn member() -> ClientSession {
     session
 }
 
-fn said(session: &mut ClientSession) -> Vec<u8> {
-    let mut said = Vec::new();
+fn sent_bytes(session: &mut ClientSession) -> Vec<u8> {
+    let mut sent = Vec::new();
     while let Some(transmit) = session.poll_transmit() {
         if let Transmit::Control { bytes, .. } = transmit {
-            said.extend_from_slice(&bytes);
+            sent.extend_from_slice(&bytes);
         }
     }
-    said
+    sent
 }
 
 #[test]
-fn a_hello_offers_what_is_spoken_among_what_means_nothing() {
+fn a_hello_offers_the_known_version_and_a_reserved_one() {
     let mut places = [0; 2];
     for at in 0..64 {
         let mut frames = Frames::new();
-        frames.push(&said(&mut opened(at)));
-        let first = frames.next_frame().unwrap().expect("a client says hello");
+        frames.push(&sent_bytes(&mut opened(at)));
+        let first = frames
+            .next_frame()
+            .unwrap()
+            .expect("a client sends a hello");
         let Ok(Some(ClientMessage::Hello {
             versions,
             extensions,
             ..
         })) = ClientMessage::decode(&first)
         else {
-            panic!("a conversation begins with a hello");
+            panic!("a connection starts with a hello");
         };
         assert!(extensions.iter().count() == 1 && !extensions.has_unknown_critical());
         let place = versions.iter().position(|one| is_no_version(*one));
-        places[place.expect("one means nothing")] += 1;
+        places[place.expect("one version is reserved")] += 1;
         assert!(versions.contains(&VERSIONS[0]));
         while let Some(framed) = frames.next_frame().unwrap() {
             assert_eq!(ClientMessage::decode(&framed), Ok(None));
@@ -148,37 +151,37 @@ fn a_hello_offers_what_is_spoken_among_what_means_nothing() {
 
 #[test]
 fn one_moment_gives_one_hello() {
-    assert_eq!(said(&mut opened(5)), said(&mut opened(5)));
-    assert_ne!(said(&mut opened(5)), said(&mut opened(6)));
+    assert_eq!(sent_bytes(&mut opened(5)), sent_bytes(&mut opened(5)));
+    assert_ne!(sent_bytes(&mut opened(5)), sent_bytes(&mut opened(6)));
 }
 
 #[test]
-fn a_welcome_in_a_version_that_is_not_spoken_ends_the_connection() {
+fn a_welcome_in_an_unknown_version_ends_the_connection() {
     for version in [0, 2, 0x0a0a, 0xfafa, u16::MAX] {
         let mut session = opened(0);
-        hears(&mut session, &[welcome(version, Extensions::NONE)]);
+        receive(&mut session, &[welcome(version, Extensions::NONE)]);
         let ended = Event::Ended(Ending::Closed(CloseCode::VERSION.0));
         assert_eq!(events(&mut session), [ended]);
     }
 }
 
 #[test]
-fn an_extension_that_may_be_skipped_is_told_and_one_that_must_be_known_ends_it() {
+fn an_unknown_extension_is_reported_and_a_critical_one_ends_the_connection() {
     let mut session = opened(0);
-    hears(&mut session, &[welcome(1, extensions(27))]);
+    receive(&mut session, &[welcome(1, extensions(27))]);
     assert!(matches!(
         &events(&mut session)[..],
-        [Event::Welcomed(heard)] if heard.extensions == extensions(27)
+        [Event::Welcomed(message)] if message.extensions == extensions(27)
     ));
-    hears(&mut session, &[joined(extensions(9))]);
+    receive(&mut session, &[joined(extensions(9))]);
     assert_eq!(events(&mut session), []);
     let ended = Event::Ended(Ending::Closed(CloseCode::EXTENSION.0));
     let mut session = opened(0);
-    hears(&mut session, &[welcome(1, extensions(26))]);
+    receive(&mut session, &[welcome(1, extensions(26))]);
     assert_eq!(events(&mut session), std::slice::from_ref(&ended));
     let mut session = opened(0);
-    hears(&mut session, &[welcome(1, Extensions::NONE)]);
-    hears(&mut session, &[joined(extensions(2))]);
+    receive(&mut session, &[welcome(1, Extensions::NONE)]);
+    receive(&mut session, &[joined(extensions(2))]);
     assert_eq!(events(&mut session)[1..], [ended]);
 }
 
@@ -189,9 +192,9 @@ fn an_unknown_scene_event_changes_nothing_and_counts() {
         code: 0xff,
         fields: vec![9; 40],
     };
-    hears(&mut session, &[ServerMessage::SceneEvent(unknown)]);
+    receive(&mut session, &[ServerMessage::SceneEvent(unknown)]);
     assert_eq!(events(&mut session), []);
-    // A watermark that says one scene_event is read at once, one that says two is held.
+    // A watermark with one scene event is read at once; one with two is deferred.
     let watermark_tick =
         |session: &ClientSession| session.replica().unwrap().stream().watermark_tick();
     let watermark = |tick, scene_events| [0x42, 0, 0, tick, 0, scene_events, 0];
@@ -202,7 +205,7 @@ fn an_unknown_scene_event_changes_nothing_and_counts() {
 }
 
 #[test]
-fn unknown_messages_and_reasons_are_borne() {
+fn unknown_messages_and_reasons_are_accepted() {
     let mut session = member();
     let mut bytes = Vec::new();
     frame(0x80, &[], &mut bytes);
@@ -215,7 +218,7 @@ fn unknown_messages_and_reasons_are_borne() {
     };
     let denied = ServerMessage::Denied(Denial::Other(0x81));
     session.reserve(GRANT).unwrap();
-    hears(&mut session, &[refused, denied]);
+    receive(&mut session, &[refused, denied]);
     let error = CommandError::Other(0x90);
     let expected = [
         Event::Refused { number: 0, error },
@@ -237,7 +240,7 @@ fn a_datagram_of_an_unknown_kind_is_dropped() {
 }
 
 #[test]
-fn what_must_be_known_and_is_not_is_malformed() {
+fn an_unknown_critical_message_is_malformed() {
     for (kind, body) in [(0x7f, &[][..]), (11, &[0x7f]), (8, &[0x7f]), (15, &[0x7f])] {
         let mut session = member();
         let mut bytes = Vec::new();

@@ -1,7 +1,7 @@
-//! Bodies that touch arrive together: a stack moves as one, whatever is lost
+//! Touching bodies arrive together: a stack moves as one under loss.
 //!
-//! Stacks that are shaken without end, whose bodies' aliases are shuffled among each other. It is proved by the listener's
-//! tracks after each tick: those of one stack are all of that tick or none.
+//! Stacks are shaken without end, and the aliases of their bodies are shuffled among each other. Proved by the
+//! listener's tracks after each tick: those of one stack are all of that tick or none.
 
 use bytes::Bytes;
 use glam::Vec3;
@@ -20,12 +20,12 @@ const STACKS: u32 = 60;
 const HEIGHT: u32 = 8;
 const RADIUS: f64 = 0.5;
 
-/// Bodies of one level follow one another, so that those of one stack do not.
+/// Bodies of one level have consecutive indices, so those of one stack do not.
 const fn body(stack: u32, level: u32) -> BodyId {
     BodyId::new(level * STACKS + stack, 0)
 }
 
-/// Where a body of a stack is at a tick: shaken by some hands' breadths.
+/// The state of a body in a stack at a tick: shaken by some decimetres.
 fn motion(stack: u32, level: u32, tick: u64) -> BodyState {
     let shaken = |axis: u64| {
         let seed = (u64::from(stack) << 40 | u64::from(level) << 32 | axis << 30 | tick) + 1;
@@ -85,10 +85,10 @@ impl StackLink {
         subscriber
     }
 
-    fn say(&mut self) -> Vec<Bytes> {
+    fn publish_tick(&mut self) -> Vec<Bytes> {
         self.tick += 1;
         let all = (0..HEIGHT).flat_map(|level| (0..STACKS).map(move |stack| (stack, level)));
-        let seen: Vec<_> = all
+        let observations: Vec<_> = all
             .map(|(stack, level)| Observation {
                 id: body(stack, level),
                 motion: motion(stack, level, self.tick),
@@ -96,7 +96,7 @@ impl StackLink {
             })
             .collect();
         self.observation_history
-            .observe(Tick::new(self.tick), &seen);
+            .observe(Tick::new(self.tick), &observations);
         let mut packets = Vec::new();
         self.publisher
             .publish(&self.observation_history, 0, &mut packets);
@@ -104,7 +104,7 @@ impl StackLink {
     }
 }
 
-/// Every body's first track.
+/// The first track of every body.
 fn firsts() -> impl Iterator<Item = (BodyId, Track)> {
     let all = (0..HEIGHT).flat_map(|level| (0..STACKS).map(move |stack| (stack, level)));
     all.map(|(stack, level)| {
@@ -119,8 +119,8 @@ fn firsts() -> impl Iterator<Item = (BodyId, Track)> {
     })
 }
 
-/// Of how many bodies of a stack a listener heard at a tick.
-fn heard(listener: &Subscriber, stack: u32, tick: u64) -> usize {
+/// The number of a stack's bodies that a listener received at a tick.
+fn received_count(listener: &Subscriber, stack: u32, tick: u64) -> usize {
     let of_tick = |level: &u32| {
         let track = listener.track(body(stack, *level));
         track.is_some_and(|track| track.origin == Tick::new(tick))
@@ -129,9 +129,9 @@ fn heard(listener: &Subscriber, stack: u32, tick: u64) -> usize {
 }
 
 #[test]
-fn a_stack_is_moved_as_one_whatever_packet_is_lost() {
+fn a_stack_moves_as_one_whichever_packet_is_lost() {
     let mut link = StackLink::new();
-    let packets = link.say();
+    let packets = link.publish_tick();
     assert!(packets.len() > 3, "{} packets", packets.len());
     let mut missed = 0;
     for lost in 0..packets.len() {
@@ -140,20 +140,23 @@ fn a_stack_is_moved_as_one_whatever_packet_is_lost() {
             listener.handle_datagram(packet);
         }
         for stack in 0..STACKS {
-            let heard = heard(&listener, stack, link.tick);
-            assert!(heard == 0 || heard == HEIGHT as usize, "{heard} of {stack}");
-            missed += usize::from(heard == 0);
+            let received = received_count(&listener, stack, link.tick);
+            assert!(
+                received == 0 || received == HEIGHT as usize,
+                "{received} of {stack}"
+            );
+            missed += usize::from(received == 0);
         }
     }
     assert_eq!(missed, STACKS as usize, "each is in one packet");
 }
 
 #[test]
-fn all_arrives_where_nothing_is_lost() {
+fn without_loss_everything_arrives() {
     let mut link = StackLink::new();
     let mut listener = link.listener();
     for _ in 0..5 {
-        for packet in link.say() {
+        for packet in link.publish_tick() {
             listener.handle_datagram(&packet);
         }
         assert!(listener.is_converged());

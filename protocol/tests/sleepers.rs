@@ -1,4 +1,4 @@
-//! What sleeps costs a publisher nothing, however much of it there is.
+//! Sleeping bodies cost a publisher nothing, however many there are.
 
 use core::num::NonZeroU32;
 
@@ -12,7 +12,7 @@ use rhumb_protocol::stream::{
 };
 use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance, Track};
 
-/// Bodies that are awake, from index nought on.
+/// The number of awake bodies, from index zero on.
 const AWAKE: u32 = 10;
 const TICKS: u64 = 300;
 
@@ -46,25 +46,25 @@ fn publisher(bodies: u32) -> Publisher {
     publisher
 }
 
-/// A scene of so many bodies, of which some are awake and jolt about now and then: what its publisher did and said.
+/// Runs a scene of which some bodies are awake and jolt now and then. Returns the publisher's counters and datagrams.
 fn run(bodies: u32, awake: u32) -> (PublisherStatistics, Vec<Bytes>) {
     let mut publisher = publisher(bodies);
     let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
     let mut out = Vec::new();
     for tick in 1..=TICKS {
-        let seen = |index| Observation {
+        let observation = |index| Observation {
             id: BodyId::new(index, 0),
             motion: lying(index, (tick / 7 % 5) as f32),
             activity: Activity::Awake,
         };
-        let observations: Vec<_> = (0..awake).map(seen).collect();
+        let observations: Vec<_> = (0..awake).map(observation).collect();
         observation_history.observe(Tick::new(tick), &observations);
         publisher.publish(&observation_history, 0, &mut out);
     }
     (publisher.statistics(), out)
 }
 
-/// So many boxes hop, each by itself, until the last tick, at which all are told to lie still.
+/// Lets all boxes hop, each by itself, until the last tick, when they fall asleep.
 fn put_to_sleep(
     publisher: &mut Publisher,
     observation_history: &mut ObservationHistory,
@@ -72,7 +72,7 @@ fn put_to_sleep(
     ticks: u64,
 ) {
     for tick in 1..=ticks {
-        let seen = |index| Observation {
+        let observation = |index| Observation {
             id: BodyId::new(index, 0),
             motion: lying(index, ((tick + u64::from(index)) % 5) as f32),
             activity: if tick < ticks {
@@ -81,26 +81,26 @@ fn put_to_sleep(
                 Activity::Asleep
             },
         };
-        let observations: Vec<_> = (0..bodies).map(seen).collect();
+        let observations: Vec<_> = (0..bodies).map(observation).collect();
         observation_history.observe(Tick::new(tick), &observations);
         publisher.publish(observation_history, 0, &mut Vec::new());
     }
 }
 
 #[test]
-fn aliases_that_sleepers_have_left_are_not_looked_at() {
+fn free_aliases_of_sleeping_bodies_are_not_scanned() {
     let bodies = 10_000;
     let mut publisher = publisher(bodies);
     let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
     put_to_sleep(&mut publisher, &mut observation_history, bodies, 10);
     let awake = |tick: u64| -> Vec<_> {
-        let seen = |index| Observation {
+        let observation = |index| Observation {
             id: BodyId::new(index, 0),
             motion: lying(index, (tick / 7 % 5) as f32),
             activity: Activity::Awake,
         };
-        // Who sat farthest from the first alias, so that nothing is gained by there being an end to them.
-        (bodies - AWAKE..bodies).map(seen).collect()
+        // The bodies with the highest aliases, so that the end of the table saves nothing.
+        (bodies - AWAKE..bodies).map(observation).collect()
     };
     let mut before = publisher.statistics();
     for tick in 11..=10 + TICKS {
@@ -113,23 +113,23 @@ fn aliases_that_sleepers_have_left_are_not_looked_at() {
     let after = publisher.statistics();
     assert!(after.updates > before.updates + u64::from(AWAKE));
     let looks = (TICKS - 120) / 60 + 1;
-    // Those next to them are looked at, too.
-    let (looked, most) = (after.aliases - before.aliases, 100 * looks);
-    assert!(looked > 0 && looked <= most, "{looked} of {most}");
+    // Aliases near the assigned ones are scanned too.
+    let (scanned, most) = (after.aliases - before.aliases, 100 * looks);
+    assert!(scanned > 0 && scanned <= most, "{scanned} of {most}");
 }
 
 #[test]
-fn ten_thousand_sleepers_are_not_looked_at() {
-    let (statistics, said) = run(10_000, 0);
+fn ten_thousand_sleeping_bodies_are_not_scanned() {
+    let (statistics, datagrams) = run(10_000, 0);
     assert_eq!(statistics, PublisherStatistics::default());
-    assert!(said.is_empty());
+    assert!(datagrams.is_empty());
 }
 
 #[test]
-fn sleepers_cost_neither_work_nor_bytes() {
+fn sleeping_bodies_cost_neither_work_nor_bytes() {
     let (few, said_of_few) = run(AWAKE, AWAKE);
     let (many, said_of_many) = run(10_000, AWAKE);
-    assert_eq!(few.looked, u64::from(AWAKE) * TICKS);
+    assert_eq!(few.checked, u64::from(AWAKE) * TICKS);
     assert!(few.updates > u64::from(AWAKE));
     assert_eq!(few, many);
     assert_eq!(said_of_few, said_of_many);

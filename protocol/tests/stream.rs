@@ -1,7 +1,7 @@
-//! A publisher and a subscriber over a bad network: what always holds.
+//! A publisher and a subscriber over a bad network: the invariants.
 //!
-//! Proved on random motions with seeded loss, disorder and copies: whenever the stream is converged, track equals track to
-//! the bit; whatever the subscriber bounds lies within its bound; when the losses stop, everything becomes known.
+//! Proved on random motions with seeded loss, reordering and duplicates. Whenever the stream is converged, all tracks
+//! are equal to the bit. Every error bound holds. After the losses stop, every track becomes known.
 
 use std::collections::VecDeque;
 
@@ -24,7 +24,7 @@ use rhumb_reckoning::{
 const BODIES: u32 = 24;
 const GRAVITY: Vec3 = Vec3::new(0.0, -9.8, 0.0);
 
-/// A small deterministic generator, so that a failure's numbers say all.
+/// A small deterministic generator: the arguments of a failed test reproduce it.
 struct LinkRng(u64);
 
 impl LinkRng {
@@ -105,7 +105,7 @@ fn integrator() -> Integrator {
     }
 }
 
-/// Of every body another tolerance_scale than its neighbour's.
+/// Neighbouring bodies have different tolerance scales.
 fn parameters(index: usize) -> PredictionParameters {
     PredictionParameters {
         radius: Metres::new(0.5),
@@ -120,12 +120,12 @@ fn parameters(index: usize) -> PredictionParameters {
 struct LossyLink {
     rng: LinkRng,
     bodies: Vec<SimulatedBody>,
-    /// Where they were after each tick.
+    /// The true states after each tick.
     past: Vec<Vec<BodyState>>,
     observation_history: ObservationHistory,
     publisher: Publisher,
     subscriber: Subscriber,
-    /// What is on its way, by the tick at which it arrives.
+    /// The datagrams in flight, by the tick of their arrival.
     air: VecDeque<(u64, Bytes)>,
     loss: f64,
     redundancy: Redundancy,
@@ -179,7 +179,7 @@ impl LossyLink {
         }
     }
 
-    /// Sends a datagram: maybe lost, maybe late, maybe twice.
+    /// Sends a datagram: it may be lost, late or duplicated.
     fn send(&mut self, datagram: &Bytes) {
         if self.rng.roll() < self.loss {
             return;
@@ -273,8 +273,8 @@ impl LossyLink {
         self.send(&watermark);
     }
 
-    /// One packet, of these bodies, which are put elsewhere; it is not sent.
-    fn say_of(&mut self, moved: impl Iterator<Item = usize>, scene_events: u64) -> Bytes {
+    /// Encodes one packet with updates of these bodies, which jump elsewhere. The packet is not sent.
+    fn encode_jump(&mut self, moved: impl Iterator<Item = usize>, scene_events: u64) -> Bytes {
         self.tick += 1;
         let mut observations = Vec::new();
         for index in moved {
@@ -300,7 +300,7 @@ impl LossyLink {
         let radius = Metres::new(0.5);
         for (id, track) in self.publisher.tracks() {
             let Some(bound) = self.subscriber.bound(id) else {
-                return Err(TestCaseError::fail("a body is not bounded at all"));
+                return Err(TestCaseError::fail("a body has no error bound"));
             };
             let ErrorBound::Within(within) = bound else {
                 continue;
@@ -313,7 +313,7 @@ impl LossyLink {
             let predicted_motion = self
                 .subscriber
                 .predicted_motion(id, watermark_tick)
-                .expect("a body that is bounded is predicted_motion");
+                .expect("a body with an error bound is predicted");
             let apart = Divergence::between(&truth.motion().pose(), &predicted_motion.pose());
             let tolerance_scale = parameters(id.index() as usize).tolerance_scale;
             let tolerance = self.publisher.tolerance().scaled(tolerance_scale);
@@ -334,18 +334,18 @@ impl LossyLink {
                 self.publisher.state_checksum()
             );
         }
-        let heard = self.subscriber.statistics();
-        prop_assert_eq!((heard.malformed, heard.mismatches), (0, 0));
+        let statistics = self.subscriber.statistics();
+        prop_assert_eq!((statistics.malformed, statistics.mismatches), (0, 0));
         Ok(())
     }
 }
 
-/// What is rebuilt speaks of a body that nobody has heard of yet, and a late packet comes between.
+/// A recovered packet updates a body whose scene event has not arrived, and a late packet comes between.
 #[test]
 fn recovered_packet_waits_for_its_scene_event() {
     let mut link = LossyLink::new(1, Tolerance::NORMAL, 0.0);
-    let first = link.say_of(0..3, 0);
-    let late = link.say_of(0..3, 0);
+    let first = link.encode_jump(0..3, 0);
+    let late = link.encode_jump(0..3, 0);
     let (id, parameters) = (BodyId::new(BODIES, 0), parameters(0));
     let new_body = SimulatedBody::new(&mut link.rng);
     let track = Track {
@@ -356,8 +356,9 @@ fn recovered_packet_waits_for_its_scene_event() {
     };
     link.bodies.push(new_body);
     assert!(link.publisher.place(id, &parameters, track));
-    let lost = link.say_of(2..BODIES as usize + 1, 1);
-    let repair_symbol = RepairSymbol::of(3, &[(0, &first), (2, &lost)]).expect("both have columns");
+    let lost = link.encode_jump(2..BODIES as usize + 1, 1);
+    let repair_symbol =
+        RepairSymbol::of(3, &[(0, &first), (2, &lost)]).expect("both packets have source symbols");
     let subscriber = &mut link.subscriber;
     subscriber.handle_datagram(&first);
     subscriber.handle_datagram(&repair_symbol.encode(subscriber.stream()));
@@ -387,7 +388,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
 
     #[test]
-    fn without_loss_track_equals_track_at_every_tick(seed: u64, tolerance in tolerance()) {
+    fn without_loss_all_tracks_are_equal_at_every_tick(seed: u64, tolerance in tolerance()) {
         let mut link = LossyLink::new(seed, tolerance, 0.0);
         for _ in 0..300 {
             link.step();
@@ -399,12 +400,12 @@ proptest! {
     }
 
     #[test]
-    fn a_wrong_track_is_found(seed: u64, place in 0..BODIES, still: bool) {
+    fn a_wrong_track_is_detected(seed: u64, place in 0..BODIES, still: bool) {
         let mut link = LossyLink::new(seed, Tolerance::NORMAL, 0.0);
         for _ in 0..30 {
             link.step();
         }
-        // A track that the publisher never said: of this body it may just have said that it rests where it is.
+        // A track that the publisher never sent. Of this body it may just have sent that it rests at its true place.
         let elsewhere = SimulatedBody {
             position: link.bodies[0].position + DVec3::X,
             ..link.bodies[0]
@@ -419,21 +420,22 @@ proptest! {
         prop_assert!(link.subscriber.place(id, &parameters(place as usize), track));
         prop_assert_ne!(link.subscriber.state_checksum(), link.publisher.state_checksum());
         link.subscriber.handle_datagram(&link.publisher.checksums(0));
-        let heard = link.subscriber.statistics();
-        prop_assert_eq!((heard.mismatches, heard.malformed), (1, 0));
+        let statistics = link.subscriber.statistics();
+        prop_assert_eq!((statistics.mismatches, statistics.malformed), (1, 0));
         prop_assert!(link.subscriber.has_mismatched() && link.subscriber.has_lost_sync());
         prop_assert_eq!(link.subscriber.bound(id).map(|bound| matches!(bound, ErrorBound::Unknown { .. })), Some(true));
     }
 
     #[test]
-    fn with_loss_every_bound_that_is_given_holds(seed: u64, tolerance in tolerance(), loss in 0.01_f64..0.4) {
+    fn with_loss_every_error_bound_holds(seed: u64, tolerance in tolerance(), loss in 0.01_f64..0.4) {
         let mut link = LossyLink::new(seed, tolerance, loss);
         for _ in 0..300 {
             link.step();
             link.check()?;
         }
-        // The losses stop: within a dozen loss_reports all is known again. What was lost in a row and builds on one another is made
-        // good one after the other, which took five loss_reports of one stream in a hundred at the worst losses.
+        // After the losses stop, everything is known within a dozen loss reports. Losses in a row that build on one
+        // another are refreshed one after the other: five loss reports in one of a hundred streams under the worst
+        // losses.
         link.loss = 0.0;
         for _ in 0..60 {
             link.step();
@@ -474,7 +476,7 @@ proptest! {
 }
 
 #[test]
-fn a_body_at_rest_to_the_bit_costs_nothing_more() {
+fn a_body_at_its_exact_rest_pose_costs_nothing_more() {
     let mut link = LossyLink::new(7, Tolerance::NORMAL, 0.0);
     for body in &mut link.bodies {
         body.asleep = true;
@@ -513,8 +515,8 @@ fn a_body_at_rest_to_the_bit_costs_nothing_more() {
         let track = link.subscriber.track(BodyId::new(index as u32, 0)).unwrap();
         assert_eq!(track.anchor, Anchor::Exact(body.body_state().stilled()));
     }
-    // Woken, shifted and asleep again: within tolerance nobody is told of it, beyond it everybody.
-    for (tick, shift, is_said) in [(3, 0.001, false), (4, 1.0, true), (5, 0.001, false)] {
+    // Woken, shifted and asleep again: an update is sent only if the shift exceeds the tolerance.
+    for (tick, shift, is_sent) in [(3, 0.001, false), (4, 1.0, true), (5, 0.001, false)] {
         let shifted = asleep.iter().map(|observation| {
             let mut body = link.bodies[observation.id.index() as usize];
             body.position += DVec3::X * shift;
@@ -527,11 +529,11 @@ fn a_body_at_rest_to_the_bit_costs_nothing_more() {
         link.observation_history.observe(Tick::new(tick), &shifted);
         link.publisher
             .publish(&link.observation_history, 0, &mut datagrams);
-        assert_eq!(!datagrams.is_empty(), is_said, "by {shift} m");
+        assert_eq!(!datagrams.is_empty(), is_sent, "by {shift} m");
         for datagram in datagrams.drain(..) {
             link.subscriber.handle_datagram(&datagram);
         }
-        if !is_said {
+        if !is_sent {
             continue;
         }
         for observation in &shifted {

@@ -1,6 +1,6 @@
-//! The golden vectors of packets and the tables are what the code has.
+//! The golden vectors and tables in the specification match the code.
 //!
-//! After a change that is meant, write both with `cargo run -p rhumb-protocol --example packet_vectors -- --write`.
+//! After an intended change, write both with `cargo run -p rhumb-protocol --example packet_vectors -- --write`.
 
 #[path = "../examples/packet_vectors/accepted.rs"]
 mod accepted;
@@ -19,7 +19,7 @@ fn same_as_in_spec(name: &str, computed: &str) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../spec")
         .join(name);
-    let golden = std::fs::read_to_string(path).expect("the specification lies beside the crates");
+    let golden = std::fs::read_to_string(path).expect("the specification is in the repository");
     for (number, (is, was)) in computed.lines().zip(golden.lines()).enumerate() {
         assert_eq!(is, was, "line {} of {name}", number + 1);
     }
@@ -27,12 +27,12 @@ fn same_as_in_spec(name: &str, computed: &str) {
 }
 
 #[test]
-fn the_tables_are_those_of_the_code() {
+fn the_tables_match_the_code() {
     same_as_in_spec("tables/packets.json", &document::tables());
 }
 
 #[test]
-fn the_golden_vectors_are_what_the_code_says_and_refuses() {
+fn the_golden_vectors_match_the_code() {
     let (accepted, refused) = (accepted::cases(), refused::cases());
     let text = document::vectors(&accepted, &refused, &accepted::covered());
     same_as_in_spec("vectors/packets.json", &text);

@@ -1,4 +1,4 @@
-//! What publishers and subscribers say: every form, every limit, by rng.
+//! Accepted datagrams: every form, every limit, and random packets.
 
 use rhumb_protocol::limits::INDICES_MAX;
 use rhumb_protocol::packet::{
@@ -15,7 +15,7 @@ use crate::document::{CoveredPackets, NamedPacket};
 use crate::plain;
 use crate::rng::PacketRng;
 
-/// All of them.
+/// All accepted cases.
 pub(crate) fn cases() -> Vec<NamedPacket> {
     let mut cases = Vec::new();
     empty(&mut cases);
@@ -24,7 +24,7 @@ pub(crate) fn cases() -> Vec<NamedPacket> {
     parents(&mut cases);
     accelerations(&mut cases);
     keyframes(&mut cases);
-    by_chance(&mut cases);
+    random_packets(&mut cases);
     others(&mut cases);
     cases.extend(plain::accepted());
     cases
@@ -48,7 +48,7 @@ fn aliased(alias: u32, payload: UpdatePayload) -> Update {
     }
 }
 
-/// A correction without velocities, of a track of nine ticks ago.
+/// A correction without velocities, of a track with age nine.
 pub(crate) const fn residual(
     mode: PredictionMode,
     position: [i32; 3],
@@ -66,7 +66,7 @@ pub(crate) const fn residual(
     }
 }
 
-/// In steps doubled as often as the first of them says.
+/// Adds velocities. The size of the first component selects the exponent of the steps.
 fn with_velocity(payload: UpdatePayload, linear: [i32; 3], angular: [i32; 3]) -> UpdatePayload {
     match payload {
         UpdatePayload::Residual {
@@ -109,7 +109,7 @@ const fn aged(payload: UpdatePayload, age: u32) -> UpdatePayload {
     }
 }
 
-/// Rest to the bit, of a track of nine ticks ago.
+/// Rest at the exact pose, after a track with age nine.
 const fn resting(position: [i32; 3], others: [i32; 3], largest: i32) -> UpdatePayload {
     UpdatePayload::Resting {
         age: Age::new(9),
@@ -132,7 +132,7 @@ const fn world(predictor: Predictor, parent_age: Option<u32>) -> PredictionMode 
     }
 }
 
-const fn held(parent: u32, age: u32) -> PredictionMode {
+const fn attached(parent: u32, age: u32) -> PredictionMode {
     PredictionMode::Attached {
         parent,
         parent_age: Age::new(age),
@@ -161,7 +161,7 @@ fn body_state(rng: &mut PacketRng, predictor: Predictor) -> Keyframe {
     let mut float = |most: u32| rng.triple(most).map(|steps| steps as f32 / 1_024.0);
     let (position, linear, angular) = (float(1 << 20), float(1 << 14), float(1 << 12));
     let body_state = BodyState::new(position, [0.6, 0.0, -0.8, 0.0], linear, angular)
-        .expect("the motion is one");
+        .expect("the state is valid");
     Keyframe {
         predictor: predictor,
         anchor: Anchor::Exact(if predictor == Predictor::Rest {
@@ -173,8 +173,8 @@ fn body_state(rng: &mut PacketRng, predictor: Predictor) -> Keyframe {
     }
 }
 
-/// At rest in the frame of another body.
-pub(crate) fn carried(rng: &mut PacketRng, parent: BodyId) -> Keyframe {
+/// A keyframe at rest in the frame of another body.
+pub(crate) fn attached_keyframe(rng: &mut PacketRng, parent: BodyId) -> Keyframe {
     Keyframe {
         parent: Some(parent),
         ..quantised(rng, Predictor::Rest)
@@ -207,7 +207,7 @@ pub(crate) fn every_form() -> Vec<UpdatePayload> {
     for predictor in Predictor::ALL {
         both(world(predictor, None));
     }
-    all.push(residual(held(7, 3), [1, 1, -4], [0, -2, 1]));
+    all.push(residual(attached(7, 3), [1, 1, -4], [0, -2, 1]));
     all.push(UpdatePayload::Keyframe(quantised(
         &mut rng,
         Predictor::TorqueFree,
@@ -306,7 +306,7 @@ fn limits(cases: &mut Vec<NamedPacket>) {
 fn parents(cases: &mut Vec<NamedPacket>) {
     for age in [0, 1, 60, 1 << 30] {
         for mode in [
-            held(INDICES_MAX - 1, age),
+            attached(INDICES_MAX - 1, age),
             world(Predictor::BallisticTorqueFree, Some(age)),
         ] {
             let payload = residual(mode, [1, 0, 0], [0, 0, -1]);
@@ -316,7 +316,7 @@ fn parents(cases: &mut Vec<NamedPacket>) {
             ));
         }
     }
-    let payload = |parent| residual(held(parent, 3), [0, 1, 0], [0; 3]);
+    let payload = |parent| residual(attached(parent, 3), [0, 1, 0], [0; 3]);
     let updates: Vec<_> = (0..)
         .zip([5, 5, 6, 5, 5, 0])
         .map(|(alias, parent)| aliased(alias, payload(parent)))
@@ -351,7 +351,7 @@ fn accelerations(cases: &mut Vec<NamedPacket>) {
     ));
 }
 
-/// Tracks of every predictor and kind of anchor.
+/// Keyframes of every predictor and kind of anchor.
 fn every_keyframe() -> Vec<Keyframe> {
     let mut rng = PacketRng::new(12);
     let mut all = Vec::new();
@@ -362,7 +362,7 @@ fn every_keyframe() -> Vec<Keyframe> {
         }
     }
     for parent in [BodyId::new(0, 0), BodyId::new(INDICES_MAX - 1, u16::MAX)] {
-        all.push(carried(&mut rng, parent));
+        all.push(attached_keyframe(&mut rng, parent));
     }
     let (p, v) = (POSITION_LIMIT, VELOCITY_LIMIT);
     all.push(Keyframe {
@@ -397,8 +397,8 @@ fn keyframes(cases: &mut Vec<NamedPacket>) {
     ));
 }
 
-/// Updates as a scene may have them.
-fn chance_update(rng: &mut PacketRng, alias: u32, most: u32) -> Update {
+/// A random update as a scene may have it.
+fn random_update(rng: &mut PacketRng, alias: u32, most: u32) -> Update {
     let forms = every_form();
     let payload = match rng.below(20) {
         0 => forms[rng.below(forms.len() as u32) as usize],
@@ -411,7 +411,11 @@ fn chance_update(rng: &mut PacketRng, alias: u32, most: u32) -> Update {
             rng.triple(most),
             rng.triple(most),
         ),
-        2 => residual(held(rng.below(9), rng.below(200)), rng.triple(most), [0; 3]),
+        2 => residual(
+            attached(rng.below(9), rng.below(200)),
+            rng.triple(most),
+            [0; 3],
+        ),
         _ => residual(
             PredictionMode::Same,
             rng.triple(most),
@@ -429,7 +433,7 @@ fn chance_update(rng: &mut PacketRng, alias: u32, most: u32) -> Update {
     }
 }
 
-fn by_chance(cases: &mut Vec<NamedPacket>) {
+fn random_packets(cases: &mut Vec<NamedPacket>) {
     for seed in 1..=24 {
         let mut rng = PacketRng::new(seed);
         let (count, most) = (1 + rng.below(20), 1 << rng.below(13));
@@ -437,7 +441,7 @@ fn by_chance(cases: &mut Vec<NamedPacket>) {
         let mut updates = Vec::new();
         for _ in 0..count {
             alias += rng.signed(40).unsigned_abs();
-            updates.push(chance_update(&mut rng, alias, most));
+            updates.push(random_update(&mut rng, alias, most));
             alias += 1;
         }
         cases.push((
@@ -448,7 +452,7 @@ fn by_chance(cases: &mut Vec<NamedPacket>) {
     for most in [1, 40] {
         let (mut rng, mut alias) = (PacketRng::new(99), 0);
         let mut writer = UpdateWriter::new(StreamId(5), 7, 8, 9);
-        while writer.push(&chance_update(&mut rng, alias, most)) {
+        while writer.push(&random_update(&mut rng, alias, most)) {
             alias += 1;
         }
         let name = format!("a full packet, of {} updates", writer.count());
@@ -468,7 +472,7 @@ fn by_chance(cases: &mut Vec<NamedPacket>) {
     ));
 }
 
-/// FecEncoder over packets that say one thing to many.
+/// Repair symbols over packets of updates.
 pub(crate) fn covered() -> Vec<CoveredPackets> {
     let mut rng = PacketRng::new(11);
     let mut packets = Vec::new();
@@ -492,7 +496,7 @@ pub(crate) fn covered() -> Vec<CoveredPackets> {
     let repair_symbol = |row: u8, places: &[usize]| {
         let packets: Vec<_> = places.iter().map(|place| packets[*place].clone()).collect();
         let slices: Vec<_> = packets.iter().map(|(n, bytes)| (*n, &bytes[..])).collect();
-        let repair_symbol = RepairSymbol::of(row, &slices).expect("each packet says something");
+        let repair_symbol = RepairSymbol::of(row, &slices).expect("each packet has updates");
         let repair_symbol = repair_symbol.encode(StreamId(5));
         CoveredPackets {
             repair_symbol,
@@ -507,7 +511,7 @@ pub(crate) fn covered() -> Vec<CoveredPackets> {
     ]
 }
 
-/// What a stream with a budget says while that does not suffice.
+/// Datagrams of a stream whose budget does not suffice.
 fn over_budget(cases: &mut Vec<NamedPacket>) {
     for share in [1.01, 2.0, 3.3, 1e9, 4_026_531_840.0, 1e30] {
         let error_scale = ErrorScale::covering(share);

@@ -1,6 +1,6 @@
-//! The form of vectors and tables: one case, or one row, a line of JSON.
+//! The JSON form of vectors and tables: one case or one row a line.
 //!
-//! Each meaning is what the decoder makes of the bytes. f32s are their bits as eight hexadecimal digits.
+//! The meaning of a case is the decoder's result. A 32-bit float is written as its bits in eight hexadecimal digits.
 
 use std::fmt::Write;
 
@@ -14,17 +14,17 @@ use rhumb_reckoning::{Anchor, Predictor};
 
 use crate::plain;
 
-/// What a case shows, and its datagram.
+/// The name of a case and its datagram.
 pub(crate) type NamedPacket = (String, Vec<u8>);
 
-/// A repair_symbol with the packets that it covers, by number.
+/// A repair symbol with the packets that it covers, by number.
 #[derive(Debug)]
 pub(crate) struct CoveredPackets {
     pub(crate) repair_symbol: Vec<u8>,
     pub(crate) packets: Vec<(u64, Vec<u8>)>,
 }
 
-/// The file of vectors.
+/// The text of the vectors file.
 pub(crate) fn vectors(
     accepted: &[NamedPacket],
     refused: &[NamedPacket],
@@ -61,7 +61,7 @@ pub(crate) fn vectors(
     )
 }
 
-/// The file of tables.
+/// The text of the tables file.
 pub(crate) fn tables() -> String {
     let Tables {
         expected,
@@ -86,7 +86,7 @@ fn lines(lines: impl Iterator<Item = String>) -> String {
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().fold(String::new(), |mut text, byte| {
-        write!(text, "{byte:02x}").expect("a string takes text");
+        write!(text, "{byte:02x}").expect("writing to a string does not fail");
         text
     })
 }
@@ -100,7 +100,7 @@ fn maybe<T: ToString>(value: Option<T>) -> String {
     value.map_or("null".to_owned(), |value| value.to_string())
 }
 
-/// What a datagram says, or why it is refused.
+/// The JSON object of a decoded datagram, or the error of a refused one.
 pub(crate) fn meaning(bytes: &[u8]) -> Result<String, Malformed> {
     let mut reader = Reader::new(bytes);
     let head = Head::decode(&mut reader)?;
@@ -152,7 +152,7 @@ pub(crate) fn meaning(bytes: &[u8]) -> Result<String, Malformed> {
     Ok(format!("{{\"stream\": {}, {body}}}", head.stream.0))
 }
 
-/// A factor in eighths, which are keyframe.
+/// An error scale in eighths, which are whole numbers.
 fn factor(error_scale: ErrorScale) -> String {
     let eighths = error_scale.factor().map(|factor| (factor * 8.0) as u64);
     format!("\"error_scale_eighths\": {}", maybe(eighths))
@@ -171,7 +171,7 @@ fn state(kind: &str, packet: UpdatePacket<'_>) -> Result<String, Malformed> {
     let mut updates = Vec::new();
     packet.updates(&mut updates)?;
     let updates: Vec<_> = updates.iter().map(update).collect();
-    write!(body, ", \"updates\": {}", list(&updates)).expect("a string takes text");
+    write!(body, ", \"updates\": {}", list(&updates)).expect("writing to a string does not fail");
     Ok(body)
 }
 
@@ -223,7 +223,7 @@ fn update(update: &Update) -> String {
                 list(&residual.position),
                 list(&residual.turn)
             )
-            .expect("a string takes text");
+            .expect("writing to a string does not fail");
             if let Some(velocity) = residual.velocity {
                 write!(
                     accepted,
@@ -232,7 +232,7 @@ fn update(update: &Update) -> String {
                     list(&velocity.linear),
                     list(&velocity.angular)
                 )
-                .expect("a string takes text");
+                .expect("writing to a string does not fail");
             }
             accepted
         }
@@ -296,7 +296,7 @@ fn keyframe(track: &Keyframe) -> String {
     )
 }
 
-/// The code of a predictor, and its push if it has one.
+/// The code of a predictor, and its acceleration if it has one.
 fn predictor_fields(predictor: Predictor) -> String {
     let code = match predictor {
         Predictor::Rest => 0,

@@ -1,6 +1,6 @@
 //! Prints the golden vectors of packets; `--write` writes them and the tables.
 //!
-//! Decides nothing: the cases are in `accepted` and `refused`, their form in `document`.
+//! The cases are in `accepted` and `refused`, their form in `document`.
 
 mod accepted;
 mod document;

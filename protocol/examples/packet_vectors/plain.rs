@@ -1,6 +1,6 @@
-//! Datagrams without a coder: full packets and checksums.
+//! Datagrams without a range coder: full packets and checksums.
 //!
-//! Their forms at their limits, and what is refused of each.
+//! Cases at the limits of their formats, and refused variants.
 
 use std::fmt::Write;
 
@@ -50,7 +50,7 @@ fn checksums(sum: u64) -> Vec<u8> {
     checksums.encode(STREAM)
 }
 
-/// What is accepted.
+/// The accepted datagrams.
 pub(crate) fn accepted() -> Vec<NamedPacket> {
     let mut cases: Vec<NamedPacket> = Vec::new();
     for records in [0, 1, 2, FullPacket::RECORDS_MAX] {
@@ -68,7 +68,7 @@ pub(crate) fn accepted() -> Vec<NamedPacket> {
     cases
 }
 
-/// What is refused.
+/// The refused datagrams.
 pub(crate) fn refused() -> Vec<NamedPacket> {
     let mut cases: Vec<NamedPacket> = Vec::new();
     let one = full(1, true);
@@ -105,7 +105,7 @@ pub(crate) fn refused() -> Vec<NamedPacket> {
     cases
 }
 
-/// What such a datagram says.
+/// The JSON fields of such a datagram.
 pub(crate) fn meaning(head: Head, reader: Reader<'_>) -> Result<String, Malformed> {
     let mut body = String::new();
     let accepted = match head.kind {
@@ -132,7 +132,7 @@ pub(crate) fn meaning(head: Head, reader: Reader<'_>) -> Result<String, Malforme
             )
         }
     };
-    accepted.expect("a string takes text");
+    accepted.expect("writing to a string does not fail");
     Ok(body)
 }
 

@@ -1,4 +1,4 @@
-//! What is refused: cut short, in another form, without meaning, too large.
+//! Refused datagrams: truncated, not canonical, undefined, out of range.
 
 use rhumb_protocol::limits::INDICES_MAX;
 use rhumb_protocol::packet::{
@@ -39,7 +39,7 @@ const ASSIGN_ALIAS: usize = 16;
 const END: usize = 17;
 const INDEX_BITS: u32 = 20;
 
-/// All of them.
+/// All refused cases.
 pub(crate) fn cases() -> Vec<NamedPacket> {
     let mut cases = Vec::new();
     heads(&mut cases);
@@ -52,7 +52,7 @@ pub(crate) fn cases() -> Vec<NamedPacket> {
     cases
 }
 
-/// A packet of the same head as those that are accepted.
+/// A packet with the same head as the accepted ones.
 fn state(updates: &[u8]) -> Vec<u8> {
     let mut bytes = vec![0x51, 0x70, 0x11, 0x2c, 1, 12, 0];
     bytes.extend_from_slice(updates);
@@ -160,14 +160,14 @@ fn codes(cases: &mut Vec<NamedPacket>) {
         }
         test_encoder
     };
-    let first = still(held(begun(ATTACHED)));
+    let first = still(held(first_update(ATTACHED)));
     let again = first.code(3, ATTACHED).number(GAP[1], 0).number(AGE + 2, 0);
     case(
         "the same parent named anew",
         again.raw(0, 1).raw(7, INDEX_BITS).raw(1, 8),
     );
     for predictor in 5..8 {
-        let test_encoder = begun(KEYFRAME)
+        let test_encoder = first_update(KEYFRAME)
             .raw(3, INDEX_BITS)
             .raw(predictor, 3)
             .raw(1, 8);
@@ -185,14 +185,14 @@ fn numbers(cases: &mut Vec<NamedPacket>) {
     case("a alias after the last", all_still(after).code(1, END));
     case(
         "an age beyond the greatest",
-        begun(SAME).number(AGE, 1 << 30).raw(1, 8),
+        first_update(SAME).number(AGE, 1 << 30).raw(1, 8),
     );
-    let parent = begun(REST).number(AGE + 2, 0).raw(1, 1);
+    let parent = first_update(REST).number(AGE + 2, 0).raw(1, 1);
     case(
         "a parent's age beyond the greatest",
         parent.number(PARENT_AGE, (1 << 30) + 1).raw(1, 8),
     );
-    let same = |code| begun(code).number(AGE + code, 0);
+    let same = |code| first_update(code).number(AGE + code, 0);
     let position = same(SAME)
         .number(POSITION, RESIDUAL_LIMIT as u32 + 1)
         .raw(1, 1);
@@ -219,7 +219,7 @@ fn numbers(cases: &mut Vec<NamedPacket>) {
     accelerations(cases);
 }
 
-/// Velocities and their velocity_exponent.
+/// Velocities and the exponents of their steps.
 fn velocities(cases: &mut Vec<NamedPacket>) {
     let mut case = |name: &str, test_encoder: TestEncoder| {
         cases.push((name.to_owned(), state(&test_encoder.into_bytes())));
@@ -233,7 +233,7 @@ fn velocities(cases: &mut Vec<NamedPacket>) {
     };
     let at = TURN + 54;
     let accepted = |velocity_exponent| {
-        begun(SAME_MOVED)
+        first_update(SAME_MOVED)
             .number(AGE + SAME_MOVED, 0)
             .number(COARSENESS, velocity_exponent)
     };
@@ -258,13 +258,13 @@ fn velocities(cases: &mut Vec<NamedPacket>) {
     case("steps doubled too often", coarse);
 }
 
-/// Pushes, in updates and in keyframe tracks.
+/// Accelerations, in updates and in keyframes.
 fn accelerations(cases: &mut Vec<NamedPacket>) {
     let mut case = |name: &str, test_encoder: TestEncoder| {
         cases.push((name.to_owned(), state(&test_encoder.into_bytes())));
     };
     let accepted = |exponent| {
-        let test_encoder = begun(ACCELERATED).number(AGE + 2, 0).raw(0, 1);
+        let test_encoder = first_update(ACCELERATED).number(AGE + 2, 0).raw(0, 1);
         test_encoder.number(ACCELERATION_EXPONENT, exponent)
     };
     case(
@@ -278,7 +278,12 @@ fn accelerations(cases: &mut Vec<NamedPacket>) {
         .number(ACCELERATION + 1, 0)
         .number(ACCELERATION + 1, 0);
     case("a push of steps doubled too often", often.raw(1, 8));
-    let keyframe = || begun(KEYFRAME).raw(3, INDEX_BITS).raw(5, 3).raw(0, 1);
+    let keyframe = || {
+        first_update(KEYFRAME)
+            .raw(3, INDEX_BITS)
+            .raw(5, 3)
+            .raw(0, 1)
+    };
     let none = |test_encoder: TestEncoder| test_encoder.raw(0, 1).raw(0, 6);
     case(
         "a keyframe track accelerated by steps doubled too often",
@@ -298,7 +303,10 @@ fn accelerations(cases: &mut Vec<NamedPacket>) {
     case("a track accelerated to the bit", exact.code(1, END));
     case(
         "a predictor without a meaning",
-        begun(KEYFRAME).raw(3, INDEX_BITS).raw(6, 3).raw(0xff, 8),
+        first_update(KEYFRAME)
+            .raw(3, INDEX_BITS)
+            .raw(6, 3)
+            .raw(0xff, 8),
     );
 }
 
@@ -306,10 +314,10 @@ fn rest_corrections(cases: &mut Vec<NamedPacket>) {
     let mut case = |name: &str, test_encoder: TestEncoder| {
         cases.push((name.to_owned(), state(&test_encoder.into_bytes())));
     };
-    let resting = || begun(RESTING).number(REST_AGE, 0).raw(0, 1);
+    let resting = || first_update(RESTING).number(REST_AGE, 0).raw(0, 1);
     case(
         "a rest_correction of a track that is too old",
-        begun(RESTING).number(REST_AGE, 1 << 30).raw(1, 8),
+        first_update(RESTING).number(REST_AGE, 1 << 30).raw(1, 8),
     );
     case(
         "a step of 32 bits",
@@ -346,12 +354,12 @@ fn endless_numbers(cases: &mut Vec<NamedPacket>) {
     );
 }
 
-/// The beginning of a first update, of alias 0.
-fn begun(code: usize) -> TestEncoder {
+/// The start of a first update, of alias 0.
+fn first_update(code: usize) -> TestEncoder {
     TestEncoder::default().code(0, code).number(GAP[0], 0)
 }
 
-/// A correction of nothing in the same mode, of a track of age 1.
+/// A correction of zero in the same mode, of a track with age 1.
 fn all_still(test_encoder: TestEncoder) -> TestEncoder {
     let test_encoder = test_encoder.number(AGE, 0).number(POSITION, 0);
     let test_encoder = test_encoder.number(POSITION + 1, 0).number(POSITION + 1, 0);
@@ -361,7 +369,7 @@ fn all_still(test_encoder: TestEncoder) -> TestEncoder {
         .number(TURN, 0)
 }
 
-/// The class that a packet's first gap falls into, by PROTOCOL 5.4.
+/// The class of the first gap of a packet, by PROTOCOL 5.4.
 fn shape_of_first_gap() -> usize {
     let sixteenths = u32::from(Tables::ALL.expected[GAP[0]]) / 16 + 1;
     let octave = sixteenths.ilog2();
@@ -386,11 +394,11 @@ fn exact_keyframes(case: &mut impl FnMut(&str, &[(u32, u32)])) {
 
 fn keyframes(cases: &mut Vec<NamedPacket>) {
     let mut case = |name: &str, bits: &[(u32, u32)]| {
-        let mut test_encoder = begun(KEYFRAME).raw(3, INDEX_BITS);
+        let mut test_encoder = first_update(KEYFRAME).raw(3, INDEX_BITS);
         for (value, count) in bits {
             test_encoder = test_encoder.raw(*value, *count);
         }
-        // Ones behind, so that what is refused is refused before the bytes end.
+        // Ones follow, so that the case is refused before the bytes end.
         cases.push((
             name.to_owned(),
             state(&test_encoder.raw(0xff, 8).into_bytes()),

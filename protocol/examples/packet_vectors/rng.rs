@@ -1,8 +1,8 @@
-//! Seeded rng for the cases.
+//! The seeded random generator of the cases.
 
 use rhumb_reckoning::PackedRotation;
 
-/// A generator that is the same everywhere: xorshift of 64 bits.
+/// A generator with the same numbers on every platform: 64-bit xorshift.
 pub(crate) struct PacketRng(u64);
 
 impl PacketRng {
@@ -18,7 +18,7 @@ impl PacketRng {
         ((self.0 >> 32) % end as u64) as u32
     }
 
-    /// One of sizes from none to `most`, each order of magnitude as likely, with a sign.
+    /// A number of at most `most` in size, each order of magnitude equally likely, with a random sign.
     pub(crate) const fn signed(&mut self, most: u32) -> i32 {
         let bits = self.below(33 - most.leading_zeros());
         let size = self.below(1 << bits);

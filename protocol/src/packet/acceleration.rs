@@ -1,6 +1,7 @@
-//! How a push is said in an update.
+//! The encoding of a constant acceleration in an update.
 //!
-//! Once with the mode that it is the predictor of; what goes on by the same push does not emit it again (PROTOCOL 5.6).
+//! It is encoded once, with the mode that it belongs to. A correction that keeps the mode does not repeat it (PROTOCOL
+//! 5.6).
 
 use rhumb_reckoning::{ACCELERATION_EXPONENT_MAX, ACCELERATION_LIMIT, ConstantAcceleration};
 
@@ -47,7 +48,7 @@ impl UpdateCoder {
     }
 }
 
-/// Walks over its numbers in the order in which they are said, with the context of each; the first has no sign.
+/// Calls `emit` for each number in the order on the wire, with its context. The first number has no sign.
 pub(super) fn numbers_of_acceleration(
     push: &ConstantAcceleration,
     mut emit: impl FnMut(usize, i32),

@@ -1,33 +1,34 @@
-//! How old a track is, by the ticks that its stream speaks of.
+//! The age of a track, in published ticks of its stream.
 //!
-//! A stream that is published every few ticks could emit no other age, so that none is said in ticks (PROTOCOL 5.6).
+//! A stream that publishes every few ticks has no other ages, so an age is not given in ticks (PROTOCOL 5.6).
 
 use core::num::NonZeroU32;
 
 use rhumb_reckoning::Tick;
 
-/// How many ticks were spoken of since the origin of a track, the one at which that is said included.
+/// The number of published ticks since the origin of a track. The published tick that carries the track counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Age(u32);
 
 impl Age {
-    /// So many ticks that were spoken of.
+    /// An age of `count` published ticks.
     #[must_use]
     pub const fn new(count: u32) -> Self {
         Self(count)
     }
 
-    /// Of a track of this origin, at a tick of a stream that speaks of every so many; `None` if the origin is later.
+    /// The age at `tick` of a track with this origin, in a stream that publishes every `publish_interval` ticks. `None`
+    /// if the origin is later.
     ///
-    /// One that begins between two ticks that are spoken of counts as begun at the earlier.
+    /// An origin between two published ticks counts as the earlier of them.
     #[must_use]
     pub fn of(origin: Tick, tick: Tick, publish_interval: NonZeroU32) -> Option<Self> {
-        let spoken = |tick: Tick| tick.value() / u64::from(publish_interval.get());
-        let age = spoken(tick).checked_sub(spoken(origin))?;
+        let published = |tick: Tick| tick.value() / u64::from(publish_interval.get());
+        let age = published(tick).checked_sub(published(origin))?;
         u32::try_from(age).ok().filter(|_| origin <= tick).map(Self)
     }
 
-    /// How many.
+    /// The number of published ticks.
     #[must_use]
     pub const fn count(self) -> u32 {
         self.0
@@ -39,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_age_counts_the_ticks_that_are_spoken_of() {
+    fn an_age_counts_published_ticks() {
         let third = NonZeroU32::new(3).unwrap();
         let age = |origin, tick, publish_interval| {
             let age = Age::of(Tick::new(origin), Tick::new(tick), publish_interval);

@@ -13,16 +13,16 @@ use crate::wire::{Malformed, Wire};
 pub struct Checksums {
     /// Number of the stream's next packet: the checksum covers all packets before it.
     pub next: Low16,
-    /// Up to this tick nothing more was to be said.
+    /// Low bits of the tick up to which nothing more is to be sent.
     pub tick: Low16,
-    /// SceneEvents given by then, all included.
+    /// Low bits of the count of scene events up to that tick.
     pub scene_events: Low16,
     /// The checksum over the tracks of all bodies.
     pub sum: u64,
 }
 
 impl Checksums {
-    /// The datagram.
+    /// Encodes the datagram.
     #[must_use]
     pub fn encode(&self, stream: StreamId) -> Vec<u8> {
         let mut to = Writer::new();
@@ -35,7 +35,7 @@ impl Checksums {
         to.into_bytes()
     }
 
-    /// Reads what follows the head.
+    /// Reads the bytes after the head.
     ///
     /// # Errors
     ///

@@ -1,6 +1,7 @@
-//! What a payload would cost: for who chooses, or must know that it fits.
+//! The estimated cost of an update payload, in 1/256 bits.
 //!
-//! Nothing here is normative, and nothing changes the coder. Costs are in 1/256 bits.
+//! Not normative and without effect on the coder. The mode decision compares costs, and a writer checks that an update
+//! fits.
 
 use rhumb_reckoning::{Residual, VelocityResidual};
 
@@ -12,28 +13,28 @@ use super::payload::{
 use super::rest_steps::{length, resting};
 use super::tables::contexts::{self, TripleContexts};
 
-/// A keyframe bit.
+/// The cost of one raw bit.
 const BIT: u32 = 256;
 
-/// A packet of which nothing is said yet: who chooses does not know what will be said before.
+/// The coder's state at the start of a packet. The mode decision does not know which updates will precede its own.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InitialCostModel;
 
-/// By what expectations costs are reckoned.
+/// The state of the coder by which costs are estimated.
 pub(crate) trait CostModel {
-    /// What a number costs in a context.
+    /// The cost of a number in a context.
     fn cost_of_number(&self, context: usize, number: u32) -> u32;
 
-    /// Which expectation of an update's form holds.
+    /// The row of frequencies for an update's form.
     fn row(&self) -> usize;
 
-    /// The body that the last held one is held by.
+    /// The parent of the last attached body.
     fn parent(&self) -> Option<u32>;
 
-    /// What three numbers with their signs cost that are written in a row.
+    /// The cost of three consecutive numbers with their signs.
     #[inline]
     fn cost_of_three(&self, contexts: TripleContexts, numbers: [i32; 3]) -> u32 {
-        // Written out, since `map` of an array stays a call here.
+        // Written out, because `map` of an array is not inlined here.
         let [a, b, c] = numbers;
         let (a, b, c) = (a.unsigned_abs(), b.unsigned_abs(), c.unsigned_abs());
         let sum = u64::from(a) + u64::from(b);
@@ -45,7 +46,7 @@ pub(crate) trait CostModel {
             + sign(c)
     }
 
-    /// What payload this next would cost, its gap aside.
+    /// The cost of this payload as the next one, without its alias gap.
     fn cost(&self, payload: &UpdatePayload) -> u32 {
         let bits = match payload {
             UpdatePayload::Residual {
@@ -74,7 +75,7 @@ pub(crate) trait CostModel {
         cost
     }
 
-    /// Of a correction, what says its form, its age, its parent and its push.
+    /// The cost of a correction's form, age, parent and acceleration.
     fn cost_of_form(&self, mode: &PredictionMode, age: Age, moved: bool) -> u32 {
         let form = UpdateForm::of_mode(mode, moved);
         let context = contexts::age(form.kind());
@@ -83,7 +84,7 @@ pub(crate) trait CostModel {
             + self.cost_of_parent(mode)
     }
 
-    /// Of a correction of this mode, what says position and turn.
+    /// The cost of the position and rotation in a correction of this mode.
     #[inline]
     fn cost_of_place(
         &self,
@@ -100,7 +101,7 @@ pub(crate) trait CostModel {
             + self.cost_of_three(contexts::turn(kind, class, largest), residual.turn)
     }
 
-    /// Of a correction of this mode, what says velocities.
+    /// The cost of the velocities in a correction of this mode.
     #[inline]
     fn cost_of_velocity(
         &self,
@@ -167,7 +168,7 @@ impl CostModel for UpdateCoder {
     }
 }
 
-/// What is nothing has no sign.
+/// Zero has no sign bit.
 const fn sign(size: u32) -> u32 {
     if size == 0 { 0 } else { BIT }
 }

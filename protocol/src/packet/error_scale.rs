@@ -1,21 +1,21 @@
-//! By what factor a stream exceeds its tolerances at most, in a byte.
+//! The factor by which a stream may exceed its tolerances, in one byte.
 //!
-//! Said only by streams with a budget, and only while they withhold something (PROTOCOL 5.17).
+//! Only streams with a budget send it, and only while the budget delays updates (PROTOCOL 5.17).
 
 use crate::wire::Malformed;
 use crate::wire::bytes::{Reader, Writer};
 
-/// A factor on every tolerance of a stream: one, or an eighth more than a power of two allows, rounded up.
+/// A factor on every tolerance of a stream: 2ⁿ (8 + k) / 8 with k below 8, rounded up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ErrorScale(u8);
 
 impl ErrorScale {
     /// Every body is within its tolerance.
     pub const NONE: Self = Self(0);
-    /// How far off bodies are is not said.
+    /// The factor is unknown and may have any size.
     pub const UNBOUNDED: Self = Self(255);
 
-    /// The least that covers a share of the tolerance.
+    /// The least error scale that covers an error of `share` tolerances.
     #[must_use]
     pub fn covering(share: f64) -> Self {
         let covers = |code: &u8| Self(*code).factor().is_none_or(|factor| share <= factor);
@@ -37,7 +37,7 @@ impl ErrorScale {
         to.u8(self.0);
     }
 
-    /// Takes the byte; [`Self::NONE`] is not said.
+    /// Reads the byte; [`Self::NONE`] is refused.
     pub(super) fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         match from.u8()? {
             0 => Err(Malformed::NotCanonical),

@@ -1,6 +1,6 @@
-//! The packets of a full stream: every body's keyframe state in 56 bytes.
+//! The packets of a full stream: every body's state in 56 bytes.
 //!
-//! The naive baseline that reckoned streams are measured against, and a way to look at an engine without any loss.
+//! The naive baseline for measuring reckoned streams, and a view of the engine without any loss of precision.
 
 use alloc::vec::Vec;
 
@@ -16,39 +16,39 @@ pub const FULL_RECORD_BYTES: usize = 4 + 13 * 4;
 /// Bytes before the records.
 const HEAD_BYTES_MAX: usize = 1 + 5 + 2 + 2 + 2;
 
-/// One body's keyframe state.
+/// One body's state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FullRecord {
     /// Index of the body.
     pub index: u32,
-    /// Its state, to the bit.
+    /// Its state, bit for bit.
     pub motion: BodyState,
 }
 
-/// One packet of keyframe states.
+/// One packet of states.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FullPacket {
-    /// Low bits of its number.
+    /// Low bits of the packet number.
     pub number: Low16,
-    /// Low bits of its tick.
+    /// Low bits of the tick.
     pub tick: Low16,
-    /// SceneEvents that must have been heard to read it.
+    /// Low bits of the count of scene events that the reader must have received.
     pub scene_events: Low16,
-    /// Whether it is the last of its tick.
+    /// Whether this is the last packet of its tick.
     pub ends_tick: bool,
     /// The states.
     pub records: Vec<FullRecord>,
 }
 
 impl FullPacket {
-    /// How many records fit a datagram.
+    /// The number of records that fit a datagram.
     pub const RECORDS_MAX: usize = (DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX) / FULL_RECORD_BYTES;
 
-    /// The datagram.
+    /// Encodes the datagram.
     ///
     /// # Panics
     ///
-    /// When there are more records than fit.
+    /// With more than [`Self::RECORDS_MAX`] records.
     #[must_use]
     pub fn encode(&self, stream: StreamId) -> Vec<u8> {
         assert!(
@@ -72,11 +72,11 @@ impl FullPacket {
         to.into_bytes()
     }
 
-    /// Reads what follows the head.
+    /// Reads the bytes after the head.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when that is not a packet of keyframe states.
+    /// [`Malformed`] if they are no packet of states.
     pub fn decode(ends_tick: bool, mut from: Reader<'_>) -> Result<Self, Malformed> {
         let number = Low16::decode(&mut from)?;
         let tick = Low16::decode(&mut from)?;
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_full_packet_comes_back_and_its_truncations_do_not() {
+    fn a_full_packet_round_trips_and_its_truncations_are_refused() {
         let motion = BodyState::new([1.0; 3], [0.0, 0.0, 0.0, 1.0], [2.0; 3], [3.0; 3]).unwrap();
         let packet = FullPacket {
             number: Low16(1),

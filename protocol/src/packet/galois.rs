@@ -1,12 +1,12 @@
-//! The field of 256 elements, in which repair_symbols are summed.
+//! Arithmetic in GF(256), the field of the repair symbols.
 //!
-//! Bytes are elements: addition is exclusive or, multiplication is that of polynomials over one bit modulo
-//! x⁸ + x⁴ + x³ + x² + 1 (PROTOCOL 5.16). Invariant: every non-zero element has an inverse.
+//! Bytes are elements. Addition is exclusive or; multiplication is that of polynomials over one bit modulo x⁸ + x⁴ + x³
+//! + x² + 1 (PROTOCOL 5.16). Invariant: every non-zero element has an inverse.
 
 /// x⁸ + x⁴ + x³ + x² + 1, of which x is a generator. Source: PROTOCOL 5.16.
 const POLYNOMIAL: u16 = 0x11d;
 
-/// GaloisTables of x, twice over so that a sum of two logarithms needs no reduction, and logarithms to that base.
+/// Powers of x, twice over so that a sum of two logarithms needs no reduction, and logarithms to base x.
 struct GaloisTables {
     of: [u8; 510],
     log: [u8; 256],
@@ -34,7 +34,7 @@ const fn powers() -> GaloisTables {
     powers
 }
 
-/// A product.
+/// The product of two elements.
 pub(crate) const fn times(a: u8, b: u8) -> u8 {
     if a == 0 || b == 0 {
         return 0;
@@ -43,7 +43,7 @@ pub(crate) const fn times(a: u8, b: u8) -> u8 {
     POWERS.of[exponent]
 }
 
-/// The inverse of an element that is not zero; of zero, zero.
+/// The inverse of a non-zero element; zero for zero.
 pub(crate) const fn inverse(a: u8) -> u8 {
     if a == 0 {
         return 0;
@@ -51,13 +51,13 @@ pub(crate) const fn inverse(a: u8) -> u8 {
     POWERS.of[255 - POWERS.log[a as usize] as usize]
 }
 
-/// Adds `factor` times each of `config` to the sum in the same place; config beyond the sums are left out.
-pub(crate) fn add_times(sums: &mut [u8], factor: u8, config: &[u8]) {
+/// Adds `factor` times each term to the sum at the same position. Terms beyond the sums are ignored.
+pub(crate) fn add_times(sums: &mut [u8], factor: u8, terms: &[u8]) {
     if factor == 0 {
         return;
     }
     let log = usize::from(POWERS.log[usize::from(factor)]);
-    for (sum, term) in sums.iter_mut().zip(config) {
+    for (sum, term) in sums.iter_mut().zip(terms) {
         if *term != 0 {
             *sum ^= POWERS.of[log + usize::from(POWERS.log[usize::from(*term)])];
         }
@@ -68,7 +68,7 @@ pub(crate) fn add_times(sums: &mut [u8], factor: u8, config: &[u8]) {
 mod tests {
     use super::*;
 
-    /// Multiplication as the document says it: shifted sums, reduced.
+    /// Multiplication by shifts and reduction, as the specification defines it.
     fn by_shifts(a: u8, b: u8) -> u8 {
         let mut sum = 0_u16;
         for bit in 0..8 {
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn sums_take_in_as_much_as_they_hold() {
+    fn terms_beyond_the_sums_are_ignored() {
         let mut sums = [1, 2, 3];
         add_times(&mut sums, 7, &[0, 9]);
         assert_eq!(sums, [1, 2 ^ times(7, 9), 3]);

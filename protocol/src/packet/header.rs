@@ -1,16 +1,16 @@
-//! What every datagram begins with.
+//! The head of every datagram: its kind and its stream.
 
 use core::fmt;
 
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// Names one stream of one scene; told to a member when it joins.
+/// The id of a stream of a scene; a member learns it when it joins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct StreamId(pub u32);
 
 impl StreamId {
-    /// The names that take no byte of a datagram.
+    /// The ids that fit the first byte of a datagram.
     pub const SMALL: core::ops::Range<u32> = 0..15;
 }
 
@@ -30,23 +30,24 @@ impl Wire for StreamId {
     }
 }
 
-/// The low 16 bits of a count that both ends know roughly: packet numbers, ticks, scene_events (PROTOCOL 5.7).
+/// The low 16 bits of a count that both ends know roughly: packet numbers, ticks, scene events (PROTOCOL 5.7).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Low16(pub u16);
 
 impl Low16 {
-    /// Of a keyframe count.
+    /// The low bits of a full count.
     #[must_use]
     pub const fn of(count: u64) -> Self {
         Self(count as u16)
     }
 
-    /// The count nearest to `near` that has these low bits; at a tie the higher one.
+    /// The count nearest to `near` with these low bits; the higher one at a tie.
     #[must_use]
     pub const fn expand(self, near: u64) -> u64 {
         let behind = near.wrapping_sub(self.0 as u64) & 0xffff;
         let below = near.wrapping_sub(behind);
-        // `below` is at or under `near`; when it would lie under zero, or is farther than half a turn, go up a turn.
+        // `below` is at or below `near`. If it is negative, or farther than half the range, the next higher count is
+        // nearer.
         if behind >= 0x8000 || behind > near {
             below.wrapping_add(0x1_0000)
         } else {
@@ -54,12 +55,12 @@ impl Low16 {
         }
     }
 
-    /// Appends the two bytes.
+    /// Appends two bytes.
     pub fn encode(self, to: &mut Writer) {
         to.u16(self.0);
     }
 
-    /// Takes two bytes.
+    /// Reads two bytes.
     ///
     /// # Errors
     ///
@@ -69,30 +70,30 @@ impl Low16 {
     }
 }
 
-/// What a datagram is.
+/// The kind of a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PacketKind {
-    /// Updates of a stream; part of a tick of which more packets follow.
+    /// Updates of a stream; more packets of the same tick follow.
     Updates,
     /// Updates of a stream; the last packet of its tick.
     UpdatesEnd,
-    /// Nothing was said up to a tick.
+    /// Nothing more was to be sent up to a tick.
     Watermark,
-    /// What the bodies of a lost packet do now.
+    /// The present tracks of the bodies in a lost packet.
     Refresh,
-    /// Every body's keyframe state; part of a tick of which more packets follow.
+    /// Every body's state; more packets of the same tick follow.
     Full,
-    /// Every body's keyframe state; the last packet of its tick.
+    /// Every body's state; the last packet of its tick.
     FullEnd,
-    /// From a member: what it heard and what it lost.
+    /// From a member: the packets that it received and lost.
     LossReport,
-    /// Sums over tracks.
+    /// The checksum over the tracks.
     Checksums,
-    /// A sum over the last packets, from which a lost one can be had.
+    /// A sum over recent packets, from which a lost one is recovered.
     RepairSymbol,
-    /// Updates of a stream with a budget; the last packet of its tick, and something was over_budget.
+    /// Updates of a stream with a budget; the last packet of a tick at which some bodies exceed their tolerance.
     UpdatesOverBudget,
-    /// Nothing was said up to a tick of a stream with a budget, though something should have been.
+    /// Nothing more was sent up to a tick of a stream with a budget, and some bodies exceed their tolerance.
     WatermarkOverBudget,
 }
 
@@ -112,12 +113,12 @@ impl PacketKind {
     ];
 }
 
-/// The first byte of a datagram, or more of a stream with a large name: its kind and its stream.
+/// The first byte of a datagram, and more bytes for a large stream id: kind and stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Head {
-    /// What it is.
+    /// The kind of the datagram.
     pub kind: PacketKind,
-    /// Whose.
+    /// The stream that the datagram belongs to.
     pub stream: StreamId,
 }
 
@@ -153,7 +154,7 @@ impl Wire for Head {
     }
 }
 
-/// A datagram of which the head was read.
+/// A datagram with a decoded head.
 #[derive(Clone, Copy, Debug)]
 pub struct Datagram<'a> {
     head: Head,
@@ -165,7 +166,7 @@ impl<'a> Datagram<'a> {
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when there is none, or its kind is unknown.
+    /// [`Malformed`] if the head is incomplete or its kind unknown.
     pub fn open(bytes: &'a [u8]) -> Result<Self, Malformed> {
         let mut reader = Reader::new(bytes);
         let head = Head::decode(&mut reader)?;
@@ -173,27 +174,27 @@ impl<'a> Datagram<'a> {
         Ok(Self { head, body })
     }
 
-    /// One whose head was read before.
+    /// A datagram from a head that was decoded before.
     pub(crate) const fn opened(head: Head, body: &'a [u8]) -> Self {
         Self { head, body }
     }
 
-    /// Its kind and its stream.
+    /// The kind and the stream.
     #[must_use]
     pub const fn head(&self) -> Head {
         self.head
     }
 
-    /// Reads what follows the head.
+    /// A reader for the bytes after the head.
     #[must_use]
     pub const fn body(&self) -> Reader<'a> {
         Reader::new(self.body)
     }
 }
 
-/// Low bits of a datagram's first byte that are its kind.
+/// The number of low bits in the first byte that hold the kind.
 const KIND_BITS: u32 = 4;
-/// Streams below this one are named in the rest of that byte.
+/// Stream ids below this one fit the first byte.
 const LARGE: u32 = StreamId::SMALL.end;
 
 #[cfg(test)]
@@ -203,7 +204,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_head_comes_back(code in 0..PacketKind::CODES.len(), stream in prop_oneof![0_u32..20, any::<u32>()]) {
+        fn a_head_round_trips(code in 0..PacketKind::CODES.len(), stream in prop_oneof![0_u32..20, any::<u32>()]) {
             let (_, kind) = PacketKind::CODES[code];
             let stream = StreamId(stream);
             let mut to = Writer::new();
@@ -216,13 +217,13 @@ mod tests {
         }
 
         #[test]
-        fn low_bits_grow_back_near_where_they_were_cut(count in 0_u64..1 << 40, off in -32_000_i64..32_000) {
+        fn low_bits_expand_to_the_nearest_count(count in 0_u64..1 << 40, off in -32_000_i64..32_000) {
             let near = count.saturating_add_signed(off);
             prop_assert_eq!(Low16::of(count).expand(near), count);
         }
 
         #[test]
-        fn low_bits_never_grow_below_zero(low: u16, near in 0_u64..100_000) {
+        fn low_bits_never_expand_below_zero(low: u16, near in 0_u64..100_000) {
             let grown = Low16(low).expand(near);
             prop_assert_eq!(grown as u16, low);
             prop_assert!(grown.abs_diff(near) <= 0x1_0000);

@@ -1,6 +1,7 @@
-//! A keyframe track, in bits that can be read without knowing any other.
+//! A keyframe: a whole track in bits that depend on no other track.
 //!
-//! SceneEvents, snapshots and refreshes emit tracks so, and packets what cannot be said as a correction (PROTOCOL 5.5).
+//! Scene events, snapshots and refreshes carry tracks in this form, and updates carry what no correction can express
+//! (PROTOCOL 5.5).
 
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, ConstantAcceleration, PackedRotation, Predictor, QuantisedState,
@@ -11,7 +12,7 @@ use crate::limits::INDICES_MAX;
 use crate::wire::Malformed;
 use crate::wire::bits::{PutBits, TakeBits, golomb_len};
 
-/// Orders of the Golomb codes of numbers that are as large as the world.
+/// Orders of the Golomb codes for numbers in the range of the world.
 const POSITION_ORDER: u32 = 14;
 const VELOCITY_ORDER: u32 = 6;
 
@@ -22,22 +23,22 @@ const ACCELERATION_EXPONENT_BITS: u32 = 4;
 const INDEX_BITS: u32 = INDICES_MAX.ilog2();
 const GENERATION_BITS: u32 = 16;
 
-/// A track without its tick.
+/// A track without its origin tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Keyframe {
-    /// How the body goes on.
+    /// The predictor of the track.
     pub predictor: Predictor,
-    /// From which motion.
+    /// The motion at the origin.
     pub anchor: Anchor,
-    /// In whose frame.
+    /// The body whose frame the motion is in; None for the world frame.
     pub parent: Option<BodyId>,
 }
 
 impl Keyframe {
-    /// Most bits that a payload takes.
+    /// Upper bound of the bits that a keyframe takes.
     pub(crate) const BITS_MAX: usize = 5 + 36 + 13 * 32 + 3 * 63;
 
-    /// What says this track again.
+    /// The keyframe of a track.
     #[must_use]
     pub const fn of(track: &Track) -> Self {
         Self {
@@ -47,7 +48,7 @@ impl Keyframe {
         }
     }
 
-    /// The track that this says.
+    /// The track with this keyframe and origin.
     #[must_use]
     pub const fn track(&self, origin: Tick) -> Track {
         Track {
@@ -58,7 +59,7 @@ impl Keyframe {
         }
     }
 
-    /// How many bits [`Self::encode`] appends.
+    /// The number of bits that [`Self::encode`] appends.
     #[must_use]
     pub fn bit_len(&self) -> usize {
         let moving = self.predictor != Predictor::Rest;
@@ -85,7 +86,7 @@ impl Keyframe {
         bits as usize
     }
 
-    /// Appends the predictor, the parent or the push, and the motion.
+    /// Appends the predictor, the parent or the acceleration, and the motion.
     pub fn encode(&self, to: &mut impl PutBits) {
         to.bits(predictor_code(self.predictor), PREDICTOR_BITS);
         to.flag(self.parent.is_some());
@@ -102,8 +103,8 @@ impl Keyframe {
         match &self.anchor {
             Anchor::Exact(body_state) => {
                 let parts = body_state.parts();
-                let said = if moving { &parts[..] } else { &parts[..7] };
-                for part in said {
+                let written = if moving { &parts[..] } else { &parts[..7] };
+                for part in written {
                     to.bits(part.to_bits(), 32);
                 }
             }
@@ -118,11 +119,11 @@ impl Keyframe {
         }
     }
 
-    /// Takes the predictor, the parent or the push, and the motion.
+    /// Reads the predictor, the parent or the acceleration, and the motion.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] for what is no motion within the limits.
+    /// [`Malformed`] if the motion is not within the limits.
     pub fn decode(from: &mut impl TakeBits) -> Result<Self, Malformed> {
         let predictor = from.bits(PREDICTOR_BITS)?;
         let parent = if from.flag()? {
@@ -170,10 +171,10 @@ pub(crate) const fn predictor_code(predictor: Predictor) -> u32 {
     }
 }
 
-/// The code of the predictor that is said with a push.
+/// The code of the predictor with constant acceleration; the acceleration follows.
 pub(crate) const ACCELERATED: u32 = 5;
 
-/// The predictor of a code, but for [`ACCELERATED`]: that one is more than its code.
+/// The predictor of a code, except [`ACCELERATED`], whose predictor also needs the acceleration.
 pub(crate) const fn predictor_of(code: u32) -> Result<Predictor, Malformed> {
     match code {
         0 => Ok(Predictor::Rest),
@@ -205,16 +206,16 @@ fn decode_quantised(moving: bool, from: &mut impl TakeBits) -> Result<QuantisedS
 fn decode_acceleration(from: &mut impl TakeBits) -> Result<ConstantAcceleration, Malformed> {
     let exponent = from.bits(ACCELERATION_EXPONENT_BITS)? as u8;
     let mut steps = [0; 3];
-    for (steps, said) in steps.iter_mut().zip(decode3(ACCELERATION_ORDER, from)?) {
-        *steps = i16::try_from(said).map_err(|_| Malformed::OutOfRange)?;
+    for (steps, value) in steps.iter_mut().zip(decode3(ACCELERATION_ORDER, from)?) {
+        *steps = i16::try_from(value).map_err(|_| Malformed::OutOfRange)?;
     }
     ConstantAcceleration::new(steps, exponent).ok_or(Malformed::OutOfRange)
 }
 
 fn decode_body_state(moving: bool, from: &mut impl TakeBits) -> Result<BodyState, Malformed> {
     let mut parts = [0.0_f32; 13];
-    let said = if moving { 13 } else { 7 };
-    for part in &mut parts[..said] {
+    let count = if moving { 13 } else { 7 };
+    for part in &mut parts[..count] {
         *part = f32::from_bits(from.bits(32)?);
     }
     let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = parts;
@@ -222,7 +223,7 @@ fn decode_body_state(moving: bool, from: &mut impl TakeBits) -> Result<BodyState
         .map_err(|_| Malformed::NotFinite)
 }
 
-/// A packed component is at most 370,728 in size and so fits 20 bits with its sign.
+/// A packed component is at most 370,728 in size, so it fits 20 bits with its sign.
 const COMPONENT_BITS: u32 = 20;
 
 fn encode_rotation(rotation: PackedRotation, to: &mut impl PutBits) {
@@ -318,7 +319,7 @@ pub(crate) mod tests {
         let predictor = prop::sample::select(&Predictor::ALL[..]);
         let said_alone = predictor
             .clone()
-            .prop_filter("what is accelerated lies on its grid", |predictor| {
+            .prop_filter("an accelerated motion lies on its grid", |predictor| {
                 predictor.acceleration().is_none()
             });
         prop_oneof![
@@ -350,7 +351,7 @@ pub(crate) mod tests {
 
     proptest! {
         #[test]
-        fn a_track_comes_back_in_as_many_bits_as_announced(keyframe in keyframe()) {
+        fn a_keyframe_round_trips_in_the_announced_bit_length(keyframe in keyframe()) {
             let mut writer = BitWriter::default();
             keyframe.encode(&mut writer);
             prop_assert_eq!(writer.bit_len(), keyframe.bit_len());

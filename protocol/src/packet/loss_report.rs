@@ -1,4 +1,4 @@
-//! What comes back on the state path: how far was heard, and what was lost.
+//! The loss report: which packets a receiver has received and lost.
 
 use alloc::vec::Vec;
 
@@ -7,21 +7,21 @@ use crate::limits::{FEC_SPAN, LOST_NAMED_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// A member's account of its stream. It asks for a refresh of each lost packet and for a watermark.
+/// A receiver's report about its stream. It requests a refresh of each lost packet and a watermark.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LossReport {
-    /// One more than the number of the newest packet known to have been sent.
+    /// Low bits of one more than the number of the newest packet known to have been sent.
     pub next: Low16,
-    /// How many of all packets so far did not come by themselves, whether repair_symbols gave them back or not.
+    /// Low bits of the count of packets that did not arrive, whether or not repair symbols recovered them.
     pub gone: Low16,
-    /// How many repair_symbols would do for those of the lost packets that were sent last; none where refreshes are wanted.
+    /// The number of repair symbols that would recover the newest losses; zero if refreshes are needed.
     pub repair_symbols: u8,
-    /// Packets below that were not heard, oldest first.
+    /// Numbers of lost packets below `next`, oldest first.
     pub lost: Vec<Low16>,
 }
 
 impl LossReport {
-    /// The datagram.
+    /// Encodes the datagram.
     #[must_use]
     pub fn encode(&self, stream: StreamId) -> Vec<u8> {
         let mut to = Writer::new();
@@ -40,11 +40,11 @@ impl LossReport {
         to.into_bytes()
     }
 
-    /// Reads what follows the head.
+    /// Reads the bytes after the head.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when that is not an loss_report.
+    /// [`Malformed`] if they are no loss report.
     pub fn decode(mut from: Reader<'_>) -> Result<Self, Malformed> {
         let next = Low16::decode(&mut from)?;
         let gone = Low16::decode(&mut from)?;
@@ -77,7 +77,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn an_loss_report_comes_back(next: u16, gone: u16, repair_symbols in 0..=FEC_SPAN as u8, lost in proptest::collection::vec(any::<u16>(), 0..LOST_NAMED_MAX)) {
+        fn a_loss_report_round_trips(next: u16, gone: u16, repair_symbols in 0..=FEC_SPAN as u8, lost in proptest::collection::vec(any::<u16>(), 0..LOST_NAMED_MAX)) {
             let (next, gone) = (Low16(next), Low16(gone));
             let loss_report = LossReport { next, gone, repair_symbols, lost: lost.into_iter().map(Low16).collect() };
             let bytes = loss_report.encode(StreamId(300));

@@ -1,6 +1,6 @@
-//! The state datagrams: what each kind holds, bit by bit (PROTOCOL 5).
+//! The state datagrams and the content of each kind, bit by bit (PROTOCOL 5).
 //!
-//! Codec only: what a datagram means for a stream is decided in `stream`.
+//! Codec only: `stream` decides what a datagram means.
 mod acceleration;
 mod age;
 mod checksums;

@@ -1,7 +1,7 @@
-//! How likely each number is: what the range coder of a packet goes by.
+//! The adaptive model of a packet's numbers, for its range coder.
 //!
-//! Every packet begins with the same expectations and learns from its own numbers alone, so that a lost packet derails
-//! no other (PROTOCOL 5.4). Writer and reader hold one of these each and change it by the same calls.
+//! Every packet starts with the same expectations and adapts to its own numbers alone, so a lost packet does not
+//! disturb another one (PROTOCOL 5.4). Writer and reader hold one model each and change it by the same calls.
 
 use super::payload::CODE_COUNT;
 use super::tables::contexts::{self, TripleContexts};
@@ -10,18 +10,18 @@ use crate::wire::Malformed;
 use crate::wire::alphabet::Alphabet;
 use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
 
-/// The last symbol of each alphabet: the number is at least this, and the rest of it follows.
+/// The last symbol of each alphabet: the number is at least this large, and the rest of it follows.
 const ESCAPE: u32 = SYMBOLS as u32 - 1;
-/// One expected step, in fixed point.
+/// One step of an expectation, in fixed point.
 const ONE: u32 = 256;
-/// Numbers above this are learnt from as if they were this.
+/// The model adapts to larger numbers as if they were this one.
 const LEARNT_MAX: u32 = 4_095;
-/// How slowly a context learns: an eighth of each surprise, as a power of two.
+/// The adaptation rate of a context: an eighth of the difference, as a power of two.
 const LEARNING_SHIFT: u32 = 3;
-/// From this octave of the expectation on, low bits are said raw.
+/// From this octave of the expectation on, low bits are written raw.
 const OCTAVES: u32 = CLASSES as u32 / 4;
 
-/// What one packet expects of its numbers, by context.
+/// The expected size of a packet's numbers, by context.
 #[derive(Clone, Debug)]
 pub(crate) struct Model {
     expected: [u32; CONTEXTS],
@@ -35,7 +35,7 @@ impl Default for Model {
     }
 }
 
-/// By which alphabet a number is said: how many low bits go raw, and the shape of the rest.
+/// How a number is coded: the number of raw low bits, and the shape for the rest.
 #[derive(Clone, Copy, Debug)]
 struct CodeChoice {
     raw: u32,
@@ -49,7 +49,7 @@ impl CodeChoice {
         Self { raw, shape }
     }
 
-    /// What a number would cost, in 1/256 bits.
+    /// The cost of a number, in 1/256 bits.
     const fn cost(self, number: u32) -> u32 {
         let Self { raw, shape } = self;
         let high = number >> raw;
@@ -64,7 +64,7 @@ impl CodeChoice {
 
 impl Model {
     #[inline]
-    fn wording(&self, context: usize) -> CodeChoice {
+    fn code_choice(&self, context: usize) -> CodeChoice {
         CodeChoice::of(context, self.expected[context])
     }
 
@@ -72,9 +72,9 @@ impl Model {
         self.expected[context] = learnt(self.expected[context], number);
     }
 
-    /// Says a number.
+    /// Writes a number and adapts its context.
     pub(crate) fn write(&mut self, context: usize, number: u32, to: &mut RangeWriter) {
-        let CodeChoice { raw, shape } = self.wording(context);
+        let CodeChoice { raw, shape } = self.code_choice(context);
         let high = number >> raw;
         let symbol = high.min(ESCAPE) as usize;
         let starts = &SHAPES[shape];
@@ -87,13 +87,13 @@ impl Model {
         self.learn(context, number);
     }
 
-    /// Reads a number.
+    /// Reads a number and adapts its context.
     pub(crate) fn read(
         &mut self,
         context: usize,
         from: &mut RangeReader<'_>,
     ) -> Result<u32, Malformed> {
-        let CodeChoice { raw, shape } = self.wording(context);
+        let CodeChoice { raw, shape } = self.code_choice(context);
         let symbol = from.symbol(&ALPHABETS[shape / CLASSES][shape % CLASSES])? as u32;
         let number = if symbol == ESCAPE || raw > 0 {
             read_large(symbol, raw, from)?
@@ -104,14 +104,14 @@ impl Model {
         Ok(number)
     }
 
-    /// Reads three numbers that are said in a row, each with its sign.
+    /// Reads three consecutive numbers, each with its sign.
     pub(crate) fn read_three(
         &mut self,
         contexts: TripleContexts,
         from: &mut RangeReader<'_>,
     ) -> Result<[i32; 3], Malformed> {
         let alphabets = &ALPHABETS[contexts.group()];
-        // One of its own, so that it lies in no memory from number to number.
+        // A local copy stays in registers from number to number.
         let mut here = from.clone();
         let x = self.read_signed(contexts.context(0, 0), alphabets, &mut here)?;
         let sum = u64::from(x.unsigned_abs());
@@ -122,7 +122,7 @@ impl Model {
         Ok([x, y, z])
     }
 
-    /// Reads a number with its sign, in a context of the group that has these alphabets.
+    /// Reads a number with its sign, in a context of the group with these alphabets.
     #[inline(always)]
     fn read_signed(
         &mut self,
@@ -148,7 +148,8 @@ impl Model {
         Ok((number ^ sign) - sign)
     }
 
-    /// The same where low bits go raw, with the reader behind it: one that is lent would lie in memory.
+    /// As [`Self::read_signed`], with raw low bits. Takes and returns the reader by value, so that it stays in
+    /// registers.
     #[inline(never)]
     fn read_large_signed<'a>(
         &mut self,
@@ -159,7 +160,7 @@ impl Model {
         with_sign(size, from)
     }
 
-    /// The same of one whose symbol is read, and says that more follows.
+    /// As [`Self::read_signed`], after an escape symbol.
     #[inline(never)]
     fn read_escaped_signed<'a>(
         &mut self,
@@ -172,46 +173,46 @@ impl Model {
         with_sign(size, from)
     }
 
-    /// What a number would cost now, in 1/256 bits.
+    /// The cost of a number now, in 1/256 bits.
     #[inline]
     pub(crate) fn cost(&self, context: usize, number: u32) -> u32 {
-        self.wording(context).cost(number)
+        self.code_choice(context).cost(number)
     }
 }
 
-/// What is expected after a number: towards what was seen by an eighth of the difference, rounded down.
+/// The expectation after a number: an eighth of the way towards it, rounded down.
 #[inline]
 fn learnt(expected: u32, number: u32) -> u32 {
-    let seen = number.min(LEARNT_MAX) * ONE;
-    // Both stay below 2²⁰.
-    let step = (seen as i32 - expected as i32) >> LEARNING_SHIFT;
+    let observed = number.min(LEARNT_MAX) * ONE;
+    // Both operands stay below 2²⁰.
+    let step = (observed as i32 - expected as i32) >> LEARNING_SHIFT;
     expected.wrapping_add_signed(step)
 }
 
-/// By the sixteenths of an expectation the class of its alphabet, as long as nothing goes raw.
+/// The class of an alphabet by the sixteenths of an expectation that has no raw bits.
 static CLOSE: [u8; (1 << OCTAVES) - 1] = {
     let mut classes = [0; (1 << OCTAVES) - 1];
     let mut sixteenths = 0;
     while sixteenths < classes.len() {
         let (_, class) = class_of(sixteenths as u32 * (ONE / 16));
-        // There are fewer classes than 256.
+        // There are fewer than 256 classes.
         classes[sixteenths] = class as u8;
         sixteenths += 1;
     }
     classes
 };
 
-/// How many bits go raw where this is expected, and the class of the alphabet for the rest: of a quarter of an octave.
+/// The number of raw bits for an expectation, and the class of the alphabet for the rest: one for each quarter octave.
 const fn class_of(expected: u32) -> (u32, usize) {
     let sixteenths = (expected / (ONE / 16)) + 1;
     let octave = sixteenths.ilog2();
-    // The two bits behind the first, whatever goes raw.
+    // The two bits below the leading one, whatever the number of raw bits.
     let quarter = ((sixteenths << 2) >> octave) & 3;
     let raw = (octave + 1).saturating_sub(OCTAVES);
     (raw, ((octave - raw) * 4 + quarter) as usize)
 }
 
-/// What a number would cost at the beginning of a packet, in 1/256 bits.
+/// The cost of a number at the start of a packet, in 1/256 bits.
 #[inline]
 pub(crate) fn opening_cost(context: usize, number: u32) -> u32 {
     match OPENING_COSTS[context].get(number as usize) {
@@ -220,25 +221,25 @@ pub(crate) fn opening_cost(context: usize, number: u32) -> u32 {
     }
 }
 
-/// The same of a number that is seldom so large.
+/// As [`opening_cost`], for a number beyond the table.
 #[cold]
 fn opening_cost_of_many(context: usize, number: u32) -> u32 {
     CodeChoice::of(context, u32::from(EXPECTED[context])).cost(number)
 }
 
-/// Numbers whose costs at the beginning are known.
+/// The number of table entries for each context.
 const KNOWN: usize = 16;
 
-/// What each small number costs at the beginning of a packet, by context.
+/// The cost of each small number at the start of a packet, by context.
 static OPENING_COSTS: [[u16; KNOWN]; CONTEXTS] = {
     let mut costs = [[0; KNOWN]; CONTEXTS];
     let mut context = 0;
     while context < CONTEXTS {
-        let wording = CodeChoice::of(context, EXPECTED[context] as u32);
+        let code_choice = CodeChoice::of(context, EXPECTED[context] as u32);
         let mut number = 0;
         while number < KNOWN {
-            // At most twelve bits of a symbol, and as many raw ones as an expectation below 2²⁰ has.
-            costs[context][number] = wording.cost(number as u32) as u16;
+            // At most twelve bits for a symbol, plus the raw bits of an expectation below 2²⁰.
+            costs[context][number] = code_choice.cost(number as u32) as u16;
             number += 1;
         }
         context += 1;
@@ -251,14 +252,14 @@ const FIRST_SHAPES: [u8; CONTEXTS] = {
     let mut first = [0; CONTEXTS];
     let mut context = 0;
     while context < CONTEXTS {
-        // There are fewer alphabets than 256.
+        // There are fewer than 256 alphabets.
         first[context] = (contexts::group(context) * CLASSES) as u8;
         context += 1;
     }
     first
 };
 
-/// The alphabets of [`SHAPES`] as they are read: by group and class.
+/// The alphabets of [`SHAPES`] for reading, by group and class.
 static ALPHABETS: [[Alphabet; CLASSES]; GROUPS] = {
     const FIRST: Alphabet = Alphabet::new(&SHAPES[0]);
     let mut alphabets = [const { [const { FIRST }; CLASSES] }; GROUPS];
@@ -270,19 +271,20 @@ static ALPHABETS: [[Alphabet; CLASSES]; GROUPS] = {
     alphabets
 };
 
-/// What a symbol of this frequency costs, in 1/256 bits; the logarithm is a broken line, which is near enough to choose by.
+/// The cost of a symbol with this frequency, in 1/256 bits. The logarithm is piecewise linear, which suffices to
+/// compare candidates.
 pub(crate) const fn symbol_cost(size: u32) -> u32 {
     let keyframe = size.ilog2();
     let fraction = (size << 8 >> keyframe) - 256;
     (TOTAL_BITS - keyframe) * 256 - fraction
 }
 
-/// What a form costs by the expectation of this row, in 1/256 bits.
+/// The cost of a form by the frequencies of this row, in 1/256 bits.
 pub(super) fn code_cost(row: usize, code: usize) -> u32 {
     CODE_COSTS[row][code].into()
 }
 
-/// What each form costs, by row.
+/// The cost of each form, by row.
 static CODE_COSTS: [[u16; CODE_COUNT]; MODES.len()] = {
     let mut costs = [[0; CODE_COUNT]; MODES.len()];
     let mut row = 0;
@@ -299,7 +301,7 @@ static CODE_COSTS: [[u16; CODE_COUNT]; MODES.len()] = {
     costs
 };
 
-/// What each symbol of each alphabet costs, in 1/256 bits.
+/// The cost of each symbol of each alphabet, in 1/256 bits.
 static COSTS: [[u16; SYMBOLS]; SHAPES.len()] = {
     let mut costs = [[0; SYMBOLS]; SHAPES.len()];
     let mut shape = 0;
@@ -316,7 +318,7 @@ static COSTS: [[u16; SYMBOLS]; SHAPES.len()] = {
     costs
 };
 
-/// The rest of an escaped number: as many ones as its length, a zero, and the number.
+/// Writes the rest of an escaped number: its length in ones, a zero, and its bits.
 fn write_rest(rest: u32, to: &mut RangeWriter) {
     let width = (rest + 1).ilog2();
     for _ in 0..width {
@@ -326,14 +328,14 @@ fn write_rest(rest: u32, to: &mut RangeWriter) {
     to.raw(rest + 1 - (1 << width), width);
 }
 
-/// Of a size that was read, the number: its sign follows, unless it is nothing.
+/// Reads the sign that follows a non-zero size and returns the signed number.
 fn with_sign(size: u32, mut from: RangeReader<'_>) -> Result<(i32, RangeReader<'_>), Malformed> {
     let number = i32::try_from(size).map_err(|_| Malformed::OutOfRange)?;
     let negative = from.fill_with_bit(size > 0)?;
     Ok((if negative { -number } else { number }, from))
 }
 
-/// What follows the symbol of a number that has more to emit: what an escaped one is larger by, and raw bits.
+/// Reads the bits after the symbol of a large number: the excess of an escaped one, and the raw bits.
 fn read_large(symbol: u32, raw: u32, from: &mut RangeReader<'_>) -> Result<u32, Malformed> {
     let mut high = symbol;
     if high == ESCAPE {
@@ -359,7 +361,7 @@ fn read_rest(from: &mut RangeReader<'_>) -> Result<u32, Malformed> {
     Ok(from.raw(width)? + (1 << width) - 1)
 }
 
-// The greatest expectation that can be learnt still leaves raw bits for a 32-bit number.
+// With the greatest expectation, the raw bits still fit a 32-bit number.
 const _: () = assert!(LEARNT_MAX * ONE < 1 << 20);
 const _: () = assert!(SHAPES.len() <= 256);
 
@@ -371,7 +373,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn numbers_come_back_at_about_their_cost(
+        fn numbers_round_trip_at_about_their_cost(
             numbers in proptest::collection::vec((0..CONTEXTS, prop_oneof![0_u32..4, 0_u32..300, 0_u32..1 << 30]), 1..120),
         ) {
             let (mut model, mut writer, mut cost) = (Model::default(), RangeWriter::default(), 0);
@@ -392,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn every_shape_gives_every_symbol_a_chance() {
+    fn every_shape_gives_every_symbol_a_frequency() {
         for shape in &SHAPES {
             assert_eq!((shape[0], shape[SYMBOLS]), (0, 1 << TOTAL_BITS));
             assert!(shape.windows(2).all(|pair| pair[0] < pair[1]));

@@ -1,7 +1,7 @@
-//! What an update says of a body: a correction of a prediction, or a track.
+//! The payload of an update: a correction of a prediction, or a keyframe.
 //!
-//! Numbers are said by the range coder, as likely as the packet so far makes them. Nothing here looks at a track, so
-//! that a packet can be read to its end by who lacks some of them (PROTOCOL 5.6).
+//! The range coder writes the numbers; their cost depends on the packet so far. Decoding needs no track, so a
+//! subscriber that lacks some tracks can still read the packet to its end (PROTOCOL 5.6).
 
 use rhumb_reckoning::{
     ConstantAcceleration, Predictor, Residual, RestCorrection, VelocityResidual,
@@ -20,31 +20,31 @@ use crate::wire::Malformed;
 use crate::wire::alphabet::Alphabet;
 use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
 
-/// What an update says of a body, at the tick of its packet.
+/// The new track of a body at the tick of its packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UpdatePayload {
-    /// A correction of what the last track predicts; readable only by who has that track.
+    /// A correction of the last track's prediction. A subscriber needs that track to apply it.
     Residual {
-        /// How the body goes on.
+        /// The prediction mode of the new track.
         mode: PredictionMode,
-        /// Of the track that this builds on: names its revision.
+        /// The age of the last track; it identifies the track's revision.
         age: Age,
-        /// The correction, in the frame that the body goes on in.
+        /// The correction, in the frame of the new track.
         residual: Residual,
     },
-    /// Rest, to the engine's own bits; readable only by who has the last track.
+    /// Rest at the engine's exact pose. A subscriber needs the last track to apply it.
     Resting {
-        /// Of the track that this builds on: names its revision.
+        /// The age of the last track; it identifies the track's revision.
         age: Age,
-        /// What the pose differs by from the predicted one.
+        /// The difference between the rest pose and the predicted pose.
         rest_correction: RestCorrection,
     },
-    /// A keyframe motion, readable by all.
+    /// A keyframe, which needs no earlier track.
     Keyframe(Keyframe),
 }
 
 impl UpdatePayload {
-    /// Whether it can only be read by who has another body's track too.
+    /// Whether applying it also needs another body's track.
     #[must_use]
     pub const fn names_parent(&self) -> bool {
         matches!(
@@ -61,29 +61,29 @@ impl UpdatePayload {
     }
 }
 
-/// How a body goes on after a correction.
+/// The predictor and frame of the track that starts with a correction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PredictionMode {
-    /// By the predictor and in the frame that it had.
+    /// The predictor and frame of the last track.
     Same,
-    /// In the world, by this predictor.
+    /// The world frame, with a new predictor.
     World {
         /// The predictor.
         predictor: Predictor,
-        /// If another body held it so far: of that body's track.
+        /// The age of the last parent's track, if the body was attached.
         parent_age: Option<Age>,
     },
-    /// Attached by another body.
+    /// Attached to another body.
     Attached {
-        /// Its index; it is held by none itself.
+        /// The index of the parent, which is not attached itself.
         parent: u32,
-        /// Of that body's track.
+        /// The age of the parent's track.
         parent_age: Age,
     },
 }
 
 impl PredictionMode {
-    /// The push that is said with it.
+    /// The acceleration that is encoded with the mode.
     pub(super) const fn acceleration(&self) -> Option<ConstantAcceleration> {
         match self {
             Self::World { predictor, .. } => predictor.acceleration(),
@@ -92,12 +92,12 @@ impl PredictionMode {
     }
 }
 
-/// The forms of an update: what its first symbol says.
+/// The forms of an update, encoded as its first symbol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum UpdateForm {
-    /// [`PredictionMode::Same`], with velocities or without.
+    /// [`PredictionMode::Same`]; `moved`: with velocities.
     Same { moved: bool },
-    /// [`PredictionMode::World`] by the predictor of this code, likewise.
+    /// [`PredictionMode::World`] with the predictor of this code; `moved`: with velocities.
     World { predictor: u32, moved: bool },
     /// [`PredictionMode::Attached`].
     Attached,
@@ -108,7 +108,7 @@ pub(super) enum UpdateForm {
 }
 
 impl UpdateForm {
-    /// In the order of their codes.
+    /// All forms in the order of their codes.
     const ALL: [Self; FORM_COUNT] = {
         const fn world(predictor: Predictor, moved: bool) -> UpdateForm {
             let predictor = predictor_code(predictor);
@@ -150,7 +150,7 @@ impl UpdateForm {
         }
     }
 
-    /// Of a correction, with velocities or without.
+    /// The form of a correction; `moved`: with velocities.
     pub(super) const fn of_mode(mode: &PredictionMode, moved: bool) -> Self {
         match *mode {
             PredictionMode::Same => Self::Same { moved },
@@ -184,31 +184,31 @@ impl UpdateForm {
         )
     }
 
-    /// Forms whose numbers are alike: of the same mode or of another, with velocities or without.
+    /// The kind of a form, which selects contexts: same or new mode, with or without velocities.
     pub(super) const fn kind(self) -> usize {
         let same = matches!(self, Self::Same { .. });
         (!same as usize) * 2 + self.moved() as usize
     }
 }
 
-/// What the updates of one packet are said by, one after another.
+/// The coder of the updates in one packet, one after another.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct UpdateCoder {
     pub(super) model: Model,
-    /// Which expectation of the next update's form holds: by the form of the last one.
+    /// The row of frequencies for the next update's form, given by the last form.
     pub(super) last: usize,
-    /// Whether an update was said, and the body that the last held one is held by.
-    begun: bool,
+    /// Whether an update was coded before, and the parent of the last attached body.
+    has_updates: bool,
     pub(super) parent: Option<u32>,
 }
 
 impl UpdateCoder {
-    /// Says an update: how many aliases lie between its body's and the last one's, which body takes the alias if that is
-    /// to be said, then what is said of it.
+    /// Writes an update: its alias gap, the body if it takes the alias, and the payload. The gap counts the aliases
+    /// between the last update's alias and this one.
     ///
     /// # Panics
     ///
-    /// When a keyframe track names no body.
+    /// If a keyframe has no body.
     pub(crate) fn write(
         &mut self,
         gap: u32,
@@ -222,13 +222,13 @@ impl UpdateCoder {
             self.write_code(ASSIGN_ALIAS, to);
         }
         self.write_code(form.code(), to);
-        self.model.write(contexts::gap(self.begun), gap, to);
+        self.model.write(contexts::gap(self.has_updates), gap, to);
         if let Some(body) = aliased {
             to.raw(body, INDEX_BITS);
         }
         match payload {
             UpdatePayload::Keyframe(keyframe) => {
-                to.raw(body.expect("a keyframe track names its body"), INDEX_BITS);
+                to.raw(body.expect("a keyframe names its body"), INDEX_BITS);
                 keyframe.encode(to);
             }
             UpdatePayload::Resting {
@@ -272,7 +272,7 @@ impl UpdateCoder {
         self.note_form(form);
     }
 
-    /// Says that this was all.
+    /// Writes the end of the updates.
     pub(crate) fn end(&self, to: &mut RangeWriter) {
         self.write_code(END, to);
     }
@@ -311,11 +311,11 @@ impl UpdateCoder {
         }
     }
 
-    /// Reads an update: the gap, the body if it is named, then what is said of it; `None` at the end of all.
+    /// Reads an update: its alias gap, the body if it is given, and the payload; `None` at the end of the updates.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] for what is no payload within the limits.
+    /// [`Malformed`] if the payload is not within the limits.
     pub(crate) fn read(
         &mut self,
         from: &mut RangeReader<'_>,
@@ -328,7 +328,7 @@ impl UpdateCoder {
         if aliased {
             code = self.read_code(from)?;
         }
-        let gap = self.model.read(contexts::gap(self.begun), from)?;
+        let gap = self.model.read(contexts::gap(self.has_updates), from)?;
         let mut body = None;
         if aliased {
             body = Some(from.raw(INDEX_BITS)?);
@@ -372,8 +372,8 @@ impl UpdateCoder {
                 Ok(PredictionMode::Same)
             }
             UpdateForm::World { predictor, .. } => {
-                let held = from.bit()?;
-                let parent_age = if held {
+                let was_attached = from.bit()?;
+                let parent_age = if was_attached {
                     Some(self.read_parent_age(from)?)
                 } else {
                     None
@@ -473,17 +473,16 @@ impl UpdateCoder {
     }
 
     fn note_form(&mut self, form: UpdateForm) {
-        self.begun = true;
+        self.has_updates = true;
         self.last = contexts::after(form.code());
     }
 
-    /// What is to be counted of the end of all updates.
+    /// Counts the end of the updates.
     pub(super) fn note_end(&self, tally: &mut impl CountSink) {
         tally.code(self.last, END);
     }
 
-    /// What is to be counted of an update when tables are fitted: the row and the code of its form, and its numbers with
-    /// their contexts.
+    /// Counts an update for fitting tables: the row and the code of its form, and its numbers with their contexts.
     pub(super) fn note(
         &mut self,
         gap: u32,
@@ -491,7 +490,7 @@ impl UpdateCoder {
         payload: &UpdatePayload,
         tally: &mut impl CountSink,
     ) {
-        tally.number(contexts::gap(self.begun), gap);
+        tally.number(contexts::gap(self.has_updates), gap);
         let form = UpdateForm::of(payload);
         if named && form != UpdateForm::Keyframe {
             tally.code(self.last, ASSIGN_ALIAS);
@@ -504,13 +503,13 @@ impl UpdateCoder {
     }
 }
 
-/// Takes what is counted when tables are fitted.
+/// Takes the counts for fitting tables.
 pub(super) trait CountSink {
     fn code(&mut self, row: usize, code: usize);
     fn number(&mut self, context: usize, number: u32);
 }
 
-/// The numbers of a payload that are said in contexts, in order.
+/// Calls `emit` for each number of a payload that has a context, in order.
 pub(super) fn each_number(payload: &UpdatePayload, mut emit: impl FnMut(usize, u32)) {
     match payload {
         UpdatePayload::Keyframe(_) => {}
@@ -556,7 +555,7 @@ pub(super) fn each_number(payload: &UpdatePayload, mut emit: impl FnMut(usize, u
     }
 }
 
-/// The alphabets of [`MODES`] as they are read.
+/// The alphabets of [`MODES`] for reading.
 static FORMS: [Alphabet; MODES.len()] = [
     Alphabet::new(&MODES[0]),
     Alphabet::new(&MODES[1]),
@@ -566,15 +565,15 @@ static FORMS: [Alphabet; MODES.len()] = [
 
 /// Bits of a body's index.
 pub(super) const INDEX_BITS: u32 = INDICES_MAX.ilog2();
-/// A body that moves or holds others is spoken of at least this often, or said to rest.
+/// A moving body or a parent is updated at least this often, or put to rest.
 const AGE_MAX: u32 = 1 << 30;
-/// How many forms there are.
+/// The number of forms.
 pub(super) const FORM_COUNT: usize = 16;
-/// The code, behind those of the forms, that says that a body takes a alias; the form follows.
+/// The code of an alias assignment; the form follows.
 const ASSIGN_ALIAS: usize = FORM_COUNT;
-/// The code that says that there are no more updates.
+/// The code of the end of the updates.
 const END: usize = ASSIGN_ALIAS + 1;
-/// All codes.
+/// The number of codes.
 pub(super) const CODE_COUNT: usize = END + 1;
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
-//! The answer to a lost packet: what its bodies do now.
+//! The refresh: present tracks of the bodies in a lost packet.
 //!
-//! A refresh says keyframe tracks with their ages, so that it can be read without any other packet. One that does not fit a
-//! datagram comes in parts, each of which is of use alone.
+//! A refresh holds keyframes with their ages, so it can be read without any other packet. A refresh that exceeds a
+//! datagram is split into parts; each part is useful alone.
 
 use alloc::vec::Vec;
 
@@ -18,10 +18,10 @@ use crate::wire::{Malformed, Wire};
 const GAP_ORDER: u32 = 3;
 const ALIAS_ORDER: u32 = 5;
 const AGE_ORDER: u32 = 4;
-/// A track older than half a year at 60 Hz is said as old as this.
+/// An older track is encoded with this age: half a year at 60 Hz.
 pub(crate) const AGE_MAX: u32 = 1 << 30;
 
-/// One body's keyframe track.
+/// One body's track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RefreshRecord {
     /// Index of the body.
@@ -30,33 +30,33 @@ pub struct RefreshRecord {
     pub alias: Option<u32>,
     /// Ticks from the track's origin to the tick of the refresh.
     pub age: Ticks,
-    /// The track.
+    /// The track, without its origin.
     pub keyframe: Keyframe,
 }
 
 /// One part of a refresh.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refresh {
-    /// Which packet was lost.
+    /// Low bits of the lost packet's number.
     pub lost: Low16,
-    /// The tick whose tracks these are.
+    /// Low bits of the tick to which the ages refer.
     pub tick: Low16,
-    /// SceneEvents that must have been heard to read it.
+    /// Low bits of the count of scene events that the reader must have received.
     pub scene_events: Low16,
-    /// Which part this is.
+    /// The index of this part.
     pub part: u8,
-    /// Of how many; at least one.
+    /// The number of parts; at least one.
     pub parts: u8,
-    /// The tracks.
+    /// The records, in rising order of index.
     pub records: Vec<RefreshRecord>,
 }
 
 impl Refresh {
-    /// Reads what follows the head.
+    /// Reads the bytes after the head.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when that is not a part of a refresh.
+    /// [`Malformed`] if they are no part of a refresh.
     pub fn decode(mut from: Reader<'_>) -> Result<Self, Malformed> {
         let lost = Low16::decode(&mut from)?;
         let tick = Low16::decode(&mut from)?;
@@ -146,7 +146,7 @@ impl RefreshWriter {
         self.count = 0;
     }
 
-    /// The datagrams; one without records when there is nothing left to refresh.
+    /// The datagrams; one without records if no body of the lost packet needs a refresh.
     #[must_use]
     pub fn finish(
         mut self,
@@ -213,13 +213,13 @@ mod tests {
     #[test]
     fn refresh_parts_decode_independently() {
         let mut writer = RefreshWriter::default();
-        let asked: Vec<_> = (0..100).map(|i| record(i * 7)).collect();
-        for one in &asked {
+        let written: Vec<_> = (0..100).map(|i| record(i * 7)).collect();
+        for one in &written {
             writer.push(one);
         }
         let datagrams = writer.finish(StreamId(1), 5, 6, 7);
         assert!(datagrams.len() > 1);
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         for (part, datagram) in datagrams.iter().enumerate() {
             assert!(datagram.len() <= DATAGRAM_BYTES_MAX);
             let refresh = decode(datagram);
@@ -227,9 +227,9 @@ mod tests {
                 (usize::from(refresh.part), usize::from(refresh.parts)),
                 (part, datagrams.len())
             );
-            heard.extend(refresh.records);
+            received.extend(refresh.records);
         }
-        assert_eq!(heard, asked);
+        assert_eq!(received, written);
     }
 
     #[test]

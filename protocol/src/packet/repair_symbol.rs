@@ -1,7 +1,7 @@
-//! A sum over a stream's last packets, from which a lost one can be had.
+//! A repair symbol: a sum over recent packets that recovers a lost one.
 //!
-//! Codec, and the columns that are summed; which packets are covered, and what a listener makes of it, is decided in
-//! `stream`. Invariant: the packets themselves know nothing of it, so that they are said once and read alone.
+//! Codec and arithmetic only; `stream` decides which packets a symbol covers and how losses are recovered. Invariant:
+//! the packets do not depend on repair symbols, so a packet can be read alone.
 
 use alloc::vec::Vec;
 
@@ -11,35 +11,35 @@ use crate::limits::{DATAGRAM_BYTES_MAX, FEC_ROWS, FEC_SPAN};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// Bytes before the sums: kind, stream, last, covered and row.
+/// Bytes before the sums: kind, stream, last, covered, row.
 const HEAD_BYTES_MAX: usize = 1 + 5 + 2 + 5 + 1;
-/// Bytes of a source_symbol before the updates: kind, tick and scene_events.
+/// Bytes of a source symbol before the updates: kind, tick, scene events.
 pub(super) const SOURCE_SYMBOL_HEAD_BYTES: usize = 1 + 2 + 2;
-/// The longest source_symbol.
+/// The longest source symbol, bytes.
 pub(crate) const SOURCE_SYMBOL_BYTES_MAX: usize = DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX;
 
-/// A linear sum over the columns of some packets.
+/// A linear combination of source symbols in GF(256).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RepairSymbol {
-    /// The number of the newest packet that it covers.
+    /// The number of the newest covered packet.
     pub last: Low16,
-    /// Which packets it covers beside that one: bit 0 is for the one before it, and so on.
+    /// The other covered packets as bits: bit 0 is the packet before the newest, and so on.
     pub covered: u32,
-    /// Which factors the packets have in it; below [`FEC_ROWS`].
+    /// The row of the coefficient matrix; below [`FEC_ROWS`].
     pub row: u8,
-    /// The sums, without zeros at the end.
+    /// The sums, without trailing zeros.
     pub sums: Vec<u8>,
 }
 
 impl RepairSymbol {
-    /// The factor of a packet in a row. All factors of some rows and as many packets are a Cauchy matrix, which has an
-    /// inverse, while no two of the packets' numbers are 128 apart (PROTOCOL 5.16).
+    /// The coefficient of a packet in a row. The coefficients of some rows and as many packets form a Cauchy matrix. It
+    /// has an inverse as long as no two packet numbers differ by 128 (PROTOCOL 5.16).
     #[must_use]
     pub const fn factor(row: u8, number: u64) -> u8 {
         inverse((FEC_ROWS | row) ^ (number % FEC_ROWS as u64) as u8)
     }
 
-    /// The numbers of the packets that it covers, newest first, if `last` is the number of the newest.
+    /// The numbers of the covered packets, newest first. `last` is the full number of the newest one.
     pub fn numbers(&self, last: u64) -> impl Iterator<Item = u64> + use<> {
         let mask = u64::from(self.covered) << 1 | 1;
         (0..u64::from(FEC_SPAN)).filter_map(move |back| {
@@ -48,8 +48,8 @@ impl RepairSymbol {
         })
     }
 
-    /// The repair_symbol of some state packets, the newest last, whose numbers all lie within [`FEC_SPAN`]; `None` if there
-    /// is none, or one that is never covered.
+    /// The repair symbol of some state packets, the newest last, whose numbers lie within [`FEC_SPAN`]. `None` for no
+    /// packets, or if one of them cannot be covered.
     #[must_use]
     pub fn of(row: u8, packets: &[(u64, &[u8])]) -> Option<Self> {
         let (last, _) = *packets.last()?;
@@ -64,7 +64,7 @@ impl RepairSymbol {
         Some(repair_symbol)
     }
 
-    /// A sum over nothing yet.
+    /// A repair symbol that covers nothing yet.
     pub(crate) fn begin(row: u8, last: u64) -> Self {
         Self {
             last: Low16::of(last),
@@ -74,7 +74,7 @@ impl RepairSymbol {
         }
     }
 
-    /// Adds the source_symbol of a packet; `back`: how many numbers before the newest.
+    /// Adds the source symbol of a packet that lies `back` numbers before the newest one.
     pub(crate) fn add(&mut self, number: u64, back: u64, source_symbol: &[u8]) {
         if back > 0 {
             self.covered |= 1 << (back - 1);
@@ -89,7 +89,7 @@ impl RepairSymbol {
         );
     }
 
-    /// The datagram.
+    /// Encodes the datagram.
     #[must_use]
     pub fn encode(&self, stream: StreamId) -> Vec<u8> {
         let mut to = Writer::new();
@@ -105,11 +105,11 @@ impl RepairSymbol {
         to.into_bytes()
     }
 
-    /// Reads what follows the head.
+    /// Reads the bytes after the head.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when that is not a repair_symbol.
+    /// [`Malformed`] if they are no repair symbol.
     pub fn decode(mut from: Reader<'_>) -> Result<Self, Malformed> {
         let last = Low16::decode(&mut from)?;
         let covered = from.varint32()?;
@@ -134,15 +134,15 @@ impl RepairSymbol {
     }
 }
 
-/// The bytes of a state packet that are summed: its kind, and what follows its number. `None` of another datagram, of a
-/// packet that says nothing, and of one that is too long.
+/// The source symbol of a state packet: its kind, and the bytes after its number. `None` for another datagram, for a
+/// packet without updates, and for one that is too long.
 pub(crate) fn source_symbol_of(datagram: &[u8]) -> Option<(Low16, Vec<u8>)> {
     let mut source_symbol = Vec::new();
     let number = source_symbol_into(&Datagram::open(datagram).ok()?, &mut source_symbol)?;
     Some((number, source_symbol))
 }
 
-/// The same, in place of what was in `source_symbol`.
+/// As [`source_symbol_of`], into a buffer whose content is replaced.
 pub(crate) fn source_symbol_into(
     datagram: &Datagram<'_>,
     source_symbol: &mut Vec<u8>,
@@ -156,9 +156,9 @@ pub(crate) fn source_symbol_into(
     };
     let number = Low16::decode(&mut reader).ok()?;
     let rest = reader.rest();
-    // Zeros at the end would not come back; a packet that says something ends in another byte.
-    let comes_back = rest.last().is_some_and(|last| *last != 0);
-    if !comes_back || rest.len() >= SOURCE_SYMBOL_BYTES_MAX {
+    // Trailing zeros would be lost; a packet with updates never ends in a zero byte.
+    let is_recoverable = rest.last().is_some_and(|last| *last != 0);
+    if !is_recoverable || rest.len() >= SOURCE_SYMBOL_BYTES_MAX {
         return None;
     }
     source_symbol.push(kind);
@@ -166,7 +166,7 @@ pub(crate) fn source_symbol_into(
     Some(number)
 }
 
-/// The datagram of a source_symbol; `None` if no packet has this one.
+/// The datagram of a recovered source symbol; `None` if no packet has this symbol.
 pub(crate) fn packet_of(stream: StreamId, number: u64, source_symbol: &[u8]) -> Option<Vec<u8>> {
     let (kind, rest) = without_zeros(source_symbol).split_first()?;
     let kind = match kind {
@@ -200,7 +200,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_repair_symbol_comes_back(last: u16, covered in 0_u32..1 << 31, row in 0..FEC_ROWS, sums in vec(any::<u8>(), 0..SOURCE_SYMBOL_BYTES_MAX)) {
+        fn a_repair_symbol_round_trips(last: u16, covered in 0_u32..1 << 31, row in 0..FEC_ROWS, sums in vec(any::<u8>(), 0..SOURCE_SYMBOL_BYTES_MAX)) {
             let sums = without_zeros(&sums).to_vec();
             let repair_symbol = RepairSymbol { last: Low16(last), covered, row, sums };
             let datagram = repair_symbol.encode(StreamId(300));
@@ -209,7 +209,7 @@ mod tests {
         }
 
         #[test]
-        fn arbitrary_bytes_are_refused_or_come_back(bytes in vec(any::<u8>(), 0..40)) {
+        fn arbitrary_bytes_are_refused_or_reencode_identically(bytes in vec(any::<u8>(), 0..40)) {
             let mut datagram = alloc::vec![0x19];
             datagram.extend(&bytes);
             if let Ok(repair_symbol) = decode(&datagram) {
@@ -218,7 +218,7 @@ mod tests {
         }
 
         #[test]
-        fn a_packet_comes_back_from_its_column(kind in 0_u8..2, number: u16, rest in vec(any::<u8>(), 1..200), zeros in 0_usize..9) {
+        fn a_packet_is_recovered_from_its_source_symbol(kind in 0_u8..2, number: u16, rest in vec(any::<u8>(), 1..200), zeros in 0_usize..9) {
             let mut datagram = alloc::vec![kind | 0x70];
             datagram.extend(number.to_le_bytes());
             datagram.extend(&rest);
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn the_factors_of_a_row_are_never_zero_and_all_different() {
+    fn the_coefficients_of_a_row_are_distinct_and_not_zero() {
         for row in 0..FEC_ROWS {
             let mut factors: Vec<u8> = (0..128).map(|n| RepairSymbol::factor(row, n)).collect();
             factors.sort_unstable();

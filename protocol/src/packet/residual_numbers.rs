@@ -1,13 +1,13 @@
-//! The numbers of a correction, in the order in which they are said.
+//! The numbers of a correction, in the order on the wire.
 //!
-//! The writer walks over them; the reader and the cost ask for the same contexts in the same order.
+//! The writer walks over them; the reader and the cost model use the same contexts in the same order.
 
 use rhumb_reckoning::{Residual, VelocityResidual};
 
 use super::age::Age;
 use super::tables::contexts::{self, TripleContexts};
 
-/// Walks over the numbers of a residual in the order in which they are said, with the context of each.
+/// Calls `emit` for each number of a residual in the order on the wire, with its context.
 pub(super) fn numbers(
     kind: usize,
     age: Age,
@@ -39,7 +39,7 @@ fn each_of_velocity(
     each(velocity.angular, contexts::velocity(kind, age, 3), emit);
 }
 
-/// Says three numbers, whose contexts follow from their place and from the sum of the sizes before; returns the largest size.
+/// Emits three numbers and returns the largest size. Their contexts depend on their index and on the sizes before.
 #[inline]
 fn each(numbers: [i32; 3], contexts: TripleContexts, emit: &mut impl FnMut(usize, i32)) -> u32 {
     let (mut sum, mut largest) = (0, 0);

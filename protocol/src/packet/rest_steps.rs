@@ -1,19 +1,19 @@
-//! The steps of a rest_correction, in the order in which they are said.
+//! The steps of a rest correction, in the order on the wire.
 //!
-//! One order for who writes, who reads and who counts the cost (PROTOCOL 5.6).
+//! Writer, reader and cost model share this one order (PROTOCOL 5.6).
 
 use rhumb_reckoning::RestCorrection;
 
 use super::tables::contexts;
 
-/// Steps of a rest_correction: three of position, three of the smaller parts of a quaternion, one of its greatest.
+/// Steps of a rest correction: three of position, three of the smaller parts of a quaternion, one of its greatest.
 pub(super) const REST_STEPS: usize = 7;
-/// What lengths the first steps of position and of rotation are measured against, and the last: about those of a
-/// body of half a metre at 5 cm.
+/// Expected bit lengths of the first position step, the first rotation step and the last step: about those of a body of
+/// half a metre at 5 cm.
 const LENGTHS: [u32; 3] = [14, 19, 1];
 
-/// The steps of a rest_correction in the order in which they are said, each with its context and with the length that its own
-/// is measured against: that of the step before, or a fixed one.
+/// The steps of a rest correction in the order on the wire, each with its context and its expected bit length: that of
+/// the step before, or a fixed one.
 pub(super) fn resting(rest_correction: &RestCorrection) -> [(usize, i32, u32); REST_STEPS] {
     let ([x, y, z], [a, b, c]) = (rest_correction.position, rest_correction.others);
     let [first, turned, last] = LENGTHS;
@@ -28,7 +28,7 @@ pub(super) fn resting(rest_correction: &RestCorrection) -> [(usize, i32, u32); R
     ]
 }
 
-/// Bits of a step, its sign aside.
+/// The bit length of a step without its sign.
 pub(super) const fn length(step: i32) -> u32 {
     32 - step.unsigned_abs().leading_zeros()
 }

@@ -1,7 +1,7 @@
-//! What tables are fitted to: the forms and numbers of packets, counted
+//! Symbol counts of packets, the data to which coding tables are fitted.
 //!
-//! No part of the conversation: who fits tables reads packets that were said and counts them (ARCHITECTURE.md,
-//! "Tables").
+//! Not part of the protocol: a tool that fits tables decodes recorded packets and counts their symbols
+//! (ARCHITECTURE.md, "Tables").
 
 use alloc::vec::Vec;
 
@@ -10,19 +10,19 @@ use super::payload::{CODE_COUNT, CountSink, UpdateCoder};
 use super::tables::{CLASSES, CONTEXTS, GROUPS, SYMBOLS, contexts};
 use super::update::Update;
 
-/// What was said in one packet.
+/// The symbols of one packet.
 #[derive(Clone, Debug, Default)]
 pub struct SymbolCounts {
-    /// Row and code of each form, of each taking of a alias, and of the end.
+    /// Row and code of each form, of each alias assignment, and of the end.
     pub codes: Vec<[usize; 2]>,
     /// Context and value of each number, in order.
     pub numbers: Vec<(usize, u32)>,
 }
 
 impl SymbolCounts {
-    /// Rows of forms, and codes in each.
+    /// The number of rows of forms, and of codes in each.
     pub const CODES: [usize; 2] = [4, CODE_COUNT];
-    /// How many contexts there are, groups of them, classes in each group, and symbols of an alphabet.
+    /// The numbers of contexts, of context groups, of classes in each group, and of symbols in an alphabet.
     pub const NUMBERS: [usize; 4] = [CONTEXTS, GROUPS, CLASSES, SYMBOLS];
 
     /// Counts a packet's updates.
@@ -38,7 +38,7 @@ impl SymbolCounts {
         tally
     }
 
-    /// What all of it takes by a packet's coder, in 1/256 bits.
+    /// The cost of all symbols under the packet coder, in 1/256 bits.
     #[must_use]
     pub fn coded(&self) -> u64 {
         let mut model = Model::default();
@@ -52,7 +52,7 @@ impl SymbolCounts {
         codes + numbers.sum::<u64>()
     }
 
-    /// The group of a context: those of one group share their alphabets.
+    /// The group of a context. Contexts of one group share their alphabets.
     #[must_use]
     pub const fn group(context: usize) -> usize {
         contexts::group(context)

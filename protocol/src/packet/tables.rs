@@ -1,6 +1,6 @@
-//! The tables of the packets' coder: contexts, expectations, alphabets.
+//! The tables of the packet coder: contexts, expectations, alphabets.
 //!
-//! Normative (PROTOCOL 5.4). Fitted to recorded motion, of a foreign engine's too; see ARCHITECTURE.md, "tables".
+//! Normative (PROTOCOL 5.4). Fitted to recorded motion of several engines; see ARCHITECTURE.md, "Tables".
 
 use super::payload::CODE_COUNT;
 
@@ -8,40 +8,40 @@ use super::payload::CODE_COUNT;
 pub(super) const SYMBOLS: usize = 18;
 /// Classes of expectation, four to an octave.
 pub(super) const CLASSES: usize = 28;
-/// Groups of contexts whose numbers are spread alike; each has alphabets of its own.
+/// Groups of contexts with similar distributions; each group has its own alphabets.
 pub(super) const GROUPS: usize = 4;
 /// All contexts.
 pub(super) const CONTEXTS: usize = contexts::END;
 
-/// Which context a number is said in.
+/// The contexts of the numbers.
 pub(super) mod contexts {
     const GAP: usize = 0;
     const AGE: usize = 2;
-    /// Of the age of a parent's track.
+    /// The age of a parent's track.
     pub(crate) const PARENT_AGE: usize = 6;
-    /// Of the track that a resting body leaves.
+    /// The age of the track that a resting body ends.
     pub(crate) const REST_AGE: usize = 7;
     const POSITION: usize = 8;
     const TURN: usize = POSITION + 4 * 6 * 5;
     const VELOCITY: usize = TURN + 4 * 6 * 9;
     const COARSENESS: usize = VELOCITY + 2 * 2 * 2 * 5;
     const RESTING: usize = COARSENESS + 4;
-    /// How often the steps of a push are doubled.
+    /// The exponent of the step of an acceleration.
     pub(crate) const ACCELERATION_EXPONENT: usize = RESTING + 5;
     const ACCELERATION: usize = ACCELERATION_EXPONENT + 1;
     pub(super) const END: usize = ACCELERATION + 5;
 
-    /// How many indices lie between; the first of a packet is one for itself.
-    pub(crate) const fn gap(begun: bool) -> usize {
-        GAP + begun as usize
+    /// The alias gap; the first gap of a packet has its own context.
+    pub(crate) const fn gap(has_updates: bool) -> usize {
+        GAP + has_updates as usize
     }
 
-    /// An age less one, by the kind of the update's form.
+    /// An age minus one, by the kind of the update's form.
     pub(crate) const fn age(kind: usize) -> usize {
         AGE + kind
     }
 
-    /// Ages fall into six classes.
+    /// The class of an age, one of six.
     pub(crate) const fn age_class(age: u32) -> usize {
         match age {
             0..=1 => 0,
@@ -53,16 +53,16 @@ pub(super) mod contexts {
         }
     }
 
-    /// The contexts of three numbers that are said in a row.
+    /// The contexts of three consecutive numbers.
     #[derive(Clone, Copy, Debug)]
     pub(crate) struct TripleContexts {
         first: usize,
-        /// Of the four of the second and third, by what came before them, the one after nothing.
+        /// The first of four contexts for the second and third numbers, chosen by the size of the numbers before.
         others: usize,
     }
 
     impl TripleContexts {
-        /// Of a number, by its place and by the sum of the sizes before it.
+        /// The context of a number, given its index and the sum of the sizes before it.
         #[inline]
         pub(crate) const fn context(self, part: usize, sum: u64) -> usize {
             if part == 0 {
@@ -74,28 +74,28 @@ pub(super) mod contexts {
     }
 
     impl TripleContexts {
-        /// All three are of one group.
+        /// The group of all three contexts.
         pub(crate) const fn group(self) -> usize {
             group(self.others)
         }
     }
 
-    /// The first of its own, then those of the others.
+    /// Five consecutive contexts: one for the first number, four for the others.
     const fn three(first: usize) -> TripleContexts {
         let others = first + 1;
         TripleContexts { first, others }
     }
 
-    /// How far the contexts of a position, and of a turn, of one kind of form lie behind those of the kind before.
+    /// The distance between the contexts of consecutive kinds of forms, for position and for rotation.
     pub(crate) const KIND_OF_POSITION: usize = 6 * 5;
     pub(crate) const KIND_OF_TURN: usize = 6 * 9;
 
-    /// Of a position.
+    /// The contexts of a position.
     pub(crate) const fn position(kind: usize, age: usize) -> TripleContexts {
         three(POSITION + kind * KIND_OF_POSITION + age * 5)
     }
 
-    /// Of a turn; `largest` is that of the position before.
+    /// The contexts of a rotation; `largest` is the largest size in the position before.
     pub(crate) const fn turn(kind: usize, age: usize, largest: u32) -> TripleContexts {
         let others = TURN + kind * KIND_OF_TURN + age * 9;
         let slot = if largest == 0 {
@@ -109,23 +109,23 @@ pub(super) mod contexts {
         TripleContexts { first, others }
     }
 
-    /// Of a linear (triple 2) or angular (triple 3) velocity, of a form that says velocities.
+    /// The contexts of a linear (triple 2) or angular (triple 3) velocity, for a form with velocities.
     pub(crate) const fn velocity(kind: usize, age: usize, triple: usize) -> TripleContexts {
         let late = (age >= 2) as usize;
         three(VELOCITY + (((kind / 2) * 2 + late) * 2 + (triple - 2)) * 5)
     }
 
-    /// The length of a step of a rest_correction, by where it stands.
+    /// The context of the bit length of a rest correction's step, by the index of the step.
     pub(crate) const fn resting(part: usize) -> usize {
         RESTING + part
     }
 
-    /// Of a push.
+    /// The contexts of an acceleration.
     pub(crate) const fn acceleration() -> TripleContexts {
         three(ACCELERATION)
     }
 
-    /// Counts, positions, turns, velocities.
+    /// The group of a context: counts, positions, rotations, velocities.
     pub(crate) const fn group(context: usize) -> usize {
         match context {
             POSITION..TURN => 1,
@@ -135,13 +135,13 @@ pub(super) mod contexts {
         }
     }
 
-    /// How coarse the steps of velocities are.
+    /// The context of the exponent of a velocity's step.
     pub(crate) const fn velocity_exponent(kind: usize, age: u32) -> usize {
         COARSENESS + (kind / 2) * 2 + (age_class(age) >= 2) as usize
     }
 
-    /// What is expected after an update of this form: nothing was said yet, the same mode, the same with velocities,
-    /// another.
+    /// The row of frequencies after an update of this form: start of a packet, same mode, same mode with velocities,
+    /// other.
     pub(crate) const fn after(form: usize) -> usize {
         match form {
             0 => 1,
@@ -151,7 +151,7 @@ pub(super) mod contexts {
     }
 }
 
-/// What each context expects when a packet begins, in 1/256.
+/// The expectation of each context at the start of a packet, in 1/256.
 #[rustfmt::skip]
 pub(super) const EXPECTED: [u16; CONTEXTS] = [
     3740, 496, 453, 7496, 378, 592, 82, 1432, 199, 199, 181, 592, 1201, 112, 123, 123,
@@ -181,7 +181,7 @@ pub(super) const EXPECTED: [u16; CONTEXTS] = [
     1008, 923, 1008, 1008, 923, 2639, 1432, 1706, 346, 1008, 6872, 6300, 6872, 6872, 6872,
 ];
 
-/// For each group of contexts and class of expectation, where the parts of each symbol begin.
+/// For each group of contexts and class of expectation, the cumulative frequencies of the symbols.
 #[rustfmt::skip]
 pub(super) const SHAPES: [[u16; SYMBOLS + 1]; GROUPS * CLASSES] = [
     [0, 3896, 4043, 4065, 4072, 4076, 4079, 4080, 4081, 4082, 4083, 4084, 4085, 4086, 4087, 4088, 4089, 4090, 4096],
@@ -298,7 +298,7 @@ pub(super) const SHAPES: [[u16; SYMBOLS + 1]; GROUPS * CLASSES] = [
     [0, 1038, 1889, 2413, 2743, 2947, 3113, 3264, 3386, 3452, 3520, 3589, 3635, 3667, 3694, 3717, 3748, 3783, 4096],
 ];
 
-/// By the form of the update before, where the parts of each form begin, of the taking of a alias, and of the end.
+/// For each row, the cumulative frequencies of the forms, of the alias assignment, and of the end.
 #[rustfmt::skip]
 pub(super) const MODES: [[u16; CODE_COUNT + 1]; 4] = [
     [0, 1732, 2878, 2960, 2980, 3212, 3223, 3246, 3249, 3404, 3406, 3408, 3417, 3420, 3435, 3437, 3727, 4094, 4096],
@@ -311,16 +311,17 @@ pub(super) const MODES: [[u16; CODE_COUNT + 1]; 4] = [
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 pub struct Tables {
-    /// What each context expects when a packet begins, in 1/256.
+    /// The expectation of each context at the start of a packet, in 1/256.
     pub expected: &'static [u16],
-    /// For each group of contexts and class of expectation, where the parts of each symbol begin, and their end.
+    /// For each group of contexts and class of expectation, the cumulative frequencies of the symbols, with their
+    /// total.
     pub shapes: &'static [[u16; SYMBOLS + 1]],
-    /// For each form of the update before, where the parts of each code begin, and their end.
+    /// For each row, the cumulative frequencies of the codes, with their total.
     pub modes: &'static [[u16; CODE_COUNT + 1]],
 }
 
 impl Tables {
-    /// What both ends go by.
+    /// The tables that both ends use.
     pub const ALL: Self = Self {
         expected: &EXPECTED,
         shapes: &SHAPES,

@@ -1,4 +1,4 @@
-//! Puts together what no publisher says, for vectors of what is refused.
+//! Encodes packets that no publisher sends, for vectors of refused packets.
 
 use alloc::vec::Vec;
 
@@ -6,52 +6,52 @@ use super::model::Model;
 use super::tables::{MODES, SHAPES, SYMBOLS};
 use crate::wire::range::{RangeWriter, TOTAL_BITS};
 
-/// The updates of one packet, number by number, without regard to their meaning.
+/// The updates of one packet, encoded number by number without checks.
 #[doc(hidden)]
 #[derive(Debug, Default)]
 pub struct TestEncoder {
     model: Model,
-    words: RangeWriter,
+    range_writer: RangeWriter,
 }
 
 impl TestEncoder {
-    /// A number in a context.
+    /// Appends a number in a context.
     #[must_use]
     pub fn number(mut self, context: usize, number: u32) -> Self {
-        self.model.write(context, number, &mut self.words);
+        self.model.write(context, number, &mut self.range_writer);
         self
     }
 
-    /// A code of a form, or of the taking of a alias, after a form of this row.
+    /// Appends a code of a form, or of an alias assignment, after a form of this row.
     #[must_use]
     pub fn code(mut self, row: usize, code: usize) -> Self {
         let starts = &MODES[row];
         let size = starts[code + 1] - starts[code];
-        self.words
+        self.range_writer
             .symbol(u32::from(starts[code]), u32::from(size), TOTAL_BITS);
         self
     }
 
-    /// The last symbol of a shape.
+    /// Appends the last symbol of a shape.
     #[must_use]
     pub fn escape(mut self, shape: usize) -> Self {
         let start = SHAPES[shape][SYMBOLS - 1];
         let size = SHAPES[shape][SYMBOLS] - start;
-        self.words
+        self.range_writer
             .symbol(u32::from(start), u32::from(size), TOTAL_BITS);
         self
     }
 
-    /// Raw bits; `count` is at most 32.
+    /// Appends raw bits; `count` is at most 32.
     #[must_use]
     pub fn raw(mut self, value: u32, count: u32) -> Self {
-        self.words.raw(value, count);
+        self.range_writer.raw(value, count);
         self
     }
 
-    /// The bytes.
+    /// The encoded bytes.
     #[must_use]
     pub fn into_bytes(self) -> Vec<u8> {
-        self.words.into_bytes()
+        self.range_writer.into_bytes()
     }
 }

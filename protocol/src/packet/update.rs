@@ -1,4 +1,4 @@
-//! The packets of a reckoned stream: updates, and the vouching for silence.
+//! The packets of a reckoned stream: updates and watermarks.
 
 use alloc::vec::Vec;
 
@@ -13,22 +13,22 @@ use crate::wire::bytes::{Reader, Writer};
 use crate::wire::range::{RangeReader, RangeWriter};
 use crate::wire::{Malformed, Wire};
 
-/// What is said of one body.
+/// The update of one body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Update {
-    /// The body's alias: bodies that are much spoken of sit close together, so that naming them is cheap.
+    /// The body's alias. Frequently updated bodies have neighbouring aliases, which keeps alias gaps short.
     pub alias: u32,
-    /// Index of the body, where it takes the alias or a is_keyframe track is said; otherwise it has the alias already. Its
-    /// generation is the one that lives at the packet's tick.
+    /// Index of the body, if it takes the alias or the payload is a keyframe; otherwise the alias already refers to it.
+    /// Its generation is the one in the scene at the packet's tick.
     pub body: Option<u32>,
-    /// What is said.
+    /// The new track of the body.
     pub payload: UpdatePayload,
 }
 
 /// Writes one packet of updates, given in rising order of alias.
 #[derive(Debug)]
 pub struct UpdateWriter {
-    words: RangeWriter,
+    range_writer: RangeWriter,
     coder: UpdateCoder,
     next_alias: u32,
     count: u16,
@@ -38,15 +38,15 @@ pub struct UpdateWriter {
     scene_events: Low16,
 }
 
-/// Bytes before the updates: kind, stream, error_scale, number, tick and scene_events.
+/// Bytes before the updates: kind, stream, error scale, number, tick, scene events.
 const HEAD_BYTES_MAX: usize = 1 + 5 + 1 + 2 + 2 + 2;
-/// Bytes of updates, so that every packet has a source_symbol for repair_symbols.
+/// Upper bound of the bytes of updates, so that every packet has a source symbol.
 const UPDATES_BYTES_MAX: usize = SOURCE_SYMBOL_BYTES_MAX - SOURCE_SYMBOL_HEAD_BYTES;
-/// More than the end of the updates takes.
+/// Upper bound of the bytes of the end code.
 const END_BYTES_MAX: usize = 2;
-/// More than the widest gap and the naming of a body take.
+/// Upper bound of the bytes of an alias gap and a body's index.
 const GAP_BYTES_MAX: usize = 12;
-/// More than any update takes: fifteen numbers of at most 88 bits each, a form and two names, and an eighth.
+/// Upper bound of an update: fifteen numbers of at most 88 bits each, a form, two references, and an eighth more.
 const UPDATE_BYTES_MAX: usize = 256;
 
 impl UpdateWriter {
@@ -54,7 +54,7 @@ impl UpdateWriter {
     #[must_use]
     pub fn new(stream: StreamId, number: u64, tick: u64, scene_events: u64) -> Self {
         Self {
-            words: RangeWriter::with_capacity(DATAGRAM_BYTES_MAX),
+            range_writer: RangeWriter::with_capacity(DATAGRAM_BYTES_MAX),
             coder: UpdateCoder::default(),
             next_alias: 0,
             count: 0,
@@ -65,42 +65,43 @@ impl UpdateWriter {
         }
     }
 
-    /// Appends an update, or returns `false` and leaves the packet as it is when the update does not fit any more.
+    /// Appends an update. Returns `false` and leaves the packet unchanged if the update does not fit.
     ///
     /// # Panics
     ///
-    /// When aliases do not rise: the publisher sorts.
+    /// If aliases do not rise: the publisher sorts the updates.
     pub fn push(&mut self, update: &Update) -> bool {
         let gap = update
             .alias
             .checked_sub(self.next_alias)
             .expect("updates come in rising order of alias");
-        let room = (UPDATES_BYTES_MAX - END_BYTES_MAX).saturating_sub(self.words.byte_len_max());
+        let free_bytes =
+            (UPDATES_BYTES_MAX - END_BYTES_MAX).saturating_sub(self.range_writer.byte_len_max());
         let full = usize::from(self.count) == UPDATES_PER_PACKET_MAX;
-        if full || room < UPDATE_BYTES_MAX && self.bytes_max(&update.payload) > room {
+        if full || free_bytes < UPDATE_BYTES_MAX && self.bytes_max(&update.payload) > free_bytes {
             return false;
         }
         self.coder
-            .write(gap, update.body, &update.payload, &mut self.words);
+            .write(gap, update.body, &update.payload, &mut self.range_writer);
         self.next_alias = update.alias + 1;
         self.count += 1;
         true
     }
 
-    /// Bytes that an update takes at most.
+    /// Upper bound of the bytes that an update takes.
     fn bytes_max(&self, payload: &UpdatePayload) -> usize {
-        // The cost is a broken line under the true one, and a range is worth a little less than it says.
+        // The estimate may lie slightly below the true cost, and a range holds slightly less than its size.
         let cost = self.coder.cost(payload) as usize;
         (cost + cost / 8) / (8 * 256) + GAP_BYTES_MAX
     }
 
-    /// How many updates it holds.
+    /// The number of updates in the packet.
     #[must_use]
     pub const fn count(&self) -> u16 {
         self.count
     }
 
-    /// The datagram.
+    /// Encodes the datagram.
     #[must_use]
     pub fn finish(self, ends_tick: bool) -> Vec<u8> {
         let kind = if ends_tick {
@@ -111,14 +112,14 @@ impl UpdateWriter {
         self.finish_as(kind, None)
     }
 
-    /// The datagram that ends a tick at which tracks exceed their tolerances by this.
+    /// Encodes the last datagram of a tick at which tracks exceed their tolerances by this factor.
     #[must_use]
     pub fn finish_over_budget(self, error_scale: ErrorScale) -> Vec<u8> {
         self.finish_as(PacketKind::UpdatesOverBudget, Some(error_scale))
     }
 
     fn finish_as(mut self, kind: PacketKind, error_scale: Option<ErrorScale>) -> Vec<u8> {
-        self.coder.end(&mut self.words);
+        self.coder.end(&mut self.range_writer);
         let mut head = Writer::new();
         Head {
             kind,
@@ -131,33 +132,33 @@ impl UpdateWriter {
         self.number.encode(&mut head);
         self.tick.encode(&mut head);
         self.scene_events.encode(&mut head);
-        head.raw(&self.words.into_bytes());
+        head.raw(&self.range_writer.into_bytes());
         head.into_bytes()
     }
 }
 
-/// The head of a received packet of updates, and the updates still in their bits.
+/// The decoded head of an update packet, with its updates still encoded.
 #[derive(Clone, Debug)]
 pub struct UpdatePacket<'a> {
-    /// Low bits of its number.
+    /// Low bits of the packet number.
     pub number: Low16,
-    /// Low bits of its tick.
+    /// Low bits of the tick.
     pub tick: Low16,
-    /// Low bits of the number of scene_events that must have been heard to read it.
+    /// Low bits of the count of scene events that the reader must have received.
     pub scene_events: Low16,
-    /// Whether it is the last of its tick.
+    /// Whether this is the last packet of its tick.
     pub ends_tick: bool,
-    /// By what factor tracks exceed their tolerances, of a packet that says so.
+    /// The factor by which tracks may exceed their tolerances, if the packet carries one.
     pub error_scale: ErrorScale,
-    words: RangeReader<'a>,
+    range_reader: RangeReader<'a>,
 }
 
 impl<'a> UpdatePacket<'a> {
-    /// Reads what follows the head.
+    /// Reads the bytes after the head.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when that is not a packet of updates.
+    /// [`Malformed`] if they are no update packet.
     pub fn decode(ends_tick: bool, mut from: Reader<'a>) -> Result<Self, Malformed> {
         let number = Low16::decode(&mut from)?;
         let tick = Low16::decode(&mut from)?;
@@ -168,15 +169,15 @@ impl<'a> UpdatePacket<'a> {
             scene_events,
             ends_tick,
             error_scale: ErrorScale::NONE,
-            words: RangeReader::new(from.rest()),
+            range_reader: RangeReader::new(from.rest()),
         })
     }
 
-    /// Reads what follows the head of one that says an error_scale.
+    /// Reads the bytes after the head of a packet with an error scale.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when that is not such a packet.
+    /// [`Malformed`] if they are no such packet.
     pub fn decode_over_budget(mut from: Reader<'a>) -> Result<Self, Malformed> {
         let error_scale = ErrorScale::decode(&mut from)?;
         let packet = Self::decode(true, from)?;
@@ -186,16 +187,16 @@ impl<'a> UpdatePacket<'a> {
         })
     }
 
-    /// Reads every update; `out` keeps its capacity from packet to packet.
+    /// Decodes every update; `out` keeps its capacity from packet to packet.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when any of it is not what a publisher writes; `out` is then of no use.
+    /// [`Malformed`] if a publisher could not have written the updates; the content of `out` is then meaningless.
     pub fn updates(mut self, out: &mut Vec<Update>) -> Result<(), Malformed> {
         out.clear();
         let mut coder = UpdateCoder::default();
         let mut next_alias = 0_u32;
-        while let Some((gap, body, payload)) = coder.read(&mut self.words)? {
+        while let Some((gap, body, payload)) = coder.read(&mut self.range_reader)? {
             if out.len() == UPDATES_PER_PACKET_MAX {
                 return Err(Malformed::TooLong);
             }
@@ -210,29 +211,29 @@ impl<'a> UpdatePacket<'a> {
             });
             next_alias = alias + 1;
         }
-        self.words.finish()
+        self.range_reader.finish()
     }
 }
 
-/// Says that all packets before `next` were sent, and that nothing more was to be said up to a tick (PROTOCOL 5.10).
+/// States that all packets before `next` were sent, and that nothing more is to be sent up to a tick (PROTOCOL 5.10).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Watermark {
-    /// Number of the stream's next packet: all before it were sent.
+    /// Low bits of the number of the stream's next packet.
     pub next: Low16,
-    /// Up to which tick.
+    /// Low bits of the tick.
     pub tick: Low16,
-    /// SceneEvents given up to that tick.
+    /// Low bits of the count of scene events up to that tick.
     pub scene_events: Low16,
 }
 
 impl Watermark {
-    /// The datagram.
+    /// Encodes the datagram.
     #[must_use]
     pub fn encode(&self, stream: StreamId) -> Vec<u8> {
         self.encode_as(PacketKind::Watermark, stream, None)
     }
 
-    /// The datagram that watermarks for ticks at which tracks exceed their tolerances by this (PROTOCOL 5.17).
+    /// Encodes the datagram for ticks at which tracks exceed their tolerances by this factor (PROTOCOL 5.17).
     #[must_use]
     pub fn encode_over_budget(&self, stream: StreamId, error_scale: ErrorScale) -> Vec<u8> {
         self.encode_as(PacketKind::WatermarkOverBudget, stream, Some(error_scale))
@@ -255,11 +256,11 @@ impl Watermark {
         to.into_bytes()
     }
 
-    /// Reads what follows the head.
+    /// Reads the bytes after the head.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when that is not a watermark.
+    /// [`Malformed`] if they are no watermark.
     pub fn decode(mut from: Reader<'_>) -> Result<Self, Malformed> {
         let watermark = Self {
             next: Low16::decode(&mut from)?,
@@ -270,18 +271,18 @@ impl Watermark {
         Ok(watermark)
     }
 
-    /// Reads what follows the head of one that says an error_scale.
+    /// Reads the bytes after the head of a watermark with an error scale.
     ///
     /// # Errors
     ///
-    /// [`Malformed`] when that is not such a watermark.
+    /// [`Malformed`] if they are no such watermark.
     pub fn decode_over_budget(mut from: Reader<'_>) -> Result<(Self, ErrorScale), Malformed> {
         let error_scale = ErrorScale::decode(&mut from)?;
         Ok((Self::decode(from)?, error_scale))
     }
 }
 
-// A packet has room for the longest update, and a datagram for the packet.
+// A packet holds the longest update, and a datagram holds the packet.
 const _: () = assert!(UPDATES_BYTES_MAX > Keyframe::BITS_MAX / 8 + 32 + END_BYTES_MAX);
 const _: () = assert!(HEAD_BYTES_MAX + UPDATES_BYTES_MAX <= DATAGRAM_BYTES_MAX);
 
@@ -293,7 +294,7 @@ mod tests {
 
     fn updates() -> impl Strategy<Value = Vec<Update>> {
         let body = proptest::option::of(0..INDICES_MAX);
-        // So few that what a packet cut short says fits one too.
+        // So few that the reading of a truncated packet fits one too.
         proptest::collection::btree_map(0..INDICES_MAX, (body, payload()), 0..8).prop_map(|map| {
             map.into_iter()
                 .map(|(alias, (body, payload))| {
@@ -334,14 +335,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_packet_comes_back(updates in updates()) {
+        fn a_packet_round_trips(updates in updates()) {
             let bytes = datagram(&updates);
             prop_assert!(bytes.len() <= DATAGRAM_BYTES_MAX);
             prop_assert_eq!(decode(&bytes), Ok(updates));
         }
 
         #[test]
-        fn a_truncation_is_refused_or_says_something_else_in_its_one_form(updates in updates()) {
+        fn a_truncation_is_refused_or_is_another_canonical_packet(updates in updates()) {
             let bytes = datagram(&updates);
             for cut in 1..bytes.len() {
                 if let Ok(other) = decode(&bytes[..cut]) {
@@ -403,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_packet_refuses_and_stays_as_it_was() {
+    fn a_full_packet_refuses_an_update_unchanged() {
         let payload = UpdatePayload::Keyframe(Keyframe {
             predictor: rhumb_reckoning::Predictor::Uniform,
             anchor: rhumb_reckoning::Anchor::Exact(

@@ -1,11 +1,11 @@
-//! The length of a number in bits, said by how it differs from an expected one
+//! A bit length, coded as its difference from an expected one.
 
 use crate::wire::Malformed;
 
-/// The longest step of a rest_correction, bits.
+/// The longest step of a rest correction, bits.
 const STEP_BITS_MAX: u32 = 31;
 
-/// How a length differs from an expected one, without a sign.
+/// The difference of a length from the expected one, mapped to an unsigned number.
 pub(super) const fn zigzag(length: u32, expected: u32) -> u32 {
     if length >= expected {
         (length - expected) * 2
@@ -14,7 +14,7 @@ pub(super) const fn zigzag(length: u32, expected: u32) -> u32 {
     }
 }
 
-/// The length that was said so.
+/// The length that [`zigzag`] encoded as `number`.
 pub(super) fn unzigzag(number: u32, expected: u32) -> Result<u32, Malformed> {
     let by = number / 2;
     let length = if number.is_multiple_of(2) {

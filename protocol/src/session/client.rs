@@ -1,7 +1,7 @@
-//! The client's end of a connection: requests, its copy of the scene, refresh.
+//! The client's end of a connection: commands, scene replica, refresh.
 //!
-//! Does not wait and does not display. Poll order: feed `handle_*`, then drain `poll_event` and `poll_transmit`, then ask
-//! `poll_timeout`. After an `Ended` event nothing more happens.
+//! Does not wait and does not display. Call order: feed `handle_*`, then drain `poll_event` and `poll_transmit`, then
+//! ask `poll_timeout`. After an `Ended` event nothing more happens.
 
 mod clock;
 mod greeting;
@@ -36,7 +36,7 @@ use crate::stream::{RetryTimer, StreamReceiver};
 use crate::time::{Instant, Span};
 use upstream::UpstreamState;
 
-/// How far the conversation has come.
+/// The state of the connection as the client knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ClientState {
     Unconnected,
@@ -71,7 +71,7 @@ pub struct ClientSession {
 }
 
 impl ClientSession {
-    /// A conversation about a scene, not begun yet.
+    /// A session for a scene, before the connection opens.
     #[must_use]
     pub const fn new(scene: SceneName) -> Self {
         Self {
@@ -101,7 +101,7 @@ impl ClientSession {
     ///
     /// # Errors
     ///
-    /// [`Misuse`] before the welcome, as a member, or for config that are wrong.
+    /// [`Misuse`] before the welcome, as a member, or for a config that is invalid.
     pub fn create(&mut self, config: SceneConfig) -> Result<(), Misuse> {
         self.must_be(ClientState::Lobby)?;
         config.check().map_err(Misuse::Invalid)?;
@@ -109,7 +109,7 @@ impl ClientSession {
         Ok(())
     }
 
-    /// Becomes a member; answered by `Joined` or `Denied`.
+    /// Requests membership; answered by `Joined` or `Denied`.
     ///
     /// # Errors
     ///
@@ -120,16 +120,16 @@ impl ClientSession {
         Ok(())
     }
 
-    /// Is a member no longer; answered by `Left`.
+    /// Ends the membership; answered by `Left`.
     ///
     /// # Errors
     ///
-    /// [`Misuse::NotNow`] unless a member; so for the verbs below.
+    /// [`Misuse::NotNow`] unless the client is a member. The methods below return the same error.
     pub fn leave(&mut self) -> Result<(), Misuse> {
         self.as_member(&ClientMessage::Leave)
     }
 
-    /// Ends the scene for everyone; answered by `Deleted` or `Denied`.
+    /// Deletes the scene for all members; answered by `Deleted` or `Denied`.
     ///
     /// # Errors
     ///
@@ -142,11 +142,11 @@ impl ClientSession {
         Ok(())
     }
 
-    /// Asks for more body indices; answered by `Reserved` or `Denied`.
+    /// Requests more body indices; answered by `Reserved` or `Denied`.
     ///
     /// # Errors
     ///
-    /// As [`Self::leave`], and [`Misuse::Indices`] for none or more than [`RESERVE_MAX`], which is then not sent.
+    /// As [`Self::leave`], and [`Misuse::Indices`] for zero or more than [`RESERVE_MAX`]; nothing is sent then.
     pub fn reserve(&mut self, count: u32) -> Result<(), Misuse> {
         if count == 0 || count > RESERVE_MAX {
             return Err(Misuse::Indices(count));
@@ -158,7 +158,7 @@ impl ClientSession {
     ///
     /// # Errors
     ///
-    /// As [`Self::leave`], and [`Misuse::Invalid`] for a wrong number, which is then not sent.
+    /// As [`Self::leave`], and [`Misuse::Invalid`] for a number out of range; nothing is sent then.
     pub fn command(&mut self, command: Command) -> Result<u64, Misuse> {
         command.check().map_err(Misuse::Invalid)?;
         self.as_member(&ClientMessage::Command(command))?;
@@ -166,7 +166,7 @@ impl ClientSession {
         Ok(self.commands - 1)
     }
 
-    /// Lets the scene step to a tick; answered by the stream, which watermarks for it.
+    /// Lets the scene step to a tick. The stream answers with a watermark at that tick or later.
     ///
     /// # Errors
     ///
@@ -174,7 +174,7 @@ impl ClientSession {
     pub fn advance(&mut self, now: Instant, to: Tick) -> Result<(), Misuse> {
         self.as_member(&ClientMessage::Advance { to })?;
         if !self.awaits() {
-            // Until now it waited as one does who asked for nothing.
+            // With no request pending, the receiver measured silence; the answer now has its own timeout.
             self.replica_switch
                 .receivers_mut()
                 .for_each(StreamReceiver::end_silence);
@@ -185,10 +185,12 @@ impl ClientSession {
         Ok(())
     }
 
-    /// Follows another stream; answered by `SubscriptionChanged` or `Denied`, and until then the copy is by the present one. That may
-    /// take as long as the other one is not complete, which a full stream over a bad link may never be: then one that is
-    /// chosen meanwhile takes its place, and only the last is followed. `TierChanged` tells where the server puts another in its
-    /// place because the link does not carry it; that, too, may be answered by another choice.
+    /// Subscribes to another stream; answered by `SubscriptionChanged` or `Denied`.
+    ///
+    /// The replica keeps the present stream until the new one is complete. Over a bad link a full stream may never
+    /// become complete; a later choice then replaces this one, and only the last choice counts. `TierChanged` reports
+    /// that the server moves the member to another stream because the link does not carry this one. The application may
+    /// answer that with another choice.
     ///
     /// # Errors
     ///
@@ -200,7 +202,7 @@ impl ClientSession {
         Ok(())
     }
 
-    /// Says where the server may move this member when its link is thin: to coarse (20 cm) unless this says otherwise.
+    /// Sets the streams that the server may move this member to over a weak link. Default: down to coarse (20 cm).
     ///
     /// # Errors
     ///
@@ -209,7 +211,7 @@ impl ClientSession {
         self.as_member(&ClientMessage::TierPolicy(tier_policy))
     }
 
-    /// Asks how the scene is; answered by `Inspected`.
+    /// Requests a description of the scene's state; answered by `Inspected`.
     ///
     /// # Errors
     ///
@@ -218,7 +220,7 @@ impl ClientSession {
         self.as_member(&ClientMessage::Inspect)
     }
 
-    /// Says goodbye.
+    /// Ends the session and closes the connection with `code`.
     pub fn close(&mut self, code: CloseCode) {
         if matches!(self.state, ClientState::Unconnected | ClientState::Ended) {
             return;
@@ -232,30 +234,30 @@ impl ClientSession {
         self.events.push_back(Event::Ended(Ending::Closed(code.0)));
     }
 
-    /// The copy of the scene, once it is whole.
+    /// The replica of the scene; None until its snapshot is complete.
     #[must_use]
     pub const fn replica(&self) -> Option<&Replica> {
         self.replica_switch.shown()
     }
 
-    /// The copy, to drain its changes.
+    /// The replica, for draining its changes.
     pub const fn replica_mut(&mut self) -> Option<&mut Replica> {
         self.replica_switch.shown_mut()
     }
 
-    /// The config of the scene, once it was welcomed to or joined.
+    /// The config of the scene; None before the welcome or joining.
     #[must_use]
     pub const fn config(&self) -> Option<&SceneConfig> {
         self.config.as_ref()
     }
 
-    /// The last round trip that was measured.
+    /// The latest measured round trip.
     #[must_use]
     pub const fn round_trip(&self) -> Span {
         self.round_trip
     }
 
-    /// The next thing that the application should know.
+    /// The next event for the application, oldest first.
     pub fn poll_event(&mut self) -> Option<Event> {
         self.events.pop_front()
     }
@@ -298,7 +300,7 @@ impl ClientSession {
             ServerMessage::Deleted => self.end_membership(Event::Deleted),
             ServerMessage::Reserved(range) => self.events.push_back(Event::Reserved(range)),
             ServerMessage::Denied(denial) => {
-                // Only what stands in the way of a stream denies one.
+                // The other denials concern a request that is not about streams.
                 if matches!(denial, Denial::TooManyStreams | Denial::SceneFaulted) {
                     self.stream_selection.handle_denied();
                     self.ask_for_stream();
@@ -361,7 +363,7 @@ impl ClientSession {
         Ok(())
     }
 
-    /// Asks for the stream that is wanted, unless an answer, or a snapshot that could be taken for one, is to come.
+    /// Requests the selected stream, unless an answer or a snapshot that could be mistaken for its answer is pending.
     fn ask_for_stream(&mut self) {
         if !self.resyncing
             && let Some(choice) = self.stream_selection.ask()
@@ -370,21 +372,21 @@ impl ClientSession {
         }
     }
 
-    /// Takes the copy that was filled for the present one, if it is time. Who asks for another stream leaves out the one
-    /// between: the server says that no more.
+    /// Shows the next replica if it has caught up, and reports the change of subscription. A client that selects
+    /// another stream meanwhile skips the one between; the server sends that stream no more.
     fn switch_replica(&mut self) {
         let shown = self.replica_switch.shown();
-        let goes_on = shown.is_some_and(|copy| !copy.stream().has_lost_sync());
-        if self.stream_selection.is_asking() && goes_on {
+        let is_live = shown.is_some_and(|replica| !replica.stream().has_lost_sync());
+        if self.stream_selection.is_asking() && is_live {
             return;
         }
         let Some(before) = self.replica_switch.switch_when_caught_up() else {
             return;
         };
-        let Some(copy) = self.replica_switch.shown() else {
+        let Some(replica) = self.replica_switch.shown() else {
             return;
         };
-        let (choice, stream) = (copy.choice(), copy.stream().stream());
+        let (choice, stream) = (replica.choice(), replica.stream().stream());
         if self.stream_selection.take_subscription_change() || before.choice() != choice {
             self.events.push_back(Event::SubscriptionChanged(choice));
         }
@@ -451,12 +453,12 @@ impl Endpoint for ClientSession {
         }
         self.frames.push(bytes);
         loop {
-            let heard = match self.frames.next_frame() {
+            let decoded = match self.frames.next_frame() {
                 Ok(None) => break,
                 Ok(Some(framed)) => ServerMessage::decode(&framed),
                 Err(malformed) => Err(malformed),
             };
-            let result = match heard {
+            let result = match decoded {
                 Ok(Some(message)) => self.handle_message(now, message),
                 Ok(None) => Ok(()),
                 Err(malformed) => Err(malformed.into()),
@@ -482,7 +484,7 @@ impl Endpoint for ClientSession {
         let watermark_tick = |replica_switch: &ReplicaSwitch| {
             replica_switch
                 .shown()
-                .map(|copy| copy.stream().watermark_tick())
+                .map(|replica| replica.stream().watermark_tick())
         };
         let before = watermark_tick(&self.replica_switch);
         self.replica_switch.handle_datagram(&datagram);
@@ -508,7 +510,7 @@ impl Endpoint for ClientSession {
         self.report(now);
         if self.ping_due().is_some_and(|due| due <= now) {
             self.send(&ClientMessage::Ping { sent: now });
-            self.pings.asked(now);
+            self.pings.note_sent(now);
         }
     }
 

@@ -1,6 +1,6 @@
-//! What a client's application should know: answers, and what happened.
+//! Events that a client session reports to its application.
 //!
-//! Said by the session in the order in which it was heard; nothing is decided here.
+//! The session reports them in the order in which it received them. Nothing is decided here.
 
 use alloc::vec::Vec;
 
@@ -13,77 +13,78 @@ use crate::message::{
 use crate::scene::{CommandError, IdRange};
 use crate::time::{Instant, Span};
 
-/// What a client's application should know.
+/// An answer of the server or a change of the scene.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// The server answered; the scene has these config, if it exists.
+    /// The server accepted the connection. The message carries the scene's config, if the scene exists.
     Welcomed(Welcome),
     /// The scene was created.
     Created,
-    /// The copy is whole; these body indices are the application's to give out.
+    /// The replica is complete. The application may assign these body indices.
     Joined(IdRange),
-    /// The copy is by the stream that was chosen, or that the server moved the member to, from now on.
+    /// From now on the replica follows this stream, chosen by the application or by the server's tier policy.
     SubscriptionChanged(StreamChoice),
-    /// The server is moving the member to this stream for its link's sake; `SubscriptionChanged` tells when the copy is by it.
+    /// The server moves the member to this stream because of its link; `SubscriptionChanged` follows once the replica
+    /// is complete.
     TierChanged {
-        /// Which stream.
+        /// The new stream.
         to: StreamChoice,
-        /// Why.
+        /// The reason for the change.
         cause: TierChangeCause,
     },
-    /// No longer a member.
+    /// The membership ended.
     Left,
-    /// The scene is gone.
+    /// The scene was deleted.
     Deleted,
-    /// More body indices.
+    /// The application may assign these further body indices.
     Reserved(IdRange),
-    /// A request about the scene was turned down.
+    /// The server denied a request about the scene.
     Denied(Denial),
-    /// Commands up to this number were applied or refused.
+    /// All commands up to this number were applied or refused.
     Applied {
-        /// The last one's number.
+        /// The number of the last command among them.
         through: u64,
-        /// Before this tick's step.
+        /// The commands took effect before the step to this tick.
         tick: Tick,
     },
     /// One command was refused.
     Refused {
-        /// Its number.
+        /// The number that `command` returned.
         number: u64,
-        /// Why.
+        /// The reason for the refusal.
         error: CommandError,
     },
-    /// A body came.
+    /// A body was placed in the scene.
     BodyPlaced(BodyId),
-    /// A body went.
+    /// A body was removed from the scene.
     BodyRemoved {
-        /// Which.
+        /// The removed body.
         id: BodyId,
-        /// Why.
+        /// The reason for the removal.
         cause: RemovalCause,
     },
-    /// A checksum differs from that of the copy: a fault of the server or of this client. The session requests a new
+    /// A checksum differs from that of the replica: a fault of the server or of this client. The session requests a new
     /// snapshot.
     ChecksumMismatch,
-    /// The engine failed; the scene stands still after this tick.
+    /// The physics engine failed. The scene does not step past this tick.
     SceneFaulted(Tick),
-    /// These bodies, in rising order, are the application's to drive from now on, and no others.
+    /// The application has authority over these bodies and no others from now on, in rising order.
     AuthorityGrant(Vec<BodyId>),
-    /// What was asked to be driven is not; what was driven before goes on.
+    /// The server denied the requested authority. Authority granted earlier stays.
     AuthorityDenied(AuthorityError),
-    /// How the scene is.
+    /// A description of the scene's state.
     Inspected(Inspection),
-    /// Where the server's clock stood at a moment, by the middle of a round trip.
+    /// A sample of the server's clock, referred to the middle of a round trip.
     ClockSeen {
-        /// The client's moment.
+        /// The client's time of the sample.
         at: Instant,
-        /// The newest tick then.
+        /// The newest tick of the scene at that time.
         tick: Tick,
-        /// How long before.
+        /// Time between that tick and the sample.
         since_tick: Span,
-        /// How long the question took.
+        /// The round trip of the ping that took the sample.
         round_trip: Span,
     },
-    /// The connection is over.
+    /// The connection ended.
     Ended(Ending),
 }

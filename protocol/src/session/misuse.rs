@@ -1,6 +1,6 @@
-//! Calls that cannot be, by the application's own mistake.
+//! Calls that the application may not make in the present state.
 //!
-//! Never caused by what a peer says.
+//! Caused by the application alone, never by bytes of a peer.
 
 use core::fmt;
 
@@ -9,18 +9,18 @@ use rhumb_reckoning::BodyId;
 use crate::limits::{AUTHORITY_BODIES_MAX, RESERVE_MAX};
 use crate::scene::Invalid;
 
-/// A call that cannot be, by the application's own mistake.
+/// A call that the application may not make, or whose arguments are out of range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Misuse {
-    /// The conversation is not where this can be asked.
+    /// The connection is in a state that does not allow this call.
     NotNow,
-    /// A number that no engine should be given.
+    /// A number is not finite or out of range.
     Invalid(Invalid),
-    /// So many body indices cannot be asked for at once.
+    /// This number of body indices cannot be reserved in one request.
     Indices(u32),
-    /// So many bodies cannot be driven by one member.
+    /// One member cannot have authority over this number of bodies.
     TooManyAuthorityBodies(usize),
-    /// The body is not one that this member drives or asked to drive.
+    /// This member neither has nor requested authority over the body.
     NoAuthority(BodyId),
 }
 
@@ -31,15 +31,15 @@ impl fmt::Display for Misuse {
             Self::Invalid(invalid) => invalid.fmt(f),
             Self::Indices(count) => write!(
                 f,
-                "{count} body indices cannot be asked for at once: 1 to {RESERVE_MAX}"
+                "{count} body indices cannot be reserved at once; the range is 1 to {RESERVE_MAX}"
             ),
             Self::TooManyAuthorityBodies(count) => {
                 write!(
                     f,
-                    "{count} bodies cannot be driven by one member: {AUTHORITY_BODIES_MAX} at most"
+                    "one member cannot have authority over {count} bodies; at most {AUTHORITY_BODIES_MAX}"
                 )
             }
-            Self::NoAuthority(id) => write!(f, "{id} is not driven by this member"),
+            Self::NoAuthority(id) => write!(f, "this member has no authority over {id}"),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The conversation at both ends: who may say what when, and what it means.
+//! The connection's state at both ends: allowed messages and their effects.
 mod client;
 mod close;
 mod event;

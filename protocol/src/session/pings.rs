@@ -1,79 +1,80 @@
-//! When to look at the server's clock.
+//! When a client pings the server to sample its clock.
 //!
-//! Reads no clock itself. Two clocks unforced apart slowly, so that looking is rare; what the stream shows of the server's
-//! time is held against what was seen, and only when that is off is the clock sampled at sooner.
+//! Reads no clock itself. Two clocks drift apart slowly, so pings are rare. The stream also shows the server's time;
+//! the next ping comes sooner only if that time contradicts the last sample.
 
 use rhumb_reckoning::{Rate, Tick, Ticks};
 
 use crate::time::{Instant, Span};
 
-/// A new member looks a few times soon after one another, so that one odd answer does no harm.
-const LOOKS_AT_FIRST: u32 = 5;
-/// See [`LOOKS_AT_FIRST`].
-const PAUSE_AT_FIRST: Span = Span::from_millis(50);
-/// The pause between two looks while nothing seems off: clocks that differ by 100 millionths unforced 6 ms apart.
+/// A new member pings a few times in quick succession, so that one outlier does no harm.
+const FIRST_PINGS: u32 = 5;
+/// The pause between two of the first pings.
+const FIRST_PAUSE: Span = Span::from_millis(50);
+/// The pause between two pings while clock and stream agree. Clocks that differ by 100 ppm drift apart by 6 ms
+/// meanwhile.
 const PAUSE: Span = Span::from_millis(60_000);
-/// The pause between two looks while the stream's time is not the one seen.
+/// The pause between two pings while the stream's time contradicts the last sample.
 const PAUSE_WHILE_OFF: Span = Span::from_millis(1_000);
-/// The stream's time may differ from the one seen by this: disorder, jitter, and a tick that is published when due.
+/// The allowed difference, seconds, between the stream's time and the sample: reordering, jitter, publication delay.
 const SLACK_SECONDS: f64 = 0.1;
 
-/// The looks of one membership in a free-running scene.
+/// The ping schedule of one membership in a free-running scene.
 #[derive(Clone, Debug)]
 pub(crate) struct Pings {
     due: Option<Instant>,
     left: u32,
-    asked: Instant,
-    seen: Option<ClockSample>,
+    last_sent: Instant,
+    sample: Option<ClockSample>,
 }
 
-/// The server's clock, as it was seen last.
+/// The latest sample of the server's clock.
 #[derive(Clone, Copy, Debug)]
 struct ClockSample {
     at: Instant,
     ticks: f64,
-    /// How long what it says is under one_way.
+    /// The one-way delay that the sample includes.
     one_way: Span,
 }
 
 impl Pings {
-    /// Nothing to look at yet.
+    /// A schedule with no ping due.
     pub(crate) const fn new() -> Self {
         Self {
             due: None,
             left: 0,
-            asked: Instant::ZERO,
-            seen: None,
+            last_sent: Instant::ZERO,
+            sample: None,
         }
     }
 
-    /// When the next look is due, if it is.
+    /// When the next ping is due; None outside a membership.
     pub(crate) const fn due(&self) -> Option<Instant> {
         self.due
     }
 
-    /// A membership begins, with a look that is taken now.
+    /// Starts the schedule of a membership. The caller sends the first ping now.
     pub(crate) fn begin(&mut self, now: Instant) {
-        self.left = LOOKS_AT_FIRST;
-        self.seen = None;
-        self.asked(now);
+        self.left = FIRST_PINGS;
+        self.sample = None;
+        self.note_sent(now);
     }
 
-    /// A membership is over.
+    /// Ends the schedule together with the membership.
     pub(crate) fn end(&mut self) {
         *self = Self::new();
     }
 
-    /// A look was taken.
-    pub(crate) fn asked(&mut self, now: Instant) {
-        self.asked = now;
+    /// Notes that a ping was sent.
+    pub(crate) fn note_sent(&mut self, now: Instant) {
+        self.last_sent = now;
         self.left = self.left.saturating_sub(1);
-        let pause = if self.left > 0 { PAUSE_AT_FIRST } else { PAUSE };
+        let pause = if self.left > 0 { FIRST_PAUSE } else { PAUSE };
         self.due = Some(now + pause);
     }
 
-    /// At `at`, the server's newest tick had been reached `since_tick` before.
-    pub(crate) fn seen(
+    /// Takes a sample: at `at`, the server had reached its newest tick `since_tick` before.
+    pub(crate) fn note_sample(
         &mut self,
         at: Instant,
         tick: Tick,
@@ -82,24 +83,24 @@ impl Pings {
         rate: Rate,
     ) {
         let since = since_tick.as_nanos() as f64 / 1e9 / rate.step().seconds();
-        self.seen = Some(ClockSample {
+        self.sample = Some(ClockSample {
             at,
             ticks: tick.value() as f64 + since,
             one_way: Span::from_nanos(round_trip.as_nanos() / 2),
         });
     }
 
-    /// The stream has just shown that the server has reached a tick, or did so at most `slack` before.
+    /// Notes that the stream shows a tick, reached now or at most `slack` ticks before.
     pub(crate) fn shown(&mut self, now: Instant, tick: Tick, slack: Ticks, rate: Rate) {
-        let Some(seen) = self.seen else {
+        let Some(sample) = self.sample else {
             return;
         };
-        let passed = now.since(seen.at).as_nanos() as f64 - seen.one_way.as_nanos() as f64;
+        let passed = now.since(sample.at).as_nanos() as f64 - sample.one_way.as_nanos() as f64;
         let step = rate.step().seconds();
-        let expected = seen.ticks + passed / 1e9 / step;
+        let expected = sample.ticks + passed / 1e9 / step;
         let off = (expected - tick.value() as f64).abs() * step;
         if off > SLACK_SECONDS + f64::from(slack.count()) * step {
-            let soon = (self.asked + PAUSE_WHILE_OFF).max(now);
+            let soon = (self.last_sent + PAUSE_WHILE_OFF).max(now);
             self.due = Some(self.due.map_or(soon, |due| due.min(soon)));
         }
     }
@@ -118,13 +119,13 @@ mod tests {
     fn converged() -> Pings {
         let mut pings = Pings::new();
         pings.begin(Instant::ZERO);
-        for look in 1..LOOKS_AT_FIRST {
+        for ping in 1..FIRST_PINGS {
             let due = pings.due().unwrap();
-            assert_eq!(due, Instant::ZERO + Span::from_millis(u64::from(look) * 50));
-            pings.asked(due);
+            assert_eq!(due, Instant::ZERO + Span::from_millis(u64::from(ping) * 50));
+            pings.note_sent(due);
         }
         let (one_way, none) = (Span::from_millis(20), Span::ZERO);
-        pings.seen(seconds(1), Tick::new(60), none, one_way, Rate::HZ_60);
+        pings.note_sample(seconds(1), Tick::new(60), none, one_way, Rate::HZ_60);
         pings
     }
 
@@ -144,7 +145,7 @@ mod tests {
         let mut pings = converged();
         pings.shown(seconds(10), Tick::new(570), ONE, Rate::HZ_60);
         assert_eq!(pings.due(), Some(seconds(10)));
-        pings.asked(seconds(10));
+        pings.note_sent(seconds(10));
         pings.shown(seconds(10), Tick::new(570), ONE, Rate::HZ_60);
         assert_eq!(pings.due(), Some(seconds(11)));
     }

@@ -1,7 +1,7 @@
-//! A member's copy of a scene: its shapes, bodies, joints, stream.
+//! A member's replica of a scene: its shapes, bodies, joints, stream.
 //!
-//! Changed by scene_events, in order, and by datagrams. Invariant: every body of the copy has a shape that is known, every
-//! joint two bodies.
+//! Scene events, in order, and datagrams change it. Invariant: every body has a known shape, and every joint connects
+//! two known bodies.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
@@ -18,7 +18,7 @@ use crate::stream::{PredictionParameters, StreamReceiver, Subscriber};
 use crate::wire::Wire;
 use crate::wire::bytes::Writer;
 
-/// The copy.
+/// A replica of the scene, fed by one stream.
 #[derive(Debug)]
 pub struct Replica {
     choice: StreamChoice,
@@ -27,14 +27,14 @@ pub struct Replica {
     gravity: Vec3,
     shapes: BTreeMap<ShapeId, Shape>,
     shape_bytes: usize,
-    /// What its bodies are, each kind kept once: its numbers are the labels of the stream's bodies.
+    /// The distinct descriptors of the bodies. Their numbers are the labels of the stream's bodies.
     kinds: Interner<BodyDesc>,
     joints: Joints,
-    whole: bool,
+    complete: bool,
 }
 
 impl Replica {
-    /// An empty copy that the snapshot after `joined` fills.
+    /// An empty replica. The snapshot after `joined` fills it.
     #[must_use]
     pub(crate) fn new(joined: &Joined) -> Self {
         Self {
@@ -49,28 +49,28 @@ impl Replica {
             shape_bytes: 0,
             kinds: Interner::default(),
             joints: Joints::default(),
-            whole: false,
+            complete: false,
         }
     }
 
-    /// Which of the scene's streams it is by.
+    /// The scene's stream that feeds the replica.
     #[must_use]
     pub const fn choice(&self) -> StreamChoice {
         self.choice
     }
 
-    /// Whether nothing is lost by showing this copy in place of another one of the same scene.
+    /// Whether this replica can be shown in place of another one of the same scene without going back in time.
     pub(crate) fn has_caught_up_with(&self, other: &Self) -> bool {
         other.stream().has_lost_sync() || self.stream().complete() >= other.stream().complete()
     }
 
-    /// The stream.
+    /// The subscriber that predicts the bodies.
     #[must_use]
     pub const fn stream(&self) -> &Subscriber {
         self.receiver.subscriber()
     }
 
-    /// Where the bodies' changes are drained from.
+    /// The subscriber, for draining the changed bodies.
     pub const fn stream_mut(&mut self) -> &mut Subscriber {
         self.receiver.subscriber_mut()
     }
@@ -78,16 +78,16 @@ impl Replica {
     /// Whether the snapshot has arrived.
     #[must_use]
     pub const fn is_complete(&self) -> bool {
-        self.whole
+        self.complete
     }
 
-    /// The gravity that pulls now, m/s².
+    /// The present gravity, m/s², world frame.
     #[must_use]
     pub const fn gravity(&self) -> Vec3 {
         self.gravity
     }
 
-    /// What a body is.
+    /// The descriptor of a body; None if the replica has no such body.
     #[must_use]
     pub fn body(&self, id: BodyId) -> Option<BodyDesc> {
         let kind = self.stream().label(id)?;
@@ -95,7 +95,7 @@ impl Replica {
         Some(BodyDesc { id, ..desc })
     }
 
-    /// A shape.
+    /// The shape of this id; None if the replica has no such shape.
     #[must_use]
     pub fn shape(&self, id: ShapeId) -> Option<&Shape> {
         self.shapes.get(&id)
@@ -108,28 +108,29 @@ impl Replica {
         ids.filter_map(|id| self.body(id))
     }
 
-    /// What holds bodies together.
+    /// The joints of the scene.
     #[must_use]
     pub const fn joints(&self) -> &Joints {
         &self.joints
     }
 
-    /// Takes the place of a copy of the same scene: all that it held counts as changed, since it may be gone.
+    /// Replaces another replica of the same scene. Every body of the other one counts as changed, because it may be
+    /// gone.
     pub(crate) fn take_over(&mut self, old: &Self) {
         self.stream_mut().succeed(old.stream());
     }
 
-    /// The snapshot is whole.
+    /// Marks the snapshot as complete.
     pub(crate) fn end_snapshot(&mut self) {
-        self.whole = true;
+        self.complete = true;
         self.stream_mut().handle_snapshot_end();
     }
 
-    /// Takes in a scene_event. Those before the snapshot's end are the snapshot and do not count.
+    /// Applies a scene event. Events before the end of the snapshot belong to the snapshot and are not counted.
     ///
     /// # Errors
     ///
-    /// The code to close with, when a scene_event contradicts what was said before or breaks a limit.
+    /// The code to close with, when the event contradicts earlier ones or exceeds a limit.
     pub(crate) fn apply_scene_event(&mut self, scene_event: &SceneEvent) -> Result<(), CloseCode> {
         match scene_event {
             SceneEvent::ShapeAdded { id, shape } => {
@@ -177,7 +178,7 @@ impl Replica {
                 self.joints.remove(*id).ok_or(CloseCode::VIOLATION)?;
             }
         }
-        if self.whole {
+        if self.complete {
             self.stream_mut().apply_scene_event();
         }
         Ok(())
@@ -193,7 +194,7 @@ impl Replica {
         let parameters = PredictionParameters::of(desc, shape, self.damping, inertia);
         let before = self.stream().body(desc.id.index());
         let kind_before = before.and_then(|id| self.stream().label(id));
-        let kind = self.kinds.join(nameless(desc));
+        let kind = self.kinds.join(without_id(desc));
         let stream = self.receiver.subscriber_mut();
         if !stream.place_labelled(desc.id, &parameters, track, Some(kind)) {
             self.kinds.leave(kind);
@@ -221,8 +222,8 @@ impl Replica {
     }
 }
 
-/// What many bodies can have in common.
-fn nameless(desc: &BodyDesc) -> BodyDesc {
+/// The descriptor without the id: many bodies can share it.
+fn without_id(desc: &BodyDesc) -> BodyDesc {
     BodyDesc {
         id: BodyId::new(0, 0),
         ..*desc
@@ -232,7 +233,7 @@ fn nameless(desc: &BodyDesc) -> BodyDesc {
 impl Internable for BodyDesc {
     type Key = Vec<u8>;
 
-    /// What is said of it: one value has one encoding.
+    /// The encoding: equal values have equal encodings.
     fn key(&self) -> Vec<u8> {
         let mut bytes = Writer::new();
         self.encode(&mut bytes);

@@ -1,7 +1,7 @@
-//! The copy of a scene that a member shows, with its successor.
+//! Switches a member from one replica of a scene to the next.
 //!
-//! Decides when one gives way to the other, and nothing else. Invariant: what is shown never falls back to an earlier
-//! complete tick, unless it had lost sync.
+//! Decides only when the next replica replaces the shown one. Invariant: the shown replica never falls back to an
+//! earlier complete tick, unless it had lost sync.
 
 use alloc::vec::Vec;
 
@@ -18,16 +18,16 @@ use crate::time::{Instant, Span};
 #[derive(Debug, Default)]
 pub(crate) struct ReplicaSwitch {
     shown: Option<Replica>,
-    /// The copy that a snapshot is filling, or that is whole and not as far yet as the one shown.
+    /// The replica that a snapshot is filling, or a complete one that has not caught up with the shown one.
     next: Option<Replica>,
 }
 
-/// Where a scene event belongs.
+/// The part of the protocol to which a scene event belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum EventTarget {
-    /// It is part of a snapshot.
+    /// The event is part of a snapshot.
     Snapshot,
-    /// It is news of the scene.
+    /// The event reports a change of the scene.
     Scene,
 }
 
@@ -39,7 +39,7 @@ impl ReplicaSwitch {
         }
     }
 
-    /// The copy to look at.
+    /// The replica that the application displays.
     pub(crate) const fn shown(&self) -> Option<&Replica> {
         self.shown.as_ref()
     }
@@ -49,14 +49,14 @@ impl ReplicaSwitch {
         self.shown.as_mut()
     }
 
-    /// A snapshot begins.
+    /// Starts a replica that the following snapshot fills.
     pub(crate) fn begin(&mut self, joined: &Joined) {
         self.next = Some(Replica::new(joined));
     }
 
-    /// The snapshot is whole; the first of a membership is shown at once.
+    /// Completes the snapshot. The first replica of a membership is shown at once.
     pub(crate) fn end_snapshot(&mut self) -> Result<(), CloseCode> {
-        let filling = self.next.as_mut().filter(|copy| !copy.is_complete());
+        let filling = self.next.as_mut().filter(|replica| !replica.is_complete());
         filling.ok_or(CloseCode::VIOLATION)?.end_snapshot();
         if self.shown.is_none() {
             self.shown = self.next.take();
@@ -64,7 +64,7 @@ impl ReplicaSwitch {
         Ok(())
     }
 
-    /// Shows the next copy if it is as far, so that nobody sees a gap; returns the one that was shown before.
+    /// Shows the next replica if it has caught up, so that the display has no gap. Returns the replaced replica.
     pub(crate) fn switch_when_caught_up(&mut self) -> Option<Replica> {
         let shown = self.shown.as_mut()?;
         let as_far = |next: &mut Replica| next.is_complete() && next.has_caught_up_with(shown);
@@ -73,7 +73,7 @@ impl ReplicaSwitch {
         Some(core::mem::replace(shown, next))
     }
 
-    /// Takes in a scene event.
+    /// Applies a scene event to the next replica, and to the shown one unless a snapshot is being filled.
     pub(crate) fn handle_scene_event(
         &mut self,
         scene_event: &SceneEvent,
@@ -90,36 +90,36 @@ impl ReplicaSwitch {
         Ok(EventTarget::Scene)
     }
 
-    /// Takes in a datagram of whichever streams it is about.
+    /// Hands a datagram to the replicas that follow its stream.
     pub(crate) fn handle_datagram(&mut self, datagram: &Datagram<'_>) {
-        for copy in [&mut self.next, &mut self.shown].into_iter().flatten() {
-            if copy.stream().stream() == datagram.head().stream {
-                copy.stream_mut().handle(datagram);
+        for replica in [&mut self.next, &mut self.shown].into_iter().flatten() {
+            if replica.stream().stream() == datagram.head().stream {
+                replica.stream_mut().handle(datagram);
             }
         }
     }
 
-    /// The receivers of replicas that are whole, the shown one first.
+    /// The receivers of complete replicas, the shown one first.
     pub(crate) fn receivers(&self) -> impl Iterator<Item = &StreamReceiver> {
-        let replica_switch = [self.shown.as_ref(), self.next.as_ref()];
-        let whole = replica_switch
+        let replicas = [self.shown.as_ref(), self.next.as_ref()];
+        let complete = replicas
             .into_iter()
             .flatten()
-            .filter(|copy| copy.is_complete());
-        whole.map(|copy| &copy.receiver)
+            .filter(|replica| replica.is_complete());
+        complete.map(|replica| &replica.receiver)
     }
 
     /// See [`Self::receivers`].
     pub(crate) fn receivers_mut(&mut self) -> impl Iterator<Item = &mut StreamReceiver> {
-        let replica_switch = [self.shown.as_mut(), self.next.as_mut()];
-        let whole = replica_switch
+        let replicas = [self.shown.as_mut(), self.next.as_mut()];
+        let complete = replicas
             .into_iter()
             .flatten()
-            .filter(|copy| copy.is_complete());
-        whole.map(|copy| &mut copy.receiver)
+            .filter(|replica| replica.is_complete());
+        complete.map(|replica| &mut replica.receiver)
     }
 
-    /// What to report now.
+    /// The reports due now.
     pub(crate) fn report(&mut self, now: Instant, min_delay: Span) -> Vec<Bytes> {
         let mut reports = Vec::new();
         for receiver in self.receivers_mut() {
@@ -128,7 +128,7 @@ impl ReplicaSwitch {
         reports
     }
 
-    /// The copy of the newest stream, which will replace the shown one.
+    /// The replica of the newest stream, which will replace the shown one.
     fn newest(&self) -> Option<&Replica> {
         self.next.as_ref().or(self.shown.as_ref())
     }
@@ -136,14 +136,14 @@ impl ReplicaSwitch {
     /// Whether only a new snapshot helps.
     pub(crate) fn have_lost_sync(&self) -> bool {
         self.newest()
-            .is_some_and(|copy| copy.stream().has_lost_sync())
+            .is_some_and(|replica| replica.stream().has_lost_sync())
     }
 
     /// The cause to give if a new snapshot is requested.
     pub(crate) fn resync_cause(&self) -> ResyncCause {
         if self
             .newest()
-            .is_some_and(|copy| copy.stream().has_mismatched())
+            .is_some_and(|replica| replica.stream().has_mismatched())
         {
             ResyncCause::ChecksumMismatch
         } else {

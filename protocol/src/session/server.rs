@@ -1,7 +1,7 @@
-//! One connection at the server: hands on messages where they are allowed.
+//! The server's end of a connection: hands on the messages allowed now.
 //!
 //! Does not know scenes: the server loop acts on a message and answers by `send`. Invariant: after the first violation
-//! nothing more is read, and the connection is to be closed.
+//! nothing more is read, and the server closes the connection.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -13,14 +13,14 @@ use crate::message::{ClientMessage, Frames, Grease, ServerMessage, VERSIONS, Wel
 use crate::scene::{CommandError, SceneConfig};
 use crate::wire::Malformed;
 
-/// How far the conversation has come.
+/// The state of the connection as the server knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ServerState {
     Silent,
     Greeted,
     Lobby,
     Member,
-    /// A member until just now: what it said before it knew may still be under way, and is skipped.
+    /// The membership just ended. Messages that the client sent before it learned this are skipped.
     AwaitingLeft,
     Closed,
 }
@@ -37,7 +37,7 @@ pub struct ServerSession {
 }
 
 impl ServerSession {
-    /// A conversation that waits for its `Hello`.
+    /// A session that waits for a `Hello`.
     #[must_use]
     pub const fn new(grease: Grease) -> Self {
         Self {
@@ -50,14 +50,14 @@ impl ServerSession {
         }
     }
 
-    /// The next bytes of the client's control stream. Drain [`Self::poll_message`] after each call.
+    /// Appends bytes of the client's control stream. Drain [`Self::poll_message`] after each call.
     pub fn handle_control(&mut self, bytes: &[u8]) {
         if self.state != ServerState::Closed {
             self.frames.push(bytes);
         }
     }
 
-    /// The next message that is allowed now, or why a member's command cannot be one of this version.
+    /// The next message allowed in this state, or the error of a member's command that this version cannot carry out.
     ///
     /// Answer it before the next call: the answer decides which messages are allowed.
     pub fn poll_message(&mut self) -> Option<Result<ClientMessage, CommandError>> {
@@ -74,7 +74,7 @@ impl ServerSession {
                     Ok(false) => {}
                     Err(code) => self.close(code),
                 },
-                // Its frame is whole, so the command is refused alone, and the connection goes on.
+                // The frame is complete, so only this command is refused and the connection goes on.
                 Err(Malformed::Motion(invalid)) if self.state == ServerState::Member => {
                     return Some(Err(CommandError::Invalid(invalid.into())));
                 }
@@ -87,7 +87,7 @@ impl ServerSession {
         None
     }
 
-    /// Whether to hand a message on: `false` for one that is overtaken by the end of a membership.
+    /// Whether to hand a message on: `false` for a message sent before the client learned that its membership ended.
     fn admit(&mut self, message: &ClientMessage) -> Result<bool, CloseCode> {
         match (self.state, message) {
             (
@@ -121,7 +121,7 @@ impl ServerSession {
         }
     }
 
-    /// Answers the hello.
+    /// Answers the client's `Hello`. `scene` is the config of the scene, if it exists.
     pub fn welcome(&mut self, scene: Option<SceneConfig>) {
         if self.state == ServerState::Greeted {
             self.state = ServerState::Lobby;
@@ -135,7 +135,7 @@ impl ServerSession {
         }
     }
 
-    /// Says a message. What makes or unmakes a member changes what is allowed from here on.
+    /// Sends a message. A message that starts or ends a membership changes which messages are allowed next.
     pub fn send(&mut self, message: &ServerMessage) {
         match message {
             ServerMessage::Joined(_)
@@ -151,13 +151,13 @@ impl ServerSession {
         message.encode(&mut self.out);
     }
 
-    /// Says messages that were encoded for many at once.
+    /// Sends messages that were encoded once for many clients.
     pub fn send_encoded(&mut self, messages: &Bytes) {
         self.flush();
         self.queue.push_back(messages.clone());
     }
 
-    /// Ends the conversation.
+    /// Closes the connection with the first code given.
     pub fn close(&mut self, code: CloseCode) {
         self.state = ServerState::Closed;
         self.close.get_or_insert(code);
@@ -176,14 +176,14 @@ impl ServerSession {
         self.queue.pop_front()
     }
 
-    /// Why to close the connection, once everything was said.
+    /// The code to close with, once all control bytes are sent.
     #[must_use]
     pub const fn poll_close(&self) -> Option<CloseCode> {
         self.close
     }
 }
 
-/// Whether only a member says such a thing.
+/// Whether only a member may send this message.
 const fn is_for_members(message: &ClientMessage) -> bool {
     matches!(
         message,
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_version_from_the_future_alone_is_refused() {
+    fn a_client_that_offers_only_unknown_versions_is_refused() {
         let future = ClientMessage::Hello {
             versions: alloc::vec![77],
             scene: "pit".parse().unwrap(),
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn an_extension_is_skipped_unless_it_must_be_known() {
+    fn an_unknown_extension_is_skipped_unless_it_is_critical() {
         for (id, closed) in [(27, None), (9, None), (8, Some(CloseCode::EXTENSION))] {
             let mut extensions = Extensions::NONE;
             let value = alloc::vec![1, 2];
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn commands_are_for_members() {
+    fn a_command_before_joining_closes_the_connection() {
         let command = ClientMessage::Command(Command::SetGravity {
             gravity: glam::Vec3::ZERO,
         });
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_from_the_future_is_refused_alone() {
+    fn an_unknown_command_is_refused_without_closing() {
         let mut session = session_after(&[hello()]);
         session.poll_message();
         session.welcome(None);
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_message_that_may_be_ignored_is() {
+    fn an_unknown_message_is_ignored() {
         let mut session = session_after(&[hello()]);
         let mut bytes = Vec::new();
         crate::message::frame(0xee, &[1, 2, 3], &mut bytes);

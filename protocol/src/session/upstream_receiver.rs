@@ -1,7 +1,7 @@
-//! The server's end of an upstream: where a client's bodies belong.
+//! The server's end of an upstream: motions of a client's bodies.
 //!
-//! Wraps a `StreamReceiver`. Bytes come from anyone: none may panic, memory is bounded, and only granted bodies are
-//! affected. Does not move bodies in the engine.
+//! Wraps a `StreamReceiver`. Bytes come from untrusted clients: none may panic, memory is bounded, and only granted
+//! bodies are affected. Does not move bodies in the engine.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -20,59 +20,60 @@ use crate::stream::{
 };
 use crate::time::{Instant, Span};
 
-/// The tracks of a body that hold from some tick on, oldest first: a client may publish ticks that the server has not reached.
+/// The tracks of a body, oldest first, each from its origin on. A client may publish ticks that the server has not
+/// reached.
 #[derive(Clone, Debug)]
 struct BodyTracks {
-    /// None once it has left the scene.
+    /// None after the body left the scene.
     id: Option<BodyId>,
     tracks: VecDeque<Track>,
 }
 
-/// The upstream of one client, as far as it was received.
+/// The receiving end of one client's upstream.
 #[derive(Debug)]
 pub struct UpstreamReceiver {
     receiver: StreamReceiver,
-    /// The place is the index in the stream.
+    /// The position is the body's index in the stream.
     body_tracks: Vec<BodyTracks>,
     watermark_schedule: WatermarkSchedule,
-    /// Everything up to this tick was received before anything was missing.
-    sure_until: Tick,
+    /// Up to this tick everything was received, even where a later packet is missing.
+    complete_until: Tick,
     /// The newest tick that `motions` was called for.
     present: Tick,
     changed: Vec<u32>,
 }
 
-/// Tracks that are kept of a body.
+/// The number of tracks kept for one body.
 const TRACKS_KEPT: usize = 64;
-/// Indices and aliases of a stream stay below it: a body that leaves an alias may take another before that one is free.
+/// Bound of the stream's indices and aliases. A body may take a second alias before its first one is free.
 const NAMES_END: u32 = 2 * AUTHORITY_BODIES_MAX as u32;
-/// The pause between the first two reports of one loss; it doubles. The server does not measure round trips; the
-/// driver, which does, refreshes no packet twice within one.
+/// The pause between the first two reports of one loss; it doubles. The server measures no round trip; the client does
+/// and refreshes a packet at most once in one.
 const REPORT_AGAIN: Span = Span::from_millis(50);
 
 impl UpstreamReceiver {
-    /// A stream as it is granted. `parameters` says what predictors need to know of each body.
+    /// Opens the stream as it was granted. `parameters` returns None for a body that is not in the scene.
     pub fn new(
-        driving: &AuthorityGrant,
+        grant: &AuthorityGrant,
         tolerance: Tolerance,
         integrator: Integrator,
         parameters: impl Fn(BodyId) -> Option<PredictionParameters>,
     ) -> Self {
         let start = StreamStart {
-            stream: driving.stream,
+            stream: grant.stream,
             tolerance,
             integrator,
             publish_interval: NonZeroU32::MIN,
             gravity: Vec3::ZERO,
-            tick: driving.tick,
+            tick: grant.tick,
             next: 0,
             scene_events: 0,
         };
         let mut subscriber = Subscriber::restricted(&start, NAMES_END);
-        let mut body_tracks = Vec::with_capacity(driving.bodies.len());
-        for (id, motion) in &driving.bodies {
+        let mut body_tracks = Vec::with_capacity(grant.bodies.len());
+        for (id, motion) in &grant.bodies {
             let index = BodyId::new(body_tracks.len() as u32, 0);
-            let track = driving.first_track(*motion);
+            let track = grant.first_track(*motion);
             let placed = parameters(*id)
                 .is_some_and(|parameters| subscriber.place(index, &parameters, track));
             body_tracks.push(BodyTracks {
@@ -85,8 +86,8 @@ impl UpstreamReceiver {
             receiver: StreamReceiver::with_timeout(subscriber, DISORDER),
             body_tracks,
             watermark_schedule: WatermarkSchedule::of(integrator.rate),
-            sure_until: driving.tick,
-            present: driving.tick,
+            complete_until: grant.tick,
+            present: grant.tick,
             changed: Vec::new(),
         }
     }
@@ -95,19 +96,19 @@ impl UpstreamReceiver {
         self.receiver.subscriber()
     }
 
-    /// Its name.
+    /// The id of the stream.
     #[must_use]
     pub const fn stream(&self) -> StreamId {
         self.subscriber().stream()
     }
 
-    /// Its promise.
+    /// The tolerance that the client keeps.
     #[must_use]
     pub const fn tolerance(&self) -> Tolerance {
         self.subscriber().tolerance()
     }
 
-    /// What was received so far.
+    /// Counters of everything received so far.
     #[must_use]
     pub const fn statistics(&self) -> SubscriberStatistics {
         self.subscriber().statistics()
@@ -119,7 +120,7 @@ impl UpstreamReceiver {
         self.subscriber().watermark_tick()
     }
 
-    /// The bodies, in rising order.
+    /// The bodies still in the scene, in rising order.
     pub fn bodies(&self) -> impl Iterator<Item = BodyId> {
         self.body_tracks
             .iter()
@@ -132,14 +133,15 @@ impl UpstreamReceiver {
         self.subscriber().has_lost_sync()
     }
 
-    /// Whether nothing is known to be missing that was sent about a tick.
+    /// Whether no packet about this tick is known to be missing.
     #[must_use]
     pub fn is_complete_at(&self, tick: Tick) -> bool {
-        let known = self.subscriber().is_converged() && self.subscriber().known_from() <= tick;
-        known || tick <= self.sure_until
+        let is_complete =
+            self.subscriber().is_converged() && self.subscriber().known_from() <= tick;
+        is_complete || tick <= self.complete_until
     }
 
-    /// Whether the client has been silent for so long that its bodies stand still at a tick.
+    /// Whether the client has been silent for so long that its bodies stand still at this tick.
     #[must_use]
     pub fn is_stale(&self, tick: Tick) -> bool {
         tick > self.trusted()
@@ -151,17 +153,17 @@ impl UpstreamReceiver {
             .trusted(self.watermark_tick(), silence)
     }
 
-    /// A body has left the scene. Its track stays, since the client learns of it later.
+    /// Removes a body from the scene. Its track stays, because the client learns of the removal later.
     pub fn remove(&mut self, id: BodyId) {
         for body_track in &mut self.body_tracks {
             body_track.id = body_track.id.filter(|known| *known != id);
         }
     }
 
-    /// Takes in a packet of this stream. One that is none, or that names what was not granted, changes nothing but a
-    /// count.
+    /// Applies a packet of this stream. A malformed packet, or one about bodies that were not granted, only changes a
+    /// counter.
     ///
-    /// Returns the oldest tick of which more, or less, is known than before; none if nothing changed.
+    /// Returns the oldest tick whose motions may have changed; None if no motion changed.
     pub fn handle_datagram(&mut self, datagram: &Datagram<'_>) -> Option<Tick> {
         if matches!(datagram.head().kind, PacketKind::Full | PacketKind::FullEnd) {
             return None;
@@ -179,19 +181,19 @@ impl UpstreamReceiver {
             }
         }
         // A missing packet may be about any tick after the last watermark.
-        let settles = self.subscriber().is_converged();
-        if converged && settles {
+        let is_converged = self.subscriber().is_converged();
+        if converged && is_converged {
             return oldest;
         }
-        // The ticks that a refresh left unknown may still lie ahead.
+        // After a refresh, unknown ticks may still lie ahead of the present one; the old bound then stays valid.
         if converged && self.subscriber().known_from() <= self.present {
-            self.sure_until = watermark_tick;
+            self.complete_until = watermark_tick;
         }
         Some(watermark_tick.next())
     }
 
-    /// Where the bodies belong at a tick, in rising order; ticks are asked for in rising order too. Bodies of a
-    /// client that has been silent for too long stand where they were predicted last.
+    /// The motions of the bodies at a tick, in rising order of id. Call with rising ticks. Bodies of a client that has
+    /// been silent for too long stand at their last predicted place.
     pub fn motions(&mut self, tick: Tick) -> impl Iterator<Item = (BodyId, Motion)> {
         self.present = tick;
         let until = self.trusted();
@@ -206,13 +208,13 @@ impl UpstreamReceiver {
         })
     }
 
-    /// Appends the reports that are due at a tick: of losses, and of silence, so that the client states its watermark.
+    /// Appends the reports due at a tick: losses, and silence, which requests the client's watermark.
     pub fn ask(&mut self, now: Instant, tick: Tick, out: &mut Vec<Bytes>) {
         let silence = self.subscriber().silent_ticks();
         let overdue = tick
             > self
                 .watermark_schedule
-                .asked(self.watermark_tick(), silence);
+                .requested(self.watermark_tick(), silence);
         if overdue {
             self.receiver.expect_within(now, Span::ZERO);
         } else {
@@ -224,7 +226,7 @@ impl UpstreamReceiver {
 }
 
 impl BodyTracks {
-    /// Another track holds from its origin on.
+    /// Adds a track that replaces the earlier ones from its origin on.
     fn take(&mut self, track: Track) {
         if self
             .tracks
@@ -239,10 +241,10 @@ impl BodyTracks {
         self.tracks.push_back(track);
     }
 
-    /// The track that holds at a tick; those before it are forgotten.
+    /// The track in force at a tick. Tracks before it are dropped.
     fn at(&mut self, tick: Tick) -> Option<&Track> {
-        let held = self.tracks.partition_point(|track| track.origin <= tick);
-        self.tracks.drain(..held.saturating_sub(1));
+        let begun_tracks = self.tracks.partition_point(|track| track.origin <= tick);
+        self.tracks.drain(..begun_tracks.saturating_sub(1));
         self.tracks.front().filter(|track| track.origin <= tick)
     }
 }
@@ -272,7 +274,7 @@ mod tests {
         .unwrap()
     }
 
-    /// To and fro, at a speed that changes each half second.
+    /// Back and forth along x, with a speed that changes each half second.
     fn walk(tick: u64) -> BodyState {
         let mut x = 0.0;
         let speed = |tick: u64| ((tick / 30) % 4) as f32 - 1.5;
@@ -297,21 +299,21 @@ mod tests {
         Datagram::open(bytes).expect("both ends send datagrams")
     }
 
-    fn ends() -> (UpstreamSender, UpstreamReceiver) {
+    fn connected_ends() -> (UpstreamSender, UpstreamReceiver) {
         let id = BodyId::new(70, 3);
-        let driving = AuthorityGrant {
+        let grant = AuthorityGrant {
             stream: StreamId(9),
             tick: Tick::new(100),
             bodies: alloc::vec![(id, at(0.0, 0.0))],
         };
-        let driver = UpstreamSender::new(&driving, TOLERANCE, INTEGRATOR, parameters);
-        let driven = UpstreamReceiver::new(&driving, TOLERANCE, INTEGRATOR, parameters);
-        (driver, driven)
+        let sender = UpstreamSender::new(&grant, TOLERANCE, INTEGRATOR, parameters);
+        let upstream_receiver = UpstreamReceiver::new(&grant, TOLERANCE, INTEGRATOR, parameters);
+        (sender, upstream_receiver)
     }
 
-    /// Where the server has the body at a tick.
-    fn placed(driven: &mut UpstreamReceiver, tick: Tick) -> Option<Motion> {
-        let mut motions = driven.motions(tick);
+    /// The motion that the server predicts for the body at a tick.
+    fn placed(upstream_receiver: &mut UpstreamReceiver, tick: Tick) -> Option<Motion> {
+        let mut motions = upstream_receiver.motions(tick);
         motions.next().map(|(id, motion)| {
             assert_eq!(id, BodyId::new(70, 3));
             motion
@@ -319,26 +321,27 @@ mod tests {
     }
 
     proptest! {
-        /// `lost` and `late` say what becomes of each packet; the driver leads by `lead` ticks.
+        /// `lost` and `late` decide the fate of each packet. The client leads the server by `lead` ticks.
         #[test]
         fn bodies_known_in_time_are_within_tolerance(
             fates in proptest::collection::vec((0_u8..10, 0_u64..6), 600), lead in 0_u64..12
         ) {
-            let (mut driver, mut driven) = ends();
+            let (mut sender, mut upstream_receiver) = connected_ends();
             let mut under_way: Vec<(u64, Bytes)> = Vec::new();
             let mut fates = fates.into_iter();
-            let (mut said, mut asked): (Vec<Bytes>, Vec<Bytes>) = Default::default();
-            let mut sure = 0;
+            let (mut packets, mut reports): (Vec<Bytes>, Vec<Bytes>) = Default::default();
+            let mut checked = 0;
             for step in 1..240_u64 {
                 let tick = Tick::new(100 + step);
                 let now = Instant::from_nanos(step * 16_666_667);
                 let ahead = step + lead;
-                let told = driver.publish(Tick::new(100 + ahead), &[(BodyId::new(70, 3), walk(ahead))], &mut said);
-                prop_assert_eq!(told, PublishOutcome::Yes);
-                for question in asked.drain(..) {
-                    driver.handle_datagram(now, Span::from_millis(30), &opened(&question), &mut said);
+                let states = [(BodyId::new(70, 3), walk(ahead))];
+                let outcome = sender.publish(Tick::new(100 + ahead), &states, &mut packets);
+                prop_assert_eq!(outcome, PublishOutcome::Yes);
+                for report in reports.drain(..) {
+                    sender.handle_datagram(now, Span::from_millis(30), &opened(&report), &mut packets);
                 }
-                for packet in said.drain(..) {
+                for packet in packets.drain(..) {
                     let (fate, way) = fates.next().unwrap_or((9, 0));
                     if fate > 1 {
                         under_way.push((step + way, packet));
@@ -347,82 +350,85 @@ mod tests {
                 under_way.retain(|(due, packet)| {
                     let is_due = *due <= step;
                     if is_due {
-                        driven.handle_datagram(&opened(packet));
+                        upstream_receiver.handle_datagram(&opened(packet));
                     }
                     !is_due
                 });
-                let placed = placed(&mut driven, tick).expect("it is there");
-                if driven.is_complete_at(tick) && driven.watermark_tick() >= tick && step > lead {
+                let placed = placed(&mut upstream_receiver, tick).expect("it is there");
+                if upstream_receiver.is_complete_at(tick) && upstream_receiver.watermark_tick() >= tick && step > lead {
                     let apart = Divergence::between(&walk(step).motion().pose(), &placed.pose());
                     let share = TOLERANCE.share(&apart, Metres::new(0.5));
                     prop_assert!(share <= 1.0, "off by {} at step {}", share, step);
-                    sure += 1;
+                    checked += 1;
                 }
-                driven.ask(now, tick, &mut asked);
+                upstream_receiver.ask(now, tick, &mut reports);
             }
-            prop_assert!(lead < 8 || sure > 0);
-            prop_assert_eq!(driven.statistics().mismatches, 0);
-            prop_assert_eq!(driven.statistics().malformed, 0);
+            prop_assert!(lead < 8 || checked > 0);
+            prop_assert_eq!(upstream_receiver.statistics().mismatches, 0);
+            prop_assert_eq!(upstream_receiver.statistics().malformed, 0);
         }
     }
 
     #[test]
     fn a_wrong_track_ends_the_stream() {
-        let (mut driver, mut driven) = ends();
-        let (mut said, mut asked): (Vec<Bytes>, Vec<Bytes>) = Default::default();
+        let (mut sender, mut upstream_receiver) = connected_ends();
+        let (mut packets, mut reports): (Vec<Bytes>, Vec<Bytes>) = Default::default();
         for step in 1..=200_u64 {
             let now = Instant::from_nanos(step * 16_666_667);
             let tick = Tick::new(100 + step);
-            driver.publish(tick, &[(BodyId::new(70, 3), at(0.0, 0.0))], &mut said);
+            sender.publish(tick, &[(BodyId::new(70, 3), at(0.0, 0.0))], &mut packets);
             if step == 20 {
                 let wrong = Track::resting(tick, at(7.0, 0.0));
                 let index = BodyId::new(0, 0);
-                assert!(driven.receiver.subscriber_mut().place(
+                assert!(upstream_receiver.receiver.subscriber_mut().place(
                     index,
                     &parameters(index).unwrap(),
                     wrong
                 ));
             }
-            for packet in said.drain(..) {
-                driven.handle_datagram(&opened(&packet));
+            for packet in packets.drain(..) {
+                upstream_receiver.handle_datagram(&opened(&packet));
             }
-            driven.ask(now, tick, &mut asked);
-            for question in asked.drain(..) {
-                driver.handle_datagram(now, Span::from_millis(30), &opened(&question), &mut said);
+            upstream_receiver.ask(now, tick, &mut reports);
+            for report in reports.drain(..) {
+                sender.handle_datagram(now, Span::from_millis(30), &opened(&report), &mut packets);
             }
         }
-        assert_eq!(driven.statistics().mismatches, 1);
-        assert!(driven.has_lost_sync());
+        assert_eq!(upstream_receiver.statistics().mismatches, 1);
+        assert!(upstream_receiver.has_lost_sync());
     }
 
     #[test]
     fn bodies_of_a_silent_client_stop() {
-        let (mut driver, mut driven) = ends();
-        let mut said = Vec::new();
+        let (mut sender, mut upstream_receiver) = connected_ends();
+        let mut packets = Vec::new();
         for ahead in 1..=20_u64 {
             let motion = at(ahead as f32 / 60.0, 1.0);
-            driver.publish(
+            sender.publish(
                 Tick::new(100 + ahead),
                 &[(BodyId::new(70, 3), motion)],
-                &mut said,
+                &mut packets,
             );
         }
-        for packet in said.drain(..) {
-            driven.handle_datagram(&opened(&packet));
+        for packet in packets.drain(..) {
+            upstream_receiver.handle_datagram(&opened(&packet));
         }
-        let last = driven.watermark_tick();
+        let last = upstream_receiver.watermark_tick();
         let mut flown = 0;
-        let mut before = placed(&mut driven, last).expect("it is there").pose();
+        let mut before = placed(&mut upstream_receiver, last)
+            .expect("it is there")
+            .pose();
         for ahead in 1..300 {
-            let now = placed(&mut driven, last + Ticks::new(ahead)).expect("it is there");
+            let now =
+                placed(&mut upstream_receiver, last + Ticks::new(ahead)).expect("it is there");
             flown += u32::from(now.pose() != before);
             assert_eq!(
-                driven.is_stale(last + Ticks::new(ahead)),
+                upstream_receiver.is_stale(last + Ticks::new(ahead)),
                 now.twist() == rhumb_reckoning::Twist::ZERO
             );
             before = now.pose();
         }
-        // As long as it was silent before, or four ticks, and a second.
+        // The silence before the last packet, at least four ticks, plus one second.
         assert!((64..=80).contains(&flown), "{flown} ticks");
     }
 }

@@ -1,7 +1,7 @@
 //! The upstream of a client: states of the bodies it has authority over.
 //!
-//! Wraps a `StreamSender`. Does not know by which lane its packets go. Invariant: once the server has received all that
-//! `publish` returned, it predicts each body within the tolerance of the state that was given here.
+//! Wraps a `StreamSender`. The caller chooses the lane for the packets. Invariant: a server that received all packets
+//! of `publish` predicts each body within the tolerance of the state given here.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
@@ -23,41 +23,41 @@ use crate::time::{Instant, Span};
 /// A body that the client has authority over.
 #[derive(Clone, Copy, Debug)]
 struct UpstreamBody {
-    /// None once it has left the scene.
+    /// None after the body left the scene.
     id: Option<BodyId>,
-    /// The state that was given last.
+    /// The state that was published last.
     latest: BodyState,
-    /// Since when it stands still.
+    /// The tick since which the body stands still.
     still_since: Tick,
 }
 
 /// The outcome of publishing the states of a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PublishOutcome {
-    /// They were compared with the server's prediction, and sent where that was needed.
+    /// The states were compared with the server's prediction and encoded where they exceed the tolerance.
     Yes,
-    /// This tick, or a later one, was published before.
+    /// This tick or a later one was already published.
     Before,
-    /// The tick lies so far ahead that the stream must begin anew.
+    /// The tick lies so far ahead that the stream must start again.
     TooFar,
 }
 
-/// The only listener.
+/// The id of the only subscriber.
 const SERVER: u64 = 0;
 
-/// The stream at its source.
+/// The publishing end of an upstream.
 #[derive(Debug)]
 pub(crate) struct UpstreamSender {
     sender: StreamSender,
     observation_history: ObservationHistory,
-    /// In rising order of id. The place is the index in the stream.
+    /// In rising order of id. The position is the body's index in the stream.
     bodies: Vec<UpstreamBody>,
-    seen: Vec<Observation>,
-    /// A body that stands still for so long rests.
+    observations: Vec<Observation>,
+    /// A body that stands still for this long counts as asleep.
     second: Ticks,
 }
 
-/// What the publisher of an upstream may use: gravity does not act on bodies that no engine moves, and none is attached.
+/// Predictors allowed in an upstream: gravity does not act on kinematic bodies, and none is attached.
 const FEATURES: Features = Features {
     ballistic: false,
     torque_free: false,
@@ -69,9 +69,9 @@ const FEATURES: Features = Features {
 const SCENE_EVENTS: u64 = 0;
 
 impl UpstreamSender {
-    /// A stream as the server has granted it. `parameters` says what predictors need to know of a body that is there.
+    /// Starts the stream that the server granted. `parameters` returns None for a body that is not in the scene.
     pub(crate) fn new(
-        driving: &AuthorityGrant,
+        grant: &AuthorityGrant,
         tolerance: Tolerance,
         integrator: Integrator,
         parameters: impl Fn(BodyId) -> Option<PredictionParameters>,
@@ -84,47 +84,46 @@ impl UpstreamSender {
             features: FEATURES,
         };
         let policy = WatermarkPolicy::upstream(integrator.rate);
-        let mut sender =
-            StreamSender::reckoned(driving.stream, &config, None, policy, driving.tick);
-        let mut bodies = Vec::with_capacity(driving.bodies.len());
-        for (id, motion) in &driving.bodies {
+        let mut sender = StreamSender::reckoned(grant.stream, &config, None, policy, grant.tick);
+        let mut bodies = Vec::with_capacity(grant.bodies.len());
+        for (id, motion) in &grant.bodies {
             let index = BodyId::new(bodies.len() as u32, 0);
-            let track = driving.first_track(*motion);
+            let track = grant.first_track(*motion);
             let placed = parameters(*id)
                 .is_some_and(|parameters| sender.place(index, &parameters, track, *motion));
             bodies.push(UpstreamBody {
                 id: placed.then_some(*id),
                 latest: *motion,
-                still_since: driving.tick,
+                still_since: grant.tick,
             });
         }
         Self {
             sender,
             observation_history: ObservationHistory::new(scene::PublishSchedule::EACH_TICK),
             bodies,
-            seen: Vec::new(),
+            observations: Vec::new(),
             second: second(integrator.rate),
         }
     }
 
-    /// Its bodies, in rising order.
+    /// The bodies still in the scene, in rising order.
     pub(crate) fn bodies(&self) -> impl Iterator<Item = BodyId> {
         self.bodies.iter().filter_map(|body| body.id)
     }
 
-    /// What it published so far.
+    /// Counters of everything published so far.
     pub(crate) fn statistics(&self) -> PublisherStatistics {
         self.sender.statistics()
     }
 
-    /// A body has left the scene. Its track stays, since the server does not know at the same tick.
+    /// Removes a body from the scene. Its track stays, because the server removes it at another tick.
     pub(crate) fn remove(&mut self, id: BodyId) {
         for body in &mut self.bodies {
             body.id = body.id.filter(|known| *known != id);
         }
     }
 
-    /// Publishes the states of a tick and appends the packets. A body without a state stands still where it was last.
+    /// Publishes the states of a tick and appends the packets. A body without a state stands still at its last place.
     pub(crate) fn publish(
         &mut self,
         tick: Tick,
@@ -139,7 +138,7 @@ impl UpstreamSender {
             return PublishOutcome::TooFar;
         }
         let by_id: BTreeMap<BodyId, BodyState> = motions.iter().copied().collect();
-        self.seen.clear();
+        self.observations.clear();
         for (place, body) in self.bodies.iter_mut().enumerate() {
             let Some(id) = body.id else { continue };
             let motion = by_id.get(&id).copied();
@@ -150,7 +149,7 @@ impl UpstreamSender {
             body.latest = motion;
             let still = tick.since(body.still_since);
             let rests = still.is_none_or(|ticks| ticks >= self.second);
-            self.seen.push(Observation {
+            self.observations.push(Observation {
                 id: BodyId::new(place as u32, 0),
                 motion,
                 activity: if rests {
@@ -160,18 +159,18 @@ impl UpstreamSender {
                 },
             });
         }
-        self.observation_history.observe(tick, &self.seen);
+        self.observation_history.observe(tick, &self.observations);
         self.sender.publish(&self.observation_history, SCENE_EVENTS);
         out.extend(self.sender.datagrams(SERVER).cloned());
         PublishOutcome::Yes
     }
 
-    /// Its name.
+    /// The id of the stream.
     pub(crate) fn stream(&self) -> StreamId {
         self.sender.stream()
     }
 
-    /// Answers a datagram of the server about this stream: a loss report.
+    /// Answers a loss report that the server sent about this stream.
     pub(crate) fn handle_datagram(
         &mut self,
         now: Instant,

@@ -1,6 +1,6 @@
-//! How far the silent upstream of a client is trusted.
+//! How long the server predicts a silent upstream of a client.
 //!
-//! Counted in the scene's ticks alone, so that it is the same in a scene that its members lead (PROTOCOL 6.14).
+//! Counted in ticks of the scene alone, so that it is the same in a lockstep scene (PROTOCOL 6.14).
 
 use rhumb_reckoning::{Rate, Tick, Ticks};
 
@@ -11,7 +11,7 @@ use crate::stream::{WatermarkPolicy, whole_ticks};
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WatermarkSchedule {
     policy: WatermarkPolicy,
-    /// How late a watermark may be.
+    /// The allowed delay of a watermark.
     grace: Ticks,
 }
 
@@ -23,17 +23,17 @@ impl WatermarkSchedule {
         }
     }
 
-    /// The tick at which the next watermark is due after one of `watermark_tick` that ends a silence of `silence` ticks.
+    /// When the watermark after `watermark_tick` is due, given the ticks of silence that `watermark_tick` ended.
     pub(crate) fn due(&self, watermark_tick: Tick, silence: u64) -> Tick {
         watermark_tick + Ticks::new(self.policy.pause_after(silence) as u32)
     }
 
-    /// The tick from which the server asks for the overdue watermark.
-    pub(crate) fn asked(&self, watermark_tick: Tick, silence: u64) -> Tick {
+    /// The tick from which the server requests the overdue watermark.
+    pub(crate) fn requested(&self, watermark_tick: Tick, silence: u64) -> Tick {
         self.due(watermark_tick, silence) + Ticks::new(self.grace.count() / 4)
     }
 
-    /// The last tick that is predicted.
+    /// The last tick that the server predicts without it.
     pub(crate) fn trusted(&self, watermark_tick: Tick, silence: u64) -> Tick {
         self.due(watermark_tick, silence) + self.grace
     }
@@ -45,11 +45,8 @@ mod tests {
 
     #[test]
     fn an_upstream_is_trusted_until_a_second_after_its_watermark_was_due() {
-        let publish_schedule = WatermarkSchedule::of(Rate::HZ_60);
-        assert_eq!(publish_schedule.trusted(Tick::new(10), 0), Tick::new(74));
-        assert_eq!(
-            publish_schedule.trusted(Tick::new(900), 700),
-            Tick::new(1_110)
-        );
+        let schedule = WatermarkSchedule::of(Rate::HZ_60);
+        assert_eq!(schedule.trusted(Tick::new(10), 0), Tick::new(74));
+        assert_eq!(schedule.trusted(Tick::new(900), 700), Tick::new(1_110));
     }
 }

@@ -1,4 +1,4 @@
-//! Which body sits where: small numbers for those that are much spoken of.
+//! Aliases: small numbers for the bodies that are updated often.
 //!
 //! Publisher and subscriber keep the assignments. The publisher decides, and sends each assignment. A subscriber that
 //! missed one finds no body under the alias, or a body whose track has another age: it never confuses two bodies
@@ -13,17 +13,17 @@ use rhumb_reckoning::Tick;
 
 use crate::capacity::grow_to;
 
-/// Who sits where, and of each alias something more.
+/// The assignments of aliases to bodies, and a value of type `T` for each alias.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AliasMap<T> {
-    /// By alias, one more than the index of its body.
+    /// By alias: one more than the index of its body, None for a free alias, and the value.
     aliases: Vec<(Option<NonZeroU32>, T)>,
-    /// By index, one more than the alias; 0 for none.
+    /// By index of the body: one more than its alias; 0 for none.
     of_body: Vec<u32>,
 }
 
 impl<T: Clone + Default> AliasMap<T> {
-    /// The body in a alias.
+    /// The body that has an alias.
     pub(crate) fn body(&self, alias: u32) -> Option<u32> {
         let (body, _) = self.aliases.get(alias as usize)?;
         Some((*body)?.get() - 1)
@@ -34,7 +34,7 @@ impl<T: Clone + Default> AliasMap<T> {
         self.of_body.get(body as usize)?.checked_sub(1)
     }
 
-    /// A body takes a alias; who sat there stands.
+    /// Assigns an alias to a body; the body that had it loses it.
     fn put(&mut self, alias: u32, body: u32, more: T) {
         let place = alias as usize;
         grow_to(&mut self.aliases, place + 1, || (None, T::default()));
@@ -47,7 +47,7 @@ impl<T: Clone + Default> AliasMap<T> {
         self.of_body[body as usize] = alias + 1;
     }
 
-    /// Who sits there stands, and nobody takes the alias.
+    /// Frees an alias; the body that had it loses it.
     fn empty(&mut self, alias: u32, more: T) {
         let place = alias as usize;
         grow_to(&mut self.aliases, place + 1, || (None, T::default()));
@@ -57,7 +57,7 @@ impl<T: Clone + Default> AliasMap<T> {
         self.aliases[place] = (None, more);
     }
 
-    /// A body leaves its alias, if it has one; returns which.
+    /// Frees the alias of a body, if it has one, and returns it.
     pub(crate) fn release(&mut self, body: u32) -> Option<u32> {
         let alias = self.of(body)?;
         self.of_body[body as usize] = 0;
@@ -66,7 +66,7 @@ impl<T: Clone + Default> AliasMap<T> {
     }
 }
 
-/// A tick in two words: in one it would make room for nothing beside it.
+/// A tick as two 32-bit words: as a u64 its alignment would enlarge the entries of the table.
 #[derive(Clone, Copy, Debug, Default)]
 struct PackedTick([u32; 2]);
 
@@ -81,12 +81,12 @@ impl PackedTick {
     }
 }
 
-/// State of the body of an assignment.
+/// State of the body of an assignment when the assignment arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum AliasOwner {
-    /// Nothing that is newer.
+    /// The body has no newer track.
     AsAssigned,
-    /// It has a newer track, or was removed.
+    /// The body has a newer track, or was removed.
     MovedOn,
 }
 
@@ -139,42 +139,43 @@ impl ReceivedAliases {
         }
     }
 
-    /// When a alias was taken last.
+    /// The tick of an alias's newest assignment.
     fn since(&self, alias: u32) -> Tick {
         let alias = self.now.aliases.get(alias as usize);
         alias.map_or(Tick::ZERO, |(_, since)| since.tick())
     }
 }
 
-/// Gives aliases out: the lowest that is free.
+/// Assigns aliases: the lowest free one first.
 ///
-/// ReceivedAliases that were left cost nothing, however many were taken once: it is looked where somebody sits.
+/// Free aliases cost nothing per tick: only blocks with assigned aliases are scanned for idle ones.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AliasTable {
-    /// With the low bits of the tick at which its body was last spoken of.
+    /// With the low bits of the tick of the body's last update.
     aliases: AliasMap<u32>,
     free: BinaryHeap<Reverse<u32>>,
-    /// Left since the last release_idle_aliases: not given out before the next, so that no two bodies sit there in one tick.
-    left: Vec<u32>,
-    /// ReceivedAliases from here on were never taken.
+    /// Freed since the last call of `release_idle_aliases`. They are assigned again only after the next call, so no
+    /// alias has two bodies in one tick.
+    freed: Vec<u32>,
+    /// No alias from this one on was ever assigned.
     end: u32,
-    /// Where it is looked for who is silent: blocks of aliases in which somebody sits, or sat at the last look.
+    /// The blocks to scan for idle aliases: those with an assigned alias, now or at the last scan.
     blocks: BTreeSet<u32>,
     swept: Tick,
 }
 
-/// Who was silent for so many ticks loses its alias when others need one.
+/// A body without an update for this many ticks loses its alias when other bodies need one.
 const ALIAS_IDLE_TICKS: u64 = 60;
-/// ReceivedAliases are looked at by so many: a list of them takes little room beside them.
+/// The number of aliases in a block. A list of blocks is small beside the table.
 const BLOCK: u32 = 64;
 
 impl AliasTable {
-    /// The aliases as they are.
+    /// The present assignments.
     pub(crate) const fn aliases(&self) -> &AliasMap<u32> {
         &self.aliases
     }
 
-    /// The alias of a body that is spoken of, and whether it takes it now.
+    /// The alias of an updated body, and whether this update assigns it.
     pub(crate) fn alias(&mut self, body: u32, tick: Tick) -> (u32, bool) {
         if let Some(alias) = self.aliases.of(body) {
             self.aliases.aliases[alias as usize].1 = tick.value() as u32;
@@ -192,34 +193,34 @@ impl AliasTable {
         (alias, true)
     }
 
-    /// A body comes to rest or goes; its alias is free from the next tick on.
+    /// Frees the alias of a body that comes to rest or leaves the scene. It can be assigned from the next tick on.
     pub(crate) fn release(&mut self, body: u32) {
         if let Some(alias) = self.aliases.release(body) {
-            self.left.push(alias);
+            self.freed.push(alias);
         }
     }
 
-    /// Frees the aliases of those who were silent for long; to be called once a tick, before anybody speaks. Returns how many
-    /// aliases it looked at.
+    /// Frees the aliases of idle bodies. Call it once a tick, before any update. Returns the number of aliases that it
+    /// scanned.
     pub(crate) fn release_idle_aliases(&mut self, tick: Tick) -> u64 {
-        let mut looked = 0;
+        let mut scanned = 0;
         if tick.value() >= self.swept.value() + ALIAS_IDLE_TICKS {
             self.swept = tick;
-            looked = self.release_idle(tick);
+            scanned = self.release_idle(tick);
         }
-        self.free.extend(self.left.drain(..).map(Reverse));
-        looked
+        self.free.extend(self.freed.drain(..).map(Reverse));
+        scanned
     }
 
     fn release_idle(&mut self, tick: Tick) -> u64 {
-        let mut looked = 0;
+        let mut scanned = 0;
         let mut blocks = core::mem::take(&mut self.blocks);
         blocks.retain(|block| {
             let mut taken = false;
             for alias in block * BLOCK..self.end.min((block + 1) * BLOCK) {
-                looked += 1;
-                let (_, spoken) = self.aliases.aliases[alias as usize];
-                let silent = (tick.value() as u32).wrapping_sub(spoken);
+                scanned += 1;
+                let (_, updated) = self.aliases.aliases[alias as usize];
+                let silent = (tick.value() as u32).wrapping_sub(updated);
                 let Some(body) = self.aliases.body(alias) else {
                     continue;
                 };
@@ -232,7 +233,7 @@ impl AliasTable {
             taken
         });
         self.blocks = blocks;
-        looked
+        scanned
     }
 }
 

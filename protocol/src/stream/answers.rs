@@ -1,17 +1,17 @@
-//! How often one listener is answered.
+//! Limits how often a sender answers one listener.
 //!
-//! Bounds what a listener can make its sender do: reports have a pause between them, and no packet is refreshed twice
-//! within a round trip.
+//! Bounds the work that a listener can cause: there is a pause between answered reports, and no packet is refreshed
+//! twice within a round trip.
 
 use alloc::collections::BTreeMap;
 
 use crate::time::{Instant, Span};
 
-/// Reports of one listener that follow each other faster are not answered: half of the time that a receiver allows for
-/// disorder before it reports a loss.
+/// The least time between two answered reports of one listener: half of the time that a receiver waits for reordered
+/// packets before it reports a loss.
 const REPORT_PAUSE: Span = Span::from_millis(2);
 
-/// When each listener was answered last.
+/// The times of the last answers to each listener.
 #[derive(Debug, Default)]
 pub(super) struct Answers {
     listeners: BTreeMap<u64, Answered>,
@@ -20,23 +20,23 @@ pub(super) struct Answers {
 #[derive(Debug, Default)]
 struct Answered {
     report: Option<Instant>,
-    /// By number of packet.
+    /// The time of the last refresh, by number of the lost packet.
     refreshes: BTreeMap<u64, Instant>,
 }
 
 impl Answers {
-    /// A listener has gone, or begins anew.
+    /// Drops the times of a listener that left or starts again.
     pub(super) fn forget(&mut self, listener: u64) {
         self.listeners.remove(&listener);
     }
 
-    /// Whether a loss report is to be answered now; if so, the next one is not for a while.
+    /// Whether to answer a loss report now. If so, the next reports within the pause are not answered.
     pub(super) fn allow_report(&mut self, now: Instant, listener: u64) -> bool {
         let answered = self.listeners.entry(listener).or_default();
         is_due(&mut answered.report, now, REPORT_PAUSE)
     }
 
-    /// Whether a packet is to be refreshed now; if so, it is not again for a round trip.
+    /// Whether to refresh a packet now. If so, it is not refreshed again within a round trip.
     pub(super) fn allow_refresh(
         &mut self,
         now: Instant,
@@ -54,7 +54,7 @@ impl Answers {
     }
 }
 
-/// Whether a pause since the last time is over; if so, this is the last time.
+/// Whether the pause since `last` is over; if so, sets `last` to now.
 fn is_due(last: &mut Option<Instant>, now: Instant, pause: Span) -> bool {
     let due = last.is_none_or(|last| now >= last + pause);
     if due {
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn reports_of_each_listener_have_a_pause_of_their_own() {
+    fn the_pause_between_reports_is_per_listener() {
         let mut answers = Answers::default();
         let allowed = [(0, 1), (0, 2), (1, 1), (2, 1)];
         let allowed = allowed.map(|(ms, listener)| answers.allow_report(at(ms), listener));

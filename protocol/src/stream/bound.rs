@@ -1,22 +1,21 @@
-//! How far off a copy may be.
+//! The bound of a replica's error for one body.
 //!
-//! What is known, and what is not; nothing is reckoned here.
+//! Only the type; the subscriber determines the bound.
 
 use core::fmt;
 
 use rhumb_reckoning::{Metres, Tick};
 
-/// How far the copy of one body may be from the truth, at the newest tick that the stream has watermark_tick for.
+/// The distance between a body's predicted and true pose, at the newest tick of the stream's watermark.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ErrorBound {
-    /// Every point of it is within this distance of where it is.
+    /// Every point of the body is within this distance of its true place.
     ///
-    /// A body that was said to rest to the bit is no exception: it may have woken since, and not moved enough to be
-    /// spoken of.
+    /// This includes a body at its exact rest pose: it may have woken since and moved less than the tolerance.
     Within(Metres),
-    /// A packet that may have spoken of it was lost and is not made good yet; the tolerance held at this tick.
+    /// A packet that may contain an update of the body is missing. The tolerance held at `since`.
     Unknown {
-        /// Up to which the stream was whole.
+        /// The newest tick up to which the stream was complete.
         since: Tick,
     },
 }

@@ -1,7 +1,7 @@
-//! How many bytes a stream may take, and what it has left of them.
+//! The byte budget of a stream, and the token bucket that enforces it.
 //!
-//! A bucket that fills as ticks pass. What is said when it does not suffice is decided in `publisher/budget_state`. Knows no
-//! link and no listener: what a stream takes never depends on how the network does.
+//! The bucket fills as ticks pass. `publisher/budget_state` decides which updates go first. The budget does not depend
+//! on links or listeners.
 
 use rhumb_reckoning::{Rate, Ticks};
 
@@ -9,7 +9,7 @@ use crate::limits::{BUDGET_BURST_MAX, BUDGET_MAX, BUDGET_MIN, DATAGRAM_BYTES_MAX
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// Bytes that the packets of a stream may take: so many in a second of the scene's time, and so many at once.
+/// The bytes that a stream's packets may take: a rate per second of the scene's time, and a burst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Budget {
     bytes_per_second: u32,
@@ -17,7 +17,7 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// So many bytes a second, and so many at once; `None` outside the limits (PROTOCOL 7).
+    /// A budget of this rate and burst, in bytes; `None` outside the limits (PROTOCOL 7).
     #[must_use]
     pub fn new(bytes_per_second: u32, burst: u32) -> Option<Self> {
         let fits = (BUDGET_MIN..=BUDGET_MAX).contains(&bytes_per_second);
@@ -28,20 +28,20 @@ impl Budget {
         })
     }
 
-    /// So many bytes a second, and at once what a quarter of a second allows, or a full packet if that is more.
+    /// A budget of this rate with a burst of a quarter of a second, or of a full packet if that is more.
     #[must_use]
     pub fn per_second(bytes: u32) -> Option<Self> {
         let burst = (bytes / 4).clamp(DATAGRAM_BYTES_MAX as u32, BUDGET_BURST_MAX);
         Self::new(bytes, burst)
     }
 
-    /// Bytes a second.
+    /// The rate, bytes per second of the scene's time.
     #[must_use]
     pub const fn bytes_per_second(self) -> u32 {
         self.bytes_per_second
     }
 
-    /// Bytes at once.
+    /// The burst, bytes.
     #[must_use]
     pub const fn burst(self) -> u32 {
         self.burst
@@ -59,10 +59,10 @@ impl Wire for Budget {
     }
 }
 
-/// What is left of a budget.
+/// The unspent part of a budget.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TokenBucket {
-    /// Billionths of a byte; negative after what had to be said all the same.
+    /// Billionths of a byte; negative after packets that had to be sent despite the budget.
     left: i64,
     each_tick: i64,
     most: i64,
@@ -71,7 +71,7 @@ pub(crate) struct TokenBucket {
 const BILLION: i64 = 1_000_000_000;
 
 impl TokenBucket {
-    /// A full one.
+    /// A full bucket.
     pub(crate) fn new(budget: Budget, rate: Rate) -> Self {
         let most = i64::from(budget.burst) * BILLION;
         Self {
@@ -81,24 +81,24 @@ impl TokenBucket {
         }
     }
 
-    /// Time passed.
+    /// Adds the bytes earned in `passed` ticks.
     pub(crate) fn earn(&mut self, passed: Ticks) {
         let earned = self.each_tick.saturating_mul(i64::from(passed.count()));
         self.left = self.left.saturating_add(earned).min(self.most);
     }
 
-    /// Bytes were said.
+    /// Subtracts bytes that were sent.
     pub(crate) fn spend(&mut self, bytes: usize) {
         self.left = self.left.saturating_sub(bytes as i64 * BILLION);
     }
 
-    /// Keyframe bytes that are left.
+    /// The unspent whole bytes.
     pub(crate) fn left(&self) -> u64 {
         (self.left.max(0) / BILLION) as u64
     }
 }
 
-// A tick of the slowest scene earns what can be counted.
+// The bytes earned in a tick of the slowest scene do not overflow.
 const _: () = assert!((BUDGET_MAX as i64) <= i64::MAX / BILLION / 4);
 
 #[cfg(test)]
@@ -108,19 +108,19 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_spent_is_at_most_the_burst_and_what_time_earned(
+        fn the_bytes_spent_never_exceed_the_burst_plus_the_earned_bytes(
             rate in BUDGET_MIN..1_000_000,
-            wishes in proptest::collection::vec(0_usize..3_000, 1..400),
+            packet_sizes in proptest::collection::vec(0_usize..3_000, 1..400),
         ) {
             let budget = Budget::per_second(rate).unwrap();
             let mut token_bucket = TokenBucket::new(budget, Rate::HZ_60);
             let (mut spent, mut longest) = (0_u64, 0);
-            for (ticks, wish) in wishes.iter().enumerate() {
+            for (ticks, size) in packet_sizes.iter().enumerate() {
                 token_bucket.earn(Ticks::new(1));
                 if token_bucket.left() > 0 {
-                    token_bucket.spend(*wish);
-                    spent += *wish as u64;
-                    longest = longest.max(*wish);
+                    token_bucket.spend(*size);
+                    spent += *size as u64;
+                    longest = longest.max(*size);
                 }
                 let earned = u64::from(rate) * (ticks as u64 + 1) / 60;
                 let allowed = u64::from(budget.burst()) + earned + longest as u64 + 1;
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_budget_comes_back_as_it_was_said_and_others_are_refused() {
+    fn a_budget_round_trips_and_invalid_ones_are_refused() {
         for (rate, burst, fits) in [
             (BUDGET_MIN, 1_150, true),
             (8_000, 2_000, true),

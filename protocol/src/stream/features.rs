@@ -1,38 +1,39 @@
-//! What a publisher may use: all, unless a measurement switches it off.
+//! The features of a publisher: all are on, except in measurements.
 
-/// Switches of a publisher's choices. They change what is said, never how it is read.
+/// Switches of a publisher's choices. They change what it sends, never how a packet is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Features {
-    /// What lies still while it is awake is predicted to go on lying.
+    /// Predicts rest for a body that is awake and still.
     pub resting: bool,
-    /// Bodies that fall are predicted to fall.
+    /// Predicts ballistic motion for falling bodies.
     pub ballistic: bool,
-    /// Bodies of unequal moments are predicted to tumble.
+    /// Predicts torque-free rotation for bodies with unequal moments of inertia.
     pub torque_free: bool,
-    /// Bodies may be attached by others.
+    /// Attaches bodies to others.
     pub attached: bool,
-    /// Velocities are left to be implied where that serves.
+    /// Omits velocities that follow from two poses, where that is cheaper.
     pub derived: bool,
-    /// Corrections leave out what the tolerance does not need.
+    /// Omits the parts of a correction that the tolerance does not need.
     pub sparse: bool,
-    /// Velocities are said in coarser steps than the finest where that serves.
+    /// Encodes velocities in coarser steps, where that is cheaper.
     pub coarse: bool,
-    /// Bodies that something accelerations steadily are predicted to be accelerated on.
+    /// Predicts constant acceleration.
     pub accelerated: bool,
-    /// What lookahead knows decides which corrections are said.
+    /// Chooses corrections by mode decision, with the observations of the lookahead.
     pub mode_decision: bool,
-    /// Motions are said as corrections of what was predicted.
+    /// Encodes motions as corrections of the prediction.
     pub residuals: bool,
-    /// What is still within tolerance is not spoken of.
+    /// Skips bodies that the prefilter finds within tolerance.
     pub prefilter: bool,
-    /// A packet says more than one body. Without it a tick may take more packets than are remembered: to be measured without loss.
+    /// Packs several bodies into a packet. Off, a tick may take more packets than are kept for refreshes; measure that
+    /// without loss.
     pub packing: bool,
-    /// What is lost can be had back from repair_symbols.
+    /// Sends repair symbols to recover lost packets.
     pub redundancy: bool,
 }
 
 impl Features {
-    /// Everything.
+    /// All features.
     pub const ALL: Self = Self {
         resting: true,
         ballistic: true,
@@ -49,7 +50,7 @@ impl Features {
         redundancy: true,
     };
 
-    /// How often steps of velocities may be doubled, of what could be tried.
+    /// The exponents of velocity steps to try: `doubled`, or only the finest.
     pub(super) fn steps<const N: usize>(&self, doubled: [u32; N]) -> impl Iterator<Item = u32> {
         let coarse = self.coarse;
         doubled

@@ -1,8 +1,8 @@
-//! What a listener keeps so that repair_symbols give it lost packets back.
+//! The FEC decoder: recovers lost packets from repair symbols.
 //!
-//! SourceSymbols and sums only: what a rebuilt packet says is for the subscriber to read, as it reads any other. Bytes from
-//! anyone: the packets of [`FEC_SPAN`] numbers and [`REPAIR_SYMBOLS_KEPT`] repair_symbols are all that is kept, and a repair_symbol costs
-//! no more than a multiplication for each byte of these.
+//! Handles source symbols and sums only; the subscriber reads a recovered packet like any other. Bytes come from
+//! untrusted peers. Memory is bounded by [`FEC_SPAN`] source symbols and [`REPAIR_SYMBOLS_KEPT`] repair symbols. A
+//! repair symbol costs at most one multiplication for each byte of these.
 
 use alloc::collections::VecDeque;
 use alloc::vec;
@@ -12,17 +12,17 @@ use super::source_symbols::SourceSymbols;
 use crate::limits::{FEC_SPAN, REPAIR_SYMBOLS_KEPT};
 use crate::packet::{Datagram, RepairSymbol, add_times, inverse, source_symbol_into, times};
 
-/// A repair_symbol, less the packets in it that were received.
+/// A repair symbol minus the source symbols of received packets.
 #[derive(Clone, Debug)]
 struct PartialSum {
     row: u8,
-    /// The packets that are still in it.
+    /// The packets still in the sum.
     unknown: Vec<u64>,
     source_symbol: Vec<u8>,
 }
 
 impl PartialSum {
-    /// Takes a packet out that has become known.
+    /// Subtracts the source symbol of a packet that became known.
     fn take(&mut self, number: u64, source_symbol: &[u8]) {
         let Some(place) = self.unknown.iter().position(|other| *other == number) else {
             return;
@@ -39,21 +39,21 @@ impl PartialSum {
     }
 }
 
-/// A listener's last packets and the repair_symbols that it has no use for yet.
+/// The source symbols of recent packets, and repair symbols that cannot be used yet.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct FecDecoder {
-    /// One more than the highest number of which anything was received.
+    /// One more than the highest number received, in a packet or in a repair symbol.
     end: u64,
     source_symbols: SourceSymbols,
-    /// The source_symbol of the packet that is being received.
+    /// The source symbol of the packet being received.
     received: Vec<u8>,
     sums: VecDeque<PartialSum>,
-    /// Below this number nothing is rebuilt: it was said before this began, or a repair_symbol was wrong.
+    /// No packet below this number is recovered: it was sent before the start, or a repair symbol was wrong.
     trusted_from: u64,
 }
 
 impl FecDecoder {
-    /// Of a stream of which nothing before this packet will be received.
+    /// A decoder of a stream whose first packet has the number `next`.
     pub(crate) fn new(next: u64) -> Self {
         Self {
             end: next,
@@ -62,8 +62,8 @@ impl FecDecoder {
         }
     }
 
-    /// A packet was received.
-    pub(crate) fn hear_packet(&mut self, number: u64, datagram: &Datagram<'_>) {
+    /// Adds a received packet.
+    pub(crate) fn add_packet(&mut self, number: u64, datagram: &Datagram<'_>) {
         let mut source_symbol = core::mem::take(&mut self.received);
         if source_symbol_into(datagram, &mut source_symbol).is_some() {
             self.add_known(number, &source_symbol);
@@ -71,7 +71,7 @@ impl FecDecoder {
         self.received = source_symbol;
     }
 
-    /// A packet was received or rebuilt, of which this is the source_symbol.
+    /// Adds the source symbol of a received or recovered packet.
     pub(crate) fn add_known(&mut self, number: u64, source_symbol: &[u8]) {
         self.advance(number + 1);
         if number < self.oldest() {
@@ -84,7 +84,7 @@ impl FecDecoder {
         self.source_symbols.keep(number, source_symbol);
     }
 
-    /// A repair_symbol was received, of which this is the number of the newest packet.
+    /// Adds a received repair symbol; `last` is the full number of its newest packet.
     pub(crate) fn add(&mut self, last: u64, repair_symbol: RepairSymbol) {
         self.advance(last + 1);
         let mut sum = PartialSum {
@@ -109,8 +109,8 @@ impl FecDecoder {
         self.sums.push_back(sum);
     }
 
-    /// The packets that what was received gives back, in order of their numbers, with their source_symbols; again until they are
-    /// counted as received.
+    /// The packets that can be recovered now, in order of number, with their source symbols. Returns them again until
+    /// they are added as known.
     pub(crate) fn rebuild(&mut self) -> Vec<(u64, Vec<u8>)> {
         if self.sums.is_empty() {
             return Vec::new();
@@ -132,24 +132,25 @@ impl FecDecoder {
             .collect()
     }
 
-    /// A rebuilt packet was none: no repair_symbol received so far is used any more, nor is any asked for until these packets are
-    /// sent_packets.
+    /// Handles a recovered packet that is malformed: drops all repair symbols received so far, and requests none for
+    /// the packets up to this one.
     pub(crate) fn distrust(&mut self, number: u64) {
         self.source_symbols.forget(number);
         self.sums.clear();
         self.trusted_from = self.end;
     }
 
-    /// The source_symbol of a packet, if that was received or rebuilt, and lately.
+    /// The source symbol of a recent packet that was received or recovered.
     pub(crate) fn source_symbol(&self, number: u64) -> Option<&[u8]> {
         self.source_symbols.get(number)
     }
 
-    /// How many repair_symbols more would give back those of these missing packets that lie below `next` and that repair_symbols can;
-    /// none where refreshes do with less.
+    /// The number of further repair symbols that would recover the missing packets below `next`; zero where refreshes
+    /// take fewer bytes.
     ///
-    /// A repair_symbol that is asked for covers what was said since the oldest of them. What was refreshed since is known, and its
-    /// bytes are in there all the same: then more repair_symbols are needed than packets were lost, if they can be kept at all.
+    /// A requested repair symbol covers all packets since the oldest missing one. That includes packets that were
+    /// refreshed: their content is known, but not their bytes. So more repair symbols are needed than packets are
+    /// missing, and they must fit the memory.
     pub(crate) fn wanted(&self, missing: impl Iterator<Item = u64>, next: u64) -> u8 {
         let oldest = next
             .saturating_sub(u64::from(FEC_SPAN))
@@ -164,7 +165,7 @@ impl FecDecoder {
             return 0;
         };
         let covered: Vec<u64> = (*first..next).filter(is_lacking).collect();
-        // What else the sums hold comes first, so that rows are left that hold none of it.
+        // Packets outside the request come first, so that the rows after them do not contain these packets.
         let mut unknown = self.unknown();
         unknown.retain(|number| covered.binary_search(number).is_err());
         let others = unknown.len();
@@ -181,7 +182,7 @@ impl FecDecoder {
         wanted as u8
     }
 
-    /// What is known of lies below; what lies too far below that is forgotten.
+    /// Moves the window on: packets below `end` are known to exist, and those below the window are dropped.
     fn advance(&mut self, end: u64) {
         if end <= self.end {
             return;
@@ -197,7 +198,7 @@ impl FecDecoder {
         self.end.saturating_sub(FEC_SPAN as u64)
     }
 
-    /// The packets that are in any sum, in order of their numbers.
+    /// The packets in any sum, in order of number.
     fn unknown(&self) -> Vec<u64> {
         let all = self.sums.iter();
         let mut unknown: Vec<u64> = all.flat_map(|sum| sum.unknown.iter().copied()).collect();
@@ -206,7 +207,7 @@ impl FecDecoder {
         unknown
     }
 
-    /// The sums as equations of these packets, each solved for the first that it can be.
+    /// The sums as reduced equations in these packets, each solved for its first packet.
     fn reduced(&self, unknown: &[u64]) -> Vec<Equation> {
         let rows = 0..self.sums.len();
         let mut rows: Vec<Equation> = rows.map(|place| self.row(place, unknown)).collect();
@@ -232,7 +233,7 @@ impl FecDecoder {
         }
     }
 
-    /// The sum of the repair_symbols by their shares in a row.
+    /// The sum of the repair symbols, weighted by their shares in a row.
     fn mixed(&self, row: &Equation) -> Vec<u8> {
         let used = || {
             self.sums
@@ -249,7 +250,7 @@ impl FecDecoder {
     }
 }
 
-/// An equation: which unknown packets it holds with which factors, and how it was made of the repair_symbols.
+/// A linear equation: the coefficients of the unknown packets, and the weights of the repair symbols that it combines.
 #[derive(Clone, Debug)]
 struct Equation {
     factors: Vec<u8>,
@@ -269,7 +270,7 @@ impl Equation {
     }
 }
 
-/// Gauss-Jordan elimination: afterwards each row has a first factor of one that no other row has.
+/// Gauss-Jordan elimination: afterwards the first coefficient of each row is one, and zero in all other rows.
 fn reduce(rows: &mut [Equation], source_symbols: usize) {
     let mut done = 0;
     for source_symbol in 0..source_symbols {
@@ -298,7 +299,7 @@ mod tests {
     use proptest::collection::vec;
     use proptest::prelude::*;
 
-    /// The repair_symbol of a row over source_symbols with these numbers, which rise.
+    /// A repair symbol of this row over source symbols with rising numbers.
     fn repair_symbol(row: u8, source_symbols: &[(u64, Vec<u8>)]) -> (u64, RepairSymbol) {
         let (last, _) = source_symbols[source_symbols.len() - 1];
         let mut repair_symbol = RepairSymbol::begin(row, last);
@@ -319,7 +320,7 @@ mod tests {
         let lacking = |received: u64| {
             let mut fec_decoder = FecDecoder::new(0);
             (0..received).for_each(|number| fec_decoder.add_known(number, &[1]));
-            // All but the last were refreshed since.
+            // All packets but the last were refreshed.
             fec_decoder.wanted(core::iter::once(31), 32)
         };
         assert_eq!(lacking(32 - REPAIR_SYMBOLS_KEPT as u64), 1);
@@ -334,7 +335,7 @@ mod tests {
         received
             .iter()
             .for_each(|number| fec_decoder.add_known(*number, &[*number as u8]));
-        // Packet 5 was refreshed before 2 was known to be lost.
+        // Packet 5 was refreshed before packet 2 was known to be lost.
         assert_eq!(fec_decoder.wanted([2].into_iter(), 9), 0);
         assert_eq!(fec_decoder.wanted([5].into_iter(), 9), 1);
         assert_eq!(fec_decoder.wanted([2, 5].into_iter(), 9), 2);
@@ -345,7 +346,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn as_many_packets_come_back_as_there_are_repair_symbols(
+        fn each_repair_symbol_recovers_one_lost_packet(
             first in 0_u64..1_000, source_symbols in vec(vec(any::<u8>(), 1..60), 1..FEC_SPAN as usize),
             lost in vec(any::<prop::sample::Index>(), 1..REPAIR_SYMBOLS_KEPT), row in 0..FEC_ROWS - 16, late in any::<bool>(),
         ) {
@@ -378,10 +379,10 @@ mod tests {
                 fec_decoder.add_known(*number, source_symbol);
             }
             for ((number, source_symbol), place) in rebuilt.iter().zip(&lost) {
-                let (expected, said) = &source_symbols[*place];
+                let (expected, original) = &source_symbols[*place];
                 prop_assert_eq!(number, expected);
-                let bytes = source_symbol.len().max(said.len());
-                prop_assert_eq!(padded(source_symbol, bytes), padded(said, bytes));
+                let bytes = source_symbol.len().max(original.len());
+                prop_assert_eq!(padded(source_symbol, bytes), padded(original, bytes));
             }
             prop_assert_eq!(fec_decoder.wanted(lost.iter().map(|place| first + *place as u64), first + source_symbols.len() as u64), 0);
             prop_assert!(fec_decoder.sums.is_empty());
@@ -412,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn repair_symbols_over_different_packets_add_up() {
+    fn repair_symbols_over_different_packets_combine() {
         let source_symbols: Vec<_> = (0..8_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
         let mut fec_decoder = FecDecoder::new(0);
         for place in [0, 3, 4, 7] {
@@ -433,13 +434,13 @@ mod tests {
     }
 
     #[test]
-    fn a_repair_symbol_that_another_packet_is_lacking_for_too_saves_none() {
+    fn a_repair_symbol_with_another_unknown_packet_does_not_reduce_the_request() {
         let source_symbols: Vec<_> = (0..8_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
         let mut fec_decoder = FecDecoder::new(0);
         for place in [0, 1, 2, 4, 5] {
             fec_decoder.add_known(source_symbols[place].0, &source_symbols[place].1);
         }
-        // Packet 6 is not known to be lost: nothing behind it was received.
+        // Packet 6 is not known to be lost, because no later packet was received.
         let (last, sums) = repair_symbol(0, &source_symbols[..7]);
         fec_decoder.add(last, sums);
         assert_eq!(fec_decoder.wanted([3].into_iter(), 6), 1);

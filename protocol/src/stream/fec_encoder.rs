@@ -1,6 +1,6 @@
-//! The repair_symbols of a stream at its source: over what, and when they are sent
+//! The FEC encoder: repair symbols of a stream, and when they are sent.
 //!
-//! Knows nothing of who listens but how much is lost. Keeps the packets of [`FEC_SPAN`] numbers.
+//! Knows of the listeners only how many packets they lose. Keeps the source symbols of the last [`FEC_SPAN`] packets.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -11,70 +11,72 @@ use super::redundancy::Redundancy;
 use crate::limits::{FEC_ROWS, FEC_SPAN, REPAIR_SYMBOLS_KEPT};
 use crate::packet::{RepairSymbol, StreamId, source_symbol_of};
 
-/// A repair_symbol covers so many packets at most if nobody requested for it: as many as two bytes can name.
+/// The most packets that an unrequested repair symbol covers: the number that two bytes of the header can name.
 const COVERED: u64 = 15;
 
-/// A repair_symbol covers what only one did before again, if that is longer than the newest packets by up to this share: a third.
-/// Measured on recorded cubes at 5 %: however long takes 1.4 kbit/s more for a thirtieth less that is off, a tenth loses a
-/// quarter more.
+/// A repair symbol covers packets a second time if the longest of them exceeds the newest packets by at most a third.
+/// Measured on recorded cubes at 5 % loss: without this limit the stream takes 1.4 kbit/s more and errors fall by a
+/// thirtieth; a limit of a tenth raises errors by a quarter.
 const LONGER: usize = 3;
 
-/// A repair_symbol that was sent.
+/// A repair symbol that was sent.
 #[derive(Clone, Debug)]
 struct SentRepairSymbol {
-    /// Packets had been sent below this number.
+    /// One more than the number of the newest packet when it was sent.
     end: u64,
     numbers: Vec<u64>,
     datagram: Bytes,
 }
 
-/// A repair_symbol that somebody requested for, and so may serve others who ask.
+/// A repair symbol that was requested; it may also serve other listeners.
 #[derive(Clone, Debug)]
 struct RequestedRepairSymbol {
     sent: SentRepairSymbol,
-    /// How often it was given.
+    /// How often it was sent.
     requests: u32,
-    /// What who was given it last had lost: who asks the same again has had it, or it was lost too.
+    /// The lost packets of the listener that was sent it last. If the same packets are requested again, this symbol
+    /// does not help.
     last: Vec<u64>,
 }
 
-/// Who asks for what it lost, as far as its source knows it.
+/// A listener's request for lost packets.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SymbolRequest {
-    /// It has received_below of packets below this number.
+    /// The listener's report covers the packets below this number.
     pub(crate) received_below: u64,
-    /// FecEncoder that it wants.
+    /// The number of repair symbols that the listener requests.
     pub(crate) wanted: usize,
-    /// It was sent the repair_symbols that nobody requested for, of those that were sent when packets beyond this number had been.
+    /// The listener was also sent the unrequested repair symbols from this packet number on.
     pub(crate) sent_from: u64,
 }
 
-/// A repair_symbol that was requested for is given so often at most, so that nobody is given the same for ever.
+/// The most times that a requested repair symbol is sent, so that no listener receives the same one forever.
 const SYMBOL_REUSE_MAX: u32 = 4;
 
-/// The last packets of a stream and what is sent of them once more.
+/// The source symbols of recent packets, and the repair symbols sent for them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct FecEncoder {
     next: u64,
-    /// The source_symbols of the packets below `next`, oldest first; empty of those that cannot be rebuilt.
+    /// The source symbols of the packets below `next`, oldest first; empty for packets that cannot be recovered.
     source_symbols: VecDeque<Vec<u8>>,
-    /// The first packet that no repair_symbol covers yet, and the first that one repair_symbol covers at most: every packet is in two.
+    /// The first packet that no repair symbol covers yet, and the first that at most one covers. Every packet is
+    /// covered twice.
     uncovered: u64,
     covered_once: u64,
-    /// Whether the packets of the present tick are halves of one.
+    /// Whether the packets of the present tick are two halves of one.
     halved: bool,
     redundancy: Redundancy,
-    /// For how many ticks that one has waited.
-    waited: u32,
+    /// The number of ticks that the first uncovered packet has waited.
+    ticks_waited: u32,
     row: u8,
-    /// FecEncoder over packets that are kept.
+    /// Repair symbols over packets whose source symbols are kept.
     sent: VecDeque<SentRepairSymbol>,
-    /// FecEncoder that were requested for since the last tick, the newest of them.
+    /// The newest repair symbols requested since the last tick.
     requested: VecDeque<RequestedRepairSymbol>,
 }
 
 impl FecEncoder {
-    /// A packet was sent.
+    /// Adds a sent packet.
     pub(crate) fn record(&mut self, number: u64, datagram: &[u8]) {
         if self.source_symbols.len() == FEC_SPAN as usize {
             self.source_symbols.pop_front();
@@ -85,7 +87,7 @@ impl FecEncoder {
         self.next = number + 1;
     }
 
-    /// A tick was spoken of: says what repair_symbols are due and appends them to `out`.
+    /// Ends a published tick: encodes the repair symbols that are due and appends them to `out`.
     pub(crate) fn end_tick(
         &mut self,
         stream: StreamId,
@@ -99,7 +101,7 @@ impl FecEncoder {
         self.sent.retain(|sent| sent.end > oldest);
         let Some(ticks) = redundancy.ticks() else {
             (self.uncovered, self.covered_once) = (self.next, self.next);
-            self.waited = 0;
+            self.ticks_waited = 0;
             return;
         };
         self.uncovered = self.uncovered.max(oldest);
@@ -107,11 +109,11 @@ impl FecEncoder {
         if self.uncovered == self.next {
             return;
         }
-        self.waited += 1;
-        if self.waited < ticks && !halved {
+        self.ticks_waited += 1;
+        if self.ticks_waited < ticks && !halved {
             return;
         }
-        self.waited = 0;
+        self.ticks_waited = 0;
         while self.uncovered < self.next {
             let end = self.next.min(self.uncovered + COVERED);
             let from = (end.saturating_sub(COVERED)).max(oldest);
@@ -123,13 +125,13 @@ impl FecEncoder {
                     .unwrap_or_default()
             };
             let fresh = longest_of(self.uncovered..end, usize::MAX);
-            let owed = self.covered_once.max(from)..end;
-            let longest = longest_of(owed, fresh + fresh / LONGER);
+            let covered_once = self.covered_once.max(from)..end;
+            let longest = longest_of(covered_once, fresh + fresh / LONGER);
             let numbers = (from..end)
                 .filter(|number| (1..=longest).contains(&self.source_symbol(*number).len()));
             let numbers: Vec<u64> = numbers.collect();
             for _ in 0..redundancy.repair_symbols(end - self.uncovered) {
-                if let Some(sent) = self.say(stream, &numbers) {
+                if let Some(sent) = self.encode_symbol(stream, &numbers) {
                     out.push(sent.datagram.clone());
                     self.sent.push_back(sent);
                 }
@@ -138,18 +140,18 @@ impl FecEncoder {
         }
     }
 
-    /// Whether a tick that takes so many bytes is to be sent in two packets.
+    /// Whether to send a tick of this many bytes in two packets.
     pub(crate) const fn halves(&self, bytes: usize) -> bool {
         self.redundancy.halves(bytes)
     }
 
-    /// The packets of the present tick are halves of one.
+    /// Notes that the packets of the present tick are two halves of one.
     pub(crate) const fn halve(&mut self) {
         self.halved = true;
     }
 
-    /// What to say to who lost some packets and wants repair_symbols, beside those that are under way to it. Appends to `out`,
-    /// and returns which of the lost packets must be refreshed.
+    /// Answers a listener that lost packets and requests repair symbols, taking symbols in flight into account. Appends
+    /// to `out`, and returns the lost packets that must be refreshed.
     pub(crate) fn answer(
         &mut self,
         stream: StreamId,
@@ -176,7 +178,8 @@ impl FecEncoder {
             .filter(|sent| sent.end > unheard && of_use(sent));
         let wanted = wanted.min(recent.len());
         let mut wanted = self.redundancy.answers(wanted, under_way.count());
-        // One serves all who lost what it covers, but for who had it and asks again.
+        // One symbol serves all listeners that lost packets covered by it, except one that requests the same packets
+        // again.
         for requested in &mut self.requested {
             let sent = &requested.sent;
             let serves = recent.iter().all(|number| sent.numbers.contains(number))
@@ -203,7 +206,7 @@ impl FecEncoder {
         });
         let numbers: Vec<u64> = numbers.collect();
         for _ in 0..wanted {
-            if let Some(sent) = self.say(stream, &numbers) {
+            if let Some(sent) = self.encode_symbol(stream, &numbers) {
                 out.push(sent.datagram.clone());
                 if self.requested.len() == REPAIR_SYMBOLS_KEPT {
                     self.requested.pop_front();
@@ -221,8 +224,8 @@ impl FecEncoder {
         old
     }
 
-    /// Sums over packets with factors that were not used lately; `None` if there are no packets.
-    fn say(&mut self, stream: StreamId, numbers: &[u64]) -> Option<SentRepairSymbol> {
+    /// Encodes a repair symbol over these packets, in the least recently used row; `None` if there are no packets.
+    fn encode_symbol(&mut self, stream: StreamId, numbers: &[u64]) -> Option<SentRepairSymbol> {
         let last = *numbers.last()?;
         let mut repair_symbol = RepairSymbol::begin(self.row, last);
         for number in numbers {
@@ -257,7 +260,7 @@ mod tests {
 
     const STREAM: StreamId = StreamId(3);
 
-    /// A state packet of so many bytes.
+    /// A state packet of this many bytes.
     fn packet(number: u64, bytes: usize) -> Vec<u8> {
         let mut packet = vec![1, 3];
         packet.extend_from_slice(&(number as u16).to_le_bytes());
@@ -265,7 +268,8 @@ mod tests {
         packet
     }
 
-    /// Who has received_below of packets below a number, and wants so many repair_symbols beside all that were sent since.
+    /// A request of a listener with a report up to `received_below`, for `wanted` symbols besides all that were sent
+    /// since.
     const fn request(received_below: u64, wanted: usize) -> SymbolRequest {
         SymbolRequest {
             received_below,
@@ -280,7 +284,7 @@ mod tests {
             Head::decode(&mut reader).map(|head| head.kind),
             Ok(PacketKind::RepairSymbol)
         );
-        let repair_symbol = RepairSymbol::decode(reader).expect("a repair_symbol was sent");
+        let repair_symbol = RepairSymbol::decode(reader).expect("a repair symbol was sent");
         let mut numbers: Vec<u64> = repair_symbol
             .numbers(repair_symbol.last.expand(0))
             .collect();
@@ -288,7 +292,7 @@ mod tests {
         numbers
     }
 
-    /// Ten packets, one a tick, with what was sent of them.
+    /// Ten packets, one in each tick, and the packets that the sent repair symbols cover.
     fn ten(redundancy: Redundancy) -> (FecEncoder, Vec<Vec<u64>>) {
         let mut repair_symbols = FecEncoder::default();
         let mut sent = Vec::new();
@@ -303,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn each_packet_is_covered_soon_and_again_by_what_follows() {
+    fn each_packet_is_covered_soon_and_again_later() {
         let (_, sent) = ten(Redundancy::Plain);
         let ends: Vec<_> = sent
             .iter()
@@ -315,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn a_packet_is_covered_twice_unless_it_is_much_longer_than_what_follows() {
+    fn a_packet_is_covered_twice_unless_it_is_much_longer_than_later_ones() {
         for (bytes, times) in [(50, 2), (90, 1)] {
             let mut repair_symbols = FecEncoder::default();
             let mut sent = Vec::new();
@@ -355,18 +359,18 @@ mod tests {
     fn answers_omit_repair_symbols_in_flight() {
         let (mut repair_symbols, _) = ten(Redundancy::Plain);
         let mut out = Vec::new();
-        // The repair_symbols of packets 7 and 9 are under way to who has received_below of packets below 6.
+        // The repair symbols of packets 7 and 9 are in flight to a listener whose report covers the packets below 6.
         let old = repair_symbols.answer(STREAM, [3, 4, 5].into_iter(), request(6, 3), &mut out);
         assert!(old.is_empty());
         let sent: Vec<_> = out.iter().map(|datagram| covered(datagram)).collect();
-        // One would do if none were lost; with two, one time of seventy too few would arrive.
+        // One symbol would do if none were lost. With two symbols, too few arrive in one of seventy cases.
         assert_eq!(sent, [[3, 4, 5], [3, 4, 5], [3, 4, 5]]);
     }
 
     #[test]
     fn in_flight_symbols_are_per_receiver() {
         let (repair_symbols, _) = ten(Redundancy::Plain);
-        // FecEncoder of packets 7 and 9 were sent since; this many are sent to who was sent none, one, and both of them.
+        // Repair symbols were sent with packets 7 and 9; the listener was sent none, one, or both of them.
         for (sent_from, answers) in [(u64::MAX, 2), (10, 2), (8, 1), (6, 0), (0, 0)] {
             let mut out = Vec::new();
             let request = SymbolRequest {
@@ -392,7 +396,7 @@ mod tests {
                     .is_empty()
             );
         }
-        // Each time the same two: one of them may be lost.
+        // The same two symbols each time, because one of them may be lost.
         assert_eq!(out.len(), 6);
         assert!(out.chunks(2).all(|sent| sent == &out[..2]));
         assert_ne!(out[0], out[1]);
@@ -424,7 +428,7 @@ mod tests {
         let (mut repair_symbols, _) = ten(Redundancy::Off);
         let mut sent = Vec::new();
         for _ in 0..50 {
-            // Two listeners in turn, and no tick between.
+            // Two listeners in turn, within one tick.
             for lost in [3, 4] {
                 repair_symbols.answer(STREAM, [lost].into_iter(), request(10, 1), &mut sent);
             }

@@ -1,6 +1,7 @@
-//! The full stream at its source: what can move, every tick, to the bit.
+//! The publisher of a full stream: exact states of movable bodies each tick.
 //!
-//! The naive baseline. It has packets, numbers and refresh as a reckoned stream has, but neither prefilter nor coding.
+//! The naive baseline. It numbers packets and answers losses like a reckoned stream, but has neither prefilter nor
+//! coding.
 
 use alloc::vec::Vec;
 
@@ -14,19 +15,19 @@ use crate::packet::{
     FullPacket, FullRecord, Keyframe, Low16, RefreshRecord, RefreshWriter, StreamId, Watermark,
 };
 
-/// What is sent of a body.
+/// The state of a body in the stream.
 #[derive(Clone, Copy, Debug)]
 struct FullBody {
     id: BodyId,
-    /// The tick at which it came, or the last that was spoken of.
+    /// The tick of the state: that of its placement, or of the last published one.
     since: Tick,
     motion: BodyState,
-    /// A static body is sent when it was put elsewhere, not every tick.
+    /// A static body is sent after it was moved, not every tick.
     fixed: bool,
     moved: bool,
 }
 
-/// One full stream.
+/// The publisher of one full stream.
 #[derive(Debug)]
 pub struct FullPublisher {
     stream: StreamId,
@@ -49,7 +50,7 @@ impl FullPublisher {
         }
     }
 
-    /// Its name.
+    /// The id of the stream.
     #[must_use]
     pub const fn stream(&self) -> StreamId {
         self.stream
@@ -61,19 +62,19 @@ impl FullPublisher {
         self.sent_packets.next()
     }
 
-    /// The tick up to which everything was said.
+    /// The tick up to which everything is published.
     #[must_use]
     pub const fn tick(&self) -> Tick {
         self.tick
     }
 
-    /// What it said so far.
+    /// Counters of everything published so far.
     #[must_use]
     pub const fn statistics(&self) -> PublisherStatistics {
         self.statistics
     }
 
-    /// A body has come into the scene after the step to `since`; one that is `fixed` is not sent again until it is
+    /// Places a body that came into the scene after the step to `since`. A `fixed` body is sent again only after it is
     /// observed.
     pub fn place(&mut self, id: BodyId, since: Tick, motion: BodyState, fixed: bool) {
         let index = id.index() as usize;
@@ -89,7 +90,7 @@ impl FullPublisher {
         });
     }
 
-    /// A body has left the scene.
+    /// Removes a body that left the scene.
     pub fn remove(&mut self, id: BodyId) {
         if let Some(state) = self.states.get_mut(id.index() as usize) {
             *state = None;
@@ -116,14 +117,14 @@ impl FullPublisher {
         }
     }
 
-    /// Appends the datagrams that hold the state of every body that can move at the tick that is spoken of, if one is.
+    /// Appends the datagrams with the state of every movable body at the present published tick, if there is one.
     pub fn publish(
         &mut self,
         observation_history: &ObservationHistory,
         scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
-        // A stream that began after that tick has told it already.
+        // A stream that began after that tick has already published it.
         let Some(tick) = observation_history
             .present()
             .filter(|tick| *tick > self.tick)
@@ -172,7 +173,7 @@ impl FullPublisher {
         }
     }
 
-    /// The datagram that watermarks for the silence since the last packet.
+    /// The watermark for the silence since the last packet.
     #[must_use]
     pub fn watermark(&self, scene_events: u64) -> Bytes {
         let watermark = Watermark {
@@ -183,7 +184,7 @@ impl FullPublisher {
         Bytes::from(watermark.encode(self.stream))
     }
 
-    /// The datagrams that say where the bodies of a lost packet are now, or `None` when it is too old to be known.
+    /// The datagrams with the present states of the bodies in a lost packet; `None` for a packet that is too old.
     #[must_use]
     pub fn refresh(&self, number: u64, scene_events: u64) -> Option<Vec<Bytes>> {
         let mut writer = RefreshWriter::default();

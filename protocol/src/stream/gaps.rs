@@ -1,8 +1,8 @@
-//! Which packets of a stream were received, and since when what is not known.
+//! Tracks which packets of a stream are missing or cannot be applied yet.
 //!
-//! Numbers only: what a packet says is the subscriber's affair. A packet is *missing* while neither it nor a refresh of
-//! it was received, and *unread* when it was received but some of it builds on a missing one. The stream is *converged* while
-//! there is neither; then everything said so far is known.
+//! Handles numbers only; the subscriber handles the contents. A packet is *missing* while neither it nor a refresh of
+//! it was received. It is *unread* if it was received but partly builds on a missing one. The stream is *converged*
+//! while there is neither; then every track is known.
 
 use alloc::collections::BTreeMap;
 
@@ -13,43 +13,43 @@ use crate::limits::HISTORY_PACKETS;
 /// A packet that was not received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Missing {
-    /// No later than this was it sent: the tick of a packet after it.
+    /// The tick of a later packet; this packet was sent no later.
     before: Tick,
-    /// Which parts of which of its refreshes were received.
+    /// The received parts, as bits, of its latest refresh.
     received: Option<(RefreshId, u64)>,
 }
 
-/// One answer of the publisher to a lost packet: what the packet's bodies did when it was given.
+/// A refresh of a lost packet, identified by the state of the scene when it was encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct RefreshId {
     /// The tick of its tracks.
     pub(crate) as_of: Tick,
-    /// SceneEvents given by then: at one tick, bodies may go between two answers.
+    /// The count of scene events: bodies may be removed between two refreshes at one tick.
     pub(crate) scene_events: u64,
-    /// Into how many parts it was cut.
+    /// The number of parts.
     pub(crate) parts: u8,
 }
 
-/// A packet of which something could not be read.
+/// A packet that was only partly applied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Unread {
     tick: Tick,
-    /// Whether every refresh so far of what it may build on is as new as itself.
+    /// Whether every refresh so far, of packets that it may build on, is at least as new as itself.
     covered: bool,
 }
 
-/// Whether a packet is to be read.
+/// How to handle a packet that arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PacketArrival {
-    /// It is new.
+    /// The packet is new: read it.
     Fresh,
-    /// It was received before.
+    /// The packet was received before.
     Duplicate,
-    /// It lies so far ahead that what lies between can no longer be refreshed.
+    /// The packet lies so far ahead that the packets before it can no longer be refreshed.
     Lost,
 }
 
-/// The account of one stream's packets.
+/// The missing and unread packets of one stream.
 #[derive(Clone, Debug)]
 pub(crate) struct PacketGaps {
     next: u64,
@@ -58,7 +58,7 @@ pub(crate) struct PacketGaps {
 }
 
 impl PacketGaps {
-    /// All packets before `next` are known.
+    /// A stream whose packets before `next` are all known.
     pub(crate) const fn new(next: u64) -> Self {
         Self {
             next,
@@ -72,7 +72,7 @@ impl PacketGaps {
         self.next
     }
 
-    /// Whether everything that was sent so far was received or made good.
+    /// Whether every packet sent so far was received, recovered or refreshed.
     pub(crate) fn is_converged(&self) -> bool {
         self.missing.is_empty() && self.unread.is_empty()
     }
@@ -87,14 +87,14 @@ impl PacketGaps {
         self.missing.contains_key(&number)
     }
 
-    /// A body whose track is at least this new is known for sure; `None` when every body is.
+    /// Tracks from this tick on are known to be current; `None` if all tracks are.
     pub(crate) fn unsure_before(&self) -> Option<Tick> {
         let missing = self.missing.values().map(|missing| missing.before);
         let unread = self.unread.values().map(|unread| unread.tick);
         missing.chain(unread).max()
     }
 
-    /// A packet arrived that was sent at `tick`.
+    /// Handles the arrival of a packet that was sent at `tick`.
     pub(crate) fn arrive(&mut self, number: u64, tick: Tick) -> PacketArrival {
         if number >= self.next {
             if !self.remembers(number + 1) || !self.announce(number, tick) {
@@ -104,16 +104,16 @@ impl PacketGaps {
             return PacketArrival::Fresh;
         }
         if self.missing.contains_key(&number) {
-            // It may come before what it builds on, so that nothing after it is covered by it.
-            self.made_good(number, Tick::ZERO);
+            // It may arrive before packets that it builds on, so it covers no later packet.
+            self.resolve(number, Tick::ZERO);
             PacketArrival::Fresh
         } else {
             PacketArrival::Duplicate
         }
     }
 
-    /// All packets before `next` were sent, the last of them no later than `tick`; `false`, and no change, when the
-    /// oldest that is missing can no longer be refreshed.
+    /// Notes that all packets before `next` were sent, the last of them no later than `tick`. Returns `false`, without
+    /// any change, if the oldest missing packet can no longer be refreshed.
     pub(crate) fn announce(&mut self, next: u64, tick: Tick) -> bool {
         if !self.remembers(next) {
             return false;
@@ -129,43 +129,43 @@ impl PacketGaps {
         true
     }
 
-    /// Whether a publisher whose next packet is `next` remembers the oldest packet that would then be missing.
+    /// Whether a publisher whose next packet is `next` can still refresh the oldest packet that would then be missing.
     fn remembers(&self, next: u64) -> bool {
         let oldest = self.missing.keys().next().copied();
         let oldest = oldest.unwrap_or(self.next).min(self.next);
         next.saturating_sub(oldest) <= HISTORY_PACKETS as u64
     }
 
-    /// Something in a packet that arrived builds on what is missing.
+    /// Notes that a part of an arrived packet builds on a missing one.
     ///
-    /// `of_the_same`: the missing packet spoke of the same bodies, so that its refresh may serve.
+    /// `of_the_same`: the missing packet updates the same bodies, so its refresh may be sufficient.
     pub(crate) fn note_unread(&mut self, number: u64, tick: Tick, of_the_same: bool) {
-        // What is asked for already need not wait too.
+        // A packet that is itself missing is requested already.
         if self.missing.contains_key(&number) {
             return;
         }
-        let waits = self.missing.range(..number).next().is_some();
+        let has_missing_before = self.missing.range(..number).next().is_some();
         let unread = self.unread.entry(number).or_insert(Unread {
             tick,
             covered: true,
         });
-        unread.covered &= of_the_same && waits;
+        unread.covered &= of_the_same && has_missing_before;
         self.promote_unread();
     }
 
-    /// Takes a packet that was received, and of which something could not be read that no refresh so far covers, as one that
-    /// is received only now; `false` if there is nothing more to read in it.
+    /// Takes a received packet that is unread, and not covered by a refresh, as one that arrives only now. Returns
+    /// `false` if the packet needs no second reading.
     pub(crate) fn read_again(&mut self, number: u64) -> bool {
         let is_missing = self.missing.contains_key(&number);
         if is_missing {
-            // What waited for it is to be read again too: no refresh speaks of this one's bodies.
-            self.made_good(number, Tick::ZERO);
+            // Packets that wait for this one are read again too: no refresh contains the bodies of this one.
+            self.resolve(number, Tick::ZERO);
         }
         is_missing
     }
 
-    /// A part of a refresh arrived; whether the packet is made good by it. Parts of different refreshes do not add up: they are
-    /// cut in different places.
+    /// Handles a part of a refresh, and returns whether the packet is now refreshed. Parts of different refreshes do
+    /// not combine, because they are split at different places.
     pub(crate) fn refreshed(&mut self, number: u64, refresh: RefreshId, part: u8) -> bool {
         let Some(missing) = self.missing.get_mut(&number) else {
             return false;
@@ -180,12 +180,12 @@ impl PacketGaps {
         let all = u64::MAX >> (64 - refresh.parts.clamp(1, 64));
         let is_whole = received & all == all;
         if is_whole {
-            self.made_good(number, refresh.as_of);
+            self.resolve(number, refresh.as_of);
         }
         is_whole
     }
 
-    fn made_good(&mut self, number: u64, as_of: Tick) {
+    fn resolve(&mut self, number: u64, as_of: Tick) {
         self.missing.remove(&number);
         for (_, unread) in self.unread.range_mut(number..) {
             unread.covered &= as_of >= unread.tick;
@@ -193,7 +193,8 @@ impl PacketGaps {
         self.promote_unread();
     }
 
-    /// An unread packet that a refresh came too early for must be refreshed itself; one with nothing missing before it is
+    /// Requests unread packets whose refresh was older than themselves. An unread packet with no missing packet before
+    /// it is covered.
     /// covered.
     fn promote_unread(&mut self) {
         let missing = &mut self.missing;
@@ -233,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_is_seen_and_filled_by_a_late_packet() {
+    fn a_late_packet_fills_the_gap() {
         let mut gaps = PacketGaps::new(0);
         assert_eq!(gaps.arrive(0, tick(1)), PacketArrival::Fresh);
         assert_eq!(gaps.arrive(2, tick(3)), PacketArrival::Fresh);
@@ -245,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refresh_counts_when_all_its_parts_were_heard() {
+    fn a_refresh_counts_when_all_its_parts_are_received() {
         let mut gaps = PacketGaps::new(0);
         assert!(gaps.announce(1, tick(5)));
         assert!(!gaps.refreshed(0, refresh(6, 2), 1));
@@ -256,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_different_refreshes_do_not_add_up() {
+    fn parts_of_different_refreshes_do_not_combine() {
         let mut gaps = PacketGaps::new(0);
         assert!(gaps.announce(1, tick(5)));
         gaps.refreshed(0, refresh(6, 2), 0);
@@ -282,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unread_packet_newer_than_the_refresh_is_asked_for_itself() {
+    fn an_unread_packet_newer_than_the_refresh_is_requested() {
         let mut gaps = PacketGaps::new(0);
         assert_eq!(gaps.arrive(1, tick(2)), PacketArrival::Fresh);
         assert_eq!(gaps.arrive(2, tick(9)), PacketArrival::Fresh);
@@ -320,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_packet_that_its_publisher_has_forgotten_is_lost_for_good() {
+    fn a_packet_that_its_publisher_no_longer_keeps_loses_sync() {
         let mut gaps = PacketGaps::new(0);
         let sent_packets = HISTORY_PACKETS as u64;
         for number in 1..sent_packets {
@@ -334,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn too_far_ahead_is_lost_and_changes_nothing() {
+    fn a_packet_too_far_ahead_is_lost_and_changes_nothing() {
         let mut gaps = PacketGaps::new(0);
         assert_eq!(
             gaps.arrive(HISTORY_PACKETS as u64 + 1, tick(2)),

@@ -1,13 +1,13 @@
-//! The gravity of a scene, as it was and is.
+//! The present and earlier gravity of a scene.
 //!
-//! A predictor said at a tick goes on under the gravity of that tick, for ever: both ends look it up by the track's origin.
+//! A track keeps the gravity of its origin tick: both ends look it up by that tick.
 
 use alloc::vec::Vec;
 
 use glam::{DVec3, Vec3};
 use rhumb_reckoning::{TRACK_AGE_MAX, Tick};
 
-/// Gravity by the tick from which on it pulled.
+/// Gravity by the tick from which on it acts.
 #[derive(Clone, Debug)]
 pub(crate) struct GravityHistory {
     /// Rising ticks; never empty.
@@ -21,10 +21,10 @@ impl GravityHistory {
         }
     }
 
-    /// What pulls at bodies whose predictor was said at `origin`, m/s².
+    /// The gravity of tracks with this origin, m/s², world frame.
     #[inline]
     pub(crate) fn at(&self, origin: Tick) -> DVec3 {
-        // Most scenes have had one gravity all along.
+        // Most scenes never change their gravity.
         if let [(_, gravity)] = self.changes[..] {
             return gravity;
         }
@@ -35,7 +35,7 @@ impl GravityHistory {
             .map_or(self.changes[0].1, |(_, gravity)| *gravity)
     }
 
-    /// What pulled from which tick on, oldest first; the first stands for all time before.
+    /// The gravity and the first tick of each change, oldest first. The first entry also holds for all earlier ticks.
     pub(crate) fn changes(&self) -> impl Iterator<Item = (Tick, Vec3)> {
         let since = |place: usize, tick: Tick| if place == 0 { Tick::ZERO } else { tick };
         self.changes
@@ -44,7 +44,7 @@ impl GravityHistory {
             .map(move |(place, (tick, gravity))| (since(place, *tick), gravity.as_vec3()))
     }
 
-    /// From `since` on another gravity pulls; what no track can still refer to is forgotten.
+    /// Changes the gravity from `since` on and drops entries that no track can refer to.
     pub(crate) fn change(&mut self, since: Tick, gravity: Vec3) {
         self.changes.retain(|(earlier, _)| *earlier < since);
         let oldest_needed = since.before(TRACK_AGE_MAX).unwrap_or_default();
@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_predictor_keeps_the_gravity_it_was_said_under() {
+    fn a_track_keeps_the_gravity_of_its_origin() {
         let mut gravity_history = GravityHistory::new(Vec3::NEG_Y);
         gravity_history.change(Tick::new(10), Vec3::X);
         gravity_history.change(Tick::new(10), Vec3::Z);
@@ -77,13 +77,13 @@ mod tests {
         for (tick, gravity) in [(100, Vec3::X), (200, Vec3::ZERO), (4_000, Vec3::Z)] {
             gravity_history.change(Tick::new(tick), gravity);
         }
-        let mut told = GravityHistory::new(Vec3::Z);
+        let mut replayed = GravityHistory::new(Vec3::Z);
         for (since, gravity) in gravity_history.changes() {
-            told.change(since, gravity);
+            replayed.change(since, gravity);
         }
         for tick in 0..5_000 {
             assert_eq!(
-                told.at(Tick::new(tick)),
+                replayed.at(Tick::new(tick)),
                 gravity_history.at(Tick::new(tick))
             );
         }

@@ -1,28 +1,28 @@
-//! What predictors need to know of bodies, each kind kept once.
+//! Prediction parameters of a stream's bodies, each distinct set kept once.
 //!
-//! Knows no body: tables of bodies hold the numbers of kinds.
+//! Contains no bodies: the tables of bodies hold the numbers of parameter sets.
 
 use rhumb_reckoning::{Grid, Inertia, Metres, Tolerance, ToleranceScale};
 
 use crate::interner::{Internable, Interner};
 
-/// One kind of body in one stream.
+/// One distinct set of parameters in a stream.
 #[derive(Clone, Debug)]
 pub(super) struct InternedParameters {
     pub(super) radius: Metres,
     pub(super) gravity_scale: f32,
     pub(super) inertia: Option<Inertia>,
-    /// Which of the tables of dampings.
+    /// The index in the table of damping factors.
     pub(super) flow: u16,
     pub(super) tolerance_scale: ToleranceScale,
-    /// What its listener keeps of such bodies beside the stream, by a number of its own.
+    /// A number that the subscriber's owner keeps with such bodies; see `Tracks::label`.
     pub(super) label: Option<u32>,
-    /// The stream's, by the tolerance_scale.
+    /// The stream's tolerance, scaled for these bodies.
     pub(super) tolerance: Tolerance,
     pub(super) grid: Grid,
 }
 
-/// What two kinds differ by, bit for bit.
+/// The values that distinguish two sets, bit for bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct ParameterKey {
     radius: u64,
@@ -52,7 +52,7 @@ impl Internable for InternedParameters {
     }
 }
 
-/// All kinds of one stream, by number.
+/// All parameter sets of one stream, by number.
 pub(super) type InternedParameterTable = Interner<InternedParameters>;
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
-//! What the listeners of a stream lose, and how much redundancy that is worth.
+//! Measures the losses of a stream's listeners and chooses the redundancy.
 //!
-//! Counts of packets only: how long anything took is not known here, so that a slow link is never taken for a lossy one.
+//! Counts packets only and knows no times, so a slow link is never mistaken for a lossy one.
 
 use alloc::collections::BTreeMap;
 use alloc::collections::btree_map::Entry;
@@ -9,39 +9,39 @@ use alloc::vec::Vec;
 use super::redundancy::{LossRate, Redundancy};
 use crate::packet::LossReport;
 
-/// A loss is that of the last packets: of one to two such windows.
+/// The loss rate covers the last one to two windows of this many packets.
 const WINDOW: u64 = 256;
-/// So many packets came through before the first loss that anybody tells of, if so many were sent.
+/// The number of packets assumed received before a listener's first report of a loss, if that many were sent.
 const BEFORE: u64 = 192;
-/// What is predicted_motion beforehand: one packet lost of so many.
+/// The prior: one lost packet in this many received.
 const PRIOR: u64 = 32;
-/// So many listeners, one more each time, may lose more than what the stream is made for.
-const SPARED: usize = 16;
-/// Listeners of whom receiver is kept at one time.
+/// One listener in this many may lose more than the redundancy is made for.
+const LISTENERS_PER_EXCEPTION: usize = 16;
+/// The most listeners that are tracked at one time.
 const RECEIVERS_MAX: usize = 256;
 
-/// One listener, by what its loss_reports said.
+/// The losses of one listener, from its loss reports.
 #[derive(Clone, Copy, Debug)]
 struct ReceiverLosses {
-    /// Where counting began.
+    /// The start of the window.
     since: LossSample,
-    /// A later point, at which it will begin when it has become old enough.
+    /// A later sample, which becomes the start when it is old enough.
     middle: LossSample,
     newest: LossSample,
-    /// While it loses packets: the number of the stream's next packet when it was first known to.
+    /// While the listener loses packets: the number of the next packet when its loss became known.
     loses_from: Option<u64>,
 }
 
-/// A moment of a stream at a listener.
+/// The counters of a listener at one time.
 #[derive(Clone, Copy, Debug)]
 struct LossSample {
-    /// Packets that were sent up to it.
+    /// Packets sent so far.
     sent: u64,
-    /// Of these, those that did not arrive.
+    /// Packets among them that did not arrive.
     lost: u64,
 }
 
-/// What the listeners of one stream lose.
+/// The losses of the listeners of one stream.
 #[derive(Clone, Debug, Default)]
 pub struct LossTracker {
     receivers: BTreeMap<u64, ReceiverLosses>,
@@ -49,8 +49,8 @@ pub struct LossTracker {
 }
 
 impl LossTracker {
-    /// A listener said how far it heard of a stream whose next packet is number `next`. What cannot be is not predicted_motion.
-    pub fn hear(&mut self, listener: u64, loss_report: &LossReport, next: u64) {
+    /// Takes a listener's report about a stream whose next packet is number `next`. An impossible report is ignored.
+    pub fn add_report(&mut self, listener: u64, loss_report: &LossReport, next: u64) {
         let sent = loss_report.next.expand(next);
         if sent > next {
             return;
@@ -59,7 +59,7 @@ impl LossTracker {
         let receiver = match self.receivers.entry(listener) {
             Entry::Occupied(known) => {
                 let receiver = known.into_mut();
-                receiver.hear(sent, loss_report);
+                receiver.add_report(sent, loss_report);
                 receiver
             }
             Entry::Vacant(_) if full => return,
@@ -68,29 +68,29 @@ impl LossTracker {
         receiver.note_loss(next);
     }
 
-    /// A listener hears the stream no more, or anew: of what it lost so far nothing follows.
+    /// Drops the losses of a listener that left or starts again.
     pub fn forget(&mut self, listener: u64) {
         self.receivers.remove(&listener);
     }
 
-    /// Whether a listener lost any of its last packets.
+    /// Whether the listener lost any of its recent packets.
     #[must_use]
     pub fn loses(&self, listener: u64) -> bool {
         self.loses_from(listener).is_some()
     }
 
-    /// Of a listener that lost any of its last packets, the number of the stream's next packet when that was first known.
+    /// For a listener that lost recent packets: the number of the next packet when that became known.
     #[must_use]
     pub fn loses_from(&self, listener: u64) -> Option<u64> {
         self.receivers.get(&listener)?.loses_from
     }
 
-    /// How much redundancy a stream with so many listeners is worth, whose next packet is number `next`.
+    /// The redundancy for a stream with this many listeners, whose next packet is number `next`.
     pub fn redundancy(&mut self, listeners: usize, next: u64) -> Redundancy {
-        // Who says nothing loses nothing.
-        let speaks =
+        // A listener without reports has no losses.
+        let reports =
             |receiver: &ReceiverLosses| next.saturating_sub(receiver.newest.sent) < 2 * WINDOW;
-        self.receivers.retain(|_, receiver| speaks(receiver));
+        self.receivers.retain(|_, receiver| reports(receiver));
         if self.receivers.is_empty() && self.redundancy == Redundancy::Off {
             return Redundancy::Off;
         }
@@ -100,23 +100,28 @@ impl LossTracker {
             .map(|receiver| receiver.loss(next))
             .collect();
         losses.sort_unstable();
-        let spared = listeners.saturating_sub(1) / SPARED;
-        let worst = losses.iter().rev().nth(spared).copied().unwrap_or_default();
+        let exceptions = listeners.saturating_sub(1) / LISTENERS_PER_EXCEPTION;
+        let worst = losses
+            .iter()
+            .rev()
+            .nth(exceptions)
+            .copied()
+            .unwrap_or_default();
         self.redundancy = self.redundancy.for_loss(worst);
         self.redundancy
     }
 }
 
 impl ReceiverLosses {
-    /// Of a listener that was not heard before, or begins anew.
+    /// The state of a listener at its first report.
     fn of(sent: u64, loss_report: &LossReport) -> Self {
-        // Of what it lost long ago nothing follows: what it still lacks it lost just now.
+        // Only current losses count: the packets that are missing now. Earlier losses may be long ago.
         let lost = u64::from(loss_report.gone.0);
         let just_now = lost.min(loss_report.lost.len() as u64);
         Self::begin(LossSample { sent, lost }, just_now)
     }
 
-    /// After a silence, in which nothing was lost but what is told of now.
+    /// The state after a silence: the only losses are those reported now.
     const fn begin(newest: LossSample, lost: u64) -> Self {
         let since = LossSample {
             sent: newest.sent.saturating_sub(BEFORE),
@@ -130,7 +135,7 @@ impl ReceiverLosses {
         }
     }
 
-    fn hear(&mut self, sent: u64, loss_report: &LossReport) {
+    fn add_report(&mut self, sent: u64, loss_report: &LossReport) {
         let before = self.newest;
         let lost = loss_report.gone.expand(before.lost);
         let span = sent.saturating_sub(before.sent);
@@ -139,16 +144,19 @@ impl ReceiverLosses {
             return;
         }
         let newest = LossSample { sent, lost };
-        // Less is gone than when counting began: the listener counts anew.
-        let begun = lost < self.since.lost;
-        if begun || span >= WINDOW {
-            let anew = if begun {
+        // A smaller total than at the start of the window: the listener started again.
+        let has_restarted = lost < self.since.lost;
+        if has_restarted || span >= WINDOW {
+            let restarted = if has_restarted {
                 Self::of(sent, loss_report)
             } else {
                 Self::begin(newest, more)
             };
             let loses_from = self.loses_from;
-            *self = Self { loses_from, ..anew };
+            *self = Self {
+                loses_from,
+                ..restarted
+            };
             return;
         }
         self.newest = newest;
@@ -158,13 +166,13 @@ impl ReceiverLosses {
         }
     }
 
-    /// Notes whether any of the last packets were lost, now that the stream's next one is number `next`.
+    /// Notes whether recent packets were lost. The stream's next packet is number `next`.
     fn note_loss(&mut self, next: u64) {
         let loses = self.newest.lost > self.since.lost;
         self.loses_from = loses.then(|| self.loses_from.unwrap_or(next));
     }
 
-    /// The share that was lost since counting began.
+    /// The loss rate since the start of the window.
     fn loss(&self, next: u64) -> LossRate {
         let sent = next.saturating_sub(self.since.sent);
         let lost = self.newest.lost.saturating_sub(self.since.lost);
@@ -181,18 +189,18 @@ mod tests {
     use super::*;
     use crate::packet::Low16;
 
-    /// What a listener makes of a stream that loses each packet of which `is_lost` is true, if it tells every 30 packets
-    /// what it lost since; by packet.
+    /// The redundancy for each packet of a stream that loses packets as `is_lost` says. The listener reports its losses
+    /// every 30 packets.
     fn mode(packets: u64, is_lost: impl Fn(u64) -> bool) -> Vec<Redundancy> {
         let mut losses = LossTracker::default();
-        let (mut gone, mut told) = (0_u64, 0);
+        let (mut gone, mut reported) = (0_u64, 0);
         let mut all = Vec::new();
         for number in 0..packets {
             gone += u64::from(is_lost(number));
             let next = number + 1;
-            if gone > told && next.is_multiple_of(30) {
-                told = gone;
-                losses.hear(7, &loss_report(next, gone), next);
+            if gone > reported && next.is_multiple_of(30) {
+                reported = gone;
+                losses.add_report(7, &loss_report(next, gone), next);
             }
             all.push(losses.redundancy(1, next));
         }
@@ -223,13 +231,13 @@ mod tests {
     }
 
     #[test]
-    fn less_than_a_packet_in_a_hundred_is_worth_no_redundancy() {
+    fn a_loss_below_one_percent_gets_no_redundancy() {
         let mode = mode(5_000, |number| number % 250 == 249);
         assert!(mode.iter().all(|level| *level == Redundancy::Off));
     }
 
     #[test]
-    fn much_loss_is_worth_much_redundancy() {
+    fn more_loss_gets_more_redundancy() {
         let mode = mode(2_000, |number| number % 5 == 0);
         assert_eq!(mode.last(), Some(&Redundancy::Thick));
     }
@@ -238,7 +246,7 @@ mod tests {
     fn the_worst_listener_decides_unless_there_are_many() {
         for (listeners, worth) in [(16, Redundancy::Plain), (17, Redundancy::Off)] {
             let mut losses = LossTracker::default();
-            losses.hear(1, &loss_report(60, 4), 60);
+            losses.add_report(1, &loss_report(60, 4), 60);
             assert_eq!(losses.redundancy(listeners, 60), worth, "{listeners}");
         }
     }
@@ -246,12 +254,12 @@ mod tests {
     #[test]
     fn old_losses_expire() {
         let mut losses = LossTracker::default();
-        losses.hear(1, &loss_report(60, 0), 60);
-        losses.hear(2, &loss_report(60, 1), 60);
+        losses.add_report(1, &loss_report(60, 0), 60);
+        losses.add_report(2, &loss_report(60, 1), 60);
         assert!(!losses.loses(1) && losses.loses(2) && !losses.loses(3));
         assert_eq!(losses.loses_from(2), Some(60));
         for next in (100..1_000).step_by(100) {
-            losses.hear(2, &loss_report(next, 1), next);
+            losses.add_report(2, &loss_report(next, 1), next);
         }
         assert!(!losses.loses(2));
     }
@@ -260,41 +268,41 @@ mod tests {
     fn reset_receivers_start_anew() {
         let new_body = {
             let mut losses = LossTracker::default();
-            losses.hear(1, &loss_report(1_000, 4), 1_000);
+            losses.add_report(1, &loss_report(1_000, 4), 1_000);
             losses.redundancy(1, 1_000)
         };
         assert_eq!(new_body, Redundancy::Thin);
         let before = || {
             let mut losses = LossTracker::default();
             for next in (100..=900).step_by(50) {
-                losses.hear(1, &loss_report(next, next / 5), next);
+                losses.add_report(1, &loss_report(next, next / 5), next);
             }
             assert!(losses.redundancy(1, 900) > Redundancy::Plain);
             losses
         };
-        // It was told the scene again, and has lost four packets since: of these it tells at once.
+        // It was sent a new snapshot and has lost four packets since, which it reports at once.
         let mut losses = before();
-        losses.hear(1, &loss_report(1_000, 4), 1_000);
+        losses.add_report(1, &loss_report(1_000, 4), 1_000);
         assert!(losses.loses(1));
         assert!(losses.redundancy(1, 1_000) >= new_body);
         let mut losses = before();
         losses.forget(1);
         assert!(!losses.loses(1));
         assert_eq!(losses.redundancy(1, 900), Redundancy::Off);
-        losses.hear(1, &loss_report(1_000, 4), 1_000);
+        losses.add_report(1, &loss_report(1_000, 4), 1_000);
         assert_eq!(losses.redundancy(1, 1_000), new_body);
     }
 
     #[test]
     fn impossible_reports_are_ignored() {
         let mut losses = LossTracker::default();
-        losses.hear(1, &loss_report(50, 2), 20);
+        losses.add_report(1, &loss_report(50, 2), 20);
         assert_eq!(losses.redundancy(1, 20), Redundancy::Off);
-        losses.hear(1, &loss_report(20, 0), 20);
-        losses.hear(1, &loss_report(22, 20), 22);
+        losses.add_report(1, &loss_report(20, 0), 20);
+        losses.add_report(1, &loss_report(22, 20), 22);
         assert_eq!(losses.redundancy(1, 22), Redundancy::Off);
         for listener in 0..2 * RECEIVERS_MAX as u64 {
-            losses.hear(listener, &loss_report(22, 1), 22);
+            losses.add_report(listener, &loss_report(22, 1), 22);
         }
         assert!(losses.receivers.len() <= RECEIVERS_MAX);
     }

@@ -1,4 +1,4 @@
-//! The state stream: said once, followed by many.
+//! The state stream: encoded once for all of its subscribers.
 mod aliases;
 mod answers;
 mod bound;

@@ -1,6 +1,6 @@
-//! When each missing packet is reported again.
+//! The NACK scheduler: when each missing packet is reported again.
 //!
-//! One packet's timer never delays another's. Keeps no more than it is told is missing.
+//! Every missing packet has its own timer. Only missing packets take memory.
 
 use alloc::collections::BTreeMap;
 
@@ -8,8 +8,8 @@ use super::retry_timer::RetryTimer;
 use super::subscriber::Subscriber;
 use crate::time::{Instant, Span};
 
-/// How long a gap may be disorder before it counts as loss, where packets came in disorder before; elsewhere it is
-/// loss at once.
+/// How long a gap may be due to reordering before it counts as a loss, on a link that has reordered packets. On other
+/// links a gap is a loss at once.
 const DISORDER: Span = Span::from_millis(4);
 /// The longest pause between two reports of one packet.
 const WAIT_MOST: Span = Span::from_millis(500);
@@ -21,7 +21,7 @@ pub(super) struct NackScheduler {
 }
 
 impl NackScheduler {
-    /// Nothing is missing.
+    /// A scheduler without missing packets.
     pub(super) const fn new() -> Self {
         Self {
             open: BTreeMap::new(),
@@ -35,7 +35,7 @@ impl NackScheduler {
         self.wait_for(now, allowed, stream.missing_packets());
     }
 
-    /// These packets are missing now, in rising order.
+    /// Sets the missing packets, in rising order of number.
     fn wait_for(
         &mut self,
         now: Instant,
@@ -78,35 +78,35 @@ mod tests {
 
     #[test]
     fn no_packet_is_requested_twice_at_zero_round_trip() {
-        let mut asking = NackScheduler::new();
+        let mut scheduler = NackScheduler::new();
         for now in [at(0), at(4), at(12)] {
-            asking.wait_for(now, Span::ZERO, [3].into_iter());
-            assert_eq!(asking.ask(now, Span::ZERO).collect::<Vec<_>>(), [3]);
-            assert!(asking.ask(now, Span::ZERO).next().is_none());
+            scheduler.wait_for(now, Span::ZERO, [3].into_iter());
+            assert_eq!(scheduler.ask(now, Span::ZERO).collect::<Vec<_>>(), [3]);
+            assert!(scheduler.ask(now, Span::ZERO).next().is_none());
         }
-        assert_eq!(asking.due(), Some(at(28)));
+        assert_eq!(scheduler.due(), Some(at(28)));
     }
 
     #[test]
     fn each_lost_packet_has_its_own_timer() {
         let min_delay = Span::from_millis(125);
-        let mut asking = NackScheduler::new();
-        asking.wait_for(at(0), DISORDER, [3].into_iter());
-        assert_eq!(asking.due(), Some(at(4)));
-        assert!(asking.ask(at(3), min_delay).next().is_none());
-        assert_eq!(asking.ask(at(4), min_delay).collect::<Vec<_>>(), [3]);
-        asking.wait_for(at(20), DISORDER, [3, 7, 9].into_iter());
-        assert_eq!(asking.due(), Some(at(24)));
-        assert_eq!(asking.ask(at(24), min_delay).collect::<Vec<_>>(), [7, 9]);
-        assert_eq!(asking.due(), Some(at(129)));
-        // 3 and 9 came; 7 is asked for again after its own wait.
-        asking.wait_for(at(129), DISORDER, [7].into_iter());
-        assert_eq!(asking.due(), Some(at(149)));
-        assert_eq!(asking.ask(at(149), min_delay).collect::<Vec<_>>(), [7]);
-        assert_eq!(asking.due(), Some(at(149 + 250)));
-        asking.wait_for(at(150), DISORDER, [].into_iter());
-        assert_eq!(asking.due(), None);
-        asking.wait_for(at(160), Span::ZERO, [12].into_iter());
-        assert_eq!(asking.ask(at(160), min_delay).collect::<Vec<_>>(), [12]);
+        let mut scheduler = NackScheduler::new();
+        scheduler.wait_for(at(0), DISORDER, [3].into_iter());
+        assert_eq!(scheduler.due(), Some(at(4)));
+        assert!(scheduler.ask(at(3), min_delay).next().is_none());
+        assert_eq!(scheduler.ask(at(4), min_delay).collect::<Vec<_>>(), [3]);
+        scheduler.wait_for(at(20), DISORDER, [3, 7, 9].into_iter());
+        assert_eq!(scheduler.due(), Some(at(24)));
+        assert_eq!(scheduler.ask(at(24), min_delay).collect::<Vec<_>>(), [7, 9]);
+        assert_eq!(scheduler.due(), Some(at(129)));
+        // Packets 3 and 9 arrived; packet 7 is requested again after its own pause.
+        scheduler.wait_for(at(129), DISORDER, [7].into_iter());
+        assert_eq!(scheduler.due(), Some(at(149)));
+        assert_eq!(scheduler.ask(at(149), min_delay).collect::<Vec<_>>(), [7]);
+        assert_eq!(scheduler.due(), Some(at(149 + 250)));
+        scheduler.wait_for(at(150), DISORDER, [].into_iter());
+        assert_eq!(scheduler.due(), None);
+        scheduler.wait_for(at(160), Span::ZERO, [12].into_iter());
+        assert_eq!(scheduler.ask(at(160), min_delay).collect::<Vec<_>>(), [12]);
     }
 }

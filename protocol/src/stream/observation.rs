@@ -1,26 +1,26 @@
-//! What an engine says of a body after a tick: the publisher's truth.
+//! The observed state of a body after a tick: the publisher's ground truth.
 
 use rhumb_reckoning::{BodyId, BodyState};
 
 /// Whether the engine still moves a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Activity {
-    /// The engine steps it.
+    /// The engine steps the body.
     Awake,
-    /// The engine has put it to sleep in this pose, and leaves it alone until something touches it.
+    /// The engine has put the body to sleep in this pose and does not move it until something touches it.
     Asleep,
 }
 
-/// One body after one tick.
+/// The state of one body after one tick.
 ///
-/// An engine observes the bodies that are awake and, once, each that fell asleep in this tick, in the order of their
-/// ids. A body it does not mention has not changed.
+/// An engine reports the bodies that are awake and, once, each that fell asleep in this tick, in order of id. A body
+/// without an observation has not changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Observation {
-    /// Which.
+    /// The observed body.
     pub id: BodyId,
-    /// Where it is, and how it moves: the engine's own bits.
+    /// Its state, the engine's own bits.
     pub motion: BodyState,
-    /// Whether it may move on.
+    /// Whether the engine still moves the body.
     pub activity: Activity,
 }

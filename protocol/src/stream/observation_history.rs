@@ -1,7 +1,7 @@
-//! What was seen of a scene in its last ticks: what its streams share.
+//! The observations of a scene's recent ticks, shared by its streams.
 //!
-//! One per scene, whoever publishes from it. Invariant: ticks are seen one after another without a gap; what breaks that
-//! begins anew. Those that nobody will look at any more are forgotten.
+//! One for each scene. Invariant: the observed ticks have no gap; after a gap the history starts again. Ticks that no
+//! publisher needs are dropped.
 
 use alloc::collections::BTreeMap;
 use alloc::vec::Vec;
@@ -13,16 +13,16 @@ use super::observation::{Activity, Observation};
 use crate::limits::LOOKAHEAD_TICKS_MAX;
 use crate::scene::PublishSchedule;
 
-/// The most ticks that a publisher may look back before it speaks.
+/// The largest lookahead of a publisher.
 pub const LOOKAHEAD_MAX: Ticks = Ticks::new(LOOKAHEAD_TICKS_MAX);
-/// Ticks between two needed_ticks at what a body did before a tick that is spoken of, where each so-manyeth is: half of these or a
-/// little less, so that what happens between two such ticks is seen, and what happened last counts most.
+/// The distance between the earlier observations of a body that a publisher uses. It is half of the publish interval,
+/// rounded down, at least one tick: events between two published ticks are then observed, and the latest count most.
 pub(super) const fn stride(publish_interval: NonZeroU32) -> Ticks {
     let half = publish_interval.get() / 2;
     Ticks::new(if half > 1 { half } else { 1 })
 }
 
-/// What was seen after a tick.
+/// The observations of one tick.
 #[derive(Debug)]
 struct ObservedTick {
     tick: Tick,
@@ -30,21 +30,21 @@ struct ObservedTick {
     bodies: Vec<Observation>,
 }
 
-/// The observations of the last ticks.
+/// The observations of recent ticks.
 #[derive(Debug)]
 pub struct ObservationHistory {
     /// Oldest first.
     ticks: Vec<ObservedTick>,
-    /// Room of those that were forgotten.
+    /// Buffers of dropped ticks, for reuse.
     spare_buffers: Vec<Vec<Observation>>,
     newest: Tick,
     publish_schedule: PublishSchedule,
-    /// By index, bodies that fell asleep at ticks that are passed over: the next one that is spoken of has them too.
+    /// By index: bodies that fell asleep in ticks that are not published. The next published tick includes them.
     passed_over: BTreeMap<u32, Observation>,
 }
 
 impl ObservationHistory {
-    /// Nothing was seen yet. `publish_schedule`: when its publishers speak; they look back at most [`LOOKAHEAD_MAX`].
+    /// An empty history for publishers with this schedule, whose lookahead is at most [`LOOKAHEAD_MAX`].
     #[must_use]
     pub fn new(publish_schedule: PublishSchedule) -> Self {
         let lookahead = publish_schedule.lookahead.min(LOOKAHEAD_MAX);
@@ -60,7 +60,7 @@ impl ObservationHistory {
         }
     }
 
-    /// Takes in what an engine says after a tick: bodies that move, and once each that fell asleep, in order of index.
+    /// Adds the observations of a tick, in order of index: awake bodies, and each body that fell asleep, once.
     pub fn observe(&mut self, tick: Tick, observations: &[Observation]) {
         if self.newest.next() != tick {
             self.ticks.clear();
@@ -71,40 +71,43 @@ impl ObservationHistory {
         if !speaks {
             let asleep = observations
                 .iter()
-                .filter(|seen| seen.activity == Activity::Asleep);
-            let asleep = asleep.map(|seen| (seen.id.index(), *seen));
+                .filter(|observed| observed.activity == Activity::Asleep);
+            let asleep = asleep.map(|observed| (observed.id.index(), *observed));
             self.passed_over.extend(asleep);
             if !self.needed_ticks()(tick) {
                 return;
             }
         }
-        let mut seen = self.spare_buffers.pop().unwrap_or_default();
-        seen.clear();
-        seen.extend_from_slice(observations);
+        let mut observed = self.spare_buffers.pop().unwrap_or_default();
+        observed.clear();
+        observed.extend_from_slice(observations);
         if speaks && !self.passed_over.is_empty() {
-            for seen in observations {
-                self.passed_over.remove(&seen.id.index());
+            for observed in observations {
+                self.passed_over.remove(&observed.id.index());
             }
-            seen.extend(core::mem::take(&mut self.passed_over).into_values());
-            seen.sort_unstable_by_key(|seen| seen.id.index());
+            observed.extend(core::mem::take(&mut self.passed_over).into_values());
+            observed.sort_unstable_by_key(|observed| observed.id.index());
         }
-        self.ticks.push(ObservedTick { tick, bodies: seen });
+        self.ticks.push(ObservedTick {
+            tick,
+            bodies: observed,
+        });
     }
 
-    /// Forgets what nobody will look at any more.
+    /// Drops the ticks that no publisher needs any more.
     fn forget(&mut self) {
         let (is_looked_at, spare_buffers) = (self.needed_ticks(), &mut self.spare_buffers);
-        self.ticks.retain_mut(|seen| {
-            let is_kept = is_looked_at(seen.tick);
+        self.ticks.retain_mut(|observed| {
+            let is_kept = is_looked_at(observed.tick);
             if !is_kept {
-                spare_buffers.push(core::mem::take(&mut seen.bodies));
+                spare_buffers.push(core::mem::take(&mut observed.bodies));
             }
             is_kept
         });
     }
 
-    /// Tells at which ticks somebody may look, now or later: at those that are spoken of yet, at some before each, and at all
-    /// that lookahead knows of.
+    /// Returns a test for ticks that a publisher needs, now or later: unpublished ticks of the schedule, some before
+    /// each of them, and the ticks within the lookahead.
     fn needed_ticks(&self) -> impl Fn(Tick) -> bool + use<> {
         let publish_schedule = self.publish_schedule;
         let present = self
@@ -122,16 +125,16 @@ impl ObservationHistory {
         }
     }
 
-    /// The tick that is spoken of now: as far back as lookahead says. `None` while too little was seen, and at the ticks
-    /// between two that are spoken of.
+    /// The tick to publish now, `lookahead` ticks before the newest one. `None` before enough ticks are observed, and
+    /// between two published ticks.
     #[must_use]
     pub fn present(&self) -> Option<Tick> {
         let tick = self.newest.before(self.publish_schedule.lookahead)?;
-        let seen = self.publish_schedule.publishes(tick) && self.at(tick).is_some();
-        seen.then_some(tick)
+        let observed = self.publish_schedule.publishes(tick) && self.at(tick).is_some();
+        observed.then_some(tick)
     }
 
-    /// How many ticks later each is spoken of.
+    /// The delay between a tick and its publication.
     pub(super) const fn lookahead(&self) -> Ticks {
         self.publish_schedule.lookahead
     }
@@ -141,45 +144,45 @@ impl ObservationHistory {
         stride(self.publish_schedule.publish_interval)
     }
 
-    /// What was seen at a tick.
+    /// The observations of a tick, in order of index.
     #[must_use]
     pub fn at(&self, tick: Tick) -> Option<&[Observation]> {
         let mut newest_first = self.ticks.iter().rev();
-        let seen = newest_first.find(|seen| seen.tick == tick)?;
-        Some(&seen.bodies)
+        let observed = newest_first.find(|observed| observed.tick == tick)?;
+        Some(&observed.bodies)
     }
 
-    /// What was seen of a body at a tick.
+    /// The observation of a body at a tick.
     #[must_use]
     pub fn of(&self, id: BodyId, tick: Tick) -> Option<&Observation> {
-        let seen = self.at(tick)?;
-        // Where all bodies move, each stands as far from the first as their indices are apart.
-        let first = seen.first()?.id.index();
+        let observed = self.at(tick)?;
+        // If all bodies are awake, the position of a body is the difference of its index and the first one.
+        let first = observed.first()?.id.index();
         self.near(id, tick, id.index().saturating_sub(first) as usize)
     }
 
-    /// The same, of a body that stands about there among those that were seen.
+    /// The observation of a body whose position is near `place`.
     pub(super) fn near(&self, id: BodyId, tick: Tick, place: usize) -> Option<&Observation> {
-        let seen = self.at(tick)?;
-        let place = find(seen, id.index(), place)?;
-        Some(&seen[place]).filter(|observation| observation.id == id)
+        let observed = self.at(tick)?;
+        let place = find(observed, id.index(), place)?;
+        Some(&observed[place]).filter(|observation| observation.id == id)
     }
 }
 
-/// The place of a body, looked for from another on, in ever wider steps.
-fn find(seen: &[Observation], index: u32, from: usize) -> Option<usize> {
-    let index_at = |place: usize| seen[place].id.index();
-    let from = from.min(seen.len().checked_sub(1)?);
+/// Searches for the position of a body from a start position outwards, in growing steps.
+fn find(observed: &[Observation], index: u32, from: usize) -> Option<usize> {
+    let index_at = |place: usize| observed[place].id.index();
+    let from = from.min(observed.len().checked_sub(1)?);
     if index_at(from) == index {
         return Some(from);
     }
     let mut step = 1;
     let (low, high) = if index_at(from) < index {
         let mut low = from + 1;
-        while low + step < seen.len() && index_at(low + step) < index {
+        while low + step < observed.len() && index_at(low + step) < index {
             (low, step) = (low + step, step * 2);
         }
-        (low, seen.len().min(low + step + 1))
+        (low, observed.len().min(low + step + 1))
     } else {
         let mut high = from;
         while high > step && index_at(high - step) > index {
@@ -187,7 +190,8 @@ fn find(seen: &[Observation], index: u32, from: usize) -> Option<usize> {
         }
         (high.saturating_sub(step), high)
     };
-    let found = seen[low..high].binary_search_by_key(&index, |observation| observation.id.index());
+    let found =
+        observed[low..high].binary_search_by_key(&index, |observation| observation.id.index());
     Some(low + found.ok()?)
 }
 
@@ -196,7 +200,7 @@ mod tests {
     use super::*;
     use rhumb_reckoning::BodyState;
 
-    fn seen(index: u32, x: f32) -> Observation {
+    fn awake(index: u32, x: f32) -> Observation {
         Observation {
             id: BodyId::new(index, 0),
             motion: BodyState::new([x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
@@ -206,13 +210,13 @@ mod tests {
     }
 
     #[test]
-    fn the_present_lies_as_far_back_as_lookahead_says() {
+    fn the_published_tick_lags_the_newest_by_the_lookahead() {
         let mut observation_history = ObservationHistory::new(PublishSchedule {
             lookahead: Ticks::new(2),
             ..PublishSchedule::EACH_TICK
         });
         for tick in 1..=10 {
-            observation_history.observe(Tick::new(tick), &[seen(3, tick as f32)]);
+            observation_history.observe(Tick::new(tick), &[awake(3, tick as f32)]);
             let expected = tick.checked_sub(2).filter(|t| *t > 0).map(Tick::new);
             assert_eq!(observation_history.present(), expected);
         }
@@ -234,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn before_a_tick_that_is_spoken_of_the_last_two_are_seen_and_two_looks_back() {
+    fn before_a_published_tick_two_ticks_and_two_strides_are_kept() {
         let cases = [
             (1, 0, 3),
             (2, 0, 3),
@@ -254,7 +258,7 @@ mod tests {
                 lookahead,
             });
             for tick in 1..=60 {
-                observation_history.observe(Tick::new(tick), &[seen(3, tick as f32)]);
+                observation_history.observe(Tick::new(tick), &[awake(3, tick as f32)]);
                 assert!(
                     observation_history.ticks.len() <= most,
                     "each {publish_interval}th: {most}"
@@ -269,7 +273,7 @@ mod tests {
                 for ago in [0, 1, 2, stride, 2 * stride] {
                     let then = present.before(Ticks::new(ago)).unwrap();
                     let [body] = observation_history.at(then).unwrap() else {
-                        panic!("one body is seen");
+                        panic!("one body is observed");
                     };
                     assert_eq!(body.motion.position()[0], then.value() as f32);
                 }
@@ -286,7 +290,7 @@ mod tests {
             lookahead,
         });
         for tick in 1..=60 {
-            observation_history.observe(Tick::new(tick), &[seen(3, tick as f32)]);
+            observation_history.observe(Tick::new(tick), &[awake(3, tick as f32)]);
             let is_kept = observation_history.at(Tick::new(tick)).is_some();
             assert_eq!(is_kept, [0, 3, 4, 5].contains(&(tick % 6)), "{tick}");
         }
@@ -295,11 +299,11 @@ mod tests {
     #[test]
     fn bodies_are_found_from_any_start() {
         for step in [1, 3] {
-            let all: Vec<_> = (0..40).map(|place| seen(5 + place * step, 0.0)).collect();
+            let all: Vec<_> = (0..40).map(|place| awake(5 + place * step, 0.0)).collect();
             for count in [0, 1, 2, 7, 40] {
                 let all = &all[..count];
                 for index in 0..130 {
-                    let expected = all.iter().position(|seen| seen.id.index() == index);
+                    let expected = all.iter().position(|observed| observed.id.index() == index);
                     for from in 0..45 {
                         assert_eq!(find(all, index, from), expected, "{index} from {from}");
                     }
@@ -309,16 +313,16 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_begins_anew() {
+    fn a_gap_restarts_the_history() {
         let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
-        observation_history.observe(Tick::new(1), &[seen(0, 1.0)]);
-        observation_history.observe(Tick::new(5), &[seen(0, 5.0)]);
+        observation_history.observe(Tick::new(1), &[awake(0, 1.0)]);
+        observation_history.observe(Tick::new(5), &[awake(0, 5.0)]);
         assert_eq!(observation_history.at(Tick::new(1)), None);
         assert_eq!(observation_history.present(), Some(Tick::new(5)));
     }
 
     #[test]
-    fn sleep_between_published_ticks_is_seen_at_the_next() {
+    fn a_body_that_falls_asleep_between_published_ticks_is_in_the_next() {
         let publish_interval = NonZeroU32::new(3).unwrap();
         let lookahead = Ticks::new(2);
         let mut observation_history = ObservationHistory::new(PublishSchedule {
@@ -327,30 +331,30 @@ mod tests {
         });
         let asleep = |index, x| Observation {
             activity: Activity::Asleep,
-            ..seen(index, x)
+            ..awake(index, x)
         };
         let ticks: [&[Observation]; 8] = [
-            &[seen(4, 1.0), asleep(9, 1.0)],
+            &[awake(4, 1.0), asleep(9, 1.0)],
             &[asleep(4, 2.0)],
             &[asleep(1, 3.0)],
-            &[seen(4, 4.0)],
+            &[awake(4, 4.0)],
             &[asleep(4, 5.0)],
-            &[seen(4, 6.0)],
+            &[awake(4, 6.0)],
             &[],
             &[],
         ];
         for (place, observations) in ticks.into_iter().enumerate() {
             let tick = Tick::new(place as u64 + 1);
             observation_history.observe(tick, observations);
-            let spoken = match tick.value() {
+            let published = match tick.value() {
                 5 => Some(Tick::new(3)),
                 8 => Some(Tick::new(6)),
                 _ => None,
             };
-            assert_eq!(observation_history.present(), spoken, "{tick}");
+            assert_eq!(observation_history.present(), published, "{tick}");
         }
         let at = |tick| observation_history.at(Tick::new(tick)).unwrap();
-        assert_eq!(at(6), [seen(4, 6.0)]);
+        assert_eq!(at(6), [awake(4, 6.0)]);
         let mut observation_history = ObservationHistory::new(PublishSchedule {
             publish_interval,
             lookahead,

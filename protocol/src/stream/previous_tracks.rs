@@ -1,7 +1,7 @@
-//! The tracks that bodies left: what held before the present ones began.
+//! The previous tracks of bodies, which hold before the present ones.
 //!
-//! Of each body one at most, and only while somebody may ask for it: few, so that they are kept apart from the table.
-//! Invariant: `places` points into `kept`, and each of these back.
+//! At most one for each body, and only while a view may show ticks before the present track. They are few, so they are
+//! kept outside the table. Invariant: `places` points into `kept`, and each entry of `kept` back.
 
 use alloc::vec::Vec;
 
@@ -9,27 +9,27 @@ use rhumb_reckoning::{DenseTrack, Tick, Track};
 
 use crate::capacity::{grow_to, push};
 
-/// By body, the track before the present one, where nothing was said between the two.
+/// By body: the track directly before the present one.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct PreviousTracks {
-    /// By index, one more than its place among those kept; 0 for none.
+    /// By index: one more than the position in `kept`; 0 for none.
     places: Vec<u32>,
-    /// With the index of its body.
+    /// The tracks, each with the index of its body.
     kept: Vec<(u32, DenseTrack)>,
 }
 
 impl PreviousTracks {
-    /// The track that a body left, if it is kept.
+    /// The previous track of a body, if it is kept.
     pub(crate) fn get(&self, index: u32) -> Option<Track> {
         Some(self.kept[self.place(index)?].1.track())
     }
 
-    /// Since when that held.
+    /// The origin of the previous track.
     pub(crate) fn origin(&self, index: u32) -> Option<Tick> {
         Some(self.kept[self.place(index)?].1.origin())
     }
 
-    /// Keeps the track that a body left, in place of one that is kept.
+    /// Keeps the previous track of a body in place of an older one.
     pub(crate) fn keep(&mut self, index: u32, track: DenseTrack) {
         if let Some(place) = self.place(index) {
             self.kept[place].1 = track;
@@ -40,16 +40,16 @@ impl PreviousTracks {
         self.places[index as usize] = self.kept.len() as u32;
     }
 
-    /// Keeps none of a body.
+    /// Drops the previous track of a body.
     pub(crate) fn forget(&mut self, index: u32) {
         if let Some(place) = self.place(index) {
             self.take_out(place);
         }
     }
 
-    /// Keeps only those of these bodies.
+    /// Keeps only the previous tracks of bodies that satisfy `of`.
     pub(crate) fn retain(&mut self, of: impl Fn(u32) -> bool) {
-        // From the last on, so that what takes a place was looked at.
+        // From the last entry on, so that an entry that fills a removed place was tested already.
         for place in (0..self.kept.len()).rev() {
             if !of(self.kept[place].0) {
                 self.take_out(place);

@@ -1,7 +1,8 @@
-//! Compares truth with what was said; says what would break the tolerance.
+//! The publisher of a reckoned stream: encodes updates for its subscribers.
 //!
-//! Knows nothing of who listens: what it says is encoded once for all. Invariant: after `publish`, every observed body
-//! is within the tolerance of its track, grid error included.
+//! Compares observations with its tracks and sends an update for each body out of tolerance. Knows no listeners: an
+//! update is encoded once for all. Invariant: after `publish`, every observed body is within the tolerance of its
+//! track, grid error included.
 
 mod attaching;
 mod budget_state;
@@ -42,40 +43,40 @@ pub use budget_state::OverBudget;
 use scan::ObservationScan;
 use window::ObservationWindow;
 
-/// What a publisher said so far.
+/// Counters of a publisher.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PublisherStatistics {
-    /// Updates said.
+    /// Updates sent.
     pub updates: u64,
-    /// Packets, refreshes and watermarks aside.
+    /// Packets sent, without refreshes and watermarks.
     pub packets: u64,
-    /// Their bytes.
+    /// Bytes of these packets.
     pub bytes: u64,
-    /// Observations that were held against tracks: a body that sleeps on is not among them.
-    pub looked: u64,
-    /// ReceivedAliases that were looked at, for bodies that were silent for long: those where somebody sits, and some next to them.
+    /// Observations compared with tracks. A body that stays asleep has none.
+    pub checked: u64,
+    /// Aliases scanned for idle bodies: the assigned ones and free ones near them.
     pub aliases: u64,
-    /// Bodies that were not told of though they were off, for want of budget, each counted at every tick.
+    /// Bodies out of tolerance without an update, because the budget did not suffice. Counted at every tick.
     pub over_budget: u64,
 }
 
-/// What a stream is, at its source.
+/// The config of a stream.
 #[derive(Clone, Copy, Debug)]
 pub struct StreamTerms {
-    /// Its promise.
+    /// The tolerance of every body with the usual scale.
     pub tolerance: Tolerance,
-    /// How the scene steps.
+    /// The integrator and rate of the scene.
     pub integrator: Integrator,
-    /// The multiples of this number are the ticks that it is said of.
+    /// The stream publishes at ticks that are multiples of this number.
     pub publish_interval: NonZeroU32,
-    /// What pulls now, m/s².
+    /// The present gravity, m/s², world frame.
     pub gravity: Vec3,
-    /// What its publisher may use.
+    /// The features that the publisher may use.
     pub features: Features,
 }
 
 impl StreamTerms {
-    /// Where a subscriber begins that hears the stream from the beginning, which is at this tick.
+    /// The start of a subscriber that receives the stream from its first tick.
     #[must_use]
     pub const fn start(&self, stream: StreamId, tick: Tick) -> StreamStart {
         StreamStart {
@@ -91,7 +92,7 @@ impl StreamTerms {
     }
 }
 
-/// One reckoned stream at its source.
+/// The publisher of one reckoned stream.
 #[derive(Debug)]
 pub struct Publisher {
     stream: StreamId,
@@ -101,24 +102,24 @@ pub struct Publisher {
     repair_symbols: FecEncoder,
     tick: Tick,
     alias_table: AliasTable,
-    /// Who holds others, and how many, in order of index.
+    /// Parents and their numbers of children, in order of index.
     child_counts: Vec<(u32, u32)>,
-    /// Pairs of parent and body: this tick's updates of the bodies build on tracks of the parents.
+    /// Pairs of parent and child: this tick's updates of the children build on tracks of the parents.
     attached: Vec<(u32, u32)>,
     updates: Vec<Update>,
-    /// Who came to rest at this tick: packets still name them by their aliases.
+    /// Bodies that came to rest at this tick. Packets of this tick still use their aliases.
     resting_bodies: Vec<u32>,
-    /// What the look at a tick found; none while it is made use of.
+    /// The buffers of the scan; None while it is in use.
     scan: Option<Box<ObservationScan>>,
-    /// What it may take, if that is limited, and who waits.
+    /// The state of the budget and the waiting bodies; None without a budget.
     budget_state: Option<Box<BudgetState>>,
-    /// Factor on all tolerances that a budget asks for at present; one without.
+    /// The present factor on all tolerances, raised while the budget does not suffice; otherwise one.
     slack: f64,
     statistics: PublisherStatistics,
 }
 
 impl Publisher {
-    /// A stream without bodies.
+    /// A publisher of a stream without bodies.
     #[must_use]
     pub fn new(stream: StreamId, config: &StreamTerms, tick: Tick) -> Self {
         Self {
@@ -148,33 +149,33 @@ impl Publisher {
         }
     }
 
-    /// Its name.
+    /// The id of the stream.
     #[must_use]
     pub const fn stream(&self) -> StreamId {
         self.stream
     }
 
-    /// Its promise.
+    /// The tolerance of a body with the usual scale.
     #[must_use]
     pub const fn tolerance(&self) -> Tolerance {
         self.tracks.tolerance()
     }
 
-    /// What it said so far.
+    /// Counters of everything published so far.
     #[must_use]
     pub const fn statistics(&self) -> PublisherStatistics {
         self.statistics
     }
 
-    /// A body has come into the scene, and every listener is told its first track by a scene_event.
+    /// Places a body that came into the scene. A scene event carries its first track to every listener.
     ///
-    /// Returns `false` when the table has no room, which the scene's own limits prevent.
+    /// Returns `false` if the table is full, which the scene's own limits prevent.
     #[must_use]
     pub fn place(&mut self, id: BodyId, parameters: &PredictionParameters, track: Track) -> bool {
         self.tracks.place(id, parameters, track, None)
     }
 
-    /// A body has left the scene. What it held is said anew at the next tick.
+    /// Removes a body from the scene. At the next tick its children are updated with other parents.
     pub fn remove(&mut self, id: BodyId) {
         let attached_to = self.tracks.slot(id.index()).and_then(Slot::parent);
         if self.tracks.remove(id) {
@@ -183,24 +184,25 @@ impl Publisher {
         }
     }
 
-    /// Another gravity pulls from this tick on.
+    /// Changes the gravity from this tick on.
     pub fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
         self.tracks.change_gravity(since, gravity);
     }
 
-    /// What pulled from which tick on, as far as tracks refer to it: what a late listener must be told before the tracks.
+    /// The gravity and the first tick of each change that a track may refer to. A late listener needs them before the
+    /// tracks.
     pub fn gravity_changes(&self) -> impl Iterator<Item = (Tick, Vec3)> {
         self.tracks.gravity_changes()
     }
 
-    /// Every body's track, in order of index: what a late listener must be told.
+    /// Every body's track, in order of index, for a late listener.
     pub fn tracks(&self) -> impl Iterator<Item = (BodyId, Track)> {
         self.tracks
             .iter()
             .map(|(index, slot)| (slot.id(index), slot.track()))
     }
 
-    /// The alias of a body, if it has one: what a late listener must be told too.
+    /// The alias of a body, for a late listener.
     #[must_use]
     pub fn alias(&self, id: BodyId) -> Option<u32> {
         self.alias_table.aliases().of(id.index())
@@ -212,29 +214,29 @@ impl Publisher {
         self.sent_packets.next()
     }
 
-    /// The tick up to which everything was said.
+    /// The tick up to which everything is published.
     #[must_use]
     pub const fn tick(&self) -> Tick {
         self.tick
     }
 
-    /// Keyframe ticks in a second of its scene, at least one.
+    /// Whole ticks in a second of the scene, at least one.
     #[must_use]
     pub fn second(&self) -> Ticks {
         second(self.tracks.integrator().rate)
     }
 
-    /// Says what must be said of what was observed and appends the datagrams to `out`; none when every track still
-    /// holds, or nothing is spoken of now.
+    /// Publishes the present tick and appends the datagrams to `out`: none if every track still holds, or if no tick is
+    /// due.
     ///
-    /// `scene_events`: how many the scene has given, up to the newest tick that was observed.
+    /// `scene_events`: the scene's number of events up to the newest observed tick.
     pub fn publish(
         &mut self,
         observation_history: &ObservationHistory,
         scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
-        // A stream that began after that tick has told it already.
+        // A stream that began after that tick has already published it.
         let Some(tick) = observation_history
             .present()
             .filter(|tick| *tick > self.tick)
@@ -255,16 +257,16 @@ impl Publisher {
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
         self.statistics.aliases += self.alias_table.release_idle_aliases(tick);
-        let mut scan = self.scan.take().expect("no look is going on");
+        let mut scan = self.scan.take().expect("no scan is in progress");
         self.scan(tick, observations, &mut scan);
-        // What may hold others is spoken of first, so that what it holds is judged by where it is said to be.
-        let mut say = |update: Option<Update>| {
+        // Possible parents are checked first, so that a child is compared with its parent's published track.
+        let mut emit = |update: Option<Update>| {
             if let Some(update) = update {
                 push(&mut updates, update);
             }
         };
         for LargeBody { place, .. } in &scan.parent_candidates {
-            say(self.check(
+            emit(self.check(
                 observation_history,
                 tick,
                 (*place, &observations[*place]),
@@ -274,26 +276,32 @@ impl Publisher {
         self.scan_other_parents(observations, &mut scan);
         for place in &scan.other_parents {
             let place = *place as usize;
-            let seen = (place, &observations[place]);
-            say(self.check(observation_history, tick, seen, None));
+            let observed = (place, &observations[place]);
+            emit(self.check(observation_history, tick, observed, None));
         }
         for place in &scan.undecided {
             if scan.is_before(*place) {
                 continue;
             }
             let place = *place as usize;
-            let seen = (place, &observations[place]);
+            let observed = (place, &observations[place]);
             let parent_candidate =
-                self.parent_candidate_of(seen.1, &scan.parent_candidates, observations);
-            say(self.check(observation_history, tick, seen, parent_candidate));
+                self.parent_candidate_of(observed.1, &scan.parent_candidates, observations);
+            emit(self.check(observation_history, tick, observed, parent_candidate));
         }
         self.scan = Some(scan);
-        self.say(tick, &mut updates, scene_events, out);
+        self.encode_updates(tick, &mut updates, scene_events, out);
         self.updates = updates;
     }
 
-    /// Says what was judged to be said at a tick.
-    fn say(&mut self, tick: Tick, updates: &mut [Update], scene_events: u64, out: &mut Vec<Bytes>) {
+    /// Encodes the updates of a tick into datagrams.
+    fn encode_updates(
+        &mut self,
+        tick: Tick,
+        updates: &mut [Update],
+        scene_events: u64,
+        out: &mut Vec<Bytes>,
+    ) {
         self.pack(tick, updates, scene_events, out);
         for index in self.resting_bodies.drain(..) {
             self.alias_table.release(index);
@@ -301,29 +309,30 @@ impl Publisher {
         self.attached.clear();
     }
 
-    /// The slot of a body that was seen at the present tick: not of one that came later, or has the index of one that went.
-    fn seen_slot(&self, observation: &Observation) -> Option<&Slot> {
+    /// The slot of a body observed at the present tick. None if it came later, or if another body has the index.
+    fn observed_slot(&self, observation: &Observation) -> Option<&Slot> {
         let slot = self.tracks.slot(observation.id.index())?;
         let there = slot.id(observation.id.index()) == observation.id;
         (there && slot.origin() <= self.tick).then_some(slot)
     }
 
-    /// Compares one body with its track; when the track no longer holds, replaces it and returns what says so.
+    /// Compares one body with its track. If the track no longer holds, replaces it and returns the update.
     ///
-    /// `seen`: what was seen of it, and its place about there among those that were seen.
+    /// `observed`: the position of the body among the observations, and its observation.
     fn check(
         &mut self,
         observation_history: &ObservationHistory,
         tick: Tick,
-        seen: (usize, &Observation),
+        observed: (usize, &Observation),
         parent_candidate: Option<usize>,
     ) -> Option<Update> {
-        let (_, observation) = seen;
+        let (_, observation) = observed;
         let index = observation.id.index();
-        let slot = self.seen_slot(observation)?;
+        let slot = self.observed_slot(observation)?;
         let (payload, track) = match observation.activity {
             Activity::Asleep => {
-                // Who was woken and is_within_rest within tolerance of where it lay never came out of rest for who watches.
+                // If a woken body is still within tolerance of its rest pose, nothing is sent: subscribers see no
+                // difference.
                 if slot.is_exact_rest()
                     && self.is_within_rest(observation_history, tick, slot, observation)
                 {
@@ -333,7 +342,7 @@ impl Publisher {
                 (self.rest_payload(tick, slot, observation), resting)
             }
             Activity::Awake => {
-                self.correct(observation_history, tick, slot, seen, parent_candidate)?
+                self.correct(observation_history, tick, slot, observed, parent_candidate)?
             }
         };
         let before = slot.parent();
@@ -358,7 +367,7 @@ impl Publisher {
         })
     }
 
-    /// Whether a body is within tolerance of where it is said to lie.
+    /// Whether a body is within tolerance of its published rest pose.
     fn is_within_rest(
         &self,
         observation_history: &ObservationHistory,
@@ -376,7 +385,7 @@ impl Publisher {
         used <= self.closeness(observation_history, index)
     }
 
-    /// What says that a body rests where the engine has it, to the bit.
+    /// The payload that puts a body to rest at the engine's exact pose.
     fn rest_payload(&self, tick: Tick, slot: &Slot, observation: &Observation) -> UpdatePayload {
         let index = observation.id.index();
         let track = slot.track();
@@ -400,7 +409,7 @@ impl Publisher {
         })
     }
 
-    /// What to say of a body that is awake, or `None` while its track holds.
+    /// The update of an awake body, or `None` while its track holds.
     fn correct(
         &self,
         observation_history: &ObservationHistory,
@@ -429,7 +438,7 @@ impl Publisher {
         if !expired && used <= closeness {
             return None;
         }
-        let seen = ObservationWindow::of(observation_history, observation.id, tick, place);
+        let observed = ObservationWindow::of(observation_history, observation.id, tick, place);
         let attached_to = parent_candidate.and_then(|place| {
             let other = observation_history.at(tick)?.get(place)?;
             Some((
@@ -442,7 +451,7 @@ impl Publisher {
             features: self.features,
             slack: self.slack * closeness,
         });
-        let stride = seen.stride;
+        let stride = observed.stride;
         let subject = Subject {
             index: observation.id.index(),
             slot,
@@ -450,29 +459,29 @@ impl Publisher {
             tick,
             truth,
             predicted_motion,
-            last: seen.last,
-            past: seen.past,
+            last: observed.last,
+            past: observed.past,
             stride,
-            ahead: seen.ahead(),
-            ends: seen.ends(),
+            ahead: observed.ahead(),
+            ends: observed.ends(),
             parent: attached_to
                 .as_ref()
-                .and_then(|(other, seen)| self.parent(other, seen, stride)),
+                .and_then(|(other, observed)| self.parent(other, observed, stride)),
         };
         let chosen = decision.decide(&subject);
         if chosen.is_none() && !expired && used <= 1.0 {
-            // No correction keeps a parent closer than its grid is fine.
+            // A correction can keep a parent no closer than its grid, which is not close enough here.
             return None;
         }
         let chosen = chosen.or_else(|| decision.widened().decide(&subject));
-        Some(chosen.unwrap_or_else(|| self.anew(tick, slot, observation, &truth)))
+        Some(chosen.unwrap_or_else(|| self.keyframe_update(tick, slot, observation, &truth)))
     }
 
-    /// What is known of a body that another may be attached to; `stride`: of the other.
+    /// The possible parent of another body; `stride` is the publish interval of that body's last observations.
     fn parent<'s>(
         &'s self,
         observation: &Observation,
-        seen: &'s ObservationWindow,
+        observed: &'s ObservationWindow,
         stride: Ticks,
     ) -> Option<Parent<'s>> {
         let index = observation.id.index();
@@ -480,18 +489,18 @@ impl Publisher {
             index,
             slot: self.tracks.slot(index)?,
             truth: observation.motion.motion(),
-            past: if seen.stride == stride {
-                seen.past
+            past: if observed.stride == stride {
+                observed.past
             } else {
                 [None; 2]
             },
-            ahead: seen.ahead(),
+            ahead: observed.ahead(),
         })
     }
 
-    /// A motion said alone: on the grid, or to the bit where the grid is too coarse for the promise (a body of a
-    /// hundred metres, say).
-    fn anew(
+    /// A motion that needs no prediction: on the grid, or exact if the grid is too coarse for the tolerance, as for a
+    /// body of a hundred metres.
+    fn keyframe_update(
         &self,
         tick: Tick,
         slot: &Slot,
@@ -507,10 +516,10 @@ impl Publisher {
             (false, false) => Predictor::Uniform,
         };
         let quantised = QuantisedState::of(truth, grid);
-        let said = quantised.motion(grid);
+        let on_grid = quantised.motion(grid);
         let used = share(
             &truth.pose(),
-            &said.pose(),
+            &on_grid.pose(),
             self.tracks.tolerance_of(slot),
             self.tracks.radius(slot),
         );
@@ -544,7 +553,7 @@ impl Publisher {
         Bytes::from(checksums.encode(self.stream))
     }
 
-    /// The datagram that watermarks for the silence since the last packet.
+    /// The watermark for the silence since the last packet.
     #[must_use]
     pub fn watermark(&self, scene_events: u64) -> Bytes {
         let watermark = Watermark {

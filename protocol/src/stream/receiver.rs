@@ -1,8 +1,8 @@
 //! The receiver of a stream: its subscriber, and when it reports.
 //!
-//! It reports losses (open or restored by repair symbols) and overdue watermarks. Sans-IO. A client uses it for its
-//! scene, a server for an upstream, and a replay; each sets how long silence may last.
-//! Poll order: `subscriber_mut().handle`, `watch`, then `due` and `report`.
+//! Reports losses, open or recovered by repair symbols, and overdue watermarks. Sans-IO. Used by a client for its
+//! scene, by a server for an upstream, and by replays; each sets how long silence may last. Call order:
+//! `subscriber_mut().handle`, `watch`, then `due` and `report`.
 
 use alloc::vec::Vec;
 
@@ -14,36 +14,36 @@ use super::subscriber::Subscriber;
 use crate::endpoint::{Wake, WakeReason};
 use crate::time::{Instant, Span};
 
-/// Delay of a report, because packets may arrive in another order.
+/// Delay of a report, because packets may be reordered.
 pub(crate) const DISORDER: Span = Span::from_millis(4);
-/// How often losses are reported that repair symbols have made good: the sender adapts its redundancy to them.
+/// The pause between reports of recovered losses. The sender adapts its redundancy to them.
 const RESTORED_PAUSE: Span = Span::from_millis(500);
-/// How much longer than the first timeout a free-running stream may be silent before it is asked: its last packet may be
-/// the lost one. It states its watermark each two and a half seconds at least.
+/// Added to the first timeout of a free-running stream before its silence is reported: its last packet may be lost.
+/// Such a stream states its watermark at least every two and a half seconds.
 const UNASKED: Span = Span::from_millis(2_900);
 /// The first timeout of a stream from which a datagram is expected.
 const SILENCE: Span = Span::from_millis(100);
 /// The longest pause between two reports to a stream that stays silent.
 pub(crate) const SILENCE_MOST: Span = Span::from_millis(2_000);
 
-/// One stream at its listener.
+/// The receiving end of one stream.
 #[derive(Debug)]
 pub struct StreamReceiver {
     subscriber: Subscriber,
     nacks: NackScheduler,
     silence: RetryTimer,
-    /// When losses were reported last, and how many there were.
+    /// The time of the last report of losses, and their number then.
     reported: (Instant, u64),
 }
 
 impl StreamReceiver {
-    /// Reports for a subscriber to a scene's stream.
+    /// A receiver for a subscriber to a scene's stream.
     #[must_use]
     pub const fn new(subscriber: Subscriber) -> Self {
         Self::with_timeout(subscriber, SILENCE)
     }
 
-    /// The same with another first timeout of a silent stream.
+    /// A receiver with another first timeout of a silent stream.
     pub(crate) const fn with_timeout(subscriber: Subscriber, silence: Span) -> Self {
         Self {
             subscriber,
@@ -53,13 +53,13 @@ impl StreamReceiver {
         }
     }
 
-    /// The copy of the stream.
+    /// The subscriber that the receiver reports for.
     #[must_use]
     pub const fn subscriber(&self) -> &Subscriber {
         &self.subscriber
     }
 
-    /// The copy, to take in datagrams and scene events.
+    /// The subscriber, for applying datagrams and scene events.
     pub const fn subscriber_mut(&mut self) -> &mut Subscriber {
         &mut self.subscriber
     }
@@ -69,23 +69,24 @@ impl StreamReceiver {
         self.nacks.watch(now, &self.subscriber);
     }
 
-    /// A datagram came: none is overdue.
+    /// Ends the timeout of silence after a datagram arrived.
     pub(crate) fn end_silence(&mut self) {
         self.silence.end();
     }
 
-    /// A datagram is expected within a span, and the first timeout at least, unless one is already.
+    /// Starts the timeout of silence, unless it runs: `span`, and the first timeout at least.
     pub(crate) fn expect_within(&mut self, now: Instant, span: Span) {
         self.silence.begin_for(now, span);
     }
 
-    /// A datagram came. The next is expected when a free-running stream states its watermark at the latest.
+    /// Restarts the timeout after a datagram. The next one arrives at the latest with the watermark of a free-running
+    /// stream.
     pub fn expect_watermark(&mut self, now: Instant) {
         self.silence.end();
         self.silence.begin(now + UNASKED);
     }
 
-    /// When it has something to report, if it has, and nothing is received until then.
+    /// The time of the next report if nothing is received until then; None if there is nothing to report.
     #[must_use]
     pub fn due(&self) -> Option<Wake> {
         let restored = self.restored_due();
@@ -101,14 +102,14 @@ impl StreamReceiver {
         wakes.min_by_key(|wake| wake.at)
     }
 
-    /// When losses that are made good are to be reported.
+    /// When recovered losses are to be reported.
     fn restored_due(&self) -> Option<Instant> {
         let (at, lost) = self.reported;
         let news = self.subscriber.missing() == 0 && self.subscriber.lost() != lost;
         news.then(|| at + RESTORED_PAUSE)
     }
 
-    /// Appends the reports that are due. The next ones of the same follow `min_delay` later at the earliest.
+    /// Appends the reports that are due. A report of the same losses follows at least `min_delay` later.
     pub fn report(&mut self, now: Instant, min_delay: Span, out: &mut Vec<Bytes>) {
         let stream = self.subscriber.stream();
         let lost: Vec<u64> = self.nacks.ask(now, min_delay).collect();
@@ -159,8 +160,8 @@ mod tests {
         StreamReceiver::new(subscriber)
     }
 
-    /// A watermark says that so many packets were sent.
-    fn hear(receiver: &mut StreamReceiver, now: Instant, next: u64) {
+    /// Handles a watermark with this number of the next packet.
+    fn handle_watermark(receiver: &mut StreamReceiver, now: Instant, next: u64) {
         let watermark = Watermark {
             next: Low16::of(next),
             tick: Low16(1),
@@ -172,7 +173,7 @@ mod tests {
         receiver.expect_watermark(now);
     }
 
-    /// The one report that is made now, if one is.
+    /// The report that is due now, if any.
     fn reported(receiver: &mut StreamReceiver, now: Instant) -> Option<LossReport> {
         let mut reports = Vec::new();
         receiver.report(now, DELAY, &mut reports);
@@ -186,7 +187,7 @@ mod tests {
     #[test]
     fn a_lost_packet_is_reported_at_once_and_again_after_the_delay() {
         let mut receiver = receiver();
-        hear(&mut receiver, at(7), 2);
+        handle_watermark(&mut receiver, at(7), 2);
         let due = receiver.due().map(|wake| (wake.at, wake.reason));
         assert_eq!(due, Some((at(7), WakeReason::Refresh)));
         for (ms, lost) in [(7, Some(2)), (8, None), (56, None), (57, Some(2))] {
@@ -196,15 +197,15 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_that_states_no_watermark_is_asked_after_three_seconds() {
+    fn a_stream_without_watermark_is_queried_after_three_seconds() {
         let mut receiver = receiver();
-        hear(&mut receiver, at(0), 0);
+        handle_watermark(&mut receiver, at(0), 0);
         for ms in [3_000, 3_200, 3_600, 4_400, 6_000, 8_000] {
             let due = receiver.due().map(|wake| (wake.at, wake.reason));
             assert_eq!(due, Some((at(ms), WakeReason::Watermark)));
             assert!(reported(&mut receiver, at(ms)).is_some());
         }
-        hear(&mut receiver, at(8_100), 0);
+        handle_watermark(&mut receiver, at(8_100), 0);
         assert_eq!(receiver.due().map(|wake| wake.at), Some(at(11_100)));
     }
 }

@@ -1,32 +1,33 @@
-//! How much of a stream is said again in repair_symbols, by how much of it is lost.
+//! The redundancy of a stream: how many repair symbols go with its packets.
 
-/// From so many bytes on a tick is worth two packets: below, what another head takes is more than half a repair_symbol saves.
+/// A tick of at least this many bytes is split into two packets. Below, the second head costs more than half a repair
+/// symbol saves.
 const HALVED: usize = 200;
 
-/// The loss that is reckoned with where something was lost, however little is: of every hundredth answer.
+/// The least loss rate assumed for answers to a listener that lost packets.
 const ANSWERED: f64 = 0.01;
 
-/// A share of a stream's packets that was lost, of a million.
+/// The share of a stream's packets that was lost, in millionths.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct LossRate(pub u32);
 
 impl LossRate {
-    /// Of a hundred.
+    /// A loss rate in percent.
     #[must_use]
     pub const fn percent(count: u32) -> Self {
         Self(count * 10_000)
     }
 }
 
-/// How much is said again in repair_symbols.
+/// How often a stream sends repair symbols.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Redundancy {
-    /// Nothing: what is lost is asked for.
+    /// Never: a lost packet is answered on request.
     #[default]
     Off,
     /// After every third tick.
     Thin,
-    /// After every other tick: what was lost with a tick is had back with the next one.
+    /// After every second tick: the next tick recovers a packet of the tick before.
     Plain,
     /// After every tick.
     Thick,
@@ -35,7 +36,7 @@ pub enum Redundancy {
 impl Redundancy {
     const ALL: [Self; 4] = [Self::Off, Self::Thin, Self::Plain, Self::Thick];
 
-    /// The loss from which on it is used.
+    /// The loss rate from which on this redundancy is used.
     #[must_use]
     pub const fn from(self) -> LossRate {
         match self {
@@ -46,7 +47,8 @@ impl Redundancy {
         }
     }
 
-    /// What serves for a loss where this served so far: at once more if more is lost, less only if clearly less is.
+    /// The redundancy for a loss rate, given the present one. It rises at once and falls only after the loss is clearly
+    /// less.
     #[must_use]
     pub fn for_loss(self, loss: LossRate) -> Self {
         let served = |eased: bool| {
@@ -59,7 +61,7 @@ impl Redundancy {
         served(false).max(self.min(served(true)))
     }
 
-    /// After how many ticks repair_symbols are said; none if none are.
+    /// The number of ticks between repair symbols; none without repair symbols.
     pub(crate) const fn ticks(self) -> Option<u32> {
         match self {
             Self::Off => None,
@@ -69,14 +71,14 @@ impl Redundancy {
         }
     }
 
-    /// Whether a tick that takes so many bytes is said in two packets, and repair_symbols after it: these are half as long then,
-    /// and one of three datagrams that is lost is had back before anything is shown of the tick.
+    /// Whether a tick of this many bytes is sent in two packets followed by repair symbols of half the length. One lost
+    /// datagram of the three is then recovered before the tick is displayed.
     pub(crate) const fn halves(self, bytes: usize) -> bool {
         matches!(self, Self::Plain | Self::Thick) && bytes >= HALVED
     }
 
-    /// How many repair_symbols go with so many new packets: such that of a hundred times hardly once more is lost than they
-    /// give back, and no more than there are packets.
+    /// The number of repair symbols for this many new packets. It fails to cover the losses in about one of a hundred
+    /// cases, and never exceeds the number of packets.
     pub(crate) fn repair_symbols(self, packets: u64) -> u64 {
         if self == Self::Off {
             return 0;
@@ -89,20 +91,20 @@ impl Redundancy {
             .unwrap_or(packets)
     }
 
-    /// How many repair_symbols answer who wants so many, some of which may be under way: such that of a hundred times hardly
-    /// once too few arrive. They are rare, and who asks has waited for a round trip.
-    pub(crate) fn answers(self, wanted: usize, under_way: usize) -> usize {
-        let least = wanted.saturating_sub(under_way);
-        let most = (3 * wanted).saturating_sub(under_way);
+    /// The number of repair symbols that answer a request for `wanted`, of which `in_flight` are in flight. Too few
+    /// arrive in about one of a hundred cases. Answers are rare, and the listener has already waited for a round trip.
+    pub(crate) fn answers(self, wanted: usize, in_flight: usize) -> usize {
+        let least = wanted.saturating_sub(in_flight);
+        let most = (3 * wanted).saturating_sub(in_flight);
         let loss = self.loss().max(ANSWERED);
-        let enough = |said: &usize| {
-            let all = said + under_way;
+        let enough = |sent: &usize| {
+            let all = sent + in_flight;
             beyond(all as u64, (all - wanted) as u64, loss) < 0.01
         };
         (least..most).find(enough).unwrap_or(most)
     }
 
-    /// The loss that it is made for.
+    /// The loss rate that this redundancy is made for.
     const fn loss(self) -> f64 {
         match self {
             Self::Off => 0.0,
@@ -113,7 +115,7 @@ impl Redundancy {
     }
 }
 
-/// The probability that of `count` more than `most` are lost, each with probability `loss`.
+/// The probability that more than `most` of `count` packets are lost, each with probability `loss`.
 fn beyond(count: u64, most: u64, loss: f64) -> f64 {
     let mut term = 1.0;
     for _ in 0..count {
@@ -132,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn more_comes_at_once_and_less_only_when_clearly_less_is_lost() {
+    fn redundancy_rises_at_once_and_falls_only_after_clearly_less_loss() {
         let percent = LossRate::percent;
         assert_eq!(Redundancy::Off.for_loss(percent(5)), Redundancy::Plain);
         assert_eq!(Redundancy::Plain.for_loss(percent(2)), Redundancy::Plain);
@@ -143,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn repair_symbols_grow_with_packets_more_slowly_than_these() {
+    fn repair_symbols_grow_more_slowly_than_packets() {
         let plain = [1, 2, 3, 6, 10, 20].map(|packets| Redundancy::Plain.repair_symbols(packets));
         assert_eq!(plain, [1, 1, 1, 2, 3, 4]);
         assert_eq!(Redundancy::Off.repair_symbols(10), 0);
@@ -156,13 +158,13 @@ mod tests {
         assert_eq!(answers(Redundancy::Off), [0, 2, 3, 6]);
         assert_eq!(answers(Redundancy::Plain), [0, 2, 3, 7]);
         assert_eq!(answers(Redundancy::Thick), [0, 2, 4, 8]);
-        // What is under way may be lost, too.
-        let beside = |under_way| Redundancy::Plain.answers(2, under_way);
+        // Symbols in flight may be lost too.
+        let beside = |in_flight| Redundancy::Plain.answers(2, in_flight);
         assert_eq!([0, 1, 2, 3, 4].map(beside), [3, 2, 1, 0, 0]);
     }
 
     #[test]
-    fn long_ticks_are_halved_where_much_is_lost() {
+    fn long_ticks_are_halved_under_much_loss() {
         assert!(Redundancy::Plain.halves(HALVED) && !Redundancy::Plain.halves(HALVED - 1));
         assert!(!Redundancy::Off.halves(1_000) && !Redundancy::Thin.halves(1_000));
     }

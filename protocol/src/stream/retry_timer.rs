@@ -1,4 +1,4 @@
-//! When to repeat a message that is not answered: after ever longer pauses.
+//! The retry timer of an unanswered message, with growing pauses.
 
 use crate::time::{Instant, Span};
 
@@ -12,7 +12,7 @@ pub(crate) struct RetryTimer {
 }
 
 impl RetryTimer {
-    /// First due after `least`; later pauses are at most `most`.
+    /// A timer with a first pause of `least`; later pauses are at most `most`.
     pub(crate) const fn new(least: Span, most: Span) -> Self {
         Self {
             due: None,
@@ -22,7 +22,7 @@ impl RetryTimer {
         }
     }
 
-    /// When it is due, if it is.
+    /// When the message is due again; None while the timer is stopped.
     pub(crate) const fn due(&self) -> Option<Instant> {
         self.due
     }
@@ -32,7 +32,7 @@ impl RetryTimer {
         self.begin_for(now, Span::ZERO);
     }
 
-    /// The same with a first pause of at least this span, from which the later ones double.
+    /// Starts as [`Self::begin`], with a first pause of at least this span; later pauses double it.
     pub(crate) fn begin_for(&mut self, now: Instant, span: Span) {
         if self.due.is_none() {
             self.span = self.span.max(span);

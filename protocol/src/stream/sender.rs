@@ -1,8 +1,8 @@
-//! The sender of a stream: its publisher, and all that goes beside updates.
+//! The sender of a stream: its publisher and the datagrams around updates.
 //!
-//! Sans-IO: knows neither lanes nor connections, and listeners only by a number. Used by a server for its scenes, by a
-//! client for the bodies that it moves itself, and by replays. Invariants: what several listeners need is encoded once;
-//! a tick that is published is followed by a watermark as the policy has it, so that silence is never ambiguous.
+//! Sans-IO. Knows neither lanes nor connections, and listeners only by a number. Used by a server for its scenes, by a
+//! client for its upstream, and by replays. Invariants: data for several listeners is encoded once. Watermarks follow a
+//! published tick as the policy demands, so silence is never ambiguous.
 
 use alloc::boxed::Box;
 use alloc::collections::BTreeMap;
@@ -29,9 +29,9 @@ use crate::time::{Instant, Span};
 /// A subscriber that reports a loss.
 #[derive(Clone, Copy, Debug)]
 pub struct Recipient {
-    /// The caller's number for it.
+    /// The caller's number for the subscriber.
     pub id: u64,
-    /// No packet is refreshed for it twice within this span; zero where the round trip is not known.
+    /// No packet is refreshed for it twice within this span; zero if the round trip is unknown.
     pub round_trip: Span,
 }
 
@@ -52,18 +52,18 @@ macro_rules! with_publisher {
     };
 }
 
-/// One stream at its source.
+/// The sending end of one stream.
 #[derive(Debug)]
 pub struct StreamSender {
     source: Source,
     listeners: usize,
     silence: Silence,
-    /// When the checksum over all tracks was sent last, and its value.
+    /// The tick and the value of the last checksum sent.
     checksum: (Tick, u64),
     mismatches: u64,
-    /// The datagrams of the last tick that every listener is sent.
+    /// The datagrams of the last tick for every listener.
     packets: Vec<Bytes>,
-    /// The repair symbols behind them, for listeners that lose packets.
+    /// The repair symbols after them, for listeners that lose packets.
     symbols: Vec<Bytes>,
     losses: LossTracker,
     /// Refreshes since the last tick, by number of the lost packet and count of scene events.
@@ -72,7 +72,7 @@ pub struct StreamSender {
 }
 
 impl StreamSender {
-    /// A stream of predictions, without bodies yet, for one listener.
+    /// The sender of a reckoned stream without bodies, for one listener.
     #[must_use]
     pub fn reckoned(
         stream: StreamId,
@@ -88,7 +88,7 @@ impl StreamSender {
         Self::new(Source::Reckoned(Box::new(publisher)), policy, tick)
     }
 
-    /// A stream of whole states, without bodies yet, for one listener.
+    /// The sender of a full stream without bodies, for one listener.
     #[must_use]
     pub fn full(stream: StreamId, policy: WatermarkPolicy, tick: Tick) -> Self {
         Self::new(Source::Full(FullPublisher::new(stream, tick)), policy, tick)
@@ -109,25 +109,25 @@ impl StreamSender {
         }
     }
 
-    /// One more listener is sent this stream.
+    /// Adds a listener.
     pub const fn add_listener(&mut self) {
         self.listeners += 1;
     }
 
-    /// A listener is sent this stream no more.
+    /// Removes a listener.
     pub fn remove_listener(&mut self, listener: u64) {
         self.listeners -= 1;
         self.restart_listener(listener);
     }
 
-    /// A listener begins anew from a snapshot: what it lost before counts no more.
+    /// Restarts a listener from a snapshot: its earlier losses no longer count.
     pub fn restart_listener(&mut self, listener: u64) {
         self.losses.forget(listener);
         self.answers.forget(listener);
     }
 
-    /// A body has come into the scene; every listener is told its first track by a scene event. `false` when the table has
-    /// no room, which the scene's own limits prevent.
+    /// Places a body that came into the scene. A scene event carries its first track to every listener. Returns `false`
+    /// if the table is full, which the scene's own limits prevent.
     #[must_use]
     pub fn place(
         &mut self,
@@ -145,21 +145,21 @@ impl StreamSender {
         }
     }
 
-    /// A body has left the scene.
+    /// Removes a body that left the scene.
     pub fn remove(&mut self, id: BodyId) {
         with_publisher!(&mut self.source, publisher => publisher.remove(id))
     }
 
-    /// Another gravity acts from this tick on.
+    /// Changes the gravity from this tick on.
     pub fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
         if let Source::Reckoned(publisher) = &mut self.source {
             publisher.change_gravity(since, gravity);
         }
     }
 
-    /// Publishes the tick that the observations are about, if it is one that is published; `false` if not.
+    /// Publishes the present tick of the observations; `false` if no tick is due.
     ///
-    /// `scene_events`: how many events the scene has had up to the newest tick that was observed.
+    /// `scene_events`: the scene's number of events up to the newest observed tick.
     pub fn publish(&mut self, observation_history: &ObservationHistory, scene_events: u64) -> bool {
         self.packets.clear();
         self.symbols.clear();
@@ -180,7 +180,7 @@ impl StreamSender {
         true
     }
 
-    /// Adds the checksum that is due to the packets of a tick; or, in a silence, a watermark.
+    /// Adds the checksum that is due to the packets of a tick, or a watermark if there are none.
     fn close_tick(&mut self, scene_events: u64) {
         let tick = self.tick();
         if !self.packets.is_empty() {
@@ -190,21 +190,21 @@ impl StreamSender {
             return;
         }
         if self.silence.is_watermark_due(tick) {
-            // A checksum is a watermark too.
+            // A checksum is also a watermark.
             let checksum = self.due_checksum(scene_events);
             self.packets
                 .push(checksum.unwrap_or_else(|| self.watermark(scene_events)));
         }
     }
 
-    /// The checksum over all tracks, if it is another than the last one, and that is a second old.
+    /// The checksum over all tracks, if it differs from the last one and that one is at least a second old.
     fn due_checksum(&mut self, scene_events: u64) -> Option<Bytes> {
         let Source::Reckoned(publisher) = &mut self.source else {
             return None;
         };
         let (last, sum) = self.checksum;
         let age = publisher.tick().since(last)?;
-        // A checksum states no error scale: in a silence of a stream with a budget a watermark does.
+        // A checksum carries no error scale, so a silent stream with a budget needs a watermark.
         let states_nothing = publisher.has_budget() && self.packets.is_empty();
         if age < publisher.second() || publisher.state_checksum() == sum || states_nothing {
             return None;
@@ -215,7 +215,7 @@ impl StreamSender {
         Some(checksum)
     }
 
-    /// The datagrams of the last tick for one listener: repair symbols only if it loses packets.
+    /// The datagrams of the last tick for one listener: with repair symbols only if it loses packets.
     pub fn datagrams(&self, listener: u64) -> impl Iterator<Item = &Bytes> {
         let symbols = if self.losses.loses(listener) {
             &self.symbols[..]
@@ -225,7 +225,7 @@ impl StreamSender {
         self.packets.iter().chain(symbols)
     }
 
-    /// The datagram that says that everything up to the present tick has been sent.
+    /// The watermark of the present tick: everything up to it has been sent.
     #[must_use]
     pub fn watermark(&self, scene_events: u64) -> Bytes {
         with_publisher!(&self.source, publisher => publisher.watermark(scene_events))
@@ -247,8 +247,8 @@ impl StreamSender {
         }
     }
 
-    /// Answers a loss report, unless the last one was only just answered: with repair symbols or refreshes of the lost
-    /// packets, and a watermark for packets that the listener could not know of.
+    /// Answers a loss report, unless the last one was answered just before. The answer holds repair symbols or
+    /// refreshes of the lost packets, and a watermark for packets that the listener does not know of.
     pub fn handle_report(
         &mut self,
         now: Instant,
@@ -263,7 +263,7 @@ impl StreamSender {
         let next = self.next_number();
         // Symbols up to now went to listeners that were known to lose packets then.
         let sent_from = self.losses.loses_from(from.id);
-        self.losses.hear(from.id, report, next);
+        self.losses.add_report(from.id, report, next);
         let lost: BTreeSet<u64> = match &mut self.source {
             Source::Reckoned(publisher) => {
                 let lost = publisher.answer_one(report, sent_from, out);
@@ -273,8 +273,8 @@ impl StreamSender {
         };
         let Recipient { id, round_trip } = from;
         for number in lost {
-            // A packet that is too old to be known has no refresh: the watermark tells the listener how much it missed,
-            // and it asks for everything.
+            // A packet that is too old has no refresh. The watermark then tells the listener how much it missed, and it
+            // requests a snapshot.
             if let Some(refresh) = refresh(&self.source, &mut self.refreshes, number, scene_events)
                 && self.answers.allow_refresh(now, id, round_trip, number)
             {
@@ -284,7 +284,7 @@ impl StreamSender {
         out.push(self.watermark(scene_events));
     }
 
-    /// Its name.
+    /// The id of the stream.
     #[must_use]
     pub fn stream(&self) -> StreamId {
         with_publisher!(&self.source, publisher => publisher.stream())
@@ -302,7 +302,7 @@ impl StreamSender {
         with_publisher!(&self.source, publisher => publisher.next_number())
     }
 
-    /// What it published so far.
+    /// Counters of everything published so far.
     #[must_use]
     pub fn statistics(&self) -> PublisherStatistics {
         with_publisher!(&self.source, publisher => publisher.statistics())
@@ -319,13 +319,13 @@ impl StreamSender {
         self.mismatches
     }
 
-    /// How many listeners it has.
+    /// The number of listeners.
     #[must_use]
     pub const fn listeners(&self) -> usize {
         self.listeners
     }
 
-    /// The publisher of a stream of predictions.
+    /// The publisher of a reckoned stream; None for a full stream.
     #[must_use]
     pub const fn publisher(&self) -> Option<&Publisher> {
         match &self.source {
@@ -334,15 +334,15 @@ impl StreamSender {
         }
     }
 
-    /// Every body's track, in order of index: what a late listener must be told.
+    /// Every body's track, in order of index, for a late listener.
     #[must_use]
     pub fn tracks(&self) -> Vec<(BodyId, Track)> {
         with_publisher!(&self.source, publisher => publisher.tracks().collect())
     }
 }
 
-/// The datagrams of a refresh, encoded once for all listeners that lost the same packet since the last tick; `None` for a
-/// packet that is too old to be known.
+/// The datagrams of a refresh, encoded once for all listeners that lost the same packet since the last tick. `None` for
+/// a packet that is too old.
 fn refresh<'a>(
     source: &Source,
     refreshes: &'a mut BTreeMap<(u64, u64), Vec<Bytes>>,
@@ -375,7 +375,7 @@ mod tests {
 
     const BODIES: u32 = 10;
 
-    /// A position at a tick; another one at each.
+    /// A different position for each tick.
     fn motion(body: u32, tick: u64) -> BodyState {
         let at = [(body * 10) as f32, (tick * tick % 17) as f32, 0.0];
         BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("it is finite")
@@ -401,15 +401,18 @@ mod tests {
         sender
     }
 
-    /// Publishes a tick at which bodies are where they are at tick `at`; returns the kinds of what every listener is sent.
+    /// Publishes a tick with the positions of tick `at` and returns the kinds of the datagrams for every listener.
     fn publish(sender: &mut StreamSender, tick: u64, at: u64) -> Vec<PacketKind> {
-        let seen = |body| Observation {
+        let observation = |body| Observation {
             id: BodyId::new(body, 0),
             motion: motion(body, at),
             activity: Activity::Awake,
         };
         let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
-        observation_history.observe(Tick::new(tick), &(0..BODIES).map(seen).collect::<Vec<_>>());
+        observation_history.observe(
+            Tick::new(tick),
+            &(0..BODIES).map(observation).collect::<Vec<_>>(),
+        );
         assert!(sender.publish(&observation_history, 0));
         let kind = |datagram: &Bytes| Datagram::open(datagram).map(|datagram| datagram.head().kind);
         let kinds = sender.datagrams(0).map(kind);
@@ -418,7 +421,7 @@ mod tests {
             .expect("a sender sends datagrams")
     }
 
-    /// Answers a listener that lost the newest packet.
+    /// The answer to a listener that lost the newest packet.
     fn answer(sender: &mut StreamSender, id: u64) -> Vec<Bytes> {
         let next = sender.next_number();
         let report = LossReport {
@@ -469,18 +472,22 @@ mod tests {
             |tick: &u64| publish(&mut sender, *tick, 200).contains(&PacketKind::Checksums);
         assert!(
             (201..=400).filter(is_sent).eq([240]),
-            "then nothing changes"
+            "an unchanged checksum is not sent again"
         );
     }
 
     #[test]
-    fn a_refresh_is_encoded_once_for_all_who_lost_the_same_packet() {
+    fn a_refresh_is_encoded_once_for_all_listeners_of_a_lost_packet() {
         let mut sender = sender(WatermarkPolicy::LOCKSTEP);
         publish(&mut sender, 1, 1);
         let [one, other] = [1, 2].map(|id| answer(&mut sender, id));
-        assert!(one.len() > 1, "a refresh, and a watermark behind it");
+        assert!(one.len() > 1, "a refresh and then a watermark");
         for (one, other) in one[..one.len() - 1].iter().zip(&other) {
-            assert_eq!(one.as_ptr(), other.as_ptr(), "the same bytes, not a copy");
+            assert_eq!(
+                one.as_ptr(),
+                other.as_ptr(),
+                "the two listeners share the bytes"
+            );
         }
     }
 }

@@ -1,11 +1,11 @@
-//! Which bodies the last packets spoke of, to make good a lost one.
+//! The bodies of recently sent packets, for refreshes of lost ones.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
 use crate::limits::HISTORY_PACKETS;
 
-/// Numbers packets, and remembers the bodies of the last of them.
+/// Numbers packets and keeps the bodies of the newest ones.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SentPackets {
     next: u64,
@@ -19,7 +19,7 @@ impl SentPackets {
         self.next
     }
 
-    /// Remembers the next packet's bodies, which come in rising order.
+    /// Adds the next packet with its bodies, in rising order.
     pub(crate) fn record(&mut self, bodies: impl Iterator<Item = u32>) {
         let mut entry = if self.packets.len() == HISTORY_PACKETS {
             self.packets.pop_front().unwrap_or_default()
@@ -32,7 +32,7 @@ impl SentPackets {
         self.next += 1;
     }
 
-    /// The bodies of a packet, or `None` when it was never sent or is forgotten.
+    /// The bodies of a packet; `None` if it was never sent or is no longer kept.
     pub(crate) fn bodies(&self, number: u64) -> Option<&[u32]> {
         let age = self.next.checked_sub(number)?;
         let place = (self.packets.len() as u64).checked_sub(age)?;
@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_packets_are_remembered_and_no_others() {
+    fn only_the_newest_packets_are_kept() {
         let mut sent_packets = SentPackets::default();
         let sent = HISTORY_PACKETS as u64 + 10;
         for number in 0..sent {

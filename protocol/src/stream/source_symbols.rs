@@ -1,28 +1,28 @@
-//! The source_symbols of a stream's last packets, in buffers that are used again.
+//! The source symbols of a stream's recent packets, in reused buffers.
 //!
-//! Of each of the last [`FEC_SPAN`] numbers one source_symbol at most; what is kept anew takes the place of what is as many
+//! At most one symbol for each of the last [`FEC_SPAN`] numbers. A new symbol replaces the one that is [`FEC_SPAN`]
 //! numbers older.
 
 use alloc::vec::Vec;
 
 use crate::limits::{DATAGRAM_BYTES_MAX, FEC_SPAN};
 
-/// SourceSymbols by number.
+/// Source symbols by number.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SourceSymbols {
-    /// Empty until the first is kept; then as many places as numbers may be kept of.
+    /// Empty until the first symbol is kept; then one slot for each number of the span.
     places: Vec<SymbolSlot>,
 }
 
 #[derive(Clone, Debug, Default)]
 struct SymbolSlot {
-    /// Of which packet, if of any.
+    /// The number of the packet; None for an empty slot.
     number: Option<u64>,
     source_symbol: Vec<u8>,
 }
 
 impl SourceSymbols {
-    /// Keeps the source_symbol of a packet.
+    /// Keeps the source symbol of a packet.
     pub(crate) fn keep(&mut self, number: u64, source_symbol: &[u8]) {
         if self.places.is_empty() {
             self.places.resize(FEC_SPAN as usize, SymbolSlot::default());
@@ -30,26 +30,26 @@ impl SourceSymbols {
         let place = &mut self.places[place_of(number)];
         place.number = Some(number);
         place.source_symbol.clear();
-        // Room for any packet at once: a longer one than the place had before would ask for more.
+        // Reserves the longest symbol at once, so that a longer one never reallocates.
         place.source_symbol.reserve_exact(DATAGRAM_BYTES_MAX);
         place.source_symbol.extend_from_slice(source_symbol);
     }
 
-    /// Keeps a packet's source_symbol no longer.
+    /// Drops the source symbol of a packet.
     pub(crate) fn forget(&mut self, number: u64) {
         if self.get(number).is_some() {
             self.places[place_of(number)].number = None;
         }
     }
 
-    /// Keeps no source_symbol of a packet below this number.
+    /// Drops the source symbols of all packets below this number.
     pub(crate) fn forget_below(&mut self, oldest: u64) {
         for place in &mut self.places {
             place.number = place.number.filter(|number| *number >= oldest);
         }
     }
 
-    /// The source_symbol of a packet, if it is kept.
+    /// The source symbol of a packet, if it is kept.
     pub(crate) fn get(&self, number: u64) -> Option<&[u8]> {
         let place = self.places.get(place_of(number))?;
         (place.number == Some(number)).then_some(&place.source_symbol)
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_column_is_kept_until_it_is_forgotten_or_its_place_is_taken() {
+    fn a_source_symbol_is_kept_until_it_is_dropped_or_replaced() {
         let span = u64::from(FEC_SPAN);
         let mut source_symbols = SourceSymbols::default();
         assert_eq!(source_symbols.get(7), None);

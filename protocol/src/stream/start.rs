@@ -1,6 +1,6 @@
-//! Where a subscriber begins.
+//! The state from which a subscriber starts.
 //!
-//! Told by the server before the snapshot.
+//! The server sends it before the snapshot.
 
 use core::num::NonZeroU32;
 
@@ -9,23 +9,23 @@ use rhumb_reckoning::{Integrator, Tick, Tolerance};
 
 use crate::packet::StreamId;
 
-/// Where a subscriber begins: what the server says when a member joins.
+/// The start of a subscriber, sent by the server when a member joins or changes its stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StreamStart {
-    /// The stream's name.
+    /// The id of the stream.
     pub stream: StreamId,
-    /// Its promise.
+    /// The tolerance of a body with the usual scale.
     pub tolerance: Tolerance,
-    /// How the scene steps.
+    /// The integrator and rate of the scene.
     pub integrator: Integrator,
-    /// The multiples of this number are the ticks that it is said of.
+    /// The stream publishes at ticks that are multiples of this number.
     pub publish_interval: NonZeroU32,
-    /// What pulls now.
+    /// The present gravity, m/s², world frame.
     pub gravity: Vec3,
     /// The tick of the snapshot.
     pub tick: Tick,
-    /// Number of the first packet after it.
+    /// Number of the first packet after the snapshot.
     pub next: u64,
-    /// SceneEvents that it includes.
+    /// Scene events included in the snapshot.
     pub scene_events: u64,
 }

@@ -1,37 +1,37 @@
-//! A sum over all tracks, by which two ends find out if they agree.
+//! The checksum over all tracks, which publisher and subscriber compare.
 //!
-//! Kept up to date at the cost of what changes. Does not say which track differs (PROTOCOL 6.12).
+//! Kept up to date at the cost of what changes. Does not show which track differs (PROTOCOL 6.12).
 
 use rhumb_reckoning::{Anchor, BodyId, Track};
 
 use crate::packet::predictor_code;
 
-/// The sum over the tracks of some bodies, modulo 2⁶⁴; it does not depend on their order.
+/// The sum of the hashes of bodies' tracks, modulo 2⁶⁴; independent of their order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct StateChecksum(u64);
 
 impl StateChecksum {
-    /// The sum as a number.
+    /// The checksum as a number.
     pub(crate) const fn value(self) -> u64 {
         self.0
     }
 
-    /// A body's track is among them from now on.
+    /// Adds the track of a body.
     pub(crate) fn add(&mut self, id: BodyId, track: &Track) {
         self.0 = self.0.wrapping_add(checksums(id, track));
     }
 
-    /// It is no longer.
+    /// Removes the track of a body.
     pub(crate) fn take(&mut self, id: BodyId, track: &Track) {
         self.0 = self.0.wrapping_sub(checksums(id, track));
     }
 }
 
-/// Odd, with its ones and zeros evenly spread: the golden ratio in 64 bits. Source: Steele, Lea and Flood (2014),
+/// An odd factor with evenly spread bits: the golden ratio in 64 bits. Source: Steele, Lea and Flood (2014),
 /// SplitMix64.
 const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// Mixes one word into a checksums (PROTOCOL 6.12).
+/// Mixes one word into a hash (PROTOCOL 6.12).
 const fn mix(so_far: u64, word: u64) -> u64 {
     let product = (so_far ^ word).wrapping_mul(FACTOR);
     product ^ (product >> 32)
@@ -42,7 +42,7 @@ const fn pair(low: i32, high: i32) -> u64 {
     (low as u32) as u64 | ((high as u32) as u64) << 32
 }
 
-/// Of one body: its name and all that its track says.
+/// The hash of a body's id and its whole track.
 fn checksums(id: BodyId, track: &Track) -> u64 {
     let Track {
         origin,

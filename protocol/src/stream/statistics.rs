@@ -1,34 +1,34 @@
-//! What a subscriber heard so far, counted.
+//! Counters of what a subscriber has received.
 //!
-//! Numbers only; nothing is decided by them here.
+//! Numbers only; no decision depends on them.
 
-/// What a subscriber heard so far.
+/// Counters of a subscriber.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SubscriberStatistics {
-    /// Packets that came by themselves behind ones that were sent later.
+    /// Packets that arrived after a packet that was sent later.
     pub disordered: u64,
-    /// Packets of this stream that were read, rebuilt ones too.
+    /// Packets of this stream that were read, recovered ones included.
     pub packets: u64,
-    /// Updates taken in.
+    /// Updates applied.
     pub updates: u64,
-    /// Datagrams that came twice.
+    /// Datagrams received twice.
     pub duplicates: u64,
-    /// Datagrams that are not of the protocol.
+    /// Datagrams that are malformed.
     pub malformed: u64,
     /// Packets found missing.
     pub missed: u64,
-    /// FecEncoder heard.
+    /// Repair symbols received.
     pub repair_symbols: u64,
-    /// Packets that repair_symbols gave back.
+    /// Packets recovered from repair symbols.
     pub rebuilt: u64,
-    /// Repairs taken in, in parts.
+    /// Parts of refreshes applied.
     pub refreshes: u64,
-    /// Updates that built on a missing one.
+    /// Updates that built on a missing packet.
     pub unread: u64,
-    /// Packets dropped because too many waited for scene_events.
+    /// Packets dropped because too many waited for scene events.
     pub overflowed: u64,
-    /// Sums over tracks that were compared with the publisher's.
+    /// Checksums compared with the publisher's.
     pub compared: u64,
-    /// Of these, the mismatches: a fault of the publisher or of the subscriber. A new snapshot follows.
+    /// Mismatches among them: a fault of the publisher or of the subscriber. A new snapshot follows.
     pub mismatches: u64,
 }

@@ -1,7 +1,7 @@
-//! Follows a stream: keeps its tracks, and knows which of them to trust.
+//! The subscriber of a stream: keeps its tracks and knows which are certain.
 //!
-//! Bytes from anyone: nothing heard may panic, and memory is bounded by the limits. Does not choose when to ask for
-//! refresh; see the client's session. Invariant: while the stream is converged, every track equals the publisher's.
+//! Bytes come from untrusted peers: none may panic, and memory is bounded by the limits. Does not choose when to report
+//! losses; see `receiver`. Invariant: while the stream is converged, every track equals the publisher's.
 
 mod applying;
 mod predicting;
@@ -28,53 +28,51 @@ use crate::capacity::{grow_to, push};
 use crate::limits::INDICES_MAX;
 use crate::packet::{Datagram, Head, LossReport, Low16, StreamId, Update};
 
-/// One stream at its listener.
+/// The subscriber of one stream.
 #[derive(Clone, Debug)]
 pub struct Subscriber {
     stream: StreamId,
     tracks: Tracks,
-    /// The snapshot's tick.
+    /// The tick of the snapshot.
     start: Tick,
     publish_interval: NonZeroU32,
     /// The number of the first packet.
     first: u64,
-    /// The tracks before the present ones, where nothing was said between the two.
-    before: PreviousTracks,
-    /// The newest origin of a track before which too little of its body was heard.
+    /// The tracks directly before the present ones.
+    previous_tracks: PreviousTracks,
+    /// Before this tick, previous tracks may be incomplete.
     known_from: Tick,
     gaps: PacketGaps,
     fec_decoder: FecDecoder,
     scene_events: u64,
-    /// Heads and bodies of datagrams that must wait until more scene_events were heard.
+    /// Heads and bodies of datagrams that wait for scene events.
     deferred: VecDeque<(Head, Vec<u8>)>,
-    /// Indices of bodies that others hold, and of some that these attached once.
+    /// Indices of attached bodies, and of some that were attached earlier.
     attached_indices: Vec<u32>,
     aliases: ReceivedAliases,
     watermark_tick: Tick,
     converged_at: Tick,
     newest: Tick,
-    /// The tick of the newest packet that said something.
+    /// The tick of the newest packet with updates.
     newest_update: Tick,
     lost_sync: bool,
     /// Whether a checksum of the publisher differs from that of the tracks.
     mismatched: bool,
-    /// Whether the snapshot is keyframe; until then datagrams wait.
+    /// Whether the snapshot is complete; until then datagrams wait.
     placed: bool,
-    /// Indices that changed since they were last drained, each once, and whether each index is among them.
+    /// Indices changed since the last drain, each once, and a mark for each index among them.
     changed: Vec<u32>,
     marked: Vec<bool>,
     updates: Vec<Update>,
-    /// Of a stream whose source is not trusted with more: indices and aliases stay below it, and no body holds another.
+    /// Set for an untrusted publisher: indices and aliases are below this bound, and no body is attached.
     restricted: Option<u32>,
-    /// Of a stream with a budget, what it says of how far it exceeds its tolerances.
+    /// Set for a stream with a budget: its statements of the error scale.
     statements: Option<ErrorScaleLog>,
     statistics: SubscriberStatistics,
 }
 
 impl Subscriber {
-    /// A stream of which everything up to `tick` will be placed by the snapshot now arriving.
-    ///
-    /// `next`: number of the first packet after the snapshot. `scene_events`: how many the snapshot includes.
+    /// A subscriber whose snapshot, with everything up to `start.tick`, is about to arrive.
     #[must_use]
     pub fn new(start: &StreamStart) -> Self {
         Self {
@@ -88,7 +86,7 @@ impl Subscriber {
             start: start.tick,
             publish_interval: start.publish_interval,
             first: start.next,
-            before: PreviousTracks::default(),
+            previous_tracks: PreviousTracks::default(),
             known_from: Tick::ZERO,
             gaps: PacketGaps::new(start.next),
             fec_decoder: FecDecoder::new(start.next),
@@ -112,8 +110,8 @@ impl Subscriber {
         }
     }
 
-    /// The same of a stream whose bodies and aliases have numbers below `end` and hold one another never, so that no peer
-    /// makes tables longer.
+    /// A subscriber whose stream has indices and aliases below `end` and no attached bodies, so that the peer cannot
+    /// make tables longer.
     #[must_use]
     pub(crate) fn restricted(start: &StreamStart, end: u32) -> Self {
         Self {
@@ -122,7 +120,7 @@ impl Subscriber {
         }
     }
 
-    /// The same of a stream with a budget, which may exceed its tolerances and says by how much.
+    /// A subscriber to a stream with a budget, which may exceed its tolerances and states by how much.
     #[must_use]
     pub fn limited(start: &StreamStart) -> Self {
         Self {
@@ -131,59 +129,59 @@ impl Subscriber {
         }
     }
 
-    /// The factor by which tolerances may be exceeded at a tick: one, unless the stream has a budget that did not suffice;
-    /// `None` where a stream with a budget was not heard to say it.
+    /// The factor by which tolerances may be exceeded at a tick: one, unless the stream has a budget that did not
+    /// suffice. `None` if a stream with a budget has not stated it.
     #[must_use]
     pub fn error_scale_at(&self, tick: Tick) -> Option<f64> {
         self.statements
             .as_ref()
-            .map_or(Some(1.0), |said| said.at(tick))
+            .map_or(Some(1.0), |log| log.at(tick))
     }
 
-    /// How many packets are missing.
+    /// The number of missing packets.
     #[must_use]
     pub fn missing(&self) -> usize {
         self.gaps.missing().count()
     }
 
-    /// The numbers of the packets that are missing, in rising order.
+    /// The numbers of the missing packets, in rising order.
     pub fn missing_packets(&self) -> impl Iterator<Item = u64> + Clone {
         self.gaps.missing()
     }
 
-    /// Its name.
+    /// The id of the stream.
     #[must_use]
     pub const fn stream(&self) -> StreamId {
         self.stream
     }
 
-    /// Its promise.
+    /// The tolerance of a body with the usual scale.
     #[must_use]
     pub const fn tolerance(&self) -> Tolerance {
         self.tracks.tolerance()
     }
 
-    /// Its promise for a body: by the body's tolerance_scale.
+    /// The tolerance of a body, by its tolerance scale.
     #[must_use]
     pub fn tolerance_of(&self, id: BodyId) -> Option<Tolerance> {
         let slot = self.tracks.slot(id.index())?;
         (slot.id(id.index()) == id).then(|| self.tracks.tolerance_of(slot))
     }
 
-    /// What it heard so far.
+    /// Counters of everything received so far.
     #[must_use]
     pub const fn statistics(&self) -> SubscriberStatistics {
         self.statistics
     }
 
-    /// The newest tick up to which everything that was sent is known to have been sent.
+    /// The newest tick up to which the publisher has sent everything.
     #[must_use]
     pub const fn watermark_tick(&self) -> Tick {
         self.watermark_tick
     }
 
-    /// For how many ticks up to the watermark_tick one nothing was said. A stream that runs freely watermarks again before it has
-    /// been silent for twice as long, or for two and a half seconds more (PROTOCOL 6.4).
+    /// The number of silent ticks up to the watermark. A free-running stream states its watermark again before its
+    /// silence has doubled, or two and a half seconds later (PROTOCOL 6.4).
     #[must_use]
     pub const fn silent_ticks(&self) -> u64 {
         self.watermark_tick
@@ -191,7 +189,7 @@ impl Subscriber {
             .saturating_sub(self.newest_update.value())
     }
 
-    /// The newest tick at which the promise holds for every body.
+    /// The newest tick at which every body is within its tolerance.
     #[must_use]
     pub fn complete(&self) -> Tick {
         if self.is_converged() && self.known_from <= self.watermark_tick {
@@ -201,12 +199,12 @@ impl Subscriber {
         }
     }
 
-    /// The tick from which on everything is known, up to the watermark_tick one, while nothing is missing.
+    /// The tick from which on all motions up to the watermark are known, while no packet is missing.
     pub(crate) const fn known_from(&self) -> Tick {
         self.known_from
     }
 
-    /// Whether nothing is missing.
+    /// Whether no packet is missing or unread.
     #[must_use]
     pub fn is_converged(&self) -> bool {
         self.placed && self.gaps.is_converged() && self.deferred.is_empty() && !self.lost_sync
@@ -230,7 +228,7 @@ impl Subscriber {
         self.tracks.len()
     }
 
-    /// The body that has an index now.
+    /// The body with this index; None if there is none.
     #[must_use]
     pub fn body(&self, index: u32) -> Option<BodyId> {
         self.tracks.slot(index).map(|slot| slot.id(index))
@@ -244,21 +242,22 @@ impl Subscriber {
             .filter(|_| slot.id(id.index()) == id)
     }
 
-    /// A body's track.
+    /// The track of a body.
     #[must_use]
     pub fn track(&self, id: BodyId) -> Option<Track> {
         let slot = self.tracks.slot(id.index())?;
         (slot.id(id.index()) == id).then(|| slot.track())
     }
 
-    /// Whether a body was said to lie still in the world: see [`Track::is_resting`].
+    /// Whether a body's track lies still in the world frame: see [`Track::is_resting`].
     #[must_use]
     pub fn is_resting(&self, id: BodyId) -> Option<bool> {
         let slot = self.tracks.slot(id.index())?;
         (slot.id(id.index()) == id).then(|| slot.dense().is_resting())
     }
 
-    /// What is predicted_motion of a body at a tick: by its track, or before that one's origin by the track before.
+    /// The predicted motion of a body at a tick: by its track, or by the previous track before the present one's
+    /// origin.
     #[must_use]
     pub fn predicted_motion(&self, id: BodyId, tick: Tick) -> Option<Motion> {
         let slot = self.tracks.slot(id.index())?;
@@ -278,49 +277,50 @@ impl Subscriber {
         Some(attached_motion(&by, &motion.pose()))
     }
 
-    /// What a track of a body, this one or one that it had, says of a tick.
+    /// The motion of a body at a tick by this track, its present or previous one.
     pub(crate) fn predicted(&self, id: BodyId, track: &Track, tick: Tick) -> Option<Motion> {
         let slot = self.tracks.slot(id.index())?;
         (slot.id(id.index()) == id).then(|| self.tracks.framed_fresh(slot, track, tick))
     }
 
-    /// Which of a body's last two tracks attached at a tick, as far as is known.
+    /// The track of a body in force at a tick, its present or previous one, as far as is known.
     fn track_at(&self, index: u32, track: &Track, tick: Tick) -> Option<Track> {
         if track.origin <= tick {
             return Some(*track);
         }
-        let before = self.before.get(index);
+        let before = self.previous_tracks.get(index);
         before.filter(|before| before.origin <= tick)
     }
 
-    /// How far off the copy of a body may be at the watermark_tick tick.
+    /// The error bound of a body at the tick of the watermark.
     #[must_use]
     pub fn bound(&self, id: BodyId) -> Option<ErrorBound> {
         self.bound_at(id, self.watermark_tick)
     }
 
-    /// How far off the copy of a body may be at a tick; unknown for one that is not watermark_tick for yet, that lies before the
-    /// tracks that are still attached, or between two ticks that are newest_update of.
+    /// The error bound of a body at a tick. Unknown after the watermark, before the tracks that are still kept, and
+    /// between two published ticks.
     #[must_use]
     pub fn bound_at(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
         let track = self.track(id)?;
         let slot = self.tracks.slot(id.index())?;
         let since = self.converged_at;
-        let doubted = self.gaps.unsure_before();
-        let in_doubt = |track: &Track| doubted.is_some_and(|before| track.origin < before);
-        let sure = |index: u32, track: &Track| {
+        let uncertain_before = self.gaps.unsure_before();
+        let is_uncertain =
+            |track: &Track| uncertain_before.is_some_and(|before| track.origin < before);
+        let certain_track = |index: u32, track: &Track| {
             let attached = self.track_at(index, track, tick);
-            attached.filter(|attached| !in_doubt(attached))
+            attached.filter(|attached| !is_uncertain(attached))
         };
-        let known = sure(id.index(), &track).is_some_and(|then| match then.parent {
+        let is_known = certain_track(id.index(), &track).is_some_and(|then| match then.parent {
             None => true,
-            // What is attached is known as well as its parent_candidate.
+            // An attached body is known no better than its parent.
             Some(_) => self
                 .tracks
                 .parent(&then)
-                .is_some_and(|(index, parent)| sure(index, &parent.track()).is_some()),
+                .is_some_and(|(index, parent)| certain_track(index, &parent.track()).is_some()),
         });
-        if tick > self.watermark_tick || !self.is_published(tick) || self.lost_sync || !known {
+        if tick > self.watermark_tick || !self.is_published(tick) || self.lost_sync || !is_known {
             return Some(ErrorBound::Unknown { since });
         }
         let Some(error_scale) = self.error_scale_at(tick) else {
@@ -335,7 +335,7 @@ impl Subscriber {
         )))
     }
 
-    /// Whether the promise is about a tick.
+    /// Whether the stream publishes at a tick.
     fn is_published(&self, tick: Tick) -> bool {
         tick == self.start
             || tick
@@ -343,20 +343,20 @@ impl Subscriber {
                 .is_multiple_of(u64::from(self.publish_interval.get()))
     }
 
-    /// The last tick before this one that the promise is about.
+    /// The last published tick before this one.
     fn published_before(&self, tick: Tick) -> Tick {
         let before = tick.value().saturating_sub(1);
         Tick::new(before - before % u64::from(self.publish_interval.get()))
     }
 
-    /// TierPolicy the indices of bodies that came, went or were updated since the last call into `out`, in no order,
+    /// Moves the indices of bodies that were placed, removed or updated since the last call into `out`, in no order,
     /// each once.
     pub fn drain_changed(&mut self, out: &mut Vec<u32>) {
         for index in &self.changed {
             self.marked[*index as usize] = false;
         }
         if out.is_empty() {
-            // What was asked for last has the room that the next changes need.
+            // The caller's buffer has the capacity for the next changes.
             core::mem::swap(out, &mut self.changed);
         } else {
             out.append(&mut self.changed);
@@ -372,7 +372,7 @@ impl Subscriber {
         }
     }
 
-    /// Counts what is attached as changed where its parent_candidate is.
+    /// Counts attached bodies as changed if their parents changed.
     fn touch_attached(&mut self) {
         let mut attached = core::mem::take(&mut self.attached_indices);
         attached.retain(|index| {
@@ -388,7 +388,8 @@ impl Subscriber {
         self.attached_indices = attached;
     }
 
-    /// Replaces another copy of the same scene: every index of that copy counts as changed, and its mismatches are added.
+    /// Replaces another replica of the same scene: every index of that one counts as changed, and its mismatches are
+    /// added.
     pub(crate) fn succeed(&mut self, old: &Self) {
         for index in 0..old.index_end() as u32 {
             self.touch(index);
@@ -396,13 +397,13 @@ impl Subscriber {
         self.statistics.mismatches += old.statistics.mismatches;
     }
 
-    /// A scene_event placed a body; `false` when that breaks a limit.
+    /// Places a body after a scene event; `false` if that exceeds a limit.
     #[must_use]
     pub fn place(&mut self, id: BodyId, parameters: &PredictionParameters, track: Track) -> bool {
         self.place_labelled(id, parameters, track, self.label(id))
     }
 
-    /// The same with a label, a number of the caller's own that many bodies may share; the other keeps it.
+    /// As [`Self::place`], with a label of the caller that many bodies may share.
     #[must_use]
     pub(crate) fn place_labelled(
         &mut self,
@@ -418,12 +419,12 @@ impl Subscriber {
                 self.attached_indices.push(id.index());
             }
             self.touch(id.index());
-            self.before.forget(id.index());
+            self.previous_tracks.forget(id.index());
         }
         placed
     }
 
-    /// A body has a alias already, as a late listener is told.
+    /// Assigns an alias that a body had before the snapshot.
     pub fn alias(&mut self, id: BodyId, alias: u32) {
         if id.index() < INDICES_MAX && alias < INDICES_MAX {
             self.aliases
@@ -431,7 +432,7 @@ impl Subscriber {
         }
     }
 
-    /// A scene_event took a body out; `false` when it is not there.
+    /// Removes a body after a scene event; `false` if there is no such body.
     #[must_use]
     pub fn remove(&mut self, id: BodyId) -> bool {
         self.touch(id.index());
@@ -442,18 +443,18 @@ impl Subscriber {
         removed
     }
 
-    /// A scene_event changed the gravity.
+    /// Changes the gravity after a scene event.
     pub fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
         self.tracks.change_gravity(since, gravity);
     }
 
-    /// A scene_event was heard and taken in; datagrams that waited for it are read now.
+    /// Notes that a scene event was applied, and reads datagrams that waited for it.
     pub fn apply_scene_event(&mut self) {
         self.scene_events += 1;
         self.read_deferred();
     }
 
-    /// The snapshot is keyframe; datagrams that waited for it are read now.
+    /// Notes that the snapshot is complete, and reads datagrams that waited for it.
     pub fn handle_snapshot_end(&mut self) {
         self.placed = true;
         self.read_deferred();
@@ -468,8 +469,7 @@ impl Subscriber {
         self.note_converged();
     }
 
-    /// Takes in a datagram of which the head was not read yet. One that is malformed or of another stream changes nothing but a
-    /// count.
+    /// Applies a datagram with its head. A malformed one, or one of another stream, only changes a counter.
     pub fn handle_datagram(&mut self, datagram: &[u8]) {
         match Datagram::open(datagram) {
             Ok(datagram) => self.handle(&datagram),
@@ -477,7 +477,7 @@ impl Subscriber {
         }
     }
 
-    /// Takes in a datagram of this stream. One that is malformed or of another stream changes nothing but a count.
+    /// Applies a datagram of this stream. A malformed one, or one of another stream, only changes a counter.
     pub fn handle(&mut self, datagram: &Datagram<'_>) {
         self.read(datagram);
         self.note_converged();
@@ -487,47 +487,47 @@ impl Subscriber {
         self.converged_at = self.complete();
     }
 
-    /// Nobody asks any more what was predicted_motion at a tick before this one: tracks that bodies left by then, as far as
-    /// everything was heard, are kept no longer. A [`bound`](Self::bound_at) at such a tick may be unknown from now on.
+    /// Drops previous tracks that ended by this tick, as far as no packet is missing: the caller needs no motions
+    /// before it. A [`bound`](Self::bound_at) at an earlier tick may be unknown from now on.
     pub fn forget_before(&mut self, tick: Tick) {
         let end = tick.min(self.converged_at);
         let tracks = &self.tracks;
-        self.before
+        self.previous_tracks
             .retain(|index| tracks.slot(index).is_some_and(|slot| slot.origin() > end));
     }
 
-    /// The sum over all tracks, by which two ends can be compared.
+    /// The checksum over all tracks.
     #[must_use]
     pub fn state_checksum(&self) -> u64 {
         self.tracks.state_checksum().value()
     }
 
-    /// How many of the packets that are known to have been sent did not come by themselves, since this began.
+    /// The number of packets that did not arrive since the start, recovered ones included.
     #[must_use]
     pub const fn lost(&self) -> u64 {
-        let heard = self.statistics.packets - self.statistics.rebuilt;
-        (self.gaps.next() - self.first).saturating_sub(heard)
+        let arrived = self.statistics.packets - self.statistics.rebuilt;
+        (self.gaps.next() - self.first).saturating_sub(arrived)
     }
 
-    /// What to tell the server: how far this has heard, and the oldest packets that are missing.
+    /// The loss report with the oldest missing packets.
     #[must_use]
     pub fn loss_report(&self) -> LossReport {
         self.loss_report_of(self.gaps.missing())
     }
 
-    /// The same, naming only these of the missing packets, in rising order.
+    /// The loss report with only these of the missing packets, in rising order.
     #[must_use]
-    pub fn loss_report_for(&self, asked: &[u64]) -> LossReport {
+    pub fn loss_report_for(&self, requested: &[u64]) -> LossReport {
         let missing = self.gaps.missing();
-        self.loss_report_of(missing.filter(|number| asked.binary_search(number).is_ok()))
+        self.loss_report_of(missing.filter(|number| requested.binary_search(number).is_ok()))
     }
 
     fn loss_report_of(&self, missing: impl Iterator<Item = u64> + Clone) -> LossReport {
         let repair_symbols = self.fec_decoder.wanted(missing.clone(), self.gaps.next());
-        // What was heard is read as soon as what it waits for is there.
-        let waits =
+        // An unread packet is applied once its missing packet is known, so it needs no refresh.
+        let is_waiting =
             |number: &u64| repair_symbols > 0 && self.fec_decoder.source_symbol(*number).is_some();
-        let lost = missing.filter(|number| !waits(number));
+        let lost = missing.filter(|number| !is_waiting(number));
         LossReport {
             next: Low16::of(self.gaps.next()),
             gone: Low16::of(self.lost()),

@@ -1,6 +1,6 @@
-//! The table of tracks: the publisher's belief, and its copy.
+//! The table of tracks: the publisher's predictions and their replica.
 //!
-//! One belief, two homes: both ends hold this type and change it by the same calls, so that they stay equal to the bit.
+//! Publisher and subscriber both use this type and change it by the same calls, so their tables stay equal to the bit.
 
 mod applying;
 mod rotation_cursors;
@@ -28,23 +28,23 @@ pub(crate) use applying::{CorrectionsX4, Unreadable};
 use rotation_cursors::RotationCursors;
 pub(crate) use slot::Slot;
 
-/// What a predictor needs to know of a body, told once with it.
+/// The constants of a body that predictors need, sent once with the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PredictionParameters {
-    /// Of the least ball around its centre of mass that holds it.
+    /// The radius of the smallest sphere around the centre of mass that contains the body.
     pub radius: Metres,
-    /// Its own or its scene's.
+    /// The damping of the body or its scene.
     pub damping: Damping,
-    /// Factor on the scene's gravity.
+    /// A factor on the scene's gravity.
     pub gravity_scale: f32,
-    /// How it resists being turned, if it is_torque_free when it is free.
+    /// The inertia, if the body rotates torque-free; None for constant angular velocity.
     pub inertia: Option<Inertia>,
-    /// By which its tolerance differs from its stream's.
+    /// The factor between the body's and the stream's tolerance.
     pub tolerance_scale: ToleranceScale,
 }
 
 impl PredictionParameters {
-    /// Of a body that nothing sets apart: undamped, pulled in full, equally hard to turn about each axis, of the usual tolerance_scale.
+    /// Parameters of an undamped body with full gravity, equal moments of inertia and the usual tolerance scale.
     #[must_use]
     pub fn plain(radius: Metres) -> Self {
         Self {
@@ -56,10 +56,10 @@ impl PredictionParameters {
         }
     }
 
-    /// Of a body with these config, this shape and this inertia, in a scene whose bodies are damped like this.
+    /// The parameters of a body with this descriptor, shape and inertia, in a scene with this damping.
     ///
-    /// A body that no engine moves keeps the velocity it is given: nothing damps it and nothing pulls at it. One that cannot
-    /// tumble has no inertia, whatever its engine says: listeners are not told of it.
+    /// A kinematic body keeps the velocity that it is given, without damping or gravity. A body whose rotation cannot
+    /// be torque-free has no inertia, whatever the engine reports, because subscribers do not receive it.
     #[must_use]
     pub fn of(desc: &BodyDesc, shape: &Shape, damping: Damping, inertia: Option<Inertia>) -> Self {
         let radius = shape.bounding_radius();
@@ -88,13 +88,13 @@ impl PredictionParameters {
 pub(crate) struct Tracks {
     tolerance: Tolerance,
     integrator: Integrator,
-    /// It is said of the multiples of this number.
+    /// The stream publishes at ticks that are multiples of this number.
     publish_interval: NonZeroU32,
     gravity_history: GravityHistory,
     flows: Vec<(Damping, StepCoefficientTable)>,
     interned_parameters: InternedParameterTable,
     slots: Vec<Option<Slot>>,
-    /// How far torque_free_rotations were computed, by index, as far as any body is_torque_free.
+    /// The state of torque-free rotation, by index, up to the last body that needs it.
     cursors: RotationCursors,
     state_checksum: StateChecksum,
 }
@@ -127,19 +127,20 @@ impl Tracks {
         self.integrator
     }
 
-    /// Ticks from one that is spoken of to the next.
+    /// The number of ticks from one published tick to the next.
     pub(crate) const fn publish_interval(&self) -> NonZeroU32 {
         self.publish_interval
     }
 
-    /// How old a track is at a tick; `None` if its origin is later.
+    /// The age of a track at a tick; `None` if its origin is later.
     pub(crate) fn age(&self, track: &Track, tick: Tick) -> Option<Age> {
         Age::of(track.origin, tick, self.publish_interval)
     }
 
-    /// Puts a body into the table; one that had its index is gone.
+    /// Places a body in the table; a body with the same index is removed.
     ///
-    /// `label`: see [`Self::label`]. Returns `false`, and changes nothing, when there are too many bodies or dampings.
+    /// `label`: see [`Self::label`]. Returns `false`, without any change, if there are too many bodies or damping
+    /// factors.
     #[must_use]
     pub(crate) fn place(
         &mut self,
@@ -172,27 +173,28 @@ impl Tracks {
             self.cursors.reach(id.index());
         }
         self.state_checksum.add(id, &track);
-        if let Some(gone) = self.slots[index].replace(slot) {
-            self.let_go(id.index(), &gone);
+        if let Some(removed) = self.slots[index].replace(slot) {
+            self.release(id.index(), &removed);
         }
         true
     }
 
-    /// A number that was given with the body; it costs nothing where many have the same.
+    /// The label of a body, given when it was placed. It takes no memory where many bodies share one.
     pub(crate) fn label(&self, slot: &Slot) -> Option<u32> {
         self.interned_parameters.get(slot.interned).label
     }
 
-    /// A body is no longer in its place.
-    fn let_go(&mut self, index: u32, gone: &Slot) {
-        self.state_checksum.take(gone.id(index), &gone.track());
-        self.interned_parameters.leave(gone.interned);
+    /// Releases the track and parameters of a removed body.
+    fn release(&mut self, index: u32, removed: &Slot) {
+        self.state_checksum
+            .take(removed.id(index), &removed.track());
+        self.interned_parameters.leave(removed.interned);
     }
 
-    /// The number of the table of this damping, made when it is the first of its kind.
+    /// The index in the table of damping factors, added if it is new; None if the table is full.
     fn flow_of(&mut self, damping: Damping) -> Option<u16> {
-        let known = self.flows.iter().position(|(other, _)| *other == damping);
-        let number = match known {
+        let found = self.flows.iter().position(|(other, _)| *other == damping);
+        let number = match found {
             Some(number) => number,
             None if self.flows.len() < DAMPINGS_MAX => {
                 let mut table = StepCoefficientTable::new(self.integrator, damping);
@@ -205,14 +207,14 @@ impl Tracks {
         Some(number as u16)
     }
 
-    /// Takes a body out; `false` when it is not there.
+    /// Removes a body; `false` if there is no such body.
     pub(crate) fn remove(&mut self, id: BodyId) -> bool {
         let Some(place) = self.slots.get_mut(id.index() as usize) else {
             return false;
         };
         let found = place.as_ref().is_some_and(|slot| slot.id(id.index()) == id);
-        if let Some(gone) = place.take_if(|_| found) {
-            self.let_go(id.index(), &gone);
+        if let Some(removed) = place.take_if(|_| found) {
+            self.release(id.index(), &removed);
         }
         found
     }
@@ -230,7 +232,7 @@ impl Tracks {
         self.slots.get(index as usize)?.as_ref()
     }
 
-    /// Gives a body another track; `false` when no body has the index.
+    /// Sets the track of a body; `false` if no body has the index.
     pub(crate) fn set_track(&mut self, index: u32, track: Track) -> bool {
         let Some(Some(slot)) = self.slots.get_mut(index as usize) else {
             return false;
@@ -242,12 +244,12 @@ impl Tracks {
         true
     }
 
-    /// The sum over all tracks.
+    /// The checksum over all tracks.
     pub(crate) const fn state_checksum(&self) -> StateChecksum {
         self.state_checksum
     }
 
-    /// Every body's index and place, in order.
+    /// The slots of all bodies with their indices, in order.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (u32, &Slot)> {
         self.slots
             .iter()
@@ -260,12 +262,12 @@ impl Tracks {
         self.slots.len()
     }
 
-    /// How far off the copy of a body may be: the stream's tolerance, by the body's tolerance_scale.
+    /// The tolerance of a body: the stream's tolerance times the body's tolerance scale.
     pub(crate) fn tolerance_of(&self, slot: &Slot) -> Tolerance {
         self.interned_parameters.get(slot.interned).tolerance
     }
 
-    /// Of the least ball around a body's centre of mass that holds it.
+    /// The radius of the smallest sphere around a body's centre of mass that contains it.
     pub(crate) fn radius(&self, slot: &Slot) -> Metres {
         self.interned_parameters.get(slot.interned).radius
     }
@@ -274,14 +276,14 @@ impl Tracks {
         &self.interned_parameters.get(slot.interned).grid
     }
 
-    /// What pulls at a body by a predictor said at `origin`, m/s² (RECKONING 2.5).
+    /// The gravity of a body for a track with this origin, m/s² (RECKONING 2.5).
     pub(crate) fn gravity(&self, slot: &Slot, origin: Tick) -> DVec3 {
         let scale = f64::from(self.interned_parameters.get(slot.interned).gravity_scale);
         let DVec3 { x, y, z } = self.gravity_history.at(origin);
         DVec3::new(x * scale, y * scale, z * scale)
     }
 
-    /// What is predicted_motion of a body in the world at a tick.
+    /// The predicted motion of a body in the world frame at a tick.
     pub(crate) fn predicted_motion(&self, body: (u32, &Slot), tick: Tick) -> Motion {
         let track = body.1.track();
         let motion = self.framed(body, &track, tick);
@@ -294,14 +296,14 @@ impl Tracks {
         }
     }
 
-    /// The body that carries another along by its track, while it is there.
+    /// The parent of a body by its track, if it still exists.
     pub(crate) fn parent(&self, track: &Track) -> Option<(u32, &Slot)> {
         let id = track.parent?;
         let slot = self.slot(id.index())?;
         (slot.id(id.index()) == id).then_some((id.index(), slot))
     }
 
-    /// What a track of a body, this one or one that it had, says of a tick in its own frame.
+    /// The motion at a tick by a track of a body, its present or previous one, in the track's frame.
     pub(crate) fn framed(&self, (index, slot): (u32, &Slot), track: &Track, tick: Tick) -> Motion {
         self.with_conditions(slot, track.predictor, track.origin, |conditions| {
             let grid = &self.interned_parameters.get(slot.interned).grid;
@@ -314,14 +316,14 @@ impl Tracks {
         })
     }
 
-    /// The same without regard to what was computed before, for tracks that may never be said.
+    /// As [`Self::framed`], without cached rotation states, for candidate tracks.
     pub(crate) fn framed_fresh(&self, slot: &Slot, track: &Track, tick: Tick) -> Motion {
         self.with_conditions(slot, track.predictor, track.origin, |conditions| {
             track.at(tick, self.grid(slot), conditions)
         })
     }
 
-    /// What a predictor that does not fall makes of a motion in some ticks.
+    /// The motion after some ticks under a predictor without gravity.
     pub(crate) fn continued(
         &self,
         slot: &Slot,
@@ -334,14 +336,14 @@ impl Tracks {
         })
     }
 
-    /// How far a body gets in some ticks.
+    /// The displacement of a body after some ticks.
     pub(crate) fn unforced(&self, slot: &Slot, ticks: Ticks) -> UnforcedMotion {
         self.with_conditions(slot, Predictor::Uniform, Tick::ZERO, |conditions| {
             conditions.unforced(ticks)
         })
     }
 
-    /// The acceleration that brings a body from one velocity to another in a tick, m/s².
+    /// The acceleration that changes a body's velocity from one value to another in a tick, m/s².
     pub(crate) fn acceleration(&self, slot: &Slot, before: DVec3, after: DVec3) -> DVec3 {
         self.with_conditions(slot, Predictor::Uniform, Tick::ZERO, |conditions| {
             conditions.acceleration(before, after)
@@ -369,18 +371,18 @@ impl Tracks {
         })
     }
 
-    /// Has a prefilter look at a body's track.
+    /// Tests a body's track with the prefilter.
     pub(crate) fn look(
         &self,
         slot: &Slot,
         tick: Tick,
-        seen: (u32, &BodyState),
+        observed: (u32, &BodyState),
         prefilter: &mut ErrorPrefilter,
         undecided: &mut Vec<u32>,
     ) {
-        let (place, truth) = seen;
+        let (place, truth) = observed;
         let interned = self.interned_parameters.get(slot.interned);
-        // A prefilter is of one tolerance.
+        // A prefilter is made for one tolerance.
         if interned.tolerance_scale != ToleranceScale::USUAL {
             return undecided.push(place);
         }
@@ -398,7 +400,7 @@ impl Tracks {
         });
     }
 
-    /// Has a batch predict a body's own track, if it takes such tracks.
+    /// Adds a body's own track to a batch; returns whether the batch takes such tracks.
     #[must_use]
     pub(crate) fn take(&self, batch: &mut PredictionX4, key: u32, slot: &Slot, tick: Tick) -> bool {
         let track = slot.dense();

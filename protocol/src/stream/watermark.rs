@@ -1,7 +1,7 @@
 //! When a silent stream states its watermark.
 //!
-//! Counted in the scene's ticks alone, so that it is the same in a scene that its members lead. One rule for every
-//! stream: after the shortest silence, then each time the silence has doubled, and never more than the longest apart.
+//! Counted in ticks of the scene alone, so it is the same in a lockstep scene. One rule for every stream: after the
+//! shortest silence, then each time the silence has doubled, and at most the longest pause apart.
 
 use core::num::NonZeroU32;
 
@@ -17,24 +17,24 @@ pub struct WatermarkPolicy {
 }
 
 impl WatermarkPolicy {
-    /// Every silent tick that is published: members wait for it.
+    /// Every silent published tick, because members wait for it.
     pub const LOCKSTEP: Self = Self {
         shortest: 1,
         longest: 1,
     };
 
-    /// The first silent tick, then ever more rarely; for a scene that publishes at multiples of `every`.
+    /// The first silent tick, then at growing intervals; for a scene that publishes at multiples of `publish_interval`.
     #[must_use]
-    pub fn free_running(rate: Rate, every: NonZeroU32) -> Self {
-        let every = u64::from(every.get());
-        let publications = (whole_ticks(rate, SILENCE_MS_MAX) / every).max(1);
+    pub fn free_running(rate: Rate, publish_interval: NonZeroU32) -> Self {
+        let publish_interval = u64::from(publish_interval.get());
+        let publications = (whole_ticks(rate, SILENCE_MS_MAX) / publish_interval).max(1);
         Self {
             shortest: 1,
-            longest: publications * every,
+            longest: publications * publish_interval,
         }
     }
 
-    /// The stream of a client that moves bodies itself: a watermark that waits a few ticks often saves a datagram.
+    /// The policy of an upstream: a watermark a few ticks later often saves a datagram.
     #[must_use]
     pub fn upstream(rate: Rate) -> Self {
         Self {
@@ -43,13 +43,13 @@ impl WatermarkPolicy {
         }
     }
 
-    /// How many ticks after the watermark of a silence of so many ticks the next one is due.
+    /// The pause, in ticks, after the watermark that ended a silence of `silence` ticks.
     pub(crate) fn pause_after(&self, silence: u64) -> u64 {
         silence.clamp(self.shortest, self.longest)
     }
 }
 
-/// The silence of one stream.
+/// The present silence of one stream.
 #[derive(Debug)]
 pub(super) struct Silence {
     policy: WatermarkPolicy,
@@ -60,7 +60,7 @@ pub(super) struct Silence {
 }
 
 impl Silence {
-    /// It begins at this tick.
+    /// A silence that starts at this tick.
     pub(super) fn new(policy: WatermarkPolicy, since: Tick) -> Self {
         Self {
             policy,
@@ -69,12 +69,12 @@ impl Silence {
         }
     }
 
-    /// A packet is sent at this tick.
+    /// Ends the silence with a packet sent at this tick.
     pub(super) fn end(&mut self, tick: Tick) {
         *self = Self::new(self.policy, tick);
     }
 
-    /// Whether a watermark is due at a silent tick; if so, the next one is not for a while.
+    /// Whether a watermark is due at a silent tick; if so, the next pause starts.
     pub(super) fn is_watermark_due(&mut self, tick: Tick) -> bool {
         let silence = tick.value() - self.since.value();
         let due = silence >= self.watermark_at;
@@ -85,7 +85,7 @@ impl Silence {
     }
 }
 
-/// Whole ticks in so many milliseconds, at least one.
+/// Whole ticks in this many milliseconds, at least one.
 pub(crate) fn whole_ticks(rate: Rate, milliseconds: u32) -> u64 {
     let (ticks, seconds) = (u64::from(rate.ticks()), u64::from(rate.seconds()));
     (ticks * u64::from(milliseconds) / (1_000 * seconds)).max(1)

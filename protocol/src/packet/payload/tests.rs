@@ -1,4 +1,4 @@
-//! Sayings come back as they were said, at about their cost
+//! Payloads round-trip at about their estimated cost.
 
 use super::*;
 use crate::packet::cost::CostModel;
@@ -94,7 +94,7 @@ fn aliased() -> impl Strategy<Value = (u32, Option<u32>, UpdatePayload)> {
 
 proptest! {
     #[test]
-    fn payloads_come_back_at_about_their_cost(payloads in proptest::collection::vec(aliased(), 0..20)) {
+    fn payloads_round_trip_at_about_their_cost(payloads in proptest::collection::vec(aliased(), 0..20)) {
         let (mut coder, mut writer, mut cost) = (UpdateCoder::default(), RangeWriter::default(), 0);
         for (gap, body, payload) in &payloads {
             cost += coder.cost(payload) + 64 * 256;
@@ -135,7 +135,7 @@ proptest! {
 }
 
 #[test]
-fn every_form_has_its_code() {
+fn every_form_has_a_distinct_code() {
     for (code, form) in UpdateForm::ALL.into_iter().enumerate() {
         assert_eq!(form.code(), code);
     }

@@ -1,4 +1,4 @@
-//! How a client follows the clock of a scene that runs freely.
+//! How a client follows the clock of a free-running scene.
 
 use rhumb_reckoning::{Rate, Tick, Ticks};
 
@@ -20,13 +20,14 @@ impl ClientSession {
         }
         let round_trip = now.since(sent);
         self.round_trip = round_trip;
-        // Before the joining there may have been no scene whose clock could be told.
+        // Before the client joined, the scene may not have existed; its clock then has no meaning.
         if self.state != ClientState::Member {
             return;
         }
         let at = sent + Span::from_nanos(round_trip.as_nanos() / 2);
         if let Some(rate) = self.free_rate() {
-            self.pings.seen(at, tick, since_tick, round_trip, rate);
+            self.pings
+                .note_sample(at, tick, since_tick, round_trip, rate);
         }
         self.events.push_back(Event::ClockSeen {
             at,
@@ -36,7 +37,7 @@ impl ClientSession {
         });
     }
 
-    /// The stream has just watermark_tick for another tick.
+    /// Notes that the stream has just reached a tick.
     pub(super) fn note_shown(&mut self, now: Instant, tick: Tick) {
         let config = self
             .config
@@ -49,12 +50,12 @@ impl ClientSession {
         }
     }
 
-    /// When the server's clock is to be looked at: never where the members lead.
+    /// When the next ping is due. None in a lockstep scene, whose members set the time.
     pub(super) fn ping_due(&self) -> Option<Instant> {
         self.free_rate().and(self.pings.due())
     }
 
-    /// The rate of a scene that runs by the server's clock.
+    /// The tick rate of a free-running scene; None in a lockstep scene.
     fn free_rate(&self) -> Option<Rate> {
         let config = self
             .config

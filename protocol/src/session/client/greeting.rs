@@ -1,6 +1,6 @@
-//! How a client opens a conversation, and what it makes of the answer.
+//! How a client opens a connection and handles the server's answer.
 //!
-//! What a later version may send is borne here or refused by its code (PROTOCOL 3.5).
+//! Messages of later versions are accepted or refused by their code (PROTOCOL 3.5).
 
 use super::{ClientSession, ClientState};
 use crate::endpoint::Peer;
@@ -10,9 +10,9 @@ use crate::session::event::Event;
 use crate::time::Instant;
 
 impl ClientSession {
-    /// Says what is spoken, and which scene it is about.
+    /// Sends the `Hello`: offered versions, scene, extensions.
     pub(super) fn greet(&mut self, now: Instant, peer: Peer) {
-        // Any number does that is seldom twice the same.
+        // The seed only has to differ between most connections.
         let mut grease = Grease::new(now.as_nanos() ^ peer.0.rotate_left(48));
         let hello = ClientMessage::Hello {
             versions: grease.versions(&VERSIONS),
@@ -31,7 +31,7 @@ impl ClientSession {
         if self.state != ClientState::Greeting {
             return Err(CloseCode::VIOLATION);
         }
-        // A version that was offered to see whether anybody minds it is none to be taken.
+        // The server may not choose the reserved version that the client offers to test tolerance of unknown ones.
         if !VERSIONS.contains(&welcome.version) {
             return Err(CloseCode::VERSION);
         }

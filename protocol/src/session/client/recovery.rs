@@ -1,4 +1,4 @@
-//! When a client reports what its replicas lack, and asks for a whole scene.
+//! When a client reports what its replicas lack and requests a new snapshot.
 
 use super::super::event::Event;
 use crate::message::{ClientMessage, ResyncCause};
@@ -7,23 +7,23 @@ use crate::time::{Instant, Span};
 
 use super::ClientSession;
 
-/// The pause between two requests for the whole scene, unless the stream converged between them. It doubles, so that a
-/// link that is too thin for the scene is not filled with snapshots.
+/// The pause between two requests for a snapshot, unless the stream converged meanwhile. It doubles, so that snapshots
+/// do not fill a link that is too weak for the scene.
 const RESYNC_AGAIN: Span = Span::from_millis(1_000);
-/// See [`RESYNC_AGAIN`].
+/// The longest pause between two requests for a snapshot.
 pub(super) const RESYNC_MOST: Span = Span::from_millis(16_000);
 
 impl ClientSession {
-    /// Whether a tick that was asked for is not there yet.
+    /// Whether a tick requested by `advance` is not complete yet.
     pub(super) fn awaits(&self) -> bool {
         let complete = self
             .replica_switch
             .shown()
-            .map(|copy| copy.stream().complete());
+            .map(|replica| replica.stream().complete());
         complete.is_some_and(|complete| complete < self.awaited)
     }
 
-    /// Starts the timeout for a tick that was asked for; the last ones decide how long it is.
+    /// Starts the timeout for a requested tick. The latest response times decide its length.
     pub(super) fn await_tick(&mut self, now: Instant) {
         let timeout = self.response_times.timeout(SILENCE_MOST);
         for receiver in self.replica_switch.receivers_mut() {
@@ -31,26 +31,26 @@ impl ClientSession {
         }
     }
 
-    /// Whether a snapshot was asked for that has not come: that of the stream again, or that of another one.
+    /// Whether a requested snapshot is pending, of the present stream or of another one.
     const fn awaits_snapshot(&self) -> bool {
         self.resyncing || self.stream_selection.is_asking()
     }
 
-    /// When to ask for the whole scene again.
+    /// When to request the next snapshot; None if the replica has not lost sync.
     pub(super) fn resync_due(&self) -> Option<Instant> {
         let due = self.resync_timer.due()?;
         (self.replica_switch.have_lost_sync() && !self.awaits_snapshot()).then_some(due)
     }
 
-    /// Restarts timers after anything was received.
+    /// Shows a replica that has caught up and restarts the timers. Called after each received message and datagram.
     pub(super) fn watch(&mut self, now: Instant) {
         self.switch_replica();
-        let Some(copy) = self.replica_switch.shown() else {
+        let Some(replica) = self.replica_switch.shown() else {
             return;
         };
         self.response_times
-            .note_complete(now, copy.stream().complete());
-        let (converged, awaits) = (copy.stream().is_converged(), self.awaits());
+            .note_complete(now, replica.stream().complete());
+        let (converged, awaits) = (replica.stream().is_converged(), self.awaits());
         for receiver in self.replica_switch.receivers_mut() {
             receiver.watch(now);
             if awaits {
@@ -78,7 +78,7 @@ impl ClientSession {
         }
     }
 
-    /// Reports what is due by now.
+    /// Sends the reports due now.
     pub(super) fn report(&mut self, now: Instant) {
         let min_delay = Span::from_nanos(self.round_trip.as_nanos() * 5 / 4);
         let reports = self.replica_switch.report(now, min_delay);

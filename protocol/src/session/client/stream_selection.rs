@@ -1,88 +1,88 @@
-//! Which stream a member asks for: one at a time, and then the newest wish
+//! Which stream a member requests: one at a time, the newest choice last.
 //!
-//! Says nothing itself. Invariants: nothing is asked while a question is not answered (PROTOCOL 4.8-14), and whatever the
-//! server does, a wish is taken, so that nobody is ever kept from another stream.
+//! Sends nothing itself. Invariants: the member sends no request while another one is unanswered (PROTOCOL 4.8-14), and
+//! every choice is requested in the end, whatever the server does.
 
 use crate::message::StreamChoice;
 
-/// What was asked for, and what is wanted in its place.
+/// The requested stream and the choice that follows it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StreamSelection {
-    /// Asked for, and not answered.
-    asked: Option<StreamChoice>,
-    /// To be asked for next.
+    /// The stream requested last, while the answer is pending.
+    requested: Option<StreamChoice>,
+    /// The stream to request next.
     wanted: Option<StreamChoice>,
-    /// Where the server moves the member: the snapshot of that comes next, whatever was asked for.
+    /// The stream to which the server moves the member. Its snapshot comes next, before that of a requested stream.
     moved: Option<StreamChoice>,
     pending_replica: PendingReplica,
 }
 
-/// Why there is a copy that is not shown yet.
+/// Why a replica exists that is not shown yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PendingReplica {
-    /// There is none, or one of the stream that is followed already.
+    /// No such replica exists, or it follows the present stream.
     Nothing,
-    /// It was asked for.
-    Asked(StreamChoice),
-    /// The server moves the member.
+    /// The member requested this stream.
+    Requested(StreamChoice),
+    /// The server moves the member to this stream.
     TierChanged,
 }
 
 impl StreamSelection {
-    /// Nothing is wanted but what is there.
+    /// No choice and no pending request.
     pub(super) const fn new() -> Self {
         Self {
-            asked: None,
+            requested: None,
             wanted: None,
             moved: None,
             pending_replica: PendingReplica::Nothing,
         }
     }
 
-    /// This stream is wanted, and none that was wanted before.
+    /// Selects a stream in place of any earlier choice.
     pub(super) fn select(&mut self, choice: StreamChoice) {
-        let is_on_its_way = match self.asked {
-            Some(asked) => asked == choice,
-            None => self.pending_replica == PendingReplica::Asked(choice),
+        let is_pending = match self.requested {
+            Some(requested) => requested == choice,
+            None => self.pending_replica == PendingReplica::Requested(choice),
         };
-        self.wanted = (!is_on_its_way).then_some(choice);
+        self.wanted = (!is_pending).then_some(choice);
     }
 
-    /// What to ask for now, if anything.
+    /// The stream to request now, if any.
     pub(super) const fn ask(&mut self) -> Option<StreamChoice> {
-        if self.asked.is_some() {
+        if self.requested.is_some() {
             return None;
         }
-        self.asked = self.wanted.take();
-        self.asked
+        self.requested = self.wanted.take();
+        self.requested
     }
 
-    /// Whether a question is not answered.
+    /// Whether a request is unanswered.
     pub(super) const fn is_asking(&self) -> bool {
-        self.asked.is_some()
+        self.requested.is_some()
     }
 
-    /// The server moves the member.
+    /// Notes that the server moves the member to another stream.
     pub(super) const fn handle_tier_changed(&mut self, to: StreamChoice) {
         self.moved = Some(to);
     }
 
-    /// A snapshot begins: the answer to what was asked for, that of a move, or the present stream's again.
+    /// Notes the start of a snapshot: an answer, a move, or the present stream again.
     pub(super) fn handle_joined(&mut self, choice: StreamChoice) {
         if self.moved.take() == Some(choice) {
             self.pending_replica = PendingReplica::TierChanged;
-        } else if self.asked == Some(choice) {
-            self.asked = None;
-            self.pending_replica = PendingReplica::Asked(choice);
+        } else if self.requested == Some(choice) {
+            self.requested = None;
+            self.pending_replica = PendingReplica::Requested(choice);
         }
     }
 
-    /// What was asked for is denied.
+    /// Notes that the server denied the request.
     pub(super) const fn handle_denied(&mut self) {
-        self.asked = None;
+        self.requested = None;
     }
 
-    /// The copy that came is shown; whether that is an answer or a move, and no mere refresh.
+    /// Whether the replica now shown is an answer or a move rather than a resync.
     pub(super) fn take_subscription_change(&mut self) -> bool {
         core::mem::replace(&mut self.pending_replica, PendingReplica::Nothing)
             != PendingReplica::Nothing
@@ -98,8 +98,8 @@ mod tests {
     const FINE: StreamChoice = StreamChoice::Within(Tolerance::FINE);
     const FULL: StreamChoice = StreamChoice::Full;
 
-    /// After this was asked for.
-    fn requested(choice: StreamChoice) -> StreamSelection {
+    /// A selection with this request pending.
+    fn with_request(choice: StreamChoice) -> StreamSelection {
         let mut stream_selection = StreamSelection::new();
         stream_selection.select(choice);
         assert_eq!(stream_selection.ask(), Some(choice));
@@ -138,10 +138,13 @@ mod tests {
         let mut stream_selection = requested(FINE);
         stream_selection.handle_tier_changed(FINE);
         stream_selection.handle_joined(FINE);
-        assert!(stream_selection.is_asking(), "that was the move's snapshot");
+        assert!(
+            stream_selection.is_asking(),
+            "the snapshot of a move answers no request"
+        );
         stream_selection.handle_joined(FINE);
         assert!(!stream_selection.is_asking());
-        // What comes by a move is asked for all the same: a choice is the member's own.
+        // The member requests its own choice even if the server already moves it to that stream.
         stream_selection.handle_tier_changed(EXACT);
         stream_selection.handle_joined(EXACT);
         stream_selection.select(EXACT);

@@ -1,7 +1,7 @@
-//! How a member drives bodies of its scene: what it asked for, and its stream.
+//! How a member takes authority over bodies and publishes their states.
 //!
-//! Packets go as datagrams where the server's clock leads, and on the control stream, before the advance that they are
-//! for, where members do.
+//! In a free-running scene packets go as datagrams. In lockstep they go on the control stream, before the advance that
+//! needs them.
 
 use alloc::vec::Vec;
 
@@ -19,13 +19,13 @@ use crate::session::upstream_sender::{PublishOutcome, UpstreamSender};
 use crate::stream::{PredictionParameters, PublisherStatistics};
 use crate::time::Instant;
 
-/// What a member drives.
+/// The authority of a member and its upstream.
 #[derive(Debug)]
 pub(super) struct UpstreamState {
     upstream_sender: Option<UpstreamSender>,
-    /// What was asked for and is not answered yet.
+    /// The requested authority, while the answer is pending.
     requested_authority: Option<TakeAuthority>,
-    /// What was granted last.
+    /// The authority granted last.
     granted: Option<TakeAuthority>,
 }
 
@@ -38,34 +38,37 @@ impl UpstreamState {
         }
     }
 
-    /// A body has left the scene.
+    /// Removes a body that left the scene.
     pub(super) fn remove(&mut self, id: BodyId) {
-        for drive in [&mut self.requested_authority, &mut self.granted]
+        for authority in [&mut self.requested_authority, &mut self.granted]
             .into_iter()
             .flatten()
         {
-            drive.bodies.retain(|body| *body != id);
+            authority.bodies.retain(|body| *body != id);
         }
         if let Some(upstream_sender) = &mut self.upstream_sender {
             upstream_sender.remove(id);
         }
     }
 
-    fn wishes(&self, id: BodyId) -> bool {
-        let drives = [&self.requested_authority, &self.granted]
+    fn covers(&self, id: BodyId) -> bool {
+        let authorities = [&self.requested_authority, &self.granted]
             .into_iter()
             .flatten();
-        drives.into_iter().any(|drive| drive.bodies.contains(&id))
+        authorities
+            .into_iter()
+            .any(|authority| authority.bodies.contains(&id))
     }
 }
 
 impl ClientSession {
-    /// AuthorityTable these kinematic bodies from now on, in place of those that it drove before; none ends it. Answered by
+    /// Takes authority over these kinematic bodies in place of the earlier ones; an empty list ends it. Answered by
     /// `AuthorityGrant` or `AuthorityDenied`.
     ///
     /// # Errors
     ///
-    /// As [`Self::leave`], while an earlier wish is not answered, and [`Misuse::TooManyAuthorityBodies`].
+    /// As [`Self::leave`], [`Misuse::NotNow`] while an earlier request is unanswered, and
+    /// [`Misuse::TooManyAuthorityBodies`].
     pub fn take_authority(
         &mut self,
         tolerance: Tolerance,
@@ -80,24 +83,26 @@ impl ClientSession {
         if self.upstream_state.requested_authority.is_some() {
             return Err(Misuse::NotNow);
         }
-        let drive = TakeAuthority { tolerance, bodies };
-        self.as_member(&ClientMessage::TakeAuthority(drive.clone()))?;
-        self.upstream_state.requested_authority = Some(drive);
+        let authority = TakeAuthority { tolerance, bodies };
+        self.as_member(&ClientMessage::TakeAuthority(authority.clone()))?;
+        self.upstream_state.requested_authority = Some(authority);
         Ok(())
     }
 
-    /// Says how the driven bodies move at a tick, as far as the server does not predict it; those that are not named stand
-    /// still where they were named last. Returns whether the tick was taken: not before the wish to drive is granted, nor
-    /// if one as new was taken before.
+    /// Publishes the states of the bodies under the member's authority, where the server's prediction exceeds the
+    /// tolerance. A body without a state stands still at its last place.
+    ///
+    /// Returns whether the states were published: `false` before the authority is granted, and for a tick not after the
+    /// last one.
     ///
     /// # Errors
     ///
-    /// As [`Self::leave`], [`Misuse::NoAuthority`], and [`Misuse::Invalid`] for a number that no engine should be given;
-    /// nothing is said then.
+    /// As [`Self::leave`], [`Misuse::NoAuthority`], and [`Misuse::Invalid`] for a number out of range; nothing is sent
+    /// then.
     pub fn publish(&mut self, tick: Tick, motions: &[(BodyId, BodyState)]) -> Result<bool, Misuse> {
         self.must_be(super::ClientState::Member)?;
         for (id, motion) in motions {
-            if !self.upstream_state.wishes(*id) {
+            if !self.upstream_state.covers(*id) {
                 return Err(Misuse::NoAuthority(*id));
             }
             Command::check_motion(motion).map_err(Misuse::Invalid)?;
@@ -118,7 +123,7 @@ impl ClientSession {
         Ok(true)
     }
 
-    /// The bodies that it drives, in rising order.
+    /// The bodies under the member's authority, in rising order.
     pub fn authority_bodies(&self) -> impl Iterator<Item = BodyId> {
         self.upstream_state
             .upstream_sender
@@ -126,7 +131,7 @@ impl ClientSession {
             .flat_map(UpstreamSender::bodies)
     }
 
-    /// What it said of the bodies that it drives, since they were granted.
+    /// Counters of the upstream since the authority was granted.
     #[must_use]
     pub fn upstream(&self) -> Option<PublisherStatistics> {
         self.upstream_state
@@ -136,10 +141,10 @@ impl ClientSession {
     }
 
     fn send_upstream(&mut self, packets: Vec<Bytes>) {
-        let led = self
+        let is_lockstep = self
             .config
             .is_some_and(|config| config.stepping == Stepping::Lockstep);
-        if !led {
+        if !is_lockstep {
             return self.send_states(packets);
         }
         for packet in packets {
@@ -147,33 +152,33 @@ impl ClientSession {
         }
     }
 
-    /// A stream that goes on no more begins anew; what is asked for already will do that too.
+    /// Requests authority anew, so that the upstream starts again. A pending request has the same effect.
     fn ask_again(&mut self) {
         self.upstream_state.upstream_sender = None;
         if self.upstream_state.requested_authority.is_some() {
             return;
         }
         let granted = self.upstream_state.granted.take();
-        if let Some(drive) = granted.filter(|drive| !drive.bodies.is_empty()) {
-            self.send(&ClientMessage::TakeAuthority(drive.clone()));
-            self.upstream_state.requested_authority = Some(drive);
+        if let Some(authority) = granted.filter(|authority| !authority.bodies.is_empty()) {
+            self.send(&ClientMessage::TakeAuthority(authority.clone()));
+            self.upstream_state.requested_authority = Some(authority);
         }
     }
 
-    pub(super) fn handle_authority_grant(&mut self, driving: &AuthorityGrant) {
+    pub(super) fn handle_authority_grant(&mut self, grant: &AuthorityGrant) {
         let (Some(requested_authority), Some(config)) =
             (self.upstream_state.requested_authority.take(), self.config)
         else {
             return;
         };
-        let copy = self.replica_switch.shown();
+        let replica = self.replica_switch.shown();
         let parameters = |id: BodyId| {
-            let body = copy?.body(id)?;
-            let shape = copy?.shape(body.shape)?;
+            let body = replica?.body(id)?;
+            let shape = replica?.shape(body.shape)?;
             Some(PredictionParameters::of(&body, shape, config.damping, None))
         };
         let upstream_sender = UpstreamSender::new(
-            driving,
+            grant,
             requested_authority.tolerance,
             config.integrator,
             parameters,
@@ -195,7 +200,7 @@ impl ClientSession {
         }
     }
 
-    /// Whether a datagram is about the stream of what is driven; if so, answers it.
+    /// Whether a datagram is about this member's upstream; if so, answers it.
     pub(super) fn handle_upstream_feedback(
         &mut self,
         now: Instant,

@@ -1,4 +1,4 @@
-//! Which body could hold another, and how many each holds.
+//! Which bodies can be parents of others, and how many children they have.
 
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, Ticks};
@@ -7,27 +7,27 @@ use super::Publisher;
 use crate::stream::observation::Observation;
 use crate::stream::observation_history::ObservationHistory;
 
-/// Bodies that others may be held by, at one tick: the largest that move.
+/// The number of parent candidates at one tick: the largest moving bodies.
 pub(super) const PARENT_CANDIDATES_MAX: usize = 16;
-/// A parent_candidate is larger than what it holds by this factor at least.
+/// A parent is larger than its child by this factor at least.
 pub(super) const PARENT_SIZE_RATIO: f64 = 1.2;
-/// A body is held within this many radii of its parent_candidate.
+/// A child lies within this many radii of its parent.
 const PARENT_REACH: f64 = 3.0;
-/// With lookahead, who holds others is followed within this share of its tolerance: all that it holds is off with it.
+/// With lookahead, a parent is kept within this share of its tolerance, because its error adds to that of its children.
 const PARENT_TOLERANCE_SHARE: f64 = 0.5;
 
-/// A body that could hold others, at one tick.
+/// A parent candidate at one tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LargeBody {
-    /// Its place among those that were seen.
+    /// Its position among the observations.
     pub(super) place: usize,
     pub(super) position: Vec3,
-    /// Metres.
+    /// The radius, metres.
     pub(super) radius: f64,
 }
 
 impl Publisher {
-    /// Within what share of its tolerance a body is followed.
+    /// The share of its tolerance within which a body is kept.
     pub(super) fn closeness(&self, observation_history: &ObservationHistory, index: u32) -> f64 {
         let predicted_after =
             self.features.mode_decision && observation_history.lookahead() > Ticks::ZERO;
@@ -38,7 +38,7 @@ impl Publisher {
         }
     }
 
-    /// The place of the body that could hold another: the one that does, or the nearest within reach.
+    /// The position of the best parent for a body: its present parent, or the nearest candidate within reach.
     pub(super) fn parent_candidate_of(
         &self,
         observation: &Observation,
@@ -66,15 +66,15 @@ impl Publisher {
             .map(|parent_candidate| parent_candidate.place)
     }
 
-    /// Whether a body holds another.
+    /// Whether a body has children.
     pub(super) fn holds(&self, index: u32) -> bool {
-        let known = |(parent_candidate, _): &(u32, u32)| *parent_candidate;
+        let index_of = |(parent_candidate, _): &(u32, u32)| *parent_candidate;
         self.child_counts
-            .binary_search_by_key(&index, known)
+            .binary_search_by_key(&index, index_of)
             .is_ok()
     }
 
-    /// A body was held by the one and is held by the other from now on.
+    /// Moves a child from one parent to another in the counts.
     pub(super) fn move_child(&mut self, from: Option<BodyId>, to: Option<BodyId>) {
         let place = |child_counts: &[(u32, u32)], id: BodyId| {
             child_counts

@@ -1,7 +1,7 @@
-//! What is said first where a budget does not suffice, and what waits
+//! Which updates go first when a budget does not suffice.
 //!
-//! Invariant: what waits, waits by choice, is counted, and is reported of: the stream states the greatest share of a
-//! tolerance that its tracks use. Costs a publisher without a budget nothing.
+//! Invariant: every delayed update is counted and reported. The stream states the greatest share of a tolerance that
+//! its tracks use. A publisher without a budget pays nothing for this.
 
 use alloc::boxed::Box;
 use alloc::collections::BTreeMap;
@@ -18,81 +18,82 @@ use crate::stream::observation::{Activity, Observation};
 use crate::stream::observation_history::ObservationHistory;
 use crate::stream::tracks::Slot;
 
-/// A waiting body's error counts double after so many ticks, and so on.
+/// A waiting body's error counts double after this many ticks, triple after twice as many, and so on.
 const AGE: f64 = 60.0;
-/// An error counts so much at least: of a body that sleeps, and only lacks the last digits.
+/// The least weight of an error: for a sleeping body that only lacks its exact rest pose.
 const ERROR_LEAST: f64 = 0.25;
-/// Each so many-th word goes to whoever waited longest: nobody starves, however wrong others are.
+/// One pick in this many goes to the body that waited longest, so that no body waits forever.
 const PICKS_PER_LONGEST_WAITING: usize = 4;
-/// While less is left nothing is said: heads would take more than words.
+/// With fewer bytes left no packet is sent, because its head would take more than its updates.
 const PACKET_BYTES_MIN: u64 = 96;
 /// Bytes of a packet besides its updates.
 const HEAD: u64 = 12;
 /// More bytes than any update takes.
 const UPDATE_BYTES_BOUND: usize = Keyframe::BITS_MAX / 8 + 32;
-/// While some wait, tolerances are loosened by this share of what the worst of them is beyond its own: on the recorded cubes
-/// a twentieth and six tenths are as good (`replay --budget 8000`).
+/// While bodies wait, tolerances are raised by this share of the worst waiting body's excess over its own. Measured on
+/// the recorded cubes: 0.05 and 0.6 do as well (`replay --budget 8000`).
 const LOOSE: f64 = 0.25;
-/// How much of the way to that they go each tick.
+/// The share of the remaining difference by which tolerances change each tick.
 const FOLLOW: f64 = 0.2;
-/// They are never loosened more.
+/// The greatest factor on tolerances.
 const SLACK_MAX: f64 = 1_000.0;
 
-/// A budget in use.
+/// The state of a budget.
 #[derive(Debug)]
 pub(super) struct BudgetState {
     token_bucket: TokenBucket,
-    /// Bodies that were due and have not had a word since, by index.
+    /// Bodies that were due and have had no update since, by index.
     waiting: BTreeMap<u32, WaitingBody>,
-    /// The greatest share that any track used at the ticks since the last packet, or at those that it spoke of.
+    /// The greatest share of a tolerance used by any track since the last packet, or at the ticks that it covers.
     worst: f64,
-    /// A packet was said, so that the next tick begins anew.
+    /// A packet was sent, so `worst` starts again at the next tick.
     reported: bool,
     pick_order: PickOrder,
 }
 
-/// A body that waits for a word.
+/// A body whose update waits for the budget.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OverBudget {
-    /// Which one.
+    /// The body.
     pub body: BodyId,
-    /// How much of its tolerance its track uses: more than one where it is off.
+    /// The share of its tolerance that its track uses: above one if the body is out of tolerance.
     pub share: f64,
-    /// Since when it waits.
+    /// The tick since which it waits.
     pub since: Tick,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct WaitingBody {
     since: Tick,
-    /// The share of its tolerance that its track used when it was passed over last.
+    /// The share of its tolerance that its track used at the last published tick.
     share: f64,
-    /// What was observation of it last, and when.
+    /// The newest observation of the body.
     observation: Observation,
     observed_at: Tick,
 }
 
-/// A body that should have a word.
+/// A body that is due for an update.
 #[derive(Clone, Copy, Debug)]
 struct DueUpdate {
     observation: Observation,
     share: f64,
     since: Tick,
-    /// Its track is too old to be corrected any later.
+    /// Its track is about to become too old for a correction.
     urgent: bool,
 }
 
-/// To whom a word goes.
+/// The rule by which a body is picked for an update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pick {
     Worst,
     LongestWaiting,
 }
 
-/// Whose pick it is, counted from tick to tick: also where a tick pays for a word or two, who waited longest has some.
+/// Whose turn it is. The count continues from tick to tick, so the longest waiting body gets updates even if a tick
+/// pays for few.
 #[derive(Clone, Copy, Debug, Default)]
 struct PickOrder {
-    /// Words since the last one that went to who waited longest, as far as they matter.
+    /// Picks since the last longest-waiting one, at most the interval.
     since_longest_waiting: usize,
 }
 
@@ -105,7 +106,7 @@ impl PickOrder {
         }
     }
 
-    /// A word was given.
+    /// Counts a pick.
     fn pass(&mut self, pick: Pick) {
         self.since_longest_waiting = match pick {
             Pick::Worst => (self.since_longest_waiting + 1).min(PICKS_PER_LONGEST_WAITING - 1),
@@ -122,9 +123,10 @@ impl DueUpdate {
 }
 
 impl Publisher {
-    /// Holds what is said from now on to a budget.
+    /// Holds the stream to a budget from now on.
     ///
-    /// No body holds another then: each is worth a word by itself. No repair_symbols are said: they would take what words need.
+    /// Attachment is switched off, so that each update is useful alone. Repair symbols are switched off, because they
+    /// would take bytes from updates.
     pub fn limit(&mut self, budget: Budget) {
         self.features.attached = false;
         self.features.redundancy = false;
@@ -137,8 +139,8 @@ impl Publisher {
         }));
     }
 
-    /// By what factor tracks exceed their tolerances at most, at the ticks since the last packet; if that was said at this
-    /// tick, at those that it spoke of: a watermark behind it may be received_below without it.
+    /// The greatest factor by which tracks exceed their tolerances, at the ticks since the last packet. If a packet was
+    /// sent at this tick, at the ticks that it covers: a watermark may arrive without the packet before it.
     #[must_use]
     pub fn error_scale(&self) -> ErrorScale {
         let budget_state = self.budget_state.as_ref();
@@ -147,19 +149,19 @@ impl Publisher {
         })
     }
 
-    /// Whether what it says is attached to a budget.
+    /// Whether the stream has a budget.
     pub(crate) const fn has_budget(&self) -> bool {
         self.budget_state.is_some()
     }
 
-    /// Bodies that wait for a word.
+    /// The number of bodies whose updates wait.
     #[must_use]
     pub fn waiting(&self) -> usize {
         let budget_state = self.budget_state.as_ref();
         budget_state.map_or(0, |budget_state| budget_state.waiting.len())
     }
 
-    /// Bodies that wait for a word, in order of index.
+    /// The bodies whose updates wait, in order of index.
     pub fn over_budget(&self) -> impl Iterator<Item = OverBudget> {
         let budget_state = self.budget_state.as_ref().into_iter();
         let waiting = budget_state.flat_map(|budget_state| budget_state.waiting.values());
@@ -170,21 +172,21 @@ impl Publisher {
         })
     }
 
-    /// The one of them that is farthest off for its tolerance.
+    /// The waiting body whose track uses the greatest share of its tolerance.
     #[must_use]
     pub fn worst_waiting(&self) -> Option<OverBudget> {
         let waiting = self.over_budget();
         waiting.max_by(|a, b| a.share.total_cmp(&b.share))
     }
 
-    /// Takes from the budget what was said beside the packets and is to be paid for too.
+    /// Spends bytes of the budget on datagrams other than packets.
     pub fn pay(&mut self, bytes: usize) {
         if let Some(budget_state) = &mut self.budget_state {
             budget_state.token_bucket.spend(bytes);
         }
     }
 
-    /// Says what the budget allows of what is due at a tick; `before`: the tick that was spoken of before.
+    /// Publishes the due updates that the budget allows; `before` is the last published tick.
     pub(super) fn publish_within(
         &mut self,
         mut budget_state: Box<BudgetState>,
@@ -202,33 +204,33 @@ impl Publisher {
             .token_bucket
             .earn(tick.since(before).unwrap_or_default());
         let observations = observation_history.at(tick).unwrap_or_default();
-        self.statistics.looked += observations.len() as u64;
+        self.statistics.checked += observations.len() as u64;
         let due = self.due(&mut budget_state, tick, observations);
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
         self.encode_due(&mut budget_state, observation_history, due, &mut updates);
 
-        let begun = out.len();
+        let first_new = out.len();
         let spoke = !updates.is_empty();
         self.budget_state = Some(budget_state);
-        self.say(tick, &mut updates, scene_events, out);
+        self.encode_updates(tick, &mut updates, scene_events, out);
         self.updates = updates;
         if let Some(budget_state) = self.budget_state.as_mut().filter(|_| spoke) {
             budget_state
                 .token_bucket
-                .spend(out[begun..].iter().map(Bytes::len).sum());
+                .spend(out[first_new..].iter().map(Bytes::len).sum());
             budget_state.reported = true;
         }
     }
 
-    /// Loosens tolerances while bodies wait, by a share of how far off the worst of them is: what cannot be said as often
-    /// as it should is better said so that it serves longer.
+    /// Raises tolerances while bodies wait, by a share of the worst body's excess. An update that cannot be sent often
+    /// then lasts longer.
     fn loosen(&mut self, worst_over_budget: f64) {
         let wanted = 1.0 + (worst_over_budget - 1.0).max(0.0) * LOOSE;
         self.slack += (wanted.min(SLACK_MAX) - self.slack) * FOLLOW;
     }
 
-    /// Who should have a word: whose track is off, and who waits.
+    /// The bodies that are due: those with tracks out of tolerance, and those that wait.
     fn due(
         &self,
         budget_state: &mut BudgetState,
@@ -249,7 +251,7 @@ impl Publisher {
             let since = budget_state.waiting.get(&observation.id.index());
             let since = since.map_or(tick, |waiting| waiting.since);
             let found = self
-                .seen_slot(&observation)
+                .observed_slot(&observation)
                 .and_then(|slot| self.is_due(slot, tick, &observation));
             due.extend(found.map(|(share, urgent)| DueUpdate {
                 observation,
@@ -261,7 +263,7 @@ impl Publisher {
         due
     }
 
-    /// The share of its tolerance that a track uses, and whether it cannot wait; `None` while it needs no word.
+    /// The share of its tolerance that a track uses, and whether its update is urgent; `None` if it needs no update.
     fn is_due(&self, slot: &Slot, tick: Tick, observation: &Observation) -> Option<(f64, bool)> {
         let predicted_motion = self
             .tracks
@@ -284,7 +286,7 @@ impl Publisher {
         (urgent || !reported).then_some((used, urgent))
     }
 
-    /// Gives words to the worst, and each few to who waited longest, while the budget lasts.
+    /// Encodes the updates of the worst bodies and, now and then, of the longest waiting, while the budget lasts.
     fn encode_due(
         &mut self,
         budget_state: &mut BudgetState,
@@ -302,7 +304,7 @@ impl Publisher {
         let mut spent = HEAD * 8 * 256;
         let mut waiting = BTreeMap::new();
         let mut worst = 1.0;
-        // Where all of them may encode_due, they do so in the order of a stream without a budget.
+        // If the budget suffices for all, the order is that of a stream without a budget.
         let all = (due.len() * UPDATE_BYTES_BOUND) as u64 <= allowed;
         if all {
             self.slack = 1.0;
@@ -319,8 +321,8 @@ impl Publisher {
                 spent += update.as_ref().map_or(0, Self::bits_of);
                 updates.extend(update);
                 budget_state.pick_order.pass(pick);
-                // Loosened words may release more than the tolerance.
-                let left = self.seen_slot(&due.observation);
+                // After an update under raised tolerances, the body may still exceed its own tolerance.
+                let left = self.observed_slot(&due.observation);
                 let left = left.and_then(|slot| self.is_due(slot, tick, &due.observation));
                 worst = worse(worst, left.map_or(1.0, |(share, _)| share));
                 continue;
@@ -341,9 +343,9 @@ impl Publisher {
         budget_state.worst = worse(budget_state.worst, worst);
     }
 
-    /// Bits of an update in 256ths, more or less.
+    /// The approximate cost of an update, in 1/256 bits.
     pub(super) fn bits_of(update: &Update) -> u64 {
-        /// Naming a body by its index, and by its alias.
+        /// The cost of a body's index and its alias.
         const NAMED: u64 = 24 * 256;
         const SEATED: u64 = 4 * 256;
         let name = if update.body.is_some() { NAMED } else { SEATED };
@@ -351,7 +353,7 @@ impl Publisher {
     }
 }
 
-/// The greater share; what is no number is beyond any.
+/// The greater share; NaN is greater than any number.
 fn worse(one: f64, other: f64) -> f64 {
     if other <= one {
         one
@@ -362,7 +364,8 @@ fn worse(one: f64, other: f64) -> f64 {
     }
 }
 
-/// The urgent first, then the worst; each few words one to who waited longest, counted from the last tick on.
+/// The order of picks: urgent bodies first, then the worst. Every few picks one goes to the longest waiting body,
+/// counted from the last tick on.
 fn pick_in_order(
     mut due: Vec<DueUpdate>,
     tick: Tick,

@@ -1,10 +1,8 @@
-//! Which of the bodies that are spoken of at a tick touch.
+//! Groups the updated bodies of a tick into islands of touching bodies.
 //!
-//! Their updates go together, so that they arrive all or none.
-//!
-//! The publisher's own affair, and asked for only where a tick takes several packets. Bodies touch here when the spheres
-//! around them do: contacts and joints of any engine lie within that. Bodies that touch only by way of one that nothing
-//! is said of are not joined.
+//! The updates of an island go together, so that all or none arrive. Used only for ticks with several packets, and not
+//! part of the protocol. Bodies count as touching when their bounding spheres overlap; contacts and joints of any
+//! engine lie within that. Two bodies that touch only a third body without an update are not joined.
 
 use alloc::vec::Vec;
 
@@ -14,13 +12,13 @@ use super::Publisher;
 use super::packing::sort_by_alias;
 use crate::packet::Update;
 
-/// Beyond so many updates nobody is kept together: a tick that says so much of all bodies is a pit's, whose bodies all
-/// touch.
+/// With more updates than this, islands are not kept together: at such a tick the whole scene moves, and its bodies
+/// form one island.
 const ISLAND_UPDATES_MAX: usize = 2_000;
-/// Balls touch when they would if they were so much larger.
+/// Factor on radii: spheres this much larger count as touching.
 const REACH: f64 = 1.1;
 
-/// A body that is spoken of, by its place among the updates.
+/// The bounding sphere of an updated body, with its position among the updates.
 #[derive(Clone, Copy, Debug)]
 struct BoundingSphere {
     place: usize,
@@ -28,16 +26,16 @@ struct BoundingSphere {
     radius: f64,
 }
 
-/// Which places are of one island, as far as is known: each points at a lower one of its own, or at itself.
+/// A union-find over positions: each points at a lower one of its own island, or at itself.
 #[derive(Debug)]
 struct UnionFind {
     places: Vec<usize>,
-    /// Whether any were joined.
+    /// Whether any two were joined.
     joined: bool,
 }
 
 impl UnionFind {
-    /// Each an island of its own.
+    /// Every position is an island of its own.
     fn of(places: usize) -> Self {
         Self {
             places: (0..places).collect(),
@@ -60,7 +58,7 @@ impl UnionFind {
     }
 }
 
-/// The axis along which spheres lie farthest apart: in a wall few overlap along it, and all across.
+/// The axis along which spheres lie farthest apart: few overlap along it, as the bodies of a wall along its length.
 fn longest_axis(spheres: &[BoundingSphere]) -> usize {
     let extent = |axis: usize| {
         let along = spheres.iter().map(|sphere| sphere.centre[axis]);
@@ -76,7 +74,7 @@ fn longest_axis(spheres: &[BoundingSphere]) -> usize {
     longest
 }
 
-/// Joins spheres that touch.
+/// Joins touching spheres.
 fn join_touching(mut spheres: Vec<BoundingSphere>, union: &mut UnionFind) {
     let axis = longest_axis(&spheres);
     let least = |sphere: &BoundingSphere| sphere.centre[axis] - sphere.radius;
@@ -99,8 +97,8 @@ fn join_touching(mut spheres: Vec<BoundingSphere>, union: &mut UnionFind) {
 }
 
 impl Publisher {
-    /// Sorts the updates of a tick by islands, the aliases of each rising but for what names a parent, which comes last in
-    /// its island; returns how many updates each has.
+    /// Sorts the updates of a tick by island and returns the number of updates in each. Within an island aliases rise,
+    /// except that updates with a parent reference come last.
     pub(super) fn sort_by_island(&self, tick: Tick, updates: &mut [Update]) -> Vec<usize> {
         sort_by_alias(updates);
         let aliases = self.alias_table.aliases();
@@ -132,7 +130,7 @@ impl Publisher {
         if !union.joined {
             return alloc::vec![1; updates.len()];
         }
-        // Updates are large: what they are sorted by is not.
+        // Updates are large; their sort keys are small.
         let mut order: Vec<(usize, bool, usize)> = updates
             .iter()
             .enumerate()
@@ -145,8 +143,8 @@ impl Publisher {
         sizes
     }
 
-    /// Joins what builds on another body's track to that body, if it is spoken of too: the one cannot be read without the
-    /// other.
+    /// Joins an update that refers to a parent with the parent's update, if there is one, because it cannot be applied
+    /// without it.
     fn join_attached(&self, updates: &[Update], union: &mut UnionFind) {
         let aliases = self.alias_table.aliases();
         for &(parent, body) in &self.attached {
@@ -156,8 +154,8 @@ impl Publisher {
                     .binary_search_by_key(&alias, |update| update.alias)
                     .ok()
             };
-            if let (Some(held), Some(parent_candidate)) = (place(body), place(parent)) {
-                union.join(held, parent_candidate);
+            if let (Some(child), Some(parent_candidate)) = (place(body), place(parent)) {
+                union.join(child, parent_candidate);
             }
         }
     }
@@ -179,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn balls_that_touch_are_one_island_however_they_do() {
+    fn spheres_that_touch_are_one_island_in_any_arrangement() {
         let row = |x: f64| ([x, 0.0, 0.0], 0.5);
         assert_eq!(islands(&[row(3.0), row(0.0), row(1.0), row(2.0)]), [0; 4]);
         let apart = [row(0.0), ([0.0, 1.1, 0.0], 0.5), row(0.9)];
@@ -187,7 +185,7 @@ mod tests {
         let bridged = [row(0.0), row(9.0), ([4.5, 3.0, 0.0], 6.0)];
         assert_eq!(islands(&bridged), [0; 3]);
         assert_eq!(islands(&[]), [0; 0]);
-        // Of walls across each axis.
+        // Walls across each axis.
         for axis in 0..3 {
             let sphere = |along: f64| {
                 let mut centre = [0.0; 3];

@@ -1,4 +1,4 @@
-//! How the updates of one tick become packets.
+//! Packs the updates of one tick into packets.
 
 use alloc::vec::Vec;
 
@@ -8,19 +8,19 @@ use rhumb_reckoning::Tick;
 use super::Publisher;
 use crate::packet::{ErrorScale, Update, UpdateWriter};
 
-/// Fewer updates than this mostly fit a packet: these are written to see if they do.
+/// Fewer updates than this usually fit one packet; that is tried first.
 const MANY: usize = 64;
-/// Updates that take so much more than a packet would are not tried in one.
+/// Updates with an estimated size above this surely exceed one packet.
 const SURELY_FILLED: u64 = FILLED * 3 / 2;
-/// Bytes at which a packet is taken to be full where one more island would come; what updates take is not known to the
-/// byte before they are said.
+/// A packet counts as full at this size, bytes, if another island would follow. The exact size of updates is not known
+/// before they are encoded.
 const FILLED: u64 = 1_040;
 
 impl Publisher {
-    /// Cuts the updates of one tick into datagrams.
+    /// Splits the updates of one tick into datagrams.
     ///
-    /// Bodies that touch stay in one packet where they fit one, so that they are all moved or none. What builds on another
-    /// body's track comes after that body, in the same packet or a later one.
+    /// Touching bodies stay in one packet if they fit, so that all or none of them move. An update that builds on
+    /// another body's track comes after that body, in the same packet or a later one.
     pub(super) fn pack(
         &mut self,
         tick: Tick,
@@ -54,7 +54,7 @@ impl Publisher {
         }
     }
 
-    /// How many islands fit a packet, one at least, and how many updates those have.
+    /// The number of islands that fit a packet, at least one, and the number of their updates.
     fn fitting(updates: &[Update], islands: &[usize]) -> (usize, usize) {
         let (mut count, mut fitting, mut bits) = (0, 0, 0);
         for size in islands {
@@ -69,7 +69,7 @@ impl Publisher {
         (count, fitting)
     }
 
-    /// Says some islands in one packet, or in as many as it takes.
+    /// Encodes some islands in one packet, or in as many as they need.
     fn pack_islands(
         &mut self,
         tick: Tick,
@@ -91,14 +91,14 @@ impl Publisher {
         for (group, last) in [(first, last && second.is_empty()), (second, last)] {
             let mut rest: &[Update] = group;
             while let Some((datagram, fitting)) = self.write(tick, rest, scene_events, last) {
-                let (said, later) = rest.split_at(fitting);
-                self.send(datagram, said, out);
+                let (sent_updates, later) = rest.split_at(fitting);
+                self.send(datagram, sent_updates, out);
                 rest = later;
             }
         }
     }
 
-    /// Says each update in a packet of its own.
+    /// Encodes each update in its own packet.
     fn pack_singly(
         &mut self,
         tick: Tick,
@@ -121,7 +121,7 @@ impl Publisher {
         }
     }
 
-    /// Says in two packets what would fit one.
+    /// Encodes updates that fit one packet in two.
     fn pack_halves(
         &mut self,
         tick: Tick,
@@ -140,7 +140,7 @@ impl Publisher {
         self.pack_islands(tick, second, scene_events, true, out);
     }
 
-    /// How many of the first updates are the islands that take about half of the bits of all, if any do.
+    /// The number of updates in the first islands that take about half of all bits; None if no split is near half.
     fn middle_of_islands(&self, tick: Tick, updates: &mut [Update]) -> Option<usize> {
         let islands = self.sort_by_island(tick, updates);
         let bits = |updates: &[Update]| -> u64 { updates.iter().map(Self::bits_of).sum() };
@@ -158,7 +158,7 @@ impl Publisher {
         best.map(|(_, cut)| cut)
     }
 
-    /// How many of the first updates take half of the bits of all.
+    /// The number of first updates that take half of all bits.
     fn middle(updates: &[Update]) -> usize {
         let bits = updates.iter().map(Self::bits_of);
         let half = bits.clone().sum::<u64>() / 2;
@@ -170,7 +170,8 @@ impl Publisher {
         bits.take_while(before).count().max(1)
     }
 
-    /// A packet of as many updates as fit, and how many those are; it ends its tick if all do and `last` is set.
+    /// Encodes as many updates as fit a packet, and returns their number. The packet ends its tick if all fit and
+    /// `last` is set.
     fn write(
         &self,
         tick: Tick,
@@ -197,18 +198,18 @@ impl Publisher {
         Some((datagram, fitting))
     }
 
-    fn send(&mut self, datagram: Vec<u8>, said: &[Update], out: &mut Vec<Bytes>) {
+    fn send(&mut self, datagram: Vec<u8>, sent_updates: &[Update], out: &mut Vec<Bytes>) {
         let aliases = self.alias_table.aliases();
         let body = |update: &Update| update.body.or_else(|| aliases.body(update.alias));
-        let mut bodies = Vec::with_capacity(said.len());
-        bodies.extend(said.iter().filter_map(body));
+        let mut bodies = Vec::with_capacity(sent_updates.len());
+        bodies.extend(sent_updates.iter().filter_map(body));
         bodies.sort_unstable();
         if self.features.redundancy {
             self.repair_symbols
                 .record(self.sent_packets.next(), &datagram);
         }
         self.sent_packets.record(bodies.into_iter());
-        self.statistics.updates += said.len() as u64;
+        self.statistics.updates += sent_updates.len() as u64;
         self.statistics.packets += 1;
         self.statistics.bytes += datagram.len() as u64;
         out.push(Bytes::from(datagram));
@@ -218,12 +219,12 @@ impl Publisher {
 /// Sorts updates by the aliases of their bodies.
 pub(super) fn sort_by_alias(updates: &mut [Update]) {
     if !updates.is_sorted_by_key(|update| update.alias) {
-        // Updates are large: each is moved once.
+        // Updates are large, so each is moved only once.
         updates.sort_by_cached_key(|update| update.alias);
     }
 }
 
-/// Whether updates clearly take more than one packet.
+/// Whether updates surely exceed one packet.
 fn surely_fill_more(updates: &[Update]) -> bool {
     let mut bits = 0;
     let fills = |update: &Update| {

@@ -1,4 +1,4 @@
-//! What makes good a lost packet: what its bodies do now
+//! Answers to lost packets: refreshes of their bodies, and repair symbols.
 
 use alloc::vec::Vec;
 
@@ -10,23 +10,23 @@ use crate::stream::fec_encoder::SymbolRequest;
 use crate::stream::redundancy::Redundancy;
 
 impl Publisher {
-    /// Says the repair_symbols that are due after a tick that was spoken of, silent or not, and appends them to `out`.
+    /// Encodes the repair symbols that are due after a published tick, silent or not, and appends them to `out`.
     pub fn encode_repair_symbols(&mut self, redundancy: Redundancy, out: &mut Vec<Bytes>) {
         if self.features.redundancy {
             self.repair_symbols.end_tick(self.stream, redundancy, out);
         }
     }
 
-    /// Answers a stream's only listener, which is sent all repair_symbols: see [`Self::answer_one`].
+    /// Answers the only listener of a stream, which is sent all repair symbols: see [`Self::answer_one`].
     pub fn answer(&mut self, loss_report: &LossReport, out: &mut Vec<Bytes>) -> Vec<u64> {
         self.answer_one(loss_report, Some(0), out)
     }
 
-    /// Answers a listener that lost packets by repair_symbols, where these serve, and appends them to `out`. Returns the
+    /// Answers a listener that lost packets. Appends repair symbols to `out` where they suffice, and returns the
     /// numbers of the packets that must be refreshed instead, each once.
     ///
-    /// `sent_from`: what the number of the stream's next packet was when this listener began to be sent what
-    /// [`Self::encode_repair_symbols`] says; `None` if it is sent none of it.
+    /// `sent_from`: the number of the next packet when this listener was first sent the symbols of
+    /// [`Self::encode_repair_symbols`]; `None` if it is sent none.
     pub fn answer_one(
         &mut self,
         loss_report: &LossReport,
@@ -50,7 +50,7 @@ impl Publisher {
             .answer(self.stream, lost.into_iter(), request, out)
     }
 
-    /// The datagrams that say what the bodies of a lost packet do now, or `None` when it is too old to be known.
+    /// The datagrams with the present tracks of a lost packet's bodies; `None` for a packet that is too old.
     #[must_use]
     pub fn refresh(&self, number: u64, scene_events: u64) -> Option<Vec<Bytes>> {
         let mut writer = RefreshWriter::default();

@@ -1,6 +1,6 @@
-//! The look at what was seen: tracks in mismatch, and bodies that may hold others
+//! The scan of observations: tracks out of tolerance and parent candidates.
 //!
-//! One pass over the observations; whatever it is sure of costs nothing more. It changes no track.
+//! One pass over the observations. Bodies that surely hold cost nothing more. Changes no track.
 
 use alloc::vec::Vec;
 
@@ -11,17 +11,17 @@ use super::Publisher;
 use super::attaching::{LargeBody, PARENT_CANDIDATES_MAX, PARENT_SIZE_RATIO};
 use crate::stream::observation::{Activity, Observation};
 
-/// What a look at the observations of a tick found; places among them. It keeps its room from tick to tick.
+/// The result of a scan, as positions among the observations. Its buffers are reused from tick to tick.
 #[derive(Clone, Debug)]
 pub(super) struct ObservationScan {
     prefilter: ErrorPrefilter,
     /// Bodies whose tracks may not hold, in order.
     pub(super) undecided: Vec<u32>,
-    /// Bodies that could hold others, the largest first.
+    /// Parent candidates, the largest first.
     pub(super) parent_candidates: Vec<LargeBody>,
-    /// Doubtful bodies that hold others and are not among those, in order.
+    /// Undecided bodies with children that are no parent candidates, in order.
     pub(super) other_parents: Vec<u32>,
-    /// The largest so far, with their radii.
+    /// The largest bodies so far, with their radii.
     largest: Vec<(f64, usize)>,
 }
 
@@ -36,13 +36,13 @@ impl ObservationScan {
         }
     }
 
-    /// Whether a body is spoken of before those that could be attached.
+    /// Whether a body is checked before bodies that could be attached.
     pub(super) fn is_before(&self, place: u32) -> bool {
         let holds = |parent_candidate: &LargeBody| parent_candidate.place == place as usize;
         self.parent_candidates.iter().any(holds) || self.other_parents.binary_search(&place).is_ok()
     }
 
-    /// Keeps the largest bodies that move and are not attached.
+    /// Keeps the largest moving bodies that are not attached.
     fn consider(&mut self, radius: f64, place: usize) {
         let full = self.largest.len() == PARENT_CANDIDATES_MAX;
         if full && self.largest[PARENT_CANDIDATES_MAX - 1].0 >= radius {
@@ -55,7 +55,7 @@ impl ObservationScan {
 }
 
 impl Publisher {
-    /// Looks at what was seen at a tick.
+    /// Scans the observations of a tick.
     pub(super) fn scan(
         &mut self,
         tick: Tick,
@@ -66,9 +66,9 @@ impl Publisher {
         scan.largest.clear();
         scan.parent_candidates.clear();
         let mut least = f64::INFINITY;
-        self.statistics.looked += observations.len() as u64;
+        self.statistics.checked += observations.len() as u64;
         for (place, observation) in observations.iter().enumerate() {
-            let Some(slot) = self.seen_slot(observation) else {
+            let Some(slot) = self.observed_slot(observation) else {
                 continue;
             };
             let radius = self.tracks.radius(slot).metres();
@@ -86,11 +86,11 @@ impl Publisher {
                 undecided,
                 ..
             } = scan;
-            let seen = (place, &observation.motion);
-            self.tracks.look(slot, tick, seen, prefilter, undecided);
+            let observed = (place, &observation.motion);
+            self.tracks.look(slot, tick, observed, prefilter, undecided);
         }
         scan.prefilter.finish(&mut scan.undecided);
-        // Answers about moving bodies come four at a time.
+        // Moving bodies are tested four at a time, so their results come late.
         scan.undecided.sort_unstable();
         let large = |(radius, _): &&(f64, usize)| *radius >= least * PARENT_SIZE_RATIO;
         let largest = scan.largest.iter().take_while(large);
@@ -102,7 +102,7 @@ impl Publisher {
             }));
     }
 
-    /// Notes who of the undecided holds others, and is not among those who could.
+    /// Collects undecided bodies with children that are no parent candidates.
     pub(super) fn scan_other_parents(
         &self,
         observations: &[Observation],

@@ -1,33 +1,33 @@
-//! What was seen of a body around a tick that is spoken of.
+//! The observations of one body around a published tick.
 //!
-//! Motions only, widened once for all who ask; what they are good for is not known here.
+//! Motions only, converted once for all users. The mode decision interprets them.
 
 use rhumb_reckoning::{BodyId, Motion, Tick, Ticks};
 
 use crate::stream::observation_history::{LOOKAHEAD_MAX, ObservationHistory};
 
-/// What was seen of a body around a tick.
+/// The observations of a body around a tick.
 pub(super) struct ObservationWindow {
-    /// What it did one and two ticks before.
+    /// Its motions one and two ticks before.
     pub(super) last: [Option<Motion>; 2],
-    /// What it did one and two strides before: ticks where it was not seen so long ago.
+    /// Its motions one and two strides before, or ticks if it was not observed that long.
     pub(super) past: [Option<Motion>; 2],
     pub(super) stride: Ticks,
     /// None without lookahead.
     ahead: Option<Ahead>,
 }
 
-/// What a body will do, as far as lookahead knows.
+/// The motions of a body after the tick, within the lookahead.
 struct Ahead {
-    /// As many as `known`.
+    /// Only the first `known` entries are valid.
     motions: [Motion; LOOKAHEAD_MAX.count() as usize],
     known: usize,
-    /// Whether nothing is seen of it after that, as far as that is known.
+    /// Whether it is certain that no observation follows the last motion.
     ends: bool,
 }
 
 impl ObservationWindow {
-    /// Of a body that stands about there among those that were seen.
+    /// The window of a body whose position among the observations is near `place`.
     pub(super) fn of(
         observation_history: &ObservationHistory,
         id: BodyId,
@@ -35,15 +35,15 @@ impl ObservationWindow {
         place: usize,
     ) -> Self {
         let motion = |tick: Tick| {
-            let seen = observation_history.near(id, tick, place);
-            seen.map(|seen| seen.motion.motion())
+            let observed = observation_history.near(id, tick, place);
+            observed.map(|observed| observed.motion.motion())
         };
         let before = |ticks| tick.before(Ticks::new(ticks)).and_then(motion);
         let last = [before(1), before(2)];
         let stride = observation_history.stride().count();
         let (past, stride) = match (stride > 1).then(|| before(stride)).flatten() {
             None => (last, 1),
-            seen => ([seen, before(2 * stride)], stride),
+            observed => ([observed, before(2 * stride)], stride),
         };
         let has_lookahead = observation_history.lookahead() > Ticks::ZERO;
         Self {
@@ -54,14 +54,14 @@ impl ObservationWindow {
         }
     }
 
-    /// What it will do.
+    /// The motions after the tick.
     pub(super) fn ahead(&self) -> &[Motion] {
         self.ahead
             .as_ref()
             .map_or(&[], |ahead| &ahead.motions[..ahead.known])
     }
 
-    /// Whether it is known that nothing is seen of it after that.
+    /// Whether it is certain that no observation follows the last motion of `ahead`.
     pub(super) fn ends(&self) -> bool {
         self.ahead.as_ref().is_some_and(|ahead| ahead.ends)
     }
@@ -76,11 +76,11 @@ impl Ahead {
         };
         for (ticks, motion) in (1..).zip(&mut ahead.motions) {
             let then = tick + Ticks::new(ticks);
-            let Some(seen) = observation_history.near(id, then, place) else {
+            let Some(observed) = observation_history.near(id, then, place) else {
                 ahead.ends = observation_history.at(then).is_some();
                 break;
             };
-            *motion = seen.motion.motion();
+            *motion = observed.motion.motion();
             ahead.known += 1;
         }
         ahead

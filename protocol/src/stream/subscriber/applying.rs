@@ -1,4 +1,4 @@
-//! How a subscriber takes in what is said of bodies, and whom it means.
+//! How a subscriber applies updates, and to which body an alias refers.
 
 use rhumb_reckoning::{BodyId, DenseTrack, PredictionX4, Tick};
 
@@ -8,14 +8,15 @@ use crate::stream::aliases::AliasOwner;
 use crate::stream::tracks::{CorrectionsX4, Slot, Unreadable};
 
 impl Subscriber {
-    /// Takes in what was overtaken by a newer payload: it is what attached until then.
+    /// Applies an update that a newer one has overtaken: its track held until the newer one.
     ///
-    /// Of a restricted stream more than two tracks of a body may be in use: what attached between them is not known any more.
+    /// Of a restricted stream, more than two tracks of a body may be in use. The track that held between them is then
+    /// no longer known.
     fn apply_late(&mut self, index: u32, tick: Tick, payload: &UpdatePayload) {
         if self.restricted.is_some() {
             return self.drop_previous(index);
         }
-        let Some(before) = self.before.origin(index) else {
+        let Some(before) = self.previous_tracks.origin(index) else {
             return;
         };
         let present = self.tracks.slot(index).map(Slot::origin);
@@ -24,7 +25,7 @@ impl Subscriber {
         }
         match payload {
             UpdatePayload::Keyframe(keyframe) => self
-                .before
+                .previous_tracks
                 .keep(index, DenseTrack::new(&keyframe.track(tick))),
             UpdatePayload::Residual { .. } | UpdatePayload::Resting { .. } => {
                 self.drop_previous(index)
@@ -32,15 +33,15 @@ impl Subscriber {
         }
     }
 
-    /// Of what a body did before its present track, too little was heard.
+    /// Drops the previous track of a body, because it may be incomplete.
     pub(super) fn drop_previous(&mut self, index: u32) {
         if let Some(origin) = self.tracks.slot(index).map(Slot::origin) {
-            self.before.forget(index);
+            self.previous_tracks.forget(index);
             self.known_from = self.known_from.max(origin);
         }
     }
 
-    /// Takes in what a packet says of a body.
+    /// Applies a payload to a body.
     pub(super) fn take(
         &mut self,
         index: u32,
@@ -48,17 +49,17 @@ impl Subscriber {
         payload: &UpdatePayload,
     ) -> Result<(), Unreadable> {
         let before = self.tracks.slot(index).map(|slot| *slot.dense());
-        let heard = self.tracks.apply(index, tick, payload);
-        if heard == Err(Unreadable::Superseded) {
+        let result = self.tracks.apply(index, tick, payload);
+        if result == Err(Unreadable::Superseded) {
             self.apply_late(index, tick, payload);
         }
-        heard?;
+        result?;
         self.note_attached(index, before.and_then(|before| before.parent()));
         self.note_applied(index, before);
         Ok(())
     }
 
-    /// Notes a body that another holds now, if none did before.
+    /// Notes a body that became attached.
     pub(super) fn note_attached(&mut self, index: u32, before: Option<BodyId>) {
         let parent = self.tracks.slot(index).and_then(Slot::parent);
         if parent.is_some() && before.is_none() {
@@ -66,14 +67,14 @@ impl Subscriber {
         }
     }
 
-    /// A body has another track than it had before.
+    /// Notes that a body has another track.
     fn note_applied(&mut self, index: u32, before: Option<DenseTrack>) {
         match before {
-            Some(before) => self.before.keep(index, before),
-            None => self.before.forget(index),
+            Some(before) => self.previous_tracks.keep(index, before),
+            None => self.previous_tracks.forget(index),
         }
         self.statistics.updates += 1;
-        // Who follows a restricted stream learns of the newest track only, where one datagram brings several.
+        // The receiver of a restricted stream sees only the newest track if one datagram brings several.
         let again = self.marked.get(index as usize).copied().unwrap_or_default();
         if self.restricted.is_some() && again {
             self.drop_previous(index);
@@ -81,9 +82,9 @@ impl Subscriber {
         self.touch(index);
     }
 
-    /// Takes in all that a packet says.
+    /// Applies all updates of a packet.
     pub(super) fn apply_all(&mut self, number: u64, tick: Tick, updates: &[Update]) {
-        // What is attached is read by where its parent_candidate is said to be in the same packet.
+        // A child is decoded relative to its parent's track after the same packet.
         let mut batch = CorrectionsX4::default();
         let mut framed = false;
         for update in updates {
@@ -104,21 +105,21 @@ impl Subscriber {
         }
     }
 
-    /// Takes in what waits to be reckoned side by side.
+    /// Applies the corrections whose predictions were computed together.
     fn apply_batch(&mut self, tick: Tick, batch: &mut CorrectionsX4<'_>) {
-        let mut heard = [None; PredictionX4::LANES];
-        let mut places = heard.iter_mut();
+        let mut applied = [None; PredictionX4::LANES];
+        let mut places = applied.iter_mut();
         self.tracks.apply_batch(batch, tick, |index, before| {
             if let Some(place) = places.next() {
                 *place = Some((index, before));
             }
         });
-        for (index, before) in heard.into_iter().flatten() {
+        for (index, before) in applied.into_iter().flatten() {
             self.note_applied(index, Some(before));
         }
     }
 
-    /// A body, as it was said to sit somewhere at a tick.
+    /// The state of the body of an alias assignment at a tick.
     pub(super) fn owner(&self, index: u32, tick: Tick) -> AliasOwner {
         match self.tracks.slot(index) {
             Some(slot) if slot.origin() <= tick => AliasOwner::AsAssigned,
@@ -126,7 +127,7 @@ impl Subscriber {
         }
     }
 
-    /// Takes in what is said of one body, at once or with the next ones.
+    /// Applies an update of one body, at once or with the next batch.
     fn apply<'a>(
         &mut self,
         number: u64,
@@ -167,7 +168,7 @@ impl Subscriber {
                 self.statistics.unread += 1;
                 self.gaps.note_unread(number, tick, false);
             }
-            // Removed or said anew since: what came later stands.
+            // The body was removed or has a newer track, which stays.
             Err(Unreadable::NoBody | Unreadable::Superseded) => {}
         }
     }

@@ -1,25 +1,25 @@
-//! What is predicted_motion of many bodies at one tick, several side by side.
+//! Predicts many bodies at one tick, several at a time.
 
 use rhumb_reckoning::{BodyId, Motion, PredictionX4, Tick};
 
 use super::Subscriber;
 
 impl Subscriber {
-    /// Hands out what is predicted_motion of bodies at a tick, each under the key that it is asked by: the bits of
-    /// [`Self::predicted_motion`], in no order that means anything. A body that is not there is passed over.
+    /// Passes the predicted motion of each body to the callback with its key, in no defined order. The bits are those
+    /// of [`Self::predicted_motion`]. A body that does not exist is skipped.
     pub fn predict_each(
         &self,
-        asked: &[(u32, BodyId)],
+        requested: &[(u32, BodyId)],
         tick: Tick,
         mut out: impl FnMut(u32, Motion),
     ) {
         let mut batch = PredictionX4::default();
-        for (key, id) in asked {
+        for (key, id) in requested {
             let Some(slot) = self.tracks.slot(id.index()) else {
                 continue;
             };
             let of_now = slot.id(id.index()) == *id && slot.origin() <= tick;
-            // What is attached_motion, or older than its track, is looked up by itself.
+            // An attached body, or a tick before the track's origin, is predicted alone.
             let free = slot.parent().is_none();
             if of_now && free && self.tracks.take(&mut batch, *key, slot, tick) {
                 if batch.is_full() {

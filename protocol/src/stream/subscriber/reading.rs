@@ -1,6 +1,6 @@
-//! How a subscriber reads its datagrams: what each kind changes.
+//! How a subscriber reads each kind of datagram.
 //!
-//! Everything is decoded before anything is predicted_motion; what cannot be read is counted, never guessed.
+//! A datagram is decoded completely before it is applied. A malformed one is counted and never guessed at.
 
 use rhumb_reckoning::{Predictor, Tick};
 
@@ -59,7 +59,7 @@ impl Subscriber {
         Ok(())
     }
 
-    /// Whether the scene_events that a datagram builds on were heard; if not, keeps it for later.
+    /// Whether the scene events that a datagram builds on were received; if not, the datagram is kept for later.
     fn is_due(&mut self, scene_events: Low16, datagram: &Datagram<'_>) -> bool {
         if self.placed && scene_events.expand(self.scene_events) <= self.scene_events {
             return true;
@@ -77,12 +77,12 @@ impl Subscriber {
         Tick::new(tick.expand(self.newest.value()))
     }
 
-    /// Whether a tick lies so far ahead that the stream is begun anew rather than gone on with.
+    /// Whether a tick lies so far ahead that the stream must start again.
     fn jumps(&self, tick: Tick) -> bool {
         tick.value() > self.newest.value() + TICK_JUMP_MAX
     }
 
-    /// Counts a numbered packet; returns its number and tick when it is to be read.
+    /// Counts a numbered packet, and returns its number and tick if it is to be read.
     fn arrive(&mut self, number: Low16, tick: Low16, ends_tick: bool) -> Option<(u64, Tick)> {
         let number = number.expand(self.gaps.next());
         let tick = self.tick_of(tick);
@@ -121,7 +121,7 @@ impl Subscriber {
         datagram: &Datagram<'_>,
         packet: UpdatePacket<'_>,
     ) -> Result<(), Malformed> {
-        // Everything is decoded before anything is predicted_motion, or kept for later (PROTOCOL 6.5).
+        // Everything is decoded before it is applied, or kept for later (PROTOCOL 6.5).
         let mut updates = core::mem::take(&mut self.updates);
         let (number, tick, ends_tick) = (packet.number, packet.tick, packet.ends_tick);
         let error_scale = ends_tick.then_some(packet.error_scale);
@@ -148,7 +148,7 @@ impl Subscriber {
         decoded
     }
 
-    /// Refuses what a restricted stream cannot say.
+    /// Refuses updates that a restricted stream must not contain.
     fn admit(&self, updates: &[Update]) -> Result<(), Malformed> {
         let Some(end) = self.restricted else {
             return Ok(());
@@ -165,7 +165,7 @@ impl Subscriber {
         }
     }
 
-    /// The same of a refresh.
+    /// Refuses a refresh that a restricted stream must not contain.
     fn admit_refresh(&self, refresh: &Refresh) -> Result<(), Malformed> {
         let Some(end) = self.restricted else {
             return Ok(());
@@ -194,13 +194,13 @@ impl Subscriber {
                 anchor: rhumb_reckoning::Anchor::Exact(record.motion),
                 parent: None,
             });
-            // Removed or said anew since: what came later stands.
+            // The body was removed or has a newer state, which stays.
             let _ = self.take(record.index, tick, &payload);
         }
         Ok(())
     }
 
-    /// `error_scale`: what it says of how far tracks exceed their tolerances, if it says anything of that.
+    /// `error_scale`: the factor by which tracks exceed their tolerances, if the watermark states one.
     fn read_watermark(
         &mut self,
         datagram: &Datagram<'_>,
@@ -226,7 +226,7 @@ impl Subscriber {
         Ok(())
     }
 
-    /// A checksum also is a watermark. It is compared if all packets before it were received, and none after it.
+    /// A checksum is also a watermark. It is compared if all packets before it were received and none after it.
     fn read_checksums(
         &mut self,
         datagram: &Datagram<'_>,
@@ -246,9 +246,9 @@ impl Subscriber {
             None,
         )?;
         let same_packets = next.expand(self.gaps.next()) == self.gaps.next();
-        let same_notices = scene_events.expand(self.scene_events) == self.scene_events;
-        let known = self.deferred.is_empty() && !self.lost_sync && self.gaps.is_converged();
-        if !(same_packets && same_notices && known) {
+        let same_scene_events = scene_events.expand(self.scene_events) == self.scene_events;
+        let is_certain = self.deferred.is_empty() && !self.lost_sync && self.gaps.is_converged();
+        if !(same_packets && same_scene_events && is_certain) {
             return Ok(());
         }
         self.statistics.compared += 1;
@@ -289,7 +289,7 @@ impl Subscriber {
                 return Err(Malformed::OutOfRange);
             };
             let keyframe = UpdatePayload::Keyframe(record.keyframe);
-            // A alias that was missed must not make one body's next update another's.
+            // Without a missed alias assignment, a body's next update would apply to the wrong body.
             let owner = self.owner(record.index, as_of);
             match record.alias {
                 Some(alias) => self.aliases.take(alias, record.index, as_of, owner),

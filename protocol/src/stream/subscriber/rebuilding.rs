@@ -1,4 +1,4 @@
-//! How a subscriber has lost packets back, and reads what waited for them
+//! How a subscriber recovers lost packets and reads packets that waited.
 
 use alloc::vec::Vec;
 
@@ -8,16 +8,16 @@ use crate::packet::{Datagram, PacketKind, RepairSymbol, Update, UpdatePacket, pa
 use crate::wire::Malformed;
 
 impl Subscriber {
-    /// Keeps a packet for the repair_symbols that cover it, and to read it again.
+    /// Keeps a packet to decode repair symbols with it, and to read it again.
     pub(super) fn keep(&mut self, number: u64, datagram: &Datagram<'_>) {
-        self.fec_decoder.hear_packet(number, datagram);
+        self.fec_decoder.add_packet(number, datagram);
     }
 
-    /// Keeps a repair_symbol for what it may give back.
+    /// Keeps a repair symbol for recovery.
     pub(super) fn read_repair_symbol(&mut self, repair_symbol: RepairSymbol) {
         let next = self.gaps.next();
         let last = repair_symbol.last.expand(next);
-        // What lies so far ahead is for packets to say.
+        // Only packets may move the window that far.
         if !self.placed || last >= next + u64::from(FEC_SPAN) {
             return;
         }
@@ -25,7 +25,7 @@ impl Subscriber {
         self.fec_decoder.add(last, repair_symbol);
     }
 
-    /// Reads what repair_symbols give back by now as if it had arrived.
+    /// Reads the packets that repair symbols recover as if they had arrived.
     pub(super) fn rebuild(&mut self) {
         for (number, source_symbol) in self.fec_decoder.rebuild() {
             if self.read_rebuilt(number, &source_symbol).is_err() {
@@ -48,7 +48,7 @@ impl Subscriber {
         Ok(())
     }
 
-    /// Reads those packets after a late one again that could not be read without it.
+    /// Reads packets again that could not be applied without the late one.
     pub(super) fn read_again_after(&mut self, late: u64, updates: &mut Vec<Update>) {
         let kept = (late + 1..self.gaps.next()).rev().take(FEC_SPAN as usize);
         for number in kept.collect::<Vec<_>>().into_iter().rev() {
@@ -65,7 +65,7 @@ impl Subscriber {
                 continue;
             };
             let tick = self.tick_of(packet.tick);
-            // It was read once already, so that it can be again.
+            // It was decoded before, so decoding succeeds again.
             if packet.updates(updates).is_ok() && self.gaps.read_again(number) {
                 self.apply_all(number, tick, updates);
             }
@@ -73,7 +73,7 @@ impl Subscriber {
     }
 }
 
-/// The packet of updates in a datagram.
+/// The update packet in a datagram.
 fn packet_in<'a>(datagram: &Datagram<'a>) -> Result<UpdatePacket<'a>, Malformed> {
     let ends_tick = datagram.head().kind == PacketKind::UpdatesEnd;
     UpdatePacket::decode(ends_tick, datagram.body())

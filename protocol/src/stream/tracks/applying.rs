@@ -1,4 +1,4 @@
-//! What a payload makes of a track: at both ends the same.
+//! How a payload changes a track: the same at publisher and subscriber.
 
 use rhumb_reckoning::{
     Anchor, BodyId, DenseTrack, Grid, LaneCorrection, Motion, PredictionX4, Predictor,
@@ -9,12 +9,12 @@ use rhumb_reckoning::{
 use super::{Slot, Tracks};
 use crate::packet::{Age, PredictionMode, UpdatePayload};
 
-/// Why a payload could not be taken in.
+/// The reason why a payload was not applied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Unreadable {
-    /// No body has this index now.
+    /// No body has this index.
     NoBody,
-    /// The track is as new as the payload, or newer.
+    /// The track is at least as new as the payload.
     Superseded,
     /// The payload builds on another track of its body.
     OtherRevision,
@@ -23,9 +23,9 @@ pub(crate) enum Unreadable {
 }
 
 impl Tracks {
-    /// The frame that a body is or will be in, and what is predicted of it there, for what a payload corrects.
+    /// The frame of the new track, and the prediction in it that a payload corrects.
     ///
-    /// Errors when the payload builds on other tracks than these.
+    /// Fails if the payload builds on other tracks than these.
     fn prediction_base(
         &self,
         index: u32,
@@ -71,8 +71,12 @@ impl Tracks {
                 }
                 let holds = self.framed((parent, parent_candidate), &revision, tick);
                 let predicted_motion = self.predicted_motion((index, slot), tick);
-                let seen = relative_to(&holds.pose(), &predicted_motion.pose());
-                (Predictor::Rest, Some(parent_candidate.id(parent)), seen)
+                let relative_pose = relative_to(&holds.pose(), &predicted_motion.pose());
+                (
+                    Predictor::Rest,
+                    Some(parent_candidate.id(parent)),
+                    relative_pose,
+                )
             }
         };
         Ok(PredictionBase {
@@ -83,7 +87,7 @@ impl Tracks {
         })
     }
 
-    /// Whether a track has this age, as a payload names it.
+    /// Whether a track has the age that a payload gives.
     fn is_of_age(&self, track: &Track, age: Age, tick: Tick) -> bool {
         self.age(track, tick) == Some(age)
     }
@@ -91,11 +95,11 @@ impl Tracks {
     /// The track of a parent if it has this age.
     fn of_age(&self, (_, slot): (u32, &Slot), age: Age, tick: Tick) -> Result<Track, Unreadable> {
         let track = slot.track();
-        let known = self.is_of_age(&track, age, tick).then_some(track);
-        known.ok_or(Unreadable::OtherParentRevision)
+        let matching = self.is_of_age(&track, age, tick).then_some(track);
+        matching.ok_or(Unreadable::OtherParentRevision)
     }
 
-    /// The track that a payload at `tick` gives a body.
+    /// The track of a body after a payload at `tick`.
     pub(crate) fn corrected_track(
         &self,
         index: u32,
@@ -140,7 +144,7 @@ impl Tracks {
             .map_err(|_| Unreadable::OtherRevision)
     }
 
-    /// Takes in what was corrected_track of a body at a tick.
+    /// Applies a payload to a body at a tick.
     pub(crate) fn apply(
         &mut self,
         index: u32,
@@ -157,16 +161,16 @@ impl Tracks {
     }
 }
 
-/// Corrections of bodies that nothing holds, whose predictions are reckoned side by side.
+/// Corrections of bodies without a parent, whose predictions are computed four at a time.
 #[derive(Debug, Default)]
 pub(crate) struct CorrectionsX4<'a> {
     batch: PredictionX4,
-    /// As the batch keys them, those behind its bodies of no meaning.
-    waiting: [QueuedCorrection<'a>; PredictionX4::LANES],
+    /// By key in the batch. Entries after the batch's bodies have no meaning.
+    queued: [QueuedCorrection<'a>; PredictionX4::LANES],
     len: usize,
 }
 
-/// A correction that waits for what was predicted.
+/// A correction that waits for its prediction.
 #[derive(Clone, Copy, Debug, Default)]
 struct QueuedCorrection<'a> {
     index: u32,
@@ -174,10 +178,10 @@ struct QueuedCorrection<'a> {
 }
 
 impl<'a> CorrectionsX4<'a> {
-    /// Whether a body waits here.
+    /// Whether the correction of a body is queued.
     pub(crate) fn has(&self, index: u32) -> bool {
-        let waiting = &self.waiting[..self.len];
-        waiting.iter().any(|waiting| waiting.index == index)
+        let queued = &self.queued[..self.len];
+        queued.iter().any(|queued| queued.index == index)
     }
 
     /// Whether [`Tracks::apply_batch`] is due.
@@ -187,8 +191,8 @@ impl<'a> CorrectionsX4<'a> {
 }
 
 impl Tracks {
-    /// Takes in what was corrected_track of a body at a tick, once all of `batch` is heard; `false`, and no change, for what is to be
-    /// heard by itself. One `batch` is of one tick, and of each body once.
+    /// Queues the correction of a body at a tick for `batch`. Returns `false`, without any change, for a payload that
+    /// must be applied alone. A batch belongs to one tick and contains each body once.
     #[must_use]
     pub(crate) fn enqueue_x4<'a>(
         &self,
@@ -229,26 +233,22 @@ impl Tracks {
         let over = tick.since(origin).unwrap_or(TRACK_AGE_MAX);
         let over = was.divergence_time(over, self.integrator.rate);
         let correction = Some((predictor, over, residual));
-        batch.waiting[batch.len] = QueuedCorrection { index, correction };
+        batch.queued[batch.len] = QueuedCorrection { index, correction };
         batch.len += 1;
         true
     }
 
-    /// Gives bodies the tracks that their corrections make; hands out which had which before.
+    /// Applies the queued corrections, and passes out each body with its earlier track.
     pub(crate) fn apply_batch(
         &mut self,
         batch: &mut CorrectionsX4<'_>,
         tick: Tick,
         mut out: impl FnMut(u32, DenseTrack),
     ) {
-        let CorrectionsX4 {
-            batch,
-            waiting,
-            len,
-        } = batch;
-        let corrections = waiting[..*len].iter().map(|waiting| {
-            let (_, over, residual) = waiting.correction?;
-            let slot = self.slot(waiting.index)?;
+        let CorrectionsX4 { batch, queued, len } = batch;
+        let corrections = queued[..*len].iter().map(|queued| {
+            let (_, over, residual) = queued.correction?;
+            let slot = self.slot(queued.index)?;
             let grid = &self.interned_parameters.get(slot.interned).grid;
             Some(LaneCorrection {
                 residual,
@@ -260,29 +260,29 @@ impl Tracks {
         batch.correct(corrections, |key, quantised| {
             corrected[key as usize] = Some(quantised);
         });
-        for (waiting, corrected) in waiting[..*len].iter().zip(corrected) {
-            let (Some(quantised), Some((predictor, ..))) = (corrected, waiting.correction) else {
+        for (queued, corrected) in queued[..*len].iter().zip(corrected) {
+            let (Some(quantised), Some((predictor, ..))) = (corrected, queued.correction) else {
                 continue;
             };
-            if let Some(before) = self.slot(waiting.index).map(|slot| *slot.dense()) {
-                self.set_track(waiting.index, on_grid(tick, predictor, None, quantised));
-                out(waiting.index, before);
+            if let Some(before) = self.slot(queued.index).map(|slot| *slot.dense()) {
+                self.set_track(queued.index, on_grid(tick, predictor, None, quantised));
+                out(queued.index, before);
             }
         }
         *len = 0;
     }
 }
 
-/// What a correction is added to.
+/// The prediction that a correction is added to.
 #[derive(Clone, Copy, Debug)]
 struct PredictionBase {
-    /// How the body goes on.
+    /// The predictor of the new track.
     predictor: Predictor,
-    /// In whose frame.
+    /// The body whose frame the new track is in; None for the world frame.
     parent: Option<BodyId>,
-    /// What was predicted of it there.
+    /// The predicted motion in that frame.
     predicted: Motion,
-    /// In what time that went divergence_time (RECKONING 4.4).
+    /// The divergence time of the prediction (RECKONING 4.4).
     over: Seconds,
 }
 
@@ -293,7 +293,7 @@ impl PredictionBase {
     }
 }
 
-/// The track of a body that goes on so from a motion on its grid.
+/// The track that starts from a motion on its grid.
 fn on_grid(
     tick: Tick,
     predictor: Predictor,

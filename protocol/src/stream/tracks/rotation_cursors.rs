@@ -1,6 +1,6 @@
-//! How far the torque_free_rotations of bodies were computed
+//! Cached states of torque-free rotation, by body.
 //!
-//! What is kept here changes what an answer costs, never its bits.
+//! The cache changes the cost of a prediction, never its bits.
 
 use alloc::vec::Vec;
 use core::cell::Cell;
@@ -10,7 +10,7 @@ use rhumb_reckoning::RotationCursor;
 
 use crate::capacity::grow_to;
 
-/// By index, as far as any body is_torque_free.
+/// By index, up to the last body with torque-free rotation.
 #[derive(Default)]
 pub(super) struct RotationCursors(Vec<Cell<RotationCursor>>);
 
@@ -29,12 +29,12 @@ impl fmt::Debug for RotationCursors {
 }
 
 impl RotationCursors {
-    /// The body of this index is_torque_free when it is free.
+    /// Makes a cursor for a body with torque-free rotation.
     pub(super) fn reach(&mut self, index: u32) {
         grow_to(&mut self.0, index as usize + 1, Cell::default);
     }
 
-    /// Works with the cursor of a body, or with one of its own where none is kept.
+    /// Calls `work` with the cursor of a body, or with a new one if none is cached.
     pub(super) fn with<T>(&self, index: u32, work: impl FnOnce(&mut RotationCursor) -> T) -> T {
         let place = self.0.get(index as usize);
         let mut cursor = place.map(Cell::take).unwrap_or_default();

@@ -1,18 +1,18 @@
-//! One body's place in the table of tracks: as few bytes as say it
+//! The slot of one body in the table of tracks, in few bytes.
 //!
-//! What a torque_free body's cursor knows is kept beside the table: most scenes have no such body.
+//! Rotation cursors are kept beside the table, because most scenes have no torque-free body.
 
 use core::fmt;
 
 use rhumb_reckoning::{BodyId, DenseTrack, Predictor, Tick, Track};
 
-/// One body's place in the table.
+/// The slot of one body in the table.
 #[derive(Clone)]
 pub(crate) struct Slot {
     track: DenseTrack,
     is_torque_free: bool,
     generation: u16,
-    /// Its kind, of those of the table.
+    /// The number of its parameters in the table's interner.
     pub(super) interned: u32,
 }
 
@@ -43,7 +43,7 @@ impl Slot {
         BodyId::new(index, self.generation)
     }
 
-    /// Whether it turns otherwise than at a constant spin when it is free.
+    /// Whether the body rotates torque-free.
     pub(crate) const fn is_torque_free(&self) -> bool {
         self.is_torque_free
     }
@@ -54,22 +54,22 @@ impl Slot {
         self.track.track()
     }
 
-    /// The same as it lies here.
+    /// The track in its compact form.
     pub(crate) const fn dense(&self) -> &DenseTrack {
         &self.track
     }
 
-    /// When the track's motion held.
+    /// The tick of the track's motion.
     pub(crate) const fn origin(&self) -> Tick {
         self.track.origin()
     }
 
-    /// How the body goes on.
+    /// The predictor of the track.
     pub(crate) const fn predictor(&self) -> Predictor {
         self.track.predictor()
     }
 
-    /// Who holds the body.
+    /// The parent of the body, if it is attached.
     pub(crate) const fn parent(&self) -> Option<BodyId> {
         self.track.parent()
     }
@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_place_in_the_table_stays_small() {
+    fn a_slot_stays_small() {
         assert!(size_of::<Option<Slot>>() <= 68, "{}", size_of::<Slot>());
     }
 }
