@@ -9,7 +9,7 @@ use rhumb_reckoning::{
     VELOCITY_LIMIT,
 };
 
-use crate::accepted::{carried, every_form, packet};
+use crate::accepted::{attached_keyframe, every_form, packet};
 use crate::document::{NamedPacket, meaning};
 use crate::plain;
 use crate::rng::PacketRng;
@@ -498,7 +498,7 @@ fn refreshes(cases: &mut Vec<NamedPacket>) {
         index: 5,
         alias: Some(3),
         age: Ticks::new(4),
-        keyframe: carried(&mut PacketRng::new(3), BodyId::new(8, 1)),
+        keyframe: attached_keyframe(&mut PacketRng::new(3), BodyId::new(8, 1)),
     };
     let mut writer = RefreshWriter::default();
     writer.push(&record);
