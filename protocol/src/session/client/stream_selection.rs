@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn the_newest_request_is_sent_after_the_pending_one_is_answered() {
-        let mut stream_selection = requested(EXACT);
+        let mut stream_selection = with_request(EXACT);
         stream_selection.select(FULL);
         stream_selection.select(FINE);
         assert_eq!(stream_selection.ask(), None);
@@ -121,7 +121,7 @@ mod tests {
 
     #[test]
     fn a_pending_stream_is_not_requested_again() {
-        let mut stream_selection = requested(EXACT);
+        let mut stream_selection = with_request(EXACT);
         stream_selection.select(FINE);
         stream_selection.select(EXACT);
         stream_selection.handle_joined(EXACT);
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn a_tier_change_answers_no_pending_request() {
-        let mut stream_selection = requested(FINE);
+        let mut stream_selection = with_request(FINE);
         stream_selection.handle_tier_changed(FINE);
         stream_selection.handle_joined(FINE);
         assert!(
@@ -156,7 +156,7 @@ mod tests {
         let mut stream_selection = StreamSelection::new();
         stream_selection.handle_joined(FINE);
         assert!(!stream_selection.take_subscription_change());
-        let mut stream_selection = requested(EXACT);
+        let mut stream_selection = with_request(EXACT);
         stream_selection.handle_joined(FINE);
         assert!(stream_selection.is_asking() && !stream_selection.take_subscription_change());
         stream_selection.handle_joined(EXACT);
