@@ -150,7 +150,7 @@ fn a_hello_offers_the_known_version_and_a_reserved_one() {
 }
 
 #[test]
-fn one_moment_gives_one_hello() {
+fn hellos_of_one_time_are_equal_and_of_two_differ() {
     assert_eq!(sent_bytes(&mut opened(5)), sent_bytes(&mut opened(5)));
     assert_ne!(sent_bytes(&mut opened(5)), sent_bytes(&mut opened(6)));
 }

@@ -300,7 +300,7 @@ impl ClientSession {
             ServerMessage::Deleted => self.end_membership(Event::Deleted),
             ServerMessage::Reserved(range) => self.events.push_back(Event::Reserved(range)),
             ServerMessage::Denied(denial) => {
-                // The other denials concern a request that is not about streams.
+                // Other denials answer requests that are not about streams.
                 if matches!(denial, Denial::TooManyStreams | Denial::SceneFaulted) {
                     self.stream_selection.handle_denied();
                     self.ask_for_stream();

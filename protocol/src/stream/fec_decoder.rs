@@ -133,7 +133,7 @@ impl FecDecoder {
     }
 
     /// Handles a recovered packet that is malformed: drops all repair symbols received so far, and requests none for
-    /// the packets up to this one.
+    /// packets sent so far.
     pub(crate) fn distrust(&mut self, number: u64) {
         self.source_symbols.forget(number);
         self.sums.clear();
@@ -145,8 +145,8 @@ impl FecDecoder {
         self.source_symbols.get(number)
     }
 
-    /// The number of further repair symbols that would recover the missing packets below `next`; zero where refreshes
-    /// take fewer bytes.
+    /// The number of further repair symbols that would recover the missing packets below `next`; zero where fewer
+    /// refreshes suffice.
     ///
     /// A requested repair symbol covers all packets since the oldest missing one. That includes packets that were
     /// refreshed: their content is known, but not their bytes. So more repair symbols are needed than packets are

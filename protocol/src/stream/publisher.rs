@@ -175,7 +175,7 @@ impl Publisher {
         self.tracks.place(id, parameters, track, None)
     }
 
-    /// Removes a body from the scene. At the next tick its children are updated with other parents.
+    /// Removes a body from the scene. Its children are updated at the next tick.
     pub fn remove(&mut self, id: BodyId) {
         let attached_to = self.tracks.slot(id.index()).and_then(Slot::parent);
         if self.tracks.remove(id) {
