@@ -1,18 +1,19 @@
-//! Why a connection is ended, as a number on the wire.
+//! The close code: the reason for the end of a connection, as a number.
 
 use core::fmt;
 
 use crate::wire::Malformed;
 
-/// The code with which one end closes the connection (PROTOCOL 3.4). Unknown ones are kept as they are; those from 0x100
-/// on are the transport's own.
+/// The code with which one end closes the connection (PROTOCOL 3.4).
+///
+/// An unknown code is kept as it is. Codes from 0x100 on belong to the transport.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CloseCode(pub u32);
 
 impl CloseCode {
     /// Nothing is wrong; the client has finished.
     pub const DONE: Self = Self(0);
-    /// Bytes on the control stream are not of the protocol.
+    /// Bytes on the control stream do not follow the protocol.
     pub const MALFORMED: Self = Self(1);
     /// A message is not allowed in this state.
     pub const VIOLATION: Self = Self(2);
@@ -20,7 +21,7 @@ impl CloseCode {
     pub const VERSION: Self = Self(3);
     /// A limit of the protocol was exceeded.
     pub const LIMIT: Self = Self(4);
-    /// An extension must be known to go on, and is not.
+    /// A critical extension is unknown.
     pub const EXTENSION: Self = Self(5);
 }
 

@@ -28,7 +28,7 @@ pub struct Replica {
     shapes: BTreeMap<ShapeId, Shape>,
     shape_bytes: usize,
     /// The distinct descriptors of the bodies. Their numbers are the labels of the stream's bodies.
-    kinds: Interner<BodyDesc>,
+    descs: Interner<BodyDesc>,
     joints: Joints,
     complete: bool,
 }
@@ -47,7 +47,7 @@ impl Replica {
             gravity: joined.start.gravity,
             shapes: BTreeMap::new(),
             shape_bytes: 0,
-            kinds: Interner::default(),
+            descs: Interner::default(),
             joints: Joints::default(),
             complete: false,
         }
@@ -90,8 +90,8 @@ impl Replica {
     /// The descriptor of a body; None if the replica has no such body.
     #[must_use]
     pub fn body(&self, id: BodyId) -> Option<BodyDesc> {
-        let kind = self.stream().label(id)?;
-        let desc = *self.kinds.get(kind);
+        let label = self.stream().label(id)?;
+        let desc = *self.descs.get(label);
         Some(BodyDesc { id, ..desc })
     }
 
@@ -193,29 +193,29 @@ impl Replica {
         let shape = self.shapes.get(&desc.shape).ok_or(CloseCode::VIOLATION)?;
         let parameters = PredictionParameters::of(desc, shape, self.damping, inertia);
         let before = self.stream().body(desc.id.index());
-        let kind_before = before.and_then(|id| self.stream().label(id));
-        let kind = self.kinds.join(without_id(desc));
+        let label_before = before.and_then(|id| self.stream().label(id));
+        let label = self.descs.join(without_id(desc));
         let stream = self.receiver.subscriber_mut();
-        if !stream.place_labelled(desc.id, &parameters, track, Some(kind)) {
-            self.kinds.leave(kind);
+        if !stream.place_labelled(desc.id, &parameters, track, Some(label)) {
+            self.descs.leave(label);
             return Err(CloseCode::LIMIT);
         }
         if let Some(id) = before {
             self.joints.remove_body(id);
         }
-        if let Some(kind) = kind_before {
-            self.kinds.leave(kind);
+        if let Some(label) = label_before {
+            self.descs.leave(label);
         }
         Ok(())
     }
 
     fn remove(&mut self, id: BodyId) -> Result<(), CloseCode> {
-        let kind = self.stream().label(id);
+        let label = self.stream().label(id);
         if !self.stream_mut().remove(id) {
             return Err(CloseCode::VIOLATION);
         }
-        if let Some(kind) = kind {
-            self.kinds.leave(kind);
+        if let Some(label) = label {
+            self.descs.leave(label);
         }
         self.joints.remove_body(id);
         Ok(())
