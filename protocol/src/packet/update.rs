@@ -295,7 +295,7 @@ mod tests {
     fn updates() -> impl Strategy<Value = Vec<Update>> {
         let body = proptest::option::of(0..INDICES_MAX);
         // So few that the reading of a truncated packet fits one too.
-        proptest::collection::btree_map(0..INDICES_MAX, (body, payload()), 0..8).prop_map(|map| {
+        proptest::collection::btree_map(0..INDICES_MAX, (body, payload()), 0..5).prop_map(|map| {
             map.into_iter()
                 .map(|(alias, (body, payload))| {
                     let is_keyframe = matches!(payload, UpdatePayload::Keyframe(_));
