@@ -6,6 +6,7 @@
 
 pub mod decoding;
 mod floor;
+mod median;
 mod members;
 mod publishing;
 
@@ -19,7 +20,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::machine;
 use crate::output;
-use crate::quantile;
 use crate::replay::{Failure, ended};
 use crate::summary::{aligned, markdown, number};
 
@@ -96,12 +96,6 @@ fn cost_all(arguments: &CostArguments) -> Result<(), Failure> {
     }
     output::print_text(&format!("\nwritten to {}\n", arguments.out.display()))?;
     Ok(())
-}
-
-/// Median of several durations; zero if there are none.
-fn median(values: impl Iterator<Item = Duration>) -> Duration {
-    let mut all: Vec<u64> = values.map(|value| value.as_nanos() as u64).collect();
-    Duration::from_nanos(quantile::of_nanoseconds(&mut all, 50).unwrap_or(0))
 }
 
 impl Costs {

@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::limit::Limit;
 use crate::record::Experiment;
 use crate::report;
 use crate::summary::Summary;
@@ -76,13 +75,6 @@ pub(crate) fn write_figures(out: &Path, experiment: &Experiment) -> Result<Summa
     let page = report::html(experiment, &summary);
     write_file(&out.join("report.html"), page.as_bytes())?;
     Ok(summary)
-}
-
-/// Prints a limit and writes `limit.json`.
-pub(crate) fn write_limit(out: &Path, limit: &Limit) -> Result<(), OutputError> {
-    write_file(&out.join("limit.json"), limit.to_json().as_bytes())?;
-    print_text(&limit.to_string())?;
-    print_text(&format!("\nwritten to {}\n", out.display()))
 }
 
 /// A progress bar on standard error; hidden when standard error is no terminal.

@@ -5,6 +5,7 @@
 
 mod analysis;
 mod beside;
+mod cores;
 mod crossover;
 mod document;
 mod duty;
@@ -17,16 +18,19 @@ mod gap;
 mod hardware;
 mod loads;
 mod outcome;
+mod page;
 mod pit;
 mod published;
 mod quota;
 mod remote;
 mod report;
+mod results;
 mod settings;
 mod statistics;
 mod store;
 mod table;
 mod tables;
+mod tolerance;
 mod trial;
 
 use std::io::{self, Write};
@@ -37,7 +41,6 @@ use clap::{Args, Subcommand};
 
 use document::PageArguments;
 use duty::DutyArguments;
-use error::PaperError;
 use experiment::ExperimentArguments;
 use gap::GapArguments;
 use hardware::HardwareArguments;

@@ -6,11 +6,11 @@
 
 use std::time::Duration;
 
-use rhumb_tests::conformance::case::Profile;
+use rhumb_tests::conformance::conditions::{Conditions, Subject};
 use rhumb_tests::conformance::mutants::ServerMutant;
 use rhumb_tests::conformance::report::{Report, RunSettings, html, json, junit};
+use rhumb_tests::conformance::schedule::Profile;
 use rhumb_tests::conformance::suite::{Selection, cases};
-use rhumb_tests::conformance::trial::{Conditions, Subject};
 use rhumb_tests::conformance::{Role, Verdict, coverage, run};
 use rhumb_tests::{Programme, ServerProcess};
 use rhumb_transport::{LinkConfig, Trust};

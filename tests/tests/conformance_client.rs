@@ -6,11 +6,11 @@
 use std::time::Duration;
 
 use rhumb_tests::Programme;
+use rhumb_tests::conformance::conditions::{Conditions, Subject};
 use rhumb_tests::conformance::matrix;
 use rhumb_tests::conformance::mutants::ClientMutant;
 use rhumb_tests::conformance::run::run;
 use rhumb_tests::conformance::suite::{self, Selection};
-use rhumb_tests::conformance::trial::{Conditions, Subject};
 use rhumb_tests::conformance::{Role, Verdict};
 use rhumb_transport::LinkConfig;
 

@@ -18,7 +18,9 @@ use rhumb_transport::{Clock, LinkConfig, UdpRelay};
 
 use super::compare::{RecentTruth, ViewErrors, compare};
 use super::control::ScriptChoice;
-use super::{DriveError, SERVER_TIMEOUT, ServerCpu, ServerProcess};
+use super::error::DriveError;
+use super::process::{ServerCpu, ServerProcess};
+use super::server_timeout::SERVER_TIMEOUT;
 use crate::record::{Breach, CapturedPacket, Cause, CopiedPose, Frame, JoinCost, PacketDirection};
 
 /// Setup of a remote mode.

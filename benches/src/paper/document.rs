@@ -11,21 +11,21 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Deserialize;
 
-use super::PaperError;
 use super::analysis::Analysis;
 use super::engines::{self, Engines};
-use super::experiment::PaperResults;
+use super::error::PaperError;
 use super::figures::{self, PaperFigure};
 use super::gap::{self, GapResults};
 use super::hardware::{self, HardwareResults};
 use super::outcome::ExperimentTrial;
 use super::remote::{self, RemoteResults};
+use super::results::PaperResults;
 use super::settings::Settings;
 use super::store::parse;
 use super::{findings, tables};
 use crate::cost::Costs;
 use crate::output;
-use crate::summary::{Summary, SummaryTable, later, markdown, ratios};
+use crate::summary::{Summary, later, markdown, ratios};
 
 /// Arguments of the page task.
 #[derive(Clone, Debug, Args)]
@@ -263,7 +263,7 @@ fn read_runs(path: &Path) -> Result<Summary, PaperError> {
 fn of_runs(summary: &Summary, what: &str) -> Option<String> {
     match what {
         "command" => Some(format!("    {}", summary.command)),
-        "table" => Some(SummaryTable::new(summary).to_markdown()),
+        "table" => Some(summary.table().to_markdown()),
         "ratios" => Some(markdown(&ratios(&summary.runs))),
         "later" => Some(markdown(&later(&summary.runs))),
         _ => None,

@@ -9,17 +9,18 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use rhumb_reckoning::{Metres, Tolerance};
-use rhumb_server::{Workers, run_on_cores, usable_cores};
-use serde::{Deserialize, Serialize};
+use rhumb_server::{Workers, run_on_cores};
 
-use super::PaperError;
 use super::analysis::Analysis;
+use super::cores::CoreAssignment;
+use super::error::PaperError;
 use super::loads::Loads;
 use super::outcome::ExperimentTrial;
 use super::pit::{FRAMES_PER_SECOND, STEPS};
+use super::results::PaperResults;
 use super::settings::Settings;
 use super::store::Store;
+use super::tolerance::tolerance;
 use super::trial::{self, Staging};
 use super::{report, tables};
 use crate::drive::{DriveError, ServerCpu, player};
@@ -62,19 +63,6 @@ pub(super) struct ExperimentArguments {
     no_pin: bool,
 }
 
-/// Results of an experiment: `paper.json`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct PaperResults {
-    /// The command line, as typed.
-    pub(super) command: String,
-    /// Settings of the experiment.
-    pub(super) settings: Settings,
-    /// Every finished trial.
-    pub(super) trials: Vec<ExperimentTrial>,
-    /// Analysis over all trials.
-    pub(super) analysis: Analysis,
-}
-
 /// Parses the name of a playable mode.
 fn mode_parser() -> impl TypedValueParser<Value = Mode> {
     let names: Vec<_> = player::playable().map(Mode::name).collect();
@@ -90,52 +78,6 @@ fn stage_seconds(text: &str) -> Result<f64, String> {
         Ok(value)
     } else {
         Err("must lie between 0.1 and 3600 seconds".to_owned())
-    }
-}
-
-/// Checks a length in metres as a tolerance.
-pub(super) fn tolerance(metres: f64) -> Result<Tolerance, PaperError> {
-    Tolerance::from_metres(Metres::new(metres)).map_err(|error| PaperError::Tolerance {
-        metres,
-        cause: error.to_string(),
-    })
-}
-
-/// Cores of the caller and the servers.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct CoreAssignment {
-    pub(super) caller: Vec<usize>,
-    pub(super) servers: Vec<usize>,
-}
-
-impl CoreAssignment {
-    /// The caller on the first core, the servers on the others, if there are at least two.
-    pub(super) fn apart() -> Self {
-        match usable_cores().split_first() {
-            Some((caller, servers)) if !servers.is_empty() => Self {
-                caller: vec![*caller],
-                servers: servers.to_vec(),
-            },
-            _ => Self::default(),
-        }
-    }
-
-    /// As text, such as `caller 0, servers 1`.
-    pub(super) fn describe(&self) -> String {
-        let list = |cores: &[usize]| {
-            let cores: Vec<_> = cores.iter().map(usize::to_string).collect();
-            cores.join("+")
-        };
-        match (self.caller.is_empty(), self.servers.is_empty()) {
-            (true, true) => "not pinned".to_owned(),
-            (true, false) => format!("caller anywhere, servers {}", list(&self.servers)),
-            (false, true) => format!("caller {}, servers anywhere", list(&self.caller)),
-            (false, false) => format!(
-                "caller {}, servers {}",
-                list(&self.caller),
-                list(&self.servers)
-            ),
-        }
     }
 }
 

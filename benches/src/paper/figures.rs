@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use plotters::style::RGBColor;
 
 use super::analysis::ModeAnalysis;
-use super::experiment::PaperResults;
 use super::published;
+use super::results::PaperResults;
 use super::statistics::Sample;
 use crate::drive::player;
 use crate::record::Mode;

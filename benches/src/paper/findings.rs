@@ -1,7 +1,7 @@
 //! Sentences on the experiment's results, computed from them.
 
 use super::analysis::{ALPHA, ModeAnalysis};
-use super::experiment::PaperResults;
+use super::results::PaperResults;
 use super::statistics::rejected;
 use super::tables;
 use crate::record::Mode;

@@ -13,13 +13,14 @@ use rhumb_server::run_on_cores;
 use rhumb_transport::Clock;
 use serde::{Deserialize, Serialize};
 
-use super::PaperError;
-use super::experiment::{CoreAssignment, tolerance};
+use super::cores::CoreAssignment;
+use super::error::PaperError;
 use super::outcome::ModeOutcome;
+use super::page::page;
 use super::pit::Pit;
 use super::published;
-use super::report::page;
 use super::table::Table;
+use super::tolerance::tolerance;
 use super::trial::outcome;
 use crate::drive::player::{self, FrameCost, PlayerSetup};
 use crate::drive::{Defect, Defects, ServerCpu};

@@ -11,14 +11,15 @@ use clap::Args;
 use rhumb_server::{Workers, run_on_cores, usable_cores};
 use serde::{Deserialize, Serialize};
 
-use super::PaperError;
-use super::experiment::{CoreAssignment, tolerance};
+use super::cores::CoreAssignment;
+use super::error::PaperError;
 use super::outcome::ModeOutcome;
+use super::page::page;
 use super::pit::{FRAMES_PER_SECOND, STEPS};
-use super::report::page;
 use super::settings::Settings;
 use super::store::parse;
 use super::table::Table;
+use super::tolerance::tolerance;
 use super::trial::{self, Staging};
 use crate::drive::{DriveError, ServerCpu};
 use crate::machine;

@@ -7,8 +7,8 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::PaperError;
 use super::duty::Duty;
+use super::error::PaperError;
 
 /// Period of the quota, microseconds: short, so that short and long frames are slowed alike.
 const PERIOD_US: u64 = 10_000;

@@ -7,7 +7,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::PaperError;
+use super::error::PaperError;
 use super::outcome::ExperimentTrial;
 use super::settings::Settings;
 use crate::output;

@@ -1,55 +1,19 @@
 //! The experiment's tables, next to the paper's own figures.
 
 mod aims;
+mod cells;
 mod lines;
 
 use super::analysis::{ALPHA, DEGRADED_FPS, Degradation, ModeAnalysis};
-use super::experiment::PaperResults;
 use super::published;
-use super::statistics::{Comparison, Interval, Sample, Test};
+use super::results::PaperResults;
+use super::statistics::{Comparison, Sample, Test};
 use super::table::Table;
 use crate::record::Mode;
 use crate::summary::number;
 pub(super) use aims::{aims, aims_of_bytes};
+use cells::{Digits, NONE, interval, probability};
 pub(super) use lines::{analysis_csv, trials_csv};
-
-/// Cell of a missing value.
-const NONE: &str = "–";
-
-/// Precision of a displayed figure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Digits {
-    /// Three significant digits.
-    Three,
-    /// Two decimals, as the paper prints frames per second.
-    TwoPlaces,
-}
-
-impl Digits {
-    fn show(self, value: Option<f64>) -> String {
-        match (self, value) {
-            (Self::TwoPlaces, Some(value)) => format!("{value:.2}"),
-            (_, value) => number(value),
-        }
-    }
-
-    /// A mean and its standard deviation.
-    fn spread(self, sample: &Sample) -> String {
-        let mean = self.show(Some(sample.mean));
-        match sample.deviation {
-            Some(deviation) => format!("{mean} ± {}", self.show(Some(deviation))),
-            None => mean,
-        }
-    }
-}
-
-fn probability(p: f64) -> String {
-    if p < 0.0001 {
-        "< 0.0001".to_owned()
-    } else {
-        format!("{p:.4}")
-    }
-}
 
 fn test(test: Option<Test>) -> [String; 2] {
     match test {
@@ -60,13 +24,6 @@ fn test(test: Option<Test>) -> [String; 2] {
             [statistic, probability(p)]
         }
     }
-}
-
-fn interval(interval: Option<Interval>) -> String {
-    interval.map_or_else(
-        || NONE.to_owned(),
-        |Interval { from, to }| format!("{} to {}", number(Some(from)), number(Some(to))),
-    )
 }
 
 /// One column per mode and two of the paper, one row per load.

@@ -8,8 +8,8 @@ use rhumb_protocol::Span;
 use rhumb_protocol::scene::Command;
 use rhumb_transport::Clock;
 
-use super::PaperError;
 use super::beside::{pause, work};
+use super::error::PaperError;
 use super::outcome::{ExperimentTrial, LoadOutcome, ModeOutcome};
 use super::pit::{FRAMES_PER_SECOND, Pit};
 use super::quota::Weakness;
@@ -69,7 +69,7 @@ pub(super) fn run(
     let player_setup = PlayerSetup {
         config: pit.config(),
         bodies: placed.count() as u32 + first * (stages - 1),
-        tolerance: super::experiment::tolerance(settings.tolerance_m)?,
+        tolerance: super::tolerance::tolerance(settings.tolerance_m)?,
         defects: Defects::SOUND,
         cpu: staging.cpu.clone(),
         seed,

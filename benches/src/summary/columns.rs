@@ -5,8 +5,8 @@
 
 use rhumb_transport::LinkConfig;
 
-use super::RunFigures;
-use super::table::{dash, number};
+use super::cells::{dash, number};
+use super::run_figures::RunFigures;
 use crate::record::Replayed;
 
 /// A column.

@@ -8,6 +8,7 @@ mod greeting;
 mod recovery;
 mod response_times;
 mod stream_selection;
+mod timeouts;
 mod upstream;
 
 use alloc::collections::VecDeque;
@@ -16,9 +17,9 @@ use alloc::vec::Vec;
 use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
-use self::recovery::RESYNC_MOST;
 use self::response_times::ResponseTimes;
 use self::stream_selection::StreamSelection;
+use self::timeouts::RESYNC_MOST;
 use super::close::CloseCode;
 use super::event::Event;
 use super::misuse::Misuse;

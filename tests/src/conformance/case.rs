@@ -4,62 +4,12 @@
 
 use std::fmt;
 
+use super::feature::Feature;
 use super::outcome::CaseResult;
+use super::role::Role;
+use super::schedule::{Profile, Schedule};
 use super::trial::Trial;
 use crate::requirements::Document;
-
-/// The implementation under test.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Role {
-    /// A server.
-    Server,
-    /// A client.
-    Client,
-    /// A program that decodes bytes, without a connection.
-    Decoder,
-    /// A client with a server.
-    Pair,
-}
-
-/// A feature that a server may leave out, if it declares so.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, clap::ValueEnum)]
-pub enum Feature {
-    /// Scenes that step when members ask for it.
-    Lockstep,
-    /// Scenes that step by the server's clock.
-    FreeRunning,
-    /// Members that simulate bodies themselves (client authority).
-    Authority,
-    /// Streams limited by a byte budget.
-    Budgets,
-    /// Shapes without a volume.
-    Sheets,
-    /// Shapes made of several parts.
-    Compounds,
-    /// Streams with a publish interval above one tick, or with a later start.
-    PublishSchedule,
-}
-
-/// The cases that are selected beyond those that every implementation must pass.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, clap::ValueEnum)]
-pub enum Profile {
-    /// The cases that every conformant implementation must pass.
-    #[default]
-    Core,
-    /// Additionally the bit-exact results of this project's physics engine.
-    BitExact,
-}
-
-/// When a case runs relative to the others.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Schedule {
-    /// Waits long for a timer of the peer: starts first.
-    Slow,
-    /// No constraint.
-    Any,
-    /// Would disturb other cases: runs after all of them.
-    Alone,
-}
 
 /// A case as a table row: number in its group, promise, cited requirements, test function.
 pub(super) type CaseRow = (
@@ -236,22 +186,6 @@ fn key(bytes: &[u8]) -> String {
 impl fmt::Debug for Case {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {}", self.id, self.name)
-    }
-}
-
-impl Role {
-    /// All roles.
-    pub const ALL: [Self; 4] = [Self::Server, Self::Client, Self::Decoder, Self::Pair];
-
-    /// The role as one lower-case word.
-    #[must_use]
-    pub const fn word(self) -> &'static str {
-        match self {
-            Self::Server => "server",
-            Self::Client => "client",
-            Self::Decoder => "decoder",
-            Self::Pair => "pair",
-        }
     }
 }
 

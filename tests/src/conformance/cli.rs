@@ -15,14 +15,17 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand};
 use rhumb_transport::{Fingerprint, LinkConfig, RawConnection, RawPeerConfig, Trust};
 
-use super::case::{Case, Feature, Profile, Role};
+use super::case::Case;
+use super::conditions::{Conditions, Subject};
 use super::coverage;
+use super::feature::Feature;
 use super::matrix::{self, NamedClient, NamedServer, Pairing};
 use super::report::{self, Report, RunSettings};
+use super::role::Role;
 use super::run;
+use super::schedule::Profile;
 use super::suite::{self, Selection};
 use super::trace;
-use super::trial::{Conditions, Subject};
 
 /// Tests implementations of Rhumb over a real connection.
 #[derive(Debug, Parser)]

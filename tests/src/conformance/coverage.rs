@@ -8,7 +8,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::case::Role;
+use super::role::Role;
 use super::suite;
 use crate::requirements::{Document, Requirement};
 

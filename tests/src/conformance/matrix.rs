@@ -9,11 +9,12 @@ use std::str::FromStr;
 
 use rhumb_transport::{Fingerprint, Trust};
 
-use super::case::{Case, Role};
+use super::case::Case;
+use super::conditions::{Conditions, Subject};
 use super::outcome::Verdict;
+use super::role::Role;
 use super::run::{self, Tried};
 use super::suite::{self, Selection};
-use super::trial::{Conditions, Subject};
 
 /// A server with a name: `NAME=HOST:PORT,FINGERPRINT`.
 #[derive(Clone, Debug)]

@@ -42,26 +42,33 @@
 pub mod case;
 pub mod cli;
 mod client;
+pub mod conditions;
 pub mod coverage;
 mod decoder;
+mod feature;
+mod log;
 pub mod matrix;
 pub mod mutants;
 pub mod outcome;
 mod pair;
 mod peer;
 pub mod report;
+mod role;
 pub mod run;
+pub mod schedule;
 mod server;
 pub mod suite;
 pub mod trace;
 pub mod trial;
 pub mod truths;
 
-pub use case::{Case, Feature, Role};
+pub use case::Case;
 pub use cli::{Arguments, main};
+pub use feature::Feature;
 pub use outcome::{CaseOutcome, CaseResult, Closing, Stop, Verdict, ensure};
 pub use peer::{
     Decoder, Delivery, Interceptor, LaneAction, LivePair, LossyClient, RawClient, RawServer,
     Setting, compare, compare_recorded,
 };
+pub use role::Role;
 pub use trial::Trial;

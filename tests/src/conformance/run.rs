@@ -8,10 +8,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-use super::case::{Case, Schedule};
+use super::case::Case;
+use super::conditions::Conditions;
 use super::outcome::{CaseOutcome, Closing, Verdict};
+use super::schedule::Schedule;
 use super::suite::Selection;
-use super::trial::{Conditions, Trial};
+use super::trial::Trial;
 
 /// A case with its outcome.
 #[derive(Debug)]
@@ -45,7 +47,7 @@ pub fn run(
     let play = |case: &Case| {
         let outcome = match selection.lacks(case) {
             Some(feature) => unsupported(&format!("the peer is declared to lack {feature:?}")),
-            None => Trial::run(conditions, case),
+            None => Trial::run(conditions, &case.id, |trial| case.run(trial)),
         };
         report_progress(case, &outcome, &progress);
         let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);

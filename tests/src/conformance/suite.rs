@@ -2,7 +2,10 @@
 //!
 //! Invariant, held by a test: ids are unique.
 
-use super::case::{Case, Feature, Profile, Role};
+use super::case::Case;
+use super::feature::Feature;
+use super::role::Role;
+use super::schedule::Profile;
 use super::{client, decoder, pair, server};
 
 /// Which cases are selected.

@@ -9,102 +9,21 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use rhumb_protocol::scene::SceneName;
-use rhumb_transport::{Fingerprint, LinkConfig, RawConnection, RawPeerConfig, Trust, UdpRelay};
+use rhumb_transport::{Fingerprint, RawConnection, RawPeerConfig, Trust, UdpRelay};
 
-use super::case::{Case, Feature};
-use super::outcome::{CaseOutcome, Closing, Stop, Verdict};
+use super::conditions::{Conditions, Subject};
+use super::log::Log;
+use super::outcome::{CaseOutcome, CaseResult, Closing, Stop, Verdict};
 use super::peer::{Decoder, Interceptor, LossyClient, RawClient, RawServer, Setting};
 use crate::seed::Dice;
-
-/// The peer under test and the limits of the run.
-#[derive(Clone, Debug)]
-pub struct Conditions {
-    /// The peer under test.
-    pub subject: Subject,
-    /// Default time limit of every wait.
-    pub timeout: Duration,
-    /// Seed of all random numbers.
-    pub seed: u64,
-    /// Simulated network between suite and peer, if not ideal.
-    pub link: LinkConfig,
-    /// Features that the peer is declared to lack.
-    pub without: Vec<Feature>,
-}
-
-impl Conditions {
-    /// A relay with the simulated network in front of a target, if one is configured; `nth` relay of its case.
-    ///
-    /// # Errors
-    ///
-    /// [`Stop::Inconclusive`] when the machine has no socket for it.
-    pub(super) fn relay(
-        &self,
-        target: std::net::SocketAddr,
-        number: u64,
-    ) -> Result<Option<UdpRelay>, Stop> {
-        if self.link == LinkConfig::PERFECT {
-            return Ok(None);
-        }
-        let anywhere = match target {
-            std::net::SocketAddr::V4(_) => "127.0.0.1:0",
-            std::net::SocketAddr::V6(_) => "[::1]:0",
-        };
-        let anywhere = anywhere.parse().expect("an address");
-        let seed = self.seed.wrapping_add(number);
-        let relay = UdpRelay::start(anywhere, target, self.link, seed);
-        relay
-            .map(Some)
-            .map_err(|error| Stop::Inconclusive(error.to_string()))
-    }
-}
-
-/// The peer under test.
-#[derive(Clone, Debug)]
-pub enum Subject {
-    /// A server that is already listening.
-    Server {
-        /// Its address.
-        target: std::net::SocketAddr,
-        /// The name in its certificate.
-        name: String,
-        /// How its certificate is verified.
-        trust: Trust,
-    },
-    /// A client, which is started anew for each case.
-    Client {
-        /// Address that the suite listens on; port 0 is another port for each case.
-        listen: std::net::SocketAddr,
-        /// The command that starts it.
-        exec: String,
-    },
-    /// A decoder: a command, or by default the project's own.
-    Decoder {
-        /// The command that starts it.
-        exec: Option<String>,
-    },
-    /// A client, which is started anew for each case, with a server that is already listening.
-    Pair {
-        /// The server's address.
-        target: std::net::SocketAddr,
-        /// The name in its certificate.
-        name: String,
-        /// How its certificate is verified.
-        trust: Trust,
-        /// The command that starts the client.
-        exec: String,
-    },
-}
-
-/// The log of sent and received data, in order.
-#[derive(Clone, Debug, Default)]
-pub struct Log(Rc<RefCell<Vec<String>>>);
 
 /// One run of a case.
 #[derive(Debug)]
 pub struct Trial<'a> {
     /// The peer under test and the limits of the run.
     pub conditions: &'a Conditions,
-    case: &'a Case,
+    /// Its id.
+    case: &'a str,
     log: Log,
     closing: Rc<RefCell<Closing>>,
     scenes: Rc<RefCell<BTreeSet<SceneName>>>,
@@ -113,9 +32,13 @@ pub struct Trial<'a> {
 }
 
 impl<'a> Trial<'a> {
-    /// Runs a case.
+    /// Plays the case of an id.
     #[must_use]
-    pub fn run(conditions: &'a Conditions, case: &'a Case) -> CaseOutcome {
+    pub fn run(
+        conditions: &'a Conditions,
+        case: &'a str,
+        play: impl FnOnce(&mut Self) -> CaseResult,
+    ) -> CaseOutcome {
         let clock = rhumb_transport::Clock::start();
         let mut trial = Self {
             conditions,
@@ -126,7 +49,7 @@ impl<'a> Trial<'a> {
             named: 0,
             lines: 0,
         };
-        let played = catch_unwind(AssertUnwindSafe(|| case.run(&mut trial)));
+        let played = catch_unwind(AssertUnwindSafe(|| play(&mut trial)));
         let play = played.unwrap_or_else(|_| Err(Stop::Inconclusive("the suite panicked".into())));
         let took = Duration::from_nanos(clock.now().as_nanos());
         trial.clear();
@@ -149,13 +72,13 @@ impl<'a> Trial<'a> {
     /// The case's id.
     #[must_use]
     pub fn id(&self) -> &str {
-        &self.case.id
+        self.case
     }
 
     /// The random numbers of the case, reproducible from the seed.
     #[must_use]
     pub fn dice(&self) -> Dice {
-        let id = self.case.id.bytes();
+        let id = self.case.bytes();
         let fold = |seed: u64, byte: u8| seed.wrapping_mul(0x100_0000_01b3) ^ u64::from(byte);
         Dice::new(id.fold(self.conditions.seed, fold))
     }
@@ -184,7 +107,7 @@ impl<'a> Trial<'a> {
     #[must_use]
     pub fn scene(&mut self) -> SceneName {
         self.named += 1;
-        let (seed, id, number) = (self.conditions.seed, &self.case.id, self.named);
+        let (seed, id, number) = (self.conditions.seed, self.case, self.named);
         let process = std::process::id();
         format!("conformance/{process:x}-{seed:x}/{id}/{number}")
             .parse()
@@ -298,11 +221,7 @@ impl<'a> Trial<'a> {
     /// As [`Self::raw_server`].
     pub fn interceptor(&mut self, setting: Setting) -> Result<Interceptor, Stop> {
         let raw_server = self.raw_server_for(&setting.task)?;
-        Interceptor::begin(
-            raw_server,
-            &format!("conformance/{}", self.case.id),
-            &setting,
-        )
+        Interceptor::begin(raw_server, &format!("conformance/{}", self.case), &setting)
     }
 
     /// The decoder under test.
@@ -394,29 +313,5 @@ impl<'a> Trial<'a> {
                     .note(format!("{scene} is not deleted: {}", stop.why()));
             }
         }
-    }
-}
-
-impl Log {
-    /// Number of lines kept: enough to show what led to a failure.
-    const LINES_MAX: usize = 400;
-
-    /// Adds a line; drops the oldest one when full.
-    pub fn note(&self, line: impl Into<String>) {
-        let mut lines = self.0.borrow_mut();
-        if lines.len() >= Self::LINES_MAX {
-            lines.remove(0);
-        }
-        let mut line = line.into();
-        if line.len() > 400 {
-            let end = (0..=400).rev().find(|end| line.is_char_boundary(*end));
-            line.truncate(end.unwrap_or_default());
-            line.push('…');
-        }
-        lines.push(line);
-    }
-
-    fn take(&self) -> Vec<String> {
-        self.0.take()
     }
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::Target;
+use super::target::Target;
 use crate::grammar::{hex, unhex};
 use crate::vectors::golden;
 

@@ -1,6 +1,6 @@
 //! Tables of the remote task.
 
-use super::{RemoteResults, crossings, integrated};
+use super::results::{RemoteResults, crossings, integrated};
 use crate::paper::crossover::Crossover;
 use crate::paper::table::Table;
 use crate::summary::number;

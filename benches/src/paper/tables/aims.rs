@@ -1,8 +1,8 @@
 //! Targets of the experiment, and whether they are met.
 
-use super::{NONE, interval};
+use super::cells::{NONE, interval};
 use crate::paper::analysis::{Degradation, LoadAnalysis, ModeAnalysis};
-use crate::paper::experiment::PaperResults;
+use crate::paper::results::PaperResults;
 use crate::paper::statistics::Interval;
 use crate::paper::table::Table;
 use crate::record::Mode;

@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use crate::output::OutputError;
-use crate::paper::PaperError;
-use crate::paper::experiment::PaperResults;
+use crate::paper::error::PaperError;
+use crate::paper::results::PaperResults;
 
 /// One line of `trials.csv`: a mode at a load in a trial.
 #[derive(Serialize)]

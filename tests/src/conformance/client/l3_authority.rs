@@ -11,7 +11,8 @@ use rhumb_reckoning::{Divergence, LengthBound, Tick, Tolerance};
 use rhumb_server::UpstreamStatistics;
 
 use super::table;
-use crate::conformance::case::{Case, CaseRow, Feature};
+use crate::conformance::case::{Case, CaseRow};
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::{Interceptor, Setting};
 use crate::conformance::trial::Trial;

@@ -16,8 +16,8 @@ use rhumb_transport::{Clock, Fingerprint, RawConnection, RawPeerServer};
 use serde_json::Value;
 
 use super::stderr_tail::StderrTail;
+use crate::conformance::log::Log;
 use crate::conformance::outcome::Stop;
-use crate::conformance::trial::Log;
 use crate::testee::TesteeTask;
 
 /// Exit code of a client that lacks the feature under test.

@@ -14,8 +14,8 @@ use serde_json::{Value, json};
 
 use super::datagram;
 use super::stderr_tail::StderrTail;
+use crate::conformance::log::Log;
 use crate::conformance::outcome::Stop;
-use crate::conformance::trial::Log;
 use crate::grammar::{Grammar, hex, unhex};
 use crate::vectors::{Decoded, Sender, error_json, streams};
 

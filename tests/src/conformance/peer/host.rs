@@ -18,9 +18,9 @@ use rhumb_transport::{
 use serde_json::Value;
 
 use super::client_process::{ClientEnvironment, ClientProcess, reported};
-use crate::conformance::case::Case;
+use crate::conformance::conditions::{Conditions, Subject};
+use crate::conformance::log::Log;
 use crate::conformance::outcome::{CaseResult, Closing, Stop};
-use crate::conformance::trial::{Conditions, Log, Subject};
 use crate::grammar::hex;
 
 /// A raw server, and the client under test.
@@ -53,7 +53,7 @@ pub struct RawServer {
 impl RawServer {
     pub(in crate::conformance) fn start(
         conditions: &Conditions,
-        case: &Case,
+        case: &str,
         task: &str,
         pinned: Option<Fingerprint>,
         log: Log,
@@ -74,9 +74,9 @@ impl RawServer {
                 .as_ref()
                 .map_or_else(|| server.address(), UdpRelay::local_addr),
             fingerprint: pinned,
-            scene: format!("conformance/{}", case.id),
+            scene: format!("conformance/{}", case),
             task,
-            case: &case.id,
+            case,
             seed: conditions.seed,
         };
         let mut client = ClientProcess::start(exec, &environment, log.clone())

@@ -17,8 +17,9 @@ use super::client_process::{ClientEnvironment, ClientProcess, reported};
 use super::lossy_client::LossyClient;
 use super::setting::Setting;
 use super::stream_history::StreamHistory;
+use crate::conformance::conditions::Subject;
 use crate::conformance::outcome::{CaseResult, Stop};
-use crate::conformance::trial::{Subject, Trial};
+use crate::conformance::trial::Trial;
 use crate::testee::TesteeTask;
 
 /// The leading session, and the client under test.

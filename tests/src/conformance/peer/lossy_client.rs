@@ -18,8 +18,8 @@ use rhumb_reckoning::{BodyId, Pose, Tick};
 use rhumb_transport::{Clock, RawConnection, RawEvent, RawPeerEnd, UdpRelay};
 
 use super::raw_client::{Parts, RawClient};
+use crate::conformance::log::Log;
 use crate::conformance::outcome::{CaseResult, Stop};
-use crate::conformance::trial::Log;
 use crate::grammar::hex;
 
 /// The fate of a datagram.

@@ -19,8 +19,8 @@ use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
 use rhumb_transport::{Clock, RawConnection, RawEvent, RawPeerEnd, UdpRelay};
 
+use crate::conformance::log::Log;
 use crate::conformance::outcome::{CaseResult, Closing, Stop};
-use crate::conformance::trial::Log;
 use crate::grammar::hex;
 
 /// A raw client.

@@ -7,7 +7,8 @@ use std::fmt;
 use clap::ValueEnum;
 use rhumb_transport::LinkConfig;
 
-use crate::conformance::case::{Feature, Profile};
+use crate::conformance::feature::Feature;
+use crate::conformance::schedule::Profile;
 
 /// The settings of a run.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 
 use quick_xml::escape::escape;
 
-use super::Report;
 use super::json::cites;
+use super::results::Report;
 use super::style::STYLE;
 use crate::conformance::matrix::{Pairing, clients_of, rows};
 use crate::conformance::run::Tried;

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::Report;
+use super::results::Report;
 use crate::conformance::case::Case;
 use crate::conformance::coverage::Covered;
 use crate::conformance::matrix::Pairing;

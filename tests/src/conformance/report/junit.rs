@@ -5,7 +5,7 @@ use std::io;
 use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, BytesText, Event};
 
-use super::Report;
+use super::results::Report;
 use crate::conformance::outcome::Verdict;
 use crate::conformance::run::Tried;
 

@@ -7,7 +7,8 @@ use rhumb_protocol::scene::{Command, Heights, Mesh, Shape, ShapeId};
 use rhumb_protocol::session::CloseCode;
 
 use super::scenery::lockstep;
-use crate::conformance::case::{Case, Feature};
+use crate::conformance::case::Case;
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;

@@ -15,7 +15,8 @@ use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Ticks, Tolerance};
 
 use super::scenery::{BALL, NORMAL, ball_shape, body, lockstep, moving};
-use crate::conformance::case::{Case, Feature};
+use crate::conformance::case::Case;
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;

@@ -12,7 +12,8 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, CommandError, IdRange};
 use rhumb_reckoning::{Damping, LengthBound, Tick, Tolerance};
 
 use super::scenery::{BALL, NORMAL, ball, ball_shape, body, lockstep, moving};
-use crate::conformance::case::{Case, Feature};
+use crate::conformance::case::Case;
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;

@@ -7,7 +7,8 @@ use rhumb_reckoning::Tick;
 
 use super::scenery::{NORMAL, ball, ball_shape, body, lockstep};
 use super::{CaseRow, table};
-use crate::conformance::case::{Case, Feature};
+use crate::conformance::case::Case;
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;

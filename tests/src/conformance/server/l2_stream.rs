@@ -5,7 +5,8 @@ use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
 use rhumb_reckoning::Tick;
 
 use super::scenery::{NORMAL, ball, ball_shape, body, floor, floor_shape, lockstep};
-use crate::conformance::case::{Case, Feature};
+use crate::conformance::case::Case;
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure, should};
 use crate::conformance::peer::{LaneAction, LossyClient};
 use crate::conformance::trial::Trial;

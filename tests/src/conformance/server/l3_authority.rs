@@ -10,7 +10,8 @@ use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 
 use super::scenery::{BALL, NORMAL, ball, ball_shape, body, lockstep, moving};
 use super::{CaseRow, table};
-use crate::conformance::case::{Case, Feature};
+use crate::conformance::case::Case;
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::{LossyClient, RawClient};
 use crate::conformance::trial::Trial;

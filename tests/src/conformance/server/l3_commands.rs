@@ -14,7 +14,8 @@ use super::scenery::{
     BALL, FLOOR, NORMAL, ball, ball_shape, body, floor, floor_shape, lockstep, moving,
 };
 use super::{CaseRow, table};
-use crate::conformance::case::{Case, Feature};
+use crate::conformance::case::Case;
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::RawClient;
 use crate::conformance::trial::Trial;

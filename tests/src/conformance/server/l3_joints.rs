@@ -9,7 +9,8 @@ use rhumb_reckoning::{BodyId, Motion, Tick};
 
 use super::scenery::{BALL, ball, ball_shape, body, lockstep, moving};
 use super::{CaseRow, table};
-use crate::conformance::case::{Case, Feature};
+use crate::conformance::case::Case;
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::LossyClient;
 use crate::conformance::trial::Trial;

@@ -9,7 +9,8 @@ use rhumb_reckoning::{BodyId, Motion, Tick};
 use super::scenery::{
     EXACT, G, RADIUS, ball, ball_shape, body, floor, floor_shape, lockstep, weightless,
 };
-use crate::conformance::case::{Case, Feature};
+use crate::conformance::case::Case;
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::LossyClient;
 use crate::conformance::trial::Trial;

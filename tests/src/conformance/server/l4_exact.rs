@@ -10,7 +10,8 @@ use rhumb_sims::Script;
 
 use super::l4_tolerance::rename;
 use super::scenery::NORMAL;
-use crate::conformance::case::{Case, Feature};
+use crate::conformance::case::Case;
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::LossyClient;
 use crate::conformance::trial::Trial;

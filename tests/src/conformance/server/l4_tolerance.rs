@@ -13,7 +13,8 @@ use rhumb_reckoning::{
 use rhumb_sims::{Script, by_name};
 
 use super::scenery::{EXACT, NORMAL};
-use crate::conformance::case::{Case, Feature};
+use crate::conformance::case::Case;
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::{LaneAction, LossyClient, compare};
 use crate::conformance::trial::Trial;

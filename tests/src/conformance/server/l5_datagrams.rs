@@ -12,7 +12,8 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Stepping};
 use rhumb_reckoning::{Anchor, BodyId, BodyState, Tolerance};
 
 use super::scenery::{BALL, NORMAL, ball_shape, body, lockstep, moving};
-use crate::conformance::case::{Case, Feature};
+use crate::conformance::case::Case;
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::{RawClient, datagram};
 use crate::conformance::trial::Trial;

@@ -12,7 +12,8 @@ use rhumb_reckoning::{BodyId, Tick};
 
 use super::scenery::{NORMAL, ball, ball_shape, body, lockstep};
 use super::{CaseRow, table};
-use crate::conformance::case::{Case, Feature};
+use crate::conformance::case::Case;
+use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::{LossyClient, RawClient};
 use crate::conformance::trial::Trial;

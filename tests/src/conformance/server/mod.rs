@@ -24,7 +24,8 @@ mod l5_security;
 mod raw_member;
 mod scenery;
 
-use super::case::{Case, CaseRow, Feature};
+use super::case::{Case, CaseRow};
+use super::feature::Feature;
 
 /// The cases of a group that need the same features.
 fn table(group: &str, needs: &[Feature], rows: &[CaseRow]) -> impl Iterator<Item = Case> + use<> {

@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DQuat, DVec3};
 
-use super::RunMetadata;
 use super::messages::{Breach, Poses, States, TickStats, pose};
+use super::run_metadata::RunMetadata;
 use crate::conformance::outcome::{CaseResult, Stop};
 
 /// A body, by index and generation.

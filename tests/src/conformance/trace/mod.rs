@@ -7,6 +7,7 @@
 
 mod judge;
 mod messages;
+mod run_metadata;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -19,9 +20,7 @@ use super::outcome::{CaseOutcome, Closing, Stop, Verdict};
 use super::run::Tried;
 use judge::{TracedCopy, TracedTruth};
 use messages::{Breach, Poses, States, TickStats};
-
-/// The metadata of a run: values by name.
-type RunMetadata = BTreeMap<String, String>;
+use run_metadata::RunMetadata;
 
 /// The part of a file that belongs to one load.
 #[derive(Default)]
