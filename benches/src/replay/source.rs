@@ -15,7 +15,7 @@ use super::config::ReplayConfig;
 use super::failure::Failure;
 use super::feature::EnabledFeatures;
 use crate::output;
-use crate::recording::{Recording, RecordingError};
+use crate::recording::{self, Recording, RecordingError};
 
 /// The recording and the parameters of its engine.
 #[derive(Clone, Debug, Args)]
@@ -45,7 +45,7 @@ impl RecordingSource {
     }
 
     pub(crate) fn read(&self) -> Result<Recording, RecordingError> {
-        let mut recording = Recording::read(&self.trace)?;
+        let mut recording = recording::read(&self.trace)?;
         recording.damping = self.damping.unwrap_or(recording.damping);
         recording.integrator.substeps = self.substeps.unwrap_or(recording.integrator.substeps);
         Ok(recording)

@@ -6,8 +6,9 @@ use std::collections::BTreeSet;
 
 use serde_json::Value;
 
+use super::message_case::MessageCase;
 use super::pieces::{f, v};
-use super::{MessageCase, Sender};
+use super::sender::Sender;
 use crate::grammar::{Grammar, Span};
 
 /// Every change of one number in the cases that the table decodes.

@@ -5,9 +5,11 @@ use rhumb_protocol::scene::Command;
 use rhumb_reckoning::Ticks;
 use rhumb_transport::LinkConfig;
 
+use super::interface::{
+    FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic,
+};
 use super::processor::work_ns;
-use super::{FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic};
-use crate::drive::DriveError;
+use crate::drive::error::DriveError;
 use crate::drive::remote::{Remote, Retention, Setup};
 use crate::record::Mode;
 

@@ -11,7 +11,8 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::wire::bytes::Writer;
 use serde_json::Value;
 
-use super::{hand, table};
+use super::hand;
+use super::table::table;
 use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::outcome::{CaseResult, ensure};
 use crate::conformance::peer::{Setting, datagram};

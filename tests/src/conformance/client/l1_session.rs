@@ -9,7 +9,8 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::Predictor;
 use rhumb_transport::Certificate;
 
-use super::{hand, table};
+use super::hand;
+use super::table::table;
 use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::outcome::{CaseResult, Stop, ensure, should};
 use crate::conformance::peer::RawServer;

@@ -10,7 +10,8 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::{BodyId, BodyState, Predictor};
 
-use super::{hand, table};
+use super::hand;
+use super::table::table;
 use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::{Delivery, Setting};

@@ -15,7 +15,8 @@ use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Damping, Metres, Predictor, Residual, Tick, Ticks, ToleranceScale,
 };
 
-use super::{hand, table};
+use super::hand;
+use super::table::table;
 use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::RawServer;

@@ -12,7 +12,7 @@ use rhumb_protocol::packet::{LossReport, Low16, PacketKind, RepairSymbol};
 use rhumb_reckoning::{Anchor, LengthBound, Tolerance, Track};
 
 use super::l2_stream::busy;
-use super::table;
+use super::table::table;
 use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::outcome::{CaseResult, Stop, ensure, should};
 use crate::conformance::peer::{Delivery, Interceptor, Setting, datagram};

@@ -13,7 +13,8 @@ use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Predictor, Tick};
 
-use super::{hand, table};
+use super::hand;
+use super::table::table;
 use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::outcome::{CaseResult, Stop, ensure, should};
 use crate::conformance::peer::{Interceptor, RawServer, Setting, datagram};

@@ -10,7 +10,7 @@ use rhumb_protocol::scene::BodyKind;
 use rhumb_reckoning::{Divergence, LengthBound, Tick, Tolerance};
 use rhumb_server::UpstreamStatistics;
 
-use super::table;
+use super::table::table;
 use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};

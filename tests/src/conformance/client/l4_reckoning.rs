@@ -5,7 +5,7 @@
 
 use core::num::NonZeroU32;
 
-use super::table;
+use super::table::table;
 use crate::conformance::case::Case;
 use crate::conformance::outcome::{CaseResult, ensure};
 use crate::conformance::peer::Setting;

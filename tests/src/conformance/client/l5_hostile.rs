@@ -10,7 +10,8 @@ use rhumb_protocol::packet::{FullPacket, FullRecord, Keyframe, Low16, Update, Up
 use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::{Anchor, BodyId, BodyState, ConstantAcceleration, Predictor, Tick};
 
-use super::{hand, table};
+use super::hand;
+use super::table::table;
 use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::outcome::{CaseResult, ensure};
 use crate::conformance::peer::{Setting, datagram};

@@ -6,8 +6,8 @@ use rhumb_protocol::scene::{Command, SceneConfig, Stepping};
 use rhumb_reckoning::Tick;
 
 use super::scenery::{NORMAL, ball, ball_shape, body, lockstep};
-use super::{CaseRow, table};
-use crate::conformance::case::Case;
+use super::table::table;
+use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::RawClient;

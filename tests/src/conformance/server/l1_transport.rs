@@ -8,8 +8,8 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_transport::{Clock, RawPeerConfig, RawPeerEnd};
 
 use super::scenery::lockstep;
-use super::{CaseRow, table};
-use crate::conformance::case::Case;
+use super::table::table;
+use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::outcome::{CaseResult, Stop, ensure, should};
 use crate::conformance::trial::Trial;
 

@@ -9,8 +9,8 @@ use rhumb_protocol::session::Event;
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 
 use super::scenery::{BALL, NORMAL, ball, ball_shape, body, lockstep, moving};
-use super::{CaseRow, table};
-use crate::conformance::case::Case;
+use super::table::table;
+use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::{LossyClient, RawClient};

@@ -13,8 +13,8 @@ use rhumb_reckoning::BodyId;
 use super::scenery::{
     BALL, FLOOR, NORMAL, ball, ball_shape, body, floor, floor_shape, lockstep, moving,
 };
-use super::{CaseRow, table};
-use crate::conformance::case::Case;
+use super::table::table;
+use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::RawClient;

@@ -8,8 +8,8 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, Motion, Tick};
 
 use super::scenery::{BALL, ball, ball_shape, body, lockstep, moving};
-use super::{CaseRow, table};
-use crate::conformance::case::Case;
+use super::table::table;
+use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::LossyClient;

@@ -10,8 +10,8 @@ use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use super::l3_physics::{SECOND, TICK, alone, now};
 use super::scenery::{BALL, EXACT, G, RADIUS, ball, body, floor, floor_shape, moving, turning};
-use super::{CaseRow, table};
-use crate::conformance::case::Case;
+use super::table::table;
+use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::LossyClient;

@@ -12,8 +12,8 @@ use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Tick, Ticks, Tolerance};
 
 use super::scenery::{EXACT, NORMAL, ball, ball_shape, body, floor, floor_shape, lockstep};
-use super::{CaseRow, table};
-use crate::conformance::case::Case;
+use super::table::table;
+use crate::conformance::case::{Case, CaseRow};
 use crate::conformance::feature::Feature;
 use crate::conformance::outcome::{CaseResult, Stop, ensure};
 use crate::conformance::peer::{LaneAction, LossyClient, compare, compare_recorded, datagram};

@@ -5,138 +5,22 @@
 
 mod change;
 mod client;
+mod golden;
+mod message_case;
 mod pieces;
+mod sender;
 mod server;
 pub mod streams;
 
-use std::path::{Path, PathBuf};
-
-use rhumb_protocol::message::{ClientMessage, Framed, ServerMessage, frame};
-use rhumb_protocol::scene::{Command, Invalid, Quantity};
+use rhumb_protocol::scene::Invalid;
 use rhumb_protocol::wire::Malformed;
 use serde_json::{Value, json};
 
 use crate::grammar::{Grammar, hex};
-
-/// The folder of the golden vectors.
-#[must_use]
-pub fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors")
-}
-
-/// A file of golden vectors.
-///
-/// # Panics
-///
-/// When it is missing or is not JSON.
-#[must_use]
-pub fn golden(file: &str) -> Value {
-    let text = std::fs::read_to_string(folder().join(file));
-    let text = text.expect("the specification is in the repository");
-    serde_json::from_str(&text).expect("vectors are JSON")
-}
-
-/// The sender of a message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sender {
-    /// A client.
-    Client,
-    /// A server.
-    Server,
-}
-
-/// A message that is valid, or that must be refused.
-#[derive(Clone, Debug)]
-pub(crate) struct MessageCase {
-    name: String,
-    kind: u8,
-    body: Vec<u8>,
-}
-
-/// The result of decoding a message.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Decoded {
-    /// Valid, and encoded as it was; contains the number that the server must refuse, if any.
-    Accepted(Option<Invalid>),
-    /// An unknown optional message, which is skipped.
-    Skipped,
-    /// An unknown command, which is refused.
-    UnknownCommand,
-    /// A command with an invalid motion, which is refused.
-    NoMotion(Quantity),
-    /// Malformed.
-    Refused(Malformed),
-}
-
-impl Sender {
-    /// The table's name for this side's messages.
-    #[must_use]
-    pub const fn type_name(self) -> &'static str {
-        match self {
-            Self::Client => "client message",
-            Self::Server => "server message",
-        }
-    }
-
-    /// The codec's result for a message.
-    ///
-    /// # Panics
-    ///
-    /// When a decoded message is not encoded as it was.
-    #[must_use]
-    pub fn outcome(self, kind: u8, body: &[u8]) -> Decoded {
-        let framed = Framed {
-            kind,
-            body: body.to_vec(),
-        };
-        let mut written = Vec::new();
-        let invalid = match self {
-            Self::Client => match ClientMessage::decode(&framed) {
-                Ok(Some(message)) => {
-                    message.encode(&mut written);
-                    check(&message)
-                }
-                Ok(None) => return Decoded::Skipped,
-                Err(Malformed::UnknownCommand) => return Decoded::UnknownCommand,
-                Err(Malformed::Motion(invalid)) => {
-                    let (Invalid::NotFinite(quantity) | Invalid::OutOfRange(quantity)) =
-                        invalid.into();
-                    return Decoded::NoMotion(quantity);
-                }
-                Err(malformed) => return Decoded::Refused(malformed),
-            },
-            Self::Server => match ServerMessage::decode(&framed) {
-                Ok(Some(message)) => {
-                    message.encode(&mut written);
-                    None
-                }
-                Ok(None) => return Decoded::Skipped,
-                Err(malformed) => return Decoded::Refused(malformed),
-            },
-        };
-        assert_eq!(
-            written,
-            framed_bytes(kind, body),
-            "each value has one encoding"
-        );
-        Decoded::Accepted(invalid)
-    }
-}
-
-/// The number for which the server must refuse a well-formed message.
-fn check(message: &ClientMessage) -> Option<Invalid> {
-    match message {
-        ClientMessage::Command(command) => Command::check(command).err(),
-        ClientMessage::Create(config) => config.check().err(),
-        _ => None,
-    }
-}
-
-fn framed_bytes(kind: u8, body: &[u8]) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    frame(kind, body, &mut bytes);
-    bytes
-}
+pub use golden::{folder, golden};
+pub(crate) use message_case::MessageCase;
+use sender::framed_bytes;
+pub use sender::{Decoded, Sender};
 
 /// The content of `control.json`.
 #[must_use]
