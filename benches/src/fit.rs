@@ -12,10 +12,10 @@ use std::process::ExitCode;
 use std::str::FromStr;
 
 use clap::Args;
+use rhumb_netsim::LinkConfig;
 use rhumb_protocol::packet::{SymbolCounts, Tables};
 use rhumb_protocol::stream::LOOKAHEAD_MAX;
 use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
-use rhumb_transport::LinkConfig;
 
 use crate::output;
 use crate::record::PacketDirection;

@@ -6,6 +6,7 @@
 
 use std::time::Duration;
 
+use rhumb_netsim::LinkConfig;
 use rhumb_tests::conformance::conditions::{Conditions, Subject};
 use rhumb_tests::conformance::mutants::ServerMutant;
 use rhumb_tests::conformance::report::{Report, RunSettings, html, json, junit};
@@ -13,7 +14,7 @@ use rhumb_tests::conformance::schedule::Profile;
 use rhumb_tests::conformance::suite::{Selection, cases};
 use rhumb_tests::conformance::{Role, Verdict, coverage, run};
 use rhumb_tests::{Programme, ServerProcess};
-use rhumb_transport::{LinkConfig, Trust};
+use rhumb_transport::Trust;
 use serde_json::{Value, json as value_of};
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));

@@ -5,6 +5,7 @@
 
 use std::time::Duration;
 
+use rhumb_netsim::LinkConfig;
 use rhumb_tests::Programme;
 use rhumb_tests::conformance::conditions::{Conditions, Subject};
 use rhumb_tests::conformance::matrix;
@@ -12,7 +13,6 @@ use rhumb_tests::conformance::mutants::ClientMutant;
 use rhumb_tests::conformance::run::run;
 use rhumb_tests::conformance::suite::{self, Selection};
 use rhumb_tests::conformance::{Role, Verdict};
-use rhumb_transport::LinkConfig;
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 const TESTEE: &str = env!("CARGO_BIN_EXE_rhumb-testee");

@@ -3,10 +3,10 @@
 use std::fmt;
 
 use rhumb_client::{ClientError, OpenError};
+use rhumb_netsim::RelayError;
 use rhumb_protocol::scene::{CommandError, Invalid};
 use rhumb_reckoning::Tick;
 use rhumb_server::{HookError, SceneFault, WorkersError};
-use rhumb_transport::RelayError;
 
 use super::app::AppError;
 use super::process::ProcessError;

@@ -6,10 +6,10 @@ use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use rhumb_netsim::LinkConfig;
 use rhumb_protocol::limits::{BUDGET_MAX, BUDGET_MIN};
 use rhumb_protocol::stream::{Budget, LOOKAHEAD_MAX};
 use rhumb_reckoning::{Damping, Metres, Radians, Ticks, Tolerance};
-use rhumb_transport::LinkConfig;
 
 use super::config::ReplayConfig;
 use super::failure::Failure;

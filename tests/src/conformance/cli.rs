@@ -13,7 +13,8 @@ use std::process::{Command, ExitCode};
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
-use rhumb_transport::{Fingerprint, LinkConfig, RawConnection, RawPeerConfig, Trust};
+use rhumb_netsim::{LinkConfig, RawConnection, RawPeerConfig};
+use rhumb_transport::{Fingerprint, Trust};
 
 use super::case::Case;
 use super::conditions::{Conditions, Subject};

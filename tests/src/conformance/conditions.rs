@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use rhumb_transport::{LinkConfig, Trust, UdpRelay};
+use rhumb_netsim::{LinkConfig, UdpRelay};
+use rhumb_transport::Trust;
 
 use super::feature::Feature;
 use super::outcome::Stop;

@@ -8,8 +8,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 use std::time::Duration;
 
+use rhumb_netsim::{RawConnection, RawPeerConfig, UdpRelay};
 use rhumb_protocol::scene::SceneName;
-use rhumb_transport::{Fingerprint, RawConnection, RawPeerConfig, Trust, UdpRelay};
+use rhumb_transport::{Fingerprint, Trust};
 
 use super::conditions::{Conditions, Subject};
 use super::log::Log;

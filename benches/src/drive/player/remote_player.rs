@@ -1,9 +1,9 @@
 //! Player of one remote mode: a server process and its client.
 
 use rhumb_client::{PipelineDepth, StreamChoice};
+use rhumb_netsim::LinkConfig;
 use rhumb_protocol::scene::Command;
 use rhumb_reckoning::Ticks;
-use rhumb_transport::LinkConfig;
 
 use super::interface::{
     FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic,

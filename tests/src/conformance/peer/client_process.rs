@@ -11,8 +11,9 @@ use std::sync::mpsc::{self, Receiver};
 use std::thread;
 use std::time::Duration;
 
+use rhumb_netsim::{RawConnection, RawPeerServer};
 use rhumb_protocol::{Instant, Span};
-use rhumb_transport::{Clock, Fingerprint, RawConnection, RawPeerServer};
+use rhumb_transport::{Clock, Fingerprint};
 use serde_json::Value;
 
 use super::stderr_tail::StderrTail;

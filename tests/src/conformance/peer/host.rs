@@ -8,13 +8,11 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use bytes::Bytes;
+use rhumb_netsim::{RawConnection, RawEvent, RawPeerConfig, RawPeerEnd, RawPeerServer, UdpRelay};
 use rhumb_protocol::message::{ClientMessage, Frames, ServerMessage};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Span};
-use rhumb_transport::{
-    Certificate, Clock, Fingerprint, RawConnection, RawEvent, RawPeerConfig, RawPeerEnd,
-    RawPeerServer, UdpRelay,
-};
+use rhumb_transport::{Certificate, Clock, Fingerprint};
 use serde_json::Value;
 
 use super::client_process::{ClientEnvironment, ClientProcess, reported};

@@ -9,6 +9,7 @@ use std::collections::VecDeque;
 use std::fmt;
 use std::time::Duration;
 
+use rhumb_netsim::RawPeerEnd;
 use rhumb_protocol::message::{ClientMessage, Frames, StreamChoice};
 use rhumb_protocol::packet::{Head, LossReport, PacketKind};
 use rhumb_protocol::scene::{Command, PublishSchedule, SceneConfig, Stepping};
@@ -19,7 +20,6 @@ use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{Tick, Ticks};
 use rhumb_server::ServerLoop as Server;
 use rhumb_sims::{Script, by_name};
-use rhumb_transport::RawPeerEnd;
 use serde_json::Value;
 
 use super::datagram;

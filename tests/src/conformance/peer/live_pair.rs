@@ -5,12 +5,13 @@
 
 use std::time::Duration;
 
+use rhumb_netsim::UdpRelay;
 use rhumb_protocol::Span;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{SceneConfig, Stepping};
 use rhumb_reckoning::Tick;
 use rhumb_sims::{Script, by_name};
-use rhumb_transport::{Trust, UdpRelay};
+use rhumb_transport::Trust;
 use serde_json::Value;
 
 use super::client_process::{ClientEnvironment, ClientProcess, reported};

@@ -10,12 +10,13 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use bytes::Bytes;
+use rhumb_netsim::{RawConnection, RawEvent, RawPeerEnd, UdpRelay};
 use rhumb_protocol::message::{ClientMessage, Frames, StreamChoice, Welcome};
 use rhumb_protocol::scene::{Command, CommandError, IdRange, SceneConfig, SceneName};
 use rhumb_protocol::session::{ClientSession, Event, Misuse, Replica};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, Pose, Tick};
-use rhumb_transport::{Clock, RawConnection, RawEvent, RawPeerEnd, UdpRelay};
+use rhumb_transport::Clock;
 
 use super::raw_client::{Parts, RawClient};
 use crate::conformance::log::Log;

@@ -9,6 +9,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use bytes::Bytes;
+use rhumb_netsim::{RawConnection, RawEvent, RawPeerEnd, UdpRelay};
 use rhumb_protocol::message::{
     ClientMessage, Denial, Extensions, Frames, Joined, SceneEvent, ServerMessage, StreamChoice,
     Welcome,
@@ -17,7 +18,7 @@ use rhumb_protocol::scene::{Command, CommandError, IdRange, SceneConfig, SceneNa
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
-use rhumb_transport::{Clock, RawConnection, RawEvent, RawPeerEnd, UdpRelay};
+use rhumb_transport::Clock;
 
 use crate::conformance::log::Log;
 use crate::conformance::outcome::{CaseResult, Closing, Stop};

@@ -5,7 +5,7 @@
 use std::fmt;
 
 use clap::ValueEnum;
-use rhumb_transport::LinkConfig;
+use rhumb_netsim::LinkConfig;
 
 use crate::conformance::feature::Feature;
 use crate::conformance::schedule::Profile;

@@ -101,7 +101,7 @@ fn cut(trial: &mut Trial<'_>, sent: &[Vector], kind: u8) -> CaseResult {
             client.send_bytes(&bytes);
             client.must_be_closed(CloseCode::MALFORMED)?;
             if let Some(end) = &client.ended
-                && *end != rhumb_transport::RawPeerEnd::Closed(CloseCode::MALFORMED.0.into())
+                && *end != rhumb_netsim::RawPeerEnd::Closed(CloseCode::MALFORMED.0.into())
             {
                 return Ok(());
             }
@@ -171,7 +171,7 @@ fn greeted(client: &mut RawClient) -> CaseResult {
     let first = client.next_message()?;
     match (first, &client.ended) {
         (Some(ServerMessage::Welcome(welcome)), _) => ensure(welcome.version == 1, "version 1"),
-        (None, Some(rhumb_transport::RawPeerEnd::Closed(3 | 5))) => Ok(()),
+        (None, Some(rhumb_netsim::RawPeerEnd::Closed(3 | 5))) => Ok(()),
         other => Stop::fail(format!("the answer is {other:?}")),
     }
 }

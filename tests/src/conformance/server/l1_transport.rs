@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
+use rhumb_netsim::{RawPeerConfig, RawPeerEnd};
 use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
 use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
 use rhumb_protocol::session::CloseCode;
-use rhumb_transport::{Clock, RawPeerConfig, RawPeerEnd};
+use rhumb_transport::Clock;
 
 use super::scenery::lockstep;
 use super::table::table;

@@ -294,8 +294,8 @@ fn never_reads(trial: &mut Trial<'_>) -> CaseResult {
         tick += 1;
         good.advance(Tick::new(tick))?;
         while let Some(event) = attacker.connection.hear(std::time::Duration::ZERO) {
-            if let rhumb_transport::RawEvent::Ended(end) = event {
-                let overflow = rhumb_transport::RawPeerEnd::Closed(CONTROL_OVERFLOW);
+            if let rhumb_netsim::RawEvent::Ended(end) = event {
+                let overflow = rhumb_netsim::RawPeerEnd::Closed(CONTROL_OVERFLOW);
                 ensure(
                     end == overflow,
                     format!("close code {CONTROL_OVERFLOW:#x}, not {end}"),

@@ -9,7 +9,7 @@ use std::time::Duration;
 use quinn::{IdleTimeout, TransportConfig, VarInt};
 
 use super::connection::RawPeerEnd;
-use crate::quic::CertificateError;
+use rhumb_transport::CertificateError;
 
 /// Handshake parameters of one end.
 #[derive(Clone, Debug)]
@@ -44,7 +44,7 @@ pub enum RawPeerError {
 impl Default for RawPeerConfig {
     fn default() -> Self {
         Self {
-            alpn: vec![crate::quic::ALPN.to_vec()],
+            alpn: vec![rhumb_transport::raw::ALPN.to_vec()],
             datagram_bytes: Some(u16::MAX),
             idle: Duration::from_secs(10),
             keep_alive: Some(Duration::from_secs(3)),

@@ -9,12 +9,11 @@ use std::time::Duration;
 
 use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{ClientConfig, Endpoint, EndpointConfig, TokioRuntime};
+use rhumb_transport::{Trust, raw};
 use tokio::time::timeout;
 
 use super::config::{RawPeerConfig, RawPeerError};
 use super::connection::{RawConnection, RawPeerEnd};
-use crate::quic::{Trust, client_tls};
-use crate::socket;
 
 /// Time for a close frame to leave.
 const CLOSE_LEAVES: Duration = Duration::from_millis(50);
@@ -34,7 +33,7 @@ impl RawConnection {
         raw_config: &RawPeerConfig,
         patience: Duration,
     ) -> Result<Self, RawPeerError> {
-        let tls = client_tls(trust).map_err(RawPeerError::Certificate)?;
+        let tls = raw::client_tls(trust).map_err(RawPeerError::Certificate)?;
         let mut tls = Arc::unwrap_or_clone(tls);
         tls.alpn_protocols.clone_from(&raw_config.alpn);
         let tls = QuicClientConfig::try_from(tls)
@@ -45,8 +44,8 @@ impl RawConnection {
             SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
             SocketAddr::V6(_) => (Ipv6Addr::UNSPECIFIED, 0).into(),
         };
-        let socket = socket::bind(any).map_err(RawPeerError::Host)?;
-        let runtime = socket::runtime().map_err(RawPeerError::Host)?;
+        let socket = raw::bind(any).map_err(RawPeerError::Host)?;
+        let runtime = raw::runtime().map_err(RawPeerError::Host)?;
         let (ready, connected) = mpsc::sync_channel(1);
         let name = server_name.to_owned();
         thread::Builder::new()

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use rhumb_transport::{
-    Certificate, RawConnection, RawEvent, RawPeerConfig, RawPeerEnd, RawPeerError, RawPeerServer,
-    Trust,
+use rhumb_netsim::{
+    RawConnection, RawEvent, RawPeerConfig, RawPeerEnd, RawPeerError, RawPeerServer,
 };
+use rhumb_transport::{Certificate, Trust};
 
 const PATIENCE: Duration = Duration::from_secs(10);
 

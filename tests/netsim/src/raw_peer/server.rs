@@ -10,12 +10,11 @@ use std::time::Duration;
 
 use quinn::crypto::rustls::QuicServerConfig;
 use quinn::{Endpoint, EndpointConfig, ServerConfig, TokioRuntime};
+use rhumb_transport::{Certificate, Fingerprint, TransportCode, raw};
 use tokio::sync::oneshot;
 
 use super::config::{RawPeerConfig, RawPeerError};
 use super::connection::RawConnection;
-use crate::quic::{Certificate, Fingerprint};
-use crate::socket;
 
 /// A server that listens until it is dropped.
 #[derive(Debug)]
@@ -38,14 +37,14 @@ impl RawPeerServer {
         certificate: &Certificate,
         raw_config: &RawPeerConfig,
     ) -> Result<Self, RawPeerError> {
-        let mut tls = Arc::unwrap_or_clone(certificate.tls());
+        let mut tls = Arc::unwrap_or_clone(raw::server_tls(certificate));
         tls.alpn_protocols.clone_from(&raw_config.alpn);
         let tls = QuicServerConfig::try_from(tls)
             .map_err(|cause| RawPeerError::Tls(cause.to_string()))?;
         let mut config = ServerConfig::with_crypto(Arc::new(tls));
         config.transport_config(Arc::new(raw_config.transport()));
-        let socket = socket::bind(listen).map_err(RawPeerError::Host)?;
-        let runtime = socket::runtime().map_err(RawPeerError::Host)?;
+        let socket = raw::bind(listen).map_err(RawPeerError::Host)?;
+        let runtime = raw::runtime().map_err(RawPeerError::Host)?;
         let endpoint = {
             let _inside = runtime.enter();
             let local = EndpointConfig::default();
@@ -123,6 +122,6 @@ async fn accept(
             }
         }
     }
-    endpoint.close(crate::quic::TransportCode::GOING_AWAY.0.into(), b"");
+    endpoint.close(TransportCode::GOING_AWAY.0.into(), b"");
     let _ = tokio::time::timeout(Duration::from_millis(50), endpoint.wait_idle()).await;
 }

@@ -11,7 +11,7 @@ use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use super::config::LinkConfig;
 use super::counts::LinkCounts;
 use super::link::{Lane, Link};
-use crate::link_meter::LinkMeter;
+use rhumb_transport::LinkMeter;
 
 /// Direction of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

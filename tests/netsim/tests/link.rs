@@ -4,8 +4,8 @@
 
 use bytes::Bytes;
 use proptest::prelude::*;
+use rhumb_netsim::{Lane, Link, LinkConfig, Probability};
 use rhumb_protocol::{Instant, Span};
-use rhumb_transport::{Lane, Link, LinkConfig, Probability};
 
 const MS: u64 = 1_000_000;
 

@@ -5,8 +5,8 @@
 use std::collections::VecDeque;
 
 use bytes::Bytes;
+use rhumb_netsim::{Direction, Lane, LinkConfig, RunStop, SimNetwork};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake, WakeReason};
-use rhumb_transport::{Direction, Lane, LinkConfig, RunStop, SimNetwork};
 
 /// Sends a number on both lanes every 10 ms until its count is done, and answers inputs if configured to.
 struct Toy {

@@ -12,14 +12,16 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use quinn::udp::{RecvMeta, UdpSocketState};
+use rhumb_transport::{Clock, raw};
 use tokio::io::Interest;
 use tokio::net::UdpSocket;
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::sleep;
 
-use crate::clock::Clock;
-use crate::netsim::{Direction, Lane, Link, LinkConfig, LinkCounts};
-use crate::socket;
+use crate::config::LinkConfig;
+use crate::counts::LinkCounts;
+use crate::link::{Lane, Link};
+use crate::sim_network::Direction;
 
 /// A relay in front of a server; it runs until it is dropped.
 #[derive(Debug)]
@@ -73,9 +75,9 @@ impl UdpRelay {
         seed: u64,
     ) -> Result<Self, RelayError> {
         let address = |cause| RelayError::Address { listen, cause };
-        let front = socket::bind(listen).map_err(address)?;
+        let front = raw::bind(listen).map_err(address)?;
         let local_addr = front.local_addr().map_err(address)?;
-        let runtime = socket::runtime().map_err(RelayError::Thread)?;
+        let runtime = raw::runtime().map_err(RelayError::Thread)?;
         let front = {
             let _inside = runtime.enter();
             Socket::new(front).map_err(address)?
@@ -251,7 +253,7 @@ impl Relay {
             SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
             SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
         };
-        let back = socket::bind(SocketAddr::new(any, 0))?;
+        let back = raw::bind(SocketAddr::new(any, 0))?;
         let back = Arc::new(Socket::new(back)?);
         back.socket.connect(self.server).await?;
         // The task ends with the runtime, when the relay does.

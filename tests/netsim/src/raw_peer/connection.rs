@@ -181,7 +181,7 @@ impl RawConnection {
 impl Drop for RawConnection {
     fn drop(&mut self) {
         if self.connection.close_reason().is_none() {
-            self.close(crate::quic::TransportCode::LEFT.0);
+            self.close(rhumb_transport::TransportCode::LEFT.0);
         }
     }
 }
