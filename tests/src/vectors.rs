@@ -5,22 +5,26 @@
 
 mod change;
 mod client;
-mod golden;
 mod message_case;
 mod pieces;
-mod sender;
 mod server;
 pub mod streams;
 
+use std::path::{Path, PathBuf};
+
+use rhumb_conformance::grammar::{Grammar, hex};
+use rhumb_conformance::vectors::{Decoded, Sender, error_json, framed_bytes};
 use rhumb_protocol::scene::Invalid;
 use rhumb_protocol::wire::Malformed;
 use serde_json::{Value, json};
 
-use crate::grammar::{Grammar, hex};
-pub use golden::{folder, golden};
 pub(crate) use message_case::MessageCase;
-use sender::framed_bytes;
-pub use sender::{Decoded, Sender};
+
+/// The folder of the golden vectors.
+#[must_use]
+pub fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../spec/vectors")
+}
 
 /// The content of `control.json`.
 #[must_use]
@@ -98,15 +102,6 @@ fn word(why: Malformed) -> String {
     match why {
         Malformed::Motion(_) => "NotFinite".to_owned(),
         other => format!("{other:?}"),
-    }
-}
-
-/// The error that answers a message with such a number.
-#[must_use]
-pub fn error_json(invalid: Invalid) -> Value {
-    match invalid {
-        Invalid::NotFinite(quantity) => json!({"is": "NotFinite", "quantity": quantity.code()}),
-        Invalid::OutOfRange(quantity) => json!({"is": "OutOfRange", "quantity": quantity.code()}),
     }
 }
 

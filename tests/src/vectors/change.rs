@@ -8,8 +8,8 @@ use serde_json::Value;
 
 use super::message_case::MessageCase;
 use super::pieces::{f, v};
-use super::sender::Sender;
-use crate::grammar::{Grammar, Span};
+use rhumb_conformance::grammar::{Grammar, Span};
+use rhumb_conformance::vectors::Sender;
 
 /// Every change of one number in the cases that the table decodes.
 pub(super) fn cases(grammar: &Grammar, side: Sender, sent: &[MessageCase]) -> Vec<MessageCase> {
