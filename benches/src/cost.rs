@@ -127,7 +127,7 @@ impl Costs {
     }
 
     /// Text of a block of the documents; `None` if the block does not exist.
-    pub(crate) fn block(&self, what: &str) -> Option<String> {
+    pub fn block(&self, what: &str) -> Option<String> {
         let rows = match what {
             "command" => {
                 return Some(format!(

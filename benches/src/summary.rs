@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::record::Experiment;
 
-pub(crate) use cells::{aligned, markdown, number};
+pub use cells::{aligned, markdown, number};
 pub(crate) use columns::{Column, columns};
 pub(crate) use measure::second_by_second;
 pub use run_figures::{
@@ -22,7 +22,7 @@ pub use run_figures::{
     OfLimit, OverTolerance, Recovery, RunFigures, SIM_FPS_MAX, StepTimes,
 };
 pub use table::SummaryTable;
-pub(crate) use table::{later, ratios};
+pub use table::{later, ratios};
 pub use unfinished::UnfinishedReplay;
 
 /// Figures of one experiment.

@@ -7,7 +7,7 @@ mod control;
 mod error;
 mod free;
 mod integrated;
-pub(crate) mod player;
+pub mod player;
 mod process;
 mod remote;
 mod server_timeout;

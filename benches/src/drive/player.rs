@@ -13,14 +13,13 @@ use super::error::DriveError;
 use crate::record::Mode;
 
 use interface::PlayerFactory;
-#[cfg(test)]
-pub(crate) use interface::Stages;
-pub(crate) use interface::{FrameCost, Player, PlayerSetup, PlayerTotals};
-pub(crate) use remote_player::remote_player_at;
+pub use interface::{FrameCost, Player, PlayerSetup, PlayerTotals, Stages, Traffic};
+pub use remote_player::remote_player_at;
 
 /// A playable mode and its factory.
-pub(crate) struct Playable {
-    pub(crate) mode: Mode,
+pub struct Playable {
+    /// The mode.
+    pub mode: Mode,
     player_factory: &'static (dyn PlayerFactory + Sync),
 }
 
@@ -57,12 +56,12 @@ const PLAYABLE: &[Playable] = &[
 ];
 
 /// The playable modes, in the order of reports.
-pub(crate) fn playable() -> impl Iterator<Item = Mode> {
+pub fn playable() -> impl Iterator<Item = Mode> {
     PLAYABLE.iter().map(|playable| playable.mode)
 }
 
 /// Starts a mode; `None` if it is not playable.
-pub(crate) fn start(
+pub fn start(
     mode: Mode,
     player_setup: &PlayerSetup,
 ) -> Option<Result<Box<dyn Player>, DriveError>> {

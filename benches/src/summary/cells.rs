@@ -1,7 +1,7 @@
 //! Numbers and rows of cells as text, for a terminal or for Markdown.
 
 /// Titles and rows as a Markdown table.
-pub(crate) fn markdown(rows: &[Vec<String>]) -> String {
+pub fn markdown(rows: &[Vec<String>]) -> String {
     let line = |row: &Vec<String>| format!("| {} |\n", row.join(" | "));
     let Some((titles, rows)) = rows.split_first() else {
         return String::new();
@@ -12,7 +12,7 @@ pub(crate) fn markdown(rows: &[Vec<String>]) -> String {
 }
 
 /// Rows with aligned columns: the first to the left, the others to the right.
-pub(crate) fn aligned(rows: &[Vec<String>]) -> String {
+pub fn aligned(rows: &[Vec<String>]) -> String {
     let width = |column: usize| {
         let lengths = rows.iter().map(|row| row[column].chars().count());
         lengths.max().unwrap_or(0)
@@ -39,7 +39,7 @@ pub(super) fn dash() -> String {
 }
 
 /// A number with three significant digits, never in powers of ten.
-pub(crate) fn number(value: Option<f64>) -> String {
+pub fn number(value: Option<f64>) -> String {
     match value {
         Some(value) if !value.is_finite() => dash(),
         Some(0.0) => "0".to_owned(),

@@ -49,7 +49,7 @@ impl<'a> SummaryTable<'a> {
 }
 
 /// Reduction of each run against naive: titles, then a row per run.
-pub(crate) fn ratios(runs: &[RunFigures]) -> Vec<Vec<String>> {
+pub fn ratios(runs: &[RunFigures]) -> Vec<Vec<String>> {
     let titles = [
         "mode",
         "bodies",
@@ -76,7 +76,7 @@ pub(crate) fn ratios(runs: &[RunFigures]) -> Vec<Vec<String>> {
 }
 
 /// Rates down after the first seconds, as a scene comes to rest: titles, then a row per run.
-pub(crate) fn later(runs: &[RunFigures]) -> Vec<Vec<String>> {
+pub fn later(runs: &[RunFigures]) -> Vec<Vec<String>> {
     let titles = ["mode", "bodies", "payload, B/s", "with headers, B/s"];
     let mut rows = vec![titles.map(str::to_owned).to_vec()];
     for run in runs {

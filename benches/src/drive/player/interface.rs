@@ -11,7 +11,7 @@ use crate::record::{Frame, Mode};
 use crate::summary::DATAGRAM_HEADER_BYTES;
 
 /// One mode of a scene, run frame by frame.
-pub(crate) trait Player {
+pub trait Player {
     /// Sends the commands before the first step and waits until they are applied.
     fn prepare(&mut self, commands: &[Command]) -> Result<(), DriveError>;
 
@@ -24,46 +24,58 @@ pub(crate) trait Player {
 
 /// Cost of a frame for the caller's thread.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct FrameCost {
+pub struct FrameCost {
     /// Wall-clock time, nanoseconds.
-    pub(crate) wall_ns: u64,
+    pub wall_ns: u64,
     /// Processor time of the thread within it, where the system reports it; the rest is waiting.
-    pub(crate) work_ns: Option<u64>,
+    pub work_ns: Option<u64>,
 }
 
 /// State of a scene and its traffic since the start, without joining.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct PlayerTotals {
-    pub(crate) tick: Tick,
+pub struct PlayerTotals {
+    /// Tick of the scene.
+    pub tick: Tick,
     /// Digest of all observations of the scene.
-    pub(crate) truth: u64,
-    pub(crate) awake: u32,
-    pub(crate) stages: Stages,
-    pub(crate) traffic: Traffic,
+    pub truth: u64,
+    /// Bodies that are awake.
+    pub awake: u32,
+    /// Time of the stepping process, by stage.
+    pub stages: Stages,
+    /// Traffic since joining.
+    pub traffic: Traffic,
     /// Client of the paper's protocol: frames whose end message was lost.
-    pub(crate) ends_lost: u64,
+    pub ends_lost: u64,
 }
 
 /// Time per stage of the stepping process, nanoseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Stages {
-    pub(crate) step_ns: u64,
-    pub(crate) observe_ns: u64,
-    pub(crate) publish_ns: u64,
+pub struct Stages {
+    /// The engine's steps.
+    pub step_ns: u64,
+    /// Reading the engine's states.
+    pub observe_ns: u64,
+    /// Choosing, encoding and handing over.
+    pub publish_ns: u64,
 }
 
 /// Traffic on the wire; bytes include each datagram's headers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Traffic {
-    pub(crate) bytes_down: u64,
-    pub(crate) bytes_up: u64,
-    pub(crate) datagrams_down: u64,
-    pub(crate) datagrams_up: u64,
-    pub(crate) updates: u64,
+pub struct Traffic {
+    /// Bytes from server to client.
+    pub bytes_down: u64,
+    /// Bytes from client to server.
+    pub bytes_up: u64,
+    /// UDP datagrams from server to client.
+    pub datagrams_down: u64,
+    /// UDP datagrams from client to server.
+    pub datagrams_up: u64,
+    /// Updates that the client applied.
+    pub updates: u64,
 }
 
 impl Stages {
-    pub(super) fn of(times: &StageTimes) -> Self {
+    pub(crate) fn of(times: &StageTimes) -> Self {
         Self {
             step_ns: times.step_total,
             observe_ns: times.observe_total,
@@ -85,17 +97,19 @@ impl Traffic {
 
 /// Settings common to all players of one scene.
 #[derive(Clone, Debug)]
-pub(crate) struct PlayerSetup {
-    pub(crate) config: SceneConfig,
+pub struct PlayerSetup {
+    /// Config of the scene.
+    pub config: SceneConfig,
     /// Number of bodies placed in total, late ones included.
-    pub(crate) bodies: u32,
+    pub bodies: u32,
     /// Tolerance of the predicted streams.
-    pub(crate) tolerance: Tolerance,
+    pub tolerance: Tolerance,
     /// Defects of the clients of the paper's protocol.
-    pub(crate) defects: Defects,
+    pub defects: Defects,
     /// Cores and threads of the servers.
-    pub(crate) cpu: ServerCpu,
-    pub(crate) seed: u64,
+    pub cpu: ServerCpu,
+    /// Seed of the script.
+    pub seed: u64,
 }
 
 /// Starts players of one or more modes.

@@ -38,7 +38,7 @@ impl PlayerFactory for OverRhumb {
 }
 
 /// Player of the predicted stream at any pipeline depth.
-pub(crate) fn remote_player_at(
+pub fn remote_player_at(
     player_setup: &PlayerSetup,
     depth: PipelineDepth,
 ) -> Result<Box<dyn Player>, DriveError> {
