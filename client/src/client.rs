@@ -16,16 +16,14 @@ use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_protocol::{Ending, Instant};
 use rhumb_reckoning::{BodyId, BodyState, Seconds, Tick, Ticks, Tolerance};
 use rhumb_transport::Trust;
+use rhumb_view::{PipelineDepth, RenderParams, RenderTime, SceneClock, View};
 
 use crate::body_naming::BodyNaming;
-use crate::clock::{RenderTime, SceneClock};
 use crate::error::{ClientError, OpenError};
 use crate::join_options::JoinOptions;
-use crate::pipeline_depth::PipelineDepth;
 use crate::pump::{Pump, TapChannel, span};
 use crate::server_connection::ServerConnection;
 use crate::statistics::Statistics;
-use crate::view::{RenderParams, View};
 
 /// How long a client waits for an answer unless its caller says otherwise.
 const PATIENCE: Duration = Duration::from_secs(5);

@@ -9,7 +9,8 @@ use glam::{DQuat, DVec3, Quat, Vec3};
 use rhumb_protocol::stream::Subscriber;
 use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Ticks, Twist};
 
-use crate::clock::RenderTime;
+use crate::render_params::RenderParams;
+use crate::render_time::RenderTime;
 
 /// What a simulator reads each frame.
 #[derive(Debug, Default)]
@@ -34,17 +35,6 @@ pub struct View {
 
 /// Moving bodies that are asked for together.
 const LANES: usize = 64;
-
-/// How a view is computed.
-#[derive(Clone, Copy, Debug)]
-pub struct RenderParams {
-    /// The moment to show.
-    pub at: RenderTime,
-    /// The caller's own time, for glides.
-    pub now: Seconds,
-    /// Whether to glide.
-    pub smooth: bool,
-}
 
 impl View {
     /// The bodies, in no order that means anything.
@@ -121,7 +111,7 @@ impl View {
         self.time
     }
 
-    /// Computes the view of another moment. A [`Client`](crate::Client) does it in each frame.
+    /// Computes the view of another moment. The client does it in each frame.
     pub fn refresh(&mut self, stream: &mut Subscriber, render_params: &RenderParams) {
         self.changed.clear();
         self.removed.clear();

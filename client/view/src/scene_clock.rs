@@ -1,4 +1,4 @@
-//! Where the server's scene stands now, and which moment of it to show.
+//! The scene's clock: the server's tick now, and the moment to show.
 //!
 //! The only place of the client where host time meets ticks. Shown time never goes back and never runs more than a
 //! twentieth faster or slower than real time, unless it is so far off that it must jump.
@@ -6,39 +6,7 @@
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Rate, Tick};
 
-/// A moment of the scene between two ticks.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RenderTime {
-    /// The tick at or before it.
-    pub tick: Tick,
-    /// How far it lies towards the next, in [0, 1).
-    pub fraction: f64,
-}
-
-impl RenderTime {
-    /// A tick itself.
-    #[must_use]
-    pub const fn at(tick: Tick) -> Self {
-        Self {
-            tick,
-            fraction: 0.0,
-        }
-    }
-
-    fn from_ticks(ticks: f64) -> Self {
-        let whole = ticks.max(0.0).floor();
-        Self {
-            tick: Tick::new(whole as u64),
-            fraction: ticks.max(0.0) - whole,
-        }
-    }
-
-    /// As a count of ticks.
-    #[must_use]
-    pub fn ticks(&self) -> f64 {
-        self.tick.value() as f64 + self.fraction
-    }
-}
+use crate::render_time::RenderTime;
 
 /// How much faster or slower than real time the shown time may run.
 const SLEW: f64 = 0.05;
@@ -49,7 +17,7 @@ const ROUND_TRIP_SLACK: f64 = 2.0;
 
 /// Follows a free-running scene's clock.
 #[derive(Clone, Debug)]
-pub(crate) struct SceneClock {
+pub struct SceneClock {
     ticks_per_ns: f64,
     /// The tick count at the client's zero moment, and the round trip of the sample that told it.
     origin: Option<(f64, Span)>,
@@ -57,7 +25,9 @@ pub(crate) struct SceneClock {
 }
 
 impl SceneClock {
-    pub(crate) fn new(rate: Rate) -> Self {
+    /// A clock that has seen nothing of the server; `rate` is the scene's.
+    #[must_use]
+    pub fn new(rate: Rate) -> Self {
         Self {
             ticks_per_ns: f64::from(rate.ticks()) / (f64::from(rate.seconds()) * 1e9),
             origin: None,
@@ -66,7 +36,7 @@ impl SceneClock {
     }
 
     /// At `at`, the newest tick had been reached `since_tick` before.
-    pub(crate) fn sample(&mut self, at: Instant, tick: Tick, since_tick: Span, round_trip: Span) {
+    pub fn sample(&mut self, at: Instant, tick: Tick, since_tick: Span, round_trip: Span) {
         let ticks = tick.value() as f64 + since_tick.as_nanos() as f64 * self.ticks_per_ns;
         let origin = ticks - at.as_nanos() as f64 * self.ticks_per_ns;
         self.origin = Some(match self.origin {
@@ -86,14 +56,14 @@ impl SceneClock {
     }
 
     /// The tick count of the server now, as far as known.
-    pub(crate) fn server(&self, now: Instant) -> Option<f64> {
+    pub fn server(&self, now: Instant) -> Option<f64> {
         let (origin, _) = self.origin?;
         Some(origin + now.as_nanos() as f64 * self.ticks_per_ns)
     }
 
     /// The moment to show now: `delay` ticks behind the server, never beyond `limit`, and `known` while the server's clock
     /// was not seen yet.
-    pub(crate) fn show(&mut self, now: Instant, delay: f64, known: f64, limit: f64) -> RenderTime {
+    pub fn show(&mut self, now: Instant, delay: f64, known: f64, limit: f64) -> RenderTime {
         let wanted = self.server(now).map_or(known, |server| server - delay);
         let wanted = wanted.min(limit);
         let shown = match self.shown {

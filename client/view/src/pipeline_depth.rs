@@ -16,7 +16,9 @@ impl PipelineDepth {
         Self(ticks)
     }
 
-    pub(crate) const fn ticks(self) -> u32 {
+    /// The number of published ticks.
+    #[must_use]
+    pub const fn ticks(self) -> u32 {
         self.0
     }
 }

@@ -6,7 +6,6 @@ use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_client::{RenderParams, RenderTime, View};
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
@@ -16,6 +15,7 @@ use rhumb_protocol::stream::{
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
 };
+use rhumb_view::{RenderParams, RenderTime, View};
 
 const STREAM: StreamId = StreamId(0);
 const BALL: BodyId = BodyId::new(3, 0);
