@@ -15,7 +15,7 @@ use rhumb_protocol::scene::Quantity;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{OPTIONAL, Wire};
-use rhumb_tests::vectors::{control, folder, streams};
+use rhumb_tests::vectors::{control, folder};
 use serde_json::Value;
 
 #[test]
