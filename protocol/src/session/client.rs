@@ -10,6 +10,7 @@ mod response_times;
 mod stream_selection;
 mod timeouts;
 mod upstream;
+mod upstream_state;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -35,7 +36,7 @@ use crate::packet::Datagram;
 use crate::scene::{Command, IdRange, SceneConfig, SceneName};
 use crate::stream::{RetryTimer, StreamReceiver};
 use crate::time::{Instant, Span};
-use upstream::UpstreamState;
+use upstream_state::UpstreamState;
 
 /// The state of the connection as the client knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
