@@ -5,8 +5,9 @@
 
 use alloc::vec::Vec;
 
-use crate::header::{HEADER_BYTES, Header};
+use crate::header::Header;
 use crate::kind::Kind;
+use crate::limits::HEADER_BYTES;
 use crate::malformed::MalformedMessage;
 use crate::message::Message;
 use crate::wire::FieldReader;

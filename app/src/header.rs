@@ -6,9 +6,6 @@ use crate::kind::Kind;
 use crate::malformed::MalformedMessage;
 use crate::wire::{Field, FieldReader};
 
-/// Bytes of a header.
-pub const HEADER_BYTES: usize = 24;
-
 /// The only version.
 const VERSION: u16 = 1;
 

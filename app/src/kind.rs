@@ -1,7 +1,6 @@
 //! The types of messages, and their least and greatest length.
 
-use crate::header::HEADER_BYTES;
-use crate::limits::{MESSAGE_BYTES_MAX, POINTS_MAX, POSTS_MAX, TEXT_BYTES_MAX};
+use crate::limits::{HEADER_BYTES, MESSAGE_BYTES_MAX, POINTS_MAX, POSTS_MAX, TEXT_BYTES_MAX};
 use crate::malformed::MalformedMessage;
 
 macro_rules! kinds {

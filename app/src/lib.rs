@@ -21,8 +21,9 @@ mod wire;
 
 pub use fields::{Id, Surface};
 pub use frames::{FramedMessage, MessageFraming};
-pub use header::{HEADER_BYTES, Header};
+pub use header::Header;
 pub use kind::Kind;
+pub use limits::HEADER_BYTES;
 pub use malformed::MalformedMessage;
 pub use message::{
     ActorsCollided, AddJoint, ApplyForce, ApplyTorque, AttachShape, Byte, CreateDynamicActor,

@@ -1,5 +1,7 @@
 //! All limits of this protocol, with their reasons.
 
+/// Bytes of a header.
+pub const HEADER_BYTES: usize = 24;
 /// Bytes of one message, header included: a triangle mesh at its limits.
 pub const MESSAGE_BYTES_MAX: usize = 40 + 12 * POINTS_MAX + 12 * TRIANGLES_MAX;
 /// Points of a mesh, as many as triangles: a closed mesh has half as many, a set of loose triangles three times.

@@ -8,9 +8,9 @@ use alloc::vec::Vec;
 use glam::{Quat, Vec3};
 
 use crate::fields::{Id, Surface};
-use crate::header::{HEADER_BYTES, Header};
+use crate::header::Header;
 use crate::kind::Kind;
-use crate::limits::TEXT_BYTES_MAX;
+use crate::limits::{HEADER_BYTES, TEXT_BYTES_MAX};
 use crate::malformed::MalformedMessage;
 use crate::shapes::{ConvexMesh, HeightGrid, TriangleMesh};
 use crate::wire::{Field, FieldReader, fields};

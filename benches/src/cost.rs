@@ -6,6 +6,7 @@
 
 pub mod decoding;
 mod floor;
+mod median;
 mod members;
 mod publishing;
 
@@ -19,7 +20,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::machine;
 use crate::output;
-use crate::quantile;
 use crate::replay::{Failure, ended};
 use crate::summary::{aligned, markdown, number};
 
@@ -98,12 +98,6 @@ fn cost_all(arguments: &CostArguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Median of several durations; zero if there are none.
-fn median(values: impl Iterator<Item = Duration>) -> Duration {
-    let mut all: Vec<u64> = values.map(|value| value.as_nanos() as u64).collect();
-    Duration::from_nanos(quantile::of_nanoseconds(&mut all, 50).unwrap_or(0))
-}
-
 impl Costs {
     fn measure(arguments: &CostArguments) -> Result<Self, String> {
         let (bodies, repeats) = (arguments.bodies, arguments.repeats.get());
@@ -133,7 +127,7 @@ impl Costs {
     }
 
     /// Text of a block of the documents; `None` if the block does not exist.
-    pub(crate) fn block(&self, what: &str) -> Option<String> {
+    pub fn block(&self, what: &str) -> Option<String> {
         let rows = match what {
             "command" => {
                 return Some(format!(

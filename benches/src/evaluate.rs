@@ -10,12 +10,12 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
+use rhumb_netsim::LinkConfig;
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{Budget, LOOKAHEAD_MAX};
 use rhumb_reckoning::{Metres, Ticks, Tolerance};
 use rhumb_server::{RunError, run_on_cores, usable_cores};
 use rhumb_sims::Script;
-use rhumb_transport::LinkConfig;
 
 use crate::drive::{Cores, Defect, Defects, DriveError, Plan, run_free, run_side_by_side};
 use crate::limit::set_beside_limits;

@@ -12,14 +12,14 @@ use std::process::ExitCode;
 use std::str::FromStr;
 
 use clap::Args;
+use rhumb_netsim::LinkConfig;
 use rhumb_protocol::packet::{SymbolCounts, Tables};
 use rhumb_protocol::stream::LOOKAHEAD_MAX;
 use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
-use rhumb_transport::LinkConfig;
 
 use crate::output;
 use crate::record::PacketDirection;
-use crate::recording::Recording;
+use crate::recording;
 use crate::replay::{EnabledFeatures, Failure, ReplayConfig, ended, run, tally};
 
 /// Arguments: recordings to fit to, and the file of the tables.
@@ -100,7 +100,7 @@ pub fn fit(arguments: &FitArguments) -> ExitCode {
 fn fit_all(arguments: &FitArguments) -> Result<(), Failure> {
     let mut fit = Fit::new();
     for load in &arguments.loads {
-        let recording = Recording::read(&load.path)?;
+        let recording = recording::read(&load.path)?;
         let bar = output::progress_bar(u64::from(recording.ticks()), recording.name.clone());
         let run = run(&recording, &load.config, &mut |_| bar.inc(1))
             .map_err(|error| Failure::Replay(1, error))?;

@@ -9,9 +9,8 @@ pub mod drive;
 pub mod evaluate;
 pub mod fit;
 pub mod limit;
-mod machine;
-mod output;
-pub mod paper;
+pub mod machine;
+pub mod output;
 pub mod record;
 pub mod recording;
 pub mod replay;
@@ -20,4 +19,4 @@ pub mod scene_file;
 pub mod summary;
 pub mod trace;
 
-mod quantile;
+pub mod quantile;

@@ -118,7 +118,12 @@ fn limit_all(arguments: &LimitArguments) -> Result<(), Failure> {
         .map_err(Failure::Terms)?;
     let recording = arguments.source.read()?;
     let limit = Limit::of(&recording, tolerance, arguments.publish_interval);
-    output::write_limit(&arguments.out, &limit)?;
+    output::write_file(
+        &arguments.out.join("limit.json"),
+        limit.to_json().as_bytes(),
+    )?;
+    output::print_text(&limit.to_string())?;
+    output::print_text(&format!("\nwritten to {}\n", arguments.out.display()))?;
     Ok(())
 }
 

@@ -8,7 +8,7 @@ use git_version::git_version;
 
 /// Processor, cores available to this process, accelerators with a driver, and operating system.
 #[must_use]
-pub(crate) fn describe() -> String {
+pub fn describe() -> String {
     let processor = processor().unwrap_or_else(|| std::env::consts::ARCH.to_owned());
     let cores = format!("{} cores", cores());
     let accelerators = accelerators(Path::new(ACCELERATORS));
@@ -19,13 +19,13 @@ pub(crate) fn describe() -> String {
 
 /// Cores that this process may use.
 #[must_use]
-pub(crate) fn cores() -> usize {
+pub fn cores() -> usize {
     available_parallelism().map_or(1, usize::from)
 }
 
 /// Build profile, version and, where known, the commit.
 #[must_use]
-pub(crate) fn build() -> String {
+pub fn build() -> String {
     let kind = if cfg!(debug_assertions) {
         "debug"
     } else {

@@ -8,7 +8,6 @@ use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
 use rhumb_bench::fit::{FitArguments, fit};
 use rhumb_bench::limit::{LimitArguments, limit};
-use rhumb_bench::paper::{Paper, paper};
 use rhumb_bench::replay::ablate::{Ablate, ablate};
 use rhumb_bench::replay::{Replay, replay};
 use rhumb_bench::scene_file::{SceneArguments, scene};
@@ -35,8 +34,6 @@ enum Task {
     Cost(CostArguments),
     /// Fit the tables of the packet coder to recorded traces.
     Fit(FitArguments),
-    /// Run the paper's experiment (SimFPS and PhysFT by load, with its tests) or one of the tasks beside it.
-    Paper(Box<Paper>),
     /// Write the bodies a scene places as JSON, for engines that are not linked here.
     Scene(SceneArguments),
     /// Run a server; the other tasks start theirs this way.
@@ -52,7 +49,6 @@ fn main() -> ExitCode {
         Task::Limit(arguments) => limit(&arguments),
         Task::Cost(arguments) => cost(&arguments),
         Task::Fit(arguments) => fit(&arguments),
-        Task::Paper(arguments) => paper(&arguments),
         Task::Scene(arguments) => scene(&arguments),
         Task::Serve(arguments) => serve(arguments),
     }

@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::limit::Limit;
 use crate::record::Experiment;
 use crate::report;
 use crate::summary::Summary;
@@ -16,9 +15,14 @@ use crate::trace::{self, TraceError, TraceOptions};
 
 /// Why an output could not be written.
 #[derive(Debug)]
-pub(crate) enum OutputError {
+pub enum OutputError {
     /// A file or folder cannot be written.
-    Write { path: PathBuf, cause: io::Error },
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's error.
+        cause: io::Error,
+    },
     /// The trace cannot be written.
     Trace(TraceError),
 }
@@ -33,25 +37,28 @@ impl fmt::Display for OutputError {
 }
 
 /// Creates the folder and its parents if missing.
-pub(crate) fn make_folder(out: &Path) -> Result<(), OutputError> {
+pub fn make_folder(out: &Path) -> Result<(), OutputError> {
     std::fs::create_dir_all(out).map_err(|cause| OutputError::Write {
         path: out.to_owned(),
         cause,
     })
 }
 
-/// The command line of this process, with the program name fixed to `rhumb-bench`.
-pub(crate) fn command_line() -> String {
-    std::env::args()
-        .skip(1)
-        .fold("rhumb-bench".to_owned(), |line, word| line + " " + &word)
+/// The command line of this process, the program without its folder.
+pub fn command_line() -> String {
+    let mut words = std::env::args();
+    let program = words.next().unwrap_or_default();
+    let name = Path::new(&program).file_stem().unwrap_or_default();
+    words.fold(name.to_string_lossy().into_owned(), |line, word| {
+        line + " " + &word
+    })
 }
 
 /// Prints the table and writes all outputs. `drawn` is the largest body count drawn in the trace; `None` writes no
 /// trace.
 ///
 /// Outputs already written are kept when a later one fails.
-pub(crate) fn write_all(
+pub fn write_all(
     out: &Path,
     experiment: &Experiment,
     drawn: Option<u32>,
@@ -70,7 +77,7 @@ pub(crate) fn write_all(
 }
 
 /// Writes the summary and the report of the measurements so far.
-pub(crate) fn write_figures(out: &Path, experiment: &Experiment) -> Result<Summary, OutputError> {
+pub fn write_figures(out: &Path, experiment: &Experiment) -> Result<Summary, OutputError> {
     let summary = Summary::of(experiment);
     write_file(&out.join("summary.json"), summary.to_json().as_bytes())?;
     let page = report::html(experiment, &summary);
@@ -78,15 +85,8 @@ pub(crate) fn write_figures(out: &Path, experiment: &Experiment) -> Result<Summa
     Ok(summary)
 }
 
-/// Prints a limit and writes `limit.json`.
-pub(crate) fn write_limit(out: &Path, limit: &Limit) -> Result<(), OutputError> {
-    write_file(&out.join("limit.json"), limit.to_json().as_bytes())?;
-    print_text(&limit.to_string())?;
-    print_text(&format!("\nwritten to {}\n", out.display()))
-}
-
 /// A progress bar on standard error; hidden when standard error is no terminal.
-pub(crate) fn progress_bar(length: u64, what: String) -> ProgressBar {
+pub fn progress_bar(length: u64, what: String) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr());
     let style = ProgressStyle::with_template("{msg:28} {bar:32} {pos}/{len} {elapsed} left {eta}");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
@@ -94,13 +94,13 @@ pub(crate) fn progress_bar(length: u64, what: String) -> ProgressBar {
 }
 
 /// Style of a progress bar that shows a percentage instead of a step count.
-pub(crate) fn share_style() -> ProgressStyle {
+pub fn share_style() -> ProgressStyle {
     let style = ProgressStyle::with_template("{msg:34} {bar:32} {percent} % {elapsed} left {eta}");
     style.unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
 /// Path of a task's trace.
-pub(crate) fn trace_of(out: &Path) -> PathBuf {
+pub fn trace_of(out: &Path) -> PathBuf {
     out.join("trace.mcap")
 }
 
@@ -124,7 +124,7 @@ fn write_trace(
 }
 
 /// Writes a value as indented JSON.
-pub(crate) fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), OutputError> {
+pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), OutputError> {
     let mut text = serde_json::to_string_pretty(value).map_err(|cause| OutputError::Write {
         path: path.to_owned(),
         cause: cause.into(),
@@ -134,7 +134,7 @@ pub(crate) fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(
 }
 
 /// Writes to a temporary path, then renames: a reader never finds a half-written file under the final name.
-pub(crate) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
+pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     let partial = path.with_extension("partial");
     let written = std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path));
     written.map_err(|cause| {
@@ -147,7 +147,8 @@ pub(crate) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     })
 }
 
-pub(crate) fn print_text(text: &str) -> Result<(), OutputError> {
+/// Writes text to standard output, at once.
+pub fn print_text(text: &str) -> Result<(), OutputError> {
     let mut out = io::stdout().lock();
     let printed = out.write_all(text.as_bytes()).and_then(|()| out.flush());
     printed.map_err(|cause| OutputError::Write {

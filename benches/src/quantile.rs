@@ -3,38 +3,38 @@
 //! Never interpolated: every quantile is a measured value, so all readers compute the same one.
 
 /// Index of a percentile among `count` sorted values, counted from 0: the least whose share reaches it.
-pub(crate) fn rank(percent: u32, count: usize) -> Option<usize> {
+pub fn rank(percent: u32, count: usize) -> Option<usize> {
     let place = (count as u64 * u64::from(percent)).div_ceil(100).max(1);
     (count > 0).then(|| place as usize - 1)
 }
 
 /// A percentile of unsorted values; reorders them.
-pub(crate) fn of_nanoseconds(values: &mut [u64], percent: u32) -> Option<u64> {
+pub fn of_nanoseconds(values: &mut [u64], percent: u32) -> Option<u64> {
     let place = rank(percent, values.len())?;
     Some(*values.select_nth_unstable(place).1)
 }
 
 /// Values of at least zero; zeros are only counted, not stored.
 #[derive(Debug, Default)]
-pub(crate) struct WithZeros {
+pub struct WithZeros {
     values: Vec<f32>,
     zeros: u64,
 }
 
 impl WithZeros {
     /// Adds values and a count of zeros.
-    pub(crate) fn extend(&mut self, values: &[f32], zeros: u32) {
+    pub fn extend(&mut self, values: &[f32], zeros: u32) {
         self.values.extend_from_slice(values);
         self.zeros += u64::from(zeros);
     }
 
     /// Number of values, zeros included.
-    pub(crate) fn count(&self) -> u64 {
+    pub fn count(&self) -> u64 {
         self.values.len() as u64 + self.zeros
     }
 
     /// A percentile, or `None` without values.
-    pub(crate) fn percentile(&mut self, percent: u32) -> Option<f64> {
+    pub fn percentile(&mut self, percent: u32) -> Option<f64> {
         let place = rank(percent, self.count() as usize)? as u64;
         let Some(place) = place.checked_sub(self.zeros) else {
             return Some(0.0);

@@ -17,12 +17,12 @@ use crate::record::{Experiment, Load};
 use crate::summary::{RunFigures, Summary};
 
 use figures::Figure;
-pub(crate) use figures::color;
-pub(crate) use plot::{Axis, Chart, Mark, SIZE};
-pub(crate) use words::escape;
+pub use figures::color;
+pub use plot::{Axis, Chart, Mark, SIZE};
+pub use words::escape;
 
 /// Style sheet of the pages.
-pub(crate) const STYLE: &str = include_str!("report/style.css");
+pub const STYLE: &str = include_str!("report/style.css");
 
 /// The text of `report.html`.
 #[must_use]

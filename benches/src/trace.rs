@@ -24,6 +24,7 @@ mod load;
 mod messages;
 mod metadata;
 mod names;
+mod options;
 mod partial;
 mod primitives;
 mod read;
@@ -36,41 +37,13 @@ use std::path::Path;
 
 use mcap::McapError;
 
-use crate::record::{Experiment, Load};
+use crate::record::Experiment;
 
 pub use error::TraceError;
 pub use layout::layout;
 pub(crate) use names::{loads as load_names, runs as run_names};
+pub use options::TraceOptions;
 pub(crate) use read::read_states;
-
-/// How much of a trace is drawn for viewers; the data topics are always complete.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TraceOptions {
-    /// Scenes drawn per simulated second.
-    pub scene_hz: f64,
-    /// Seconds that a body lies still before it is drawn on the `resting` topic.
-    pub resting_after_s: f64,
-    /// Loads with more bodies are not drawn: a drawn body takes about 20 bytes each time.
-    pub scene_bodies_max: u32,
-}
-
-impl Default for TraceOptions {
-    fn default() -> Self {
-        Self {
-            scene_hz: 30.0,
-            resting_after_s: 0.5,
-            scene_bodies_max: 1_000,
-        }
-    }
-}
-
-impl TraceOptions {
-    fn draws(&self, load: &Load) -> bool {
-        load.runs
-            .first()
-            .is_some_and(|run| run.config.bodies <= self.scene_bodies_max)
-    }
-}
 
 /// Progress of the writing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -133,7 +133,7 @@ fn a_limit_is_within_its_tolerance_and_below_a_publisher() {
         }
         let config = ReplayConfig {
             tolerance: tolerance(metres),
-            link: rhumb_transport::LinkConfig::PERFECT,
+            link: rhumb_netsim::LinkConfig::PERFECT,
             publish_interval: NonZeroU32::MIN,
             seed: 1,
             lookahead: Ticks::ZERO,

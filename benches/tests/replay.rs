@@ -8,7 +8,7 @@ mod bounce;
 use std::num::NonZeroU32;
 
 use rhumb_bench::record::{Cause, Experiment, Load, Run};
-use rhumb_bench::recording::{Recording, RecordingError, rhtrace};
+use rhumb_bench::recording::{self, Recording, RecordingError, rhtrace};
 use rhumb_bench::replay::{EnabledFeatures, Feature, ReplayConfig, ReplayError, run};
 use rhumb_bench::summary::{RunFigures, Summary};
 use rhumb_bench::trace::{TraceOptions, write};
@@ -243,7 +243,7 @@ fn a_trace_of_an_unknown_scene_is_refused_with_its_name() {
     let options = TraceOptions::default();
     write(&path, &experiment(&recording, run), &options, &mut |_| {})
         .expect("the trace is written");
-    match Recording::read(&path) {
+    match recording::read(&path) {
         Err(RecordingError::File { path: named, cause }) => {
             assert_eq!(named, path);
             let RecordingError::UnknownScene { name } = *cause else {

@@ -15,20 +15,14 @@ use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_protocol::{Ending, Instant};
 use rhumb_reckoning::{BodyId, BodyState, Seconds, Tick, Ticks, Tolerance};
-use rhumb_transport::Trust;
+use rhumb_view::{PipelineDepth, RenderParams, RenderTime, SceneClock, View};
 
 use crate::body_naming::BodyNaming;
-use crate::clock::{RenderTime, SceneClock};
-use crate::error::{ClientError, OpenError};
+use crate::error::ClientError;
 use crate::join_options::JoinOptions;
-use crate::pipeline_depth::PipelineDepth;
 use crate::pump::{Pump, TapChannel, span};
-use crate::server_connection::ServerConnection;
 use crate::statistics::Statistics;
-use crate::view::{RenderParams, View};
 
-/// How long a client waits for an answer unless its caller says otherwise.
-const PATIENCE: Duration = Duration::from_secs(5);
 /// Beyond the tick that should have been published by now a free-running view predicts at most this far, then holds: half
 /// a second.
 const PREDICT_SECONDS: f64 = 0.5;
@@ -59,31 +53,6 @@ pub struct Client {
 }
 
 impl Client {
-    /// Connects to the server at `address`, `host:port`, and waits for it for five seconds at most. So long may every later
-    /// call wait for an answer.
-    ///
-    /// The system resolves the host's name first, for as long as it takes.
-    ///
-    /// # Errors
-    ///
-    /// [`OpenError`] names what failed: the address, the network, or the server's certificate.
-    pub fn connect(address: &str, trust: Trust) -> Result<ServerConnection, OpenError> {
-        Self::connect_within(address, trust, PATIENCE)
-    }
-
-    /// Connects as [`Self::connect`], with another patience than five seconds.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::connect`].
-    pub fn connect_within(
-        address: &str,
-        trust: Trust,
-        patience: Duration,
-    ) -> Result<ServerConnection, OpenError> {
-        ServerConnection::open(address, trust, patience)
-    }
-
     pub(crate) fn joined(
         pump: Pump,
         patience: Duration,

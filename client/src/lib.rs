@@ -50,23 +50,18 @@
 
 mod body_naming;
 mod client;
-mod clock;
 mod error;
 mod id_allocator;
 mod join_options;
-mod pipeline_depth;
 mod pump;
 mod server_connection;
 mod shape_numbers;
 mod statistics;
-mod view;
 
 pub use client::Client;
-pub use clock::RenderTime;
 pub use error::{ClientError, OpenError};
 pub use glam;
 pub use join_options::{JoinMode, JoinOptions};
-pub use pipeline_depth::PipelineDepth;
 pub use pump::TapChannel;
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{
@@ -86,6 +81,6 @@ pub use rhumb_transport::{
     CertificateError, ConnectError, Fingerprint, FingerprintError, TransportCode, Trust,
     WireStatistics,
 };
+pub use rhumb_view::{PipelineDepth, RenderParams, RenderTime, View};
 pub use server_connection::ServerConnection;
 pub use statistics::Statistics;
-pub use view::{RenderParams, View};

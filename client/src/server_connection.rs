@@ -15,6 +15,9 @@ use crate::error::{ClientError, OpenError};
 use crate::join_options::{JoinMode, JoinOptions};
 use crate::pump::{Pump, span};
 
+/// How long a client waits for an answer unless its caller says otherwise.
+const PATIENCE: Duration = Duration::from_secs(5);
+
 /// A connection to a server that has joined no scene yet.
 pub struct ServerConnection {
     connection: QuicClient,
@@ -93,6 +96,33 @@ impl ServerConnection {
         })?
         .map_err(denied)?;
         Ok(Client::joined(pump, patience, &options, granted))
+    }
+}
+
+impl Client {
+    /// Connects to the server at `address`, `host:port`, and waits for it for five seconds at most. So long may every later
+    /// call wait for an answer.
+    ///
+    /// The system resolves the host's name first, for as long as it takes.
+    ///
+    /// # Errors
+    ///
+    /// [`OpenError`] names what failed: the address, the network, or the server's certificate.
+    pub fn connect(address: &str, trust: Trust) -> Result<ServerConnection, OpenError> {
+        Self::connect_within(address, trust, PATIENCE)
+    }
+
+    /// Connects as [`Self::connect`], with another patience than five seconds.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::connect`].
+    pub fn connect_within(
+        address: &str,
+        trust: Trust,
+        patience: Duration,
+    ) -> Result<ServerConnection, OpenError> {
+        ServerConnection::open(address, trust, patience)
     }
 }
 

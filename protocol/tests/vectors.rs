@@ -6,6 +6,8 @@
 mod accepted;
 #[path = "../examples/packet_vectors/document.rs"]
 mod document;
+#[path = "../examples/packet_vectors/named_packet.rs"]
+mod named_packet;
 #[path = "../examples/packet_vectors/plain.rs"]
 mod plain;
 #[path = "../examples/packet_vectors/refused.rs"]

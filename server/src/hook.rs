@@ -12,7 +12,11 @@ use crate::scene::Scene;
 /// Reads a scene before each step and commands its bodies: forces, velocities, poses.
 ///
 /// A run stays a function of its commands as long as the hook is a function of the scene.
-pub struct Hook(Box<dyn Act>);
+pub struct Hook {
+    act: Box<dyn Act>,
+    /// The commands of one step, kept for their memory.
+    commands: Vec<Command>,
+}
 
 /// The function type of a hook.
 trait Act: FnMut(&Scene, &mut Vec<Command>) + Send {}
@@ -22,11 +26,43 @@ impl<F: FnMut(&Scene, &mut Vec<Command>) + Send> Act for F {}
 impl Hook {
     /// A hook that adds commands: `SetPose`, `SetVelocity`, `Force`, `Torque` and the impulses.
     pub fn new(act: impl FnMut(&Scene, &mut Vec<Command>) + Send + 'static) -> Self {
-        Self(Box::new(act))
+        Self {
+            act: Box::new(act),
+            commands: Vec::new(),
+        }
     }
 
-    pub(crate) fn act(&mut self, scene: &Scene, out: &mut Vec<Command>) {
-        (self.0)(scene, out);
+    /// Acts on a scene before its next step; returns why commands were not done.
+    ///
+    /// A scene whose engine failed is left alone.
+    pub fn act(&mut self, scene: &mut Scene) -> Vec<HookError> {
+        let mut refused = Vec::new();
+        if scene.is_sound() {
+            (self.act)(scene, &mut self.commands);
+            for command in self.commands.drain(..) {
+                refused.extend(apply(scene, &command).err());
+            }
+        }
+        refused
+    }
+}
+
+/// Applies a command that moves a body.
+fn apply(scene: &mut Scene, command: &Command) -> Result<(), HookError> {
+    match command {
+        Command::SetPose { .. }
+        | Command::SetVelocity { .. }
+        | Command::Force { .. }
+        | Command::Torque { .. }
+        | Command::Impulse { .. }
+        | Command::TorqueImpulse { .. } => scene.apply(command).map_err(HookError::Refused),
+        Command::AddShape { .. }
+        | Command::RemoveShape { .. }
+        | Command::AddBody { .. }
+        | Command::RemoveBody { .. }
+        | Command::SetGravity { .. }
+        | Command::AddJoint { .. }
+        | Command::RemoveJoint { .. } => Err(HookError::NotAMotion),
     }
 }
 

@@ -18,7 +18,6 @@ use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
 
 use crate::digest::Digest;
 use crate::engine::{Contact, Engine, EngineFault, NewBody, Push, RapierEngine, Workers};
-use crate::hook::{Hook, HookError};
 use crate::registry::Registry;
 
 /// Bodies under one gravity, stepped together.
@@ -32,9 +31,6 @@ pub struct Scene {
     lost: Vec<(BodyId, RemovalCause)>,
     /// Bodies that were displaced since the last step, as they were at its tick.
     displaced: BTreeMap<BodyId, Observation>,
-    hook: Option<Hook>,
-    /// The hook's commands before a step.
-    hook_commands: Vec<Command>,
     digest: Digest,
 }
 
@@ -45,8 +41,6 @@ pub struct Stepped {
     pub tick: Tick,
     /// Bodies that the step removed, in the order of ids.
     pub removed: Vec<(BodyId, RemovalCause)>,
-    /// Errors of the hook's refused commands.
-    pub refused: Vec<HookError>,
 }
 
 impl Scene {
@@ -85,8 +79,6 @@ impl Scene {
             observations: Vec::new(),
             lost: Vec::new(),
             displaced: BTreeMap::new(),
-            hook: None,
-            hook_commands: Vec::new(),
             digest: Digest::START,
         })
     }
@@ -158,7 +150,6 @@ impl Scene {
     /// [`SceneFault`] when the engine failed, now or before; the tick stays.
     pub fn step(&mut self) -> Result<Stepped, SceneFault> {
         self.observations.clear();
-        let refused = self.run_hook();
         self.engine.step(&mut self.lost)?;
         self.tick = self.tick.next();
         self.displaced.clear();
@@ -174,49 +165,7 @@ impl Scene {
         Ok(Stepped {
             tick: self.tick,
             removed: mem::take(&mut self.lost),
-            refused,
         })
-    }
-
-    /// Sets the scene's hook, which acts before each step from now on.
-    pub fn attach(&mut self, hook: Hook) {
-        self.hook = Some(hook);
-    }
-
-    /// Applies the hook's commands, and returns the errors of refused ones.
-    fn run_hook(&mut self) -> Vec<HookError> {
-        let mut refused = Vec::new();
-        let Some(mut hook) = self.hook.take() else {
-            return refused;
-        };
-        if self.sound().is_ok() {
-            let mut hook_commands = mem::take(&mut self.hook_commands);
-            hook.act(self, &mut hook_commands);
-            for command in hook_commands.drain(..) {
-                refused.extend(self.steer(&command).err());
-            }
-            self.hook_commands = hook_commands;
-        }
-        self.hook = Some(hook);
-        refused
-    }
-
-    fn steer(&mut self, command: &Command) -> Result<(), HookError> {
-        match command {
-            Command::SetPose { .. }
-            | Command::SetVelocity { .. }
-            | Command::Force { .. }
-            | Command::Torque { .. }
-            | Command::Impulse { .. }
-            | Command::TorqueImpulse { .. } => self.apply(command).map_err(HookError::Refused),
-            Command::AddShape { .. }
-            | Command::RemoveShape { .. }
-            | Command::AddBody { .. }
-            | Command::RemoveBody { .. }
-            | Command::SetGravity { .. }
-            | Command::AddJoint { .. }
-            | Command::RemoveJoint { .. } => Err(HookError::NotAMotion),
-        }
     }
 
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), CommandError> {
@@ -282,10 +231,17 @@ impl Scene {
         self.body(id).ok_or(CommandError::UnknownBody(id))
     }
 
+    /// Whether the engine has not failed.
+    #[must_use]
+    pub fn is_sound(&self) -> bool {
+        self.engine.fault().is_none()
+    }
+
     fn sound(&self) -> Result<(), CommandError> {
-        match self.engine.fault() {
-            None => Ok(()),
-            Some(_) => Err(CommandError::SceneFaulted),
+        if self.is_sound() {
+            Ok(())
+        } else {
+            Err(CommandError::SceneFaulted)
         }
     }
 

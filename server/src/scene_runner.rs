@@ -27,6 +27,7 @@ use rhumb_reckoning::Tick;
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
 use crate::grants::Grants;
+use crate::hook::Hook;
 use crate::member::{Member, SnapshotRequest};
 use crate::outbox::Outbox;
 use crate::scene::Scene;
@@ -41,6 +42,7 @@ pub(crate) type Stopwatch<'a> = &'a dyn Fn() -> Instant;
 /// One scene with its members.
 pub(crate) struct SceneRunner {
     scene: Scene,
+    hook: Option<Hook>,
     members: BTreeMap<Peer, Member>,
     streams: Streams,
     names: StreamNames,
@@ -70,6 +72,7 @@ impl SceneRunner {
         let streams = Streams::new(scene.config().publish_schedule);
         Self {
             scene,
+            hook: None,
             members: BTreeMap::new(),
             streams,
             names,
@@ -85,6 +88,11 @@ impl SceneRunner {
             faulted: false,
             led: false,
         }
+    }
+
+    /// Has a hook act before each step from now on.
+    pub(crate) fn attach(&mut self, hook: Hook) {
+        self.hook = Some(hook);
     }
 
     pub(crate) fn config(&self) -> &SceneConfig {
@@ -427,12 +435,14 @@ impl SceneRunner {
     fn tick(&mut self, clock: Stopwatch<'_>, out: &mut Outbox) {
         let begun = clock();
         self.authority_table.set_targets(&mut self.scene);
+        let hook = self.hook.as_mut();
+        let refused = hook.map(|hook| hook.act(&mut self.scene));
         let stepped = match self.scene.step() {
             Ok(stepped) => stepped,
             Err(_) => return self.fault(out),
         };
         let after_step = clock();
-        for error in stepped.refused {
+        for error in refused.into_iter().flatten() {
             tracing::warn!(%error, "the scene continues without the command");
         }
         for (id, cause) in stepped.removed {

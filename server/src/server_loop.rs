@@ -186,18 +186,18 @@ impl ServerLoop {
         if self.runners.len() >= SCENES_MAX {
             return Err(Denial::TooManyScenes);
         }
-        let mut scene = Scene::on(config, &self.workers).map_err(Denial::InvalidConfig)?;
+        let scene = Scene::on(config, &self.workers).map_err(Denial::InvalidConfig)?;
+        let names = StreamNames::of_scene(self.scenes_begun);
+        let mut runner = SceneRunner::new(scene, names);
         if let Some(hook) = self
             .hooks
             .as_mut()
             .and_then(|hooks| hooks.of(name, &config))
         {
-            scene.attach(hook);
+            runner.attach(hook);
         }
-        let names = StreamNames::of_scene(self.scenes_begun);
         self.scenes_begun = self.scenes_begun.wrapping_add(1);
-        self.runners
-            .insert(name.clone(), SceneRunner::new(scene, names));
+        self.runners.insert(name.clone(), runner);
         tracing::info!(scene = %name, "scene created");
         Ok(())
     }

@@ -9,12 +9,12 @@ use rhumb_sims::{NAMES, Script, by_name};
 /// Runs a script and hands each tick's observations to `check`.
 fn run(script: &mut dyn Script, ticks: u32, mut check: impl FnMut(&Scene)) -> Scene {
     let mut scene = Scene::new(script.config()).expect("the test makes it valid");
-    if let Some(mut controller) = script.controller() {
-        scene.attach(Hook::new(move |scene: &Scene, out| {
+    let mut hook = script.controller().map(|mut controller| {
+        Hook::new(move |scene: &Scene, out| {
             let motion = |id| scene.observation(id).map(|observation| observation.motion);
             controller.before_step(scene.tick(), &motion, out);
-        }));
-    }
+        })
+    });
     let mut commands = Vec::new();
     for _ in 0..ticks {
         commands.clear();
@@ -22,6 +22,9 @@ fn run(script: &mut dyn Script, ticks: u32, mut check: impl FnMut(&Scene)) -> Sc
         for command in &commands {
             let answer = scene.apply(command);
             assert_eq!(answer, Ok(()), "{command:?} at {}", scene.tick());
+        }
+        if let Some(hook) = &mut hook {
+            hook.act(&mut scene);
         }
         assert_eq!(
             scene

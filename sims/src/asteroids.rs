@@ -14,9 +14,10 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 
 use crate::controller::{Controller, flight};
+use crate::defaults::{DEFAULT_CONFIG, INTEGRATOR, motion, still, surface};
 use crate::rng::SceneRng;
 use crate::rock::Rock;
-use crate::script::{DEFAULT_CONFIG, INTEGRATOR, Script, motion, still, surface};
+use crate::script::Script;
 
 /// Whether gyroscopic forces act on the rocks; many engines omit them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

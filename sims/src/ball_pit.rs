@@ -16,8 +16,9 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, Sha
 use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
 use crate::cluster::Cluster;
+use crate::defaults::{DEFAULT_CONFIG, INTEGRATOR, motion, still, surface};
 use crate::rng::SceneRng;
-use crate::script::{DEFAULT_CONFIG, INTEGRATOR, Script, motion, still, surface};
+use crate::script::Script;
 
 /// The paper's evaluation scene.
 #[derive(Clone, Debug)]

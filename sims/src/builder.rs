@@ -4,7 +4,7 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Shape, ShapeId};
 use rhumb_reckoning::{BodyId, BodyState};
 
-use crate::script::still;
+use crate::defaults::still;
 
 /// The next free ids.
 #[derive(Clone, Copy, Debug, Default)]

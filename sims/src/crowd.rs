@@ -12,8 +12,9 @@ use rhumb_reckoning::Tick;
 use crate::ball_pit::BallPit;
 use crate::builder::SceneBuilder;
 use crate::cluster::Cluster;
+use crate::defaults::{motion, still};
 use crate::rng::SceneRng;
-use crate::script::{Script, motion, still};
+use crate::script::Script;
 
 /// Balls in motion, and boxes asleep.
 #[derive(Clone, Debug)]

@@ -16,8 +16,9 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
 use crate::builder::SceneBuilder;
 use crate::controller::{Controller, flight};
+use crate::defaults::{DEFAULT_CONFIG, still, surface};
 use crate::rng::SceneRng;
-use crate::script::{DEFAULT_CONFIG, Script, still, surface};
+use crate::script::Script;
 
 /// Cubes and a player.
 #[derive(Clone, Debug)]
@@ -242,7 +243,7 @@ mod tests {
     use glam::Quat;
 
     use super::*;
-    use crate::script::motion;
+    use crate::defaults::motion;
 
     #[test]
     fn a_push_accelerates_outward_and_gathering_carries_along() {

@@ -10,8 +10,9 @@ use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use crate::builder::{SceneBuilder, about_y};
+use crate::defaults::{DEFAULT_CONFIG, motion, surface};
 use crate::rng::SceneRng;
-use crate::script::{DEFAULT_CONFIG, Script, motion, surface};
+use crate::script::Script;
 
 /// A ring of stones.
 #[derive(Clone, Debug)]

@@ -7,8 +7,9 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, Sha
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use crate::cluster::Cluster;
+use crate::defaults::{DEFAULT_CONFIG, motion, surface};
 use crate::rng::SceneRng;
-use crate::script::{DEFAULT_CONFIG, Script, motion, surface};
+use crate::script::Script;
 
 /// Bodies that start 20 m apart, at most 5 m/s fast upward and with spins up to 3 rad/s about each axis.
 ///

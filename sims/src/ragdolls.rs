@@ -14,8 +14,9 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use crate::builder::SceneBuilder;
+use crate::defaults::{DEFAULT_CONFIG, motion, still, surface};
 use crate::rng::SceneRng;
-use crate::script::{DEFAULT_CONFIG, Script, motion, still, surface};
+use crate::script::Script;
 
 /// Falling dolls.
 #[derive(Clone, Debug)]

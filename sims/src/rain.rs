@@ -11,8 +11,9 @@ use rhumb_reckoning::{BodyId, BodyState, Tick};
 
 use crate::builder::SceneBuilder;
 use crate::controller::{Controller, flight};
+use crate::defaults::{DEFAULT_CONFIG, motion, surface};
 use crate::rng::SceneRng;
-use crate::script::{DEFAULT_CONFIG, Script, motion, surface};
+use crate::script::Script;
 
 /// A scene of projectiles.
 #[derive(Clone, Debug)]

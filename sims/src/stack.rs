@@ -9,8 +9,9 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Material, SceneConfig, 
 use rhumb_reckoning::{Damping, Tick};
 
 use crate::builder::SceneBuilder;
+use crate::defaults::{DEFAULT_CONFIG, motion, still, surface};
 use crate::rng::SceneRng;
-use crate::script::{DEFAULT_CONFIG, Script, motion, still, surface};
+use crate::script::Script;
 
 /// Towers and walls.
 #[derive(Clone, Debug)]

@@ -12,8 +12,9 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
 use crate::builder::{SceneBuilder, about_z};
 use crate::controller::Controller;
+use crate::defaults::{DEFAULT_CONFIG, INTEGRATOR, motion, still, surface};
 use crate::rng::SceneRng;
-use crate::script::{DEFAULT_CONFIG, INTEGRATOR, Script, motion, still, surface};
+use crate::script::Script;
 
 /// A drum with bodies inside.
 #[derive(Clone, Debug)]

@@ -11,8 +11,9 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
 use crate::cluster::Cluster;
+use crate::defaults::{DEFAULT_CONFIG, GRAVITY, motion, still};
 use crate::rng::SceneRng;
-use crate::script::{DEFAULT_CONFIG, GRAVITY, Script, motion, still};
+use crate::script::Script;
 
 /// Every kind of body, and every command.
 #[derive(Clone, Debug)]

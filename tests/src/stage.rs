@@ -3,6 +3,7 @@
 //! The first member sends the commands of a script; the claims of all members are stored every few milliseconds. No
 //! checks are made here. Runs with the same seed are bit-identical.
 
+use rhumb_netsim::{LinkConfig, SimNetwork};
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{Command, SceneConfig, Stepping};
 use rhumb_protocol::session::{ClientSession, Replica};
@@ -10,7 +11,6 @@ use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tick;
 use rhumb_server::ServerLoop;
 use rhumb_sims::Script;
-use rhumb_transport::{LinkConfig, SimNetwork};
 
 use crate::truth::{MemberRecord, SceneTruth};
 use crate::witness::ObservationHistory;

@@ -5,6 +5,7 @@
 
 use std::collections::VecDeque;
 
+use rhumb_netsim::{Direction, Lane, LinkConfig};
 use rhumb_protocol::message::{AuthorityError, StreamChoice};
 use rhumb_protocol::scene::Stepping;
 use rhumb_protocol::{Peer, Span};
@@ -12,7 +13,6 @@ use rhumb_reckoning::{
     BodyId, BodyState, Divergence, Metres, Motion, Tick, Ticks, Tolerance, ToleranceScale,
 };
 use rhumb_server::UpstreamStatistics;
-use rhumb_transport::{Direction, Lane, LinkConfig};
 
 use crate::avatar::Avatars;
 use crate::stage::{COMMANDER, Stage, TICK};

@@ -11,8 +11,8 @@ use rhumb_protocol::session::{ClientSession, Event, Replica};
 use rhumb_protocol::stream::ErrorBound;
 use rhumb_reckoning::{BodyId, Metres, Pose, Tick, Tolerance};
 
-use crate::fnv::Fnv;
 use crate::truth::SceneTruth;
+use rhumb_conformance::fnv::Fnv;
 
 /// A claim of a copy: a body is within a distance of this pose at a tick.
 #[derive(Clone, Copy, Debug)]

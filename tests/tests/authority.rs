@@ -2,13 +2,13 @@
 //!
 //! The tests run in virtual time with `Walk`; the accuracy of published bodies is tested in `upstream`.
 
+use rhumb_netsim::{Direction, LinkConfig};
 use rhumb_protocol::message::{AuthorityError, StreamChoice};
 use rhumb_protocol::scene::{Command, CommandError, Stepping};
 use rhumb_protocol::session::Misuse;
 use rhumb_protocol::{Ending, Span};
 use rhumb_reckoning::{BodyId, Divergence, Tick, Ticks, Tolerance};
 use rhumb_tests::{Avatars, COMMANDER, TICK, Walk, seed, take_authority};
-use rhumb_transport::{Direction, LinkConfig};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 /// The tolerance that `Walk` uses.

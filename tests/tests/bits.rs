@@ -3,6 +3,8 @@
 //! Each datagram of a stream is flipped at the time of its receipt: a copy of the subscriber with all earlier data
 //! receives it. The resulting predictions are checked for now and for one second later.
 
+use rhumb_conformance::grammar::unhex;
+use rhumb_conformance::vectors::{Decoded, Sender, deliver, golden, greeted, known};
 use rhumb_protocol::message::Frames;
 use rhumb_protocol::packet::{
     Checksums, Datagram, FullPacket, Head, LossReport, PacketKind, Refresh, RepairSymbol,
@@ -13,8 +15,6 @@ use rhumb_protocol::stream::Subscriber;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::{Anchor, BodyId, Motion, Ticks};
-use rhumb_tests::grammar::unhex;
-use rhumb_tests::vectors::{Decoded, Sender, golden, streams};
 use serde_json::Value;
 
 fn list(value: &Value) -> &[Value] {
@@ -157,14 +157,14 @@ fn flip_for(session: &ClientSession, datagram: &[u8], what: &str) -> u32 {
 fn a_flipped_bit_of_a_stream_never_yields_a_pose_outside_the_limits() {
     let mut changed = 0;
     for stream in list(&golden("streams.json")["streams"]) {
-        let mut session = streams::greeted();
+        let mut session = greeted();
         for (place, event) in list(&stream["events"]).iter().enumerate() {
             if event[0] == "datagram" {
                 let datagram = unhex(event[1].as_str().expect("digits"));
                 let what = format!("event {place} of {}", stream["name"]);
                 changed += flip_for(&session, &datagram, &what);
             }
-            streams::deliver(&mut session, event);
+            deliver(&mut session, event);
         }
     }
     assert!(
@@ -176,22 +176,22 @@ fn a_flipped_bit_of_a_stream_never_yields_a_pose_outside_the_limits() {
 #[test]
 fn a_datagram_made_malformed_by_a_flip_changes_nothing() {
     for stream in list(&golden("streams.json")["streams"]) {
-        let mut session = streams::greeted();
+        let mut session = greeted();
         for event in list(&stream["events"]) {
             if event[0] == "datagram" {
                 let datagram = unhex(event[1].as_str().expect("digits"));
                 for flipped in flips(&datagram).filter(|flipped| read(flipped).is_err()) {
                     let reported = [
                         "datagram".into(),
-                        Value::from(rhumb_tests::grammar::hex(&flipped)),
+                        Value::from(rhumb_conformance::grammar::hex(&flipped)),
                     ];
-                    streams::deliver(&mut session, &Value::from(reported.to_vec()));
+                    deliver(&mut session, &Value::from(reported.to_vec()));
                 }
             }
-            streams::deliver(&mut session, event);
+            deliver(&mut session, event);
             if event[0] == "known" {
                 let replica = session.replica().expect("a member");
-                assert_eq!(streams::known(replica), event[1], "{}", stream["name"]);
+                assert_eq!(known(replica), event[1], "{}", stream["name"]);
             }
         }
     }

@@ -6,6 +6,7 @@ use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::{EulerRot, Quat, Vec3};
+use rhumb_netsim::{Direction, Lane};
 use rhumb_protocol::Span;
 use rhumb_protocol::message::{Inspection, StreamChoice};
 use rhumb_protocol::packet::StreamId;
@@ -17,7 +18,6 @@ use rhumb_protocol::stream::{
 use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance, Track};
 use rhumb_sims::by_name;
 use rhumb_tests::{COMMANDER, Stage, seed};
-use rhumb_transport::{Direction, Lane};
 
 fn capped(bytes_per_second: u32) -> StreamChoice {
     StreamChoice::Capped {
@@ -286,7 +286,7 @@ fn a_stream_does_not_depend_on_the_delay_of_its_subscribers() {
     for choice in [capped(700), StreamChoice::Within(Tolerance::NORMAL)] {
         let sent = |links| {
             let script = by_name("tumbler", 60, 1).expect("an existing script");
-            let links: rhumb_transport::LinkConfig = links;
+            let links: rhumb_netsim::LinkConfig = links;
             let mut stage = Stage::new(script, Stepping::Lockstep, choice, links, 1);
             for _ in 0..200 {
                 stage.tick();

@@ -29,9 +29,7 @@ fn script(name: &str) -> Box<dyn Script> {
 fn alone(name: &str, controlled: bool) -> u64 {
     let mut script = script(name);
     let mut scene = Scene::new(script.config()).expect("a valid configuration");
-    if let Some(controller) = script.controller().filter(|_| controlled) {
-        scene.attach(hook(controller));
-    }
+    let mut hook = script.controller().filter(|_| controlled).map(hook);
     let mut commands = Vec::new();
     for tick in 0..TICKS {
         commands.clear();
@@ -39,8 +37,10 @@ fn alone(name: &str, controlled: bool) -> u64 {
         for command in &commands {
             scene.apply(command).expect("a valid command");
         }
-        let stepped = scene.step().expect("the engine does not fail");
-        assert_eq!(stepped.refused, [], "{name} at {}", scene.tick());
+        if let Some(hook) = &mut hook {
+            assert_eq!(hook.act(&mut scene), [], "{name} at {}", scene.tick());
+        }
+        scene.step().expect("the engine does not fail");
     }
     scene.digest().value()
 }
@@ -124,7 +124,7 @@ fn a_hook_moves_bodies_and_nothing_else() {
         .expect("the zoo has dynamic bodies");
     let missing = BodyId::new(9_999, 0);
     let (up, none) = (Vec3::new(0.0, 9.0, 0.0), Vec3::ZERO);
-    scene.attach(Hook::new(move |_: &Scene, out| {
+    let mut hook = Hook::new(move |_: &Scene, out| {
         out.push(Command::RemoveBody { id: dynamic });
         out.push(Command::SetGravity { gravity: none });
         out.push(Command::Force {
@@ -136,12 +136,13 @@ fn a_hook_moves_bodies_and_nothing_else() {
             linear: up,
             angular: none,
         });
-    }));
+    });
     let gravity = scene.gravity();
-    let stepped = scene.step().expect("the engine does not fail");
+    let refused = hook.act(&mut scene);
+    scene.step().expect("the engine does not fail");
     let unknown = HookError::Refused(CommandError::UnknownBody(missing));
     let expected = [HookError::NotAMotion, HookError::NotAMotion, unknown];
-    assert_eq!(stepped.refused, expected);
+    assert_eq!(refused, expected);
     assert_eq!(scene.gravity(), gravity);
     let motion = scene.observation(dynamic).expect("an existing body").motion;
     assert!(motion.parts()[8] > 5.0, "{motion:?}");

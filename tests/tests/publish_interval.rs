@@ -5,6 +5,7 @@
 use std::num::NonZeroU32;
 
 use glam::Vec3;
+use rhumb_netsim::LinkConfig;
 use rhumb_protocol::Span;
 use rhumb_protocol::message::{Inspection, StreamChoice};
 use rhumb_protocol::scene::{
@@ -16,7 +17,6 @@ use rhumb_reckoning::{BodyId, Rate, Tick, Ticks, Tolerance};
 use rhumb_server::Scene;
 use rhumb_sims::by_name;
 use rhumb_tests::{COMMANDER, Stage, TICK, assert_same_copy, seed};
-use rhumb_transport::LinkConfig;
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 const COARSE: StreamChoice = StreamChoice::Within(Tolerance::COARSE);

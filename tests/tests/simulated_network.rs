@@ -10,6 +10,7 @@
 //! it is remembered was reported forever. A lockstep member that did not lead never noticed the loss of the last
 //! packet. A body that was removed while synchronisation was lost stayed in views.
 
+use rhumb_netsim::{Direction, LinkConfig, Probability};
 use rhumb_protocol::message::{Denial, StreamChoice};
 use rhumb_protocol::scene::{Command, Stepping};
 use rhumb_protocol::session::CloseCode;
@@ -17,7 +18,6 @@ use rhumb_protocol::{Ending, Span};
 use rhumb_reckoning::{Metres, Radians, Tick, Tolerance};
 use rhumb_sims::{Script, by_name};
 use rhumb_tests::{COMMANDER, Stage, TICK, assert_same_copy, copy_digest, seed};
-use rhumb_transport::{Direction, LinkConfig, Probability};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);

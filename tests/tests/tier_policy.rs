@@ -3,13 +3,13 @@
 //! As in `simulated_network`, over links of a limited rate.
 
 use glam::Vec3;
+use rhumb_netsim::{Direction, LinkConfig};
 use rhumb_protocol::Span;
 use rhumb_protocol::message::{StreamChoice, TierChangeCause, TierPolicy};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId, Stepping};
 use rhumb_reckoning::{BodyId, BodyState, LengthBound, Tick, Tolerance};
 use rhumb_sims::{Script, by_name};
 use rhumb_tests::{COMMANDER, Stage, seed};
-use rhumb_transport::{Direction, LinkConfig};
 
 const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);
 const COARSE: StreamChoice = StreamChoice::Within(Tolerance::COARSE);

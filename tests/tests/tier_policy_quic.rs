@@ -10,9 +10,9 @@ use rhumb_client::scene::{BodyDesc, Command, SceneConfig, Shape, Stepping};
 use rhumb_client::{
     BodyId, Client, Event, JoinMode, JoinOptions, StreamChoice, TierChangeCause, Tolerance, Trust,
 };
+use rhumb_netsim::{LinkConfig, UdpRelay};
 use rhumb_sims::{BallPit, Script};
 use rhumb_tests::{Programme, ServerProcess};
-use rhumb_transport::{LinkConfig, UdpRelay};
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
 const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);

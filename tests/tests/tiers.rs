@@ -3,6 +3,7 @@
 //! As in `simulated_network`, the claims of members are checked against the truth, whichever stream they are from.
 
 use glam::{Quat, Vec3};
+use rhumb_netsim::LinkConfig;
 use rhumb_protocol::message::{
     ClientMessage, Denial, ServerMessage, StreamChoice, TierChangeCause,
 };
@@ -14,7 +15,6 @@ use rhumb_protocol::{Endpoint, Instant, Span};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
 use rhumb_sims::by_name;
 use rhumb_tests::{COMMANDER, ScriptedSession, Stage, TICK, assert_same_copy, seed};
-use rhumb_transport::LinkConfig;
 
 const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);
 const FINE: StreamChoice = StreamChoice::Within(Tolerance::FINE);

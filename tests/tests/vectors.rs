@@ -5,6 +5,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use rhumb_conformance::grammar::{Grammar, unhex};
+use rhumb_conformance::requirements::Document;
+use rhumb_conformance::vectors::{Decoded, Sender, golden, replayed};
 use rhumb_protocol::limits;
 use rhumb_protocol::message::{MAGIC, VERSIONS, is_no_version};
 use rhumb_protocol::packet::{Head, PacketKind, StreamId, UpdateWriter};
@@ -12,9 +15,7 @@ use rhumb_protocol::scene::Quantity;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{OPTIONAL, Wire};
-use rhumb_tests::grammar::{Grammar, unhex};
-use rhumb_tests::requirements::Document;
-use rhumb_tests::vectors::{Decoded, Sender, control, folder, golden, streams};
+use rhumb_tests::vectors::{control, folder};
 use serde_json::Value;
 
 #[test]
@@ -33,7 +34,7 @@ fn a_session_that_receives_a_golden_stream_reaches_its_recorded_states() {
     let golden = golden("streams.json");
     for stream in golden["streams"].as_array().expect("streams are listed") {
         let events = stream["events"].as_array().expect("events are listed");
-        let states = streams::replayed(events);
+        let states = replayed(events);
         assert!(states.len() >= 20, "{}", stream["name"]);
         for (place, expected, known) in states {
             assert_eq!(known, expected, "event {place} of {}", stream["name"]);

@@ -6,7 +6,7 @@ use rhumb_protocol::{Instant, LinkReport, Span};
 
 /// Measurements of one connection's link.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct LinkMeter {
+pub struct LinkMeter {
     read_at: Instant,
     handed_bytes: u64,
     waiting_bytes: u64,
@@ -17,7 +17,7 @@ const INTERVAL: Span = Span::from_millis(100);
 
 impl LinkMeter {
     /// A meter of a link that has carried nothing yet.
-    pub(crate) const fn new(now: Instant) -> Self {
+    pub const fn new(now: Instant) -> Self {
         Self {
             read_at: now,
             handed_bytes: 0,
@@ -26,12 +26,12 @@ impl LinkMeter {
     }
 
     /// Whether it is time for another reading.
-    pub(crate) fn is_due(&self, now: Instant) -> bool {
+    pub fn is_due(&self, now: Instant) -> bool {
         now >= self.read_at + INTERVAL
     }
 
     /// Takes a reading: total bytes handed over, and how many of them still wait.
-    pub(crate) fn read(
+    pub fn read(
         &mut self,
         now: Instant,
         handed_bytes: u64,

@@ -24,7 +24,7 @@ use rhumb_reckoning::{
 use serde::{Deserialize, Serialize};
 
 use super::floor::PredictionFloor;
-use super::median;
+use super::median::median;
 
 const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
 const STREAM: StreamId = StreamId(0);

@@ -12,7 +12,7 @@ use rhumb_reckoning::{
     Seconds, StepCoefficientTable, TRACK_AGE_MAX, Tick, Track, VelocityResidual,
 };
 
-use super::median;
+use super::median::median;
 
 /// Tick at which the tracks are evaluated.
 const AGE: Tick = Tick::new(20);

@@ -15,10 +15,10 @@ use std::thread;
 use std::time::{Duration, Instant as HostInstant};
 
 use bytes::Bytes;
+use rhumb_netsim::{LinkConfig, UdpRelay};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake, WakeReason};
 use rhumb_transport::{
-    Certificate, ClientOptions, LinkConfig, QuicClient, QuicServer, ServerOptions, Stop, Trust,
-    UdpRelay,
+    Certificate, ClientOptions, QuicClient, QuicServer, ServerOptions, Stop, Trust,
 };
 use ring::aead::{AES_256_GCM, Aad, LessSafeKey, Nonce, UnboundKey};
 use serde::{Deserialize, Serialize};

@@ -25,7 +25,7 @@ use rhumb_server::Scene;
 use rhumb_sims::{BallPit, Script};
 use serde::{Deserialize, Serialize};
 
-use super::median;
+use super::median::median;
 
 /// Ticks published before the measurement, so that tracks are as in mid-run.
 const WARM_UP: usize = 30;

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use rhumb_netsim::LinkConfig;
 use rhumb_protocol::packet::{FullPacket, Head, PacketKind};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Shape, ShapeId, Stepping};
 use rhumb_protocol::stream::{Activity, Observation};
@@ -14,7 +15,7 @@ use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, BodyState, Metres, Tick, Ticks, Tolerance};
 use rhumb_sims::Script;
-use rhumb_transport::{Clock, LinkConfig};
+use rhumb_transport::Clock;
 
 use super::compare::{RecentTruth, TrueBody};
 use super::remote::{Remote, Setup};

@@ -5,17 +5,18 @@ use std::hint::black_box;
 use rhumb_protocol::scene::Command;
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState, Tick};
-use rhumb_server::Scene;
+use rhumb_server::{Hook, Scene};
 use rhumb_sims::Script;
 use rhumb_transport::Clock;
 
-use super::DriveError;
 use super::control::hook;
+use super::error::DriveError;
 use crate::record::{Placed, Truth};
 
 /// An engine in this process and the record of its states.
 pub(super) struct Integrated {
     scene: Scene,
+    hook: Option<Hook>,
     clock: Clock,
     pub(super) truth: Truth,
     /// Newest state of each body, by index; the simulator reads it every frame.
@@ -27,12 +28,10 @@ pub(super) struct Integrated {
 impl Integrated {
     /// The empty scene of a script, with its controller attached.
     pub(super) fn new(script: &dyn Script) -> Result<Self, DriveError> {
-        let mut scene = Scene::new(script.config()).map_err(DriveError::Config)?;
-        if let Some(controller) = script.controller() {
-            scene.attach(hook(controller));
-        }
+        let scene = Scene::new(script.config()).map_err(DriveError::Config)?;
         Ok(Self {
             scene,
+            hook: script.controller().map(hook),
             clock: Clock::start(),
             truth: Truth::default(),
             states: Vec::new(),
@@ -79,9 +78,11 @@ impl Integrated {
     /// One frame of an integrated simulator: step, then read every pose. Returns its duration in nanoseconds.
     pub(super) fn frame(&mut self) -> Result<u64, DriveError> {
         let begun = self.clock.now();
+        let hook = self.hook.as_mut();
+        let refused = hook.map(|hook| hook.act(&mut self.scene));
         let stepped = self.scene.step().map_err(DriveError::Scene)?;
         let after_step = self.clock.now();
-        if let Some(error) = stepped.refused.first() {
+        if let Some(error) = refused.iter().flatten().next() {
             return Err(DriveError::Controller(*error));
         }
         for (id, _) in &stepped.removed {

@@ -10,15 +10,18 @@ use rhumb_client::{
     Client, ErrorBound, Event, Inspection, JoinMode, JoinOptions, PipelineDepth, StreamChoice,
     Trust, WireStatistics,
 };
+use rhumb_netsim::{LinkConfig, UdpRelay};
 use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_protocol::session::Replica;
 use rhumb_protocol::stream::Subscriber;
 use rhumb_reckoning::{BodyId, Tick, Ticks, Tolerance};
-use rhumb_transport::{Clock, LinkConfig, UdpRelay};
+use rhumb_transport::Clock;
 
 use super::compare::{RecentTruth, ViewErrors, compare};
 use super::control::ScriptChoice;
-use super::{DriveError, SERVER_TIMEOUT, ServerCpu, ServerProcess};
+use super::error::DriveError;
+use super::process::{ServerCpu, ServerProcess};
+use super::server_timeout::SERVER_TIMEOUT;
 use crate::record::{Breach, CapturedPacket, Cause, CopiedPose, Frame, JoinCost, PacketDirection};
 
 /// Setup of a remote mode.

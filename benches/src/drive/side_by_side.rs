@@ -4,11 +4,11 @@
 //! in this thread, then the other modes take it. So the pipelined caller has other work to do, as a simulator has.
 
 use rhumb_client::{PipelineDepth, StreamChoice};
+use rhumb_netsim::LinkConfig;
 use rhumb_protocol::scene::{Command, PublishSchedule};
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Metres, Tick, Ticks, Tolerance};
 use rhumb_sims::Script;
-use rhumb_transport::LinkConfig;
 
 use super::app::{AppRemote, AppSetup, Defects};
 use super::compare::{RecentTruth, TrueBody};

@@ -10,7 +10,8 @@ use ::mcap::{McapError, McapResult};
 use rhumb_reckoning::Tick;
 use rhumb_server::Digest;
 
-use super::{Recording, RecordingError, ScriptOrigin};
+use super::error::RecordingError;
+use super::recorded::{Recording, ScriptOrigin};
 use crate::record::Truth;
 use crate::trace::read_states;
 

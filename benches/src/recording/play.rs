@@ -10,7 +10,7 @@ use rhumb_reckoning::{BodyId, Inertia, Tick};
 use rhumb_server::Scene;
 use rhumb_sims::Script;
 
-use super::Recording;
+use super::recorded::Recording;
 use crate::record::Truth;
 
 impl Recording {

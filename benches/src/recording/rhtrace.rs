@@ -17,7 +17,8 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tick};
 use rhumb_server::Digest;
 
-use super::{Recording, RecordingError};
+use super::error::RecordingError;
+use super::recorded::Recording;
 use crate::record::{Placed, Truth};
 
 /// Magic number at the start of the file.

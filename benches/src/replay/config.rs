@@ -4,9 +4,9 @@
 
 use std::num::NonZeroU32;
 
+use rhumb_netsim::LinkConfig;
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Metres, Ticks, Tolerance};
-use rhumb_transport::LinkConfig;
 
 use super::feature::{EnabledFeatures, Feature};
 use crate::record::{Mode, Replayed, RunConfig};

@@ -7,6 +7,7 @@
 use std::fmt;
 
 use bytes::Bytes;
+use rhumb_netsim::{Lane, Link};
 use rhumb_protocol::message::{SceneEvent, ServerMessage};
 use rhumb_protocol::packet::{Datagram, PacketKind, StreamId};
 use rhumb_protocol::scene::{BodyKind, PublishSchedule};
@@ -16,7 +17,7 @@ use rhumb_protocol::stream::{
 };
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Anchor, BodyId, Predictor, Rate, Tick, Track};
-use rhumb_transport::{Clock, Lane, Link};
+use rhumb_transport::Clock;
 
 use super::client::{PendingEvent, ReplayClient, StreamSetup};
 use super::config::ReplayConfig;

@@ -6,16 +6,16 @@ use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use rhumb_netsim::LinkConfig;
 use rhumb_protocol::limits::{BUDGET_MAX, BUDGET_MIN};
 use rhumb_protocol::stream::{Budget, LOOKAHEAD_MAX};
 use rhumb_reckoning::{Damping, Metres, Radians, Ticks, Tolerance};
-use rhumb_transport::LinkConfig;
 
 use super::config::ReplayConfig;
 use super::failure::Failure;
 use super::feature::EnabledFeatures;
 use crate::output;
-use crate::recording::{Recording, RecordingError};
+use crate::recording::{self, Recording, RecordingError};
 
 /// The recording and the parameters of its engine.
 #[derive(Clone, Debug, Args)]
@@ -45,7 +45,7 @@ impl RecordingSource {
     }
 
     pub(crate) fn read(&self) -> Result<Recording, RecordingError> {
-        let mut recording = Recording::read(&self.trace)?;
+        let mut recording = recording::read(&self.trace)?;
         recording.damping = self.damping.unwrap_or(recording.damping);
         recording.integrator.substeps = self.substeps.unwrap_or(recording.integrator.substeps);
         Ok(recording)

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use rhumb_transport::LinkConfig;
+use rhumb_netsim::LinkConfig;
 
 use super::source::ReplayOptions;
 
@@ -58,7 +58,7 @@ fn change(base: &ReplayOptions, name: &str, value: &str) -> Result<ReplayOptions
 fn with_link(link: LinkConfig, parts: &str) -> Result<LinkConfig, String> {
     let text = format!("{link},{parts}");
     text.parse()
-        .map_err(|error: rhumb_transport::LinkConfigError| error.to_string())
+        .map_err(|error: rhumb_netsim::LinkConfigError| error.to_string())
 }
 
 /// Losses in percent, even and in bursts of four, at each round trip; zero loss has no bursts.

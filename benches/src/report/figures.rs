@@ -49,7 +49,7 @@ fn keys(modes: impl IntoIterator<Item = Mode>) -> Vec<LegendKey> {
 }
 
 /// Colour of a mode on a light page; `style.css` has the dark one.
-pub(crate) const fn color(mode: Mode) -> RGBColor {
+pub const fn color(mode: Mode) -> RGBColor {
     match mode {
         Mode::Integrated => RGBColor(107, 114, 128),
         Mode::Naive => RGBColor(194, 65, 12),

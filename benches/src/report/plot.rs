@@ -13,41 +13,63 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::labels::Labels;
 
 /// The content of a chart.
-pub(crate) struct Chart {
-    pub(crate) x: Axis,
-    pub(crate) y: Axis,
-    pub(crate) marks: Vec<Mark>,
+pub struct Chart {
+    /// Horizontal axis.
+    pub x: Axis,
+    /// Vertical axis.
+    pub y: Axis,
+    /// The marks, in drawing order.
+    pub marks: Vec<Mark>,
 }
 
 /// One axis.
-pub(crate) struct Axis {
-    pub(crate) title: String,
-    pub(crate) scale: Scale,
-    pub(crate) from: f64,
-    pub(crate) to: f64,
+pub struct Axis {
+    /// Title with unit.
+    pub title: String,
+    /// Linear or logarithmic.
+    pub scale: Scale,
+    /// Lower end.
+    pub from: f64,
+    /// Upper end.
+    pub to: f64,
 }
 
 /// Mapping of values along an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Scale {
+pub enum Scale {
+    /// Equal steps for equal differences.
     Linear,
     /// Between two powers of ten; smaller values are drawn at the lower end.
     Log,
 }
 
 /// A mark on a chart, in values of its axes.
-pub(crate) enum Mark {
+pub enum Mark {
+    /// A line through points.
     Line {
+        /// Its colour.
         color: RGBColor,
+        /// Its width, in the picture's units.
         width: u32,
+        /// Its points.
         points: Vec<(f64, f64)>,
     },
     /// A thin vertical line with a label at its foot.
-    Vertical { at: f64, label: String },
+    Vertical {
+        /// Its place on the horizontal axis.
+        at: f64,
+        /// Its label.
+        label: String,
+    },
+    /// A disc with a label.
     Dot {
+        /// Its colour.
         color: RGBColor,
+        /// Its radius, in the picture's units.
         radius: i32,
+        /// Its centre.
         at: (f64, f64),
+        /// Its label.
         label: String,
     },
 }
@@ -58,7 +80,7 @@ pub(super) const INK: RGBColor = RGBColor(55, 65, 81);
 const GRID: RGBColor = RGBColor(229, 231, 235);
 
 /// Size in the picture's units, twice the displayed size, since marks lie on whole units.
-pub(crate) const SIZE: (u32, u32) = (1_680, 680);
+pub const SIZE: (u32, u32) = (1_680, 680);
 const LETTERS: i32 = 32;
 /// Height of the text below the chart.
 const BELOW: u32 = 96;
@@ -67,7 +89,7 @@ const ABOVE_WORDS: (i32, i32) = (SIZE.0 as i32, (SIZE.1 - BELOW) as i32);
 
 impl Axis {
     /// Powers of ten around all values, at least one decade.
-    pub(crate) fn log(title: &str, values: impl Iterator<Item = f64>) -> Self {
+    pub fn log(title: &str, values: impl Iterator<Item = f64>) -> Self {
         let positive = values.filter(|value| *value > 0.0 && value.is_finite());
         let (least, most) = positive.fold((f64::MAX, 0.0_f64), |(least, most), value| {
             (least.min(value), most.max(value))
@@ -88,7 +110,7 @@ impl Axis {
     }
 
     /// From `from` to the largest value.
-    pub(crate) fn linear(title: &str, from: f64, values: impl Iterator<Item = f64>) -> Self {
+    pub fn linear(title: &str, from: f64, values: impl Iterator<Item = f64>) -> Self {
         let most = values.fold(from, f64::max);
         Self {
             title: title.to_owned(),
@@ -131,7 +153,7 @@ impl Axis {
 
 impl Chart {
     /// The chart as an `svg` element.
-    pub(crate) fn svg(&self) -> String {
+    pub fn svg(&self) -> String {
         let mut text = String::new();
         let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
         let (x, y) = (self.x.range(), self.y.range());

@@ -9,7 +9,7 @@ use crate::record::{Experiment, Mode, RunConfig};
 use crate::summary::{RunFigures, Summary, number};
 
 /// Escapes text for HTML.
-pub(crate) fn escape(text: &str) -> String {
+pub fn escape(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for letter in text.chars() {
         match letter {

@@ -3,10 +3,10 @@
 //! One list serves terminal, Markdown and page. The columns depend on the runs: replays and stepped scenes differ, and
 //! a column with equal cells in all rows is left out.
 
-use rhumb_transport::LinkConfig;
+use rhumb_netsim::LinkConfig;
 
-use super::RunFigures;
-use super::table::{dash, number};
+use super::cells::{dash, number};
+use super::run_figures::RunFigures;
 use crate::record::Replayed;
 
 /// A column.

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use crate::quantile::{WithZeros, of_nanoseconds};
 use crate::record::{Breach, CapturedPacket, Cause, Frame, Mode, PacketDirection, Run, RunConfig};
 
-use super::{
+use super::run_figures::{
     DATAGRAM_HEADER_BYTES, ErrorQuantiles, FirstSeconds, FrameTimes, Join, LessThanNaive, Moving,
     OfLimit, OverTolerance, Recovery, RunFigures, SIM_FPS_MAX, StepTimes,
 };

@@ -4,29 +4,32 @@
 
 use std::fmt;
 
+use super::cells::{aligned, markdown, number};
 use super::columns::{Column, columns};
-use super::{RunFigures, Summary};
+use super::run_figures::RunFigures;
+use super::unfinished::UnfinishedReplay;
 
 /// Shown by `Display`: a line of titles, one line per run, then one per failed replay.
 #[derive(Clone, Copy, Debug)]
 pub struct SummaryTable<'a> {
-    summary: &'a Summary,
+    runs: &'a [RunFigures],
+    unfinished: &'a [UnfinishedReplay],
 }
 
 impl<'a> SummaryTable<'a> {
-    pub(crate) const fn new(summary: &'a Summary) -> Self {
-        Self { summary }
+    pub(crate) const fn new(runs: &'a [RunFigures], unfinished: &'a [UnfinishedReplay]) -> Self {
+        Self { runs, unfinished }
     }
 
     /// The same cells as a Markdown table.
     #[must_use]
     pub fn to_markdown(&self) -> String {
-        let columns = columns(&self.summary.runs);
+        let columns = columns(self.runs);
         let mut rows = vec![titles(&columns)];
         rows.extend(self.rows(&columns));
         let mut text = markdown(&rows);
         let mut before = "\n";
-        for replay in &self.summary.unfinished {
+        for replay in self.unfinished {
             text.push_str(&format!("{before}- Failed: {replay}\n"));
             before = "";
         }
@@ -34,7 +37,7 @@ impl<'a> SummaryTable<'a> {
     }
 
     fn rows(&self, columns: &[Column]) -> Vec<Vec<String>> {
-        let runs = &self.summary.runs;
+        let runs = self.runs;
         let cells = |run| {
             columns
                 .iter()
@@ -46,7 +49,7 @@ impl<'a> SummaryTable<'a> {
 }
 
 /// Reduction of each run against naive: titles, then a row per run.
-pub(crate) fn ratios(runs: &[RunFigures]) -> Vec<Vec<String>> {
+pub fn ratios(runs: &[RunFigures]) -> Vec<Vec<String>> {
     let titles = [
         "mode",
         "bodies",
@@ -73,7 +76,7 @@ pub(crate) fn ratios(runs: &[RunFigures]) -> Vec<Vec<String>> {
 }
 
 /// Rates down after the first seconds, as a scene comes to rest: titles, then a row per run.
-pub(crate) fn later(runs: &[RunFigures]) -> Vec<Vec<String>> {
+pub fn later(runs: &[RunFigures]) -> Vec<Vec<String>> {
     let titles = ["mode", "bodies", "payload, B/s", "with headers, B/s"];
     let mut rows = vec![titles.map(str::to_owned).to_vec()];
     for run in runs {
@@ -106,108 +109,11 @@ fn titles(columns: &[Column]) -> Vec<String> {
 
 impl fmt::Display for SummaryTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let columns = columns(&self.summary.runs);
+        let columns = columns(self.runs);
         let mut rows = vec![titles(&columns)];
         rows.extend(self.rows(&columns));
         f.write_str(&aligned(&rows))?;
-        let mut unfinished = self.summary.unfinished.iter();
+        let mut unfinished = self.unfinished.iter();
         unfinished.try_for_each(|replay| writeln!(f, "failed: {replay}"))
-    }
-}
-
-/// Titles and rows as a Markdown table.
-pub(crate) fn markdown(rows: &[Vec<String>]) -> String {
-    let line = |row: &Vec<String>| format!("| {} |\n", row.join(" | "));
-    let Some((titles, rows)) = rows.split_first() else {
-        return String::new();
-    };
-    let numbers = "|---:".repeat(titles.len().saturating_sub(1));
-    let rows: String = rows.iter().map(line).collect();
-    format!("{}|---{numbers}|\n{rows}", line(titles))
-}
-
-/// Rows with aligned columns: the first to the left, the others to the right.
-pub(crate) fn aligned(rows: &[Vec<String>]) -> String {
-    let width = |column: usize| {
-        let lengths = rows.iter().map(|row| row[column].chars().count());
-        lengths.max().unwrap_or(0)
-    };
-    let widths: Vec<_> = (0..rows.first().map_or(0, Vec::len)).map(width).collect();
-    let mut text = String::new();
-    for row in rows {
-        let mut line = String::new();
-        for (place, (cell, width)) in row.iter().zip(&widths).enumerate() {
-            line.push_str(&match place {
-                0 => format!("{cell:<width$}"),
-                _ => format!("  {cell:>width$}"),
-            });
-        }
-        text.push_str(line.trim_end());
-        text.push('\n');
-    }
-    text
-}
-
-/// Cell of a figure without meaning.
-pub(super) fn dash() -> String {
-    "–".to_owned()
-}
-
-/// A number with three significant digits, never in powers of ten.
-pub(crate) fn number(value: Option<f64>) -> String {
-    match value {
-        Some(value) if !value.is_finite() => dash(),
-        Some(0.0) => "0".to_owned(),
-        Some(value) if value.abs() >= 99.95 => grouped(value),
-        Some(value) if value.abs() >= 9.995 => format!("{value:.1}"),
-        Some(value) if value.abs() >= 0.9995 => format!("{value:.2}"),
-        Some(value) => format!("{value:.3}"),
-        None => dash(),
-    }
-}
-
-/// A whole number with a comma before every three digits.
-fn grouped(value: f64) -> String {
-    let digits = format!("{value:.0}");
-    let mut text = String::new();
-    for (place, digit) in digits.chars().enumerate() {
-        let left = digits.len() - place;
-        if place > 0 && left % 3 == 0 && !text.ends_with('-') {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::number;
-
-    #[test]
-    fn a_number_shows_three_digits_or_all_before_the_point() {
-        let shown = [
-            0.0,
-            0.0126,
-            0.9999,
-            9.999,
-            99.96,
-            123.4,
-            1_234.0,
-            1_234_567.0,
-        ]
-        .map(|n| number(Some(n)));
-        let expected = [
-            "0",
-            "0.013",
-            "1.00",
-            "10.0",
-            "100",
-            "123",
-            "1,234",
-            "1,234,567",
-        ];
-        assert_eq!(shown, expected);
-        assert_eq!(number(None), number(Some(f64::NAN)));
     }
 }

@@ -9,10 +9,11 @@ use rhumb_reckoning::Tick;
 use super::bodies::{Bodies, TruthBodies};
 use super::file::{Schema, Topic, TraceFile};
 use super::messages::States;
+use super::options::TraceOptions;
 use super::run::RunTopics;
 use super::scene::{DrawnScene, entity};
 use super::time::Time;
-use super::{TraceOptions, names, primitives};
+use super::{names, primitives};
 use crate::record::Load;
 
 /// Writes a load; `done` is called after each tick with its number.

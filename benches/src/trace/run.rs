@@ -5,11 +5,11 @@ use std::io::{Seek, Write};
 use foxglove::messages::Color;
 use mcap::McapError;
 
-use super::TraceOptions;
 use super::bodies::{Bodies, Body, CopiedBodies};
 use super::file::{Schema, Topic, TraceFile};
 use super::messages::{self, Packet, Poses, TickStats};
 use super::names;
+use super::options::TraceOptions;
 use super::scene::DrawnScene;
 use super::time::Time;
 use crate::record::{Frame, Load, Mode, PacketDirection, Run};

@@ -2,7 +2,7 @@
 //!
 //! Log time is tick times step, from zero, so truth and all modes align.
 
-use super::TraceOptions;
+use super::options::TraceOptions;
 use crate::record::RunConfig;
 
 /// Maps a load's ticks to log times and selects the ticks to draw.

@@ -11,7 +11,8 @@ use rhumb_reckoning::{
     TRACK_AGE_MAX, TURN_LIMIT, Ticks, VELOCITY_LIMIT, VelocityResidual,
 };
 
-use crate::document::{CoveredPackets, NamedPacket};
+use crate::document::CoveredPackets;
+use crate::named_packet::NamedPacket;
 use crate::plain;
 use crate::rng::PacketRng;
 

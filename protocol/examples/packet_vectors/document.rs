@@ -12,10 +12,8 @@ use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::{Anchor, Predictor};
 
+use crate::named_packet::NamedPacket;
 use crate::plain;
-
-/// The name of a case and its datagram.
-pub(crate) type NamedPacket = (String, Vec<u8>);
 
 /// A repair symbol with the packets that it covers, by number.
 #[derive(Debug)]

@@ -4,6 +4,7 @@
 
 mod accepted;
 mod document;
+mod named_packet;
 mod plain;
 mod refused;
 mod rng;

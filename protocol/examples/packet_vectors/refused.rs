@@ -10,7 +10,8 @@ use rhumb_reckoning::{
 };
 
 use crate::accepted::{attached_keyframe, every_form, packet};
-use crate::document::{NamedPacket, meaning};
+use crate::document::meaning;
+use crate::named_packet::NamedPacket;
 use crate::plain;
 use crate::rng::PacketRng;
 

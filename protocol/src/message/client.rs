@@ -4,13 +4,13 @@ use alloc::vec::Vec;
 
 use rhumb_reckoning::Tick;
 
-use super::MAGIC;
 use super::authority::TakeAuthority;
 use super::choice::StreamChoice;
 use super::extensions::Extensions;
 use super::frame::{Framed, frame};
 use super::resync::ResyncCause;
 use super::tier_policy::TierPolicy;
+use super::version::MAGIC;
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};
 use crate::packet::StreamId;
 use crate::scene::{Command, SceneConfig, SceneName};

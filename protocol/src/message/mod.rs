@@ -12,6 +12,7 @@ mod resync;
 mod scene_event;
 mod server;
 mod tier_policy;
+mod version;
 
 pub use authority::{AuthorityError, AuthorityGrant, TakeAuthority};
 pub use choice::StreamChoice;
@@ -25,8 +26,4 @@ pub use resync::ResyncCause;
 pub use scene_event::{RemovalCause, SceneEvent};
 pub use server::{Joined, ServerMessage, Welcome};
 pub use tier_policy::{TierChangeCause, TierPolicy};
-
-/// Supported versions of the protocol, newest first.
-pub const VERSIONS: [u16; 1] = [1];
-/// First bytes of a client's control stream.
-pub const MAGIC: [u8; 4] = *b"RHMB";
+pub use version::{MAGIC, VERSIONS};

@@ -4,6 +4,7 @@
 mod acceleration;
 mod age;
 mod checksums;
+mod codes;
 mod cost;
 mod error_scale;
 mod full;

@@ -3,12 +3,12 @@
 //! Every packet starts with the same expectations and adapts to its own numbers alone, so a lost packet does not
 //! disturb another one (PROTOCOL 5.4). Writer and reader hold one model each and change it by the same calls.
 
-use super::payload::CODE_COUNT;
+use super::codes::CODE_COUNT;
 use super::tables::contexts::{self, TripleContexts};
 use super::tables::{CLASSES, CONTEXTS, EXPECTED, GROUPS, MODES, SHAPES, SYMBOLS};
 use crate::wire::Malformed;
-use crate::wire::alphabet::Alphabet;
-use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
+use crate::wire::alphabet::{Alphabet, TOTAL_BITS};
+use crate::wire::range::{RangeReader, RangeWriter};
 
 /// The last symbol of each alphabet: the number is at least this large, and the rest of it follows.
 const ESCAPE: u32 = SYMBOLS as u32 - 1;

@@ -7,8 +7,9 @@ use rhumb_reckoning::{
     ConstantAcceleration, Predictor, Residual, RestCorrection, VelocityResidual,
 };
 
-use super::acceleration::numbers_of_acceleration;
+use super::acceleration::{numbers_of_acceleration, read_acceleration, write_acceleration};
 use super::age::Age;
+use super::codes::{ASSIGN_ALIAS, END, FORM_COUNT};
 use super::keyframe::{ACCELERATED, Keyframe, predictor_code, predictor_of};
 use super::model::Model;
 use super::residual_numbers::numbers;
@@ -17,8 +18,8 @@ use super::tables::{MODES, contexts};
 use super::zigzag::{unzigzag, zigzag};
 use crate::limits::INDICES_MAX;
 use crate::wire::Malformed;
-use crate::wire::alphabet::Alphabet;
-use crate::wire::range::{RangeReader, RangeWriter, TOTAL_BITS};
+use crate::wire::alphabet::{Alphabet, TOTAL_BITS};
+use crate::wire::range::{RangeReader, RangeWriter};
 
 /// The new track of a body at the tick of its packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -255,7 +256,7 @@ impl UpdateCoder {
                 self.model.write(contexts::age(kind), age.count() - 1, to);
                 self.write_parent(mode, to);
                 if let Some(push) = mode.acceleration() {
-                    self.write_acceleration(&push, to);
+                    write_acceleration(&mut self.model, &push, to);
                 }
                 if let Some(velocity) = &residual.velocity {
                     let context = contexts::velocity_exponent(kind, age.count());
@@ -379,7 +380,9 @@ impl UpdateCoder {
                     None
                 };
                 let predictor = match predictor {
-                    ACCELERATED => Predictor::Accelerated(self.read_acceleration(from)?),
+                    ACCELERATED => {
+                        Predictor::Accelerated(read_acceleration(&mut self.model, from)?)
+                    }
                     _ => predictor_of(predictor)?,
                 };
                 Ok(PredictionMode::World {
@@ -567,14 +570,6 @@ static FORMS: [Alphabet; MODES.len()] = [
 pub(super) const INDEX_BITS: u32 = INDICES_MAX.ilog2();
 /// A moving body or a parent is updated at least this often, or put to rest.
 const AGE_MAX: u32 = 1 << 30;
-/// The number of forms.
-pub(super) const FORM_COUNT: usize = 16;
-/// The code of an alias assignment; the form follows.
-const ASSIGN_ALIAS: usize = FORM_COUNT;
-/// The code of the end of the updates.
-const END: usize = ASSIGN_ALIAS + 1;
-/// The number of codes.
-pub(super) const CODE_COUNT: usize = END + 1;
 
 #[cfg(test)]
 pub(crate) mod tests;

@@ -5,8 +5,9 @@
 
 use alloc::vec::Vec;
 
+use super::codes::CODE_COUNT;
 use super::model::{Model, code_cost};
-use super::payload::{CODE_COUNT, CountSink, UpdateCoder};
+use super::payload::{CountSink, UpdateCoder};
 use super::tables::{CLASSES, CONTEXTS, GROUPS, SYMBOLS, contexts};
 use super::update::Update;
 

@@ -2,7 +2,7 @@
 //!
 //! Normative (PROTOCOL 5.4). Fitted to recorded motion of several engines; see ARCHITECTURE.md, "Tables".
 
-use super::payload::CODE_COUNT;
+use super::codes::CODE_COUNT;
 
 /// Symbols of a number's alphabet, the escape included.
 pub(super) const SYMBOLS: usize = 18;

@@ -4,7 +4,8 @@ use alloc::vec::Vec;
 
 use super::model::Model;
 use super::tables::{MODES, SHAPES, SYMBOLS};
-use crate::wire::range::{RangeWriter, TOTAL_BITS};
+use crate::wire::alphabet::TOTAL_BITS;
+use crate::wire::range::RangeWriter;
 
 /// The updates of one packet, encoded number by number without checks.
 #[doc(hidden)]

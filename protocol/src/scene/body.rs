@@ -5,7 +5,7 @@ use rhumb_reckoning::{BodyId, Damping, ToleranceScale};
 use super::checks::{Invalid, Quantity, scalar};
 use super::config::check_damping;
 use super::material::Material;
-use super::shape::ShapeId;
+use super::shape_id::ShapeId;
 use crate::limits::GRAVITY_SCALE_MAX;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};

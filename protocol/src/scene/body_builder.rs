@@ -9,7 +9,8 @@ use super::body::{BodyDesc, BodyKind};
 use super::checks::Invalid;
 use super::command::Command;
 use super::material::Material;
-use super::shape::{Shape, ShapeId};
+use super::shape::Shape;
+use super::shape_id::ShapeId;
 
 /// A body to add: the content of [`BodyDesc`], its shape, its pose and its velocity.
 ///

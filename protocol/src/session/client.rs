@@ -8,7 +8,9 @@ mod greeting;
 mod recovery;
 mod response_times;
 mod stream_selection;
+mod timeouts;
 mod upstream;
+mod upstream_state;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -16,9 +18,9 @@ use alloc::vec::Vec;
 use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
-use self::recovery::RESYNC_MOST;
 use self::response_times::ResponseTimes;
 use self::stream_selection::StreamSelection;
+use self::timeouts::RESYNC_MOST;
 use super::close::CloseCode;
 use super::event::Event;
 use super::misuse::Misuse;
@@ -34,7 +36,7 @@ use crate::packet::Datagram;
 use crate::scene::{Command, IdRange, SceneConfig, SceneName};
 use crate::stream::{RetryTimer, StreamReceiver};
 use crate::time::{Instant, Span};
-use upstream::UpstreamState;
+use upstream_state::UpstreamState;
 
 /// The state of the connection as the client knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,7 +6,10 @@
 
 mod attaching;
 mod budget_state;
+mod budgeting;
 mod islands;
+mod large_body;
+mod observation_scan;
 mod packing;
 mod refreshing;
 mod scan;
@@ -37,10 +40,10 @@ use crate::capacity::push;
 use crate::packet::{
     Age, Checksums, ErrorScale, Keyframe, Low16, StreamId, Update, UpdatePayload, Watermark,
 };
-use attaching::LargeBody;
 use budget_state::BudgetState;
 pub use budget_state::OverBudget;
-use scan::ObservationScan;
+use large_body::LargeBody;
+use observation_scan::ObservationScan;
 use window::ObservationWindow;
 
 /// Counters of a publisher.

@@ -2,7 +2,8 @@
 //!
 //! Computed at compile time from the starts of the symbols.
 
-use super::range::TOTAL_BITS;
+/// The frequencies of an alphabet add up to two to this power.
+pub(crate) const TOTAL_BITS: u32 = 12;
 
 /// The start of each symbol's parts, and for each stretch of parts the symbol that covers its first part.
 #[derive(Clone, Debug)]

@@ -6,11 +6,8 @@
 use alloc::vec::Vec;
 
 use super::Malformed;
-use super::alphabet::Alphabet;
+use super::alphabet::{Alphabet, TOTAL_BITS};
 use super::bits::{PutBits, TakeBits};
-
-/// The frequencies of an alphabet add up to two to this power.
-pub(crate) const TOTAL_BITS: u32 = 12;
 
 /// Least range at the start of a symbol.
 const RANGE_MIN: u32 = 1 << 24;

@@ -4,6 +4,7 @@
 //! checks, same containment. The transport owns the sockets.
 
 mod actor;
+mod endpoint;
 mod form;
 mod frame_clock;
 mod guest;

@@ -18,11 +18,11 @@ use rhumb_protocol::scene::{BodyKind, Joint, JointId, SceneConfig, Shape, ShapeI
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, Inertia, Integrator, Twist};
 
+use super::interface::{Contact, Engine, EngineFault, NewBody, Push, UnusableShape};
 use super::kinematic_target::KinematicTarget;
 use super::rapier_body as translate;
 use super::rapier_solid::{self as solids, Solid};
 use super::rapier_workers::Workers;
-use super::{Contact, Engine, EngineFault, NewBody, Push, UnusableShape};
 
 /// A Rapier world.
 pub struct RapierEngine {

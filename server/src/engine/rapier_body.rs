@@ -12,7 +12,7 @@ use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
 use rhumb_protocol::scene::{BodyKind, Joint, JointFrame, JointKind, SleepConfig};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, InvalidMotion, Pose, Twist};
 
-use super::{NewBody, Push};
+use super::interface::{NewBody, Push};
 
 /// The body without its solid. A kinematic one's velocities are not Rapier's: see `kinematic_target`.
 pub(super) fn body(new_body: &NewBody) -> RigidBody {

@@ -12,8 +12,8 @@ use rapier3d::prelude::{Collider, ColliderBuilder, MassProperties, SharedShape};
 use rhumb_protocol::limits::HULL_POINTS_MAX;
 use rhumb_protocol::scene::{Heights, Hull, Invalid, Mesh, Shape};
 
+use super::interface::{Bulk, NewBody, UnusableShape};
 use super::rapier_body::pose;
-use super::{Bulk, NewBody, UnusableShape};
 
 /// Solid that all bodies of one shape share.
 #[derive(Clone)]

@@ -11,12 +11,12 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Parser;
+use rhumb_conformance::testee::copy_line;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{LengthBound, Tick, Tolerance};
 use rhumb_sims::{Script, by_name};
-use rhumb_tests::testee::copy_line;
 use rhumb_transport::{ClientOptions, Clock, Fingerprint, QuicClient, Received, Trust};
 
 /// Leads a scene and writes the state of its copy.

@@ -18,8 +18,8 @@ use super::packets::written_again;
 use super::payloads::body_state;
 use super::script::Script;
 use super::subscriber::assert_is_within_limits;
-use crate::vectors::golden;
-use crate::vectors::streams::greeted;
+use rhumb_conformance::vectors::golden;
+use rhumb_conformance::vectors::greeted;
 
 /// One unit of received data.
 enum Received {
@@ -41,7 +41,7 @@ static MESSAGES: LazyLock<Vec<Vec<u8>>> =
 fn received(stream: &Value) -> Vec<Received> {
     let events = stream["events"].as_array().into_iter().flatten();
     let received = events.filter_map(|event| {
-        let bytes = || crate::grammar::unhex(event[1].as_str().unwrap_or_default());
+        let bytes = || rhumb_conformance::grammar::unhex(event[1].as_str().unwrap_or_default());
         match event[0].as_str() {
             Some("control") => Some(Received::Control(bytes())),
             Some("datagram") => Some(Received::Datagram(bytes())),

@@ -8,8 +8,8 @@ use std::sync::LazyLock;
 use rhumb_protocol::message::{Framed, Frames, frame};
 use rhumb_protocol::wire::Malformed;
 
-use crate::grammar::Grammar;
-use crate::vectors::{Decoded, Sender};
+use rhumb_conformance::grammar::Grammar;
+use rhumb_conformance::vectors::{Decoded, Sender};
 
 /// Longer bodies are decoded by the codec only: the table decoder is written for readability, not speed.
 const BODY_BYTES_OF_THE_TABLE: usize = 2_000;

@@ -19,8 +19,8 @@ use super::inputs::with_bytes;
 use super::scene_commands::scene_config;
 use super::script::Script;
 use super::subscriber::assert_is_within_limits;
-use crate::vectors::golden;
 use crate::{RawPeer, Table};
+use rhumb_conformance::vectors::golden;
 
 /// Number of actions of one script, so that it ends soon.
 const ACTS_MAX: usize = 60;

@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::Target;
-use crate::grammar::{hex, unhex};
-use crate::vectors::golden;
+use super::target::Target;
+use rhumb_conformance::grammar::{hex, unhex};
+use rhumb_conformance::vectors::golden;
 
 /// The bytes of each of these cases.
 #[must_use]

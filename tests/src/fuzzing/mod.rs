@@ -19,6 +19,8 @@ mod scene_commands;
 mod script;
 mod source;
 mod subscriber;
+mod target;
+mod targets;
 mod upstream;
 
 pub use app::{app_messages, app_scene};
@@ -32,25 +34,6 @@ pub use recordings::recordings;
 pub use repair_symbols::repair_symbols;
 pub use scene_commands::scene_commands;
 pub use subscriber::subscriber;
+pub use target::Target;
+pub use targets::TARGETS;
 pub use upstream::upstream;
-
-/// A fuzz target.
-#[derive(Clone, Copy, Debug)]
-pub struct Target {
-    /// Its name, here and in `fuzz/`.
-    pub name: &'static str,
-    /// Runs one input.
-    pub run: fn(&[u8]),
-}
-
-macro_rules! targets {
-    ($($name:ident)*) => {
-        /// All targets, in order of name.
-        pub const TARGETS: &[Target] = &[$(Target { name: stringify!($name), run: $name }),*];
-    };
-}
-
-targets! {
-    app_messages app_scene client_messages client_session control_script upstream prefilter quantiser
-    link repair_symbols recordings scene_commands server_messages side_packets state_packets subscriber
-}

@@ -6,9 +6,10 @@ use std::collections::BTreeSet;
 
 use serde_json::Value;
 
+use super::message_case::MessageCase;
 use super::pieces::{f, v};
-use super::{MessageCase, Sender};
-use crate::grammar::{Grammar, Span};
+use rhumb_conformance::grammar::{Grammar, Span};
+use rhumb_conformance::vectors::Sender;
 
 /// Every change of one number in the cases that the table decodes.
 pub(super) fn cases(grammar: &Grammar, side: Sender, sent: &[MessageCase]) -> Vec<MessageCase> {

@@ -1,6 +1,6 @@
 //! Vectors of client messages: every message and command.
 
-use super::MessageCase;
+use super::message_case::MessageCase;
 use super::pieces::{
     CaseList, TURNED, bad_shapes, body, choices, config, config_of, extensions, f, id, joints,
     motion, shapes, v,

@@ -1,6 +1,6 @@
 //! Building blocks of hand-made messages.
 
-use super::MessageCase;
+use super::message_case::MessageCase;
 
 /// A varint.
 pub(super) fn v(mut number: u64) -> Vec<u8> {

@@ -6,7 +6,7 @@ use rhumb_reckoning::{
     Anchor, BodyId, ConstantAcceleration, PackedRotation, Predictor, QuantisedState,
 };
 
-use super::MessageCase;
+use super::message_case::MessageCase;
 use super::pieces::{
     CaseList, TURNED, bad_shapes, body, choices, config, extensions, f, id, joints, motion, shapes,
     v,

@@ -3,21 +3,19 @@
 //! They are recorded from a real server by `cargo run -p rhumb-tests --example control_vectors -- --write`. The tests
 //! replay the received data to a session. So a change of the engine does not invalidate them, but a change of the wire
 //! format does.
-use bytes::Bytes;
+use rhumb_conformance::grammar::hex;
+use rhumb_conformance::seed::Dice;
+use rhumb_conformance::vectors::{deliver, greeted, known};
+use rhumb_protocol::Span;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, Compound, Heights, Part, PublishSchedule, Shape, ShapeId, Stepping,
 };
-use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::stream::Budget;
-use rhumb_protocol::{Endpoint, Instant, Peer, Span};
 use rhumb_reckoning::{BodyId, BodyState, Metres, Radians, Tick, Ticks, Tolerance, ToleranceScale};
 use rhumb_sims::by_name;
 use serde_json::{Value, json};
 
-use crate::fnv::Fnv;
-use crate::grammar::{hex, unhex};
-use crate::seed::Dice;
 use crate::table::{Delivered, DeliveryAction, LossFilter, Table};
 
 /// The parameters of a recording.
@@ -37,7 +35,6 @@ struct Recording {
 }
 
 /// The server's name in each session.
-const HOST: Peer = Peer(0);
 /// Ticks without faults at the end.
 const CALM: u64 = 60;
 
@@ -111,39 +108,6 @@ fn recordings() -> Vec<Recording> {
             .with(24, 20)
         },
     ]
-}
-
-/// The state of a member, in the form of the vectors.
-#[must_use]
-pub fn known(replica: &Replica) -> Value {
-    let stream = replica.stream();
-    let mut known = json!({
-        "watermark": stream.watermark_tick().value(),
-        "complete": stream.complete().value(),
-        "converged": stream.is_converged(),
-        "next": stream.loss_report().next.0,
-        "missing": stream.missing(),
-        "checksum": format!("{:016x}", stream.state_checksum()),
-        "poses": format!("{:016x}", poses(replica)),
-    });
-    if matches!(replica.choice(), StreamChoice::Capped { .. }) {
-        // Error scales are multiples of one eighth.
-        let error_scale = stream.error_scale_at(stream.watermark_tick());
-        known["error_scale_eighths"] = json!(error_scale.map(|factor| (factor * 8.0) as u64));
-    }
-    known
-}
-
-/// FNV-1a over the bits of each body's predicted motion at the complete tick, in order of index.
-fn poses(replica: &Replica) -> u64 {
-    let stream = replica.stream();
-    let mut digest = Fnv::START;
-    for desc in replica.bodies() {
-        if let Some(motion) = stream.predicted_motion(desc.id, stream.watermark_tick()) {
-            digest.fold_motion(&motion);
-        }
-    }
-    digest.value()
 }
 
 fn received(sent: &Delivered) -> Value {
@@ -243,32 +207,6 @@ fn with_knowledge(events: Vec<Value>) -> Vec<Value> {
     reported
 }
 
-/// A session that waits for its server's first message.
-///
-/// # Panics
-///
-/// Never: the name of its scene is valid.
-#[must_use]
-pub fn greeted() -> ClientSession {
-    let mut session = ClientSession::new("golden".parse().expect("a valid scene name"));
-    session.handle_opened(Instant::ZERO, HOST);
-    session
-}
-
-/// Delivers an event of a stream to a session.
-///
-/// # Panics
-///
-/// When the event is malformed.
-pub fn deliver(session: &mut ClientSession, event: &Value) {
-    let bytes = || Bytes::from(unhex(event[1].as_str().expect("digits")));
-    match event[0].as_str() {
-        Some("control") => session.handle_control(Instant::ZERO, HOST, &bytes()),
-        Some("datagram") => session.handle_datagram(Instant::ZERO, HOST, &bytes()),
-        _ => {}
-    }
-}
-
 fn fate(dice: &mut Dice, bad: usize) -> DeliveryAction {
     match dice.below(100) {
         roll if roll >= bad => DeliveryAction::Arrives,
@@ -358,24 +296,4 @@ pub fn streams() -> String {
         });
     let recordings = recordings.collect::<Vec<_>>().join(",\n");
     format!("{{\n\"format\": \"rhumb stream vectors 1\",\n\"streams\": [\n{recordings}\n]\n}}\n")
-}
-
-/// Delivers the data of a stream's member to a session; returns for each recorded state its index, the expected and
-/// the actual state.
-///
-/// # Panics
-///
-/// When an event is malformed.
-#[must_use]
-pub fn replayed(events: &[Value]) -> Vec<(usize, Value, Value)> {
-    let mut session = greeted();
-    let mut states = Vec::new();
-    for (place, event) in events.iter().enumerate() {
-        deliver(&mut session, event);
-        if event[0] == "known" {
-            let replica = session.replica().expect("a member");
-            states.push((place, event[1].clone(), known(replica)));
-        }
-    }
-    states
 }

@@ -5,7 +5,7 @@
 use std::collections::BTreeSet;
 use std::fs;
 
-use rhumb_tests::requirements::{Document, is_name, parts, unnamed};
+use rhumb_conformance::requirements::{Document, is_name, parts, unnamed};
 
 use crate::house::{File, files, report, root};
 

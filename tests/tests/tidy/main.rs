@@ -7,5 +7,6 @@ mod citations;
 mod code;
 mod documents;
 mod house;
+mod imports;
 mod rules;
 mod words;

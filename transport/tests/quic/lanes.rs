@@ -4,9 +4,7 @@ use std::sync::mpsc::channel;
 
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Peer};
-use rhumb_transport::{
-    Certificate, DATAGRAM_BYTES_MIN, QuicClient, Received, TransportCode, UdpRelay,
-};
+use rhumb_transport::{Certificate, DATAGRAM_BYTES_MIN, Received, TransportCode};
 
 use crate::support::{Event, PATIENCE, Running, read_control};
 
@@ -90,18 +88,4 @@ fn a_flood_of_control_bytes_waits_at_the_sender() {
     );
     let ended = Event::Ended(Peer(0), Ending::Closed(TransportCode::CONTROL_OVERFLOW.0));
     assert_eq!(server.events.recv_timeout(PATIENCE), Ok(ended));
-}
-
-#[test]
-fn a_burst_of_control_bytes_crosses_a_relay() {
-    let server = Running::echo();
-    let nowhere = (std::net::Ipv4Addr::LOCALHOST, 0).into();
-    let config = "rtt=20ms".parse().unwrap();
-    let relay = UdpRelay::start(nowhere, server.address, config, 1).unwrap();
-    let mut options = server.options();
-    options.server = relay.local_addr();
-    let mut client = QuicClient::connect(options, PATIENCE).unwrap();
-    let sent = vec![b'x'; 200_000];
-    client.send_control(Bytes::from(sent.clone()));
-    assert_eq!(read_control(&mut client, sent.len()), sent);
 }

@@ -6,5 +6,4 @@
 mod closing;
 mod connecting;
 mod lanes;
-mod raw_peer;
 mod support;

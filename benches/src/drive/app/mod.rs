@@ -1,5 +1,6 @@
 //! The paper's protocol as a mode: its client and the measurement of it.
 mod defects;
+mod error;
 mod messages;
 mod polled;
 mod remote;
@@ -8,6 +9,6 @@ mod sockets;
 mod wire;
 
 pub use defects::{Defect, Defects};
+pub use error::AppError;
 pub use messages::Unsupported;
-pub use remote::AppError;
 pub(super) use remote::{AppRemote, AppSetup};

@@ -19,7 +19,7 @@ use super::sockets::{
     receive_datagram,
 };
 use super::wire::WireCounter;
-use crate::drive::SERVER_TIMEOUT;
+use crate::drive::server_timeout::SERVER_TIMEOUT;
 
 /// Interval between two turns of the thread that processes received messages.
 const MESSENGER: Duration = Duration::from_millis(10);

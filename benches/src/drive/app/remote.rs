@@ -1,6 +1,5 @@
 //! One mode of the paper's protocol: a server process, and its client
 
-use std::fmt;
 use std::io;
 use std::thread;
 use std::time::Duration;
@@ -13,15 +12,17 @@ use rhumb_reckoning::{BodyId, Tick};
 use rhumb_transport::Clock;
 
 use super::defects::Defects;
-use super::messages::{MessageWriter, SIMULATION, Unsupported};
+use super::error::AppError;
+use super::messages::{MessageWriter, SIMULATION};
 use super::polled::Polled;
 use super::replica::AppReplica;
 use super::sockets::{Direct, Sockets};
 use super::wire::{Count, WireCounter};
 use crate::drive::compare::{RecentTruth, compare};
 use crate::drive::control::ScriptChoice;
+use crate::drive::error::DriveError;
+use crate::drive::process::{ServerCpu, ServerProcess};
 use crate::drive::remote::Retention;
-use crate::drive::{DriveError, ServerCpu, ServerProcess};
 use crate::record::{CapturedPacket, Cause, CopiedPose, Frame, JoinCost, Mode};
 
 /// A server process and its client.
@@ -69,36 +70,6 @@ struct DirectReader {
     connection: Direct,
     replica: AppReplica,
     wire: WireCounter,
-}
-
-/// Why a mode of the paper's protocol failed.
-#[derive(Debug)]
-pub enum AppError {
-    /// The script uses a feature that the protocol cannot express.
-    Unsupported(Unsupported),
-    /// The sockets failed, or the server ended the connection.
-    PaperConnection(io::Error),
-}
-
-impl fmt::Display for AppError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Unsupported(what) => write!(f, "the paper's protocol cannot express {what}"),
-            Self::PaperConnection(cause) => write!(f, "the paper's protocol: {cause}"),
-        }
-    }
-}
-
-impl From<io::Error> for AppError {
-    fn from(cause: io::Error) -> Self {
-        Self::PaperConnection(cause)
-    }
-}
-
-impl From<Unsupported> for AppError {
-    fn from(what: Unsupported) -> Self {
-        Self::Unsupported(what)
-    }
 }
 
 impl AppRemote {

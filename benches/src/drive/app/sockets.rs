@@ -12,7 +12,7 @@ use rhumb_app::{Message, MessageFraming};
 use super::defects::Defects;
 use super::replica::AppReplica;
 use super::wire::WireCounter;
-use crate::drive::SERVER_TIMEOUT;
+use crate::drive::server_timeout::SERVER_TIMEOUT;
 
 /// The connected sockets.
 #[derive(Debug)]

@@ -2,10 +2,12 @@
 
 use rhumb_protocol::scene::Command;
 
+use super::interface::{
+    FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic,
+};
 use super::processor::work_ns;
-use super::{FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic};
-use crate::drive::DriveError;
 use crate::drive::app::{AppRemote, AppSetup};
+use crate::drive::error::DriveError;
 use crate::drive::remote::Retention;
 use crate::record::Mode;
 

@@ -8,9 +8,11 @@ use rhumb_reckoning::{BodyId, BodyState};
 use rhumb_server::{Scene, Workers};
 use rhumb_transport::Clock;
 
+use super::interface::{
+    FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic,
+};
 use super::processor::work_ns;
-use super::{FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic};
-use crate::drive::DriveError;
+use crate::drive::error::DriveError;
 use crate::record::Mode;
 
 /// A scene in this process and every body's newest state, as a simulator keeps it.

@@ -1,13 +1,15 @@
 //! Player of one remote mode: a server process and its client.
 
 use rhumb_client::{PipelineDepth, StreamChoice};
+use rhumb_netsim::LinkConfig;
 use rhumb_protocol::scene::Command;
 use rhumb_reckoning::Ticks;
-use rhumb_transport::LinkConfig;
 
+use super::interface::{
+    FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic,
+};
 use super::processor::work_ns;
-use super::{FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic};
-use crate::drive::DriveError;
+use crate::drive::error::DriveError;
 use crate::drive::remote::{Remote, Retention, Setup};
 use crate::record::Mode;
 
@@ -36,7 +38,7 @@ impl PlayerFactory for OverRhumb {
 }
 
 /// Player of the predicted stream at any pipeline depth.
-pub(crate) fn remote_player_at(
+pub fn remote_player_at(
     player_setup: &PlayerSetup,
     depth: PipelineDepth,
 ) -> Result<Box<dyn Player>, DriveError> {

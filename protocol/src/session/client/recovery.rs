@@ -6,12 +6,7 @@ use crate::stream::SILENCE_MOST;
 use crate::time::{Instant, Span};
 
 use super::ClientSession;
-
-/// The pause between two requests for a snapshot, unless the stream converged meanwhile. It doubles, so that snapshots
-/// do not fill a link that is too weak for the scene.
-const RESYNC_AGAIN: Span = Span::from_millis(1_000);
-/// The longest pause between two requests for a snapshot.
-pub(super) const RESYNC_MOST: Span = Span::from_millis(16_000);
+use super::timeouts::RESYNC_AGAIN;
 
 impl ClientSession {
     /// Whether a tick requested by `advance` is not complete yet.

@@ -19,48 +19,6 @@ use crate::session::upstream_sender::{PublishOutcome, UpstreamSender};
 use crate::stream::{PredictionParameters, PublisherStatistics};
 use crate::time::Instant;
 
-/// The authority of a member and its upstream.
-#[derive(Debug)]
-pub(super) struct UpstreamState {
-    upstream_sender: Option<UpstreamSender>,
-    /// The requested authority, while the answer is pending.
-    requested_authority: Option<TakeAuthority>,
-    /// The authority granted last.
-    granted: Option<TakeAuthority>,
-}
-
-impl UpstreamState {
-    pub(super) const fn new() -> Self {
-        Self {
-            upstream_sender: None,
-            requested_authority: None,
-            granted: None,
-        }
-    }
-
-    /// Removes a body that left the scene.
-    pub(super) fn remove(&mut self, id: BodyId) {
-        for authority in [&mut self.requested_authority, &mut self.granted]
-            .into_iter()
-            .flatten()
-        {
-            authority.bodies.retain(|body| *body != id);
-        }
-        if let Some(upstream_sender) = &mut self.upstream_sender {
-            upstream_sender.remove(id);
-        }
-    }
-
-    fn covers(&self, id: BodyId) -> bool {
-        let authorities = [&self.requested_authority, &self.granted]
-            .into_iter()
-            .flatten();
-        authorities
-            .into_iter()
-            .any(|authority| authority.bodies.contains(&id))
-    }
-}
-
 impl ClientSession {
     /// Takes authority over these kinematic bodies in place of the earlier ones; an empty list ends it. Answered by
     /// `AuthorityGrant` or `AuthorityDenied`.

@@ -4,27 +4,14 @@ use glam::Vec3;
 use rhumb_reckoning::{BodyId, Ticks};
 
 use super::Publisher;
+use super::large_body::{LargeBody, PARENT_SIZE_RATIO};
 use crate::stream::observation::Observation;
 use crate::stream::observation_history::ObservationHistory;
 
-/// The number of parent candidates at one tick: the largest moving bodies.
-pub(super) const PARENT_CANDIDATES_MAX: usize = 16;
-/// A parent is larger than its child by this factor at least.
-pub(super) const PARENT_SIZE_RATIO: f64 = 1.2;
 /// A child lies within this many radii of its parent.
 const PARENT_REACH: f64 = 3.0;
 /// With lookahead, a parent is kept within this share of its tolerance, because its error adds to that of its children.
 const PARENT_TOLERANCE_SHARE: f64 = 0.5;
-
-/// A parent candidate at one tick.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct LargeBody {
-    /// Its position among the observations.
-    pub(super) place: usize,
-    pub(super) position: Vec3,
-    /// The radius, metres.
-    pub(super) radius: f64,
-}
 
 impl Publisher {
     /// The share of its tolerance within which a body is kept.

@@ -1,22 +1,11 @@
-//! Which updates go first when a budget does not suffice.
-//!
-//! Invariant: every delayed update is counted and reported. The stream states the greatest share of a tolerance that
-//! its tracks use. A publisher without a budget pays nothing for this.
+//! The state of a budget, and the bodies that wait for it.
 
-use alloc::boxed::Box;
 use alloc::collections::BTreeMap;
-use alloc::vec::Vec;
 
-use bytes::Bytes;
-use rhumb_reckoning::{BodyId, Predictor, TRACK_AGE_MAX, Tick};
+use rhumb_reckoning::{BodyId, Tick};
 
-use super::Publisher;
-use crate::packet::{CostModel, ErrorScale, InitialCostModel, Keyframe, Update};
-use crate::stream::budget::{Budget, TokenBucket};
-use crate::stream::mode_decision::share;
-use crate::stream::observation::{Activity, Observation};
-use crate::stream::observation_history::ObservationHistory;
-use crate::stream::tracks::Slot;
+use crate::stream::budget::TokenBucket;
+use crate::stream::observation::Observation;
 
 /// A waiting body's error counts double after this many ticks, triple after twice as many, and so on.
 const AGE: f64 = 60.0;
@@ -24,31 +13,18 @@ const AGE: f64 = 60.0;
 const ERROR_LEAST: f64 = 0.25;
 /// One pick in this many goes to the body that waited longest, so that no body waits forever.
 const PICKS_PER_LONGEST_WAITING: usize = 4;
-/// With fewer bytes left no packet is sent, because its head would take more than its updates.
-const PACKET_BYTES_MIN: u64 = 96;
-/// Bytes of a packet besides its updates.
-const HEAD: u64 = 12;
-/// More bytes than any update takes.
-const UPDATE_BYTES_BOUND: usize = Keyframe::BITS_MAX / 8 + 32;
-/// While bodies wait, tolerances are raised by this share of the worst waiting body's excess over its own. Measured on
-/// the recorded cubes: 0.05 and 0.6 do as well (`replay --budget 8000`).
-const LOOSE: f64 = 0.25;
-/// The share of the remaining difference by which tolerances change each tick.
-const FOLLOW: f64 = 0.2;
-/// The greatest factor on tolerances.
-const SLACK_MAX: f64 = 1_000.0;
 
 /// The state of a budget.
 #[derive(Debug)]
 pub(super) struct BudgetState {
-    token_bucket: TokenBucket,
+    pub(super) token_bucket: TokenBucket,
     /// Bodies that were due and have had no update since, by index.
-    waiting: BTreeMap<u32, WaitingBody>,
+    pub(super) waiting: BTreeMap<u32, WaitingBody>,
     /// The greatest share of a tolerance used by any track since the last packet, or at the ticks that it covers.
-    worst: f64,
+    pub(super) worst: f64,
     /// A packet was sent, so `worst` starts again at the next tick.
-    reported: bool,
-    pick_order: PickOrder,
+    pub(super) reported: bool,
+    pub(super) pick_order: PickOrder,
 }
 
 /// A body whose update waits for the budget.
@@ -63,28 +39,28 @@ pub struct OverBudget {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct WaitingBody {
-    since: Tick,
+pub(super) struct WaitingBody {
+    pub(super) since: Tick,
     /// The share of its tolerance that its track used at the last published tick.
-    share: f64,
+    pub(super) share: f64,
     /// The newest observation of the body.
-    observation: Observation,
-    observed_at: Tick,
+    pub(super) observation: Observation,
+    pub(super) observed_at: Tick,
 }
 
 /// A body that is due for an update.
 #[derive(Clone, Copy, Debug)]
-struct DueUpdate {
-    observation: Observation,
-    share: f64,
-    since: Tick,
+pub(super) struct DueUpdate {
+    pub(super) observation: Observation,
+    pub(super) share: f64,
+    pub(super) since: Tick,
     /// Its track is about to become too old for a correction.
-    urgent: bool,
+    pub(super) urgent: bool,
 }
 
 /// The rule by which a body is picked for an update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Pick {
+pub(super) enum Pick {
     Worst,
     LongestWaiting,
 }
@@ -92,13 +68,13 @@ enum Pick {
 /// Whose turn it is. The count continues from tick to tick, so the longest waiting body gets updates even if a tick
 /// pays for few.
 #[derive(Clone, Copy, Debug, Default)]
-struct PickOrder {
+pub(super) struct PickOrder {
     /// Picks since the last longest-waiting one, at most the interval.
-    since_longest_waiting: usize,
+    pub(super) since_longest_waiting: usize,
 }
 
 impl PickOrder {
-    const fn next(self) -> Pick {
+    pub(super) const fn next(self) -> Pick {
         if self.since_longest_waiting < PICKS_PER_LONGEST_WAITING - 1 {
             Pick::Worst
         } else {
@@ -107,7 +83,7 @@ impl PickOrder {
     }
 
     /// Counts a pick.
-    fn pass(&mut self, pick: Pick) {
+    pub(super) fn pass(&mut self, pick: Pick) {
         self.since_longest_waiting = match pick {
             Pick::Worst => (self.since_longest_waiting + 1).min(PICKS_PER_LONGEST_WAITING - 1),
             Pick::LongestWaiting => 0,
@@ -116,281 +92,8 @@ impl PickOrder {
 }
 
 impl DueUpdate {
-    fn weight(&self, tick: Tick) -> f64 {
+    pub(super) fn weight(&self, tick: Tick) -> f64 {
         let waited = tick.since(self.since).unwrap_or_default().count();
         self.share.max(ERROR_LEAST) * (1.0 + f64::from(waited) / AGE)
     }
-}
-
-impl Publisher {
-    /// Holds the stream to a budget from now on.
-    ///
-    /// Attachment is switched off, so that each update is useful alone. Repair symbols are switched off, because they
-    /// would take bytes from updates.
-    pub fn limit(&mut self, budget: Budget) {
-        self.features.attached = false;
-        self.features.redundancy = false;
-        self.budget_state = Some(Box::new(BudgetState {
-            token_bucket: TokenBucket::new(budget, self.tracks.integrator().rate),
-            waiting: BTreeMap::new(),
-            worst: 1.0,
-            reported: false,
-            pick_order: PickOrder::default(),
-        }));
-    }
-
-    /// The greatest factor by which tracks exceed their tolerances, at the ticks since the last packet. If a packet was
-    /// sent at this tick, at the ticks that it covers: a watermark may arrive without the packet before it.
-    #[must_use]
-    pub fn error_scale(&self) -> ErrorScale {
-        let budget_state = self.budget_state.as_ref();
-        budget_state.map_or(ErrorScale::NONE, |budget_state| {
-            ErrorScale::covering(budget_state.worst)
-        })
-    }
-
-    /// Whether the stream has a budget.
-    pub(crate) const fn has_budget(&self) -> bool {
-        self.budget_state.is_some()
-    }
-
-    /// The number of bodies whose updates wait.
-    #[must_use]
-    pub fn waiting(&self) -> usize {
-        let budget_state = self.budget_state.as_ref();
-        budget_state.map_or(0, |budget_state| budget_state.waiting.len())
-    }
-
-    /// The bodies whose updates wait, in order of index.
-    pub fn over_budget(&self) -> impl Iterator<Item = OverBudget> {
-        let budget_state = self.budget_state.as_ref().into_iter();
-        let waiting = budget_state.flat_map(|budget_state| budget_state.waiting.values());
-        waiting.map(|waiting| OverBudget {
-            body: waiting.observation.id,
-            share: waiting.share,
-            since: waiting.since,
-        })
-    }
-
-    /// The waiting body whose track uses the greatest share of its tolerance.
-    #[must_use]
-    pub fn worst_waiting(&self) -> Option<OverBudget> {
-        let waiting = self.over_budget();
-        waiting.max_by(|a, b| a.share.total_cmp(&b.share))
-    }
-
-    /// Spends bytes of the budget on datagrams other than packets.
-    pub fn pay(&mut self, bytes: usize) {
-        if let Some(budget_state) = &mut self.budget_state {
-            budget_state.token_bucket.spend(bytes);
-        }
-    }
-
-    /// Publishes the due updates that the budget allows; `before` is the last published tick.
-    pub(super) fn publish_within(
-        &mut self,
-        mut budget_state: Box<BudgetState>,
-        observation_history: &ObservationHistory,
-        before: Tick,
-        scene_events: u64,
-        out: &mut Vec<Bytes>,
-    ) {
-        let tick = self.tick;
-        if core::mem::take(&mut budget_state.reported) {
-            budget_state.worst = 1.0;
-        }
-        self.statistics.aliases += self.alias_table.release_idle_aliases(tick);
-        budget_state
-            .token_bucket
-            .earn(tick.since(before).unwrap_or_default());
-        let observations = observation_history.at(tick).unwrap_or_default();
-        self.statistics.checked += observations.len() as u64;
-        let due = self.due(&mut budget_state, tick, observations);
-        let mut updates = core::mem::take(&mut self.updates);
-        updates.clear();
-        self.encode_due(&mut budget_state, observation_history, due, &mut updates);
-
-        let first_new = out.len();
-        let spoke = !updates.is_empty();
-        self.budget_state = Some(budget_state);
-        self.encode_updates(tick, &mut updates, scene_events, out);
-        self.updates = updates;
-        if let Some(budget_state) = self.budget_state.as_mut().filter(|_| spoke) {
-            budget_state
-                .token_bucket
-                .spend(out[first_new..].iter().map(Bytes::len).sum());
-            budget_state.reported = true;
-        }
-    }
-
-    /// Raises tolerances while bodies wait, by a share of the worst body's excess. An update that cannot be sent often
-    /// then lasts longer.
-    fn loosen(&mut self, worst_over_budget: f64) {
-        let wanted = 1.0 + (worst_over_budget - 1.0).max(0.0) * LOOSE;
-        self.slack += (wanted.min(SLACK_MAX) - self.slack) * FOLLOW;
-    }
-
-    /// The bodies that are due: those with tracks out of tolerance, and those that wait.
-    fn due(
-        &self,
-        budget_state: &mut BudgetState,
-        tick: Tick,
-        observations: &[Observation],
-    ) -> Vec<DueUpdate> {
-        for observation in observations {
-            if let Some(waiting) = budget_state.waiting.get_mut(&observation.id.index()) {
-                (waiting.observation, waiting.observed_at) = (*observation, tick);
-            }
-        }
-        let asleep = budget_state.waiting.values();
-        let unseen = asleep
-            .filter(|waiting| waiting.observed_at != tick)
-            .map(|waiting| waiting.observation);
-        let mut due = Vec::new();
-        for observation in observations.iter().copied().chain(unseen) {
-            let since = budget_state.waiting.get(&observation.id.index());
-            let since = since.map_or(tick, |waiting| waiting.since);
-            let found = self
-                .observed_slot(&observation)
-                .and_then(|slot| self.is_due(slot, tick, &observation));
-            due.extend(found.map(|(share, urgent)| DueUpdate {
-                observation,
-                share,
-                since,
-                urgent,
-            }));
-        }
-        due
-    }
-
-    /// The share of its tolerance that a track uses, and whether its update is urgent; `None` if it needs no update.
-    fn is_due(&self, slot: &Slot, tick: Tick, observation: &Observation) -> Option<(f64, bool)> {
-        let predicted_motion = self
-            .tracks
-            .predicted_motion((observation.id.index(), slot), tick);
-        let tolerance = self.tracks.tolerance_of(slot);
-        let truth = observation.motion.motion();
-        let used = share(
-            &truth.pose(),
-            &predicted_motion.pose(),
-            tolerance,
-            self.tracks.radius(slot),
-        );
-        let age = tick.since(slot.origin())?;
-        let moves = slot.predictor() != Predictor::Rest;
-        let urgent = age >= TRACK_AGE_MAX && moves;
-        let reported = match observation.activity {
-            Activity::Asleep => slot.is_exact_rest() && used <= 1.0,
-            Activity::Awake => used <= 1.0 && self.features.prefilter,
-        };
-        (urgent || !reported).then_some((used, urgent))
-    }
-
-    /// Encodes the updates of the worst bodies and, now and then, of the longest waiting, while the budget lasts.
-    fn encode_due(
-        &mut self,
-        budget_state: &mut BudgetState,
-        observation_history: &ObservationHistory,
-        due: Vec<DueUpdate>,
-        updates: &mut Vec<Update>,
-    ) {
-        let tick = self.tick;
-        let allowed = budget_state.token_bucket.left();
-        let allowed = if allowed < PACKET_BYTES_MIN {
-            0
-        } else {
-            allowed
-        };
-        let mut spent = HEAD * 8 * 256;
-        let mut waiting = BTreeMap::new();
-        let mut worst = 1.0;
-        // If the budget suffices for all, the order is that of a stream without a budget.
-        let all = (due.len() * UPDATE_BYTES_BOUND) as u64 <= allowed;
-        if all {
-            self.slack = 1.0;
-        }
-        let mut over_budget: f64 = 1.0;
-        let order = if all {
-            due.into_iter().map(|due| (Pick::Worst, due)).collect()
-        } else {
-            pick_in_order(due, tick, budget_state.pick_order)
-        };
-        for (pick, due) in order {
-            if due.urgent || all || spent < allowed * 8 * 256 {
-                let update = self.check(observation_history, tick, (0, &due.observation), None);
-                spent += update.as_ref().map_or(0, Self::bits_of);
-                updates.extend(update);
-                budget_state.pick_order.pass(pick);
-                // After an update under raised tolerances, the body may still exceed its own tolerance.
-                let left = self.observed_slot(&due.observation);
-                let left = left.and_then(|slot| self.is_due(slot, tick, &due.observation));
-                worst = worse(worst, left.map_or(1.0, |(share, _)| share));
-                continue;
-            }
-            let mine = WaitingBody {
-                since: due.since,
-                share: due.share,
-                observation: due.observation,
-                observed_at: tick,
-            };
-            waiting.insert(due.observation.id.index(), mine);
-            self.statistics.over_budget += u64::from(due.share > 1.0);
-            worst = worse(worst, due.share);
-            over_budget = over_budget.max(due.share);
-        }
-        self.loosen(over_budget);
-        budget_state.waiting = waiting;
-        budget_state.worst = worse(budget_state.worst, worst);
-    }
-
-    /// The approximate cost of an update, in 1/256 bits.
-    pub(super) fn bits_of(update: &Update) -> u64 {
-        /// The cost of a body's index and its alias.
-        const NAMED: u64 = 24 * 256;
-        const SEATED: u64 = 4 * 256;
-        let name = if update.body.is_some() { NAMED } else { SEATED };
-        u64::from(InitialCostModel.cost(&update.payload)) + name
-    }
-}
-
-/// The greater share; NaN is greater than any number.
-fn worse(one: f64, other: f64) -> f64 {
-    if other <= one {
-        one
-    } else if other.is_nan() {
-        f64::INFINITY
-    } else {
-        other
-    }
-}
-
-/// The order of picks: urgent bodies first, then the worst. Every few picks one goes to the longest waiting body,
-/// counted from the last tick on.
-fn pick_in_order(
-    mut due: Vec<DueUpdate>,
-    tick: Tick,
-    mut pick_order: PickOrder,
-) -> Vec<(Pick, DueUpdate)> {
-    due.sort_by(|a, b| {
-        let by_weight = b.weight(tick).total_cmp(&a.weight(tick));
-        b.urgent.cmp(&a.urgent).then(by_weight)
-    });
-    let mut eldest: Vec<usize> = (0..due.len()).collect();
-    eldest.sort_by_key(|place| due[*place].since);
-    let mut taken = alloc::vec![false; due.len()];
-    let mut order = Vec::with_capacity(due.len());
-    let (mut worst, mut eldest) = (0..due.len(), eldest.into_iter());
-    while order.len() < due.len() {
-        let is_free = |place: &usize| !taken[*place];
-        let pick = pick_order.next();
-        let place = match pick {
-            Pick::LongestWaiting => eldest.find(is_free),
-            Pick::Worst => worst.find(is_free),
-        };
-        let Some(place) = place else { break };
-        taken[place] = true;
-        pick_order.pass(pick);
-        order.push((pick, due[place]));
-    }
-    order
 }

@@ -1,0 +1,319 @@
+//! Analysis over all trials: means, spreads, tests, degradation.
+//!
+//! A void outcome enters no figure and is listed by name.
+
+use serde::{Deserialize, Serialize};
+
+use super::outcome::{ExperimentTrial, ModeOutcome};
+use super::settings::Settings;
+use super::statistics::{Comparison, Paired, Sample};
+use rhumb_bench::record::Mode;
+
+/// Frame rate below which a load counts as degraded (MDL: the minimum degradation load).
+pub(crate) const DEGRADED_FPS: f64 = 9.0;
+/// Level of significance of all tests.
+pub(crate) const ALPHA: f64 = 0.05;
+
+/// All results computed from the trials.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Analysis {
+    /// Loads in ascending order.
+    pub(crate) loads: Vec<LoadAnalysis>,
+    /// Degradation of each mode, in the order of the settings.
+    pub(crate) degradation: Vec<Degradation>,
+    /// Outcomes excluded from all figures.
+    pub(crate) void: Vec<Void>,
+}
+
+/// Analysis of one load.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct LoadAnalysis {
+    /// Number of balls.
+    pub(crate) load: u32,
+    /// Modes in the order of the settings, without those whose outcomes are all void.
+    pub(crate) modes: Vec<ModeAnalysis>,
+}
+
+/// One mode at one load, over all trials.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct ModeAnalysis {
+    /// Name of the mode.
+    pub(crate) mode: String,
+    /// Frames per second.
+    pub(crate) sim_fps: Sample,
+    /// Frames per second limited by the server too.
+    pub(crate) sustained_fps: Sample,
+    /// Frame time, milliseconds.
+    pub(crate) phys_ft_ms: Sample,
+    /// Processor time of the caller in a frame, milliseconds; `None` where the system does not report it.
+    pub(crate) work_ms: Option<Sample>,
+    /// Time of the engine's steps in a frame, milliseconds.
+    pub(crate) step_ms: Sample,
+    /// Server time per frame besides stepping, milliseconds.
+    pub(crate) beside_ms: Sample,
+    /// Bytes to the caller per frame, headers included.
+    pub(crate) bytes_down: Sample,
+    /// Bodies awake at the end.
+    pub(crate) awake: Sample,
+    /// Comparison with integrated at this load; `None` for integrated itself.
+    pub(crate) against_integrated: Option<Against>,
+}
+
+/// Comparison of a mode with integrated; differences are mode minus integrated.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Against {
+    /// In frames per second.
+    pub(crate) sim_fps: Comparison,
+    /// In milliseconds per frame.
+    pub(crate) phys_ft_ms: Comparison,
+    /// In milliseconds per frame, paired by trial: in each trial both step the same scene in turn.
+    pub(crate) paired: Option<Paired>,
+    /// Engine times, paired by trial: the engines take the same steps on different cores.
+    pub(crate) engine: Option<Paired>,
+}
+
+/// Smallest load at which a mode's mean falls below nine frames per second.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Degradation {
+    /// Name of the mode.
+    pub(crate) mode: String,
+    /// By SimFPS; `None` if no load degrades it.
+    pub(crate) mdl: Option<u32>,
+    /// By the sustained rate.
+    pub(crate) sustained_mdl: Option<u32>,
+}
+
+/// An outcome whose engine diverged from the integrated one.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Void {
+    /// Number of the trial.
+    pub(crate) trial: u32,
+    /// Its seed.
+    pub(crate) seed: u64,
+    /// Load of the outcome.
+    pub(crate) load: u32,
+    /// Name of the mode.
+    pub(crate) mode: String,
+}
+
+impl Analysis {
+    /// Analyses trials.
+    #[must_use]
+    pub(crate) fn of(settings: &Settings, trials: &[ExperimentTrial]) -> Self {
+        let loads: Vec<_> = settings
+            .loads
+            .iter()
+            .map(|load| of_load(settings, *load, trials))
+            .collect();
+        let degradation = settings
+            .modes
+            .iter()
+            .map(|mode| degradation(mode, &loads))
+            .collect();
+        Self {
+            loads,
+            degradation,
+            void: void(trials),
+        }
+    }
+
+    /// The analysis of one mode at one load.
+    #[must_use]
+    pub(crate) fn mode(&self, load: u32, mode: &str) -> Option<&ModeAnalysis> {
+        let load = self.loads.iter().find(|found| found.load == load)?;
+        load.modes.iter().find(|found| found.mode == mode)
+    }
+}
+
+fn of_load(settings: &Settings, load: u32, trials: &[ExperimentTrial]) -> LoadAnalysis {
+    let integrated = sound(trials, load, Mode::Integrated.name());
+    let modes = settings.modes.iter();
+    LoadAnalysis {
+        load,
+        modes: modes
+            .filter_map(|mode| of_mode(settings, mode, &sound(trials, load, mode), &integrated))
+            .collect(),
+    }
+}
+
+/// The valid outcomes of a mode at a load, with their trial numbers.
+fn sound<'t>(trials: &'t [ExperimentTrial], load: u32, mode: &str) -> Vec<(u32, &'t ModeOutcome)> {
+    let all = trials.iter().flat_map(|trial| {
+        let loads = trial.loads.iter().filter(|found| found.load == load);
+        let modes = loads.flat_map(|found| &found.modes);
+        modes.map(|found| (trial.number, found))
+    });
+    all.filter(|(_, found)| found.mode == mode && !found.void)
+        .collect()
+}
+
+/// Values of two modes, paired by trial.
+fn paired(
+    of: fn(&ModeOutcome) -> f64,
+    outcomes: &[(u32, &ModeOutcome)],
+    integrated: &[(u32, &ModeOutcome)],
+) -> Option<Paired> {
+    let pair = |(number, own): &(u32, &ModeOutcome)| {
+        let (_, beside) = integrated.iter().find(|(other, _)| other == number)?;
+        Some((of(own), of(beside)))
+    };
+    let pairs: Vec<(f64, f64)> = outcomes.iter().filter_map(pair).collect();
+    Paired::of(&pairs)
+}
+
+fn of_mode(
+    settings: &Settings,
+    mode: &str,
+    outcomes: &[(u32, &ModeOutcome)],
+    integrated: &[(u32, &ModeOutcome)],
+) -> Option<ModeAnalysis> {
+    let values = |of: fn(&ModeOutcome) -> f64, all: &[(u32, &ModeOutcome)]| -> Vec<f64> {
+        all.iter().map(|(_, outcome)| of(outcome)).collect()
+    };
+    let sample = |of: fn(&ModeOutcome) -> f64| Sample::of(&values(of, outcomes));
+    let compare = |of: fn(&ModeOutcome) -> f64| {
+        Comparison::of(
+            &values(of, outcomes),
+            &values(of, integrated),
+            settings.seed,
+        )
+    };
+    let fps = |outcome: &ModeOutcome| outcome.sim_fps;
+    let frame = |outcome: &ModeOutcome| outcome.phys_ft_ms;
+    let against = compare(fps).zip(compare(frame));
+    let step = |outcome: &ModeOutcome| outcome.step_ms;
+    let work: Option<Vec<f64>> = outcomes.iter().map(|(_, found)| found.work_ms).collect();
+    Some(ModeAnalysis {
+        mode: mode.to_owned(),
+        sim_fps: sample(fps)?,
+        sustained_fps: sample(|outcome| outcome.sustained_fps)?,
+        phys_ft_ms: sample(frame)?,
+        work_ms: work.and_then(|work| Sample::of(&work)),
+        step_ms: sample(step)?,
+        beside_ms: sample(|outcome| outcome.observe_ms + outcome.publish_ms)?,
+        bytes_down: sample(|outcome| outcome.bytes_down as f64 / f64::from(outcome.frames.max(1)))?,
+        awake: sample(|outcome| f64::from(outcome.awake))?,
+        against_integrated: against.filter(|_| mode != Mode::Integrated.name()).map(
+            |(sim_fps, phys_ft_ms)| Against {
+                sim_fps,
+                phys_ft_ms,
+                paired: paired(frame, outcomes, integrated),
+                engine: paired(step, outcomes, integrated),
+            },
+        ),
+    })
+}
+
+/// Rule of the paper: the smallest load with a mean below nine.
+fn degradation(mode: &str, loads: &[LoadAnalysis]) -> Degradation {
+    let least = |of: fn(&ModeAnalysis) -> f64| {
+        let below = loads.iter().filter(|load| {
+            let own = load.modes.iter().find(|found| found.mode == mode);
+            own.is_some_and(|own| of(own) < DEGRADED_FPS)
+        });
+        below.map(|load| load.load).min()
+    };
+    Degradation {
+        mode: mode.to_owned(),
+        mdl: least(|own| own.sim_fps.mean),
+        sustained_mdl: least(|own| own.sustained_fps.mean),
+    }
+}
+
+fn void(trials: &[ExperimentTrial]) -> Vec<Void> {
+    let mut void = Vec::new();
+    for trial in trials {
+        for load in &trial.loads {
+            for outcome in load.modes.iter().filter(|outcome| outcome.void) {
+                void.push(Void {
+                    trial: trial.number,
+                    seed: trial.seed,
+                    load: load.load,
+                    mode: outcome.mode.clone(),
+                });
+            }
+        }
+    }
+    void
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::super::outcome::LoadOutcome;
+    use super::super::settings::tests::settings;
+    use super::*;
+
+    /// A trial with these frame rates of integrated and naive at 500 and 1,000 balls.
+    pub(crate) fn trial(number: u32, fps: [[f64; 2]; 2]) -> ExperimentTrial {
+        let outcome = |mode: &str, fps: f64| ModeOutcome {
+            mode: mode.to_owned(),
+            frames: 10,
+            sim_fps: fps,
+            sustained_fps: fps / 2.0,
+            phys_ft_ms: 1e3 / fps,
+            bytes_down: 1_000,
+            ..ModeOutcome::default()
+        };
+        let load = |load, fps: [f64; 2]| LoadOutcome {
+            load,
+            modes: vec![outcome("integrated", fps[0]), outcome("naive", fps[1])],
+        };
+        ExperimentTrial {
+            number,
+            seed: u64::from(number),
+            wall_s: 1.0,
+            loads: vec![load(500, fps[0]), load(1_000, fps[1])],
+        }
+    }
+
+    #[test]
+    fn degradation_begins_at_the_smallest_load_with_a_mean_below_nine() {
+        let trials = [
+            trial(1, [[11.0, 9.5], [9.2, 8.0]]),
+            trial(2, [[11.0, 8.5], [8.8, 7.0]]),
+        ];
+        let analysis = Analysis::of(&settings(), &trials);
+        let mdl = |mode: &str| {
+            let found = analysis.degradation.iter().find(|found| found.mode == mode);
+            found.map(|found| (found.mdl, found.sustained_mdl)).unwrap()
+        };
+        // Integrated: means 11 and exactly 9, which is not below. Naive: exactly 9 at 500, 7.5 at 1,000.
+        assert_eq!(mdl("integrated"), (None, Some(500)));
+        assert_eq!(mdl("naive"), (Some(1_000), Some(500)));
+        assert_eq!(mdl("rhumb"), (None, None));
+        let naive = analysis.mode(1_000, "naive").unwrap();
+        assert_eq!((naive.sim_fps.count, naive.sim_fps.mean), (2, 7.5));
+        let against = naive.against_integrated.unwrap();
+        assert!((against.sim_fps.difference + 1.5).abs() < 1e-12);
+        // Frames of 1/8 and 1/7 s beside 1/9.2 and 1/8.8 s: √(9.2/8 · 8.8/7).
+        let paired = against.paired.unwrap();
+        assert_eq!(paired.pairs, 2);
+        assert!((paired.ratio - (1.15_f64 * 8.8 / 7.0).sqrt()).abs() < 1e-12);
+        assert_eq!(
+            analysis.mode(500, "integrated").unwrap().against_integrated,
+            None
+        );
+        assert_eq!(naive.bytes_down.mean, 100.0);
+    }
+
+    #[test]
+    fn a_void_outcome_is_excluded_and_listed() {
+        let mut trials = [
+            trial(1, [[11.0, 10.0], [10.0, 10.0]]),
+            trial(2, [[11.0, 1.0], [10.0, 10.0]]),
+        ];
+        trials[1].loads[0].modes[1].void = true;
+        let analysis = Analysis::of(&settings(), &trials);
+        let naive = analysis.mode(500, "naive").unwrap();
+        assert_eq!((naive.sim_fps.count, naive.sim_fps.mean), (1, 10.0));
+        let named = Void {
+            trial: 2,
+            seed: 2,
+            load: 500,
+            mode: "naive".to_owned(),
+        };
+        assert_eq!(analysis.void, [named]);
+        trials[0].loads[0].modes[1].void = true;
+        assert_eq!(Analysis::of(&settings(), &trials).mode(500, "naive"), None);
+    }
+}

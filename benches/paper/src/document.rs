@@ -1,0 +1,406 @@
+//! `rhumb-paper page`: fills a page with measurements.
+//!
+//! `<!-- paper: BLOCK FILE -->` opens a block, `<!-- /paper -->` closes it. FILE, or a folder of runs, lies beside the
+//! page. The text between the markers is replaced, everything else stays. Blocks are fully generated, so a check can
+//! find stale ones.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde::Deserialize;
+
+use super::analysis::Analysis;
+use super::engines::{self, Engines};
+use super::error::PaperError;
+use super::figures::{self, PaperFigure};
+use super::gap::{self, GapResults};
+use super::hardware::{self, HardwareResults};
+use super::outcome::ExperimentTrial;
+use super::remote::{self, RemoteResults};
+use super::results::PaperResults;
+use super::settings::Settings;
+use super::store::parse;
+use super::{findings, tables};
+use rhumb_bench::cost::Costs;
+use rhumb_bench::output;
+use rhumb_bench::summary::{Summary, later, markdown, ratios};
+
+/// Arguments of the page task.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct PageArguments {
+    /// The page in Markdown.
+    #[arg(default_value = "docs/results/paper.md")]
+    page: PathBuf,
+    /// Change nothing; fail if the page is stale.
+    #[arg(long)]
+    check: bool,
+}
+
+const OPENS: &str = "<!-- paper: ";
+const OPENED: &str = " -->";
+const CLOSES: &str = "<!-- /paper -->";
+
+/// Fills or checks a page.
+pub(crate) fn run(arguments: &PageArguments) -> Result<(), PaperError> {
+    let path = &arguments.page;
+    let text = read(path)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let filled = fill(path, &text, &mut |block, file| {
+        make_block(path, folder, block, file)
+    })?;
+    let mut stale = filled.changed;
+    for (name, svg) in &filled.figures {
+        let beside = folder.join(name);
+        if fs::read_to_string(&beside).ok().as_ref() != Some(svg) {
+            stale.push(name.clone());
+        }
+    }
+    if arguments.check {
+        if stale.is_empty() {
+            return Ok(output::print_text(&format!(
+                "{} is current\n",
+                path.display()
+            ))?);
+        }
+        let (path, blocks) = (path.clone(), stale);
+        return Err(PaperError::Stale { path, blocks });
+    }
+    for (name, svg) in &filled.figures {
+        output::write_file(&folder.join(name), svg.as_bytes())?;
+    }
+    output::write_file(path, filled.text.as_bytes())?;
+    let what = if stale.is_empty() {
+        "unchanged".to_owned()
+    } else {
+        stale.join(", ")
+    };
+    Ok(output::print_text(&format!(
+        "{}: {what}\n",
+        path.display()
+    ))?)
+}
+
+/// Text of a block, and the picture it shows.
+#[derive(Debug, Default)]
+struct Block {
+    text: String,
+    /// File name beside the page, and content.
+    figure: Option<(String, String)>,
+}
+
+/// A page with filled blocks.
+#[derive(Debug, Default)]
+struct Filled {
+    text: String,
+    /// Blocks whose text changed.
+    changed: Vec<String>,
+    figures: BTreeMap<String, String>,
+}
+
+/// Replaces the text between the markers of a page.
+fn fill(
+    path: &Path,
+    text: &str,
+    make: &mut dyn FnMut(&str, &str) -> Result<Block, PaperError>,
+) -> Result<Filled, PaperError> {
+    let wrong = |why: String| PaperError::Page {
+        path: path.to_owned(),
+        why,
+    };
+    let mut filled = Filled::default();
+    let mut rest = text;
+    while let Some((before, after)) = rest.split_once(OPENS) {
+        let ends = || wrong("a marker does not end on its line".to_owned());
+        let (marker, after) = after.split_once(OPENED).ok_or_else(ends)?;
+        let (block, file) = marker
+            .split_once(' ')
+            .filter(|_| !marker.contains('\n'))
+            .ok_or_else(|| wrong(format!("the marker {marker:?} lacks a block or file name")))?;
+        let unclosed = || wrong(format!("the block {block} is not closed"));
+        let (inside, after) = after.split_once(CLOSES).ok_or_else(unclosed)?;
+        if inside.contains(OPENS) {
+            return Err(unclosed());
+        }
+        let made = make(block, file)?;
+        let new = format!("\n{}\n", made.text.trim_end());
+        if new != inside {
+            filled.changed.push(block.to_owned());
+        }
+        filled
+            .text
+            .push_str(&format!("{before}{OPENS}{marker}{OPENED}{new}{CLOSES}"));
+        filled.figures.extend(made.figure);
+        rest = after;
+    }
+    if filled.text.is_empty() {
+        return Err(wrong(format!("no marker {OPENS:?} opens a block")));
+    }
+    filled.text.push_str(rest);
+    Ok(filled)
+}
+
+fn read(path: &Path) -> Result<String, PaperError> {
+    fs::read_to_string(path).map_err(|cause| PaperError::Read {
+        path: path.to_owned(),
+        cause,
+    })
+}
+
+fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, PaperError> {
+    parse(path, read(path)?.as_bytes())
+}
+
+/// Results of an experiment, recomputed from its trials: the file may come from a version with other statistics.
+fn read_experiment(path: &Path) -> Result<PaperResults, PaperError> {
+    let StoredExperiment {
+        command,
+        settings,
+        trials,
+    } = read_json(path)?;
+    Ok(PaperResults {
+        command,
+        analysis: Analysis::of(&settings, &trials),
+        settings,
+        trials,
+    })
+}
+
+/// The measured part of `paper.json`.
+#[derive(Debug, Deserialize)]
+struct StoredExperiment {
+    command: String,
+    settings: Settings,
+    trials: Vec<ExperimentTrial>,
+}
+
+/// Builds a block by its name.
+fn make_block(page: &Path, folder: &Path, block: &str, file: &str) -> Result<Block, PaperError> {
+    let path = folder.join(file);
+    let text = match block.split_once('-') {
+        Some(("cost", what)) => read_json::<Costs>(&path)?.block(what),
+        Some(("runs", what)) => of_runs(&read_runs(&path)?, what),
+        Some(("remote", what)) => of_remote(&read_json(&path)?, what),
+        Some(("engines", what)) => of_engines(&read_json(&path)?, what),
+        Some(("gap", what)) => of_gap(&read_json(&path)?, what),
+        Some(("hardware", what)) => of_hardware(&read_json(&path)?, what),
+        _ => {
+            let results = read_experiment(&path)?;
+            match block.strip_prefix("figure-") {
+                Some(name) => return of_figure(page, block, figure(&results, name)),
+                None => of_paper(&results, block),
+            }
+        }
+    };
+    let text = text.ok_or_else(|| no_such(page, block))?;
+    Ok(Block { text, figure: None })
+}
+
+fn no_such(page: &Path, block: &str) -> PaperError {
+    PaperError::Page {
+        path: page.to_owned(),
+        why: format!("the block {block:?} does not exist"),
+    }
+}
+
+fn of_paper(results: &PaperResults, block: &str) -> Option<String> {
+    let table = match block {
+        "command" => return Some(format!("    {}", results.command)),
+        "findings" => {
+            let sentences = findings::sentences(results);
+            let lines: Vec<String> = sentences
+                .iter()
+                .map(|sentence| format!("- {sentence}"))
+                .collect();
+            return Some(lines.join("\n"));
+        }
+        "sim-fps" => tables::sim_fps(results),
+        "phys-ft" => tables::phys_ft(results),
+        "sustained" => tables::sustained(results),
+        "degradation" => tables::degradation(results),
+        "tests-sim-fps" => tables::tests_fps(results),
+        "tests-phys-ft" => tables::tests_frame(results),
+        "paired" => tables::paired(results),
+        "aims" => tables::aims(results),
+        "aims-of-bytes" => tables::aims_of_bytes(results),
+        "stages" => tables::stages(results),
+        "traffic" => tables::traffic(results),
+        _ => return None,
+    };
+    Some(table.to_markdown())
+}
+
+/// The runs of a `summary.json`, or of all such files in a folder, ordered by name.
+fn read_runs(path: &Path) -> Result<Summary, PaperError> {
+    if !path.is_dir() {
+        return read_json(path);
+    }
+    let failed = |cause| PaperError::Read {
+        path: path.to_owned(),
+        cause,
+    };
+    let mut files = Vec::new();
+    for entry in fs::read_dir(path).map_err(failed)? {
+        files.push(entry.map_err(failed)?.path());
+    }
+    files.sort();
+    let mut all: Option<Summary> = None;
+    for file in &files {
+        let mut one: Summary = read_json(file)?;
+        match &mut all {
+            Some(all) => {
+                all.runs.append(&mut one.runs);
+                all.unfinished.append(&mut one.unfinished);
+            }
+            None => all = Some(one),
+        }
+    }
+    all.ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()))
+}
+
+/// Blocks of the `summary.json` of any other task.
+fn of_runs(summary: &Summary, what: &str) -> Option<String> {
+    match what {
+        "command" => Some(format!("    {}", summary.command)),
+        "table" => Some(summary.table().to_markdown()),
+        "ratios" => Some(markdown(&ratios(&summary.runs))),
+        "later" => Some(markdown(&later(&summary.runs))),
+        _ => None,
+    }
+}
+
+fn of_remote(results: &RemoteResults, what: &str) -> Option<String> {
+    match what {
+        "command" => Some(format!(
+            "    {}\n\nOn {} ({}; {} build), seed {}, {} frames a point.",
+            results.command,
+            results.machine,
+            results.cores,
+            results.build,
+            results.seed,
+            results.frames
+        )),
+        "crossings" => Some(remote::crossings_table(results).to_markdown()),
+        "aims" => Some(remote::aims_table(results).to_markdown()),
+        "points" => Some(remote::points_table(results).to_markdown()),
+        _ => None,
+    }
+}
+
+fn of_engines(engines: &Engines, what: &str) -> Option<String> {
+    match what {
+        "command" => Some(format!(
+            "    {}\n\nOn {}; {} with {} bodies.",
+            engines.command, engines.machine, engines.scene, engines.bodies
+        )),
+        "table" => Some(engines::table(engines).to_markdown()),
+        _ => None,
+    }
+}
+
+fn of_gap(results: &GapResults, what: &str) -> Option<String> {
+    match what {
+        "command" => Some(format!(
+            "    {}\n\nOn {} ({}; {} build), seed {}, {} frames each.",
+            results.command,
+            results.machine,
+            results.cores,
+            results.build,
+            results.seed,
+            results.frames
+        )),
+        "table" => Some(gap::table(results).to_markdown()),
+        "shares" => Some(gap::shares_table(results).to_markdown()),
+        "published" => Some(gap::published_table(results).to_markdown()),
+        _ => None,
+    }
+}
+
+fn of_hardware(results: &HardwareResults, what: &str) -> Option<String> {
+    match what {
+        "command" => {
+            let line = |machine: &hardware::MachineResults| {
+                format!(
+                    "    {}\n\nOn {} ({} build).\n",
+                    machine.command, machine.machine, machine.build
+                )
+            };
+            Some(
+                results
+                    .machines
+                    .iter()
+                    .map(line)
+                    .collect::<Vec<_>>()
+                    .join("\n"),
+            )
+        }
+        "table" => Some(hardware::table(results).to_markdown()),
+        _ => None,
+    }
+}
+
+fn figure(results: &PaperResults, name: &str) -> Option<PaperFigure> {
+    [figures::sim_fps(results), figures::phys_ft(results)]
+        .into_iter()
+        .find(|figure| figure.name == name)
+}
+
+fn of_figure(page: &Path, block: &str, figure: Option<PaperFigure>) -> Result<Block, PaperError> {
+    let figure = figure.ok_or_else(|| no_such(page, block))?;
+    let name = format!("{}.svg", figure.name);
+    Ok(Block {
+        text: format!("![{}]({name})", figure.title),
+        figure: Some((name, figure.standalone())),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PAGE: &str = "# A page\n\n<!-- paper: one a.json -->\nold\n<!-- /paper -->\n\ntail\n";
+
+    fn filled(text: &str) -> Result<Filled, PaperError> {
+        fill(Path::new("page.md"), text, &mut |block, file| {
+            Ok(Block {
+                text: format!("{block} of {file}"),
+                figure: None,
+            })
+        })
+    }
+
+    #[test]
+    fn filling_replaces_blocks_and_nothing_else() {
+        let once = filled(PAGE).unwrap();
+        let expected =
+            "# A page\n\n<!-- paper: one a.json -->\none of a.json\n<!-- /paper -->\n\ntail\n";
+        assert_eq!(once.text, expected);
+        assert_eq!(once.changed, ["one"]);
+        let again = filled(&once.text).unwrap();
+        assert_eq!((again.text.as_str(), again.changed.len()), (expected, 0));
+    }
+
+    #[test]
+    fn an_error_names_the_wrong_marker() {
+        for (text, why) in [
+            (
+                "<!-- paper: one a.json -->\nold\n",
+                "the block one is not closed",
+            ),
+            (
+                "<!-- paper: one -->\n<!-- /paper -->",
+                "lacks a block or file name",
+            ),
+            ("<!-- paper: one a.json\n", "does not end on its line"),
+            ("# A page\n\nand no block\n", "opens a block"),
+            (
+                "<!-- paper: one a.json -->\n<!-- paper: two a.json -->\n<!-- /paper -->",
+                "the block one is not closed",
+            ),
+        ] {
+            let message = filled(text).unwrap_err().to_string();
+            assert!(message.contains(why), "{message}");
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Stores finished trials, so that an experiment can be continued.
+//!
+//! Each file is written whole or not at all. Trials of other settings or another machine are refused.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::error::PaperError;
+use super::outcome::ExperimentTrial;
+use super::settings::Settings;
+use rhumb_bench::output;
+
+/// An experiment's folder.
+#[derive(Debug)]
+pub(crate) struct Store {
+    trials: PathBuf,
+}
+
+impl Store {
+    /// Opens a folder for these settings; creates it if missing.
+    pub(crate) fn open(out: &Path, settings: &Settings) -> Result<Self, PaperError> {
+        let trials = out.join("trials");
+        output::make_folder(&trials)?;
+        let path = out.join("experiment.json");
+        match fs::read(&path) {
+            Ok(bytes) => {
+                let kept: Settings = parse(&path, &bytes)?;
+                if let Some(difference) = kept.difference(settings) {
+                    let folder = out.to_owned();
+                    return Err(PaperError::OtherExperiment { folder, difference });
+                }
+            }
+            Err(cause) if cause.kind() == io::ErrorKind::NotFound => {
+                output::write_json(&path, settings)?;
+            }
+            Err(cause) => return Err(PaperError::Read { path, cause }),
+        }
+        Ok(Self { trials })
+    }
+
+    /// The finished trials, by number.
+    pub(crate) fn trials(&self) -> Result<BTreeMap<u32, ExperimentTrial>, PaperError> {
+        let failed = |cause| PaperError::Read {
+            path: self.trials.clone(),
+            cause,
+        };
+        let mut trials = BTreeMap::new();
+        for entry in fs::read_dir(&self.trials).map_err(failed)? {
+            let path = entry.map_err(failed)?.path();
+            // Unfinished files of an interruption have another extension.
+            if path.extension().is_some_and(|ending| ending == "json") {
+                let bytes = fs::read(&path).map_err(|cause| PaperError::Read {
+                    path: path.clone(),
+                    cause,
+                })?;
+                let trial: ExperimentTrial = parse(&path, &bytes)?;
+                trials.insert(trial.number, trial);
+            }
+        }
+        Ok(trials)
+    }
+
+    /// Stores a finished trial.
+    pub(crate) fn keep(&self, trial: &ExperimentTrial) -> Result<(), PaperError> {
+        let path = self.trials.join(format!("{:04}.json", trial.number));
+        Ok(output::write_json(&path, trial)?)
+    }
+}
+
+/// Reads a file that this program wrote.
+pub(crate) fn parse<T: serde::de::DeserializeOwned>(
+    path: &Path,
+    bytes: &[u8],
+) -> Result<T, PaperError> {
+    serde_json::from_slice(bytes).map_err(|cause| PaperError::NotOurs {
+        path: path.to_owned(),
+        cause,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::settings::tests::settings;
+    use super::*;
+
+    fn folder(name: &str) -> PathBuf {
+        let folder =
+            std::env::temp_dir().join(format!("rhumb-paper-{name}-{}", std::process::id()));
+        // The folder may not exist yet.
+        let _ = fs::remove_dir_all(&folder);
+        folder
+    }
+
+    fn trial(number: u32) -> ExperimentTrial {
+        ExperimentTrial {
+            number,
+            seed: u64::from(number),
+            wall_s: 1.0,
+            loads: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn finished_trials_are_read_back_and_unfinished_ones_are_ignored() {
+        let out = folder("again");
+        let store = Store::open(&out, &settings()).unwrap();
+        store.keep(&trial(1)).unwrap();
+        store.keep(&trial(3)).unwrap();
+        fs::write(out.join("trials/0002.partial"), b"{\"number\": 2").unwrap();
+        let again = Store::open(&out, &settings()).unwrap().trials().unwrap();
+        assert_eq!(again.keys().copied().collect::<Vec<_>>(), [1, 3]);
+        fs::write(out.join("trials/0004.json"), b"{\"number\": 4").unwrap();
+        let message = store.trials().unwrap_err().to_string();
+        assert!(message.contains("0004.json"), "{message}");
+        fs::remove_dir_all(&out).unwrap();
+    }
+
+    #[test]
+    fn another_experiment_is_refused_with_the_difference() {
+        let out = folder("other");
+        Store::open(&out, &settings()).unwrap();
+        let other = Settings {
+            machine: "another machine".to_owned(),
+            ..settings()
+        };
+        let message = Store::open(&out, &other).unwrap_err().to_string();
+        assert!(message.contains("machine"), "{message}");
+        assert!(message.contains("another machine"), "{message}");
+        fs::remove_dir_all(&out).unwrap();
+    }
+}

@@ -1,0 +1,17 @@
+//! The poses of a remote scene at any moment, and the clock that chooses the moment.
+//!
+//! Reads no clock and opens no socket: time is an argument, and what a stream holds comes from
+//! [`rhumb_protocol::stream::Subscriber`]. `rhumb-client` builds on it, and so does a client in WebAssembly.
+#![forbid(unsafe_code)]
+
+mod pipeline_depth;
+mod render_params;
+mod render_time;
+mod scene_clock;
+mod view;
+
+pub use pipeline_depth::PipelineDepth;
+pub use render_params::RenderParams;
+pub use render_time::RenderTime;
+pub use scene_clock::SceneClock;
+pub use view::View;

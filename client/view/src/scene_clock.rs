@@ -1,0 +1,142 @@
+//! The scene's clock: the server's tick now, and the moment to show.
+//!
+//! The only place of the client where host time meets ticks. Shown time never goes back and never runs more than a
+//! twentieth faster or slower than real time, unless it is so far off that it must jump.
+
+use rhumb_protocol::{Instant, Span};
+use rhumb_reckoning::{Rate, Tick};
+
+use crate::render_time::RenderTime;
+
+/// How much faster or slower than real time the shown time may run.
+const SLEW: f64 = 0.05;
+/// A shown time that is off by more than this many seconds jumps.
+const JUMP_SECONDS: f64 = 0.5;
+/// A sample whose round trip was this many times the best one says too little.
+const ROUND_TRIP_SLACK: f64 = 2.0;
+
+/// Follows a free-running scene's clock.
+#[derive(Clone, Debug)]
+pub struct SceneClock {
+    ticks_per_ns: f64,
+    /// The tick count at the client's zero moment, and the round trip of the sample that told it.
+    origin: Option<(f64, Span)>,
+    shown: Option<(Instant, f64)>,
+}
+
+impl SceneClock {
+    /// A clock that has seen nothing of the server; `rate` is the scene's.
+    #[must_use]
+    pub fn new(rate: Rate) -> Self {
+        Self {
+            ticks_per_ns: f64::from(rate.ticks()) / (f64::from(rate.seconds()) * 1e9),
+            origin: None,
+            shown: None,
+        }
+    }
+
+    /// At `at`, the newest tick had been reached `since_tick` before.
+    pub fn sample(&mut self, at: Instant, tick: Tick, since_tick: Span, round_trip: Span) {
+        let ticks = tick.value() as f64 + since_tick.as_nanos() as f64 * self.ticks_per_ns;
+        let origin = ticks - at.as_nanos() as f64 * self.ticks_per_ns;
+        self.origin = Some(match self.origin {
+            None => (origin, round_trip),
+            Some((known, best)) => {
+                let trusted =
+                    round_trip.as_nanos() as f64 <= best.as_nanos() as f64 * ROUND_TRIP_SLACK;
+                let weight = if trusted { 0.25 } else { 0.05 };
+                // The best round trip is forgotten slowly, so that a path that became longer is predicted_motion in the end.
+                let remembered = Span::from_nanos(best.as_nanos() + best.as_nanos() / 8);
+                (
+                    known + (origin - known) * weight,
+                    round_trip.min(remembered),
+                )
+            }
+        });
+    }
+
+    /// The tick count of the server now, as far as known.
+    pub fn server(&self, now: Instant) -> Option<f64> {
+        let (origin, _) = self.origin?;
+        Some(origin + now.as_nanos() as f64 * self.ticks_per_ns)
+    }
+
+    /// The moment to show now: `delay` ticks behind the server, never beyond `limit`, and `known` while the server's clock
+    /// was not seen yet.
+    pub fn show(&mut self, now: Instant, delay: f64, known: f64, limit: f64) -> RenderTime {
+        let wanted = self.server(now).map_or(known, |server| server - delay);
+        let wanted = wanted.min(limit);
+        let shown = match self.shown {
+            Some((then, shown)) => {
+                let passed = now.since(then).as_nanos() as f64 * self.ticks_per_ns;
+                let off = wanted - (shown + passed);
+                if off.abs() > JUMP_SECONDS * 1e9 * self.ticks_per_ns {
+                    wanted.max(shown)
+                } else {
+                    let (least, most) = (passed * (1.0 - SLEW), passed * (1.0 + SLEW));
+                    (shown + (wanted - shown).clamp(least, most))
+                        .min(limit)
+                        .max(shown)
+                }
+            }
+            None => wanted,
+        };
+        self.shown = Some((now, shown));
+        RenderTime::from_ticks(shown)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn clock() -> SceneClock {
+        let mut clock = SceneClock::new(Rate::HZ_60);
+        clock.sample(
+            Instant::ZERO,
+            Tick::new(600),
+            Span::ZERO,
+            Span::from_millis(1),
+        );
+        clock
+    }
+
+    fn seconds(s: f64) -> Instant {
+        Instant::from_nanos((s * 1e9) as u64)
+    }
+
+    #[test]
+    fn server_time_advances_between_samples() {
+        let ticks = clock().server(seconds(2.0)).unwrap();
+        assert!((ticks - 720.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn render_time_never_goes_back_nor_runs_away() {
+        let mut clock = clock();
+        let mut last = clock.show(seconds(0.0), 0.0, 0.0, 1e9).ticks();
+        for frame in 1..200 {
+            let jolt = if frame % 50 == 0 { 5 } else { 0 };
+            clock.sample(
+                seconds(f64::from(frame) / 60.0),
+                Tick::new(600 + frame as u64 - jolt),
+                Span::ZERO,
+                Span::from_millis(1),
+            );
+            let shown = clock
+                .show(seconds(f64::from(frame) / 60.0), 0.0, 0.0, 1e9)
+                .ticks();
+            assert!(shown >= last);
+            assert!(shown - last <= 1.0 + SLEW + 1e-6);
+            last = shown;
+        }
+        assert!((last - 799.0).abs() < 3.0);
+    }
+
+    #[test]
+    fn nothing_is_rendered_beyond_the_limit() {
+        let mut clock = clock();
+        assert!(clock.show(seconds(0.0), 0.0, 0.0, 590.0).ticks() <= 590.0);
+        assert!(clock.show(seconds(1.0), 0.0, 0.0, 590.0).ticks() <= 590.0);
+    }
+}

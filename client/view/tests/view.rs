@@ -1,0 +1,194 @@
+//! The view: what a simulator reads is what the tracks say of that moment.
+//!
+//! Proved on a publisher and a subscriber in one process, without a network.
+
+use std::num::NonZeroU32;
+
+use bytes::Bytes;
+use glam::Vec3;
+use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::scene::PublishSchedule;
+use rhumb_protocol::stream::{
+    Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
+    StreamTerms, Subscriber,
+};
+use rhumb_reckoning::{
+    Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
+};
+use rhumb_view::{RenderParams, RenderTime, View};
+
+const STREAM: StreamId = StreamId(0);
+const BALL: BodyId = BodyId::new(3, 0);
+const OTHER: BodyId = BodyId::new(7, 0);
+
+struct Pair {
+    observation_history: ObservationHistory,
+    publisher: Publisher,
+    subscriber: Subscriber,
+    view: View,
+}
+
+fn moving(x: f32, speed: f32) -> BodyState {
+    BodyState::new(
+        [x, 0.1, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+        [speed, 0.0, 0.0],
+        [0.0; 3],
+    )
+    .expect("these numbers are finite")
+}
+
+impl Pair {
+    fn new() -> Self {
+        let integrator = Integrator {
+            rate: Rate::HZ_60,
+            substeps: NonZeroU32::new(4).expect("four is not zero"),
+        };
+        let tolerance = Tolerance::NORMAL;
+        let config = StreamTerms {
+            tolerance,
+            integrator,
+            publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+            gravity: Vec3::ZERO,
+            features: Features::ALL,
+        };
+        let mut publisher = Publisher::new(STREAM, &config, Tick::ZERO);
+        let mut subscriber = Subscriber::new(&config.start(STREAM, Tick::ZERO));
+        let parameters = PredictionParameters::plain(Metres::new(0.5));
+        for id in [BALL, OTHER] {
+            let track = Track {
+                origin: Tick::ZERO,
+                predictor: Predictor::Uniform,
+                anchor: Anchor::Exact(moving(0.0, 6.0)),
+                parent: None,
+            };
+            assert!(publisher.place(id, &parameters, track));
+            assert!(subscriber.place(id, &parameters, track));
+        }
+        subscriber.handle_snapshot_end();
+        Self {
+            observation_history: ObservationHistory::new(PublishSchedule::EACH_TICK),
+            publisher,
+            subscriber,
+            view: View::default(),
+        }
+    }
+
+    fn say(&mut self, tick: u64, motion: BodyState, activity: Activity) {
+        let observation = Observation {
+            id: BALL,
+            motion,
+            activity,
+        };
+        let mut out: Vec<Bytes> = Vec::new();
+        self.observation_history
+            .observe(Tick::new(tick), &[observation]);
+        self.publisher
+            .publish(&self.observation_history, 0, &mut out);
+        for datagram in out {
+            self.subscriber.handle_datagram(&datagram);
+        }
+    }
+
+    fn look(&mut self, tick: u64) -> (Vec3, bool) {
+        let at = RenderTime::at(Tick::new(tick));
+        let (now, smooth) = (Seconds::new(0.0), false);
+        self.view
+            .refresh(&mut self.subscriber, &RenderParams { at, now, smooth });
+        let place = self.view.place(BALL).expect("the ball is in the view");
+        (self.view.positions()[place], self.view.resting()[place])
+    }
+}
+
+#[test]
+fn a_body_that_rests_lies_where_the_engine_left_it_and_changes_no_more() {
+    let mut pair = Pair::new();
+    let rest = moving(0.123_456_7, 0.0);
+    pair.say(1, rest, Activity::Asleep);
+    let (position, resting) = pair.look(1);
+    assert_eq!(position.to_array(), rest.position());
+    assert!(resting);
+    pair.look(2);
+    let changed: Vec<_> = pair
+        .view
+        .changed()
+        .map(|place| pair.view.ids()[place])
+        .collect();
+    assert_eq!(changed, [OTHER]);
+}
+
+#[test]
+fn looking_twice_at_one_moment_shows_the_same() {
+    let mut pair = Pair::new();
+    let first = pair.look(5);
+    assert_eq!(pair.look(5), first);
+    assert_eq!(pair.view.changed().count(), 0);
+}
+
+#[test]
+fn a_view_behind_the_stream_does_not_show_a_rest_before_it_began() {
+    let mut pair = Pair::new();
+    let (before, _) = pair.look(4);
+    pair.say(9, moving(2.0, 0.0), Activity::Asleep);
+    let (still_before, resting) = pair.look(4);
+    assert_eq!(before, still_before);
+    assert!(!resting);
+    let (after, resting) = pair.look(9);
+    assert_eq!(after.x, 2.0);
+    assert!(resting);
+}
+
+#[test]
+fn a_body_that_went_leaves_the_others_in_place() {
+    let mut pair = Pair::new();
+    pair.look(1);
+    assert!(pair.subscriber.remove(BALL));
+    let at = RenderTime::at(Tick::new(2));
+    let (now, smooth) = (Seconds::new(0.0), false);
+    pair.view
+        .refresh(&mut pair.subscriber, &RenderParams { at, now, smooth });
+    assert_eq!(pair.view.removed(), [BALL]);
+    assert_eq!(pair.view.place(BALL), None);
+    assert_eq!(pair.view.ids(), [OTHER]);
+    assert_eq!(pair.view.place(OTHER), Some(0));
+}
+
+#[test]
+fn a_glide_takes_up_what_belief_jumped_by_and_not_the_body_s_own_way() {
+    let look = |pair: &mut Pair, tick: u64| {
+        let at = RenderTime::at(Tick::new(tick));
+        let now = Seconds::new(tick as f64 / 60.0);
+        let smooth = true;
+        pair.view
+            .refresh(&mut pair.subscriber, &RenderParams { at, now, smooth });
+        let place = pair.view.place(BALL).expect("the ball is in the view");
+        pair.view.positions()[place].x
+    };
+    // Looked at every tick or every sixth: an update that moves belief by 7 cm is no pause and no leap in the path.
+    for pause in [1, 6] {
+        let mut pair = Pair::new();
+        let mut last = look(&mut pair, 0);
+        for tick in 1..=30 {
+            if tick == 12 {
+                let jumped = moving(6.0 * 12.0 / 60.0 + 0.07, 6.0);
+                pair.say(12, jumped, Activity::Awake);
+            }
+            if tick % pause == 0 {
+                let shown = look(&mut pair, tick);
+                let channel = 6.0 * pause as f32 / 60.0;
+                assert!(
+                    (shown - last - channel).abs() < 0.075,
+                    "{pause}, {tick}: {}",
+                    shown - last
+                );
+                if tick == 12 {
+                    assert!(
+                        (shown - last - channel).abs() < 0.01,
+                        "the glide begins where it was shown"
+                    );
+                }
+                last = shown;
+            }
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! Interface between a scene and its physics engine.
+//!
+//! No ticks, members or checks here: a scene passes only checked values. Invariants: every value from an engine is
+//! finite and inside the world; after a fault it neither steps nor moves anything.
+
+use core::fmt;
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::message::RemovalCause;
+use rhumb_protocol::scene::{BodyKind, Joint, JointId, Material, Shape, ShapeId};
+use rhumb_protocol::stream::Observation;
+use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Twist};
+
+/// A body for an engine, with the scene's defaults filled in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NewBody {
+    /// Its id; no body of the engine has its index.
+    pub id: BodyId,
+    /// Kind of its motion.
+    pub kind: BodyKind,
+    /// Its shape, known to the engine.
+    pub shape: ShapeId,
+    /// Its surface and density.
+    pub material: Material,
+    /// Damping of its free motion.
+    pub damping: Damping,
+    /// Factor on the scene's gravity.
+    pub gravity_scale: f32,
+    /// Whether the axis of its spin wanders when its moments of inertia differ.
+    pub gyroscopic: bool,
+    /// Whether contacts can turn it.
+    pub turns: bool,
+    /// Its pose and velocities.
+    pub motion: BodyState,
+}
+
+/// A push of a dynamic body, world frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Push {
+    /// Force at the centre of mass during the next step, N.
+    Force(Vec3),
+    /// Torque during the next step, N·m.
+    Torque(Vec3),
+    /// Impulse at the centre of mass at once, N·s.
+    Impulse(Vec3),
+    /// Angular impulse at once, N·m·s.
+    TorqueImpulse(Vec3),
+}
+
+/// A world of rigid bodies that can be stepped.
+///
+/// Only [`Engine::step`] and [`Engine::add_shape`] can fail: an absent body is ignored, and an engine that breaks is
+/// faulted from then on. A change without effect (the present pose, no force) wakes nothing.
+pub trait Engine: Send {
+    /// Adds a solid under a free id.
+    ///
+    /// # Errors
+    ///
+    /// [`UnusableShape`] when no solid can be made; nothing has changed.
+    fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), UnusableShape>;
+
+    /// Removes a solid that no body has.
+    fn remove_shape(&mut self, id: ShapeId);
+
+    /// Adds a body.
+    fn add(&mut self, body: &NewBody);
+
+    /// Removes a body with its joints; bodies that rested on it wake.
+    fn remove(&mut self, id: BodyId);
+
+    /// Joins two bodies under a free id, and wakes them.
+    fn add_joint(&mut self, id: JointId, joint: &Joint);
+
+    /// Removes a joint and wakes its bodies; a joint that went with a body is ignored.
+    fn remove_joint(&mut self, id: JointId);
+
+    /// Displaces a static or dynamic body and wakes what it touched; a kinematic one moves there in the next step.
+    ///
+    /// A kinematic body then stands still, unless a velocity is set after the pose.
+    fn set_pose(&mut self, id: BodyId, position: Vec3, rotation: Quat);
+
+    /// Sets the velocities of a dynamic body, or those that a kinematic one keeps.
+    fn set_velocity(&mut self, id: BodyId, twist: Twist);
+
+    /// Pushes a dynamic body.
+    fn push(&mut self, id: BodyId, push: Push);
+
+    /// Sets gravity, m/s², and wakes all bodies.
+    fn set_gravity(&mut self, gravity: Vec3);
+
+    /// Steps once and adds to `lost`, in the order of ids, the bodies that were removed because they left the world or
+    /// are not finite any more.
+    ///
+    /// # Errors
+    ///
+    /// [`EngineFault`] in the step that failed, and in every later one.
+    fn step(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) -> Result<(), EngineFault>;
+
+    /// Adds what the last step changed, in the order of ids: each awake body, and once each body that fell asleep or
+    /// was static and displaced.
+    fn observe(&self, out: &mut Vec<Observation>);
+
+    /// The present observation of a body, static ones as asleep.
+    fn observe_one(&self, id: BodyId) -> Option<Observation>;
+
+    /// Moments of inertia of a body that rotates torque-free: dynamic, gyroscopic, with unequal moments.
+    fn inertia(&self, id: BodyId) -> Option<Inertia>;
+
+    /// Adds one contact for each body that touches this one after the last step: the deepest.
+    fn contacts(&self, id: BodyId, out: &mut Vec<Contact>);
+
+    /// Number of bodies awake after the last step.
+    fn awake_count(&self) -> usize;
+
+    /// The fault, if it takes no more steps.
+    fn fault(&self) -> Option<EngineFault>;
+}
+
+/// Contact of a body with another one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// The other body.
+    pub with: BodyId,
+    /// Metres, world frame: on the queried body.
+    pub point: Vec3,
+    /// From the other body towards the queried one, unit, world frame.
+    pub normal: Vec3,
+    /// Metres; negative: they overlap.
+    pub separation: f32,
+}
+
+/// Mass properties of a shape with volume, at density one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bulk {
+    /// Centre of mass in the shape's coordinates, metres.
+    pub centre: Vec3,
+    /// Volume, m³.
+    pub volume: f32,
+}
+
+/// Error: the engine cannot make a solid of a shape, though its numbers are within the limits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct UnusableShape;
+
+/// Reason why an engine takes no more steps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum EngineFault {
+    /// It panicked; its state cannot be trusted any more.
+    Panicked,
+}
+
+impl fmt::Display for EngineFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Panicked => f.write_str("the physics engine panicked"),
+        }
+    }
+}
+
+impl core::error::Error for EngineFault {}

@@ -1,0 +1,55 @@
+//! Integrator, gravity, materials and states that the scenes share.
+
+use core::num::NonZeroU32;
+
+use glam::{Quat, Vec3};
+use rhumb_protocol::scene::{Material, PublishSchedule, SceneConfig, Stepping};
+use rhumb_reckoning::{BodyState, Damping, Integrator, Rate};
+
+/// Integrator of all scenes: 60 Hz, four substeps.
+pub(crate) const INTEGRATOR: Integrator = Integrator {
+    rate: Rate::HZ_60,
+    substeps: NonZeroU32::new(4).expect("four is not zero"),
+};
+
+/// Earth's gravity, along y, m/s².
+pub(crate) const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
+
+/// Default config of a scene: Earth's gravity, no damping.
+pub(crate) const DEFAULT_CONFIG: SceneConfig = SceneConfig {
+    integrator: INTEGRATOR,
+    gravity: GRAVITY,
+    stepping: Stepping::Lockstep,
+    material: surface(0.5, 1_000.0),
+    damping: Damping {
+        linear: 0.0,
+        angular: 0.0,
+    },
+    sleep: None,
+    publish_schedule: PublishSchedule::EACH_TICK,
+};
+
+/// A material without bounce; density in kg/m³.
+pub(crate) const fn surface(friction: f32, density: f32) -> Material {
+    Material {
+        friction,
+        restitution: 0.0,
+        density,
+    }
+}
+
+/// A body state; the script guarantees finite parts and a unit quaternion.
+pub(crate) fn motion(position: Vec3, rotation: Quat, linear: Vec3, angular: Vec3) -> BodyState {
+    BodyState::new(
+        position.to_array(),
+        rotation.to_array(),
+        linear.to_array(),
+        angular.to_array(),
+    )
+    .expect("scripts place bodies at finite poses")
+}
+
+/// A state at rest.
+pub(crate) fn still(position: Vec3) -> BodyState {
+    motion(position, Quat::IDENTITY, Vec3::ZERO, Vec3::ZERO)
+}

@@ -1,0 +1,98 @@
+//! L1.1: how sessions begin.
+
+use rhumb_protocol::message::{ClientMessage, Extension, Extensions, ServerMessage, StreamChoice};
+use rhumb_protocol::session::CloseCode;
+
+use super::scenery::lockstep;
+use crate::case::Case;
+use crate::outcome::{CaseResult, ensure};
+use crate::peer::RawClient;
+use crate::trial::Trial;
+
+pub(super) fn cases() -> Vec<Case> {
+    vec![
+        Case::server(
+            "L1.1.1",
+            "a hello is answered by a welcome with an offered version",
+        )
+        .cites("PROTOCOL 3.1-4, 3.1-6")
+        .play(|trial| {
+            let welcome = trial.client()?.hello()?;
+            ensure(welcome.version == 1, "version 1 was offered")?;
+            ensure(welcome.scene.is_none(), "the scene does not exist yet")
+        }),
+        Case::server(
+            "L1.1.2",
+            "a client that offers only future versions is closed with code 3",
+        )
+        .cites("PROTOCOL 3.1-7, 3.5-10")
+        .play(|trial| {
+            let mut client = trial.client()?;
+            offer(&mut client, &[0x7777, 2], Extensions::NONE);
+            client.must_be_closed(CloseCode::VERSION)
+        }),
+        Case::server(
+            "L1.1.3",
+            "a client that offers only greased versions is closed with code 3",
+        )
+        .cites("PROTOCOL 3.5-9, 3.5-7")
+        .play(|trial| {
+            let mut client = trial.client()?;
+            offer(&mut client, &[0x0a0a, 0xfafa], Extensions::NONE);
+            client.must_be_closed(CloseCode::VERSION)
+        }),
+        Case::server("L1.1.4", "an unknown critical extension closes with code 5")
+            .cites("PROTOCOL 3.5-12, 3.5-4")
+            .play(|trial| {
+                let mut client = trial.client()?;
+                offer(&mut client, &[1], extension(62));
+                client.must_be_closed(CloseCode::EXTENSION)
+            }),
+        Case::server("L1.1.5", "an unknown optional extension is skipped")
+            .cites("PROTOCOL 3.5-12, 3.5-2, 3.5-7")
+            .play(|trial| {
+                let mut client = trial.client()?;
+                offer(&mut client, &[1], extension(27));
+                welcomed(&mut client)
+            }),
+        Case::server(
+            "L1.1.6",
+            "a member's message from a client that has not joined closes with code 2",
+        )
+        .cites("PROTOCOL 3.2-1")
+        .play(too_early),
+    ]
+}
+
+fn offer(client: &mut RawClient, versions: &[u16], extensions: Extensions) {
+    let scene = client.scene.clone();
+    client.send(&ClientMessage::Hello {
+        versions: versions.to_vec(),
+        scene,
+        extensions,
+    });
+}
+
+fn extension(id: u32) -> Extensions {
+    let mut extensions = Extensions::NONE;
+    let value = vec![1, 2, 3];
+    assert!(
+        extensions.insert(Extension { id, value }),
+        "one short value fits"
+    );
+    extensions
+}
+
+fn welcomed(client: &mut RawClient) -> CaseResult {
+    client.await_message("welcome", |message| {
+        matches!(message, ServerMessage::Welcome(_)).then_some(())
+    })
+}
+
+fn too_early(trial: &mut Trial<'_>) -> CaseResult {
+    let mut client = trial.client()?;
+    client.hello()?;
+    client.create(lockstep())?;
+    client.send(&ClientMessage::Subscribe(StreamChoice::Full));
+    client.must_be_closed(CloseCode::VIOLATION)
+}

@@ -1,0 +1,234 @@
+//! L1.3: the QUIC connection below the session.
+
+use std::time::Duration;
+
+use rhumb_netsim::{RawPeerConfig, RawPeerEnd};
+use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
+use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
+use rhumb_protocol::session::CloseCode;
+use rhumb_transport::Clock;
+
+use super::scenery::lockstep;
+use super::table::table;
+use crate::case::{Case, CaseRow};
+use crate::outcome::{CaseResult, Stop, ensure, should};
+use crate::trial::Trial;
+
+/// Close codes of the transport.
+const NO_CONTROL_STREAM: u64 = 0x103;
+const NO_DATAGRAMS: u64 = 0x104;
+
+/// The cases of the group: promise, citations, test function.
+const CASES: &[CaseRow] = &[
+    (
+        1,
+        "a connection negotiates the ALPN name rhumb/1",
+        "PROTOCOL 1.1-1",
+        |trial| {
+            let (line, _relay) = trial.try_connect(&RawPeerConfig::default())?;
+            ensure(
+                line.alpn().as_deref() == Some(b"rhumb/1"),
+                "ALPN names rhumb/1",
+            )
+        },
+    ),
+    (
+        2,
+        "a client with another ALPN protocol is refused",
+        "PROTOCOL 1.1-1",
+        |trial| refused_alpn(trial, b"h3"),
+    ),
+    (
+        3,
+        "a client with a later protocol version in ALPN is refused",
+        "PROTOCOL 1.1-1",
+        |trial| refused_alpn(trial, b"rhumb/2"),
+    ),
+    (
+        4,
+        "a server accepts the longest datagrams",
+        "PROTOCOL 1.1-4, 5.8-3",
+        |trial| {
+            let (line, _relay) = trial.try_connect(&RawPeerConfig::default())?;
+            let most = line.datagram_bytes_max().unwrap_or_default();
+            ensure(
+                most >= DATAGRAM_BYTES_MAX,
+                format!("1150 bytes, not {most}"),
+            )
+        },
+    ),
+    (
+        5,
+        "a client that accepts no datagrams is closed with code 0x104",
+        "PROTOCOL 1.1-4",
+        |trial| small_datagrams(trial, None),
+    ),
+    (
+        6,
+        "a client that accepts only short datagrams is closed with code 0x104",
+        "PROTOCOL 1.1-4",
+        |trial| small_datagrams(trial, Some(600)),
+    ),
+    (
+        9,
+        "a client that resets the control stream is closed with code 0x103",
+        "PROTOCOL 1.1-2",
+        |trial| {
+            let mut client = trial.client()?;
+            client.hello()?;
+            client.connection.break_off(7);
+            client.must_be_closed_with(&[NO_CONTROL_STREAM])
+        },
+    ),
+    (
+        10,
+        "another stream of a client has no effect",
+        "PROTOCOL 1.1-3, 1.1-2",
+        other_streams,
+    ),
+    (
+        11,
+        "what was sent before a close arrives",
+        "PROTOCOL 1.4-4",
+        last_words,
+    ),
+    (
+        12,
+        "a client that closes has left, whatever its close code",
+        "PROTOCOL 3.4-1, 3.5-17, 3.3-3",
+        closes,
+    ),
+];
+
+/// Cases that wait for a timer of the server.
+const SLOW: &[CaseRow] = &[
+    (
+        7,
+        "a client without a control stream is closed after five seconds",
+        "PROTOCOL 1.4-3",
+        no_control_stream,
+    ),
+    (
+        8,
+        "a silent connection times out after ten seconds",
+        "PROTOCOL 1.4-1",
+        silent,
+    ),
+];
+
+pub(super) fn cases() -> Vec<Case> {
+    let cases = table("L1.3", &[], CASES);
+    cases
+        .chain(table("L1.3", &[], SLOW).map(Case::slow))
+        .collect()
+}
+
+fn refused_alpn(trial: &mut Trial<'_>, alpn: &[u8]) -> CaseResult {
+    let config = RawPeerConfig {
+        alpn: vec![alpn.to_vec()],
+        ..RawPeerConfig::default()
+    };
+    match trial.try_connect(&config) {
+        Ok(_) => Stop::fail("it is accepted"),
+        // The TLS alert no_application_protocol (120), as a QUIC error code.
+        Err(Stop::Fail(why)) if why.contains("0x178") => Ok(()),
+        Err(other) => Stop::fail(format!(
+            "not refused with no_application_protocol: {}",
+            other.why()
+        )),
+    }
+}
+
+fn small_datagrams(trial: &mut Trial<'_>, datagram_bytes: Option<u16>) -> CaseResult {
+    let scene = trial.scene();
+    let config = RawPeerConfig {
+        datagram_bytes,
+        ..RawPeerConfig::default()
+    };
+    let mut client = trial.bare_client(&scene, &config)?;
+    client.connection.open_control();
+    client.must_be_closed_with(&[NO_DATAGRAMS])
+}
+
+fn no_control_stream(trial: &mut Trial<'_>) -> CaseResult {
+    let scene = trial.scene();
+    let mut client = trial.bare_client(&scene, &RawPeerConfig::default())?;
+    let clock = Clock::start();
+    while client.ended.is_none() && clock.now().as_nanos() < 8_000_000_000 {
+        client.next_message()?;
+    }
+    let seconds = clock.now().as_nanos() as f64 / 1e9;
+    let given_up = client.ended == Some(RawPeerEnd::Closed(NO_CONTROL_STREAM));
+    should(
+        given_up,
+        format!("closed with code 0x103, not {:?}", client.ended),
+    )?;
+    should(
+        (4.0..=7.0).contains(&seconds),
+        format!("after 5 s, not {seconds:.1} s"),
+    )
+}
+
+fn silent(trial: &mut Trial<'_>) -> CaseResult {
+    let scene = trial.scene();
+    let config = RawPeerConfig {
+        idle: Duration::from_secs(60),
+        keep_alive: None,
+        ..RawPeerConfig::default()
+    };
+    let mut client = trial.bare_client(&scene, &config)?;
+    client.connection.open_control();
+    client.hello()?;
+    let clock = Clock::start();
+    while client.ended.is_none() && clock.now().as_nanos() < 16_000_000_000 {
+        client.next_message()?;
+    }
+    let seconds = clock.now().as_nanos() as f64 / 1e9;
+    ensure(
+        client.ended == Some(RawPeerEnd::TimedOut),
+        format!("it times out, not {:?}", client.ended),
+    )?;
+    ensure(
+        (9.0..=13.0).contains(&seconds),
+        format!("after 10 s, not {seconds:.1} s"),
+    )
+}
+
+fn other_streams(trial: &mut Trial<'_>) -> CaseResult {
+    let mut client = trial.client()?;
+    client.hello()?;
+    client.connection.open_another(true);
+    client.connection.open_another(false);
+    // The server may ignore or stop the streams; the control stream must still work.
+    client.create(lockstep())?;
+    client.join(StreamChoice::Full)?;
+    client.barrier().map(drop)
+}
+
+fn last_words(trial: &mut Trial<'_>) -> CaseResult {
+    let mut client = trial.client()?;
+    client.hello()?;
+    let mut bytes = Vec::new();
+    ClientMessage::Create(lockstep()).encode(&mut bytes);
+    bytes.extend_from_slice(&[1, 0x7d]);
+    client.send_bytes(&bytes);
+    client
+        .await_message("answer that was due before the close", |message| {
+            matches!(message, ServerMessage::Created).then_some(())
+        })
+        .or_else(|stop| should(false, stop.why()))?;
+    client.must_be_closed(CloseCode::MALFORMED)
+}
+
+fn closes(trial: &mut Trial<'_>) -> CaseResult {
+    let mut one = trial.client()?;
+    one.enter(lockstep(), StreamChoice::Full)?;
+    let scene = one.scene.clone();
+    one.connection.close(0x3fff_1234);
+    drop(one);
+    let mut other = trial.client_of(&scene)?;
+    let welcome = other.hello()?;
+    ensure(welcome.scene.is_some(), "its scene still exists")?;
+    other.join(StreamChoice::Full)?;
+    other.barrier().map(drop)
+}

@@ -1,0 +1,92 @@
+//! Golden streams replayed to a session: what a member received, and what it knows then.
+
+use bytes::Bytes;
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::session::{ClientSession, Replica};
+use rhumb_protocol::{Endpoint, Instant, Peer};
+use serde_json::{Value, json};
+
+use crate::fnv::Fnv;
+use crate::grammar::unhex;
+
+/// The server, as each session names it.
+const SERVER: Peer = Peer(0);
+
+/// The state of a member, in the form of the vectors.
+#[must_use]
+pub fn known(replica: &Replica) -> Value {
+    let stream = replica.stream();
+    let mut known = json!({
+        "watermark": stream.watermark_tick().value(),
+        "complete": stream.complete().value(),
+        "converged": stream.is_converged(),
+        "next": stream.loss_report().next.0,
+        "missing": stream.missing(),
+        "checksum": format!("{:016x}", stream.state_checksum()),
+        "poses": format!("{:016x}", poses(replica)),
+    });
+    if matches!(replica.choice(), StreamChoice::Capped { .. }) {
+        // Error scales are multiples of one eighth.
+        let error_scale = stream.error_scale_at(stream.watermark_tick());
+        known["error_scale_eighths"] = json!(error_scale.map(|factor| (factor * 8.0) as u64));
+    }
+    known
+}
+
+/// FNV-1a over the bits of each body's predicted motion at the complete tick, in order of index.
+fn poses(replica: &Replica) -> u64 {
+    let stream = replica.stream();
+    let mut digest = Fnv::START;
+    for desc in replica.bodies() {
+        if let Some(motion) = stream.predicted_motion(desc.id, stream.watermark_tick()) {
+            digest.fold_motion(&motion);
+        }
+    }
+    digest.value()
+}
+
+/// A session that waits for its server's first message.
+///
+/// # Panics
+///
+/// Never: the name of its scene is valid.
+#[must_use]
+pub fn greeted() -> ClientSession {
+    let mut session = ClientSession::new("golden".parse().expect("a valid scene name"));
+    session.handle_opened(Instant::ZERO, SERVER);
+    session
+}
+
+/// Delivers an event of a stream to a session.
+///
+/// # Panics
+///
+/// When the event is malformed.
+pub fn deliver(session: &mut ClientSession, event: &Value) {
+    let bytes = || Bytes::from(unhex(event[1].as_str().expect("digits")));
+    match event[0].as_str() {
+        Some("control") => session.handle_control(Instant::ZERO, SERVER, &bytes()),
+        Some("datagram") => session.handle_datagram(Instant::ZERO, SERVER, &bytes()),
+        _ => {}
+    }
+}
+
+/// Delivers the data of a stream's member to a session; returns for each recorded state its index, the expected and
+/// the actual state.
+///
+/// # Panics
+///
+/// When an event is malformed.
+#[must_use]
+pub fn replayed(events: &[Value]) -> Vec<(usize, Value, Value)> {
+    let mut session = greeted();
+    let mut states = Vec::new();
+    for (place, event) in events.iter().enumerate() {
+        deliver(&mut session, event);
+        if event[0] == "known" {
+            let replica = session.replica().expect("a member");
+            states.push((place, event[1].clone(), known(replica)));
+        }
+    }
+    states
+}

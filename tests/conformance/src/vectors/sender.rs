@@ -1,0 +1,111 @@
+//! The side that sends a message, and how the codec reads it.
+
+use rhumb_protocol::message::{ClientMessage, Framed, ServerMessage, frame};
+use rhumb_protocol::scene::{Command, Invalid, Quantity};
+use rhumb_protocol::wire::Malformed;
+use serde_json::{Value, json};
+
+/// The sender of a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sender {
+    /// A client.
+    Client,
+    /// A server.
+    Server,
+}
+
+/// The result of decoding a message.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Decoded {
+    /// Valid, and encoded as it was; contains the number that the server must refuse, if any.
+    Accepted(Option<Invalid>),
+    /// An unknown optional message, which is skipped.
+    Skipped,
+    /// An unknown command, which is refused.
+    UnknownCommand,
+    /// A command with an invalid motion, which is refused.
+    NoMotion(Quantity),
+    /// Malformed.
+    Refused(Malformed),
+}
+
+impl Sender {
+    /// The table's name for this side's messages.
+    #[must_use]
+    pub const fn type_name(self) -> &'static str {
+        match self {
+            Self::Client => "client message",
+            Self::Server => "server message",
+        }
+    }
+
+    /// The codec's result for a message.
+    ///
+    /// # Panics
+    ///
+    /// When a decoded message is not encoded as it was.
+    #[must_use]
+    pub fn outcome(self, kind: u8, body: &[u8]) -> Decoded {
+        let framed = Framed {
+            kind,
+            body: body.to_vec(),
+        };
+        let mut written = Vec::new();
+        let invalid = match self {
+            Self::Client => match ClientMessage::decode(&framed) {
+                Ok(Some(message)) => {
+                    message.encode(&mut written);
+                    check(&message)
+                }
+                Ok(None) => return Decoded::Skipped,
+                Err(Malformed::UnknownCommand) => return Decoded::UnknownCommand,
+                Err(Malformed::Motion(invalid)) => {
+                    let (Invalid::NotFinite(quantity) | Invalid::OutOfRange(quantity)) =
+                        invalid.into();
+                    return Decoded::NoMotion(quantity);
+                }
+                Err(malformed) => return Decoded::Refused(malformed),
+            },
+            Self::Server => match ServerMessage::decode(&framed) {
+                Ok(Some(message)) => {
+                    message.encode(&mut written);
+                    None
+                }
+                Ok(None) => return Decoded::Skipped,
+                Err(malformed) => return Decoded::Refused(malformed),
+            },
+        };
+        assert_eq!(
+            written,
+            framed_bytes(kind, body),
+            "each value has one encoding"
+        );
+        Decoded::Accepted(invalid)
+    }
+}
+
+/// The number for which the server must refuse a well-formed message.
+fn check(message: &ClientMessage) -> Option<Invalid> {
+    match message {
+        ClientMessage::Command(command) => Command::check(command).err(),
+        ClientMessage::Create(config) => config.check().err(),
+        _ => None,
+    }
+}
+
+/// A message as bytes of the control stream.
+#[must_use]
+pub fn framed_bytes(kind: u8, body: &[u8]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    frame(kind, body, &mut bytes);
+    bytes
+}
+
+/// The error that answers a message with such a number.
+#[must_use]
+pub fn error_json(invalid: Invalid) -> Value {
+    match invalid {
+        Invalid::NotFinite(quantity) => json!({"is": "NotFinite", "quantity": quantity.code()}),
+        Invalid::OutOfRange(quantity) => json!({"is": "OutOfRange", "quantity": quantity.code()}),
+    }
+}

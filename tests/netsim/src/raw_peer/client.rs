@@ -1,0 +1,102 @@
+//! Raw client: connects once, on its own thread.
+//!
+//! Checks the server's certificate as its trust demands, and nothing else.
+
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::sync::{Arc, mpsc};
+use std::thread;
+use std::time::Duration;
+
+use quinn::crypto::rustls::QuicClientConfig;
+use quinn::{ClientConfig, Endpoint, EndpointConfig, TokioRuntime};
+use rhumb_transport::{Trust, raw};
+use tokio::time::timeout;
+
+use super::config::{RawPeerConfig, RawPeerError};
+use super::connection::{RawConnection, RawPeerEnd};
+
+/// Time for a close frame to leave.
+const CLOSE_LEAVES: Duration = Duration::from_millis(50);
+
+impl RawConnection {
+    /// Connects to a server within `patience`.
+    ///
+    /// # Errors
+    ///
+    /// [`RawPeerError`] names what is missing, or how the handshake ended.
+    ///
+    /// [`RawPeerError`] says what is missing, or how the handshake ended.
+    pub fn connect(
+        server: SocketAddr,
+        server_name: &str,
+        trust: &Trust,
+        raw_config: &RawPeerConfig,
+        patience: Duration,
+    ) -> Result<Self, RawPeerError> {
+        let tls = raw::client_tls(trust).map_err(RawPeerError::Certificate)?;
+        let mut tls = Arc::unwrap_or_clone(tls);
+        tls.alpn_protocols.clone_from(&raw_config.alpn);
+        let tls = QuicClientConfig::try_from(tls)
+            .map_err(|cause| RawPeerError::Tls(cause.to_string()))?;
+        let mut config = ClientConfig::new(Arc::new(tls));
+        config.transport_config(Arc::new(raw_config.transport()));
+        let any: SocketAddr = match server {
+            SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
+            SocketAddr::V6(_) => (Ipv6Addr::UNSPECIFIED, 0).into(),
+        };
+        let socket = raw::bind(any).map_err(RawPeerError::Host)?;
+        let runtime = raw::runtime().map_err(RawPeerError::Host)?;
+        let (ready, connected) = mpsc::sync_channel(1);
+        let name = server_name.to_owned();
+        thread::Builder::new()
+            .name("rhumb-raw_peer-client".into())
+            .spawn(move || {
+                runtime.block_on(async move {
+                    let endpoint = Endpoint::new(
+                        EndpointConfig::default(),
+                        None,
+                        socket,
+                        Arc::new(TokioRuntime),
+                    );
+                    let endpoint = match endpoint {
+                        Ok(endpoint) => endpoint,
+                        // The caller waits for the result; without a caller there is nothing to report.
+                        Err(cause) => return drop(ready.send(Err(RawPeerError::Host(cause)))),
+                    };
+                    carry(&endpoint, config, server, &name, patience, &ready).await;
+                });
+            })
+            .map_err(RawPeerError::Host)?;
+        let lost = |_| RawPeerError::Host(std::io::Error::other("its thread ended"));
+        connected.recv().map_err(lost)?
+    }
+}
+
+/// Connects, hands the connection over, and stays until it has ended.
+async fn carry(
+    endpoint: &Endpoint,
+    config: ClientConfig,
+    server: SocketAddr,
+    name: &str,
+    patience: Duration,
+    ready: &mpsc::SyncSender<Result<RawConnection, RawPeerError>>,
+) {
+    let connecting = match endpoint.connect_with(config, server, name) {
+        Ok(connecting) => connecting,
+        Err(cause) => return drop(ready.send(Err(RawPeerError::Tls(cause.to_string())))),
+    };
+    let connection = match timeout(patience, connecting).await {
+        Ok(Ok(connection)) => connection,
+        Ok(Err(error)) => return drop(ready.send(Err(RawPeerError::Handshake(error.into())))),
+        Err(_) => return drop(ready.send(Err(RawPeerError::Handshake(RawPeerEnd::TimedOut)))),
+    };
+    if ready
+        .send(Ok(RawConnection::over(connection.clone())))
+        .is_err()
+    {
+        return;
+    }
+    connection.closed().await;
+    // If the frame does not leave in time, the server's idle timeout ends the connection.
+    let _ = timeout(CLOSE_LEAVES, endpoint.wait_idle()).await;
+}

@@ -1,0 +1,91 @@
+//! Handshake parameters of a raw peer, and reasons for a failed handshake.
+//!
+//! The defaults are those of PROTOCOL 1; a test may replace each by a bad value.
+
+use std::fmt;
+use std::io;
+use std::time::Duration;
+
+use quinn::{IdleTimeout, TransportConfig, VarInt};
+
+use super::connection::RawPeerEnd;
+use rhumb_transport::CertificateError;
+
+/// Handshake parameters of one end.
+#[derive(Clone, Debug)]
+pub struct RawPeerConfig {
+    /// The application protocols that it offers, by their TLS names.
+    pub alpn: Vec<Vec<u8>>,
+    /// The longest datagram that it accepts; `None` disables datagrams.
+    pub datagram_bytes: Option<u16>,
+    /// Silence after which it considers the connection lost.
+    pub idle: Duration,
+    /// Interval of keep-alive packets; `None` for none.
+    pub keep_alive: Option<Duration>,
+    /// Streams of each kind that the peer may open.
+    pub streams: u32,
+    /// Bytes that the peer may send on a stream before this end reads them.
+    pub window_bytes: u32,
+}
+
+/// Reason why there is no connection.
+#[derive(Debug)]
+pub enum RawPeerError {
+    /// The file of roots, or a certificate, cannot be used.
+    Certificate(CertificateError),
+    /// A socket or a thread of this machine failed.
+    Host(io::Error),
+    /// The TLS configuration cannot be used for QUIC.
+    Tls(String),
+    /// The handshake ended.
+    Handshake(RawPeerEnd),
+}
+
+impl Default for RawPeerConfig {
+    fn default() -> Self {
+        Self {
+            alpn: vec![rhumb_transport::raw::ALPN.to_vec()],
+            datagram_bytes: Some(u16::MAX),
+            idle: Duration::from_secs(10),
+            keep_alive: Some(Duration::from_secs(3)),
+            streams: 16,
+            window_bytes: 1 << 20,
+        }
+    }
+}
+
+impl RawPeerConfig {
+    pub(super) fn transport(&self) -> TransportConfig {
+        let mut transport = TransportConfig::default();
+        let idle_ms = u32::try_from(self.idle.as_millis()).unwrap_or(u32::MAX);
+        transport
+            .max_idle_timeout(Some(IdleTimeout::from(VarInt::from_u32(idle_ms))))
+            .keep_alive_interval(self.keep_alive)
+            .max_concurrent_bidi_streams(VarInt::from_u32(self.streams))
+            .max_concurrent_uni_streams(VarInt::from_u32(self.streams))
+            .stream_receive_window(VarInt::from_u32(self.window_bytes))
+            .datagram_receive_buffer_size(self.datagram_bytes.map(usize::from));
+        transport
+    }
+}
+
+impl fmt::Display for RawPeerError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Certificate(cause) => cause.fmt(f),
+            Self::Host(cause) => write!(f, "this machine has no socket or thread for it: {cause}"),
+            Self::Tls(cause) => write!(f, "tls cannot be used so: {cause}"),
+            Self::Handshake(end) => write!(f, "the handshake ended: {end}"),
+        }
+    }
+}
+
+impl std::error::Error for RawPeerError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Certificate(cause) => Some(cause),
+            Self::Host(cause) => Some(cause),
+            Self::Tls(_) | Self::Handshake(_) => None,
+        }
+    }
+}
