@@ -1,4 +1,4 @@
-//! The sockets and clocks of Rhumb: QUIC for Rhumb's own protocol, TCP and UDP for APP.
+//! The sockets and clocks of Rhumb: QUIC, and the sockets of APP.
 //!
 //! No other crate touches either. This one carries bytes between [`rhumb_protocol::Endpoint`]s and interprets none of
 //! them. Every queue between threads is bounded.

@@ -1,4 +1,4 @@
-//! Sockets and TLS without the bounds of a session, for raw peers and relays in tests.
+//! Sockets and TLS without the bounds of a session, for tests.
 
 use std::io;
 use std::net::{SocketAddr, UdpSocket};

@@ -1,4 +1,4 @@
-//! The poses of a remote scene at any moment, and the clock that chooses the moment.
+//! The poses of a remote scene at any moment, and the clock that chooses it.
 //!
 //! Reads no clock and opens no socket: time is an argument, and what a stream holds comes from
 //! [`rhumb_protocol::stream::Subscriber`]. `rhumb-client` builds on it, and so does a client in WebAssembly.

@@ -1,4 +1,4 @@
-//! The symbols that begin an update: its form, an alias assignment, the end of the packet.
+//! The symbols that begin an update: form, alias assignment, end of packet.
 //!
 //! `tables` has their alphabets; `payload` reads and writes them (PROTOCOL 5.6).
 

@@ -1,4 +1,4 @@
-//! The golden vectors: the files, the codec's side of a message, and streams replayed.
+//! The golden vectors: files, messages as the codec reads them, replays.
 
 mod golden;
 mod replay;

@@ -1,4 +1,4 @@
-//! Golden streams replayed to a session: what a member received, and what it knows then.
+//! Golden streams replayed to a session.
 
 use bytes::Bytes;
 use rhumb_protocol::message::StreamChoice;
