@@ -45,7 +45,7 @@ pub(super) fn cases() -> Vec<Case> {
 
 /// Messages that a side may send, and bytes that it must not send.
 fn messages(side: &'static str, control: &Value) -> Vec<Case> {
-    let sent = grouped(&control[&format!("{side} says")], |line| {
+    let sent = grouped(&control[&format!("{side} messages")], |line| {
         word(&line["means"]["is"])
     });
     let sent = sent.into_iter().map(|(kind, lines)| {
@@ -216,14 +216,17 @@ fn must(right: bool, line: &Value, answer: &Value) -> CaseResult {
 
 fn grouped(lines: &Value, key: impl Fn(&Value) -> String) -> BTreeMap<String, Vec<Value>> {
     let mut groups: BTreeMap<_, Vec<_>> = BTreeMap::new();
-    for line in lines.as_array().into_iter().flatten() {
-        groups.entry(key(line)).or_default().push(line.clone());
+    for line in lines_of(lines) {
+        groups.entry(key(&line)).or_default().push(line);
     }
     groups
 }
 
 fn lines_of(lines: &Value) -> Vec<Value> {
-    lines.as_array().cloned().unwrap_or_default()
+    lines
+        .as_array()
+        .cloned()
+        .expect("the vectors have this section")
 }
 
 /// A string without quotes, any other value as JSON.

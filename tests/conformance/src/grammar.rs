@@ -181,11 +181,11 @@ impl Reading<'_> {
                 None if field.get("each").is_some() => self.each(field, &sent)?,
                 None => self.times(field)?,
             };
-            if let Some(whole) = field["whole"].as_array() {
-                let most = self.grammar.bound(&whole[1]);
+            if let Some(factors) = field["product"].as_array() {
+                let most = self.grammar.bound(&factors[1]);
                 let product = value
                     .as_u64()
-                    .zip(sent[whole[0].as_str().unwrap_or_default()].as_u64());
+                    .zip(sent[factors[0].as_str().unwrap_or_default()].as_u64());
                 let product = product.and_then(|(one, other)| one.checked_mul(other));
                 if product.is_none() || product > most {
                     return self.fail("product out of range");

@@ -30,7 +30,10 @@ enum Received {
 /// The data that the members of the golden streams received.
 static STREAMS: LazyLock<Vec<Vec<Received>>> = LazyLock::new(|| {
     let file = golden("streams.json");
-    let streams = file["streams"].as_array().into_iter().flatten();
+    let streams = file["streams"]
+        .as_array()
+        .expect("streams are listed")
+        .iter();
     streams.map(received).collect()
 });
 
@@ -39,7 +42,10 @@ static MESSAGES: LazyLock<Vec<Vec<u8>>> =
     LazyLock::new(|| with_bytes(&golden("control.json")["server messages"]));
 
 fn received(stream: &Value) -> Vec<Received> {
-    let events = stream["events"].as_array().into_iter().flatten();
+    let events = stream["events"]
+        .as_array()
+        .expect("events are listed")
+        .iter();
     let received = events.filter_map(|event| {
         let bytes = || rhumb_conformance::grammar::unhex(event[1].as_str().unwrap_or_default());
         match event[0].as_str() {

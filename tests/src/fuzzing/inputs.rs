@@ -12,9 +12,16 @@ use rhumb_conformance::grammar::{hex, unhex};
 use rhumb_conformance::vectors::golden;
 
 /// The bytes of each of these cases.
+///
+/// # Panics
+///
+/// If they are no list.
 #[must_use]
 pub fn with_bytes(cases: &Value) -> Vec<Vec<u8>> {
-    let cases = cases.as_array().into_iter().flatten();
+    let cases = cases
+        .as_array()
+        .expect("the vectors have this section")
+        .iter();
     let bytes = cases.filter_map(|case| case["bytes"].as_str());
     bytes.map(unhex).collect()
 }

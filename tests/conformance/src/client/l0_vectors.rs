@@ -75,11 +75,7 @@ const DATAGRAMS: &[CaseRow] = &[
 fn refused() -> Vec<Case> {
     let table = golden("control.json");
     let mut found: BTreeMap<_, Vec<(String, Vec<u8>)>> = BTreeMap::new();
-    for line in table["refused server messages"]
-        .as_array()
-        .into_iter()
-        .flatten()
-    {
+    for line in lines_of(&table, "refused server messages") {
         let (name, bytes) = read(line);
         let refusal = line["refusal"].as_str().unwrap_or_default().to_owned();
         let mut frames = Frames::new();
@@ -115,7 +111,7 @@ fn skipped(trial: &mut Trial<'_>) -> CaseResult {
     let mut server = trial.raw_server()?;
     hand::admit(&mut server)?;
     let table = golden("control.json");
-    let lines = table["server messages"].as_array().into_iter().flatten();
+    let lines = lines_of(&table, "server messages").iter();
     for line in lines.filter(|line| line.get("skipped").is_some()) {
         server.send_bytes(&read(line).1);
     }
@@ -222,9 +218,16 @@ fn damaged(trial: &mut Trial<'_>) -> CaseResult {
     interceptor.must_follow()
 }
 
+/// A section of a vector file.
+fn lines_of<'a>(table: &'a Value, section: &str) -> &'a Vec<Value> {
+    table[section]
+        .as_array()
+        .expect("the vectors have this section")
+}
+
 fn datagrams(section: &str) -> Vec<Vec<u8>> {
     let table = golden("packets.json");
-    let lines = table[section].as_array().into_iter().flatten();
+    let lines = lines_of(&table, section).iter();
     lines
         .map(|line| read(line).1)
         .filter(|bytes| !bytes.is_empty())
