@@ -4,24 +4,26 @@ use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::SceneConfig;
 use rhumb_reckoning::Tolerance;
 
-/// Whether a scene must exist, must not exist yet, or may.
+/// Whether joining creates the scene, requires it, or does either.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum JoinMode {
-    /// It must not exist yet.
+    /// Creates the scene, which must not exist yet.
     Create(SceneConfig),
-    /// It must exist.
+    /// Joins the scene, which must exist.
     Join,
-    /// It is created unless it exists; then it keeps the config that it has.
+    /// Creates the scene unless it exists; an existing scene keeps its config.
     CreateOrJoin(SceneConfig),
 }
 
-/// How to join a scene. The default creates the scene with the default config unless it exists, follows the 5 cm tier,
-/// shows it without delay, and smooths corrections.
+/// Options for joining a scene.
+///
+/// The default creates the scene with the default config unless it exists, subscribes to the 5 cm tier, computes the view
+/// without delay, and smooths corrections.
 #[derive(Clone, Copy, Debug)]
 pub struct JoinOptions {
-    /// Whether to create the scene.
+    /// Whether joining creates the scene.
     pub mode: JoinMode,
-    /// Which stream to follow.
+    /// The stream to subscribe to.
     pub stream: StreamChoice,
     /// Free running only: how many ticks the view stays behind the newest tick that the server can have published, which
     /// is its clock less the scene's lookahead. At zero, prediction covers all of the network's delay.
