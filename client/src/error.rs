@@ -98,7 +98,7 @@ impl fmt::Display for ClientError {
                     code => CloseCode(code).fmt(f),
                 }
             }
-            Self::Ended(Ending::TimedOut) => f.write_str("the server was not heard any more"),
+            Self::Ended(Ending::TimedOut) => f.write_str("the connection timed out"),
             Self::Ended(Ending::Broken) => f.write_str("the connection broke"),
             Self::Timeout { awaited, timeout } => {
                 write!(f, "the server gave no {awaited} within {timeout:?}")
