@@ -23,7 +23,8 @@ use crate::join_options::JoinOptions;
 use crate::pump::{Pump, TapChannel, span};
 use crate::statistics::Statistics;
 
-/// Seconds that a free-running view predicts at most beyond the tick that should have been published by now. Then it holds.
+/// Seconds that a free-running view predicts at most beyond the tick that should have been published by now. Then it
+/// holds.
 const PREDICT_SECONDS: f64 = 0.5;
 /// Limit of queued events. Beyond it, the oldest events are dropped.
 const EVENTS_KEPT: usize = 65_536;
@@ -125,10 +126,11 @@ impl Client {
         }
     }
 
-    /// Requests another stream at once and does not wait. [`Event::SubscriptionChanged`] reports when the copy follows it.
+    /// Requests another stream at once and does not wait. [`Event::SubscriptionChanged`] reports when the copy follows
+    /// it.
     ///
-    /// Until then the copy follows the present stream, and no tick is missed between the two. A later request replaces an
-    /// unanswered one.
+    /// Until then the copy follows the present stream, and no tick is missed between the two. A later request replaces
+    /// an unanswered one.
     ///
     /// # Errors
     ///
@@ -142,8 +144,8 @@ impl Client {
 
     /// Sends the range of tiers that the server may choose for this client on a link of low capacity, at once.
     ///
-    /// Without a policy, the server may go down to the coarse tier (20 cm). [`Event::TierChanged`] reports each change, and
-    /// [`Self::tolerance`] returns the present tolerance.
+    /// Without a policy, the server may go down to the coarse tier (20 cm). [`Event::TierChanged`] reports each change,
+    /// and [`Self::tolerance`] returns the present tolerance.
     ///
     /// # Errors
     ///
@@ -187,14 +189,14 @@ impl Client {
 
     /// Queues the addition of many bodies, and returns their ids in the same order. Equal shapes are sent once.
     ///
-    /// Does not wait, unless the server must grant more indices first: it grants 4,096 when a client joins. The commands are
-    /// sent as with [`Self::command`]. [`Event::BodyPlaced`] or [`Event::Refused`] reports the result for each body.
+    /// Does not wait, unless the server must grant more indices first: it grants 4,096 when a client joins. The
+    /// commands are sent as with [`Self::command`]. [`Event::BodyPlaced`] or [`Event::Refused`] reports the result for
+    /// each body.
     ///
     /// # Errors
     ///
-    /// [`ClientError::Misuse`] for an invalid number; then none of the bodies is queued.
-    /// [`ClientError::Denied`] when the server grants no more indices, [`ClientError::TooManyShapes`] when the scene has no
-    /// number left for a shape.
+    /// [`ClientError::Misuse`] for an invalid number; then none of the bodies is queued. [`ClientError::Denied`] when
+    /// the server grants no more indices, [`ClientError::TooManyShapes`] when the scene has no number left for a shape.
     pub fn add_bodies(
         &mut self,
         bodies: impl IntoIterator<Item = BodyBuilder>,
@@ -328,8 +330,8 @@ impl Client {
         let stream = self.replica().map(Replica::stream);
         let known = stream.map_or(0.0, |stream| stream.watermark_tick().value() as f64);
         let silent = stream.map_or(0.0, |stream| stream.silent_ticks() as f64);
-        // The next watermark is due at a published tick, when the silence has doubled or has reached the longest allowed
-        // silence.
+        // The next watermark is due at a published tick, when the silence has doubled or has reached the longest
+        // allowed silence.
         let due = silent.min(f64::from(SILENCE_MS_MAX) / (1e3 * step));
         let publish_schedule = self.config.publish_schedule;
         let due = due.max(f64::from(publish_schedule.publish_interval.get()));
@@ -406,8 +408,8 @@ impl Client {
         Ok(())
     }
 
-    /// Leaves the scene and closes the connection. Commands sent before are delivered first, within little more than half a
-    /// second. Dropping a client does the same.
+    /// Leaves the scene and closes the connection. Commands sent before are delivered first, within little more than
+    /// half a second. Dropping a client does the same.
     pub fn close(mut self) {
         self.close_connection();
     }

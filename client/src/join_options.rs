@@ -17,20 +17,20 @@ pub enum JoinMode {
 
 /// Options for joining a scene.
 ///
-/// The default creates the scene with the default config unless it exists, subscribes to the 5 cm tier, computes the view
-/// without delay, and smooths corrections.
+/// The default creates the scene with the default config unless it exists, subscribes to the 5 cm tier, computes the
+/// view without delay, and smooths corrections.
 #[derive(Clone, Copy, Debug)]
 pub struct JoinOptions {
     /// Whether joining creates the scene.
     pub mode: JoinMode,
     /// The stream to subscribe to.
     pub stream: StreamChoice,
-    /// Free running only: how many ticks the view stays behind the newest tick that the server can have published, which
-    /// is its clock less the scene's lookahead. At zero, prediction covers all of the network's delay.
+    /// Free running only: how many ticks the view stays behind the newest tick that the server can have published,
+    /// which is its clock less the scene's lookahead. At zero, prediction covers all of the network's delay.
     pub delay_ticks: f64,
-    /// Free running only: how many ticks ahead of the server's clock this client publishes the bodies that it has authority
-    /// over. At zero, the server predicts them over the network's delay; with that delay and a little more, it need not.
-    /// `Client::set_lead_ticks` changes it.
+    /// Free running only: how many ticks ahead of the server's clock this client publishes the bodies that it has
+    /// authority over. At zero, the server predicts them over the network's delay; with that delay and a little more,
+    /// it need not. `Client::set_lead_ticks` changes it.
     pub lead_ticks: f64,
     /// Free running only: whether only whole ticks are shown, for a simulator with ticks of its own.
     pub whole_ticks: bool,

@@ -3,8 +3,8 @@
 //! No call of this interface is async. A call returns at once or within the client's timeout; between calls only bytes
 //! arrive. A [`Client`] is a member of one scene; connect again for another scene.
 //!
-//! A simulator needs no other crate: this crate re-exports the types of its calls, and [`glam`]. The features `mint` and
-//! `nalgebra` turn on glam's conversions from and to the types of those crates.
+//! A simulator needs no other crate: this crate re-exports the types of its calls, and [`glam`]. The features `mint`
+//! and `nalgebra` turn on glam's conversions from and to the types of those crates.
 //!
 //! # Example
 //!

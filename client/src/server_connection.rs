@@ -50,7 +50,8 @@ impl ServerConnection {
     ///
     /// # Errors
     ///
-    /// [`OpenError`] for an invalid scene name, a request that the server denies, and an answer that does not arrive in time.
+    /// [`OpenError`] for an invalid scene name, a request that the server denies, and an answer that does not arrive in
+    /// time.
     pub fn join_with(self, scene: &str, options: JoinOptions) -> Result<Client, OpenError> {
         let name: SceneName = scene.parse().map_err(|cause| OpenError::SceneName {
             scene: scene.to_owned(),
@@ -99,8 +100,8 @@ impl ServerConnection {
 }
 
 impl Client {
-    /// Connects to the server at `address`, `host:port`, within five seconds. The same timeout holds for every later call
-    /// that waits for an answer.
+    /// Connects to the server at `address`, `host:port`, within five seconds. The same timeout holds for every later
+    /// call that waits for an answer.
     ///
     /// The system resolves the host's name first; this has no time limit.
     ///

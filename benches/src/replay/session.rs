@@ -1,8 +1,8 @@
 //! One replay: a sender, two links and a receiver in simulated time.
 //!
-//! The sender publishes the recording as a server publishes a free-running scene: scene events before packets, watermarks in
-//! silence, refreshes after loss reports. Bytes count when they are sent, whether or not they arrive. Both ends know the
-//! initial bodies, which cost nothing.
+//! The sender publishes the recording as a server publishes a free-running scene: scene events before packets,
+//! watermarks in silence, refreshes after loss reports. Bytes count when they are sent, whether or not they arrive.
+//! Both ends know the initial bodies, which cost nothing.
 
 use std::fmt;
 

@@ -13,12 +13,13 @@ use crate::error::ClientError;
 impl Client {
     /// Requests authority over these kinematic bodies, in place of the bodies that this client has authority over now.
     ///
-    /// The server's bodies are then within `tolerance` of the states of [`Self::publish`]. An empty list ends the authority.
+    /// The server's bodies are then within `tolerance` of the states of [`Self::publish`]. An empty list ends the
+    /// authority.
     ///
     /// Sends at once and does not wait: [`Event::AuthorityGrant`](crate::Event::AuthorityGrant) or
-    /// [`Event::AuthorityDenied`](crate::Event::AuthorityDenied) reports the result. During the authority, no command can
-    /// move these bodies. The authority over a body ends when the body or this client leaves the scene; the body then stands
-    /// still.
+    /// [`Event::AuthorityDenied`](crate::Event::AuthorityDenied) reports the result. During the authority, no command
+    /// can move these bodies. The authority over a body ends when the body or this client leaves the scene; the body
+    /// then stands still.
     ///
     /// # Errors
     ///
@@ -37,19 +38,19 @@ impl Client {
 
     /// Publishes the present states of bodies under this client's authority; call it once per frame.
     ///
-    /// A body that is left out stands still at its last published pose. Nothing is sent while the server predicts all of
-    /// the bodies within tolerance.
+    /// A body that is left out stands still at its last published pose. Nothing is sent while the server predicts all
+    /// of the bodies within tolerance.
     ///
-    /// Returns the tick of the states. Returns `None`, and publishes nothing, before the authority is granted, before the
-    /// server's clock is known, and when a frame falls on the same tick as the frame before.
-    /// In lockstep the tick is that of the next [`Self::advance`]. In a free-running scene it is the tick nearest to now by
-    /// the server's clock, plus the `lead_ticks` of the options; positions are extrapolated to it by their velocities, by
-    /// half a tick at most.
+    /// Returns the tick of the states. Returns `None`, and publishes nothing, before the authority is granted, before
+    /// the server's clock is known, and when a frame falls on the same tick as the frame before. In lockstep the tick
+    /// is that of the next [`Self::advance`]. In a free-running scene it is the tick nearest to now by the server's
+    /// clock, plus the `lead_ticks` of the options; positions are extrapolated to it by their velocities, by half a
+    /// tick at most.
     ///
     /// The view shows these bodies as the server has them; a simulator shows its own states.
     ///
-    /// When a client becomes silent, its bodies move as predicted until one second after its next update is due. Then they
-    /// stand still.
+    /// When a client becomes silent, its bodies move as predicted until one second after its next update is due. Then
+    /// they stand still.
     ///
     /// # Errors
     ///
@@ -85,8 +86,8 @@ impl Client {
         Ok(published.then_some(tick))
     }
 
-    /// Changes [`JoinOptions::lead_ticks`](crate::JoinOptions::lead_ticks): how many ticks ahead of the server's clock this
-    /// client publishes.
+    /// Changes [`JoinOptions::lead_ticks`](crate::JoinOptions::lead_ticks): how many ticks ahead of the server's clock
+    /// this client publishes.
     ///
     /// With half of the round trip of [`Self::statistics`], plus a tick or two for jitter, the server need not predict.
     pub const fn set_lead_ticks(&mut self, ticks: f64) {

@@ -1,7 +1,7 @@
 //! Clock of a free-running scene: the server's present tick, and the moment to show.
 //!
-//! Only this file of the client converts host time to ticks. Shown time never goes back. Its rate differs from real time by
-//! 5 % at most, unless it is so far off that it must jump.
+//! Only this file of the client converts host time to ticks. Shown time never goes back. Its rate differs from real
+//! time by 5 % at most, unless it is so far off that it must jump.
 
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Rate, Tick};
@@ -45,7 +45,8 @@ impl SceneClock {
                 let trusted =
                     round_trip.as_nanos() as f64 <= best.as_nanos() as f64 * ROUND_TRIP_SLACK;
                 let weight = if trusted { 0.25 } else { 0.05 };
-                // The best round trip grows slowly, so that samples of a path that became longer are trusted in the end.
+                // The best round trip grows slowly, so that samples of a path that became longer are trusted in the
+                // end.
                 let remembered = Span::from_nanos(best.as_nanos() + best.as_nanos() / 8);
                 (
                     known + (origin - known) * weight,

@@ -1,7 +1,8 @@
 //! The poses of all bodies at one moment, in parallel arrays.
 //!
-//! The view is a function of the tracks and the time: a second computation for the same moment gives the same view. A resting
-//! body costs nothing until its track moves. Invariant: the arrays have one length, and `places` points into them.
+//! The view is a function of the tracks and the time: a second computation for the same moment gives the same view. A
+//! resting body costs nothing until its track moves. Invariant: the arrays have one length, and `places` points into
+//! them.
 
 use std::num::NonZeroU32;
 
@@ -69,8 +70,8 @@ impl View {
 
     /// Whether each body rests: its pose does not change until the next update or event of the body.
     ///
-    /// A body that the engine has put to sleep has the engine's pose to the bit. If it was woken and sleeps again, its pose
-    /// is within tolerance of the engine's.
+    /// A body that the engine has put to sleep has the engine's pose to the bit. If it was woken and sleeps again, its
+    /// pose is within tolerance of the engine's.
     #[must_use]
     pub fn resting(&self) -> &[bool] {
         &self.resting

@@ -164,7 +164,8 @@ fn smoothing_hides_the_jump_of_a_prediction_and_not_the_motion_of_the_body() {
         let place = pair.view.place(BALL).expect("the ball is in the view");
         pair.view.positions()[place].x
     };
-    // At one view per tick or per six ticks, an update that corrects the prediction by 7 cm causes neither a pause nor a jump.
+    // At one view per tick or per six ticks, an update that corrects the prediction by 7 cm causes neither a pause nor
+    // a jump.
     for pause in [1, 6] {
         let mut pair = Pair::new();
         let mut last = look(&mut pair, 0);
