@@ -1,4 +1,4 @@
-//! Drops a ball on a floor, and prints its position and the bound on its error.
+//! Drops a ball on a floor, and prints its position and its error bound.
 //!
 //! Start `rhumb-server` first; it prints the address and the fingerprint, which are the arguments of this example.
 

@@ -1,4 +1,4 @@
-//! Allocator of body ids, from granted ranges and from indices of removed bodies.
+//! Allocator of body ids, from granted ranges and from removed bodies.
 //!
 //! Requests nothing from the server. Invariant: no id is allocated twice.
 

@@ -1,4 +1,4 @@
-//! How a client joins a scene: create it or not, which stream, and how its view is shown.
+//! Options for joining a scene: its creation, the stream, and the view.
 
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::SceneConfig;

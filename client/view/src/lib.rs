@@ -1,4 +1,4 @@
-//! The poses of a remote scene at any moment, and the clock that chooses the moment.
+//! The poses of a remote scene, and the clock that chooses the moment.
 //!
 //! Reads no system clock and opens no socket: time is an argument, and the tracks come from a
 //! [`rhumb_protocol::stream::Subscriber`]. `rhumb-client` uses it, and so does a client in WebAssembly.

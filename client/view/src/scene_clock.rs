@@ -1,4 +1,4 @@
-//! Clock of a free-running scene: the server's present tick, and the moment to show.
+//! Clock of a free-running scene: present tick, and moment to show.
 //!
 //! Only this file of the client converts host time to ticks. Shown time never goes back. Its rate differs from real
 //! time by 5 % at most, unless it is so far off that it must jump.

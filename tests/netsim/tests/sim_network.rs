@@ -1,4 +1,4 @@
-//! Simulated network: virtual time, connection ends as with QUIC, one run per seed.
+//! Simulated network: virtual time, connection ends, one run per seed.
 //!
 //! Proved with toy endpoints: clients count on both lanes, a server answers, and a log records all inputs.
 

@@ -1,4 +1,4 @@
-//! Inputs of the mode decision: a body that needs an update, and the state of its stream.
+//! Inputs of the mode decision: one body, and the state of its stream.
 //!
 //! Contains data alone, no decision.
 
