@@ -1,4 +1,4 @@
-//! A member of one scene, driven by a plain frame loop.
+//! A member of one scene, for a plain frame loop.
 //!
 //! A call returns at once or within the client's timeout. Commands are queued and sent together, by `flush` or by the
 //! next call that handles received data. Every other request is sent at once.

@@ -4,7 +4,7 @@ use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::SceneConfig;
 use rhumb_reckoning::Tolerance;
 
-/// Whether joining creates the scene, requires it, or does either.
+/// Whether joining creates the scene, requires an existing one, or accepts both.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum JoinMode {
     /// Creates the scene, which must not exist yet.

@@ -66,23 +66,23 @@ impl fmt::Display for ReplayError {
 
 impl std::error::Error for ReplayError {}
 
-/// What QUIC adds to a datagram of ours: a short header without connection id and with two bytes of packet number (3),
-/// the frame's type and length (3), the tag (16). Acknowledgements and heartbeats are not counted.
+/// Bytes that QUIC adds to a datagram: a short header without connection id and with two bytes of packet number (3),
+/// the frame's type and length (3), the tag (16). Acknowledgements and keep-alives are not counted.
 const QUIC_BYTES: u64 = 22;
 
-/// How long after the last tick a replay goes on at most: ten seconds.
+/// Time limit after the last tick for the client to complete it: ten seconds.
 const END: Span = Span::from_millis(10_000);
 
 const STREAM: StreamId = StreamId(0);
 
-/// The only listener.
+/// Id of the only subscriber.
 const SUBSCRIBER: u64 = 0;
 
-/// Replays a recording; `progress` is called after each tick.
+/// Replays a recording, and calls `progress` after each tick.
 ///
 /// # Errors
 ///
-/// [`ReplayError`]; nothing is kept of a replay that does not end.
+/// [`ReplayError`] when the replay fails; it then has no partial result.
 pub fn run(
     recording: &Recording,
     config: &ReplayConfig,

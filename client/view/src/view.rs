@@ -215,7 +215,7 @@ impl View {
                     self.corrections[place] =
                         Correction::between(render_params.now, &shown, &predicted);
                 }
-                // The pose is then computed in this refresh, for a body that came to rest once more.
+                // This refresh then computes the pose, for the last time if the body has come to rest.
                 self.resting[place] = false;
             }
             Some(_) => {

@@ -27,7 +27,7 @@ pub enum Direction {
 pub enum RunStop {
     /// Nothing is in transit and no endpoint has a timeout.
     Idle,
-    /// The deadline has come.
+    /// The deadline is reached.
     Deadline,
 }
 
