@@ -135,7 +135,7 @@ fn a_failed_replay_does_not_stop_the_others() {
             .as_str()
             .is_some_and(|text| text.contains("each 60000 ticks"))
     );
-    let line = "each 60000 ticks: nothing would be said";
+    let line = "each 60000 ticks: no tick would be published";
     assert!(
         done.printed.contains(line) && done.page.contains(line),
         "{}",
@@ -148,7 +148,7 @@ fn a_failed_replay_does_not_stop_the_others() {
     assert!(!done.succeeded && done.summary.is_null());
     assert!(
         done.complained
-            .contains("all 2 replays failed; the first: nothing would be said")
+            .contains("all 2 replays failed; the first: no tick would be published")
     );
 }
 

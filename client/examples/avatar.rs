@@ -1,6 +1,6 @@
-//! Walks an avatar through a scene of boxes: the client has authority over what it moves itself.
+//! Walks an avatar, under the client's authority, through a scene of boxes.
 //!
-//! Start `rhumb-server` first; it prints the address and the fingerprint that this takes as its arguments.
+//! Start `rhumb-server` first; it prints the address and the fingerprint, which are the arguments of this example.
 
 use std::f32::consts::TAU;
 use std::io::Write;
@@ -10,13 +10,14 @@ use rhumb_client::glam::{Quat, Vec3};
 use rhumb_client::scene::{BodyDesc, Material, SceneConfig, Shape, Stepping};
 use rhumb_client::{BodyId, BodyState, Client, Event, JoinMode, JoinOptions, Tolerance, Trust};
 
-/// One frame of this program, whatever the server's tick is.
+/// Duration of a frame of this program, independent of the server's tick.
 const FRAME: Duration = Duration::from_millis(11);
-/// The avatar walks in a circle of this radius in metres, once in so many seconds.
+/// Radius of the avatar's circle, metres.
 const RADIUS: f32 = 2.0;
+/// Duration of one round, seconds.
 const ROUND_SECONDS: f32 = 10.0;
 
-/// Where the avatar is so many seconds after it set out, and how it moves.
+/// State of the avatar `seconds` after its start.
 fn walk(seconds: f32) -> BodyState {
     let (sin, cos) = (seconds * TAU / ROUND_SECONDS).sin_cos();
     let speed = RADIUS * TAU / ROUND_SECONDS;
@@ -30,7 +31,7 @@ fn walk(seconds: f32) -> BodyState {
     .expect("a walk is finite")
 }
 
-/// Adds a floor, three boxes on the avatar's way, and the avatar; returns its id.
+/// Adds a floor, three boxes in the avatar's path, and the avatar; returns its id.
 fn furnish(client: &mut Client) -> Result<BodyId, Box<dyn std::error::Error>> {
     let floor = BodyDesc::fixed(Shape::cuboid(10.0, 0.5, 10.0)).at(0.0, -0.5, 0.0);
     let boxes = [(0.0, RADIUS), (-RADIUS, 0.0), (0.0, -RADIUS)]
@@ -88,7 +89,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let sent = client.statistics().driven;
     writeln!(
         out,
-        "{} updates in {} bytes told where it went",
+        "the client published the walk in {} updates, {} bytes",
         sent.updates, sent.bytes
     )?;
     Ok(client.delete()?)

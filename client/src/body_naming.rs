@@ -1,4 +1,4 @@
-//! Names for what a client adds to its scene: ids of bodies, numbers of shapes.
+//! Body ids and shape numbers for the commands of one client.
 //!
 //! Queues commands at the session and never waits.
 
@@ -27,9 +27,9 @@ impl BodyNaming {
         }
     }
 
-    /// How many ids the server must grant before `count` can be given out; zero when it need not.
+    /// How many ids to request from the server before `count` ids are available; zero when enough are available.
     ///
-    /// A client has a limited number of ranges, so it asks for no small one while it may ask for more.
+    /// A client has a limited number of ranges, so it requests a large range whenever the limit allows.
     pub(crate) fn missing_ids(&self, count: u32) -> u32 {
         match count.saturating_sub(self.ids.available()) {
             0 => 0,
@@ -40,7 +40,7 @@ impl BodyNaming {
         }
     }
 
-    /// Gives out as many ids; fewer when the server has not granted so many.
+    /// Takes `count` ids, or fewer when fewer are granted.
     pub(crate) fn take_ids(&mut self, count: u32) -> Vec<BodyId> {
         (0..count).map_while(|_| self.ids.take()).collect()
     }
@@ -94,7 +94,7 @@ impl BodyNaming {
         }
     }
 
-    /// Keeps what an event tells of names; returns whether the caller is to see the event.
+    /// Updates ids and shape numbers from an event; returns whether the event is passed to the caller.
     pub(crate) fn note(&mut self, event: &Event, replica: Option<&Replica>) -> bool {
         match *event {
             Event::Reserved(range) => {

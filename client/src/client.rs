@@ -1,7 +1,7 @@
-//! A member of one scene, from a plain frame loop.
+//! A member of one scene, for a plain frame loop.
 //!
-//! A call waits not at all, or for the client's patience at most. Commands are queued and sent together, by the next call
-//! that takes in what has arrived or by `flush`; every other request is sent at once.
+//! A call returns at once or within the client's timeout. Commands are queued and sent together, by `flush` or by the
+//! next call that handles received data. Every other request is sent at once.
 
 mod authority;
 
@@ -23,21 +23,21 @@ use crate::join_options::JoinOptions;
 use crate::pump::{Pump, TapChannel, span};
 use crate::statistics::Statistics;
 
-/// Beyond the tick that should have been published by now a free-running view predicts at most this far, then holds: half
-/// a second.
+/// Seconds that a free-running view predicts at most beyond the tick that should have been published by now. Then it
+/// holds.
 const PREDICT_SECONDS: f64 = 0.5;
-/// Events that are kept for a caller that does not ask; the oldest go first.
+/// Limit of queued events. Beyond it, the oldest events are dropped.
 const EVENTS_KEPT: usize = 65_536;
 
 /// A member of one scene.
 pub struct Client {
     pump: Pump,
-    patience: Duration,
+    timeout: Duration,
     view: View,
     naming: BodyNaming,
     config: SceneConfig,
     clock: SceneClock,
-    /// The same for what is driven, which the view's delay does not hold back.
+    /// A second clock for the upstream, because the delay of the view does not apply to it.
     upstream_clock: SceneClock,
     delay_ticks: f64,
     lead_ticks: f64,
@@ -55,21 +55,21 @@ pub struct Client {
 impl Client {
     pub(crate) fn joined(
         pump: Pump,
-        patience: Duration,
+        timeout: Duration,
         options: &JoinOptions,
         granted: IdRange,
     ) -> Self {
         let config = *pump
             .session
             .config()
-            .expect("a member knows its scene's config");
+            .expect("a member has its scene's config");
         let watermark_tick = pump
             .session
             .replica()
             .map_or(Tick::ZERO, |replica| replica.stream().watermark_tick());
         let mut client = Self {
             pump,
-            patience,
+            timeout,
             view: View::default(),
             naming: BodyNaming::new(granted),
             config,
@@ -91,13 +91,13 @@ impl Client {
         client
     }
 
-    /// What the scene was created with.
+    /// The configuration of the scene since its creation.
     #[must_use]
     pub const fn config(&self) -> &SceneConfig {
         &self.config
     }
 
-    /// The bodies as they were when the view was last computed.
+    /// The view as of the last call that computed it.
     #[must_use]
     pub const fn view(&self) -> &View {
         &self.view
@@ -109,13 +109,13 @@ impl Client {
         self.pump.session.replica()
     }
 
-    /// What the copy is by now.
+    /// The stream that the copy follows now.
     #[must_use]
     pub fn stream(&self) -> Option<StreamChoice> {
         self.replica().map(Replica::choice)
     }
 
-    /// How far off the copy may be now; none by a full stream, which says the very bits.
+    /// Tolerance of the copy's stream; `None` for a full stream, whose states are exact.
     #[must_use]
     pub fn tolerance(&self) -> Option<Tolerance> {
         match self.stream()? {
@@ -126,9 +126,11 @@ impl Client {
         }
     }
 
-    /// Asks for another stream at once, and does not wait: [`Event::SubscriptionChanged`] tells when the copy follows it.
-    /// Until then the copy follows the present one, and no tick is missed between the two. A choice that is made meanwhile
-    /// takes its place.
+    /// Requests another stream at once and does not wait. [`Event::SubscriptionChanged`] reports when the copy follows
+    /// it.
+    ///
+    /// Until then the copy follows the present stream, and no tick is missed between the two. A later request replaces
+    /// an unanswered one.
     ///
     /// # Errors
     ///
@@ -140,8 +142,10 @@ impl Client {
         Ok(())
     }
 
-    /// Sends at once to which tiers the server may move this client when its link is thin; until then, down to coarse
-    /// (20 cm). [`Event::TierChanged`] tells when it does, and [`Self::tolerance`] what holds.
+    /// Sends the range of tiers that the server may choose for this client on a link of low capacity, at once.
+    ///
+    /// Without a policy, the server may go down to the coarse tier (20 cm). [`Event::TierChanged`] reports each change,
+    /// and [`Self::tolerance`] returns the present tolerance.
     ///
     /// # Errors
     ///
@@ -153,21 +157,21 @@ impl Client {
         Ok(())
     }
 
-    /// How far off the copy of a body may be, at the newest tick up to which the stream has published everything.
+    /// Bound on the error of a body's copy at the watermark tick.
     #[must_use]
     pub fn error_bound(&self, id: BodyId) -> Option<ErrorBound> {
         self.replica()?.stream().bound(id)
     }
 
-    /// How far off the copy of a body may be at a tick, such as the one that the view shows.
+    /// Bound on the error of a body's copy at a tick, such as the tick of the view.
     #[must_use]
     pub fn error_bound_at(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
         self.replica()?.stream().bound_at(id, tick)
     }
 
-    /// The next event, oldest first, and the newest complete tick when it arrived: only views of later ticks show it.
+    /// The oldest unread event, and the newest complete tick at its arrival. Only views of later ticks show its effect.
     ///
-    /// Answers that a call of this client waits for are no events.
+    /// An answer that a call of this client waits for is not queued as an event.
     pub fn poll_event(&mut self) -> Option<(Tick, Event)> {
         self.events.pop_front()
     }
@@ -185,14 +189,14 @@ impl Client {
 
     /// Queues the addition of many bodies, and returns their ids in the same order. Equal shapes are sent once.
     ///
-    /// Does not wait, unless the server must grant more indices first: it grants 4,096 when a client joins. The bodies are
-    /// sent as [`Self::command`] has it. [`Event::BodyPlaced`] or [`Event::Refused`] tells what came of each.
+    /// Does not wait, unless the server must grant more indices first: it grants 4,096 when a client joins. The
+    /// commands are sent as with [`Self::command`]. [`Event::BodyPlaced`] or [`Event::Refused`] reports the result for
+    /// each body.
     ///
     /// # Errors
     ///
-    /// [`ClientError::Misuse`] for a number that no engine should be given; then none of the bodies is queued.
-    /// [`ClientError::Denied`] when the server grants no more indices, [`ClientError::TooManyShapes`] when the scene has no
-    /// number left for a shape.
+    /// [`ClientError::Misuse`] for an invalid number; then none of the bodies is queued. [`ClientError::Denied`] when
+    /// the server grants no more indices, [`ClientError::TooManyShapes`] when the scene has no number left for a shape.
     pub fn add_bodies(
         &mut self,
         bodies: impl IntoIterator<Item = BodyBuilder>,
@@ -223,14 +227,14 @@ impl Client {
         Ok(self.naming.take_ids(count))
     }
 
-    /// Queues a command, which acts before the next tick; returns the number that its answer will name.
+    /// Queues a command, which is applied before the next tick; returns the command number that the answer refers to.
     ///
-    /// It is sent with all others that are queued, by the next call that takes in what has arrived ([`Self::advance`],
-    /// [`Self::wait`], [`Self::poll`], [`Self::idle`] and every call that waits for an answer), or by [`Self::flush`].
+    /// All queued commands are sent together, by [`Self::flush`] or by the next call that handles received data:
+    /// [`Self::advance`], [`Self::wait`], [`Self::poll`], [`Self::idle`] and every call that waits for an answer.
     ///
     /// # Errors
     ///
-    /// [`ClientError::Misuse`] for a number that no engine should be given; then it is not queued.
+    /// [`ClientError::Misuse`] for an invalid number; then the command is not queued.
     pub fn command(&mut self, command: Command) -> Result<u64, ClientError> {
         self.check_open()?;
         Ok(self.naming.command(&mut self.pump.session, command)?)
@@ -247,7 +251,7 @@ impl Client {
         Ok(body.state().map_err(Misuse::Invalid)?)
     }
 
-    /// Waits until so many ids can be given out.
+    /// Waits until `count` ids are available.
     fn reserve_ids(&mut self, count: u32) -> Result<(), ClientError> {
         self.check_open()?;
         let missing = self.naming.missing_ids(count);
@@ -266,16 +270,16 @@ impl Client {
         Ok(())
     }
 
-    /// Lets a lockstep scene step once, and shows it: this tick at depth 0, the one before at depth 1.
+    /// Steps a lockstep scene once and computes the view: of this tick at depth 0, of the tick before at depth 1.
     ///
-    /// A scene whose streams do not speak of every tick steps to the next one that they speak of, and depth counts those.
+    /// The scene steps to the next published tick, and depth counts published ticks.
     ///
-    /// Returns the tick that the view shows. If more of the server's work has already arrived, that is shown.
+    /// Returns the tick of the view, which is later than requested if later ticks are already complete.
     ///
     /// # Errors
     ///
-    /// [`ClientError::Timeout`] when the tick's stream was not complete in time; [`Self::wait`] goes on waiting.
-    /// [`ClientError::Denied`] when the scene is not led by members, or the tick lies too far ahead.
+    /// [`ClientError::Timeout`] when the tick is not complete in time; [`Self::wait`] continues to wait.
+    /// [`ClientError::Denied`] when the scene is not a lockstep scene, or the tick lies too far ahead.
     pub fn advance(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
         self.check_open()?;
         self.denied = None;
@@ -286,7 +290,7 @@ impl Client {
         self.wait(depth)
     }
 
-    /// Waits for the tick that the last [`Self::advance`] asked for, and shows it.
+    /// Waits for the tick that the last [`Self::advance`] requested, and computes its view.
     ///
     /// # Errors
     ///
@@ -311,7 +315,7 @@ impl Client {
         Ok(tick)
     }
 
-    /// Takes in what has arrived from a free-running scene and shows it as of now. Does not wait.
+    /// Handles received data of a free-running scene and computes the view for the present moment. Does not wait.
     ///
     /// # Errors
     ///
@@ -326,8 +330,8 @@ impl Client {
         let stream = self.replica().map(Replica::stream);
         let known = stream.map_or(0.0, |stream| stream.watermark_tick().value() as f64);
         let silent = stream.map_or(0.0, |stream| stream.silent_ticks() as f64);
-        // The next watermark is due when the silence has doubled, or has gone on for as long as any may, and at a tick that is
-        // spoken of.
+        // The next watermark is due at a published tick, when the silence has doubled or has reached the longest
+        // allowed silence.
         let due = silent.min(f64::from(SILENCE_MS_MAX) / (1e3 * step));
         let publish_schedule = self.config.publish_schedule;
         let due = due.max(f64::from(publish_schedule.publish_interval.get()));
@@ -342,20 +346,20 @@ impl Client {
         Ok(at)
     }
 
-    /// How many ticks a free-running view stays behind the server's clock: as many as its options say, after those that the
-    /// scene is spoken of late.
+    /// Ticks by which a free-running view stays behind the server's clock: the delay of its options plus the scene's
+    /// lookahead.
     #[must_use]
     pub fn delay_ticks(&self) -> f64 {
         self.delay_ticks + f64::from(self.config.publish_schedule.lookahead.count())
     }
 
-    /// Takes in what arrives until `patience` is over, without showing it.
+    /// Handles received data for `duration`, without computing the view.
     ///
     /// # Errors
     ///
     /// [`ClientError::Ended`] when the connection is over.
-    pub fn idle(&mut self, patience: Duration) -> Result<(), ClientError> {
-        let deadline = self.pump.now() + span(patience);
+    pub fn idle(&mut self, duration: Duration) -> Result<(), ClientError> {
+        let deadline = self.pump.now() + span(duration);
         while self.pump.now() < deadline {
             self.pump.turn(deadline);
             self.take_events();
@@ -364,11 +368,11 @@ impl Client {
         Ok(())
     }
 
-    /// Asks how the scene is, and waits for the answer.
+    /// Requests an inspection of the scene, and waits for the answer.
     ///
     /// # Errors
     ///
-    /// [`ClientError::Timeout`] when there is none in time.
+    /// [`ClientError::Timeout`] when no answer arrives in time.
     pub fn inspect(&mut self) -> Result<Inspection, ClientError> {
         self.check_open()?;
         self.inspected = None;
@@ -382,11 +386,11 @@ impl Client {
         }
     }
 
-    /// Ends the scene for everyone, and waits until it is gone.
+    /// Deletes the scene for all members, and waits for the answer.
     ///
     /// # Errors
     ///
-    /// [`ClientError::Denied`] when there is no such scene any more.
+    /// [`ClientError::Denied`] when the scene no longer exists.
     pub fn delete(&mut self) -> Result<(), ClientError> {
         self.check_open()?;
         self.pump.session.delete()?;
@@ -404,8 +408,8 @@ impl Client {
         Ok(())
     }
 
-    /// Leaves; what was commanded before is delivered first, for little more than half a second at most. Dropping a client
-    /// does the same.
+    /// Leaves the scene and closes the connection. Commands sent before are delivered first, within little more than
+    /// half a second. Dropping a client does the same.
     pub fn close(mut self) {
         self.close_connection();
     }
@@ -417,7 +421,7 @@ impl Client {
         }
     }
 
-    /// How the connection and the stream are doing.
+    /// Statistics of the connection and of the stream.
     #[must_use]
     pub fn statistics(&self) -> Statistics {
         let stream = self.replica().map(Replica::stream);
@@ -434,7 +438,7 @@ impl Client {
         }
     }
 
-    /// Hands every piece of the control stream and every datagram to `tap` as it passes, for recording.
+    /// Calls `tap` with every piece of the control stream and every datagram, in both directions, for recording.
     pub fn record(&mut self, tap: impl FnMut(TapChannel, &[u8]) + Send + 'static) {
         self.pump.tap(Box::new(tap));
     }
@@ -444,7 +448,7 @@ impl Client {
             .map_or(Tick::ZERO, |replica| replica.stream().complete())
     }
 
-    /// The ticks from one that is spoken of to the one so many later.
+    /// Ticks that `depth` published ticks span.
     fn published_ticks(&self, depth: PipelineDepth) -> Ticks {
         Ticks::new(
             depth
@@ -454,16 +458,16 @@ impl Client {
     }
 
     fn deadline(&self) -> Instant {
-        self.pump.now() + span(self.patience)
+        self.pump.now() + span(self.timeout)
     }
 
-    /// Waits for anything until the deadline.
+    /// Waits for received data until the deadline.
     ///
-    /// The deadline is looked at first, so that an answer which came just in time is still taken by the caller.
+    /// The deadline is checked first, so that the caller still handles an answer that arrives just in time.
     fn turn(&mut self, deadline: Instant, awaited: &'static str) -> Result<(), ClientError> {
         if self.pump.now() >= deadline {
-            let patience = self.patience;
-            return Err(ClientError::Timeout { awaited, patience });
+            let timeout = self.timeout;
+            return Err(ClientError::Timeout { awaited, timeout });
         }
         self.pump.turn(deadline);
         self.take_events();
@@ -495,7 +499,7 @@ impl Client {
         }
     }
 
-    /// Keeps what an event changes of this client; returns whether the caller is to see the event.
+    /// Updates this client from an event; returns whether the event is passed to the caller.
     fn note(&mut self, event: &Event) -> bool {
         match *event {
             Event::ClockSeen {

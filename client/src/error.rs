@@ -1,4 +1,4 @@
-//! What can go wrong for a client, named so that its user knows what to do.
+//! Errors of joining a scene and of calls on an open client.
 
 use std::fmt;
 use std::io;
@@ -12,53 +12,53 @@ use rhumb_protocol::session::{CloseCode, Misuse};
 use rhumb_reckoning::Tick;
 use rhumb_transport::{ConnectError, TransportCode};
 
-/// Why a client did not come into its scene.
+/// Reason why a client did not join its scene.
 #[derive(Debug)]
 pub enum OpenError {
-    /// The server's name is not that of a host and port.
+    /// The address is not a host and port that can be resolved.
     Address {
-        /// As it was given.
+        /// The address, as the caller wrote it.
         server: String,
-        /// What the resolver says.
+        /// The resolver's error.
         cause: io::Error,
     },
-    /// No connection.
+    /// The connection was not established.
     Connect(ConnectError),
-    /// The text cannot name a scene.
+    /// The text is not a valid scene name.
     SceneName {
-        /// As it was given.
+        /// The text, as the caller wrote it.
         scene: String,
-        /// What names a scene.
+        /// The rule that it breaks.
         cause: InvalidSceneName,
     },
-    /// The server turned the request down.
+    /// The server denied the request.
     Denied {
-        /// Which scene it was about.
+        /// The scene of the request.
         scene: SceneName,
-        /// Why.
+        /// The reason.
         denial: Denial,
     },
     /// The connection ended, or the server did not answer in time.
     Client(ClientError),
 }
 
-/// Why a call on an open client failed.
+/// Reason why a call on an open client failed.
 #[derive(Debug)]
 pub enum ClientError {
     /// The caller's own mistake; nothing was sent.
     Misuse(Misuse),
     /// The connection is over.
     Ended(Ending),
-    /// The server did not answer within the patience. The call may be repeated; nothing is lost.
+    /// The server did not answer within the timeout. The call may be repeated; nothing is lost.
     Timeout {
-        /// What was awaited.
+        /// The missing answer.
         awaited: &'static str,
-        /// For how long.
-        patience: Duration,
+        /// Duration of the wait.
+        timeout: Duration,
     },
-    /// The server turned a request down.
+    /// The server denied a request.
     Denied(Denial),
-    /// The scene has no number left for another shape.
+    /// All shape numbers of the scene are in use.
     TooManyShapes,
     /// Another member deleted the scene.
     SceneDeleted,
@@ -98,10 +98,10 @@ impl fmt::Display for ClientError {
                     code => CloseCode(code).fmt(f),
                 }
             }
-            Self::Ended(Ending::TimedOut) => f.write_str("the server was not heard any more"),
+            Self::Ended(Ending::TimedOut) => f.write_str("the connection timed out"),
             Self::Ended(Ending::Broken) => f.write_str("the connection broke"),
-            Self::Timeout { awaited, patience } => {
-                write!(f, "the server gave no {awaited} within {patience:?}")
+            Self::Timeout { awaited, timeout } => {
+                write!(f, "the server gave no {awaited} within {timeout:?}")
             }
             Self::Denied(denial) => denial.fmt(f),
             Self::TooManyShapes => write!(

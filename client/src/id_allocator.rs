@@ -1,6 +1,6 @@
-//! Body ids that this client may give out: granted ranges, and indices whose bodies are gone.
+//! Allocator of body ids, from granted ranges and from removed bodies.
 //!
-//! Asks for nothing itself. Invariant: no id is given out twice.
+//! Requests nothing from the server. Invariant: no id is allocated twice.
 
 use rhumb_protocol::scene::IdRange;
 use rhumb_reckoning::BodyId;
@@ -9,9 +9,9 @@ use rhumb_reckoning::BodyId;
 #[derive(Debug)]
 pub(crate) struct IdAllocator {
     ranges: Vec<IdRange>,
-    /// Place of the range that is being given out, and how many of its indices are.
+    /// Position of the range in use, and the number of its indices that are allocated.
     next: (usize, u32),
-    /// The next id of each index whose body is gone.
+    /// For each index of a removed body, the id of the next generation.
     free: Vec<BodyId>,
 }
 
@@ -24,24 +24,24 @@ impl IdAllocator {
         }
     }
 
-    /// The server has granted more.
+    /// Adds a range that the server granted.
     pub(crate) fn grant(&mut self, range: IdRange) {
         self.ranges.push(range);
     }
 
-    /// How many indices the server has granted in all.
+    /// Number of granted indices in all ranges.
     pub(crate) fn granted(&self) -> u32 {
         self.ranges.iter().map(IdRange::count).sum()
     }
 
-    /// How many ids can be given out before more must be granted.
+    /// Number of ids that can be allocated before another grant.
     pub(crate) fn available(&self) -> u32 {
         let (place, given) = self.next;
         let fresh: u32 = self.ranges[place..].iter().map(IdRange::count).sum();
         fresh - given + self.free.len() as u32
     }
 
-    /// Gives out an id: a new index while there is one, then one whose body is gone.
+    /// Allocates an id: an unused index while there is one, then the index of a removed body.
     pub(crate) fn take(&mut self) -> Option<BodyId> {
         loop {
             let (place, given) = self.next;
@@ -56,7 +56,7 @@ impl IdAllocator {
         }
     }
 
-    /// A body is gone. If its index is this client's, another body may have it, under a greater generation.
+    /// Frees the index of a removed body for its next generation, if this client was granted the index.
     pub(crate) fn release(&mut self, id: BodyId) {
         let ours = self.ranges.iter().any(|range| range.contains(id));
         if ours && let Some(generation) = id.generation().checked_add(1) {
@@ -70,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ids_come_from_each_range_once_and_then_from_bodies_that_are_gone() {
+    fn ids_come_from_each_range_once_and_then_from_removed_bodies() {
         let mut ids = IdAllocator::new(IdRange::new(10, 2, 3).unwrap());
         assert_eq!((ids.available(), ids.granted()), (2, 2));
         assert_eq!(ids.take(), Some(BodyId::new(10, 3)));

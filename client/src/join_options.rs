@@ -1,34 +1,36 @@
-//! How a client joins a scene: create it or not, which stream, and how its view is shown.
+//! Options for joining a scene: its creation, the stream, and the view.
 
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::SceneConfig;
 use rhumb_reckoning::Tolerance;
 
-/// Whether a scene must exist, must not exist yet, or may.
+/// Whether joining creates the scene, requires an existing one, or accepts both.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum JoinMode {
-    /// It must not exist yet.
+    /// Creates the scene, which must not exist yet.
     Create(SceneConfig),
-    /// It must exist.
+    /// Joins the scene, which must exist.
     Join,
-    /// It is created unless it exists; then it keeps the config that it has.
+    /// Creates the scene unless it exists; an existing scene keeps its config.
     CreateOrJoin(SceneConfig),
 }
 
-/// How to join a scene. The default creates the scene with the default config unless it exists, follows the 5 cm tier,
-/// shows it without delay, and smooths corrections.
+/// Options for joining a scene.
+///
+/// The default creates the scene with the default config unless it exists, subscribes to the 5 cm tier, computes the
+/// view without delay, and smooths corrections.
 #[derive(Clone, Copy, Debug)]
 pub struct JoinOptions {
-    /// Whether to create the scene.
+    /// Whether joining creates the scene.
     pub mode: JoinMode,
-    /// Which stream to follow.
+    /// The stream to subscribe to.
     pub stream: StreamChoice,
-    /// Free running only: how many ticks the view stays behind the newest tick that the server can have published, which
-    /// is its clock less the scene's lookahead. At zero, prediction covers all of the network's delay.
+    /// Free running only: how many ticks the view stays behind the newest tick that the server can have published,
+    /// which is its clock less the scene's lookahead. At zero, prediction covers all of the network's delay.
     pub delay_ticks: f64,
-    /// Free running only: how many ticks ahead of the server's clock this client publishes the bodies that it has authority
-    /// over. At zero, the server predicts them over the network's delay; with that delay and a little more, it need not.
-    /// `Client::set_lead_ticks` changes it.
+    /// Free running only: how many ticks ahead of the server's clock this client publishes the bodies that it has
+    /// authority over. At zero, the server predicts them over the network's delay; with that delay and a little more,
+    /// it need not. `Client::set_lead_ticks` changes it.
     pub lead_ticks: f64,
     /// Free running only: whether only whole ticks are shown, for a simulator with ticks of its own.
     pub whole_ticks: bool,

@@ -1,10 +1,10 @@
-//! A remote physics scene, from a plain frame loop.
+//! Client of a remote physics scene, for a plain frame loop.
 //!
-//! No call of this interface is async. A call waits not at all, or for the client's patience at most; between calls only
-//! bytes arrive. A [`Client`] is a member of one scene; connect again for another scene.
+//! No call of this interface is async. A call returns at once or within the client's timeout; between calls only bytes
+//! arrive. A [`Client`] is a member of one scene; connect again for another scene.
 //!
-//! This crate is all that a simulator needs to name: it re-exports the types of its calls, and [`glam`]. The features
-//! `mint` and `nalgebra` turn on glam's conversions from and to the types of those crates.
+//! A simulator needs no other crate: this crate re-exports the types of its calls, and [`glam`]. The features `mint`
+//! and `nalgebra` turn on glam's conversions from and to the types of those crates.
 //!
 //! # Example
 //!

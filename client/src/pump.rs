@@ -1,6 +1,6 @@
 //! Moves bytes between a connection and its session, on the caller's thread.
 //!
-//! Decides nothing: it feeds, drains, and waits no longer than it is told.
+//! Contains no protocol logic. A wait ends at the given deadline at the latest.
 
 use std::time::Duration;
 
@@ -13,14 +13,14 @@ pub(crate) struct Pump {
     pub(crate) session: ClientSession,
     pub(crate) connection: QuicClient,
     clock: Clock,
-    /// Called with everything that passes, if anybody wants to know.
+    /// Called with all bytes in both directions, for recording.
     tap: Option<Tap>,
 }
 
-/// What passes between session and connection, for those who record it.
+/// Callback that receives all bytes between session and connection.
 pub(crate) type Tap = Box<dyn FnMut(TapChannel, &[u8]) + Send>;
 
-/// Which channel something passes between a client and its server.
+/// Channel and direction of bytes between a client and its server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TapChannel {
     /// Bytes of the control stream from the server.
@@ -33,7 +33,7 @@ pub enum TapChannel {
     StateUp,
 }
 
-/// Pieces taken in before timers and the caller have their turn, however fast a server sends.
+/// Limit of received pieces per turn, so that a fast server cannot starve timers and the caller.
 const PIECES_PER_TURN: usize = 4_096;
 
 /// The one peer of a client.
@@ -60,7 +60,7 @@ impl Pump {
         self.tap = Some(tap);
     }
 
-    /// Sends what the session has to say.
+    /// Sends everything that the session has queued.
     pub(crate) fn flush(&mut self) {
         while let Some(transmit) = self.session.poll_transmit() {
             match transmit {
@@ -77,7 +77,7 @@ impl Pump {
         }
     }
 
-    /// Handles what has arrived, waiting for the first of it until `deadline` at most; `false` when nothing came.
+    /// Handles received data, and waits for its first piece until `deadline` at most; `false` when nothing arrived.
     pub(crate) fn turn(&mut self, deadline: Instant) -> bool {
         self.flush();
         let now = self.clock.now();
@@ -85,12 +85,12 @@ impl Pump {
             .session
             .poll_timeout()
             .map_or(deadline, |wake| wake.at.min(deadline));
-        let patience = Duration::from_nanos(wake.since(now).as_nanos());
-        let mut heard = false;
-        let mut next = self.connection.recv(patience);
+        let wait = Duration::from_nanos(wake.since(now).as_nanos());
+        let mut received_any = false;
+        let mut next = self.connection.recv(wait);
         let mut left = PIECES_PER_TURN;
         while let Some(received) = next {
-            heard = true;
+            received_any = true;
             self.handle(received);
             left -= 1;
             if left == 0 {
@@ -100,7 +100,7 @@ impl Pump {
         }
         self.session.handle_timeout(self.clock.now());
         self.flush();
-        heard
+        received_any
     }
 
     fn handle(&mut self, received: Received) {
@@ -125,7 +125,7 @@ impl Pump {
     }
 }
 
-/// A patience as the protocol counts it; one of centuries saturates.
-pub(crate) fn span(patience: Duration) -> Span {
-    Span::from_nanos(u64::try_from(patience.as_nanos()).unwrap_or(u64::MAX))
+/// A duration as a protocol span; longer ones than the span's maximum (centuries) saturate.
+pub(crate) fn span(duration: Duration) -> Span {
+    Span::from_nanos(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX))
 }

@@ -1,6 +1,6 @@
 //! A connection to a server before it joins a scene.
 //!
-//! Joining takes up to three answers: welcome, creation, snapshot. Each is awaited for the connection's patience at most.
+//! Joining takes up to three answers: welcome, creation, snapshot. Each must arrive within the connection's timeout.
 
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::time::Duration;
@@ -15,29 +15,29 @@ use crate::error::{ClientError, OpenError};
 use crate::join_options::{JoinMode, JoinOptions};
 use crate::pump::{Pump, span};
 
-/// How long a client waits for an answer unless its caller says otherwise.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// Default time limit for an answer of the server.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// A connection to a server that has joined no scene yet.
 pub struct ServerConnection {
     connection: QuicClient,
-    patience: Duration,
+    timeout: Duration,
 }
 
 impl ServerConnection {
-    pub(crate) fn open(address: &str, trust: Trust, patience: Duration) -> Result<Self, OpenError> {
+    pub(crate) fn open(address: &str, trust: Trust, timeout: Duration) -> Result<Self, OpenError> {
         let options = ClientOptions {
             server_name: host_of(address).to_owned(),
             ..ClientOptions::new(resolve(address)?, trust)
         };
-        let connection = QuicClient::connect(options, patience)?;
+        let connection = QuicClient::connect(options, timeout)?;
         Ok(Self {
             connection,
-            patience,
+            timeout,
         })
     }
 
-    /// Joins a scene of this name as [`JoinOptions::default`] has it: creates the scene unless it exists.
+    /// Joins a scene of this name with [`JoinOptions::default`], which creates the scene unless it exists.
     ///
     /// # Errors
     ///
@@ -50,20 +50,20 @@ impl ServerConnection {
     ///
     /// # Errors
     ///
-    /// [`OpenError`] for a name that cannot be a scene's, a request that the server denies, and an answer that does not
-    /// come in time.
+    /// [`OpenError`] for an invalid scene name, a request that the server denies, and an answer that does not arrive in
+    /// time.
     pub fn join_with(self, scene: &str, options: JoinOptions) -> Result<Client, OpenError> {
         let name: SceneName = scene.parse().map_err(|cause| OpenError::SceneName {
             scene: scene.to_owned(),
             cause,
         })?;
-        let patience = self.patience;
+        let timeout = self.timeout;
         let denied = |denial| OpenError::Denied {
             scene: name.clone(),
             denial,
         };
         let mut pump = Pump::new(ClientSession::new(name.clone()), self.connection);
-        let welcome = await_event(&mut pump, patience, "welcome", |event| match event {
+        let welcome = await_event(&mut pump, timeout, "welcome", |event| match event {
             Event::Welcomed(welcome) => Some(Ok(welcome)),
             _ => None,
         })?
@@ -75,7 +75,7 @@ impl ServerConnection {
         };
         if let Some(config) = create {
             pump.session.create(config).map_err(ClientError::from)?;
-            let created = await_event(&mut pump, patience, "answer", |event| match event {
+            let created = await_event(&mut pump, timeout, "answer", |event| match event {
                 Event::Created => Some(Ok(())),
                 Event::Denied(denial) => Some(Err(denial)),
                 _ => None,
@@ -89,30 +89,30 @@ impl ServerConnection {
         pump.session
             .join(options.stream)
             .map_err(ClientError::from)?;
-        let granted = await_event(&mut pump, patience, "scene", |event| match event {
+        let granted = await_event(&mut pump, timeout, "scene", |event| match event {
             Event::Joined(granted) => Some(Ok(granted)),
             Event::Denied(denial) => Some(Err(denial)),
             _ => None,
         })?
         .map_err(denied)?;
-        Ok(Client::joined(pump, patience, &options, granted))
+        Ok(Client::joined(pump, timeout, &options, granted))
     }
 }
 
 impl Client {
-    /// Connects to the server at `address`, `host:port`, and waits for it for five seconds at most. So long may every later
-    /// call wait for an answer.
+    /// Connects to the server at `address`, `host:port`, within five seconds. The same timeout holds for every later
+    /// call that waits for an answer.
     ///
-    /// The system resolves the host's name first, for as long as it takes.
+    /// The system resolves the host's name first; this has no time limit.
     ///
     /// # Errors
     ///
-    /// [`OpenError`] names what failed: the address, the network, or the server's certificate.
+    /// [`OpenError`] when the address, the network or the server's certificate fails.
     pub fn connect(address: &str, trust: Trust) -> Result<ServerConnection, OpenError> {
-        Self::connect_within(address, trust, PATIENCE)
+        Self::connect_within(address, trust, ANSWER_TIMEOUT)
     }
 
-    /// Connects as [`Self::connect`], with another patience than five seconds.
+    /// Connects as [`Self::connect`], with another timeout than five seconds.
     ///
     /// # Errors
     ///
@@ -120,20 +120,20 @@ impl Client {
     pub fn connect_within(
         address: &str,
         trust: Trust,
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<ServerConnection, OpenError> {
-        ServerConnection::open(address, trust, patience)
+        ServerConnection::open(address, trust, timeout)
     }
 }
 
-/// Waits until an event is the one that is wanted; the inner result is the server's answer.
+/// Waits until `wanted` accepts an event; the inner result is the server's answer.
 fn await_event<T>(
     pump: &mut Pump,
-    patience: Duration,
+    timeout: Duration,
     awaited: &'static str,
     wanted: impl Fn(Event) -> Option<Result<T, Denial>>,
 ) -> Result<Result<T, Denial>, ClientError> {
-    let deadline = pump.now() + span(patience);
+    let deadline = pump.now() + span(timeout);
     loop {
         pump.turn(deadline);
         while let Some(event) = pump.session.poll_event() {
@@ -145,7 +145,7 @@ fn await_event<T>(
             }
         }
         if pump.now() >= deadline {
-            return Err(ClientError::Timeout { awaited, patience });
+            return Err(ClientError::Timeout { awaited, timeout });
         }
     }
 }
@@ -161,7 +161,7 @@ fn resolve(server: &str) -> Result<SocketAddr, OpenError> {
         .ok_or_else(|| failed(std::io::ErrorKind::NotFound.into()))
 }
 
-/// The part of `host:port` that a certificate names.
+/// The host of `host:port`, for comparison with the certificate.
 fn host_of(server: &str) -> &str {
     let host = server.rsplit_once(':').map_or(server, |(host, _)| host);
     host.trim_start_matches('[').trim_end_matches(']')

@@ -1,7 +1,7 @@
-//! Numbers for shapes, so that equal shapes of a scene have one number.
+//! Shape numbers, chosen so that equal shapes of a scene share one number.
 //!
-//! Sends nothing. The number follows from the shape's bytes: two clients that add equal shapes at once choose the same
-//! number, and the refusal of the second is no fault.
+//! Sends nothing. The number is a hash of the shape's bytes. Two clients that add equal shapes at once choose the same
+//! number, so that the refusal of the second command is harmless.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use rhumb_protocol::scene::{CommandError, Shape, ShapeId};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Writer;
 
-/// Shapes that this client has added and the server has not answered.
+/// Shapes in commands of this client that the server has not answered yet.
 #[derive(Debug, Default)]
 pub(crate) struct ShapeNumbers {
     unanswered: BTreeMap<ShapeId, UnansweredShape>,
@@ -23,17 +23,17 @@ struct UnansweredShape {
     command: u64,
 }
 
-/// Where a shape belongs.
+/// Number of a shape, and whether the shape must be added under it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ShapeSlot {
-    /// The scene has an equal shape, or will have.
+    /// The scene has an equal shape under this number, or an unanswered command adds one.
     Known(ShapeId),
     /// No shape has this number yet.
     Free(ShapeId),
 }
 
 impl ShapeNumbers {
-    /// Finds a shape's number; none when all numbers are taken. `known`: the shapes of the scene.
+    /// Finds a shape's number; `None` when all numbers are taken. `known`: the shapes of the scene.
     pub(crate) fn find<'a>(
         &'a self,
         shape: &Shape,
@@ -52,18 +52,18 @@ impl ShapeNumbers {
         None
     }
 
-    /// A command adds a shape.
+    /// Stores the shape of a queued command.
     pub(crate) fn add(&mut self, id: ShapeId, shape: Shape, command: u64) {
         let added = UnansweredShape { shape, command };
         self.unanswered.insert(id, added);
     }
 
-    /// The server has answered commands up to this number.
+    /// Forgets the shapes of commands up to this number, which the server has answered.
     pub(crate) fn handle_applied(&mut self, through: u64) {
         self.unanswered.retain(|_, added| added.command > through);
     }
 
-    /// Whether a refused command added a shape that the scene has under this number all the same.
+    /// Whether a refused command adds a shape that the scene already has under the same number.
     pub(crate) fn is_harmless<'a>(
         &self,
         number: u64,
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shape_takes_no_number_of_another() {
+    fn a_shape_does_not_take_the_number_of_another() {
         let numbers = ShapeNumbers::default();
         let (ball, other) = (Shape::ball(0.5), Shape::cuboid(1.0, 2.0, 3.0));
         let taken = ShapeId(hash(&ball));

@@ -1,12 +1,12 @@
-//! The vectors of `mint` and `nalgebra` go into a body and come out of a view.
+//! Conversion of `mint` and `nalgebra` vectors into bodies and out of views.
 //!
-//! Compiled with the features of those names, which `rhumb-tests` turns on for the workspace.
+//! Needs the features of those names, which `rhumb-tests` turns on for the workspace.
 
 use rhumb_client::glam::{Quat, Vec3};
 use rhumb_client::scene::{BodyDesc, Shape};
 
 #[test]
-fn a_body_starts_at_a_vector_of_mint() {
+fn a_body_starts_at_a_mint_vector() {
     let start = mint::Vector3::from([1.0_f32, 2.0, 3.0]);
     let turn = mint::Quaternion::from([0.0_f32, 1.0, 0.0, 0.0]);
     let body = BodyDesc::dynamic(Shape::ball(0.5))
@@ -20,7 +20,7 @@ fn a_body_starts_at_a_vector_of_mint() {
 }
 
 #[test]
-fn a_body_starts_at_a_vector_of_nalgebra() {
+fn a_body_starts_at_a_nalgebra_vector() {
     let start = nalgebra::Vector3::new(1.0_f32, 2.0, 3.0);
     let turn = nalgebra::UnitQuaternion::<f32>::identity();
     let body = BodyDesc::dynamic(Shape::ball(0.5))

@@ -46,7 +46,7 @@ fn the_document_states_the_constants_of_the_code() {
         ("coarsest angular step", narrow.angular()),
         ("unit length slack", UNIT_LENGTH_SLACK),
         ("greatest ratio of moments", Inertia::RATIO_MAX),
-        ("share by which equal moments differ", Inertia::EQUAL),
+        ("greatest difference of equal moments, as a share", Inertia::EQUAL),
     ];
     for (name, value) in shares {
         let row = format!("| {name} | {value:?} | `{:016x}` |", value.to_bits());

@@ -1,4 +1,6 @@
-//! The streams of one scene: each is published once for all its members.
+//! The streams of one scene.
+//!
+//! A stream is published once for all members that subscribe to the same choice.
 
 use bytes::Bytes;
 use glam::Vec3;
@@ -16,7 +18,7 @@ use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
 use crate::over_budget::OverBudgetLog;
 use crate::scene::Scene;
 
-/// A stream and the choice that it serves.
+/// A stream and its choice.
 #[derive(Debug)]
 pub(crate) struct Stream {
     pub(crate) choice: StreamChoice,
@@ -25,7 +27,7 @@ pub(crate) struct Stream {
 }
 
 impl Stream {
-    /// The stream of a choice, without bodies yet, for one member.
+    /// A stream of this choice without bodies, for one member.
     pub(crate) fn new(choice: StreamChoice, id: StreamId, scene: &Scene) -> Self {
         let tick = scene.tick();
         let config = scene.config();
@@ -72,12 +74,12 @@ impl Stream {
         self.choice.tolerance()
     }
 
-    /// The alias of a body, if it has one.
+    /// The alias of a body; `None` for a body without one.
     pub(crate) fn alias(&self, id: BodyId) -> Option<u32> {
         self.sender.publisher()?.alias(id)
     }
 
-    /// Each gravity and the tick from which it acted, oldest first, if tracks refer to more than one.
+    /// Each gravity with its first tick, oldest first; empty unless the tracks refer to more than one.
     pub(crate) fn gravity_changes(&self) -> Vec<(Tick, Vec3)> {
         let publisher = self.sender.publisher().into_iter();
         let changes: Vec<_> = publisher
@@ -119,7 +121,7 @@ pub(crate) struct Streams {
 }
 
 impl Streams {
-    /// None yet; they will be published by this schedule.
+    /// An empty set, for this publish schedule.
     pub(crate) fn new(publish_schedule: PublishSchedule) -> Self {
         Self {
             streams: Vec::new(),
@@ -135,19 +137,24 @@ impl Streams {
         self.streams.iter_mut().find(|stream| stream.id() == id)
     }
 
-    /// The datagrams of a stream's last tick for one member: repair symbols only if this member loses packets.
+    /// The datagrams of a stream's last tick for one member; repair symbols are included only if this member loses
+    /// packets.
     pub(crate) fn packets(&self, id: StreamId, peer: Peer) -> impl Iterator<Item = &Bytes> {
         let stream = self.get(id).into_iter();
         stream.flat_map(move |stream| stream.sender.datagrams(peer.0))
     }
 
-    /// The stream of a choice, if there is one.
+    /// The id of the stream of a choice; `None` if there is no such stream.
     pub(crate) fn of_choice(&self, choice: StreamChoice) -> Option<StreamId> {
         let found = self.streams.iter().find(|stream| stream.choice == choice);
         found.map(Stream::id)
     }
 
-    /// The stream of a choice with one member more; `None` if it must begin first.
+    /// Adds a member to the stream of a choice; `None` if the stream does not exist yet.
+    ///
+    /// # Errors
+    ///
+    /// [`Denial::TooManyStreams`] when the scene cannot have another stream.
     pub(crate) fn subscribe(&mut self, choice: StreamChoice) -> Result<Option<StreamId>, Denial> {
         if let Some(stream) = self
             .streams
@@ -169,14 +176,14 @@ impl Streams {
         self.streams.last_mut().expect("one was just added")
     }
 
-    /// A member begins anew from a snapshot: what it lost before counts no more.
+    /// Starts a new snapshot for a member, which makes its earlier losses irrelevant.
     pub(crate) fn begin_snapshot(&mut self, id: StreamId, peer: Peer) {
         if let Some(stream) = self.get_mut(id) {
             stream.sender.restart_listener(peer.0);
         }
     }
 
-    /// A member leaves a stream; one without members ends.
+    /// Removes a member from a stream, and ends the stream if it has no members left.
     pub(crate) fn unsubscribe(&mut self, id: StreamId, peer: Peer) {
         if let Some(stream) = self.get_mut(id) {
             stream.sender.remove_listener(peer.0);
@@ -208,7 +215,7 @@ impl Streams {
         }
     }
 
-    /// Keeps the observations of a tick.
+    /// Stores the observations of a tick.
     pub(crate) fn observe(&mut self, tick: Tick, observations: &[Observation]) {
         self.observation_history.observe(tick, observations);
     }
@@ -238,7 +245,7 @@ mod tests {
     const SECOND: u64 = 60;
     const BURST: u32 = 1_150;
 
-    /// Where a body is at a tick: somewhere else each time.
+    /// State of a body at a tick: a pseudo-random position, at rest.
     fn motion(body: u32, tick: u64) -> BodyState {
         let far = |axis: u64| {
             let seed = (tick << 16) + (u64::from(body) << 4) + axis + 1;
@@ -246,10 +253,11 @@ mod tests {
             ((mixed >> 40) as f32 / (1 << 24) as f32 - 0.5) * 10.0
         };
         let at = [far(0), far(1), far(2)];
-        BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("it is finite")
+        BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3])
+            .expect("every number is finite")
     }
 
-    /// One stream with a budget, of bodies that never rest.
+    /// One capped stream, with bodies that never rest.
     fn capped(bytes_per_second: u32) -> Streams {
         let budget = Budget::new(bytes_per_second, BURST).expect("within the limits");
         let tolerance = Tolerance::NORMAL;
@@ -270,32 +278,32 @@ mod tests {
         streams.begin(Stream::of(choice, sender));
         for body in 0..BODIES {
             let parameters = PredictionParameters::plain(Metres::new(0.5));
-            let begun = motion(body, 0);
-            let track = Track::resting(Tick::ZERO, begun);
-            streams.place(BodyId::new(body, 0), &parameters, track, begun);
+            let initial = motion(body, 0);
+            let track = Track::resting(Tick::ZERO, initial);
+            streams.place(BodyId::new(body, 0), &parameters, track, initial);
         }
         streams
     }
 
-    /// Has a tick published.
+    /// Observes and publishes a tick.
     fn publish(streams: &mut Streams, tick: u64) {
-        let seen = |body| Observation {
+        let observation = |body| Observation {
             id: BodyId::new(body, 0),
             motion: motion(body, tick),
             activity: Activity::Awake,
         };
-        let observations: Vec<_> = (0..BODIES).map(seen).collect();
+        let observations: Vec<_> = (0..BODIES).map(observation).collect();
         streams.observe(Tick::new(tick), &observations);
         streams.publish(0);
     }
 
-    /// What is logged, as text.
+    /// Collects the log as text.
     #[derive(Clone, Default)]
     struct Log(Arc<Mutex<Vec<u8>>>);
 
     impl Write for Log {
         fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-            self.0.lock().expect("nobody panics").write(bytes)
+            self.0.lock().expect("no thread panics").write(bytes)
         }
 
         fn flush(&mut self) -> io::Result<()> {
@@ -303,7 +311,7 @@ mod tests {
         }
     }
 
-    /// What is logged at a level while a stream with little budget is published for so many seconds; and that stream.
+    /// Publishes a stream with a small budget for some seconds; returns the log at a level, and the stream.
     fn logged(level: tracing::Level, seconds: u64) -> (String, Streams) {
         let log = Log::default();
         let writer = log.clone();
@@ -318,7 +326,7 @@ mod tests {
                 publish(&mut streams, tick);
             }
         });
-        let text = String::from_utf8(log.0.lock().expect("nobody panics").clone());
+        let text = String::from_utf8(log.0.lock().expect("no thread panics").clone());
         (text.expect("a log is text"), streams)
     }
 
@@ -340,7 +348,7 @@ mod tests {
         let (text, streams) = logged(tracing::Level::TRACE, 1);
         let lines = text
             .lines()
-            .filter(|log_line| log_line.contains("a body is off"));
+            .filter(|log_line| log_line.contains("a body exceeds its tolerance"));
         let lines: Vec<_> = lines.collect();
         let over_budget = streams.streams[0].sender.statistics().over_budget;
         assert!(
@@ -359,7 +367,7 @@ mod tests {
     fn a_budget_pays_for_sent_checksums() {
         let (rate, seconds) = (600, 20);
         let mut streams = capped(rate);
-        let (mut bytes, mut sums) = (0, 0);
+        let (mut bytes, mut checksums) = (0, 0);
         for tick in 1..=seconds * SECOND {
             publish(&mut streams, tick);
             for packet in streams.packets(STREAM, Peer(0)) {
@@ -369,11 +377,11 @@ mod tests {
                     PacketKind::Watermark | PacketKind::WatermarkOverBudget
                 );
                 bytes += if watermarks { 0 } else { packet.len() };
-                sums += u64::from(head.kind == PacketKind::Checksums);
+                checksums += u64::from(head.kind == PacketKind::Checksums);
             }
         }
-        assert!(sums >= seconds - 2, "{sums}");
-        // A word and a sum may overdraw.
+        assert!(checksums >= seconds - 2, "{checksums}");
+        // One packet and one checksum may overdraw the budget.
         let most = BURST as usize + (seconds as usize) * rate as usize + 100;
         assert!(bytes <= most, "{bytes} of {most}");
         assert!(

@@ -7,6 +7,7 @@ mod avatar;
 #[cfg(doctest)]
 mod book;
 pub mod fuzzing;
+mod observation_history;
 mod plugin;
 mod process;
 mod raw_peer;
@@ -16,9 +17,9 @@ mod table;
 mod truth;
 pub mod vectors;
 mod walk;
-mod witness;
 
 pub use avatar::Avatars;
+pub use observation_history::{Claim, ObservationHistory, assert_same_copy, copy_digest};
 pub use plugin::{PluginSession, Recording, deliver, falling};
 pub use process::{Ended, Programme, ServerProcess};
 pub use raw_peer::RawPeer;
@@ -28,4 +29,3 @@ pub use stage::{COMMANDER, Stage, TICK};
 pub use table::{Delivered, DeliveryAction, LossFilter, Table};
 pub use truth::{MemberRecord, SceneTruth};
 pub use walk::{Walk, take_authority};
-pub use witness::{Claim, ObservationHistory, assert_same_copy, copy_digest};

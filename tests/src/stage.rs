@@ -12,8 +12,8 @@ use rhumb_reckoning::Tick;
 use rhumb_server::ServerLoop;
 use rhumb_sims::Script;
 
+use crate::observation_history::ObservationHistory;
 use crate::truth::{MemberRecord, SceneTruth};
-use crate::witness::ObservationHistory;
 
 /// Index of the member that creates the scene and sends commands.
 pub const COMMANDER: usize = 0;

@@ -166,8 +166,8 @@ fn lookahead_and_longer_publish_intervals_cost_fewer_bytes() {
     let (rarer, ..) = cost(publish_schedule(2, 0));
     let (both, ..) = cost(publish_schedule(2, 6));
     println!("bytes: {at_once} at once, {later} with lookahead, {rarer} rarer, {both} both");
-    // Savings of about an eighth, a fifth and a twelfth, with some margin.
-    assert!(later * 100 < at_once * 90, "{later} of {at_once}");
+    // Savings of about a tenth, a sixth and a sixteenth, with some margin.
+    assert!(later * 100 < at_once * 92, "{later} of {at_once}");
     assert!(rarer * 100 < at_once * 85, "{rarer} of {at_once}");
     assert!(both * 100 < rarer * 95, "{both} of {rarer}");
 }

@@ -1,6 +1,6 @@
-//! The client's end of a replay: a receiver, and scene events under way.
+//! Client of a replay: a receiver, and the scene events in transit.
 //!
-//! The receiver is the product's. The round trip is known, as if it had been measured.
+//! The receiver is the product's. The round trip is a known constant instead of a measurement.
 
 use std::collections::VecDeque;
 use std::num::NonZeroU32;
@@ -14,24 +14,24 @@ use rhumb_protocol::stream::{
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, Integrator, Tick, Tolerance, Track};
 
-/// The change of a scene event.
+/// Change by a scene event in transit.
 #[derive(Clone, Debug)]
 pub(super) enum PendingEvent {
     Placed(BodyId, PredictionParameters, Track),
     Removed(BodyId),
 }
 
-/// The client's end.
+/// Client of a replay.
 #[derive(Debug)]
 pub(super) struct ReplayClient {
     pub(super) receiver: StreamReceiver,
-    /// The changes of scene events under way, in order.
+    /// The changes by scene events in transit, in order.
     pub(super) pending: VecDeque<PendingEvent>,
-    /// Pause between two reports of one loss.
+    /// Least time between two reports of one loss.
     min_delay: Span,
 }
 
-/// What both ends of a replay know before it begins.
+/// Configuration that both ends of a replay know at its start.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StreamSetup {
     pub(super) stream: StreamId,
@@ -42,7 +42,7 @@ pub(super) struct StreamSetup {
 }
 
 impl ReplayClient {
-    /// `budget`: of a stream that has one.
+    /// `budget`: the budget of a capped stream.
     pub(super) fn new(start: &StreamSetup, round_trip: Span, budget: Option<Budget>) -> Self {
         let begin = match budget {
             Some(_) => Subscriber::limited,
@@ -67,7 +67,7 @@ impl ReplayClient {
         }
     }
 
-    /// The next scene event arrived; `false` when its change breaks a limit.
+    /// Applies the next scene event; `false` when its change breaks a limit.
     #[must_use]
     pub(super) fn receive_event(&mut self, now: Instant) -> bool {
         let subscriber = self.receiver.subscriber_mut();
@@ -83,7 +83,7 @@ impl ReplayClient {
         done
     }
 
-    /// A datagram arrived.
+    /// Handles a received datagram.
     pub(super) fn receive(&mut self, now: Instant, datagram: &[u8]) {
         self.receiver.subscriber_mut().handle_datagram(datagram);
         self.watch(now);
@@ -99,12 +99,12 @@ impl ReplayClient {
         self.receiver.subscriber()
     }
 
-    /// When it reports next if nothing arrives until then; it always expects a watermark.
+    /// Time of the next report if nothing arrives before. There always is one, because a watermark is expected.
     pub(super) fn due(&self) -> Instant {
         self.receiver.due().map_or(Instant::ZERO, |wake| wake.at)
     }
 
-    /// What it reports now.
+    /// The loss reports that are due now.
     pub(super) fn report(&mut self, now: Instant) -> Vec<Bytes> {
         let mut reports = Vec::new();
         self.receiver.report(now, self.min_delay, &mut reports);

@@ -1,8 +1,8 @@
 //! One replay: a sender, two links and a receiver in simulated time.
 //!
-//! The recording is published as a server publishes a free-running scene: scene events before packets, watermarks in
-//! silence, refreshes when packets are reported lost. Bytes are counted as the server sends them, whether or not they arrive. The bodies that are there
-//! at the beginning are known at both ends and cost nothing.
+//! The sender publishes the recording as a server publishes a free-running scene: scene events before packets,
+//! watermarks in silence, refreshes after loss reports. Bytes count when they are sent, whether or not they arrive.
+//! Both ends know the initial bodies, which cost nothing.
 
 use std::fmt;
 
@@ -26,16 +26,16 @@ use super::plain::plain_len;
 use crate::record::{CapturedPacket, Frame, JoinCost, PacketDirection, Placed, Run};
 use crate::recording::Recording;
 
-/// Why a replay did not come to its end.
+/// Reason why a replay failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReplayError {
-    /// The recording has more bodies or kinds of damping than a stream can have, or removes one that is not there.
+    /// The recording exceeds a stream's limit of bodies or kinds of damping, or removes an unknown body.
     Limits(Tick),
-    /// So much was lost that a member would have to take a new snapshot, which a replay has none of.
+    /// The losses require a new snapshot, which a replay does not have.
     OutOfSync(Tick),
     /// A checksum differs from that of the copy: a fault of the publisher or of the subscriber.
     ChecksumMismatch(Tick),
-    /// It is spoken of more seldom than once in the whole recording.
+    /// The publish interval is longer than the recording.
     IntervalTooLong(Tick),
     /// The stream did not complete the last tick within ten seconds after it.
     NoEnd,
@@ -45,39 +45,44 @@ impl fmt::Display for ReplayError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Limits(tick) => {
-                write!(f, "a stream cannot have the recording's bodies at {tick}")
+                write!(f, "the recording exceeds the limits of a stream at {tick}")
             }
-            Self::OutOfSync(tick) => write!(f, "so much was lost by {tick} that no refresh helps"),
+            Self::OutOfSync(tick) => write!(f, "the losses until {tick} require a new snapshot"),
             Self::ChecksumMismatch(tick) => {
-                write!(f, "at {tick} a checksum differs from that of the copy")
+                write!(f, "a checksum at {tick} differs from that of the copy")
             }
             Self::IntervalTooLong(last) => {
-                write!(f, "nothing would be said: the recording ends at {last}")
+                write!(
+                    f,
+                    "no tick would be published: the recording ends at {last}"
+                )
             }
-            Self::NoEnd => f.write_str("the last tick was not heard of within ten seconds"),
+            Self::NoEnd => {
+                f.write_str("the client did not complete the last tick within ten seconds")
+            }
         }
     }
 }
 
 impl std::error::Error for ReplayError {}
 
-/// What QUIC adds to a datagram of ours: a short header without connection id and with two bytes of packet number (3),
-/// the frame's type and length (3), the tag (16). Acknowledgements and heartbeats are not counted.
+/// Bytes that QUIC adds to a datagram: a short header without connection id and with two bytes of packet number (3),
+/// the frame's type and length (3), the tag (16). Acknowledgements and keep-alives are not counted.
 const QUIC_BYTES: u64 = 22;
 
-/// How long after the last tick a replay goes on at most: ten seconds.
+/// Time limit after the last tick for the client to complete it: ten seconds.
 const END: Span = Span::from_millis(10_000);
 
 const STREAM: StreamId = StreamId(0);
 
-/// The only listener.
+/// Id of the only subscriber.
 const SUBSCRIBER: u64 = 0;
 
-/// Replays a recording; `progress` is called after each tick.
+/// Replays a recording, and calls `progress` after each tick.
 ///
 /// # Errors
 ///
-/// [`ReplayError`]; nothing is kept of a replay that does not end.
+/// [`ReplayError`] when the replay fails; it then has no partial result.
 pub fn run(
     recording: &Recording,
     config: &ReplayConfig,
@@ -126,7 +131,7 @@ fn moment(rate: Rate, tick: Tick) -> Instant {
     Instant::from_nanos(tick.value() * rate.step_ns())
 }
 
-/// A packet that was lost, and who must be heard of again.
+/// A lost packet, and the bodies that still lack a newer update.
 #[derive(Debug)]
 struct LostPacket {
     at: Instant,
@@ -153,7 +158,7 @@ struct ReplaySession<'a> {
     publish_ns: u64,
     frames: Vec<Frame>,
     captured: Vec<CapturedPacket>,
-    /// What was sent since the last frame.
+    /// Traffic since the last frame.
     sent: Frame,
     updates: u64,
 }
@@ -195,7 +200,7 @@ impl<'a> ReplaySession<'a> {
         }
     }
 
-    /// Tells of what came and went before the step that leads to a tick; at tick 0 both ends know.
+    /// Places and removes bodies before the step to a tick. At tick 0 both ends place them without a scene event.
     fn apply_changes(&mut self, tick: Tick) -> Result<(), ReplayError> {
         let truth = &self.recording.truth;
         while let Some((when, id)) = truth.removed.get(self.removed)
@@ -277,7 +282,7 @@ impl<'a> ReplaySession<'a> {
         }
     }
 
-    /// Notes the bodies of the tick's packets, one of which was lost.
+    /// Records the loss of a packet of the tick, with all bodies of the tick's packets.
     fn record_loss(&mut self, now: Instant, tick: Tick) {
         let published = self.sender.tick();
         let tracks = self.sender.tracks().into_iter();
@@ -315,7 +320,7 @@ impl<'a> ReplaySession<'a> {
         });
     }
 
-    /// Everything that the links and the listener do up to a moment.
+    /// Runs the links and the client until a moment.
     fn pass_until(&mut self, until: Instant) -> Result<(), ReplayError> {
         loop {
             let arrivals = [self.down.next_at(), self.up.next_at()];
@@ -364,7 +369,7 @@ impl<'a> ReplaySession<'a> {
         let Ok(datagram) = Datagram::open(datagram) else {
             return;
         };
-        // As a server answers, which does not measure round trips.
+        // A server does not measure round trips either.
         let from = Recipient {
             id: SUBSCRIBER,
             round_trip: Span::ZERO,
@@ -377,7 +382,7 @@ impl<'a> ReplaySession<'a> {
         }
     }
 
-    /// Notes which losses are made good by now: all of their bodies were heard of as of their tick or later, or went.
+    /// Records the recovered losses: each body has an update of the lost tick or a later one, or is removed.
     fn recover(&mut self, now: Instant) {
         let copy = self.client.subscriber();
         let recoveries = &mut self.recoveries;
@@ -410,7 +415,7 @@ impl<'a> ReplaySession<'a> {
         }
     }
 
-    /// After the last tick: sends watermarks until it is received.
+    /// Sends watermarks after the last tick until the client completes it.
     fn end(&mut self, last: Tick) -> Result<(), ReplayError> {
         let rate = self.recording.integrator.rate;
         let begun = moment(rate, last);
@@ -470,7 +475,7 @@ fn add_wire(frame: &mut Frame, sent: &Frame) {
     frame.wire_datagrams_up += sent.wire_datagrams_up;
 }
 
-/// What is predicted_motion of a body before anything was said of it, as a server's scene has it.
+/// The first track of a body, as a server's scene chooses it.
 pub(crate) fn first_track(placed: &Placed, parameters: &PredictionParameters) -> Track {
     let is_torque_free = parameters.inertia.is_some();
     let predictor = match (placed.observation.activity, placed.desc.kind) {

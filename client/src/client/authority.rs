@@ -1,6 +1,6 @@
-//! Bodies that the caller's own simulator moves, said to the server.
+//! Authority over bodies that the caller's own simulator moves.
 //!
-//! The caller says once per frame where they are; what the server predicts anyway is not sent.
+//! The caller publishes their states once per frame. States that the server predicts within tolerance are not sent.
 
 use glam::DQuat;
 use rhumb_protocol::Instant;
@@ -11,17 +11,20 @@ use super::Client;
 use crate::error::ClientError;
 
 impl Client {
-    /// Asks to drive these kinematic bodies, in place of those that it drove before, so that the server's bodies are within
-    /// the tolerance of where [`Self::publish`] says they are. None at all ends it.
+    /// Requests authority over these kinematic bodies, in place of the bodies that this client has authority over now.
+    ///
+    /// The server's bodies are then within `tolerance` of the states of [`Self::publish`]. An empty list ends the
+    /// authority.
     ///
     /// Sends at once and does not wait: [`Event::AuthorityGrant`](crate::Event::AuthorityGrant) or
-    /// [`Event::AuthorityDenied`](crate::Event::AuthorityDenied) tells what came of it. While they are driven, nobody can put
-    /// them elsewhere by a command. They are driven no longer once they or this client leave the scene; then they stand
-    /// still.
+    /// [`Event::AuthorityDenied`](crate::Event::AuthorityDenied) reports the result. During the authority, no command
+    /// can move these bodies. The authority over a body ends when the body or this client leaves the scene; the body
+    /// then stands still.
     ///
     /// # Errors
     ///
-    /// [`ClientError::Misuse`] for more bodies than one member may drive, and while an earlier wish is not answered.
+    /// [`ClientError::Misuse`] for more bodies than one member may have authority over, and while an earlier request is
+    /// unanswered.
     pub fn take_authority(
         &mut self,
         bodies: &[BodyId],
@@ -33,30 +36,31 @@ impl Client {
         Ok(())
     }
 
-    /// Says where driven bodies are now, and how they move; call it once per frame. One that is not named stands still
-    /// where it was named last. Sends nothing while the server predicts all of them well enough.
+    /// Publishes the present states of bodies under this client's authority; call it once per frame.
     ///
-    /// Returns the tick that it was said of, or none if there is nobody to say it to: before the wish to drive is granted,
-    /// before the server's clock was seen, or when a frame falls on the same tick as the one before. In lockstep that is
-    /// the tick of the next [`Self::advance`]; in a free-running scene the one nearest to now by the server's clock, plus
-    /// the `lead_ticks` of the options. There, positions are carried on to that tick by their velocities, half a tick at
-    /// most.
+    /// A body that is left out stands still at its last published pose. Nothing is sent while the server predicts all
+    /// of the bodies within tolerance.
     ///
-    /// The view goes on showing the bodies as the server has them; a simulator shows its own.
+    /// Returns the tick of the states. Returns `None`, and publishes nothing, before the authority is granted, before
+    /// the server's clock is known, and when a frame falls on the same tick as the frame before. In lockstep the tick
+    /// is that of the next [`Self::advance`]. In a free-running scene it is the tick nearest to now by the server's
+    /// clock, plus the `lead_ticks` of the options; positions are extrapolated to it by their velocities, by half a
+    /// tick at most.
     ///
-    /// When a client falls silent, its bodies go on as predicted until it should have said something again and a second
-    /// more, and then stand still.
+    /// The view shows these bodies as the server has them; a simulator shows its own states.
+    ///
+    /// When a client becomes silent, its bodies move as predicted until one second after its next update is due. Then
+    /// they stand still.
     ///
     /// # Errors
     ///
-    /// [`ClientError::Misuse`] for a body that this client did not ask to drive, or a number that no engine should be
-    /// given; nothing is said then.
+    /// [`ClientError::Misuse`] for a body without requested authority or an invalid number; then nothing is published.
     pub fn publish(
         &mut self,
         motions: &[(BodyId, BodyState)],
     ) -> Result<Option<Tick>, ClientError> {
         self.check_open()?;
-        let (tick, said) = match self.config.stepping {
+        let (tick, published) = match self.config.stepping {
             Stepping::Lockstep => {
                 let newest = self.requested.max(self.watermark_tick());
                 let tick = self.config.publish_schedule.next_published(newest);
@@ -71,30 +75,31 @@ impl Client {
                 };
                 let tick = Tick::new((present + 0.5) as u64);
                 let seconds = (tick.value() as f64 - present) * self.step_seconds();
-                let carried: Vec<(BodyId, BodyState)> = motions
+                let extrapolated: Vec<(BodyId, BodyState)> = motions
                     .iter()
-                    .map(|(id, motion)| (*id, carried(motion, seconds)))
+                    .map(|(id, motion)| (*id, extrapolate(motion, seconds)))
                     .collect();
-                (tick, self.pump.session.publish(tick, &carried)?)
+                (tick, self.pump.session.publish(tick, &extrapolated)?)
             }
         };
         self.pump.flush();
-        Ok(said.then_some(tick))
+        Ok(published.then_some(tick))
     }
 
-    /// Changes how many ticks ahead of the server's clock driven bodies are said to be; see
-    /// [`JoinOptions::lead_ticks`](crate::JoinOptions::lead_ticks). Half of the round trip that [`Self::statistics`] tells, and a
-    /// tick or two for jitter, spares the server from predicting.
+    /// Changes [`JoinOptions::lead_ticks`](crate::JoinOptions::lead_ticks): how many ticks ahead of the server's clock
+    /// this client publishes.
+    ///
+    /// With half of the round trip of [`Self::statistics`], plus a tick or two for jitter, the server need not predict.
     pub const fn set_lead_ticks(&mut self, ticks: f64) {
         self.lead_ticks = ticks;
     }
 
-    /// The bodies that the server lets this client drive, in rising order.
+    /// The bodies under this client's authority, in rising order.
     pub fn authority_bodies(&self) -> impl Iterator<Item = BodyId> {
         self.pump.session.authority_bodies()
     }
 
-    /// The moment of the scene at which driven bodies are now, in ticks; none before the server's clock was seen.
+    /// The moment of the scene that is published now, in ticks; `None` before the server's clock is known.
     fn present(&mut self) -> Option<f64> {
         let now = self.pump.now();
         self.upstream_clock.server(now)?;
@@ -114,8 +119,8 @@ impl Client {
     }
 }
 
-/// A motion some seconds later or earlier, by its velocities; the same if that is none.
-fn carried(motion: &BodyState, seconds: f64) -> BodyState {
+/// A state extrapolated by its velocities over `seconds`, which may be negative; unchanged if it does not move.
+fn extrapolate(motion: &BodyState, seconds: f64) -> BodyState {
     if *motion == motion.stilled() {
         return *motion;
     }
@@ -129,7 +134,7 @@ fn carried(motion: &BodyState, seconds: f64) -> BodyState {
         twist.linear.as_vec3().to_array(),
         twist.angular.as_vec3().to_array(),
     );
-    // Only what no engine should be given leads beyond all numbers, and that is refused as it was given.
+    // Only an invalid state overflows here. The session refuses it as it is.
     later.unwrap_or(*motion)
 }
 
@@ -138,12 +143,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_motion_is_carried_by_its_velocities_and_a_still_one_keeps_every_bit() {
+    fn a_state_is_extrapolated_by_its_velocities_and_a_still_one_keeps_every_bit() {
         let upright = [0.0, 0.0, 0.0, 1.0];
         let still = BodyState::new([0.1, 0.2, 0.3], upright, [0.0; 3], [0.0; 3]).unwrap();
-        assert_eq!(carried(&still, 0.5), still);
+        assert_eq!(extrapolate(&still, 0.5), still);
         let moving = BodyState::new([1.0, 0.0, 0.0], upright, [0.0, 2.0, 0.0], [0.0, 0.0, 4.0]);
-        let later = carried(&moving.unwrap(), -0.25);
+        let later = extrapolate(&moving.unwrap(), -0.25);
         assert_eq!(later.position(), [1.0, -0.5, 0.0]);
         let [_, _, z, w] = later.rotation();
         assert!((2.0 * z.atan2(w) + 1.0).abs() < 1e-6, "{z} {w}");

@@ -1,16 +1,16 @@
-//! How far a lockstep client lets its server run ahead.
+//! Number of ticks by which a lockstep client lets its server run ahead.
 
-/// How many ticks that are spoken of a lockstep client lets the server compute beyond the one it looks at.
+/// Number of published ticks that the server may compute beyond the tick that a lockstep client shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PipelineDepth(u32);
 
 impl PipelineDepth {
-    /// Waits for each tick.
+    /// The client waits for each tick.
     pub const LOCKSTEP: Self = Self(0);
-    /// Looks at the tick before, while the server computes the next.
+    /// The client shows a tick while the server computes the next.
     pub const PIPELINED: Self = Self(1);
 
-    /// Looks so many ticks back; [`Self::LOCKSTEP`] is 0, [`Self::PIPELINED`] is 1.
+    /// A depth in published ticks; [`Self::LOCKSTEP`] is 0, [`Self::PIPELINED`] is 1.
     #[must_use]
     pub const fn new(ticks: u32) -> Self {
         Self(ticks)

@@ -1,16 +1,16 @@
-//! The parameters by which a view is computed.
+//! Parameters for computing a view.
 
 use rhumb_reckoning::Seconds;
 
 use crate::render_time::RenderTime;
 
-/// How a view is computed.
+/// Parameters for computing a view.
 #[derive(Clone, Copy, Debug)]
 pub struct RenderParams {
     /// The moment to show.
     pub at: RenderTime,
-    /// The caller's own time, for glides.
+    /// The caller's own time, which times the smoothing of corrections.
     pub now: Seconds,
-    /// Whether to glide.
+    /// Whether corrections are smoothed.
     pub smooth: bool,
 }

@@ -1,18 +1,18 @@
-//! A moment of a scene.
+//! Moment of a scene that a view shows.
 
 use rhumb_reckoning::Tick;
 
 /// A moment of the scene between two ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderTime {
-    /// The tick at or before it.
+    /// The tick at or before the moment.
     pub tick: Tick,
-    /// How far it lies towards the next, in [0, 1).
+    /// Fraction of the step to the next tick, in [0, 1).
     pub fraction: f64,
 }
 
 impl RenderTime {
-    /// A tick itself.
+    /// The moment of a tick.
     #[must_use]
     pub const fn at(tick: Tick) -> Self {
         Self {
@@ -29,7 +29,7 @@ impl RenderTime {
         }
     }
 
-    /// As a count of ticks.
+    /// The moment in ticks since tick zero.
     #[must_use]
     pub fn ticks(&self) -> f64 {
         self.tick.value() as f64 + self.fraction

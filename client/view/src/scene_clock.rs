@@ -1,31 +1,31 @@
-//! The scene's clock: the server's tick now, and the moment to show.
+//! Clock of a free-running scene: present tick, and moment to show.
 //!
-//! The only place of the client where host time meets ticks. Shown time never goes back and never runs more than a
-//! twentieth faster or slower than real time, unless it is so far off that it must jump.
+//! Only this file of the client converts host time to ticks. Shown time never goes back. Its rate differs from real
+//! time by 5 % at most, unless it is so far off that it must jump.
 
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Rate, Tick};
 
 use crate::render_time::RenderTime;
 
-/// How much faster or slower than real time the shown time may run.
+/// Greatest relative difference between the rates of shown time and real time.
 const SLEW: f64 = 0.05;
-/// A shown time that is off by more than this many seconds jumps.
+/// Error of the shown time, in seconds, beyond which it jumps.
 const JUMP_SECONDS: f64 = 0.5;
-/// A sample whose round trip was this many times the best one says too little.
+/// Samples whose round trip exceeds this multiple of the best one get a low weight.
 const ROUND_TRIP_SLACK: f64 = 2.0;
 
-/// Follows a free-running scene's clock.
+/// Estimate of a free-running scene's clock.
 #[derive(Clone, Debug)]
 pub struct SceneClock {
     ticks_per_ns: f64,
-    /// The tick count at the client's zero moment, and the round trip of the sample that told it.
+    /// The server's tick count at the client's zero moment, and the best round trip so far.
     origin: Option<(f64, Span)>,
     shown: Option<(Instant, f64)>,
 }
 
 impl SceneClock {
-    /// A clock that has seen nothing of the server; `rate` is the scene's.
+    /// A clock without samples; `rate` is the scene's.
     #[must_use]
     pub fn new(rate: Rate) -> Self {
         Self {
@@ -35,7 +35,7 @@ impl SceneClock {
         }
     }
 
-    /// At `at`, the newest tick had been reached `since_tick` before.
+    /// Adds a sample: at the client's time `at`, the server had reached `tick` `since_tick` earlier.
     pub fn sample(&mut self, at: Instant, tick: Tick, since_tick: Span, round_trip: Span) {
         let ticks = tick.value() as f64 + since_tick.as_nanos() as f64 * self.ticks_per_ns;
         let origin = ticks - at.as_nanos() as f64 * self.ticks_per_ns;
@@ -45,7 +45,8 @@ impl SceneClock {
                 let trusted =
                     round_trip.as_nanos() as f64 <= best.as_nanos() as f64 * ROUND_TRIP_SLACK;
                 let weight = if trusted { 0.25 } else { 0.05 };
-                // The best round trip is forgotten slowly, so that a path that became longer is predicted_motion in the end.
+                // The best round trip grows slowly, so that samples of a path that became longer are trusted in the
+                // end.
                 let remembered = Span::from_nanos(best.as_nanos() + best.as_nanos() / 8);
                 (
                     known + (origin - known) * weight,
@@ -55,20 +56,19 @@ impl SceneClock {
         });
     }
 
-    /// The tick count of the server now, as far as known.
+    /// The server's tick count now; `None` before the first sample.
     pub fn server(&self, now: Instant) -> Option<f64> {
         let (origin, _) = self.origin?;
         Some(origin + now.as_nanos() as f64 * self.ticks_per_ns)
     }
 
-    /// The moment to show now: `delay` ticks behind the server, never beyond `limit`, and `known` while the server's clock
-    /// was not seen yet.
+    /// The moment to show now: `delay` ticks behind the server, never beyond `limit`; `known` before the first sample.
     pub fn show(&mut self, now: Instant, delay: f64, known: f64, limit: f64) -> RenderTime {
         let wanted = self.server(now).map_or(known, |server| server - delay);
         let wanted = wanted.min(limit);
         let shown = match self.shown {
-            Some((then, shown)) => {
-                let passed = now.since(then).as_nanos() as f64 * self.ticks_per_ns;
+            Some((last, shown)) => {
+                let passed = now.since(last).as_nanos() as f64 * self.ticks_per_ns;
                 let off = wanted - (shown + passed);
                 if off.abs() > JUMP_SECONDS * 1e9 * self.ticks_per_ns {
                     wanted.max(shown)

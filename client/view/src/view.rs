@@ -1,7 +1,8 @@
-//! The poses of all bodies, side by side, at one moment.
+//! The poses of all bodies at one moment, in parallel arrays.
 //!
-//! A function of the tracks and the time: computing it twice for one moment gives the same. A body that rests costs
-//! nothing until it is said to move. Invariant: the arrays have one length, and `places` points into them.
+//! The view is a function of the tracks and the time: a second computation for the same moment gives the same view. A
+//! resting body costs nothing until its track moves. Invariant: the arrays have one length, and `places` points into
+//! them.
 
 use std::num::NonZeroU32;
 
@@ -12,7 +13,7 @@ use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Ticks, 
 use crate::render_params::RenderParams;
 use crate::render_time::RenderTime;
 
-/// What a simulator reads each frame.
+/// The poses and velocities of all bodies at one moment, for a simulator to read each frame.
 #[derive(Debug, Default)]
 pub struct View {
     ids: Vec<BodyId>,
@@ -21,23 +22,23 @@ pub struct View {
     linear: Vec<Vec3>,
     angular: Vec<Vec3>,
     resting: Vec<bool>,
-    /// While views glide, as many as bodies; none else.
+    /// One for each body while corrections are smoothed; empty otherwise.
     corrections: Vec<Correction>,
-    /// One more than the place of each body, by its index.
+    /// By body index: the body's place in the arrays, plus one.
     places: Vec<Option<NonZeroU32>>,
     changed: Vec<u32>,
     removed: Vec<BodyId>,
     touched: Vec<u32>,
     time: Option<RenderTime>,
-    /// The caller's time of the last look.
-    looked: Seconds,
+    /// The caller's time of the last refresh.
+    refreshed_at: Seconds,
 }
 
-/// Moving bodies that are asked for together.
+/// Number of moving bodies that are predicted in one call.
 const LANES: usize = 64;
 
 impl View {
-    /// The bodies, in no order that means anything.
+    /// The bodies, in arbitrary order.
     #[must_use]
     pub fn ids(&self) -> &[BodyId] {
         &self.ids
@@ -67,51 +68,52 @@ impl View {
         &self.angular
     }
 
-    /// Whether each body was said to lie still: its pose stays as it is until the body is spoken of again. One that the
-    /// engine has put to sleep lies where the engine left it, to the bit, or, if it was woken since and sleeps again, within
-    /// tolerance of there.
+    /// Whether each body rests: its pose does not change until the next update or event of the body.
+    ///
+    /// A body that the engine has put to sleep has the engine's pose to the bit. If it was woken and sleeps again, its
+    /// pose is within tolerance of the engine's.
     #[must_use]
     pub fn resting(&self) -> &[bool] {
         &self.resting
     }
 
-    /// Places whose pose differs from the last view's, each once; a simulator need not write any other.
+    /// Places whose pose differs from that of the last view, each once; a simulator need not write any other.
     pub fn changed(&self) -> impl Iterator<Item = usize> {
         self.changed.iter().map(|place| *place as usize)
     }
 
-    /// Bodies that went since the last view.
+    /// Bodies that were removed since the last view.
     #[must_use]
     pub fn removed(&self) -> &[BodyId] {
         &self.removed
     }
 
-    /// Where a body is in the arrays of this view.
+    /// Place of a body in the arrays of this view; `None` for a body that is not in this view.
     #[must_use]
     pub fn place(&self, id: BodyId) -> Option<usize> {
         let place = self.place_of(id.index())?;
         (self.ids[place] == id).then_some(place)
     }
 
-    /// A body's centre of mass, metres, world frame; none for a body that is not in this view.
+    /// A body's centre of mass, metres, world frame; `None` for a body that is not in this view.
     #[must_use]
     pub fn position(&self, id: BodyId) -> Option<Vec3> {
         self.place(id).map(|place| self.positions[place])
     }
 
-    /// A body's rotation body → world; none for a body that is not in this view.
+    /// A body's rotation body → world; `None` for a body that is not in this view.
     #[must_use]
     pub fn rotation(&self, id: BodyId) -> Option<Quat> {
         self.place(id).map(|place| self.rotations[place])
     }
 
-    /// The moment that it shows; none before the first.
+    /// The moment of this view; `None` before the first refresh.
     #[must_use]
     pub const fn time(&self) -> Option<RenderTime> {
         self.time
     }
 
-    /// Computes the view of another moment. The client does it in each frame.
+    /// Computes the view of a moment. The client calls this in each frame.
     pub fn refresh(&mut self, stream: &mut Subscriber, render_params: &RenderParams) {
         self.changed.clear();
         self.removed.clear();
@@ -120,52 +122,52 @@ impl View {
         stream.drain_changed(&mut touched);
         touched.sort_unstable();
         touched.dedup();
-        self.make_room(&touched, render_params);
+        self.reserve(&touched, render_params);
         for index in &touched {
-            self.follow_body(*index, stream, render_params);
+            self.update_body(*index, stream, render_params);
         }
-        // A first look touches all bodies; hardly one after it does.
-        let room = (self.ids.len() / 16).max(2 * touched.len());
-        if touched.capacity() > 2 * room {
-            touched.shrink_to(room);
+        // The first refresh touches all bodies, later ones few: memory for all of them is given back.
+        let capacity = (self.ids.len() / 16).max(2 * touched.len());
+        if touched.capacity() > 2 * capacity {
+            touched.shrink_to(capacity);
         }
         self.touched = touched;
         let mut moving = [(0, BodyId::new(0, 0)); LANES];
-        let mut waiting = 0;
+        let mut filled = 0;
         for place in 0..self.ids.len() {
             let gliding =
                 render_params.smooth && !self.corrections[place].is_over(render_params.now);
             if (!self.resting[place] || gliding) && !self.show_still(place, stream, render_params) {
-                moving[waiting] = (place as u32, self.ids[place]);
-                waiting += 1;
+                moving[filled] = (place as u32, self.ids[place]);
+                filled += 1;
             }
-            if waiting == LANES {
+            if filled == LANES {
                 self.show_moving(&moving, stream, render_params);
-                waiting = 0;
+                filled = 0;
             }
         }
-        self.show_moving(&moving[..waiting], stream, render_params);
-        // Shown time never goes back.
+        self.show_moving(&moving[..filled], stream, render_params);
+        // Shown time never goes back, so that older tracks are not needed.
         stream.forget_before(render_params.at.tick);
         self.time = Some(render_params.at);
-        self.looked = render_params.now;
+        self.refreshed_at = render_params.now;
     }
 
-    /// Sees to it that the tables have room for what comes, and little more.
-    fn make_room(&mut self, touched: &[u32], render_params: &RenderParams) {
+    /// Reserves exactly the capacity for new bodies: the amortised growth of `Vec` would waste memory.
+    fn reserve(&mut self, touched: &[u32], render_params: &RenderParams) {
         let unknown = |index: &&u32| self.place_of(**index).is_none();
-        let coming = touched.iter().filter(unknown).count();
+        let added = touched.iter().filter(unknown).count();
         if let Some(last) = touched.last() {
             let end = (*last as usize + 1).saturating_sub(self.places.len());
             self.places.reserve_exact(end);
         }
-        self.ids.reserve_exact(coming);
-        self.positions.reserve_exact(coming);
-        self.rotations.reserve_exact(coming);
-        self.linear.reserve_exact(coming);
-        self.angular.reserve_exact(coming);
-        self.resting.reserve_exact(coming);
-        self.changed.reserve_exact(self.ids.len() + coming);
+        self.ids.reserve_exact(added);
+        self.positions.reserve_exact(added);
+        self.rotations.reserve_exact(added);
+        self.linear.reserve_exact(added);
+        self.angular.reserve_exact(added);
+        self.resting.reserve_exact(added);
+        self.changed.reserve_exact(self.ids.len() + added);
         if render_params.smooth {
             self.corrections.resize(self.ids.len(), Correction::NONE);
         } else {
@@ -173,7 +175,7 @@ impl View {
         }
     }
 
-    /// Shows bodies that move, several side by side.
+    /// Writes the predicted motions of several moving bodies.
     fn show_moving(
         &mut self,
         moving: &[(u32, BodyId)],
@@ -198,10 +200,10 @@ impl View {
         Some(place.get() as usize - 1)
     }
 
-    /// A body came, went or was spoken of.
-    fn follow_body(&mut self, index: u32, stream: &Subscriber, render_params: &RenderParams) {
+    /// Updates the arrays for a body that was added, removed or updated.
+    fn update_body(&mut self, index: u32, stream: &Subscriber, render_params: &RenderParams) {
         let Some(id) = stream.body(index) else {
-            self.take_out(index);
+            self.remove(index);
             return;
         };
         match self.place_of(index) {
@@ -209,29 +211,29 @@ impl View {
                 if render_params.smooth
                     && let Some(predicted) = predicted(stream, id, render_params.at)
                 {
-                    let shown = self.carried_on(place, render_params.now);
+                    let shown = self.extrapolated(place, render_params.now);
                     self.corrections[place] =
                         Correction::between(render_params.now, &shown, &predicted);
                 }
-                // Shown below if it moves; if it has come to rest, this is the last time.
+                // This refresh then computes the pose, for the last time if the body has come to rest.
                 self.resting[place] = false;
             }
             Some(_) => {
-                self.take_out(index);
-                self.put_in(id, render_params);
+                self.remove(index);
+                self.insert(id, render_params);
             }
-            None => self.put_in(id, render_params),
+            None => self.insert(id, render_params),
         }
     }
 
-    fn put_in(&mut self, id: BodyId, render_params: &RenderParams) {
+    fn insert(&mut self, id: BodyId, render_params: &RenderParams) {
         let index = id.index() as usize;
         if index >= self.places.len() {
             self.places.resize(index + 1, None);
         }
         self.ids.push(id);
         self.places[index] = NonZeroU32::new(self.ids.len() as u32);
-        // NaN differs from everything, so that the first pose counts as a change.
+        // NaN differs from every number, so that the first pose counts as a change.
         self.positions.push(Vec3::NAN);
         self.rotations.push(Quat::IDENTITY);
         self.linear.push(Vec3::ZERO);
@@ -242,7 +244,7 @@ impl View {
         }
     }
 
-    fn take_out(&mut self, index: u32) {
+    fn remove(&mut self, index: u32) {
         let Some(place) = self.place_of(index) else {
             return;
         };
@@ -261,7 +263,7 @@ impl View {
         }
     }
 
-    /// Notes whether a body lies still; shows it if it does so to the bit, or is not there. `false`: it must be computed.
+    /// Updates whether a body rests, and writes the pose of a body at exact rest. `false`: the pose must be predicted.
     fn show_still(
         &mut self,
         place: usize,
@@ -280,13 +282,13 @@ impl View {
         let Some(track) = stream.track(id) else {
             return true;
         };
-        // A view that lies behind the stream does not show a rest before it began.
+        // A view behind the stream does not show a rest before the tick of its track.
         let begun = track.origin <= render_params.at.tick;
         let gliding = render_params.smooth && !self.corrections[place].is_over(render_params.now);
         let still = begun && !gliding;
         self.resting[place] = still;
         match &track.anchor {
-            // The engine's own bits, not what arithmetic makes of them.
+            // The engine's bits are copied, because a computation would round them.
             Anchor::Exact(body_state) if still => {
                 self.linear[place] = Vec3::ZERO;
                 self.angular[place] = Vec3::ZERO;
@@ -298,7 +300,7 @@ impl View {
         }
     }
 
-    /// Shows a body that is predicted to move so.
+    /// Writes a body's predicted motion, with its correction if corrections are smoothed.
     fn show(&mut self, place: usize, predicted: &Motion, render_params: &RenderParams) {
         let glide = render_params
             .smooth
@@ -310,7 +312,7 @@ impl View {
         self.put(place, pose.position.as_vec3(), pose.rotation.as_quat());
     }
 
-    /// Writes a pose, and notes whether it is another.
+    /// Writes a pose, and records a change.
     fn put(&mut self, place: usize, position: Vec3, rotation: Quat) {
         if self.positions[place] != position || self.rotations[place] != rotation {
             self.positions[place] = position;
@@ -319,11 +321,11 @@ impl View {
         }
     }
 
-    /// Where a body would be shown now had nothing been said of it: the motion of the last look, carried on.
+    /// The motion of the last refresh, extrapolated to now by its velocities.
     ///
-    /// So a glide holds only what belief jumped by, however long ago the last look was.
-    fn carried_on(&self, place: usize, now: Seconds) -> Motion {
-        let passed = (now.seconds() - self.looked.seconds()).max(0.0);
+    /// A correction that begins there contains only the jump of the prediction, however long ago the last refresh was.
+    fn extrapolated(&self, place: usize, now: Seconds) -> Motion {
+        let passed = (now.seconds() - self.refreshed_at.seconds()).max(0.0);
         let twist = Twist {
             linear: self.linear[place].as_dvec3(),
             angular: self.angular[place].as_dvec3(),
@@ -337,7 +339,7 @@ impl View {
     }
 }
 
-/// What is predicted between two ticks: for display, halfway is halfway.
+/// The predicted motion at a moment, interpolated linearly between two ticks.
 fn predicted(stream: &Subscriber, id: BodyId, at: RenderTime) -> Option<Motion> {
     let first = stream.predicted_motion(id, at.tick)?;
     if at.fraction == 0.0 {

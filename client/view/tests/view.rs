@@ -1,4 +1,4 @@
-//! The view: what a simulator reads is what the tracks say of that moment.
+//! The view shows the prediction of the tracks for its moment.
 //!
 //! Proved on a publisher and a subscriber in one process, without a network.
 
@@ -74,7 +74,7 @@ impl Pair {
         }
     }
 
-    fn say(&mut self, tick: u64, motion: BodyState, activity: Activity) {
+    fn publish(&mut self, tick: u64, motion: BodyState, activity: Activity) {
         let observation = Observation {
             id: BALL,
             motion,
@@ -101,10 +101,10 @@ impl Pair {
 }
 
 #[test]
-fn a_body_that_rests_lies_where_the_engine_left_it_and_changes_no_more() {
+fn a_resting_body_has_the_pose_of_the_engine_and_does_not_change() {
     let mut pair = Pair::new();
     let rest = moving(0.123_456_7, 0.0);
-    pair.say(1, rest, Activity::Asleep);
+    pair.publish(1, rest, Activity::Asleep);
     let (position, resting) = pair.look(1);
     assert_eq!(position.to_array(), rest.position());
     assert!(resting);
@@ -118,7 +118,7 @@ fn a_body_that_rests_lies_where_the_engine_left_it_and_changes_no_more() {
 }
 
 #[test]
-fn looking_twice_at_one_moment_shows_the_same() {
+fn two_views_of_one_moment_are_equal() {
     let mut pair = Pair::new();
     let first = pair.look(5);
     assert_eq!(pair.look(5), first);
@@ -129,7 +129,7 @@ fn looking_twice_at_one_moment_shows_the_same() {
 fn a_view_behind_the_stream_does_not_show_a_rest_before_it_began() {
     let mut pair = Pair::new();
     let (before, _) = pair.look(4);
-    pair.say(9, moving(2.0, 0.0), Activity::Asleep);
+    pair.publish(9, moving(2.0, 0.0), Activity::Asleep);
     let (still_before, resting) = pair.look(4);
     assert_eq!(before, still_before);
     assert!(!resting);
@@ -139,7 +139,7 @@ fn a_view_behind_the_stream_does_not_show_a_rest_before_it_began() {
 }
 
 #[test]
-fn a_body_that_went_leaves_the_others_in_place() {
+fn the_removal_of_a_body_keeps_the_other_bodies() {
     let mut pair = Pair::new();
     pair.look(1);
     assert!(pair.subscriber.remove(BALL));
@@ -154,7 +154,7 @@ fn a_body_that_went_leaves_the_others_in_place() {
 }
 
 #[test]
-fn a_glide_takes_up_what_belief_jumped_by_and_not_the_body_s_own_way() {
+fn smoothing_hides_the_jump_of_a_prediction_and_not_the_motion_of_the_body() {
     let look = |pair: &mut Pair, tick: u64| {
         let at = RenderTime::at(Tick::new(tick));
         let now = Seconds::new(tick as f64 / 60.0);
@@ -164,27 +164,28 @@ fn a_glide_takes_up_what_belief_jumped_by_and_not_the_body_s_own_way() {
         let place = pair.view.place(BALL).expect("the ball is in the view");
         pair.view.positions()[place].x
     };
-    // Looked at every tick or every sixth: an update that moves belief by 7 cm is no pause and no leap in the path.
+    // At one view per tick or per six ticks, an update that corrects the prediction by 7 cm causes neither a pause nor
+    // a jump.
     for pause in [1, 6] {
         let mut pair = Pair::new();
         let mut last = look(&mut pair, 0);
         for tick in 1..=30 {
             if tick == 12 {
                 let jumped = moving(6.0 * 12.0 / 60.0 + 0.07, 6.0);
-                pair.say(12, jumped, Activity::Awake);
+                pair.publish(12, jumped, Activity::Awake);
             }
             if tick % pause == 0 {
                 let shown = look(&mut pair, tick);
-                let channel = 6.0 * pause as f32 / 60.0;
+                let travelled = 6.0 * pause as f32 / 60.0;
                 assert!(
-                    (shown - last - channel).abs() < 0.075,
+                    (shown - last - travelled).abs() < 0.075,
                     "{pause}, {tick}: {}",
                     shown - last
                 );
                 if tick == 12 {
                     assert!(
-                        (shown - last - channel).abs() < 0.01,
-                        "the glide begins where it was shown"
+                        (shown - last - travelled).abs() < 0.01,
+                        "the correction begins at the shown pose"
                     );
                 }
                 last = shown;

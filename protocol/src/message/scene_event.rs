@@ -219,14 +219,14 @@ impl Wire for SceneEvent {
 }
 
 /// Bit of a track's first byte for an exact anchor; the predictor is in the bits below.
-const VERBATIM: u8 = 1 << 3;
+const EXACT: u8 = 1 << 3;
 
 impl Wire for Track {
     fn encode(&self, to: &mut Writer) {
         to.varint(self.origin.value());
         match &self.anchor {
             Anchor::Exact(body_state) => {
-                to.u8(predictor_code(self.predictor) as u8 | VERBATIM);
+                to.u8(predictor_code(self.predictor) as u8 | EXACT);
                 body_state.encode(to);
             }
             Anchor::Quantised(_) => {
@@ -241,10 +241,10 @@ impl Wire for Track {
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let origin = Tick::new(from.count()?);
         let first = from.u8()?;
-        if first & VERBATIM == 0 {
+        if first & EXACT == 0 {
             return decode_quantised(origin, first, from);
         }
-        let predictor = predictor_of(u32::from(first & !VERBATIM))?;
+        let predictor = predictor_of(u32::from(first & !EXACT))?;
         let body_state = BodyState::decode(from)?;
         if predictor == Predictor::Rest && body_state != body_state.stilled() {
             return Err(Malformed::NotCanonical);

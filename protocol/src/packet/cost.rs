@@ -122,17 +122,19 @@ pub(crate) trait CostModel {
         match *mode {
             PredictionMode::Same => 0,
             PredictionMode::World { parent_age, .. } => {
-                let push = mode.acceleration().map_or(0, |push| {
-                    let steps = push.steps().map(i32::from);
-                    self.cost_of_number(contexts::ACCELERATION_EXPONENT, push.exponent().into())
-                        + self.cost_of_three(contexts::acceleration(), steps)
+                let acceleration = mode.acceleration().map_or(0, |acceleration| {
+                    let steps = acceleration.steps().map(i32::from);
+                    self.cost_of_number(
+                        contexts::ACCELERATION_EXPONENT,
+                        acceleration.exponent().into(),
+                    ) + self.cost_of_three(contexts::acceleration(), steps)
                 });
-                BIT + parent_age.map_or(0, age) + push
+                BIT + parent_age.map_or(0, age) + acceleration
             }
             PredictionMode::Attached { parent, parent_age } => {
-                let again = self.parent() == Some(parent);
-                let named = if again { 1 } else { INDEX_BITS };
-                named * BIT + age(parent_age)
+                let same = self.parent() == Some(parent);
+                let parent_bits = if same { 1 } else { INDEX_BITS };
+                parent_bits * BIT + age(parent_age)
             }
         }
     }

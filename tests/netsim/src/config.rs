@@ -32,7 +32,7 @@ pub struct LinkConfig {
     pub reorder: Probability,
     /// Rate limit, bytes per second; `None` for no limit.
     pub rate_bytes: Option<u64>,
-    /// Queued bytes before the rate limit; those beyond are lost.
+    /// Capacity of the queue before the rate limit, in bytes; packets beyond it are lost.
     pub queue_bytes: u64,
 }
 
@@ -62,7 +62,7 @@ pub enum LinkConfigError {
 }
 
 impl LinkConfig {
-    /// Everything arrives at once.
+    /// A link without delay, loss or limit.
     pub const PERFECT: Self = Self {
         delay: Span::ZERO,
         jitter: Span::ZERO,
@@ -83,7 +83,7 @@ impl LinkConfig {
         }
     }
 
-    /// The same with another loss.
+    /// This configuration with another loss.
     #[must_use]
     pub const fn with_loss(self, loss: Probability) -> Self {
         Self { loss, ..self }
@@ -153,7 +153,7 @@ impl LinkConfig {
     }
 }
 
-/// Units with their size in the smallest one; a suffix comes before one that it ends with.
+/// Units with their size in the smallest one; `ms` stands before its suffix `s`, because the first match counts.
 struct Units(&'static [(&'static str, u64)]);
 const TIMES_NS: Units = Units(&[("ms", 1_000_000), ("us", 1_000), ("s", 1_000_000_000)]);
 const SHARES_MILLIONTHS: Units = Units(&[("%", 10_000)]);

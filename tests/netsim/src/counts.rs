@@ -9,15 +9,15 @@ use bytes::Bytes;
 /// Counters of one lane of a link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LinkCounts {
-    /// Pushed in.
+    /// Pushed into the link.
     pub pushed: Tally,
-    /// Lost; on the control lane, each time sent again.
+    /// Lost; a lost piece of the control lane is sent again.
     pub lost: Tally,
-    /// Lost because the queue before the rate limit was full; on the control lane, sent again.
+    /// Lost by a full queue before the rate limit; a lost piece of the control lane is sent again.
     pub overflowed: Tally,
-    /// Copies made.
+    /// Duplicates that the link made.
     pub duplicated: Tally,
-    /// Popped, copies included.
+    /// Delivered by the link, duplicates included.
     pub delivered: Tally,
 }
 

@@ -1,8 +1,8 @@
 //! A simulated network, a relay with a simulated link, and raw QUIC peers.
 //!
-//! For tests and benches only. The simulated network has no socket, no clock and no thread: one seed and one order of calls
-//! give one run, to the bit. The relay carries real datagrams over such a link. A raw peer sends the bytes that its caller
-//! gives it, valid or not.
+//! For tests and benches only. The simulated network has no socket, no clock and no thread: one seed and one order of
+//! calls give one run, to the bit. The relay carries real datagrams over such a link. A raw peer sends the bytes that
+//! its caller gives it, valid or not.
 #![forbid(unsafe_code)]
 
 mod config;

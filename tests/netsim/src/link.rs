@@ -1,8 +1,8 @@
 //! One direction of a simulated link: delay, copies, reordering, loss.
 //!
-//! No clock and no socket; the link names the moment of its next step. On the control lane nothing is lost, copied or
-//! reordered: a lost piece is sent again under the configuration of that time. Equal seeds and calls give equal
-//! results to the bit.
+//! No clock and no socket; `next_at` returns the time of the next step. The control lane is reliable and ordered: the
+//! link sends a lost piece again, under the configuration of that time. Equal seeds and calls give equal results to the
+//! bit.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BinaryHeap, VecDeque};
@@ -17,9 +17,9 @@ use super::rng::{Odds, SimRng};
 /// Reliability of a piece.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Lane {
-    /// Arrives, in order.
+    /// Every piece arrives, in order.
     Control,
-    /// Arrives whole, or not at all, or late.
+    /// A piece arrives whole, late or not at all.
     State,
 }
 
@@ -31,7 +31,7 @@ pub struct Link {
     burst_state: BurstState,
     /// Moment at which the bytes pushed so far have passed the rate limit.
     free_at: Instant,
-    /// Order is kept by arriving no earlier than this.
+    /// Earliest moment at which the next piece may arrive in order.
     latest_state: Instant,
     in_flight_packets: BinaryHeap<Packet>,
     departed: u64,
@@ -78,10 +78,10 @@ const HOLD_BACK: Span = Span::from_millis(20);
 /// Time beyond a round trip before a sender repeats control bytes. Source: RFC 9002, section 6.2.1 (max_ack_delay).
 const ACK_DELAY: Span = Span::from_millis(25);
 
-/// Waits double up to 2⁶ times the first, as a probe timeout backs off.
+/// Greatest exponent of the retry delay: it doubles up to 2⁶ times the first, as a probe timeout backs off.
 const BACKOFF_MAX: u32 = 6;
 
-/// Size of the packets of control bytes; each is lost on its own.
+/// Size of the packets of control bytes; losses are per packet.
 const CONTROL_PACKET_BYTES: usize = 1_200;
 
 impl Link {
@@ -145,7 +145,7 @@ impl Link {
         Some((lane, bytes))
     }
 
-    /// When a piece may arrive; `None` if nothing is in transit. The piece may still be lost again.
+    /// Time at which the next piece may arrive; `None` if nothing is in transit. The piece may still be lost then.
     #[must_use]
     pub fn next_at(&self) -> Option<Instant> {
         let waiting = (!self.out.is_empty()).then_some(Instant::ZERO);
@@ -189,7 +189,7 @@ impl Link {
         self.fly(at, Payload::State(bytes));
     }
 
-    /// Sends control bytes, for the first time or again: they are in transit, or retried after a wait.
+    /// Sends control bytes, for the first time or again: they are in transit, or scheduled for a retry.
     fn push_control(&mut self, now: Instant, retry: Payload) {
         let Payload::Retry {
             place,
@@ -229,7 +229,7 @@ impl Link {
         );
     }
 
-    /// When bytes have passed the rate limit; `None` if its queue is full.
+    /// Time at which these bytes have passed the rate limit; `None` if its queue is full.
     fn pass_rate(&mut self, now: Instant, bytes_len: usize) -> Option<Instant> {
         let Some(rate_bytes) = self.config.rate_bytes else {
             return Some(now);

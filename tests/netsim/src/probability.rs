@@ -1,6 +1,6 @@
 //! A probability, as a count of millionths.
 //!
-//! Not a float: it parses, prints and decides alike on every platform.
+//! An integer, so that parsing, printing and decisions are equal on every platform.
 
 use std::fmt;
 
@@ -11,12 +11,12 @@ pub struct Probability {
 }
 
 impl Probability {
-    /// No packet.
+    /// Zero: no packet.
     pub const NONE: Self = Self { millionths: 0 };
-    /// Every packet.
+    /// One: every packet.
     pub const ALL: Self = Self { millionths: WHOLE };
 
-    /// A share in millionths; more than a million counts as all.
+    /// A share in millionths; greater values count as a million.
     #[must_use]
     pub const fn from_millionths(millionths: u32) -> Self {
         let millionths = if millionths > WHOLE {
@@ -27,13 +27,13 @@ impl Probability {
         Self { millionths }
     }
 
-    /// A share in percent; more than a hundred counts as all.
+    /// A share in percent; greater values count as a hundred.
     #[must_use]
     pub const fn from_percent(percent: u32) -> Self {
         Self::from_millionths(percent.saturating_mul(WHOLE / 100))
     }
 
-    /// Millionths.
+    /// The share in millionths.
     #[must_use]
     pub const fn as_millionths(self) -> u32 {
         self.millionths

@@ -1,7 +1,8 @@
 //! A UDP relay on real sockets that impairs traffic, for benchmarks.
 //!
-//! Interprets no packet: every datagram is state to its links. Not repeatable to the bit, since real arrival times
-//! enter; delays round up to the timer's millisecond. Clients and queued datagrams are bounded.
+//! Interprets no packet: every datagram uses the state lane of its link. Runs are not repeatable to the bit, because
+//! they depend on real arrival times. Delays round up to the timer's millisecond. Clients and queued datagrams are
+//! bounded.
 
 use std::fmt;
 use std::io::{self, IoSliceMut};
@@ -172,10 +173,10 @@ struct Returned {
     bytes: Bytes,
 }
 
-/// Clients that one relay serves.
+/// Limit of clients of one relay.
 const CLIENTS_MAX: usize = 64;
 
-/// Queued datagrams from the server, at most.
+/// Limit of queued datagrams from the server.
 const RETURNED_MAX: usize = 4_096;
 
 /// The largest UDP payload.
@@ -239,7 +240,7 @@ impl Relay {
             .push(self.clock.now(), bytes, Lane::State);
     }
 
-    /// Gives a new client links and a socket of its own; `None` if there are too many clients.
+    /// Adds links and a socket for a new client; `None` if the limit of clients is reached.
     async fn admit(
         &mut self,
         client: SocketAddr,
@@ -272,7 +273,7 @@ impl Relay {
     async fn pass_on(&self) {
         for (index, back) in self.backs.iter().enumerate() {
             while let Some(bytes) = self.due(index, Direction::Up) {
-                // A full or refusing socket loses the datagram, as a network may.
+                // A full or refusing socket loses the datagram, as a network does.
                 let _ = back.socket.send(&bytes.1).await;
             }
             while let Some((client, bytes)) = self.due(index, Direction::Down) {

@@ -1,6 +1,6 @@
 //! Seeded random decisions in whole numbers.
 //!
-//! No packets here. Integer arithmetic only: the same draws on every platform.
+//! Knows no packets. Integer arithmetic only: the draws are equal on every platform.
 
 use rand_pcg::Pcg32;
 use rand_pcg::rand_core::Rng;
@@ -8,7 +8,7 @@ use rhumb_protocol::Span;
 
 use super::probability::Probability;
 
-/// A sequence of decisions that follows from its seed.
+/// A generator of decisions that depend on the seed alone.
 #[derive(Clone, Debug)]
 pub(super) struct SimRng {
     draws: Pcg32,
@@ -49,5 +49,5 @@ impl SimRng {
     }
 }
 
-/// The generator's stream number: any odd constant will do, this is PCG's own example.
+/// Stream number of the generator. Any odd constant is valid; this one is PCG's example.
 const STREAM: u64 = 0x0a02_bdbf_7bb3_c0a7;

@@ -1,7 +1,7 @@
 //! A server and its clients, joined by simulated links, in virtual time.
 //!
-//! No thread and no clock. An endpoint cannot tell it from `QuicServer::run` and its clients; it leaves out the
-//! handshake and the idle timeout (see `sever`). Equal seeds give equal runs, to the bit.
+//! No thread and no clock. To an endpoint, it behaves as `QuicServer::run` and its clients do, without the handshake
+//! and the idle timeout (see `sever`). Equal seeds give equal runs, to the bit.
 
 use std::collections::VecDeque;
 
@@ -27,7 +27,7 @@ pub enum Direction {
 pub enum RunStop {
     /// Nothing is in transit and no endpoint has a timeout.
     Idle,
-    /// The deadline has come.
+    /// The deadline is reached.
     Deadline,
 }
 
@@ -76,8 +76,8 @@ enum SenderState {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SimConnection {
-    Yes,
-    No,
+    Open,
+    Ended,
 }
 
 /// One delivery of a link.
@@ -90,7 +90,7 @@ enum Delivered {
 /// The server's peer number at each client.
 const SERVER: Peer = Peer(0);
 
-/// Turns at one moment after which an endpoint must be setting a timeout again and again.
+/// Limit of turns at one moment. Beyond it, an endpoint repeatedly sets a timeout in the past.
 const TURNS_PER_MOMENT_MAX: u32 = 100_000;
 
 impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
@@ -119,7 +119,7 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
             client,
             up,
             down,
-            connected: SimConnection::Yes,
+            connected: SimConnection::Open,
             link_meter: LinkMeter::new(self.now),
         });
         self.server.handle_opened(self.now, peer(index));
@@ -134,7 +134,7 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
     ///
     /// If no client has this index.
     pub fn sever(&mut self, index: usize, ending: Ending) {
-        if self.clients[index].connected == SimConnection::Yes {
+        if self.clients[index].connected == SimConnection::Open {
             self.end(index, ending);
             self.drain();
         }
@@ -161,19 +161,19 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
             .set_config(config);
     }
 
-    /// Advances time to this moment, inclusive of everything that is due by then.
+    /// Advances time to this moment, and runs everything that is due by then.
     ///
     /// # Panics
     ///
-    /// If an endpoint sets a timeout in the past again and again.
+    /// If an endpoint repeatedly sets a timeout in the past.
     pub fn run_until(&mut self, deadline: Instant) {
         self.run(deadline);
         self.now = self.now.max(deadline);
     }
 
-    /// Advances time until nothing is left to happen, or to this moment.
+    /// Advances time until the network is idle, or to this moment.
     ///
-    /// An endpoint that always sets another timeout, as a free-running server does, never rests before the deadline.
+    /// An endpoint that always sets another timeout, as a free-running server does, is not idle before the deadline.
     ///
     /// # Panics
     ///
@@ -223,7 +223,7 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
         &self.clients[index].client
     }
 
-    /// How many clients have ever connected.
+    /// Number of clients that have connected, ended connections included.
     #[must_use]
     pub fn clients(&self) -> usize {
         self.clients.len()
@@ -249,7 +249,7 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
             turns = if at > self.now { 0 } else { turns + 1 };
             assert!(
                 turns < TURNS_PER_MOMENT_MAX,
-                "an endpoint sets a timeout in the past again and again"
+                "an endpoint repeatedly sets a timeout in the past"
             );
             self.now = self.now.max(at);
             self.deliver();
@@ -262,15 +262,15 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
     /// The earliest moment at which anything happens.
     fn next_at(&self) -> Option<Instant> {
         let wake = |endpoint: Option<rhumb_protocol::Wake>| endpoint.map(|wake| wake.at);
-        let aliases = self.clients.iter().flat_map(|sim_client| {
+        let moments = self.clients.iter().flat_map(|sim_client| {
             let links = [&sim_client.up, &sim_client.down]
                 .into_iter()
                 .filter_map(|sim_direction| sim_direction.link.next_at());
             links
-                .filter(|_| sim_client.connected == SimConnection::Yes)
+                .filter(|_| sim_client.connected == SimConnection::Open)
                 .chain(wake(sim_client.client.poll_timeout()))
         });
-        aliases.chain(wake(self.server.poll_timeout())).min()
+        moments.chain(wake(self.server.poll_timeout())).min()
     }
 
     /// Delivers everything that has arrived, client by client.
@@ -287,17 +287,17 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
 
     fn arrival(&mut self, index: usize, direction: Direction) -> Option<Delivered> {
         let sim_client = &mut self.clients[index];
-        if sim_client.connected == SimConnection::No {
+        if sim_client.connected == SimConnection::Ended {
             return None;
         }
         sim_client.sim_direction_mut(direction).pop(self.now)
     }
 
     fn deliver_up(&mut self, index: usize, arrival: Delivered) {
-        let deaf = self.clients[index].down.sender_state == SenderState::Closed;
+        let has_closed = self.clients[index].down.sender_state == SenderState::Closed;
         match arrival {
             Delivered::Close(code) => self.end(index, Ending::Closed(code)),
-            _ if deaf => {}
+            _ if has_closed => {}
             Delivered::Control(bytes) => self.server.handle_control(self.now, peer(index), &bytes),
             Delivered::State(bytes) => self.server.handle_datagram(self.now, peer(index), &bytes),
         }
@@ -306,10 +306,10 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
     fn deliver_down(&mut self, index: usize, arrival: Delivered) {
         let now = self.now;
         let sim_client = &mut self.clients[index];
-        let deaf = sim_client.up.sender_state == SenderState::Closed;
+        let has_closed = sim_client.up.sender_state == SenderState::Closed;
         match arrival {
             Delivered::Close(code) => self.end(index, Ending::Closed(code)),
-            _ if deaf => {}
+            _ if has_closed => {}
             Delivered::Control(bytes) => sim_client.client.handle_control(now, SERVER, &bytes),
             Delivered::State(bytes) => sim_client.client.handle_datagram(now, SERVER, &bytes),
         }
@@ -317,7 +317,7 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
 
     fn end(&mut self, index: usize, ending: Ending) {
         let sim_client = &mut self.clients[index];
-        sim_client.connected = SimConnection::No;
+        sim_client.connected = SimConnection::Ended;
         sim_client.client.handle_ended(self.now, SERVER, ending);
         self.server.handle_ended(self.now, peer(index), ending);
     }
@@ -339,7 +339,7 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
     fn report(&mut self) {
         let now = self.now;
         for (index, sim_client) in self.clients.iter_mut().enumerate() {
-            if sim_client.connected == SimConnection::No || !sim_client.link_meter.is_due(now) {
+            if sim_client.connected == SimConnection::Ended || !sim_client.link_meter.is_due(now) {
                 continue;
             }
             let link = &sim_client.down.link;
@@ -371,7 +371,7 @@ impl<S: Endpoint, C: Endpoint> SimNetwork<S, C> {
 
 impl<C> SimClient<C> {
     fn send(&mut self, direction: Direction, now: Instant, transmit: Transmit) {
-        if self.connected == SimConnection::Yes {
+        if self.connected == SimConnection::Open {
             self.sim_direction_mut(direction).push(now, transmit);
         }
     }
@@ -418,7 +418,7 @@ impl SimDirection {
         match self
             .control
             .pop_front()
-            .expect("a word for each piece of control")
+            .expect("each piece of the control lane has an entry")
         {
             SimControl::Bytes => Some(Delivered::Control(bytes)),
             SimControl::Close(code) => Some(Delivered::Close(code)),
@@ -442,7 +442,7 @@ fn peer(index: usize) -> Peer {
     Peer(index as u64)
 }
 
-/// Every link has random numbers of its own; none changes when another client connects.
+/// Every link has its own random numbers, which do not change when another client connects.
 fn direction_seed(seed: u64, index: usize, direction: Direction) -> u64 {
     let link = 2 * index as u64 + direction as u64;
     seed ^ link.wrapping_add(1).wrapping_mul(GOLDEN_RATIO)

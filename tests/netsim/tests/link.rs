@@ -52,7 +52,7 @@ fn numbers(arrived: &[(u64, u32)]) -> Vec<u32> {
 }
 
 #[test]
-fn a_perfect_link_carries_all_at_once() {
+fn a_perfect_link_delivers_at_once() {
     let arrived = carry(LinkConfig::PERFECT, 1, Lane::State, 1_000);
     let expected: Vec<_> = (0..1_000)
         .map(|number| (u64::from(number) * MS, number))
@@ -83,7 +83,7 @@ fn jitter_stays_within_its_span_and_keeps_order() {
 }
 
 #[test]
-fn even_and_bursty_loss_have_the_asked_share() {
+fn even_and_bursty_loss_have_the_configured_share() {
     for (text, tolerance) in [
         ("loss=5%", 500),
         ("loss=5%,burst=3", 1_000),
@@ -101,7 +101,7 @@ fn even_and_bursty_loss_have_the_asked_share() {
 }
 
 #[test]
-fn bursts_have_the_asked_mean_length() {
+fn bursts_have_the_configured_mean_length() {
     let arrived = carry(config("loss=5%,burst=6"), 4, Lane::State, 200_000);
     let gaps: Vec<_> = arrived
         .windows(2)
@@ -113,7 +113,7 @@ fn bursts_have_the_asked_mean_length() {
 }
 
 #[test]
-fn total_loss_loses_all_state_until_it_stops() {
+fn total_loss_loses_all_state_and_delays_control() {
     let mut link = Link::new(config("loss=100%"), 5);
     link.push(Instant::ZERO, numbered(0), Lane::State);
     link.push(Instant::ZERO, numbered(1), Lane::Control);
@@ -124,7 +124,7 @@ fn total_loss_loses_all_state_until_it_stops() {
 }
 
 #[test]
-fn duplicates_have_the_asked_share() {
+fn duplicates_have_the_configured_share() {
     let arrived = carry(config("dup=10%"), 6, Lane::State, 50_000).len();
     assert!((54_500..55_500).contains(&arrived), "{arrived}");
 }

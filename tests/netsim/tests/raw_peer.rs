@@ -1,4 +1,4 @@
-//! Raw peers send exactly what a test orders and report how they ended.
+//! Raw peers send exactly the bytes of a test and report their end.
 
 use std::time::Duration;
 
@@ -7,7 +7,8 @@ use rhumb_netsim::{
 };
 use rhumb_transport::{Certificate, Trust};
 
-const PATIENCE: Duration = Duration::from_secs(10);
+/// Time limit of every wait; only a failure reaches it.
+const TIMEOUT: Duration = Duration::from_secs(10);
 
 fn server(config: &RawPeerConfig) -> RawPeerServer {
     let certificate = Certificate::development(["localhost"]).expect("a good name");
@@ -17,21 +18,22 @@ fn server(config: &RawPeerConfig) -> RawPeerServer {
 
 fn connect(server: &RawPeerServer, config: &RawPeerConfig) -> Result<RawConnection, RawPeerError> {
     let trust = Trust::Fingerprint(server.fingerprint());
-    RawConnection::connect(server.address(), "localhost", &trust, config, PATIENCE)
+    RawConnection::connect(server.address(), "localhost", &trust, config, TIMEOUT)
 }
 
 fn pair() -> (RawPeerServer, RawConnection, RawConnection) {
     let server = server(&RawPeerConfig::default());
-    let client = connect(&server, &RawPeerConfig::default()).expect("it is let in");
-    let there = server.accept(PATIENCE).expect("a client connects");
-    (server, client, there.expect("the handshake succeeds"))
+    let client =
+        connect(&server, &RawPeerConfig::default()).expect("the server accepts the connection");
+    let server_side = server.accept(TIMEOUT).expect("a client connects");
+    (server, client, server_side.expect("the handshake succeeds"))
 }
 
 /// Bytes of the control stream, up to this length.
 fn control(connection: &mut RawConnection, length: usize) -> Vec<u8> {
     let mut bytes = Vec::new();
     while bytes.len() < length {
-        match connection.hear(PATIENCE) {
+        match connection.hear(TIMEOUT) {
             Some(RawEvent::Control(more)) => bytes.extend_from_slice(&more),
             Some(RawEvent::Opened { both_ways }) => assert!(both_ways),
             other => panic!("{other:?}"),
@@ -42,24 +44,24 @@ fn control(connection: &mut RawConnection, length: usize) -> Vec<u8> {
 
 #[test]
 fn both_peers_send_and_receive_on_both_lanes() {
-    let (_server, mut client, mut there) = pair();
+    let (_server, mut client, mut server_side) = pair();
     client.open_control();
     client.say(vec![1, 2, 3]);
-    assert_eq!(control(&mut there, 3), [1, 2, 3]);
-    there.say(vec![4; 100_000]);
+    assert_eq!(control(&mut server_side, 3), [1, 2, 3]);
+    server_side.say(vec![4; 100_000]);
     assert_eq!(control(&mut client, 100_000), vec![4; 100_000]);
     assert!(client.datagram(vec![7; 1_150]));
-    let came = there.hear(PATIENCE);
-    assert_eq!(came, Some(RawEvent::Datagram(vec![7; 1_150].into())));
+    let event = server_side.hear(TIMEOUT);
+    assert_eq!(event, Some(RawEvent::Datagram(vec![7; 1_150].into())));
 }
 
 #[test]
 fn a_close_code_arrives_unchanged() {
-    let (_server, client, mut there) = pair();
+    let (_server, client, mut server_side) = pair();
     client.close(0x3fff_1234);
     let ended = Some(RawEvent::Ended(RawPeerEnd::Closed(0x3fff_1234)));
-    assert_eq!(there.hear(PATIENCE), ended);
-    assert_eq!(there.hear(Duration::ZERO), None);
+    assert_eq!(server_side.hear(TIMEOUT), ended);
+    assert_eq!(server_side.hear(Duration::ZERO), None);
 }
 
 #[test]
@@ -77,15 +79,15 @@ fn a_peer_of_another_protocol_gets_the_alert() {
 
 #[test]
 fn unread_control_bytes_arrive_later() {
-    let (_server, mut client, mut there) = pair();
+    let (_server, mut client, mut server_side) = pair();
     client.read_control(false);
     client.open_control();
     client.say(vec![1]);
-    assert_eq!(control(&mut there, 1), [1]);
-    there.say(vec![9; 10]);
-    assert!(there.datagram(vec![8]));
+    assert_eq!(control(&mut server_side, 1), [1]);
+    server_side.say(vec![9; 10]);
+    assert!(server_side.datagram(vec![8]));
     assert_eq!(
-        client.hear(PATIENCE),
+        client.hear(TIMEOUT),
         Some(RawEvent::Datagram(vec![8].into()))
     );
     client.read_control(true);

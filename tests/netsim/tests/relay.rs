@@ -15,8 +15,8 @@ use rhumb_transport::{
     Stop, Trust,
 };
 
-/// Longer than any step of these tests; reached only by a failure.
-const PATIENCE: Duration = Duration::from_secs(20);
+/// Time limit of every wait; only a failure reaches it.
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 fn free() -> SocketAddr {
     SocketAddr::from((Ipv4Addr::LOCALHOST, 0))
@@ -25,13 +25,13 @@ fn free() -> SocketAddr {
 fn socket() -> UdpSocket {
     let socket = UdpSocket::bind(free()).expect("a free port is bound");
     socket
-        .set_read_timeout(Some(PATIENCE))
-        .expect("patience is not zero");
+        .set_read_timeout(Some(TIMEOUT))
+        .expect("the timeout is not zero");
     socket
 }
 
 #[test]
-fn datagrams_cross_and_come_back_to_their_sender() {
+fn answers_arrive_at_the_sender_of_the_request() {
     let server = socket();
     let relay = UdpRelay::start(
         free(),
@@ -42,16 +42,16 @@ fn datagrams_cross_and_come_back_to_their_sender() {
     .unwrap();
     let clients = [socket(), socket()];
     let mut buffer = [0; 100];
-    for (client, word) in clients.iter().zip(["one", "two"]) {
-        client.send_to(word.as_bytes(), relay.local_addr()).unwrap();
+    for (client, text) in clients.iter().zip(["one", "two"]) {
+        client.send_to(text.as_bytes(), relay.local_addr()).unwrap();
         let (bytes_len, from) = server.recv_from(&mut buffer).unwrap();
         server.send_to(&buffer[..bytes_len], from).unwrap();
     }
-    for (client, word) in clients.iter().zip(["one", "two"]) {
+    for (client, text) in clients.iter().zip(["one", "two"]) {
         let (bytes_len, from) = client.recv_from(&mut buffer).unwrap();
         assert_eq!(
             (&buffer[..bytes_len], from),
-            (word.as_bytes(), relay.local_addr())
+            (text.as_bytes(), relay.local_addr())
         );
     }
     for direction in [Direction::Up, Direction::Down] {
@@ -78,7 +78,7 @@ fn quic_connects_through_a_bad_link_and_not_through_a_dead_one() {
     let config: LinkConfig = "rtt=4ms,loss=10%,reorder=5%,dup=5%".parse().unwrap();
     let relay = UdpRelay::start(free(), server.local_addr(), config, 2).unwrap();
     let options = ClientOptions::new(relay.local_addr(), Trust::Fingerprint(server.fingerprint()));
-    let client = QuicClient::connect(options.clone(), PATIENCE).unwrap();
+    let client = QuicClient::connect(options.clone(), TIMEOUT).unwrap();
     assert!(relay.counts(Direction::Up).delivered.bytes >= 1_200);
     drop(client);
     let dead = UdpRelay::start(
@@ -140,12 +140,12 @@ fn a_burst_of_control_bytes_crosses_a_relay() {
         scope.spawn(|| server.run(&mut Echo::default(), &stop));
         let relay = UdpRelay::start(free(), address, "rtt=20ms".parse().unwrap(), 1).unwrap();
         let options = ClientOptions::new(relay.local_addr(), Trust::Fingerprint(fingerprint));
-        let mut client = QuicClient::connect(options, PATIENCE).unwrap();
+        let mut client = QuicClient::connect(options, TIMEOUT).unwrap();
         let sent = vec![b'x'; 200_000];
         client.send_control(Bytes::from(sent.clone()));
         let mut read = Vec::new();
         while read.len() < sent.len() {
-            match client.recv(PATIENCE) {
+            match client.recv(TIMEOUT) {
                 Some(Received::Control(bytes)) => read.extend_from_slice(&bytes),
                 other => panic!("{} control bytes, then {other:?}", read.len()),
             }

@@ -1,4 +1,4 @@
-//! Simulated network: virtual time, ends as on QUIC, one run per seed.
+//! Simulated network: virtual time, connection ends, one run per seed.
 //!
 //! Proved with toy endpoints: clients count on both lanes, a server answers, and a log records all inputs.
 
@@ -123,10 +123,10 @@ fn time_jumps_between_events_until_all_is_idle() {
     let client = sim_network.connect(Toy::counting(1));
     assert_eq!(sim_network.run_until_idle_or(at_ms(60_000)), RunStop::Idle);
     assert_eq!(sim_network.now(), at_ms(100));
-    let there = (at_ms(50), ToyInput::Control(Peer(0), 0));
-    assert!(sim_network.server().received.contains(&there));
-    let back = (at_ms(100), ToyInput::State(Peer(0), 0));
-    assert!(sim_network.client(client).received.contains(&back));
+    let at_server = (at_ms(50), ToyInput::Control(Peer(0), 0));
+    assert!(sim_network.server().received.contains(&at_server));
+    let at_client = (at_ms(100), ToyInput::State(Peer(0), 0));
+    assert!(sim_network.client(client).received.contains(&at_client));
     assert_eq!(
         sim_network
             .counts(client, Direction::Down, Lane::State)
@@ -137,7 +137,7 @@ fn time_jumps_between_events_until_all_is_idle() {
 }
 
 #[test]
-fn a_deadline_comes_even_if_nothing_happens() {
+fn time_advances_to_the_deadline_without_events() {
     let mut sim_network = toys("", 1);
     sim_network.run_until(at_ms(7));
     assert_eq!(sim_network.now(), at_ms(7));
@@ -147,7 +147,7 @@ fn a_deadline_comes_even_if_nothing_happens() {
 }
 
 #[test]
-fn a_close_follows_sent_messages_and_ends_both() {
+fn a_close_follows_sent_messages_and_ends_both_connections() {
     let mut sim_network = toys("rtt=20ms,loss=40%", 3);
     let client = sim_network.connect(Toy::answering());
     sim_network.client_mut(client).send(Peer(0), 5);
@@ -174,7 +174,7 @@ fn a_close_follows_sent_messages_and_ends_both() {
 }
 
 #[test]
-fn a_severed_connection_ends_for_both() {
+fn a_severed_connection_ends_at_both_ends() {
     let mut sim_network = toys("rtt=20ms", 3);
     let (severed, stays) = (
         sim_network.connect(Toy::counting(10)),
@@ -202,7 +202,7 @@ fn a_severed_connection_ends_for_both() {
 }
 
 #[test]
-fn when_loss_stops_everything_arrives() {
+fn after_the_end_of_loss_everything_arrives() {
     let mut sim_network = toys("rtt=20ms,loss=100%", 4);
     let client = sim_network.connect(Toy::counting(5));
     sim_network.run_until(at_ms(1_000));

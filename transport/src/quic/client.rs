@@ -56,12 +56,12 @@ impl ClientOptions {
 }
 
 impl QuicClient {
-    /// Connects within `patience`.
+    /// Connects within `timeout`.
     ///
     /// # Errors
     ///
     /// [`ConnectError`] names the cause and the address.
-    pub fn connect(options: ClientOptions, patience: Duration) -> Result<Self, ConnectError> {
+    pub fn connect(options: ClientOptions, timeout: Duration) -> Result<Self, ConnectError> {
         let ClientOptions {
             server,
             server_name,
@@ -82,7 +82,7 @@ impl QuicClient {
             socket,
             config,
             certificate_check,
-            patience,
+            timeout,
         };
         let (ready, connected) = mpsc::sync_channel(1);
         let inbox = Arc::new(Inbox::default());
@@ -105,12 +105,12 @@ impl QuicClient {
         }
     }
 
-    /// The next received item, within `patience`; zero does not wait.
+    /// The next received item, within `timeout`; zero does not wait.
     ///
     /// Control bytes come before datagrams that wait at the same time. [`Received::Ended`] comes once, after
     /// everything else; from then on this returns `None` at once.
-    pub fn recv(&mut self, patience: Duration) -> Option<Received> {
-        self.inbox.take(patience)
+    pub fn recv(&mut self, timeout: Duration) -> Option<Received> {
+        self.inbox.take(timeout)
     }
 
     /// Appends bytes to the control stream without waiting.

@@ -11,7 +11,7 @@ use quinn::{
     ClientConfig, ConnectError as QuinnConnectError, Connection, Endpoint, EndpointConfig,
     ReadError, RecvStream, SendStream, TokioRuntime,
 };
-use tokio::time::{sleep, timeout};
+use tokio::time::{self, sleep};
 
 use super::closing::Closing;
 use super::code::TransportCode;
@@ -30,7 +30,7 @@ pub(super) struct Attempt {
     pub(super) socket: UdpSocket,
     pub(super) config: ClientConfig,
     pub(super) certificate_check: CertificateCheck,
-    pub(super) patience: Duration,
+    pub(super) timeout: Duration,
 }
 
 /// The caller's side of a connection.
@@ -56,9 +56,9 @@ pub(super) async fn run(
     ready: SyncSender<Result<EstablishedConnection, ConnectError>>,
     inbox: Arc<Inbox>,
 ) {
-    let (server, patience) = (attempt.server, attempt.patience);
-    let outcome = timeout(patience, connect(attempt)).await;
-    let carried = match outcome.unwrap_or(Err(ConnectError::NothingAnswers { server, patience })) {
+    let (server, timeout) = (attempt.server, attempt.timeout);
+    let outcome = time::timeout(timeout, connect(attempt)).await;
+    let carried = match outcome.unwrap_or(Err(ConnectError::NothingAnswers { server, timeout })) {
         Ok((connected, carried)) => {
             if ready.send(Ok(connected)).is_err() {
                 return;
@@ -89,7 +89,7 @@ pub(super) async fn run(
         }
     };
     // If the frame does not leave in time, the server's idle timeout ends the connection.
-    let _ = timeout(CLOSE_LEAVES, close_frame_left).await;
+    let _ = time::timeout(CLOSE_LEAVES, close_frame_left).await;
 }
 
 async fn connect(
@@ -102,7 +102,7 @@ async fn connect(
         socket,
         config,
         certificate_check,
-        patience,
+        timeout,
     } = attempt;
     let mut local = EndpointConfig::default();
     // One connection per socket: the address identifies it, so that packets to this end need no connection id.
@@ -110,7 +110,7 @@ async fn connect(
     let endpoint = Endpoint::new(local, None, socket, Arc::new(TokioRuntime))
         .map_err(|cause| ConnectError::LocalSocket { bind, cause })?;
     let failed = |cause| {
-        ConnectError::from_handshake(cause, server, &server_name, &certificate_check, patience)
+        ConnectError::from_handshake(cause, server, &server_name, &certificate_check, timeout)
     };
     let connecting = endpoint
         .connect_with(config, server, &server_name)

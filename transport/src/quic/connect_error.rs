@@ -21,7 +21,7 @@ pub enum ConnectError {
         /// The server's address.
         server: SocketAddr,
         /// The duration of the attempt.
-        patience: Duration,
+        timeout: Duration,
     },
     /// The server's certificate is not the pinned one.
     WrongFingerprint {
@@ -90,7 +90,7 @@ impl ConnectError {
         server: SocketAddr,
         server_name: &str,
         certificate_check: &CertificateCheck,
-        patience: Duration,
+        timeout: Duration,
     ) -> Self {
         match certificate_check.refusal() {
             Some(&Distrust::OtherFingerprint {
@@ -115,7 +115,7 @@ impl ConnectError {
         }
         let no_alpn = TransportErrorCode::crypto(NO_APPLICATION_PROTOCOL);
         match cause {
-            ConnectionError::TimedOut => ConnectError::NothingAnswers { server, patience },
+            ConnectionError::TimedOut => ConnectError::NothingAnswers { server, timeout },
             ConnectionError::VersionMismatch => ConnectError::OtherProtocol { server },
             ConnectionError::TransportError(error) if error.code == no_alpn => {
                 ConnectError::OtherProtocol { server }
@@ -140,9 +140,9 @@ const NO_APPLICATION_PROTOCOL: u8 = 120;
 impl fmt::Display for ConnectError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NothingAnswers { server, patience } => write!(
+            Self::NothingAnswers { server, timeout } => write!(
                 f,
-                "nothing answered at {server} within {patience:?}: \
+                "nothing answered at {server} within {timeout:?}: \
                 check the address, that the server runs, and that udp passes"
             ),
             Self::WrongFingerprint {

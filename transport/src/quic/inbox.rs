@@ -88,21 +88,21 @@ impl Inbox {
         self.arrival.notify_one();
     }
 
-    /// The next item, control first, within `patience`.
-    pub(super) fn take(&self, patience: Duration) -> Option<Received> {
+    /// The next item, control first, within `timeout`.
+    pub(super) fn take(&self, timeout: Duration) -> Option<Received> {
         let mut waiting = self.lock();
         if let Some(received) = self.next(&mut waiting) {
             return Some(received);
         }
-        if patience.is_zero() {
+        if timeout.is_zero() {
             return None;
         }
-        let deadline = Instant::now().checked_add(patience);
+        let deadline = Instant::now().checked_add(timeout);
         loop {
             if waiting.end == End::Delivered {
                 return None;
             }
-            let left = deadline.map_or(patience, |deadline| {
+            let left = deadline.map_or(timeout, |deadline| {
                 deadline.saturating_duration_since(Instant::now())
             });
             if left.is_zero() {

@@ -109,10 +109,10 @@ impl EndpointLoop {
             standing.handles.closing.now(TransportCode::GOING_AWAY.0);
         }
         let has_left = |standing: &OpenConnection| standing.handles.closing.close_has_left();
-        let mut patience = CLOSE_LEAVES;
-        while !self.peers.values().all(has_left) && !patience.is_zero() {
+        let mut remaining = CLOSE_LEAVES;
+        while !self.peers.values().all(has_left) && !remaining.is_zero() {
             thread::sleep(STEP);
-            patience = patience.saturating_sub(STEP);
+            remaining = remaining.saturating_sub(STEP);
         }
     }
 

@@ -4,7 +4,7 @@ use bytes::Bytes;
 use rhumb_protocol::{Ending, Peer};
 use rhumb_transport::{Received, TransportCode};
 
-use crate::support::{Event, PATIENCE, Running, read_control};
+use crate::support::{Event, Running, TIMEOUT, read_control};
 
 #[test]
 fn a_stopped_server_closes_its_clients() {
@@ -15,8 +15,8 @@ fn a_stopped_server_closes_its_clients() {
     let statistics = server.stop();
     assert_eq!((statistics.opened, statistics.refused), (1, 0));
     let ended = Received::Ended(Ending::Closed(TransportCode::GOING_AWAY.0));
-    assert_eq!(client.recv(PATIENCE), Some(ended));
-    assert_eq!(client.recv(PATIENCE), None);
+    assert_eq!(client.recv(TIMEOUT), Some(ended));
+    assert_eq!(client.recv(TIMEOUT), None);
 }
 
 #[test]
@@ -26,15 +26,15 @@ fn bytes_sent_before_a_close_arrive() {
     client.send_control(Bytes::from_static(b"!"));
     assert_eq!(read_control(&mut client, 3), b"bye");
     assert_eq!(
-        client.recv(PATIENCE),
+        client.recv(TIMEOUT),
         Some(Received::Ended(Ending::Closed(7)))
     );
     assert_eq!(
-        server.events.recv_timeout(PATIENCE),
+        server.events.recv_timeout(TIMEOUT),
         Ok(Event::Opened(Peer(0)))
     );
     assert_eq!(
-        server.events.recv_timeout(PATIENCE),
+        server.events.recv_timeout(TIMEOUT),
         Ok(Event::Ended(Peer(0), Ending::Closed(7)))
     );
 }
@@ -46,11 +46,11 @@ fn a_closing_client_delivers_its_code() {
     client.send_control(Bytes::from_static(b"last word"));
     client.close(9);
     assert_eq!(
-        server.events.recv_timeout(PATIENCE),
+        server.events.recv_timeout(TIMEOUT),
         Ok(Event::Opened(Peer(0)))
     );
     assert_eq!(
-        server.events.recv_timeout(PATIENCE),
+        server.events.recv_timeout(TIMEOUT),
         Ok(Event::Ended(Peer(0), Ending::Closed(9)))
     );
 }
@@ -60,12 +60,12 @@ fn a_dropped_client_closes_its_connection() {
     let server = Running::echo();
     drop(server.connect());
     assert_eq!(
-        server.events.recv_timeout(PATIENCE),
+        server.events.recv_timeout(TIMEOUT),
         Ok(Event::Opened(Peer(0)))
     );
     let left = Ending::Closed(TransportCode::LEFT.0);
     assert_eq!(
-        server.events.recv_timeout(PATIENCE),
+        server.events.recv_timeout(TIMEOUT),
         Ok(Event::Ended(Peer(0), left))
     );
 }

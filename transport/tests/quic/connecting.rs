@@ -15,7 +15,7 @@ use rhumb_transport::{
     QuicServer, ServerOptions, Trust,
 };
 
-use crate::support::{PATIENCE, Running};
+use crate::support::{Running, TIMEOUT};
 
 #[test]
 fn a_wrong_fingerprint_error_names_both_fingerprints() {
@@ -25,7 +25,7 @@ fn a_wrong_fingerprint_error_names_both_fingerprints() {
         trust: Trust::Fingerprint(pinned),
         ..server.options()
     };
-    let error = QuicClient::connect(options, PATIENCE).unwrap_err();
+    let error = QuicClient::connect(options, TIMEOUT).unwrap_err();
     let text = error.to_string();
     assert!(
         text.contains(&pinned.to_string()) && text.contains(&server.fingerprint.to_string()),
@@ -47,16 +47,16 @@ fn a_silent_server_is_reported_after_the_time_limit() {
     let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
     let address = silent.local_addr().unwrap();
     let options = ClientOptions::new(address, Trust::Fingerprint(Fingerprint([0; 32])));
-    let patience = Duration::from_millis(100);
-    let error = QuicClient::connect(options, patience).unwrap_err();
+    let timeout = Duration::from_millis(100);
+    let error = QuicClient::connect(options, timeout).unwrap_err();
     let ConnectError::NothingAnswers {
         server,
-        patience: tried,
+        timeout: tried,
     } = error
     else {
         panic!("{error}")
     };
-    assert_eq!((server, tried), (address, patience));
+    assert_eq!((server, tried), (address, timeout));
 }
 
 #[test]
@@ -90,7 +90,7 @@ fn another_protocol_has_its_own_error() {
         });
     });
     let options = ClientOptions::new(address, Trust::Fingerprint(fingerprint));
-    let error = QuicClient::connect(options, PATIENCE).unwrap_err();
+    let error = QuicClient::connect(options, TIMEOUT).unwrap_err();
     assert!(
         matches!(error, ConnectError::OtherProtocol { .. }),
         "{error:?}"
@@ -113,8 +113,8 @@ fn roots_are_trusted_for_the_certified_name_only() {
         trust: Trust::Roots(certificate.clone()),
         ..server.options()
     };
-    QuicClient::connect(named("physics.test"), PATIENCE).unwrap();
-    let error = QuicClient::connect(named("other.test"), PATIENCE).unwrap_err();
+    QuicClient::connect(named("physics.test"), TIMEOUT).unwrap();
+    let error = QuicClient::connect(named("other.test"), TIMEOUT).unwrap_err();
     let ConnectError::Untrusted { server_name, .. } = error else {
         panic!("{error}")
     };

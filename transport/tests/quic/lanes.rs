@@ -6,7 +6,7 @@ use bytes::Bytes;
 use rhumb_protocol::{Ending, Peer};
 use rhumb_transport::{Certificate, DATAGRAM_BYTES_MIN, Received, TransportCode};
 
-use crate::support::{Event, PATIENCE, Running, read_control};
+use crate::support::{Event, Running, TIMEOUT, read_control};
 
 #[test]
 fn both_lanes_carry_there_and_back() {
@@ -17,7 +17,7 @@ fn both_lanes_carry_there_and_back() {
     assert_eq!(read_control(&mut client, 5), b"hello");
     let full = Bytes::from(vec![3; DATAGRAM_BYTES_MIN]);
     client.send_state(full.clone());
-    assert_eq!(client.recv(PATIENCE), Some(Received::State(full)));
+    assert_eq!(client.recv(TIMEOUT), Some(Received::State(full)));
     let wire = client.statistics();
     assert!(wire.sent_bytes > 1_200 && wire.received_bytes > 1_200);
     assert!(server.watch.traffic().received_bytes > 1_200);
@@ -45,7 +45,7 @@ fn each_client_receives_only_its_own_bytes() {
     for (client, word) in clients.iter_mut().zip([b"one", b"two"]) {
         let mut received = Vec::new();
         while received.len() < 2 {
-            received.push(client.recv(PATIENCE).unwrap());
+            received.push(client.recv(TIMEOUT).unwrap());
         }
         let word = Bytes::from_static(word);
         assert!(received.contains(&Received::Control(word.clone())));
@@ -83,9 +83,9 @@ fn a_flood_of_control_bytes_waits_at_the_sender() {
     );
     release.send(()).unwrap();
     assert_eq!(
-        server.events.recv_timeout(PATIENCE),
+        server.events.recv_timeout(TIMEOUT),
         Ok(Event::Opened(Peer(0)))
     );
     let ended = Event::Ended(Peer(0), Ending::Closed(TransportCode::CONTROL_OVERFLOW.0));
-    assert_eq!(server.events.recv_timeout(PATIENCE), Ok(ended));
+    assert_eq!(server.events.recv_timeout(TIMEOUT), Ok(ended));
 }

@@ -16,7 +16,7 @@ use rhumb_transport::{
 };
 
 /// Longer than any step of these tests; reached only by a failure.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
+pub(crate) const TIMEOUT: Duration = Duration::from_secs(20);
 
 /// An event of [`Echo`] for the test.
 #[derive(Debug, PartialEq, Eq)]
@@ -122,7 +122,7 @@ impl Running {
     }
 
     pub(crate) fn connect(&self) -> QuicClient {
-        QuicClient::connect(self.options(), PATIENCE).expect("the server runs")
+        QuicClient::connect(self.options(), TIMEOUT).expect("the server runs")
     }
 
     pub(crate) fn stop(&mut self) -> ServerStatistics {
@@ -180,7 +180,7 @@ pub(crate) fn serve<E: Endpoint + Send + 'static>(
 pub(crate) fn read_control(client: &mut QuicClient, bytes_len: usize) -> Vec<u8> {
     let mut read = Vec::new();
     while read.len() < bytes_len {
-        match client.recv(PATIENCE) {
+        match client.recv(TIMEOUT) {
             Some(Received::Control(bytes)) => read.extend_from_slice(&bytes),
             Some(Received::State(_)) => {}
             other => panic!("{} control bytes, then {other:?}", read.len()),

@@ -1,24 +1,25 @@
-//! Whether a steady acceleration acts on a body.
+//! Detection of a steady acceleration of a body.
 //!
-//! An engine's velocities are exact, so that two ticks tell an acceleration. It counts as steady where the tick before, or
-//! with lookahead the next one, has the same.
+//! An engine's velocities are exact, so that the difference of two ticks gives the acceleration. An acceleration is
+//! steady if the tick before, or with lookahead the next tick, has the same one.
 
 use glam::DVec3;
 use rhumb_reckoning::{ConstantAcceleration, Motion};
 
 use super::subject::{Context, Subject};
 
-/// Accelerations that are tried: the track's own, and the seen one, finely and coarsely.
+/// Number of candidate accelerations: the track's own, and the observed one in fine and coarse steps.
 pub(super) const ACCELERATIONS: usize = 3;
-/// How much one tick's acceleration may differ from its neighbour's, and must differ from gravity, as a share of it.
-const UNSTEADY: f64 = 0.1;
-/// An acceleration is worth its bits where it moves a body by the tolerance in fewer ticks than the first, and in more than the
-/// second.
-const WORTH: [f64; 2] = [32.0, 1.0];
-/// Steps are so fine that the greatest part of an acceleration takes at least so many of them.
-const FINENESS: [f64; ACCELERATIONS - 1] = [16.0, 64.0];
+/// Relative difference of two accelerations below which they count as equal: of two ticks, or of a tick and gravity.
+const EQUAL_WITHIN: f64 = 0.1;
+/// Ticks in which a worthwhile acceleration moves a body by the tolerance: fewer than the first, more than the second.
+///
+/// A weaker one does not pay for its bits. A stronger one does not hold.
+const WORTHWHILE_TICKS: [f64; 2] = [32.0, 1.0];
+/// Least number of steps of the greatest component, for each fineness of the observed acceleration.
+const STEPS_MIN: [f64; ACCELERATIONS - 1] = [16.0, 64.0];
 
-/// Accelerations by which a body may go on; its track's own first.
+/// Candidate accelerations of a body's next track; the present track's own is the first.
 pub(super) fn accelerations(
     context: &Context<'_>,
     subject: &Subject<'_>,
@@ -30,16 +31,16 @@ pub(super) fn accelerations(
         return all;
     }
     all[0] = subject.track.predictor.acceleration();
-    let Some(seen) = acceleration(context, subject, reach) else {
+    let Some(observed) = acceleration(context, subject, reach) else {
         return all;
     };
-    for (acceleration, fineness) in all[1..].iter_mut().zip(FINENESS) {
-        *acceleration = ConstantAcceleration::nearest(seen, fineness);
+    for (acceleration, fineness) in all[1..].iter_mut().zip(STEPS_MIN) {
+        *acceleration = ConstantAcceleration::nearest(observed, fineness);
     }
     all
 }
 
-/// A steady acceleration that is worth its bits, m/s². `reach`: how far off a body's position may be, metres.
+/// A steady, worthwhile acceleration, m/s². `reach`: the greatest allowed error of position, metres.
 fn acceleration(context: &Context<'_>, subject: &Subject<'_>, reach: f64) -> Option<DVec3> {
     let between = |before: &Motion, after: &Motion| {
         let (before, after) = (before.twist().linear, after.twist().linear);
@@ -58,11 +59,13 @@ fn acceleration(context: &Context<'_>, subject: &Subject<'_>, reach: f64) -> Opt
         let strength = reach * 2.0 / (ticks * step * ticks * step);
         strength * strength
     };
-    if strength <= bound(WORTH[0]) || strength >= bound(WORTH[1]) {
+    if strength <= bound(WORTHWHILE_TICKS[0]) || strength >= bound(WORTHWHILE_TICKS[1]) {
         return None;
     }
-    let near = |other: DVec3| acceleration.distance_squared(other) < UNSTEADY * UNSTEADY * strength;
-    // Another predictor knows of gravity.
+    let near = |other: DVec3| {
+        acceleration.distance_squared(other) < EQUAL_WITHIN * EQUAL_WITHIN * strength
+    };
+    // The ballistic predictor covers gravity.
     let falls = near(context.tracks.gravity(subject.slot, subject.tick));
     (!falls && near(between(other, next))).then_some(acceleration)
 }

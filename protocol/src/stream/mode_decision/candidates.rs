@@ -1,7 +1,7 @@
 //! Stage one: the prediction modes that apply, each with its error forecast.
 //!
-//! In the world: rest, uniform, falling, accelerated; or attached to another body. Moving modes differ by what accelerates the body
-//! alone: the unaccelerated forecast is computed once for all of them.
+//! The modes are rest, uniform, falling and accelerated in the world, and attached to another body. The moving modes
+//! differ only by their acceleration, so that they share one unaccelerated forecast.
 
 use glam::DVec3;
 use rhumb_reckoning::{
@@ -14,29 +14,31 @@ use super::forecast::{ErrorForecast, Known, Pull};
 use super::subject::{Context, Parent, Subject, share};
 use crate::packet::{Age, PredictionMode};
 
-/// Modes that are tried: rest, uniform, falling, attached, accelerated.
+/// Number of candidate modes: rest, uniform, falling, attached, accelerated.
 const MODES: usize = 4 + ACCELERATIONS;
-/// Their numbers, where they are looked for.
+/// Mode number of rest.
 const REST: usize = 0;
+/// Mode number of attached.
 const ATTACHED: usize = 3;
-/// Ticks by which strays are compared.
-const STRAY_TICKS: f64 = 3.0;
-/// Ticks that an acceleration is expected to last at most.
+/// Ticks after which the expected errors of the modes are compared.
+const COMPARED_TICKS: f64 = 3.0;
+/// Greatest expected duration of an acceleration, in ticks.
 const ACCELERATION_LASTS: f64 = 16.0;
-/// A parent's prediction is taken for its place while it uses less of its tolerance than this: beyond, an update follows soon.
+/// Share of the parent's tolerance up to which its prediction stands for its pose. Beyond, an update of it is due soon.
 const PARENT_SHARE: f64 = 0.6;
 
-/// What the modes in one frame of reference correct.
+/// The true and the predicted motion that the modes of one frame of reference correct.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Base<'a> {
-    /// The body whose frame it is; none for the world.
+    /// The body that defines the frame; `None` for the world.
     pub(super) parent: Option<&'a Parent<'a>>,
-    /// Where the body is, and where it was predicted.
+    /// The true motion in this frame.
     pub(super) truth: Motion,
+    /// The predicted motion in this frame.
     pub(super) predicted: Motion,
 }
 
-/// A prediction mode, and how far off it will be.
+/// A prediction mode with its error forecast.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate<'a> {
     pub(super) mode: PredictionMode,
@@ -54,15 +56,15 @@ impl Candidate<'_> {
 /// The prediction modes of one body that apply, by number.
 pub(super) type Modes<'a> = [Option<Candidate<'a>>; MODES];
 
-/// What the prediction modes of one body are made of.
+/// Inputs of one body's prediction modes.
 #[derive(Debug)]
 pub(super) struct Candidates<'a, const N: usize> {
     subject: &'a Subject<'a>,
     units: Units,
     world: Base<'a>,
-    /// Of the body that it is attached to now.
+    /// Age of the track of the present parent.
     parent_age: Option<Age>,
-    /// A body whose parent is gone needs a keyframe.
+    /// Whether the parent is removed; the body then needs a keyframe.
     orphaned: bool,
     rest: Option<Forecast<N>>,
     attached: Option<(Base<'a>, PredictionMode, Forecast<N>)>,
@@ -70,13 +72,13 @@ pub(super) struct Candidates<'a, const N: usize> {
     falling: Predictor,
     unaccelerated: Forecast<N>,
     falls: Falls<N>,
-    /// By how much the true velocities differ from the predicted ones, in a tick.
+    /// Difference of the true and the predicted velocities, per tick.
     pub(super) velocity: Errors,
     gravity: Option<DVec3>,
     accelerations: [Option<ConstantAcceleration>; ACCELERATIONS],
 }
 
-/// What is forecast of a mode that nothing accelerates.
+/// Error forecast of a mode without acceleration.
 #[derive(Clone, Copy, Debug)]
 struct Forecast<const N: usize> {
     known: Known<N>,
@@ -84,7 +86,7 @@ struct Forecast<const N: usize> {
     curve: Errors,
 }
 
-/// What an acceleration of 1 m/s² adds, in metres: at each known tick, to the slope and to the curve.
+/// Displacement by an acceleration of 1 m/s², in metres: at each known tick, in the slope and in the curve.
 #[derive(Clone, Copy, Debug)]
 struct Falls<const N: usize> {
     known: [f64; N],
@@ -92,7 +94,7 @@ struct Falls<const N: usize> {
     curve: f64,
 }
 
-/// How an error grows: in a tick, and in a tick squared.
+/// Growth of an error: per tick, and per tick squared.
 #[derive(Clone, Copy, Debug)]
 struct Growth {
     slope: [DVec3; 2],
@@ -100,12 +102,12 @@ struct Growth {
 }
 
 impl Growth {
-    /// Of errors one and two strides after a prediction that began rightly.
-    fn of_strays([one, two]: [[DVec3; 2]; 2], stride: f64) -> Self {
+    /// Growth from the errors one and two strides after an exact prediction.
+    fn of_errors([one, two]: [[DVec3; 2]; 2], stride: f64) -> Self {
         Self::of(one, two, stride, 0.5)
     }
 
-    /// Of a body that moved so far in its last stride and in its last two.
+    /// Growth from the displacements of a body in its last stride and in its last two.
     fn of_moves([one, two]: [[DVec3; 2]; 2], stride: f64) -> Self {
         Self::of(one, two, stride, -0.5)
     }
@@ -177,7 +179,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
         }
     }
 
-    /// All of them; without lookahead only those that may serve best.
+    /// All candidates with lookahead; without it, only the most promising ones.
     pub(super) fn modes(&'a self) -> Modes<'a> {
         let mut modes = [const { None }; MODES];
         if self.orphaned {
@@ -185,13 +187,13 @@ impl<'a, const N: usize> Candidates<'a, N> {
         }
         let steadiest = if N == 1 { self.steadiest() } else { None };
         for (number, mode) in modes.iter_mut().enumerate() {
-            let serves = match number {
+            let is_promising = match number {
                 _ if N > 1 => true,
                 REST => !self.is_fast(),
                 ATTACHED => true,
                 _ => steadiest == Some(number),
             };
-            if serves || self.keeps(number) {
+            if is_promising || self.keeps(number) {
                 *mode = self.candidate(number);
             }
         }
@@ -212,13 +214,13 @@ impl<'a, const N: usize> Candidates<'a, N> {
         now.parent.is_none() && now.predictor == predictor
     }
 
-    /// Whether the body moves by the tolerance in each tick: then it does not rest.
+    /// Whether the body moves by the tolerance or more in each tick, so that rest cannot hold.
     fn is_fast(&self) -> bool {
         let rest = self.rest.as_ref();
-        rest.is_some_and(|rest| self.stray(&rest.slope, &rest.curve) > STRAY_TICKS)
+        rest.is_some_and(|rest| self.expected_share(&rest.slope, &rest.curve) > COMPARED_TICKS)
     }
 
-    /// The moving mode from which the body strayed least lately.
+    /// The moving mode with the least recent prediction error.
     fn steadiest(&self) -> Option<usize> {
         let mut least = (None, f64::INFINITY);
         for number in [1, 2, 4, 5, 6] {
@@ -233,18 +235,18 @@ impl<'a, const N: usize> Candidates<'a, N> {
             let pull = Errors::of_position(acceleration, self.units.still);
             let (free, falls) = (&self.unaccelerated, &self.falls);
             let slope = free.slope - self.velocity - pull * falls.slope;
-            let stray = self.stray(&slope, &(free.curve - pull * falls.curve));
-            if stray < least.1 {
-                least = (Some(number), stray);
+            let share = self.expected_share(&slope, &(free.curve - pull * falls.curve));
+            if share < least.1 {
+                least = (Some(number), share);
             }
         }
         least.0
     }
 
-    /// The share of the tolerance that an error which grows so takes after some ticks.
-    fn stray(&self, slope: &Errors, curve: &Errors) -> f64 {
-        let strayed = *slope * STRAY_TICKS + *curve * (STRAY_TICKS * STRAY_TICKS);
-        self.units.share(&strayed)
+    /// The share of the tolerance that an error of this growth takes after [`COMPARED_TICKS`].
+    fn expected_share(&self, slope: &Errors, curve: &Errors) -> f64 {
+        let errors = *slope * COMPARED_TICKS + *curve * (COMPARED_TICKS * COMPARED_TICKS);
+        self.units.share(&errors)
     }
 
     #[inline]
@@ -264,9 +266,9 @@ impl<'a, const N: usize> Candidates<'a, N> {
                 }
             }
             _ => {
-                let push = (*self.accelerations.get(number - 4)?)?;
-                let forecast = self.accelerated(push.acceleration(), ACCELERATION_LASTS);
-                self.in_world(Predictor::Accelerated(push), forecast)
+                let acceleration = (*self.accelerations.get(number - 4)?)?;
+                let forecast = self.accelerated(acceleration.acceleration(), ACCELERATION_LASTS);
+                self.in_world(Predictor::Accelerated(acceleration), forecast)
             }
         };
         Some(candidate)
@@ -303,7 +305,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
         }
     }
 
-    /// Of a moving mode with this acceleration, m/s².
+    /// The forecast of a moving mode with this acceleration, m/s².
     fn accelerated(&'a self, acceleration: DVec3, lasts: f64) -> ErrorForecast<'a> {
         let each = Errors::of_position(acceleration, self.units.still);
         let (free, falls) = (self.forecast(&self.unaccelerated, lasts), &self.falls);
@@ -319,22 +321,22 @@ impl<'a, const N: usize> Candidates<'a, N> {
     }
 }
 
-/// What forecasts are made of.
+/// Inputs of one body's forecasts.
 #[derive(Clone, Copy, Debug)]
 struct Sources<'s, 'a, const N: usize> {
     context: &'s Context<'s>,
     subject: &'a Subject<'a>,
     units: &'s Units,
-    /// How far the body moved in its last stride and in its last two.
+    /// Displacement of the body in its last stride and in its last two.
     moved: [[DVec3; 2]; 2],
 }
 
 impl<'a, const N: usize> Sources<'_, 'a, N> {
-    /// The forecast of the errors at the published tick and at those after it that are known.
+    /// The forecast from the errors at the published tick and at the known ticks after it.
     fn forecast(
         &self,
         error: impl Fn(usize, &Motion) -> Option<[DVec3; 2]>,
-        lately: impl FnOnce() -> Growth,
+        past_growth: impl FnOnce() -> Growth,
     ) -> Forecast<N> {
         let of = |errors| Errors::of(errors, self.units.still);
         let subject = self.subject;
@@ -348,8 +350,8 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         let (slope, curve) = match known.errors() {
             [.., before, last] => (*last - *before, Errors::ZERO),
             _ => {
-                let lately = lately();
-                (of(lately.slope), of(lately.curve))
+                let growth = past_growth();
+                (of(growth.slope), of(growth.curve))
             }
         };
         Forecast {
@@ -359,7 +361,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         }
     }
 
-    /// Of a body that stays where it was predicted.
+    /// The forecast of a body that rests at its predicted pose.
     fn rest(&self) -> Forecast<N> {
         let predicted = self.subject.predicted_motion.pose();
         self.forecast(
@@ -368,7 +370,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         )
     }
 
-    /// Of a mode that nothing accelerates, and what an acceleration changes of it.
+    /// The forecast of a mode without acceleration, and the displacements that an acceleration adds.
     fn unaccelerated(&self, predictor: Predictor, velocity: &Errors) -> (Forecast<N>, Falls<N>) {
         let (subject, tracks) = (self.subject, self.context.tracks);
         let slot = subject.slot;
@@ -380,11 +382,11 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
             expected[tick] = motion.pose();
             falls[tick] = tracks.unforced(slot, Ticks::new(tick as u32)).fall;
         }
-        let (strays, fallen) = self.strays(predictor);
+        let (past_errors, fallen) = self.past_errors(predictor);
         let stride = f64::from(subject.stride.count());
         let mut forecast = self.forecast(
             |tick, truth| Some(apart(&truth.pose(), &expected[tick])),
-            || Growth::of_strays(strays, stride),
+            || Growth::of_errors(past_errors, stride),
         );
         let last = forecast.known.errors().len() - 1;
         let mut falls = Falls {
@@ -401,8 +403,9 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         (forecast, falls)
     }
 
-    /// How far the last stride and the last two diverged from an unaccelerated mode, and what an acceleration of 1 m/s² would have added.
-    fn strays(&self, predictor: Predictor) -> ([[DVec3; 2]; 2], [f64; 2]) {
+    /// Errors of an unaccelerated mode over the last stride and the last two, and the displacement that an acceleration
+    /// of 1 m/s² adds to them.
+    fn past_errors(&self, predictor: Predictor) -> ([[DVec3; 2]; 2], [f64; 2]) {
         let (subject, tracks) = (self.subject, self.context.tracks);
         let prediction_error = |strides: usize| {
             let past = subject.past[strides - 1].as_ref()?;
@@ -430,7 +433,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         ([one, two], [fall, fallen])
     }
 
-    /// Of being attached to a body.
+    /// The attached mode, with its base and forecast; `None` if it does not apply.
     fn attached(&self, parent: &'a Parent<'a>) -> Option<(Base<'a>, PredictionMode, Forecast<N>)> {
         let (subject, tracks) = (self.subject, self.context.tracks);
         let track = subject.track;
@@ -441,15 +444,15 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         if !is_attached && !may_be {
             return None;
         }
-        // Nothing says of a body that was not seen before that it is attached.
+        // A body without past observations has no evidence of being attached.
         let now = relative_to(&parent.truth.pose(), &subject.truth.pose());
         let moved = |stride: usize| {
             let (own, of) = (
                 subject.past[stride].as_ref()?,
                 parent.past[stride].as_ref()?,
             );
-            let then = relative_to(&of.pose(), &own.pose());
-            Some(apart(&now.pose(), &then.pose()))
+            let past = relative_to(&of.pose(), &own.pose());
+            Some(apart(&now.pose(), &past.pose()))
         };
         let one = moved(0)?;
         let stride = f64::from(subject.stride.count());
@@ -477,21 +480,21 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
             }
         };
         let error = |tick: usize, truth: &Motion| {
-            let seen = match tick {
+            let relative = match tick {
                 0 => base.truth,
                 _ => {
-                    let by = where_parent(self.context, subject, parent, tick)?;
+                    let by = expected_parent_pose(self.context, subject, parent, tick)?;
                     relative_to(&by, &truth.pose())
                 }
             };
-            Some(apart(&seen.pose(), &base.predicted.pose()))
+            Some(apart(&relative.pose(), &base.predicted.pose()))
         };
         let forecast = self.forecast(error, || Growth::of_moves([one, two], stride));
         Some((base, mode, forecast))
     }
 }
 
-/// How far a body moved in its last strides; by its velocities where it was not seen before.
+/// Displacement of a body in its last strides, from its velocities if it has no past observation.
 fn moved(subject: &Subject<'_>, strides: usize, step_s: f64) -> [DVec3; 2] {
     match &subject.past[strides - 1] {
         Some(past) => apart(&subject.truth.pose(), &past.pose()),
@@ -503,8 +506,8 @@ fn moved(subject: &Subject<'_>, strides: usize, step_s: f64) -> [DVec3; 2] {
     }
 }
 
-/// Where a parent will be predicted, or is if an update of it comes before.
-fn where_parent(
+/// Expected pose of a parent after `ticks`: the predicted one, or the true one if an update of it is due before.
+fn expected_parent_pose(
     context: &Context<'_>,
     subject: &Subject<'_>,
     parent: &Parent<'_>,
@@ -528,7 +531,7 @@ fn where_parent(
 }
 
 impl Base<'_> {
-    /// Where a body at a pose of this frame is in the world, as a subscriber computes it.
+    /// A pose of this frame in the world, as a subscriber computes it.
     pub(super) fn in_world(
         &self,
         context: &Context<'_>,

@@ -1,15 +1,15 @@
-//! Stage two: what a correction costs for each tick that it holds.
+//! Stage two: the cost of a correction per tick of its lifetime.
 //!
-//! Bits are those at the beginning of a packet: what the packet's other updates have taught the coder is not known yet.
+//! The coder's state is that at the start of a packet, because the packet's other updates are not known yet.
 
 use rhumb_reckoning::{Residual, VelocityResidual};
 
 use crate::packet::{Age, CostModel, InitialCostModel, PredictionMode};
 
-/// What an update costs beside its payload: its place in the packet, in 1/256 bits.
+/// Cost of an update's alias gap in the packet, in 1/256 bits.
 const OVERHEAD: u32 = 4 * 256;
 
-/// What is paid beside a correction, and for how many ticks that holds: in 1/256 bits.
+/// Cost of other updates that is added to a correction's, in 1/256 bits, and their lifetime in ticks.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Beside {
     pub(super) bits: f64,
@@ -17,19 +17,19 @@ pub(super) struct Beside {
 }
 
 impl Beside {
-    /// Assumed cost (15 bits) and lifetime (2.5 ticks) of the update that follows what lookahead knows. Without it, short and cheap updates
-    /// always win.
+    /// Assumed cost (15 bits) and lifetime (2.5 ticks) of the update after the lookahead. Without it, short and cheap
+    /// updates always win.
     pub(super) const NEXT: Self = Self {
         bits: 15.0 * 256.0,
         ticks: 2.5,
     };
 }
 
-/// What the corrections of one prediction mode cost.
+/// Cost function of the corrections of one prediction mode.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cost {
     mode: PredictionMode,
-    /// Of the track that is corrected.
+    /// Age of the corrected track.
     age: Age,
     beside: Beside,
 }
@@ -39,7 +39,7 @@ impl Cost {
         Self { mode, age, beside }
     }
 
-    /// Of a correction, in 1/256 bits.
+    /// Cost of a correction, in 1/256 bits.
     pub(super) fn bits(&self, residual: &Residual) -> u32 {
         let moved = residual.velocity.is_some();
         let velocity = residual.velocity.as_ref();
@@ -48,27 +48,27 @@ impl Cost {
             + velocity.map_or(0, |velocity| self.of_velocity(velocity))
     }
 
-    /// Whether the mode is another than the track's.
+    /// Whether the mode differs from the track's.
     pub(super) const fn changes(&self) -> bool {
         !matches!(self.mode, PredictionMode::Same)
     }
 
-    /// Of the form, with velocities or without, and of a place in the packet.
+    /// Cost of the form, with or without velocities, and of the alias gap.
     pub(super) fn of_form(&self, moved: bool) -> u32 {
         OVERHEAD + InitialCostModel.cost_of_form(&self.mode, self.age, moved)
     }
 
-    /// Of position and turn.
+    /// Cost of position and turn.
     pub(super) fn of_place(&self, residual: &Residual, moved: bool) -> u32 {
         InitialCostModel.cost_of_place(&self.mode, self.age, moved, residual)
     }
 
-    /// Of velocities.
+    /// Cost of velocities.
     pub(super) fn of_velocity(&self, velocity: &VelocityResidual) -> u32 {
         InitialCostModel.cost_of_velocity(&self.mode, self.age, velocity)
     }
 
-    /// Bits for each tick: less is better.
+    /// Cost per tick; infinite for a correction that does not hold.
     pub(super) fn price(&self, bits: u32, ticks: f64) -> f64 {
         if ticks > 0.0 {
             (self.beside.bits + f64::from(bits)) / (self.beside.ticks + ticks)
@@ -77,7 +77,7 @@ impl Cost {
         }
     }
 
-    /// What the next correction of the same track costs, `age` later; this one's bits and ticks are paid.
+    /// Cost function of the next correction of the same track, `age` later; it includes the bits and ticks of this one.
     pub(super) fn following(&self, bits: u32, ticks: usize, age: Age) -> Self {
         let beside = Beside {
             bits: self.beside.bits + f64::from(bits),
@@ -92,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_price_is_bits_for_each_tick_and_what_does_not_hold_has_none() {
+    fn a_price_is_bits_per_tick_and_infinite_without_a_lifetime() {
         let cost = Cost::new(PredictionMode::Same, Age::new(3), Beside::default());
         let bits = cost.bits(&Residual::default());
         assert!(bits > OVERHEAD);

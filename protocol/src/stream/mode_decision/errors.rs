@@ -1,7 +1,7 @@
 //! Prediction errors of position and turn, as shares of a body's tolerance.
 //!
-//! For choosing alone: the promise is judged by [`Tolerance::share`]. Errors of position and of turn lie in the two lanes
-//! of one vector, so that both take one instruction.
+//! These approximate errors only rank corrections; [`Tolerance::share`] decides whether the tolerance holds. Errors of
+//! position and of turn lie in the two lanes of one vector, so that one instruction computes both.
 
 use core::ops::{Add, Mul, Sub};
 
@@ -12,24 +12,24 @@ use rhumb_reckoning::{
 };
 use wide::f64x2;
 
-/// How far one pose is from another: metres, and a rotation vector in radians.
+/// Difference of two poses: metres, and a rotation vector in radians.
 pub(super) fn apart(to: &Pose, from: &Pose) -> [DVec3; 2] {
     let turn = to.rotation * from.rotation.conjugate();
     let sign = if turn.w < 0.0 { -2.0 } else { 2.0 };
     let chord = DVec3::new(turn.x, turn.y, turn.z) * sign;
-    // The angle is twice the arcsine of half the chord: two config of its series.
+    // The angle is twice the arcsine of half the chord: the first two terms of its series.
     let turn = chord * (1.0 + chord.length_squared() * (1.0 / 24.0));
     [to.position - from.position, turn]
 }
 
-/// An error by axis, in each position and turn; or a change of it in a tick.
+/// An error of position and turn by axis, or its change per tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Errors([f64x2; 3]);
 
 impl Errors {
     pub(super) const ZERO: Self = Self([f64x2::ZERO; 3]);
 
-    /// Of metres and radians, or of other numbers of which one is worth `unit`.
+    /// Errors from metres and radians, or from other numbers, with `unit` as the value of one.
     #[inline]
     pub(super) fn of([position, turn]: [DVec3; 2], unit: f64x2) -> Self {
         Self([
@@ -39,19 +39,19 @@ impl Errors {
         ])
     }
 
-    /// Of whole steps.
+    /// Errors from whole steps.
     #[inline]
     fn of_steps([a, b, c]: [i32; 3], [p, q, r]: [i32; 3], unit: f64x2) -> Self {
         let pair = |one: i32, other: i32| f64x2::new([f64::from(one), f64::from(other)]) * unit;
         Self([pair(a, p), pair(b, q), pair(c, r)])
     }
 
-    /// Of position alone.
+    /// Errors of position alone.
     pub(super) fn of_position(metres: DVec3, unit: f64x2) -> Self {
         Self::of([metres, DVec3::ZERO], unit)
     }
 
-    /// The product with another: of positions, and of turns.
+    /// Dot products of the position errors and of the turn errors.
     #[inline]
     pub(super) fn dot(&self, other: &Self) -> f64x2 {
         let ([a, b, c], [x, y, z]) = (self.0, other.0);
@@ -89,16 +89,16 @@ impl Mul<f64> for Errors {
     }
 }
 
-/// What lengths, angles and steps are worth of one body's tolerance.
+/// Lengths, angles and steps as shares of one body's tolerance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Units {
-    /// A metre, and a radian.
+    /// One metre, and one radian.
     pub(super) still: f64x2,
-    /// A metre and a radian a second, in a tick.
+    /// One m/s and one rad/s over a tick.
     pub(super) moving: f64x2,
-    /// A step of a residual's position, and of its turn.
+    /// One step of a residual's position, and one of its turn.
     steps: f64x2,
-    /// Steps of a residual's velocities, in a tick.
+    /// One step of a residual's linear and angular velocity, over a tick.
     velocities: f64x2,
     /// Whether position and turn share one bound.
     shared: bool,
@@ -139,7 +139,7 @@ impl Units {
         self.share_of_squares(errors.dot(errors))
     }
 
-    /// The same of the squares of the errors of position and of turn.
+    /// The share of the tolerance for the squares of the errors of position and of turn.
     #[inline]
     pub(super) fn share_of_squares(&self, squares: f64x2) -> f64 {
         let [position, turn] = squares.fast_max(f64x2::ZERO).sqrt().to_array();
@@ -150,13 +150,13 @@ impl Units {
         }
     }
 
-    /// What a residual takes off the error, its velocities aside.
+    /// Reduction of the error by a residual without its velocities.
     #[inline]
     pub(super) fn of_residual(&self, residual: &Residual) -> Errors {
         Errors::of_steps(residual.position, residual.turn, self.steps)
     }
 
-    /// What velocities take off the error in a tick.
+    /// Reduction of the error per tick by velocities.
     #[inline]
     pub(super) fn of_velocity(&self, velocity: &VelocityResidual) -> Errors {
         let doubled = f64::from(1_u32 << velocity.velocity_exponent.min(VELOCITY_EXPONENT_MAX));
@@ -164,7 +164,8 @@ impl Units {
         Errors::of_steps(velocity.linear, velocity.angular, unit)
     }
 
-    /// The residual without velocities that takes off most of an error. A part of a step counts as a whole one from `rounding` on.
+    /// The residual without velocities that reduces an error most. A fraction of a step of at least `rounding` rounds
+    /// up.
     pub(super) fn residual(&self, errors: &Errors, rounding: [f64; 2]) -> Residual {
         let [position, turn] = steps(errors, self.steps, f64x2::new(rounding), f64x2::new(LIMITS));
         Residual {
@@ -174,7 +175,7 @@ impl Units {
         }
     }
 
-    /// The velocities that take off most of an error that grows so in a tick, in steps that are doubled `velocity_exponent` times.
+    /// The velocities that reduce the growth of an error per tick most, in steps doubled `velocity_exponent` times.
     pub(super) fn velocity(&self, errors: &Errors, velocity_exponent: u32) -> VelocityResidual {
         let doubled = f64::from(1_u32 << velocity_exponent.min(VELOCITY_EXPONENT_MAX));
         let unit = self.velocities * f64x2::splat(doubled);
@@ -187,16 +188,16 @@ impl Units {
     }
 }
 
-/// The most steps of position and of turn.
+/// Limits of the steps of position and of turn.
 const LIMITS: [f64; 2] = [RESIDUAL_LIMIT as f64, TURN_LIMIT as f64];
 
-/// Keyframe steps, within limits.
+/// Errors in whole steps of `unit`, within limits.
 #[inline]
 fn steps(Errors(errors): &Errors, unit: f64x2, rounding: f64x2, limit: f64x2) -> [[i32; 3]; 2] {
     let (inverse, up) = (f64x2::ONE / unit, f64x2::ONE - rounding);
     let of = |errors: f64x2| {
         let steps = errors * inverse;
-        // What is no number becomes zero by the cast.
+        // The cast turns NaN into zero.
         let size = (steps.abs() + up).fast_min(limit);
         let ([x, y], [p, q]) = (steps.to_array(), size.to_array());
         let signed = |of: f64, size: f64| {
@@ -205,7 +206,7 @@ fn steps(Errors(errors): &Errors, unit: f64x2, rounding: f64x2, limit: f64x2) ->
         };
         [signed(x, p), signed(y, q)]
     };
-    // Written out, since `map` of an array stays a call here.
+    // Written out, because `map` of an array is not inlined here.
     let [x, y, z] = *errors;
     let ([a, p], [b, q], [c, r]) = (of(x), of(y), of(z));
     [[a, b, c], [p, q, r]]
@@ -233,7 +234,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_nearest_residual_leaves_less_than_half_a_step_by_axis(position in vector(), turn in vector()) {
+        fn the_nearest_residual_leaves_at_most_half_a_step_per_axis(position in vector(), turn in vector()) {
             let units = units();
             let errors = Errors::of([position, turn], units.still);
             let left = errors - units.of_residual(&units.residual(&errors, [0.5; 2]));
@@ -244,7 +245,7 @@ mod tests {
         }
 
         #[test]
-        fn a_residual_is_within_limits_whatever_the_error(
+        fn a_residual_is_within_limits_for_every_error(
             error in prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(1e300), -1e9..1e9],
         ) {
             let units = units();

@@ -1,26 +1,26 @@
-//! The error forecast, and how long a corrected prediction holds by it.
+//! The error forecast, and the lifetime estimate of a corrected prediction.
 //!
-//! Nothing is predicted here. A correction takes so much off the error at once, and so much more each tick where it implies
-//! velocities, so that one forecast serves all corrections of one prediction mode. That is near enough to choose by.
+//! No body is predicted here. A correction reduces the error by a constant and, if it implies velocities, by a constant
+//! per tick. So one forecast serves all corrections of one mode. This approximation only ranks corrections.
 
 use super::errors::{Errors, Units};
 use crate::stream::observation_history::LOOKAHEAD_MAX;
 
-/// Ticks of a forecast: the published one, and those that lookahead knows.
+/// Ticks of a forecast: the published tick and those of the lookahead.
 pub(super) const SPAN: usize = LOOKAHEAD_MAX.count() as usize + 1;
-/// Ticks beyond the known ones at which the expected error is looked at.
-const LOOKS: [f64; 15] = [
+/// Ticks beyond the known ones at which the expected error is evaluated.
+const SAMPLED_TICKS: [f64; 15] = [
     1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0, 128.0, 192.0,
 ];
 
-/// What a correction takes off the error: at once, and more each tick.
+/// Reduction of the error by a correction: at once, and additionally per tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Effect {
     pub(super) at_once: Errors,
     pub(super) each_tick: Errors,
 }
 
-/// Errors at the published tick and those after it, as far as they are known: of at most `N` ticks.
+/// Errors at the published tick and at the known ticks after it, at most `N` in all.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Known<const N: usize> {
     errors: [Errors; N],
@@ -44,44 +44,45 @@ impl<const N: usize> Known<N> {
     }
 }
 
-/// A constant acceleration beside what is known: what it takes off, and by what factor at each tick.
+/// Effect of a constant acceleration on the known errors: its unit reduction, and the factor at each tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pull<'a> {
     pub(super) each: Errors,
     pub(super) falls: &'a [f64],
 }
 
-/// How far off the uncorrected prediction of one mode is, tick by tick.
+/// Error of the uncorrected prediction of one mode, by tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ErrorForecast<'a> {
-    /// At the published tick and those after it.
+    /// Errors at the published tick and at the known ticks after it.
     pub(super) known: &'a [Errors],
     pub(super) pull: Option<Pull<'a>>,
-    /// Beyond, the error is taken to grow by this in a tick, and by `curve` in a tick squared.
+    /// Expected growth beyond the known ticks, per tick.
     pub(super) slope: Errors,
+    /// Expected growth beyond the known ticks, per tick squared.
     pub(super) curve: Errors,
-    /// Whether the body is known to leave the stream after the last known tick.
+    /// Whether the body leaves the stream after the last known tick.
     pub(super) ends: bool,
-    /// Ticks that the mode is expected to last at most.
+    /// Greatest expected duration of the mode, in ticks.
     pub(super) lasts: f64,
 }
 
-/// Of one body, how lifetimes are estimated.
+/// Parameters of the lifetime estimates of one body.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Expectation {
     pub(super) units: Units,
-    /// What each tick adds to the expected error, as a share of the tolerance.
+    /// Growth of the expected error per tick, as a share of the tolerance.
     pub(super) growth: f64,
-    /// Ticks from one that is published to the next.
+    /// Publish interval, in ticks.
     pub(super) interval: usize,
 }
 
-/// For how long a correction holds.
+/// Estimated lifetime of a correction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lifetime {
-    /// Ticks; none if it does not hold at all.
+    /// Duration in ticks; zero if the correction does not hold at all.
     pub(super) ticks: f64,
-    /// The first known tick at which it does not hold.
+    /// The first known tick at which the correction does not hold.
     pub(super) breach: Option<usize>,
 }
 
@@ -91,7 +92,7 @@ impl ErrorForecast<'_> {
         self.known.len() - 1
     }
 
-    /// Without a correction.
+    /// The error at a known tick without a correction.
     #[inline]
     fn error(&self, tick: usize) -> Errors {
         let error = self.known[tick];
@@ -106,7 +107,7 @@ impl ErrorForecast<'_> {
         self.error(tick) - by.at_once - by.each_tick * (tick as f64)
     }
 
-    /// How long a prediction holds after a correction.
+    /// The lifetime of the prediction after a correction.
     pub(super) fn lifetime(&self, by: &Effect, expectation: &Expectation) -> Lifetime {
         let last = self.last();
         let mut tick = 0;
@@ -130,8 +131,8 @@ impl ErrorForecast<'_> {
                     breach: Some(last),
                 };
             };
-            let unseen = expectation.interval.saturating_sub(2) as f64;
-            known + beyond.min(self.lasts) + unseen
+            let unobserved = expectation.interval.saturating_sub(2) as f64;
+            known + beyond.min(self.lasts) + unobserved
         };
         Lifetime {
             ticks,
@@ -139,13 +140,13 @@ impl ErrorForecast<'_> {
         }
     }
 
-    /// How many ticks more it holds if the error goes on to grow as expected; `None` if it does not hold at the beginning.
+    /// Ticks for which the correction holds beyond the known ones; `None` if it does not hold at the last known tick.
     #[inline]
     fn beyond(&self, by: &Effect, expectation: &Expectation) -> Option<f64> {
         let Expectation { units, growth, .. } = expectation;
         let begin = self.left(self.last(), by);
         let slope = self.slope - by.each_tick;
-        // The square of the error is a polynomial.
+        // The square of the error is a polynomial of the time in ticks.
         let squares = [
             begin.dot(&begin),
             begin.dot(&slope) * 2.0,
@@ -158,20 +159,21 @@ impl ErrorForecast<'_> {
         if !holds {
             return None;
         }
-        for look in LOOKS {
+        for ticks in SAMPLED_TICKS {
             let [zeroth, first, second, third, fourth] = squares;
-            let square = (((fourth * look + third) * look + second) * look + first) * look + zeroth;
-            let share = units.share_of_squares(square) + growth * look;
+            let square =
+                (((fourth * ticks + third) * ticks + second) * ticks + first) * ticks + zeroth;
+            let share = units.share_of_squares(square) + growth * ticks;
             if share > 1.0 {
                 let part = ((1.0 - before) / (share - before)).clamp(0.0, 1.0);
-                return Some(at + part * (look - at));
+                return Some(at + part * (ticks - at));
             }
-            (at, before) = (look, share);
+            (at, before) = (ticks, share);
         }
         Some(at)
     }
 
-    /// What is known from a later tick on, after a correction.
+    /// The known errors from a later tick on, after a correction.
     pub(super) fn known_after(&self, tick: usize, by: &Effect) -> Known<SPAN> {
         let mut known = Known::new(self.left(tick, by));
         for later in tick + 1..=self.last() {
@@ -180,8 +182,7 @@ impl ErrorForecast<'_> {
         known
     }
 
-    /// What a correction should take off at once to be nearest to the ticks up to one, where each tick takes off `rate` of that
-    /// more.
+    /// The best reduction at once, by least squares over the ticks up to `last`. Each tick adds the share `rate` of it.
     pub(super) fn nearest(&self, last: usize, rate: f64) -> Errors {
         if last == 0 {
             return self.error(0);
@@ -195,7 +196,7 @@ impl ErrorForecast<'_> {
         sum * (1.0 / weight)
     }
 
-    /// The slope of the line that begins there and is nearest.
+    /// The slope of the line from `begin` that fits the ticks up to `last` best.
     pub(super) fn slope_from(&self, last: usize, begin: &Errors) -> Errors {
         let (mut times, mut squares) = (0.0, 0.0);
         let mut moment = Errors::ZERO;
@@ -207,7 +208,7 @@ impl ErrorForecast<'_> {
         (moment - *begin * times) * (1.0 / squares)
     }
 
-    /// The straight line nearest to the ticks up to one: where it begins, and by how much it grows in a tick.
+    /// The straight line that fits the ticks up to `last` best: its start, and its slope per tick.
     pub(super) fn line(&self, last: usize) -> [Errors; 2] {
         let (mut times, mut squares) = (0.0, 0.0);
         let (mut sum, mut moment) = (Errors::ZERO, Errors::ZERO);
@@ -243,7 +244,7 @@ mod tests {
         }
     }
 
-    /// Of a body whose errors without a correction are these along x, in metres.
+    /// The known errors of a body with these uncorrected errors along x, in metres.
     fn known(errors: &[f64]) -> Known<SPAN> {
         let of = |x: &f64| Errors::of_position(DVec3::X * *x, expectation().units.still);
         let mut known = Known::new(of(&errors[0]));
@@ -293,12 +294,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_known_after_a_breach_is_what_a_correction_left() {
+    fn the_known_errors_after_a_breach_include_the_correction() {
         let known = known(&[0.0, 0.02, 0.04, 0.06]);
         let forecast = forecast(&known);
-        let rest = forecast.known_after(3, &moved(0));
+        let remaining = forecast.known_after(3, &moved(0));
         let later = ErrorForecast {
-            known: rest.errors(),
+            known: remaining.errors(),
             ..forecast
         };
         assert_eq!(later.last(), 0);

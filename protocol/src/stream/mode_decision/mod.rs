@@ -1,12 +1,13 @@
 //! The mode decision: which update corrects a track best.
 //!
-//! Only the publisher decides, so that nothing here is normative: any decision keeps the promise, a good one keeps it with fewer
-//! bytes. Three stages:
+//! Only the publisher decides, so that nothing here is normative. Every decision keeps the tolerance, and a good one
+//! needs fewer bytes. Three stages:
 //!
-//! 1. *Candidates*: the prediction modes that apply (rest, uniform, falling, attached, accelerated), each with its error forecast: how far
-//!    off the uncorrected prediction will be, from what lookahead knows or from how the body diverged lately.
-//! 2. *Cost*: bits of a correction over the ticks that it is expected to hold.
-//! 3. *Refinement*: the residual of least cost. What is chosen is then put on the grid and checked as a subscriber computes it.
+//! 1. *Candidates*: the prediction modes that apply (rest, uniform, falling, attached, accelerated), each with its
+//!    error
+//!    forecast. The forecast of the uncorrected prediction comes from the lookahead or from recent prediction errors.
+//! 2. *Cost*: bits of a correction per tick of its expected lifetime.
+//! 3. *Refinement*: the residual of least cost. The result is then quantised and checked as a subscriber computes it.
 
 mod acceleration;
 mod candidates;
@@ -30,15 +31,16 @@ use refinement::Refinement;
 use shortlist::Choice;
 pub(crate) use subject::{Context, Parent, Subject, share};
 
-/// What the ticks of a track's whole life add to the expected error of the next, as a share of the tolerance …
+/// Expected error growth over a lifetime as long as that of the present track, as a share of the tolerance.
 const ERROR_GROWTH_PER_LIFETIME: f64 = 0.1;
-/// … and each tick, at least and at most.
+/// Least and greatest error growth per tick, as a share of the tolerance.
 const ERROR_GROWTH: [f64; 2] = [0.001, 0.05];
 
-/// A body whose track held for so many ticks flies: lookahead ends before it strays, and its last ticks tell more.
-const FLIGHT: Ticks = Ticks::new(12);
+/// Age of a moving track from which the lookahead is ignored: its errors grow beyond the lookahead, and past ticks tell
+/// more.
+const LONG_LIVED: Ticks = Ticks::new(12);
 
-/// Decides for one publisher.
+/// The mode decision of one publisher.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ModeDecision<'a> {
     context: Context<'a>,
@@ -49,7 +51,7 @@ impl<'a> ModeDecision<'a> {
         Self { context }
     }
 
-    /// The best correction among those that keep the promise, with the track that it leads to; `None` where a keyframe is needed.
+    /// The cheapest correction that keeps the tolerance, with its track; `None` if the body needs a keyframe.
     pub(crate) fn decide(&self, subject: &Subject<'_>) -> Option<(UpdatePayload, Track)> {
         let track = subject.track;
         let ticks = subject.tick.since(track.origin)?;
@@ -67,15 +69,15 @@ impl<'a> ModeDecision<'a> {
             age,
             over,
         };
-        let flies = ticks >= FLIGHT && track.predictor != Predictor::Rest;
-        if subject.ahead.is_empty() || flies || !self.context.features.mode_decision {
+        let is_long_lived = ticks >= LONG_LIVED && track.predictor != Predictor::Rest;
+        if subject.ahead.is_empty() || is_long_lived || !self.context.features.mode_decision {
             self.decide_within::<1>(&update, ticks)
         } else {
             self.decide_within::<SPAN>(&update, ticks)
         }
     }
 
-    /// The same without lookahead, and by the promised tolerance where that is tightened.
+    /// The decision without lookahead, and with the full tolerance where that is tightened.
     pub(crate) fn widened(&self) -> Self {
         Self::new(Context {
             features: Features {
@@ -87,7 +89,7 @@ impl<'a> ModeDecision<'a> {
         })
     }
 
-    /// The same where at most so many ticks are known, the published one included.
+    /// The decision with at most `N` known ticks, the published one included.
     fn decide_within<const N: usize>(
         &self,
         update: &Update<'_>,
@@ -113,7 +115,7 @@ impl<'a> ModeDecision<'a> {
         let settings = Settings {
             expectation: Expectation {
                 units,
-                // A track that held for long, as of a flying body, is expected to stray less.
+                // The error of a body with a long-lived track, such as a flying body, is expected to grow slowly.
                 growth: (ERROR_GROWTH_PER_LIFETIME / f64::from(ticks.count())).clamp(least, most),
                 interval: interval as usize,
             },
@@ -136,18 +138,19 @@ impl<'a> ModeDecision<'a> {
     }
 }
 
-/// Makes an update of a choice.
+/// The inputs for turning a choice into an update.
 #[derive(Clone, Copy, Debug)]
 struct Update<'u> {
     context: &'u Context<'u>,
     subject: &'u Subject<'u>,
     age: Age,
-    /// In what time the prediction diverged.
+    /// Time over which the prediction diverged.
     over: Seconds,
 }
 
 impl Update<'_> {
-    /// What a choice leads to, as a subscriber computes it, if that keeps the promise.
+    /// The update and the track of a choice, as a subscriber computes them; `None` if they break the tolerance or a
+    /// limit.
     fn of(&self, candidate: &Candidate<'_>, choice: &Choice) -> Option<(UpdatePayload, Track)> {
         let (subject, tracks) = (self.subject, self.context.tracks);
         let grid = tracks.grid(subject.slot);

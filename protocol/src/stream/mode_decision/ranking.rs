@@ -1,6 +1,6 @@
-//! What one candidate's corrections are worth: bits for each tick.
+//! Prices of one candidate's corrections, in bits per tick.
 //!
-//! A correction that breaks within what lookahead knows is weighed together with the one that must follow.
+//! A correction that breaks the tolerance within the lookahead is priced together with the next correction.
 
 use rhumb_reckoning::Residual;
 
@@ -11,42 +11,42 @@ use super::shortlist::{BestCorrections, Choice, SHORTLIST};
 use crate::packet::Age;
 use crate::stream::features::Features;
 
-/// Steps are rounded to the nearest.
+/// Rounding to the nearest step, of position and of turn.
 pub(super) const NEAREST: [f64; 2] = [0.5; 2];
-/// The exponent of velocities that are sent whether or not it pays.
-const PLAIN: u32 = 3;
-/// Velocities are sent in steps that are doubled so often, if at all.
+/// Greatest exponent of the velocities that are always considered when the feature `derived` is off.
+const REQUIRED_EXPONENT_MAX: u32 = 3;
+/// Candidate exponents of velocities: their steps are doubled so often.
 const VELOCITY_EXPONENTS: [u32; 6] = [9, 7, 5, 3, 1, 0];
-/// Corrections that follow begin at these.
+/// Numbers of known ticks that the next correction is fitted to.
 const FITS_AFTER: [usize; 2] = [0, 3];
 
-/// How one body's corrections are searched.
+/// Parameters of the search for one body's correction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Settings {
     pub(super) expectation: Expectation,
     pub(super) features: Features,
-    /// Of the track that is corrected.
+    /// Age of the corrected track.
     pub(super) age: Age,
     /// The share of a correction that a moving mode adds to it in each tick.
     pub(super) rate: f64,
-    /// Whether what follows a correction is weighed too.
+    /// Whether the next correction is priced too.
     pub(super) looks_ahead: bool,
 }
 
 impl Settings {
-    /// How many corrections are kept.
-    pub(super) const fn room(&self) -> usize {
+    /// Number of corrections that the shortlist keeps.
+    pub(super) const fn capacity(&self) -> usize {
         if self.looks_ahead { SHORTLIST } else { 2 }
     }
 }
 
-/// One candidate's corrections, weighed.
+/// Prices the corrections of one candidate.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CorrectionRanker<'s> {
     pub(super) forecast: &'s ErrorForecast<'s>,
     pub(super) expectation: &'s Expectation,
     pub(super) cost: Cost,
-    /// See [`Settings::rate`]; nothing of a mode that rests.
+    /// See [`Settings::rate`]; zero for a resting mode.
     pub(super) rate: f64,
 }
 
@@ -73,7 +73,9 @@ impl CorrectionRanker<'_> {
         self.cost.price(self.cost.bits(residual), lifetime.ticks)
     }
 
-    /// Leaves out a step after another as long as that pays; only those that differ from a sparser residual, if there is one.
+    /// Removes one step of each axis if that lowers the price, and calls `note` for each result.
+    ///
+    /// With a `sparser` residual, only the axes that differ from it are tried.
     pub(super) fn leave_out_steps(
         &self,
         from: (Residual, f64),
@@ -104,7 +106,7 @@ impl CorrectionRanker<'_> {
         (best, least)
     }
 
-    /// Weighs a correction with velocities that take `slope` off the error in each tick.
+    /// Prices a correction with velocities that reduce the error by `slope` per tick.
     pub(super) fn with_velocities(
         &self,
         settings: &Settings,
@@ -118,15 +120,19 @@ impl CorrectionRanker<'_> {
             each_tick: *slope,
             ..effect
         };
-        // Nothing lasts longer than what goes on at the true velocities, and finer steps cost more.
+        // No correction outlives the one with the true velocities, and finer steps cost more.
         let longest = self.lifetime(&exact).ticks;
         let lacking = *slope - effect.each_tick;
         let place = self.cost.of_form(true) + self.cost.of_place(residual, true);
         for velocity_exponent in settings.features.steps(VELOCITY_EXPONENTS) {
             let velocity = units.velocity(&lacking, velocity_exponent);
             let bits = place + self.cost.of_velocity(&velocity);
-            let must = !settings.features.derived && velocity_exponent <= PLAIN;
-            if self.cost.price(bits, longest) >= best.least() && !must && !settings.looks_ahead {
+            let is_required =
+                !settings.features.derived && velocity_exponent <= REQUIRED_EXPONENT_MAX;
+            if self.cost.price(bits, longest) >= best.least()
+                && !is_required
+                && !settings.looks_ahead
+            {
                 return;
             }
             let residual = Residual {
@@ -137,7 +143,7 @@ impl CorrectionRanker<'_> {
                 let ticks = self.lifetime(&self.effect(&residual)).ticks;
                 let price = self.cost.price(bits, ticks);
                 best.note(
-                    settings.room(),
+                    settings.capacity(),
                     Choice {
                         mode,
                         residual,
@@ -148,7 +154,7 @@ impl CorrectionRanker<'_> {
         }
     }
 
-    /// The price of a correction together with the one that must follow it, if that is known.
+    /// The price of a correction together with the next one, if the breach lies within the known ticks.
     pub(super) fn price_with_next(&self, residual: &Residual) -> f64 {
         let effect = self.effect(residual);
         let lifetime = self.lifetime(&effect);

@@ -1,6 +1,6 @@
-//! Stage three: each candidate's residual of least cost for each tick.
+//! Stage three: the residual of least price, over all candidates.
 //!
-//! Corrections begin at those that fit the known ticks best, and leave out steps as long as that pays.
+//! The search starts at the residuals that fit the known ticks best, and removes steps while that lowers the price.
 
 use rhumb_reckoning::Residual;
 
@@ -11,10 +11,11 @@ use super::forecast::Effect;
 use super::ranking::{CorrectionRanker, NEAREST, Settings};
 use super::shortlist::{BestCorrections, Choice, SHORTLIST};
 
-/// Steps by which corrections are made sparser: a part of the last step below this share is left out.
+/// Rounding for a sparser residual: a fraction of a step below this is dropped.
 const SPARSE: f64 = 0.7;
-/// Corrections begin at the best fits of so many known ticks; moving ones with velocities at straight lines through so many.
+/// Numbers of known ticks that residuals without velocities are fitted to.
 const FITS: [usize; 5] = [0, 1, 2, 4, 6];
+/// Numbers of known ticks that residuals with velocities are fitted to, by a straight line.
 const LINES: [usize; 3] = [2, 4, 6];
 
 /// The search for one body's correction.
@@ -22,18 +23,18 @@ const LINES: [usize; 3] = [2, 4, 6];
 pub(super) struct Refinement<'r> {
     settings: &'r Settings,
     best: BestCorrections,
-    /// In the world.
+    /// The start of all modes in the world.
     start: Option<Start>,
-    /// The mode that velocities may serve best, and what it would cost if they cost nothing.
+    /// The most promising mode for velocities, and its price if velocities were free.
     moving: Option<(usize, f64)>,
 }
 
-/// The correction that is nearest to the published tick: all modes of one frame share it.
+/// The correction that fits the published tick best; all modes of one frame share it.
 #[derive(Clone, Copy, Debug)]
 struct Start {
     residual: Residual,
     at_once: Errors,
-    /// Its bits beside its form, where that keeps the track's mode and where it changes it.
+    /// Its bits without the form: for a mode that is the track's, and for one that differs.
     bits: [Option<u32>; 2],
 }
 
@@ -48,7 +49,7 @@ impl Start {
         }
     }
 
-    /// What it costs without velocities, its form included.
+    /// Its cost without velocities, the form included.
     fn bits(&mut self, cost: &Cost) -> u32 {
         let (residual, bits) = (&self.residual, &mut self.bits[usize::from(cost.changes())]);
         cost.of_form(false) + *bits.get_or_insert_with(|| cost.of_place(residual, false))
@@ -93,10 +94,11 @@ impl<'r> Refinement<'r> {
             residual,
             price,
         };
-        self.best.note(self.settings.room(), choice);
+        self.best.note(self.settings.capacity(), choice);
     }
 
-    /// Weighs the corrections of a candidate. `velocity`: by how much the true velocities differ from the predicted ones.
+    /// Prices the corrections of a candidate. `velocity`: difference of the true and the predicted velocities, per
+    /// tick.
     pub(super) fn consider(&mut self, mode: usize, candidate: &Candidate<'_>, velocity: &Errors) {
         let ranker = self.ranker(candidate);
         if self.settings.looks_ahead {
@@ -130,7 +132,7 @@ impl<'r> Refinement<'r> {
         }
     }
 
-    /// The same with lookahead: the best are weighed together with those that must follow.
+    /// Prices the corrections of a candidate with lookahead: the best ones together with their next correction.
     fn consider_known(&mut self, mode: usize, moves: bool, ranker: &CorrectionRanker<'_>) {
         let settings = self.settings;
         let (forecast, units) = (ranker.forecast, &ranker.expectation.units);
@@ -174,7 +176,7 @@ impl<'r> Refinement<'r> {
         }
     }
 
-    /// The best corrections in order.
+    /// The best corrections, cheapest first.
     pub(super) fn finish(&mut self, modes: &Modes<'_>, velocity: &Errors) -> &BestCorrections {
         if self.settings.looks_ahead {
             return &self.best;

@@ -1,22 +1,22 @@
 //! The best corrections of one body so far.
 //!
-//! Knows nothing of what they are worth but the price. Invariant: they are in order, the cheapest first, and none is there twice.
+//! Computes no prices. Invariant: the corrections are in order, the cheapest first, without duplicates.
 
 use rhumb_reckoning::Residual;
 
-/// Corrections that are kept with lookahead, to be weighed with what follows them.
+/// Number of corrections that are kept with lookahead, to be priced with their next correction.
 pub(super) const SHORTLIST: usize = 3;
 
-/// A correction, and what it is worth: 1/256 bits for each tick, less is better.
+/// A correction, and its price in 1/256 bits per tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Choice {
-    /// The number of its mode.
+    /// Number of the prediction mode.
     pub(super) mode: usize,
     pub(super) residual: Residual,
     pub(super) price: f64,
 }
 
-/// The best corrections so far, the best first, none twice.
+/// The best corrections so far, the cheapest first, without duplicates.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct BestCorrections {
     choices: [Option<Choice>; SHORTLIST],
@@ -27,7 +27,7 @@ impl BestCorrections {
         self.choices[0]
     }
 
-    /// The price of the best.
+    /// The price of the best correction; infinite without one.
     pub(super) fn least(&self) -> f64 {
         self.choices[0].map_or(f64::INFINITY, |best| best.price)
     }
@@ -36,10 +36,10 @@ impl BestCorrections {
         self.choices.iter().flatten()
     }
 
-    /// Notes a correction, if it is among the best `room`.
-    pub(super) fn note(&mut self, room: usize, choice: Choice) {
+    /// Inserts a correction if it is among the best `capacity`.
+    pub(super) fn note(&mut self, capacity: usize, choice: Choice) {
         let mut at = 0;
-        for other in self.choices[..room].iter().flatten() {
+        for other in self.choices[..capacity].iter().flatten() {
             if other.price > choice.price {
                 break;
             }
@@ -49,8 +49,8 @@ impl BestCorrections {
             }
             at += 1;
         }
-        if at < room && choice.price.is_finite() {
-            self.choices.copy_within(at..room - 1, at + 1);
+        if at < capacity && choice.price.is_finite() {
+            self.choices.copy_within(at..capacity - 1, at + 1);
             self.choices[at] = Some(choice);
         }
     }
@@ -76,8 +76,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_best_are_kept_in_order_and_none_twice(
-            prices in proptest::collection::vec(0_u32..50, 0..40), again in 0_usize..40, room in 1..=SHORTLIST,
+        fn the_best_are_kept_in_order_without_duplicates(
+            prices in proptest::collection::vec(0_u32..50, 0..40), again in 0_usize..40, capacity in 1..=SHORTLIST,
         ) {
             let choices: Vec<_> = (0..)
                 .zip(&prices)
@@ -85,12 +85,12 @@ mod tests {
                 .collect();
             let mut list = BestCorrections::default();
             for choice in choices.iter().chain(choices.get(again)) {
-                list.note(room, *choice);
+                list.note(capacity, *choice);
             }
-            list.note(room, choice(-1, f64::INFINITY));
+            list.note(capacity, choice(-1, f64::INFINITY));
             let mut best = prices.clone();
             best.sort_unstable();
-            best.truncate(room);
+            best.truncate(capacity);
             let kept: Vec<_> = list.iter().collect();
             let kept_prices: Vec<_> = kept.iter().map(|choice| choice.price as u32).collect();
             prop_assert_eq!(kept_prices, best);

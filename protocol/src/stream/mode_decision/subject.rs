@@ -1,13 +1,13 @@
-//! A body that needs an update, and what is known of it and of its stream.
+//! Inputs of the mode decision: one body, and the state of its stream.
 //!
-//! Data alone: it decides nothing.
+//! Contains data alone, no decision.
 
 use rhumb_reckoning::{Divergence, Metres, Motion, Pose, Tick, Ticks, Tolerance, Track};
 
 use crate::stream::features::Features;
 use crate::stream::tracks::{Slot, Tracks};
 
-/// What is known of a body that needs an update.
+/// A body that needs an update, with its observations.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Subject<'a> {
     pub(crate) index: u32,
@@ -16,47 +16,47 @@ pub(crate) struct Subject<'a> {
     pub(crate) track: &'a Track,
     /// The published tick.
     pub(crate) tick: Tick,
-    /// The body's motion then, and the predicted one.
+    /// The body's true motion at that tick.
     pub(crate) truth: Motion,
+    /// The body's predicted motion at that tick.
     pub(crate) predicted_motion: Motion,
-    /// Its motion one and two ticks before.
+    /// The true motions one and two ticks before.
     pub(crate) last: [Option<Motion>; 2],
-    /// Its motion one and two strides before.
+    /// The true motions one and two strides before.
     pub(crate) past: [Option<Motion>; 2],
     /// Ticks between two observations before the published tick.
     pub(crate) stride: Ticks,
-    /// Its motions in the next ticks, as far as lookahead knows.
+    /// The true motions of the next ticks, as far as the lookahead reaches.
     pub(crate) ahead: &'a [Motion],
-    /// Whether it is known that nothing is seen of it after that.
+    /// Whether the body has no observations after those.
     pub(crate) ends: bool,
-    /// The body that it may be attached to.
+    /// A body that this body may be attached to.
     pub(crate) parent: Option<Parent<'a>>,
 }
 
-/// A body that another may be attached to.
+/// A possible parent, with its observations.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Parent<'a> {
     pub(crate) index: u32,
     pub(crate) slot: &'a Slot,
-    /// Its motion at the published tick.
+    /// The true motion at the published tick.
     pub(crate) truth: Motion,
-    /// Its motion one and two strides of the child before.
+    /// The true motions one and two strides of the child before.
     pub(crate) past: [Option<Motion>; 2],
-    /// Its motions in the next ticks.
+    /// The true motions of the next ticks.
     pub(crate) ahead: &'a [Motion],
 }
 
-/// What a decision of one publisher goes by.
+/// State of the publisher that a decision depends on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Context<'a> {
     pub(crate) tracks: &'a Tracks,
     pub(crate) features: Features,
-    /// Factor on the tolerances by which lifetimes are estimated: more than one where a budget does not suffice, less for
-    /// bodies that others are attached to.
+    /// Factor on the tolerances in lifetime estimates: above one if the budget does not suffice, below one for parents.
     pub(crate) slack: f64,
 }
 
-/// How much of the tolerance lies between two poses of a body.
+/// Share of the tolerance that the difference of two poses of a body takes.
 pub(crate) fn share(
     truth: &Pose,
     predicted_motion: &Pose,

@@ -256,10 +256,15 @@ impl Publisher {
 
     /// The approximate cost of an update, in 1/256 bits.
     pub(super) fn bits_of(update: &Update) -> u64 {
-        /// The cost of a body's index and its alias.
+        /// The cost of a body's index and its new alias.
         const NAMED: u64 = 24 * 256;
-        const SEATED: u64 = 4 * 256;
-        let name = if update.body.is_some() { NAMED } else { SEATED };
+        /// The cost of an existing alias.
+        const ALIASED: u64 = 4 * 256;
+        let name = if update.body.is_some() {
+            NAMED
+        } else {
+            ALIASED
+        };
         u64::from(InitialCostModel.cost(&update.payload)) + name
     }
 }

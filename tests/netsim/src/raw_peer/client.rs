@@ -1,6 +1,6 @@
 //! Raw client: connects once, on its own thread.
 //!
-//! Checks the server's certificate as its trust demands, and nothing else.
+//! Verifies the server's certificate against its trust, and nothing else.
 
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::{Arc, mpsc};
@@ -10,28 +10,25 @@ use std::time::Duration;
 use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{ClientConfig, Endpoint, EndpointConfig, TokioRuntime};
 use rhumb_transport::{Trust, raw};
-use tokio::time::timeout;
 
 use super::config::{RawPeerConfig, RawPeerError};
 use super::connection::{RawConnection, RawPeerEnd};
 
-/// Time for a close frame to leave.
-const CLOSE_LEAVES: Duration = Duration::from_millis(50);
+/// Time limit for the transmission of a close frame.
+const CLOSE_TIMEOUT: Duration = Duration::from_millis(50);
 
 impl RawConnection {
-    /// Connects to a server within `patience`.
+    /// Connects to a server within `timeout`.
     ///
     /// # Errors
     ///
-    /// [`RawPeerError`] names what is missing, or how the handshake ended.
-    ///
-    /// [`RawPeerError`] says what is missing, or how the handshake ended.
+    /// [`RawPeerError`] when a certificate, socket or thread is unusable, or when the handshake fails.
     pub fn connect(
         server: SocketAddr,
         server_name: &str,
         trust: &Trust,
         raw_config: &RawPeerConfig,
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<Self, RawPeerError> {
         let tls = raw::client_tls(trust).map_err(RawPeerError::Certificate)?;
         let mut tls = Arc::unwrap_or_clone(tls);
@@ -49,7 +46,7 @@ impl RawConnection {
         let (ready, connected) = mpsc::sync_channel(1);
         let name = server_name.to_owned();
         thread::Builder::new()
-            .name("rhumb-raw_peer-client".into())
+            .name("rhumb-raw-client".into())
             .spawn(move || {
                 runtime.block_on(async move {
                     let endpoint = Endpoint::new(
@@ -63,12 +60,12 @@ impl RawConnection {
                         // The caller waits for the result; without a caller there is nothing to report.
                         Err(cause) => return drop(ready.send(Err(RawPeerError::Host(cause)))),
                     };
-                    carry(&endpoint, config, server, &name, patience, &ready).await;
+                    carry(&endpoint, config, server, &name, timeout, &ready).await;
                 });
             })
             .map_err(RawPeerError::Host)?;
-        let lost = |_| RawPeerError::Host(std::io::Error::other("its thread ended"));
-        connected.recv().map_err(lost)?
+        let thread_ended = |_| RawPeerError::Host(std::io::Error::other("its thread ended"));
+        connected.recv().map_err(thread_ended)?
     }
 }
 
@@ -78,14 +75,14 @@ async fn carry(
     config: ClientConfig,
     server: SocketAddr,
     name: &str,
-    patience: Duration,
+    timeout: Duration,
     ready: &mpsc::SyncSender<Result<RawConnection, RawPeerError>>,
 ) {
     let connecting = match endpoint.connect_with(config, server, name) {
         Ok(connecting) => connecting,
         Err(cause) => return drop(ready.send(Err(RawPeerError::Tls(cause.to_string())))),
     };
-    let connection = match timeout(patience, connecting).await {
+    let connection = match tokio::time::timeout(timeout, connecting).await {
         Ok(Ok(connection)) => connection,
         Ok(Err(error)) => return drop(ready.send(Err(RawPeerError::Handshake(error.into())))),
         Err(_) => return drop(ready.send(Err(RawPeerError::Handshake(RawPeerEnd::TimedOut)))),
@@ -98,5 +95,5 @@ async fn carry(
     }
     connection.closed().await;
     // If the frame does not leave in time, the server's idle timeout ends the connection.
-    let _ = timeout(CLOSE_LEAVES, endpoint.wait_idle()).await;
+    let _ = tokio::time::timeout(CLOSE_TIMEOUT, endpoint.wait_idle()).await;
 }

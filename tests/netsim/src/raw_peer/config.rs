@@ -73,8 +73,8 @@ impl fmt::Display for RawPeerError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Certificate(cause) => cause.fmt(f),
-            Self::Host(cause) => write!(f, "this machine has no socket or thread for it: {cause}"),
-            Self::Tls(cause) => write!(f, "tls cannot be used so: {cause}"),
+            Self::Host(cause) => write!(f, "a socket or thread of this machine failed: {cause}"),
+            Self::Tls(cause) => write!(f, "the TLS configuration cannot be used: {cause}"),
             Self::Handshake(end) => write!(f, "the handshake ended: {end}"),
         }
     }

@@ -1,4 +1,4 @@
-//! One connection of a raw peer: what it sends, and its events.
+//! One connection of a raw peer: its operations and its events.
 //!
 //! The tasks run on an I/O thread; the caller's thread gives them operations and takes their events.
 
@@ -39,7 +39,7 @@ pub enum RawPeerEnd {
     Closed(u64),
     /// The peer's QUIC closed it with this code: TLS alerts start at 0x100.
     Transport(u64),
-    /// This end's QUIC found the peer at fault.
+    /// This end's QUIC detected a fault of the peer.
     Fault(String),
     /// Nothing was received for the idle time.
     TimedOut,
@@ -98,7 +98,7 @@ impl RawConnection {
         }
     }
 
-    /// Opens the control stream; the peer sees it with the first bytes.
+    /// Opens the control stream; the peer is notified by the first bytes.
     pub fn open_control(&self) {
         self.request(Op::OpenControl);
     }
@@ -135,7 +135,7 @@ impl RawConnection {
         self.connection.max_datagram_size()
     }
 
-    /// Whether the control stream is read: unread bytes wait at the peer.
+    /// Starts or stops reading the control stream; unread bytes wait at the peer.
     pub fn read_control(&self, reads: bool) {
         self.reads.send_replace(reads);
     }
@@ -145,10 +145,10 @@ impl RawConnection {
         self.connection.close(VarInt::from_u32(code), b"");
     }
 
-    /// The next event, within `patience`.
+    /// The next event, within `timeout`.
     #[must_use]
-    pub fn hear(&mut self, patience: Duration) -> Option<RawEvent> {
-        self.events.recv_timeout(patience).ok()
+    pub fn hear(&mut self, timeout: Duration) -> Option<RawEvent> {
+        self.events.recv_timeout(timeout).ok()
     }
 
     /// Address of the peer.
@@ -273,14 +273,16 @@ fn read(task: &ConnectionTask, recv: RecvStream) {
     tokio::spawn(reader.read(recv));
 }
 
+/// Time limit for opening another stream.
+const OPEN_TIMEOUT: Duration = Duration::from_millis(200);
+
 async fn open_another(
     connection: &Connection,
     both_ways: bool,
     others: &mut Vec<(Option<SendStream>, Option<RecvStream>)>,
 ) -> bool {
-    let patience = Duration::from_millis(200);
-    // If the peer allows no more streams, this would wait for ever.
-    let opened = tokio::time::timeout(patience, async {
+    // Without a time limit, the wait for a peer that allows no more streams would not end.
+    let opened = tokio::time::timeout(OPEN_TIMEOUT, async {
         if both_ways {
             let (send, recv) = connection.open_bi().await.ok()?;
             Some((send, Some(recv)))
@@ -333,7 +335,7 @@ impl fmt::Display for RawPeerEnd {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Closed(code) => write!(f, "closed with code {code}"),
-            Self::Transport(code) => write!(f, "closed by quic with code {code:#x}"),
+            Self::Transport(code) => write!(f, "closed by QUIC with code {code:#x}"),
             Self::Fault(cause) => write!(f, "broken: {cause}"),
             Self::TimedOut => f.write_str("timed out"),
             Self::Reset => f.write_str("forgotten by the peer"),

@@ -1,7 +1,7 @@
-//! Raw QUIC peers: they send whatever a test tells them to.
+//! Raw QUIC peers, which send the exact bytes of a test.
 //!
-//! No session. Nothing is bounded except the duration of a test, nothing is repaired, and every end is reported as
-//! observed. The caller decides all content of a connection, down to its streams.
+//! A raw peer has no session and no limits, and repairs nothing. It reports every end as observed. The caller decides
+//! all content of a connection, down to its streams.
 
 mod client;
 mod config;

@@ -1,4 +1,4 @@
-//! Raw server: accepts every connection and leaves the rest to its caller.
+//! Raw server: accepts every connection and does nothing else.
 //!
 //! Its connections run on its thread and end with it.
 
@@ -31,7 +31,7 @@ impl RawPeerServer {
     ///
     /// # Errors
     ///
-    /// [`RawPeerError`] names what is missing.
+    /// [`RawPeerError`] when the certificate, the socket or the thread is unusable.
     pub fn listen(
         listen: SocketAddr,
         certificate: &Certificate,
@@ -55,7 +55,7 @@ impl RawPeerServer {
         let (arrived, connections) = mpsc::channel();
         let (end, ended) = oneshot::channel();
         let thread = thread::Builder::new()
-            .name("rhumb-raw_peer-server".into())
+            .name("rhumb-raw-server".into())
             .spawn(move || runtime.block_on(accept(endpoint, arrived, ended)))
             .map_err(RawPeerError::Host)?;
         Ok(Self {
@@ -79,10 +79,10 @@ impl RawPeerServer {
         self.fingerprint
     }
 
-    /// The next connection, or how its handshake ended; `None` when none arrives within `patience`.
+    /// The next connection, or how its handshake ended; `None` when none arrives within `timeout`.
     #[must_use]
-    pub fn accept(&self, patience: Duration) -> Option<Result<RawConnection, RawPeerError>> {
-        self.connections.recv_timeout(patience).ok()
+    pub fn accept(&self, timeout: Duration) -> Option<Result<RawConnection, RawPeerError>> {
+        self.connections.recv_timeout(timeout).ok()
     }
 }
 
@@ -95,7 +95,7 @@ impl Drop for RawPeerServer {
         if let Some(thread) = self.thread.take()
             && thread.join().is_err()
         {
-            tracing::error!("the raw_peer server's i/o thread panicked");
+            tracing::error!("the raw server's I/O thread panicked");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The events and claims of one member, for comparison with the truth.
 //!
-//! It reads a session, and changes nothing except that it takes the events.
+//! Takes the events of a session, and changes nothing else of it.
 
 use rhumb_protocol::Ending;
 use rhumb_protocol::message::{
@@ -66,9 +66,10 @@ pub struct ObservationHistory {
     pub ended: Option<Ending>,
     /// Claims about all bodies so far.
     pub claims: Vec<Claim>,
-    /// Number of bounds that were requested but not available.
+    /// Number of checks of a body without a known bound.
     pub unknown: usize,
-    last_look: Option<(Tick, u64)>,
+    /// Watermark tick and packet count at the last stored claims.
+    last_stored: Option<(Tick, u64)>,
 }
 
 impl ObservationHistory {
@@ -110,10 +111,10 @@ impl ObservationHistory {
             replica.stream().watermark_tick(),
             statistics.packets + statistics.refreshes,
         );
-        if self.last_look == Some(now) {
+        if self.last_stored == Some(now) {
             return;
         }
-        self.last_look = Some(now);
+        self.last_stored = Some(now);
         self.claim(replica, |kind| kind != BodyKind::Static);
     }
 
@@ -172,12 +173,12 @@ impl ObservationHistory {
             error_scale,
         } in &self.claims
         {
-            let (apart, radius) = truth.apart(*id, *tick, pose).unwrap_or_else(|| {
+            let (divergence, radius) = truth.apart(*id, *tick, pose).unwrap_or_else(|| {
                 panic!("{member}: {id} has a bound at {tick}, when it did not exist")
             });
-            let error = apart.surface_error(radius);
+            let error = divergence.surface_error(radius);
             assert!(
-                error <= *within && tolerance.share(&apart, radius) <= *error_scale,
+                error <= *within && tolerance.share(&divergence, radius) <= *error_scale,
                 "{member}: the error of {id} at {tick} is {error}, bound {within}, tolerance {tolerance}"
             );
             if error > worst {
