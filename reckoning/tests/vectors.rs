@@ -46,16 +46,19 @@ fn the_document_states_the_constants_of_the_code() {
         ("coarsest angular step", narrow.angular()),
         ("unit length slack", UNIT_LENGTH_SLACK),
         ("greatest ratio of moments", Inertia::RATIO_MAX),
-        ("greatest difference of equal moments, as a share", Inertia::EQUAL),
+        (
+            "greatest difference of equal moments, as a share",
+            Inertia::EQUAL,
+        ),
     ];
     for (name, value) in shares {
         let row = format!("| {name} | {value:?} | `{:016x}` |", value.to_bits());
         assert!(text.contains(&row), "RECKONING.md lacks {row}");
     }
     let limits = [
-        ("horizon", TRACK_AGE_MAX.count() as i32),
+        ("TRACK_AGE_MAX", TRACK_AGE_MAX.count() as i32),
         (
-            "ticks divergence_time from rest",
+            "ticks of divergence from rest",
             REST_DIVERGENCE_TICKS.count() as i32,
         ),
         ("fine steps in a step", FINE_STEPS),

@@ -1,4 +1,4 @@
-//! The client's examples run against a server process, as their readers would run them.
+//! The client's examples run against a server process.
 //!
 //! Proved by what they print and how they end. The falling ball's path is known: it starts at 10 m and rests at 0.5 m.
 

@@ -44,6 +44,7 @@ const INDEX_BITS: u32 = 20;
 pub(crate) fn cases() -> Vec<NamedPacket> {
     let mut cases = Vec::new();
     heads(&mut cases);
+    repair_symbols(&mut cases);
     codes(&mut cases);
     numbers(&mut cases);
     keyframes(&mut cases);
@@ -118,6 +119,10 @@ fn heads(cases: &mut Vec<NamedPacket>) {
         "an loss_report that wants 33 repair_symbols",
         &[0x56, 0, 0, 0, 0, 33, 0],
     );
+}
+
+fn repair_symbols(cases: &mut Vec<NamedPacket>) {
+    let mut case = |name: &str, bytes: &[u8]| cases.push((name.to_owned(), bytes.to_vec()));
     let repair_symbol = [0x59, 0x71, 0x11, 3, 7, 1, 2, 3];
     for cut in 1..5 {
         case("a repair_symbol that ends too soon", &repair_symbol[..cut]);

@@ -195,16 +195,7 @@ impl FecEncoder {
                 requested.last.clone_from(&recent);
             }
         }
-        let longest = recent
-            .iter()
-            .map(|number| self.source_symbol(*number).len())
-            .max();
-        let from = recent.iter().copied().min().unwrap_or(received_below);
-        let numbers = (from..self.next.min(received_below)).filter(|number| {
-            let bytes = self.source_symbol(*number).len();
-            bytes > 0 && Some(bytes) <= longest
-        });
-        let numbers: Vec<u64> = numbers.collect();
+        let numbers = self.covered(&recent, received_below);
         for _ in 0..wanted {
             if let Some(sent) = self.encode_symbol(stream, &numbers) {
                 out.push(sent.datagram.clone());
@@ -222,6 +213,17 @@ impl FecEncoder {
             }
         }
         old
+    }
+
+    /// The packets that a repair symbol for these lost ones covers: none longer than the longest of them.
+    fn covered(&self, lost: &[u64], received_below: u64) -> Vec<u64> {
+        let bytes = |number: &u64| self.source_symbol(*number).len();
+        let longest = lost.iter().map(bytes).max();
+        let from = lost.iter().copied().min().unwrap_or(received_below);
+        let numbers = from..self.next.min(received_below);
+        numbers
+            .filter(|number| bytes(number) > 0 && Some(bytes(number)) <= longest)
+            .collect()
     }
 
     /// Encodes a repair symbol over these packets, in the least recently used row; `None` if there are no packets.

@@ -10,7 +10,7 @@ use rhumb_reckoning::{
 
 use super::acceleration::{ACCELERATIONS, accelerations};
 use super::errors::{Errors, Units, apart};
-use super::forecast::{ErrorForecast, Known, Pull};
+use super::forecast::{ErrorForecast, Known, ParentPull};
 use super::subject::{Context, Parent, Subject, share};
 use crate::packet::{Age, PredictionMode};
 
@@ -310,7 +310,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
         let each = Errors::of_position(acceleration, self.units.still);
         let (free, falls) = (self.forecast(&self.unaccelerated, lasts), &self.falls);
         ErrorForecast {
-            pull: Some(Pull {
+            pull: Some(ParentPull {
                 each,
                 falls: &falls.known,
             }),

@@ -46,7 +46,7 @@ impl<const N: usize> Known<N> {
 
 /// Effect of a constant acceleration on the known errors: its unit reduction, and the factor at each tick.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pull<'a> {
+pub(super) struct ParentPull<'a> {
     pub(super) each: Errors,
     pub(super) falls: &'a [f64],
 }
@@ -56,7 +56,7 @@ pub(super) struct Pull<'a> {
 pub(super) struct ErrorForecast<'a> {
     /// Errors at the published tick and at the known ticks after it.
     pub(super) known: &'a [Errors],
-    pub(super) pull: Option<Pull<'a>>,
+    pub(super) pull: Option<ParentPull<'a>>,
     /// Expected growth beyond the known ticks, per tick.
     pub(super) slope: Errors,
     /// Expected growth beyond the known ticks, per tick squared.

@@ -63,7 +63,7 @@ impl<'a> ModeDecision<'a> {
         let over = track
             .predictor
             .divergence_time(ticks, self.context.tracks.integrator().rate);
-        let update = Update {
+        let update = UpdateConditions {
             context: &self.context,
             subject,
             age,
@@ -92,7 +92,7 @@ impl<'a> ModeDecision<'a> {
     /// The decision with at most `N` known ticks, the published one included.
     fn decide_within<const N: usize>(
         &self,
-        update: &Update<'_>,
+        update: &UpdateConditions<'_>,
         ticks: Ticks,
     ) -> Option<(UpdatePayload, Track)> {
         let (subject, age) = (update.subject, update.age);
@@ -140,7 +140,7 @@ impl<'a> ModeDecision<'a> {
 
 /// The inputs for turning a choice into an update.
 #[derive(Clone, Copy, Debug)]
-struct Update<'u> {
+struct UpdateConditions<'u> {
     context: &'u Context<'u>,
     subject: &'u Subject<'u>,
     age: Age,
@@ -148,7 +148,7 @@ struct Update<'u> {
     over: Seconds,
 }
 
-impl Update<'_> {
+impl UpdateConditions<'_> {
     /// The update and the track of a choice, as a subscriber computes them; `None` if they break the tolerance or a
     /// limit.
     fn of(&self, candidate: &Candidate<'_>, choice: &Choice) -> Option<(UpdatePayload, Track)> {
