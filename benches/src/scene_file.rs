@@ -144,7 +144,7 @@ impl SceneFile {
             for command in &commands {
                 match command {
                     Command::AddShape { id, shape } => {
-                        shapes.push((*id, SceneFileShape::of(shape)))
+                        shapes.push((*id, SceneFileShape::of(shape)));
                     }
                     Command::AddBody { desc, motion } => {
                         if desc.material.is_some() || desc.damping.is_some() {

@@ -353,7 +353,7 @@ impl SceneRunner {
                 self.record_event(SceneEvent::BodyRemoved { id, cause });
             }
             Command::AddJoint { id, joint } => {
-                self.record_event(SceneEvent::JointAdded { id, joint })
+                self.record_event(SceneEvent::JointAdded { id, joint });
             }
             Command::RemoveJoint { id } => self.record_event(SceneEvent::JointRemoved { id }),
             Command::SetGravity { gravity } => {

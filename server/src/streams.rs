@@ -83,7 +83,7 @@ impl Stream {
     pub(crate) fn gravity_changes(&self) -> Vec<(Tick, Vec3)> {
         let publisher = self.sender.publisher().into_iter();
         let changes: Vec<_> = publisher
-            .flat_map(|publisher| publisher.gravity_changes())
+            .flat_map(rhumb_protocol::stream::Publisher::gravity_changes)
             .collect();
         if changes.len() > 1 {
             changes

@@ -148,7 +148,7 @@ fn quantised(rng: &mut PacketRng, predictor: Predictor) -> Keyframe {
         angular: rng.triple(1 << 10),
     };
     Keyframe {
-        predictor: predictor,
+        predictor,
         anchor: Anchor::Quantised(if predictor == Predictor::Rest {
             quantised.stilled()
         } else {
@@ -164,7 +164,7 @@ fn body_state(rng: &mut PacketRng, predictor: Predictor) -> Keyframe {
     let body_state = BodyState::new(position, [0.6, 0.0, -0.8, 0.0], linear, angular)
         .expect("the state is valid");
     Keyframe {
-        predictor: predictor,
+        predictor,
         anchor: Anchor::Exact(if predictor == Predictor::Rest {
             body_state.stilled()
         } else {

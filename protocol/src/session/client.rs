@@ -414,7 +414,7 @@ impl ClientSession {
         }
         match *scene_event {
             SceneEvent::BodyPlaced { desc, .. } => {
-                self.events.push_back(Event::BodyPlaced(desc.id))
+                self.events.push_back(Event::BodyPlaced(desc.id));
             }
             SceneEvent::BodyRemoved { id, cause } => {
                 self.upstream_state.remove(id);

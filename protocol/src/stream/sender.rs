@@ -147,7 +147,7 @@ impl StreamSender {
 
     /// Removes a body that left the scene.
     pub fn remove(&mut self, id: BodyId) {
-        with_publisher!(&mut self.source, publisher => publisher.remove(id))
+        with_publisher!(&mut self.source, publisher => publisher.remove(id));
     }
 
     /// Changes the gravity from this tick on.

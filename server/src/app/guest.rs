@@ -258,7 +258,7 @@ impl Guest {
             }
             // Where states use all capacity, only this message shows that time advances.
             (TimeAdvanced::Tcp, _) | (TimeAdvanced::Udp, Transport::Stream) => {
-                self.send_queue.lasting(&over)
+                self.send_queue.lasting(&over);
             }
         }
         self.send_queue.flush(self.states_to);

@@ -178,11 +178,11 @@ impl WorldMirror {
             Message::UpdateAngularVelocity((id, angular)) => {
                 let angular = within(angular, ANGULAR_MAX)?;
                 self.change(id.object, |actor| {
-                    actor.target_motion.angular = Some(angular)
+                    actor.target_motion.angular = Some(angular);
                 });
             }
             Message::ApplyForce(message) => {
-                self.push(message.actor.object, ActorPush::Force(message.force))?
+                self.push(message.actor.object, ActorPush::Force(message.force))?;
             }
             Message::ApplyTorque(message) => {
                 self.push(message.actor.object, ActorPush::Torque(message.torque))?;

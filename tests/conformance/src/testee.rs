@@ -195,10 +195,10 @@ impl Testee<'_> {
                 match self.task {
                     TesteeTask::Advance { .. } => self.advance(now),
                     TesteeTask::Change { to, .. } => {
-                        self.attempt(|session, _| session.subscribe(within(to)))
+                        self.attempt(|session, _| session.subscribe(within(to)));
                     }
                     TesteeTask::TakeAuthority { within } => {
-                        self.request_authority(*granted, within)
+                        self.request_authority(*granted, within);
                     }
                     TesteeTask::Subscribe { .. } | TesteeTask::Full | TesteeTask::Capped { .. } => {
                     }

@@ -88,7 +88,8 @@ pub fn upstream(data: &[u8]) {
                 }
             }
             _ => {
-                (packet_source.number, packet_source.tick) = (run.publisher.next_number(), run.tick)
+                (packet_source.number, packet_source.tick) =
+                    (run.publisher.next_number(), run.tick);
             }
         }
         run.check();

@@ -90,7 +90,7 @@ fn every_requirement_has_a_unique_name_in_its_clause() {
 fn every_must_should_or_may_belongs_to_a_requirement() {
     let mut violations = Vec::new();
     for document in Document::ALL {
-        for part in parts(&document.text()) {
+        for part in parts(document.text()) {
             let unnamed = unnamed(&part.text);
             let words = unnamed.split(|c: char| !c.is_ascii_uppercase());
             let mut bound = words.filter(|word| ["MUST", "SHOULD", "MAY"].contains(word));

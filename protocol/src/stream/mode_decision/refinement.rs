@@ -149,7 +149,7 @@ impl<'r> Refinement<'r> {
                             residual,
                             price,
                         },
-                    )
+                    );
                 };
                 note(residual, price);
                 if settings.features.sparse {

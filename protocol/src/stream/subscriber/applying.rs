@@ -28,7 +28,7 @@ impl Subscriber {
                 .previous_tracks
                 .keep(index, DenseTrack::new(&keyframe.track(tick))),
             UpdatePayload::Residual { .. } | UpdatePayload::Resting { .. } => {
-                self.drop_previous(index)
+                self.drop_previous(index);
             }
         }
     }

@@ -199,7 +199,7 @@ pub(super) fn tracks(rng: &mut VectorRng) -> Vec<CaseJson> {
         };
         let track = Track {
             origin: Tick::new(origin),
-            predictor: predictor,
+            predictor,
             anchor: Anchor::Quantised(anchor),
             parent: None,
         };
