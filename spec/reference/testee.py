@@ -40,7 +40,7 @@ def read(task):
         case ["subscribe", micrometres]:
             return Task(within(micrometres))
         case ["subscribe", micrometres, "budget", rate]:
-            budget = {"is": "within a budget", "bytes a second": int(rate), "bytes at once": 4000}
+            budget = {"is": "within a budget", "rate": int(rate), "burst": 4000}
             return Task(budget | {"choice": within(micrometres)})
         case ["subscribe", micrometres, "advance", ticks]:
             return Task(within(micrometres), ticks=int(ticks))
