@@ -1,6 +1,6 @@
 //! A subscriber that drops previous tracks loses nothing that it needs.
 //!
-//! Two subscribers receive the same datagrams of a stream with losses. One of them is told the earliest tick of
+//! Two subscribers receive the same datagrams of a stream with losses. One of them receives the earliest tick of
 //! interest again and again. From that tick on both predict the same motions, to the bit, with the same bounds.
 
 use bytes::Bytes;

@@ -1,4 +1,4 @@
-//! Runs a server behind real sockets until it is told to stop.
+//! Runs a server behind real sockets until a stop is requested.
 //!
 //! The function of the `rhumb-server` binary, callable by programs that embed it.
 
@@ -140,7 +140,7 @@ impl Server {
         self.workers = workers;
     }
 
-    /// Serves on the calling thread until `stop` is requested; then every client is told that the server is going
+    /// Serves on the calling thread until `stop` is requested; then every client learns that the server is going
     /// away.
     ///
     /// # Errors

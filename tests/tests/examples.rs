@@ -43,7 +43,7 @@ fn the_ball_of_the_first_example_falls_and_rests_on_the_floor() {
 fn the_avatar_of_the_second_example_pushes_boxes() {
     let ended = run(AVATAR);
     assert!(ended.out.contains("is pushed to"), "{}", ended.out);
-    assert!(ended.out.contains("updates in"), "{}", ended.out);
+    assert!(ended.out.contains("published the walk in"), "{}", ended.out);
 }
 
 #[test]

@@ -291,7 +291,7 @@ pub(super) fn decoding(bodies: u32, repeats: u32) -> Decoding {
         PredictionFloor::of((0..bodies).map(track), config().integrator, grid)
     };
     // Anchors in mid-run lie on the grid; anchors of a snapshot do not.
-    let snapped_track = |index| Track {
+    let quantised_track = |index| Track {
         anchor: Anchor::Quantised(QuantisedState::of(&impulse_state(index, 0).motion(), &grid)),
         ..track(index)
     };
@@ -300,7 +300,7 @@ pub(super) fn decoding(bodies: u32, repeats: u32) -> Decoding {
         first_ns: DecodeLoad::new(bodies).measure(repeats),
         update_ns: DecodeLoad::in_mid_run(bodies).measure(repeats),
         view_ms: RenderLoad::new(bodies).measure(repeats).as_secs_f64() * 1e3,
-        correcting_ns: floor(&snapped_track).correcting(often),
+        correcting_ns: floor(&quantised_track).correcting(often),
         predicting_ms: floor(&track).predicting(often).as_secs_f64() * 1e3,
     }
 }

@@ -59,7 +59,7 @@ struct FuzzedUpstream {
     honest: bool,
 }
 
-/// A script of ticks, impulses, faults and forged packets.
+/// A script of ticks, impulses, faults and invalid packets.
 pub fn upstream(data: &[u8]) {
     let mut script = Script::new(data);
     let mut run = FuzzedUpstream::new(&mut script);

@@ -50,7 +50,7 @@ pub(super) struct Sockets {
     pub(super) datagram_sender: Arc<DatagramSender>,
 }
 
-/// Carries bytes until it is told to end.
+/// Carries bytes until its end is requested.
 pub(super) async fn carry(
     sockets: Sockets,
     inputs: Sender<Input>,

@@ -23,7 +23,7 @@ use super::tuning::{
 use super::watch::ServerWatch;
 use crate::piece::ByteCredit;
 
-/// Accepts until it is told to end, then refuses the attempts that still arrive.
+/// Accepts until its end is requested, then refuses the attempts that still arrive.
 pub(super) async fn accept(
     endpoint: Endpoint,
     inputs: Sender<Input>,
