@@ -521,7 +521,7 @@ fn over_budget(cases: &mut Vec<NamedPacket>) {
             tick: Low16(6),
             scene_events: Low16(7),
         };
-        let name = "a watermark in arrears".to_owned();
+        let name = "a watermark over budget".to_owned();
         cases.push((name, silence.encode_over_budget(StreamId(5), error_scale)));
         let mut writer = UpdateWriter::new(StreamId(5), 70_000, 300, 12);
         let keyframe = every_keyframe()[0];
@@ -530,14 +530,14 @@ fn over_budget(cases: &mut Vec<NamedPacket>) {
             body: Some(9),
             payload: UpdatePayload::Keyframe(keyframe),
         }));
-        let name = "a packet in arrears".to_owned();
+        let name = "a packet over budget".to_owned();
         cases.push((name, writer.finish_over_budget(error_scale)));
     }
 }
 
 fn others(cases: &mut Vec<NamedPacket>) {
     for case in covered() {
-        cases.push(("a repair_symbol".to_owned(), case.repair_symbol));
+        cases.push(("a repair symbol".to_owned(), case.repair_symbol));
     }
     for (next, tick, scene_events) in [(0, 0, 0), (70_001, 301, 12)] {
         let low = |count| Low16::of(count);
@@ -560,7 +560,7 @@ fn others(cases: &mut Vec<NamedPacket>) {
             repair_symbols,
             lost,
         };
-        cases.push(("an loss_report".to_owned(), loss_report.encode(StreamId(5))));
+        cases.push(("a loss report".to_owned(), loss_report.encode(StreamId(5))));
     }
     let mut refresh = |name: &str, records: &[RefreshRecord]| {
         let mut writer = RefreshWriter::default();

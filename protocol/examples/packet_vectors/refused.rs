@@ -99,24 +99,24 @@ fn heads(cases: &mut Vec<NamedPacket>) {
     );
     case("bytes behind a watermark", &[&watermark[..], &[0]].concat());
     case(
-        "a watermark in arrears of no error_scale",
+        "a watermark over budget without an error scale",
         &[0x5c, 0, 1, 0, 2, 0, 3, 0],
     );
     case(
-        "a packet in arrears of no error_scale",
+        "a packet over budget without an error scale",
         &[0x5b, 0, 1, 0, 2, 0, 3, 0, 0],
     );
     case(
-        "a watermark in arrears that ends too soon",
+        "a watermark over budget that ends too soon",
         &[0x5c, 9, 1, 0, 2, 0, 3],
     );
-    case("an loss_report of 65 numbers", &[0x56, 0, 0, 0, 0, 0, 65]);
+    case("a loss report of 65 numbers", &[0x56, 0, 0, 0, 0, 0, 65]);
     case(
-        "an loss_report that ends too soon",
+        "a loss report that ends too soon",
         &[0x56, 0, 0, 0, 0, 0, 2, 1, 0],
     );
     case(
-        "an loss_report that wants 33 repair_symbols",
+        "a loss report that requests 33 repair symbols",
         &[0x56, 0, 0, 0, 0, 33, 0],
     );
 }
@@ -125,17 +125,17 @@ fn repair_symbols(cases: &mut Vec<NamedPacket>) {
     let mut case = |name: &str, bytes: &[u8]| cases.push((name.to_owned(), bytes.to_vec()));
     let repair_symbol = [0x59, 0x71, 0x11, 3, 7, 1, 2, 3];
     for cut in 1..5 {
-        case("a repair_symbol that ends too soon", &repair_symbol[..cut]);
+        case("a repair symbol that ends too soon", &repair_symbol[..cut]);
     }
-    case("a repair_symbol of row 128", &[0x59, 0x71, 0x11, 3, 128, 1]);
+    case("a repair symbol of row 128", &[0x59, 0x71, 0x11, 3, 128, 1]);
     let over = [0x59, 0x71, 0x11, 0x80, 0x80, 0x80, 0x80, 8, 7, 1];
-    case("a repair_symbol over 33 numbers", &over);
+    case("a repair symbol over 33 numbers", &over);
     case(
-        "a repair_symbol that ends in a zero",
+        "a repair symbol that ends in a zero",
         &[&repair_symbol[..], &[0]].concat(),
     );
     let sums = [&repair_symbol[..5], &[1; 1137]].concat();
-    case("a repair_symbol of 1137 sums", &sums);
+    case("a repair symbol of 1137 bytes", &sums);
 }
 
 fn codes(cases: &mut Vec<NamedPacket>) {
@@ -145,12 +145,12 @@ fn codes(cases: &mut Vec<NamedPacket>) {
     let assignment = || TestEncoder::default().code(0, ASSIGN_ALIAS);
     let placed = |test_encoder: TestEncoder| test_encoder.number(GAP[0], 0).raw(3, INDEX_BITS);
     case(
-        "a alias taken twice",
+        "an alias taken twice",
         placed(assignment().code(0, ASSIGN_ALIAS)),
     );
     let keyframe = placed(assignment().code(0, KEYFRAME));
-    case("a alias taken before a keyframe track", keyframe);
-    case("a alias taken before the end", assignment().code(0, END));
+    case("an alias taken before a keyframe track", keyframe);
+    case("an alias taken before the end", assignment().code(0, END));
     let held = |test_encoder: TestEncoder| {
         test_encoder
             .number(AGE + 2, 0)
@@ -186,9 +186,12 @@ fn numbers(cases: &mut Vec<NamedPacket>) {
         cases.push((name.to_owned(), state(&test_encoder.into_bytes())));
     };
     let aliased = |gap| all_still(TestEncoder::default().code(0, SAME).number(GAP[0], gap));
-    case("a alias beyond the last", aliased(INDICES_MAX).code(1, END));
+    case(
+        "an alias beyond the last",
+        aliased(INDICES_MAX).code(1, END),
+    );
     let after = aliased(INDICES_MAX - 1).code(1, SAME).number(GAP[1], 0);
-    case("a alias after the last", all_still(after).code(1, END));
+    case("an alias after the last", all_still(after).code(1, END));
     case(
         "an age beyond the greatest",
         first_update(SAME).number(AGE, 1 << 30).raw(1, 8),
@@ -355,7 +358,7 @@ fn endless_numbers(cases: &mut Vec<NamedPacket>) {
         wide = wide.raw(1, 1);
     }
     case(
-        "a number beyond 32 bits, or a alias beyond the last",
+        "a number beyond 32 bits, or an alias beyond the last",
         wide.raw(0, 1).raw(0x3fff_ffff, 30).raw(1, 8),
     );
 }

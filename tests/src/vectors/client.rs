@@ -38,14 +38,14 @@ pub(super) fn cases() -> Vec<MessageCase> {
     for kind in [17, 0x7f] {
         cases.add(
             kind,
-            format!("a critical type {kind} that nobody knows"),
+            format!("a critical type {kind} that is unknown"),
             &[&[1]],
         );
     }
     for kind in [0x80, 0x8a, 0xff] {
         cases.add(
             kind,
-            format!("an optional type {kind} that nobody knows"),
+            format!("an optional type {kind} that is unknown"),
             &[&[1, 2, 3]],
         );
     }
@@ -225,14 +225,14 @@ fn pushes(cases: &mut CaseList) {
     for code in [13, 0x7f] {
         cases.add(
             7,
-            format!("a critical command {code} that nobody knows"),
+            format!("a critical command {code} that is unknown"),
             &[&[code, 1]],
         );
     }
     for code in [0x80, 0x9a, 0xff] {
         cases.add(
             7,
-            format!("an optional command {code} that nobody knows"),
+            format!("an optional command {code} that is unknown"),
             &[&[code, 1]],
         );
     }

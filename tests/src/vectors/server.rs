@@ -80,14 +80,14 @@ fn others(cases: &mut CaseList) {
     for kind in [17, 0x7f] {
         cases.add(
             kind,
-            format!("a critical type {kind} that nobody knows"),
+            format!("a critical type {kind} that is unknown"),
             &[&[1]],
         );
     }
     for kind in [0x80, 0x8a, 0xff] {
         cases.add(
             kind,
-            format!("an optional type {kind} that nobody knows"),
+            format!("an optional type {kind} that is unknown"),
             &[&[1, 2, 3]],
         );
     }
@@ -243,14 +243,14 @@ fn scene_events(cases: &mut CaseList) {
     for code in [8, 0x7f] {
         cases.add(
             11,
-            format!("a critical scene_event {code} that nobody knows"),
+            format!("a critical scene event {code} that is unknown"),
             &[&[code, 1]],
         );
     }
     for code in [0x80, 0x9a, 0xff] {
         cases.add(
             11,
-            format!("an optional scene_event {code} that nobody knows"),
+            format!("an optional scene event {code} that is unknown"),
             &[&[code, 1]],
         );
     }

@@ -11,6 +11,7 @@ use crate::house::{File, files, report, sources};
 const RETIRED: &[&str] = &[
     "abreast",
     "amended",
+    "arrears",
     "believed",
     "believes",
     "foreseen",
@@ -28,6 +29,7 @@ const RETIRED: &[&str] = &[
     "namings",
     "newcomer",
     "newcomers",
+    "nobody",
     "outlook",
     "parities",
     "parity",
