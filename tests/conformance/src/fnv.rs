@@ -9,7 +9,7 @@ use rhumb_reckoning::Motion;
 pub struct Fnv(u64);
 
 impl Fnv {
-    /// The hash of no bytes. Source: Fowler, Noll and Vo, the 64-bit constants, like [`Self::PRIME`].
+    /// The hash of no bytes. Source: Fowler, Noll and Vo, the 64-bit constants.
     pub const START: Self = Self(0xcbf2_9ce4_8422_2325);
 
     const PRIME: u64 = 0x0000_0100_0000_01b3;
