@@ -35,7 +35,9 @@ pub use server_loop::ServeError;
 pub use statistics::{ServerStatistics, WireStatistics};
 pub use stop::Stop;
 pub use trust::Trust;
+#[cfg(feature = "raw")]
 pub(crate) use trust::client_tls;
+#[cfg(feature = "raw")]
 pub(crate) use tuning::ALPN;
 pub use tuning::DATAGRAM_BYTES_MIN;
 pub use watch::ServerWatch;

@@ -88,6 +88,7 @@ pub(super) fn tls(
 /// # Errors
 ///
 /// The file of roots cannot be used.
+#[cfg(feature = "raw")]
 pub(crate) fn client_tls(trust: &Trust) -> Result<Arc<rustls::ClientConfig>, CertificateError> {
     tls(trust).map(|(tls, _)| tls)
 }
