@@ -426,7 +426,7 @@ mod tests {
         let next = sender.next_number();
         let report = LossReport {
             next: Low16::of(next),
-            gone: Low16::of(1),
+            abandoned: Low16::of(1),
             repair_symbols: 0,
             lost: alloc::vec![Low16::of(next - 1)],
         };
