@@ -1,12 +1,11 @@
 //! Tasks on a recording, and the cost task, write complete results.
 
-#[path = "support/bounce.rs"]
-mod bounce;
-
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
+
+use crate::bounce;
 
 /// Output of a task.
 struct Done {
