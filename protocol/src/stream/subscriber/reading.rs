@@ -18,6 +18,10 @@ use crate::wire::Malformed;
 
 impl Subscriber {
     pub(super) fn read(&mut self, datagram: &Datagram<'_>) {
+        // Only a new snapshot helps (PROTOCOL 6.7-10).
+        if self.lost_sync {
+            return;
+        }
         if self.try_read(datagram).is_err() {
             self.statistics.malformed += 1;
         }

@@ -13,9 +13,10 @@ use rhumb_client::{
 };
 use rhumb_protocol::session::Misuse;
 use rhumb_sims::Script;
-use rhumb_tests::{Avatars, Programme, ServerProcess};
+use rhumb_tests::{Avatars, ServerProcess};
 
-const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
+use crate::SERVER;
+
 /// A tolerance of two centimetres.
 const CLOSE: Tolerance = Tolerance::FINE;
 /// The same in metres, plus rounding to f32.

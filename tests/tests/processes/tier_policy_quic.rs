@@ -12,9 +12,10 @@ use rhumb_client::{
 };
 use rhumb_netsim::{LinkConfig, UdpRelay};
 use rhumb_sims::{BallPit, Script};
-use rhumb_tests::{Programme, ServerProcess};
+use rhumb_tests::ServerProcess;
 
-const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
+use crate::SERVER;
+
 const EXACT: StreamChoice = StreamChoice::Within(Tolerance::EXACT);
 const BALLS: u32 = 40;
 

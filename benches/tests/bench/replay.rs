@@ -2,9 +2,6 @@
 //!
 //! The recording shows boxes that bounce lower and lower and then fall asleep, in the format of a foreign engine.
 
-#[path = "support/bounce.rs"]
-mod bounce;
-
 use std::num::NonZeroU32;
 
 use rhumb_bench::record::{Cause, Experiment, Load, Run};
@@ -16,7 +13,7 @@ use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Metres, Tick, Ticks, Tolerance};
 
-use bounce::{FRAMES, packed, unpacked};
+use crate::bounce::{self, FRAMES, packed, unpacked};
 
 fn recording() -> Recording {
     rhtrace::read("bounce", &packed()).expect("the recording is valid")

@@ -23,10 +23,11 @@ use rhumb_protocol::Ending;
 use rhumb_protocol::session::Misuse;
 use rhumb_reckoning::{Tick, Ticks};
 use rhumb_sims::{BallPit, Script};
-use rhumb_tests::{Programme, ServerProcess};
+use rhumb_tests::ServerProcess;
 use rhumb_transport::{ConnectError, TransportCode};
 
-const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
+use crate::SERVER;
+
 /// A free port of loopback.
 const ANYWHERE: &str = "127.0.0.1:0";
 

@@ -1,17 +1,15 @@
 //! Traces read back by the format's own library.
 
-mod support;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::PathBuf;
 
+use crate::support::experiment;
 use foxglove::messages::{SceneEntity, SceneUpdate};
 use mcap::records::Metadata;
 use mcap::sans_io::IndexedReaderOptions;
 use prost::Message;
 use rhumb_bench::trace::{self, Progress, TraceError, TraceOptions};
-use support::experiment;
 
 /// Draws every tick; bodies count as resting after one tick.
 const FINE: TraceOptions = TraceOptions {

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use prost::Message;
 use prost_types::{DescriptorProto, EnumDescriptorProto, FileDescriptorSet};
 
-const SOURCE: &str = include_str!("../proto/rhumb.proto");
-const COMPILED: &[u8] = include_bytes!("../proto/rhumb.binpb");
+const SOURCE: &str = include_str!("../../proto/rhumb.proto");
+const COMPILED: &[u8] = include_bytes!("../../proto/rhumb.binpb");
 
 /// Names and numbers of the fields of each message and the values of each enumeration.
 type Named = BTreeMap<String, Vec<(String, i32)>>;

@@ -7,9 +7,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use rhumb_client::scene::{BodyDesc, Command, Shape};
 use rhumb_client::{BodyId, Client, Event, PipelineDepth, Trust};
 use rhumb_reckoning::Tick;
-use rhumb_tests::Programme;
 
-const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
+use crate::SERVER;
 
 #[test]
 fn two_clients_that_add_equal_bodies_at_once_share_the_shapes_and_no_ids() {

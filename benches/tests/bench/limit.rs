@@ -1,8 +1,5 @@
 //! A limit holds its tolerance and never exceeds a publisher's needs.
 
-#[path = "support/bounce.rs"]
-mod bounce;
-
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
 
@@ -17,6 +14,8 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{
     BodyId, BodyState, Damping, Integrator, Metres, Rate, Tick, Ticks, Tolerance,
 };
+
+use crate::bounce;
 
 const TICKS: u64 = 300;
 

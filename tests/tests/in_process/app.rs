@@ -12,11 +12,11 @@ use rhumb_protocol::Instant;
 use rhumb_server::{AppOptions, ServerLoop, States, TimeAdvanced};
 use rhumb_tests::{Dice, PluginSession, Recording, falling, seed};
 
-const ZOO: &[u8] = include_bytes!("../data/app/harness_zoo.zst");
-const BALLS: &[u8] = include_bytes!("../data/app/harness_balls.zst");
-const AVATAR: &[u8] = include_bytes!("../data/app/harness_avatar.zst");
-const REGION: &[u8] = include_bytes!("../data/app/region_start.zst");
-const REGION_BALLS: &[u8] = include_bytes!("../data/app/region_balls_avatar.zst");
+const ZOO: &[u8] = include_bytes!("../../data/app/harness_zoo.zst");
+const BALLS: &[u8] = include_bytes!("../../data/app/harness_balls.zst");
+const AVATAR: &[u8] = include_bytes!("../../data/app/harness_avatar.zst");
+const REGION: &[u8] = include_bytes!("../../data/app/region_start.zst");
+const REGION_BALLS: &[u8] = include_bytes!("../../data/app/region_balls_avatar.zst");
 
 fn server() -> ServerLoop {
     ServerLoop::new(|| Instant::ZERO)

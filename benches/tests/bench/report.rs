@@ -1,10 +1,8 @@
 //! The page holds every run, draws with valid SVG, and is self-contained.
 
-mod support;
-
+use crate::support::experiment;
 use rhumb_bench::report;
 use rhumb_bench::summary::Summary;
-use support::experiment;
 
 fn page() -> String {
     let experiment = experiment();

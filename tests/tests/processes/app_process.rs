@@ -12,12 +12,13 @@ use glam::Vec3;
 use rhumb_app::{Kind, Logon, Message, MessageFraming};
 use rhumb_client::scene::Shape;
 use rhumb_client::{Client, ClientError, JoinMode, JoinOptions, PipelineDepth, Tick, Trust};
-use rhumb_tests::{Programme, Recording, ServerProcess, falling};
+use rhumb_tests::{Recording, ServerProcess, falling};
 
-const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
+use crate::SERVER;
+
 const ANYWHERE: &str = "127.0.0.1:0";
-const ZOO: &[u8] = include_bytes!("../data/app/harness_zoo.zst");
-const BALLS: &[u8] = include_bytes!("../data/app/harness_balls.zst");
+const ZOO: &[u8] = include_bytes!("../../data/app/harness_zoo.zst");
+const BALLS: &[u8] = include_bytes!("../../data/app/harness_balls.zst");
 /// Time limit of every wait.
 const TIME_LIMIT: Duration = Duration::from_secs(60);
 

@@ -1,10 +1,8 @@
 //! Figures of a small experiment, computed by hand.
 
-mod support;
-
+use crate::support::experiment;
 use rhumb_bench::record::Mode;
 use rhumb_bench::summary::{RunFigures, Summary};
-use support::experiment;
 
 fn figures(mode: Mode) -> RunFigures {
     let summary = Summary::of(&experiment());

@@ -4,7 +4,8 @@
 
 use rhumb_tests::{Ended, Programme};
 
-const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
+use crate::SERVER;
+
 const DROP: Programme = Programme(env!("CARGO_BIN_EXE_example-drop"));
 const AVATAR: Programme = Programme(env!("CARGO_BIN_EXE_example-avatar"));
 
