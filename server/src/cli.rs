@@ -13,6 +13,7 @@ use std::thread;
 use std::time::Duration;
 
 use clap::{Parser, ValueEnum};
+use rhumb_protocol::Span;
 use rhumb_transport::{AppListen, Stop};
 use tracing::level_filters::LevelFilter;
 
@@ -44,6 +45,9 @@ pub struct Arguments {
     /// Number of threads to step on, shared by all scenes; more than one needs the feature `parallel`.
     #[arg(long, default_value = "1")]
     threads: NonZeroU32,
+    /// Seconds after which a scene without members ends; 0 keeps it until a client deletes it.
+    #[arg(long, default_value_t = 600)]
+    empty_scene_seconds: u32,
     /// TCP and UDP address for APP clients, such as OpenSimulator's RemotePhysics plug-in.
     #[arg(long)]
     app_listen: Option<SocketAddr>,
@@ -149,6 +153,10 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
     let stop = Stop::new();
     let mut server = Server::bind(arguments.listen, &identity)?;
     server.employ(workers);
+    if arguments.empty_scene_seconds > 0 {
+        let milliseconds = u64::from(arguments.empty_scene_seconds) * 1_000;
+        server.expire_empty_scenes(Span::from_millis(milliseconds));
+    }
     if let Some(hooks) = hooks {
         server.attach(hooks);
     }
