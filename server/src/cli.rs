@@ -2,17 +2,17 @@
 //!
 //! Start-up lines go to standard output, one fact a line, for readers and scripts; the log goes to standard error.
 
+use std::error::Error;
 use std::io::{IsTerminal, Write};
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Parser, ValueEnum};
-use rhumb_transport::{AppListen, Stop};
+use clap::Parser;
+use rhumb_transport::Stop;
 use tracing::level_filters::LevelFilter;
 
-use crate::app::{AppOptions, Datagrams, States, TimeAdvanced};
 use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::serve::{Identity, RunError, Server, run_on_cores};
@@ -39,70 +39,9 @@ pub struct Arguments {
     /// Number of threads to step on, shared by all scenes; more than one needs the feature `parallel`.
     #[arg(long, default_value = "1")]
     threads: NonZeroU32,
-    /// TCP and UDP address for APP clients, such as OpenSimulator's RemotePhysics plug-in.
-    #[arg(long)]
-    app_listen: Option<SocketAddr>,
-    /// How APP clients learn that a frame is over.
-    #[arg(long, value_enum, default_value = "tcp", requires = "app_listen")]
-    app_time_advanced: FrameEnd,
-    /// Bodies whose state is sent to APP clients in each frame.
-    #[arg(long, value_enum, default_value = "changed", requires = "app_listen")]
-    app_states: StateSelection,
-    /// Datagrams to each APP client in about a millisecond; 0 for no limit.
-    #[arg(long, default_value_t = 64, requires = "app_listen")]
-    app_datagram_rate: u32,
-    /// Pack as many states in a datagram as fit, for measurements: the plug-in reads only the first.
-    #[arg(long, requires = "app_listen")]
-    app_packed: bool,
-}
-
-/// How APP clients learn that a frame is over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum FrameEnd {
-    /// On TCP, where the message is not lost.
-    Tcp,
-    /// By the last datagram.
-    Udp,
-    /// Not at all: saves the plug-in the cost of its lists.
-    Never,
-}
-
-/// Bodies whose state is sent to APP clients.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum StateSelection {
-    /// Every body that can move.
-    All,
-    /// Every body that is awake.
-    Active,
-    /// Every body that has moved since its last sent state.
-    Changed,
-}
-
-impl Arguments {
-    fn app(&self) -> (Option<AppListen>, AppOptions) {
-        let listen = self.app_listen.map(|address| AppListen {
-            address,
-            datagrams_per_ms: (self.app_datagram_rate > 0).then_some(self.app_datagram_rate),
-        });
-        let options = AppOptions {
-            time_advanced: match self.app_time_advanced {
-                FrameEnd::Tcp => TimeAdvanced::Tcp,
-                FrameEnd::Udp => TimeAdvanced::Udp,
-                FrameEnd::Never => TimeAdvanced::Never,
-            },
-            states: match self.app_states {
-                StateSelection::All => States::All,
-                StateSelection::Active => States::Active,
-                StateSelection::Changed => States::Changed,
-            },
-            datagrams: if self.app_packed {
-                Datagrams::Packed
-            } else {
-                Datagrams::Single
-            },
-        };
-        (listen, options)
-    }
+    #[cfg(feature = "app")]
+    #[command(flatten)]
+    app: crate::app_arguments::AppArguments,
 }
 
 /// Runs a server until SIGINT or SIGTERM. Exit code 0 after such a stop, 1 when it cannot start or fails.
@@ -129,11 +68,10 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
     }
 }
 
-fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
+fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), Box<dyn Error>> {
     if !arguments.core.is_empty() {
         run_on_cores(&arguments.core)?;
     }
-    let (app_listen, app_options) = arguments.app();
     let workers = Workers::new(Some(arguments.threads)).map_err(RunError::Workers)?;
     let identity = match (arguments.cert, arguments.key) {
         (Some(certificate), Some(key)) => Identity::Files { certificate, key },
@@ -145,10 +83,10 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
     if let Some(hooks) = hooks {
         server.attach(hooks);
     }
-    let app = match app_listen {
-        Some(listen) => Some(server.listen_app(listen, app_options)?),
-        None => None,
-    };
+    #[cfg(feature = "app")]
+    let app = arguments.app.listen(&mut server)?;
+    #[cfg(not(feature = "app"))]
+    let app = None;
     let requested = stop.clone();
     // Fails only when a handler is installed already: its owner decides when to stop.
     if let Err(cause) = ctrlc::set_handler(move || requested.stop()) {

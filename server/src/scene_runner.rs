@@ -4,7 +4,8 @@
 //! observe, send.
 
 mod authority;
-mod leader;
+#[cfg(feature = "app")]
+mod owner;
 mod subscriptions;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -58,8 +59,8 @@ pub(crate) struct SceneRunner {
     last_step: Instant,
     times: Times,
     faulted: bool,
-    /// Whether an APP client leads the scene: only that client steps and ends it.
-    led: bool,
+    /// Whether a client of another protocol owns the scene: only that client steps and ends it.
+    owned: bool,
 }
 
 /// A free-running scene that is later than so many steps slows down instead of catching up.
@@ -86,7 +87,7 @@ impl SceneRunner {
             last_step: Instant::ZERO,
             times: Times::default(),
             faulted: false,
-            led: false,
+            owned: false,
         }
     }
 
@@ -97,6 +98,11 @@ impl SceneRunner {
 
     pub(crate) fn config(&self) -> &SceneConfig {
         self.scene.config()
+    }
+
+    /// Whether a client of another protocol owns the scene.
+    pub(crate) const fn is_owned(&self) -> bool {
+        self.owned
     }
 
     pub(crate) fn members(&self) -> impl Iterator<Item = Peer> {
@@ -308,7 +314,7 @@ impl SceneRunner {
         let too_far = to.value() > self.scene.tick().value() + ADVANCE_TICKS_MAX;
         match self.config().stepping {
             Stepping::FreeRunning => Some(Denial::NotLockstep),
-            Stepping::Lockstep if self.led => Some(Denial::Led),
+            Stepping::Lockstep if self.owned => Some(Denial::Led),
             Stepping::Lockstep if self.faulted => Some(Denial::SceneFaulted),
             Stepping::Lockstep if too_far => Some(Denial::TooFarAhead),
             Stepping::Lockstep => None,

@@ -8,11 +8,10 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use rhumb_transport::{
-    AppBindError, AppListen, BindError, Certificate, CertificateError, Clock, Fingerprint,
-    QuicServer, ServeError, ServerOptions, ServerStatistics, Stop,
+    BindError, Certificate, CertificateError, Clock, Fingerprint, QuicServer, ServeError,
+    ServerOptions, ServerStatistics, Stop,
 };
 
-use crate::app::AppOptions;
 use crate::engine::{Workers, WorkersError};
 use crate::hook::Hooks;
 use crate::server_loop::ServerLoop;
@@ -35,8 +34,9 @@ pub enum Identity {
 pub struct Server {
     transport: QuicServer,
     hooks: Option<Hooks>,
-    app: AppOptions,
     workers: Workers,
+    /// Passes the server loop the input of a listener of another protocol.
+    also: Option<Box<dyn FnMut(&mut ServerLoop) + Send>>,
 }
 
 /// Reason why a server did not start, or stopped by itself.
@@ -46,8 +46,6 @@ pub enum RunError {
     Certificate(CertificateError),
     /// Listening at the address failed.
     Bind(BindError),
-    /// Listening at the address for APP clients failed.
-    AppBind(AppBindError),
     /// Binding the threads to cores failed.
     Cores {
         /// The cores.
@@ -66,7 +64,6 @@ impl fmt::Display for RunError {
         match self {
             Self::Certificate(cause) => cause.fmt(f),
             Self::Bind(cause) => cause.fmt(f),
-            Self::AppBind(cause) => cause.fmt(f),
             Self::Cores { cores, cause } => {
                 let cores: Vec<_> = cores.iter().map(usize::to_string).collect();
                 write!(f, "cannot run on cores {} alone: {cause}", cores.join(","))
@@ -99,8 +96,8 @@ impl Server {
         Ok(Self {
             transport,
             hooks: None,
-            app: AppOptions::default(),
             workers: Workers::default(),
+            also: None,
         })
     }
 
@@ -116,18 +113,16 @@ impl Server {
         self.transport.fingerprint()
     }
 
-    /// Listens for APP clients too, and returns the address.
-    ///
-    /// # Errors
-    ///
-    /// [`RunError::AppBind`] for an address that cannot be used.
-    pub fn listen_app(
-        &mut self,
-        listen: AppListen,
-        options: AppOptions,
-    ) -> Result<SocketAddr, RunError> {
-        self.app = options;
-        self.transport.listen_app(listen).map_err(RunError::AppBind)
+    /// Serves clients of another protocol on the same thread: `serve` is called after each wake.
+    #[cfg(feature = "app")]
+    pub(crate) fn serve_also(&mut self, serve: impl FnMut(&mut ServerLoop) + Send + 'static) {
+        self.also = Some(Box::new(serve));
+    }
+
+    /// Wakes the thread of the server.
+    #[cfg(feature = "app")]
+    pub(crate) fn waker(&self) -> rhumb_transport::Waker {
+        self.transport.waker()
     }
 
     /// Sets the hooks of later scenes.
@@ -153,9 +148,9 @@ impl Server {
         if let Some(hooks) = self.hooks {
             server_loop.attach(hooks);
         }
-        server_loop.configure_app(self.app);
+        let mut also = self.also.unwrap_or_else(|| Box::new(|_| {}));
         self.transport
-            .run_app(&mut server_loop, stop)
+            .run_with(&mut server_loop, stop, &mut also)
             .map_err(RunError::Serve)
     }
 }

@@ -21,6 +21,7 @@ mod statistics;
 mod stop;
 mod trust;
 mod tuning;
+mod waker;
 mod watch;
 
 pub use certificate::{Certificate, CertificateError};
@@ -29,7 +30,6 @@ pub use code::TransportCode;
 pub use connect_error::ConnectError;
 pub use fingerprint::{Fingerprint, FingerprintError};
 pub use inbox::Received;
-pub(crate) use input::Input;
 pub use server::{BindError, QuicServer, ServerOptions};
 pub use server_loop::ServeError;
 pub use statistics::{ServerStatistics, WireStatistics};
@@ -40,4 +40,5 @@ pub(crate) use trust::client_tls;
 #[cfg(feature = "raw")]
 pub(crate) use tuning::ALPN;
 pub use tuning::DATAGRAM_BYTES_MIN;
+pub use waker::Waker;
 pub use watch::ServerWatch;

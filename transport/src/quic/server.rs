@@ -24,9 +24,9 @@ use super::server_loop::{EndpointLoop, ServeError};
 use super::statistics::ServerStatistics;
 use super::stop::Stop;
 use super::tuning;
+use super::waker::Waker;
 use super::watch::ServerWatch;
-use crate::app::{AppBindError, AppEndpoint, AppHooks, AppListen, AppListener};
-use crate::socket;
+use crate::socket::{bind_udp, io_runtime};
 
 /// Address and certificate of a server.
 #[derive(Clone, Debug)]
@@ -45,7 +45,6 @@ pub struct QuicServer {
     inputs: mpsc::Receiver<Input>,
     wake: mpsc::Sender<Input>,
     watch: ServerWatch,
-    listener: Option<AppListener>,
     io: IoThread,
 }
 
@@ -92,8 +91,8 @@ impl QuicServer {
         let mut local = EndpointConfig::default();
         local.cid_generator(move || Box::new(Short::new(Arc::clone(&provider))));
         let config = tuning::server(certificate.tls()).map_err(BindError::Tls)?;
-        let socket = socket::bind(listen).map_err(address)?;
-        let runtime = socket::runtime().map_err(BindError::Thread)?;
+        let socket = bind_udp(listen).map_err(address)?;
+        let runtime = io_runtime().map_err(BindError::Thread)?;
         let endpoint = {
             let _inside = runtime.enter();
             quinn::Endpoint::new(local, Some(config), socket, Arc::new(TokioRuntime))
@@ -119,7 +118,6 @@ impl QuicServer {
             inputs,
             wake,
             watch,
-            listener: None,
             io: IoThread {
                 end: Some(end),
                 thread: Some(thread),
@@ -145,29 +143,10 @@ impl QuicServer {
         self.watch.clone()
     }
 
-    /// Opens the listener for APP clients and returns its address. Its clients wait until [`run_app`](Self::run_app).
-    ///
-    /// # Errors
-    ///
-    /// [`AppBindError`] names the address or the thread that failed.
-    pub fn listen_app(&mut self, listen: AppListen) -> Result<SocketAddr, AppBindError> {
-        let listener = AppListener::open(listen, self.wake.clone())?;
-        let address = listener.address();
-        self.listener = Some(listener);
-        Ok(address)
-    }
-
-    /// As [`run`](Self::run), with APP clients.
-    ///
-    /// # Errors
-    ///
-    /// [`ServeError`] if the I/O thread has ended.
-    pub fn run_app<E: AppEndpoint>(
-        self,
-        endpoint: &mut E,
-        stop: &Stop,
-    ) -> Result<ServerStatistics, ServeError> {
-        self.run_with(endpoint, stop, &AppHooks::of_endpoint())
+    /// Wakes the thread of this server once it runs.
+    #[must_use]
+    pub fn waker(&self) -> Waker {
+        Waker(self.wake.clone())
     }
 
     /// Feeds and drains `endpoint` on the calling thread until `stop` is requested.
@@ -186,20 +165,26 @@ impl QuicServer {
         endpoint: &mut E,
         stop: &Stop,
     ) -> Result<ServerStatistics, ServeError> {
-        self.run_with(endpoint, stop, &AppHooks::none())
+        self.run_with(endpoint, stop, |_| {})
     }
 
-    fn run_with<E: Endpoint>(
+    /// As [`run`](Self::run). `serve_others` passes the endpoint the input of other listeners; it is called after each
+    /// [`Waker::wake`].
+    ///
+    /// # Errors
+    ///
+    /// [`ServeError`] if the I/O thread has ended.
+    pub fn run_with<E: Endpoint>(
         self,
         endpoint: &mut E,
         stop: &Stop,
-        app: &AppHooks<E>,
+        serve_others: impl FnMut(&mut E),
     ) -> Result<ServerStatistics, ServeError> {
         let wake = self.wake.clone();
         // If the server loop has ended, there is nothing to wake.
         stop.on_stop(move || drop(wake.send(Input::Stop)));
-        let mut server_loop = EndpointLoop::new(self.inputs, self.watch.clone(), self.listener);
-        let outcome = server_loop.run(endpoint, app);
+        let mut server_loop = EndpointLoop::new(self.inputs, self.watch.clone());
+        let outcome = server_loop.run(endpoint, serve_others);
         server_loop.close_all();
         drop(self.io);
         outcome.map(|()| self.watch.statistics())

@@ -16,7 +16,6 @@ use super::code::TransportCode;
 use super::input::{Input, PeerHandles};
 use super::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
 use super::watch::ServerWatch;
-use crate::app::{AppHooks, AppListener};
 use crate::clock::Clock;
 use crate::link_meter::LinkMeter;
 
@@ -36,7 +35,6 @@ pub(super) struct EndpointLoop {
     /// Datagrams of the present drain: they leave after its control bytes, so that both can share a packet.
     states: Vec<(Peer, Bytes)>,
     watch: ServerWatch,
-    listener: Option<AppListener>,
 }
 
 #[derive(Debug)]
@@ -66,18 +64,13 @@ enum LoopControl {
 const INPUTS_PER_TURN: usize = 256;
 
 impl EndpointLoop {
-    pub(super) fn new(
-        inputs: Receiver<Input>,
-        watch: ServerWatch,
-        listener: Option<AppListener>,
-    ) -> Self {
+    pub(super) fn new(inputs: Receiver<Input>, watch: ServerWatch) -> Self {
         Self {
             clock: Clock::start(),
             inputs,
             peers: BTreeMap::new(),
             states: Vec::new(),
             watch,
-            listener,
         }
     }
 
@@ -85,15 +78,13 @@ impl EndpointLoop {
     pub(super) fn run<E: Endpoint>(
         &mut self,
         endpoint: &mut E,
-        app: &AppHooks<E>,
+        mut serve_others: impl FnMut(&mut E),
     ) -> Result<(), ServeError> {
         loop {
             self.report(endpoint);
+            serve_others(endpoint);
             self.drain(endpoint);
-            if let Some(listener) = &mut self.listener {
-                app.drain(endpoint, listener);
-            }
-            if self.wait(endpoint, app)? == LoopControl::Stop {
+            if self.wait(endpoint)? == LoopControl::Stop {
                 return Ok(());
             }
             let now = self.clock.now();
@@ -117,11 +108,7 @@ impl EndpointLoop {
     }
 
     /// Waits for an input or the endpoint's next moment, and handles the input.
-    fn wait<E: Endpoint>(
-        &mut self,
-        endpoint: &mut E,
-        app: &AppHooks<E>,
-    ) -> Result<LoopControl, ServeError> {
+    fn wait<E: Endpoint>(&mut self, endpoint: &mut E) -> Result<LoopControl, ServeError> {
         let first = match endpoint.poll_timeout() {
             Some(wake) => match self.inputs.recv_timeout(self.clock.until(wake.at)) {
                 Ok(input) => input,
@@ -132,7 +119,7 @@ impl EndpointLoop {
         };
         let mut input = first;
         for _ in 0..INPUTS_PER_TURN {
-            if self.handle(endpoint, app, input)? == LoopControl::Stop {
+            if self.handle(endpoint, input)? == LoopControl::Stop {
                 return Ok(LoopControl::Stop);
             }
             input = match self.inputs.try_recv() {
@@ -141,13 +128,12 @@ impl EndpointLoop {
                 Err(TryRecvError::Disconnected) => return Err(ServeError::IoThreadLost),
             };
         }
-        self.handle(endpoint, app, input)
+        self.handle(endpoint, input)
     }
 
     fn handle<E: Endpoint>(
         &mut self,
         endpoint: &mut E,
-        app: &AppHooks<E>,
         input: Input,
     ) -> Result<LoopControl, ServeError> {
         let now = self.clock.now();
@@ -178,11 +164,7 @@ impl EndpointLoop {
                 self.peers.remove(&peer);
                 endpoint.handle_ended(now, peer, ending);
             }
-            Input::App(input) => {
-                if let Some(listener) = &mut self.listener {
-                    app.handle(endpoint, now, input, listener);
-                }
-            }
+            Input::Wake => {}
             Input::Stop => return Ok(LoopControl::Stop),
             Input::IoOver => return Err(ServeError::IoThreadLost),
         }
