@@ -116,7 +116,7 @@ fn record(index: u32, age: u32, x: f32) -> RefreshRecord {
 
 /// The parts of a refresh.
 fn refresh(lost: u64, tick: u64, scene_events: u64, records: &[RefreshRecord]) -> Vec<Vec<u8>> {
-    let mut writer = RefreshWriter::default();
+    let mut writer = RefreshWriter::within(LargestPacket::DEFAULT);
     records.iter().for_each(|record| writer.push(record));
     writer.finish(STREAM, lost, tick, scene_events)
 }
