@@ -61,44 +61,79 @@ fn tried(name: &str, arguments: &[&str]) -> Done {
     }
 }
 
+/// The root of the sources, in which an ablation counts lines and requirements.
+const CHECKOUT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+
 #[test]
-fn an_ablation_has_a_row_for_each_feature_beside_all_on() {
-    let done = task("ablate", &["ablate", "--tolerance", "0.02"]);
-    let without: Vec<_> = done
-        .runs()
-        .iter()
-        .map(|run| run["replayed"]["without"].as_array().map_or(0, Vec::len))
-        .collect();
-    assert_eq!(without, [0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 14]);
-    assert_eq!(done.number(0, "of_all_on"), 1.0);
-    let bytes = |run| done.number(run, "payload_bytes_down");
-    for run in 0..without.len() {
-        let ratio = bytes(run) / bytes(0);
-        assert!((done.number(run, "of_all_on") - ratio).abs() < 1e-12);
+fn an_ablation_compares_every_mechanism_on_every_load_and_link() {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("task-ablate");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let trace = folder.join("bounce.rhtrace.zst");
+    std::fs::write(&trace, bounce::packed()).expect("a file");
+    let bench = |checkout: &Path| {
+        Command::new(env!("CARGO_BIN_EXE_rhumb-bench"))
+            .args(["ablate", "--seeds", "2", "--load"])
+            .arg(format!("pit={}", trace.display()))
+            .arg("--checkout")
+            .arg(checkout)
+            .arg("--out")
+            .arg(&folder)
+            .output()
+            .expect("the benchmark starts")
+    };
+    let run = bench(Path::new(CHECKOUT));
+    assert!(
+        run.status.success(),
+        "{}",
+        String::from_utf8_lossy(&run.stderr)
+    );
+    let text = std::fs::read_to_string(folder.join("ablation.json")).expect("the file exists");
+    let ablation: Value = serde_json::from_str(&text).expect("the file is JSON");
+    assert_eq!(
+        (&ablation["faults"], &ablation["seeds"]),
+        (&0.into(), &2.into())
+    );
+    let rows = ablation["rows"].as_array().expect("rows");
+    let bytes = |row: &Value, side: &str, link: usize| {
+        row["comparisons"][0][side][link]["payload_bytes"]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{} {side} has bytes", row["name"]))
+    };
+    let mut measured = 0;
+    for row in rows {
+        assert!(row["lines"].as_u64().is_some_and(|lines| lines > 0));
+        let comparisons = row["comparisons"].as_array().expect("comparisons");
+        if row["without"].is_null() {
+            assert!(comparisons.is_empty(), "{}", row["name"]);
+            continue;
+        }
+        measured += 1;
+        assert_eq!(comparisons.len(), 1, "{}", row["name"]);
+        // A repair symbol or a refresh is sent where packets are lost.
+        assert!(bytes(row, "with", 1) > bytes(row, "with", 0));
     }
-    let lacks = |run: &Value, name| run["replayed"]["without"] == serde_json::json!([name]);
-    let without = |name| done.runs().iter().position(|run| lacks(run, name));
-    let [residuals, prefilter, packing, coder] = ["residuals", "prefilter", "packing", "coder"]
-        .map(|name| without(name).expect("each feature is switched off once"));
-    // Full motions cost more than corrections; sending always costs more than sending when needed.
-    assert!(bytes(residuals) > bytes(0) && bytes(prefilter) > bytes(0));
-    assert!(done.number(prefilter, "updates") > done.number(0, "updates"));
-    // Without packing each update has its own datagram; the plain coder changes only the counted bytes.
-    assert!(done.number(packing, "datagrams_down") >= done.number(packing, "updates"));
-    assert!(bytes(packing) > bytes(0) && bytes(coder) > bytes(0));
-    for same in ["updates", "datagrams_down"] {
-        assert_eq!(done.number(coder, same), done.number(0, same));
+    assert_eq!(measured, 21);
+    let without = |name: &str| {
+        let mut found = rows.iter().filter(|row| row["without"] == name);
+        let row = found.next().expect("each feature is switched off once");
+        bytes(row, "without", 0) / bytes(row, "with", 0)
+    };
+    for costly in ["residuals", "prefilter", "packing", "coder"] {
+        assert!(without(costly) > 1.0, "{costly}");
     }
-    for run in 0..done.runs().len() {
-        assert_eq!(done.runs()[run]["over_tolerance"]["count"], 0);
+    assert!((without("fec") - 1.0).abs() < 1e-12, "nothing is lost");
+    let printed = String::from_utf8(run.stdout).expect("text");
+    for phrase in [
+        "pit, loss",
+        "range coder and contexts",
+        "stays for",
+        "budgets",
+    ] {
+        assert!(printed.contains(phrase), "{phrase}");
     }
-    for phrase in ["without prefilter", "without any of these"] {
-        assert!(
-            done.printed.contains(phrase) && done.page.contains(phrase),
-            "{phrase}"
-        );
-    }
-    assert!(done.page.contains("Exp-Golomb"));
+    let run = bench(&folder);
+    let complained = String::from_utf8_lossy(&run.stderr);
+    assert!(!run.status.success() && complained.contains("name the checkout by --checkout"));
 }
 
 #[test]

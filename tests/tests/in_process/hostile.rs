@@ -352,7 +352,7 @@ fn a_loss_report_is_answered_by_no_more_than_it_names() {
         for lost in [0, 10, 60_000] {
             let loss_report = LossReport {
                 next: Low16(lost),
-                gone: Low16(lost),
+                abandoned: Low16(lost),
                 repair_symbols: FEC_SPAN as u8,
                 lost: vec![Low16(lost); LOST_NAMED_MAX],
             };

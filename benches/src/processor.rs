@@ -2,7 +2,7 @@
 
 /// Processor time of the calling thread so far, nanoseconds; `None` where the system does not report it.
 #[cfg(target_os = "linux")]
-pub(super) fn work_ns() -> Option<u64> {
+pub(crate) fn work_ns() -> Option<u64> {
     use rustix::time::{ClockId, clock_gettime};
     let time = clock_gettime(ClockId::ThreadCPUTime);
     let seconds = u64::try_from(time.tv_sec).ok()?;
@@ -12,6 +12,6 @@ pub(super) fn work_ns() -> Option<u64> {
 
 /// Processor time of the calling thread so far, nanoseconds; `None` where the system does not report it.
 #[cfg(not(target_os = "linux"))]
-pub(super) fn work_ns() -> Option<u64> {
+pub(crate) fn work_ns() -> Option<u64> {
     None
 }
