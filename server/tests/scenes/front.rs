@@ -24,6 +24,8 @@ struct Threaded {
     front: Front,
     clock: Arc<AtomicU64>,
     woken: Receiver<()>,
+    /// The first step of a stuck scene has begun.
+    entered: Receiver<()>,
     transmits: VecDeque<Transmit>,
 }
 
@@ -43,10 +45,12 @@ impl Threaded {
         );
         let (release, gate) = channel::<()>();
         let gate = Arc::new(Mutex::new(gate));
+        let (enter, entered) = channel();
         front.attach(Hooks::new(move |name, _| {
-            let gate = Arc::clone(&gate);
+            let (gate, enter) = (Arc::clone(&gate), enter.clone());
             (name.as_str() == "stuck").then(|| {
                 Hook::new(move |_, _| {
+                    let _ = enter.send(());
                     // Ends with an error when the test drops its end.
                     let _ = gate.lock().expect("no thread panics").recv();
                 })
@@ -56,6 +60,7 @@ impl Threaded {
             front,
             clock,
             woken,
+            entered,
             transmits: VecDeque::new(),
         };
         (threaded, release)
@@ -81,6 +86,13 @@ impl Threaded {
         let now = self.now();
         self.front.handle_opened(now, peer);
         self.send(peer, &[hello(scene)]);
+    }
+
+    /// Has a client create a scene named `stuck`, whose first step does not end.
+    fn open_stuck(&mut self, peer: Peer) {
+        self.open(peer, "stuck");
+        self.send(peer, &script());
+        self.entered.recv_timeout(LONG).expect("the step begins");
     }
 
     /// Waits for a transmission of this kind.
@@ -140,55 +152,45 @@ fn close_of(peer: Peer) -> impl Fn(&Transmit) -> bool {
 #[test]
 fn a_scene_that_does_not_answer_is_parked_and_stops_nobody_else() {
     let (mut threaded, release) = Threaded::new();
-    let [stuck, other, late, again] = [1, 2, 3, 4].map(Peer);
-    threaded.open(stuck, "stuck");
-    threaded.send(stuck, &script());
-    threaded.expect(control_to(stuck));
-    // Its worker is in a step from now on, or will be soon.
+    let [stuck, other, late] = [1, 2, 3].map(Peer);
+    threaded.open_stuck(stuck);
     threaded.open(other, "other");
     threaded.send(other, &script());
     threaded.expect(state_to(other));
-    let until = std::time::Instant::now() + LONG;
-    loop {
-        threaded.pass(Span::from_millis(2_100));
-        if let Some(transmit) = threaded.front.poll_transmit()
-            && close_of(stuck)(&transmit)
-        {
-            break;
-        }
-        assert!(std::time::Instant::now() < until, "it was not parked");
-        let _ = threaded.woken.recv_timeout(Duration::from_millis(20));
-    }
+    threaded.pass(Span::from_millis(1_900));
+    assert_eq!(
+        threaded.front.poll_transmit(),
+        None,
+        "two seconds are allowed"
+    );
+    threaded.pass(Span::from_millis(300));
+    threaded.expect(close_of(stuck));
     threaded.send(other, &[ClientMessage::Advance { to: Tick::new(9) }]);
     threaded.expect(state_to(other));
     threaded.open(late, "stuck");
     threaded.expect(close_of(late));
-    // The step ends after all: the name is free again.
+    // The step ends after all: the name is free again, as soon as the front has heard of it.
     drop(release);
-    let until = std::time::Instant::now() + LONG;
-    threaded.open(again, "stuck");
-    while !threaded
-        .front
-        .poll_transmit()
-        .is_some_and(|transmit| control_to(again)(&transmit))
-    {
-        let now = threaded.now();
-        let ending = Ending::Closed(CloseCode::SCENE_PARKED.0);
-        let _ = threaded.woken.recv_timeout(Duration::from_millis(20));
-        threaded.front.handle_ended(now, again, ending);
-        threaded.open(again, "stuck");
-        let _ = threaded.woken.recv_timeout(Duration::from_millis(20));
-        assert!(std::time::Instant::now() < until, "the scene stays parked");
-    }
+    let mut again = (4..).map(Peer);
+    let free = loop {
+        let peer = again.next().expect("there is no end of numbers");
+        threaded.open(peer, "stuck");
+        let refused = |transmit: &Transmit| close_of(peer)(transmit);
+        let mut refusals = std::iter::from_fn(|| threaded.front.poll_transmit());
+        if !refusals.any(|transmit| refused(&transmit)) {
+            break peer;
+        }
+        threaded.woken.recv_timeout(LONG).expect("the thread ends");
+    };
+    threaded.send(free, &[ClientMessage::Delete]);
+    threaded.expect(control_to(free));
     threaded.front.shut_down();
 }
 
 #[test]
 fn a_front_with_a_stuck_scene_ends_in_time() {
     let (mut threaded, release) = Threaded::new();
-    threaded.open(Peer(1), "stuck");
-    threaded.send(Peer(1), &script());
-    threaded.expect(control_to(Peer(1)));
+    threaded.open_stuck(Peer(1));
     let started = std::time::Instant::now();
     threaded.front.shut_down();
     assert!(started.elapsed() < Duration::from_secs(2));

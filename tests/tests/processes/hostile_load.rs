@@ -59,7 +59,10 @@ fn a_step_that_does_not_end_stops_neither_other_scenes_nor_sigterm() {
         assert!(Instant::now() < until, "the scene was not parked");
     };
     let parked = Ending::Closed(CloseCode::SCENE_PARKED.0);
-    assert!(matches!(ended, ClientError::Ended(ending) if ending == parked), "{ended}");
+    assert!(
+        matches!(ended, ClientError::Ended(ending) if ending == parked),
+        "{ended}"
+    );
     let mut newcomer = join(&server, "another", Stepping::Lockstep);
     advance(&mut newcomer, 10);
     assert!(victim.advance(PipelineDepth::LOCKSTEP).expect("it steps") > Tick::new(10));
