@@ -8,6 +8,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use rhumb_protocol::Span;
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_transport::{
     AppBindError, AppListen, BindError, Certificate, CertificateError, Clock, Fingerprint,
     QuicServer, ServeError, ServerOptions, ServerStatistics, Stop,
@@ -38,6 +39,7 @@ pub struct Server {
     hooks: Option<Hooks>,
     app: AppOptions,
     workers: Workers,
+    largest_packet: LargestPacket,
     empty_for: Option<Span>,
 }
 
@@ -103,6 +105,7 @@ impl Server {
             hooks: None,
             app: AppOptions::default(),
             workers: Workers::default(),
+            largest_packet: LargestPacket::DEFAULT,
             empty_for: None,
         })
     }
@@ -143,13 +146,18 @@ impl Server {
         self.workers = workers;
     }
 
+    /// Bounds the packets of all streams.
+    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.largest_packet = largest_packet;
+    }
+
     /// Has later scenes end that have had no member for so long.
     pub fn expire_empty_scenes(&mut self, after: Span) {
         self.empty_for = Some(after);
     }
 
-    /// Serves on the calling thread, and each scene on a thread of its own, until `stop` is requested; then every client learns that the server is going
-    /// away.
+    /// Serves on the calling thread, and each scene on a thread of its own, until `stop` is requested. Then every
+    /// client learns that the server is going away.
     ///
     /// # Errors
     ///
@@ -159,6 +167,7 @@ impl Server {
         let waker = self.transport.waker();
         let mut front = Front::on_threads(move || clock.now(), move || waker.wake());
         front.employ(self.workers);
+        front.set_largest_packet(self.largest_packet);
         if let Some(hooks) = self.hooks {
             front.attach(hooks);
         }

@@ -6,7 +6,7 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use rhumb_protocol::message::{ClientMessage, Denial, Grease, ServerMessage};
-use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
+use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, PacketKind};
 use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName};
 use rhumb_protocol::{
     Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
@@ -63,6 +63,7 @@ pub struct ServerLoop {
     scenes_begun: u32,
     hooks: Option<Hooks>,
     workers: Workers,
+    largest_packet: LargestPacket,
     pub(crate) stopwatch: Box<dyn Fn() -> Instant + Send>,
 }
 
@@ -85,6 +86,7 @@ impl ServerLoop {
             scenes_begun: 0,
             hooks: None,
             workers: Workers::default(),
+            largest_packet: LargestPacket::DEFAULT,
             stopwatch: Box::new(stopwatch),
         }
     }
@@ -102,6 +104,11 @@ impl ServerLoop {
     /// Sets the threads that step later scenes.
     pub fn employ(&mut self, workers: Workers) {
         self.workers = workers;
+    }
+
+    /// Bounds the packets of later scenes' streams.
+    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.largest_packet = largest_packet;
     }
 
     /// Has scenes end that have had no member for so long.
@@ -367,6 +374,7 @@ impl ServerLoop {
         let scene = Scene::on(config, &self.workers).map_err(Denial::InvalidConfig)?;
         let names = StreamNames::of_scene(self.scenes_begun);
         let mut runner = SceneRunner::new(scene, names);
+        runner.set_largest_packet(self.largest_packet);
         if let Some(hook) = self
             .hooks
             .as_ref()

@@ -17,6 +17,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use bytes::Bytes;
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{
@@ -60,6 +61,7 @@ struct Settings {
     hooks: Option<Hooks>,
     app: AppOptions,
     engine_threads: Workers,
+    largest_packet: LargestPacket,
     slots: SceneSlots,
     empty_for: Option<Span>,
 }
@@ -124,6 +126,7 @@ impl Front {
                 hooks: None,
                 app: AppOptions::default(),
                 engine_threads: Workers::default(),
+                largest_packet: LargestPacket::DEFAULT,
                 slots: SceneSlots::default(),
                 empty_for: None,
             },
@@ -155,6 +158,11 @@ impl Front {
     /// Sets the threads that divide a step of later scenes.
     pub fn employ(&mut self, engine_threads: Workers) {
         self.settings.engine_threads = engine_threads;
+    }
+
+    /// Bounds the packets of later scenes' streams.
+    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.settings.largest_packet = largest_packet;
     }
 
     /// Has later scenes end that have had no member for so long.
@@ -382,6 +390,7 @@ impl Settings {
         }
         server_loop.configure_app(self.app);
         server_loop.employ(self.engine_threads.clone());
+        server_loop.set_largest_packet(self.largest_packet);
         server_loop.share_slots(self.slots.clone());
         if let Some(empty_for) = self.empty_for {
             server_loop.expire_empty_scenes(empty_for);
