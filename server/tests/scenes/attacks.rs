@@ -7,7 +7,6 @@
 
 use std::collections::BTreeMap;
 
-use glam::Vec3;
 use rhumb_protocol::message::{
     ClientMessage, Extensions, Frames, ResyncCause, ServerMessage, StreamChoice, VERSIONS,
 };
