@@ -259,7 +259,9 @@ impl Publisher {
         let observations = observation_history.at(tick).unwrap_or_default();
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
-        self.statistics.aliases += self.alias_table.release_idle_aliases(tick);
+        if self.features.aliases {
+            self.statistics.aliases += self.alias_table.release_idle_aliases(tick);
+        }
         let mut scan = self.scan.take().expect("no scan is in progress");
         self.scan(tick, observations, &mut scan);
         // Possible parents are checked first, so that a child is compared with its parent's published track.
@@ -307,7 +309,9 @@ impl Publisher {
     ) {
         self.pack(tick, updates, scene_events, out);
         for index in self.resting_bodies.drain(..) {
-            self.alias_table.release(index);
+            if self.features.aliases {
+                self.alias_table.release(index);
+            }
         }
         self.attached.clear();
     }
@@ -358,7 +362,11 @@ impl Publisher {
         if before != track.parent {
             self.move_child(before, track.parent);
         }
-        let (alias, taken) = self.alias_table.alias(index, tick);
+        let (alias, taken) = if self.features.aliases {
+            self.alias_table.alias(index, tick)
+        } else {
+            self.alias_table.alias_of_index(index)
+        };
         if track.is_exact_rest() {
             self.resting_bodies.push(index);
         }
@@ -396,7 +404,8 @@ impl Publisher {
         let fresh = since.is_some_and(|since| since <= TRACK_AGE_MAX);
         let age = self.tracks.age(&track, tick);
         let age = age.filter(|age| *age > Age::new(0));
-        let free = track.parent.is_none() && self.features.residuals;
+        let free =
+            track.parent.is_none() && self.features.residuals && self.features.rest_corrections;
         let still = track.predictor == Predictor::Rest;
         let rest_correction = age.filter(|_| free && (still || fresh));
         let rest_correction = rest_correction.and_then(|age| {
@@ -536,6 +545,11 @@ impl Publisher {
             parent: None,
         };
         (UpdatePayload::Keyframe(keyframe), keyframe.track(tick))
+    }
+
+    /// Whether checksums are sent.
+    pub(super) const fn sends_checksums(&self) -> bool {
+        self.features.checksums
     }
 
     /// The checksum over all tracks; a converged subscriber has the same.

@@ -206,7 +206,11 @@ impl StreamSender {
         let age = publisher.tick().since(last)?;
         // A checksum carries no error scale, so a silent stream with a budget needs a watermark.
         let states_nothing = publisher.has_budget() && self.packets.is_empty();
-        if age < publisher.second() || publisher.state_checksum() == sum || states_nothing {
+        if age < publisher.second()
+            || publisher.state_checksum() == sum
+            || states_nothing
+            || !publisher.sends_checksums()
+        {
             return None;
         }
         self.checksum = (publisher.tick(), publisher.state_checksum());
@@ -426,7 +430,7 @@ mod tests {
         let next = sender.next_number();
         let report = LossReport {
             next: Low16::of(next),
-            gone: Low16::of(1),
+            abandoned: Low16::of(1),
             repair_symbols: 0,
             lost: alloc::vec![Low16::of(next - 1)],
         };

@@ -530,7 +530,7 @@ impl Subscriber {
         let lost = missing.filter(|number| !is_waiting(number));
         LossReport {
             next: Low16::of(self.gaps.next()),
-            gone: Low16::of(self.lost()),
+            abandoned: Low16::of(self.lost()),
             repair_symbols,
             lost: lost
                 .take(crate::limits::LOST_NAMED_MAX)

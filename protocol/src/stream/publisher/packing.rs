@@ -36,7 +36,8 @@ impl Publisher {
             && let Some((datagram, fitting)) = self.write(tick, updates, scene_events, true)
             && fitting == updates.len()
         {
-            if updates.len() > 1 && self.repair_symbols.halves(datagram.len()) {
+            let splits = self.features.halves && self.repair_symbols.halves(datagram.len());
+            if updates.len() > 1 && splits {
                 self.pack_halves(tick, updates, scene_events, out);
             } else {
                 self.send(datagram, updates, out);

@@ -13,6 +13,11 @@ impl Publisher {
     /// Encodes the repair symbols that are due after a published tick, silent or not, and appends them to `out`.
     pub fn encode_repair_symbols(&mut self, redundancy: Redundancy, out: &mut Vec<Bytes>) {
         if self.features.redundancy {
+            let redundancy = if self.features.unsolicited {
+                redundancy
+            } else {
+                Redundancy::Off
+            };
             self.repair_symbols.end_tick(self.stream, redundancy, out);
         }
     }

@@ -54,7 +54,7 @@ fn dropped(trial: &mut Trial<'_>, bytes: &[u8]) -> CaseResult {
     // The loss report is well-formed, so its answer proves that all datagrams before it were processed.
     let loss_report = LossReport {
         next: Low16::of(joined.start.next),
-        gone: Low16::of(0),
+        abandoned: Low16::of(0),
         repair_symbols: 0,
         lost: Vec::new(),
     };
