@@ -7,7 +7,6 @@
 mod attaching;
 mod budget_state;
 mod budgeting;
-mod islands;
 mod large_body;
 mod observation_scan;
 mod packing;
@@ -107,8 +106,6 @@ pub struct Publisher {
     alias_table: AliasTable,
     /// Parents and their numbers of children, in order of index.
     child_counts: Vec<(u32, u32)>,
-    /// Pairs of parent and child: this tick's updates of the children build on tracks of the parents.
-    attached: Vec<(u32, u32)>,
     updates: Vec<Update>,
     /// Bodies that came to rest at this tick. Packets of this tick still use their aliases.
     resting_bodies: Vec<u32>,
@@ -139,7 +136,6 @@ impl Publisher {
             tick,
             alias_table: AliasTable::default(),
             child_counts: Vec::new(),
-            attached: Vec::new(),
             updates: Vec::new(),
             resting_bodies: Vec::new(),
             scan: Some(Box::new(ObservationScan::new(
@@ -313,7 +309,6 @@ impl Publisher {
                 self.alias_table.release(index);
             }
         }
-        self.attached.clear();
     }
 
     /// The slot of a body observed at the present tick. None if it came later, or if another body has the index.
@@ -354,11 +349,6 @@ impl Publisher {
         };
         let before = slot.parent();
         self.tracks.set_track(index, track);
-        if let Some(parent) = track.parent.or(before)
-            && payload.names_parent()
-        {
-            self.attached.push((parent.index(), index));
-        }
         if before != track.parent {
             self.move_child(before, track.parent);
         }

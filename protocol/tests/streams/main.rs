@@ -6,6 +6,5 @@ mod corrections_x4;
 mod fec;
 mod forgetting;
 mod future;
-mod islands;
 mod sleepers;
 mod stream;
