@@ -13,6 +13,7 @@ use std::thread;
 use std::time::Duration;
 
 use clap::{Parser, ValueEnum};
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_transport::{AppListen, Stop};
 use tracing::level_filters::LevelFilter;
 
@@ -44,6 +45,9 @@ pub struct Arguments {
     /// Number of threads to step on, shared by all scenes; more than one needs the feature `parallel`.
     #[arg(long, default_value = "1")]
     threads: NonZeroU32,
+    /// Largest packet of a stream, bytes, from 700 to 1150. Relays and browsers add headers of their own.
+    #[arg(long, value_name = "BYTES", default_value_t)]
+    largest_packet: LargestPacket,
     /// TCP and UDP address for APP clients, such as OpenSimulator's RemotePhysics plug-in.
     #[arg(long)]
     app_listen: Option<SocketAddr>,
@@ -149,6 +153,7 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
     let stop = Stop::new();
     let mut server = Server::bind(arguments.listen, &identity)?;
     server.employ(workers);
+    server.set_largest_packet(arguments.largest_packet);
     if let Some(hooks) = hooks {
         server.attach(hooks);
     }

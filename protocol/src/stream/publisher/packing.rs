@@ -10,8 +10,6 @@ use crate::packet::{ErrorScale, Update, UpdateWriter};
 
 /// Fewer updates than this usually fit one packet; that is tried first.
 const MANY: usize = 64;
-/// Updates with an estimated size above this, bytes, surely exceed one packet.
-const SURELY_FILLED: u64 = 1_560;
 
 impl Publisher {
     /// Splits the updates of one tick into datagrams.
@@ -28,7 +26,7 @@ impl Publisher {
             return self.pack_singly(tick, updates, scene_events, out);
         }
         sort_by_alias(updates);
-        if !surely_fill_more(updates)
+        if !self.surely_fill_more(updates)
             && let Some((datagram, fitting)) = self.write(tick, updates, scene_events, true)
             && fitting == updates.len()
         {
@@ -42,6 +40,17 @@ impl Publisher {
         }
         let alone = sort_parents_first(updates);
         self.pack_groups(tick, updates.split_at(alone), scene_events, true, out);
+    }
+
+    /// Whether updates surely exceed one packet: their estimated size is half as much again.
+    fn surely_fill_more(&self, updates: &[Update]) -> bool {
+        let filled = self.largest_packet.bytes() as u64 * 8 * 256;
+        let mut bits = 0;
+        let fills = |update: &Update| {
+            bits += Self::bits_of(update);
+            bits > filled * 3 / 2
+        };
+        updates.len() >= MANY && updates.iter().any(fills)
     }
 
     /// Encodes two groups of updates in as many packets as they need. The second group builds on tracks of the first.
@@ -128,7 +137,8 @@ impl Publisher {
             return None;
         }
         let number = self.sent_packets.next();
-        let mut writer = UpdateWriter::new(self.stream, number, tick.value(), scene_events);
+        let mut writer = UpdateWriter::new(self.stream, number, tick.value(), scene_events)
+            .within(self.largest_packet);
         let fitting = updates
             .iter()
             .take_while(|update| writer.push(update))
@@ -173,14 +183,4 @@ fn sort_by_alias(updates: &mut [Update]) {
 fn sort_parents_first(updates: &mut [Update]) -> usize {
     updates.sort_unstable_by_key(|update| (update.payload.names_parent(), update.alias));
     updates.partition_point(|update| !update.payload.names_parent())
-}
-
-/// Whether updates surely exceed one packet.
-fn surely_fill_more(updates: &[Update]) -> bool {
-    let mut bits = 0;
-    let fills = |update: &Update| {
-        bits += Publisher::bits_of(update);
-        bits > SURELY_FILLED * 8 * 256
-    };
-    updates.len() >= MANY && updates.iter().any(fills)
 }
