@@ -57,8 +57,6 @@ pub struct PublisherStatistics {
     pub bytes: u64,
     /// Observations compared with tracks. A body that stays asleep has none.
     pub checked: u64,
-    /// Aliases scanned for idle bodies: the assigned ones and free ones near them.
-    pub aliases: u64,
     /// Bodies out of tolerance without an update, because the budget did not suffice. Counted at every tick.
     pub over_budget: u64,
 }
@@ -267,9 +265,7 @@ impl Publisher {
         let observations = observation_history.at(tick).unwrap_or_default();
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
-        if self.features.aliases {
-            self.statistics.aliases += self.alias_table.release_idle_aliases(tick);
-        }
+        self.alias_table.begin_tick();
         let mut scan = self.scan.take().expect("no scan is in progress");
         self.scan(tick, observations, &mut scan);
         // Possible parents are checked first, so that a child is compared with its parent's published track.
@@ -365,7 +361,7 @@ impl Publisher {
             self.move_child(before, track.parent);
         }
         let (alias, taken) = if self.features.aliases {
-            self.alias_table.alias(index, tick)
+            self.alias_table.alias(index)
         } else {
             self.alias_table.alias_of_index(index)
         };
