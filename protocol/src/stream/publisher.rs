@@ -7,7 +7,6 @@
 mod attaching;
 mod budget_state;
 mod budgeting;
-mod islands;
 mod large_body;
 mod observation_scan;
 mod packing;
@@ -58,8 +57,6 @@ pub struct PublisherStatistics {
     pub bytes: u64,
     /// Observations compared with tracks. A body that stays asleep has none.
     pub checked: u64,
-    /// Aliases scanned for idle bodies: the assigned ones and free ones near them.
-    pub aliases: u64,
     /// Bodies out of tolerance without an update, because the budget did not suffice. Counted at every tick.
     pub over_budget: u64,
 }
@@ -112,8 +109,6 @@ pub struct Publisher {
     alias_table: AliasTable,
     /// Parents and their numbers of children, in order of index.
     child_counts: Vec<(u32, u32)>,
-    /// Pairs of parent and child: this tick's updates of the children build on tracks of the parents.
-    attached: Vec<(u32, u32)>,
     updates: Vec<Update>,
     /// Bodies that came to rest at this tick. Packets of this tick still use their aliases.
     resting_bodies: Vec<u32>,
@@ -145,7 +140,6 @@ impl Publisher {
             tick,
             alias_table: AliasTable::default(),
             child_counts: Vec::new(),
-            attached: Vec::new(),
             updates: Vec::new(),
             resting_bodies: Vec::new(),
             scan: Some(Box::new(ObservationScan::new(
@@ -271,9 +265,7 @@ impl Publisher {
         let observations = observation_history.at(tick).unwrap_or_default();
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
-        if self.features.aliases {
-            self.statistics.aliases += self.alias_table.release_idle_aliases(tick);
-        }
+        self.alias_table.begin_tick();
         let mut scan = self.scan.take().expect("no scan is in progress");
         self.scan(tick, observations, &mut scan);
         // Possible parents are checked first, so that a child is compared with its parent's published track.
@@ -325,7 +317,6 @@ impl Publisher {
                 self.alias_table.release(index);
             }
         }
-        self.attached.clear();
     }
 
     /// The slot of a body observed at the present tick. None if it came later, or if another body has the index.
@@ -366,16 +357,11 @@ impl Publisher {
         };
         let before = slot.parent();
         self.tracks.set_track(index, track);
-        if let Some(parent) = track.parent.or(before)
-            && payload.names_parent()
-        {
-            self.attached.push((parent.index(), index));
-        }
         if before != track.parent {
             self.move_child(before, track.parent);
         }
         let (alias, taken) = if self.features.aliases {
-            self.alias_table.alias(index, tick)
+            self.alias_table.alias(index)
         } else {
             self.alias_table.alias_of_index(index)
         };
