@@ -42,14 +42,15 @@ pub(super) fn accelerations(
 
 /// A steady, worthwhile acceleration, m/s². `reach`: the greatest allowed error of position, metres.
 fn acceleration(context: &Context<'_>, subject: &Subject<'_>, reach: f64) -> Option<DVec3> {
-    let between = |before: &Motion, after: &Motion| {
-        let (before, after) = (before.twist().linear, after.twist().linear);
-        context.tracks.acceleration(subject.slot, before, after)
-    };
-    let now = &subject.truth;
-    let [(before, after), (other, next)] = match (subject.ahead, &subject.last) {
-        ([next, last, ..], _) => [(now, next), (next, last)],
-        (_, [Some(one), Some(two)]) => [(one, now), (two, one)],
+    let between = |before, after| context.tracks.acceleration(subject.slot, before, after);
+    let velocity = |motion: &Motion| motion.twist().linear;
+    let now = velocity(&subject.truth);
+    let [(before, after), (other, next)] = match (subject.ahead, subject.velocities) {
+        ([next, last, ..], _) => {
+            let next = velocity(next);
+            [(now, next), (next, velocity(last))]
+        }
+        (_, Some([one, two])) => [(one, now), (two, one)],
         _ => return None,
     };
     let acceleration = between(before, after);

@@ -53,9 +53,6 @@ impl Candidate<'_> {
     }
 }
 
-/// The prediction modes of one body that apply, by number.
-pub(super) type Modes<'a> = [Option<Candidate<'a>>; MODES];
-
 /// Inputs of one body's prediction modes.
 #[derive(Debug)]
 pub(super) struct Candidates<'a, const N: usize> {
@@ -179,25 +176,25 @@ impl<'a, const N: usize> Candidates<'a, N> {
         }
     }
 
-    /// All candidates with lookahead; without it, only the most promising ones.
-    pub(super) fn modes(&'a self) -> Modes<'a> {
-        let mut modes = [const { None }; MODES];
+    /// Calls `visit` for all candidates with lookahead; without it, only for the most promising ones.
+    pub(super) fn each(&self, mut visit: impl FnMut(usize, &Candidate<'_>)) {
         if self.orphaned {
-            return modes;
+            return;
         }
         let steadiest = if N == 1 { self.steadiest() } else { None };
-        for (number, mode) in modes.iter_mut().enumerate() {
+        for number in 0..MODES {
             let is_promising = match number {
                 _ if N > 1 => true,
                 REST => !self.is_fast(),
                 ATTACHED => true,
                 _ => steadiest == Some(number),
             };
-            if is_promising || self.keeps(number) {
-                *mode = self.candidate(number);
+            if (is_promising || self.keeps(number))
+                && let Some(candidate) = self.candidate(number)
+            {
+                visit(number, &candidate);
             }
         }
-        modes
     }
 
     /// Whether a mode is the track's own.
@@ -250,7 +247,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
     }
 
     #[inline]
-    fn candidate(&'a self, number: usize) -> Option<Candidate<'a>> {
+    pub(super) fn candidate(&self, number: usize) -> Option<Candidate<'_>> {
         let steady = f64::INFINITY;
         let candidate = match number {
             REST => self.in_world(Predictor::Rest, self.forecast(self.rest.as_ref()?, steady)),
@@ -274,7 +271,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
         Some(candidate)
     }
 
-    fn in_world(&'a self, predictor: Predictor, forecast: ErrorForecast<'a>) -> Candidate<'a> {
+    fn in_world<'c>(&'c self, predictor: Predictor, forecast: ErrorForecast<'c>) -> Candidate<'c> {
         let now = self.subject.track;
         let same = now.parent.is_none() && now.predictor == predictor;
         Candidate {
@@ -292,7 +289,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
         }
     }
 
-    fn forecast(&'a self, of: &'a Forecast<N>, lasts: f64) -> ErrorForecast<'a> {
+    fn forecast<'c>(&self, of: &'c Forecast<N>, lasts: f64) -> ErrorForecast<'c> {
         let known = of.known.errors();
         let last = known.len() - 1;
         ErrorForecast {
@@ -306,7 +303,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
     }
 
     /// The forecast of a moving mode with this acceleration, m/s².
-    fn accelerated(&'a self, acceleration: DVec3, lasts: f64) -> ErrorForecast<'a> {
+    fn accelerated(&self, acceleration: DVec3, lasts: f64) -> ErrorForecast<'_> {
         let each = Errors::of_position(acceleration, self.units.still);
         let (free, falls) = (self.forecast(&self.unaccelerated, lasts), &self.falls);
         ErrorForecast {
@@ -445,12 +442,10 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
             return None;
         }
         // A body without past observations has no evidence of being attached.
+        let past = parent.past?;
         let now = relative_to(&parent.truth.pose(), &subject.truth.pose());
         let moved = |stride: usize| {
-            let (own, of) = (
-                subject.past[stride].as_ref()?,
-                parent.past[stride].as_ref()?,
-            );
+            let (own, of) = (subject.past[stride].as_ref()?, past[stride].as_ref()?);
             let past = relative_to(&of.pose(), &own.pose());
             Some(apart(&now.pose(), &past.pose()))
         };
@@ -461,7 +456,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
             return None;
         }
         let two = moved(1).unwrap_or([one[0] * 2.0, one[1] * 2.0]);
-        let predicted_motion = tracks.framed((parent.index, parent.slot), &above, subject.tick);
+        let predicted_motion = parent.predicted_motion;
         let base = Base {
             parent: Some(parent),
             truth: relative_to(&predicted_motion.pose(), &subject.truth.pose()),
@@ -532,19 +527,10 @@ fn expected_parent_pose(
 
 impl Base<'_> {
     /// A pose of this frame in the world, as a subscriber computes it.
-    pub(super) fn in_world(
-        &self,
-        context: &Context<'_>,
-        subject: &Subject<'_>,
-        pose: &Pose,
-    ) -> Pose {
+    pub(super) fn in_world(&self, pose: &Pose) -> Pose {
         match self.parent {
             None => *pose,
-            Some(Parent { index, slot, .. }) => {
-                let tracks = context.tracks;
-                let by = tracks.framed((*index, slot), &slot.track(), subject.tick);
-                attached_motion(&by, pose).pose()
-            }
+            Some(parent) => attached_motion(parent.predicted_motion, pose).pose(),
         }
     }
 }

@@ -125,16 +125,13 @@ impl<'a> ModeDecision<'a> {
             looks_ahead: N > 1,
         };
         let mut refinement = Refinement::new(&settings);
-        let modes = candidates.modes();
-        for (number, mode) in modes.iter().enumerate() {
-            if let Some(mode) = mode {
-                refinement.consider(number, mode, &candidates.velocity);
-            }
-        }
-        let choices = refinement.finish(&modes, &candidates.velocity);
+        candidates.each(|number, candidate| {
+            refinement.consider(number, candidate, &candidates.velocity);
+        });
+        let choices = refinement.finish(&candidates);
         choices
             .iter()
-            .find_map(|choice| update.of(modes[choice.mode].as_ref()?, choice))
+            .find_map(|choice| update.of(&candidates.candidate(choice.mode)?, choice))
     }
 }
 
@@ -157,9 +154,7 @@ impl UpdateConditions<'_> {
         let residual = choice.residual;
         let quantised = residual.onto(&candidate.base.predicted, self.over, grid);
         let begun = quantised.motion(grid);
-        let pose = candidate
-            .base
-            .in_world(self.context, subject, &begun.pose());
+        let pose = candidate.base.in_world(&begun.pose());
         let (tolerance, radius) = (
             tracks.tolerance_of(subject.slot),
             tracks.radius(subject.slot),

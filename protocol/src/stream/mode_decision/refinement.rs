@@ -4,7 +4,7 @@
 
 use rhumb_reckoning::Residual;
 
-use super::candidates::{Candidate, Modes};
+use super::candidates::{Candidate, Candidates};
 use super::cost::{Beside, Cost};
 use super::errors::Errors;
 use super::forecast::Effect;
@@ -177,28 +177,37 @@ impl<'r> Refinement<'r> {
     }
 
     /// The best corrections, cheapest first.
-    pub(super) fn finish(&mut self, modes: &Modes<'_>, velocity: &Errors) -> &BestCorrections {
+    pub(super) fn finish<const N: usize>(
+        &mut self,
+        candidates: &Candidates<'_, N>,
+    ) -> &BestCorrections {
         if self.settings.looks_ahead {
             return &self.best;
         }
         if let Some((mode, price)) = self.moving
             && price < self.best.least()
-            && let Some(candidate) = &modes[mode]
+            && let Some(candidate) = candidates.candidate(mode)
         {
-            let ranker = self.ranker(candidate);
+            let ranker = self.ranker(&candidate);
             let units = &ranker.expectation.units;
             let residual = units.residual(&ranker.forecast.known[0], NEAREST);
+            let velocity = &candidates.velocity;
             ranker.with_velocities(self.settings, (mode, &residual), velocity, &mut self.best);
         }
         if let Some(best) = self.best.first().filter(|_| self.settings.features.sparse)
-            && let Some(candidate) = &modes[best.mode]
+            && let Some(candidate) = candidates.candidate(best.mode)
         {
-            let ranker = self.ranker(candidate);
+            let ranker = self.ranker(&candidate);
             let units = &ranker.expectation.units;
             let sparse = units.residual(&ranker.forecast.known[0], [SPARSE; 2]);
-            let found =
-                ranker.leave_out_steps((best.residual, best.price), Some(&sparse), &mut |_, _| {});
-            self.note(best.mode, found.0, found.1);
+            let fewer = Residual {
+                velocity: best.residual.velocity,
+                ..sparse
+            };
+            if fewer != best.residual {
+                let price = ranker.price(&fewer);
+                self.note(best.mode, fewer, price);
+            }
         }
         &self.best
     }
