@@ -44,7 +44,7 @@ pub(super) fn accelerations(
 fn acceleration(context: &Context<'_>, subject: &Subject<'_>, reach: f64) -> Option<DVec3> {
     let between = |before, after| context.tracks.acceleration(subject.slot, before, after);
     let velocity = |motion: &Motion| motion.twist().linear;
-    let now = velocity(&subject.truth);
+    let now = velocity(subject.truth);
     let [(before, after), (other, next)] = match (subject.ahead, subject.velocities) {
         ([next, last, ..], _) => {
             let next = velocity(next);

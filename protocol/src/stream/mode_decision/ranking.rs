@@ -43,7 +43,7 @@ impl Settings {
 /// Prices the corrections of one candidate.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CorrectionRanker<'s> {
-    pub(super) forecast: &'s ErrorForecast<'s>,
+    pub(super) forecast: ErrorForecast<'s>,
     pub(super) expectation: &'s Expectation,
     pub(super) cost: Cost,
     /// See [`Settings::rate`]; zero for a resting mode.
@@ -120,10 +120,14 @@ impl CorrectionRanker<'_> {
             each_tick: *slope,
             ..effect
         };
-        // No correction outlives the one with the true velocities, and finer steps cost more.
+        // No correction outlives the one with the true velocities.
         let longest = self.lifetime(&exact).ticks;
+        let form = self.cost.of_form(true);
+        if !settings.looks_ahead && self.cost.price(form, longest) >= best.least() {
+            return;
+        }
         let lacking = *slope - effect.each_tick;
-        let place = self.cost.of_form(true) + self.cost.of_place(residual, true);
+        let place = form + self.cost.of_place(residual, true);
         for velocity_exponent in settings.features.steps(VELOCITY_EXPONENTS) {
             let velocity = units.velocity(&lacking, velocity_exponent);
             let bits = place + self.cost.of_velocity(&velocity);
@@ -166,11 +170,11 @@ impl CorrectionRanker<'_> {
         let interval = self.expectation.interval;
         let known = self.forecast.known_after(breach, &effect);
         let later = CorrectionRanker {
-            forecast: &ErrorForecast {
+            forecast: ErrorForecast {
                 known: known.errors(),
                 pull: None,
                 slope: self.forecast.slope - effect.each_tick,
-                ..*self.forecast
+                ..self.forecast
             },
             expectation: self.expectation,
             cost: self

@@ -18,13 +18,13 @@ pub(crate) struct Subject<'a> {
     /// The published tick.
     pub(crate) tick: Tick,
     /// The body's true motion at that tick.
-    pub(crate) truth: Motion,
+    pub(crate) truth: &'a Motion,
     /// The body's predicted motion at that tick.
-    pub(crate) predicted_motion: Motion,
+    pub(crate) predicted_motion: &'a Motion,
     /// The true linear velocities one and two ticks before, m/s.
     pub(crate) velocities: Option<[DVec3; 2]>,
     /// The true motions one and two strides before.
-    pub(crate) past: [Option<Motion>; 2],
+    pub(crate) past: &'a [Option<Motion>; 2],
     /// Ticks between two observations before the published tick.
     pub(crate) stride: Ticks,
     /// The true motions of the next ticks, as far as the lookahead reaches.
