@@ -45,7 +45,7 @@ def stream(events):
         elif what == "datagram" and member.scene:
             member.scene.receive_datagram(bytes.fromhex(value))
         elif what == "known":
-            reported.append(check_streams.known(member.scene, value["converged"]))
+            reported.append(check_streams.reported(member.scene, value))
     return {"known": reported}
 
 

@@ -164,6 +164,7 @@ class Scene:
 
     def __init__(self, joined):
         self.choice, self.config, self.stream = joined["choice"], joined["config"], joined["stream"]
+        self.largest_packet = joined["largest packet"]
         # A choice with a budget has the tracks of its inner choice; only the stated error scale is additional.
         self.capped = self.choice["is"] == "within a budget"
         self.choice = self.choice["choice"] if self.capped else self.choice
@@ -209,20 +210,20 @@ class Scene:
         body = self.bodies.get(track.parent[0]) if track.parent else None
         return body if body and body.generation == track.parent[1] else None
 
+    def track_at(self, body, tick):
+        """The track of a body that holds at a tick, as far as it is here."""
+        before = body.before
+        if body.track.origin > tick and before and before.origin <= tick:
+            return before
+        return body.track
+
     def predicted_motion(self, body, tick):
         """RECKONING 3.8"""
-
-        def then(body):
-            before = body.before
-            if body.track.origin > tick and before and before.origin <= tick:
-                return before
-            return body.track
-
-        track = then(body)
+        track = self.track_at(body, tick)
         motion, parent = self.own(body, track, tick), self.parent(track)
         if parent is None:
             return motion
-        return reckoning.attached_motion(self.own(parent, then(parent), tick), motion)
+        return reckoning.attached_motion(self.own(parent, self.track_at(parent, tick), tick), motion)
 
     # 4.6, 4.8 SceneEvents
 
@@ -315,7 +316,7 @@ class Scene:
             msg = packets.decoded(data)
         except packets.Malformed:
             return
-        if msg["stream"] != self.stream or msg["kind"] == 6:
+        if msg["stream"] != self.stream or msg["kind"] == 6 or len(data) > self.largest_packet:
             return
         if msg["kind"] in packets.OVER_BUDGET and not self.capped:
             return
@@ -482,6 +483,8 @@ class Scene:
                 self.apply_all(msg["updates"], other, tick)
 
     def receive_refresh(self, msg, tick):
+        if any(record["age"] > tick for record in msg["records"]):
+            return
         lost = expanded(msg["lost"], self.next)
         if lost not in self.missing:
             return
@@ -609,9 +612,29 @@ class Scene:
             return self.watermark
         return self.converged_at
 
+    def is_within(self, body, tick):
+        """6.8-4, 6.16-10: whether a body is known to be within its tolerance, times the error scale, at a tick."""
+        interval = self.config["publish interval"]
+        if self.lost_sync or tick > self.watermark or (tick != self.watermark and tick % interval):
+            return False
+        if self.error_scale(tick) is None or not self.is_known(body, tick):
+            return False
+        track = self.track_at(body, tick)
+        parent = self.parent(track)
+        return track.parent is None or (parent is not None and self.is_known(parent, tick))
+
+    def is_known(self, body, tick):
+        """6.8-4, 6.8-5: whether the track of a body that holds at a tick is known."""
+        doubtful = max([shown for shown, _ in self.missing.values()] + list(self.unread.values()), default=0)
+        return doubtful <= self.track_at(body, tick).origin <= tick
+
     def error_scale(self, tick):
         """6.16: the factor by which errors may exceed the tolerance at a tick, in eighths; None if unknown."""
         return self.statements.at(tick) if self.capped else 8
+
+    def resync(self):
+        """6.7-10: the cause of the `Resync` that a copy needs, or None."""
+        return int(self.checksum_mismatches > 0) if self.lost_sync else None
 
     def loss_report(self):
         """5.13"""

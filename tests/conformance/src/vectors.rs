@@ -5,5 +5,5 @@ mod replay;
 mod sender;
 
 pub use golden::golden;
-pub use replay::{deliver, greeted, known, replayed};
+pub use replay::{agrees, deliver, greeted, known, replayed};
 pub use sender::{Decoded, Sender, error_json, framed_bytes};

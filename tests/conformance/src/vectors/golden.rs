@@ -13,6 +13,7 @@ pub fn golden(file: &str) -> Value {
         "control.json" => include_str!("../../../../spec/vectors/control.json"),
         "packets.json" => include_str!("../../../../spec/vectors/packets.json"),
         "reckoning.json" => include_str!("../../../../spec/vectors/reckoning.json"),
+        "scripted.json" => include_str!("../../../../spec/vectors/scripted.json"),
         "streams.json" => include_str!("../../../../spec/vectors/streams.json"),
         _ => panic!("the specification has no vectors {file}"),
     };

@@ -1,9 +1,12 @@
 //! Golden streams replayed to a session.
 
 use bytes::Bytes;
+use rhumb_protocol::limits::LOST_NAMED_MAX;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::session::{ClientSession, Replica};
+use rhumb_protocol::stream::ErrorBound;
 use rhumb_protocol::{Endpoint, Instant, Peer};
+use rhumb_reckoning::{BodyId, Tick};
 use serde_json::{Value, json};
 
 use crate::fnv::Fnv;
@@ -31,6 +34,67 @@ pub fn known(replica: &Replica) -> Value {
         known["error_scale_eighths"] = json!(error_scale.map(|factor| (factor * 8.0) as u64));
     }
     known
+}
+
+/// The state of a member, with all that another end or an application can observe: the form of scripted streams.
+#[must_use]
+pub fn known_in_full(replica: &Replica) -> Value {
+    let stream = replica.stream();
+    let mut known = known(replica);
+    let watermark = stream.watermark_tick();
+    let lost = stream.missing_packets().take(LOST_NAMED_MAX);
+    known["lost"] = lost.map(|number| number as u16).collect();
+    known["abandoned"] = json!(stream.lost() as u16);
+    known["resync"] = json!(
+        stream
+            .has_lost_sync()
+            .then(|| u8::from(stream.has_mismatched()))
+    );
+    if matches!(replica.choice(), StreamChoice::Capped { .. }) {
+        let scales = recent(watermark).map(|tick| stream.error_scale_at(tick));
+        known["error_scales"] = scales
+            .map(|factor| factor.map(|factor| (factor * 8.0) as u64))
+            .collect();
+    }
+    let rows = replica.bodies().map(|desc| body_row(replica, desc.id));
+    known["bodies"] = rows.collect();
+    known
+}
+
+/// The last ticks up to one, newest first.
+fn recent(tick: Tick) -> impl Iterator<Item = Tick> {
+    let ticks = tick.value().saturating_sub(5)..=tick.value();
+    ticks.rev().map(Tick::new)
+}
+
+/// Index, generation, origin, and the motion at the newest tick up to the watermark at which the error is known.
+fn body_row(replica: &Replica, id: BodyId) -> Value {
+    let stream = replica.stream();
+    let origin = stream.track(id).map(|track| track.origin.value());
+    let within = |tick: &Tick| matches!(stream.bound_at(id, *tick), Some(ErrorBound::Within(_)));
+    let tick = recent(stream.watermark_tick()).find(within);
+    let motion = tick.and_then(|tick| stream.predicted_motion(id, tick));
+    let digest = motion.map(|motion| {
+        let mut digest = Fnv::START;
+        digest.fold_motion(&motion);
+        format!("{:016x}", digest.value())
+    });
+    json!([
+        id.index(),
+        id.generation(),
+        origin,
+        tick.map(Tick::value),
+        digest
+    ])
+}
+
+/// Whether an actual state has what an expected one states; the actual one may have more words.
+#[must_use]
+pub fn agrees(expected: &Value, actual: &Value) -> bool {
+    let words = expected.as_object().into_iter().flatten();
+    words
+        .into_iter()
+        .all(|(word, value)| actual.get(word) == Some(value))
 }
 
 /// FNV-1a over the bits of each body's predicted motion at the complete tick, in order of index.
@@ -85,7 +149,7 @@ pub fn replayed(events: &[Value]) -> Vec<(usize, Value, Value)> {
         deliver(&mut session, event);
         if event[0] == "known" {
             let replica = session.replica().expect("a member");
-            states.push((place, event[1].clone(), known(replica)));
+            states.push((place, event[1].clone(), known_in_full(replica)));
         }
     }
     states
