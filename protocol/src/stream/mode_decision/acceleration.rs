@@ -8,16 +8,16 @@ use rhumb_reckoning::{ConstantAcceleration, Motion};
 
 use super::subject::{Context, Subject};
 
-/// Number of candidate accelerations: the track's own, and the observed one in fine and coarse steps.
-pub(super) const ACCELERATIONS: usize = 3;
+/// Number of candidate accelerations: the track's own, and the observed one.
+pub(super) const ACCELERATIONS: usize = 2;
 /// Relative difference of two accelerations below which they count as equal: of two ticks, or of a tick and gravity.
 const EQUAL_WITHIN: f64 = 0.1;
 /// Ticks in which a worthwhile acceleration moves a body by the tolerance: fewer than the first, more than the second.
 ///
 /// A weaker one does not pay for its bits. A stronger one does not hold.
 const WORTHWHILE_TICKS: [f64; 2] = [32.0, 1.0];
-/// Least number of steps of the greatest component, for each fineness of the observed acceleration.
-const STEPS_MIN: [f64; ACCELERATIONS - 1] = [16.0, 64.0];
+/// Least number of steps of the greatest component of the observed acceleration.
+const STEPS_MIN: f64 = 32.0;
 
 /// Candidate accelerations of a body's next track; the present track's own is the first.
 pub(super) fn accelerations(
@@ -31,12 +31,8 @@ pub(super) fn accelerations(
         return all;
     }
     all[0] = subject.track.predictor.acceleration();
-    let Some(observed) = acceleration(context, subject, reach) else {
-        return all;
-    };
-    for (acceleration, fineness) in all[1..].iter_mut().zip(STEPS_MIN) {
-        *acceleration = ConstantAcceleration::nearest(observed, fineness);
-    }
+    all[1] = acceleration(context, subject, reach)
+        .and_then(|observed| ConstantAcceleration::nearest(observed, STEPS_MIN));
     all
 }
 

@@ -452,6 +452,13 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         if !is_attached && !may_be {
             return None;
         }
+        let (own, other) = (subject.truth.twist(), parent.truth.twist());
+        let arm = subject.truth.pose().position - parent.truth.pose().position;
+        let drift = own.linear - other.linear - other.angular.cross(arm);
+        let drift = Errors::of_position(drift, self.units.moving);
+        if N == 1 && !is_attached && self.units.share(&drift) > 1.0 {
+            return None;
+        }
         // A body without past observations has no evidence of being attached.
         let past = parent.past?;
         let now = relative_to(&parent.truth.pose(), &subject.truth.pose());
@@ -462,10 +469,6 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         };
         let one = moved(0)?;
         let stride = f64::from(subject.stride.count());
-        let fast = self.units.share(&Errors::of(one, self.units.still)) > stride;
-        if N == 1 && fast && !is_attached {
-            return None;
-        }
         let two = moved(1).unwrap_or([one[0] * 2.0, one[1] * 2.0]);
         let by = parent.predicted_motion.pose();
         let truth = relative_to(&by, &subject.truth.pose());

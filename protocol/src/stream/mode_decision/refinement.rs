@@ -9,7 +9,7 @@ use super::cost::{Beside, Cost};
 use super::errors::Errors;
 use super::forecast::Effect;
 use super::ranking::{CorrectionRanker, NEAREST, Settings};
-use super::shortlist::{BestCorrections, Choice, SHORTLIST};
+use super::shortlist::{BestCorrections, Choice};
 
 /// Rounding for a sparser residual: a fraction of a step below this is dropped.
 const SPARSE: f64 = 0.7;
@@ -92,12 +92,11 @@ impl<'r> Refinement<'r> {
     }
 
     fn note(&mut self, mode: usize, residual: Residual, price: f64) {
-        let choice = Choice {
+        self.best.note(Choice {
             mode,
             residual,
             price,
-        };
-        self.best.note(self.settings.capacity(), choice);
+        });
     }
 
     /// Prices the corrections of a mode.
@@ -126,9 +125,8 @@ impl<'r> Refinement<'r> {
             at_once: start.at_once,
             each_tick: start.at_once * ranker.rate,
         };
-        let ticks = ranker.lifetime(&effect).ticks;
-        // The form alone may cost too much for this lifetime.
-        if ranker.cost.price(ranker.cost.of_form(false), ticks) < self.best.least() {
+        let form = ranker.cost.of_form(false);
+        if let Some(ticks) = ranker.lifetime_within(form, &effect, self.best.least()) {
             let (residual, bits) = (start.residual, start.bits(&ranker.cost));
             self.note(mode, residual, ranker.cost.price(bits, ticks));
         }
@@ -158,8 +156,11 @@ impl<'r> Refinement<'r> {
                 velocity: best.residual.velocity,
                 ..units.residual(&ranker.forecast.known[0], [SPARSE; 2])
             };
-            if sparse != best.residual {
-                self.note(best.mode, sparse, ranker.price(&sparse));
+            let (bits, effect) = (ranker.cost.bits(&sparse), ranker.effect(&sparse));
+            if sparse != best.residual
+                && let Some(ticks) = ranker.lifetime_within(bits, &effect, best.price)
+            {
+                self.note(best.mode, sparse, ranker.cost.price(bits, ticks));
             }
         }
     }
@@ -174,14 +175,11 @@ impl<'r> Refinement<'r> {
                 let residual = units.residual(&forecast.nearest(fit, ranker.rate), NEAREST);
                 let price = ranker.price(&residual);
                 let mut note = |residual, price| {
-                    best.note(
-                        SHORTLIST,
-                        Choice {
-                            mode,
-                            residual,
-                            price,
-                        },
-                    );
+                    best.note(Choice {
+                        mode,
+                        residual,
+                        price,
+                    });
                 };
                 note(residual, price);
                 if settings.features.sparse {
@@ -204,7 +202,7 @@ impl<'r> Refinement<'r> {
         }
         for choice in best.iter() {
             let price = ranker.price_with_next(&choice.residual);
-            self.best.note(SHORTLIST, Choice { price, ..*choice });
+            self.best.note(Choice { price, ..*choice });
         }
     }
 }
