@@ -493,11 +493,7 @@ impl Publisher {
     }
 
     /// The possible parent of another body; `stride` is the publish interval of that body's last observations.
-    fn parent<'s>(
-        &'s self,
-        observed: &'s ObservedParent,
-        stride: Ticks,
-    ) -> Option<Parent<'s>> {
+    fn parent<'s>(&'s self, observed: &'s ObservedParent, stride: Ticks) -> Option<Parent<'s>> {
         let ObservedParent {
             index,
             truth,

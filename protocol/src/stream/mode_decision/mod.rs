@@ -125,11 +125,7 @@ impl<'a> ModeDecision<'a> {
             looks_ahead: N > 1,
         };
         let mut refinement = Refinement::new(&settings);
-        let steadiest = if N == 1 {
-            candidates.steadiest()
-        } else {
-            None
-        };
+        let steadiest = if N == 1 { candidates.steadiest() } else { None };
         for mode in candidates.promising(steadiest) {
             refinement.consider(&candidates, mode);
         }

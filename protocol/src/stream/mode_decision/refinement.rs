@@ -100,11 +100,7 @@ impl<'r> Refinement<'r> {
     }
 
     /// Prices the corrections of a mode.
-    pub(super) fn consider<const N: usize>(
-        &mut self,
-        candidates: &Candidates<'_, N>,
-        mode: usize,
-    ) {
+    pub(super) fn consider<const N: usize>(&mut self, candidates: &Candidates<'_, N>, mode: usize) {
         let Some(ranker) = self.ranker(candidates, mode) else {
             return;
         };
