@@ -42,7 +42,7 @@ use crate::packet::{
 };
 use budget_state::BudgetState;
 pub use budget_state::OverBudget;
-use large_body::LargeBody;
+use large_body::{LargeBody, ObservedParent};
 use observation_scan::ObservationScan;
 use window::ObservationWindow;
 
@@ -288,14 +288,14 @@ impl Publisher {
             let observed = (place, &observations[place]);
             emit(self.check(observation_history, tick, observed, None));
         }
+        self.observe_parents(observation_history, tick, &mut scan);
         for place in &scan.undecided {
             if scan.is_before(*place) {
                 continue;
             }
             let place = *place as usize;
             let observed = (place, &observations[place]);
-            let parent_candidate =
-                self.parent_candidate_of(observed.1, &scan.parent_candidates, observations);
+            let parent_candidate = self.parent_candidate_of(observed.1, &scan);
             emit(self.check(observation_history, tick, observed, parent_candidate));
         }
         self.scan = Some(scan);
@@ -334,7 +334,7 @@ impl Publisher {
         observation_history: &ObservationHistory,
         tick: Tick,
         observed: (usize, &Observation),
-        parent_candidate: Option<usize>,
+        parent_candidate: Option<&ObservedParent>,
     ) -> Option<Update> {
         let (_, observation) = observed;
         let index = observation.id.index();
@@ -426,7 +426,7 @@ impl Publisher {
         tick: Tick,
         slot: &Slot,
         (place, observation): (usize, &Observation),
-        parent_candidate: Option<usize>,
+        parent_candidate: Option<&ObservedParent>,
     ) -> Option<(UpdatePayload, Track)> {
         let truth = observation.motion.motion();
         let track = slot.track();
@@ -449,13 +449,6 @@ impl Publisher {
             return None;
         }
         let observed = ObservationWindow::of(observation_history, observation.id, tick, place);
-        let attached_to = parent_candidate.and_then(|place| {
-            let other = observation_history.at(tick)?.get(place)?;
-            Some((
-                other,
-                ObservationWindow::of(observation_history, other.id, tick, place),
-            ))
-        });
         let decision = ModeDecision::new(Context {
             tracks: &self.tracks,
             features: self.features,
@@ -467,16 +460,14 @@ impl Publisher {
             slot,
             track: &track,
             tick,
-            truth,
-            predicted_motion,
-            last: observed.last,
-            past: observed.past,
+            truth: &truth,
+            predicted_motion: &predicted_motion,
+            velocities: observed.velocities,
+            past: &observed.past,
             stride,
             ahead: observed.ahead(),
             ends: observed.ends(),
-            parent: attached_to
-                .as_ref()
-                .and_then(|(other, observed)| self.parent(other, observed, stride)),
+            parent: parent_candidate.and_then(|observed| self.parent(observed, stride)),
         };
         let chosen = decision.decide(&subject);
         if chosen.is_none() && !expired && used <= 1.0 {
@@ -488,23 +479,20 @@ impl Publisher {
     }
 
     /// The possible parent of another body; `stride` is the publish interval of that body's last observations.
-    fn parent<'s>(
-        &'s self,
-        observation: &Observation,
-        observed: &'s ObservationWindow,
-        stride: Ticks,
-    ) -> Option<Parent<'s>> {
-        let index = observation.id.index();
-        Some(Parent {
+    fn parent<'s>(&'s self, observed: &'s ObservedParent, stride: Ticks) -> Option<Parent<'s>> {
+        let ObservedParent {
             index,
-            slot: self.tracks.slot(index)?,
-            truth: observation.motion.motion(),
-            past: if observed.stride == stride {
-                observed.past
-            } else {
-                [None; 2]
-            },
-            ahead: observed.ahead(),
+            truth,
+            predicted_motion,
+            window,
+        } = observed;
+        Some(Parent {
+            index: *index,
+            slot: self.tracks.slot(*index)?,
+            truth,
+            predicted_motion,
+            past: (window.stride == stride).then_some(&window.past),
+            ahead: window.ahead(),
         })
     }
 
