@@ -69,21 +69,20 @@ def known_in_full(scene):
     state, report = known(scene, False), scene.loss_report()
     state |= {"abandoned": report["abandoned"], "lost": report["lost"], "resync": scene.resync()}
     if scene.capped:
-        state["error_scales"] = [scene.error_scale(tick) for tick in recent(scene.watermark)]
+        state["error_scales"] = [scene.error_scale(tick) for tick in recent(scene.watermark, 6)]
     return state | {"bodies": [body_row(scene, scene.bodies[index]) for index in sorted(scene.bodies)]}
 
 
-def recent(tick):
-    """The last ticks up to one, newest first."""
-    return range(tick, max(tick - 6, -1), -1)
+def recent(tick, count):
+    """The tick after one, that one, and some before it, newest first."""
+    return range(tick + 1, max(tick - count, -1), -1)
 
 
 def body_row(scene, body):
-    """Index, generation, origin, and the motion at the newest tick up to the watermark at which its error is known."""
-    for tick in recent(scene.watermark):
-        if scene.is_within(body, tick):
-            return [body.index, body.generation, body.track.origin, tick, hashed([scene.predicted_motion(body, tick)])]
-    return [body.index, body.generation, body.track.origin, None, None]
+    """Index, generation, origin, the ticks about the watermark at which the error is known, and the motions at these."""
+    ticks = [tick for tick in recent(scene.watermark, 4) if scene.is_within(body, tick)]
+    motions = hashed(scene.predicted_motion(body, tick) for tick in ticks)
+    return [body.index, body.generation, body.track.origin, ticks, motions]
 
 
 def results(stream):

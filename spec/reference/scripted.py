@@ -250,8 +250,9 @@ class Stream:
 
     def settle(self, tick):
         """Refreshes everything that the member misses; afterwards it must have the publisher's tracks."""
-        while self.member.scene.missing:
-            self.get(*self.refresh(min(self.member.scene.missing), tick))
+        for _ in range(99):
+            if self.member.scene.missing:
+                self.get(*self.refresh(min(self.member.scene.missing), tick))
         self.get(self.checksum(tick))
         scene = self.member.scene
         assert scene.is_converged() and scene.sum() == self.tracks.sum(), self.name

@@ -485,6 +485,8 @@ class Scene:
         lost = expanded(msg["lost"], self.next)
         if lost not in self.missing:
             return
+        if any(record["age"] > tick for record in msg["records"]):
+            return
         for record in msg["records"]:
             self.receive_record(record, tick)
         name = (tick, expanded(msg["events"], self.scene_events), msg["parts"])

@@ -1,0 +1,130 @@
+"""Breaks the reference subscriber rule by rule; the golden vectors must notice each broken rule.
+
+Usage: python3 check_mutants.py [-v]. Prints the mutants that survive; the exit code is 1 if there is one, or if a
+mutant's source text is not there exactly once. `-v` prints what catches each mutant. Mutants are made in memory.
+"""
+
+import importlib.util
+import json
+import multiprocessing
+import signal
+import sys
+import time
+from pathlib import Path
+
+from mutants import MUTANTS
+
+HERE = Path(__file__).resolve().parent
+VECTORS = HERE.parent / "vectors"
+# In the order of import; a mutant of one is seen by all after it.
+SECONDS = 3
+MODULES = ("reckoning", "packets", "messages", "fec_decoder", "subscriber", "check_streams")
+
+
+class Endless(BaseException):
+    """A mutant runs for too long."""
+
+
+def load(mutant=None):
+    """Executes the modules anew, one of them changed. The unchanged ones before it are shared."""
+    first = MODULES.index(mutant.file) if mutant else 0
+    for name in MODULES[first:]:
+        sys.modules.pop(name, None)
+    for name in MODULES[first:]:
+        path = HERE / f"{name}.py"
+        source = path.read_text(encoding="utf-8")
+        if mutant and name == mutant.file:
+            source = source.replace(mutant.source, mutant.replacement)
+        module = importlib.util.module_from_spec(importlib.util.spec_from_file_location(name, path))
+        sys.modules[name] = module
+        exec(compile(source, str(path), "exec"), module.__dict__)
+
+
+def vectors():
+    """The streams, short ones first, and the datagrams to refuse."""
+    streams = json.loads((VECTORS / "scripted.json").read_text(encoding="utf-8"))["streams"]
+    packets = json.loads((VECTORS / "packets.json").read_text(encoding="utf-8"))
+    return sorted(streams, key=lambda stream: len(stream["events"])), packets
+
+
+def caught(streams, packets):
+    """The first vector with another result than the stated one; None if there is none."""
+    check_streams = sys.modules["check_streams"]
+    for case in packets["refused"]:
+        # A refusal for another reason is not normative.
+        if decoded(case["bytes"]) is not None:
+            return case["name"]
+    for stream in streams:
+        try:
+            if any(want != got for _, want, got in check_streams.results(stream)):
+                return stream["name"]
+        except Exception as error:
+            return f"{stream['name']}: {type(error).__name__}"
+    for case in packets["accepted"]:
+        if decoded(case["bytes"]) != case["means"]:
+            return case["name"]
+    return None
+
+
+def decoded(digits):
+    packets = sys.modules["packets"]
+    try:
+        return packets.decoded(bytes.fromhex(digits))
+    except packets.Malformed:
+        return None
+    except Exception as error:
+        return type(error).__name__
+
+
+def stop(*_):
+    raise Endless
+
+
+def tried(mutant):
+    """What catches a mutant, and the processor time of that. A mutant that does not come to an end is caught."""
+    load(mutant)
+    start = time.process_time()
+    signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    try:
+        by = caught(*GIVEN)
+    except Endless:
+        by = f"the limit of {SECONDS} s"
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+    return mutant, by, time.process_time() - start
+
+
+def faults():
+    """Mutants that are not one change of one place."""
+    for mutant in MUTANTS:
+        count = (HERE / f"{mutant.file}.py").read_text(encoding="utf-8").count(mutant.source)
+        if count != 1 or mutant.source == mutant.replacement:
+            yield f"{mutant.requirement} {mutant.broken}: its source text is {count} times in {mutant.file}.py"
+
+
+GIVEN = vectors()
+
+
+def main():
+    wrong = list(faults())
+    load()
+    by = caught(*GIVEN)
+    if by:
+        wrong.append(f"without a mutant, this vector fails: {by}")
+    survivors, spent = 0, time.process_time()
+    if not wrong:
+        with multiprocessing.get_context("fork").Pool() as pool:
+            for mutant, by, seconds in pool.imap_unordered(tried, MUTANTS, 4):
+                spent += seconds
+                survivors += by is None
+                if by is None or "-v" in sys.argv:
+                    print(f"{mutant.requirement} {mutant.broken}: {f'caught by {by}' if by else 'SURVIVES'}")
+    for line in wrong:
+        print(line)
+    print(f"{len(MUTANTS)} mutants, {survivors} survive, {spent:.0f} s of processor time")
+    return 1 if survivors or wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
