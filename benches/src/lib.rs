@@ -4,6 +4,7 @@
 //! ([`trace`]) and the report page ([`report`]).
 #![forbid(unsafe_code)]
 
+pub mod ablate;
 pub mod cost;
 pub mod drive;
 pub mod evaluate;
@@ -11,6 +12,7 @@ pub mod fit;
 pub mod limit;
 pub mod machine;
 pub mod output;
+mod processor;
 pub mod record;
 pub mod recording;
 pub mod replay;

@@ -3,12 +3,12 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use rhumb_bench::ablate::{Ablate, ablate};
 use rhumb_bench::cost::{CostArguments, cost};
 use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
 use rhumb_bench::fit::{FitArguments, fit};
 use rhumb_bench::limit::{LimitArguments, limit};
-use rhumb_bench::replay::ablate::{Ablate, ablate};
 use rhumb_bench::replay::{Replay, replay};
 use rhumb_bench::scene_file::{SceneArguments, scene};
 
@@ -26,7 +26,7 @@ enum Task {
     Evaluate(Evaluate),
     /// Publish and subscribe to a recorded trace; write the same outputs.
     Replay(Replay),
-    /// Replay a recorded trace with each feature of the stream switched off in turn.
+    /// Measure the value and the price of each mechanism of the stream on standard loads.
     Ablate(Ablate),
     /// Compute the fewest updates and bits a recorded trace needs if the future is known.
     Limit(LimitArguments),

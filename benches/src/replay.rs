@@ -2,7 +2,6 @@
 //!
 //! No engine steps and no socket opens: time is simulated, and one seed gives one result, bit exact.
 
-pub mod ablate;
 mod client;
 mod config;
 mod failure;

@@ -51,7 +51,6 @@ impl Summary {
         });
         let mut runs: Vec<_> = runs.collect();
         measure::compare_with_naive(&mut runs);
-        measure::compare_with_all_on(&mut runs);
         let unfinished = experiment.loads.iter().flat_map(|load| &load.unfinished);
         Self {
             command: experiment.command.clone(),

@@ -2,19 +2,25 @@
 //!
 //! Start-up lines go to standard output, one fact a line, for readers and scripts; the log goes to standard error.
 
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
 
 use clap::{Parser, ValueEnum};
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_transport::{AppListen, Stop};
 use tracing::level_filters::LevelFilter;
 
 use crate::app::{AppOptions, Datagrams, States, TimeAdvanced};
 use crate::engine::Workers;
 use crate::hook::Hooks;
+use crate::log;
 use crate::serve::{Identity, RunError, Server, run_on_cores};
 
 /// A Rapier server for remote rigid-body physics.
@@ -39,6 +45,9 @@ pub struct Arguments {
     /// Number of threads to step on, shared by all scenes; more than one needs the feature `parallel`.
     #[arg(long, default_value = "1")]
     threads: NonZeroU32,
+    /// Largest packet of a stream, bytes, from 700 to 1150. Relays and browsers add headers of their own.
+    #[arg(long, value_name = "BYTES", default_value_t)]
+    largest_packet: LargestPacket,
     /// TCP and UDP address for APP clients, such as OpenSimulator's RemotePhysics plug-in.
     #[arg(long)]
     app_listen: Option<SocketAddr>,
@@ -78,6 +87,12 @@ enum StateSelection {
     Changed,
 }
 
+/// A server that has not stopped so long after a signal is ended: two seconds are promised.
+const STOP_WITHIN: Duration = Duration::from_millis(1_500);
+
+/// Exit code of a server that was ended so.
+const EXIT_NOT_STOPPED: i32 = 3;
+
 impl Arguments {
     fn app(&self) -> (Option<AppListen>, AppOptions) {
         let listen = self.app_listen.map(|address| AppListen {
@@ -105,19 +120,15 @@ impl Arguments {
     }
 }
 
-/// Runs a server until SIGINT or SIGTERM. Exit code 0 after such a stop, 1 when it cannot start or fails.
+/// Runs a server until SIGINT or SIGTERM. Exit code 0 after such a stop, 1 when it cannot start or fails, 3 when it
+/// does not stop in time.
 pub fn main(arguments: Arguments) -> ExitCode {
     main_with(arguments, None)
 }
 
 /// As [`main`], with hooks for the scenes that clients create.
 pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
-    tracing_subscriber::fmt()
-        .with_max_level(arguments.log)
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_target(false)
-        .init();
+    let _last_lines = log::start(arguments.log);
     match run(arguments, hooks) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -142,6 +153,7 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
     let stop = Stop::new();
     let mut server = Server::bind(arguments.listen, &identity)?;
     server.employ(workers);
+    server.set_largest_packet(arguments.largest_packet);
     if let Some(hooks) = hooks {
         server.attach(hooks);
     }
@@ -149,13 +161,24 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
         Some(listen) => Some(server.listen_app(listen, app_options)?),
         None => None,
     };
-    let requested = stop.clone();
+    let running = Arc::new(AtomicBool::new(true));
+    let (requested, still_running) = (stop.clone(), Arc::clone(&running));
+    let on_signal = move || {
+        requested.stop();
+        thread::sleep(STOP_WITHIN);
+        if still_running.load(Ordering::Relaxed) {
+            tracing::error!("the server did not stop in time");
+            std::process::exit(EXIT_NOT_STOPPED);
+        }
+    };
     // Fails only when a handler is installed already: its owner decides when to stop.
-    if let Err(cause) = ctrlc::set_handler(move || requested.stop()) {
+    if let Err(cause) = ctrlc::set_handler(on_signal) {
         tracing::warn!("signals do not stop this server: {cause}");
     }
     announce(&server, &identity, app);
-    let statistics = server.run(&stop)?;
+    let outcome = server.run(&stop);
+    running.store(false, Ordering::Relaxed);
+    let statistics = outcome?;
     tracing::info!(connections = statistics.opened, "stopped");
     Ok(())
 }

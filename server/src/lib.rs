@@ -45,6 +45,7 @@ mod digest;
 pub mod engine;
 mod grants;
 mod hook;
+mod log;
 mod member;
 mod outbox;
 mod over_budget;

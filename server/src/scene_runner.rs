@@ -17,7 +17,7 @@ use rhumb_protocol::message::{
     ClientMessage, Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage,
     StreamChoice,
 };
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{Command, CommandError, SceneConfig, Stepping};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::stream::{Activity, Observation, StreamStart};
@@ -60,6 +60,8 @@ pub(crate) struct SceneRunner {
     faulted: bool,
     /// Whether an APP client leads the scene: only that client steps and ends it.
     led: bool,
+    /// The largest packet of its later streams.
+    largest_packet: LargestPacket,
 }
 
 /// A free-running scene that is later than so many steps slows down instead of catching up.
@@ -87,12 +89,18 @@ impl SceneRunner {
             times: Times::default(),
             faulted: false,
             led: false,
+            largest_packet: LargestPacket::DEFAULT,
         }
     }
 
     /// Has a hook act before each step from now on.
     pub(crate) fn attach(&mut self, hook: Hook) {
         self.hook = Some(hook);
+    }
+
+    /// Bounds the packets of the streams that begin from now on.
+    pub(crate) const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.largest_packet = largest_packet;
     }
 
     pub(crate) fn config(&self) -> &SceneConfig {
@@ -155,7 +163,9 @@ impl SceneRunner {
 
     fn begin_stream(&mut self, choice: StreamChoice) -> StreamId {
         let id = self.new_stream();
-        let stream = self.streams.begin(Stream::new(choice, id, &self.scene));
+        let stream = self
+            .streams
+            .begin(Stream::new(choice, id, self.largest_packet, &self.scene));
         for (id, parameters, track, motion) in body_placement::everything(&self.scene) {
             stream.place(id, &parameters, track, motion);
         }
@@ -186,6 +196,7 @@ impl SceneRunner {
             tolerance: stream.tolerance(),
             integrator: self.config().integrator,
             publish_interval: self.config().publish_schedule.publish_interval,
+            largest_packet: stream.sender.largest_packet(),
             gravity: self.scene.gravity(),
             tick: stream.sender.tick(),
             next: stream.sender.next_number(),

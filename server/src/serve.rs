@@ -7,6 +7,7 @@ use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_transport::{
     AppBindError, AppListen, BindError, Certificate, CertificateError, Clock, Fingerprint,
     QuicServer, ServeError, ServerOptions, ServerStatistics, Stop,
@@ -37,6 +38,7 @@ pub struct Server {
     hooks: Option<Hooks>,
     app: AppOptions,
     workers: Workers,
+    largest_packet: LargestPacket,
 }
 
 /// Reason why a server did not start, or stopped by itself.
@@ -101,6 +103,7 @@ impl Server {
             hooks: None,
             app: AppOptions::default(),
             workers: Workers::default(),
+            largest_packet: LargestPacket::DEFAULT,
         })
     }
 
@@ -140,6 +143,11 @@ impl Server {
         self.workers = workers;
     }
 
+    /// Bounds the packets of all streams.
+    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.largest_packet = largest_packet;
+    }
+
     /// Serves on the calling thread until `stop` is requested; then every client learns that the server is going
     /// away.
     ///
@@ -150,6 +158,7 @@ impl Server {
         let clock = Clock::start();
         let mut server_loop = ServerLoop::new(move || clock.now());
         server_loop.employ(self.workers);
+        server_loop.set_largest_packet(self.largest_packet);
         if let Some(hooks) = self.hooks {
             server_loop.attach(hooks);
         }

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use rhumb_protocol::limits::SCENES_MAX;
 use rhumb_protocol::message::{ClientMessage, Denial, Grease, ServerMessage};
-use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
+use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, PacketKind};
 use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName};
 use rhumb_protocol::session::ServerSession;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
@@ -38,6 +38,7 @@ pub struct ServerLoop {
     scenes_begun: u32,
     hooks: Option<Hooks>,
     workers: Workers,
+    largest_packet: LargestPacket,
     pub(crate) stopwatch: Box<dyn Fn() -> Instant + Send>,
 }
 
@@ -52,6 +53,7 @@ impl ServerLoop {
             scenes_begun: 0,
             hooks: None,
             workers: Workers::default(),
+            largest_packet: LargestPacket::DEFAULT,
             stopwatch: Box::new(stopwatch),
         }
     }
@@ -69,6 +71,11 @@ impl ServerLoop {
     /// Sets the threads that step later scenes.
     pub fn employ(&mut self, workers: Workers) {
         self.workers = workers;
+    }
+
+    /// Bounds the packets of later scenes' streams.
+    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.largest_packet = largest_packet;
     }
 
     /// Names of the scenes that exist.
@@ -189,6 +196,7 @@ impl ServerLoop {
         let scene = Scene::on(config, &self.workers).map_err(Denial::InvalidConfig)?;
         let names = StreamNames::of_scene(self.scenes_begun);
         let mut runner = SceneRunner::new(scene, names);
+        runner.set_largest_packet(self.largest_packet);
         if let Some(hook) = self
             .hooks
             .as_mut()

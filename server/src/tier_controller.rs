@@ -23,7 +23,7 @@ pub(crate) struct TierController {
     tier_policy: TierPolicy,
     route_delay: RouteDelay,
     snapshot_progress: SnapshotProgress,
-    /// Since when queued data is stuck, since when it is late for any cause, and since when it is in time.
+    /// Since when data queued here is late, since when it is late for any cause, and since when it is in time.
     stuck_since: Option<Instant>,
     late_since: Option<Instant>,
     good_since: Option<Instant>,
@@ -43,9 +43,7 @@ const TIERS: [Tolerance; 4] = [
 
 /// Delay from which on data is late: a quarter of a second beyond the route delay.
 const LATE: Span = Span::from_millis(250);
-/// Delay from which on data is stuck, wherever it is queued.
-const STUCK: Span = Span::from_millis(1_000);
-/// How long the queue here must be beyond [`LATE`], or stuck, before the link counts as congested.
+/// How long the queue here must be beyond [`LATE`] before the link counts as congested.
 const STUCK_FOR: Span = Span::from_millis(500);
 /// How long data must be late with hardly any queue here: a longer route is recognised by then.
 const LATE_FOR: Span = Span::from_millis(5_000);
@@ -154,11 +152,7 @@ impl TierController {
         if !converged {
             return None;
         }
-        let stuck_for = lasts(
-            &mut self.stuck_since,
-            now,
-            queue_delay > LATE || late > STUCK,
-        );
+        let stuck_for = lasts(&mut self.stuck_since, now, queue_delay > LATE);
         let late_for = lasts(&mut self.late_since, now, late > LATE);
         let good_for = lasts(&mut self.good_since, now, late <= GOOD);
         if stuck_for >= Some(STUCK_FOR) || late_for >= Some(LATE_FOR) {

@@ -216,6 +216,7 @@ def read_primitive(kind, field, frm):
         mask, top = field.get("kinds", (0, 0))
         refuse_if(value & mask > top, "UnknownCode")
         refuse_if(not least <= value <= most, "OutOfRange")
+        value = f"{value:016x}" if kind == "u64" else value
     elif kind == "i8":
         value = int.from_bytes(frm.raw(1), "little", signed=True)
         refuse_if(not field["least"] <= value <= field["most"], "OutOfRange")
@@ -508,7 +509,9 @@ def write_times(field, values):
 
 
 def write_primitive(kind, value):
-    if kind in ("u8", "u16", "u32", "u64"):
+    if kind == "u64":
+        return bytes.fromhex(value)[::-1]
+    if kind in ("u8", "u16", "u32"):
         return value.to_bytes(int(kind[1:]) // 8, "little")
     if kind == "i8":
         return value.to_bytes(1, "little", signed=True)

@@ -11,7 +11,7 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_client::{RenderParams, RenderTime, View};
 use rhumb_protocol::message::{SceneEvent, StreamChoice};
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, PublishSchedule, SceneConfig, Shape, ShapeId};
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
@@ -82,6 +82,7 @@ fn config(tolerance: Tolerance) -> StreamTerms {
         tolerance,
         integrator: integrator(),
         publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+        largest_packet: LargestPacket::DEFAULT,
         gravity: GRAVITY,
         features: Features::ALL,
     }

@@ -315,6 +315,20 @@ fn no_stored_run_is_void_or_has_a_fault() {
 }
 
 #[test]
+fn the_stored_ablation_has_no_fault_and_every_row_has_its_loads() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/results/data/ablation.json");
+    let ablation = json(&path);
+    assert_eq!(ablation["faults"], 0);
+    let loads = ablation["loads"].as_array().expect("loads").len();
+    assert_eq!(loads, 5);
+    for row in ablation["rows"].as_array().expect("rows") {
+        let compared = row["comparisons"].as_array().expect("comparisons").len();
+        let expected = if row["without"].is_null() { 0 } else { loads };
+        assert_eq!(compared, expected, "{}", row["name"]);
+    }
+}
+
+#[test]
 fn the_result_pages_are_current() {
     let results = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/results");
     let check = |page: &Path| {
@@ -324,7 +338,7 @@ fn the_result_pages_are_current() {
             .output()
             .expect("the benchmark starts")
     };
-    for page in ["paper.md", "stream.md"] {
+    for page in ["paper.md", "stream.md", "mechanisms.md"] {
         let printed = check(&results.join(page));
         let why = String::from_utf8_lossy(&printed.stderr);
         assert!(printed.status.success(), "{page}: {why}");

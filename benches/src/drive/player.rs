@@ -6,7 +6,6 @@
 mod app_player;
 mod interface;
 mod local;
-mod processor;
 mod remote_player;
 
 use super::error::DriveError;

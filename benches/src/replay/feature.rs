@@ -57,11 +57,23 @@ pub enum Feature {
     Coder,
     /// Send repair symbols for lost packets, unsolicited where loss is high.
     Fec,
+    /// Send repair symbols without a request where loss is high.
+    UnsolicitedFec,
+    /// Split large ticks in two packets where loss is high.
+    SplitTicks,
+    /// Keep touching bodies in one packet.
+    Islands,
+    /// Encode exact rest poses as corrections.
+    RestCorrections,
+    /// Name bodies by short aliases instead of their indices.
+    Aliases,
+    /// Send checksums over all tracks.
+    Checksums,
 }
 
 impl Feature {
     /// All features, in the order of the list.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 20] = [
         Self::Resting,
         Self::Ballistic,
         Self::TorqueFree,
@@ -76,6 +88,12 @@ impl Feature {
         Self::Packing,
         Self::Coder,
         Self::Fec,
+        Self::UnsolicitedFec,
+        Self::SplitTicks,
+        Self::Islands,
+        Self::RestCorrections,
+        Self::Aliases,
+        Self::Checksums,
     ];
 
     /// Name on the command line and in the summary.
@@ -96,6 +114,12 @@ impl Feature {
             Self::Packing => "packing",
             Self::Coder => "coder",
             Self::Fec => "fec",
+            Self::UnsolicitedFec => "unsolicited-fec",
+            Self::SplitTicks => "split-ticks",
+            Self::Islands => "islands",
+            Self::RestCorrections => "rest-corrections",
+            Self::Aliases => "aliases",
+            Self::Checksums => "checksums",
         }
     }
 
@@ -134,6 +158,12 @@ impl Feature {
             Self::Packing => &mut publisher.packing,
             Self::Coder => &mut features.coder,
             Self::Fec => &mut publisher.redundancy,
+            Self::UnsolicitedFec => &mut publisher.unsolicited,
+            Self::SplitTicks => &mut publisher.halves,
+            Self::Islands => &mut publisher.islands,
+            Self::RestCorrections => &mut publisher.rest_corrections,
+            Self::Aliases => &mut publisher.aliases,
+            Self::Checksums => &mut publisher.checksums,
         }
     }
 }

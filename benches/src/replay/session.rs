@@ -23,6 +23,7 @@ use super::client::{PendingEvent, ReplayClient, StreamSetup};
 use super::config::ReplayConfig;
 use super::judge::ReplayJudge;
 use super::plain::plain_len;
+use crate::processor;
 use crate::record::{CapturedPacket, Frame, JoinCost, PacketDirection, Placed, Run};
 use crate::recording::Recording;
 
@@ -120,6 +121,7 @@ fn sender(start: &StreamSetup, config: &ReplayConfig) -> StreamSender {
         tolerance: start.tolerance,
         integrator: start.integrator,
         publish_interval: start.publish_interval,
+        largest_packet: start.largest_packet,
         gravity: start.gravity,
         features: config.features.publisher,
     };
@@ -171,6 +173,7 @@ impl<'a> ReplaySession<'a> {
             integrator: recording.integrator,
             gravity: recording.gravity,
             publish_interval: config.publish_interval,
+            largest_packet: config.largest_packet,
         };
         let link = config.link;
         let round_trip_ns = 2 * (link.delay.as_nanos() + link.jitter.as_nanos());
@@ -254,17 +257,23 @@ impl<'a> ReplaySession<'a> {
         self.send_down(at, Bytes::from(bytes), Lane::Control);
     }
 
+    /// Processor time of this thread so far; wall time where the system does not report it.
+    fn work_ns(&self) -> u64 {
+        let wall_ns = || self.clock.now().since(Instant::ZERO).as_nanos();
+        processor::work_ns().unwrap_or_else(wall_ns)
+    }
+
     /// One tick of the server: observes, publishes, sends.
     fn publish(&mut self, now: Instant, tick: Tick) {
         // With lookahead the last ticks are published after the recording's end.
         let row = self.recording.truth.ticks.get(tick.value() as usize - 1);
-        let begun = self.clock.now();
+        let begun_ns = self.work_ns();
         self.observation_history
             .observe(tick, row.map_or(&[][..], |row| &row[..]));
         let published = self
             .sender
             .publish(&self.observation_history, self.scene_events);
-        self.publish_ns += self.clock.now().since(begun).as_nanos();
+        self.publish_ns += self.work_ns() - begun_ns;
         if !published {
             return;
         }

@@ -201,12 +201,14 @@ pub(super) fn limits(summary: &Summary) -> Vec<String> {
 /// Limitations of replays.
 fn limits_of_replays(runs: &[RunFigures]) -> Vec<String> {
     let mut sentences = Vec::new();
-    if runs.iter().any(|run| run.of_all_on.is_some()) {
+    let counts_plain_codes = |run: &RunFigures| {
+        let replayed = run.replayed.as_ref();
+        replayed.is_some_and(|of| of.without.iter().any(|name| name == "coder"))
+    };
+    if runs.iter().any(counts_plain_codes) {
         sentences.push(
-            "Each row switches off only the named features. In every row, grids follow from tolerances, and sleeping \
-             bodies are sent at rest. The coder is part of the wire format; its row counts plain codes instead (forms \
-             in five bits, numbers in Exp-Golomb codes). Features interact: two of them together may save more than \
-             the sum of their rows."
+            "The coder is part of the wire format; without it, plain codes are counted instead (forms in five bits, \
+             numbers in Exp-Golomb codes)."
                 .to_owned(),
         );
     }

@@ -63,9 +63,6 @@ pub(crate) fn columns(runs: &[RunFigures]) -> Vec<Column> {
         columns.push(SEED);
     }
     columns.extend(RATES);
-    if any(|run| run.of_all_on.is_some()) {
-        columns.extend(ABLATED);
-    }
     columns.extend(UPDATES);
     if any(|run| run.of_limit.is_some()) {
         columns.extend(OF_LIMIT);
@@ -152,15 +149,6 @@ const RATES: [Column; 2] = [
     }),
     column("with headers", "with headers", "kbit/s", |run, _| {
         number(run.mean_kbps_down)
-    }),
-];
-
-const ABLATED: [Column; 2] = [
-    column("payload kB", "payload", "kB in all", |run, _| {
-        number(run.payload_bytes_down.map(|bytes| bytes as f64 / 1e3))
-    }),
-    column("of all on", "of all on", "times", |run, _| {
-        number(run.of_all_on)
     }),
 ];
 
@@ -277,11 +265,7 @@ pub(super) fn setting(of: &Replayed, tolerance_m: Option<f64>, budget: Option<u3
         text.push_str(&format!(", {budget} B/s"));
     }
     if !of.without.is_empty() {
-        text.push_str(", without ");
-        text.push_str(&match &of.without[..] {
-            all if all.len() == crate::replay::Feature::ALL.len() => "any of these".to_owned(),
-            some => some.join(", "),
-        });
+        text.push_str(&format!(", without {}", of.without.join(", ")));
     }
     text
 }

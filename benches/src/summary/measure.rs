@@ -53,7 +53,6 @@ pub(super) fn figures(run: &Run, truth_checksum: u64) -> RunFigures {
         over_tolerance: None,
         mismatches: None,
         moving: None,
-        of_all_on: None,
         limit: config.limit,
         of_limit: None,
         recovery: None,
@@ -138,20 +137,6 @@ pub(super) fn compare_with_naive(runs: &mut [RunFigures]) {
     let all: Vec<_> = runs.iter().map(of).collect();
     for (run, less) in runs.iter_mut().zip(all) {
         run.less_than_naive = less;
-    }
-}
-
-/// Fills in the payload of each ablated run relative to the run with all features.
-pub(super) fn compare_with_all_on(runs: &mut [RunFigures]) {
-    let switched = |run: &RunFigures| run.replayed.as_ref().map(|of| of.without.len());
-    let all_on = runs.iter().find(|run| switched(run) == Some(0));
-    let all_on = all_on.and_then(|run| run.payload_bytes_down);
-    if !runs.iter().any(|run| switched(run) > Some(0)) {
-        return;
-    }
-    for run in runs {
-        let pair = run.payload_bytes_down.zip(all_on);
-        run.of_all_on = pair.map(|(own, all)| own as f64 / all as f64);
     }
 }
 

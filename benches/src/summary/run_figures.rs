@@ -71,8 +71,6 @@ pub struct RunFigures {
     pub mismatches: Option<u64>,
     /// Replay only: errors of bodies that the recording lists at the tick.
     pub moving: Option<Moving>,
-    /// Ablation only: payload bytes down relative to the row with all features.
-    pub of_all_on: Option<f64>,
     /// The computed limit for the same tolerance and a known future; `null` if it was not computed.
     pub limit: Option<LimitRates>,
     /// Updates and payload bits relative to the limit.

@@ -556,7 +556,7 @@ fn others(cases: &mut Vec<NamedPacket>) {
     ] {
         let loss_report = LossReport {
             next: Low16(70),
-            gone: Low16(300),
+            abandoned: Low16(300),
             repair_symbols,
             lost,
         };

@@ -128,7 +128,7 @@ pub(crate) fn meaning(bytes: &[u8]) -> Result<String, Malformed> {
             format!(
                 "\"kind\": 6, \"next\": {}, \"abandoned\": {}, \"repair_symbols\": {}, \"lost\": {}",
                 loss_report.next.0,
-                loss_report.gone.0,
+                loss_report.abandoned.0,
                 loss_report.repair_symbols,
                 list(&lost)
             )

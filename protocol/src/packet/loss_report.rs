@@ -13,7 +13,7 @@ pub struct LossReport {
     /// Low bits of one more than the number of the newest packet known to have been sent.
     pub next: Low16,
     /// Low bits of the count of packets that did not arrive, whether or not repair symbols recovered them.
-    pub gone: Low16,
+    pub abandoned: Low16,
     /// The number of repair symbols that would recover the newest losses; zero if refreshes are needed.
     pub repair_symbols: u8,
     /// Numbers of lost packets below `next`, oldest first.
@@ -31,7 +31,7 @@ impl LossReport {
         }
         .encode(&mut to);
         self.next.encode(&mut to);
-        self.gone.encode(&mut to);
+        self.abandoned.encode(&mut to);
         to.u8(self.repair_symbols);
         to.varint(self.lost.len() as u64);
         for lost in &self.lost {
@@ -47,7 +47,7 @@ impl LossReport {
     /// [`Malformed`] if they are no loss report.
     pub fn decode(mut from: Reader<'_>) -> Result<Self, Malformed> {
         let next = Low16::decode(&mut from)?;
-        let gone = Low16::decode(&mut from)?;
+        let abandoned = Low16::decode(&mut from)?;
         let repair_symbols = from.u8()?;
         if u32::from(repair_symbols) > FEC_SPAN {
             return Err(Malformed::OutOfRange);
@@ -63,7 +63,7 @@ impl LossReport {
         from.finish()?;
         Ok(Self {
             next,
-            gone,
+            abandoned,
             repair_symbols,
             lost,
         })
@@ -77,9 +77,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_loss_report_round_trips(next: u16, gone: u16, repair_symbols in 0..=FEC_SPAN as u8, lost in proptest::collection::vec(any::<u16>(), 0..LOST_NAMED_MAX)) {
-            let (next, gone) = (Low16(next), Low16(gone));
-            let loss_report = LossReport { next, gone, repair_symbols, lost: lost.into_iter().map(Low16).collect() };
+        fn a_loss_report_round_trips(next: u16, abandoned: u16, repair_symbols in 0..=FEC_SPAN as u8, lost in proptest::collection::vec(any::<u16>(), 0..LOST_NAMED_MAX)) {
+            let (next, abandoned) = (Low16(next), Low16(abandoned));
+            let loss_report = LossReport { next, abandoned, repair_symbols, lost: lost.into_iter().map(Low16).collect() };
             let bytes = loss_report.encode(StreamId(300));
             let mut reader = Reader::new(&bytes);
             prop_assert_eq!(Head::decode(&mut reader), Ok(Head { kind: PacketKind::LossReport, stream: StreamId(300) }));

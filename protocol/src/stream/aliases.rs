@@ -193,6 +193,15 @@ impl AliasTable {
         (alias, true)
     }
 
+    /// The alias of an updated body where it is the body's index, and whether this update assigns it.
+    pub(crate) fn alias_of_index(&mut self, body: u32) -> (u32, bool) {
+        let taken = self.aliases.of(body).is_none();
+        if taken {
+            self.aliases.put(body, body, 0);
+        }
+        (body, taken)
+    }
+
     /// Frees the alias of a body that comes to rest or leaves the scene. It can be assigned from the next tick on.
     pub(crate) fn release(&mut self, body: u32) {
         if let Some(alias) = self.aliases.release(body) {

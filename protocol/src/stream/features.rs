@@ -30,6 +30,18 @@ pub struct Features {
     pub packing: bool,
     /// Sends repair symbols to recover lost packets.
     pub redundancy: bool,
+    /// Sends repair symbols without a request where packets are lost.
+    pub unsolicited: bool,
+    /// Splits large ticks in two packets where packets are lost.
+    pub halves: bool,
+    /// Keeps touching bodies in one packet.
+    pub islands: bool,
+    /// Encodes exact rest poses as corrections of the prediction.
+    pub rest_corrections: bool,
+    /// Gives short aliases to the bodies that are updated often. Off, the alias of a body is its index.
+    pub aliases: bool,
+    /// Sends checksums over all tracks.
+    pub checksums: bool,
 }
 
 impl Features {
@@ -48,6 +60,12 @@ impl Features {
         prefilter: true,
         packing: true,
         redundancy: true,
+        unsolicited: true,
+        halves: true,
+        islands: true,
+        rest_corrections: true,
+        aliases: true,
+        checksums: true,
     };
 
     /// The exponents of velocity steps to try: `doubled`, or only the finest.

@@ -15,6 +15,8 @@ use crate::limits::HISTORY_PACKETS;
 struct Missing {
     /// The tick of a later packet; this packet was sent no later.
     before: Tick,
+    /// Whether it arrived, but could not be applied completely.
+    arrived: bool,
     /// The received parts, as bits, of its latest refresh.
     received: Option<(RefreshId, u64)>,
 }
@@ -121,6 +123,7 @@ impl PacketGaps {
         for number in self.next..next {
             let missing = Missing {
                 before: tick,
+                arrived: false,
                 received: None,
             };
             self.missing.insert(number, missing);
@@ -153,15 +156,19 @@ impl PacketGaps {
         self.promote_unread();
     }
 
-    /// Takes a received packet that is unread, and not covered by a refresh, as one that arrives only now. Returns
-    /// `false` if the packet needs no second reading.
+    /// Takes a received packet that could not be applied, and is not covered by a refresh, as one that arrives only
+    /// now. Returns `false` if the packet needs no second reading, or was not read yet: a rebuilt packet may wait for
+    /// scene events.
     pub(crate) fn read_again(&mut self, number: u64) -> bool {
-        let is_missing = self.missing.contains_key(&number);
-        if is_missing {
+        let has_arrived = self
+            .missing
+            .get(&number)
+            .is_some_and(|missing| missing.arrived);
+        if has_arrived {
             // Packets that wait for this one are read again too: no refresh contains the bodies of this one.
             self.resolve(number, Tick::ZERO);
         }
-        is_missing
+        has_arrived
     }
 
     /// Handles a part of a refresh, and returns whether the packet is now refreshed. Parts of different refreshes do
@@ -195,7 +202,6 @@ impl PacketGaps {
 
     /// Requests unread packets whose refresh was older than themselves. An unread packet with no missing packet before
     /// it is covered.
-    /// covered.
     fn promote_unread(&mut self) {
         let missing = &mut self.missing;
         self.unread.retain(|number, unread| {
@@ -205,6 +211,7 @@ impl PacketGaps {
                     *number,
                     Missing {
                         before,
+                        arrived: true,
                         received: None,
                     },
                 );

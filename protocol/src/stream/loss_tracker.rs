@@ -116,7 +116,7 @@ impl ReceiverLosses {
     /// The state of a listener at its first report.
     fn of(sent: u64, loss_report: &LossReport) -> Self {
         // Only current losses count: the packets that are missing now. Earlier losses may be long ago.
-        let lost = u64::from(loss_report.gone.0);
+        let lost = u64::from(loss_report.abandoned.0);
         let just_now = lost.min(loss_report.lost.len() as u64);
         Self::begin(LossSample { sent, lost }, just_now)
     }
@@ -137,7 +137,7 @@ impl ReceiverLosses {
 
     fn add_report(&mut self, sent: u64, loss_report: &LossReport) {
         let before = self.newest;
-        let lost = loss_report.gone.expand(before.lost);
+        let lost = loss_report.abandoned.expand(before.lost);
         let span = sent.saturating_sub(before.sent);
         let more = lost.saturating_sub(before.lost);
         if sent < before.sent || more > span {
@@ -193,24 +193,24 @@ mod tests {
     /// every 30 packets.
     fn mode(packets: u64, is_lost: impl Fn(u64) -> bool) -> Vec<Redundancy> {
         let mut losses = LossTracker::default();
-        let (mut gone, mut reported) = (0_u64, 0);
+        let (mut abandoned, mut reported) = (0_u64, 0);
         let mut all = Vec::new();
         for number in 0..packets {
-            gone += u64::from(is_lost(number));
+            abandoned += u64::from(is_lost(number));
             let next = number + 1;
-            if gone > reported && next.is_multiple_of(30) {
-                reported = gone;
-                losses.add_report(7, &loss_report(next, gone), next);
+            if abandoned > reported && next.is_multiple_of(30) {
+                reported = abandoned;
+                losses.add_report(7, &loss_report(next, abandoned), next);
             }
             all.push(losses.redundancy(1, next));
         }
         all
     }
 
-    fn loss_report(next: u64, gone: u64) -> LossReport {
+    fn loss_report(next: u64, abandoned: u64) -> LossReport {
         LossReport {
             next: Low16::of(next),
-            gone: Low16::of(gone),
+            abandoned: Low16::of(abandoned),
             repair_symbols: 0,
             lost: alloc::vec![Low16(0); 4],
         }

@@ -38,7 +38,8 @@ use super::tracks::{PredictionParameters, Slot, Tracks};
 use super::watermark::second;
 use crate::capacity::push;
 use crate::packet::{
-    Age, Checksums, ErrorScale, Keyframe, Low16, StreamId, Update, UpdatePayload, Watermark,
+    Age, Checksums, ErrorScale, Keyframe, LargestPacket, Low16, StreamId, Update, UpdatePayload,
+    Watermark,
 };
 use budget_state::BudgetState;
 pub use budget_state::OverBudget;
@@ -74,6 +75,8 @@ pub struct StreamTerms {
     pub publish_interval: NonZeroU32,
     /// The present gravity, m/s², world frame.
     pub gravity: Vec3,
+    /// The largest packet that the publisher makes.
+    pub largest_packet: LargestPacket,
     /// The features that the publisher may use.
     pub features: Features,
 }
@@ -84,6 +87,7 @@ impl StreamTerms {
     pub const fn start(&self, stream: StreamId, tick: Tick) -> StreamStart {
         StreamStart {
             stream,
+            largest_packet: self.largest_packet,
             tolerance: self.tolerance,
             integrator: self.integrator,
             publish_interval: self.publish_interval,
@@ -101,6 +105,7 @@ pub struct Publisher {
     stream: StreamId,
     tracks: Tracks,
     features: Features,
+    largest_packet: LargestPacket,
     sent_packets: SentPackets,
     repair_symbols: FecEncoder,
     tick: Tick,
@@ -134,6 +139,7 @@ impl Publisher {
                 config.gravity,
             ),
             features: config.features,
+            largest_packet: config.largest_packet,
             sent_packets: SentPackets::default(),
             repair_symbols: FecEncoder::default(),
             tick,
@@ -156,6 +162,12 @@ impl Publisher {
     #[must_use]
     pub const fn stream(&self) -> StreamId {
         self.stream
+    }
+
+    /// The largest packet that it makes.
+    #[must_use]
+    pub const fn largest_packet(&self) -> LargestPacket {
+        self.largest_packet
     }
 
     /// The tolerance of a body with the usual scale.
@@ -259,7 +271,9 @@ impl Publisher {
         let observations = observation_history.at(tick).unwrap_or_default();
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
-        self.statistics.aliases += self.alias_table.release_idle_aliases(tick);
+        if self.features.aliases {
+            self.statistics.aliases += self.alias_table.release_idle_aliases(tick);
+        }
         let mut scan = self.scan.take().expect("no scan is in progress");
         self.scan(tick, observations, &mut scan);
         // Possible parents are checked first, so that a child is compared with its parent's published track.
@@ -307,7 +321,9 @@ impl Publisher {
     ) {
         self.pack(tick, updates, scene_events, out);
         for index in self.resting_bodies.drain(..) {
-            self.alias_table.release(index);
+            if self.features.aliases {
+                self.alias_table.release(index);
+            }
         }
         self.attached.clear();
     }
@@ -358,7 +374,11 @@ impl Publisher {
         if before != track.parent {
             self.move_child(before, track.parent);
         }
-        let (alias, taken) = self.alias_table.alias(index, tick);
+        let (alias, taken) = if self.features.aliases {
+            self.alias_table.alias(index, tick)
+        } else {
+            self.alias_table.alias_of_index(index)
+        };
         if track.is_exact_rest() {
             self.resting_bodies.push(index);
         }
@@ -396,7 +416,8 @@ impl Publisher {
         let fresh = since.is_some_and(|since| since <= TRACK_AGE_MAX);
         let age = self.tracks.age(&track, tick);
         let age = age.filter(|age| *age > Age::new(0));
-        let free = track.parent.is_none() && self.features.residuals;
+        let free =
+            track.parent.is_none() && self.features.residuals && self.features.rest_corrections;
         let still = track.predictor == Predictor::Rest;
         let rest_correction = age.filter(|_| free && (still || fresh));
         let rest_correction = rest_correction.and_then(|age| {
@@ -536,6 +557,11 @@ impl Publisher {
             parent: None,
         };
         (UpdatePayload::Keyframe(keyframe), keyframe.track(tick))
+    }
+
+    /// Whether checksums are sent.
+    pub(super) const fn sends_checksums(&self) -> bool {
+        self.features.checksums
     }
 
     /// The checksum over all tracks; a converged subscriber has the same.

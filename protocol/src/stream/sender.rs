@@ -23,7 +23,7 @@ use super::publisher::{Publisher, PublisherStatistics, StreamTerms};
 use super::tracks::PredictionParameters;
 use super::watermark::{Silence, WatermarkPolicy};
 use crate::limits::HISTORY_PACKETS;
-use crate::packet::{Datagram, LossReport, PacketKind, StreamId};
+use crate::packet::{Datagram, LargestPacket, LossReport, PacketKind, StreamId};
 use crate::time::{Instant, Span};
 
 /// A subscriber that reports a loss.
@@ -90,8 +90,14 @@ impl StreamSender {
 
     /// The sender of a full stream without bodies, for one listener.
     #[must_use]
-    pub fn full(stream: StreamId, policy: WatermarkPolicy, tick: Tick) -> Self {
-        Self::new(Source::Full(FullPublisher::new(stream, tick)), policy, tick)
+    pub fn full(
+        stream: StreamId,
+        largest_packet: LargestPacket,
+        policy: WatermarkPolicy,
+        tick: Tick,
+    ) -> Self {
+        let publisher = FullPublisher::new(stream, largest_packet, tick);
+        Self::new(Source::Full(publisher), policy, tick)
     }
 
     fn new(source: Source, policy: WatermarkPolicy, tick: Tick) -> Self {
@@ -206,7 +212,11 @@ impl StreamSender {
         let age = publisher.tick().since(last)?;
         // A checksum carries no error scale, so a silent stream with a budget needs a watermark.
         let states_nothing = publisher.has_budget() && self.packets.is_empty();
-        if age < publisher.second() || publisher.state_checksum() == sum || states_nothing {
+        if age < publisher.second()
+            || publisher.state_checksum() == sum
+            || states_nothing
+            || !publisher.sends_checksums()
+        {
             return None;
         }
         self.checksum = (publisher.tick(), publisher.state_checksum());
@@ -288,6 +298,12 @@ impl StreamSender {
     #[must_use]
     pub fn stream(&self) -> StreamId {
         with_publisher!(&self.source, publisher => publisher.stream())
+    }
+
+    /// The largest packet that it makes.
+    #[must_use]
+    pub fn largest_packet(&self) -> LargestPacket {
+        with_publisher!(&self.source, publisher => publisher.largest_packet())
     }
 
     /// The tick up to which everything is published.
@@ -389,6 +405,7 @@ mod tests {
                 substeps: NonZeroU32::MIN,
             },
             publish_interval: NonZeroU32::MIN,
+            largest_packet: LargestPacket::DEFAULT,
             gravity: Vec3::ZERO,
             features: Features::ALL,
         };
@@ -426,7 +443,7 @@ mod tests {
         let next = sender.next_number();
         let report = LossReport {
             next: Low16::of(next),
-            gone: Low16::of(1),
+            abandoned: Low16::of(1),
             repair_symbols: 0,
             lost: alloc::vec![Low16::of(next - 1)],
         };

@@ -196,7 +196,9 @@ impl SceneRunner {
             return;
         };
         if stream == member.stream() {
-            member.link.received_loss_report(stream, loss_report.gone);
+            member
+                .link
+                .received_loss_report(stream, loss_report.abandoned);
         }
         if !member.receives(stream) {
             return;

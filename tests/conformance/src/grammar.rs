@@ -1,7 +1,7 @@
 //! Decodes control messages by `spec/tables/protocol.json` only.
 //!
 //! It is independent of the codec; other code compares the two. A decoded value is JSON: fields by name, `is` for the
-//! variant, f32s as the eight hexadecimal digits of their bits, bytes as hexadecimal digits.
+//! variant, f32s and u64s as the hexadecimal digits of their bits, bytes as hexadecimal digits.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -238,7 +238,12 @@ impl Reading<'_> {
                 let size = kind[1..].parse::<usize>().unwrap_or_default() / 8;
                 let bytes = self.take(size)?;
                 let number = bytes.iter().rev().fold(0, |n, b| n << 8 | u64::from(*b));
-                self.bounded(number, bounds, field)?
+                let value = self.bounded(number, bounds, field)?;
+                if kind == "u64" {
+                    Value::String(format!("{number:016x}"))
+                } else {
+                    value
+                }
             }
             "i8" => {
                 let number = i64::from(self.take(1)?[0].cast_signed());

@@ -129,7 +129,7 @@ fn datagram(script: &mut Script<'_>) -> Vec<u8> {
     let lost: Vec<_> = lost.collect();
     let loss_report = LossReport {
         next: Low16(script.any()),
-        gone: Low16(script.any()),
+        abandoned: Low16(script.any()),
         repair_symbols: script.below(33) as u8,
         lost,
     };

@@ -5,10 +5,10 @@ use rhumb_protocol::scene::Command;
 use super::interface::{
     FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic,
 };
-use super::processor::work_ns;
 use crate::drive::app::{AppRemote, AppSetup};
 use crate::drive::error::DriveError;
 use crate::drive::remote::Retention;
+use crate::processor::work_ns;
 use crate::record::Mode;
 
 /// A client that leads a scene on a server of its own.

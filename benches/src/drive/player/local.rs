@@ -11,8 +11,8 @@ use rhumb_transport::Clock;
 use super::interface::{
     FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic,
 };
-use super::processor::work_ns;
 use crate::drive::error::DriveError;
+use crate::processor::work_ns;
 use crate::record::Mode;
 
 /// A scene in this process and every body's newest state, as a simulator keeps it.

@@ -8,9 +8,9 @@ use rhumb_reckoning::Ticks;
 use super::interface::{
     FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic,
 };
-use super::processor::work_ns;
 use crate::drive::error::DriveError;
 use crate::drive::remote::{Remote, Retention, Setup};
+use crate::processor::work_ns;
 use crate::record::Mode;
 
 /// A client of a server that steps for it alone.

@@ -100,6 +100,10 @@ impl Publisher {
     /// Sorts the updates of a tick by island and returns the number of updates in each. Within an island aliases rise,
     /// except that updates with a parent reference come last.
     pub(super) fn sort_by_island(&self, tick: Tick, updates: &mut [Update]) -> Vec<usize> {
+        if !self.features.islands {
+            updates.sort_unstable_by_key(|update| (update.payload.names_parent(), update.alias));
+            return alloc::vec![1; updates.len()];
+        }
         sort_by_alias(updates);
         let aliases = self.alias_table.aliases();
         let index = |update: &Update| update.body.or_else(|| aliases.body(update.alias));

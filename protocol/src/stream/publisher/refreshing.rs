@@ -13,6 +13,11 @@ impl Publisher {
     /// Encodes the repair symbols that are due after a published tick, silent or not, and appends them to `out`.
     pub fn encode_repair_symbols(&mut self, redundancy: Redundancy, out: &mut Vec<Bytes>) {
         if self.features.redundancy {
+            let redundancy = if self.features.unsolicited {
+                redundancy
+            } else {
+                Redundancy::Off
+            };
             self.repair_symbols.end_tick(self.stream, redundancy, out);
         }
     }
@@ -53,7 +58,7 @@ impl Publisher {
     /// The datagrams with the present tracks of a lost packet's bodies; `None` for a packet that is too old.
     #[must_use]
     pub fn refresh(&self, number: u64, scene_events: u64) -> Option<Vec<Bytes>> {
-        let mut writer = RefreshWriter::default();
+        let mut writer = RefreshWriter::within(self.largest_packet);
         for &index in self.sent_packets.bodies(number)? {
             let Some(slot) = self.tracks.slot(index) else {
                 continue;

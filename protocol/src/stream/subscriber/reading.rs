@@ -2,6 +2,8 @@
 //!
 //! A datagram is decoded completely before it is applied. A malformed one is counted and never guessed at.
 
+use alloc::vec::Vec;
+
 use rhumb_reckoning::{Predictor, Tick};
 
 use super::Subscriber;
@@ -29,6 +31,9 @@ impl Subscriber {
         let (head, reader) = (datagram.head(), datagram.body());
         if head.stream != self.stream {
             return Err(Malformed::UnknownCode);
+        }
+        if datagram.byte_len() > self.largest_packet.bytes() {
+            return Err(Malformed::TooLong);
         }
         match head.kind {
             PacketKind::Updates => self.read_state(datagram, UpdatePacket::decode(false, reader)?),
@@ -277,21 +282,21 @@ impl Subscriber {
             self.lost_sync = true;
             return Ok(());
         }
+        let records = refresh.records.iter();
+        let origins: Option<Vec<Tick>> = records.map(|record| as_of.before(record.age)).collect();
+        let origins = origins.ok_or(Malformed::OutOfRange)?;
         let lost = refresh.lost.expand(self.gaps.next());
         if self.gaps.lacks(lost) {
-            self.make_good(lost, as_of, refresh)?;
+            self.make_good(lost, as_of, refresh, &origins);
         }
         self.touch_attached();
         Ok(())
     }
 
     /// Applies a refresh of a missing packet. A refresh of a received packet contains nothing new.
-    fn make_good(&mut self, lost: u64, as_of: Tick, refresh: &Refresh) -> Result<(), Malformed> {
+    fn make_good(&mut self, lost: u64, as_of: Tick, refresh: &Refresh, origins: &[Tick]) {
         self.statistics.refreshes += 1;
-        for record in &refresh.records {
-            let Some(origin) = as_of.before(record.age) else {
-                return Err(Malformed::OutOfRange);
-            };
+        for (record, origin) in refresh.records.iter().zip(origins.iter().copied()) {
             let keyframe = UpdatePayload::Keyframe(record.keyframe);
             // Without a missed alias assignment, a body's next update would apply to the wrong body.
             let owner = self.owner(record.index, as_of);
@@ -316,6 +321,5 @@ impl Subscriber {
             self.read_again_after(lost, &mut updates);
             self.updates = updates;
         }
-        Ok(())
     }
 }

@@ -183,7 +183,7 @@ fn of_other_streams(trial: &mut Trial<'_>) -> CaseResult {
     // Only subscribers send loss reports.
     let loss_report = LossReport {
         next: Low16(1),
-        gone: Low16(0),
+        abandoned: Low16(0),
         repair_symbols: 0,
         lost: Vec::new(),
     };

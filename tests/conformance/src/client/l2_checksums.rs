@@ -410,14 +410,14 @@ fn reports_loss(trial: &mut Trial<'_>) -> CaseResult {
     with_repair_symbols(&mut interceptor, 1, |_| {})?;
     interceptor.step_until_repair_symbol(60)?;
     interceptor.run(Duration::from_millis(700))?;
-    let gone = interceptor
+    let abandoned = interceptor
         .loss_reports
         .iter()
-        .map(|(_, loss_report): &(_, LossReport)| loss_report.gone.0)
+        .map(|(_, loss_report): &(_, LossReport)| loss_report.abandoned.0)
         .max();
     should(
-        gone >= Some(1),
-        format!("it reports the packets lost on the link, not {gone:?}"),
+        abandoned >= Some(1),
+        format!("it reports the packets lost on the link, not {abandoned:?}"),
     )?;
     interceptor.must_follow()
 }

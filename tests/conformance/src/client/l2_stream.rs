@@ -188,10 +188,10 @@ fn asks_for_it(trial: &mut Trial<'_>) -> CaseResult {
         "`next` is one more than the newest",
     )?;
     ensure(
-        loss_report.gone == Low16::of(3),
+        loss_report.abandoned == Low16::of(3),
         format!(
             "three packets are counted as lost, not {}",
-            loss_report.gone.0
+            loss_report.abandoned.0
         ),
     )
 }

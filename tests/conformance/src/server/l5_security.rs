@@ -192,7 +192,7 @@ fn loss_reports(_: &mut Trial<'_>, attacker: &mut RawClient) -> CaseResult {
     for number in 0..400_u64 {
         let loss_report = LossReport {
             next: Low16::of(number * 97),
-            gone: Low16::of(number),
+            abandoned: Low16::of(number),
             repair_symbols: (number % 33) as u8,
             lost: (0..64).map(|lost| Low16::of(number * 64 + lost)).collect(),
         };

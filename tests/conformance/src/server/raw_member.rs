@@ -57,7 +57,7 @@ impl RawMember {
     ) -> CaseResult {
         let loss_report = LossReport {
             next: Low16::of(next),
-            gone: Low16::of(lost.len() as u64),
+            abandoned: Low16::of(lost.len() as u64),
             repair_symbols,
             lost: lost.iter().map(|number| Low16::of(*number)).collect(),
         };

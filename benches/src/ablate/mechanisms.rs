@@ -1,0 +1,379 @@
+//! The mechanisms of the wire and of choosing: switch, code, requirements.
+//!
+//! Code and requirements are those that would go with the mechanism. Mechanisms may share some.
+
+use crate::replay::Feature;
+
+/// One mechanism.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Mechanism {
+    pub(super) name: &'static str,
+    pub(super) switch: Switch,
+    /// The feature that users name, if the mechanism is one.
+    pub(super) feature: Option<&'static str>,
+    /// Files, folders and items, as `Checkout::lines` reads them.
+    pub(super) code: &'static [&'static str],
+    /// Clauses and requirements of the specification.
+    pub(super) requirements: &'static [&'static str],
+}
+
+/// How a mechanism is measured.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Switch {
+    /// Everything on, against this one off.
+    Off(Feature),
+    /// The same, with lookahead in both.
+    OffWithLookahead(Feature),
+    /// Lookahead, against none.
+    Lookahead,
+    /// It cannot be switched off.
+    Fixed,
+}
+
+/// All mechanisms, in the order of the table.
+pub(super) const MECHANISMS: &[Mechanism] = &[
+    Mechanism {
+        name: "predictor: rest",
+        switch: Switch::Off(Feature::Resting),
+        feature: None,
+        code: &["protocol/src/stream/mode_decision/candidates.rs#fn rest"],
+        requirements: &["RECKONING 3.3"],
+    },
+    Mechanism {
+        name: "predictor: ballistic",
+        switch: Switch::Off(Feature::Ballistic),
+        feature: None,
+        code: &[
+            "protocol/src/stream/gravity_history.rs",
+            "reckoning/src/predictor.rs#fn pull",
+        ],
+        requirements: &["RECKONING 2.5", "RECKONING 3.5", "PROTOCOL 6.9"],
+    },
+    Mechanism {
+        name: "predictor: torque-free rotation",
+        switch: Switch::Off(Feature::TorqueFree),
+        feature: None,
+        code: &[
+            "reckoning/src/torque_free_rotation.rs",
+            "reckoning/src/inertia.rs",
+            "protocol/src/message/inertia.rs",
+            "protocol/src/stream/tracks/rotation_cursors.rs",
+        ],
+        requirements: &["RECKONING 2.6", "RECKONING 3.7"],
+    },
+    Mechanism {
+        name: "predictor: constant acceleration",
+        switch: Switch::Off(Feature::ConstantAcceleration),
+        feature: None,
+        code: &[
+            "reckoning/src/acceleration.rs",
+            "protocol/src/packet/acceleration.rs",
+            "protocol/src/stream/mode_decision/acceleration.rs",
+        ],
+        requirements: &[
+            "RECKONING 3.9",
+            "PROTOCOL 5.5-6",
+            "PROTOCOL 5.6-17",
+            "PROTOCOL 5.6-18",
+        ],
+    },
+    Mechanism {
+        name: "attached bodies",
+        switch: Switch::Off(Feature::Attached),
+        feature: None,
+        code: &[
+            "reckoning/src/attached.rs",
+            "protocol/src/stream/publisher/attaching.rs",
+            "protocol/src/stream/publisher/large_body.rs",
+            "protocol/src/stream/publisher/scan.rs#fn scan_other_parents",
+            "protocol/src/stream/publisher/islands.rs#fn join_attached",
+            "protocol/src/packet/payload.rs#fn write_parent",
+            "protocol/src/packet/payload.rs#fn read_parent_age",
+        ],
+        requirements: &[
+            "RECKONING 3.8",
+            "PROTOCOL 5.6-12",
+            "PROTOCOL 5.6-13",
+            "PROTOCOL 5.6-14",
+            "PROTOCOL 6.2-3",
+            "PROTOCOL 6.3-13",
+        ],
+    },
+    Mechanism {
+        name: "velocities derived from corrections",
+        switch: Switch::Off(Feature::Derived),
+        feature: None,
+        code: &["reckoning/src/predictor.rs#fn divergence_time"],
+        requirements: &["RECKONING 4.4-3", "PROTOCOL 6.2-5"],
+    },
+    Mechanism {
+        name: "sparse corrections",
+        switch: Switch::Off(Feature::Sparse),
+        feature: None,
+        code: &["protocol/src/stream/mode_decision/ranking.rs#fn leave_out_steps"],
+        requirements: &[],
+    },
+    Mechanism {
+        name: "coarse velocities",
+        switch: Switch::Off(Feature::Coarse),
+        feature: None,
+        code: &[
+            "protocol/src/stream/features.rs#fn steps",
+            "protocol/src/stream/mode_decision/ranking.rs#const VELOCITY_EXPONENTS",
+        ],
+        requirements: &["PROTOCOL 5.6-7", "RECKONING 4.4-9"],
+    },
+    Mechanism {
+        name: "lookahead",
+        switch: Switch::Lookahead,
+        feature: Some("lookahead"),
+        code: &["protocol/src/stream/publisher/window.rs"],
+        requirements: &["PROTOCOL 6.3-1", "PROTOCOL 6.3-6", "PROTOCOL 6.4-6"],
+    },
+    Mechanism {
+        name: "mode decision with lookahead",
+        switch: Switch::OffWithLookahead(Feature::ModeDecision),
+        feature: Some("lookahead"),
+        code: &[
+            "protocol/src/stream/mode_decision/refinement.rs",
+            "protocol/src/stream/mode_decision/shortlist.rs",
+        ],
+        requirements: &[],
+    },
+    Mechanism {
+        name: "corrections of predictions",
+        switch: Switch::Off(Feature::Residuals),
+        feature: None,
+        code: &[
+            "reckoning/src/quantiser.rs",
+            "protocol/src/packet/residual_numbers.rs",
+            "protocol/src/packet/payload.rs#fn read_residual",
+        ],
+        requirements: &["RECKONING 4.4", "PROTOCOL 5.6-8", "PROTOCOL 5.6-9"],
+    },
+    Mechanism {
+        name: "rest corrections",
+        switch: Switch::Off(Feature::RestCorrections),
+        feature: None,
+        code: &[
+            "reckoning/src/rest_correction.rs",
+            "protocol/src/packet/rest_steps.rs",
+            "protocol/src/packet/payload.rs#fn read_rest_correction",
+            "protocol/src/stream/publisher.rs#fn rest_payload",
+            "protocol/src/stream/tracks/applying.rs#fn resting",
+        ],
+        requirements: &["RECKONING 4.7", "PROTOCOL 5.6-11", "PROTOCOL 6.2-7"],
+    },
+    Mechanism {
+        name: "updates only beyond the tolerance",
+        switch: Switch::Off(Feature::Prefilter),
+        feature: None,
+        code: &[
+            "reckoning/src/prefilter.rs",
+            "protocol/src/stream/publisher/scan.rs#fn scan",
+        ],
+        requirements: &["PROTOCOL 6.3-7"],
+    },
+    Mechanism {
+        name: "aliases",
+        switch: Switch::Off(Feature::Aliases),
+        feature: None,
+        code: &["protocol/src/stream/aliases.rs"],
+        requirements: &["PROTOCOL 6.13", "PROTOCOL 5.6-3"],
+    },
+    Mechanism {
+        name: "several updates in a packet",
+        switch: Switch::Off(Feature::Packing),
+        feature: None,
+        code: &["protocol/src/stream/publisher/packing.rs"],
+        requirements: &["PROTOCOL 5.9"],
+    },
+    Mechanism {
+        name: "touching bodies in one packet",
+        switch: Switch::Off(Feature::Islands),
+        feature: None,
+        code: &["protocol/src/stream/publisher/islands.rs"],
+        requirements: &[],
+    },
+    Mechanism {
+        name: "range coder and contexts",
+        switch: Switch::Off(Feature::Coder),
+        feature: None,
+        code: &[
+            "protocol/src/wire/range.rs",
+            "protocol/src/wire/alphabet.rs",
+            "protocol/src/packet/model.rs",
+            "protocol/src/packet/tables.rs",
+        ],
+        requirements: &["PROTOCOL 5.3", "PROTOCOL 5.4"],
+    },
+    Mechanism {
+        name: "repair symbols",
+        switch: Switch::Off(Feature::Fec),
+        feature: None,
+        code: &[
+            "protocol/src/stream/fec_decoder.rs",
+            "protocol/src/stream/fec_encoder.rs",
+            "protocol/src/stream/redundancy.rs",
+            "protocol/src/stream/source_symbols.rs",
+            "protocol/src/stream/subscriber/rebuilding.rs",
+            "protocol/src/packet/repair_symbol.rs",
+            "protocol/src/packet/galois.rs",
+        ],
+        requirements: &["PROTOCOL 5.16", "PROTOCOL 6.15"],
+    },
+    Mechanism {
+        name: "repair symbols without a request",
+        switch: Switch::Off(Feature::UnsolicitedFec),
+        feature: None,
+        code: &[
+            "protocol/src/stream/loss_tracker.rs",
+            "protocol/src/stream/fec_encoder.rs#fn end_tick",
+        ],
+        requirements: &["PROTOCOL 6.15-11", "PROTOCOL 6.15-12", "PROTOCOL 6.15-13"],
+    },
+    Mechanism {
+        name: "large ticks in two packets",
+        switch: Switch::Off(Feature::SplitTicks),
+        feature: None,
+        code: &[
+            "protocol/src/stream/publisher/packing.rs#fn pack_halves",
+            "protocol/src/stream/publisher/packing.rs#fn middle_of_islands",
+            "protocol/src/stream/publisher/packing.rs#fn middle",
+        ],
+        requirements: &[],
+    },
+    Mechanism {
+        name: "state checksums",
+        switch: Switch::Off(Feature::Checksums),
+        feature: Some("detected faults"),
+        code: &[
+            "protocol/src/stream/state_checksum.rs",
+            "protocol/src/packet/checksums.rs",
+        ],
+        requirements: &["PROTOCOL 5.14", "PROTOCOL 6.12"],
+    },
+    Mechanism {
+        name: "watermarks",
+        switch: Switch::Fixed,
+        feature: Some("the promise"),
+        code: &["protocol/src/stream/watermark.rs"],
+        requirements: &["PROTOCOL 5.10", "PROTOCOL 6.4"],
+    },
+    Mechanism {
+        name: "loss reports and refreshes",
+        switch: Switch::Fixed,
+        feature: Some("the promise"),
+        code: &[
+            "protocol/src/stream/gaps.rs",
+            "protocol/src/stream/nack_scheduler.rs",
+            "protocol/src/stream/retry_timer.rs",
+            "protocol/src/stream/answers.rs",
+            "protocol/src/stream/sent_packets.rs",
+            "protocol/src/stream/publisher/refreshing.rs",
+            "protocol/src/packet/refresh.rs",
+            "protocol/src/packet/loss_report.rs",
+        ],
+        requirements: &[
+            "PROTOCOL 5.11",
+            "PROTOCOL 5.13",
+            "PROTOCOL 6.6",
+            "PROTOCOL 6.7",
+        ],
+    },
+    Mechanism {
+        name: "bound of each body",
+        switch: Switch::Fixed,
+        feature: Some("the promise"),
+        code: &[
+            "protocol/src/stream/bound.rs",
+            "protocol/src/stream/previous_tracks.rs",
+        ],
+        requirements: &["PROTOCOL 6.8"],
+    },
+    Mechanism {
+        name: "tolerance scales",
+        switch: Switch::Fixed,
+        feature: Some("tolerance scales"),
+        code: &["reckoning/src/tolerance_scale.rs"],
+        requirements: &["RECKONING 4.1-3"],
+    },
+    Mechanism {
+        name: "budgets",
+        switch: Switch::Fixed,
+        feature: Some("budgets"),
+        code: &[
+            "protocol/src/stream/budget.rs",
+            "protocol/src/stream/publisher/budgeting.rs",
+            "protocol/src/stream/publisher/budget_state.rs",
+            "protocol/src/stream/error_scale_log.rs",
+            "protocol/src/packet/error_scale.rs",
+        ],
+        requirements: &["PROTOCOL 5.17", "PROTOCOL 6.16"],
+    },
+    Mechanism {
+        name: "tiers",
+        switch: Switch::Fixed,
+        feature: Some("tiers"),
+        code: &[
+            "server/src/tier_controller.rs",
+            "server/src/tier_controller/",
+        ],
+        requirements: &["PROTOCOL 4.12"],
+    },
+    Mechanism {
+        name: "authority and upstreams",
+        switch: Switch::Fixed,
+        feature: Some("upstreams"),
+        code: &[
+            "protocol/src/session/upstream_receiver.rs",
+            "protocol/src/session/upstream_sender.rs",
+            "protocol/src/session/client/upstream.rs",
+            "protocol/src/session/client/upstream_state.rs",
+            "protocol/src/message/authority.rs",
+            "server/src/authority_table.rs",
+            "server/src/scene_runner/authority.rs",
+        ],
+        requirements: &["PROTOCOL 4.11", "PROTOCOL 6.14"],
+    },
+    Mechanism {
+        name: "full stream",
+        switch: Switch::Fixed,
+        feature: Some("full streams"),
+        code: &["protocol/src/stream/full.rs", "protocol/src/packet/full.rs"],
+        requirements: &["PROTOCOL 5.12", "PROTOCOL 6.10"],
+    },
+];
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::ablate::checkout::Checkout;
+
+    #[test]
+    fn every_mechanism_names_code_and_requirements_that_exist() {
+        let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+        let checkout = Checkout::open(root).unwrap();
+        for mechanism in MECHANISMS {
+            for place in mechanism.code {
+                assert!(checkout.lines(place).unwrap() > 0, "{place}");
+            }
+            for cited in mechanism.requirements {
+                assert!(checkout.requirements(cited).unwrap() > 0, "{cited}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_feature_that_can_be_switched_off_has_a_row() {
+        for feature in Feature::ALL {
+            let switches = |mechanism: &Mechanism| match mechanism.switch {
+                Switch::Off(of) | Switch::OffWithLookahead(of) => of == feature,
+                Switch::Lookahead | Switch::Fixed => false,
+            };
+            assert!(MECHANISMS.iter().any(switches), "{}", feature.name());
+        }
+    }
+}

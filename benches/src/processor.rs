@@ -1,0 +1,17 @@
+//! Processor time of the calling thread.
+
+/// Processor time of the calling thread so far, nanoseconds; `None` where the system does not report it.
+#[cfg(target_os = "linux")]
+pub(crate) fn work_ns() -> Option<u64> {
+    use rustix::time::{ClockId, clock_gettime};
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    let seconds = u64::try_from(time.tv_sec).ok()?;
+    let rest = u64::try_from(time.tv_nsec).ok()?;
+    seconds.checked_mul(1_000_000_000)?.checked_add(rest)
+}
+
+/// Processor time of the calling thread so far, nanoseconds; `None` where the system does not report it.
+#[cfg(not(target_os = "linux"))]
+pub(crate) fn work_ns() -> Option<u64> {
+    None
+}

@@ -1,0 +1,14 @@
+//! The tasks of `rhumb-bench`, and what they write.
+//!
+//! One executable holds all tests: each further one would link the engine again.
+
+mod bounce;
+mod evaluate;
+mod limit;
+mod replay;
+mod report;
+mod schema;
+mod summary;
+mod support;
+mod tasks;
+mod trace;

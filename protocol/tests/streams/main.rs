@@ -1,0 +1,11 @@
+//! Publishers, subscribers and sessions, without a clock or a socket.
+
+mod acceleration;
+mod asking;
+mod corrections_x4;
+mod fec;
+mod forgetting;
+mod future;
+mod islands;
+mod sleepers;
+mod stream;

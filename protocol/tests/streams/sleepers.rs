@@ -1,0 +1,137 @@
+//! Sleeping bodies cost a publisher nothing, however many there are.
+
+use core::num::NonZeroU32;
+
+use bytes::Bytes;
+use glam::Vec3;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
+use rhumb_protocol::scene::PublishSchedule;
+use rhumb_protocol::stream::{
+    Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
+    PublisherStatistics, StreamTerms,
+};
+use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance, Track};
+
+/// The number of awake bodies, from index zero on.
+const AWAKE: u32 = 10;
+const TICKS: u64 = 300;
+
+fn lying(index: u32, height: f32) -> BodyState {
+    BodyState::new(
+        [index as f32, height, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+        [0.0; 3],
+        [0.0; 3],
+    )
+    .expect("these numbers are finite")
+}
+
+fn publisher(bodies: u32) -> Publisher {
+    let config = StreamTerms {
+        publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+        tolerance: Tolerance::NORMAL,
+        integrator: Integrator {
+            rate: Rate::HZ_60,
+            substeps: NonZeroU32::new(4).expect("four is not zero"),
+        },
+        largest_packet: LargestPacket::DEFAULT,
+        gravity: Vec3::NEG_Y,
+        features: Features::ALL,
+    };
+    let parameters = PredictionParameters::plain(Metres::new(0.5));
+    let mut publisher = Publisher::new(StreamId(0), &config, Tick::ZERO);
+    for index in 0..bodies {
+        let track = Track::resting(Tick::ZERO, lying(index, 0.0));
+        assert!(publisher.place(BodyId::new(index, 0), &parameters, track));
+    }
+    publisher
+}
+
+/// Runs a scene of which some bodies are awake and jolt now and then. Returns the publisher's counters and datagrams.
+fn run(bodies: u32, awake: u32) -> (PublisherStatistics, Vec<Bytes>) {
+    let mut publisher = publisher(bodies);
+    let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
+    let mut out = Vec::new();
+    for tick in 1..=TICKS {
+        let observation = |index| Observation {
+            id: BodyId::new(index, 0),
+            motion: lying(index, (tick / 7 % 5) as f32),
+            activity: Activity::Awake,
+        };
+        let observations: Vec<_> = (0..awake).map(observation).collect();
+        observation_history.observe(Tick::new(tick), &observations);
+        publisher.publish(&observation_history, 0, &mut out);
+    }
+    (publisher.statistics(), out)
+}
+
+/// Lets all boxes hop, each by itself, until the last tick, when they fall asleep.
+fn put_to_sleep(
+    publisher: &mut Publisher,
+    observation_history: &mut ObservationHistory,
+    bodies: u32,
+    ticks: u64,
+) {
+    for tick in 1..=ticks {
+        let observation = |index| Observation {
+            id: BodyId::new(index, 0),
+            motion: lying(index, ((tick + u64::from(index)) % 5) as f32),
+            activity: if tick < ticks {
+                Activity::Awake
+            } else {
+                Activity::Asleep
+            },
+        };
+        let observations: Vec<_> = (0..bodies).map(observation).collect();
+        observation_history.observe(Tick::new(tick), &observations);
+        publisher.publish(observation_history, 0, &mut Vec::new());
+    }
+}
+
+#[test]
+fn free_aliases_of_sleeping_bodies_are_not_scanned() {
+    let bodies = 10_000;
+    let mut publisher = publisher(bodies);
+    let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
+    put_to_sleep(&mut publisher, &mut observation_history, bodies, 10);
+    let awake = |tick: u64| -> Vec<_> {
+        let observation = |index| Observation {
+            id: BodyId::new(index, 0),
+            motion: lying(index, (tick / 7 % 5) as f32),
+            activity: Activity::Awake,
+        };
+        // The bodies with the highest aliases, so that the end of the table saves nothing.
+        (bodies - AWAKE..bodies).map(observation).collect()
+    };
+    let mut before = publisher.statistics();
+    for tick in 11..=10 + TICKS {
+        observation_history.observe(Tick::new(tick), &awake(tick));
+        publisher.publish(&observation_history, 0, &mut Vec::new());
+        if tick == 130 {
+            before = publisher.statistics();
+        }
+    }
+    let after = publisher.statistics();
+    assert!(after.updates > before.updates + u64::from(AWAKE));
+    let looks = (TICKS - 120) / 60 + 1;
+    // Aliases near the assigned ones are scanned too.
+    let (scanned, most) = (after.aliases - before.aliases, 100 * looks);
+    assert!(scanned > 0 && scanned <= most, "{scanned} of {most}");
+}
+
+#[test]
+fn ten_thousand_sleeping_bodies_are_not_scanned() {
+    let (statistics, datagrams) = run(10_000, 0);
+    assert_eq!(statistics, PublisherStatistics::default());
+    assert!(datagrams.is_empty());
+}
+
+#[test]
+fn sleeping_bodies_cost_neither_work_nor_bytes() {
+    let (few, said_of_few) = run(AWAKE, AWAKE);
+    let (many, said_of_many) = run(10_000, AWAKE);
+    assert_eq!(few.checked, u64::from(AWAKE) * TICKS);
+    assert!(few.updates > u64::from(AWAKE));
+    assert_eq!(few, many);
+    assert_eq!(said_of_few, said_of_many);
+}

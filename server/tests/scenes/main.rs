@@ -1,0 +1,9 @@
+//! Scenes and their commands, run in this process.
+//!
+//! One executable holds all tests: each further one would link the engine again.
+
+mod order;
+mod refusals;
+mod sheets;
+mod test_scenes;
+mod torque_free;

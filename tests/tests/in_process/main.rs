@@ -1,0 +1,21 @@
+//! Servers, sessions and codecs in one process, without a socket.
+//!
+//! Most tests run in virtual time. One executable holds them all: each further one would link the engine again.
+
+mod app;
+mod app_words;
+mod authority;
+mod bits;
+mod budgets;
+mod controllers;
+mod hostile;
+mod joints;
+mod publish_interval;
+mod refusals;
+mod simulated_network;
+mod tier_policy;
+mod tiers;
+mod tolerance_scales;
+mod upstream;
+mod upstream_hostile;
+mod vectors;

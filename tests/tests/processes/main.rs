@@ -1,0 +1,14 @@
+//! Server processes and real sockets on loopback.
+//!
+//! Every wait is for an event, with a time limit.
+
+use rhumb_tests::Programme;
+
+mod app_process;
+mod authority_quic;
+mod body_ids;
+mod examples;
+mod public_client;
+mod tier_policy_quic;
+
+const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
