@@ -41,16 +41,17 @@ def load(mutant=None):
 
 
 def vectors():
-    """The streams, short ones first, and the datagrams to refuse."""
-    streams = json.loads((VECTORS / "scripted.json").read_text(encoding="utf-8"))["streams"]
+    """The streams, short ones first, datagrams to refuse, and datagrams to accept."""
+    scripted = json.loads((VECTORS / "scripted.json").read_text(encoding="utf-8"))
     packets = json.loads((VECTORS / "packets.json").read_text(encoding="utf-8"))
-    return sorted(streams, key=lambda stream: len(stream["events"])), packets
+    streams = sorted(scripted["streams"], key=lambda stream: len(stream["events"]))
+    return streams, scripted["refused"] + packets["refused"], packets["accepted"]
 
 
-def caught(streams, packets):
+def caught(streams, refused, accepted):
     """The first vector with another result than the stated one; None if there is none."""
     check_streams = sys.modules["check_streams"]
-    for case in packets["refused"]:
+    for case in refused:
         # A refusal for another reason is not normative.
         if decoded(case["bytes"]) is not None:
             return case["name"]
@@ -60,7 +61,7 @@ def caught(streams, packets):
                 return stream["name"]
         except Exception as error:
             return f"{stream['name']}: {type(error).__name__}"
-    for case in packets["accepted"]:
+    for case in accepted:
         if decoded(case["bytes"]) != case["means"]:
             return case["name"]
     return None

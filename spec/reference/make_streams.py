@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import packets
+import refused
 from scripted import SURFACE, Dice, Stream, gravity_changed, placed, removed
 
 FILE = Path(__file__).resolve().parent.parent / "vectors" / "scripted.json"
@@ -182,8 +183,10 @@ def late_packets():
     # Unread packets with several gaps before them; the second gap is filled first.
     a, b, c, d = (s.packet(20 + step, s.corrected(step // 2, 20 + step), kind=step % 2) for step in range(4))
     s.get(d, b, a, c)
-    e, f, g = s.packet(25, s.corrected(0, 25)), s.packet(26, s.corrected(1, 26)), s.packet(27, s.corrected(0, 27), s.corrected(1, 27))
-    s.get(g, *s.refresh(s.number - 3, 25, bodies=[0]), f, e)
+    e = s.packet(25, s.corrected(0, 25))
+    refresh = s.refresh(s.number - 1, 25)
+    f, g = s.packet(26, s.corrected(1, 26)), s.packet(27, s.corrected(0, 27), s.corrected(1, 27))
+    s.get(g, *refresh, f, e)
     s.settle(28)
     return s
 
@@ -353,8 +356,8 @@ def budget():
 
 
 def no_budget():
-    """5.17-1, 5.8-4"""
-    s = started("datagrams of other streams and kinds", bodies(2))
+    """5.17-1, 5.8-4, 5.8-7"""
+    s = started("datagrams of other streams and kinds", bodies(2), largest=700)
     s.get(s.packet(1, s.corrected(0, 1)))
     second = s.packet(2, s.corrected(0, 2))
     s.get(s.watermark(9, kind=12, scale=9), b"\x5b\x09" + second[1:])
@@ -365,7 +368,10 @@ def no_budget():
     s.stream = 5
     s.get(bytes.fromhex("560100090000010100"), second, s.watermark(3))
     s.get(s.watermark(4) + b"\x00", b"\x58\x00", s.packet(5, s.corrected(1, 5))[:-1], *s.refresh(2, 5))
-    s.settle(5)
+    heavy = [{"alias": 90 + index, "body": 90 + index, "keyframe": s.keyframe(0, 1, state=True)["keyframe"]} for index in range(13)]
+    heavy.append(s.corrected(0, 6))
+    s.get(s.packet(6, *heavy), s.packet(7, *heavy[:11]), s.packet(8, s.corrected(1, 8)))
+    s.settle(9)
     return s
 
 
@@ -390,7 +396,7 @@ def redundancy():
     s.packet(12, s.corrected(9, 12))
     s.get(s.repair(5, 10), s.repair(6, 10, 11))
     s.control(new)
-    newer = s.event(placed(10, origin=12))
+    newer = s.event(placed(10, origin=11))
     waits, gone = s.packet(12, s.corrected(10, 12)), s.packet(12, s.corrected(0, 12, moved=True), count=s.count - 1)
     s.get(waits, s.repair(7, 12, 13))
     s.control(newer)
@@ -538,12 +544,9 @@ def replaced_bodies():
     """6.1-1, 6.13-10"""
     s = started("bodies placed at an index in use", [placed(index, alias=index + 1) for index in range(3)])
     s.get(s.packet(1, *[s.corrected(index, 1) for index in range(3)]))
-    s.alias.pop(1)
     s.control(s.event(placed(1, generation=1, origin=1, at=[5.0, 5.0, 5.0])))
-    s.get(s.packet(2, s.corrected(2, 2)), s.packet(3, s.corrected(0, 3, alias=1, size=9), checked=False))
-    s.get(s.packet(3, {"alias": 1, "body": None, "mode": "same", "age": 2, "position": [1, 2, 3], "turn": [0, 0, 0]}, checked=False))
-    s.get(*s.refresh(s.number - 1, 4), *s.refresh(s.number - 2, 4))
-    s.alias = {0: 0, 2: 2}
+    s.get(s.packet(2, s.corrected(2, 2)), s.packet(3, {"alias": 1, "body": None, "mode": "same", "age": 2, "position": [1, 2, 3], "turn": [0, 0, 0]}, checked=False))
+    s.get(*s.refresh(s.number - 1, 4))
     s.get(s.packet(5, s.corrected(1, 5, alias=9), s.corrected(2, 5)), s.packet(6, s.corrected(1, 6)))
     s.settle(7)
     return s
@@ -558,9 +561,8 @@ def unreadable():
     s.get(s.packet(4, s.corrected(2, 4)), wrong, after, *s.refresh(1, 4))
     # Two updates of one packet cannot be read; the second makes it missing at once.
     s.packet(5, s.corrected(0, 5), s.corrected(3, 5, alias=8))
-    s.get(s.packet(6, s.corrected(0, 6), s.corrected(3, 6)))
-    now, past = s.refresh(5, 7), s.refresh(4, 5)
-    s.get(*now, *past, s.watermark(7))
+    past = s.refresh(4, 5)
+    s.get(s.packet(6, s.corrected(0, 6), s.corrected(3, 6)), *s.refresh(5, 7), *past, s.watermark(7))
     # The parent's track is of a later tick.
     attaches = s.packet(8, s.corrected(0, 8), s.corrected(4, 8, "attached", parent=0, parent_age=0))
     s.get(s.packet(9, s.keyframe(0, 1)), attaches)
@@ -591,7 +593,7 @@ def unknown_owners():
     late = s.packet(60, s.corrected(4, 60, alias=3))
     s.packet(61, s.keyframe(4, 1, alias=3))
     s.get(s.watermark(61), *s.refresh(s.number - 1, 61, without_alias=[4]), late)
-    s.get(s.packet(62, s.corrected(3, 62, alias=3) | {"body": None}), *s.refresh(s.number - 1, 62, without_alias=[3]))
+    s.get(s.packet(62, s.corrected(3, 62, alias=3) | {"body": None}, checked=False), *s.refresh(s.number - 1, 62, without_alias=[3]))
     s.settle(63)
     # The update behind a later assignment could not be read; the earlier assignment does not count all the same.
     s.alias[3], s.alias[4] = 30, 31
@@ -737,12 +739,13 @@ def streams():
 
 
 def text(made):
-    """One event a line."""
+    """One refused datagram and one event a line."""
     parts = []
     for stream in made:
         events = ",\n".join(json.dumps(event, separators=(",", ":")) for event in stream.recorded)
         parts.append(f'{{"name": {json.dumps(stream.name)}, "events": [\n{events}\n]}}')
-    return '{\n"format": "rhumb scripted streams 1",\n"streams": [\n' + ",\n".join(parts) + "\n]\n}\n"
+    lines = ",\n".join(json.dumps(line) for line in refused.lines())
+    return '{\n"format": "rhumb scripted streams 1",\n"refused": [\n' + lines + '\n],\n"streams": [\n' + ",\n".join(parts) + "\n]\n}\n"
 
 
 def main():

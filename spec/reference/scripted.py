@@ -70,11 +70,11 @@ def placed(index, generation=0, *, kind=1, shape=0, at=None, alias=0, origin=0, 
 class Stream:
     """A stream of a scene as a script makes it: the publisher, and all that one member received and then had."""
 
-    def __init__(self, name, events, *, choice=SURFACE, gravity=None, tick=0, next=0, count=0, stream=5, seed=1, **terms):
+    def __init__(self, name, events, *, choice=SURFACE, gravity=None, tick=0, next=0, count=0, stream=5, seed=1, largest=None, **terms):
         self.name, self.recorded, self.dice = name, [], Dice(seed)
         self.config = config(**terms)
         joined = {"is": "Joined", "choice": choice, "config": self.config, "stream": stream, "gravity": digits(gravity or GRAVITY)}
-        joined |= {"tick": tick, "next": next, "events": count, "extensions": []}
+        joined |= {"tick": tick, "next": next, "events": count, "largest packet": largest or messages.LIMITS["DATAGRAM_BYTES_MAX"], "extensions": []}
         self.joined = joined | {"granted": {"first": 0, "count": 4096, "generation": 0}}
         self.stream, self.count, self.number = stream, count, next
         shapes = [{"is": "ShapeAdded", "id": id_, "shape": {"is": shape["is"]} | {k: digits(v) for k, v in shape.items() if k != "is"}} for id_, shape in enumerate(SHAPES)]
@@ -189,8 +189,9 @@ class Stream:
         msg = self.head(kind, tick, count) | {"number": number & 0xFFFF, "updates": sorted(updates, key=lambda update: update["alias"])}
         if kind == 11:
             msg["error_scale_eighths"] = scale
+        assert all(update.get("age", 1) > 0 for update in updates), f"{self.name}: an age of 0"
         data = packets.encoded(msg)
-        assert packets.decoded(data) == msg, "a script makes valid packets"
+        assert packets.decoded(data) == msg, f"{self.name}: a packet that is not valid"
         self.history[number] = [update["body"] if update["body"] is not None else self.of(update["alias"]) for update in updates]
         self.numbered(number, data, checked)
         for update in updates:
@@ -242,6 +243,7 @@ class Stream:
     def record(self, index, tick, without_alias=False):
         track = self.tracks.bodies[index].track
         alias = None if without_alias else self.alias.get(index)
+        assert tick >= track.origin, f"{self.name}: a refresh older than its track"
         return {"index": index, "alias": alias, "age": tick - track.origin, "keyframe": keyframe_of(track)}
 
     def repair(self, row, *numbers):
@@ -250,6 +252,7 @@ class Stream:
 
     def settle(self, tick):
         """Refreshes everything that the member misses; afterwards it must have the publisher's tracks."""
+        self.get(self.watermark(tick))
         for _ in range(99):
             if self.member.scene.missing:
                 self.get(*self.refresh(min(self.member.scene.missing), tick))

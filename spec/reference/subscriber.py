@@ -483,8 +483,6 @@ class Scene:
                 self.apply_all(msg["updates"], other, tick)
 
     def receive_refresh(self, msg, tick):
-        if any(record["age"] > tick for record in msg["records"]):
-            return
         lost = expanded(msg["lost"], self.next)
         if lost not in self.missing:
             return

@@ -70,6 +70,20 @@ fn a_session_that_receives_a_scripted_stream_reaches_its_stated_states() {
 }
 
 #[test]
+fn a_datagram_that_breaks_one_rule_is_refused() {
+    let golden = golden("scripted.json");
+    let refused = golden["refused"].as_array().expect("datagrams are listed");
+    let accepted = refused.iter().filter(|line| {
+        let bytes = unhex(line["bytes"].as_str().expect("digits"));
+        crate::bits::read(&bytes).is_ok()
+    });
+    let accepted: Vec<_> = accepted
+        .map(|line| (&line["breaks"], &line["name"]))
+        .collect();
+    assert!(refused.len() >= 40 && accepted.is_empty(), "{accepted:?}");
+}
+
+#[test]
 fn the_golden_vectors_are_many() {
     let vectors: Value = serde_json::from_str(&control()).expect("vectors are JSON");
     let count = |name: &str| vectors[name].as_array().expect("a section").len();
