@@ -18,7 +18,7 @@ HERE = Path(__file__).resolve().parent
 VECTORS = HERE.parent / "vectors"
 # In the order of import; a mutant of one is seen by all after it.
 SECONDS = 3
-MODULES = ("reckoning", "packets", "messages", "fec_decoder", "subscriber", "check_streams")
+MODULES = ("reckoning", "packets", "messages", "fec_decoder", "subscriber", "upstream", "check_streams")
 
 
 class Endless(BaseException):
@@ -44,24 +44,25 @@ def vectors():
     """The streams, short ones first, datagrams to refuse, and datagrams to accept."""
     scripted = json.loads((VECTORS / "scripted.json").read_text(encoding="utf-8"))
     packets = json.loads((VECTORS / "packets.json").read_text(encoding="utf-8"))
-    streams = sorted(scripted["streams"], key=lambda stream: len(stream["events"]))
+    streams = scripted["upstreams"] + sorted(scripted["streams"], key=lambda stream: len(stream["events"]))
     return streams, scripted["refused"] + packets["refused"], packets["accepted"]
 
 
-def caught(streams, refused, accepted):
+def caught(streams, refused, accepted, by_datagrams=True):
     """The first vector with another result than the stated one; None if there is none."""
     check_streams = sys.modules["check_streams"]
-    for case in refused:
+    for case in refused if by_datagrams else ():
         # A refusal for another reason is not normative.
         if decoded(case["bytes"]) is not None:
             return case["name"]
     for stream in streams:
+        results = check_streams.upstream_results if stream["events"][0][0] == "grant" else check_streams.results
         try:
-            if any(want != got for _, want, got in check_streams.results(stream)):
+            if any(want != got for _, want, got in results(stream)):
                 return stream["name"]
         except Exception as error:
             return f"{stream['name']}: {type(error).__name__}"
-    for case in accepted:
+    for case in accepted if by_datagrams else ():
         if decoded(case["bytes"]) != case["means"]:
             return case["name"]
     return None
@@ -88,7 +89,7 @@ def tried(mutant):
     signal.signal(signal.SIGPROF, stop)
     signal.setitimer(signal.ITIMER_PROF, SECONDS)
     try:
-        by = caught(*GIVEN)
+        by = caught(*GIVEN, mutant.file == "packets")
     except Endless:
         by = f"the limit of {SECONDS} s"
     finally:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import packets
 import refused
-from scripted import SURFACE, Dice, Stream, gravity_changed, placed, removed
+from scripted import SURFACE, Authority, Dice, Stream, gravity_changed, placed, removed
 
 FILE = Path(__file__).resolve().parent.parent / "vectors" / "scripted.json"
 BUDGET = {"is": "within a budget", "rate": 2000, "burst": 1200, "choice": SURFACE}
@@ -188,6 +188,11 @@ def late_packets():
     f, g = s.packet(26, s.corrected(1, 26)), s.packet(27, s.corrected(0, 27), s.corrected(1, 27))
     s.get(g, *refresh, f, e)
     s.settle(28)
+    # A keyframe overtakes a correction that names its body: the ticks between are not known; after a keyframe they are.
+    for tick, late_kind in ((30, "correction"), (34, "keyframe")):
+        late = s.packet(tick, s.corrected(0, tick, alias=0) if late_kind == "correction" else s.keyframe(0, 1), s.corrected(1, tick))
+        s.get(s.packet(tick + 1, s.keyframe(0, 1), kind=0), late, s.packet(tick + 1, s.corrected(2, tick + 1)), s.watermark(tick + 2))
+    s.settle(37)
     return s
 
 
@@ -726,6 +731,56 @@ def random_stream(seed, **terms):
     return s
 
 
+def upstreams():
+    """6.14"""
+
+    def granted(name):
+        return Authority(name, [placed(0, kind=2, track="uniform", origin=100), placed(1, kind=2, track="uniform", origin=100, linear=[1.0, 0.0, 0.5])], 100)
+
+    s = granted("an upstream of two bodies")
+    s.step(100)
+    s.get(s.packet(101, s.keyframe(0, 1, linear=[1.0, 0.0, 0.0]), s.corrected(1, 101, "world", 1, moved=True)))
+    s.get(s.packet(103, s.corrected(0, 103), s.corrected(1, 103, "world", 3, moved=True)), s.packet(105, s.corrected(0, 105, "world", 2, moved=True)))
+    s.step(101, 102, 103, 104, 105, 106)
+    s.get(s.watermark(109), s.watermark(117))
+    s.step(117, 180, 193, 194, 195, 300)
+    s.get(s.packet(301, s.rests(0, 301), s.corrected(1, 301)), s.checksum(302))
+    s.step(301, 302, 365, 366, 367)
+    refused = granted("an upstream with packets to drop")
+    wrong = [
+        refused.packet(101, refused.corrected(0, 101), count=1, checked=False),
+        refused.packet(101, refused.corrected(0, 101, alias=512), checked=False, number=0),
+        refused.packet(101, {"alias": 3, "body": 512, "keyframe": refused.keyframe(0)["keyframe"]}, checked=False, number=0),
+        refused.packet(101, refused.keyframe(0, 0, parent=[1, 0], alias=0), checked=False, number=0),
+        refused.packet(101, refused.corrected(0, 101, "attached", parent=1, alias=0), checked=False, number=0),
+        refused.watermark(101, count=1, next=0),
+    ]
+    for tick, data in enumerate(wrong, 101):
+        refused.get(data)
+        refused.step(tick)
+    refused.number, refused.tracks.next = 0, 0
+    full = refused.full(107, 0)
+    refused.number, refused.tracks.next = 0, 0
+    refused.get(full)
+    refused.get(refused.packet(108, refused.keyframe(0, 1, alias=0, at=[1.0, 1.0, 1.0])))
+    refused.step(108)
+    lossy = granted("an upstream that loses packets, and touch")
+    first, second = lossy.packet(101, lossy.keyframe(0, 1), lossy.corrected(1, 101, "world", 1)), lossy.packet(102, lossy.corrected(0, 102))
+    lossy.get(second)
+    lossy.step(102)
+    lossy.get(first)
+    lossy.step(103)
+    lossy.packet(104, lossy.keyframe(0, 1), lossy.corrected(1, 104, "world", 0))
+    lossy.get(lossy.packet(105, lossy.corrected(1, 105)), *lossy.refresh(2, 106))
+    lossy.step(106)
+    lossy.packet(107, lossy.keyframe(1, 1))
+    lossy.get(lossy.repair(0, 4), lossy.watermark(108))
+    lossy.step(108)
+    lossy.get(lossy.checksum(109, off=1), lossy.packet(110, lossy.keyframe(0, 1)))
+    lossy.step(110, 200)
+    return [s, refused, lossy]
+
+
 def streams():
     makers = [several_packets, every_third_tick, predictors, attached, wrong_parents, refreshes, late_packets, ahead_of_events, many_wait]
     makers += [aliases, more_aliases, checksums, differing_checksum, budget, no_budget, redundancy, wrong_repair_symbols, many_repair_symbols]
@@ -740,12 +795,17 @@ def streams():
 
 def text(made):
     """One refused datagram and one event a line."""
-    parts = []
-    for stream in made:
-        events = ",\n".join(json.dumps(event, separators=(",", ":")) for event in stream.recorded)
-        parts.append(f'{{"name": {json.dumps(stream.name)}, "events": [\n{events}\n]}}')
+
+    def listed(streams):
+        parts = []
+        for stream in streams:
+            events = ",\n".join(json.dumps(event, separators=(",", ":")) for event in stream.recorded)
+            parts.append(f'{{"name": {json.dumps(stream.name)}, "events": [\n{events}\n]}}')
+        return "[\n" + ",\n".join(parts) + "\n]"
+
     lines = ",\n".join(json.dumps(line) for line in refused.lines())
-    return '{\n"format": "rhumb scripted streams 1",\n"refused": [\n' + lines + '\n],\n"streams": [\n' + ",\n".join(parts) + "\n]\n}\n"
+    head = '{\n"format": "rhumb scripted streams 1",\n"refused": [\n' + lines + "\n],\n"
+    return head + '"streams": ' + listed(made) + ',\n"upstreams": ' + listed(upstreams()) + "\n}\n"
 
 
 def main():

@@ -11,6 +11,7 @@ import messages
 import packets
 import reckoning
 import subscriber
+import upstream
 
 BODY_STATE_AT_REST = 7
 GRAVITY = [0.0, -9.81, 0.0]
@@ -215,7 +216,7 @@ class Stream:
         self.sent[number], self.number = data, max(self.number, number + 1)
         msg = packets.decoded(data)
         if not checked:
-            msg |= {"kind": 1, "updates": []}
+            msg |= {"kind": 1, "updates": [], "events": self.count & 0xFFFF}
         self.tracks.next = max(self.tracks.next, number)
         self.tracks.receive_datagram(packets.encoded(msg))
         assert self.tracks.is_converged() or self.tracks.lost_sync, f"{self.name}: packet {number} cannot be read"
@@ -269,6 +270,25 @@ class Stream:
         index = event["desc"]["id"]["index"] if event["is"] == "BodyPlaced" else event["id"]["index"] if event["is"] == "BodyRemoved" else None
         self.alias.pop(index, None)
         return {"is": "SceneEvent", "event": event}
+
+
+class Authority(Stream):
+    """An upstream as a script makes it: the member with authority, and what the server received and then had."""
+
+    def __init__(self, name, events, tick):
+        super().__init__(name, events, gravity=STILL, tick=tick)
+        descs = [event["desc"] for event in events]
+        granted = [{"id": event["desc"]["id"], "motion": event["track"]["payload"]["anchor"]} for event in events]
+        self.grant = {"is": "AuthorityGrant", "stream": self.stream, "tick": tick, "bodies": granted}
+        self.member.scene = upstream.Upstream(self.grant, self.config, SURFACE, self.tracks.shapes, descs, self.joined["largest packet"])
+        self.recorded = [["grant", messages.encoded("server", self.grant).hex()]]
+
+    def know(self):
+        """The server's state shows when it steps."""
+
+    def step(self, *ticks):
+        for tick in ticks:
+            self.recorded.append(["step", tick, check_streams.upstream_known(self.member.scene, tick)])
 
 
 def removed(index, generation=0):
