@@ -13,6 +13,7 @@ use std::thread;
 use std::time::Duration;
 
 use clap::{Parser, ValueEnum};
+use rhumb_protocol::Span;
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_transport::{AppListen, Stop};
 use tracing::level_filters::LevelFilter;
@@ -48,6 +49,9 @@ pub struct Arguments {
     /// Largest packet of a stream, bytes, from 700 to 1150. Relays and browsers add headers of their own.
     #[arg(long, value_name = "BYTES", default_value_t)]
     largest_packet: LargestPacket,
+    /// Seconds after which a scene without members ends; 0 keeps it until a client deletes it.
+    #[arg(long, default_value_t = 600)]
+    empty_scene_seconds: u32,
     /// TCP and UDP address for APP clients, such as OpenSimulator's RemotePhysics plug-in.
     #[arg(long)]
     app_listen: Option<SocketAddr>,
@@ -154,6 +158,10 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
     let mut server = Server::bind(arguments.listen, &identity)?;
     server.employ(workers);
     server.set_largest_packet(arguments.largest_packet);
+    if arguments.empty_scene_seconds > 0 {
+        let milliseconds = u64::from(arguments.empty_scene_seconds) * 1_000;
+        server.expire_empty_scenes(Span::from_millis(milliseconds));
+    }
     if let Some(hooks) = hooks {
         server.attach(hooks);
     }

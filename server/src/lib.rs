@@ -43,15 +43,18 @@ mod body_placement;
 pub mod cli;
 mod digest;
 pub mod engine;
+mod front;
 mod grants;
 mod hook;
 mod log;
 mod member;
 mod outbox;
 mod over_budget;
+mod pulse;
 mod registry;
 mod scene;
 mod scene_runner;
+mod scene_slots;
 mod serve;
 mod server_loop;
 mod snapshot;
@@ -64,6 +67,7 @@ pub use app::{AppOptions, Datagrams, States, TimeAdvanced};
 pub use authority_table::UpstreamStatistics;
 pub use digest::Digest;
 pub use engine::{Workers, WorkersError};
+pub use front::Front;
 pub use glam;
 pub use hook::{Hook, HookError, Hooks};
 pub use rhumb_protocol::message::RemovalCause;
@@ -72,7 +76,7 @@ pub use rhumb_protocol::scene::{
     Shape, ShapeId,
 };
 pub use rhumb_protocol::stream::{Activity, Observation, SubscriberStatistics};
-pub use rhumb_protocol::{Instant, Peer};
+pub use rhumb_protocol::{Instant, Peer, Span};
 pub use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Tolerance};
 pub use rhumb_transport::{
     AppBindError, AppListen, BindError, CertificateError, Fingerprint, ServeError,

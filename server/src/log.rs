@@ -60,7 +60,10 @@ fn log_to(
         .with_target(false)
         .log_internal_errors(false)
         .with_filter(limit);
-    (tracing_subscriber::registry().with(level).with(lines), guard)
+    (
+        tracing_subscriber::registry().with(level).with(lines),
+        guard,
+    )
 }
 
 /// Counts the lines of each cause, and leaves out those beyond its limit.
@@ -180,8 +183,9 @@ mod tests {
     #[test]
     fn a_pipe_that_nobody_reads_costs_lines_and_nothing_else() {
         let (reader, blocked) = mpsc::channel();
-        let (subscriber, guard) =
-            log_to(Blocked(blocked), false, LevelFilter::TRACE, || Instant::ZERO);
+        let (subscriber, guard) = log_to(Blocked(blocked), false, LevelFilter::TRACE, || {
+            Instant::ZERO
+        });
         tracing::subscriber::with_default(subscriber, || flood(3 * LINES_WAITING_MAX));
         drop(reader);
         drop(guard);

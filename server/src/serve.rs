@@ -7,6 +7,7 @@ use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use rhumb_protocol::Span;
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_transport::{
     AppBindError, AppListen, BindError, Certificate, CertificateError, Clock, Fingerprint,
@@ -15,8 +16,8 @@ use rhumb_transport::{
 
 use crate::app::AppOptions;
 use crate::engine::{Workers, WorkersError};
+use crate::front::Front;
 use crate::hook::Hooks;
-use crate::server_loop::ServerLoop;
 
 /// The server's certificate.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -39,6 +40,7 @@ pub struct Server {
     app: AppOptions,
     workers: Workers,
     largest_packet: LargestPacket,
+    empty_for: Option<Span>,
 }
 
 /// Reason why a server did not start, or stopped by itself.
@@ -104,6 +106,7 @@ impl Server {
             app: AppOptions::default(),
             workers: Workers::default(),
             largest_packet: LargestPacket::DEFAULT,
+            empty_for: None,
         })
     }
 
@@ -148,24 +151,33 @@ impl Server {
         self.largest_packet = largest_packet;
     }
 
-    /// Serves on the calling thread until `stop` is requested; then every client learns that the server is going
-    /// away.
+    /// Has later scenes end that have had no member for so long.
+    pub fn expire_empty_scenes(&mut self, after: Span) {
+        self.empty_for = Some(after);
+    }
+
+    /// Serves on the calling thread, and each scene on a thread of its own, until `stop` is requested. Then every
+    /// client learns that the server is going away.
     ///
     /// # Errors
     ///
     /// [`RunError::Serve`] if the thread of the sockets fails.
     pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
         let clock = Clock::start();
-        let mut server_loop = ServerLoop::new(move || clock.now());
-        server_loop.employ(self.workers);
-        server_loop.set_largest_packet(self.largest_packet);
+        let waker = self.transport.waker();
+        let mut front = Front::on_threads(move || clock.now(), move || waker.wake());
+        front.employ(self.workers);
+        front.set_largest_packet(self.largest_packet);
         if let Some(hooks) = self.hooks {
-            server_loop.attach(hooks);
+            front.attach(hooks);
         }
-        server_loop.configure_app(self.app);
-        self.transport
-            .run_app(&mut server_loop, stop)
-            .map_err(RunError::Serve)
+        front.configure_app(self.app);
+        if let Some(empty_for) = self.empty_for {
+            front.expire_empty_scenes(empty_for);
+        }
+        let served = self.transport.run_app(&mut front, stop);
+        front.shut_down();
+        served.map_err(RunError::Serve)
     }
 }
 

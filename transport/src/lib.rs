@@ -19,5 +19,5 @@ pub use link_meter::LinkMeter;
 pub use quic::{
     BindError, Certificate, CertificateError, ClientOptions, ConnectError, DATAGRAM_BYTES_MIN,
     Fingerprint, FingerprintError, QuicClient, QuicServer, Received, ServeError, ServerOptions,
-    ServerStatistics, ServerWatch, Stop, TransportCode, Trust, WireStatistics,
+    ServerStatistics, ServerWatch, Stop, TransportCode, Trust, Waker, WireStatistics,
 };

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use rhumb_netsim::LinkConfig;
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
 
@@ -97,6 +98,7 @@ impl LoadChoice {
     pub(super) fn config(&self) -> Result<ReplayConfig, Failure> {
         Ok(ReplayConfig {
             tolerance: self.tolerance()?,
+            largest_packet: LargestPacket::DEFAULT,
             link: LinkConfig::PERFECT,
             publish_interval: self.of.publish_interval,
             seed: 1,

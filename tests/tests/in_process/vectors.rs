@@ -236,6 +236,9 @@ fn codes_are_the_same_in_code_and_table() {
         ("VERSION", CloseCode::VERSION),
         ("LIMIT", CloseCode::LIMIT),
         ("EXTENSION", CloseCode::EXTENSION),
+        ("SCENE_PARKED", CloseCode::SCENE_PARKED),
+        ("BUSY", CloseCode::BUSY),
+        ("HELLO_LATE", CloseCode::HELLO_LATE),
     ] {
         let codes = table["close codes"].as_array().expect("codes are listed");
         let row = codes.iter().find(|row| row["name"] == name);

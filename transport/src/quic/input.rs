@@ -19,6 +19,10 @@ pub(crate) enum Input {
     Opened { peer: Peer, handles: PeerHandles },
     /// Bytes of a control stream.
     Control { peer: Peer, piece: Piece },
+    /// The connection has taken all control bytes that were handed over.
+    ControlTaken { peer: Peer },
+    /// The endpoint has something to transmit.
+    Wake,
     /// A datagram.
     State { peer: Peer, piece: Piece },
     /// A connection has ended; its last input.

@@ -3,6 +3,7 @@
 //! No bytes are interpreted here. Each end has a thread of its own for the sockets; the queues between that thread and
 //! its caller are bounded lane by lane.
 
+mod addresses;
 mod certificate;
 mod client;
 mod client_io;
@@ -21,6 +22,7 @@ mod statistics;
 mod stop;
 mod trust;
 mod tuning;
+mod waker;
 mod watch;
 
 pub use certificate::{Certificate, CertificateError};
@@ -40,4 +42,5 @@ pub(crate) use trust::client_tls;
 #[cfg(feature = "raw")]
 pub(crate) use tuning::ALPN;
 pub use tuning::DATAGRAM_BYTES_MIN;
+pub use waker::Waker;
 pub use watch::ServerWatch;

@@ -24,6 +24,7 @@ use super::server_loop::{EndpointLoop, ServeError};
 use super::statistics::ServerStatistics;
 use super::stop::Stop;
 use super::tuning;
+use super::waker::Waker;
 use super::watch::ServerWatch;
 use crate::app::{AppBindError, AppEndpoint, AppHooks, AppListen, AppListener};
 use crate::socket;
@@ -44,6 +45,7 @@ pub struct QuicServer {
     fingerprint: Fingerprint,
     inputs: mpsc::Receiver<Input>,
     wake: mpsc::Sender<Input>,
+    waker: Waker,
     watch: ServerWatch,
     listener: Option<AppListener>,
     io: IoThread,
@@ -117,6 +119,7 @@ impl QuicServer {
             local_addr,
             fingerprint: certificate.fingerprint(),
             inputs,
+            waker: Waker::new(wake.clone()),
             wake,
             watch,
             listener: None,
@@ -143,6 +146,12 @@ impl QuicServer {
     #[must_use]
     pub fn watch(&self) -> ServerWatch {
         self.watch.clone()
+    }
+
+    /// Wakes the thread that runs the server, from other threads that the endpoint has.
+    #[must_use]
+    pub fn waker(&self) -> Waker {
+        self.waker.clone()
     }
 
     /// Opens the listener for APP clients and returns its address. Its clients wait until [`run_app`](Self::run_app).
@@ -198,7 +207,12 @@ impl QuicServer {
         let wake = self.wake.clone();
         // If the server loop has ended, there is nothing to wake.
         stop.on_stop(move || drop(wake.send(Input::Stop)));
-        let mut server_loop = EndpointLoop::new(self.inputs, self.watch.clone(), self.listener);
+        let mut server_loop = EndpointLoop::new(
+            self.inputs,
+            self.waker.clone(),
+            self.watch.clone(),
+            self.listener,
+        );
         let outcome = server_loop.run(endpoint, app);
         server_loop.close_all();
         drop(self.io);
