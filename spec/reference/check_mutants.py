@@ -7,12 +7,13 @@ mutant's source text is not there exactly once. `-v` prints what catches each mu
 import importlib.util
 import json
 import multiprocessing
+import re
 import signal
 import sys
 import time
 from pathlib import Path
 
-from mutants import MUTANTS
+from mutants import MUTANTS, UNBROKEN
 
 HERE = Path(__file__).resolve().parent
 VECTORS = HERE.parent / "vectors"
@@ -25,12 +26,18 @@ class Endless(BaseException):
     """A mutant runs for too long."""
 
 
+ORIGINALS = {}
+
+
 def load(mutant=None):
-    """Executes the modules anew, one of them changed. The unchanged ones before it are shared."""
+    """Executes the modules anew, one of them changed, from that one on; those before it are the original ones."""
     first = MODULES.index(mutant.file) if mutant else 0
-    for name in MODULES[first:]:
+    for name in MODULES:
         sys.modules.pop(name, None)
-    for name in MODULES[first:]:
+    for place, name in enumerate(MODULES):
+        if place < first:
+            sys.modules[name] = ORIGINALS[name]
+            continue
         path = HERE / f"{name}.py"
         source = path.read_text(encoding="utf-8")
         if mutant and name == mutant.file:
@@ -38,6 +45,8 @@ def load(mutant=None):
         module = importlib.util.module_from_spec(importlib.util.spec_from_file_location(name, path))
         sys.modules[name] = module
         exec(compile(source, str(path), "exec"), module.__dict__)
+    if mutant is None:
+        ORIGINALS.update({name: sys.modules[name] for name in MODULES})
 
 
 def vectors():
@@ -105,11 +114,21 @@ def faults():
             yield f"{mutant.requirement} {mutant.broken}: its source text is {count} times in {mutant.file}.py"
 
 
+def unexplained():
+    """Requirements of PROTOCOL 6 with neither a mutant nor a reason for having none, or with both."""
+    stated = set(re.findall(r"\[(6\.\d+-\d+)\]", (HERE.parent / "PROTOCOL.md").read_text(encoding="utf-8")))
+    broken = {mutant.requirement for mutant in MUTANTS if mutant.requirement.startswith("6.")}
+    for requirement in sorted(stated ^ (broken | UNBROKEN.keys())):
+        yield f"{requirement} is not stated, or has neither a mutant nor a reason for having none"
+    for requirement in sorted(broken & UNBROKEN.keys()):
+        yield f"{requirement} has a mutant and a reason for having none"
+
+
 GIVEN = vectors()
 
 
 def main():
-    wrong = list(faults())
+    wrong = [*faults(), *unexplained()]
     load()
     by = caught(*GIVEN)
     if by:

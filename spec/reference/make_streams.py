@@ -357,6 +357,11 @@ def budget():
     s.get(s.packet(41, s.corrected(0, 41)), s.packet(44, s.corrected(1, 44), kind=0), s.packet(44, s.corrected(2, 44), kind=11, scale=18), s.watermark(46))
     one, two = s.packet(48, s.corrected(0, 48), kind=11, scale=10), s.packet(50, s.corrected(1, 50), kind=11, scale=13)
     s.get(two, one, s.watermark(52, kind=12, scale=15))
+    # A packet that is not read again has given its body an alias; an older assignment does not take it away.
+    s.get(s.packet(54, s.corrected(3, 54, alias=30)))
+    early, over = s.packet(55, s.corrected(3, 55, alias=32)), s.packet(56, s.corrected(3, 56, alias=33), kind=11, scale=9)
+    s.get(over, early, s.packet(57, s.corrected(3, 57)))
+    s.settle(58)
     return s
 
 
@@ -735,9 +740,10 @@ def upstreams():
     """6.14"""
 
     def granted(name):
-        return Authority(name, [placed(0, kind=2, track="uniform", origin=100), placed(1, kind=2, track="uniform", origin=100, linear=[1.0, 0.0, 0.5])], 100)
+        return Authority(name, [placed(0, kind=2, track="rest", origin=100), placed(1, kind=2, track="uniform", origin=100, linear=[1.0, 0.0, 0.5])], 100)
 
     s = granted("an upstream of two bodies")
+    s.get(s.checksum(100))
     s.step(100)
     s.get(s.packet(101, s.keyframe(0, 1, linear=[1.0, 0.0, 0.0]), s.corrected(1, 101, "world", 1, moved=True)))
     s.get(s.packet(103, s.corrected(0, 103), s.corrected(1, 103, "world", 3, moved=True)), s.packet(105, s.corrected(0, 105, "world", 2, moved=True)))
@@ -764,6 +770,8 @@ def upstreams():
     refused.get(full)
     refused.get(refused.packet(108, refused.keyframe(0, 1, alias=0, at=[1.0, 1.0, 1.0])))
     refused.step(108)
+    refused.get(refused.checksum(109, off=1))
+    refused.step(109)
     lossy = granted("an upstream that loses packets, and touch")
     first, second = lossy.packet(101, lossy.keyframe(0, 1), lossy.corrected(1, 101, "world", 1)), lossy.packet(102, lossy.corrected(0, 102))
     lossy.get(second)

@@ -313,4 +313,43 @@ PACKETS = of(
     ("5.17-3", "an error scale of 0 is accepted", '    refuse_if(code == 0, "NotCanonical")\n', ""),
 )
 
-MUTANTS = SUBSCRIBER + FEC + PACKETS
+UPSTREAM = of(
+    "upstream",
+    ("6.14-3", "a body at rest begins with a uniform track", 'part == "00000000" for part in motion[7:]', "False for part in motion[7:]"),
+    ("6.14-3", "a moving body begins with a rest", 'part == "00000000" for part in motion[7:]', "True for part in motion[7:]"),
+    ("6.14-4", "packets are numbered from 1", '"next": 0, "events": 0', '"next": 1, "events": 0'),
+    ("6.14-5", "a packet with another count of scene events waits", ' or msg.get("events")', ""),
+    ("6.14-6", "any alias and index is accepted", "max(names) < NAMES_END and not attached", "not attached"),
+    ("6.14-6", "an attached body is accepted", "max(names) < NAMES_END and not attached", "max(names) < NAMES_END"),
+    ("6.14-6", "full packets are accepted", 'msg["kind"] in (4, 5) or ', ""),
+    ("6.14-12", "the newest track holds at once", " if track.origin <= at][-1]", "][-1]"),
+    ("6.14-12", "two tracks of a body are kept", "self.tracks[index] = [*kept, body.track]", "self.tracks[index] = [*kept[-1:], body.track]"),
+    ("6.14-14", "bodies of a silent member go on", "at = min(tick, self.trusted())", "at = tick"),
+    ("6.14-14", "bodies of a silent member keep their velocities", "        if tick > at:\n", "        if False:\n"),
+    ("6.14-14", "there is no grace", " + grace\n", "\n"),
+    ("6.14-14", "a short silence does not count as L", "max(silence, least, 1)", "max(silence, 1)"),
+)
+
+# The requirements of PROTOCOL 6 without a mutant.
+SENDER = "concerns the publisher; the conformance cases of a server, and of an upstream, test it"
+TIME = "concerns when a report is sent; the conformance cases of a client test it"
+UNBROKEN = {
+    **dict.fromkeys(["6.3-1", "6.3-2", "6.3-3", "6.3-4", "6.3-5", "6.3-6", "6.3-7", "6.3-8", "6.3-9", "6.3-10", "6.3-11", "6.3-12", "6.3-13"], SENDER),
+    **dict.fromkeys(["6.4-1", "6.4-2", "6.4-3", "6.7-3", "6.7-4", "6.7-6", "6.7-7", "6.10-1", "6.10-2", "6.12-3", "6.13-3", "6.13-4"], SENDER),
+    **dict.fromkeys(["6.14-2", "6.14-7", "6.14-8", "6.14-9", "6.14-10", "6.14-11", "6.14-16", "6.14-18"], SENDER),
+    **dict.fromkeys(["6.15-1", "6.15-8", "6.15-9", "6.15-11", "6.15-12", "6.16-1", "6.16-2", "6.16-3", "6.16-4", "6.16-5", "6.16-6", "6.16-7", "6.16-13"], SENDER),
+    **dict.fromkeys(["6.4-5", "6.4-6", "6.4-7", "6.7-1", "6.7-2", "6.14-15", "6.15-13"], TIME),
+    "6.0-1": "every other mutant breaks it",
+    "6.6-15": "follows from the others; the checksum of each state tests it",
+    "6.12-7": "counts and logs have no form on the wire",
+    "6.13-2": SENDER,
+    "6.14-1": "a convention of names; every upstream of the vectors depends on it",
+    "6.14-13": "needs an engine",
+    "6.14-17": "the server's messages; the touch that is lost is 6.7-9 and 6.12-6",
+    "6.14-19": "shows in loss reports and errors only, which a server does not state",
+    "6.15-2": "a permission",
+    "6.15-10": "the reference requests no repair symbols",
+    "6.15-14": "the reference requests no repair symbols",
+}
+
+MUTANTS = SUBSCRIBER + FEC + UPSTREAM + PACKETS
