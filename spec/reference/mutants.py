@@ -40,7 +40,7 @@ SUBSCRIBER = of(
     ("6.2-2", "a body may be attached to an attached one (S82)", "by is body or by.track.parent is not None or", "by is body or"),
     ("6.2-2", "an attached body may be attached again (S82)", " or by.track.parent is not None or old.parent is not None", " or by.track.parent is not None"),
     ("6.2-2", "a rest correction applies to an attached body (S73)", "return UNREADABLE if old.parent else self.apply", "return self.apply"),
-    ("6.2-2", "a bad attachment waits for earlier packets like an unread one (S81)", "            elif track is NO_SUCH_PARENT_TRACK:\n            self.unreadable(number, tick, waits=False)".replace("            elif", "        elif"), "        elif track is NO_SUCH_PARENT_TRACK:\n            self.unreadable(number, tick, waits=True)"),
+    ("6.2-2", "a bad attachment waits for earlier packets like an unread one (S81)", "        elif track is NO_SUCH_PARENT_TRACK:\n            self.unreadable(number, tick, waits=False)", "        elif track is NO_SUCH_PARENT_TRACK:\n            self.unreadable(number, tick, waits=True)"),
     ("6.2-3", "a packet is applied in one group", "        for names_parent in (False, True):\n            for update in updates:\n                if names_parent == ", "        for names_parent in (True,):\n            for update in updates:\n                if True or names_parent == "),
     ("6.2-3", "the updates that name a parent's age come first", "for names_parent in (False, True):", "for names_parent in (True, False):"),
     ("6.2-3", "a group is applied from its end", "            for update in updates:\n                if names_parent ==", "            for update in reversed(updates):\n                if names_parent =="),

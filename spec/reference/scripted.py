@@ -212,7 +212,7 @@ class Stream:
         return data
 
     def numbered(self, number, data, checked):
-        """The publisher's own copy reads a packet; it reads an empty one in place of one that nobody can read."""
+        """The publisher's own copy reads a packet; it reads an empty one in place of an unreadable one."""
         self.sent[number], self.number = data, max(self.number, number + 1)
         msg = packets.decoded(data)
         if not checked:
