@@ -367,7 +367,7 @@ def budget():
 
 def no_budget():
     """5.17-1, 5.8-4, 5.8-7"""
-    s = started("datagrams of other streams and kinds", bodies(2), largest=700)
+    s = started("datagrams of other streams and kinds", bodies(2), largest_packet=700)
     s.get(s.packet(1, s.corrected(0, 1)))
     second = s.packet(2, s.corrected(0, 2))
     s.get(s.watermark(9, kind=12, scale=9), b"\x5b\x09" + second[1:])
@@ -672,6 +672,47 @@ def span():
     return streams
 
 
+def rebuilt_ahead_of_events():
+    """6.5-2, 6.6-11"""
+    s = started("a rebuilt packet that waits while an earlier one comes late", bodies(4))
+    s.get(s.packet(1, *[s.corrected(index, 1) for index in range(4)]))
+    late = s.packet(2, s.corrected(0, 2))
+    new = s.event(gravity_changed(3, 0.0, 1.0, 0.0))
+    s.packet(3, s.corrected(1, 3))
+    s.get(s.packet(4, s.corrected(2, 4), count=s.count - 1), s.repair(0, 2, 3), late)
+    s.control(new)
+    s.settle(5)
+    return s
+
+
+def equal_origins():
+    """6.2-2, 6.7-11, 6.8-1"""
+    s = started("a refresh of a track that is here, and an attachment to a removed body", bodies(4))
+    s.get(s.packet(1, *[s.corrected(index, 1) for index in range(4)]))
+    s.packet(2, s.corrected(0, 2), s.corrected(1, 2))
+    s.get(s.packet(3, s.keyframe(0, 1), kind=0), *s.refresh(1, 4), s.watermark(2), s.watermark(4))
+    s.control(s.event(removed(3)))
+    s.get(s.packet(5, s.corrected(2, 5, "attached", parent=3, parent_age=4), s.corrected(0, 5)))
+    s.settle(6)
+    return s
+
+
+def largest_packet():
+    """5.8-7"""
+
+    def filled(name, size, checked):
+        s = started(name, bodies(14), largest_packet=size)
+        return s, s.packet(1, *[s.keyframe(index, 1, state=True) for index in range(14)], checked=checked)
+
+    size = len(filled("", 1150, True)[1])
+    made = []
+    for name, less in (("a packet of the largest size", 0), ("a packet of one byte more than the largest", 1)):
+        s, data = filled(name, size - less, less == 0)
+        s.get(data, s.watermark(1), s.watermark(2))
+        made.append(s)
+    return made
+
+
 def random_stream(seed, **terms):
     """All of section 6 under loss, by chance."""
     dice = Dice(1000 + seed)
@@ -793,7 +834,7 @@ def streams():
     makers = [several_packets, every_third_tick, predictors, attached, wrong_parents, refreshes, late_packets, ahead_of_events, many_wait]
     makers += [aliases, more_aliases, checksums, differing_checksum, budget, no_budget, redundancy, wrong_repair_symbols, many_repair_symbols]
     makers += [gravities, full_stream, lost_touch, low_bits, refused_refreshes]
-    makers += [replaced_bodies, unreadable, unknown_owners, far_counts, span]
+    makers += [replaced_bodies, unreadable, unknown_owners, far_counts, span, rebuilt_ahead_of_events, equal_origins, largest_packet]
     made = []
     for maker in makers:
         stream = maker()

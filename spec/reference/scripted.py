@@ -71,11 +71,11 @@ def placed(index, generation=0, *, kind=1, shape=0, at=None, alias=0, origin=0, 
 class Stream:
     """A stream of a scene as a script makes it: the publisher, and all that one member received and then had."""
 
-    def __init__(self, name, events, *, choice=SURFACE, gravity=None, tick=0, next=0, count=0, stream=5, seed=1, largest=None, **terms):
+    def __init__(self, name, events, *, choice=SURFACE, gravity=None, tick=0, next=0, count=0, stream=5, largest_packet=1100, seed=1, **terms):
         self.name, self.recorded, self.dice = name, [], Dice(seed)
         self.config = config(**terms)
         joined = {"is": "Joined", "choice": choice, "config": self.config, "stream": stream, "gravity": digits(gravity or GRAVITY)}
-        joined |= {"tick": tick, "next": next, "events": count, "largest packet": largest or messages.LIMITS["DATAGRAM_BYTES_MAX"], "extensions": []}
+        joined |= {"tick": tick, "next": next, "events": count, "largest packet": largest_packet, "extensions": []}
         self.joined = joined | {"granted": {"first": 0, "count": 4096, "generation": 0}}
         self.stream, self.count, self.number = stream, count, next
         shapes = [{"is": "ShapeAdded", "id": id_, "shape": {"is": shape["is"]} | {k: digits(v) for k, v in shape.items() if k != "is"}} for id_, shape in enumerate(SHAPES)]
@@ -276,7 +276,7 @@ class Authority(Stream):
     """An upstream as a script makes it: the member with authority, and what the server received and then had."""
 
     def __init__(self, name, events, tick):
-        super().__init__(name, events, gravity=STILL, tick=tick)
+        super().__init__(name, events, gravity=STILL, tick=tick, largest_packet=messages.LIMITS["DATAGRAM_BYTES_MAX"])
         descs = [event["desc"] for event in events]
         granted = [{"id": event["desc"]["id"], "motion": event["track"]["payload"]["anchor"]} for event in events]
         self.grant = {"is": "AuthorityGrant", "stream": self.stream, "tick": tick, "bodies": granted}

@@ -105,6 +105,7 @@ impl LoadChoice {
             lookahead: Ticks::ZERO,
             features: EnabledFeatures::ALL,
             budget: None,
+            largest_packet: LargestPacket::DEFAULT,
         })
     }
 
