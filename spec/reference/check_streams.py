@@ -9,6 +9,7 @@ from pathlib import Path
 
 import messages
 import subscriber
+import upstream
 
 SPEC = Path(__file__).resolve().parent.parent
 
@@ -69,21 +70,48 @@ def known_in_full(scene):
     state, report = known(scene, False), scene.loss_report()
     state |= {"abandoned": report["abandoned"], "lost": report["lost"], "resync": scene.resync()}
     if scene.capped:
-        state["error_scales"] = [scene.error_scale(tick) for tick in recent(scene.watermark)]
+        state["error_scales"] = [scene.error_scale(tick) for tick in recent(scene.watermark, 6)]
     return state | {"bodies": [body_row(scene, scene.bodies[index]) for index in sorted(scene.bodies)]}
 
 
-def recent(tick):
-    """The last ticks up to one, newest first."""
-    return range(tick, max(tick - 6, -1), -1)
+def recent(tick, count):
+    """The tick after one, that one, and some before it, newest first."""
+    return range(tick + 1, max(tick - count, -1), -1)
 
 
 def body_row(scene, body):
-    """Index, generation, origin, and the motion at the newest tick up to the watermark at which its error is known."""
-    for tick in recent(scene.watermark):
-        if scene.is_within(body, tick):
-            return [body.index, body.generation, body.track.origin, tick, hashed([scene.predicted_motion(body, tick)])]
-    return [body.index, body.generation, body.track.origin, None, None]
+    """Index, generation, origin, the ticks about the watermark at which the error is known, and the motions at these."""
+    ticks = [tick for tick in recent(scene.watermark, 4) if scene.is_within(body, tick)]
+    motions = hashed(scene.predicted_motion(body, tick) for tick in ticks)
+    return [body.index, body.generation, body.track.origin, ticks, motions]
+
+
+def upstream_known(scene, tick):
+    """The words of an upstream: what the server has in the step to a tick."""
+    motions = [hashed([scene.motion(index, tick)]) for index in sorted(scene.bodies)]
+    return {"watermark": scene.watermark, "lost touch": scene.lost_sync, "bodies": motions}
+
+
+# The scene of every upstream of the vectors: kinematic balls.
+CONFIG = {"ticks": 60, "seconds": 1, "substeps": 4, "damping": {"linear": "00000000", "angular": "00000000"}}
+BALL, DESC = {"is": "ball", "radius": "3f000000"}, {"flags": 2, "shape": 0}
+LARGEST = messages.LIMITS["DATAGRAM_BYTES_MAX"]
+WITHIN = {"is": "within a surface tolerance", "micrometres": 5000}
+
+
+def upstream_results(stream):
+    """As `results`, of the server's end of an upstream."""
+    scene = None
+    for place, (what, value, *known) in enumerate(stream["events"]):
+        if what == "grant":
+            frames = messages.Frames()
+            frames.push(bytes.fromhex(value))
+            grant = messages.decoded("server", *frames.next())
+            scene = upstream.Upstream(grant, CONFIG, WITHIN, {0: BALL}, [DESC] * len(grant["bodies"]), LARGEST)
+        elif what == "datagram":
+            scene.receive_datagram(bytes.fromhex(value))
+        else:
+            yield f"{stream['name']}, event {place}", known[0], upstream_known(scene, value)
 
 
 def results(stream):
@@ -112,7 +140,8 @@ def main():
     passed, failed = 0, 0
     for file in ("streams.json", "scripted.json"):
         vectors = json.loads((SPEC / "vectors" / file).read_text(encoding="utf-8"))
-        for name, want, got in (result for stream in vectors["streams"] for result in results(stream)):
+        both = [results(stream) for stream in vectors["streams"]] + [upstream_results(stream) for stream in vectors.get("upstreams", [])]
+        for name, want, got in (result for each in both for result in each):
             passed += want == got
             failed += want != got
             if want != got and failed < 40:

@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 
 import packets
-from scripted import SURFACE, Dice, Stream, gravity_changed, placed, removed
+import refused
+from scripted import SURFACE, Authority, Dice, Stream, gravity_changed, placed, removed
 
 FILE = Path(__file__).resolve().parent.parent / "vectors" / "scripted.json"
 BUDGET = {"is": "within a budget", "rate": 2000, "burst": 1200, "choice": SURFACE}
@@ -64,11 +65,12 @@ def predictors():
     events = [*bodies(6, linear=[1.0, 0.5, 0.0]), placed(6, kind=2, shape=1, linear=[0.0, 1.0, 0.0])]
     events += [placed(7, kind=1, shape=1, **{"gravity scale": "3f000000", "tolerance scale": 2})]
     events += [placed(8, kind=2, **{"gravity scale": "3f000000", "damping": {"linear": "3f800000", "angular": "3f800000"}})]
+    events += [placed(9, kind=0, track="rest"), placed(10, linear=[4.0, 0.0, 0.0], damping={"linear": "40000000", "angular": "3f800000"})]
     s = started("each predictor, and rests of each kind", events, choice=PARTS)
     for tick, wide in ((1, 1), (4, 40), (9, 300)):
         s.get(s.packet(tick, *[s.corrected(index, tick, "world", index % 6, moved=index % 6 > 0, size=wide) for index in range(9)]))
         s.get(s.packet(tick + 1, *[s.corrected(index, tick + 1, moved=index % 6 > 0 and index > 3) for index in range(9)]))
-    s.get(s.packet(13, *[s.keyframe(index, 2, linear=[3.0, 1.0, 0.0], angular=[0.5, 2.0, 1.0]) for index in (0, 6, 7, 8)]))
+    s.get(s.packet(13, *[s.keyframe(index, 2, linear=[3.0, 1.0, 0.0], angular=[0.5, 2.0, 1.0]) for index in (0, 6, 7, 8, 9)]))
     s.get(s.packet(17, s.corrected(1, 17, "world", 0), s.rests(2, 17), s.keyframe(3, 0, state=True), s.keyframe(4, 0), s.keyframe(5, 1, state=True, linear=[1.0, 0.0, 0.0])))
     s.get(s.watermark(22), s.packet(40, s.corrected(1, 40), s.corrected(2, 40, "world", 2), s.rests(3, 40), s.corrected(4, 40), s.corrected(5, 40)))
     s.get(s.packet(41, s.rests(3, 41), s.corrected(4, 41, "world", 4, moved=True)), s.packet(60, s.corrected(6, 60), s.corrected(8, 60, moved=True)))
@@ -104,8 +106,9 @@ def wrong_parents():
     """6.2-2, 6.6-6, 6.6-10, and lines S75 to S82"""
     s = started("attachments that cannot be read", bodies(6))
     s.get(s.packet(1, *[s.corrected(index, 1) for index in range(6)]), s.packet(2, s.corrected(1, 2, "attached", parent=0)))
+    # Ignored: there is no such parent, and no such body.
+    s.get(s.packet(3, s.corrected(2, 3, "attached", parent=40, parent_age=1) | {"alias": 2}), s.packet(3, s.corrected(2, 3) | {"alias": 30, "body": 77}))
     wrong = [
-        s.corrected(2, 3, "attached", parent=40, parent_age=1),  # ignored
         s.corrected(2, 3, "attached", parent=0, parent_age=1),
         s.corrected(2, 4, "attached", parent=2, parent_age=3),
         s.corrected(2, 5, "attached", parent=1, parent_age=3),
@@ -119,10 +122,10 @@ def wrong_parents():
     ]
     s.packet(3, s.corrected(0, 3, moved=True))
     for place, update in enumerate(wrong):
-        tick = max(3, 2 + place)
+        tick = 3 + place
         data = s.packet(tick, update, checked=False)
         s.get(data)
-    s.get(*[part for number in range(2, s.number) for part in s.refresh(number, 20, bodies=[0, 1, 2, 3])], s.watermark(20))
+    s.get(*[part for number in range(4, s.number) for part in s.refresh(number, 20, bodies=[0, 1, 2, 3])], s.watermark(20))
     s.settle(21)
     return s
 
@@ -143,15 +146,18 @@ def refreshes():
     s.get(s.watermark(6), two[0], three[1], two[1], three[2])
     s.control(s.event(gravity_changed(6, 0.0, -5.0, 0.0)))
     counted = s.refresh(4, 6, 3)
-    s.get(three[0] if False else counted[0], three[0], counted[1], counted[2], s.watermark(7))
+    s.get(counted[0], three[0], counted[1], counted[2], s.watermark(7))
+    s.packet(7, s.corrected(5, 7), s.corrected(7, 7))
+    older, newer = s.refresh(5, 7, 2), s.refresh(5, 8, 2)
+    s.get(s.watermark(7), newer[0], older[1], newer[1])
     # The refresh is older than a packet that waits for what was lost.
     s.packet(8, s.corrected(0, 8), s.corrected(1, 8))
-    old = s.refresh(5, 8)
+    old = s.refresh(6, 8)
     s.get(s.packet(9, s.corrected(0, 9)), s.packet(10, s.corrected(2, 10)), *old, s.packet(11, s.corrected(1, 11)))
-    s.get(*s.refresh(6, 12), s.watermark(12))
+    s.get(*s.refresh(7, 12), s.watermark(12))
     # The refresh is newer, so it contains what the waiting packets say.
     s.packet(13, s.corrected(0, 13), s.corrected(1, 13))
-    s.get(s.packet(14, s.corrected(0, 14)), s.packet(15, s.corrected(1, 15, moved=True), kind=0), *s.refresh(9, 16), s.packet(16, s.corrected(0, 16)))
+    s.get(s.packet(14, s.corrected(0, 14)), s.packet(15, s.corrected(1, 15, moved=True), kind=0), *s.refresh(10, 16), s.packet(16, s.corrected(0, 16)))
     s.get(s.watermark(16), s.checksum(16))
     # A refresh without records, and one of a body that was removed.
     s.packet(17, s.corrected(7, 17))
@@ -177,9 +183,16 @@ def late_packets():
     # Unread packets with several gaps before them; the second gap is filled first.
     a, b, c, d = (s.packet(20 + step, s.corrected(step // 2, 20 + step), kind=step % 2) for step in range(4))
     s.get(d, b, a, c)
-    e, f, g = s.packet(25, s.corrected(0, 25)), s.packet(26, s.corrected(1, 26)), s.packet(27, s.corrected(0, 27), s.corrected(1, 27))
-    s.get(g, *s.refresh(s.number - 3, 25, bodies=[0]), f, e)
+    e = s.packet(25, s.corrected(0, 25))
+    refresh = s.refresh(s.number - 1, 25)
+    f, g = s.packet(26, s.corrected(1, 26)), s.packet(27, s.corrected(0, 27), s.corrected(1, 27))
+    s.get(g, *refresh, f, e)
     s.settle(28)
+    # A keyframe overtakes a correction that names its body: the ticks between are not known; after a keyframe they are.
+    for tick, late_kind in ((30, "correction"), (34, "keyframe")):
+        late = s.packet(tick, s.corrected(0, tick, alias=0) if late_kind == "correction" else s.keyframe(0, 1), s.corrected(1, tick))
+        s.get(s.packet(tick + 1, s.keyframe(0, 1), kind=0), late, s.packet(tick + 1, s.corrected(2, tick + 1)), s.watermark(tick + 2))
+    s.settle(37)
     return s
 
 
@@ -339,17 +352,22 @@ def budget():
     s.get(s.watermark(30, kind=12, scale=14), *s.refresh(s.number - 1, 30), s.watermark(31), s.packet(34, s.corrected(1, 34), kind=11, scale=480))
     # Packets over budget are not kept for a second reading.
     a, b = s.packet(35, s.corrected(2, 35)), s.packet(36, s.corrected(2, 36), kind=11, scale=12)
-    s.get(b, *s.refresh(s.number - 2, 35, bodies=[3]), a, *s.refresh(s.number - 1, 37), s.checksum(38), s.watermark(39, kind=12, scale=11))
+    s.get(b, a, *s.refresh(s.number - 1, 37), s.checksum(38), s.watermark(39, kind=12, scale=11))
     # Packets of one tick: only the last one states a scale, for the ticks since the packet before.
     s.get(s.packet(41, s.corrected(0, 41)), s.packet(44, s.corrected(1, 44), kind=0), s.packet(44, s.corrected(2, 44), kind=11, scale=18), s.watermark(46))
     one, two = s.packet(48, s.corrected(0, 48), kind=11, scale=10), s.packet(50, s.corrected(1, 50), kind=11, scale=13)
     s.get(two, one, s.watermark(52, kind=12, scale=15))
+    # A packet that is not read again has given its body an alias; an older assignment does not take it away.
+    s.get(s.packet(54, s.corrected(3, 54, alias=30)))
+    early, over = s.packet(55, s.corrected(3, 55, alias=32)), s.packet(56, s.corrected(3, 56, alias=33), kind=11, scale=9)
+    s.get(over, early, s.packet(57, s.corrected(3, 57)))
+    s.settle(58)
     return s
 
 
 def no_budget():
-    """5.17-1, 5.8-4"""
-    s = started("datagrams of other streams and kinds", bodies(2))
+    """5.17-1, 5.8-4, 5.8-7"""
+    s = started("datagrams of other streams and kinds", bodies(2), largest_packet=700)
     s.get(s.packet(1, s.corrected(0, 1)))
     second = s.packet(2, s.corrected(0, 2))
     s.get(s.watermark(9, kind=12, scale=9), b"\x5b\x09" + second[1:])
@@ -358,9 +376,12 @@ def no_budget():
     s.stream = 20
     s.get(s.watermark(9))
     s.stream = 5
-    s.get(bytes.fromhex("5601000900010100"), second, s.watermark(3))
+    s.get(bytes.fromhex("560100090000010100"), second, s.watermark(3))
     s.get(s.watermark(4) + b"\x00", b"\x58\x00", s.packet(5, s.corrected(1, 5))[:-1], *s.refresh(2, 5))
-    s.settle(5)
+    heavy = [{"alias": 90 + index, "body": 90 + index, "keyframe": s.keyframe(0, 1, state=True)["keyframe"]} for index in range(13)]
+    heavy.append(s.corrected(0, 6))
+    s.get(s.packet(6, *heavy), s.packet(7, *heavy[:11]), s.packet(8, s.corrected(1, 8)))
+    s.settle(9)
     return s
 
 
@@ -385,6 +406,11 @@ def redundancy():
     s.packet(12, s.corrected(9, 12))
     s.get(s.repair(5, 10), s.repair(6, 10, 11))
     s.control(new)
+    newer = s.event(placed(10, origin=11))
+    waits, gone = s.packet(12, s.corrected(10, 12)), s.packet(12, s.corrected(0, 12, moved=True), count=s.count - 1)
+    s.get(waits, s.repair(7, 12, 13))
+    s.control(newer)
+    s.get(s.packet(12, s.corrected(1, 12)))
     s.get(s.watermark(12), s.checksum(12), d)
     return s
 
@@ -405,7 +431,7 @@ def wrong_repair_symbols():
     s.packet(7, s.corrected(0, 7))
     s.packet(8, s.corrected(0, 8))
     good, wrong = s.repair(4, 65502, 65503), bytearray(s.repair(5, 65503))
-    wrong[-1] ^= 0x55
+    wrong[5] ^= packets.times(packets.factor(5, 65503), 1 ^ 15)  # the kind becomes 15
     s.get(good, bytes(wrong), s.sent[65503], s.watermark(8), s.repair(6, 65502))
     s.get(*s.refresh(65502, 8), *[s.packet(9 + step, s.corrected(step % 3, 9 + step)) for step in range(34)])
     lost = s.packet(50, s.corrected(2, 50))
@@ -516,14 +542,134 @@ def refused_refreshes():
     s = started("refreshes that are refused or late", bodies(4))
     s.get(s.packet(3, *[s.corrected(index, 3) for index in range(4)]))
     s.packet(4, s.corrected(0, 4), s.corrected(1, 4))
-    negative = s.refresh(1, 2, bodies=[])[0]
     good = s.refresh(1, 5)[0]
-    s.get(s.watermark(4), negative + b"\x00", good[:-1], good + b"\x00")
-    # The second record has an origin before tick 0: the first one changes nothing either.
-    records = [s.record(0, 5), s.record(1, 5) | {"age": 6}]
-    s.get(packets.encoded(s.head(3, 5) | {"lost": 1, "part": 0, "parts": 1, "records": records}))
+    negative = packets.decoded(good)
+    negative["records"][1]["age"] = 6
+    s.get(s.watermark(4), packets.encoded(negative), good[:-1], good + b"\x00")
     s.get(*s.refresh(9, 5, bodies=[2]), *s.refresh(0, 5, bodies=[2]), good, good)
     return s
+
+
+def replaced_bodies():
+    """6.1-1, 6.13-10"""
+    s = started("bodies placed at an index in use", [placed(index, alias=index + 1) for index in range(3)])
+    s.get(s.packet(1, *[s.corrected(index, 1) for index in range(3)]))
+    s.control(s.event(placed(1, generation=1, origin=1, at=[5.0, 5.0, 5.0])))
+    s.get(s.packet(2, s.corrected(2, 2)), s.packet(3, {"alias": 1, "body": None, "mode": "same", "age": 2, "position": [1, 2, 3], "turn": [0, 0, 0]}, checked=False))
+    s.get(*s.refresh(s.number - 1, 4))
+    s.get(s.packet(5, s.corrected(1, 5, alias=9), s.corrected(2, 5)), s.packet(6, s.corrected(1, 6)))
+    s.settle(7)
+    return s
+
+
+def unreadable():
+    """6.6-6, 6.6-10, 5.6-15"""
+    s = started("packets that cannot be read", bodies(5))
+    s.get(s.packet(1, *[s.corrected(index, 1) for index in range(5)]))
+    # Only later packets are missing.
+    wrong, after = s.packet(2, s.corrected(0, 2) | {"age": 50}, checked=False), s.packet(3, s.corrected(1, 3))
+    s.get(s.packet(4, s.corrected(2, 4)), wrong, after, *s.refresh(1, 4))
+    # Two updates of one packet cannot be read; the second makes it missing at once.
+    s.packet(5, s.corrected(0, 5), s.corrected(3, 5, alias=8))
+    past = s.refresh(4, 5)
+    s.get(s.packet(6, s.corrected(0, 6), s.corrected(3, 6)), *s.refresh(5, 7), *past, s.watermark(7))
+    # The parent's track is of a later tick.
+    attaches = s.packet(8, s.corrected(0, 8), s.corrected(4, 8, "attached", parent=0, parent_age=0))
+    s.get(s.packet(9, s.keyframe(0, 1)), attaches)
+    s.settle(10)
+    return s
+
+
+def unknown_owners():
+    """6.13-5, 6.13-6, and lines S115, S116 and S118"""
+    s = started("aliases whose body is not known", [placed(index, alias=index + 1) for index in range(6)], tick=50)
+    plain = {"mode": "same", "age": 50, "position": [1, 0, 0], "turn": [0, 0, 0]}
+    # Of a tick before that of Joined, since which the aliases are.
+    s.get(s.packet(49, {"alias": 0, "body": None} | plain | {"age": 49}, checked=False), *s.refresh(0, 50, bodies=[0]))
+    s.get(s.packet(51, *[s.corrected(index, 51) for index in range(6)]))
+    # A body that is not here takes no alias, and its update is ignored.
+    s.get(s.packet(52, {"alias": 20, "body": 77} | plain, checked=False), s.packet(53, {"alias": 20, "body": None} | plain, checked=False), *s.refresh(s.number - 1, 53, bodies=[]))
+    # An alias names none since tick 56; what was said of it before does not count any more.
+    s.alias.pop(5)
+    assigned, rests = s.packet(54, s.corrected(0, 54, alias=5)), s.packet(55, s.rests(0, 55))
+    s.get(s.packet(56, s.corrected(1, 56, alias=5)))
+    s.control(s.event(removed(1)))
+    s.packet(57, s.corrected(2, 57, alias=5))
+    uses = s.packet(58, s.corrected(2, 58))
+    s.get(assigned, uses, rests)
+    s.settle(59)
+    # A body with a newer track takes no alias, but the body before loses it.
+    s.alias.pop(3)
+    late = s.packet(60, s.corrected(4, 60, alias=3))
+    s.packet(61, s.keyframe(4, 1, alias=3))
+    s.get(s.watermark(61), *s.refresh(s.number - 1, 61, without_alias=[4]), late)
+    s.get(s.packet(62, s.corrected(3, 62, alias=3) | {"body": None}, checked=False), *s.refresh(s.number - 1, 62, without_alias=[3]))
+    s.settle(63)
+    # The update behind a later assignment could not be read; the earlier assignment does not count all the same.
+    s.alias[3], s.alias[4] = 30, 31
+    s.get(s.packet(64, s.corrected(3, 64, alias=30), s.corrected(4, 64, alias=31)))
+    early = s.packet(65, s.corrected(4, 65, alias=32))
+    s.get(s.packet(66, s.corrected(4, 66, alias=33)), early, s.packet(67, s.corrected(4, 67)))
+    s.settle(68)
+    # A record without an alias is older than the alias.
+    s.packet(69, s.corrected(3, 69))
+    s.get(s.watermark(69))
+    old = s.refresh(s.number - 1, 69, without_alias=[3])
+    s.get(s.packet(70, s.keyframe(3, 1, alias=40)), *old, s.packet(71, s.corrected(3, 71)))
+    s.settle(72)
+    return s
+
+
+def far_counts():
+    """5.7-1"""
+    streams = []
+    s = started("a count below zero", bodies(1))
+    s.get(s.watermark(1, next=65535))
+    streams.append(s)
+    s = started("a tick at equal distance", bodies(1), tick=40000)
+    s.get(s.watermark(40001), s.watermark(40001 + 32768))
+    streams.append(s)
+    s = started("a refresh is ahead of the newest tick", bodies(2))
+    s.packet(10, s.corrected(0, 10))
+    s.get(s.watermark(10), *s.refresh(0, 3000), s.watermark(4000))
+    streams.append(s)
+    s = started("a late packet is behind the newest tick", bodies(2))
+    late = s.packet(50, s.corrected(0, 50))
+    s.get(s.packet(100, s.corrected(1, 100)), late, s.watermark(3690))
+    streams.append(s)
+    return streams
+
+
+def span():
+    """6.15-3"""
+    streams = []
+    for name, later in (("31 numbers later", 31), ("32 numbers later", 32)):
+        s = started(f"a packet is read again {name}", bodies(3))
+        lost, unread = s.packet(1, s.corrected(0, 1)), s.packet(2, s.corrected(0, 2))
+        s.get(unread, quiet=True)
+        s.get(*[s.packet(3 + step, s.corrected(1, 3 + step)) for step in range(later)], quiet=True)
+        s.get(lost)
+        s.settle(40)
+        streams.append(s)
+    s = started("a repair symbol is ahead of the packets", bodies(3))
+    lost, unread = s.packet(1, s.corrected(0, 1)), s.packet(2, s.corrected(0, 2))
+    s.get(unread, quiet=True)
+    rest = [s.packet(3 + step, s.corrected(1, 3 + step)) for step in range(32)]
+    s.get(s.repair(0, 33, 32), *rest[:20], quiet=True)
+    s.get(lost)
+    s.settle(40)
+    streams.append(s)
+    s = started("a repair symbol of a packet that is too old", bodies(3))
+    first, second = s.packet(1, s.corrected(0, 1)), s.packet(2, s.corrected(2, 2))
+    s.get(s.repair(0, 0, 1), *[s.packet(3 + step, s.corrected(1, 3 + step)) for step in range(31)], quiet=True)
+    s.get(second, s.watermark(34), first)
+    streams.append(s)
+    s = started("a repair symbol of 32 packets", bodies(3))
+    sent = [s.packet(1 + step, s.corrected(step % 3, 1 + step)) for step in range(32)]
+    s.get(*sent[:31], quiet=True)
+    s.get(s.repair(0, *range(32)))
+    streams.append(s)
+    return streams
 
 
 def rebuilt_ahead_of_events():
@@ -631,10 +777,64 @@ def random_stream(seed, **terms):
     return s
 
 
+def upstreams():
+    """6.14"""
+
+    def granted(name):
+        return Authority(name, [placed(0, kind=2, track="rest", origin=100), placed(1, kind=2, track="uniform", origin=100, linear=[1.0, 0.0, 0.5])], 100)
+
+    s = granted("an upstream of two bodies")
+    s.get(s.checksum(100))
+    s.step(100)
+    s.get(s.packet(101, s.keyframe(0, 1, linear=[1.0, 0.0, 0.0]), s.corrected(1, 101, "world", 1, moved=True)))
+    s.get(s.packet(103, s.corrected(0, 103), s.corrected(1, 103, "world", 3, moved=True)), s.packet(105, s.corrected(0, 105, "world", 2, moved=True)))
+    s.step(101, 102, 103, 104, 105, 106)
+    s.get(s.watermark(109), s.watermark(117))
+    s.step(117, 180, 193, 194, 195, 300)
+    s.get(s.packet(301, s.rests(0, 301), s.corrected(1, 301)), s.checksum(302))
+    s.step(301, 302, 365, 366, 367)
+    refused = granted("an upstream with packets to drop")
+    wrong = [
+        refused.packet(101, refused.corrected(0, 101), count=1, checked=False),
+        refused.packet(101, refused.corrected(0, 101, alias=512), checked=False, number=0),
+        refused.packet(101, {"alias": 3, "body": 512, "keyframe": refused.keyframe(0)["keyframe"]}, checked=False, number=0),
+        refused.packet(101, refused.keyframe(0, 0, parent=[1, 0], alias=0), checked=False, number=0),
+        refused.packet(101, refused.corrected(0, 101, "attached", parent=1, alias=0), checked=False, number=0),
+        refused.watermark(101, count=1, next=0),
+    ]
+    for tick, data in enumerate(wrong, 101):
+        refused.get(data)
+        refused.step(tick)
+    refused.number, refused.tracks.next = 0, 0
+    full = refused.full(107, 0)
+    refused.number, refused.tracks.next = 0, 0
+    refused.get(full)
+    refused.get(refused.packet(108, refused.keyframe(0, 1, alias=0, at=[1.0, 1.0, 1.0])))
+    refused.step(108)
+    refused.get(refused.checksum(109, off=1))
+    refused.step(109)
+    lossy = granted("an upstream that loses packets, and touch")
+    first, second = lossy.packet(101, lossy.keyframe(0, 1), lossy.corrected(1, 101, "world", 1)), lossy.packet(102, lossy.corrected(0, 102))
+    lossy.get(second)
+    lossy.step(102)
+    lossy.get(first)
+    lossy.step(103)
+    lossy.packet(104, lossy.keyframe(0, 1), lossy.corrected(1, 104, "world", 0))
+    lossy.get(lossy.packet(105, lossy.corrected(1, 105)), *lossy.refresh(2, 106))
+    lossy.step(106)
+    lossy.packet(107, lossy.keyframe(1, 1))
+    lossy.get(lossy.repair(0, 4), lossy.watermark(108))
+    lossy.step(108)
+    lossy.get(lossy.checksum(109, off=1), lossy.packet(110, lossy.keyframe(0, 1)))
+    lossy.step(110, 200)
+    return [s, refused, lossy]
+
+
 def streams():
     makers = [several_packets, every_third_tick, predictors, attached, wrong_parents, refreshes, late_packets, ahead_of_events, many_wait]
     makers += [aliases, more_aliases, checksums, differing_checksum, budget, no_budget, redundancy, wrong_repair_symbols, many_repair_symbols]
-    makers += [gravities, full_stream, lost_touch, low_bits, refused_refreshes, rebuilt_ahead_of_events, equal_origins, largest_packet]
+    makers += [gravities, full_stream, lost_touch, low_bits, refused_refreshes]
+    makers += [replaced_bodies, unreadable, unknown_owners, far_counts, span, rebuilt_ahead_of_events, equal_origins, largest_packet]
     made = []
     for maker in makers:
         stream = maker()
@@ -643,12 +843,18 @@ def streams():
 
 
 def text(made):
-    """One event a line."""
-    parts = []
-    for stream in made:
-        events = ",\n".join(json.dumps(event, separators=(",", ":")) for event in stream.recorded)
-        parts.append(f'{{"name": {json.dumps(stream.name)}, "events": [\n{events}\n]}}')
-    return '{\n"format": "rhumb scripted streams 1",\n"streams": [\n' + ",\n".join(parts) + "\n]\n}\n"
+    """One refused datagram and one event a line."""
+
+    def listed(streams):
+        parts = []
+        for stream in streams:
+            events = ",\n".join(json.dumps(event, separators=(",", ":")) for event in stream.recorded)
+            parts.append(f'{{"name": {json.dumps(stream.name)}, "events": [\n{events}\n]}}')
+        return "[\n" + ",\n".join(parts) + "\n]"
+
+    lines = ",\n".join(json.dumps(line) for line in refused.lines())
+    head = '{\n"format": "rhumb scripted streams 1",\n"refused": [\n' + lines + "\n],\n"
+    return head + '"streams": ' + listed(made) + ',\n"upstreams": ' + listed(upstreams()) + "\n}\n"
 
 
 def main():

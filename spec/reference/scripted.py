@@ -11,6 +11,7 @@ import messages
 import packets
 import reckoning
 import subscriber
+import upstream
 
 BODY_STATE_AT_REST = 7
 GRAVITY = [0.0, -9.81, 0.0]
@@ -74,7 +75,7 @@ class Stream:
         self.name, self.recorded, self.dice = name, [], Dice(seed)
         self.config = config(**terms)
         joined = {"is": "Joined", "choice": choice, "config": self.config, "stream": stream, "gravity": digits(gravity or GRAVITY)}
-        joined |= {"largest packet": largest_packet, "tick": tick, "next": next, "events": count, "extensions": []}
+        joined |= {"tick": tick, "next": next, "events": count, "largest packet": largest_packet, "extensions": []}
         self.joined = joined | {"granted": {"first": 0, "count": 4096, "generation": 0}}
         self.stream, self.count, self.number = stream, count, next
         shapes = [{"is": "ShapeAdded", "id": id_, "shape": {"is": shape["is"]} | {k: digits(v) for k, v in shape.items() if k != "is"}} for id_, shape in enumerate(SHAPES)]
@@ -189,8 +190,9 @@ class Stream:
         msg = self.head(kind, tick, count) | {"number": number & 0xFFFF, "updates": sorted(updates, key=lambda update: update["alias"])}
         if kind == 11:
             msg["error_scale_eighths"] = scale
+        assert all(update.get("age", 1) > 0 for update in updates), f"{self.name}: an age of 0"
         data = packets.encoded(msg)
-        assert packets.decoded(data) == msg, "a script makes valid packets"
+        assert packets.decoded(data) == msg, f"{self.name}: a packet that is not valid"
         self.history[number] = [update["body"] if update["body"] is not None else self.of(update["alias"]) for update in updates]
         self.numbered(number, data, checked)
         for update in updates:
@@ -210,11 +212,11 @@ class Stream:
         return data
 
     def numbered(self, number, data, checked):
-        """The publisher's own copy reads a packet; it reads an empty one in place of one that nobody can read."""
+        """The publisher's own copy reads a packet; it reads an empty one in place of an unreadable one."""
         self.sent[number], self.number = data, max(self.number, number + 1)
         msg = packets.decoded(data)
         if not checked:
-            msg |= {"kind": 1, "updates": []}
+            msg |= {"kind": 1, "updates": [], "events": self.count & 0xFFFF}
         self.tracks.next = max(self.tracks.next, number)
         self.tracks.receive_datagram(packets.encoded(msg))
         assert self.tracks.is_converged() or self.tracks.lost_sync, f"{self.name}: packet {number} cannot be read"
@@ -242,6 +244,7 @@ class Stream:
     def record(self, index, tick, without_alias=False):
         track = self.tracks.bodies[index].track
         alias = None if without_alias else self.alias.get(index)
+        assert tick >= track.origin, f"{self.name}: a refresh older than its track"
         return {"index": index, "alias": alias, "age": tick - track.origin, "keyframe": keyframe_of(track)}
 
     def repair(self, row, *numbers):
@@ -250,8 +253,10 @@ class Stream:
 
     def settle(self, tick):
         """Refreshes everything that the member misses; afterwards it must have the publisher's tracks."""
-        while self.member.scene.missing:
-            self.get(*self.refresh(min(self.member.scene.missing), tick))
+        self.get(self.watermark(tick))
+        for _ in range(99):
+            if self.member.scene.missing:
+                self.get(*self.refresh(min(self.member.scene.missing), tick))
         self.get(self.checksum(tick))
         scene = self.member.scene
         assert scene.is_converged() and scene.sum() == self.tracks.sum(), self.name
@@ -265,6 +270,25 @@ class Stream:
         index = event["desc"]["id"]["index"] if event["is"] == "BodyPlaced" else event["id"]["index"] if event["is"] == "BodyRemoved" else None
         self.alias.pop(index, None)
         return {"is": "SceneEvent", "event": event}
+
+
+class Authority(Stream):
+    """An upstream as a script makes it: the member with authority, and what the server received and then had."""
+
+    def __init__(self, name, events, tick):
+        super().__init__(name, events, gravity=STILL, tick=tick, largest_packet=messages.LIMITS["DATAGRAM_BYTES_MAX"])
+        descs = [event["desc"] for event in events]
+        granted = [{"id": event["desc"]["id"], "motion": event["track"]["payload"]["anchor"]} for event in events]
+        self.grant = {"is": "AuthorityGrant", "stream": self.stream, "tick": tick, "bodies": granted}
+        self.member.scene = upstream.Upstream(self.grant, self.config, SURFACE, self.tracks.shapes, descs, self.joined["largest packet"])
+        self.recorded = [["grant", messages.encoded("server", self.grant).hex()]]
+
+    def know(self):
+        """The server's state shows when it steps."""
+
+    def step(self, *ticks):
+        for tick in ticks:
+            self.recorded.append(["step", tick, check_streams.upstream_known(self.member.scene, tick)])
 
 
 def removed(index, generation=0):

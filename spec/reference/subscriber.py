@@ -483,10 +483,10 @@ class Scene:
                 self.apply_all(msg["updates"], other, tick)
 
     def receive_refresh(self, msg, tick):
-        if any(record["age"] > tick for record in msg["records"]):
-            return
         lost = expanded(msg["lost"], self.next)
         if lost not in self.missing:
+            return
+        if any(record["age"] > tick for record in msg["records"]):
             return
         for record in msg["records"]:
             self.receive_record(record, tick)

@@ -98,6 +98,7 @@ impl LoadChoice {
     pub(super) fn config(&self) -> Result<ReplayConfig, Failure> {
         Ok(ReplayConfig {
             tolerance: self.tolerance()?,
+            largest_packet: LargestPacket::DEFAULT,
             link: LinkConfig::PERFECT,
             publish_interval: self.of.publish_interval,
             seed: 1,

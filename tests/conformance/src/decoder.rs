@@ -29,6 +29,7 @@ pub(super) fn cases() -> Vec<Case> {
         framed,
     ));
     cases.extend(datagrams(&packets));
+    cases.extend(one_fault(&scripted));
     cases.push(family(
         "L0.86",
         "repair symbols are computed",
@@ -85,6 +86,19 @@ fn datagrams(packets: &Value) -> Vec<Case> {
         })
     });
     sent.chain(refused).collect()
+}
+
+/// Datagrams that break one requirement each, and keep all others.
+fn one_fault(scripted: &Value) -> impl Iterator<Item = Case> {
+    let refused = grouped(&scripted["refused"], |line| word(&line["breaks"]));
+    refused.into_iter().map(|(requirement, lines)| {
+        let name = format!("datagrams that break only PROTOCOL {requirement} are refused");
+        let cites = "PROTOCOL 2.5-1, 2.5-4";
+        family("L0.85", &name, cites, lines, |decoder, line| {
+            let answer = decoder.ask(&json!({"packet": line["bytes"]}))?;
+            must(answer.get("refused").is_some(), line, &answer)
+        })
+    })
 }
 
 /// A stream, as one of its subscribers received it.

@@ -37,7 +37,7 @@ fn flips(bytes: &[u8]) -> impl Iterator<Item = Vec<u8>> {
 }
 
 /// Decodes a datagram as its receiver would.
-fn read(bytes: &[u8]) -> Result<(), Malformed> {
+pub(crate) fn read(bytes: &[u8]) -> Result<(), Malformed> {
     let mut reader = Reader::new(bytes);
     match Head::decode(&mut reader)?.kind {
         PacketKind::Updates | PacketKind::UpdatesEnd => {

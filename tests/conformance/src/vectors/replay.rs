@@ -51,7 +51,7 @@ pub(crate) fn known_in_full(replica: &Replica) -> Value {
             .then(|| u8::from(stream.has_mismatched()))
     );
     if matches!(replica.choice(), StreamChoice::Capped { .. }) {
-        let scales = recent(watermark).map(|tick| stream.error_scale_at(tick));
+        let scales = recent(watermark, 6).map(|tick| stream.error_scale_at(tick));
         known["error_scales"] = scales
             .map(|factor| factor.map(|factor| (factor * 8.0) as u64))
             .collect();
@@ -61,31 +61,27 @@ pub(crate) fn known_in_full(replica: &Replica) -> Value {
     known
 }
 
-/// The last ticks up to one, newest first.
-fn recent(tick: Tick) -> impl Iterator<Item = Tick> {
-    let ticks = tick.value().saturating_sub(5)..=tick.value();
+/// The tick after one, that one, and some before it, newest first.
+fn recent(tick: Tick, count: u64) -> impl Iterator<Item = Tick> {
+    let ticks = (tick.value() + 1).saturating_sub(count)..=tick.value() + 1;
     ticks.rev().map(Tick::new)
 }
 
-/// Index, generation, origin, and the motion at the newest tick up to the watermark at which the error is known.
+/// Index, generation, origin, the ticks about the watermark at which the error is known, and the motions at these.
 fn body_row(replica: &Replica, id: BodyId) -> Value {
     let stream = replica.stream();
     let origin = stream.track(id).map(|track| track.origin.value());
-    let within = |tick: &Tick| matches!(stream.bound_at(id, *tick), Some(ErrorBound::Within(_)));
-    let tick = recent(stream.watermark_tick()).find(within);
-    let motion = tick.and_then(|tick| stream.predicted_motion(id, tick));
-    let digest = motion.map(|motion| {
-        let mut digest = Fnv::START;
-        digest.fold_motion(&motion);
-        format!("{:016x}", digest.value())
-    });
-    json!([
-        id.index(),
-        id.generation(),
-        origin,
-        tick.map(Tick::value),
-        digest
-    ])
+    let (mut ticks, mut motions) = (Vec::new(), Fnv::START);
+    for tick in recent(stream.watermark_tick(), 4) {
+        if matches!(stream.bound_at(id, tick), Some(ErrorBound::Within(_)))
+            && let Some(motion) = stream.predicted_motion(id, tick)
+        {
+            ticks.push(tick.value());
+            motions.fold_motion(&motion);
+        }
+    }
+    let motions = format!("{:016x}", motions.value());
+    json!([id.index(), id.generation(), origin, ticks, motions])
 }
 
 /// Whether an actual state has what an expected one states; the actual one may have more words.
