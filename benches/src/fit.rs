@@ -13,7 +13,7 @@ use std::str::FromStr;
 
 use clap::Args;
 use rhumb_netsim::LinkConfig;
-use rhumb_protocol::packet::{SymbolCounts, Tables};
+use rhumb_protocol::packet::{LargestPacket, SymbolCounts, Tables};
 use rhumb_protocol::stream::LOOKAHEAD_MAX;
 use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
 
@@ -79,6 +79,7 @@ impl FromStr for FitLoad {
             path,
             config: ReplayConfig {
                 budget: None,
+                largest_packet: LargestPacket::DEFAULT,
                 tolerance: tolerance.map_err(|wrong| wrong.to_string())?,
                 link: LinkConfig::PERFECT,
                 publish_interval: NonZeroU32::new(publish_interval as u32)

@@ -169,7 +169,8 @@ impl Client {
         self.replica()?.stream().bound_at(id, tick)
     }
 
-    /// The oldest unread event, and the newest complete tick at its arrival. Only views of later ticks show its effect.
+    /// The oldest unread event, and the newest complete tick when the data with which it arrived was read. No view of an
+    /// earlier tick shows its effect, and every view of a later tick does.
     ///
     /// An answer that a call of this client waits for is not queued as an event.
     pub fn poll_event(&mut self) -> Option<(Tick, Event)> {

@@ -69,6 +69,12 @@ pub enum WakeReason {
     Refresh,
     /// A ping of the peer's clock is due.
     Ping,
+    /// Received messages wait for their turn.
+    Input,
+    /// A snapshot may be sent again.
+    Snapshot,
+    /// A peer that has not said hello, or a thread that does not answer, is looked after.
+    Deadline,
 }
 
 /// One end of connections: a server's, with many peers, or a client's, with one.
@@ -91,6 +97,21 @@ pub trait Endpoint {
     /// State of a peer's link: reported some ten times a second while data is sent, where the driver can measure it.
     fn handle_link(&mut self, now: Instant, peer: Peer, report: &LinkReport) {
         let _ = (now, peer, report);
+    }
+
+    /// The link has taken so many more of the control bytes handed over for a peer.
+    ///
+    /// A driver that reports this calls it with zero after `handle_opened`; it is then handed only a window of control
+    /// bytes beyond those that the link took.
+    fn handle_control_taken(&mut self, now: Instant, peer: Peer, bytes: usize) {
+        let _ = (now, peer, bytes);
+    }
+
+    /// Whether the endpoint can use more control bytes of a peer now. A driver may hold them back otherwise, so that
+    /// flow control slows the peer down.
+    fn wants_control(&self, from: Peer) -> bool {
+        let _ = from;
+        true
     }
 
     /// The next transmission, in order per peer and lane.

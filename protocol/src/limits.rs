@@ -4,6 +4,8 @@
 
 /// Bytes of a state datagram: fits a QUIC packet of 1,200 bytes with its header and tag.
 pub const DATAGRAM_BYTES_MAX: usize = 1_150;
+/// Least size that a stream may state for its largest packet, bytes: a refresh of any packet fits its parts.
+pub const LARGEST_PACKET_MIN: usize = 700;
 /// Updates in one packet.
 pub const UPDATES_PER_PACKET_MAX: usize = 400;
 /// Bytes of one control message, without its length and type.

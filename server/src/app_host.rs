@@ -18,6 +18,7 @@ use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::BodyId;
 
 use crate::engine::bulk;
+use crate::front::AdapterQueue;
 use crate::outbox::Outbox;
 use crate::scene_runner::{SceneRunner, Stopwatch};
 use crate::serve::Server;
@@ -42,10 +43,14 @@ impl Server {
         listen: AppListen,
         options: AppOptions,
     ) -> Result<SocketAddr, AppBindError> {
-        let mut listener = AppListener::open(listen, self.waker())?;
+        let queue = AdapterQueue::new();
+        let waker = queue.waker();
+        let mut listener = AppListener::open(listen, move || waker.wake())?;
         let address = listener.address();
         let mut clients = AppServer::new(options);
-        self.serve_also(move |server_loop| listener.serve(&mut clients, server_loop));
+        self.serve_also(queue.into_adapter(move |server_loop| {
+            listener.serve(&mut clients, server_loop);
+        }));
         Ok(address)
     }
 }
@@ -63,7 +68,9 @@ impl AppHost for ServerLoop {
         name: &SceneName,
         config: SceneConfig,
     ) -> Result<IdRange, Denial> {
-        self.create(name, config)?.give_to(owner)
+        let own_indices = self.create(name, config)?.give_to(owner)?;
+        self.note_empty(name);
+        Ok(own_indices)
     }
 
     fn end_scene(&mut self, name: &SceneName) {

@@ -14,6 +14,8 @@ use std::thread;
 use std::time::Duration;
 
 use clap::Parser;
+use rhumb_protocol::Span;
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_transport::Stop;
 use tracing::level_filters::LevelFilter;
 
@@ -44,6 +46,12 @@ pub struct Arguments {
     /// Number of threads to step on, shared by all scenes; more than one needs the feature `parallel`.
     #[arg(long, default_value = "1")]
     threads: NonZeroU32,
+    /// Largest packet of a stream, bytes, from 700 to 1150. Relays and browsers add headers of their own.
+    #[arg(long, value_name = "BYTES", default_value_t)]
+    largest_packet: LargestPacket,
+    /// Seconds after which a scene without members ends; 0 keeps it until a client deletes it.
+    #[arg(long, default_value_t = 600)]
+    empty_scene_seconds: u32,
     #[cfg(feature = "app")]
     #[command(flatten)]
     app: crate::app_arguments::AppArguments,
@@ -87,6 +95,11 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), Box<dyn Error>>
     let stop = Stop::new();
     let mut server = Server::bind(arguments.listen, &identity)?;
     server.employ(workers);
+    server.set_largest_packet(arguments.largest_packet);
+    if arguments.empty_scene_seconds > 0 {
+        let milliseconds = u64::from(arguments.empty_scene_seconds) * 1_000;
+        server.expire_empty_scenes(Span::from_millis(milliseconds));
+    }
     if let Some(hooks) = hooks {
         server.attach(hooks);
     }

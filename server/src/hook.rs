@@ -4,6 +4,7 @@
 //! change the bodies of a scene, and learn of it by scene events.
 
 use core::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use rhumb_protocol::scene::{Command, CommandError, SceneConfig, SceneName};
 
@@ -72,8 +73,9 @@ impl fmt::Debug for Hook {
     }
 }
 
-/// Gives a scene its hook when it is created.
-pub struct Hooks(Box<dyn Give>);
+/// Gives a scene its hook when it is created; all clones are one.
+#[derive(Clone)]
+pub struct Hooks(Arc<Mutex<dyn Give>>);
 
 /// The function type of [`Hooks`].
 trait Give: FnMut(&SceneName, &SceneConfig) -> Option<Hook> + Send {}
@@ -85,11 +87,13 @@ impl Hooks {
     pub fn new(
         make: impl FnMut(&SceneName, &SceneConfig) -> Option<Hook> + Send + 'static,
     ) -> Self {
-        Self(Box::new(make))
+        Self(Arc::new(Mutex::new(make)))
     }
 
-    pub(crate) fn of(&mut self, name: &SceneName, config: &SceneConfig) -> Option<Hook> {
-        (self.0)(name, config)
+    pub(crate) fn of(&self, name: &SceneName, config: &SceneConfig) -> Option<Hook> {
+        // A call that panicked before has ended its own scene only.
+        let mut make = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        make(name, config)
     }
 }
 

@@ -46,15 +46,18 @@ mod body_placement;
 pub mod cli;
 mod digest;
 pub mod engine;
+mod front;
 mod grants;
 mod hook;
 mod log;
 mod member;
 mod outbox;
 mod over_budget;
+mod pulse;
 mod registry;
 mod scene;
 mod scene_runner;
+mod scene_slots;
 mod serve;
 mod server_loop;
 mod snapshot;
@@ -66,6 +69,7 @@ mod times;
 pub use authority_table::UpstreamStatistics;
 pub use digest::Digest;
 pub use engine::{Workers, WorkersError};
+pub use front::Front;
 pub use glam;
 pub use hook::{Hook, HookError, Hooks};
 #[cfg(feature = "app")]
@@ -76,7 +80,7 @@ pub use rhumb_protocol::scene::{
     Shape, ShapeId,
 };
 pub use rhumb_protocol::stream::{Activity, Observation, SubscriberStatistics};
-pub use rhumb_protocol::{Instant, Peer};
+pub use rhumb_protocol::{Instant, Peer, Span};
 pub use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Tolerance};
 pub use rhumb_transport::{
     BindError, CertificateError, Fingerprint, ServeError, ServerStatistics, Stop,

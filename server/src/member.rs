@@ -2,6 +2,7 @@
 //!
 //! Its streams and pending requests. Streams are known by name only; the scene runner starts and ends them.
 
+use rhumb_protocol::Instant;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::packet::StreamId;
 
@@ -21,7 +22,17 @@ pub(crate) struct Member {
     pub(crate) snapshot_request: Option<SnapshotRequest>,
     /// Controls the tier of its stream by the state of its link.
     pub(crate) link: TierController,
+    /// Weight of its messages that wait for the steps of an advance.
+    pub(crate) pending_bytes: usize,
+    /// Bytes of the scene events that its commands caused, less [`ADDED_PER_SECOND`] since.
+    pub(crate) added_bytes: usize,
+    added_at: Instant,
 }
+
+/// Bytes of scene events that a member may cause at once while others are behind.
+const ADDED_AT_ONCE: usize = 64 << 10;
+/// The same in a second: less than thin links carry, so that a member that reads slower falls behind and is closed.
+const ADDED_PER_SECOND: u64 = 256 << 10;
 
 /// The snapshot that a member waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,7 +53,23 @@ impl Member {
             unanswered: None,
             snapshot_request: None,
             link: TierController::new(choice),
+            pending_bytes: 0,
+            added_bytes: 0,
+            added_at: Instant::ZERO,
         }
+    }
+
+    /// Whether its commands caused more scene events than they may while others are behind.
+    pub(crate) fn adds_too_much(&mut self, now: Instant) -> bool {
+        if self.added_bytes <= ADDED_AT_ONCE {
+            return false;
+        }
+        let allowed = now.since(self.added_at).as_nanos() / 1_000 * ADDED_PER_SECOND / 1_000_000;
+        if allowed > 0 {
+            self.added_at = now;
+        }
+        self.added_bytes = self.added_bytes.saturating_sub(allowed as usize);
+        self.added_bytes > ADDED_AT_ONCE
     }
 
     /// The number of the command that is applied or refused now.

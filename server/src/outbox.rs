@@ -1,37 +1,132 @@
 //! Outgoing data of all connections: control messages and datagrams.
 //!
-//! Knows sessions, not scenes. Datagrams are shared: one packet for many members is one allocation.
+//! Knows sessions, not scenes. Datagrams are shared: one packet for many members is one allocation. Invariant: a driver
+//! that reports what links take is handed at most [`WINDOW_BYTES`] and one piece beyond that for a connection. What
+//! else waits is counted here, and a connection whose peer does not read is closed.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use bytes::Bytes;
 use rhumb_protocol::message::{Grease, ServerMessage};
-use rhumb_protocol::session::ServerSession;
-use rhumb_protocol::{Peer, Transmit};
+use rhumb_protocol::session::{CloseCode, ServerSession};
+use rhumb_protocol::{Instant, Peer, Span, Transmit};
+use rhumb_transport::TransportCode;
+
+/// Control bytes handed to the driver beyond those that the link has taken.
+const WINDOW_BYTES: usize = 256 << 10;
+/// Longest piece of control bytes.
+const PIECE_BYTES: usize = 64 << 10;
+/// Waiting answers to a connection beyond which its messages are not read.
+const ANSWERS_WAITING_BYTES: usize = 256 << 10;
+/// Waiting bytes beyond its snapshot at which a connection is closed: its peer reads too slowly.
+const WAITING_BYTES_MAX: usize = 12 << 20;
+/// A connection whose peer takes none of its waiting bytes for so long is closed.
+const STALL: Span = Span::from_millis(30_000);
+/// Snapshot bytes for one connection in a second, on average: a peer that asks for snapshots again and again waits.
+const SNAPSHOT_BYTES_PER_SECOND: u64 = 16 << 20;
 
 /// The sessions of all connections and their outgoing data.
 #[derive(Debug, Default)]
 pub(crate) struct Outbox {
-    sessions: BTreeMap<Peer, ServerSession>,
+    lanes: BTreeMap<Peer, Lane>,
     /// Connections whose sessions may have data to send.
     sendable: BTreeSet<Peer>,
     ready: VecDeque<Transmit>,
+    now: Instant,
+}
+
+/// The control lane of one connection.
+#[derive(Debug)]
+struct Lane {
+    session: ServerSession,
+    /// The rest of a piece that was cut.
+    rest: Bytes,
+    /// Bytes handed to the driver so far.
+    handed: u64,
+    /// Bytes that the link has taken so far; `None` if the driver does not report them.
+    taken: Option<u64>,
+    /// Value of `handed` at which the last snapshot has been handed over.
+    snapshot_end: u64,
+    /// When the next snapshot may begin.
+    snapshot_after: Instant,
+    /// When the link last took bytes, or had none to take.
+    taken_at: Instant,
+}
+
+impl Lane {
+    fn queued(&self) -> usize {
+        self.rest.len() + self.session.queued_bytes()
+    }
+
+    /// Bytes that the driver has and the link has not taken.
+    fn in_driver(&self) -> u64 {
+        self.taken.map_or(0, |taken| self.handed - taken)
+    }
+
+    fn is_open(&self) -> bool {
+        self.in_driver() < WINDOW_BYTES as u64
+    }
+
+    /// Waiting bytes beyond those of a snapshot.
+    fn waiting(&self) -> usize {
+        let end = self.handed + self.queued() as u64;
+        let from = self.handed - self.in_driver();
+        (end - from.max(self.snapshot_end)) as usize
+    }
+
+    fn snapshot_under_way(&self) -> bool {
+        self.taken.is_some_and(|taken| taken < self.snapshot_end)
+    }
+
+    fn next_piece(&mut self) -> Option<Bytes> {
+        if self.rest.is_empty() {
+            self.rest = self.session.poll_control()?;
+        }
+        let length = self.rest.len().min(PIECE_BYTES);
+        self.handed += length as u64;
+        Some(self.rest.split_to(length))
+    }
 }
 
 impl Outbox {
     pub(crate) fn open(&mut self, peer: Peer, grease: Grease) {
-        self.sessions.insert(peer, ServerSession::new(grease));
+        let lane = Lane {
+            session: ServerSession::new(grease),
+            rest: Bytes::new(),
+            handed: 0,
+            taken: None,
+            snapshot_end: 0,
+            snapshot_after: Instant::ZERO,
+            taken_at: self.now,
+        };
+        self.lanes.insert(peer, lane);
     }
 
     pub(crate) fn forget(&mut self, peer: Peer) {
-        self.sessions.remove(&peer);
+        self.lanes.remove(&peer);
         self.sendable.remove(&peer);
+    }
+
+    /// Sets the present moment.
+    pub(crate) fn at(&mut self, now: Instant) {
+        self.now = now;
+    }
+
+    /// The present moment.
+    pub(crate) fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Whether the driver reports what the link of a connection takes.
+    pub(crate) fn is_paced(&self, peer: Peer) -> bool {
+        (self.lanes.get(&peer)).is_some_and(|lane| lane.taken.is_some())
     }
 
     /// A connection's session; it may have data to send afterwards.
     pub(crate) fn session(&mut self, peer: Peer) -> Option<&mut ServerSession> {
+        let lane = self.lanes.get_mut(&peer)?;
         self.sendable.insert(peer);
-        self.sessions.get_mut(&peer)
+        Some(&mut lane.session)
     }
 
     pub(crate) fn send(&mut self, to: Peer, message: &ServerMessage) {
@@ -51,23 +146,124 @@ impl Outbox {
         self.ready.push_back(Transmit::State { to, bytes });
     }
 
+    /// The link took so many more bytes of a connection.
+    pub(crate) fn note_taken(&mut self, peer: Peer, bytes: usize) {
+        let now = self.now;
+        if let Some(lane) = self.lanes.get_mut(&peer) {
+            let taken = lane.taken.unwrap_or(lane.handed) + bytes as u64;
+            lane.taken = Some(taken.min(lane.handed));
+            lane.taken_at = now;
+            self.sendable.insert(peer);
+        }
+    }
+
+    /// A snapshot of so many bytes was queued for a connection.
+    pub(crate) fn note_snapshot(&mut self, peer: Peer, bytes: usize) {
+        let now = self.now;
+        if let Some(lane) = self.lanes.get_mut(&peer) {
+            lane.snapshot_end = lane.handed + lane.queued() as u64;
+            let pause = bytes as u64 * 1_000_000_000 / SNAPSHOT_BYTES_PER_SECOND;
+            lane.snapshot_after = now + Span::from_nanos(pause);
+        }
+    }
+
+    /// Whether a snapshot for a connection may begin: none is under way, and the last one was long enough ago.
+    pub(crate) fn may_snapshot(&self, peer: Peer) -> bool {
+        self.snapshot_at(peer).is_some_and(|at| at <= self.now)
+    }
+
+    /// When a snapshot for a connection may begin; `None` while one is under way.
+    pub(crate) fn snapshot_at(&self, peer: Peer) -> Option<Instant> {
+        let lane = self.lanes.get(&peer)?;
+        if lane.snapshot_under_way() {
+            return None;
+        }
+        // A driver that reports nothing, as in a test, has no links to spare.
+        let paced = lane.taken.is_some();
+        Some(if paced {
+            lane.snapshot_after
+        } else {
+            Instant::ZERO
+        })
+    }
+
+    /// Whether so much waits for a connection that no more of its messages are answered.
+    pub(crate) fn is_behind(&self, peer: Peer) -> bool {
+        self.lanes
+            .get(&peer)
+            .is_some_and(|lane| lane.taken.is_some() && lane.waiting() > ANSWERS_WAITING_BYTES)
+    }
+
+    /// Bytes that wait for a connection beside its snapshot.
+    pub(crate) fn waiting_bytes(&self, peer: Peer) -> usize {
+        let lane = self.lanes.get(&peer);
+        lane.filter(|lane| lane.taken.is_some())
+            .map_or(0, Lane::waiting)
+    }
+
+    /// Bytes of a connection's messages that were not handled yet.
+    pub(crate) fn unread_bytes(&self, peer: Peer) -> usize {
+        let lane = self.lanes.get(&peer);
+        lane.map_or(0, |lane| lane.session.unread_bytes())
+    }
+
+    /// The code for a connection whose peer reads too slowly: too much waits for it, or it has taken nothing for long.
+    fn overflow(lane: &Lane, now: Instant) -> Option<CloseCode> {
+        lane.taken?;
+        let waits = lane.in_driver() > 0 || lane.queued() > 0;
+        let stalled = waits && now.since(lane.taken_at) >= STALL;
+        (stalled || lane.waiting() > WAITING_BYTES_MAX)
+            .then_some(CloseCode(TransportCode::CONTROL_OVERFLOW.0))
+    }
+
+    /// Closes a connection whose peer reads too slowly; returns whether it did.
+    pub(crate) fn close_if_stalled(&mut self, peer: Peer) -> bool {
+        let now = self.now;
+        let Some(lane) = self.lanes.get_mut(&peer) else {
+            return false;
+        };
+        if lane.in_driver() == 0 && lane.queued() == 0 {
+            lane.taken_at = now;
+        }
+        let Some(code) = Self::overflow(lane, now) else {
+            return false;
+        };
+        lane.session.close(code);
+        self.sendable.insert(peer);
+        true
+    }
+
     pub(crate) fn poll(&mut self) -> Option<Transmit> {
         // Messages go first: datagrams may belong to a stream that they announce.
         while let Some(peer) = self.sendable.first().copied() {
-            if let Some(session) = self.sessions.get_mut(&peer) {
-                if let Some(bytes) = session.poll_control() {
-                    return Some(Transmit::Control { to: peer, bytes });
-                }
-                if let Some(code) = session.poll_close() {
-                    self.forget(peer);
-                    return Some(Transmit::Close {
-                        to: peer,
-                        code: code.0,
-                    });
-                }
+            if let Some(transmit) = self.poll_lane(peer) {
+                return Some(transmit);
             }
             self.sendable.remove(&peer);
         }
         self.ready.pop_front()
+    }
+
+    fn poll_lane(&mut self, peer: Peer) -> Option<Transmit> {
+        let now = self.now;
+        let lane = self.lanes.get_mut(&peer)?;
+        if let Some(code) = Self::overflow(lane, now) {
+            lane.session.close(code);
+        }
+        if lane.is_open()
+            && let Some(bytes) = lane.next_piece()
+        {
+            return Some(Transmit::Control { to: peer, bytes });
+        }
+        let code = lane.session.poll_close()?;
+        // Whatever the closed window holds back is lost with the connection.
+        self.forget(peer);
+        if code.0 == TransportCode::CONTROL_OVERFLOW.0 {
+            tracing::warn!(peer = peer.0, "a client reads too slowly, closing");
+        }
+        Some(Transmit::Close {
+            to: peer,
+            code: code.0,
+        })
     }
 }

@@ -18,9 +18,8 @@ use rhumb_protocol::message::{
     ClientMessage, Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage,
     StreamChoice,
 };
-use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::{Command, CommandError, SceneConfig, Stepping};
-use rhumb_protocol::session::CloseCode;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
+use rhumb_protocol::scene::{Command, CommandError, SceneConfig, ShapeId, Stepping};
 use rhumb_protocol::stream::{Activity, Observation, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::Tick;
@@ -32,7 +31,7 @@ use crate::hook::Hook;
 use crate::member::{Member, SnapshotRequest};
 use crate::outbox::Outbox;
 use crate::scene::Scene;
-use crate::snapshot::snapshot;
+use crate::snapshot::append_snapshot;
 use crate::stream_names::StreamNames;
 use crate::streams::{Stream, Streams};
 use crate::times::{Marks, Times};
@@ -52,6 +51,8 @@ pub(crate) struct SceneRunner {
     scene_events: u64,
     /// Encoded scene events that the members have not got yet.
     unsent: Vec<u8>,
+    /// The encoded event of each shape, which every snapshot shares.
+    shape_events: BTreeMap<ShapeId, Bytes>,
     target: Tick,
     /// Messages that wait for the steps of an earlier advance.
     waiting: VecDeque<(Peer, Result<ClientMessage, CommandError>)>,
@@ -61,7 +62,16 @@ pub(crate) struct SceneRunner {
     faulted: bool,
     /// Whether a client of another protocol owns the scene: only that client steps and ends it.
     owned: bool,
+    /// The largest packet of its later streams.
+    largest_packet: LargestPacket,
 }
+
+/// Weight of the messages of one member that may wait for the steps of an advance: [`PENDING_COMMANDS_MAX`] short ones.
+const PENDING_BYTES_MAX: usize = PENDING_COMMANDS_MAX * MESSAGE_WEIGHT;
+/// Weight of a waiting message beside its shape or packet.
+const MESSAGE_WEIGHT: usize = 64;
+/// A member for which more than this waits is behind.
+const MEMBER_BEHIND_BYTES: usize = 2 << 20;
 
 /// A free-running scene that is later than so many steps slows down instead of catching up.
 const CATCH_UP_STEPS: u64 = 5;
@@ -81,6 +91,7 @@ impl SceneRunner {
             authority_table: AuthorityTable::default(),
             scene_events: 0,
             unsent: Vec::new(),
+            shape_events: BTreeMap::new(),
             target,
             waiting: VecDeque::new(),
             next_step: None,
@@ -88,12 +99,18 @@ impl SceneRunner {
             times: Times::default(),
             faulted: false,
             owned: false,
+            largest_packet: LargestPacket::DEFAULT,
         }
     }
 
     /// Has a hook act before each step from now on.
     pub(crate) fn attach(&mut self, hook: Hook) {
         self.hook = Some(hook);
+    }
+
+    /// Bounds the packets of the streams that begin from now on.
+    pub(crate) const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.largest_packet = largest_packet;
     }
 
     pub(crate) fn config(&self) -> &SceneConfig {
@@ -107,6 +124,11 @@ impl SceneRunner {
 
     pub(crate) fn members(&self) -> impl Iterator<Item = Peer> {
         self.members.keys().copied()
+    }
+
+    /// Whether it has neither members nor an owner.
+    pub(crate) fn is_abandoned(&self) -> bool {
+        self.members.is_empty() && !self.owned
     }
 
     /// When the next step is due: at once in a scene that must advance, never in one without members.
@@ -161,7 +183,9 @@ impl SceneRunner {
 
     fn begin_stream(&mut self, choice: StreamChoice) -> StreamId {
         let id = self.new_stream();
-        let stream = self.streams.begin(Stream::new(choice, id, &self.scene));
+        let stream = self
+            .streams
+            .begin(Stream::new(choice, id, self.largest_packet, &self.scene));
         for (id, parameters, track, motion) in body_placement::everything(&self.scene) {
             stream.place(id, &parameters, track, motion);
         }
@@ -192,6 +216,7 @@ impl SceneRunner {
             tolerance: stream.tolerance(),
             integrator: self.config().integrator,
             publish_interval: self.config().publish_schedule.publish_interval,
+            largest_packet: stream.sender.largest_packet(),
             gravity: self.scene.gravity(),
             tick: stream.sender.tick(),
             next: stream.sender.next_number(),
@@ -204,9 +229,16 @@ impl SceneRunner {
             granted,
             extensions: Extensions::NONE,
         };
+        let mut rest = Vec::new();
+        append_snapshot(&self.scene, stream, &mut rest);
         out.send(peer, &ServerMessage::Joined(joined));
-        let snapshot = snapshot(&self.scene, stream);
-        out.send_encoded(peer, &Bytes::from(snapshot));
+        let mut bytes = rest.len();
+        for event in self.shape_events.values() {
+            bytes += event.len();
+            out.send_encoded(peer, event);
+        }
+        out.send_encoded(peer, &Bytes::from(rest));
+        out.note_snapshot(peer, bytes);
     }
 
     fn stream_of(&self, peer: Peer) -> Option<&Stream> {
@@ -258,11 +290,40 @@ impl SceneRunner {
         if !steps_pending || self.faulted {
             return self.act_on(peer, message, out);
         }
-        if self.waiting.len() < PENDING_COMMANDS_MAX {
+        if let Some(member) = self.members.get_mut(&peer) {
+            member.pending_bytes += weight(&message);
             self.waiting.push_back((peer, message));
-        } else if let Some(session) = out.session(peer) {
-            session.close(CloseCode::LIMIT);
         }
+    }
+
+    /// Whether a member's next message must stay unread: as much as may waits for the steps of an advance, or what it
+    /// added to the scene still waits for slower members.
+    pub(crate) fn holds_back(&mut self, now: Instant, peer: Peer, out: &Outbox) -> bool {
+        let Some(member) = self.members.get_mut(&peer) else {
+            return false;
+        };
+        if member.pending_bytes >= PENDING_BYTES_MAX {
+            return true;
+        }
+        if !member.adds_too_much(now) {
+            return false;
+        }
+        let is_behind = |member: &Peer| out.waiting_bytes(*member) > MEMBER_BEHIND_BYTES;
+        self.members.keys().any(is_behind)
+    }
+
+    /// Bytes of scene events that the members have not got yet.
+    pub(crate) const fn unsent_bytes(&self) -> usize {
+        self.unsent.len()
+    }
+
+    /// When the next requested snapshot may begin; `None` if none is requested, or one is under way.
+    pub(crate) fn next_snapshot(&self, out: &Outbox) -> Option<Instant> {
+        let requests = self.members.iter();
+        let requests = requests.filter(|(_, member)| member.snapshot_request.is_some());
+        requests
+            .filter_map(|(peer, _)| out.snapshot_at(*peer))
+            .min()
     }
 
     /// Acts on waiting messages, up to the next advance with pending steps.
@@ -271,6 +332,9 @@ impl SceneRunner {
             let Some((peer, message)) = self.waiting.pop_front() else {
                 break;
             };
+            if let Some(member) = self.members.get_mut(&peer) {
+                member.pending_bytes = member.pending_bytes.saturating_sub(weight(&message));
+            }
             self.act_on(peer, message, out);
         }
         self.answer_pending(out);
@@ -305,8 +369,13 @@ impl SceneRunner {
             Ok(_) => return,
         };
         let number = member.number_command();
+        let unsent = self.unsent.len();
         if let Err(error) = command.and_then(|command| self.apply(peer, &command)) {
             out.send(peer, &ServerMessage::Refused { number, error });
+        }
+        let added = self.unsent.len().saturating_sub(unsent);
+        if let Some(member) = self.members.get_mut(&peer) {
+            member.added_bytes += added;
         }
     }
 
@@ -335,10 +404,16 @@ impl SceneRunner {
         let tick = self.scene.tick();
         match *command {
             Command::AddShape { id, ref shape } => {
+                let from = self.unsent.len();
                 let shape = shape.clone();
                 self.record_event(SceneEvent::ShapeAdded { id, shape });
+                let event = Bytes::copy_from_slice(&self.unsent[from..]);
+                self.shape_events.insert(id, event);
             }
-            Command::RemoveShape { id } => self.record_event(SceneEvent::ShapeRemoved { id }),
+            Command::RemoveShape { id } => {
+                self.shape_events.remove(&id);
+                self.record_event(SceneEvent::ShapeRemoved { id });
+            }
             Command::AddBody { desc, motion } => {
                 let observation = Observation {
                     id: desc.id,
@@ -396,6 +471,7 @@ impl SceneRunner {
         let pending_snapshots: Vec<(Peer, SnapshotRequest)> = self
             .members
             .iter_mut()
+            .filter(|(peer, _)| out.may_snapshot(**peer))
             .filter_map(|(peer, member)| Some((*peer, member.snapshot_request.take()?)))
             .collect();
         for (peer, snapshot_request) in pending_snapshots {
@@ -499,7 +575,8 @@ impl SceneRunner {
         out.send(peer, &pong);
     }
 
-    pub(crate) fn inspect(&self, peer: Peer, out: &mut Outbox) {
+    pub(crate) fn inspect(&mut self, peer: Peer, out: &mut Outbox) {
+        let times = self.times.summary();
         let Some(stream) = self.stream_of(peer) else {
             return;
         };
@@ -514,7 +591,7 @@ impl SceneRunner {
             packet_bytes: sent.bytes,
             mismatches: stream.sender.mismatches(),
             over_budget: sent.over_budget,
-            times: self.times.summary(),
+            times,
         };
         out.send(peer, &ServerMessage::Inspection(inspection));
     }
@@ -526,4 +603,14 @@ impl SceneRunner {
             out.send(*peer, &ServerMessage::Deleted);
         }
     }
+}
+
+/// Weight of a waiting message: about its bytes in memory.
+fn weight(message: &Result<ClientMessage, CommandError>) -> usize {
+    MESSAGE_WEIGHT
+        + match message {
+            Ok(ClientMessage::Command(Command::AddShape { shape, .. })) => shape.bytes(),
+            Ok(ClientMessage::Upstream(packet)) => packet.len(),
+            _ => 0,
+        }
 }

@@ -7,14 +7,18 @@ use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use rhumb_protocol::Span;
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_transport::{
     BindError, Certificate, CertificateError, Clock, Fingerprint, QuicServer, ServeError,
     ServerOptions, ServerStatistics, Stop,
 };
 
 use crate::engine::{Workers, WorkersError};
+#[cfg(feature = "app")]
+use crate::front::Adapter;
+use crate::front::Front;
 use crate::hook::Hooks;
-use crate::server_loop::ServerLoop;
 
 /// The server's certificate.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,8 +39,11 @@ pub struct Server {
     transport: QuicServer,
     hooks: Option<Hooks>,
     workers: Workers,
-    /// Passes the server loop the input of a listener of another protocol.
-    also: Option<Box<dyn FnMut(&mut ServerLoop) + Send>>,
+    largest_packet: LargestPacket,
+    empty_for: Option<Span>,
+    /// Serves the clients of another protocol.
+    #[cfg(feature = "app")]
+    adapter: Option<Adapter>,
 }
 
 /// Reason why a server did not start, or stopped by itself.
@@ -55,6 +62,8 @@ pub enum RunError {
     },
     /// The requested number of threads is not available.
     Workers(WorkersError),
+    /// A thread cannot start.
+    Thread(io::Error),
     /// The thread of the sockets failed.
     Serve(ServeError),
 }
@@ -69,6 +78,7 @@ impl fmt::Display for RunError {
                 write!(f, "cannot run on cores {} alone: {cause}", cores.join(","))
             }
             Self::Workers(cause) => cause.fmt(f),
+            Self::Thread(cause) => write!(f, "cannot start a thread: {cause}"),
             Self::Serve(cause) => cause.fmt(f),
         }
     }
@@ -97,7 +107,10 @@ impl Server {
             transport,
             hooks: None,
             workers: Workers::default(),
-            also: None,
+            largest_packet: LargestPacket::DEFAULT,
+            empty_for: None,
+            #[cfg(feature = "app")]
+            adapter: None,
         })
     }
 
@@ -113,16 +126,10 @@ impl Server {
         self.transport.fingerprint()
     }
 
-    /// Serves clients of another protocol on the same thread: `serve` is called after each wake.
+    /// Serves the clients of another protocol too, on a thread with their scenes.
     #[cfg(feature = "app")]
-    pub(crate) fn serve_also(&mut self, serve: impl FnMut(&mut ServerLoop) + Send + 'static) {
-        self.also = Some(Box::new(serve));
-    }
-
-    /// Wakes the thread of the server.
-    #[cfg(feature = "app")]
-    pub(crate) fn waker(&self) -> rhumb_transport::Waker {
-        self.transport.waker()
+    pub(crate) fn serve_also(&mut self, adapter: Adapter) {
+        self.adapter = Some(adapter);
     }
 
     /// Sets the hooks of later scenes.
@@ -135,23 +142,41 @@ impl Server {
         self.workers = workers;
     }
 
-    /// Serves on the calling thread until `stop` is requested; then every client learns that the server is going
-    /// away.
+    /// Bounds the packets of all streams.
+    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.largest_packet = largest_packet;
+    }
+
+    /// Has later scenes end that have had no member for so long.
+    pub fn expire_empty_scenes(&mut self, after: Span) {
+        self.empty_for = Some(after);
+    }
+
+    /// Serves on the calling thread, and each scene on a thread of its own, until `stop` is requested. Then every
+    /// client learns that the server is going away.
     ///
     /// # Errors
     ///
     /// [`RunError::Serve`] if the thread of the sockets fails.
     pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
         let clock = Clock::start();
-        let mut server_loop = ServerLoop::new(move || clock.now());
-        server_loop.employ(self.workers);
+        let waker = self.transport.waker();
+        let mut front = Front::on_threads(move || clock.now(), move || waker.wake());
+        front.employ(self.workers);
+        front.set_largest_packet(self.largest_packet);
         if let Some(hooks) = self.hooks {
-            server_loop.attach(hooks);
+            front.attach(hooks);
         }
-        let mut also = self.also.unwrap_or_else(|| Box::new(|_| {}));
-        self.transport
-            .run_with(&mut server_loop, stop, &mut also)
-            .map_err(RunError::Serve)
+        if let Some(empty_for) = self.empty_for {
+            front.expire_empty_scenes(empty_for);
+        }
+        #[cfg(feature = "app")]
+        if let Some(adapter) = self.adapter {
+            front.serve_also(adapter).map_err(RunError::Thread)?;
+        }
+        let served = self.transport.run(&mut front, stop);
+        front.shut_down();
+        served.map_err(RunError::Serve)
     }
 }
 

@@ -3,39 +3,65 @@
 //! Routes each message to the scene of its connection. The real driver and the simulated network use it alike. It
 //! reads no clock but its stopwatch, which only measures.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use rhumb_protocol::limits::SCENES_MAX;
 use rhumb_protocol::message::{ClientMessage, Denial, Grease, ServerMessage};
-use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
+use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, PacketKind};
 use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName};
-use rhumb_protocol::session::ServerSession;
-use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
+use rhumb_protocol::{
+    Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
+};
 use rhumb_reckoning::Tick;
 
 use crate::authority_table::UpstreamStatistics;
 use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::outbox::Outbox;
+use crate::pulse::Pulse;
 use crate::scene::Scene;
 use crate::scene_runner::SceneRunner;
+use crate::scene_slots::{SceneSlot, SceneSlots};
 use crate::stream_names::StreamNames;
 
 /// The scene of a connection, and whether its client is a member.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Connection {
     scene: Option<SceneName>,
     member: bool,
+    /// A join that waits until the link has taken the snapshot before it.
+    held: Option<ClientMessage>,
 }
+
+/// Messages of one connection that are handled before others, and the ticks, get their turn.
+const MESSAGES_PER_TURN: usize = 512;
+/// Unread bytes of a connection beyond which the driver is to hold back more.
+const UNREAD_BYTES: usize = 64 << 10;
+/// Scene events that are encoded before they are sent to the members.
+const EVENT_BYTES: usize = 256 << 10;
+/// How soon a connection is tried again whose messages wait for slower members.
+const RETRY: Span = Span::from_millis(20);
 
 /// All scenes of one server process and all connections to them.
 pub struct ServerLoop {
     pub(crate) runners: BTreeMap<SceneName, SceneRunner>,
     connections: BTreeMap<Peer, Connection>,
+    /// Connections with unread messages, whose next turn comes at once.
+    queued: VecDeque<Peer>,
+    /// Connections with unread messages that wait for their link, for a step, or for slower members.
+    blocked: BTreeSet<Peer>,
+    retry_at: Instant,
+    /// Since when a scene has had no member.
+    empty_since: BTreeMap<SceneName, Instant>,
+    /// A scene without members ends after so long.
+    empty_for: Option<Span>,
+    slots: SceneSlots,
+    taken_slots: BTreeMap<SceneName, SceneSlot>,
+    pulse: Pulse,
     pub(crate) out: Outbox,
     scenes_begun: u32,
     hooks: Option<Hooks>,
     workers: Workers,
+    largest_packet: LargestPacket,
     pub(crate) stopwatch: Box<dyn Fn() -> Instant + Send>,
 }
 
@@ -45,10 +71,19 @@ impl ServerLoop {
         Self {
             runners: BTreeMap::new(),
             connections: BTreeMap::new(),
+            queued: VecDeque::new(),
+            blocked: BTreeSet::new(),
+            retry_at: Instant::ZERO,
+            empty_since: BTreeMap::new(),
+            empty_for: None,
+            slots: SceneSlots::default(),
+            taken_slots: BTreeMap::new(),
+            pulse: Pulse::default(),
             out: Outbox::default(),
             scenes_begun: 0,
             hooks: None,
             workers: Workers::default(),
+            largest_packet: LargestPacket::DEFAULT,
             stopwatch: Box::new(stopwatch),
         }
     }
@@ -63,6 +98,31 @@ impl ServerLoop {
         self.workers = workers;
     }
 
+    /// Bounds the packets of later scenes' streams.
+    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.largest_packet = largest_packet;
+    }
+
+    /// Has scenes end that have had no member for so long.
+    pub fn expire_empty_scenes(&mut self, after: Span) {
+        self.empty_for = Some(after);
+    }
+
+    /// Shares the bound on scenes with other loops.
+    pub(crate) fn share_slots(&mut self, slots: SceneSlots) {
+        self.slots = slots;
+    }
+
+    /// Has each message and each tick show that this loop makes progress.
+    pub(crate) fn show_progress(&mut self, pulse: Pulse) {
+        self.pulse = pulse;
+    }
+
+    /// Bytes of a connection's control stream that were not handled yet.
+    pub(crate) fn unread_bytes(&self, peer: Peer) -> usize {
+        self.out.unread_bytes(peer)
+    }
+
     /// Names of the scenes that exist.
     pub fn scenes(&self) -> impl Iterator<Item = &SceneName> {
         self.runners.keys()
@@ -72,6 +132,129 @@ impl ServerLoop {
     pub fn drives(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
         let runner = self.runners.get(scene).into_iter();
         runner.flat_map(SceneRunner::upstream_statistics)
+    }
+
+    /// Handles a connection's messages, until none is left, it must wait, or others have their turn.
+    fn take_turn(&mut self, now: Instant, peer: Peer) {
+        let mut left = if self.out.is_paced(peer) {
+            MESSAGES_PER_TURN
+        } else {
+            usize::MAX
+        };
+        loop {
+            if self.must_wait(now, peer) {
+                self.blocked.insert(peer);
+                break;
+            }
+            if left == 0 {
+                self.queued.push_back(peer);
+                break;
+            }
+            let Some(message) = self.next_message(peer) else {
+                break;
+            };
+            if let Ok(message @ ClientMessage::Join(_)) = &message
+                && !self.out.may_snapshot(peer)
+                && let Some(connection) = self.connections.get_mut(&peer)
+            {
+                connection.held = Some(message.clone());
+                self.blocked.insert(peer);
+                break;
+            }
+            left -= 1;
+            self.pulse.beat();
+            self.handle_message(now, peer, message);
+            if let Some(runner) = self.scene_of(peer)
+                && runner.unsent_bytes() > EVENT_BYTES
+            {
+                self.answer_pending(peer);
+            }
+        }
+        self.end_if_broken(peer);
+        self.answer_pending(peer);
+    }
+
+    /// Whether a connection's next message must stay unread.
+    fn must_wait(&mut self, now: Instant, peer: Peer) -> bool {
+        if self.out.is_behind(peer) {
+            return true;
+        }
+        let name = (self.connections.get(&peer)).and_then(|connection| connection.scene.as_ref());
+        let runner = name.and_then(|name| self.runners.get_mut(name));
+        runner.is_some_and(|runner| runner.holds_back(now, peer, &self.out))
+    }
+
+    fn next_message(&mut self, peer: Peer) -> Option<Result<ClientMessage, CommandError>> {
+        let held = self.connections.get_mut(&peer)?.held.take();
+        match held {
+            Some(message) => Some(Ok(message)),
+            None => self.out.session(peer)?.poll_message(),
+        }
+    }
+
+    /// Ends the membership of a connection that broke the protocol.
+    fn end_if_broken(&mut self, peer: Peer) {
+        let broken = (self.out.session(peer)).and_then(|session| session.poll_close());
+        if let Some(code) = broken {
+            tracing::warn!(peer = peer.0, %code, "closing a connection that broke the protocol");
+            self.forget(peer);
+        }
+    }
+
+    /// Ends the membership of a connection, and forgets it.
+    fn forget(&mut self, peer: Peer) {
+        self.leave(peer);
+        self.connections.remove(&peer);
+        self.queued.retain(|queued| *queued != peer);
+        self.blocked.remove(&peer);
+    }
+
+    fn scene_of(&self, peer: Peer) -> Option<&SceneRunner> {
+        self.runners
+            .get(self.connections.get(&peer)?.scene.as_ref()?)
+    }
+
+    fn answer_pending(&mut self, peer: Peer) {
+        let name = (self.connections.get(&peer)).and_then(|connection| connection.scene.as_ref());
+        if let Some(runner) = name.and_then(|name| self.runners.get_mut(name)) {
+            runner.answer_pending(&mut self.out);
+        }
+    }
+
+    /// Tries the connections again that had to wait.
+    fn retry(&mut self, now: Instant) {
+        self.retry_at = now + RETRY;
+        for peer in std::mem::take(&mut self.blocked) {
+            self.take_turn(now, peer);
+        }
+    }
+
+    /// Ends scenes that have had no member for too long.
+    fn expire(&mut self, now: Instant) {
+        let Some(empty_for) = self.empty_for else {
+            return;
+        };
+        let is_over = |since: &Instant| now.since(*since) >= empty_for;
+        let over: Vec<_> = (self.empty_since.iter())
+            .filter(|(_, since)| is_over(since))
+            .map(|(name, _)| name.clone())
+            .collect();
+        for name in over {
+            tracing::info!(scene = %name, "a scene had no members for too long");
+            self.delete_scene(&name);
+        }
+    }
+
+    /// Notes whether a scene has members or an owner.
+    pub(crate) fn note_empty(&mut self, name: &SceneName) {
+        let runner = self.runners.get(name);
+        let is_empty = runner.is_some_and(|runner| runner.is_abandoned());
+        if is_empty {
+            let now = self.out.now();
+            self.empty_since.entry(name.clone()).or_insert(now);
+        } else {
+            self.empty_since.remove(name);
+        }
     }
 
     fn handle_message(
@@ -107,7 +290,10 @@ impl ServerLoop {
                     None => Err(Denial::NoSuchScene),
                 };
                 match joined {
-                    Ok(()) => self.note_member(peer),
+                    Ok(()) => {
+                        self.note_member(peer);
+                        self.note_empty(&name);
+                    }
                     Err(denial) => self.out.send(peer, &ServerMessage::Denied(denial)),
                 }
             }
@@ -153,6 +339,7 @@ impl ServerLoop {
                 if let Some(connection) = self.connections.get_mut(&peer) {
                     connection.member = false;
                 }
+                self.note_empty(name);
             }
             Ok(ClientMessage::Reserve { count }) => runner.reserve(peer, count, out),
             Ok(ClientMessage::Resync(cause)) => runner.resync(peer, cause),
@@ -179,20 +366,21 @@ impl ServerLoop {
         if self.runners.contains_key(name) {
             return Err(Denial::SceneExists);
         }
-        if self.runners.len() >= SCENES_MAX {
-            return Err(Denial::TooManyScenes);
-        }
+        let slot = self.slots.take().ok_or(Denial::TooManyScenes)?;
         let scene = Scene::on(config, &self.workers).map_err(Denial::InvalidConfig)?;
         let names = StreamNames::of_scene(self.scenes_begun);
         let mut runner = SceneRunner::new(scene, names);
+        runner.set_largest_packet(self.largest_packet);
         if let Some(hook) = self
             .hooks
-            .as_mut()
+            .as_ref()
             .and_then(|hooks| hooks.of(name, &config))
         {
             runner.attach(hook);
         }
         self.scenes_begun = self.scenes_begun.wrapping_add(1);
+        self.taken_slots.insert(name.clone(), slot);
+        self.note_empty(name);
         tracing::info!(scene = %name, "scene created");
         Ok(self.runners.entry(name.clone()).or_insert(runner))
     }
@@ -225,6 +413,8 @@ impl ServerLoop {
             }
         }
         runner.end(&mut self.out);
+        self.taken_slots.remove(name);
+        self.empty_since.remove(name);
         tracing::info!(scene = %name, "scene deleted");
     }
 
@@ -236,51 +426,51 @@ impl ServerLoop {
     }
 
     fn leave(&mut self, peer: Peer) {
-        if let Some(runner) = self.runner_of(peer) {
-            runner.leave(peer);
+        let Some(runner) = self.runner_of(peer) else {
+            return;
+        };
+        runner.leave(peer);
+        let connection = self.connections.get(&peer);
+        if let Some(name) = connection.and_then(|connection| connection.scene.clone()) {
+            self.note_empty(&name);
         }
     }
 }
 
 impl Endpoint for ServerLoop {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
-        let connection = Connection {
-            scene: None,
-            member: false,
-        };
-        self.connections.insert(peer, connection);
+        self.out.at(now);
+        self.connections.insert(peer, Connection::default());
         // Any number will do that is seldom repeated.
         let seed = now.as_nanos() ^ peer.0.rotate_left(48);
         self.out.open(peer, Grease::new(seed));
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        self.out.at(now);
         if let Some(session) = self.out.session(from) {
             session.handle_control(bytes);
         }
-        while let Some(message) = self.out.session(from).and_then(ServerSession::poll_message) {
-            self.handle_message(now, from, message);
-        }
-        let broken = self
-            .out
-            .session(from)
-            .and_then(|session| session.poll_close());
-        if let Some(code) = broken {
-            tracing::warn!(peer = from.0, %code, "closing a connection that broke the protocol");
-            self.leave(from);
-            self.connections.remove(&from);
-        }
-        let out = &mut self.out;
-        let name = self
-            .connections
-            .get(&from)
-            .and_then(|connection| connection.scene.as_ref());
-        if let Some(runner) = name.and_then(|name| self.runners.get_mut(name)) {
-            runner.answer_pending(out);
+        if !self.queued.contains(&from) && !self.blocked.contains(&from) {
+            self.take_turn(now, from);
         }
     }
 
+    fn handle_control_taken(&mut self, now: Instant, peer: Peer, bytes: usize) {
+        self.out.at(now);
+        self.out.note_taken(peer, bytes);
+        if bytes > 0 {
+            self.answer_pending(peer);
+            self.retry(now);
+        }
+    }
+
+    fn wants_control(&self, from: Peer) -> bool {
+        self.out.unread_bytes(from) < UNREAD_BYTES
+    }
+
     fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        self.out.at(now);
         let Ok(datagram) = Datagram::open(bytes) else {
             return;
         };
@@ -307,6 +497,10 @@ impl Endpoint for ServerLoop {
     }
 
     fn handle_link(&mut self, now: Instant, peer: Peer, report: &LinkReport) {
+        self.out.at(now);
+        if self.out.close_if_stalled(peer) {
+            return;
+        }
         let Some(connection) = self.connections.get(&peer).filter(|c| c.member) else {
             return;
         };
@@ -316,17 +510,32 @@ impl Endpoint for ServerLoop {
         }
     }
 
-    fn handle_ended(&mut self, _now: Instant, peer: Peer, ending: Ending) {
+    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
         tracing::debug!(peer = peer.0, ?ending, "connection ended");
-        self.leave(peer);
-        self.connections.remove(&peer);
+        self.out.at(now);
+        // Messages that arrived before the end count.
+        while let Some(message) = self.next_message(peer) {
+            self.handle_message(now, peer, message);
+        }
+        self.answer_pending(peer);
+        self.forget(peer);
         self.out.forget(peer);
     }
 
     fn handle_timeout(&mut self, now: Instant) {
-        for runner in self.runners.values_mut() {
-            runner.handle_timeout(now, &self.stopwatch, &mut self.out);
+        self.out.at(now);
+        for peer in std::mem::take(&mut self.queued) {
+            self.take_turn(now, peer);
         }
+        for runner in self.runners.values_mut() {
+            self.pulse.beat();
+            runner.handle_timeout(now, &self.stopwatch, &mut self.out);
+            if runner.next_snapshot(&self.out).is_some_and(|at| at <= now) {
+                runner.answer_pending(&mut self.out);
+            }
+        }
+        self.retry(now);
+        self.expire(now);
     }
 
     fn poll_transmit(&mut self) -> Option<Transmit> {
@@ -334,12 +543,21 @@ impl Endpoint for ServerLoop {
     }
 
     fn poll_timeout(&self) -> Option<Wake> {
-        let at = self
-            .runners
-            .values()
-            .filter_map(SceneRunner::next_step)
-            .min()?;
-        let reason = WakeReason::Tick;
-        Some(Wake { at, reason })
+        let wake = |at, reason| Wake { at, reason };
+        let steps = self.runners.values().filter_map(SceneRunner::next_step);
+        let step = steps.min().map(|at| wake(at, WakeReason::Tick));
+        let input = (!self.queued.is_empty()).then(|| wake(Instant::ZERO, WakeReason::Input));
+        let retry = (!self.blocked.is_empty()).then(|| wake(self.retry_at, WakeReason::Input));
+        let snapshots =
+            (self.runners.values()).filter_map(|runner| runner.next_snapshot(&self.out));
+        let snapshot = snapshots.min().map(|at| wake(at, WakeReason::Snapshot));
+        let expires = self.empty_for.and_then(|empty_for| {
+            let since = self.empty_since.values().min()?;
+            Some(wake(*since + empty_for, WakeReason::Deadline))
+        });
+        [step, input, retry, snapshot, expires]
+            .into_iter()
+            .flatten()
+            .min_by_key(|wake| wake.at)
     }
 }

@@ -8,14 +8,10 @@ use crate::body_placement;
 use crate::scene::Scene;
 use crate::streams::Stream;
 
-/// Every shape, change of gravity, body and joint, and the end (PROTOCOL 4.8).
-pub(crate) fn snapshot(scene: &Scene, stream: &Stream) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    let mut add = |scene_event| ServerMessage::SceneEvent(scene_event).encode(&mut bytes);
-    for (id, shape) in scene.shapes() {
-        let shape = shape.clone();
-        add(SceneEvent::ShapeAdded { id, shape });
-    }
+/// Appends the snapshot from its changes of gravity on: bodies, joints, and the end (PROTOCOL 4.8). Its shapes go
+/// before, in the bytes of their events.
+pub(crate) fn append_snapshot(scene: &Scene, stream: &Stream, bytes: &mut Vec<u8>) {
+    let mut add = |scene_event| ServerMessage::SceneEvent(scene_event).encode(bytes);
     // A track continues under the gravity of its time.
     for (since, gravity) in stream.gravity_changes() {
         add(SceneEvent::GravityChanged { since, gravity });
@@ -34,6 +30,5 @@ pub(crate) fn snapshot(scene: &Scene, stream: &Stream) -> Vec<u8> {
         let joint = *joint;
         add(SceneEvent::JointAdded { id, joint });
     }
-    ServerMessage::SnapshotEnd.encode(&mut bytes);
-    bytes
+    ServerMessage::SnapshotEnd.encode(bytes);
 }

@@ -7,7 +7,7 @@ use glam::Vec3;
 use rhumb_protocol::Peer;
 use rhumb_protocol::limits::STREAMS_PER_SCENE_MAX;
 use rhumb_protocol::message::{Denial, StreamChoice};
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
     Features, Observation, ObservationHistory, PredictionParameters, StreamSender, StreamTerms,
@@ -28,7 +28,12 @@ pub(crate) struct Stream {
 
 impl Stream {
     /// A stream of this choice without bodies, for one member.
-    pub(crate) fn new(choice: StreamChoice, id: StreamId, scene: &Scene) -> Self {
+    pub(crate) fn new(
+        choice: StreamChoice,
+        id: StreamId,
+        largest_packet: LargestPacket,
+        scene: &Scene,
+    ) -> Self {
         let tick = scene.tick();
         let config = scene.config();
         let policy = match config.stepping {
@@ -48,12 +53,13 @@ impl Stream {
                     tolerance,
                     integrator: config.integrator,
                     publish_interval: config.publish_schedule.publish_interval,
+                    largest_packet,
                     gravity: scene.gravity(),
                     features: Features::ALL,
                 };
                 StreamSender::reckoned(id, &config, budget, policy, tick)
             }
-            StreamChoice::Full => StreamSender::full(id, policy, tick),
+            StreamChoice::Full => StreamSender::full(id, largest_packet, policy, tick),
         };
         Self::of(choice, sender)
     }
@@ -231,7 +237,7 @@ impl Streams {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rhumb_protocol::packet::{Head, PacketKind};
+    use rhumb_protocol::packet::{Head, LargestPacket, PacketKind};
     use rhumb_protocol::stream::{Activity, Budget};
     use rhumb_protocol::wire::Wire;
     use rhumb_protocol::wire::bytes::Reader;
@@ -268,6 +274,7 @@ mod tests {
                 substeps: NonZeroU32::MIN,
             },
             publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+            largest_packet: LargestPacket::DEFAULT,
             gravity: Vec3::ZERO,
             features: Features::ALL,
         };

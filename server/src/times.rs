@@ -15,6 +15,9 @@ pub(crate) struct Times {
     /// Duration of the last steps in nanoseconds; a ring once it is full.
     recent: Vec<u64>,
     next: usize,
+    /// Median and 99th percentile of the recent steps, until another step is added: a scene answers more often than
+    /// it steps.
+    percentiles: Option<(u64, u64)>,
 }
 
 /// The moments between the stages of one tick.
@@ -38,6 +41,7 @@ impl Times {
             self.recent[self.next] = step;
         }
         self.next = (self.next + 1) % RECENT;
+        self.percentiles = None;
     }
 
     /// Adds the time of a report to the scene's owner.
@@ -46,14 +50,18 @@ impl Times {
         self.publish_total += took.as_nanos();
     }
 
-    pub(crate) fn summary(&self) -> StageTimes {
-        let mut steps = self.recent.clone();
-        steps.sort_unstable();
-        let at = |share: usize| steps.get(steps.len() * share / 100).copied().unwrap_or(0);
+    pub(crate) fn summary(&mut self) -> StageTimes {
+        let recent = &self.recent;
+        let (step_median, step_p99) = *self.percentiles.get_or_insert_with(|| {
+            let mut steps = recent.clone();
+            steps.sort_unstable();
+            let at = |share: usize| steps.get(steps.len() * share / 100).copied().unwrap_or(0);
+            (at(50), at(99))
+        });
         StageTimes {
             step_total: self.step_total,
-            step_median: at(50),
-            step_p99: at(99),
+            step_median,
+            step_p99,
             observe_total: self.observe_total,
             publish_total: self.publish_total,
         }

@@ -82,7 +82,7 @@ class Authority:
         self.ask()
 
     def ask(self):
-        self.member.send_message({"is": "TakeAuthority", "choice": self.choice, "bodies": [self.body]})
+        self.member.send_message({"is": "TakeAuthority", "choice": self.choice, "largest packet": 1100, "bodies": [self.body]})
 
     async def handle_answers(self):
         """4.11-5: handles grants, and requests authority again after it was withdrawn."""

@@ -164,6 +164,7 @@ class Scene:
 
     def __init__(self, joined):
         self.choice, self.config, self.stream = joined["choice"], joined["config"], joined["stream"]
+        self.largest_packet = joined["largest packet"]
         # A choice with a budget has the tracks of its inner choice; only the stated error scale is additional.
         self.capped = self.choice["is"] == "within a budget"
         self.choice = self.choice["choice"] if self.capped else self.choice
@@ -315,7 +316,7 @@ class Scene:
             msg = packets.decoded(data)
         except packets.Malformed:
             return
-        if msg["stream"] != self.stream or msg["kind"] == 6:
+        if msg["stream"] != self.stream or msg["kind"] == 6 or len(data) > self.largest_packet:
             return
         if msg["kind"] in packets.OVER_BUDGET and not self.capped:
             return

@@ -64,6 +64,17 @@ impl Programme {
         self.serve_with(listen, &[])
     }
 
+    /// The same with everything logged, and standard error where the caller has it.
+    ///
+    /// # Panics
+    ///
+    /// As [`Self::serve`].
+    #[must_use]
+    pub fn serve_logging_to(self, listen: &str, log: Stdio) -> ServerProcess {
+        let child = self.spawn_with(&["--listen", listen, "--log", "trace"], log);
+        Self::started(child, START_UP_LINES)
+    }
+
     /// The same without a log: no test reads the log while the server runs, and a full pipe would block it.
     ///
     /// # Panics
@@ -91,10 +102,15 @@ impl Programme {
 
     fn serve_logging(self, listen: &str, log: &str, more: &[&str]) -> ServerProcess {
         let plain = ["--listen", listen, "--log", log];
-        let mut child = self.spawn(&[&plain, more].concat());
+        let child = self.spawn(&[&plain, more].concat());
+        let expected = START_UP_LINES + usize::from(more.contains(&"--app-listen"));
+        Self::started(child, expected)
+    }
+
+    /// Reads the start-up lines of a server.
+    fn started(mut child: Child, expected: usize) -> ServerProcess {
         let mut out = BufReader::new(child.stdout.take().expect("standard output is piped"));
         let mut lines = Vec::new();
-        let expected = START_UP_LINES + usize::from(more.contains(&"--app-listen"));
         while lines.len() < expected {
             let mut line = String::new();
             let read = out.read_line(&mut line).expect("the output is text");
@@ -126,12 +142,16 @@ impl Programme {
     }
 
     fn spawn(self, arguments: &[&str]) -> Child {
+        self.spawn_with(arguments, Stdio::piped())
+    }
+
+    fn spawn_with(self, arguments: &[&str], log: Stdio) -> Child {
         let mut command = Command::new(self.0);
         command.args(arguments).env("NO_COLOR", "1");
         command
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
-            .stderr(Stdio::piped());
+            .stderr(log);
         command.spawn().expect("running the binary of this package")
     }
 }

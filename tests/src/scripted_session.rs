@@ -6,7 +6,7 @@ use rhumb_protocol::message::{
     ClientMessage, Extensions, Frames, Joined, SceneEvent, ServerMessage, StreamChoice, VERSIONS,
     Welcome,
 };
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{IdRange, SceneConfig};
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::stream::StreamStart;
@@ -72,6 +72,7 @@ impl ScriptedSession {
             tolerance: choice.tolerance(),
             integrator: config.integrator,
             publish_interval: config.publish_schedule.publish_interval,
+            largest_packet: LargestPacket::DEFAULT,
             gravity: config.gravity,
             tick,
             next: 0,

@@ -11,7 +11,7 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_client::{RenderParams, RenderTime, View};
 use rhumb_protocol::message::{SceneEvent, StreamChoice};
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, PublishSchedule, SceneConfig, Shape, ShapeId};
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
@@ -82,6 +82,7 @@ fn config(tolerance: Tolerance) -> StreamTerms {
         tolerance,
         integrator: integrator(),
         publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+        largest_packet: LargestPacket::DEFAULT,
         gravity: GRAVITY,
         features: Features::ALL,
     }
@@ -293,8 +294,9 @@ fn receiving_and_rendering_a_tick_allocates_nothing() {
             }
             update_view(&mut view, &mut subscriber, tick);
         });
-        // Tables still grow to their greatest size in the first ticks.
-        assert!(calls == 0 || tick < 120, "{calls} at tick {tick}");
+        // The subscriber's list of changed bodies has as much memory as the busiest tick so far needed. The view gives
+        // its excess back after the first ticks (at tick 81 the last time), and busier ticks grow it again until 103.
+        assert!(calls == 0 || tick < 104, "{calls} at tick {tick}");
     }
     assert!(subscriber.statistics().updates > 1_000);
     assert_eq!(subscriber.statistics().malformed, 0);

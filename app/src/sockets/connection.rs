@@ -7,7 +7,7 @@ use std::sync::mpsc::Sender;
 
 use bytes::Bytes;
 use rhumb_protocol::Peer;
-use rhumb_transport::{PIECE_COST_BYTES, Piece, Waker};
+use rhumb_transport::{PIECE_COST_BYTES, Piece};
 use tokio::sync::mpsc;
 
 /// One input for the server thread.
@@ -32,11 +32,11 @@ pub(super) enum AppInput {
 }
 
 /// The I/O thread's end of the inputs.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub(super) struct AppInputSender {
     pub(super) inputs: Sender<AppInput>,
-    /// Of the thread that takes the inputs.
-    pub(super) waker: Waker,
+    /// Wakes the thread that takes the inputs.
+    pub(super) wake: Arc<dyn Fn() + Send + Sync>,
 }
 
 /// Error: the server thread has ended.
@@ -68,7 +68,7 @@ impl AppInputSender {
     /// Passes an input to the server thread.
     pub(super) fn send(&self, input: AppInput) -> Result<(), ServerEnded> {
         self.inputs.send(input).map_err(|_| ServerEnded)?;
-        self.waker.wake();
+        (self.wake)();
         Ok(())
     }
 }

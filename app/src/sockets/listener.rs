@@ -9,7 +9,7 @@ use std::sync::mpsc::{self, Receiver};
 use std::thread::{self, JoinHandle};
 
 use rhumb_protocol::Peer;
-use rhumb_transport::{Waker, bind_udp, io_runtime};
+use rhumb_transport::{bind_udp, io_runtime};
 use tokio::net::{TcpListener, UdpSocket};
 use tokio::sync::oneshot;
 
@@ -59,12 +59,15 @@ const PORTS_TRIED: usize = 16;
 const INPUTS_PER_TURN: usize = 512;
 
 impl AppListener {
-    /// Binds the address for TCP and UDP and starts the I/O thread. `waker`: of the thread that serves the clients.
+    /// Binds the address for TCP and UDP and starts the I/O thread. `wake` has the thread that serves the clients call [`Self::serve`] soon.
     ///
     /// # Errors
     ///
     /// [`AppBindError`] names the address or the thread that failed.
-    pub fn open(listen: AppListen, waker: Waker) -> Result<Self, AppBindError> {
+    pub fn open(
+        listen: AppListen,
+        wake: impl Fn() + Send + Sync + 'static,
+    ) -> Result<Self, AppBindError> {
         let address = listen.address;
         let wrong = |cause| AppBindError::Address { address, cause };
         let runtime = io_runtime().map_err(AppBindError::Thread)?;
@@ -78,7 +81,7 @@ impl AppListener {
         let (sender, inputs) = mpsc::channel();
         let sender = AppInputSender {
             inputs: sender,
-            waker,
+            wake: Arc::new(wake),
         };
         let sockets = Sockets {
             tcp,

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_client::{RenderParams, RenderTime, View};
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
@@ -63,6 +63,7 @@ fn config() -> StreamTerms {
             substeps: NonZeroU32::new(4).expect("four is not zero"),
         },
         publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+        largest_packet: LargestPacket::DEFAULT,
         gravity: GRAVITY,
         features: Features::ALL,
     }

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use glam::Quat;
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, Material, PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
 };
@@ -229,6 +229,7 @@ fn stream(config: &SceneConfig, tolerance: Tolerance) -> StreamTerms {
         tolerance,
         integrator: config.integrator,
         publish_interval: config.publish_schedule.publish_interval,
+        largest_packet: LargestPacket::DEFAULT,
         gravity: config.gravity,
         features: Features::ALL,
     }

@@ -7,7 +7,7 @@ use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::stream::{
     Budget, PredictionParameters, StreamReceiver, StreamStart, Subscriber,
 };
@@ -39,6 +39,7 @@ pub(super) struct StreamSetup {
     pub(super) integrator: Integrator,
     pub(super) gravity: Vec3,
     pub(super) publish_interval: NonZeroU32,
+    pub(super) largest_packet: LargestPacket,
 }
 
 impl ReplayClient {
@@ -53,6 +54,7 @@ impl ReplayClient {
             tolerance: start.tolerance,
             integrator: start.integrator,
             publish_interval: start.publish_interval,
+            largest_packet: start.largest_packet,
             gravity: start.gravity,
             tick: Tick::ZERO,
             next: 0,

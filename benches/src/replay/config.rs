@@ -5,6 +5,7 @@
 use std::num::NonZeroU32;
 
 use rhumb_netsim::LinkConfig;
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Metres, Ticks, Tolerance};
 
@@ -29,6 +30,8 @@ pub struct ReplayConfig {
     pub features: EnabledFeatures,
     /// Bandwidth limit of the stream, if any.
     pub budget: Option<Budget>,
+    /// Largest packet of the stream.
+    pub largest_packet: LargestPacket,
 }
 
 impl ReplayConfig {

@@ -121,6 +121,7 @@ fn sender(start: &StreamSetup, config: &ReplayConfig) -> StreamSender {
         tolerance: start.tolerance,
         integrator: start.integrator,
         publish_interval: start.publish_interval,
+        largest_packet: start.largest_packet,
         gravity: start.gravity,
         features: config.features.publisher,
     };
@@ -172,6 +173,7 @@ impl<'a> ReplaySession<'a> {
             integrator: recording.integrator,
             gravity: recording.gravity,
             publish_interval: config.publish_interval,
+            largest_packet: config.largest_packet,
         };
         let link = config.link;
         let round_trip_ns = 2 * (link.delay.as_nanos() + link.jitter.as_nanos());

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use rhumb_netsim::LinkConfig;
 use rhumb_protocol::limits::{BUDGET_MAX, BUDGET_MIN};
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::stream::{Budget, LOOKAHEAD_MAX};
 use rhumb_reckoning::{Damping, Metres, Radians, Ticks, Tolerance};
 
@@ -108,6 +109,9 @@ pub struct ReplayOptions {
     /// Bandwidth limit of the stream, bytes per second; unlimited by default.
     #[arg(long, value_name = "BYTES/S", value_parser = budget)]
     pub(super) budget: Option<Budget>,
+    /// Largest packet of the stream, bytes, from 700 to 1150.
+    #[arg(long, value_name = "BYTES", default_value_t)]
+    pub(super) largest_packet: LargestPacket,
 }
 
 /// Parses a budget in bytes per second; a quarter of it may be sent at once.
@@ -130,6 +134,7 @@ impl ReplayOptions {
             seed: self.seed,
             lookahead: Ticks::new(self.lookahead),
             budget: self.budget,
+            largest_packet: self.largest_packet,
             features,
         })
     }

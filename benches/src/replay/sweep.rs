@@ -78,6 +78,8 @@ pub(super) fn matrix(base: &ReplayOptions) -> Result<Vec<ReplayOptions>, String>
 mod tests {
     use std::num::NonZeroU32;
 
+    use rhumb_protocol::packet::LargestPacket;
+
     use super::*;
     use crate::replay::source::ToleranceOptions;
 
@@ -92,6 +94,7 @@ mod tests {
             seed: 1,
             lookahead: 0,
             budget: None,
+            largest_packet: LargestPacket::DEFAULT,
         }
     }
 

@@ -8,6 +8,7 @@ use rhumb_bench::limit::Limit;
 use rhumb_bench::record::{Placed, Truth};
 use rhumb_bench::recording::{Recording, rhtrace};
 use rhumb_bench::replay::{EnabledFeatures, ReplayConfig, run};
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{
@@ -137,6 +138,7 @@ fn a_limit_is_within_its_tolerance_and_below_a_publisher() {
             seed: 1,
             lookahead: Ticks::ZERO,
             budget: None,
+            largest_packet: LargestPacket::DEFAULT,
             features: EnabledFeatures::ALL,
         };
         let run = run(&recording, &config, &mut |_| {}).expect("the replay succeeds");

@@ -9,6 +9,7 @@ use rhumb_bench::recording::{self, Recording, RecordingError, rhtrace};
 use rhumb_bench::replay::{EnabledFeatures, Feature, ReplayConfig, ReplayError, run};
 use rhumb_bench::summary::{RunFigures, Summary};
 use rhumb_bench::trace::{TraceOptions, write};
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{Metres, Tick, Ticks, Tolerance};
 
@@ -38,6 +39,7 @@ fn config(link: &str, publish_interval: u32) -> ReplayConfig {
         seed: 3,
         lookahead: Ticks::ZERO,
         budget: None,
+        largest_packet: LargestPacket::DEFAULT,
         features: EnabledFeatures::ALL,
     }
 }

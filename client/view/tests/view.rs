@@ -6,7 +6,7 @@ use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
@@ -49,6 +49,7 @@ impl Pair {
             tolerance,
             integrator,
             publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+            largest_packet: LargestPacket::DEFAULT,
             gravity: Vec3::ZERO,
             features: Features::ALL,
         };

@@ -9,7 +9,7 @@ use rhumb_reckoning::{BodyId, BodyState, Predictor, Tick, Tolerance, Track};
 
 use super::choice::StreamChoice;
 use crate::limits::AUTHORITY_BODIES_MAX;
-use crate::packet::StreamId;
+use crate::packet::{LargestPacket, StreamId};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};
 
@@ -18,6 +18,8 @@ use crate::wire::{Malformed, OPTIONAL, Wire};
 pub struct TakeAuthority {
     /// Bound on the distance of the server's bodies from the member's.
     pub tolerance: Tolerance,
+    /// The largest packet of the upstream.
+    pub largest_packet: LargestPacket,
     /// Kinematic bodies in rising order, each once; an empty list ends the authority.
     pub bodies: Vec<BodyId>,
 }
@@ -90,6 +92,7 @@ fn decode_count(from: &mut Reader<'_>) -> Result<usize, Malformed> {
 impl Wire for TakeAuthority {
     fn encode(&self, to: &mut Writer) {
         StreamChoice::Within(self.tolerance).encode(to);
+        self.largest_packet.encode(to);
         to.varint(self.bodies.len() as u64);
         for id in &self.bodies {
             id.encode(to);
@@ -100,6 +103,7 @@ impl Wire for TakeAuthority {
         let StreamChoice::Within(tolerance) = StreamChoice::decode(from)? else {
             return Err(Malformed::UnknownCode);
         };
+        let largest_packet = LargestPacket::decode(from)?;
         let mut bodies: Vec<BodyId> = Vec::new();
         for _ in 0..decode_count(from)? {
             let id = BodyId::decode(from)?;
@@ -108,7 +112,11 @@ impl Wire for TakeAuthority {
             }
             bodies.push(id);
         }
-        Ok(Self { tolerance, bodies })
+        Ok(Self {
+            tolerance,
+            largest_packet,
+            bodies,
+        })
     }
 }
 
@@ -200,9 +208,10 @@ mod tests {
         let (one, other) = (BodyId::new(3, 0), BodyId::new(300, 2));
         let request = TakeAuthority {
             tolerance: Tolerance::NORMAL,
+            largest_packet: LargestPacket::DEFAULT,
             bodies: alloc::vec![one, other],
         };
-        round_trips(&request, &[0, 0xd0, 0x86, 3, 2, 3, 0, 0xac, 2, 2]);
+        round_trips(&request, &[0, 0xd0, 0x86, 3, 0xcc, 8, 2, 3, 0, 0xac, 2, 2]);
         let at = |x| BodyState::new([x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
         let driving = AuthorityGrant {
             stream: StreamId(7),
@@ -220,8 +229,8 @@ mod tests {
     #[test]
     fn bodies_that_do_not_rise_are_refused() {
         for bytes in [
-            &[0, 0xd0, 0x86, 3, 2, 3, 0, 3, 0][..],
-            &[0, 0xd0, 0x86, 3, 2, 4, 0, 3, 9],
+            &[0, 0xd0, 0x86, 3, 0xcc, 8, 2, 3, 0, 3, 0][..],
+            &[0, 0xd0, 0x86, 3, 0xcc, 8, 2, 4, 0, 3, 9],
         ] {
             let refused = TakeAuthority::decode(&mut Reader::new(bytes));
             assert_eq!(refused, Err(Malformed::NotCanonical));

@@ -78,6 +78,12 @@ impl Frames {
         self.buffer.extend_from_slice(bytes);
     }
 
+    /// Bytes that no returned message has used.
+    #[must_use]
+    pub const fn unread_bytes(&self) -> usize {
+        self.buffer.len() - self.taken
+    }
+
     /// The next whole message, or `None` until more bytes come.
     ///
     /// # Errors

@@ -12,7 +12,7 @@ use super::frame::{Framed, frame};
 use super::inspection::Inspection;
 use super::scene_event::SceneEvent;
 use super::tier_policy::TierChangeCause;
-use crate::packet::StreamId;
+use crate::packet::{LargestPacket, StreamId};
 use crate::scene::{CommandError, IdRange, SceneConfig};
 use crate::stream::StreamStart;
 use crate::time::Instant;
@@ -156,6 +156,7 @@ impl Wire for Joined {
         self.config.encode(to);
         let start = &self.start;
         start.stream.encode(to);
+        start.largest_packet.encode(to);
         to.f32s(&start.gravity.to_array());
         to.varint(start.tick.value());
         to.varint(start.next);
@@ -168,12 +169,14 @@ impl Wire for Joined {
         let choice = StreamChoice::decode(from)?;
         let config = SceneConfig::decode(from)?;
         let stream = StreamId::decode(from)?;
+        let largest_packet = LargestPacket::decode(from)?;
         let gravity = Vec3::from_array(from.f32s()?);
         if !gravity.is_finite() {
             return Err(Malformed::NotFinite);
         }
         let start = StreamStart {
             stream,
+            largest_packet,
             tolerance: choice.tolerance(),
             integrator: config.integrator,
             publish_interval: config.publish_schedule.publish_interval,

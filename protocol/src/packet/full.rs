@@ -5,7 +5,8 @@
 use alloc::vec::Vec;
 
 use super::header::{Head, Low16, PacketKind, StreamId};
-use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX};
+use super::largest_packet::LargestPacket;
+use crate::limits::INDICES_MAX;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyState;
@@ -42,7 +43,13 @@ pub struct FullPacket {
 
 impl FullPacket {
     /// The number of records that fit a datagram.
-    pub const RECORDS_MAX: usize = (DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX) / FULL_RECORD_BYTES;
+    pub const RECORDS_MAX: usize = Self::records_within(LargestPacket::GREATEST);
+
+    /// The number of records that fit a datagram of this size.
+    #[must_use]
+    pub const fn records_within(largest_packet: LargestPacket) -> usize {
+        (largest_packet.bytes() - HEAD_BYTES_MAX) / FULL_RECORD_BYTES
+    }
 
     /// Encodes the datagram.
     ///
@@ -120,7 +127,7 @@ mod tests {
                 .collect(),
         };
         let bytes = packet.encode(StreamId(9));
-        assert!(bytes.len() <= DATAGRAM_BYTES_MAX);
+        assert!(bytes.len() <= LargestPacket::GREATEST.bytes());
         let mut reader = Reader::new(&bytes);
         assert_eq!(Head::decode(&mut reader).unwrap().kind, PacketKind::FullEnd);
         assert_eq!(FullPacket::decode(true, reader.clone()), Ok(packet));

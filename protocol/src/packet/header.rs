@@ -122,6 +122,18 @@ pub struct Head {
     pub stream: StreamId,
 }
 
+impl Head {
+    /// The number of bytes that it takes.
+    #[must_use]
+    pub const fn byte_len(self) -> usize {
+        let StreamId(stream) = self.stream;
+        match stream.checked_sub(LARGE) {
+            None => 1,
+            Some(more) => 1 + (u32::BITS - (more | 1).leading_zeros()).div_ceil(7) as usize,
+        }
+    }
+}
+
 impl Wire for Head {
     fn encode(&self, to: &mut Writer) {
         let (code, _) = PacketKind::CODES
@@ -179,6 +191,12 @@ impl<'a> Datagram<'a> {
         Self { head, body }
     }
 
+    /// The number of its bytes, with the head.
+    #[must_use]
+    pub const fn byte_len(&self) -> usize {
+        self.head.byte_len() + self.body.len()
+    }
+
     /// The kind and the stream.
     #[must_use]
     pub const fn head(&self) -> Head {
@@ -211,6 +229,7 @@ mod tests {
             Head { kind, stream }.encode(&mut to);
             let bytes = to.into_bytes();
             prop_assert_eq!(bytes.len() == 1, StreamId::SMALL.contains(&stream.0));
+            prop_assert_eq!(Head { kind, stream }.byte_len(), bytes.len());
             let mut from = Reader::new(&bytes);
             prop_assert_eq!(Head::decode(&mut from), Ok(Head { kind, stream }));
             prop_assert_eq!(from.finish(), Ok(()));

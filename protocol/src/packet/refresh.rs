@@ -9,7 +9,10 @@ use rhumb_reckoning::Ticks;
 
 use super::header::{Head, Low16, PacketKind, StreamId};
 use super::keyframe::Keyframe;
-use crate::limits::{DATAGRAM_BYTES_MAX, INDICES_MAX, REFRESH_PARTS_MAX, UPDATES_PER_PACKET_MAX};
+use super::largest_packet::LargestPacket;
+use crate::limits::{
+    DATAGRAM_BYTES_MAX, INDICES_MAX, LARGEST_PACKET_MIN, REFRESH_PARTS_MAX, UPDATES_PER_PACKET_MAX,
+};
 use crate::wire::bits::{BitReader, BitWriter, PutBits, TakeBits, golomb_len};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -106,15 +109,35 @@ impl Refresh {
 const HEAD_BYTES_MAX: usize = 1 + 5 + 2 + 2 + 2 + 2 + 2;
 
 /// Splits records into the datagrams of one refresh.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct RefreshWriter {
+    largest_packet: LargestPacket,
     parts: Vec<(u16, Vec<u8>)>,
     bits: BitWriter,
     next_index: u32,
     count: u16,
 }
 
+impl Default for RefreshWriter {
+    /// Makes datagrams as large as the protocol allows.
+    fn default() -> Self {
+        Self::within(LargestPacket::GREATEST)
+    }
+}
+
 impl RefreshWriter {
+    /// Makes datagrams of at most this size.
+    #[must_use]
+    pub fn within(largest_packet: LargestPacket) -> Self {
+        Self {
+            largest_packet,
+            parts: Vec::new(),
+            bits: BitWriter::default(),
+            next_index: 0,
+            count: 0,
+        }
+    }
+
     /// Appends a record, in rising order of index.
     pub fn push(&mut self, record: &RefreshRecord) {
         let age = record.age.count().min(AGE_MAX);
@@ -124,7 +147,7 @@ impl RefreshWriter {
             + golomb_len(alias, ALIAS_ORDER)
             + golomb_len(age, AGE_ORDER);
         let bits = bits as usize + record.keyframe.bit_len();
-        let full = self.bits.bit_len() + bits > (DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX) * 8;
+        let full = self.bits.bit_len() + bits > (self.largest_packet.bytes() - HEAD_BYTES_MAX) * 8;
         let gap = if full {
             self.end_part();
             record.index
@@ -177,10 +200,11 @@ impl RefreshWriter {
     }
 }
 
+// The bodies of the fullest packet fit the parts of a refresh, also in the smallest datagrams.
 const _: () = assert!(
     UPDATES_PER_PACKET_MAX * (Keyframe::BITS_MAX + 100)
         <= REFRESH_PARTS_MAX as usize
-            * (DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX - Keyframe::BITS_MAX / 8)
+            * (LARGEST_PACKET_MIN - HEAD_BYTES_MAX - Keyframe::BITS_MAX / 8)
             * 8
 );
 

@@ -12,11 +12,11 @@ use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
 /// Bytes before the sums: kind, stream, last, covered, row.
-const HEAD_BYTES_MAX: usize = 1 + 5 + 2 + 5 + 1;
+pub(super) const REPAIR_SYMBOL_HEAD_BYTES_MAX: usize = 1 + 5 + 2 + 5 + 1;
 /// Bytes of a source symbol before the updates: kind, tick, scene events.
 pub(super) const SOURCE_SYMBOL_HEAD_BYTES: usize = 1 + 2 + 2;
 /// The longest source symbol, bytes.
-pub(crate) const SOURCE_SYMBOL_BYTES_MAX: usize = DATAGRAM_BYTES_MAX - HEAD_BYTES_MAX;
+pub(crate) const SOURCE_SYMBOL_BYTES_MAX: usize = DATAGRAM_BYTES_MAX - REPAIR_SYMBOL_HEAD_BYTES_MAX;
 
 /// A linear combination of source symbols in GF(256).
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -166,7 +166,8 @@ pub(crate) fn source_symbol_into(
     Some(number)
 }
 
-/// The datagram of a recovered source symbol; `None` if no packet has this symbol.
+/// The datagram of a recovered source symbol; `None` if no packet has this symbol. It is shorter than the repair symbol,
+/// or no longer than another packet that the symbol covers.
 pub(crate) fn packet_of(stream: StreamId, number: u64, source_symbol: &[u8]) -> Option<Vec<u8>> {
     let (kind, rest) = without_zeros(source_symbol).split_first()?;
     let kind = match kind {
@@ -178,7 +179,7 @@ pub(crate) fn packet_of(stream: StreamId, number: u64, source_symbol: &[u8]) -> 
     Head { kind, stream }.encode(&mut to);
     Low16::of(number).encode(&mut to);
     to.raw(rest);
-    Some(to.into_bytes()).filter(|datagram| datagram.len() <= DATAGRAM_BYTES_MAX)
+    Some(to.into_bytes())
 }
 
 fn without_zeros(bytes: &[u8]) -> &[u8] {

@@ -23,6 +23,12 @@ impl CloseCode {
     pub const LIMIT: Self = Self(4);
     /// A critical extension is unknown.
     pub const EXTENSION: Self = Self(5);
+    /// The scene does not answer and is parked; it cannot be joined until its step has ended.
+    pub const SCENE_PARKED: Self = Self(6);
+    /// The server cannot serve another scene now.
+    pub const BUSY: Self = Self(7);
+    /// The client said no hello in time.
+    pub const HELLO_LATE: Self = Self(8);
 }
 
 impl From<Malformed> for CloseCode {
@@ -40,6 +46,9 @@ impl fmt::Display for CloseCode {
             Self::VERSION => "no version in common",
             Self::LIMIT => "a limit of the protocol was exceeded",
             Self::EXTENSION => "an extension that must be known is not",
+            Self::SCENE_PARKED => "the scene does not answer and is parked",
+            Self::BUSY => "the server cannot serve another scene now",
+            Self::HELLO_LATE => "no hello in time",
             Self(code) => return write!(f, "unknown close code {code}"),
         })
     }

@@ -33,6 +33,8 @@ pub struct ServerSession {
     grease: Grease,
     out: Vec<u8>,
     queue: VecDeque<Bytes>,
+    /// Bytes in the queue.
+    queue_bytes: usize,
     close: Option<CloseCode>,
 }
 
@@ -46,6 +48,7 @@ impl ServerSession {
             grease,
             out: Vec::new(),
             queue: VecDeque::new(),
+            queue_bytes: 0,
             close: None,
         }
     }
@@ -154,6 +157,7 @@ impl ServerSession {
     /// Sends messages that were encoded once for many clients.
     pub fn send_encoded(&mut self, messages: &Bytes) {
         self.flush();
+        self.queue_bytes += messages.len();
         self.queue.push_back(messages.clone());
     }
 
@@ -166,6 +170,7 @@ impl ServerSession {
     fn flush(&mut self) {
         if !self.out.is_empty() {
             let out = core::mem::take(&mut self.out);
+            self.queue_bytes += out.len();
             self.queue.push_back(Bytes::from(out));
         }
     }
@@ -173,7 +178,21 @@ impl ServerSession {
     /// The next bytes for the client's control stream.
     pub fn poll_control(&mut self) -> Option<Bytes> {
         self.flush();
-        self.queue.pop_front()
+        let bytes = self.queue.pop_front()?;
+        self.queue_bytes -= bytes.len();
+        Some(bytes)
+    }
+
+    /// Bytes for the client's control stream that were not polled yet.
+    #[must_use]
+    pub const fn queued_bytes(&self) -> usize {
+        self.out.len() + self.queue_bytes
+    }
+
+    /// Bytes of the client's control stream that no message has used yet.
+    #[must_use]
+    pub const fn unread_bytes(&self) -> usize {
+        self.frames.unread_bytes()
     }
 
     /// The code to close with, once all control bytes are sent.

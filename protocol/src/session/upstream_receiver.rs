@@ -13,7 +13,7 @@ use rhumb_reckoning::{BodyId, Integrator, Motion, Tick, Tolerance, Track};
 
 use super::watermark_schedule::WatermarkSchedule;
 use crate::limits::AUTHORITY_BODIES_MAX;
-use crate::message::AuthorityGrant;
+use crate::message::{AuthorityGrant, TakeAuthority};
 use crate::packet::{Datagram, PacketKind, StreamId};
 use crate::stream::{
     DISORDER, PredictionParameters, StreamReceiver, StreamStart, Subscriber, SubscriberStatistics,
@@ -52,16 +52,17 @@ const NAMES_END: u32 = 2 * AUTHORITY_BODIES_MAX as u32;
 const REPORT_AGAIN: Span = Span::from_millis(50);
 
 impl UpstreamReceiver {
-    /// Opens the stream as it was granted. `parameters` returns None for a body that is not in the scene.
+    /// Opens the stream that was granted for this request. `parameters` returns None for a body that is not in the scene.
     pub fn new(
         grant: &AuthorityGrant,
-        tolerance: Tolerance,
+        request: &TakeAuthority,
         integrator: Integrator,
         parameters: impl Fn(BodyId) -> Option<PredictionParameters>,
     ) -> Self {
         let start = StreamStart {
             stream: grant.stream,
-            tolerance,
+            largest_packet: request.largest_packet,
+            tolerance: request.tolerance,
             integrator,
             publish_interval: NonZeroU32::MIN,
             gravity: Vec3::ZERO,
@@ -252,6 +253,7 @@ impl BodyTracks {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::packet::LargestPacket;
     use crate::scene::{BodyDesc, BodyKind, Shape, ShapeId};
     use crate::session::upstream_sender::{PublishOutcome, UpstreamSender};
     use core::num::NonZeroU32;
@@ -301,13 +303,18 @@ mod tests {
 
     fn connected_ends() -> (UpstreamSender, UpstreamReceiver) {
         let id = BodyId::new(70, 3);
+        let request = TakeAuthority {
+            tolerance: TOLERANCE,
+            largest_packet: LargestPacket::DEFAULT,
+            bodies: alloc::vec![id],
+        };
         let grant = AuthorityGrant {
             stream: StreamId(9),
             tick: Tick::new(100),
             bodies: alloc::vec![(id, at(0.0, 0.0))],
         };
-        let sender = UpstreamSender::new(&grant, TOLERANCE, INTEGRATOR, parameters);
-        let upstream_receiver = UpstreamReceiver::new(&grant, TOLERANCE, INTEGRATOR, parameters);
+        let sender = UpstreamSender::new(&grant, &request, INTEGRATOR, parameters);
+        let upstream_receiver = UpstreamReceiver::new(&grant, &request, INTEGRATOR, parameters);
         (sender, upstream_receiver)
     }
 

@@ -8,10 +8,10 @@ use alloc::vec::Vec;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_reckoning::{BodyId, BodyState, Integrator, Tick, Ticks, Tolerance};
+use rhumb_reckoning::{BodyId, BodyState, Integrator, Tick, Ticks};
 
 use crate::limits::TICK_JUMP_MAX;
-use crate::message::AuthorityGrant;
+use crate::message::{AuthorityGrant, TakeAuthority};
 use crate::packet::{Datagram, StreamId};
 use crate::scene;
 use crate::stream::{
@@ -69,15 +69,16 @@ const FEATURES: Features = Features {
 const SCENE_EVENTS: u64 = 0;
 
 impl UpstreamSender {
-    /// Starts the stream that the server granted. `parameters` returns None for a body that is not in the scene.
+    /// Starts the stream that the server granted for this request. `parameters` returns None for a body that is not in the scene.
     pub(crate) fn new(
         grant: &AuthorityGrant,
-        tolerance: Tolerance,
+        request: &TakeAuthority,
         integrator: Integrator,
         parameters: impl Fn(BodyId) -> Option<PredictionParameters>,
     ) -> Self {
         let config = StreamTerms {
-            tolerance,
+            tolerance: request.tolerance,
+            largest_packet: request.largest_packet,
             integrator,
             publish_interval: scene::PublishSchedule::EACH_TICK.publish_interval,
             gravity: Vec3::ZERO,

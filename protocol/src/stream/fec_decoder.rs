@@ -10,7 +10,9 @@ use alloc::vec::Vec;
 
 use super::source_symbols::SourceSymbols;
 use crate::limits::{FEC_SPAN, REPAIR_SYMBOLS_KEPT};
-use crate::packet::{Datagram, RepairSymbol, add_times, inverse, source_symbol_into, times};
+use crate::packet::{
+    Datagram, LargestPacket, RepairSymbol, add_times, inverse, source_symbol_into, times,
+};
 
 /// A repair symbol minus the source symbols of received packets.
 #[derive(Clone, Debug)]
@@ -54,8 +56,9 @@ pub(crate) struct FecDecoder {
 
 impl FecDecoder {
     /// A decoder of a stream whose first packet has the number `next`.
-    pub(crate) fn new(next: u64) -> Self {
+    pub(crate) fn new(next: u64, largest_packet: LargestPacket) -> Self {
         Self {
+            source_symbols: SourceSymbols::new(largest_packet),
             end: next,
             trusted_from: next,
             ..Self::default()
@@ -318,7 +321,7 @@ mod tests {
     #[test]
     fn too_many_losses_request_no_repair_symbols() {
         let lacking = |received: u64| {
-            let mut fec_decoder = FecDecoder::new(0);
+            let mut fec_decoder = FecDecoder::new(0, LargestPacket::DEFAULT);
             (0..received).for_each(|number| fec_decoder.add_known(number, &[1]));
             // All packets but the last were refreshed.
             fec_decoder.wanted(core::iter::once(31), 32)
@@ -329,7 +332,7 @@ mod tests {
 
     #[test]
     fn repair_symbols_after_a_loss_reduce_the_request() {
-        let mut fec_decoder = FecDecoder::new(0);
+        let mut fec_decoder = FecDecoder::new(0, LargestPacket::DEFAULT);
         let source_symbols: Vec<_> = (0..9).map(|number| (number, vec![number as u8])).collect();
         let received = [0, 1, 3, 4, 6, 7, 8];
         received
@@ -354,7 +357,7 @@ mod tests {
             let mut lost: Vec<usize> = lost.iter().map(|index| index.index(source_symbols.len())).collect();
             lost.sort_unstable();
             lost.dedup();
-            let mut fec_decoder = FecDecoder::new(first);
+            let mut fec_decoder = FecDecoder::new(first, LargestPacket::DEFAULT);
             let received = |fec_decoder: &mut FecDecoder| {
                 for (place, (number, source_symbol)) in source_symbols.iter().enumerate() {
                     if !lost.contains(&place) {
@@ -415,7 +418,7 @@ mod tests {
     #[test]
     fn repair_symbols_over_different_packets_combine() {
         let source_symbols: Vec<_> = (0..8_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
-        let mut fec_decoder = FecDecoder::new(0);
+        let mut fec_decoder = FecDecoder::new(0, LargestPacket::DEFAULT);
         for place in [0, 3, 4, 7] {
             fec_decoder.add_known(source_symbols[place].0, &source_symbols[place].1);
         }
@@ -436,7 +439,7 @@ mod tests {
     #[test]
     fn a_repair_symbol_with_another_unknown_packet_does_not_reduce_the_request() {
         let source_symbols: Vec<_> = (0..8_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
-        let mut fec_decoder = FecDecoder::new(0);
+        let mut fec_decoder = FecDecoder::new(0, LargestPacket::DEFAULT);
         for place in [0, 1, 2, 4, 5] {
             fec_decoder.add_known(source_symbols[place].0, &source_symbols[place].1);
         }
@@ -460,7 +463,7 @@ mod tests {
     #[test]
     fn packets_before_the_start_are_ignored() {
         let source_symbols: Vec<_> = (0..4_u8).map(|n| (u64::from(n), vec![n + 1; 9])).collect();
-        let mut fec_decoder = FecDecoder::new(2);
+        let mut fec_decoder = FecDecoder::new(2, LargestPacket::DEFAULT);
         fec_decoder.add_known(2, &source_symbols[2].1);
         let (last, repair_symbol) = repair_symbol(0, &source_symbols);
         fec_decoder.add(last, repair_symbol);

@@ -12,7 +12,8 @@ use super::observation_history::ObservationHistory;
 use super::publisher::PublisherStatistics;
 use super::sent_packets::SentPackets;
 use crate::packet::{
-    FullPacket, FullRecord, Keyframe, Low16, RefreshRecord, RefreshWriter, StreamId, Watermark,
+    FullPacket, FullRecord, Keyframe, LargestPacket, Low16, RefreshRecord, RefreshWriter, StreamId,
+    Watermark,
 };
 
 /// The state of a body in the stream.
@@ -31,6 +32,7 @@ struct FullBody {
 #[derive(Debug)]
 pub struct FullPublisher {
     stream: StreamId,
+    largest_packet: LargestPacket,
     states: Vec<Option<FullBody>>,
     sent_packets: SentPackets,
     tick: Tick,
@@ -40,9 +42,10 @@ pub struct FullPublisher {
 impl FullPublisher {
     /// A stream without bodies.
     #[must_use]
-    pub fn new(stream: StreamId, tick: Tick) -> Self {
+    pub fn new(stream: StreamId, largest_packet: LargestPacket, tick: Tick) -> Self {
         Self {
             stream,
+            largest_packet,
             states: Vec::new(),
             sent_packets: SentPackets::default(),
             tick,
@@ -54,6 +57,12 @@ impl FullPublisher {
     #[must_use]
     pub const fn stream(&self) -> StreamId {
         self.stream
+    }
+
+    /// The largest packet that it makes.
+    #[must_use]
+    pub const fn largest_packet(&self) -> LargestPacket {
+        self.largest_packet
     }
 
     /// The number of the next packet.
@@ -154,8 +163,9 @@ impl FullPublisher {
                 });
             }
         }
-        let packets = records.len().div_ceil(FullPacket::RECORDS_MAX);
-        for (place, chunk) in records.chunks(FullPacket::RECORDS_MAX).enumerate() {
+        let fitting = FullPacket::records_within(self.largest_packet);
+        let packets = records.len().div_ceil(fitting);
+        for (place, chunk) in records.chunks(fitting).enumerate() {
             let packet = FullPacket {
                 number: Low16::of(self.sent_packets.next()),
                 tick: Low16::of(tick.value()),
@@ -187,7 +197,7 @@ impl FullPublisher {
     /// The datagrams with the present states of the bodies in a lost packet; `None` for a packet that is too old.
     #[must_use]
     pub fn refresh(&self, number: u64, scene_events: u64) -> Option<Vec<Bytes>> {
-        let mut writer = RefreshWriter::default();
+        let mut writer = RefreshWriter::within(self.largest_packet);
         for &index in self.sent_packets.bodies(number)? {
             if let Some(Some(state)) = self.states.get(index as usize) {
                 let keyframe = Keyframe::of(&self.track(state));

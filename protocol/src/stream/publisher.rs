@@ -38,7 +38,8 @@ use super::tracks::{PredictionParameters, Slot, Tracks};
 use super::watermark::second;
 use crate::capacity::push;
 use crate::packet::{
-    Age, Checksums, ErrorScale, Keyframe, Low16, StreamId, Update, UpdatePayload, Watermark,
+    Age, Checksums, ErrorScale, Keyframe, LargestPacket, Low16, StreamId, Update, UpdatePayload,
+    Watermark,
 };
 use budget_state::BudgetState;
 pub use budget_state::OverBudget;
@@ -74,6 +75,8 @@ pub struct StreamTerms {
     pub publish_interval: NonZeroU32,
     /// The present gravity, m/s², world frame.
     pub gravity: Vec3,
+    /// The largest packet that the publisher makes.
+    pub largest_packet: LargestPacket,
     /// The features that the publisher may use.
     pub features: Features,
 }
@@ -84,6 +87,7 @@ impl StreamTerms {
     pub const fn start(&self, stream: StreamId, tick: Tick) -> StreamStart {
         StreamStart {
             stream,
+            largest_packet: self.largest_packet,
             tolerance: self.tolerance,
             integrator: self.integrator,
             publish_interval: self.publish_interval,
@@ -101,6 +105,7 @@ pub struct Publisher {
     stream: StreamId,
     tracks: Tracks,
     features: Features,
+    largest_packet: LargestPacket,
     sent_packets: SentPackets,
     repair_symbols: FecEncoder,
     tick: Tick,
@@ -134,6 +139,7 @@ impl Publisher {
                 config.gravity,
             ),
             features: config.features,
+            largest_packet: config.largest_packet,
             sent_packets: SentPackets::default(),
             repair_symbols: FecEncoder::default(),
             tick,
@@ -156,6 +162,12 @@ impl Publisher {
     #[must_use]
     pub const fn stream(&self) -> StreamId {
         self.stream
+    }
+
+    /// The largest packet that it makes.
+    #[must_use]
+    pub const fn largest_packet(&self) -> LargestPacket {
+        self.largest_packet
     }
 
     /// The tolerance of a body with the usual scale.

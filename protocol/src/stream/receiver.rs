@@ -129,7 +129,9 @@ impl StreamReceiver {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::packet::{Datagram, LossReport, Low16, PacketKind, StreamId, Watermark};
+    use crate::packet::{
+        Datagram, LargestPacket, LossReport, Low16, PacketKind, StreamId, Watermark,
+    };
     use crate::stream::start::StreamStart;
     use core::num::NonZeroU32;
     use glam::Vec3;
@@ -151,6 +153,7 @@ mod tests {
                 substeps: NonZeroU32::MIN,
             },
             publish_interval: NonZeroU32::MIN,
+            largest_packet: LargestPacket::DEFAULT,
             gravity: Vec3::ZERO,
             tick: Tick::ZERO,
             next: 0,

@@ -23,7 +23,7 @@ use super::publisher::{Publisher, PublisherStatistics, StreamTerms};
 use super::tracks::PredictionParameters;
 use super::watermark::{Silence, WatermarkPolicy};
 use crate::limits::HISTORY_PACKETS;
-use crate::packet::{Datagram, LossReport, PacketKind, StreamId};
+use crate::packet::{Datagram, LargestPacket, LossReport, PacketKind, StreamId};
 use crate::time::{Instant, Span};
 
 /// A subscriber that reports a loss.
@@ -90,8 +90,14 @@ impl StreamSender {
 
     /// The sender of a full stream without bodies, for one listener.
     #[must_use]
-    pub fn full(stream: StreamId, policy: WatermarkPolicy, tick: Tick) -> Self {
-        Self::new(Source::Full(FullPublisher::new(stream, tick)), policy, tick)
+    pub fn full(
+        stream: StreamId,
+        largest_packet: LargestPacket,
+        policy: WatermarkPolicy,
+        tick: Tick,
+    ) -> Self {
+        let publisher = FullPublisher::new(stream, largest_packet, tick);
+        Self::new(Source::Full(publisher), policy, tick)
     }
 
     fn new(source: Source, policy: WatermarkPolicy, tick: Tick) -> Self {
@@ -294,6 +300,12 @@ impl StreamSender {
         with_publisher!(&self.source, publisher => publisher.stream())
     }
 
+    /// The largest packet that it makes.
+    #[must_use]
+    pub fn largest_packet(&self) -> LargestPacket {
+        with_publisher!(&self.source, publisher => publisher.largest_packet())
+    }
+
     /// The tick up to which everything is published.
     #[must_use]
     pub fn tick(&self) -> Tick {
@@ -393,6 +405,7 @@ mod tests {
                 substeps: NonZeroU32::MIN,
             },
             publish_interval: NonZeroU32::MIN,
+            largest_packet: LargestPacket::DEFAULT,
             gravity: Vec3::ZERO,
             features: Features::ALL,
         };

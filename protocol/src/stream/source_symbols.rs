@@ -5,11 +5,13 @@
 
 use alloc::vec::Vec;
 
-use crate::limits::{DATAGRAM_BYTES_MAX, FEC_SPAN};
+use crate::limits::FEC_SPAN;
+use crate::packet::LargestPacket;
 
 /// Source symbols by number.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SourceSymbols {
+    largest_packet: LargestPacket,
     /// Empty until the first symbol is kept; then one slot for each number of the span.
     places: Vec<SymbolSlot>,
 }
@@ -22,6 +24,14 @@ struct SymbolSlot {
 }
 
 impl SourceSymbols {
+    /// No symbols yet, of a stream with packets of at most this size.
+    pub(crate) fn new(largest_packet: LargestPacket) -> Self {
+        Self {
+            largest_packet,
+            places: Vec::new(),
+        }
+    }
+
     /// Keeps the source symbol of a packet.
     pub(crate) fn keep(&mut self, number: u64, source_symbol: &[u8]) {
         if self.places.is_empty() {
@@ -31,7 +41,8 @@ impl SourceSymbols {
         place.number = Some(number);
         place.source_symbol.clear();
         // Reserves the longest symbol at once, so that a longer one never reallocates.
-        place.source_symbol.reserve_exact(DATAGRAM_BYTES_MAX);
+        let longest = self.largest_packet.bytes();
+        place.source_symbol.reserve_exact(longest);
         place.source_symbol.extend_from_slice(source_symbol);
     }
 

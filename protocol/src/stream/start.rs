@@ -7,13 +7,15 @@ use core::num::NonZeroU32;
 use glam::Vec3;
 use rhumb_reckoning::{Integrator, Tick, Tolerance};
 
-use crate::packet::StreamId;
+use crate::packet::{LargestPacket, StreamId};
 
 /// The start of a subscriber, sent by the server when a member joins or changes its stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StreamStart {
     /// The id of the stream.
     pub stream: StreamId,
+    /// The largest packet that the publisher makes. A larger one is malformed.
+    pub largest_packet: LargestPacket,
     /// The tolerance of a body with the usual scale.
     pub tolerance: Tolerance,
     /// The integrator and rate of the scene.

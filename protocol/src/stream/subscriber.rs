@@ -26,12 +26,13 @@ use super::statistics::SubscriberStatistics;
 use super::tracks::{PredictionParameters, Slot, Tracks};
 use crate::capacity::{grow_to, push};
 use crate::limits::INDICES_MAX;
-use crate::packet::{Datagram, Head, LossReport, Low16, StreamId, Update};
+use crate::packet::{Datagram, Head, LargestPacket, LossReport, Low16, StreamId, Update};
 
 /// The subscriber of one stream.
 #[derive(Clone, Debug)]
 pub struct Subscriber {
     stream: StreamId,
+    largest_packet: LargestPacket,
     tracks: Tracks,
     /// The tick of the snapshot.
     start: Tick,
@@ -77,6 +78,7 @@ impl Subscriber {
     pub fn new(start: &StreamStart) -> Self {
         Self {
             stream: start.stream,
+            largest_packet: start.largest_packet,
             tracks: Tracks::new(
                 start.tolerance,
                 start.integrator,
@@ -89,7 +91,7 @@ impl Subscriber {
             previous_tracks: PreviousTracks::default(),
             known_from: Tick::ZERO,
             gaps: PacketGaps::new(start.next),
-            fec_decoder: FecDecoder::new(start.next),
+            fec_decoder: FecDecoder::new(start.next, start.largest_packet),
             scene_events: start.scene_events,
             deferred: VecDeque::new(),
             attached_indices: Vec::new(),

@@ -8,7 +8,7 @@ use std::num::NonZeroU32;
 
 use glam::{DVec3, Vec3};
 use proptest::prelude::*;
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
@@ -84,6 +84,7 @@ impl AccelerationLink {
             tolerance,
             integrator: INTEGRATOR,
             publish_interval: publish_schedule.publish_interval,
+            largest_packet: LargestPacket::DEFAULT,
             gravity: Vec3::ZERO,
             features,
         };

@@ -7,7 +7,7 @@ use std::num::NonZeroU32;
 
 use glam::Vec3;
 use rhumb_protocol::message::{Extensions, Joined, ServerMessage, StreamChoice, Welcome};
-use rhumb_protocol::packet::{Low16, StreamId, Watermark};
+use rhumb_protocol::packet::{LargestPacket, Low16, StreamId, Watermark};
 use rhumb_protocol::scene::{IdRange, Material, PublishSchedule, SceneConfig, Stepping};
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::stream::StreamStart;
@@ -46,6 +46,7 @@ fn member(now: Instant) -> ClientSession {
         tolerance: choice.tolerance(),
         integrator: TERMS.integrator,
         publish_interval: NonZeroU32::MIN,
+        largest_packet: LargestPacket::DEFAULT,
         gravity: TERMS.gravity,
         tick: Tick::ZERO,
         next: 0,

@@ -5,7 +5,9 @@
 
 use glam::Vec3;
 use proptest::prelude::*;
-use rhumb_protocol::packet::{Age, PredictionMode, StreamId, Update, UpdatePayload, UpdateWriter};
+use rhumb_protocol::packet::{
+    Age, LargestPacket, PredictionMode, StreamId, Update, UpdatePayload, UpdateWriter,
+};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{PredictionParameters, StreamStart, Subscriber};
 use rhumb_reckoning::{
@@ -49,6 +51,7 @@ fn listener() -> Subscriber {
             substeps: std::num::NonZeroU32::MIN,
         },
         publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+        largest_packet: LargestPacket::DEFAULT,
         gravity: Vec3::new(0.0, -9.8, 0.0),
         tick: Tick::ZERO,
         next: 0,

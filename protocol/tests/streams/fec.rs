@@ -6,7 +6,7 @@
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_protocol::limits::REPAIR_SYMBOLS_KEPT;
-use rhumb_protocol::packet::{Head, Low16, PacketKind, RepairSymbol, StreamId};
+use rhumb_protocol::packet::{Head, LargestPacket, Low16, PacketKind, RepairSymbol, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
@@ -54,6 +54,7 @@ impl FecLink {
             tolerance,
             integrator,
             publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+            largest_packet: LargestPacket::DEFAULT,
             gravity,
             features,
         };

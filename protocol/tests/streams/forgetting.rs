@@ -6,7 +6,7 @@
 use bytes::Bytes;
 use glam::Vec3;
 use proptest::prelude::*;
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
@@ -46,6 +46,7 @@ fn ends() -> (Publisher, Subscriber) {
         tolerance,
         integrator,
         publish_interval,
+        largest_packet: LargestPacket::DEFAULT,
         gravity,
         features: Features::ALL,
     };

@@ -10,7 +10,7 @@ use rhumb_protocol::message::{
     ClientMessage, Denial, Extension, Extensions, Frames, Joined, SceneEvent, ServerMessage,
     StreamChoice, VERSIONS, Welcome, frame, is_no_version,
 };
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{
     CommandError, IdRange, Material, PublishSchedule, SceneConfig, Stepping,
 };
@@ -62,6 +62,7 @@ fn joined(extensions: Extensions) -> ServerMessage {
         tolerance: choice.tolerance(),
         integrator: config().integrator,
         publish_interval: config().publish_schedule.publish_interval,
+        largest_packet: LargestPacket::DEFAULT,
         gravity: Vec3::NEG_Y,
         tick: Tick::ZERO,
         next: 0,

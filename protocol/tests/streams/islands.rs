@@ -5,7 +5,7 @@
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
@@ -60,6 +60,7 @@ impl StackLink {
             tolerance,
             integrator,
             publish_interval,
+            largest_packet: LargestPacket::DEFAULT,
             gravity: Vec3::ZERO,
             features: Features::ALL,
         };

@@ -4,7 +4,7 @@ use core::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
@@ -34,6 +34,7 @@ fn publisher(bodies: u32) -> Publisher {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::new(4).expect("four is not zero"),
         },
+        largest_packet: LargestPacket::DEFAULT,
         gravity: Vec3::NEG_Y,
         features: Features::ALL,
     };

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use bytes::Bytes;
 use glam::{DQuat, DVec3, Vec3};
 use proptest::prelude::*;
-use rhumb_protocol::packet::{Head, PacketKind, RepairSymbol, StreamId};
+use rhumb_protocol::packet::{Head, LargestPacket, PacketKind, RepairSymbol, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, ErrorBound, Features, Observation, ObservationHistory, PredictionParameters,
@@ -142,6 +142,7 @@ impl LossyLink {
             tolerance,
             integrator: integrator(),
             publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+            largest_packet: LargestPacket::DEFAULT,
             gravity: GRAVITY,
             features: Features::ALL,
         };

@@ -96,7 +96,7 @@ impl SceneRunner {
         let scene = &self.scene;
         let integrator = scene.config().integrator;
         let parameters = |id| body_placement::parameters(scene, id);
-        let receiver = UpstreamReceiver::new(&authority, request.tolerance, integrator, parameters);
+        let receiver = UpstreamReceiver::new(&authority, request, integrator, parameters);
         self.authority_table.begin(peer, receiver);
         for (id, motion) in &authority.bodies {
             // Earlier commands to the body that are not carried out yet are void.

@@ -82,7 +82,7 @@ impl SceneRunner {
         let member = self
             .members
             .get_mut(&peer)
-            .filter(|member| member.snapshot_request.is_none());
+            .filter(|member| member.snapshot_request.is_none() && out.may_snapshot(peer));
         let Some(decision) = member.and_then(|member| member.link.decide(now, report, present))
         else {
             return;

@@ -2,6 +2,8 @@
 //!
 //! One executable holds all tests: each further one would link the engine again.
 
+mod attacks;
+mod front;
 mod order;
 mod refusals;
 mod sheets;

@@ -8,7 +8,7 @@ use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::{DQuat, DVec3, Vec3};
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Budget, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
@@ -130,6 +130,7 @@ impl Source {
             publish_interval: PublishSchedule::EACH_TICK.publish_interval,
             tolerance,
             integrator: integrator(),
+            largest_packet: LargestPacket::DEFAULT,
             gravity,
             features: Features::ALL,
         };
@@ -157,6 +158,7 @@ impl Source {
             tolerance: self.publisher.tolerance(),
             integrator: integrator(),
             publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+            largest_packet: LargestPacket::DEFAULT,
             gravity: self.gravity,
             tick: self.tick,
             next: self.publisher.next_number(),

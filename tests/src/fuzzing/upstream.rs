@@ -8,8 +8,8 @@ use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_protocol::message::AuthorityGrant;
-use rhumb_protocol::packet::{Datagram, LossReport, PacketKind};
+use rhumb_protocol::message::{AuthorityGrant, TakeAuthority};
+use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, PacketKind};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::session::UpstreamReceiver;
 use rhumb_protocol::stream::{
@@ -117,6 +117,7 @@ impl FuzzedUpstream {
             publish_interval: PublishSchedule::EACH_TICK.publish_interval,
             tolerance,
             integrator,
+            largest_packet: LargestPacket::DEFAULT,
             gravity: Vec3::ZERO,
             features: Features {
                 ballistic: false,
@@ -139,13 +140,18 @@ impl FuzzedUpstream {
                 })
                 .collect(),
         };
+        let request = TakeAuthority {
+            tolerance,
+            largest_packet: config.largest_packet,
+            bodies: grant.bodies.iter().map(|(id, _)| *id).collect(),
+        };
         let mut publisher = Publisher::new(STREAM, &config, Tick::ZERO);
         for (index, (_, motion)) in grant.bodies.iter().enumerate() {
             let id = BodyId::new(index as u32, 0);
             assert!(publisher.place(id, &PARAMETERS, grant.first_track(*motion)));
         }
         Self {
-            receiver: UpstreamReceiver::new(&grant, tolerance, integrator, |_| Some(PARAMETERS)),
+            receiver: UpstreamReceiver::new(&grant, &request, integrator, |_| Some(PARAMETERS)),
             publisher,
             observation_history: ObservationHistory::new(PublishSchedule::EACH_TICK),
             places,

@@ -57,42 +57,58 @@ fn choosing(cases: &mut CaseList) {
         cases.add(3, format!("Join, {word}"), &[&choice]);
         cases.add(12, format!("Subscribe, {word}"), &[&choice]);
         if choice != [1] {
-            cases.add(14, format!("TakeAuthority none, {word}"), &[&choice, &[0]]);
+            let size = v(1_100);
+            cases.add(
+                14,
+                format!("TakeAuthority none, {word}"),
+                &[&choice, &size, &[0]],
+            );
             let (one, other) = (id(3, 0), id(300, 2));
             cases.add(
                 14,
                 format!("TakeAuthority two, {word}"),
-                &[&choice, &[2], &one, &other],
+                &[&choice, &size, &[2], &one, &other],
             );
             let later = id(3, 1);
             cases.add(
                 14,
                 format!("TakeAuthority by generation, {word}"),
-                &[&choice, &[2], &one, &later],
+                &[&choice, &size, &[2], &one, &later],
             );
             cases.add(
                 14,
                 format!("TakeAuthority one twice, {word}"),
-                &[&choice, &[2], &one, &one],
+                &[&choice, &size, &[2], &one, &one],
             );
             cases.add(
                 14,
                 format!("TakeAuthority in falling order, {word}"),
-                &[&choice, &[2], &other, &one],
+                &[&choice, &size, &[2], &other, &one],
             );
         }
     }
-    cases.add(14, "TakeAuthority by a full stream", &[&[1, 0]]);
+    cases.add(
+        14,
+        "TakeAuthority by a full stream",
+        &[&[1], &v(1_100), &[0]],
+    );
+    for size in [699, 700, 1_150, 1_151] {
+        cases.add(
+            14,
+            format!("TakeAuthority, packets of at most {size} bytes"),
+            &[&choices()[0].1, &v(size), &[0]],
+        );
+    }
     let all: Vec<u8> = (0..256).flat_map(|index| id(index, 0)).collect();
     cases.add(
         14,
         "TakeAuthority the most",
-        &[&choices()[0].1, &v(256), &all],
+        &[&choices()[0].1, &v(1_100), &v(256), &all],
     );
     cases.add(
         14,
         "TakeAuthority one more than the most",
-        &[&choices()[0].1, &v(257), &all, &id(256, 0)],
+        &[&choices()[0].1, &v(1_100), &v(257), &all, &id(256, 0)],
     );
 }
 

@@ -23,9 +23,11 @@ pub(super) fn cases() -> Vec<MessageCase> {
     ] {
         cases.add(kind, name, &[]);
     }
-    for (word, choice) in choices() {
+    let sizes = [1_100; 5].into_iter().chain([699, 700, 1_150, 1_151]);
+    for (size, (word, choice)) in sizes.zip(choices().into_iter().cycle()) {
         let start = [
             v(5),
+            v(size),
             f(&[0.0, -9.81, 0.0]),
             v(300),
             v(70_000),
@@ -36,7 +38,12 @@ pub(super) fn cases() -> Vec<MessageCase> {
         ];
         let (config, more) = (config(0, false), extensions(&[]));
         let parts = [&choice[..], &config, &start.concat(), &more].concat();
-        cases.add(3, format!("Joined, {word}"), &[&parts]);
+        let bytes = if size == 1_100 {
+            String::new()
+        } else {
+            format!(", packets of at most {size} bytes")
+        };
+        cases.add(3, format!("Joined, {word}{bytes}"), &[&parts]);
     }
     for (first, count) in [
         (0, 4_096),

@@ -9,7 +9,7 @@ use glam::{EulerRot, Quat, Vec3};
 use rhumb_netsim::{Direction, Lane};
 use rhumb_protocol::Span;
 use rhumb_protocol::message::{Inspection, StreamChoice};
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
     Activity, Budget, ErrorBound, Features, Observation, ObservationHistory, PredictionParameters,
@@ -167,6 +167,7 @@ impl CappedStream {
                 substeps: NonZeroU32::MIN,
             },
             publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+            largest_packet: LargestPacket::DEFAULT,
             gravity: Vec3::ZERO,
             features: Features::ALL,
         };

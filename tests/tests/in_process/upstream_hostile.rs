@@ -9,8 +9,8 @@ use rhumb_protocol::message::{
     AuthorityError, AuthorityGrant, ClientMessage, ServerMessage, StreamChoice, TakeAuthority,
 };
 use rhumb_protocol::packet::{
-    Keyframe, Low16, RefreshRecord, RefreshWriter, StreamId, Update, UpdatePayload, UpdateWriter,
-    Watermark,
+    Keyframe, LargestPacket, Low16, RefreshRecord, RefreshWriter, StreamId, Update, UpdatePayload,
+    UpdateWriter, Watermark,
 };
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, ShapeId, Stepping};
 use rhumb_protocol::session::Event;
@@ -154,6 +154,7 @@ impl Scene {
 fn take_authority(raw_peer: &mut RawPeer, table: &mut Table, body: BodyId) -> AuthorityGrant {
     let drive = TakeAuthority {
         tolerance: Tolerance::NORMAL,
+        largest_packet: LargestPacket::DEFAULT,
         bodies: vec![body],
     };
     let received = raw_peer.send(table, &ClientMessage::TakeAuthority(drive));
@@ -376,6 +377,7 @@ fn authority_requests_cost_only_their_answers() {
     assert!((own.x - 30.0).abs() < 0.06, "it is at {own}");
     let foreign = TakeAuthority {
         tolerance: Tolerance::NORMAL,
+        largest_packet: LargestPacket::DEFAULT,
         bodies: vec![Avatars::id(0), scene.own],
     };
     for _ in 0..2_000 {

@@ -85,7 +85,7 @@ fn limits_in_code() -> BTreeMap<&'static str, f64> {
         };
     }
     limits! {
-        DATAGRAM_BYTES_MAX UPDATES_PER_PACKET_MAX MESSAGE_BYTES_MAX LONG_MESSAGE_BYTES_MAX
+        DATAGRAM_BYTES_MAX LARGEST_PACKET_MIN UPDATES_PER_PACKET_MAX MESSAGE_BYTES_MAX LONG_MESSAGE_BYTES_MAX
         SCENE_NAME_BYTES_MAX VERSIONS_MAX BUDGET_MIN BUDGET_MAX BUDGET_BURST_MAX
         EXTENSIONS_MAX EXTENSION_BYTES_MAX BODIES_MAX INDICES_MAX SHAPES_MAX JOINTS_MAX
         STREAMS_PER_SCENE_MAX SCENES_MAX MEMBERS_PER_SCENE_MAX DAMPINGS_MAX AUTHORITY_BODIES_MAX UPSTREAM_WATERMARK_MS
@@ -153,6 +153,9 @@ fn codes_are_the_same_in_code_and_table() {
         ("VERSION", CloseCode::VERSION),
         ("LIMIT", CloseCode::LIMIT),
         ("EXTENSION", CloseCode::EXTENSION),
+        ("SCENE_PARKED", CloseCode::SCENE_PARKED),
+        ("BUSY", CloseCode::BUSY),
+        ("HELLO_LATE", CloseCode::HELLO_LATE),
     ] {
         let codes = table["close codes"].as_array().expect("codes are listed");
         let row = codes.iter().find(|row| row["name"] == name);

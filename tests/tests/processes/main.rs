@@ -8,6 +8,7 @@ mod app_process;
 mod authority_quic;
 mod body_ids;
 mod examples;
+mod hostile_load;
 mod public_client;
 mod tier_policy_quic;
 

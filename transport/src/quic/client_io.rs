@@ -77,7 +77,7 @@ pub(super) async fn run(
     } = carried;
     let ending = tokio::join!(
         closing.ended(),
-        writer.run(&closing, &mut send),
+        writer.run(&closing, &mut send, || ()),
         read_control(recv, &closing, &inbox),
         read_state(&connection, &inbox),
     )

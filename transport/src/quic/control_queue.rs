@@ -3,7 +3,7 @@
 //! Neither cuts nor interprets the bytes. Order is kept; accepted bytes are not dropped while the connection lives.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
 use bytes::Bytes;
 use quinn::{SendStream, WriteError};
@@ -19,14 +19,25 @@ use crate::piece::PIECE_COST_BYTES;
 #[derive(Debug)]
 pub(super) struct ControlSender {
     commands: mpsc::UnboundedSender<ControlCommand>,
-    waiting_bytes: Arc<AtomicUsize>,
+    progress: Arc<Progress>,
 }
 
 /// The reading end, which the I/O thread empties.
 #[derive(Debug)]
 pub(super) struct ControlWriter {
     commands: mpsc::UnboundedReceiver<ControlCommand>,
-    waiting_bytes: Arc<AtomicUsize>,
+    progress: Arc<Progress>,
+}
+
+/// What both ends know of the queue.
+#[derive(Debug, Default)]
+struct Progress {
+    /// Cost of the queued pieces.
+    waiting_bytes: AtomicUsize,
+    /// Bytes that the connection has taken so far.
+    taken_bytes: AtomicU64,
+    /// Whether the sender wants to hear when the queue is empty.
+    empty_wanted: AtomicBool,
 }
 
 /// Error: the queue has reached its bound.
@@ -42,15 +53,15 @@ enum ControlCommand {
 /// Both ends of an empty queue.
 pub(super) fn control_queue() -> (ControlSender, ControlWriter) {
     let (sender, receiver) = mpsc::unbounded_channel();
-    let waiting_bytes = Arc::new(AtomicUsize::new(0));
+    let progress = Arc::new(Progress::default());
     let writer = ControlWriter {
         commands: receiver,
-        waiting_bytes: Arc::clone(&waiting_bytes),
+        progress: Arc::clone(&progress),
     };
     (
         ControlSender {
             commands: sender,
-            waiting_bytes,
+            progress,
         },
         writer,
     )
@@ -64,13 +75,27 @@ impl ControlSender {
     /// The queue has reached its bound: the bytes are not taken and the connection cannot be used any more.
     pub(super) fn send(&self, bytes: Bytes) -> Result<(), ControlQueueOverflow> {
         let cost = bytes.len() + PIECE_COST_BYTES;
-        let waiting = self.waiting_bytes.fetch_add(cost, Ordering::Relaxed);
+        let waiting = self
+            .progress
+            .waiting_bytes
+            .fetch_add(cost, Ordering::SeqCst);
         if waiting + cost > CONTROL_QUEUE_BYTES {
             return Err(ControlQueueOverflow);
         }
         // Without a writer the connection has ended; its end is reported separately.
         let _ = self.commands.send(ControlCommand::Send(bytes));
         Ok(())
+    }
+
+    /// Bytes that the connection has taken so far.
+    pub(super) fn taken_bytes(&self) -> u64 {
+        self.progress.taken_bytes.load(Ordering::SeqCst)
+    }
+
+    /// Has the writer say once that the queue is empty; returns whether it is so already.
+    pub(super) fn is_empty_or_tell(&self) -> bool {
+        self.progress.empty_wanted.store(true, Ordering::SeqCst);
+        self.progress.waiting_bytes.load(Ordering::SeqCst) == 0
     }
 
     /// Ends the connection with `code`, once the queued bytes have arrived or after a short wait.
@@ -83,14 +108,19 @@ impl ControlSender {
 impl ControlWriter {
     /// Writes queued bytes until the connection ends, or ends it on request.
     ///
-    /// A peer that does not read delays the end by `FLUSH` at most.
-    pub(super) async fn run(&mut self, closing: &Closing, stream: &mut SendStream) {
+    /// `on_empty` is called when the queue is empty, if the sender asked for it. A peer that does not read delays the end by `FLUSH` at most.
+    pub(super) async fn run(
+        &mut self,
+        closing: &Closing,
+        stream: &mut SendStream,
+        on_empty: impl Fn(),
+    ) {
         let late = async {
             closing.flush_requested().await;
             sleep(FLUSH).await;
         };
         tokio::select! {
-            written = self.write(closing, stream) => match written {
+            written = self.write(closing, stream, on_empty) => match written {
                 Ok(()) => closing.finish(),
                 Err(_) => closing.now(TransportCode::NO_CONTROL_STREAM.0),
             },
@@ -104,13 +134,22 @@ impl ControlWriter {
         &mut self,
         closing: &Closing,
         stream: &mut SendStream,
+        on_empty: impl Fn(),
     ) -> Result<(), WriteError> {
         loop {
             match self.commands.recv().await {
                 Some(ControlCommand::Send(bytes)) => {
-                    let cost = bytes.len() + PIECE_COST_BYTES;
+                    let length = bytes.len();
+                    let cost = length + PIECE_COST_BYTES;
                     stream.write_chunk(bytes).await?;
-                    self.waiting_bytes.fetch_sub(cost, Ordering::Relaxed);
+                    let progress = &self.progress;
+                    progress
+                        .taken_bytes
+                        .fetch_add(length as u64, Ordering::SeqCst);
+                    let before = progress.waiting_bytes.fetch_sub(cost, Ordering::SeqCst);
+                    if before == cost && progress.empty_wanted.swap(false, Ordering::SeqCst) {
+                        on_empty();
+                    }
                 }
                 Some(ControlCommand::Finish) => break,
                 None => {

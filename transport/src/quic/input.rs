@@ -18,12 +18,14 @@ pub(crate) enum Input {
     Opened { peer: Peer, handles: PeerHandles },
     /// Bytes of a control stream.
     Control { peer: Peer, piece: Piece },
+    /// The connection has taken all control bytes that were handed over.
+    ControlTaken { peer: Peer },
+    /// The endpoint has something to transmit.
+    Wake,
     /// A datagram.
     State { peer: Peer, piece: Piece },
     /// A connection has ended; its last input.
     Ended { peer: Peer, ending: Ending },
-    /// Another listener of the thread has input.
-    Wake,
     /// The server must stop.
     Stop,
     /// The I/O thread has ended; the last input.

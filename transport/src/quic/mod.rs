@@ -3,6 +3,7 @@
 //! No bytes are interpreted here. Each end has a thread of its own for the sockets; the queues between that thread and
 //! its caller are bounded lane by lane.
 
+mod addresses;
 mod certificate;
 mod client;
 mod client_io;

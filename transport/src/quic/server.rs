@@ -44,6 +44,7 @@ pub struct QuicServer {
     fingerprint: Fingerprint,
     inputs: mpsc::Receiver<Input>,
     wake: mpsc::Sender<Input>,
+    waker: Waker,
     watch: ServerWatch,
     io: IoThread,
 }
@@ -116,6 +117,7 @@ impl QuicServer {
             local_addr,
             fingerprint: certificate.fingerprint(),
             inputs,
+            waker: Waker::new(wake.clone()),
             wake,
             watch,
             io: IoThread {
@@ -143,10 +145,10 @@ impl QuicServer {
         self.watch.clone()
     }
 
-    /// Wakes the thread of this server once it runs.
+    /// Wakes the thread that runs the server, from other threads that the endpoint has.
     #[must_use]
     pub fn waker(&self) -> Waker {
-        Waker(self.wake.clone())
+        self.waker.clone()
     }
 
     /// Feeds and drains `endpoint` on the calling thread until `stop` is requested.
@@ -165,26 +167,12 @@ impl QuicServer {
         endpoint: &mut E,
         stop: &Stop,
     ) -> Result<ServerStatistics, ServeError> {
-        self.run_with(endpoint, stop, |_| {})
-    }
-
-    /// As [`run`](Self::run). `serve_others` passes the endpoint the input of other listeners; it is called after each
-    /// [`Waker::wake`].
-    ///
-    /// # Errors
-    ///
-    /// [`ServeError`] if the I/O thread has ended.
-    pub fn run_with<E: Endpoint>(
-        self,
-        endpoint: &mut E,
-        stop: &Stop,
-        serve_others: impl FnMut(&mut E),
-    ) -> Result<ServerStatistics, ServeError> {
         let wake = self.wake.clone();
         // If the server loop has ended, there is nothing to wake.
         stop.on_stop(move || drop(wake.send(Input::Stop)));
-        let mut server_loop = EndpointLoop::new(self.inputs, self.watch.clone());
-        let outcome = server_loop.run(endpoint, serve_others);
+        let mut server_loop =
+            EndpointLoop::new(self.inputs, self.waker.clone(), self.watch.clone());
+        let outcome = server_loop.run(endpoint);
         server_loop.close_all();
         drop(self.io);
         outcome.map(|()| self.watch.statistics())

@@ -12,6 +12,7 @@ use rhumb_protocol::Peer;
 use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
+use super::addresses::Addresses;
 use super::closing::Closing;
 use super::code::TransportCode;
 use super::control_queue::{ControlWriter, control_queue};
@@ -31,6 +32,7 @@ pub(super) async fn accept(
     mut ended: oneshot::Receiver<()>,
 ) {
     let handshakes = Arc::new(AtomicUsize::new(0));
+    let addresses = Addresses::default();
     let mut peers = 0;
     loop {
         let incoming = tokio::select! {
@@ -38,6 +40,11 @@ pub(super) async fn accept(
             _ = &mut ended => break,
         };
         let Some(incoming) = incoming else { break };
+        let Some(place) = addresses.take(incoming.remote_address().ip()) else {
+            watch.count(|counters| &counters.refused);
+            incoming.refuse();
+            continue;
+        };
         let Some(connecting) = admit(&endpoint, incoming, &handshakes, &watch) else {
             continue;
         };
@@ -53,6 +60,7 @@ pub(super) async fn accept(
                 Ok(Err(cause)) => tracing::debug!(peer = peer.0, %cause, "handshake failed"),
                 Err(_) => tracing::debug!(peer = peer.0, "handshake took too long"),
             }
+            drop(place);
         });
     }
     endpoint.close(VarInt::from_u32(TransportCode::GOING_AWAY.0), b"");
@@ -134,7 +142,10 @@ async fn carry_control(
     match opened {
         Ok(Ok((mut send, recv))) => {
             tokio::join!(
-                writer.run(closing, &mut send),
+                writer.run(closing, &mut send, || {
+                    // If the server thread has ended, this thread ends soon too.
+                    let _ = inputs.send(Input::ControlTaken { peer });
+                }),
                 read_control(peer, inputs, closing, recv)
             );
         }

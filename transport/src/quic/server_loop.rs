@@ -2,7 +2,7 @@
 //!
 //! Touches no socket: the I/O thread drives the connections. It sleeps whenever there is nothing to do.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::thread;
@@ -14,10 +14,12 @@ use rhumb_protocol::{Endpoint, Peer, Span, Transmit};
 
 use super::code::TransportCode;
 use super::input::{Input, PeerHandles};
-use super::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
+use super::tuning::{CLOSE_LEAVES, CONTROL_REPORT_BYTES, DATAGRAM_SEND_BYTES};
+use super::waker::Waker;
 use super::watch::ServerWatch;
 use crate::clock::Clock;
 use crate::link_meter::LinkMeter;
+use crate::piece::Piece;
 
 /// Reason why a server stopped by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,7 +33,10 @@ pub enum ServeError {
 pub(super) struct EndpointLoop {
     clock: Clock,
     inputs: Receiver<Input>,
+    waker: Waker,
     peers: BTreeMap<Peer, OpenConnection>,
+    /// Connections whose control bytes the endpoint does not want yet.
+    held_back: BTreeSet<Peer>,
     /// Datagrams of the present drain: they leave after its control bytes, so that both can share a packet.
     states: Vec<(Peer, Bytes)>,
     watch: ServerWatch,
@@ -44,6 +49,12 @@ struct OpenConnection {
     link_meter: LinkMeter,
     /// Bytes of all datagrams handed over.
     handed_bytes: u64,
+    /// Control bytes handed over, and those of them that the endpoint knows the connection to have taken.
+    control_handed: u64,
+    control_reported: u64,
+    /// Received control bytes that the endpoint does not want yet. They keep their share of the bound, so that flow
+    /// control slows the peer down.
+    held_back: VecDeque<Piece>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,26 +75,26 @@ enum LoopControl {
 const INPUTS_PER_TURN: usize = 256;
 
 impl EndpointLoop {
-    pub(super) fn new(inputs: Receiver<Input>, watch: ServerWatch) -> Self {
+    pub(super) fn new(inputs: Receiver<Input>, waker: Waker, watch: ServerWatch) -> Self {
         Self {
             clock: Clock::start(),
             inputs,
+            waker,
             peers: BTreeMap::new(),
+            held_back: BTreeSet::new(),
             states: Vec::new(),
             watch,
         }
     }
 
     /// Runs until stopped.
-    pub(super) fn run<E: Endpoint>(
-        &mut self,
-        endpoint: &mut E,
-        mut serve_others: impl FnMut(&mut E),
-    ) -> Result<(), ServeError> {
+    pub(super) fn run<E: Endpoint>(&mut self, endpoint: &mut E) -> Result<(), ServeError> {
         loop {
             self.report(endpoint);
-            serve_others(endpoint);
             self.drain(endpoint);
+            while self.hand_on(endpoint) {
+                self.drain(endpoint);
+            }
             if self.wait(endpoint)? == LoopControl::Stop {
                 return Ok(());
             }
@@ -146,29 +157,84 @@ impl EndpointLoop {
                         connection_state: ConnectionState::Open,
                         link_meter: LinkMeter::new(now),
                         handed_bytes: 0,
+                        control_handed: 0,
+                        control_reported: 0,
+                        held_back: VecDeque::new(),
                     },
                 );
                 endpoint.handle_opened(now, peer);
+                endpoint.handle_control_taken(now, peer, 0);
             }
-            Input::Control { peer, piece } => {
-                if self.is_open(peer) {
-                    endpoint.handle_control(now, peer, &piece.bytes);
-                }
-            }
+            Input::Control { peer, piece } => self.handle_control(endpoint, peer, piece),
+            Input::ControlTaken { peer } => self.report_control(endpoint, peer),
+            Input::Wake => self.waker.note_woken(),
             Input::State { peer, piece } => {
                 if self.is_open(peer) {
                     endpoint.handle_datagram(now, peer, &piece.bytes);
                 }
             }
             Input::Ended { peer, ending } => {
-                self.peers.remove(&peer);
+                if let Some(ended) = self.peers.remove(&peer) {
+                    let open = ended.connection_state == ConnectionState::Open;
+                    for piece in ended.held_back.iter().filter(|_| open) {
+                        endpoint.handle_control(now, peer, &piece.bytes);
+                    }
+                }
+                self.held_back.remove(&peer);
                 endpoint.handle_ended(now, peer, ending);
             }
-            Input::Wake => {}
             Input::Stop => return Ok(LoopControl::Stop),
             Input::IoOver => return Err(ServeError::IoThreadLost),
         }
         Ok(LoopControl::Go)
+    }
+
+    /// Hands control bytes on, or holds them back until the endpoint wants them.
+    fn handle_control<E: Endpoint>(&mut self, endpoint: &mut E, peer: Peer, piece: Piece) {
+        let now = self.clock.now();
+        let Some(standing) = open(&mut self.peers, peer) else {
+            return;
+        };
+        if standing.held_back.is_empty() && endpoint.wants_control(peer) {
+            endpoint.handle_control(now, peer, &piece.bytes);
+        } else {
+            standing.held_back.push_back(piece);
+            self.held_back.insert(peer);
+        }
+    }
+
+    /// Hands on what was held back and is wanted now; returns whether there was any.
+    fn hand_on<E: Endpoint>(&mut self, endpoint: &mut E) -> bool {
+        let mut handed_any = false;
+        let now = self.clock.now();
+        let peers = &mut self.peers;
+        self.held_back.retain(|peer| {
+            let Some(standing) = open(peers, *peer) else {
+                return false;
+            };
+            while endpoint.wants_control(*peer)
+                && let Some(piece) = standing.held_back.pop_front()
+            {
+                endpoint.handle_control(now, *peer, &piece.bytes);
+                handed_any = true;
+            }
+            !standing.held_back.is_empty()
+        });
+        handed_any
+    }
+
+    /// Tells the endpoint what a connection has taken of its control bytes.
+    fn report_control<E: Endpoint>(&mut self, endpoint: &mut E, peer: Peer) {
+        let now = self.clock.now();
+        let Some(standing) = open(&mut self.peers, peer) else {
+            return;
+        };
+        let taken = standing.handles.control.taken_bytes();
+        let bytes = taken - standing.control_reported;
+        standing.control_reported = taken;
+        if bytes > 0 {
+            endpoint.handle_control_taken(now, peer, bytes as usize);
+        }
     }
 
     /// Reports the links of recently served connections to the endpoint.
@@ -191,10 +257,20 @@ impl EndpointLoop {
         }
     }
 
+    /// Sends what the endpoint has, until its links take no more.
     fn drain<E: Endpoint>(&mut self, endpoint: &mut E) {
+        while self.drain_once(endpoint) {}
+    }
+
+    /// Returns whether the endpoint may have more: it learned that a connection took much.
+    fn drain_once<E: Endpoint>(&mut self, endpoint: &mut E) -> bool {
+        let mut handed = BTreeSet::new();
         while let Some(transmit) = endpoint.poll_transmit() {
             match transmit {
-                Transmit::Control { to, bytes } => self.send_control(to, bytes),
+                Transmit::Control { to, bytes } => {
+                    self.send_control(to, bytes);
+                    handed.insert(to);
+                }
                 Transmit::State { to, bytes } => self.states.push((to, bytes)),
                 Transmit::Close { to, code } => {
                     self.send_states();
@@ -209,12 +285,25 @@ impl EndpointLoop {
             }
         }
         self.send_states();
+        let mut reported = false;
+        for peer in handed {
+            let Some(standing) = open(&mut self.peers, peer) else {
+                continue;
+            };
+            let unreported = standing.control_handed - standing.control_reported;
+            if unreported >= CONTROL_REPORT_BYTES && standing.handles.control.is_empty_or_tell() {
+                self.report_control(endpoint, peer);
+                reported = true;
+            }
+        }
+        reported
     }
 
     fn send_control(&mut self, to: Peer, bytes: Bytes) {
         let Some(standing) = open(&mut self.peers, to) else {
             return;
         };
+        standing.control_handed += bytes.len() as u64;
         if standing.handles.control.send(bytes).is_err() {
             standing
                 .handles

@@ -40,11 +40,17 @@ pub(super) const CLOSE_LEAVES: Duration = Duration::from_millis(100);
 /// Connections of one server. With every bound below at its limit each costs some 7 MiB.
 pub(super) const CONNECTIONS_MAX: usize = 1_024;
 
+/// Connections and attempts of one address: a quarter of all, so that no address takes them all.
+pub(super) const CONNECTIONS_PER_ADDRESS_MAX: usize = 256;
+
+/// Handed-over control bytes after which the endpoint learns how many of them the connection took.
+pub(super) const CONTROL_REPORT_BYTES: u64 = 64 << 10;
+
 /// Handshakes in progress beyond which a client must first prove its address.
 pub(super) const HANDSHAKES_UNPROVEN_MAX: usize = 64;
 
-/// Queued control bytes before a peer is dropped as too slow: more than the snapshot of the largest possible scene, at
-/// some 60 bytes per body.
+/// Queued control bytes before a peer is dropped as too slow. An endpoint that heeds what its links take never gets
+/// there.
 pub(super) const CONTROL_QUEUE_BYTES: usize = 12 << 20;
 
 /// Control bytes between the sockets and the receiver, per connection; beyond them the stream is not read.

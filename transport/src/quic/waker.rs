@@ -1,17 +1,37 @@
-//! Wakes the thread of a server for a listener of another protocol.
+//! Wakes the server thread from other threads.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 
 use super::input::Input;
 
-/// Wakes the thread that runs a server.
+/// Has the server thread drain its endpoint soon; all clones are one.
 #[derive(Clone, Debug)]
-pub struct Waker(pub(super) Sender<Input>);
+pub struct Waker {
+    inputs: Sender<Input>,
+    /// Whether a wake-up waits already: many before the thread wakes are one.
+    waiting: Arc<AtomicBool>,
+}
 
 impl Waker {
-    /// Has the thread call the listener soon. A server that has ended is not woken.
+    pub(super) fn new(inputs: Sender<Input>) -> Self {
+        Self {
+            inputs,
+            waiting: Arc::new(AtomicBool::new(false)),
+        }
+    }
+
+    /// Wakes the server thread.
     pub fn wake(&self) {
-        // An error means that the server loop has ended.
-        let _ = self.0.send(Input::Wake);
+        if !self.waiting.swap(true, Ordering::AcqRel) {
+            // If the server thread has ended, there is nothing to wake.
+            let _ = self.inputs.send(Input::Wake);
+        }
+    }
+
+    /// The server thread is awake.
+    pub(super) fn note_woken(&self) {
+        self.waiting.store(false, Ordering::Release);
     }
 }

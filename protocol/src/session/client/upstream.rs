@@ -11,7 +11,7 @@ use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 use super::ClientSession;
 use crate::limits::AUTHORITY_BODIES_MAX;
 use crate::message::{AuthorityError, AuthorityGrant, ClientMessage, TakeAuthority};
-use crate::packet::Datagram;
+use crate::packet::{Datagram, LargestPacket};
 use crate::scene::{Command, Stepping};
 use crate::session::event::Event;
 use crate::session::misuse::Misuse;
@@ -41,7 +41,11 @@ impl ClientSession {
         if self.upstream_state.requested_authority.is_some() {
             return Err(Misuse::NotNow);
         }
-        let authority = TakeAuthority { tolerance, bodies };
+        let authority = TakeAuthority {
+            tolerance,
+            largest_packet: LargestPacket::DEFAULT,
+            bodies,
+        };
         self.as_member(&ClientMessage::TakeAuthority(authority.clone()))?;
         self.upstream_state.requested_authority = Some(authority);
         Ok(())
@@ -135,12 +139,8 @@ impl ClientSession {
             let shape = replica?.shape(body.shape)?;
             Some(PredictionParameters::of(&body, shape, config.damping, None))
         };
-        let upstream_sender = UpstreamSender::new(
-            grant,
-            requested_authority.tolerance,
-            config.integrator,
-            parameters,
-        );
+        let upstream_sender =
+            UpstreamSender::new(grant, &requested_authority, config.integrator, parameters);
         let bodies: Vec<BodyId> = upstream_sender.bodies().collect();
         self.upstream_state.upstream_sender = (!bodies.is_empty()).then_some(upstream_sender);
         self.upstream_state.granted = Some(requested_authority);

@@ -10,11 +10,9 @@ use crate::packet::{ErrorScale, Update, UpdateWriter};
 
 /// Fewer updates than this usually fit one packet; that is tried first.
 const MANY: usize = 64;
-/// Updates with an estimated size above this surely exceed one packet.
-const SURELY_FILLED: u64 = FILLED * 3 / 2;
-/// A packet counts as full at this size, bytes, if another island would follow. The exact size of updates is not known
-/// before they are encoded.
-const FILLED: u64 = 1_040;
+/// A packet counts as full if it lacks this many bytes of the largest one and another island would follow. The exact
+/// size of updates is not known before they are encoded.
+const NEARLY: usize = 110;
 
 impl Publisher {
     /// Splits the updates of one tick into datagrams.
@@ -32,7 +30,7 @@ impl Publisher {
             return self.pack_singly(tick, updates, scene_events, out);
         }
         sort_by_alias(updates);
-        if !surely_fill_more(updates)
+        if !self.surely_fill_more(updates)
             && let Some((datagram, fitting)) = self.write(tick, updates, scene_events, true)
             && fitting == updates.len()
         {
@@ -47,7 +45,7 @@ impl Publisher {
         let islands = self.sort_by_island(tick, updates);
         let (mut rest, mut islands) = (updates, islands.as_slice());
         while !islands.is_empty() {
-            let (count, fitting) = Self::fitting(rest, islands);
+            let (count, fitting) = self.fitting(rest, islands);
             let (now, later) = rest.split_at_mut(fitting);
             islands = &islands[count..];
             self.pack_islands(tick, now, scene_events, islands.is_empty(), out);
@@ -55,13 +53,28 @@ impl Publisher {
         }
     }
 
+    /// The bits at which a packet counts as full, in 1/256.
+    const fn filled(&self) -> u64 {
+        (self.largest_packet.bytes() - NEARLY) as u64 * 8 * 256
+    }
+
+    /// Whether updates surely exceed one packet, by their estimated size.
+    fn surely_fill_more(&self, updates: &[Update]) -> bool {
+        let mut bits = 0;
+        let fills = |update: &Update| {
+            bits += Self::bits_of(update);
+            bits > self.filled() * 3 / 2
+        };
+        updates.len() >= MANY && updates.iter().any(fills)
+    }
+
     /// The number of islands that fit a packet, at least one, and the number of their updates.
-    fn fitting(updates: &[Update], islands: &[usize]) -> (usize, usize) {
+    fn fitting(&self, updates: &[Update], islands: &[usize]) -> (usize, usize) {
         let (mut count, mut fitting, mut bits) = (0, 0, 0);
         for size in islands {
             let island = &updates[fitting..fitting + size];
             bits += island.iter().map(Self::bits_of).sum::<u64>();
-            if count > 0 && bits > FILLED * 8 * 256 {
+            if count > 0 && bits > self.filled() {
                 break;
             }
             count += 1;
@@ -184,7 +197,8 @@ impl Publisher {
             return None;
         }
         let number = self.sent_packets.next();
-        let mut writer = UpdateWriter::new(self.stream, number, tick.value(), scene_events);
+        let mut writer = UpdateWriter::new(self.stream, number, tick.value(), scene_events)
+            .within(self.largest_packet);
         let fitting = updates
             .iter()
             .take_while(|update| writer.push(update))
@@ -223,14 +237,4 @@ pub(super) fn sort_by_alias(updates: &mut [Update]) {
         // Updates are large, so each is moved only once.
         updates.sort_by_cached_key(|update| update.alias);
     }
-}
-
-/// Whether updates surely exceed one packet.
-fn surely_fill_more(updates: &[Update]) -> bool {
-    let mut bits = 0;
-    let fills = |update: &Update| {
-        bits += Publisher::bits_of(update);
-        bits > SURELY_FILLED * 8 * 256
-    };
-    updates.len() >= MANY && updates.iter().any(fills)
 }

@@ -58,7 +58,7 @@ impl Publisher {
     /// The datagrams with the present tracks of a lost packet's bodies; `None` for a packet that is too old.
     #[must_use]
     pub fn refresh(&self, number: u64, scene_events: u64) -> Option<Vec<Bytes>> {
-        let mut writer = RefreshWriter::default();
+        let mut writer = RefreshWriter::within(self.largest_packet);
         for &index in self.sent_packets.bodies(number)? {
             let Some(slot) = self.tracks.slot(index) else {
                 continue;

@@ -32,6 +32,9 @@ impl Subscriber {
         if head.stream != self.stream {
             return Err(Malformed::UnknownCode);
         }
+        if datagram.byte_len() > self.largest_packet.bytes() {
+            return Err(Malformed::TooLong);
+        }
         match head.kind {
             PacketKind::Updates => self.read_state(datagram, UpdatePacket::decode(false, reader)?),
             PacketKind::UpdatesEnd => {

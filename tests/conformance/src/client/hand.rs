@@ -6,7 +6,9 @@ use glam::Vec3;
 use rhumb_protocol::message::{
     ClientMessage, Extensions, Joined, SceneEvent, ServerMessage, StreamChoice, Welcome,
 };
-use rhumb_protocol::packet::{Head, LossReport, Low16, PacketKind, StreamId, Watermark};
+use rhumb_protocol::packet::{
+    Head, LargestPacket, LossReport, Low16, PacketKind, StreamId, Watermark,
+};
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, IdRange, Material, PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
 };
@@ -79,6 +81,7 @@ pub(super) fn joined() -> Joined {
             tolerance,
             integrator: config().integrator,
             publish_interval: core::num::NonZeroU32::MIN,
+            largest_packet: LargestPacket::DEFAULT,
             gravity: config().gravity,
             tick: Tick::new(TICK),
             next: NEXT,

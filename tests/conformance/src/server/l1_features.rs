@@ -7,6 +7,7 @@ use std::num::NonZeroU32;
 
 use glam::Vec3;
 use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice, TakeAuthority};
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, Compound, Heights, PublishSchedule, SceneConfig, Shape, ShapeId,
     Stepping,
@@ -154,6 +155,7 @@ fn authority(trial: &mut Trial<'_>) -> Result<bool, Stop> {
     })?;
     client.send(&ClientMessage::TakeAuthority(TakeAuthority {
         tolerance: Tolerance::NORMAL,
+        largest_packet: LargestPacket::DEFAULT,
         bodies: vec![id],
     }));
     granted(&mut client, |message| {

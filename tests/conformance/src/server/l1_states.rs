@@ -7,7 +7,7 @@ use rhumb_protocol::Instant;
 use rhumb_protocol::message::{
     ClientMessage, Extensions, ResyncCause, ServerMessage, StreamChoice, TakeAuthority, TierPolicy,
 };
-use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::Command;
 use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::{Tick, Tolerance};
@@ -170,6 +170,7 @@ fn message(client: &RawClient, kind: u8) -> ClientMessage {
         13 => ClientMessage::Subscribed(StreamId(0)),
         14 => ClientMessage::TakeAuthority(TakeAuthority {
             tolerance: Tolerance::NORMAL,
+            largest_packet: LargestPacket::DEFAULT,
             bodies: Vec::new(),
         }),
         15 => ClientMessage::Upstream(vec![1, 0]),

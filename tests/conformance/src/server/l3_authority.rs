@@ -4,6 +4,7 @@ use glam::Vec3;
 use rhumb_protocol::message::{
     AuthorityError, ClientMessage, ServerMessage, StreamChoice, TakeAuthority,
 };
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, CommandError};
 use rhumb_protocol::session::Event;
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
@@ -138,6 +139,7 @@ type AuthorityAnswer = Result<rhumb_protocol::message::AuthorityGrant, Authority
 fn take_authority(client: &mut RawClient, bodies: &[BodyId]) -> Result<AuthorityAnswer, Stop> {
     client.send(&ClientMessage::TakeAuthority(TakeAuthority {
         tolerance: CLOSE,
+        largest_packet: LargestPacket::DEFAULT,
         bodies: bodies.to_vec(),
     }));
     client.await_message(
@@ -366,6 +368,7 @@ fn in_order(trial: &mut Trial<'_>) -> CaseResult {
     });
     let drive = ClientMessage::TakeAuthority(TakeAuthority {
         tolerance: CLOSE,
+        largest_packet: LargestPacket::DEFAULT,
         bodies: vec![id],
     });
     let before = client.commands;

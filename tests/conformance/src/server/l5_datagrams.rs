@@ -7,7 +7,7 @@ use glam::Vec3;
 use rhumb_protocol::message::{
     ClientMessage, ResyncCause, SceneEvent, ServerMessage, TakeAuthority,
 };
-use rhumb_protocol::packet::{LossReport, Low16, PacketKind, StreamId};
+use rhumb_protocol::packet::{LargestPacket, LossReport, Low16, PacketKind, StreamId};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Stepping};
 use rhumb_reckoning::{Anchor, BodyId, BodyState, Tolerance};
 
@@ -94,6 +94,7 @@ fn take_authority(client: &mut RawClient, id: BodyId) -> Result<StreamId, Stop> 
     })?;
     client.send(&ClientMessage::TakeAuthority(TakeAuthority {
         tolerance: Tolerance::NORMAL,
+        largest_packet: LargestPacket::DEFAULT,
         bodies: vec![id],
     }));
     client.await_message(

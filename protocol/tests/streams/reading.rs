@@ -4,8 +4,8 @@
 
 use glam::Vec3;
 use rhumb_protocol::packet::{
-    Age, Keyframe, Low16, PredictionMode, RefreshRecord, RefreshWriter, RepairSymbol, StreamId,
-    Update, UpdatePayload, UpdateWriter,
+    Age, Keyframe, LargestPacket, PredictionMode, RefreshRecord, RefreshWriter, RepairSymbol,
+    StreamId, Update, UpdatePayload, UpdateWriter,
 };
 use rhumb_protocol::stream::{Features, PredictionParameters, StreamTerms, Subscriber};
 use rhumb_reckoning::{
@@ -44,6 +44,10 @@ fn moving(x: f32) -> Keyframe {
 
 /// A subscriber of a stream of moving bodies, with the snapshot complete.
 fn subscriber() -> Subscriber {
+    subscriber_within(LargestPacket::DEFAULT)
+}
+
+fn subscriber_within(largest_packet: LargestPacket) -> Subscriber {
     let config = StreamTerms {
         tolerance: Tolerance::NORMAL,
         integrator: Integrator {
@@ -51,6 +55,7 @@ fn subscriber() -> Subscriber {
             substeps: NonZeroU32::MIN,
         },
         publish_interval: NonZeroU32::MIN,
+        largest_packet,
         gravity: Vec3::ZERO,
         features: Features::ALL,
     };
@@ -111,7 +116,7 @@ fn record(index: u32, age: u32, x: f32) -> RefreshRecord {
 
 /// The parts of a refresh.
 fn refresh(lost: u64, tick: u64, scene_events: u64, records: &[RefreshRecord]) -> Vec<Vec<u8>> {
-    let mut writer = RefreshWriter::default();
+    let mut writer = RefreshWriter::within(LargestPacket::DEFAULT);
     records.iter().for_each(|record| writer.push(record));
     writer.finish(STREAM, lost, tick, scene_events)
 }
@@ -120,6 +125,30 @@ fn tracks(subscriber: &Subscriber) -> Vec<Option<Track>> {
     (0..BODIES)
         .map(|index| subscriber.track(id(index)))
         .collect()
+}
+
+/// PROTOCOL 5.8-7: a packet of one byte more than the stream states is refused, one of that size is read.
+#[test]
+fn a_packet_larger_than_the_stream_states_is_refused() {
+    let sized = |bytes: usize| {
+        // Bodies that are not in the scene fill the packet up.
+        (0..200).find_map(|count| {
+            let updates: Vec<_> = (0..count).map(|index| keyframe(index, 5.0)).collect();
+            Some(packet(0, 11, 0, &updates)).filter(|packet| packet.len() >= bytes)
+        })
+    };
+    let datagram = sized(800).expect("a packet holds as many updates");
+    let of = |bytes: usize| LargestPacket::new(bytes as u32).expect("within the limits");
+    let mut subscriber = subscriber_within(of(datagram.len() - 1));
+    let before = tracks(&subscriber);
+    subscriber.handle_datagram(&datagram);
+    assert_eq!(tracks(&subscriber), before);
+    assert_eq!(subscriber.statistics().malformed, 1);
+    assert!(subscriber.is_converged(), "its number was not read");
+    let mut subscriber = subscriber_within(of(datagram.len()));
+    subscriber.handle_datagram(&datagram);
+    assert_ne!(tracks(&subscriber), before);
+    assert_eq!(subscriber.statistics().malformed, 0);
 }
 
 /// PROTOCOL 5.11-1, 6.5-1: the first record is well formed, the second has an origin before tick 0.

@@ -1,0 +1,60 @@
+//! A connection that has not named its scene yet.
+
+use bytes::Bytes;
+use rhumb_protocol::Instant;
+use rhumb_protocol::message::{ClientMessage, Grease};
+use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::session::{CloseCode, ServerSession};
+
+/// The bytes of a connection up to its first message.
+#[derive(Debug)]
+pub(super) struct Greeting {
+    /// Reads the first message only; the worker's session reads all bytes again.
+    session: ServerSession,
+    received: Vec<u8>,
+    /// When the first message must have come.
+    pub(super) until: Instant,
+    /// Whether the driver reports what the link takes.
+    pub(super) paced: bool,
+}
+
+/// The result of some bytes.
+#[derive(Debug, PartialEq)]
+pub(super) enum Greeted {
+    NotYet,
+    /// The scene, and all bytes so far.
+    Names(SceneName, Bytes),
+    Broken(CloseCode),
+}
+
+/// Bytes before the end of a first message: unknown messages may precede it.
+const RECEIVED_BYTES_MAX: usize = 128 << 10;
+
+impl Greeting {
+    pub(super) fn new(until: Instant) -> Self {
+        Self {
+            session: ServerSession::new(Grease::new(0)),
+            received: Vec::new(),
+            until,
+            paced: false,
+        }
+    }
+
+    /// Appends control bytes.
+    pub(super) fn handle_control(&mut self, bytes: &[u8]) -> Greeted {
+        self.received.extend_from_slice(bytes);
+        self.session.handle_control(bytes);
+        match self.session.poll_message() {
+            Some(Ok(ClientMessage::Hello { scene, .. })) => {
+                Greeted::Names(scene, Bytes::from(std::mem::take(&mut self.received)))
+            }
+            _ => match self.session.poll_close() {
+                Some(code) => Greeted::Broken(code),
+                None if self.received.len() > RECEIVED_BYTES_MAX => {
+                    Greeted::Broken(CloseCode::LIMIT)
+                }
+                None => Greeted::NotYet,
+            },
+        }
+    }
+}

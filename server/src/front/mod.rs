@@ -1,0 +1,530 @@
+//! The front: connections on one side, scene workers on the other.
+//!
+//! Reads a connection's first message, which names its scene, and carries everything else between the connection and
+//! the worker of that scene. It steps no scene, so that no scene delays it. On one thread, as in the simulated network,
+//! workers run inside its calls, in the order of their numbers. Invariants: it never waits for a worker; a worker's
+//! transmission reaches only connections of that worker; what waits for a worker is bounded for each connection.
+
+#[cfg(feature = "app")]
+mod adapter;
+mod greeting;
+mod message;
+mod priority;
+mod threads;
+mod watchdog;
+mod worker;
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
+use std::sync::mpsc::channel;
+
+use bytes::Bytes;
+use rhumb_protocol::packet::LargestPacket;
+use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::session::CloseCode;
+use rhumb_protocol::{
+    Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
+};
+
+#[cfg(feature = "app")]
+pub(crate) use self::adapter::{Adapter, AdapterQueue};
+use self::greeting::{Greeted, Greeting};
+use self::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
+use self::threads::{SharedClock, Threads};
+use self::watchdog::Watchdog;
+use self::worker::{HereWorker, ThreadWorker};
+use crate::authority_table::UpstreamStatistics;
+use crate::engine::Workers;
+use crate::hook::Hooks;
+use crate::scene_slots::SceneSlots;
+use crate::server_loop::ServerLoop;
+
+/// Connections, and the workers of their scenes.
+pub struct Front {
+    connections: BTreeMap<Peer, Connection>,
+    /// Connections that must say hello by then.
+    greeting_until: BTreeSet<(Instant, Peer)>,
+    workers: BTreeMap<WorkerId, Worker>,
+    by_scope: BTreeMap<Scope, WorkerId>,
+    next_worker: u32,
+    /// Workers on this thread that may have output.
+    fresh: BTreeSet<WorkerId>,
+    out: VecDeque<Transmit>,
+    threads: Option<Threads>,
+    watchdog: Watchdog,
+    settings: Settings,
+}
+
+/// What each worker's server loop is given.
+struct Settings {
+    stopwatch: SharedClock,
+    hooks: Option<Hooks>,
+    engine_threads: Workers,
+    largest_packet: LargestPacket,
+    slots: SceneSlots,
+    empty_for: Option<Span>,
+}
+
+/// The scenes of one worker. All scenes of an adapter's clients share one.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Scope {
+    Adapter,
+    Scene(SceneName),
+}
+
+struct Worker {
+    scope: Scope,
+    place: Place,
+    connections: usize,
+    /// Inputs sent to it, and those that it has taken.
+    sent: u64,
+    taken: u64,
+    scenes: usize,
+}
+
+/// Where a worker runs.
+enum Place {
+    Here(Box<HereWorker>),
+    Thread(ThreadWorker),
+}
+
+enum Connection {
+    Greeting(Greeting),
+    /// Its control bytes that the worker has not handled.
+    Bound(WorkerId, usize),
+    /// Closed by the front: only its end is still awaited.
+    Closed,
+}
+
+/// Control bytes of a connection that a worker may have unhandled; beyond them the driver holds them back.
+const UNHANDLED_BYTES_MAX: usize = 128 << 10;
+/// Inputs that a worker may have unhandled before datagrams and link reports to it are dropped.
+const INPUTS_WAITING_MAX: u64 = 8_192;
+/// Time for a connection's first message.
+const GREETING: Span = Span::from_millis(5_000);
+/// How the names of an adapter's scenes begin.
+const ADAPTER_SCENES: &str = "app/";
+
+impl Front {
+    /// A front whose workers run on the calling thread. `stopwatch` measures the stages of ticks.
+    pub fn on_one_thread(stopwatch: impl Fn() -> Instant + Send + Sync + 'static) -> Self {
+        Self {
+            connections: BTreeMap::new(),
+            greeting_until: BTreeSet::new(),
+            workers: BTreeMap::new(),
+            by_scope: BTreeMap::new(),
+            next_worker: 0,
+            fresh: BTreeSet::new(),
+            out: VecDeque::new(),
+            threads: None,
+            watchdog: Watchdog::default(),
+            settings: Settings {
+                stopwatch: Arc::new(stopwatch),
+                hooks: None,
+                engine_threads: Workers::default(),
+                largest_packet: LargestPacket::DEFAULT,
+                slots: SceneSlots::default(),
+                empty_for: None,
+            },
+        }
+    }
+
+    /// A front with a thread for each scene. `clock` tells the threads the time; `wake` is called when one of them has
+    /// output, and must have the driver drain the front.
+    pub fn on_threads(
+        clock: impl Fn() -> Instant + Send + Sync + 'static,
+        wake: impl Fn() + Send + Sync + 'static,
+    ) -> Self {
+        let mut front = Self::on_one_thread(clock);
+        let clock = SharedClock::clone(&front.settings.stopwatch);
+        front.threads = Some(Threads::new(clock, wake));
+        front
+    }
+
+    /// Sets the hooks of later scenes.
+    pub fn attach(&mut self, hooks: Hooks) {
+        self.settings.hooks = Some(hooks);
+    }
+
+    /// Sets the threads that divide a step of later scenes.
+    pub fn employ(&mut self, engine_threads: Workers) {
+        self.settings.engine_threads = engine_threads;
+    }
+
+    /// Bounds the packets of later scenes' streams.
+    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.settings.largest_packet = largest_packet;
+    }
+
+    /// Has later scenes end that have had no member for so long.
+    pub fn expire_empty_scenes(&mut self, after: Span) {
+        self.settings.empty_for = Some(after);
+    }
+
+    /// Statistics of all bodies of a scene under a member's authority, if its worker runs on this thread.
+    pub fn drives(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
+        let id = self.by_scope.get(&self.scope_of(scene));
+        let worker = id.and_then(|id| self.workers.get(id)).into_iter();
+        let here = worker.filter_map(|worker| match &worker.place {
+            Place::Here(here) => Some(here),
+            Place::Thread(_) => None,
+        });
+        here.flat_map(|here| here.server_loop().drives(scene))
+    }
+
+    /// The worker of some scenes, started if there is none.
+    fn worker_of(&mut self, scope: Scope) -> Result<WorkerId, CloseCode> {
+        if let Some(id) = self.by_scope.get(&scope) {
+            let parked = self.watchdog.is_parked(*id);
+            return if parked {
+                Err(CloseCode::SCENE_PARKED)
+            } else {
+                Ok(*id)
+            };
+        }
+        if self.watchdog.is_full() {
+            return Err(CloseCode::BUSY);
+        }
+        let id = WorkerId(self.next_worker);
+        let worker = HereWorker::new(self.settings.server_loop());
+        let place = match &self.threads {
+            None => Place::Here(Box::new(worker)),
+            Some(threads) => match ThreadWorker::start(id, worker, channel(), threads) {
+                Ok(thread) => Place::Thread(thread),
+                Err(cause) => {
+                    tracing::error!(%cause, "no thread for a scene");
+                    return Err(CloseCode::BUSY);
+                }
+            },
+        };
+        self.add_worker(id, scope, place);
+        Ok(id)
+    }
+
+    fn add_worker(&mut self, id: WorkerId, scope: Scope, place: Place) {
+        self.next_worker += 1;
+        self.by_scope.insert(scope.clone(), id);
+        let worker = Worker {
+            scope,
+            place,
+            connections: 0,
+            sent: 0,
+            taken: 0,
+            scenes: 0,
+        };
+        self.workers.insert(id, worker);
+    }
+
+    /// Starts the worker of an adapter; without threads there is none.
+    ///
+    /// # Errors
+    ///
+    /// The system's, if the thread cannot start.
+    #[cfg(feature = "app")]
+    pub(crate) fn serve_also(&mut self, adapter: Adapter) -> std::io::Result<()> {
+        let Some(threads) = &self.threads else {
+            return Ok(());
+        };
+        let id = WorkerId(self.next_worker);
+        let Adapter {
+            sender,
+            inputs,
+            serve,
+        } = adapter;
+        let worker = HereWorker::new(self.settings.server_loop()).with_others(serve);
+        let thread = ThreadWorker::start(id, worker, (sender, inputs), threads)?;
+        self.add_worker(id, Scope::Adapter, Place::Thread(thread));
+        Ok(())
+    }
+
+    /// The scenes of the worker that has this one.
+    fn scope_of(&self, scene: &SceneName) -> Scope {
+        let is_adapter = scene.as_str().starts_with(ADAPTER_SCENES);
+        if is_adapter && self.by_scope.contains_key(&Scope::Adapter) {
+            Scope::Adapter
+        } else {
+            Scope::Scene(scene.clone())
+        }
+    }
+
+    /// Gives an input to a worker.
+    fn route(&mut self, now: Instant, id: WorkerId, input: WorkerInput) {
+        let Some(worker) = self.workers.get_mut(&id) else {
+            return;
+        };
+        worker.sent += 1;
+        match &mut worker.place {
+            Place::Here(here) => {
+                here.handle(now, input);
+                self.fresh.insert(id);
+            }
+            Place::Thread(thread) => thread.send(input),
+        }
+    }
+
+    /// The worker of a connection.
+    fn bound(&self, peer: Peer) -> Option<WorkerId> {
+        match self.connections.get(&peer)? {
+            Connection::Bound(id, _) => Some(*id),
+            Connection::Greeting(_) | Connection::Closed => None,
+        }
+    }
+
+    /// The worker of a connection, unless so much waits for it that what may be lost is dropped.
+    fn bound_and_quick(&self, peer: Peer) -> Option<WorkerId> {
+        let id = self.bound(peer)?;
+        let worker = self.workers.get(&id)?;
+        (worker.sent - worker.taken < INPUTS_WAITING_MAX).then_some(id)
+    }
+
+    fn greet(&mut self, now: Instant, peer: Peer, bytes: &[u8]) {
+        let Some(Connection::Greeting(greeting)) = self.connections.get_mut(&peer) else {
+            return;
+        };
+        let (scene, received) = match greeting.handle_control(bytes) {
+            Greeted::NotYet => return,
+            Greeted::Broken(code) => return self.close(peer, code),
+            Greeted::Names(scene, received) => (scene, received),
+        };
+        self.greeting_until.remove(&(greeting.until, peer));
+        let paced = greeting.paced;
+        let id = match self.worker_of(self.scope_of(&scene)) {
+            Ok(id) => id,
+            Err(code) => return self.close(peer, code),
+        };
+        if let Some(worker) = self.workers.get_mut(&id) {
+            worker.connections += 1;
+        }
+        let bound = Connection::Bound(id, received.len());
+        self.connections.insert(peer, bound);
+        self.route(now, id, WorkerInput::Opened(peer));
+        if paced {
+            self.route(now, id, WorkerInput::ControlTaken(peer, 0));
+        }
+        self.route(now, id, WorkerInput::Control(peer, received));
+    }
+
+    /// Closes a connection of the front.
+    fn close(&mut self, peer: Peer, code: CloseCode) {
+        if let Some(Connection::Greeting(greeting)) =
+            self.connections.insert(peer, Connection::Closed)
+        {
+            self.greeting_until.remove(&(greeting.until, peer));
+        }
+        tracing::debug!(peer = peer.0, %code, "closing a connection");
+        let code = code.0;
+        self.out.push_back(Transmit::Close { to: peer, code });
+    }
+
+    /// Takes the outputs of all workers; returns whether there were any.
+    fn collect(&mut self) -> bool {
+        let mut any = false;
+        while let Some(id) = self.fresh.pop_first() {
+            if let Some(worker) = self.workers.get_mut(&id)
+                && let Place::Here(here) = &mut worker.place
+            {
+                let output = here.output();
+                any |= !output.transmits.is_empty();
+                self.absorb(id, output);
+            }
+        }
+        while let Some((id, message)) = self.next_message() {
+            any = true;
+            match message {
+                FromWorker::Output(output) => self.absorb(id, output),
+                FromWorker::Over => self.note_over(id),
+            }
+        }
+        any
+    }
+
+    fn next_message(&self) -> Option<(WorkerId, FromWorker)> {
+        self.threads.as_ref()?.received.try_recv().ok()
+    }
+
+    fn absorb(&mut self, id: WorkerId, output: WorkerOutput) {
+        // A parked worker's late output concerns nobody.
+        let Some(worker) = self.workers.get_mut(&id) else {
+            return;
+        };
+        worker.taken = output.inputs;
+        worker.scenes = output.scenes;
+        for transmit in output.transmits {
+            let (Transmit::Control { to, .. }
+            | Transmit::State { to, .. }
+            | Transmit::Close { to, .. }) = &transmit;
+            if self.bound(*to) == Some(id) {
+                self.out.push_back(transmit);
+            }
+        }
+        for (peer, bytes) in output.handled {
+            if let Some(Connection::Bound(_, unhandled)) = self.connections.get_mut(&peer) {
+                *unhandled = unhandled.saturating_sub(bytes);
+            }
+        }
+        self.retire_if_idle(id);
+    }
+
+    /// Ends a worker that has neither a connection nor a scene.
+    fn retire_if_idle(&mut self, id: WorkerId) {
+        let is_idle = |worker: &Worker| {
+            worker.scope != Scope::Adapter
+                && worker.connections == 0
+                && worker.scenes == 0
+                && worker.sent == worker.taken
+        };
+        if self.workers.get(&id).is_some_and(is_idle) {
+            self.drop_worker(id);
+        }
+    }
+
+    /// Forgets a worker; its thread ends as soon as it can.
+    fn drop_worker(&mut self, id: WorkerId) {
+        if let Some(worker) = self.workers.remove(&id) {
+            self.by_scope.remove(&worker.scope);
+        }
+        self.fresh.remove(&id);
+    }
+
+    /// Closes all connections of a worker.
+    fn close_connections_of(&mut self, id: WorkerId, code: CloseCode) {
+        let bound = self.connections.iter();
+        let bound = bound
+            .filter(|(_, connection)| matches!(connection, Connection::Bound(of, _) if *of == id));
+        let peers: Vec<Peer> = bound.map(|(peer, _)| *peer).collect();
+        for peer in peers {
+            self.close(peer, code);
+        }
+    }
+}
+
+impl Settings {
+    fn server_loop(&self) -> ServerLoop {
+        let stopwatch = SharedClock::clone(&self.stopwatch);
+        let mut server_loop = ServerLoop::new(move || stopwatch());
+        if let Some(hooks) = &self.hooks {
+            server_loop.attach(hooks.clone());
+        }
+        server_loop.employ(self.engine_threads.clone());
+        server_loop.set_largest_packet(self.largest_packet);
+        server_loop.share_slots(self.slots.clone());
+        if let Some(empty_for) = self.empty_for {
+            server_loop.expire_empty_scenes(empty_for);
+        }
+        server_loop
+    }
+}
+
+impl Endpoint for Front {
+    fn handle_opened(&mut self, now: Instant, peer: Peer) {
+        let until = now + GREETING;
+        self.greeting_until.insert((until, peer));
+        let greeting = Connection::Greeting(Greeting::new(until));
+        self.connections.insert(peer, greeting);
+    }
+
+    fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        match self.connections.get_mut(&from) {
+            Some(Connection::Greeting(_)) => self.greet(now, from, bytes),
+            Some(Connection::Bound(id, unhandled)) => {
+                *unhandled += bytes.len();
+                let (id, bytes) = (*id, Bytes::copy_from_slice(bytes));
+                self.route(now, id, WorkerInput::Control(from, bytes));
+            }
+            Some(Connection::Closed) | None => {}
+        }
+    }
+
+    fn handle_control_taken(&mut self, now: Instant, peer: Peer, bytes: usize) {
+        match self.connections.get_mut(&peer) {
+            Some(Connection::Greeting(greeting)) => greeting.paced = true,
+            Some(Connection::Bound(id, _)) => {
+                let id = *id;
+                self.route(now, id, WorkerInput::ControlTaken(peer, bytes));
+            }
+            Some(Connection::Closed) | None => {}
+        }
+    }
+
+    fn wants_control(&self, from: Peer) -> bool {
+        match self.connections.get(&from) {
+            Some(Connection::Bound(_, unhandled)) => *unhandled < UNHANDLED_BYTES_MAX,
+            _ => true,
+        }
+    }
+
+    fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        if let Some(id) = self.bound_and_quick(from) {
+            let bytes = Bytes::copy_from_slice(bytes);
+            self.route(now, id, WorkerInput::Datagram(from, bytes));
+        }
+    }
+
+    fn handle_link(&mut self, now: Instant, peer: Peer, report: &LinkReport) {
+        if let Some(id) = self.bound_and_quick(peer) {
+            self.route(now, id, WorkerInput::Link(peer, *report));
+        }
+    }
+
+    fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
+        match self.connections.remove(&peer) {
+            Some(Connection::Greeting(greeting)) => {
+                self.greeting_until.remove(&(greeting.until, peer));
+            }
+            Some(Connection::Bound(id, _)) => {
+                self.route(now, id, WorkerInput::Ended(peer, ending));
+                if let Some(worker) = self.workers.get_mut(&id) {
+                    worker.connections -= 1;
+                }
+            }
+            Some(Connection::Closed) | None => {}
+        }
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        while let Some((until, peer)) = self.greeting_until.first().copied()
+            && until <= now
+        {
+            self.close(peer, CloseCode::HELLO_LATE);
+        }
+        for (id, worker) in &mut self.workers {
+            if let Place::Here(here) = &mut worker.place
+                && here
+                    .server_loop()
+                    .poll_timeout()
+                    .is_some_and(|wake| wake.at <= now)
+            {
+                here.handle_timeout(now);
+                self.fresh.insert(*id);
+            }
+        }
+        self.watch(now);
+    }
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        if self.out.is_empty() {
+            self.collect();
+        }
+        self.out.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        let deadline = |at| Wake {
+            at,
+            reason: WakeReason::Deadline,
+        };
+        let greeting = self
+            .greeting_until
+            .first()
+            .map(|(until, _)| deadline(*until));
+        let watch = self.next_watch().map(deadline);
+        let here = self
+            .workers
+            .values()
+            .filter_map(|worker| match &worker.place {
+                Place::Here(here) => here.server_loop().poll_timeout(),
+                Place::Thread(_) => None,
+            });
+        here.chain(greeting).chain(watch).min_by_key(|wake| wake.at)
+    }
+}

@@ -1,0 +1,211 @@
+//! A scene worker: the server loop of one scene, on a thread of its own or on the caller's.
+//!
+//! Both take the same inputs and give the same outputs. A worker never waits for another one; its thread waits for the
+//! front only if many of its outputs lie unread.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
+use std::thread;
+use std::time::Duration;
+
+use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
+
+use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
+use super::priority::{self, ThreadId};
+use super::threads::{SharedClock, Threads};
+use crate::pulse::Pulse;
+use crate::server_loop::ServerLoop;
+
+/// Inputs of one turn, before outputs and ticks.
+const INPUTS_PER_TURN: usize = 256;
+/// Stack of a worker's thread: what a main thread has.
+const STACK_BYTES: usize = 8 << 20;
+
+/// A server loop, and the control bytes that it has not handled.
+pub(super) struct HereWorker {
+    server_loop: ServerLoop,
+    /// Control bytes received and not yet reported as handled.
+    unhandled: BTreeMap<Peer, usize>,
+    inputs: u64,
+    /// Serves the clients of another protocol.
+    others: Option<Box<dyn FnMut(&mut ServerLoop) + Send>>,
+}
+
+/// The front's handle of a worker on a thread of its own.
+pub(super) struct ThreadWorker {
+    inputs: Sender<WorkerInput>,
+    pub(super) pulse: Pulse,
+    pub(super) thread_id: ThreadId,
+}
+
+impl HereWorker {
+    pub(super) fn new(server_loop: ServerLoop) -> Self {
+        Self {
+            server_loop,
+            unhandled: BTreeMap::new(),
+            inputs: 0,
+            others: None,
+        }
+    }
+
+    /// Has it serve the clients of another protocol too.
+    #[cfg(feature = "app")]
+    pub(super) fn with_others(self, others: Box<dyn FnMut(&mut ServerLoop) + Send>) -> Self {
+        Self {
+            others: Some(others),
+            ..self
+        }
+    }
+
+    pub(super) fn handle(&mut self, now: Instant, input: WorkerInput) {
+        match &input {
+            WorkerInput::Control(peer, bytes) => {
+                *self.unhandled.entry(*peer).or_insert(0) += bytes.len();
+            }
+            WorkerInput::Ended(peer, _) => {
+                self.unhandled.remove(peer);
+            }
+            _ => {}
+        }
+        if input != WorkerInput::Wake {
+            self.inputs += 1;
+        }
+        input.apply(now, &mut self.server_loop);
+    }
+
+    pub(super) fn handle_timeout(&mut self, now: Instant) {
+        self.server_loop.handle_timeout(now);
+    }
+
+    pub(super) fn server_loop(&self) -> &ServerLoop {
+        &self.server_loop
+    }
+
+    /// Everything that there is to transmit, and what was handled.
+    pub(super) fn output(&mut self) -> WorkerOutput {
+        let server_loop = &mut self.server_loop;
+        if let Some(serve_others) = &mut self.others {
+            serve_others(server_loop);
+        }
+        let transmits: Vec<Transmit> = std::iter::from_fn(|| server_loop.poll_transmit()).collect();
+        let mut handled = Vec::new();
+        self.unhandled.retain(|peer, bytes| {
+            let unread = server_loop.unread_bytes(*peer).min(*bytes);
+            if unread < *bytes {
+                handled.push((*peer, *bytes - unread));
+            }
+            *bytes = unread;
+            unread > 0
+        });
+        WorkerOutput {
+            transmits,
+            handled,
+            inputs: self.inputs,
+            scenes: server_loop.scenes().count(),
+        }
+    }
+}
+
+impl ThreadWorker {
+    /// Starts the thread of a worker, which takes its inputs from a queue.
+    pub(super) fn start(
+        id: WorkerId,
+        mut worker: HereWorker,
+        (sender, inputs): (Sender<WorkerInput>, Receiver<WorkerInput>),
+        threads: &Threads,
+    ) -> io::Result<Self> {
+        let clock = SharedClock::clone(&threads.clock);
+        let pulse = {
+            let clock = SharedClock::clone(&clock);
+            Pulse::new(move || clock())
+        };
+        worker.server_loop.show_progress(pulse.clone());
+        let (outputs, waker) = (threads.outputs.clone(), threads.waker.clone());
+        let thread_id = ThreadId::default();
+        let (on_thread, own_id) = (pulse.clone(), thread_id.clone());
+        thread::Builder::new()
+            .name(format!("rhumb-scene-{}", id.0))
+            .stack_size(STACK_BYTES)
+            .spawn(move || {
+                priority::note(&own_id);
+                let send = |message| {
+                    // A front that has ended needs no output.
+                    let sent = outputs.send((id, message)).is_ok();
+                    waker();
+                    sent
+                };
+                let run = || run(worker, &inputs, &send, &on_thread, &clock);
+                if catch_unwind(AssertUnwindSafe(run)).is_err() {
+                    tracing::error!(worker = id.0, "the thread of a scene panicked");
+                }
+                on_thread.rest();
+                send(FromWorker::Over);
+            })?;
+        Ok(Self {
+            inputs: sender,
+            pulse,
+            thread_id,
+        })
+    }
+
+    /// Queues an input. The end of the thread is reported elsewhere.
+    pub(super) fn send(&self, input: WorkerInput) {
+        let _ = self.inputs.send(input);
+    }
+}
+
+impl Drop for ThreadWorker {
+    fn drop(&mut self) {
+        self.send(WorkerInput::End);
+    }
+}
+
+/// Runs a worker until the front drops it.
+fn run(
+    mut worker: HereWorker,
+    inputs: &Receiver<WorkerInput>,
+    send: &dyn Fn(FromWorker) -> bool,
+    pulse: &Pulse,
+    clock: &SharedClock,
+) {
+    let mut reported = 0;
+    loop {
+        let output = worker.output();
+        pulse.rest();
+        let has_news = !output.transmits.is_empty()
+            || output.inputs > reported;
+        reported = output.inputs;
+        if has_news && !send(FromWorker::Output(output)) {
+            return;
+        }
+        let first = match worker.server_loop.poll_timeout() {
+            None => inputs.recv().map_err(|_| RecvTimeoutError::Disconnected),
+            Some(wake) => {
+                let until = Duration::from_nanos(wake.at.since(clock()).as_nanos());
+                inputs.recv_timeout(until)
+            }
+        };
+        pulse.beat();
+        match first {
+            Ok(WorkerInput::End) | Err(RecvTimeoutError::Disconnected) => return,
+            Err(RecvTimeoutError::Timeout) => {}
+            Ok(input) => {
+                worker.handle(clock(), input);
+                for input in inputs.try_iter().take(INPUTS_PER_TURN) {
+                    if input == WorkerInput::End {
+                        return;
+                    }
+                    pulse.beat();
+                    worker.handle(clock(), input);
+                }
+            }
+        }
+        let now = clock();
+        let wake = worker.server_loop.poll_timeout();
+        if wake.is_some_and(|wake| wake.at <= now) {
+            worker.handle_timeout(now);
+        }
+    }
+}

@@ -1,0 +1,405 @@
+//! Requests that cost more to answer than to send.
+//!
+//! Proved on a server loop without sockets, whose driver reports what the links take, as the real one does. Each
+//! flood arrives in one read. The figures are what waits for the link while it takes nothing, and what arrives when it
+//! takes everything. Caught: 2,000 joins in 10 kB queued 7 GB; an inspection sorted 4,096 steps; a member that read
+//! slower than another one uploaded was closed.
+
+use std::collections::BTreeMap;
+
+use rhumb_protocol::message::{
+    ClientMessage, Extensions, Frames, ResyncCause, ServerMessage, StreamChoice, VERSIONS,
+};
+use rhumb_protocol::scene::{
+    BodyDesc, BodyKind, Command, Heights, JointId, SceneConfig, Shape, ShapeId, Stepping,
+};
+use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
+use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
+use rhumb_server::ServerLoop;
+
+const ATTACKER: Peer = Peer(1);
+const VICTIM: Peer = Peer(2);
+/// What may wait for a link that takes nothing: the window, and a piece.
+const WINDOW: usize = (256 + 64) << 10;
+
+/// A server loop, and the links of its connections.
+struct Links {
+    server: ServerLoop,
+    now: Instant,
+    links: BTreeMap<Peer, Link>,
+}
+
+/// What a client has received.
+#[derive(Default)]
+struct Link {
+    frames: Frames,
+    /// Bytes to the server that it did not want yet.
+    unsent: Vec<u8>,
+    /// Bytes handed over that the link has not taken.
+    waiting: usize,
+    counts: Counts,
+}
+
+/// Messages of each kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Counts {
+    joined: usize,
+    left: usize,
+    snapshots: usize,
+    inspections: usize,
+    pongs: usize,
+    bodies: usize,
+    denied: usize,
+    closed: Option<u32>,
+}
+
+impl Links {
+    fn new() -> Self {
+        Self {
+            server: ServerLoop::new(|| Instant::ZERO),
+            now: Instant::ZERO,
+            links: BTreeMap::new(),
+        }
+    }
+
+    fn connect(&mut self, peer: Peer) {
+        self.links.insert(peer, Link::default());
+        self.server.handle_opened(self.now, peer);
+        self.server.handle_control_taken(self.now, peer, 0);
+        self.send(
+            peer,
+            &[ClientMessage::Hello {
+                versions: VERSIONS.to_vec(),
+                scene: "attacked".parse().expect("a good name"),
+                extensions: Extensions::NONE,
+            }],
+        );
+    }
+
+    /// Sends messages in one read, as far as the server wants them; the rest follows when it does.
+    fn send(&mut self, peer: Peer, messages: &[ClientMessage]) {
+        let link = self.links.get_mut(&peer).expect("a connection");
+        for message in messages {
+            message.encode(&mut link.unsent);
+        }
+        self.send_rest(peer);
+    }
+
+    fn send_rest(&mut self, peer: Peer) {
+        let link = self.links.get_mut(&peer).expect("a connection");
+        let mut sent = 0;
+        while sent < link.unsent.len() && self.server.wants_control(peer) {
+            let end = link.unsent.len().min(sent + (64 << 10));
+            self.server
+                .handle_control(self.now, peer, &link.unsent[sent..end]);
+            sent = end;
+        }
+        link.unsent.drain(..sent);
+        self.collect();
+    }
+
+    fn unsent(&self, peer: Peer) -> usize {
+        self.links[&peer].unsent.len()
+    }
+
+    /// Takes what the server transmits into the links.
+    fn collect(&mut self) {
+        while let Some(transmit) = self.server.poll_transmit() {
+            match transmit {
+                Transmit::Control { to, bytes } => {
+                    let link = self.links.get_mut(&to).expect("a connection");
+                    link.waiting += bytes.len();
+                    link.frames.push(&bytes);
+                    link.read();
+                }
+                Transmit::Close { to, code } => {
+                    let link = self.links.get_mut(&to).expect("a connection");
+                    link.counts.closed = Some(code);
+                    self.server
+                        .handle_ended(self.now, to, rhumb_protocol::Ending::Closed(code));
+                }
+                Transmit::State { .. } => {}
+            }
+        }
+    }
+
+    /// The link of a client takes so many of its waiting bytes.
+    fn take(&mut self, peer: Peer, most: usize) {
+        let link = self.links.get_mut(&peer).expect("a connection");
+        let taken = link.waiting.min(most);
+        link.waiting -= taken;
+        self.server.handle_control_taken(self.now, peer, taken);
+        self.collect();
+    }
+
+    /// Lets a moment pass, with what is due.
+    fn pass(&mut self, span: Span) {
+        self.now = self.now + span;
+        for _ in 0..1_000 {
+            if self
+                .server
+                .poll_timeout()
+                .is_none_or(|wake| wake.at > self.now)
+            {
+                break;
+            }
+            self.server.handle_timeout(self.now);
+        }
+        self.collect();
+        let peers: Vec<_> = self.links.keys().copied().collect();
+        for peer in peers {
+            self.send_rest(peer);
+        }
+    }
+
+    fn counts(&self, peer: Peer) -> Counts {
+        self.links[&peer].counts
+    }
+
+    /// Connects a client that creates the scene, and joins it.
+    fn begin(&mut self, peer: Peer, stepping: Stepping) {
+        self.connect(peer);
+        let config = SceneConfig {
+            stepping,
+            ..SceneConfig::default()
+        };
+        self.send(peer, &[ClientMessage::Create(config), join()]);
+        self.take(peer, usize::MAX);
+    }
+}
+
+impl Link {
+    fn read(&mut self) {
+        while let Some(framed) = self.frames.next_frame().expect("whole messages") {
+            let counts = &mut self.counts;
+            match ServerMessage::decode(&framed).expect("the server follows the protocol") {
+                Some(ServerMessage::Joined(_)) => counts.joined += 1,
+                Some(ServerMessage::Left) => counts.left += 1,
+                Some(ServerMessage::SnapshotEnd) => counts.snapshots += 1,
+                Some(ServerMessage::Inspection(_)) => counts.inspections += 1,
+                Some(ServerMessage::Pong { .. }) => counts.pongs += 1,
+                Some(ServerMessage::Denied(_)) => counts.denied += 1,
+                Some(ServerMessage::SceneEvent(event)) => {
+                    use rhumb_protocol::message::SceneEvent::BodyPlaced;
+                    counts.bodies += usize::from(matches!(event, BodyPlaced { .. }));
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+fn join() -> ClientMessage {
+    ClientMessage::Join(StreamChoice::Within(Tolerance::NORMAL))
+}
+
+/// A height field of about a megabyte.
+fn large(id: u32) -> ClientMessage {
+    let posts: Vec<_> = (0..512 * 512).map(|post| (post % 97) as f32).collect();
+    let heights = Heights::new(512, 1.0, 1.0, &posts).expect("within the limits");
+    ClientMessage::Command(Command::AddShape {
+        id: ShapeId(id),
+        shape: Shape::Heights(heights),
+    })
+}
+
+/// The attacker in a scene with a large shape; its link has taken all that it was sent.
+fn large_scene() -> Links {
+    let mut links = Links::new();
+    links.begin(ATTACKER, Stepping::Lockstep);
+    links.send(ATTACKER, &[large(0)]);
+    while links.links[&ATTACKER].waiting > 0 {
+        links.take(ATTACKER, usize::MAX);
+    }
+    links.pass(Span::from_millis(1_000));
+    links
+}
+
+#[test]
+fn leaving_and_joining_again_and_again_keeps_one_snapshot_under_way() {
+    let mut links = large_scene();
+    let before = links.counts(ATTACKER);
+    let flood: Vec<_> = (0..2_000)
+        .flat_map(|_| [ClientMessage::Leave, join()])
+        .collect();
+    links.send(ATTACKER, &flood);
+    assert!(links.links[&ATTACKER].waiting <= WINDOW);
+    let joined = links.counts(ATTACKER).joined - before.joined;
+    assert_eq!(joined, 1, "the link has not taken the first snapshot");
+    // A link that takes everything gets one after the other, at a bounded rate.
+    for _ in 0..50 {
+        for _ in 0..10 {
+            links.take(ATTACKER, usize::MAX);
+        }
+        links.pass(Span::from_millis(20));
+    }
+    let joined = links.counts(ATTACKER).joined - before.joined;
+    assert!((5..=25).contains(&joined), "{joined} snapshots in a second");
+}
+
+#[test]
+fn resyncs_while_a_snapshot_is_under_way_get_one_more() {
+    let mut links = large_scene();
+    let before = links.counts(ATTACKER).joined;
+    let resync = ClientMessage::Resync(ResyncCause::LostSync);
+    for _ in 0..10 {
+        links.send(ATTACKER, &vec![resync.clone(); 400]);
+    }
+    assert!(links.links[&ATTACKER].waiting <= WINDOW);
+    assert_eq!(links.counts(ATTACKER).joined - before, 1);
+    for _ in 0..100 {
+        links.take(ATTACKER, usize::MAX);
+        links.pass(Span::from_millis(20));
+    }
+    assert_eq!(links.counts(ATTACKER).joined - before, 2);
+}
+
+#[test]
+fn pipelined_inspections_and_pings_wait_unread_until_their_answers_are_taken() {
+    let mut links = Links::new();
+    links.begin(ATTACKER, Stepping::FreeRunning);
+    links.pass(Span::from_millis(1_000));
+    let ping = ClientMessage::Ping {
+        sent: Instant::ZERO,
+    };
+    let mut flood = vec![ClientMessage::Inspect; 32_000];
+    flood.extend(vec![ping; 32_000]);
+    links.send(ATTACKER, &flood);
+    links.pass(Span::from_millis(1_000));
+    assert!(links.links[&ATTACKER].waiting <= WINDOW);
+    assert!(links.unsent(ATTACKER) > 0, "the rest waits at the client");
+    assert_eq!(links.counts(ATTACKER).pongs, 0);
+    for _ in 0..1_000 {
+        links.take(ATTACKER, usize::MAX);
+        links.pass(Span::from_millis(1));
+    }
+    let counts = links.counts(ATTACKER);
+    assert_eq!((counts.inspections, counts.pongs), (32_000, 32_000));
+    assert_eq!(counts.closed, None);
+}
+
+#[test]
+fn junk_behind_a_long_advance_closes_nobody_else() {
+    let mut links = Links::new();
+    links.begin(ATTACKER, Stepping::Lockstep);
+    links.connect(VICTIM);
+    links.send(VICTIM, &[join()]);
+    let to = Tick::new(1_024);
+    let junk = ClientMessage::Command(Command::RemoveJoint { id: JointId(9) });
+    let mut flood = vec![ClientMessage::Advance { to }];
+    flood.extend(vec![junk.clone(); 70_000]);
+    links.send(ATTACKER, &flood);
+    links.send(VICTIM, &[junk.clone(), junk]);
+    links.pass(Span::from_millis(1));
+    assert_eq!(links.counts(VICTIM).closed, None);
+    assert_eq!(links.counts(ATTACKER).closed, None);
+}
+
+#[test]
+fn an_upload_waits_for_a_member_that_reads_slower() {
+    let mut links = Links::new();
+    links.begin(ATTACKER, Stepping::Lockstep);
+    links.connect(VICTIM);
+    links.send(VICTIM, &[join()]);
+    let remove = ClientMessage::Command(Command::RemoveShape { id: ShapeId(0) });
+    let (mut uploaded, mut most) = (0, 0);
+    // Twenty megabytes; the victim takes one in a second.
+    for _ in 0..200 {
+        if uploaded < 20 && links.unsent(ATTACKER) == 0 {
+            links.send(ATTACKER, &[large(0), remove.clone()]);
+            uploaded += 1;
+        }
+        links.take(ATTACKER, usize::MAX);
+        links.take(VICTIM, 100 << 10);
+        links.pass(Span::from_millis(100));
+        most = most.max(links.links[&VICTIM].waiting);
+    }
+    assert_eq!(links.counts(VICTIM).closed, None);
+    assert_eq!(links.counts(ATTACKER).closed, None);
+    assert!(most <= WINDOW, "{most}");
+    assert!((15..=20).contains(&uploaded), "{uploaded}");
+}
+
+#[test]
+fn a_member_that_takes_nothing_is_closed_after_half_a_minute() {
+    let mut links = large_scene();
+    links.connect(VICTIM);
+    links.send(VICTIM, &[join()]);
+    let report = rhumb_protocol::LinkReport {
+        waiting_bytes: 0,
+        sent_bytes: 0,
+        over: Span::from_millis(100),
+        round_trip: Span::from_millis(1),
+    };
+    for second in 0..40_u64 {
+        links.pass(Span::from_millis(1_000));
+        let now = links.now;
+        links.server.handle_link(now, VICTIM, &report);
+        links.collect();
+        let closed = links.counts(VICTIM).closed;
+        assert_eq!(closed.is_some(), second >= 29, "after {second} s");
+    }
+    assert_eq!(links.counts(VICTIM).closed, Some(0x102));
+}
+
+#[test]
+fn a_scene_of_eighty_thousand_bodies_can_be_joined_over_a_thin_link() {
+    const BODIES: u32 = 80_000;
+    let mut links = Links::new();
+    links.begin(ATTACKER, Stepping::Lockstep);
+    let ball = Command::AddShape {
+        id: ShapeId(0),
+        shape: Shape::ball(0.5),
+    };
+    let mut commands = vec![
+        ClientMessage::Command(ball),
+        ClientMessage::Reserve { count: BODIES },
+    ];
+    commands.extend((0..BODIES).map(|index| {
+        let at = [(index % 300) as f32 * 2.0, 0.0, (index / 300) as f32 * 2.0];
+        let motion = BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+        ClientMessage::Command(Command::AddBody {
+            desc: BodyDesc::plain(BodyId::new(4_096 + index, 0), BodyKind::Static, ShapeId(0)),
+            motion: motion.expect("finite"),
+        })
+    }));
+    for some in commands.chunks(100) {
+        links.send(ATTACKER, some);
+        links.take(ATTACKER, usize::MAX);
+        links.pass(Span::from_millis(1));
+    }
+    assert_eq!(links.unsent(ATTACKER), 0);
+    links.connect(VICTIM);
+    links.send(VICTIM, &[join()]);
+    let mut most = 0;
+    for _ in 0..2_000 {
+        if links.counts(VICTIM).snapshots == 1 {
+            break;
+        }
+        most = most.max(links.links[&VICTIM].waiting);
+        links.take(VICTIM, 32 << 10);
+        links.pass(Span::from_millis(20));
+    }
+    let counts = links.counts(VICTIM);
+    assert_eq!((counts.snapshots, counts.closed), (1, None));
+    assert_eq!(counts.bodies, BODIES as usize);
+    assert!(most <= WINDOW, "{most}");
+}
+
+#[test]
+fn scenes_that_nobody_is_in_end_and_make_room() {
+    let mut links = Links::new();
+    links.server.expire_empty_scenes(Span::from_millis(600_000));
+    links.begin(ATTACKER, Stepping::FreeRunning);
+    let left = |links: &Links| links.server.scenes().count();
+    links.pass(Span::from_millis(700_000));
+    assert_eq!(left(&links), 1, "it has a member");
+    let now = links.now;
+    links
+        .server
+        .handle_ended(now, ATTACKER, rhumb_protocol::Ending::TimedOut);
+    links.pass(Span::from_millis(599_000));
+    assert_eq!(left(&links), 1);
+    links.pass(Span::from_millis(1_001));
+    assert_eq!(left(&links), 0);
+}

@@ -1,0 +1,242 @@
+//! The front keeps scenes apart: one that does not answer stops neither the others nor the front.
+//!
+//! A hook that does not return stands for a step that does not end. Threads are real, and their clock is the test's, so
+//! that a silence of two seconds takes no time. Waiting is for an output, with a time limit.
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use rhumb_protocol::message::{ClientMessage, Extensions, StreamChoice, VERSIONS};
+use rhumb_protocol::scene::SceneConfig;
+use rhumb_protocol::session::CloseCode;
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
+use rhumb_reckoning::{Tick, Tolerance};
+use rhumb_server::{Front, Hook, Hooks, ServerLoop};
+
+/// Longer than any step of these tests; reached only by a failure.
+const LONG: Duration = Duration::from_secs(30);
+
+/// A front with threads, and what it transmitted.
+struct Threaded {
+    front: Front,
+    clock: Arc<AtomicU64>,
+    woken: Receiver<()>,
+    /// The first step of a stuck scene has begun.
+    entered: Receiver<()>,
+    transmits: VecDeque<Transmit>,
+}
+
+impl Threaded {
+    /// Scenes named `stuck` wait in their first step until the returned sender is dropped.
+    fn new() -> (Self, Sender<()>) {
+        let clock = Arc::new(AtomicU64::new(0));
+        let (wake, woken) = channel();
+        let wake = Mutex::new(wake);
+        let time = Arc::clone(&clock);
+        let mut front = Front::on_threads(
+            move || Instant::from_nanos(time.load(Ordering::SeqCst)),
+            move || {
+                // After the test nobody listens.
+                let _ = wake.lock().expect("no thread panics").send(());
+            },
+        );
+        let (release, gate) = channel::<()>();
+        let gate = Arc::new(Mutex::new(gate));
+        let (enter, entered) = channel();
+        front.attach(Hooks::new(move |name, _| {
+            let (gate, enter) = (Arc::clone(&gate), enter.clone());
+            (name.as_str() == "stuck").then(|| {
+                Hook::new(move |_, _| {
+                    let _ = enter.send(());
+                    // Ends with an error when the test drops its end.
+                    let _ = gate.lock().expect("no thread panics").recv();
+                })
+            })
+        }));
+        let threaded = Self {
+            front,
+            clock,
+            woken,
+            entered,
+            transmits: VecDeque::new(),
+        };
+        (threaded, release)
+    }
+
+    fn now(&self) -> Instant {
+        Instant::from_nanos(self.clock.load(Ordering::SeqCst))
+    }
+
+    /// Lets time pass for the front, too.
+    fn pass(&mut self, span: Span) {
+        self.clock.fetch_add(span.as_nanos(), Ordering::SeqCst);
+        let now = self.now();
+        self.front.handle_timeout(now);
+    }
+
+    fn send(&mut self, peer: Peer, messages: &[ClientMessage]) {
+        let now = self.now();
+        self.front.handle_control(now, peer, &encoded(messages));
+    }
+
+    fn open(&mut self, peer: Peer, scene: &str) {
+        let now = self.now();
+        self.front.handle_opened(now, peer);
+        self.send(peer, &[hello(scene)]);
+    }
+
+    /// Has a client create a scene named `stuck`, whose first step does not end.
+    fn open_stuck(&mut self, peer: Peer) {
+        self.open(peer, "stuck");
+        self.send(peer, &script());
+        self.entered.recv_timeout(LONG).expect("the step begins");
+    }
+
+    /// Waits for a transmission of this kind.
+    fn expect(&mut self, is_it: impl Fn(&Transmit) -> bool) {
+        loop {
+            while let Some(transmit) = self.front.poll_transmit() {
+                self.transmits.push_back(transmit);
+            }
+            while let Some(transmit) = self.transmits.pop_front() {
+                if is_it(&transmit) {
+                    return;
+                }
+            }
+            self.woken.recv_timeout(LONG).expect("a worker has output");
+        }
+    }
+}
+
+fn hello(scene: &str) -> ClientMessage {
+    ClientMessage::Hello {
+        versions: VERSIONS.to_vec(),
+        scene: scene.parse().expect("a good name"),
+        extensions: Extensions::NONE,
+    }
+}
+
+/// Creates the scene, joins it, and steps it.
+fn script() -> Vec<ClientMessage> {
+    vec![
+        ClientMessage::Create(SceneConfig::default()),
+        ClientMessage::Join(StreamChoice::Within(Tolerance::NORMAL)),
+        ClientMessage::Advance { to: Tick::new(3) },
+    ]
+}
+
+fn encoded(messages: &[ClientMessage]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for message in messages {
+        message.encode(&mut bytes);
+    }
+    bytes
+}
+
+fn state_to(peer: Peer) -> impl Fn(&Transmit) -> bool {
+    move |transmit| matches!(transmit, Transmit::State { to, .. } if *to == peer)
+}
+
+fn control_to(peer: Peer) -> impl Fn(&Transmit) -> bool {
+    move |transmit| matches!(transmit, Transmit::Control { to, .. } if *to == peer)
+}
+
+fn close_of(peer: Peer) -> impl Fn(&Transmit) -> bool {
+    let code = CloseCode::SCENE_PARKED.0;
+    move |transmit| *transmit == Transmit::Close { to: peer, code }
+}
+
+#[test]
+fn a_scene_that_does_not_answer_is_parked_and_stops_nobody_else() {
+    let (mut threaded, release) = Threaded::new();
+    let [stuck, other, late] = [1, 2, 3].map(Peer);
+    threaded.open_stuck(stuck);
+    threaded.open(other, "other");
+    threaded.send(other, &script());
+    threaded.expect(state_to(other));
+    threaded.pass(Span::from_millis(1_900));
+    assert_eq!(
+        threaded.front.poll_transmit(),
+        None,
+        "two seconds are allowed"
+    );
+    threaded.pass(Span::from_millis(300));
+    threaded.expect(close_of(stuck));
+    threaded.send(other, &[ClientMessage::Advance { to: Tick::new(9) }]);
+    threaded.expect(state_to(other));
+    threaded.open(late, "stuck");
+    threaded.expect(close_of(late));
+    // The step ends after all: the name is free again, as soon as the front has heard of it.
+    drop(release);
+    let mut again = (4..).map(Peer);
+    let free = loop {
+        let peer = again.next().expect("there is no end of numbers");
+        threaded.open(peer, "stuck");
+        let transmits: Vec<_> = std::iter::from_fn(|| threaded.front.poll_transmit()).collect();
+        if !transmits.iter().any(close_of(peer)) {
+            break peer;
+        }
+        assert!(peer.0 < 1_000, "the thread does not end");
+        let _ = threaded.woken.recv_timeout(Duration::from_millis(30));
+    };
+    threaded.send(free, &[ClientMessage::Delete]);
+    threaded.expect(control_to(free));
+    threaded.front.shut_down();
+}
+
+#[test]
+fn a_front_with_a_stuck_scene_ends_in_time() {
+    let (mut threaded, release) = Threaded::new();
+    threaded.open_stuck(Peer(1));
+    let started = std::time::Instant::now();
+    threaded.front.shut_down();
+    assert!(started.elapsed() < Duration::from_secs(2));
+    drop(release);
+}
+
+#[test]
+fn a_connection_that_says_no_hello_is_closed() {
+    let mut front = Front::on_one_thread(|| Instant::ZERO);
+    front.handle_opened(Instant::ZERO, Peer(1));
+    front.handle_control(Instant::ZERO, Peer(1), &[1]);
+    let wake = front.poll_timeout().expect("a deadline");
+    assert!(wake.at <= Instant::ZERO + Span::from_millis(5_000));
+    front.handle_timeout(wake.at);
+    let code = CloseCode::HELLO_LATE.0;
+    let to = Peer(1);
+    assert_eq!(front.poll_transmit(), Some(Transmit::Close { to, code }));
+    assert_eq!(front.poll_timeout(), None);
+}
+
+/// The transmissions of a script, joined by receiver and lane.
+fn transmits_of(endpoint: &mut dyn Endpoint) -> Vec<Transmit> {
+    let (now, peer) = (Instant::ZERO, Peer(1));
+    endpoint.handle_opened(now, peer);
+    let mut messages = vec![hello("same")];
+    messages.extend(script());
+    endpoint.handle_control(now, peer, &encoded(&messages));
+    let mut transmits = Vec::new();
+    loop {
+        transmits.extend(std::iter::from_fn(|| endpoint.poll_transmit()));
+        match endpoint.poll_timeout() {
+            Some(wake) if wake.at <= now => endpoint.handle_timeout(now),
+            _ => return transmits,
+        }
+    }
+}
+
+#[test]
+fn a_front_on_one_thread_changes_no_bit() {
+    let plain = transmits_of(&mut ServerLoop::new(|| Instant::ZERO));
+    let mut front = Front::on_one_thread(|| Instant::ZERO);
+    assert!(plain.len() >= 4, "an answer, and three ticks");
+    assert_eq!(transmits_of(&mut front), plain);
+    // A worker without a scene and without a connection ends.
+    front.handle_control(Instant::ZERO, Peer(1), &encoded(&[ClientMessage::Delete]));
+    front.handle_ended(Instant::ZERO, Peer(1), Ending::TimedOut);
+    while front.poll_transmit().is_some() {}
+    assert_eq!(front.poll_timeout(), None);
+}

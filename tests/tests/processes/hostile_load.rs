@@ -1,0 +1,93 @@
+//! A server process goes on whatever a scene, or its log, does.
+//!
+//! Every wait is for an event, with a time limit. Caught: 5,000 balls at one point stopped all scenes for 40 s and
+//! SIGTERM for 10 s; a full disk under the log ended the process; a pipe that nobody read stopped it.
+
+use std::fs::OpenOptions;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use rhumb_client::scene::{BodyDesc, SceneConfig, Shape, Stepping};
+use rhumb_client::{Client, ClientError, JoinMode, JoinOptions, PipelineDepth, Trust};
+use rhumb_protocol::Ending;
+use rhumb_protocol::session::CloseCode;
+use rhumb_reckoning::Tick;
+use rhumb_tests::ServerProcess;
+
+use crate::SERVER;
+
+/// Longer than any step of these tests, on a busy machine; reached only by a failure.
+const LONG: Duration = Duration::from_secs(60);
+
+fn join(server: &ServerProcess, scene: &str, stepping: Stepping) -> Client {
+    let config = SceneConfig {
+        stepping,
+        ..SceneConfig::default()
+    };
+    let options = JoinOptions {
+        mode: JoinMode::CreateOrJoin(config),
+        ..JoinOptions::default()
+    };
+    let trust = Trust::Fingerprint(server.fingerprint);
+    let connection = Client::connect_within(&server.address.to_string(), trust, LONG);
+    let joined = connection.and_then(|connection| connection.join_with(scene, options));
+    joined.expect("the server is there")
+}
+
+/// Steps a scene so often.
+fn advance(client: &mut Client, ticks: u64) {
+    for _ in 0..ticks {
+        client.advance(PipelineDepth::LOCKSTEP).expect("it steps");
+    }
+}
+
+#[test]
+fn a_step_that_does_not_end_stops_neither_other_scenes_nor_sigterm() {
+    let server = SERVER.serve("127.0.0.1:0");
+    let mut victim = join(&server, "victim", Stepping::Lockstep);
+    advance(&mut victim, 10);
+    let mut attacker = join(&server, "attacked", Stepping::FreeRunning);
+    let balls = (0..5_000).map(|_| BodyDesc::dynamic(Shape::ball(0.5)));
+    attacker.add_bodies(balls).expect("they are bodies");
+    attacker.flush();
+    let until = Instant::now() + LONG;
+    let ended = loop {
+        advance(&mut victim, 1);
+        if let Err(error) = attacker.idle(Duration::from_millis(1)) {
+            break error;
+        }
+        assert!(Instant::now() < until, "the scene was not parked");
+    };
+    let parked = Ending::Closed(CloseCode::SCENE_PARKED.0);
+    assert!(
+        matches!(ended, ClientError::Ended(ending) if ending == parked),
+        "{ended}"
+    );
+    let mut newcomer = join(&server, "another", Stepping::Lockstep);
+    advance(&mut newcomer, 10);
+    assert!(victim.advance(PipelineDepth::LOCKSTEP).expect("it steps") > Tick::new(10));
+    server.signal("TERM");
+    let signalled = Instant::now();
+    let ended = server.wait();
+    let took = signalled.elapsed();
+    assert_eq!(ended.code, Some(0), "{}", ended.log);
+    assert!(took < Duration::from_secs(2), "{took:?}");
+}
+
+#[test]
+fn a_log_on_a_full_disk_or_in_an_unread_pipe_stops_nothing() {
+    let full = OpenOptions::new().write(true).open("/dev/full");
+    let full = full.expect("the system has a device that is always full");
+    for log in [Stdio::from(full), Stdio::piped()] {
+        let server = SERVER.serve_logging_to("127.0.0.1:0", log);
+        let mut client = join(&server, "logged", Stepping::Lockstep);
+        // At level trace each datagram is worth several lines: far more than a pipe holds.
+        advance(&mut client, 500);
+        server.signal("TERM");
+        let signalled = Instant::now();
+        let ended = server.wait();
+        assert_eq!(ended.code, Some(0));
+        let took = signalled.elapsed();
+        assert!(took < Duration::from_secs(2), "{took:?}");
+    }
+}
