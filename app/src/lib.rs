@@ -1,34 +1,17 @@
-//! The ARCHIMEDES Physics Protocol: messages, framing, sessions.
+//! The ARCHIMEDES Physics Protocol: its messages, its sockets, and its server.
 //!
 //! OpenSimulator's RemotePhysics plug-in uses this protocol with a physics server: big-endian, control on TCP, state
-//! on UDP. No clock, no socket, no engine. Decoding follows the published plug-in, its faults included; encoding stays
-//! within what it accepts. Bytes from a peer cannot panic, and cannot make memory grow beyond `limits`.
-#![no_std]
+//! on UDP. [`AppServer`] serves such clients with scenes of an [`AppHost`]; [`AppListener`] owns the sockets. No engine
+//! and no other server: the host has them.
 #![forbid(unsafe_code)]
 
-extern crate alloc;
-
-mod fields;
-mod frames;
-mod header;
-mod kind;
-pub mod limits;
-mod malformed;
-mod message;
-mod session;
-mod shapes;
+mod server;
+mod sockets;
 mod wire;
 
-pub use fields::{Id, Surface};
-pub use frames::{FramedMessage, MessageFraming};
-pub use header::Header;
-pub use kind::Kind;
-pub use limits::HEADER_BYTES;
-pub use malformed::MalformedMessage;
-pub use message::{
-    ActorsCollided, AddJoint, ApplyForce, ApplyTorque, AttachShape, Byte, CreateDynamicActor,
-    CreateStaticActor, DetachShape, ErrorReport, Grip, Logon, Message, Motion, Place, SetWorld,
-    Surfacing,
+pub use server::{
+    AppHost, AppOptions, AppScene, AppServer, AppTransmit, Bulk, Datagrams, Geometry, States,
+    TimeAdvanced,
 };
-pub use session::{Session, SessionError};
-pub use shapes::{ConvexMesh, HeightGrid, TriangleMesh};
+pub use sockets::{AppBindError, AppListen, AppListener};
+pub use wire::*;

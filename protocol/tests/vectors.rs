@@ -1,6 +1,7 @@
 //! The golden vectors and tables in the specification match the code.
 //!
-//! After an intended change, write both with `cargo run -p rhumb-protocol --example packet_vectors -- --write`.
+//! After an intended change, write both with
+//! `cargo run -p rhumb-protocol --features raw --example packet_vectors -- --write`.
 
 #[path = "../examples/packet_vectors/accepted.rs"]
 mod accepted;

@@ -2,6 +2,7 @@
 //!
 //! Start-up lines go to standard output, one fact a line, for readers and scripts; the log goes to standard error.
 
+use std::error::Error;
 use std::io::Write;
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
@@ -12,13 +13,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use clap::{Parser, ValueEnum};
+use clap::Parser;
 use rhumb_protocol::Span;
 use rhumb_protocol::packet::LargestPacket;
-use rhumb_transport::{AppListen, Stop};
+use rhumb_transport::Stop;
 use tracing::level_filters::LevelFilter;
 
-use crate::app::{AppOptions, Datagrams, States, TimeAdvanced};
 use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::log;
@@ -52,43 +52,9 @@ pub struct Arguments {
     /// Seconds after which a scene without members ends; 0 keeps it until a client deletes it.
     #[arg(long, default_value_t = 600)]
     empty_scene_seconds: u32,
-    /// TCP and UDP address for APP clients, such as OpenSimulator's RemotePhysics plug-in.
-    #[arg(long)]
-    app_listen: Option<SocketAddr>,
-    /// How APP clients learn that a frame is over.
-    #[arg(long, value_enum, default_value = "tcp", requires = "app_listen")]
-    app_time_advanced: FrameEnd,
-    /// Bodies whose state is sent to APP clients in each frame.
-    #[arg(long, value_enum, default_value = "changed", requires = "app_listen")]
-    app_states: StateSelection,
-    /// Datagrams to each APP client in about a millisecond; 0 for no limit.
-    #[arg(long, default_value_t = 64, requires = "app_listen")]
-    app_datagram_rate: u32,
-    /// Pack as many states in a datagram as fit, for measurements: the plug-in reads only the first.
-    #[arg(long, requires = "app_listen")]
-    app_packed: bool,
-}
-
-/// How APP clients learn that a frame is over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum FrameEnd {
-    /// On TCP, where the message is not lost.
-    Tcp,
-    /// By the last datagram.
-    Udp,
-    /// Not at all: saves the plug-in the cost of its lists.
-    Never,
-}
-
-/// Bodies whose state is sent to APP clients.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum StateSelection {
-    /// Every body that can move.
-    All,
-    /// Every body that is awake.
-    Active,
-    /// Every body that has moved since its last sent state.
-    Changed,
+    #[cfg(feature = "app")]
+    #[command(flatten)]
+    app: crate::app_arguments::AppArguments,
 }
 
 /// A server that has not stopped so long after a signal is ended: two seconds are promised.
@@ -96,33 +62,6 @@ const STOP_WITHIN: Duration = Duration::from_millis(1_500);
 
 /// Exit code of a server that was ended so.
 const EXIT_NOT_STOPPED: i32 = 3;
-
-impl Arguments {
-    fn app(&self) -> (Option<AppListen>, AppOptions) {
-        let listen = self.app_listen.map(|address| AppListen {
-            address,
-            datagrams_per_ms: (self.app_datagram_rate > 0).then_some(self.app_datagram_rate),
-        });
-        let options = AppOptions {
-            time_advanced: match self.app_time_advanced {
-                FrameEnd::Tcp => TimeAdvanced::Tcp,
-                FrameEnd::Udp => TimeAdvanced::Udp,
-                FrameEnd::Never => TimeAdvanced::Never,
-            },
-            states: match self.app_states {
-                StateSelection::All => States::All,
-                StateSelection::Active => States::Active,
-                StateSelection::Changed => States::Changed,
-            },
-            datagrams: if self.app_packed {
-                Datagrams::Packed
-            } else {
-                Datagrams::Single
-            },
-        };
-        (listen, options)
-    }
-}
 
 /// Runs a server until SIGINT or SIGTERM. Exit code 0 after such a stop, 1 when it cannot start or fails, 3 when it
 /// does not stop in time.
@@ -144,11 +83,10 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
     }
 }
 
-fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
+fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), Box<dyn Error>> {
     if !arguments.core.is_empty() {
         run_on_cores(&arguments.core)?;
     }
-    let (app_listen, app_options) = arguments.app();
     let workers = Workers::new(Some(arguments.threads)).map_err(RunError::Workers)?;
     let identity = match (arguments.cert, arguments.key) {
         (Some(certificate), Some(key)) => Identity::Files { certificate, key },
@@ -165,10 +103,10 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), RunError> {
     if let Some(hooks) = hooks {
         server.attach(hooks);
     }
-    let app = match app_listen {
-        Some(listen) => Some(server.listen_app(listen, app_options)?),
-        None => None,
-    };
+    #[cfg(feature = "app")]
+    let app = arguments.app.listen(&mut server)?;
+    #[cfg(not(feature = "app"))]
+    let app = None;
     let running = Arc::new(AtomicBool::new(true));
     let (requested, still_running) = (stop.clone(), Arc::clone(&running));
     let on_signal = move || {

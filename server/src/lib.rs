@@ -37,7 +37,10 @@
 //! ```
 #![forbid(unsafe_code)]
 
-mod app;
+#[cfg(feature = "app")]
+mod app_arguments;
+#[cfg(feature = "app")]
+mod app_host;
 mod authority_table;
 mod body_placement;
 pub mod cli;
@@ -63,13 +66,14 @@ mod streams;
 mod tier_controller;
 mod times;
 
-pub use app::{AppOptions, Datagrams, States, TimeAdvanced};
 pub use authority_table::UpstreamStatistics;
 pub use digest::Digest;
 pub use engine::{Workers, WorkersError};
 pub use front::Front;
 pub use glam;
 pub use hook::{Hook, HookError, Hooks};
+#[cfg(feature = "app")]
+pub use rhumb_app;
 pub use rhumb_protocol::message::RemovalCause;
 pub use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, IdRange, Invalid, Joints, SceneConfig, SceneName,
@@ -79,8 +83,7 @@ pub use rhumb_protocol::stream::{Activity, Observation, SubscriberStatistics};
 pub use rhumb_protocol::{Instant, Peer, Span};
 pub use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Tolerance};
 pub use rhumb_transport::{
-    AppBindError, AppListen, BindError, CertificateError, Fingerprint, ServeError,
-    ServerStatistics, Stop,
+    BindError, CertificateError, Fingerprint, ServeError, ServerStatistics, Stop,
 };
 pub use scene::{Scene, SceneFault, Stepped};
 pub use serve::{Identity, RunError, Server, run_on_cores, usable_cores};

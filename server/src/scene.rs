@@ -10,14 +10,14 @@ use std::mem;
 use glam::{DVec3, Vec3};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, CommandError, IdRange, Invalid, JointId, Joints, SceneConfig,
-    Shape, ShapeId,
+    BodyDesc, BodyKind, Command, CommandError, Contact, IdRange, Invalid, JointId, Joints,
+    SceneConfig, Shape, ShapeId,
 };
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
 
 use crate::digest::Digest;
-use crate::engine::{Contact, Engine, EngineFault, NewBody, Push, RapierEngine, Workers};
+use crate::engine::{Engine, EngineFault, NewBody, Push, RapierEngine, Workers};
 use crate::registry::Registry;
 
 /// Bodies under one gravity, stepped together.

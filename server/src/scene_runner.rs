@@ -5,7 +5,8 @@
 
 mod authority;
 mod flow;
-mod leader;
+#[cfg(feature = "app")]
+mod owner;
 mod subscriptions;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -59,8 +60,8 @@ pub(crate) struct SceneRunner {
     last_step: Instant,
     times: Times,
     faulted: bool,
-    /// Whether an APP client leads the scene: only that client steps and ends it.
-    led: bool,
+    /// Whether a client of another protocol owns the scene: only that client steps and ends it.
+    owned: bool,
     /// The largest packet of its later streams.
     largest_packet: LargestPacket,
 }
@@ -90,7 +91,7 @@ impl SceneRunner {
             last_step: Instant::ZERO,
             times: Times::default(),
             faulted: false,
-            led: false,
+            owned: false,
             largest_packet: LargestPacket::DEFAULT,
         }
     }
@@ -109,13 +110,18 @@ impl SceneRunner {
         self.scene.config()
     }
 
+    /// Whether a client of another protocol owns the scene.
+    pub(crate) const fn is_owned(&self) -> bool {
+        self.owned
+    }
+
     pub(crate) fn members(&self) -> impl Iterator<Item = Peer> {
         self.members.keys().copied()
     }
 
-    /// Whether neither a member nor an APP client has it.
+    /// Whether it has neither members nor an owner.
     pub(crate) fn is_abandoned(&self) -> bool {
-        self.members.is_empty() && !self.led
+        self.members.is_empty() && !self.owned
     }
 
     /// When the next step is due: at once in a scene that must advance, never in one without members.
@@ -340,7 +346,7 @@ impl SceneRunner {
         let too_far = to.value() > self.scene.tick().value() + ADVANCE_TICKS_MAX;
         match self.config().stepping {
             Stepping::FreeRunning => Some(Denial::NotLockstep),
-            Stepping::Lockstep if self.led => Some(Denial::Led),
+            Stepping::Lockstep if self.owned => Some(Denial::Led),
             Stepping::Lockstep if self.faulted => Some(Denial::SceneFaulted),
             Stepping::Lockstep if too_far => Some(Denial::TooFarAhead),
             Stepping::Lockstep => None,

@@ -10,12 +10,13 @@ use std::path::PathBuf;
 use rhumb_protocol::Span;
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_transport::{
-    AppBindError, AppListen, BindError, Certificate, CertificateError, Clock, Fingerprint,
-    QuicServer, ServeError, ServerOptions, ServerStatistics, Stop,
+    BindError, Certificate, CertificateError, Clock, Fingerprint, QuicServer, ServeError,
+    ServerOptions, ServerStatistics, Stop,
 };
 
-use crate::app::AppOptions;
 use crate::engine::{Workers, WorkersError};
+#[cfg(feature = "app")]
+use crate::front::Adapter;
 use crate::front::Front;
 use crate::hook::Hooks;
 
@@ -37,10 +38,12 @@ pub enum Identity {
 pub struct Server {
     transport: QuicServer,
     hooks: Option<Hooks>,
-    app: AppOptions,
     workers: Workers,
     largest_packet: LargestPacket,
     empty_for: Option<Span>,
+    /// Serves the clients of another protocol.
+    #[cfg(feature = "app")]
+    adapter: Option<Adapter>,
 }
 
 /// Reason why a server did not start, or stopped by itself.
@@ -50,8 +53,6 @@ pub enum RunError {
     Certificate(CertificateError),
     /// Listening at the address failed.
     Bind(BindError),
-    /// Listening at the address for APP clients failed.
-    AppBind(AppBindError),
     /// Binding the threads to cores failed.
     Cores {
         /// The cores.
@@ -61,6 +62,8 @@ pub enum RunError {
     },
     /// The requested number of threads is not available.
     Workers(WorkersError),
+    /// A thread cannot start.
+    Thread(io::Error),
     /// The thread of the sockets failed.
     Serve(ServeError),
 }
@@ -70,12 +73,12 @@ impl fmt::Display for RunError {
         match self {
             Self::Certificate(cause) => cause.fmt(f),
             Self::Bind(cause) => cause.fmt(f),
-            Self::AppBind(cause) => cause.fmt(f),
             Self::Cores { cores, cause } => {
                 let cores: Vec<_> = cores.iter().map(usize::to_string).collect();
                 write!(f, "cannot run on cores {} alone: {cause}", cores.join(","))
             }
             Self::Workers(cause) => cause.fmt(f),
+            Self::Thread(cause) => write!(f, "cannot start a thread: {cause}"),
             Self::Serve(cause) => cause.fmt(f),
         }
     }
@@ -103,10 +106,11 @@ impl Server {
         Ok(Self {
             transport,
             hooks: None,
-            app: AppOptions::default(),
             workers: Workers::default(),
             largest_packet: LargestPacket::DEFAULT,
             empty_for: None,
+            #[cfg(feature = "app")]
+            adapter: None,
         })
     }
 
@@ -122,18 +126,10 @@ impl Server {
         self.transport.fingerprint()
     }
 
-    /// Listens for APP clients too, and returns the address.
-    ///
-    /// # Errors
-    ///
-    /// [`RunError::AppBind`] for an address that cannot be used.
-    pub fn listen_app(
-        &mut self,
-        listen: AppListen,
-        options: AppOptions,
-    ) -> Result<SocketAddr, RunError> {
-        self.app = options;
-        self.transport.listen_app(listen).map_err(RunError::AppBind)
+    /// Serves the clients of another protocol too, on a thread with their scenes.
+    #[cfg(feature = "app")]
+    pub(crate) fn serve_also(&mut self, adapter: Adapter) {
+        self.adapter = Some(adapter);
     }
 
     /// Sets the hooks of later scenes.
@@ -171,11 +167,14 @@ impl Server {
         if let Some(hooks) = self.hooks {
             front.attach(hooks);
         }
-        front.configure_app(self.app);
         if let Some(empty_for) = self.empty_for {
             front.expire_empty_scenes(empty_for);
         }
-        let served = self.transport.run_app(&mut front, stop);
+        #[cfg(feature = "app")]
+        if let Some(adapter) = self.adapter {
+            front.serve_also(adapter).map_err(RunError::Thread)?;
+        }
+        let served = self.transport.run(&mut front, stop);
         front.shut_down();
         served.map_err(RunError::Serve)
     }

@@ -13,7 +13,6 @@ use rhumb_protocol::{
 };
 use rhumb_reckoning::Tick;
 
-use crate::app::{AppOptions, Guests};
 use crate::authority_table::UpstreamStatistics;
 use crate::engine::Workers;
 use crate::hook::Hooks;
@@ -59,7 +58,6 @@ pub struct ServerLoop {
     taken_slots: BTreeMap<SceneName, SceneSlot>,
     pulse: Pulse,
     pub(crate) out: Outbox,
-    pub(crate) guests: Guests,
     scenes_begun: u32,
     hooks: Option<Hooks>,
     workers: Workers,
@@ -82,7 +80,6 @@ impl ServerLoop {
             taken_slots: BTreeMap::new(),
             pulse: Pulse::default(),
             out: Outbox::default(),
-            guests: Guests::default(),
             scenes_begun: 0,
             hooks: None,
             workers: Workers::default(),
@@ -94,11 +91,6 @@ impl ServerLoop {
     /// Sets the hooks of later scenes.
     pub fn attach(&mut self, hooks: Hooks) {
         self.hooks = Some(hooks);
-    }
-
-    /// Sets the options for APP clients.
-    pub fn configure_app(&mut self, options: AppOptions) {
-        self.guests.configure(options);
     }
 
     /// Sets the threads that step later scenes.
@@ -249,12 +241,12 @@ impl ServerLoop {
             .collect();
         for name in over {
             tracing::info!(scene = %name, "a scene had no members for too long");
-            self.end_scene(&name);
+            self.delete_scene(&name);
         }
     }
 
-    /// Notes whether a scene has members.
-    fn note_empty(&mut self, name: &SceneName) {
+    /// Notes whether a scene has members or an owner.
+    pub(crate) fn note_empty(&mut self, name: &SceneName) {
         let runner = self.runners.get(name);
         let is_empty = runner.is_some_and(|runner| runner.is_abandoned());
         if is_empty {
@@ -287,7 +279,7 @@ impl ServerLoop {
         match message {
             Ok(ClientMessage::Create(config)) => {
                 let answer = match self.create(&name, config) {
-                    Ok(()) => ServerMessage::Created,
+                    Ok(_) => ServerMessage::Created,
                     Err(denial) => ServerMessage::Denied(denial),
                 };
                 self.out.send(peer, &answer);
@@ -366,7 +358,11 @@ impl ServerLoop {
         }
     }
 
-    pub(crate) fn create(&mut self, name: &SceneName, config: SceneConfig) -> Result<(), Denial> {
+    pub(crate) fn create(
+        &mut self,
+        name: &SceneName,
+        config: SceneConfig,
+    ) -> Result<&mut SceneRunner, Denial> {
         if self.runners.contains_key(name) {
             return Err(Denial::SceneExists);
         }
@@ -383,15 +379,14 @@ impl ServerLoop {
             runner.attach(hook);
         }
         self.scenes_begun = self.scenes_begun.wrapping_add(1);
-        self.runners.insert(name.clone(), runner);
         self.taken_slots.insert(name.clone(), slot);
         self.note_empty(name);
         tracing::info!(scene = %name, "scene created");
-        Ok(())
+        Ok(self.runners.entry(name.clone()).or_insert(runner))
     }
 
     fn delete(&mut self, peer: Peer, name: &SceneName) {
-        if self.runners.get(name).is_some_and(SceneRunner::is_led) {
+        if self.runners.get(name).is_some_and(SceneRunner::is_owned) {
             let denial = ServerMessage::Denied(Denial::Led);
             return self.out.send(peer, &denial);
         }
@@ -401,14 +396,14 @@ impl ServerLoop {
         }
         let connection = self.connections.get(&peer);
         let is_member_request = connection.is_some_and(|connection| connection.member);
-        self.end_scene(name);
+        self.delete_scene(name);
         if !is_member_request {
             self.out.send(peer, &ServerMessage::Deleted);
         }
     }
 
     /// Removes a scene and informs its members.
-    pub(crate) fn end_scene(&mut self, name: &SceneName) {
+    pub(crate) fn delete_scene(&mut self, name: &SceneName) {
         let Some(runner) = self.runners.remove(name) else {
             return;
         };

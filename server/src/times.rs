@@ -1,7 +1,7 @@
 //! Time spent per scene, stage by stage.
 
+use rhumb_protocol::Instant;
 use rhumb_protocol::message::StageTimes;
-use rhumb_protocol::{Instant, Span};
 
 /// Steps for the median and the 99th percentile.
 const RECENT: usize = 4_096;
@@ -44,8 +44,9 @@ impl Times {
         self.percentiles = None;
     }
 
-    /// Adds the time of a report to the scene's leader.
-    pub(crate) fn add_reporting(&mut self, took: Span) {
+    /// Adds the time of a report to the scene's owner.
+    #[cfg(feature = "app")]
+    pub(crate) fn add_reporting(&mut self, took: rhumb_protocol::Span) {
         self.publish_total += took.as_nanos();
     }
 

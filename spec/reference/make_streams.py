@@ -8,6 +8,7 @@ import json
 import sys
 from pathlib import Path
 
+import packets
 from scripted import SURFACE, Dice, Stream, gravity_changed, placed, removed
 
 FILE = Path(__file__).resolve().parent.parent / "vectors" / "scripted.json"
@@ -518,8 +519,52 @@ def refused_refreshes():
     negative = s.refresh(1, 2, bodies=[])[0]
     good = s.refresh(1, 5)[0]
     s.get(s.watermark(4), negative + b"\x00", good[:-1], good + b"\x00")
+    # The second record has an origin before tick 0: the first one changes nothing either.
+    records = [s.record(0, 5), s.record(1, 5) | {"age": 6}]
+    s.get(packets.encoded(s.head(3, 5) | {"lost": 1, "part": 0, "parts": 1, "records": records}))
     s.get(*s.refresh(9, 5, bodies=[2]), *s.refresh(0, 5, bodies=[2]), good, good)
     return s
+
+
+def rebuilt_ahead_of_events():
+    """6.5-2, 6.6-11"""
+    s = started("a rebuilt packet that waits while an earlier one comes late", bodies(4))
+    s.get(s.packet(1, *[s.corrected(index, 1) for index in range(4)]))
+    late = s.packet(2, s.corrected(0, 2))
+    new = s.event(gravity_changed(3, 0.0, 1.0, 0.0))
+    s.packet(3, s.corrected(1, 3))
+    s.get(s.packet(4, s.corrected(2, 4), count=s.count - 1), s.repair(0, 2, 3), late)
+    s.control(new)
+    s.settle(5)
+    return s
+
+
+def equal_origins():
+    """6.2-2, 6.7-11, 6.8-1"""
+    s = started("a refresh of a track that is here, and an attachment to a removed body", bodies(4))
+    s.get(s.packet(1, *[s.corrected(index, 1) for index in range(4)]))
+    s.packet(2, s.corrected(0, 2), s.corrected(1, 2))
+    s.get(s.packet(3, s.keyframe(0, 1), kind=0), *s.refresh(1, 4), s.watermark(2), s.watermark(4))
+    s.control(s.event(removed(3)))
+    s.get(s.packet(5, s.corrected(2, 5, "attached", parent=3, parent_age=4), s.corrected(0, 5)))
+    s.settle(6)
+    return s
+
+
+def largest_packet():
+    """5.8-7"""
+
+    def filled(name, size, checked):
+        s = started(name, bodies(14), largest_packet=size)
+        return s, s.packet(1, *[s.keyframe(index, 1, state=True) for index in range(14)], checked=checked)
+
+    size = len(filled("", 1150, True)[1])
+    made = []
+    for name, less in (("a packet of the largest size", 0), ("a packet of one byte more than the largest", 1)):
+        s, data = filled(name, size - less, less == 0)
+        s.get(data, s.watermark(1), s.watermark(2))
+        made.append(s)
+    return made
 
 
 def random_stream(seed, **terms):
@@ -589,7 +634,7 @@ def random_stream(seed, **terms):
 def streams():
     makers = [several_packets, every_third_tick, predictors, attached, wrong_parents, refreshes, late_packets, ahead_of_events, many_wait]
     makers += [aliases, more_aliases, checksums, differing_checksum, budget, no_budget, redundancy, wrong_repair_symbols, many_repair_symbols]
-    makers += [gravities, full_stream, lost_touch, low_bits, refused_refreshes]
+    makers += [gravities, full_stream, lost_touch, low_bits, refused_refreshes, rebuilt_ahead_of_events, equal_origins, largest_packet]
     made = []
     for maker in makers:
         stream = maker()

@@ -70,11 +70,11 @@ def placed(index, generation=0, *, kind=1, shape=0, at=None, alias=0, origin=0, 
 class Stream:
     """A stream of a scene as a script makes it: the publisher, and all that one member received and then had."""
 
-    def __init__(self, name, events, *, choice=SURFACE, gravity=None, tick=0, next=0, count=0, stream=5, seed=1, **terms):
+    def __init__(self, name, events, *, choice=SURFACE, gravity=None, tick=0, next=0, count=0, stream=5, largest_packet=1100, seed=1, **terms):
         self.name, self.recorded, self.dice = name, [], Dice(seed)
         self.config = config(**terms)
         joined = {"is": "Joined", "choice": choice, "config": self.config, "stream": stream, "gravity": digits(gravity or GRAVITY)}
-        joined |= {"tick": tick, "next": next, "events": count, "extensions": []}
+        joined |= {"largest packet": largest_packet, "tick": tick, "next": next, "events": count, "extensions": []}
         self.joined = joined | {"granted": {"first": 0, "count": 4096, "generation": 0}}
         self.stream, self.count, self.number = stream, count, next
         shapes = [{"is": "ShapeAdded", "id": id_, "shape": {"is": shape["is"]} | {k: digits(v) for k, v in shape.items() if k != "is"}} for id_, shape in enumerate(SHAPES)]

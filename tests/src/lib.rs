@@ -20,7 +20,7 @@ mod walk;
 
 pub use avatar::Avatars;
 pub use observation_history::{Claim, ObservationHistory, assert_same_copy, copy_digest};
-pub use plugin::{PluginSession, Recording, deliver, falling};
+pub use plugin::{PluginServer, PluginSession, Recording, deliver, falling};
 pub use process::{Ended, Programme, ServerProcess};
 pub use raw_peer::RawPeer;
 pub use rhumb_conformance::seed::{Dice, seed};

@@ -9,12 +9,11 @@ use std::net::SocketAddr;
 
 use glam::{Quat, Vec3};
 use rhumb_app::{
-    AttachShape, CreateDynamicActor, Id, Kind, Logon, Message, MessageFraming, Motion, SetWorld,
-    Surface,
+    AppOptions, AppServer, AppTransmit, AttachShape, CreateDynamicActor, Id, Kind, Logon, Message,
+    MessageFraming, Motion, SetWorld, Surface,
 };
 use rhumb_protocol::{Instant, Peer};
 use rhumb_server::ServerLoop;
-use rhumb_transport::{AppEndpoint, AppTransmit};
 
 /// The messages of the plug-in in one session.
 #[derive(Clone, Debug)]
@@ -86,6 +85,24 @@ impl Recording {
     }
 }
 
+/// A server with its APP clients, without sockets.
+pub struct PluginServer {
+    /// The scenes.
+    pub server_loop: ServerLoop,
+    clients: AppServer,
+}
+
+impl PluginServer {
+    /// A server without scenes.
+    #[must_use]
+    pub fn new(options: AppOptions) -> Self {
+        Self {
+            server_loop: ServerLoop::new(|| Instant::ZERO),
+            clients: AppServer::new(options),
+        }
+    }
+}
+
 /// A session with a server.
 #[derive(Debug)]
 pub struct PluginSession {
@@ -113,12 +130,12 @@ const PIECE_BYTES_MAX: usize = 1_400;
 
 impl PluginSession {
     /// Connects, and sends the logon by datagram as the plug-in does.
-    pub fn begin(server: &mut ServerLoop, number: u16, logon: &[u8]) -> Self {
+    pub fn begin(server: &mut PluginServer, number: u16, logon: &[u8]) -> Self {
         let from = SocketAddr::from(([127, 0, 0, 1], 40_000 + number));
         let udp = SocketAddr::from(([127, 0, 0, 1], 50_000 + number));
         let peer = Peer(1 << 63 | u64::from(number));
-        server.handle_app_datagram(Instant::ZERO, udp, logon);
-        server.handle_app_opened(Instant::ZERO, peer, from);
+        server.clients.handle_datagram(udp, logon);
+        server.clients.handle_opened(peer, from);
         Self {
             peer,
             from: udp,
@@ -134,16 +151,18 @@ impl PluginSession {
     }
 
     /// Sends bytes, and receives the server's answers.
-    pub fn send(&mut self, server: &mut ServerLoop, bytes: &[u8]) {
-        server.handle_app_waiting(Instant::ZERO, self.peer, self.waiting_bytes);
-        server.handle_app_bytes(Instant::ZERO, self.peer, bytes);
+    pub fn send(&mut self, server: &mut PluginServer, bytes: &[u8]) {
+        let scenes = &mut server.server_loop;
+        (server.clients).handle_bytes(scenes, self.peer, bytes, self.waiting_bytes);
         let mut others = [];
         deliver(server, self, &mut others);
     }
 
     /// Ends the connection.
-    pub fn end(&self, server: &mut ServerLoop) {
-        server.handle_app_ended(Instant::ZERO, self.peer);
+    pub fn end(&self, server: &mut PluginServer) {
+        server
+            .clients
+            .handle_ended(&mut server.server_loop, self.peer);
     }
 
     /// The last state of each actor, from either transport.
@@ -214,11 +233,11 @@ impl PluginSession {
 ///
 /// When a transmit is addressed to another peer.
 pub fn deliver(
-    server: &mut ServerLoop,
+    server: &mut PluginServer,
     first: &mut PluginSession,
     others: &mut [&mut PluginSession],
 ) {
-    while let Some(transmit) = server.poll_app() {
+    while let Some(transmit) = server.clients.poll_transmit() {
         let concerns = |session: &PluginSession| match &transmit {
             AppTransmit::Bytes { to, .. } | AppTransmit::Close { to } => *to == session.peer,
             AppTransmit::Datagram { to, .. } => *to == session.from,

@@ -294,8 +294,9 @@ fn receiving_and_rendering_a_tick_allocates_nothing() {
             }
             update_view(&mut view, &mut subscriber, tick);
         });
-        // Tables still grow to their greatest size in the first ticks.
-        assert!(calls == 0 || tick < 120, "{calls} at tick {tick}");
+        // The subscriber's list of changed bodies has as much memory as the busiest tick so far needed. The view gives
+        // its excess back after the first ticks (at tick 81 the last time), and busier ticks grow it again until 103.
+        assert!(calls == 0 || tick < 104, "{calls} at tick {tick}");
     }
     assert!(subscriber.statistics().updates > 1_000);
     assert_eq!(subscriber.statistics().malformed, 0);

@@ -1,10 +1,9 @@
-//! The sockets and clocks of Rhumb: QUIC, and the sockets of APP.
+//! The sockets and clocks of Rhumb: QUIC for its own protocol.
 //!
-//! No other crate touches either. This one carries bytes between [`rhumb_protocol::Endpoint`]s and interprets none of
+//! A listener of another protocol may share the thread of a server ([`Waker`]). This one carries bytes between [`rhumb_protocol::Endpoint`]s and interprets none of
 //! them. Every queue between threads is bounded.
 #![forbid(unsafe_code)]
 
-mod app;
 mod clock;
 mod link_meter;
 mod piece;
@@ -13,11 +12,12 @@ mod quic;
 pub mod raw;
 mod socket;
 
-pub use app::{AppBindError, AppEndpoint, AppListen, AppTransmit};
 pub use clock::Clock;
 pub use link_meter::LinkMeter;
+pub use piece::{ByteCredit, PIECE_COST_BYTES, Piece};
 pub use quic::{
     BindError, Certificate, CertificateError, ClientOptions, ConnectError, DATAGRAM_BYTES_MIN,
     Fingerprint, FingerprintError, QuicClient, QuicServer, Received, ServeError, ServerOptions,
     ServerStatistics, ServerWatch, Stop, TransportCode, Trust, Waker, WireStatistics,
 };
+pub use socket::{bind_udp, io_runtime};

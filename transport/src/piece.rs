@@ -8,30 +8,37 @@ use bytes::Bytes;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 /// Cost of a waiting piece beside its bytes, so that empty datagrams are bounded too.
-pub(crate) const PIECE_COST_BYTES: usize = 64;
+pub const PIECE_COST_BYTES: usize = 64;
 
 /// Waiting bytes, with their share of the bound.
 #[derive(Debug)]
-pub(crate) struct Piece {
-    pub(crate) bytes: Bytes,
+pub struct Piece {
+    /// The bytes.
+    pub bytes: Bytes,
     _share: OwnedSemaphorePermit,
 }
 
 /// Bound on the bytes that wait on one lane of one connection.
 #[derive(Clone, Debug)]
-pub(crate) struct ByteCredit {
+pub struct ByteCredit {
     bytes: Arc<Semaphore>,
 }
 
 impl ByteCredit {
-    pub(crate) fn new(bytes: usize) -> Self {
+    /// A bound of so many bytes, the cost of pieces included.
+    #[must_use]
+    pub fn new(bytes: usize) -> Self {
         Self {
             bytes: Arc::new(Semaphore::new(bytes)),
         }
     }
 
     /// Waits until the bound allows the bytes.
-    pub(crate) async fn admit(&self, bytes: &[u8]) -> Piece {
+    ///
+    /// # Panics
+    ///
+    /// When the bytes are too many for one read.
+    pub async fn admit(&self, bytes: &[u8]) -> Piece {
         let share = Arc::clone(&self.bytes)
             .acquire_many_owned(cost(bytes))
             .await
@@ -40,7 +47,11 @@ impl ByteCredit {
     }
 
     /// `None` if the bound does not allow the bytes now.
-    pub(crate) fn try_admit(&self, bytes: &[u8]) -> Option<Piece> {
+    ///
+    /// # Panics
+    ///
+    /// When the bytes are too many for one read.
+    pub fn try_admit(&self, bytes: &[u8]) -> Option<Piece> {
         let share = Arc::clone(&self.bytes)
             .try_acquire_many_owned(cost(bytes))
             .ok()?;

@@ -12,7 +12,11 @@ use tokio::runtime::{Builder, Runtime};
 const SOCKET_BUFFER_BYTES: usize = 4 << 20;
 
 /// Binds `address` and asks the kernel for buffers that hold a tick's burst.
-pub(crate) fn bind(address: SocketAddr) -> io::Result<UdpSocket> {
+///
+/// # Errors
+///
+/// When the address cannot be bound.
+pub fn bind_udp(address: SocketAddr) -> io::Result<UdpSocket> {
     let socket = UdpSocket::bind(address)?;
     let state = UdpSocketState::new(UdpSockRef::from(&socket))?;
     for refused in [
@@ -28,7 +32,11 @@ pub(crate) fn bind(address: SocketAddr) -> io::Result<UdpSocket> {
 }
 
 /// The runtime of one I/O thread.
-pub(crate) fn runtime() -> io::Result<Runtime> {
+///
+/// # Errors
+///
+/// When the system gives no event queue.
+pub fn io_runtime() -> io::Result<Runtime> {
     Builder::new_current_thread()
         .enable_io()
         .enable_time()

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use rhumb_netsim::LinkConfig;
+use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_reckoning::{Metres, Radians, Ticks, Tolerance};
 
@@ -103,6 +104,7 @@ impl LoadChoice {
             lookahead: Ticks::ZERO,
             features: EnabledFeatures::ALL,
             budget: None,
+            largest_packet: LargestPacket::DEFAULT,
         })
     }
 

@@ -19,8 +19,10 @@ mod refresh;
 mod repair_symbol;
 mod residual_numbers;
 mod rest_steps;
+#[cfg(feature = "raw")]
 mod symbol_counts;
 mod tables;
+#[cfg(feature = "raw")]
 mod test_encoder;
 mod update;
 mod zigzag;
@@ -40,10 +42,10 @@ pub use payload::{PredictionMode, UpdatePayload};
 pub use refresh::{Refresh, RefreshRecord, RefreshWriter};
 pub use repair_symbol::RepairSymbol;
 pub(crate) use repair_symbol::{packet_of, source_symbol_into, source_symbol_of};
-#[doc(hidden)]
+#[cfg(feature = "raw")]
 pub use symbol_counts::SymbolCounts;
-#[doc(hidden)]
+#[cfg(feature = "raw")]
 pub use tables::Tables;
-#[doc(hidden)]
+#[cfg(feature = "raw")]
 pub use test_encoder::TestEncoder;
 pub use update::{Update, UpdatePacket, UpdateWriter, Watermark};

@@ -308,7 +308,7 @@ pub(super) const MODES: [[u16; CODE_COUNT + 1]; 4] = [
 ];
 
 /// The tables as the specification prints them.
-#[doc(hidden)]
+#[cfg(feature = "raw")]
 #[derive(Clone, Copy, Debug)]
 pub struct Tables {
     /// The expectation of each context at the start of a packet, in 1/256.
@@ -320,6 +320,7 @@ pub struct Tables {
     pub modes: &'static [[u16; CODE_COUNT + 1]],
 }
 
+#[cfg(feature = "raw")]
 impl Tables {
     /// The tables that both ends use.
     pub const ALL: Self = Self {

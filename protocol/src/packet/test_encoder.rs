@@ -8,7 +8,6 @@ use crate::wire::alphabet::TOTAL_BITS;
 use crate::wire::range::RangeWriter;
 
 /// The updates of one packet, encoded number by number without checks.
-#[doc(hidden)]
 #[derive(Debug, Default)]
 pub struct TestEncoder {
     model: Model,

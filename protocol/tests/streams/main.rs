@@ -7,5 +7,7 @@ mod fec;
 mod forgetting;
 mod future;
 mod islands;
+mod largest_packet;
+mod reading;
 mod sleepers;
 mod stream;

@@ -7,7 +7,7 @@ use core::fmt;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::RemovalCause;
-use rhumb_protocol::scene::{BodyKind, Joint, JointId, Material, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyKind, Contact, Joint, JointId, Material, Shape, ShapeId};
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Twist};
 
@@ -114,28 +114,6 @@ pub trait Engine: Send {
 
     /// The fault, if it takes no more steps.
     fn fault(&self) -> Option<EngineFault>;
-}
-
-/// Contact of a body with another one.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Contact {
-    /// The other body.
-    pub with: BodyId,
-    /// Metres, world frame: on the queried body.
-    pub point: Vec3,
-    /// From the other body towards the queried one, unit, world frame.
-    pub normal: Vec3,
-    /// Metres; negative: they overlap.
-    pub separation: f32,
-}
-
-/// Mass properties of a shape with volume, at density one.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bulk {
-    /// Centre of mass in the shape's coordinates, metres.
-    pub centre: Vec3,
-    /// Volume, m³.
-    pub volume: f32,
 }
 
 /// Error: the engine cannot make a solid of a shape, though its numbers are within the limits.

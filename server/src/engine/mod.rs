@@ -7,7 +7,8 @@ mod rapier_body;
 mod rapier_solid;
 mod rapier_workers;
 
-pub use interface::{Bulk, Contact, Engine, EngineFault, NewBody, Push, UnusableShape};
+pub use interface::{Engine, EngineFault, NewBody, Push, UnusableShape};
 pub use rapier::RapierEngine;
-pub use rapier_solid::{bulk, hull_of};
+#[cfg(feature = "app")]
+pub(crate) use rapier_solid::bulk;
 pub use rapier_workers::{Workers, WorkersError};

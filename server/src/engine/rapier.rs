@@ -14,11 +14,13 @@ use rapier3d::prelude::{
 };
 use rhumb_protocol::limits::COORDINATE_MAX;
 use rhumb_protocol::message::RemovalCause;
-use rhumb_protocol::scene::{BodyKind, Joint, JointId, SceneConfig, Shape, ShapeId, SleepConfig};
+use rhumb_protocol::scene::{
+    BodyKind, Contact, Joint, JointId, SceneConfig, Shape, ShapeId, SleepConfig,
+};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, Inertia, Integrator, Twist};
 
-use super::interface::{Contact, Engine, EngineFault, NewBody, Push, UnusableShape};
+use super::interface::{Engine, EngineFault, NewBody, Push, UnusableShape};
 use super::kinematic_target::KinematicTarget;
 use super::rapier_body as translate;
 use super::rapier_solid::{self as solids, Solid};

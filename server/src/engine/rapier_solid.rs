@@ -3,16 +3,15 @@
 //! Code that may panic inside Rapier runs on a copy under `catch_unwind`, and nothing of it is kept. Invariant: a
 //! solid's mass and moments are normal numbers at every allowed density.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::catch_unwind;
 
 use glam::{Quat, Vec3};
 use rapier3d::math::Pose as RapierPose;
 use rapier3d::parry::utils::Array2;
 use rapier3d::prelude::{Collider, ColliderBuilder, MassProperties, SharedShape};
-use rhumb_protocol::limits::HULL_POINTS_MAX;
-use rhumb_protocol::scene::{Heights, Hull, Invalid, Mesh, Shape};
+use rhumb_protocol::scene::{Heights, Mesh, Shape};
 
-use super::interface::{Bulk, NewBody, UnusableShape};
+use super::interface::{NewBody, UnusableShape};
 use super::rapier_body::pose;
 
 /// Solid that all bodies of one shape share.
@@ -200,42 +199,15 @@ pub(super) fn mass_beside(new_body: &NewBody, solid: &Solid) -> Option<MassPrope
 /// # Errors
 ///
 /// [`UnusableShape`] when no solid can be made, or one without mass.
-pub fn bulk(shape: &Shape) -> Result<Bulk, UnusableShape> {
+#[cfg(feature = "app")]
+pub(crate) fn bulk(shape: &Shape) -> Result<rhumb_app::Bulk, UnusableShape> {
     let mut parts = Vec::new();
     add_parts(shape, RapierPose::IDENTITY, &mut parts)?;
-    let properties = catch_unwind(AssertUnwindSafe(|| total(&parts))).map_err(|_| UnusableShape)?;
+    let properties =
+        catch_unwind(std::panic::AssertUnwindSafe(|| total(&parts))).map_err(|_| UnusableShape)?;
     check(&properties)?;
-    Ok(Bulk {
+    Ok(rhumb_app::Bulk {
         centre: properties.local_com,
         volume: properties.mass(),
-    })
-}
-
-/// A hull of any number of points, reduced to the allowed number: the farthest points in directions all around.
-///
-/// # Errors
-///
-/// [`Invalid`] for a point that is not finite or too far out, and for points that make no hull.
-pub fn hull_of(points: &[Vec3]) -> Result<Hull, Invalid> {
-    if points.len() <= HULL_POINTS_MAX {
-        return Hull::new(points);
-    }
-    let mut chosen = Vec::new();
-    for direction in directions(HULL_POINTS_MAX) {
-        let reach = |point: &Vec3| point.dot(direction);
-        let farthest = points.iter().max_by(|a, b| reach(a).total_cmp(&reach(b)));
-        chosen.extend(farthest.filter(|point| !chosen.contains(*point)).copied());
-    }
-    Hull::new(&chosen)
-}
-
-/// Unit vectors spread over a sphere, by the golden angle.
-fn directions(count: usize) -> impl Iterator<Item = Vec3> {
-    let golden = core::f32::consts::PI * (3.0 - 5.0_f32.sqrt());
-    (0..count).map(move |place| {
-        let y = 1.0 - 2.0 * (place as f32 + 0.5) / count as f32;
-        let across = (1.0 - y * y).max(0.0).sqrt();
-        let angle = golden * place as f32;
-        Vec3::new(across * angle.cos(), y, across * angle.sin())
     })
 }

@@ -2,11 +2,8 @@
 //!
 //! Plain data: numbers, names and bytes, and nothing of the engine or of a session. A worker could be another process.
 
-use core::net::SocketAddr;
-
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit};
-use rhumb_transport::{AppEndpoint, AppTransmit};
 
 use crate::server_loop::ServerLoop;
 
@@ -24,18 +21,16 @@ pub(super) enum WorkerInput {
     Datagram(Peer, Bytes),
     Link(Peer, LinkReport),
     Ended(Peer, Ending),
-    AppOpened(Peer, SocketAddr),
-    AppWaiting(Peer, usize),
-    AppBytes(Peer, Bytes),
-    AppDatagram(SocketAddr, Bytes),
-    AppEnded(Peer),
+    /// Input of an adapter waits: nothing of the front's.
+    Wake,
+    /// The front needs the worker no longer.
+    End,
 }
 
 /// The output of one turn of a worker.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct WorkerOutput {
     pub(super) transmits: Vec<Transmit>,
-    pub(super) app_transmits: Vec<AppTransmit>,
     /// Control bytes of each connection that were handled.
     pub(super) handled: Vec<(Peer, usize)>,
     /// Inputs taken so far.
@@ -62,11 +57,7 @@ impl WorkerInput {
             Self::Datagram(peer, bytes) => to.handle_datagram(now, peer, &bytes),
             Self::Link(peer, report) => to.handle_link(now, peer, &report),
             Self::Ended(peer, ending) => to.handle_ended(now, peer, ending),
-            Self::AppOpened(peer, from) => to.handle_app_opened(now, peer, from),
-            Self::AppWaiting(peer, bytes) => to.handle_app_waiting(now, peer, bytes),
-            Self::AppBytes(peer, bytes) => to.handle_app_bytes(now, peer, &bytes),
-            Self::AppDatagram(from, bytes) => to.handle_app_datagram(now, from, &bytes),
-            Self::AppEnded(peer) => to.handle_app_ended(now, peer),
+            Self::Wake | Self::End => {}
         }
     }
 }

@@ -5,7 +5,8 @@
 //! workers run inside its calls, in the order of their numbers. Invariants: it never waits for a worker; a worker's
 //! transmission reaches only connections of that worker; what waits for a worker is bounded for each connection.
 
-mod app;
+#[cfg(feature = "app")]
+mod adapter;
 mod greeting;
 mod message;
 mod priority;
@@ -15,6 +16,7 @@ mod worker;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
+use std::sync::mpsc::channel;
 
 use bytes::Bytes;
 use rhumb_protocol::packet::LargestPacket;
@@ -23,14 +25,14 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{
     Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
 };
-use rhumb_transport::AppTransmit;
 
+#[cfg(feature = "app")]
+pub(crate) use self::adapter::{Adapter, AdapterQueue};
 use self::greeting::{Greeted, Greeting};
 use self::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
 use self::threads::{SharedClock, Threads};
 use self::watchdog::Watchdog;
 use self::worker::{HereWorker, ThreadWorker};
-use crate::app::AppOptions;
 use crate::authority_table::UpstreamStatistics;
 use crate::engine::Workers;
 use crate::hook::Hooks;
@@ -48,8 +50,6 @@ pub struct Front {
     /// Workers on this thread that may have output.
     fresh: BTreeSet<WorkerId>,
     out: VecDeque<Transmit>,
-    app_out: VecDeque<AppTransmit>,
-    app_peers: BTreeSet<Peer>,
     threads: Option<Threads>,
     watchdog: Watchdog,
     settings: Settings,
@@ -59,17 +59,16 @@ pub struct Front {
 struct Settings {
     stopwatch: SharedClock,
     hooks: Option<Hooks>,
-    app: AppOptions,
     engine_threads: Workers,
     largest_packet: LargestPacket,
     slots: SceneSlots,
     empty_for: Option<Span>,
 }
 
-/// The scenes of one worker. All scenes of APP clients share one.
+/// The scenes of one worker. All scenes of an adapter's clients share one.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Scope {
-    App,
+    Adapter,
     Scene(SceneName),
 }
 
@@ -103,8 +102,8 @@ const UNHANDLED_BYTES_MAX: usize = 128 << 10;
 const INPUTS_WAITING_MAX: u64 = 8_192;
 /// Time for a connection's first message.
 const GREETING: Span = Span::from_millis(5_000);
-/// Scopes of APP clients' scenes.
-const APP_SCENES: &str = "app/";
+/// How the names of an adapter's scenes begin.
+const ADAPTER_SCENES: &str = "app/";
 
 impl Front {
     /// A front whose workers run on the calling thread. `stopwatch` measures the stages of ticks.
@@ -117,14 +116,11 @@ impl Front {
             next_worker: 0,
             fresh: BTreeSet::new(),
             out: VecDeque::new(),
-            app_out: VecDeque::new(),
-            app_peers: BTreeSet::new(),
             threads: None,
             watchdog: Watchdog::default(),
             settings: Settings {
                 stopwatch: Arc::new(stopwatch),
                 hooks: None,
-                app: AppOptions::default(),
                 engine_threads: Workers::default(),
                 largest_packet: LargestPacket::DEFAULT,
                 slots: SceneSlots::default(),
@@ -150,11 +146,6 @@ impl Front {
         self.settings.hooks = Some(hooks);
     }
 
-    /// Sets the options for APP clients.
-    pub fn configure_app(&mut self, options: AppOptions) {
-        self.settings.app = options;
-    }
-
     /// Sets the threads that divide a step of later scenes.
     pub fn employ(&mut self, engine_threads: Workers) {
         self.settings.engine_threads = engine_threads;
@@ -172,7 +163,7 @@ impl Front {
 
     /// Statistics of all bodies of a scene under a member's authority, if its worker runs on this thread.
     pub fn drives(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
-        let id = self.by_scope.get(&scope_of(scene));
+        let id = self.by_scope.get(&self.scope_of(scene));
         let worker = id.and_then(|id| self.workers.get(id)).into_iter();
         let here = worker.filter_map(|worker| match &worker.place {
             Place::Here(here) => Some(here),
@@ -195,10 +186,10 @@ impl Front {
             return Err(CloseCode::BUSY);
         }
         let id = WorkerId(self.next_worker);
-        let server_loop = self.settings.server_loop();
+        let worker = HereWorker::new(self.settings.server_loop());
         let place = match &self.threads {
-            None => Place::Here(Box::new(HereWorker::new(server_loop))),
-            Some(threads) => match ThreadWorker::start(id, server_loop, threads) {
+            None => Place::Here(Box::new(worker)),
+            Some(threads) => match ThreadWorker::start(id, worker, channel(), threads) {
                 Ok(thread) => Place::Thread(thread),
                 Err(cause) => {
                     tracing::error!(%cause, "no thread for a scene");
@@ -206,6 +197,11 @@ impl Front {
                 }
             },
         };
+        self.add_worker(id, scope, place);
+        Ok(id)
+    }
+
+    fn add_worker(&mut self, id: WorkerId, scope: Scope, place: Place) {
         self.next_worker += 1;
         self.by_scope.insert(scope.clone(), id);
         let worker = Worker {
@@ -217,7 +213,38 @@ impl Front {
             scenes: 0,
         };
         self.workers.insert(id, worker);
-        Ok(id)
+    }
+
+    /// Starts the worker of an adapter; without threads there is none.
+    ///
+    /// # Errors
+    ///
+    /// The system's, if the thread cannot start.
+    #[cfg(feature = "app")]
+    pub(crate) fn serve_also(&mut self, adapter: Adapter) -> std::io::Result<()> {
+        let Some(threads) = &self.threads else {
+            return Ok(());
+        };
+        let id = WorkerId(self.next_worker);
+        let Adapter {
+            sender,
+            inputs,
+            serve,
+        } = adapter;
+        let worker = HereWorker::new(self.settings.server_loop()).with_others(serve);
+        let thread = ThreadWorker::start(id, worker, (sender, inputs), threads)?;
+        self.add_worker(id, Scope::Adapter, Place::Thread(thread));
+        Ok(())
+    }
+
+    /// The scenes of the worker that has this one.
+    fn scope_of(&self, scene: &SceneName) -> Scope {
+        let is_adapter = scene.as_str().starts_with(ADAPTER_SCENES);
+        if is_adapter && self.by_scope.contains_key(&Scope::Adapter) {
+            Scope::Adapter
+        } else {
+            Scope::Scene(scene.clone())
+        }
     }
 
     /// Gives an input to a worker.
@@ -261,7 +288,7 @@ impl Front {
         };
         self.greeting_until.remove(&(greeting.until, peer));
         let paced = greeting.paced;
-        let id = match self.worker_of(scope_of(&scene)) {
+        let id = match self.worker_of(self.scope_of(&scene)) {
             Ok(id) => id,
             Err(code) => return self.close(peer, code),
         };
@@ -297,7 +324,7 @@ impl Front {
                 && let Place::Here(here) = &mut worker.place
             {
                 let output = here.output();
-                any |= !output.transmits.is_empty() || !output.app_transmits.is_empty();
+                any |= !output.transmits.is_empty();
                 self.absorb(id, output);
             }
         }
@@ -330,7 +357,6 @@ impl Front {
                 self.out.push_back(transmit);
             }
         }
-        self.app_out.extend(output.app_transmits);
         for (peer, bytes) in output.handled {
             if let Some(Connection::Bound(_, unhandled)) = self.connections.get_mut(&peer) {
                 *unhandled = unhandled.saturating_sub(bytes);
@@ -342,7 +368,7 @@ impl Front {
     /// Ends a worker that has neither a connection nor a scene.
     fn retire_if_idle(&mut self, id: WorkerId) {
         let is_idle = |worker: &Worker| {
-            worker.scope != Scope::App
+            worker.scope != Scope::Adapter
                 && worker.connections == 0
                 && worker.scenes == 0
                 && worker.sent == worker.taken
@@ -369,15 +395,6 @@ impl Front {
         for peer in peers {
             self.close(peer, code);
         }
-        if self
-            .workers
-            .get(&id)
-            .is_some_and(|worker| worker.scope == Scope::App)
-        {
-            for to in std::mem::take(&mut self.app_peers) {
-                self.app_out.push_back(AppTransmit::Close { to });
-            }
-        }
     }
 }
 
@@ -388,7 +405,6 @@ impl Settings {
         if let Some(hooks) = &self.hooks {
             server_loop.attach(hooks.clone());
         }
-        server_loop.configure_app(self.app);
         server_loop.employ(self.engine_threads.clone());
         server_loop.set_largest_packet(self.largest_packet);
         server_loop.share_slots(self.slots.clone());
@@ -510,14 +526,5 @@ impl Endpoint for Front {
                 Place::Thread(_) => None,
             });
         here.chain(greeting).chain(watch).min_by_key(|wake| wake.at)
-    }
-}
-
-/// The scenes of the worker that has this one.
-fn scope_of(scene: &SceneName) -> Scope {
-    if scene.as_str().starts_with(APP_SCENES) {
-        Scope::App
-    } else {
-        Scope::Scene(scene.clone())
     }
 }

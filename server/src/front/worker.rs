@@ -6,12 +6,11 @@
 use std::collections::BTreeMap;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::Duration;
 
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
-use rhumb_transport::{AppEndpoint, AppTransmit};
 
 use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
 use super::priority::{self, ThreadId};
@@ -30,6 +29,8 @@ pub(super) struct HereWorker {
     /// Control bytes received and not yet reported as handled.
     unhandled: BTreeMap<Peer, usize>,
     inputs: u64,
+    /// Serves the clients of another protocol.
+    others: Option<Box<dyn FnMut(&mut ServerLoop) + Send>>,
 }
 
 /// The front's handle of a worker on a thread of its own.
@@ -45,6 +46,16 @@ impl HereWorker {
             server_loop,
             unhandled: BTreeMap::new(),
             inputs: 0,
+            others: None,
+        }
+    }
+
+    /// Has it serve the clients of another protocol too.
+    #[cfg(feature = "app")]
+    pub(super) fn with_others(self, others: Box<dyn FnMut(&mut ServerLoop) + Send>) -> Self {
+        Self {
+            others: Some(others),
+            ..self
         }
     }
 
@@ -58,7 +69,9 @@ impl HereWorker {
             }
             _ => {}
         }
-        self.inputs += 1;
+        if input != WorkerInput::Wake {
+            self.inputs += 1;
+        }
         input.apply(now, &mut self.server_loop);
     }
 
@@ -73,9 +86,10 @@ impl HereWorker {
     /// Everything that there is to transmit, and what was handled.
     pub(super) fn output(&mut self) -> WorkerOutput {
         let server_loop = &mut self.server_loop;
+        if let Some(serve_others) = &mut self.others {
+            serve_others(server_loop);
+        }
         let transmits: Vec<Transmit> = std::iter::from_fn(|| server_loop.poll_transmit()).collect();
-        let app_transmits: Vec<AppTransmit> =
-            std::iter::from_fn(|| server_loop.poll_app()).collect();
         let mut handled = Vec::new();
         self.unhandled.retain(|peer, bytes| {
             let unread = server_loop.unread_bytes(*peer).min(*bytes);
@@ -87,7 +101,6 @@ impl HereWorker {
         });
         WorkerOutput {
             transmits,
-            app_transmits,
             handled,
             inputs: self.inputs,
             scenes: server_loop.scenes().count(),
@@ -96,20 +109,19 @@ impl HereWorker {
 }
 
 impl ThreadWorker {
-    /// Starts the thread of a worker.
+    /// Starts the thread of a worker, which takes its inputs from a queue.
     pub(super) fn start(
         id: WorkerId,
-        mut server_loop: ServerLoop,
+        mut worker: HereWorker,
+        (sender, inputs): (Sender<WorkerInput>, Receiver<WorkerInput>),
         threads: &Threads,
     ) -> io::Result<Self> {
-        let (sender, inputs) = channel();
         let clock = SharedClock::clone(&threads.clock);
         let pulse = {
             let clock = SharedClock::clone(&clock);
             Pulse::new(move || clock())
         };
-        server_loop.show_progress(pulse.clone());
-        let worker = HereWorker::new(server_loop);
+        worker.server_loop.show_progress(pulse.clone());
         let (outputs, waker) = (threads.outputs.clone(), threads.waker.clone());
         let thread_id = ThreadId::default();
         let (on_thread, own_id) = (pulse.clone(), thread_id.clone());
@@ -144,6 +156,12 @@ impl ThreadWorker {
     }
 }
 
+impl Drop for ThreadWorker {
+    fn drop(&mut self) {
+        self.send(WorkerInput::End);
+    }
+}
+
 /// Runs a worker until the front drops it.
 fn run(
     mut worker: HereWorker,
@@ -157,7 +175,6 @@ fn run(
         let output = worker.output();
         pulse.rest();
         let has_news = !output.transmits.is_empty()
-            || !output.app_transmits.is_empty()
             || output.inputs > reported;
         reported = output.inputs;
         if has_news && !send(FromWorker::Output(output)) {
@@ -172,11 +189,14 @@ fn run(
         };
         pulse.beat();
         match first {
-            Err(RecvTimeoutError::Disconnected) => return,
+            Ok(WorkerInput::End) | Err(RecvTimeoutError::Disconnected) => return,
             Err(RecvTimeoutError::Timeout) => {}
             Ok(input) => {
                 worker.handle(clock(), input);
                 for input in inputs.try_iter().take(INPUTS_PER_TURN) {
+                    if input == WorkerInput::End {
+                        return;
+                    }
                     pulse.beat();
                     worker.handle(clock(), input);
                 }

@@ -11,13 +11,13 @@ use proptest::prelude::*;
 use rhumb_protocol::limits::{DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, CommandError, Hull, IdRange, Invalid, Joint, JointFrame, JointId,
-    JointKind, JointLimits, Material, PublishSchedule, Quantity, SceneConfig, Shape, ShapeId,
-    Stepping,
+    BodyDesc, BodyKind, Command, CommandError, Contact, Hull, IdRange, Invalid, Joint, JointFrame,
+    JointId, JointKind, JointLimits, Material, PublishSchedule, Quantity, SceneConfig, Shape,
+    ShapeId, Stepping,
 };
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tick, Twist};
-use rhumb_server::engine::{Contact, Engine, EngineFault, NewBody, Push, UnusableShape};
+use rhumb_server::engine::{Engine, EngineFault, NewBody, Push, UnusableShape};
 use rhumb_server::{Digest, Scene, SceneFault};
 
 fn config() -> SceneConfig {

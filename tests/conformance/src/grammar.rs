@@ -43,7 +43,7 @@ impl Grammar {
     /// When it is not JSON.
     #[must_use]
     pub fn load() -> Self {
-        let text = include_str!("../../../spec/tables/protocol.json");
+        let text = include_str!("../spec/tables/protocol.json");
         let table = serde_json::from_str(text).expect("the table is JSON");
         Self { table }
     }

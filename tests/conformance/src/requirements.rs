@@ -57,8 +57,8 @@ impl Document {
     #[must_use]
     pub const fn text(self) -> &'static str {
         match self {
-            Self::Protocol => include_str!("../../../spec/PROTOCOL.md"),
-            Self::Reckoning => include_str!("../../../spec/RECKONING.md"),
+            Self::Protocol => include_str!("../spec/PROTOCOL.md"),
+            Self::Reckoning => include_str!("../spec/RECKONING.md"),
         }
     }
 

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use quinn::udp::{RecvMeta, UdpSocketState};
-use rhumb_transport::{Clock, raw};
+use rhumb_transport::{Clock, bind_udp, io_runtime};
 use tokio::io::Interest;
 use tokio::net::UdpSocket;
 use tokio::sync::{mpsc, oneshot};
@@ -76,9 +76,9 @@ impl UdpRelay {
         seed: u64,
     ) -> Result<Self, RelayError> {
         let address = |cause| RelayError::Address { listen, cause };
-        let front = raw::bind(listen).map_err(address)?;
+        let front = bind_udp(listen).map_err(address)?;
         let local_addr = front.local_addr().map_err(address)?;
-        let runtime = raw::runtime().map_err(RelayError::Thread)?;
+        let runtime = io_runtime().map_err(RelayError::Thread)?;
         let front = {
             let _inside = runtime.enter();
             Socket::new(front).map_err(address)?
@@ -254,7 +254,7 @@ impl Relay {
             SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
             SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
         };
-        let back = raw::bind(SocketAddr::new(any, 0))?;
+        let back = bind_udp(SocketAddr::new(any, 0))?;
         let back = Arc::new(Socket::new(back)?);
         back.socket.connect(self.server).await?;
         // The task ends with the runtime, when the relay does.

@@ -6,16 +6,14 @@
 
 use glam::{Quat, Vec3};
 use rhumb_app::{
-    AddJoint, ApplyForce, ApplyTorque, AttachShape, ConvexMesh, CreateDynamicActor,
+    AddJoint, AppOptions, ApplyForce, ApplyTorque, AttachShape, ConvexMesh, CreateDynamicActor,
     CreateStaticActor, DetachShape, FramedMessage, Grip, HEADER_BYTES, HeightGrid, Id, Kind, Logon,
     MalformedMessage, Message, MessageFraming, Motion, Place, SetWorld, Surface, Surfacing,
     TriangleMesh,
 };
-use rhumb_protocol::Instant;
-use rhumb_server::ServerLoop;
 
 use super::script::Script;
-use crate::PluginSession;
+use crate::{PluginServer, PluginSession};
 
 /// Number of actions of one script, so that it ends soon.
 const ACTS_MAX: usize = 80;
@@ -74,7 +72,7 @@ fn read(stream: &[u8], piece: usize) -> (Vec<FramedMessage>, Option<MalformedMes
 /// A script of messages, frames and bytes.
 pub fn app_scene(data: &[u8]) {
     let mut script = Script::new(data);
-    let mut server = ServerLoop::new(|| Instant::ZERO);
+    let mut server = PluginServer::new(AppOptions::default());
     let mut logon = Vec::new();
     Message::Logon(Logon::new(7, "words")).encode(0, &mut logon);
     let mut session = PluginSession::begin(&mut server, 1, &logon);
@@ -123,11 +121,11 @@ pub fn app_scene(data: &[u8]) {
             "a client that logs off is disconnected"
         );
     }
-    let left = server.scenes().count();
+    let left = server.server_loop.scenes().count();
     assert!(left == 0 || !session.closed, "a scene ends with its client");
 }
 
-fn send(server: &mut ServerLoop, session: &mut PluginSession, message: &Message) {
+fn send(server: &mut PluginServer, session: &mut PluginSession, message: &Message) {
     let mut bytes = Vec::new();
     message.encode(0, &mut bytes);
     session.send(server, &bytes);

@@ -7,10 +7,8 @@
 use std::collections::BTreeMap;
 
 use glam::Vec3;
-use rhumb_app::{Id, Kind, Logon, Message, Motion};
-use rhumb_protocol::Instant;
-use rhumb_server::{AppOptions, ServerLoop, States, TimeAdvanced};
-use rhumb_tests::{Dice, PluginSession, Recording, falling, seed};
+use rhumb_app::{AppOptions, Id, Kind, Logon, Message, Motion, States, TimeAdvanced};
+use rhumb_tests::{Dice, PluginServer, PluginSession, Recording, falling, seed};
 
 const ZOO: &[u8] = include_bytes!("../../data/app/harness_zoo.zst");
 const BALLS: &[u8] = include_bytes!("../../data/app/harness_balls.zst");
@@ -18,8 +16,8 @@ const AVATAR: &[u8] = include_bytes!("../../data/app/harness_avatar.zst");
 const REGION: &[u8] = include_bytes!("../../data/app/region_start.zst");
 const REGION_BALLS: &[u8] = include_bytes!("../../data/app/region_balls_avatar.zst");
 
-fn server() -> ServerLoop {
-    ServerLoop::new(|| Instant::ZERO)
+fn server() -> PluginServer {
+    PluginServer::new(AppOptions::default())
 }
 
 /// Plays a recording to its end, message by message, and checks the common properties of all sessions.
@@ -33,7 +31,11 @@ fn play(packed: &[u8]) -> (Recording, PluginSession) {
         session.send(&mut server, piece);
     }
     assert!(session.closed, "a client that logs off is disconnected");
-    assert_eq!(server.scenes().count(), 0, "the scene ends with its client");
+    assert_eq!(
+        server.server_loop.scenes().count(),
+        0,
+        "the scene ends with its client"
+    );
     assert_eq!(session.received(Kind::LogonReady), 1);
     assert_eq!(session.received(Kind::TimeAdvanced), steps);
     let refused: Vec<_> = session
@@ -307,12 +309,16 @@ fn messages_of_a_rejected_peer_are_ignored() {
     assert!(second.closed);
     // Its connection is not closed yet, and it continues to send.
     second.send(&mut server, &frame);
-    assert_eq!(server.scenes().count(), 0);
+    assert_eq!(server.server_loop.scenes().count(), 0);
     first.send(&mut server, &frame);
     second.send(&mut server, &frame);
     second.end(&mut server);
     assert!(second.tcp_messages.is_empty() && second.datagram_messages.is_empty());
-    let scenes: Vec<String> = server.scenes().map(ToString::to_string).collect();
+    let scenes: Vec<String> = server
+        .server_loop
+        .scenes()
+        .map(ToString::to_string)
+        .collect();
     assert_eq!(scenes, ["app/7"]);
     assert_eq!(first.received(Kind::TimeAdvanced), 1);
 }
@@ -395,8 +401,7 @@ fn resting_states_are_sent_after_a_blocked_connection_recovers() {
 fn an_operator_selects_the_states_that_are_sent() {
     let recording = Recording::unpack(BALLS);
     let play = |options: AppOptions| {
-        let mut server = server();
-        server.configure_app(options);
+        let mut server = PluginServer::new(options);
         let mut session = PluginSession::begin(&mut server, 1, recording.datagram());
         for piece in recording.pieces() {
             session.send(&mut server, piece);
@@ -460,7 +465,11 @@ fn broken_sessions_end_without_a_panic_and_without_effect_on_others() {
         Message::AdvanceTime((99, 0.089)).encode(0, &mut frame);
         steady.send(&mut server, &frame);
         assert_eq!(steady.received(Kind::TimeAdvanced), usize::from(round) + 1);
-        assert_eq!(server.scenes().count(), 1, "a scene ends with its client");
+        assert_eq!(
+            server.server_loop.scenes().count(),
+            1,
+            "a scene ends with its client"
+        );
     }
     assert!(closed > 20, "only {closed} of 60 sessions were closed");
 }

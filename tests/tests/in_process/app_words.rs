@@ -5,13 +5,11 @@
 
 use glam::{Quat, Vec3};
 use rhumb_app::{
-    AddJoint, ApplyForce, ApplyTorque, AttachShape, ConvexMesh, CreateDynamicActor,
+    AddJoint, AppOptions, ApplyForce, ApplyTorque, AttachShape, ConvexMesh, CreateDynamicActor,
     CreateStaticActor, DetachShape, Grip, HeightGrid, Id, Kind, Logon, Message, Motion, SetWorld,
     Surface, Surfacing, TriangleMesh,
 };
-use rhumb_protocol::Instant;
-use rhumb_server::ServerLoop;
-use rhumb_tests::{Dice, PluginSession, seed};
+use rhumb_tests::{Dice, PluginServer, PluginSession, seed};
 
 const fn id(object: u32) -> Id {
     Id {
@@ -20,13 +18,13 @@ const fn id(object: u32) -> Id {
     }
 }
 
-fn send(server: &mut ServerLoop, session: &mut PluginSession, message: &Message) {
+fn send(server: &mut PluginServer, session: &mut PluginSession, message: &Message) {
     send_with_index(server, session, 0, message);
 }
 
 /// Sends a message with an index.
 fn send_with_index(
-    server: &mut ServerLoop,
+    server: &mut PluginServer,
     session: &mut PluginSession,
     index: u32,
     message: &Message,
@@ -37,8 +35,8 @@ fn send_with_index(
 }
 
 /// A server, and a client that has logged on and defined its world.
-fn logged_on() -> (ServerLoop, PluginSession) {
-    let mut server = ServerLoop::new(|| Instant::ZERO);
+fn logged_on() -> (PluginServer, PluginSession) {
+    let mut server = PluginServer::new(AppOptions::default());
     let mut logon = Vec::new();
     Message::Logon(Logon::new(7, "words")).encode(0, &mut logon);
     let mut session = PluginSession::begin(&mut server, 1, &logon);
@@ -66,7 +64,7 @@ const STONE: Surface = Surface {
     restitution: 0.0,
 };
 
-fn ball(server: &mut ServerLoop, session: &mut PluginSession, object: u32, position: Vec3) {
+fn ball(server: &mut PluginServer, session: &mut PluginSession, object: u32, position: Vec3) {
     let motion = Motion {
         actor: id(object),
         position,
@@ -111,7 +109,7 @@ const fn grip(object: u32, anchor: Vec3) -> Grip {
 }
 
 /// A static actor whose shape has the same number.
-fn stand(server: &mut ServerLoop, session: &mut PluginSession, object: u32, position: Vec3) {
+fn stand(server: &mut PluginServer, session: &mut PluginSession, object: u32, position: Vec3) {
     for message in [
         Message::CreateStaticActor(CreateStaticActor {
             actor: id(object),
@@ -140,7 +138,7 @@ fn corners(least: Vec3, most: Vec3) -> Vec<Vec3> {
     (0..8).map(corner).collect()
 }
 
-fn frames(server: &mut ServerLoop, session: &mut PluginSession, count: usize) {
+fn frames(server: &mut PluginServer, session: &mut PluginSession, count: usize) {
     for _ in 0..count {
         send(server, session, &FRAME);
     }
@@ -482,6 +480,6 @@ fn any_message_leaves_the_scene_running_with_finite_states() {
             assert!(finite && state.rotation.is_normalized(), "{state:?}");
         }
         send(&mut server, &mut session, &Message::Logoff(7));
-        assert!(session.closed && server.scenes().count() == 0);
+        assert!(session.closed && server.server_loop.scenes().count() == 0);
     }
 }

@@ -500,22 +500,24 @@ fn losses_of_a_departed_member_cost_others_nothing() {
 
 #[test]
 fn a_forgotten_packet_is_not_reported_forever() {
-    let mut stage = free_running("zoo", LinkConfig::PERFECT);
+    // So many falling balls that packets are forgotten after seconds.
+    let balls = by_name("ball-pit", 400, 1).expect("an existing script");
+    let perfect = LinkConfig::PERFECT;
+    let mut stage = Stage::new(balls, Stepping::FreeRunning, NORMAL, perfect, 1);
     let lost = stage.enter(StreamChoice::Full);
     stage.take_authority(Span::from_millis(300));
     // One tick is lost on the way down, and all loss reports are lost until it is forgotten; everything else arrives.
     lose_all_datagrams(&mut stage, lost, Direction::Up);
     lose_all_datagrams(&mut stage, lost, Direction::Down);
     stage.take_authority(TICK);
-    stage
-        .network
-        .set_config_of(lost, Direction::Down, LinkConfig::PERFECT);
+    stage.network.set_config_of(lost, Direction::Down, perfect);
     let before = stage.copy(lost).stream().statistics().packets;
     while stage.copy(lost).stream().statistics().packets < before + 1_100 {
-        stage.take_authority(Span::from_millis(500));
+        stage.take_authority(TICK);
     }
-    stage.network.set_config(LinkConfig::PERFECT);
-    stage.run(SETTLES_WITHIN);
+    stage.network.set_config(perfect);
+    let converged = |stage: &Stage| all_converged(stage, &[lost]);
+    stage.run_until_or(SETTLES_WITHIN, converged);
     assert!(stage.copy(lost).stream().is_converged());
     let truth = stage.truth();
     stage.histories[lost].judge(&truth, "the member");

@@ -79,6 +79,10 @@ fn walk(folder: &Path, path: &str, files: &mut Vec<File>) {
         } else {
             format!("{path}/{name}")
         };
+        if entry.path().is_symlink() {
+            // Its files are read in the folder that it names.
+            continue;
+        }
         if entry.path().is_dir() {
             if !MADE.contains(&name.as_str()) {
                 walk(&entry.path(), &path, files);

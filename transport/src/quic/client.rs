@@ -20,7 +20,7 @@ use super::inbox::{Inbox, Received};
 use super::statistics::WireStatistics;
 use super::trust::{self, Trust};
 use super::tuning;
-use crate::socket;
+use crate::socket::{bind_udp, io_runtime};
 
 /// The server to connect to, and how to authenticate it.
 #[derive(Clone, Debug)]
@@ -72,9 +72,8 @@ impl QuicClient {
         let (tls, certificate_check) = trust::tls(&trust).map_err(ConnectError::Roots)?;
         let config =
             tuning::client(tls).map_err(|cause| ConnectError::Thread(io::Error::other(cause)))?;
-        let socket =
-            socket::bind(bind).map_err(|cause| ConnectError::LocalSocket { bind, cause })?;
-        let runtime = socket::runtime().map_err(ConnectError::Thread)?;
+        let socket = bind_udp(bind).map_err(|cause| ConnectError::LocalSocket { bind, cause })?;
+        let runtime = io_runtime().map_err(ConnectError::Thread)?;
         let attempt = Attempt {
             server,
             server_name,

@@ -9,7 +9,6 @@ use rhumb_protocol::{Ending, Peer};
 
 use super::closing::Closing;
 use super::control_queue::ControlSender;
-use crate::app::AppInput;
 use crate::piece::Piece;
 
 /// One input for the server thread.
@@ -27,8 +26,6 @@ pub(crate) enum Input {
     State { peer: Peer, piece: Piece },
     /// A connection has ended; its last input.
     Ended { peer: Peer, ending: Ending },
-    /// An input of the APP listener.
-    App(AppInput),
     /// The server must stop.
     Stop,
     /// The I/O thread has ended; the last input.

@@ -31,7 +31,6 @@ pub use code::TransportCode;
 pub use connect_error::ConnectError;
 pub use fingerprint::{Fingerprint, FingerprintError};
 pub use inbox::Received;
-pub(crate) use input::Input;
 pub use server::{BindError, QuicServer, ServerOptions};
 pub use server_loop::ServeError;
 pub use statistics::{ServerStatistics, WireStatistics};

@@ -26,8 +26,7 @@ use super::stop::Stop;
 use super::tuning;
 use super::waker::Waker;
 use super::watch::ServerWatch;
-use crate::app::{AppBindError, AppEndpoint, AppHooks, AppListen, AppListener};
-use crate::socket;
+use crate::socket::{bind_udp, io_runtime};
 
 /// Address and certificate of a server.
 #[derive(Clone, Debug)]
@@ -47,7 +46,6 @@ pub struct QuicServer {
     wake: mpsc::Sender<Input>,
     waker: Waker,
     watch: ServerWatch,
-    listener: Option<AppListener>,
     io: IoThread,
 }
 
@@ -94,8 +92,8 @@ impl QuicServer {
         let mut local = EndpointConfig::default();
         local.cid_generator(move || Box::new(Short::new(Arc::clone(&provider))));
         let config = tuning::server(certificate.tls()).map_err(BindError::Tls)?;
-        let socket = socket::bind(listen).map_err(address)?;
-        let runtime = socket::runtime().map_err(BindError::Thread)?;
+        let socket = bind_udp(listen).map_err(address)?;
+        let runtime = io_runtime().map_err(BindError::Thread)?;
         let endpoint = {
             let _inside = runtime.enter();
             quinn::Endpoint::new(local, Some(config), socket, Arc::new(TokioRuntime))
@@ -122,7 +120,6 @@ impl QuicServer {
             waker: Waker::new(wake.clone()),
             wake,
             watch,
-            listener: None,
             io: IoThread {
                 end: Some(end),
                 thread: Some(thread),
@@ -154,31 +151,6 @@ impl QuicServer {
         self.waker.clone()
     }
 
-    /// Opens the listener for APP clients and returns its address. Its clients wait until [`run_app`](Self::run_app).
-    ///
-    /// # Errors
-    ///
-    /// [`AppBindError`] names the address or the thread that failed.
-    pub fn listen_app(&mut self, listen: AppListen) -> Result<SocketAddr, AppBindError> {
-        let listener = AppListener::open(listen, self.wake.clone())?;
-        let address = listener.address();
-        self.listener = Some(listener);
-        Ok(address)
-    }
-
-    /// As [`run`](Self::run), with APP clients.
-    ///
-    /// # Errors
-    ///
-    /// [`ServeError`] if the I/O thread has ended.
-    pub fn run_app<E: AppEndpoint>(
-        self,
-        endpoint: &mut E,
-        stop: &Stop,
-    ) -> Result<ServerStatistics, ServeError> {
-        self.run_with(endpoint, stop, &AppHooks::of_endpoint())
-    }
-
     /// Feeds and drains `endpoint` on the calling thread until `stop` is requested.
     ///
     /// Exactly one `handle_ended` follows every `handle_opened`, unless the server stops first. A connection that the
@@ -195,25 +167,12 @@ impl QuicServer {
         endpoint: &mut E,
         stop: &Stop,
     ) -> Result<ServerStatistics, ServeError> {
-        self.run_with(endpoint, stop, &AppHooks::none())
-    }
-
-    fn run_with<E: Endpoint>(
-        self,
-        endpoint: &mut E,
-        stop: &Stop,
-        app: &AppHooks<E>,
-    ) -> Result<ServerStatistics, ServeError> {
         let wake = self.wake.clone();
         // If the server loop has ended, there is nothing to wake.
         stop.on_stop(move || drop(wake.send(Input::Stop)));
-        let mut server_loop = EndpointLoop::new(
-            self.inputs,
-            self.waker.clone(),
-            self.watch.clone(),
-            self.listener,
-        );
-        let outcome = server_loop.run(endpoint, app);
+        let mut server_loop =
+            EndpointLoop::new(self.inputs, self.waker.clone(), self.watch.clone());
+        let outcome = server_loop.run(endpoint);
         server_loop.close_all();
         drop(self.io);
         outcome.map(|()| self.watch.statistics())

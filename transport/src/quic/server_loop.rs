@@ -17,7 +17,6 @@ use super::input::{Input, PeerHandles};
 use super::tuning::{CLOSE_LEAVES, CONTROL_REPORT_BYTES, DATAGRAM_SEND_BYTES};
 use super::waker::Waker;
 use super::watch::ServerWatch;
-use crate::app::{AppHooks, AppListener};
 use crate::clock::Clock;
 use crate::link_meter::LinkMeter;
 use crate::piece::Piece;
@@ -41,7 +40,6 @@ pub(super) struct EndpointLoop {
     /// Datagrams of the present drain: they leave after its control bytes, so that both can share a packet.
     states: Vec<(Peer, Bytes)>,
     watch: ServerWatch,
-    listener: Option<AppListener>,
 }
 
 #[derive(Debug)]
@@ -77,12 +75,7 @@ enum LoopControl {
 const INPUTS_PER_TURN: usize = 256;
 
 impl EndpointLoop {
-    pub(super) fn new(
-        inputs: Receiver<Input>,
-        waker: Waker,
-        watch: ServerWatch,
-        listener: Option<AppListener>,
-    ) -> Self {
+    pub(super) fn new(inputs: Receiver<Input>, waker: Waker, watch: ServerWatch) -> Self {
         Self {
             clock: Clock::start(),
             inputs,
@@ -91,26 +84,18 @@ impl EndpointLoop {
             held_back: BTreeSet::new(),
             states: Vec::new(),
             watch,
-            listener,
         }
     }
 
     /// Runs until stopped.
-    pub(super) fn run<E: Endpoint>(
-        &mut self,
-        endpoint: &mut E,
-        app: &AppHooks<E>,
-    ) -> Result<(), ServeError> {
+    pub(super) fn run<E: Endpoint>(&mut self, endpoint: &mut E) -> Result<(), ServeError> {
         loop {
             self.report(endpoint);
             self.drain(endpoint);
             while self.hand_on(endpoint) {
                 self.drain(endpoint);
             }
-            if let Some(listener) = &mut self.listener {
-                app.drain(endpoint, listener);
-            }
-            if self.wait(endpoint, app)? == LoopControl::Stop {
+            if self.wait(endpoint)? == LoopControl::Stop {
                 return Ok(());
             }
             let now = self.clock.now();
@@ -134,11 +119,7 @@ impl EndpointLoop {
     }
 
     /// Waits for an input or the endpoint's next moment, and handles the input.
-    fn wait<E: Endpoint>(
-        &mut self,
-        endpoint: &mut E,
-        app: &AppHooks<E>,
-    ) -> Result<LoopControl, ServeError> {
+    fn wait<E: Endpoint>(&mut self, endpoint: &mut E) -> Result<LoopControl, ServeError> {
         let first = match endpoint.poll_timeout() {
             Some(wake) => match self.inputs.recv_timeout(self.clock.until(wake.at)) {
                 Ok(input) => input,
@@ -149,7 +130,7 @@ impl EndpointLoop {
         };
         let mut input = first;
         for _ in 0..INPUTS_PER_TURN {
-            if self.handle(endpoint, app, input)? == LoopControl::Stop {
+            if self.handle(endpoint, input)? == LoopControl::Stop {
                 return Ok(LoopControl::Stop);
             }
             input = match self.inputs.try_recv() {
@@ -158,13 +139,12 @@ impl EndpointLoop {
                 Err(TryRecvError::Disconnected) => return Err(ServeError::IoThreadLost),
             };
         }
-        self.handle(endpoint, app, input)
+        self.handle(endpoint, input)
     }
 
     fn handle<E: Endpoint>(
         &mut self,
         endpoint: &mut E,
-        app: &AppHooks<E>,
         input: Input,
     ) -> Result<LoopControl, ServeError> {
         let now = self.clock.now();
@@ -202,11 +182,6 @@ impl EndpointLoop {
                 }
                 self.held_back.remove(&peer);
                 endpoint.handle_ended(now, peer, ending);
-            }
-            Input::App(input) => {
-                if let Some(listener) = &mut self.listener {
-                    app.handle(endpoint, now, input, listener);
-                }
             }
             Input::Stop => return Ok(LoopControl::Stop),
             Input::IoOver => return Err(ServeError::IoThreadLost),

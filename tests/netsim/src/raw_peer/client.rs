@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use quinn::crypto::rustls::QuicClientConfig;
 use quinn::{ClientConfig, Endpoint, EndpointConfig, TokioRuntime};
-use rhumb_transport::{Trust, raw};
+use rhumb_transport::{Trust, bind_udp, io_runtime, raw};
 
 use super::config::{RawPeerConfig, RawPeerError};
 use super::connection::{RawConnection, RawPeerEnd};
@@ -41,8 +41,8 @@ impl RawConnection {
             SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
             SocketAddr::V6(_) => (Ipv6Addr::UNSPECIFIED, 0).into(),
         };
-        let socket = raw::bind(any).map_err(RawPeerError::Host)?;
-        let runtime = raw::runtime().map_err(RawPeerError::Host)?;
+        let socket = bind_udp(any).map_err(RawPeerError::Host)?;
+        let runtime = io_runtime().map_err(RawPeerError::Host)?;
         let (ready, connected) = mpsc::sync_channel(1);
         let name = server_name.to_owned();
         thread::Builder::new()

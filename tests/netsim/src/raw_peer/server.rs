@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use quinn::crypto::rustls::QuicServerConfig;
 use quinn::{Endpoint, EndpointConfig, ServerConfig, TokioRuntime};
-use rhumb_transport::{Certificate, Fingerprint, TransportCode, raw};
+use rhumb_transport::{Certificate, Fingerprint, TransportCode, bind_udp, io_runtime, raw};
 use tokio::sync::oneshot;
 
 use super::config::{RawPeerConfig, RawPeerError};
@@ -43,8 +43,8 @@ impl RawPeerServer {
             .map_err(|cause| RawPeerError::Tls(cause.to_string()))?;
         let mut config = ServerConfig::with_crypto(Arc::new(tls));
         config.transport_config(Arc::new(raw_config.transport()));
-        let socket = raw::bind(listen).map_err(RawPeerError::Host)?;
-        let runtime = raw::runtime().map_err(RawPeerError::Host)?;
+        let socket = bind_udp(listen).map_err(RawPeerError::Host)?;
+        let runtime = io_runtime().map_err(RawPeerError::Host)?;
         let endpoint = {
             let _inside = runtime.enter();
             let local = EndpointConfig::default();

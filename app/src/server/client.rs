@@ -1,0 +1,295 @@
+//! One APP client, and the scene that it owns.
+//!
+//! Handles its messages, applies them at its frames, and reports the results. Its scene is named `app/` with the
+//! number of its simulation; it begins with the first frame and ends with the client.
+
+use core::net::{IpAddr, SocketAddr};
+use core::num::NonZeroU32;
+
+use glam::Vec3;
+use rhumb_protocol::Peer;
+use rhumb_protocol::scene::{Command, PublishSchedule, SceneConfig, SceneName, Stepping};
+use rhumb_reckoning::{Damping, Integrator};
+
+use super::body_ids::BodyIds;
+use super::frame_clock::FrameClock;
+use super::host::{AppHost, AppScene, Geometry};
+use super::options::{AppOptions, TimeAdvanced};
+use super::refusal::{Refusal, RefusedMessage};
+use super::send_queue::SendQueue;
+use super::state_reporter::{FrameOutput, ReportOptions, StateReporter, Transport};
+use super::world_mirror::{ActorPush, MATERIAL, Reply, WorldMirror};
+use crate::wire::{ErrorReport, FramedMessage, HEADER_BYTES, Id, Message, Session};
+
+/// An APP client.
+#[derive(Debug)]
+pub(super) struct AppClient {
+    pub(super) session: Session,
+    pub(super) address: IpAddr,
+    pub(super) state: LogonState,
+    /// Destination of its states; TCP while it is unknown.
+    pub(super) states_to: Option<SocketAddr>,
+    /// Its scene, from its first frame on.
+    pub(super) scene: Option<ClientScene>,
+    mirror: WorldMirror,
+    reporter: StateReporter,
+    pub(super) send_queue: SendQueue,
+    /// Refusals reported since the last frame.
+    refusals: u32,
+}
+
+/// Progress of a client's session.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum LogonState {
+    /// Not logged on.
+    Connected,
+    /// Logged on with this simulation, which no other client has.
+    LoggedOn(u32),
+    /// Closed or logged off: its bytes are ignored, and it has no scene.
+    Closed,
+}
+
+/// A client's scene.
+#[derive(Debug)]
+pub(super) struct ClientScene {
+    pub(super) name: SceneName,
+    /// The client's simulation.
+    simulation: u32,
+    frame_clock: FrameClock,
+}
+
+/// Request of a client's message to the server.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum ClientRequest {
+    Nothing,
+    /// Log the client on with this simulation.
+    Logon(u32),
+    /// Advance time by so many seconds.
+    Frame(f32),
+    Logoff,
+}
+
+/// Refusals that are reported and logged between two frames; more would not help.
+const REFUSALS_MAX: u32 = 16;
+/// Bytes of a state.
+const STATE_BYTES: usize = HEADER_BYTES + 64;
+/// The defaults of the paper's engine.
+const DAMPING: Damping = Damping {
+    linear: 0.0,
+    angular: 0.05,
+};
+const SUBSTEPS: NonZeroU32 = NonZeroU32::new(4).expect("four is not zero");
+
+impl AppClient {
+    pub(super) fn new(address: IpAddr) -> Self {
+        Self {
+            session: Session::default(),
+            address,
+            state: LogonState::Connected,
+            states_to: None,
+            scene: None,
+            mirror: WorldMirror::default(),
+            reporter: StateReporter::default(),
+            send_queue: SendQueue::default(),
+            refusals: 0,
+        }
+    }
+
+    /// Handles a message.
+    pub(super) fn handle_message(
+        &mut self,
+        framed: &FramedMessage,
+        geometry: &dyn Geometry,
+    ) -> ClientRequest {
+        match framed.message {
+            Message::Logon(logon) => return ClientRequest::Logon(logon.simulation),
+            Message::Logoff(_) => return ClientRequest::Logoff,
+            Message::AdvanceTime((_, seconds)) => return ClientRequest::Frame(seconds),
+            _ => {}
+        }
+        match self.mirror.handle_message(framed, geometry) {
+            Ok(Reply::Nothing) => {}
+            Ok(Reply::Mass(mass)) => {
+                if let Message::GetMass(id) = framed.message {
+                    self.send_mass(id.object, mass);
+                }
+            }
+            Err(refusal) => self.refuse(RefusedMessage::at_once(framed.index, refusal)),
+        }
+        ClientRequest::Nothing
+    }
+
+    /// The simulation of a logged-on client.
+    pub(super) const fn simulation(&self) -> Option<u32> {
+        match self.state {
+            LogonState::LoggedOn(simulation) => Some(simulation),
+            LogonState::Connected | LogonState::Closed => None,
+        }
+    }
+
+    fn send_mass(&mut self, object: u32, mass: f32) {
+        // A client that is not logged on has not asked.
+        let Some(simulation) = self.simulation() else {
+            return;
+        };
+        let actor = Id { simulation, object };
+        self.send_queue.lasting(&Message::UpdateMass((actor, mass)));
+    }
+
+    /// Reports a refused message to the log and to its sender; the published plug-in ignores the report.
+    pub(super) fn refuse(&mut self, refused: RefusedMessage) {
+        self.refusals += 1;
+        if self.refusals > REFUSALS_MAX {
+            return;
+        }
+        let simulation = self.simulation();
+        let RefusedMessage {
+            index,
+            actor,
+            refusal,
+        } = refused;
+        tracing::warn!(simulation, index, actor, %refusal, "a message of an app client was not done");
+        let text = refusal.to_string();
+        self.send_queue
+            .lasting(&Message::Error(ErrorReport { index, text }));
+    }
+
+    /// Begins the scene of a logged-on client whose first frame has this length.
+    pub(super) fn begin_scene(
+        &mut self,
+        host: &mut dyn AppHost,
+        owner: Peer,
+        seconds: f32,
+    ) -> Result<(), Refusal> {
+        // Only a logged-on client has frames.
+        let Some(simulation) = self.simulation() else {
+            return Ok(());
+        };
+        let frame_clock = FrameClock::of_frame(seconds).ok_or(Refusal::Time)?;
+        let name: SceneName = format!("app/{simulation}")
+            .parse()
+            .expect("a number names a scene");
+        let range = host
+            .begin_scene(owner, &name, self.config(&frame_clock))
+            .map_err(Refusal::NoScene)?;
+        self.mirror.body_ids = BodyIds::of_range(range);
+        self.scene = Some(ClientScene {
+            name,
+            simulation,
+            frame_clock,
+        });
+        Ok(())
+    }
+
+    fn config(&self, frame_clock: &FrameClock) -> SceneConfig {
+        SceneConfig {
+            integrator: Integrator {
+                rate: frame_clock.rate(),
+                substeps: SUBSTEPS,
+            },
+            gravity: self.mirror.gravity.unwrap_or(Vec3::ZERO),
+            stepping: Stepping::Lockstep,
+            material: MATERIAL,
+            damping: DAMPING,
+            sleep: None,
+            publish_schedule: PublishSchedule::EACH_TICK,
+        }
+    }
+
+    /// Runs a frame: applies the messages since the last one, advances time, and reports the results. `ticks_left`: how
+    /// many ticks may pass before other clients get their turn.
+    pub(super) fn run_frame(
+        &mut self,
+        seconds: f32,
+        scene: &mut dyn AppScene,
+        ticks_left: &mut u32,
+        options: &AppOptions,
+    ) -> Result<(), Refusal> {
+        let own = self.scene.as_mut().ok_or(Refusal::Time)?;
+        let ticks_due = own.frame_clock.ticks(seconds).ok_or(Refusal::Time)?;
+        let simulation = own.simulation;
+        // A client that requests more time than allowed gets a slower clock.
+        let ticks = ticks_due.min(*ticks_left);
+        *ticks_left -= ticks;
+        self.refusals = 0;
+        if let Some(gravity) = self.mirror.gravity
+            && scene.gravity() != gravity
+        {
+            scene.command(&Command::SetGravity { gravity })?;
+        }
+        let result = self.mirror.apply(scene);
+        for _ in 0..ticks {
+            self.mirror.push_all(scene);
+            scene.step();
+            self.reporter.note_contacts(&self.mirror, scene);
+        }
+        if ticks > 0 {
+            self.mirror.pushes.clear();
+        }
+        for (actor, mass) in result.masses {
+            self.send_mass(actor, mass);
+        }
+        for refused in result.refused {
+            self.refuse(refused);
+        }
+        let begun = scene.now();
+        self.report(simulation, scene, options);
+        scene.note_reporting(scene.now().since(begun));
+        Ok(())
+    }
+
+    /// Sends states, contacts, and the end of the frame.
+    fn report(&mut self, simulation: u32, scene: &dyn AppScene, options: &AppOptions) {
+        let report = ReportOptions {
+            states: options.states,
+            transport: match self.states_to {
+                Some(_) => Transport::Datagrams,
+                None => Transport::Stream,
+            },
+            capacity: self.send_queue.capacity() / STATE_BYTES,
+        };
+        let mut output = FrameOutput::default();
+        self.reporter
+            .report(simulation, &report, &self.mirror, scene, &mut output);
+        let over = Message::TimeAdvanced(simulation);
+        for message in &output.passing {
+            self.send_queue
+                .passing(message, self.states_to, options.datagrams);
+        }
+        for message in &output.lasting {
+            self.send_queue.lasting(message);
+        }
+        match (options.time_advanced, report.transport) {
+            (TimeAdvanced::Never, _) => {}
+            (TimeAdvanced::Udp, Transport::Datagrams) => {
+                self.send_queue
+                    .passing(&over, self.states_to, options.datagrams);
+            }
+            // Where states use all capacity, only this message shows that time advances.
+            (TimeAdvanced::Tcp, _) | (TimeAdvanced::Udp, Transport::Stream) => {
+                self.send_queue.lasting(&over);
+            }
+        }
+        self.send_queue.flush(self.states_to);
+    }
+}
+
+impl WorldMirror {
+    /// Applies all forces of this frame once more for the next tick.
+    fn push_all(&self, scene: &mut dyn AppScene) {
+        for (name, push) in &self.pushes {
+            let actor = self.actors.get(name);
+            let Some(id) = actor.and_then(|actor| actor.body).map(|body| body.id) else {
+                continue;
+            };
+            let command = match *push {
+                ActorPush::Force(force) => Command::Force { id, force },
+                ActorPush::Torque(torque) => Command::Torque { id, torque },
+            };
+            // A static actor is not pushed, whatever its client requests.
+            if let Err(error) = scene.command(&command) {
+                tracing::debug!(actor = name, %error, "an actor was not pushed");
+            }
+        }
+    }
+}

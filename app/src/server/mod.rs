@@ -1,0 +1,29 @@
+//! Server of APP clients (`spec/APP.md`), without sockets.
+//!
+//! Each client owns a scene of its host, which members of that host may subscribe to: same engine, same checks, same
+//! containment.
+
+mod actor;
+mod apply;
+mod body_ids;
+mod body_properties;
+mod client;
+mod depenetration;
+mod frame_clock;
+mod host;
+mod hull;
+mod joint;
+mod options;
+mod refusal;
+mod send_queue;
+mod server;
+mod shape_cache;
+mod shape_definition;
+mod state_reporter;
+mod transmit;
+mod world_mirror;
+
+pub use host::{AppHost, AppScene, Bulk, Geometry};
+pub use options::{AppOptions, Datagrams, States, TimeAdvanced};
+pub use server::AppServer;
+pub use transmit::AppTransmit;

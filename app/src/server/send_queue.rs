@@ -1,0 +1,201 @@
+//! Queued messages to one APP client, cut to protect its reader.
+//!
+//! The published plug-in loses messages that its own read cuts, and reads 64 KiB every 30 ms. Bytes for TCP leave in
+//! pieces of whole messages that fit a segment. A datagram has one message, unless a measurement packs them.
+
+use core::net::SocketAddr;
+use std::collections::VecDeque;
+
+use bytes::Bytes;
+
+use super::options::Datagrams;
+use crate::wire::Message;
+
+/// Queued messages of one client.
+#[derive(Debug, Default)]
+pub(super) struct SendQueue {
+    /// Counter of messages, as the protocol has it: sixteen bits in the upper half of the index.
+    counter: u16,
+    piece: Vec<u8>,
+    pieces: VecDeque<Bytes>,
+    pieces_bytes: usize,
+    /// Last reported count of bytes in the connection's queue.
+    connection_bytes: usize,
+    datagram: Vec<u8>,
+    datagrams: VecDeque<(SocketAddr, Bytes)>,
+}
+
+/// Bytes of a piece: fits a segment of an Ethernet.
+const PIECE_BYTES_MAX: usize = 1_400;
+/// Bytes of a packed datagram: fits a packet of an Ethernet.
+const DATAGRAM_BYTES_MAX: usize = 1_472;
+/// Queued bytes for TCP, here and in the connection, beyond which no supersedable message is added: a seventh of a
+/// second at the connection's rate.
+const PASSING_WAIT_MAX: usize = 64 << 10;
+
+impl SendQueue {
+    fn index(&mut self) -> u32 {
+        let index = u32::from(self.counter) << 16;
+        self.counter = self.counter.wrapping_add(1);
+        index
+    }
+
+    /// Takes the count of bytes in the connection's queue.
+    pub(super) const fn note_connection_bytes(&mut self, bytes: usize) {
+        self.connection_bytes = bytes;
+    }
+
+    /// Bytes of supersedable messages that TCP still takes.
+    pub(super) fn capacity(&self) -> usize {
+        let waiting = self.connection_bytes + self.pieces_bytes + self.piece.len();
+        PASSING_WAIT_MAX.saturating_sub(waiting)
+    }
+
+    /// Queues a message that must arrive, in order.
+    pub(super) fn lasting(&mut self, message: &Message) {
+        let start = self.piece.len();
+        let index = self.index();
+        message.encode(index, &mut self.piece);
+        if self.piece.len() > PIECE_BYTES_MAX && start > 0 {
+            let last = self.piece.split_off(start);
+            self.close_piece();
+            self.piece = last;
+        }
+    }
+
+    /// Queues a message that newer ones supersede.
+    pub(super) fn passing(
+        &mut self,
+        message: &Message,
+        to: Option<SocketAddr>,
+        datagrams: Datagrams,
+    ) {
+        let Some(to) = to else {
+            if self.capacity() > 0 {
+                self.lasting(message);
+            }
+            return;
+        };
+        let start = self.datagram.len();
+        let index = self.index();
+        message.encode(index, &mut self.datagram);
+        let full = match datagrams {
+            Datagrams::Single => true,
+            Datagrams::Packed => self.datagram.len() > DATAGRAM_BYTES_MAX,
+        };
+        if full && start > 0 {
+            let last = self.datagram.split_off(start);
+            self.close_datagram(to);
+            self.datagram = last;
+        }
+    }
+
+    fn close_piece(&mut self) {
+        if !self.piece.is_empty() {
+            let piece = Bytes::from(std::mem::take(&mut self.piece));
+            self.pieces_bytes += piece.len();
+            self.pieces.push_back(piece);
+        }
+    }
+
+    fn close_datagram(&mut self, to: SocketAddr) {
+        if !self.datagram.is_empty() {
+            let datagram = Bytes::copy_from_slice(&self.datagram);
+            self.datagram.clear();
+            self.datagrams.push_back((to, datagram));
+        }
+    }
+
+    /// Closes the piece and the datagram in progress.
+    pub(super) fn flush(&mut self, to: Option<SocketAddr>) {
+        self.close_piece();
+        if let Some(to) = to {
+            self.close_datagram(to);
+        }
+    }
+
+    /// The next bytes for TCP: whole messages.
+    pub(super) fn poll_bytes(&mut self) -> Option<Bytes> {
+        if self.pieces.is_empty() {
+            self.close_piece();
+        }
+        let piece = self.pieces.pop_front()?;
+        self.pieces_bytes -= piece.len();
+        Some(piece)
+    }
+
+    /// The next datagram and its destination.
+    pub(super) fn poll_datagram(&mut self) -> Option<(SocketAddr, Bytes)> {
+        self.datagrams.pop_front()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn drain(send_queue: &mut SendQueue) -> (Vec<usize>, Vec<usize>) {
+        let pieces = std::iter::from_fn(|| send_queue.poll_bytes()).map(|b| b.len());
+        let pieces: Vec<_> = pieces.collect();
+        let datagrams = std::iter::from_fn(|| send_queue.poll_datagram()).map(|(_, b)| b.len());
+        (pieces, datagrams.collect())
+    }
+
+    #[test]
+    fn pieces_hold_whole_messages_and_fit_a_segment() {
+        let mut send_queue = SendQueue::default();
+        for _ in 0..120 {
+            send_queue.lasting(&Message::TimeAdvanced(7));
+        }
+        let (pieces, _) = drain(&mut send_queue);
+        assert_eq!(pieces.iter().sum::<usize>(), 120 * 28);
+        assert!(
+            pieces
+                .iter()
+                .all(|bytes| *bytes <= PIECE_BYTES_MAX && bytes % 28 == 0)
+        );
+    }
+
+    #[test]
+    fn a_datagram_holds_one_message_or_as_many_as_fit() {
+        let to = Some(SocketAddr::from(([127, 0, 0, 1], 9)));
+        for (datagrams, expected) in [
+            (Datagrams::Single, vec![28; 60]),
+            (Datagrams::Packed, vec![28 * 52, 28 * 8]),
+        ] {
+            let mut send_queue = SendQueue::default();
+            for _ in 0..60 {
+                send_queue.passing(&Message::TimeAdvanced(7), to, datagrams);
+            }
+            send_queue.flush(to);
+            assert_eq!(drain(&mut send_queue), (vec![], expected));
+        }
+    }
+
+    #[test]
+    fn without_a_datagram_address_messages_go_over_tcp() {
+        let mut send_queue = SendQueue::default();
+        for _ in 0..10_000 {
+            send_queue.passing(&Message::TimeAdvanced(7), None, Datagrams::Single);
+        }
+        let (pieces, datagrams) = drain(&mut send_queue);
+        assert!(pieces.iter().sum::<usize>() < PASSING_WAIT_MAX + 2 * PIECE_BYTES_MAX);
+        assert!(datagrams.is_empty());
+    }
+
+    #[test]
+    fn queued_bytes_hold_back_only_supersedable_messages() {
+        let mut send_queue = SendQueue::default();
+        send_queue.note_connection_bytes(PASSING_WAIT_MAX);
+        assert_eq!(send_queue.capacity(), 0);
+        send_queue.passing(&Message::TimeAdvanced(7), None, Datagrams::Single);
+        assert_eq!(drain(&mut send_queue), (vec![], vec![]));
+        send_queue.lasting(&Message::TimeAdvanced(7));
+        assert_eq!(drain(&mut send_queue), (vec![28], vec![]));
+        send_queue.note_connection_bytes(PASSING_WAIT_MAX - 1);
+        for _ in 0..2 {
+            send_queue.passing(&Message::TimeAdvanced(7), None, Datagrams::Single);
+        }
+        assert_eq!(drain(&mut send_queue), (vec![28], vec![]));
+    }
+}

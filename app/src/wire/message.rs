@@ -1,0 +1,437 @@
+//! All messages, in both directions.
+//!
+//! Numbers are passed on as received: their users check whether they are finite and in range.
+
+use glam::{Quat, Vec3};
+
+use super::codec::{Field, FieldReader, fields};
+use super::fields::{Id, Surface};
+use super::header::Header;
+use super::kind::Kind;
+use super::limits::{HEADER_BYTES, TEXT_BYTES_MAX};
+use super::malformed::MalformedMessage;
+use super::shapes::{ConvexMesh, HeightGrid, TriangleMesh};
+
+fields! {
+    /// Logs a client on. The published plug-in sends only two characters of its name, as UTF-16.
+    Logon {
+        /// The simulation.
+        simulation: u32,
+        /// Padded with zeros.
+        name: [Byte; 48],
+    }
+}
+
+fields! {
+    /// Sets gravity and a ground plane.
+    SetWorld {
+        /// The plane's actor.
+        plane: Id,
+        /// m/s².
+        gravity: Vec3,
+        /// Coefficient of the plane.
+        static_friction: f32,
+        /// Coefficient of the plane.
+        kinetic_friction: f32,
+        /// Restitution of the plane; the published plug-in sends the collision margin here.
+        restitution: f32,
+        /// Metres; the published plug-in sends the restitution here.
+        margin: f32,
+        /// Metres along the normal.
+        height: f32,
+        /// Unit vector.
+        normal: Vec3,
+    }
+}
+
+fields! {
+    /// Creates an actor that does not move.
+    CreateStaticActor {
+        /// Its name.
+        actor: Id,
+        /// Metres.
+        position: Vec3,
+        /// Actor → world.
+        rotation: Quat,
+        /// Zero from the published plug-in; no meaning is known.
+        flags: u32,
+    }
+}
+
+fields! {
+    /// Creates an actor that moves.
+    CreateDynamicActor {
+        /// Pose and velocities.
+        motion: Motion,
+        /// Bit 0: collisions are to be reported.
+        flags: u32,
+    }
+}
+
+fields! {
+    /// Pose of an actor.
+    Place {
+        /// The actor.
+        actor: Id,
+        /// Metres.
+        position: Vec3,
+        /// Actor → world.
+        rotation: Quat,
+    }
+}
+
+fields! {
+    /// Pose and velocities of an actor.
+    Motion {
+        /// The actor.
+        actor: Id,
+        /// Metres.
+        position: Vec3,
+        /// Actor → world.
+        rotation: Quat,
+        /// Factor on gravity.
+        gravity_modifier: f32,
+        /// m/s.
+        linear: Vec3,
+        /// rad/s.
+        angular: Vec3,
+    }
+}
+
+fields! {
+    /// Joins two actors; if the second one does not exist, joins the first to the world.
+    AddJoint {
+        /// The joint's name.
+        joint: Id,
+        /// First actor.
+        first: Grip,
+        /// Second actor.
+        second: Grip,
+        /// Least offset along x, y, z, metres; an axis whose least exceeds its greatest is free.
+        linear_lower: Vec3,
+        /// Greatest offset, metres.
+        linear_upper: Vec3,
+        /// Least turn about x, y, z, radians; an axis whose least exceeds its greatest is free.
+        angular_lower: Vec3,
+        /// Greatest turn, radians.
+        angular_upper: Vec3,
+    }
+}
+
+fields! {
+    /// Frame of a joint in an actor.
+    Grip {
+        /// The actor.
+        actor: Id,
+        /// Frame → actor.
+        rotation: Quat,
+        /// Metres, in the actor's axes.
+        anchor: Vec3,
+    }
+}
+
+fields! {
+    /// Attaches a shape to an actor.
+    AttachShape {
+        /// The actor.
+        actor: Id,
+        /// The shape; its simulation is zero.
+        shape: Id,
+        /// Its density and surface.
+        surface: Surface,
+        /// Shape → actor.
+        rotation: Quat,
+        /// Metres, in the actor's axes.
+        position: Vec3,
+    }
+}
+
+fields! {
+    /// Sets density and surface of a shape on an actor.
+    Surfacing {
+        /// The actor.
+        actor: Id,
+        /// The shape.
+        shape: Id,
+        /// Its new density and surface.
+        surface: Surface,
+    }
+}
+
+fields! {
+    /// Detaches a shape from an actor.
+    DetachShape {
+        /// The actor.
+        actor: Id,
+        /// The shape; its simulation is zero.
+        shape: Id,
+    }
+}
+
+fields! {
+    /// Two actors touch.
+    ActorsCollided {
+        /// The actor whose collisions are reported.
+        colliding: Id,
+        /// The other actor.
+        collided: Id,
+        /// Point of contact, metres, world.
+        point: Vec3,
+        /// Normal from the other actor towards the reported one, unit, world.
+        normal: Vec3,
+        /// Separation, metres; negative: they overlap.
+        separation: f32,
+    }
+}
+
+fields! {
+    /// Applies a force to an actor.
+    ApplyForce {
+        /// The actor.
+        actor: Id,
+        /// N, world.
+        force: Vec3,
+    }
+}
+
+fields! {
+    /// Applies a torque to an actor.
+    ApplyTorque {
+        /// The actor.
+        actor: Id,
+        /// N·m, world.
+        torque: Vec3,
+    }
+}
+
+/// Reports a faulty message.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ErrorReport {
+    /// The message's index, as received.
+    pub index: u32,
+    /// The fault. Only the first 256 bytes are encoded.
+    pub text: String,
+}
+
+/// A byte of a name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Byte(pub u8);
+
+impl Field for Byte {
+    fn put(&self, to: &mut Vec<u8>) {
+        to.push(self.0);
+    }
+
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
+        from.array().map(|[byte]| Self(byte))
+    }
+}
+
+impl Logon {
+    /// A logon of a simulation; only the first 48 bytes of the name are encoded.
+    #[must_use]
+    pub fn new(simulation: u32, name: &str) -> Self {
+        let mut bytes = [Byte(0); 48];
+        for (to, from) in bytes.iter_mut().zip(name.bytes()) {
+            *to = Byte(from);
+        }
+        Self {
+            simulation,
+            name: bytes,
+        }
+    }
+}
+
+impl Field for ErrorReport {
+    fn put(&self, to: &mut Vec<u8>) {
+        self.index.put(to);
+        let mut end = self.text.len().min(TEXT_BYTES_MAX);
+        while !self.text.is_char_boundary(end) {
+            end -= 1;
+        }
+        to.extend_from_slice(&self.text.as_bytes()[..end]);
+    }
+
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
+        let index = u32::take(from)?;
+        let bytes = from.raw(from.left())?;
+        let text = core::str::from_utf8(bytes).map_err(|_| MalformedMessage::Text)?;
+        let text = text.into();
+        Ok(Self { index, text })
+    }
+}
+
+macro_rules! messages {
+    ($($(#[$doc:meta])* $name:ident($type:ty),)+) => {
+        /// A message of either end.
+        #[derive(Clone, Debug, PartialEq)]
+        pub enum Message {
+            $($(#[$doc])* $name($type),)+
+        }
+
+        impl Message {
+            /// The message's type.
+            #[must_use]
+            pub const fn kind(&self) -> Kind {
+                match self {
+                    $(Self::$name(_) => Kind::$name,)+
+                }
+            }
+
+            fn put(&self, to: &mut Vec<u8>) {
+                match self {
+                    $(Self::$name(body) => body.put(to),)+
+                }
+            }
+
+            fn take(kind: Kind, from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
+                Ok(match kind {
+                    $(Kind::$name => Self::$name(<$type>::take(from)?),)+
+                })
+            }
+        }
+    };
+}
+
+/// Two fields in a row.
+impl<A: Field, B: Field> Field for (A, B) {
+    fn put(&self, to: &mut Vec<u8>) {
+        self.0.put(to);
+        self.1.put(to);
+    }
+
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
+        Ok((A::take(from)?, B::take(from)?))
+    }
+}
+
+/// Three fields in a row.
+impl<A: Field, B: Field, C: Field> Field for (A, B, C) {
+    fn put(&self, to: &mut Vec<u8>) {
+        self.0.put(to);
+        self.1.put(to);
+        self.2.put(to);
+    }
+
+    fn take(from: &mut FieldReader<'_>) -> Result<Self, MalformedMessage> {
+        Ok((A::take(from)?, B::take(from)?, C::take(from)?))
+    }
+}
+
+messages! {
+    /// Reports a faulty message.
+    Error(ErrorReport),
+    /// Logs a client on.
+    Logon(Logon),
+    /// Accepts a client: its simulation.
+    LogonReady(u32),
+    /// Logs a client off: its simulation.
+    Logoff(u32),
+    /// Asks to advance time: simulation and seconds.
+    AdvanceTime((u32, f32)),
+    /// Reports that time was advanced: the simulation.
+    TimeAdvanced(u32),
+    /// Gravity and the ground plane.
+    SetWorld(SetWorld),
+    /// Creates an actor that does not move.
+    CreateStaticActor(CreateStaticActor),
+    /// Creates an actor that moves.
+    CreateDynamicActor(CreateDynamicActor),
+    /// Sets the pose of a static actor.
+    SetStaticActor(Place),
+    /// Pose and velocities of an actor: its state.
+    SetDynamicActor(Motion),
+    /// Sets an actor's position: metres.
+    UpdateActorPosition((Id, Vec3)),
+    /// Sets an actor's orientation: actor → world.
+    UpdateActorOrientation((Id, Quat)),
+    /// Sets an actor's factor on gravity.
+    UpdateGravityModifier((Id, f32)),
+    /// Sets an actor's linear velocity: m/s.
+    UpdateLinearVelocity((Id, Vec3)),
+    /// Sets an actor's angular velocity: rad/s.
+    UpdateAngularVelocity((Id, Vec3)),
+    /// The mass of an actor: kg.
+    UpdateMass((Id, f32)),
+    /// Asks for the mass of an actor.
+    GetMass(Id),
+    /// Removes an actor.
+    RemoveActor(Id),
+    /// Joins two actors, or one to the world.
+    AddJoint(AddJoint),
+    /// Removes a joint.
+    RemoveJoint(Id),
+    /// A ball: its name, its centre, its radius in metres.
+    AddSphere((Id, Vec3, f32)),
+    /// A plane: its name, a constant, and a normal, which the published plug-in leaves zero.
+    AddPlane((Id, f32, Vec3)),
+    /// A capsule along x: its name, radius and height in metres.
+    AddCapsule((Id, f32, f32)),
+    /// A box: its name and its edges in metres.
+    AddBox((Id, Vec3)),
+    /// The convex hull of points.
+    AddConvexMesh(ConvexMesh),
+    /// A mesh of triangles.
+    AddTriangleMesh(TriangleMesh),
+    /// A height field.
+    AddHeightField(HeightGrid),
+    /// Removes the definition of a shape.
+    RemoveShape(Id),
+    /// Attaches a shape to an actor.
+    AttachShape(AttachShape),
+    /// Sets density and surface of a shape on an actor.
+    UpdateShapeMaterial(Surfacing),
+    /// Detaches a shape from an actor.
+    DetachShape(DetachShape),
+    /// Two actors touch.
+    ActorsCollided(ActorsCollided),
+    /// Applies a force to an actor.
+    ApplyForce(ApplyForce),
+    /// Applies a torque to an actor.
+    ApplyTorque(ApplyTorque),
+}
+
+impl Message {
+    /// Appends the message with its header. `index`: the sender's counter; the published plug-in writes it to the
+    /// upper sixteen bits.
+    pub fn encode(&self, index: u32, to: &mut Vec<u8>) {
+        let start = to.len();
+        let kind = self.kind();
+        Header {
+            kind,
+            index,
+            length: 0,
+        }
+        .put(to);
+        self.put(to);
+        let length = (to.len() - start) as u32;
+        to[start + LENGTH_AT..start + LENGTH_AT + 4].copy_from_slice(&length.to_be_bytes());
+    }
+
+    /// Decodes the body of a message.
+    ///
+    /// # Errors
+    ///
+    /// [`MalformedMessage`] when the body is shorter or longer than its content.
+    pub fn decode(kind: Kind, body: &[u8]) -> Result<Self, MalformedMessage> {
+        let mut reader = FieldReader::new(body);
+        let message = Self::take(kind, &mut reader)?;
+        reader.finish()?;
+        Ok(message)
+    }
+
+    /// Decodes the first message of a datagram; the bytes after it are ignored.
+    ///
+    /// # Errors
+    ///
+    /// [`MalformedMessage`] when the datagram does not start with a whole message.
+    pub fn from_datagram(datagram: &[u8]) -> Result<Self, MalformedMessage> {
+        let mut reader = FieldReader::new(datagram);
+        let header = Header::take(&mut reader)?;
+        let body = reader.raw(header.length - HEADER_BYTES)?;
+        Self::decode(header.kind, body)
+    }
+}
+
+/// Offset of the length in a header.
+const LENGTH_AT: usize = 8;
