@@ -22,6 +22,8 @@ const ANSWERS_WAITING_BYTES: usize = 256 << 10;
 const WAITING_BYTES_MAX: usize = 12 << 20;
 /// A connection whose peer takes none of its waiting bytes for so long is closed.
 const STALL: Span = Span::from_millis(30_000);
+/// A peer that has taken bytes in this time reads.
+const READS: Span = Span::from_millis(1_000);
 /// Snapshot bytes for one connection in a second, on average: a peer that asks for snapshots again and again waits.
 const SNAPSHOT_BYTES_PER_SECOND: u64 = 16 << 20;
 
@@ -194,9 +196,11 @@ impl Outbox {
             .is_some_and(|lane| lane.taken.is_some() && lane.waiting() > ANSWERS_WAITING_BYTES)
     }
 
-    /// Bytes that wait for a connection beside its snapshot.
+    /// Bytes that wait for a connection beside its snapshot; none for a peer that has taken nothing for a second, since
+    /// nobody is to wait for it.
     pub(crate) fn waiting_bytes(&self, peer: Peer) -> usize {
-        let lane = self.lanes.get(&peer);
+        let reads = |lane: &&Lane| self.now.since(lane.taken_at) < READS;
+        let lane = self.lanes.get(&peer).filter(reads);
         lane.filter(|lane| lane.taken.is_some())
             .map_or(0, Lane::waiting)
     }

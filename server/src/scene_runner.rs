@@ -4,6 +4,7 @@
 //! observe, send.
 
 mod authority;
+mod flow;
 #[cfg(feature = "app")]
 mod owner;
 mod subscriptions;
@@ -11,9 +12,7 @@ mod subscriptions;
 use std::collections::{BTreeMap, VecDeque};
 
 use bytes::Bytes;
-use rhumb_protocol::limits::{
-    ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX, PENDING_COMMANDS_MAX,
-};
+use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX};
 use rhumb_protocol::message::{
     ClientMessage, Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage,
     StreamChoice,
@@ -24,6 +23,7 @@ use rhumb_protocol::stream::{Activity, Observation, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::Tick;
 
+use self::flow::weight;
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
 use crate::grants::Grants;
@@ -65,13 +65,6 @@ pub(crate) struct SceneRunner {
     /// The largest packet of its later streams.
     largest_packet: LargestPacket,
 }
-
-/// Weight of the messages of one member that may wait for the steps of an advance: [`PENDING_COMMANDS_MAX`] short ones.
-const PENDING_BYTES_MAX: usize = PENDING_COMMANDS_MAX * MESSAGE_WEIGHT;
-/// Weight of a waiting message beside its shape or packet.
-const MESSAGE_WEIGHT: usize = 64;
-/// A member for which more than this waits is behind.
-const MEMBER_BEHIND_BYTES: usize = 2 << 20;
 
 /// A free-running scene that is later than so many steps slows down instead of catching up.
 const CATCH_UP_STEPS: u64 = 5;
@@ -294,36 +287,6 @@ impl SceneRunner {
             member.pending_bytes += weight(&message);
             self.waiting.push_back((peer, message));
         }
-    }
-
-    /// Whether a member's next message must stay unread: as much as may waits for the steps of an advance, or what it
-    /// added to the scene still waits for slower members.
-    pub(crate) fn holds_back(&mut self, now: Instant, peer: Peer, out: &Outbox) -> bool {
-        let Some(member) = self.members.get_mut(&peer) else {
-            return false;
-        };
-        if member.pending_bytes >= PENDING_BYTES_MAX {
-            return true;
-        }
-        if !member.adds_too_much(now) {
-            return false;
-        }
-        let is_behind = |member: &Peer| out.waiting_bytes(*member) > MEMBER_BEHIND_BYTES;
-        self.members.keys().any(is_behind)
-    }
-
-    /// Bytes of scene events that the members have not got yet.
-    pub(crate) const fn unsent_bytes(&self) -> usize {
-        self.unsent.len()
-    }
-
-    /// When the next requested snapshot may begin; `None` if none is requested, or one is under way.
-    pub(crate) fn next_snapshot(&self, out: &Outbox) -> Option<Instant> {
-        let requests = self.members.iter();
-        let requests = requests.filter(|(_, member)| member.snapshot_request.is_some());
-        requests
-            .filter_map(|(peer, _)| out.snapshot_at(*peer))
-            .min()
     }
 
     /// Acts on waiting messages, up to the next advance with pending steps.
@@ -603,14 +566,4 @@ impl SceneRunner {
             out.send(*peer, &ServerMessage::Deleted);
         }
     }
-}
-
-/// Weight of a waiting message: about its bytes in memory.
-fn weight(message: &Result<ClientMessage, CommandError>) -> usize {
-    MESSAGE_WEIGHT
-        + match message {
-            Ok(ClientMessage::Command(Command::AddShape { shape, .. })) => shape.bytes(),
-            Ok(ClientMessage::Upstream(packet)) => packet.len(),
-            _ => 0,
-        }
 }

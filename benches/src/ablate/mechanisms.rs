@@ -86,7 +86,6 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
             "protocol/src/stream/publisher/attaching.rs",
             "protocol/src/stream/publisher/large_body.rs",
             "protocol/src/stream/publisher/scan.rs#fn scan_other_parents",
-            "protocol/src/stream/publisher/islands.rs#fn join_attached",
             "protocol/src/packet/payload.rs#fn write_parent",
             "protocol/src/packet/payload.rs#fn read_parent_age",
         ],
@@ -189,13 +188,6 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         requirements: &["PROTOCOL 5.9"],
     },
     Mechanism {
-        name: "touching bodies in one packet",
-        switch: Switch::Off(Feature::Islands),
-        feature: None,
-        code: &["protocol/src/stream/publisher/islands.rs"],
-        requirements: &[],
-    },
-    Mechanism {
         name: "range coder and contexts",
         switch: Switch::Off(Feature::Coder),
         feature: None,
@@ -238,7 +230,6 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         feature: None,
         code: &[
             "protocol/src/stream/publisher/packing.rs#fn pack_halves",
-            "protocol/src/stream/publisher/packing.rs#fn middle_of_islands",
             "protocol/src/stream/publisher/packing.rs#fn middle",
         ],
         requirements: &[],

@@ -61,8 +61,6 @@ pub enum Feature {
     UnsolicitedFec,
     /// Split large ticks in two packets where loss is high.
     SplitTicks,
-    /// Keep touching bodies in one packet.
-    Islands,
     /// Encode exact rest poses as corrections.
     RestCorrections,
     /// Name bodies by short aliases instead of their indices.
@@ -73,7 +71,7 @@ pub enum Feature {
 
 impl Feature {
     /// All features, in the order of the list.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 19] = [
         Self::Resting,
         Self::Ballistic,
         Self::TorqueFree,
@@ -90,7 +88,6 @@ impl Feature {
         Self::Fec,
         Self::UnsolicitedFec,
         Self::SplitTicks,
-        Self::Islands,
         Self::RestCorrections,
         Self::Aliases,
         Self::Checksums,
@@ -116,7 +113,6 @@ impl Feature {
             Self::Fec => "fec",
             Self::UnsolicitedFec => "unsolicited-fec",
             Self::SplitTicks => "split-ticks",
-            Self::Islands => "islands",
             Self::RestCorrections => "rest-corrections",
             Self::Aliases => "aliases",
             Self::Checksums => "checksums",
@@ -160,7 +156,6 @@ impl Feature {
             Self::Fec => &mut publisher.redundancy,
             Self::UnsolicitedFec => &mut publisher.unsolicited,
             Self::SplitTicks => &mut publisher.halves,
-            Self::Islands => &mut publisher.islands,
             Self::RestCorrections => &mut publisher.rest_corrections,
             Self::Aliases => &mut publisher.aliases,
             Self::Checksums => &mut publisher.checksums,

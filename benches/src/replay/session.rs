@@ -287,19 +287,19 @@ impl<'a> ReplaySession<'a> {
             lost_updates |= updates && lost(self) > before;
         }
         if lost_updates {
-            self.record_loss(now, tick);
+            self.record_loss(now);
         }
     }
 
-    /// Records the loss of a packet of the tick, with all bodies of the tick's packets.
-    fn record_loss(&mut self, now: Instant, tick: Tick) {
+    /// Records the loss of a packet of the published tick, with all bodies of that tick's packets.
+    fn record_loss(&mut self, now: Instant) {
         let published = self.sender.tick();
         let tracks = self.sender.tracks().into_iter();
         let lost = tracks.filter(|(_, track)| track.origin == published);
         let bodies = lost.map(|(id, _)| id).collect();
         self.lost.push(LostPacket {
             at: now,
-            tick,
+            tick: published,
             bodies,
         });
     }

@@ -112,7 +112,7 @@ fn an_ablation_compares_every_mechanism_on_every_load_and_link() {
         // A repair symbol or a refresh is sent where packets are lost.
         assert!(bytes(row, "with", 1) > bytes(row, "with", 0));
     }
-    assert_eq!(measured, 21);
+    assert_eq!(measured, 20);
     let without = |name: &str| {
         let mut found = rows.iter().filter(|row| row["without"] == name);
         let row = found.next().expect("each feature is switched off once");

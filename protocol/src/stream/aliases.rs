@@ -4,7 +4,7 @@
 //! missed one finds no body under the alias, or a body whose track has another age: it never confuses two bodies
 //! (PROTOCOL 6.13).
 
-use alloc::collections::{BTreeSet, BinaryHeap};
+use alloc::collections::BinaryHeap;
 use alloc::vec::Vec;
 use core::cmp::Reverse;
 use core::num::NonZeroU32;
@@ -147,38 +147,26 @@ impl ReceivedAliases {
 }
 
 /// Assigns aliases: the lowest free one first.
-///
-/// Free aliases cost nothing per tick: only blocks with assigned aliases are scanned for idle ones.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AliasTable {
-    /// With the low bits of the tick of the body's last update.
-    aliases: AliasMap<u32>,
+    aliases: AliasMap<()>,
     free: BinaryHeap<Reverse<u32>>,
-    /// Freed since the last call of `release_idle_aliases`. They are assigned again only after the next call, so no
-    /// alias has two bodies in one tick.
+    /// Freed since the last call of `begin_tick`. They are assigned again only after the next call, so no alias has two
+    /// bodies in one tick.
     freed: Vec<u32>,
     /// No alias from this one on was ever assigned.
     end: u32,
-    /// The blocks to scan for idle aliases: those with an assigned alias, now or at the last scan.
-    blocks: BTreeSet<u32>,
-    swept: Tick,
 }
-
-/// A body without an update for this many ticks loses its alias when other bodies need one.
-const ALIAS_IDLE_TICKS: u64 = 60;
-/// The number of aliases in a block. A list of blocks is small beside the table.
-const BLOCK: u32 = 64;
 
 impl AliasTable {
     /// The present assignments.
-    pub(crate) const fn aliases(&self) -> &AliasMap<u32> {
+    pub(crate) const fn aliases(&self) -> &AliasMap<()> {
         &self.aliases
     }
 
     /// The alias of an updated body, and whether this update assigns it.
-    pub(crate) fn alias(&mut self, body: u32, tick: Tick) -> (u32, bool) {
+    pub(crate) fn alias(&mut self, body: u32) -> (u32, bool) {
         if let Some(alias) = self.aliases.of(body) {
-            self.aliases.aliases[alias as usize].1 = tick.value() as u32;
             return (alias, false);
         }
         let alias = self.free.pop().map_or_else(
@@ -188,8 +176,7 @@ impl AliasTable {
             },
             |Reverse(alias)| alias,
         );
-        self.blocks.insert(alias / BLOCK);
-        self.aliases.put(alias, body, tick.value() as u32);
+        self.aliases.put(alias, body, ());
         (alias, true)
     }
 
@@ -197,7 +184,7 @@ impl AliasTable {
     pub(crate) fn alias_of_index(&mut self, body: u32) -> (u32, bool) {
         let taken = self.aliases.of(body).is_none();
         if taken {
-            self.aliases.put(body, body, 0);
+            self.aliases.put(body, body, ());
         }
         (body, taken)
     }
@@ -209,40 +196,9 @@ impl AliasTable {
         }
     }
 
-    /// Frees the aliases of idle bodies. Call it once a tick, before any update. Returns the number of aliases that it
-    /// scanned.
-    pub(crate) fn release_idle_aliases(&mut self, tick: Tick) -> u64 {
-        let mut scanned = 0;
-        if tick.value() >= self.swept.value() + ALIAS_IDLE_TICKS {
-            self.swept = tick;
-            scanned = self.release_idle(tick);
-        }
+    /// Makes freed aliases available. Call it once a tick, before any update.
+    pub(crate) fn begin_tick(&mut self) {
         self.free.extend(self.freed.drain(..).map(Reverse));
-        scanned
-    }
-
-    fn release_idle(&mut self, tick: Tick) -> u64 {
-        let mut scanned = 0;
-        let mut blocks = core::mem::take(&mut self.blocks);
-        blocks.retain(|block| {
-            let mut taken = false;
-            for alias in block * BLOCK..self.end.min((block + 1) * BLOCK) {
-                scanned += 1;
-                let (_, updated) = self.aliases.aliases[alias as usize];
-                let silent = (tick.value() as u32).wrapping_sub(updated);
-                let Some(body) = self.aliases.body(alias) else {
-                    continue;
-                };
-                if u64::from(silent) >= ALIAS_IDLE_TICKS {
-                    self.release(body);
-                } else {
-                    taken = true;
-                }
-            }
-            taken
-        });
-        self.blocks = blocks;
-        scanned
     }
 }
 
@@ -251,20 +207,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lowest_free_alias_is_assigned_and_idle_aliases_are_released() {
+    fn the_lowest_free_alias_is_assigned_and_a_freed_one_from_the_next_tick_on() {
         let mut alias_table = AliasTable::default();
         for (body, alias) in [(70, 0), (3, 1), (900, 2)] {
-            assert_eq!(alias_table.alias(body, Tick::new(1)), (alias, true));
+            assert_eq!(alias_table.alias(body), (alias, true));
         }
+        alias_table.release(900);
         alias_table.release(3);
-        assert_eq!(alias_table.alias(8, Tick::new(1)), (3, true));
-        alias_table.release_idle_aliases(Tick::new(2));
-        assert_eq!(alias_table.alias(70, Tick::new(50)), (0, false));
-        assert_eq!(alias_table.alias(4, Tick::new(50)), (1, true));
-        alias_table.release_idle_aliases(Tick::new(70));
+        assert_eq!(alias_table.alias(8), (3, true));
+        alias_table.begin_tick();
+        assert_eq!(alias_table.alias(70), (0, false));
+        assert_eq!(alias_table.alias(4), (1, true));
+        assert_eq!(alias_table.alias(5), (2, true));
         assert_eq!(alias_table.aliases().of(900), None);
-        assert_eq!(alias_table.alias(5, Tick::new(70)), (2, true));
-        assert_eq!(alias_table.alias(6, Tick::new(70)), (3, true));
     }
 
     #[test]

@@ -34,8 +34,6 @@ pub struct Features {
     pub unsolicited: bool,
     /// Splits large ticks in two packets where packets are lost.
     pub halves: bool,
-    /// Keeps touching bodies in one packet.
-    pub islands: bool,
     /// Encodes exact rest poses as corrections of the prediction.
     pub rest_corrections: bool,
     /// Gives short aliases to the bodies that are updated often. Off, the alias of a body is its index.
@@ -62,7 +60,6 @@ impl Features {
         redundancy: true,
         unsolicited: true,
         halves: true,
-        islands: true,
         rest_corrections: true,
         aliases: true,
         checksums: true,

@@ -7,7 +7,6 @@
 mod attaching;
 mod budget_state;
 mod budgeting;
-mod islands;
 mod large_body;
 mod observation_scan;
 mod packing;
@@ -43,7 +42,7 @@ use crate::packet::{
 };
 use budget_state::BudgetState;
 pub use budget_state::OverBudget;
-use large_body::LargeBody;
+use large_body::{LargeBody, ObservedParent};
 use observation_scan::ObservationScan;
 use window::ObservationWindow;
 
@@ -58,8 +57,6 @@ pub struct PublisherStatistics {
     pub bytes: u64,
     /// Observations compared with tracks. A body that stays asleep has none.
     pub checked: u64,
-    /// Aliases scanned for idle bodies: the assigned ones and free ones near them.
-    pub aliases: u64,
     /// Bodies out of tolerance without an update, because the budget did not suffice. Counted at every tick.
     pub over_budget: u64,
 }
@@ -112,8 +109,6 @@ pub struct Publisher {
     alias_table: AliasTable,
     /// Parents and their numbers of children, in order of index.
     child_counts: Vec<(u32, u32)>,
-    /// Pairs of parent and child: this tick's updates of the children build on tracks of the parents.
-    attached: Vec<(u32, u32)>,
     updates: Vec<Update>,
     /// Bodies that came to rest at this tick. Packets of this tick still use their aliases.
     resting_bodies: Vec<u32>,
@@ -145,7 +140,6 @@ impl Publisher {
             tick,
             alias_table: AliasTable::default(),
             child_counts: Vec::new(),
-            attached: Vec::new(),
             updates: Vec::new(),
             resting_bodies: Vec::new(),
             scan: Some(Box::new(ObservationScan::new(
@@ -271,9 +265,7 @@ impl Publisher {
         let observations = observation_history.at(tick).unwrap_or_default();
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
-        if self.features.aliases {
-            self.statistics.aliases += self.alias_table.release_idle_aliases(tick);
-        }
+        self.alias_table.begin_tick();
         let mut scan = self.scan.take().expect("no scan is in progress");
         self.scan(tick, observations, &mut scan);
         // Possible parents are checked first, so that a child is compared with its parent's published track.
@@ -296,14 +288,14 @@ impl Publisher {
             let observed = (place, &observations[place]);
             emit(self.check(observation_history, tick, observed, None));
         }
+        self.observe_parents(observation_history, tick, &mut scan);
         for place in &scan.undecided {
             if scan.is_before(*place) {
                 continue;
             }
             let place = *place as usize;
             let observed = (place, &observations[place]);
-            let parent_candidate =
-                self.parent_candidate_of(observed.1, &scan.parent_candidates, observations);
+            let parent_candidate = self.parent_candidate_of(observed.1, &scan);
             emit(self.check(observation_history, tick, observed, parent_candidate));
         }
         self.scan = Some(scan);
@@ -325,7 +317,6 @@ impl Publisher {
                 self.alias_table.release(index);
             }
         }
-        self.attached.clear();
     }
 
     /// The slot of a body observed at the present tick. None if it came later, or if another body has the index.
@@ -343,7 +334,7 @@ impl Publisher {
         observation_history: &ObservationHistory,
         tick: Tick,
         observed: (usize, &Observation),
-        parent_candidate: Option<usize>,
+        parent_candidate: Option<&ObservedParent>,
     ) -> Option<Update> {
         let (_, observation) = observed;
         let index = observation.id.index();
@@ -366,16 +357,11 @@ impl Publisher {
         };
         let before = slot.parent();
         self.tracks.set_track(index, track);
-        if let Some(parent) = track.parent.or(before)
-            && payload.names_parent()
-        {
-            self.attached.push((parent.index(), index));
-        }
         if before != track.parent {
             self.move_child(before, track.parent);
         }
         let (alias, taken) = if self.features.aliases {
-            self.alias_table.alias(index, tick)
+            self.alias_table.alias(index)
         } else {
             self.alias_table.alias_of_index(index)
         };
@@ -440,7 +426,7 @@ impl Publisher {
         tick: Tick,
         slot: &Slot,
         (place, observation): (usize, &Observation),
-        parent_candidate: Option<usize>,
+        parent_candidate: Option<&ObservedParent>,
     ) -> Option<(UpdatePayload, Track)> {
         let truth = observation.motion.motion();
         let track = slot.track();
@@ -463,13 +449,6 @@ impl Publisher {
             return None;
         }
         let observed = ObservationWindow::of(observation_history, observation.id, tick, place);
-        let attached_to = parent_candidate.and_then(|place| {
-            let other = observation_history.at(tick)?.get(place)?;
-            Some((
-                other,
-                ObservationWindow::of(observation_history, other.id, tick, place),
-            ))
-        });
         let decision = ModeDecision::new(Context {
             tracks: &self.tracks,
             features: self.features,
@@ -481,16 +460,14 @@ impl Publisher {
             slot,
             track: &track,
             tick,
-            truth,
-            predicted_motion,
-            last: observed.last,
-            past: observed.past,
+            truth: &truth,
+            predicted_motion: &predicted_motion,
+            velocities: observed.velocities,
+            past: &observed.past,
             stride,
             ahead: observed.ahead(),
             ends: observed.ends(),
-            parent: attached_to
-                .as_ref()
-                .and_then(|(other, observed)| self.parent(other, observed, stride)),
+            parent: parent_candidate.and_then(|observed| self.parent(observed, stride)),
         };
         let chosen = decision.decide(&subject);
         if chosen.is_none() && !expired && used <= 1.0 {
@@ -502,23 +479,20 @@ impl Publisher {
     }
 
     /// The possible parent of another body; `stride` is the publish interval of that body's last observations.
-    fn parent<'s>(
-        &'s self,
-        observation: &Observation,
-        observed: &'s ObservationWindow,
-        stride: Ticks,
-    ) -> Option<Parent<'s>> {
-        let index = observation.id.index();
-        Some(Parent {
+    fn parent<'s>(&'s self, observed: &'s ObservedParent, stride: Ticks) -> Option<Parent<'s>> {
+        let ObservedParent {
             index,
-            slot: self.tracks.slot(index)?,
-            truth: observation.motion.motion(),
-            past: if observed.stride == stride {
-                observed.past
-            } else {
-                [None; 2]
-            },
-            ahead: observed.ahead(),
+            truth,
+            predicted_motion,
+            window,
+        } = observed;
+        Some(Parent {
+            index: *index,
+            slot: self.tracks.slot(*index)?,
+            truth,
+            predicted_motion,
+            past: (window.stride == stride).then_some(&window.past),
+            ahead: window.ahead(),
         })
     }
 

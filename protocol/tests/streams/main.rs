@@ -6,7 +6,6 @@ mod corrections_x4;
 mod fec;
 mod forgetting;
 mod future;
-mod islands;
 mod largest_packet;
 mod reading;
 mod sleepers;

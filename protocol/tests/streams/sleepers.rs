@@ -65,60 +65,6 @@ fn run(bodies: u32, awake: u32) -> (PublisherStatistics, Vec<Bytes>) {
     (publisher.statistics(), out)
 }
 
-/// Lets all boxes hop, each by itself, until the last tick, when they fall asleep.
-fn put_to_sleep(
-    publisher: &mut Publisher,
-    observation_history: &mut ObservationHistory,
-    bodies: u32,
-    ticks: u64,
-) {
-    for tick in 1..=ticks {
-        let observation = |index| Observation {
-            id: BodyId::new(index, 0),
-            motion: lying(index, ((tick + u64::from(index)) % 5) as f32),
-            activity: if tick < ticks {
-                Activity::Awake
-            } else {
-                Activity::Asleep
-            },
-        };
-        let observations: Vec<_> = (0..bodies).map(observation).collect();
-        observation_history.observe(Tick::new(tick), &observations);
-        publisher.publish(observation_history, 0, &mut Vec::new());
-    }
-}
-
-#[test]
-fn free_aliases_of_sleeping_bodies_are_not_scanned() {
-    let bodies = 10_000;
-    let mut publisher = publisher(bodies);
-    let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
-    put_to_sleep(&mut publisher, &mut observation_history, bodies, 10);
-    let awake = |tick: u64| -> Vec<_> {
-        let observation = |index| Observation {
-            id: BodyId::new(index, 0),
-            motion: lying(index, (tick / 7 % 5) as f32),
-            activity: Activity::Awake,
-        };
-        // The bodies with the highest aliases, so that the end of the table saves nothing.
-        (bodies - AWAKE..bodies).map(observation).collect()
-    };
-    let mut before = publisher.statistics();
-    for tick in 11..=10 + TICKS {
-        observation_history.observe(Tick::new(tick), &awake(tick));
-        publisher.publish(&observation_history, 0, &mut Vec::new());
-        if tick == 130 {
-            before = publisher.statistics();
-        }
-    }
-    let after = publisher.statistics();
-    assert!(after.updates > before.updates + u64::from(AWAKE));
-    let looks = (TICKS - 120) / 60 + 1;
-    // Aliases near the assigned ones are scanned too.
-    let (scanned, most) = (after.aliases - before.aliases, 100 * looks);
-    assert!(scanned > 0 && scanned <= most, "{scanned} of {most}");
-}
-
 #[test]
 fn ten_thousand_sleeping_bodies_are_not_scanned() {
     let (statistics, datagrams) = run(10_000, 0);

@@ -8,16 +8,16 @@ use rhumb_reckoning::{ConstantAcceleration, Motion};
 
 use super::subject::{Context, Subject};
 
-/// Number of candidate accelerations: the track's own, and the observed one in fine and coarse steps.
-pub(super) const ACCELERATIONS: usize = 3;
+/// Number of candidate accelerations: the track's own, and the observed one.
+pub(super) const ACCELERATIONS: usize = 2;
 /// Relative difference of two accelerations below which they count as equal: of two ticks, or of a tick and gravity.
 const EQUAL_WITHIN: f64 = 0.1;
 /// Ticks in which a worthwhile acceleration moves a body by the tolerance: fewer than the first, more than the second.
 ///
 /// A weaker one does not pay for its bits. A stronger one does not hold.
 const WORTHWHILE_TICKS: [f64; 2] = [32.0, 1.0];
-/// Least number of steps of the greatest component, for each fineness of the observed acceleration.
-const STEPS_MIN: [f64; ACCELERATIONS - 1] = [16.0, 64.0];
+/// Least number of steps of the greatest component of the observed acceleration.
+const STEPS_MIN: f64 = 32.0;
 
 /// Candidate accelerations of a body's next track; the present track's own is the first.
 pub(super) fn accelerations(
@@ -31,25 +31,22 @@ pub(super) fn accelerations(
         return all;
     }
     all[0] = subject.track.predictor.acceleration();
-    let Some(observed) = acceleration(context, subject, reach) else {
-        return all;
-    };
-    for (acceleration, fineness) in all[1..].iter_mut().zip(STEPS_MIN) {
-        *acceleration = ConstantAcceleration::nearest(observed, fineness);
-    }
+    all[1] = acceleration(context, subject, reach)
+        .and_then(|observed| ConstantAcceleration::nearest(observed, STEPS_MIN));
     all
 }
 
 /// A steady, worthwhile acceleration, m/s². `reach`: the greatest allowed error of position, metres.
 fn acceleration(context: &Context<'_>, subject: &Subject<'_>, reach: f64) -> Option<DVec3> {
-    let between = |before: &Motion, after: &Motion| {
-        let (before, after) = (before.twist().linear, after.twist().linear);
-        context.tracks.acceleration(subject.slot, before, after)
-    };
-    let now = &subject.truth;
-    let [(before, after), (other, next)] = match (subject.ahead, &subject.last) {
-        ([next, last, ..], _) => [(now, next), (next, last)],
-        (_, [Some(one), Some(two)]) => [(one, now), (two, one)],
+    let between = |before, after| context.tracks.acceleration(subject.slot, before, after);
+    let velocity = |motion: &Motion| motion.twist().linear;
+    let now = velocity(subject.truth);
+    let [(before, after), (other, next)] = match (subject.ahead, subject.velocities) {
+        ([next, last, ..], _) => {
+            let next = velocity(next);
+            [(now, next), (next, velocity(last))]
+        }
+        (_, Some([one, two])) => [(one, now), (two, one)],
         _ => return None,
     };
     let acceleration = between(before, after);

@@ -19,7 +19,7 @@ const MODES: usize = 4 + ACCELERATIONS;
 /// Mode number of rest.
 const REST: usize = 0;
 /// Mode number of attached.
-const ATTACHED: usize = 3;
+pub(super) const ATTACHED: usize = 3;
 /// Ticks after which the expected errors of the modes are compared.
 const COMPARED_TICKS: f64 = 3.0;
 /// Greatest expected duration of an acceleration, in ticks.
@@ -27,47 +27,52 @@ const ACCELERATION_LASTS: f64 = 16.0;
 /// Share of the parent's tolerance up to which its prediction stands for its pose. Beyond, an update of it is due soon.
 const PARENT_SHARE: f64 = 0.6;
 
-/// The true and the predicted motion that the modes of one frame of reference correct.
+/// A prediction mode and the prediction that it corrects.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Base<'a> {
-    /// The body that defines the frame; `None` for the world.
-    pub(super) parent: Option<&'a Parent<'a>>,
-    /// The true motion in this frame.
-    pub(super) truth: Motion,
-    /// The predicted motion in this frame.
-    pub(super) predicted: Motion,
-}
-
-/// A prediction mode with its error forecast.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Candidate<'a> {
+pub(super) struct Prediction<'a> {
     pub(super) mode: PredictionMode,
     pub(super) predictor: Predictor,
-    pub(super) base: &'a Base<'a>,
-    pub(super) forecast: ErrorForecast<'a>,
+    /// The body that defines the frame of reference; `None` for the world.
+    pub(super) parent: Option<&'a Parent<'a>>,
+    /// The predicted motion in this frame.
+    pub(super) motion: &'a Motion,
 }
 
-impl Candidate<'_> {
+impl Prediction<'_> {
     pub(super) fn moves(&self) -> bool {
         self.predictor != Predictor::Rest
     }
+
+    /// A pose of the frame in the world, as a subscriber computes it.
+    pub(super) fn in_world(&self, pose: &Pose) -> Pose {
+        match self.parent {
+            None => *pose,
+            Some(parent) => attached_motion(parent.predicted_motion, pose).pose(),
+        }
+    }
 }
 
-/// The prediction modes of one body that apply, by number.
-pub(super) type Modes<'a> = [Option<Candidate<'a>>; MODES];
+/// The attached mode.
+#[derive(Debug)]
+struct Attached<'a, const N: usize> {
+    mode: PredictionMode,
+    parent: &'a Parent<'a>,
+    /// The predicted motion in the frame of the parent.
+    predicted: Motion,
+    forecast: Forecast<N>,
+}
 
 /// Inputs of one body's prediction modes.
 #[derive(Debug)]
 pub(super) struct Candidates<'a, const N: usize> {
     subject: &'a Subject<'a>,
     units: Units,
-    world: Base<'a>,
     /// Age of the track of the present parent.
     parent_age: Option<Age>,
     /// Whether the parent is removed; the body then needs a keyframe.
     orphaned: bool,
     rest: Option<Forecast<N>>,
-    attached: Option<(Base<'a>, PredictionMode, Forecast<N>)>,
+    attached: Option<Attached<'a, N>>,
     floating: Predictor,
     falling: Predictor,
     unaccelerated: Forecast<N>,
@@ -143,11 +148,6 @@ impl<'a, const N: usize> Candidates<'a, N> {
             .parent
             .as_ref()
             .filter(|_| context.features.attached);
-        let world = Base {
-            parent: None,
-            truth: subject.truth,
-            predicted: subject.predicted_motion,
-        };
         let step_s = context.tracks.integrator().rate.step().seconds();
         let sources = Sources::<N> {
             context,
@@ -155,20 +155,25 @@ impl<'a, const N: usize> Candidates<'a, N> {
             units,
             moved: [moved(subject, 1, step_s), moved(subject, 2, step_s)],
         };
+        let apart = apart(&subject.truth.pose(), &subject.predicted_motion.pose());
         let (twist, other) = (subject.truth.twist(), subject.predicted_motion.twist());
         let velocity = Errors::of(
             [twist.linear - other.linear, twist.angular - other.angular],
             units.moving,
         );
-        let (unaccelerated, falls) = sources.unaccelerated(floating, &velocity);
+        let (unaccelerated, falls) = sources.unaccelerated(floating, apart, &velocity);
+        let rests = now.parent.is_none() && now.predictor == Predictor::Rest;
         Self {
             subject,
             units: *units,
             parent_age: above.and_then(|(_, slot)| context.tracks.age(&slot.track(), subject.tick)),
             orphaned: now.parent.is_some() && above.is_none(),
-            rest: context.features.resting.then(|| sources.rest()),
+            rest: if context.features.resting && (N > 1 || rests || !sources.is_fast()) {
+                Some(sources.rest(apart))
+            } else {
+                None
+            },
             attached: parent.and_then(|parent| sources.attached(parent)),
-            world,
             floating,
             falling,
             unaccelerated,
@@ -179,32 +184,21 @@ impl<'a, const N: usize> Candidates<'a, N> {
         }
     }
 
-    /// All candidates with lookahead; without it, only the most promising ones.
-    pub(super) fn modes(&'a self) -> Modes<'a> {
-        let mut modes = [const { None }; MODES];
-        if self.orphaned {
-            return modes;
-        }
-        let steadiest = if N == 1 { self.steadiest() } else { None };
-        for (number, mode) in modes.iter_mut().enumerate() {
-            let is_promising = match number {
-                _ if N > 1 => true,
-                REST => !self.is_fast(),
-                ATTACHED => true,
-                _ => steadiest == Some(number),
-            };
-            if is_promising || self.keeps(number) {
-                *mode = self.candidate(number);
-            }
-        }
-        modes
+    /// The numbers of all modes with lookahead; without it, only of the most promising ones.
+    pub(super) fn promising(&self, steadiest: Option<usize>) -> impl Iterator<Item = usize> {
+        let is_promising = move |number: &usize| match *number {
+            _ if N > 1 => true,
+            REST | ATTACHED => true,
+            number => steadiest == Some(number) || self.keeps(number),
+        };
+        let numbers = if self.orphaned { 0 } else { MODES };
+        (0..numbers).filter(is_promising)
     }
 
-    /// Whether a mode is the track's own.
+    /// Whether a moving mode is the track's own.
     fn keeps(&self, number: usize) -> bool {
         let now = self.subject.track;
         let predictor = match number {
-            REST => Predictor::Rest,
             1 => self.floating,
             2 => self.falling,
             // The track's own acceleration is the first of them.
@@ -214,16 +208,10 @@ impl<'a, const N: usize> Candidates<'a, N> {
         now.parent.is_none() && now.predictor == predictor
     }
 
-    /// Whether the body moves by the tolerance or more in each tick, so that rest cannot hold.
-    fn is_fast(&self) -> bool {
-        let rest = self.rest.as_ref();
-        rest.is_some_and(|rest| self.expected_share(&rest.slope, &rest.curve) > COMPARED_TICKS)
-    }
-
     /// The moving mode with the least recent prediction error.
-    fn steadiest(&self) -> Option<usize> {
+    pub(super) fn steadiest(&self) -> Option<usize> {
         let mut least = (None, f64::INFINITY);
-        for number in [1, 2, 4, 5, 6] {
+        for number in [1, 2].into_iter().chain(4..MODES) {
             let acceleration = match number {
                 1 => Some(DVec3::ZERO),
                 2 => self.gravity,
@@ -249,35 +237,26 @@ impl<'a, const N: usize> Candidates<'a, N> {
         self.units.share(&errors)
     }
 
-    #[inline]
-    fn candidate(&'a self, number: usize) -> Option<Candidate<'a>> {
-        let steady = f64::INFINITY;
-        let candidate = match number {
-            REST => self.in_world(Predictor::Rest, self.forecast(self.rest.as_ref()?, steady)),
-            1 => self.in_world(self.floating, self.forecast(&self.unaccelerated, steady)),
-            2 => self.in_world(self.falling, self.accelerated(self.gravity?, steady)),
+    /// The prediction of a mode; `None` if the mode does not apply.
+    pub(super) fn prediction(&self, number: usize) -> Option<Prediction<'_>> {
+        let predictor = match number {
+            REST => Predictor::Rest,
+            1 => self.floating,
+            2 => self.falling,
             ATTACHED => {
-                let (base, mode, forecast) = self.attached.as_ref()?;
-                Candidate {
-                    mode: *mode,
+                let attached = self.attached.as_ref()?;
+                return Some(Prediction {
+                    mode: attached.mode,
                     predictor: Predictor::Rest,
-                    base,
-                    forecast: self.forecast(forecast, steady),
-                }
+                    parent: Some(attached.parent),
+                    motion: &attached.predicted,
+                });
             }
-            _ => {
-                let acceleration = (*self.accelerations.get(number - 4)?)?;
-                let forecast = self.accelerated(acceleration.acceleration(), ACCELERATION_LASTS);
-                self.in_world(Predictor::Accelerated(acceleration), forecast)
-            }
+            _ => Predictor::Accelerated(self.accelerations[number - 4]?),
         };
-        Some(candidate)
-    }
-
-    fn in_world(&'a self, predictor: Predictor, forecast: ErrorForecast<'a>) -> Candidate<'a> {
         let now = self.subject.track;
         let same = now.parent.is_none() && now.predictor == predictor;
-        Candidate {
+        Some(Prediction {
             mode: if same {
                 PredictionMode::Same
             } else {
@@ -287,12 +266,27 @@ impl<'a, const N: usize> Candidates<'a, N> {
                 }
             },
             predictor,
-            base: &self.world,
-            forecast,
-        }
+            parent: None,
+            motion: self.subject.predicted_motion,
+        })
     }
 
-    fn forecast(&'a self, of: &'a Forecast<N>, lasts: f64) -> ErrorForecast<'a> {
+    /// The error forecast of a mode; `None` if the mode does not apply.
+    pub(super) fn error_forecast(&self, number: usize) -> Option<ErrorForecast<'_>> {
+        let steady = f64::INFINITY;
+        Some(match number {
+            REST => self.forecast(self.rest.as_ref()?, steady),
+            1 => self.forecast(&self.unaccelerated, steady),
+            2 => self.accelerated(self.gravity?, steady),
+            ATTACHED => self.forecast(&self.attached.as_ref()?.forecast, steady),
+            _ => {
+                let acceleration = self.accelerations[number - 4]?.acceleration();
+                self.accelerated(acceleration, ACCELERATION_LASTS)
+            }
+        })
+    }
+
+    fn forecast<'c>(&self, of: &'c Forecast<N>, lasts: f64) -> ErrorForecast<'c> {
         let known = of.known.errors();
         let last = known.len() - 1;
         ErrorForecast {
@@ -306,7 +300,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
     }
 
     /// The forecast of a moving mode with this acceleration, m/s².
-    fn accelerated(&'a self, acceleration: DVec3, lasts: f64) -> ErrorForecast<'a> {
+    fn accelerated(&self, acceleration: DVec3, lasts: f64) -> ErrorForecast<'_> {
         let each = Errors::of_position(acceleration, self.units.still);
         let (free, falls) = (self.forecast(&self.unaccelerated, lasts), &self.falls);
         ErrorForecast {
@@ -335,12 +329,13 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
     /// The forecast from the errors at the published tick and at the known ticks after it.
     fn forecast(
         &self,
+        now: [DVec3; 2],
         error: impl Fn(usize, &Motion) -> Option<[DVec3; 2]>,
         past_growth: impl FnOnce() -> Growth,
     ) -> Forecast<N> {
         let of = |errors| Errors::of(errors, self.units.still);
         let subject = self.subject;
-        let mut known = Known::new(error(0, &subject.truth).map_or(Errors::ZERO, of));
+        let mut known = Known::new(of(now));
         for (tick, truth) in (1..N).zip(subject.ahead) {
             let Some(error) = error(tick, truth) else {
                 break;
@@ -361,20 +356,32 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         }
     }
 
+    /// Whether the body moves by the tolerance or more in each tick, so that rest cannot hold.
+    fn is_fast(&self) -> bool {
+        let moved = Errors::of(self.moved[0], self.units.still);
+        self.units.share(&moved) > f64::from(self.subject.stride.count())
+    }
+
     /// The forecast of a body that rests at its predicted pose.
-    fn rest(&self) -> Forecast<N> {
+    fn rest(&self, now: [DVec3; 2]) -> Forecast<N> {
         let predicted = self.subject.predicted_motion.pose();
         self.forecast(
+            now,
             |_, truth| Some(apart(&truth.pose(), &predicted)),
             || Growth::of_moves(self.moved, f64::from(self.subject.stride.count())),
         )
     }
 
     /// The forecast of a mode without acceleration, and the displacements that an acceleration adds.
-    fn unaccelerated(&self, predictor: Predictor, velocity: &Errors) -> (Forecast<N>, Falls<N>) {
+    fn unaccelerated(
+        &self,
+        predictor: Predictor,
+        now: [DVec3; 2],
+        velocity: &Errors,
+    ) -> (Forecast<N>, Falls<N>) {
         let (subject, tracks) = (self.subject, self.context.tracks);
         let slot = subject.slot;
-        let mut motion = subject.predicted_motion;
+        let mut motion = *subject.predicted_motion;
         let mut expected = [motion.pose(); N];
         let mut falls = [0.0; N];
         for tick in 1..=subject.ahead.len().min(N - 1) {
@@ -385,6 +392,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         let (past_errors, fallen) = self.past_errors(predictor);
         let stride = f64::from(subject.stride.count());
         let mut forecast = self.forecast(
+            now,
             |tick, truth| Some(apart(&truth.pose(), &expected[tick])),
             || Growth::of_errors(past_errors, stride),
         );
@@ -433,8 +441,8 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         ([one, two], [fall, fallen])
     }
 
-    /// The attached mode, with its base and forecast; `None` if it does not apply.
-    fn attached(&self, parent: &'a Parent<'a>) -> Option<(Base<'a>, PredictionMode, Forecast<N>)> {
+    /// The attached mode; `None` if it does not apply.
+    fn attached(&self, parent: &'a Parent<'a>) -> Option<Attached<'a, N>> {
         let (subject, tracks) = (self.subject, self.context.tracks);
         let track = subject.track;
         let above = parent.slot.track();
@@ -444,32 +452,30 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         if !is_attached && !may_be {
             return None;
         }
+        let (own, other) = (subject.truth.twist(), parent.truth.twist());
+        let arm = subject.truth.pose().position - parent.truth.pose().position;
+        let drift = own.linear - other.linear - other.angular.cross(arm);
+        let drift = Errors::of_position(drift, self.units.moving);
+        if N == 1 && !is_attached && self.units.share(&drift) > 1.0 {
+            return None;
+        }
         // A body without past observations has no evidence of being attached.
+        let past = parent.past?;
         let now = relative_to(&parent.truth.pose(), &subject.truth.pose());
         let moved = |stride: usize| {
-            let (own, of) = (
-                subject.past[stride].as_ref()?,
-                parent.past[stride].as_ref()?,
-            );
+            let (own, of) = (subject.past[stride].as_ref()?, past[stride].as_ref()?);
             let past = relative_to(&of.pose(), &own.pose());
             Some(apart(&now.pose(), &past.pose()))
         };
         let one = moved(0)?;
         let stride = f64::from(subject.stride.count());
-        let fast = self.units.share(&Errors::of(one, self.units.still)) > stride;
-        if N == 1 && fast && !is_attached {
-            return None;
-        }
         let two = moved(1).unwrap_or([one[0] * 2.0, one[1] * 2.0]);
-        let predicted_motion = tracks.framed((parent.index, parent.slot), &above, subject.tick);
-        let base = Base {
-            parent: Some(parent),
-            truth: relative_to(&predicted_motion.pose(), &subject.truth.pose()),
-            predicted: if is_attached {
-                tracks.framed((subject.index, subject.slot), track, subject.tick)
-            } else {
-                relative_to(&predicted_motion.pose(), &subject.predicted_motion.pose())
-            },
+        let by = parent.predicted_motion.pose();
+        let truth = relative_to(&by, &subject.truth.pose());
+        let predicted = if is_attached {
+            tracks.framed((subject.index, subject.slot), track, subject.tick)
+        } else {
+            relative_to(&by, &subject.predicted_motion.pose())
         };
         let mode = if is_attached {
             PredictionMode::Same
@@ -480,17 +486,18 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
             }
         };
         let error = |tick: usize, truth: &Motion| {
-            let relative = match tick {
-                0 => base.truth,
-                _ => {
-                    let by = expected_parent_pose(self.context, subject, parent, tick)?;
-                    relative_to(&by, &truth.pose())
-                }
-            };
-            Some(apart(&relative.pose(), &base.predicted.pose()))
+            let by = expected_parent_pose(self.context, subject, parent, tick)?;
+            let relative = relative_to(&by, &truth.pose());
+            Some(apart(&relative.pose(), &predicted.pose()))
         };
-        let forecast = self.forecast(error, || Growth::of_moves([one, two], stride));
-        Some((base, mode, forecast))
+        let now = apart(&truth.pose(), &predicted.pose());
+        let forecast = self.forecast(now, error, || Growth::of_moves([one, two], stride));
+        Some(Attached {
+            mode,
+            parent,
+            predicted,
+            forecast,
+        })
     }
 }
 
@@ -528,23 +535,4 @@ fn expected_parent_pose(
     } else {
         truth
     })
-}
-
-impl Base<'_> {
-    /// A pose of this frame in the world, as a subscriber computes it.
-    pub(super) fn in_world(
-        &self,
-        context: &Context<'_>,
-        subject: &Subject<'_>,
-        pose: &Pose,
-    ) -> Pose {
-        match self.parent {
-            None => *pose,
-            Some(Parent { index, slot, .. }) => {
-                let tracks = context.tracks;
-                let by = tracks.framed((*index, slot), &slot.track(), subject.tick);
-                attached_motion(&by, pose).pose()
-            }
-        }
-    }
 }

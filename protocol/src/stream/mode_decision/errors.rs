@@ -164,6 +164,12 @@ impl Units {
         Errors::of_steps(velocity.linear, velocity.angular, unit)
     }
 
+    /// Greatest rounding error of a velocity component per tick, in steps doubled `velocity_exponent` times.
+    pub(super) fn rounding(&self, velocity_exponent: u32) -> f64 {
+        let [linear, angular] = self.velocities.to_array();
+        0.5 * linear.max(angular) * f64::from(1_u32 << velocity_exponent)
+    }
+
     /// The residual without velocities that reduces an error most. A fraction of a step of at least `rounding` rounds
     /// up.
     pub(super) fn residual(&self, errors: &Errors, rounding: [f64; 2]) -> Residual {

@@ -13,6 +13,9 @@ const SAMPLED_TICKS: [f64; 15] = [
     1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0, 128.0, 192.0,
 ];
 
+/// The last of them.
+const LONGEST: f64 = SAMPLED_TICKS[SAMPLED_TICKS.len() - 1];
+
 /// Reduction of the error by a correction: at once, and additionally per tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Effect {
@@ -77,6 +80,13 @@ pub(super) struct Expectation {
     pub(super) interval: usize,
 }
 
+impl Expectation {
+    /// Ticks of a lifetime before the stream is published again.
+    pub(super) fn unobserved(&self) -> f64 {
+        self.interval.saturating_sub(2) as f64
+    }
+}
+
 /// Estimated lifetime of a correction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lifetime {
@@ -131,13 +141,21 @@ impl ErrorForecast<'_> {
                     breach: Some(last),
                 };
             };
-            let unobserved = expectation.interval.saturating_sub(2) as f64;
-            known + beyond.min(self.lasts) + unobserved
+            known + beyond.min(self.lasts) + expectation.unobserved()
         };
         Lifetime {
             ticks,
             breach: None,
         }
+    }
+
+    /// Whether a correction holds so many ticks after the last known one, by its error at that time alone.
+    pub(super) fn holds_after(&self, by: &Effect, ticks: f64, expectation: &Expectation) -> bool {
+        let begin = self.left(self.last(), by);
+        let slope = self.slope - by.each_tick;
+        let errors = begin + (slope + self.curve * ticks) * ticks;
+        let share = expectation.units.share(&errors) + expectation.growth * ticks;
+        share <= 1.0 && ticks <= self.lasts.min(LONGEST)
     }
 
     /// Ticks for which the correction holds beyond the known ones; `None` if it does not hold at the last known tick.

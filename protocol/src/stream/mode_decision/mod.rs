@@ -23,7 +23,7 @@ use rhumb_reckoning::{Anchor, Predictor, Seconds, TRACK_AGE_MAX, Ticks, Track};
 
 use super::features::Features;
 use crate::packet::{Age, UpdatePayload};
-use candidates::{Candidate, Candidates};
+use candidates::{Candidates, Prediction};
 use errors::Units;
 use forecast::{Expectation, SPAN};
 use ranking::Settings;
@@ -125,16 +125,20 @@ impl<'a> ModeDecision<'a> {
             looks_ahead: N > 1,
         };
         let mut refinement = Refinement::new(&settings);
-        let modes = candidates.modes();
-        for (number, mode) in modes.iter().enumerate() {
-            if let Some(mode) = mode {
-                refinement.consider(number, mode, &candidates.velocity);
-            }
+        let steadiest = if N == 1 { candidates.steadiest() } else { None };
+        for mode in candidates.promising(steadiest) {
+            refinement.consider(&candidates, mode);
         }
-        let choices = refinement.finish(&modes, &candidates.velocity);
+        if let Some(mode) = steadiest {
+            refinement.consider_velocities(&candidates, mode);
+        }
+        if N == 1 {
+            refinement.consider_sparse(&candidates);
+        }
+        let choices = refinement.best.iter();
         choices
-            .iter()
-            .find_map(|choice| update.of(modes[choice.mode].as_ref()?, choice))
+            .copied()
+            .find_map(|choice| update.of(&candidates.prediction(choice.mode)?, &choice))
     }
 }
 
@@ -151,15 +155,13 @@ struct UpdateConditions<'u> {
 impl UpdateConditions<'_> {
     /// The update and the track of a choice, as a subscriber computes them; `None` if they break the tolerance or a
     /// limit.
-    fn of(&self, candidate: &Candidate<'_>, choice: &Choice) -> Option<(UpdatePayload, Track)> {
+    fn of(&self, prediction: &Prediction<'_>, choice: &Choice) -> Option<(UpdatePayload, Track)> {
         let (subject, tracks) = (self.subject, self.context.tracks);
         let grid = tracks.grid(subject.slot);
         let residual = choice.residual;
-        let quantised = residual.onto(&candidate.base.predicted, self.over, grid);
+        let quantised = residual.onto(prediction.motion, self.over, grid);
         let begun = quantised.motion(grid);
-        let pose = candidate
-            .base
-            .in_world(self.context, subject, &begun.pose());
+        let pose = prediction.in_world(&begun.pose());
         let (tolerance, radius) = (
             tracks.tolerance_of(subject.slot),
             tracks.radius(subject.slot),
@@ -169,23 +171,21 @@ impl UpdateConditions<'_> {
         if !keeps || !residual.is_within_limits() {
             return None;
         }
-        let rests = candidate.predictor == Predictor::Rest;
-        let parent = candidate.base.parent;
         Some((
             UpdatePayload::Residual {
-                mode: candidate.mode,
+                mode: prediction.mode,
                 age: self.age,
                 residual,
             },
             Track {
                 origin: subject.tick,
-                predictor: candidate.predictor,
-                anchor: Anchor::Quantised(if rests {
-                    quantised.stilled()
-                } else {
+                predictor: prediction.predictor,
+                anchor: Anchor::Quantised(if prediction.moves() {
                     quantised
+                } else {
+                    quantised.stilled()
                 }),
-                parent: parent.map(|parent| parent.slot.id(parent.index)),
+                parent: prediction.parent.map(|parent| parent.slot.id(parent.index)),
             },
         ))
     }

@@ -7,14 +7,16 @@ use rhumb_reckoning::Residual;
 use super::cost::Cost;
 use super::errors::Errors;
 use super::forecast::{Effect, ErrorForecast, Expectation, Lifetime};
-use super::shortlist::{BestCorrections, Choice, SHORTLIST};
+use super::shortlist::{BestCorrections, Choice};
 use crate::packet::Age;
 use crate::stream::features::Features;
 
 /// Rounding to the nearest step, of position and of turn.
 pub(super) const NEAREST: [f64; 2] = [0.5; 2];
-/// Greatest exponent of the velocities that are always considered when the feature `derived` is off.
-const REQUIRED_EXPONENT_MAX: u32 = 3;
+/// Hardly any velocities cost less than this, in 1/256 bits.
+const VELOCITY_BITS: u32 = 8 * 256;
+/// Share of the tolerance that rounded velocities may add to a component of the error within a lifetime.
+const ROUNDING: f64 = 0.5;
 /// Candidate exponents of velocities: their steps are doubled so often.
 const VELOCITY_EXPONENTS: [u32; 6] = [9, 7, 5, 3, 1, 0];
 /// Numbers of known ticks that the next correction is fitted to.
@@ -34,16 +36,20 @@ pub(super) struct Settings {
 }
 
 impl Settings {
-    /// Number of corrections that the shortlist keeps.
-    pub(super) const fn capacity(&self) -> usize {
-        if self.looks_ahead { SHORTLIST } else { 2 }
+    /// The price that a correction must not exceed. With lookahead there is none, because the next correction counts.
+    pub(super) fn limit(&self, best: &BestCorrections) -> f64 {
+        if self.looks_ahead {
+            f64::INFINITY
+        } else {
+            best.least()
+        }
     }
 }
 
 /// Prices the corrections of one candidate.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CorrectionRanker<'s> {
-    pub(super) forecast: &'s ErrorForecast<'s>,
+    pub(super) forecast: ErrorForecast<'s>,
     pub(super) expectation: &'s Expectation,
     pub(super) cost: Cost,
     /// See [`Settings::rate`]; zero for a resting mode.
@@ -66,6 +72,13 @@ impl CorrectionRanker<'_> {
 
     pub(super) fn lifetime(&self, effect: &Effect) -> Lifetime {
         self.forecast.lifetime(effect, self.expectation)
+    }
+
+    /// The lifetime of a correction of at least these bits; `None` if its price is surely above `limit`.
+    pub(super) fn lifetime_within(&self, bits: u32, effect: &Effect, limit: f64) -> Option<f64> {
+        let needed = f64::from(bits) / limit - 1.0 - self.expectation.unobserved();
+        let may_hold = |ticks| self.forecast.holds_after(effect, ticks, self.expectation);
+        (needed <= 0.0 || may_hold(needed)).then(|| self.lifetime(effect).ticks)
     }
 
     pub(super) fn price(&self, residual: &Residual) -> f64 {
@@ -120,36 +133,34 @@ impl CorrectionRanker<'_> {
             each_tick: *slope,
             ..effect
         };
-        // No correction outlives the one with the true velocities, and finer steps cost more.
-        let longest = self.lifetime(&exact).ticks;
-        let lacking = *slope - effect.each_tick;
         let place = self.cost.of_form(true) + self.cost.of_place(residual, true);
-        for velocity_exponent in settings.features.steps(VELOCITY_EXPONENTS) {
+        // No correction outlives the one with the true velocities.
+        let limit = settings.limit(best);
+        let Some(longest) = self.lifetime_within(place + VELOCITY_BITS, &exact, limit) else {
+            return;
+        };
+        let lacking = *slope - effect.each_tick;
+        let too_coarse = |exponent: &u32| {
+            !settings.looks_ahead && *exponent > 0 && units.rounding(*exponent) * longest > ROUNDING
+        };
+        let exponents = settings.features.steps(VELOCITY_EXPONENTS);
+        let tried = if settings.looks_ahead { usize::MAX } else { 1 };
+        for velocity_exponent in exponents.skip_while(too_coarse).take(tried) {
             let velocity = units.velocity(&lacking, velocity_exponent);
             let bits = place + self.cost.of_velocity(&velocity);
-            let is_required =
-                !settings.features.derived && velocity_exponent <= REQUIRED_EXPONENT_MAX;
-            if self.cost.price(bits, longest) >= best.least()
-                && !is_required
-                && !settings.looks_ahead
-            {
-                return;
-            }
             let residual = Residual {
                 velocity: Some(velocity),
                 ..*residual
             };
-            if velocity.is_within_limits() {
-                let ticks = self.lifetime(&self.effect(&residual)).ticks;
+            if velocity.is_within_limits()
+                && let Some(ticks) = self.lifetime_within(bits, &self.effect(&residual), limit)
+            {
                 let price = self.cost.price(bits, ticks);
-                best.note(
-                    settings.capacity(),
-                    Choice {
-                        mode,
-                        residual,
-                        price,
-                    },
-                );
+                best.note(Choice {
+                    mode,
+                    residual,
+                    price,
+                });
             }
         }
     }
@@ -166,11 +177,11 @@ impl CorrectionRanker<'_> {
         let interval = self.expectation.interval;
         let known = self.forecast.known_after(breach, &effect);
         let later = CorrectionRanker {
-            forecast: &ErrorForecast {
+            forecast: ErrorForecast {
                 known: known.errors(),
                 pull: None,
                 slope: self.forecast.slope - effect.each_tick,
-                ..*self.forecast
+                ..self.forecast
             },
             expectation: self.expectation,
             cost: self

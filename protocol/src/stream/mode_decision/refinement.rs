@@ -4,12 +4,12 @@
 
 use rhumb_reckoning::Residual;
 
-use super::candidates::{Candidate, Modes};
+use super::candidates::{ATTACHED, Candidates};
 use super::cost::{Beside, Cost};
 use super::errors::Errors;
 use super::forecast::Effect;
 use super::ranking::{CorrectionRanker, NEAREST, Settings};
-use super::shortlist::{BestCorrections, Choice, SHORTLIST};
+use super::shortlist::{BestCorrections, Choice};
 
 /// Rounding for a sparser residual: a fraction of a step below this is dropped.
 const SPARSE: f64 = 0.7;
@@ -22,11 +22,10 @@ const LINES: [usize; 3] = [2, 4, 6];
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Refinement<'r> {
     settings: &'r Settings,
-    best: BestCorrections,
+    /// The best corrections so far, cheapest first.
+    pub(super) best: BestCorrections,
     /// The start of all modes in the world.
     start: Option<Start>,
-    /// The most promising mode for velocities, and its price if velocities were free.
-    moving: Option<(usize, f64)>,
 }
 
 /// The correction that fits the published tick best; all modes of one frame share it.
@@ -62,11 +61,15 @@ impl<'r> Refinement<'r> {
             settings,
             best: BestCorrections::default(),
             start: None,
-            moving: None,
         }
     }
 
-    fn ranker<'s>(&self, candidate: &'s Candidate<'_>) -> CorrectionRanker<'s>
+    /// The ranker of a mode's corrections; `None` if the mode does not apply.
+    fn ranker<'s, const N: usize>(
+        &self,
+        candidates: &'s Candidates<'_, N>,
+        number: usize,
+    ) -> Option<CorrectionRanker<'s>>
     where
         'r: 's,
     {
@@ -75,59 +78,85 @@ impl<'r> Refinement<'r> {
         } else {
             Beside::default()
         };
-        let (mode, age) = (candidate.mode, self.settings.age);
-        CorrectionRanker {
-            forecast: &candidate.forecast,
+        let prediction = candidates.prediction(number)?;
+        Some(CorrectionRanker {
+            forecast: candidates.error_forecast(number)?,
             expectation: &self.settings.expectation,
-            cost: Cost::new(mode, age, beside),
-            rate: if candidate.moves() {
+            cost: Cost::new(prediction.mode, self.settings.age, beside),
+            rate: if prediction.moves() {
                 self.settings.rate
             } else {
                 0.0
             },
-        }
+        })
     }
 
     fn note(&mut self, mode: usize, residual: Residual, price: f64) {
-        let choice = Choice {
+        self.best.note(Choice {
             mode,
             residual,
             price,
-        };
-        self.best.note(self.settings.capacity(), choice);
+        });
     }
 
-    /// Prices the corrections of a candidate. `velocity`: difference of the true and the predicted velocities, per
-    /// tick.
-    pub(super) fn consider(&mut self, mode: usize, candidate: &Candidate<'_>, velocity: &Errors) {
-        let ranker = self.ranker(candidate);
+    /// Prices the corrections of a mode.
+    pub(super) fn consider<const N: usize>(&mut self, candidates: &Candidates<'_, N>, mode: usize) {
+        let Some(ranker) = self.ranker(candidates, mode) else {
+            return;
+        };
+        let moves = ranker.rate > 0.0;
         if self.settings.looks_ahead {
-            return self.consider_known(mode, candidate.moves(), &ranker);
+            return self.consider_known(mode, moves, &ranker);
+        }
+        if moves && !self.settings.features.derived {
+            return;
         }
         let own = &mut None;
-        let start = match candidate.base.parent {
-            None => &mut self.start,
-            Some(_) => own,
+        let start = match mode {
+            ATTACHED => own,
+            _ => &mut self.start,
         };
         let start = start.get_or_insert_with(|| Start::new(&ranker));
-        let (residual, bits) = (start.residual, start.bits(&ranker.cost));
         let effect = Effect {
             at_once: start.at_once,
             each_tick: start.at_once * ranker.rate,
         };
-        let moves = candidate.moves();
-        if !moves || self.settings.features.derived {
-            let ticks = ranker.lifetime(&effect).ticks;
+        let form = ranker.cost.of_form(false);
+        if let Some(ticks) = ranker.lifetime_within(form, &effect, self.best.least()) {
+            let (residual, bits) = (start.residual, start.bits(&ranker.cost));
             self.note(mode, residual, ranker.cost.price(bits, ticks));
         }
-        if moves {
-            let exact = Effect {
-                each_tick: *velocity,
-                ..effect
+    }
+
+    /// Prices the corrections of a moving mode with velocities.
+    pub(super) fn consider_velocities<const N: usize>(
+        &mut self,
+        candidates: &Candidates<'_, N>,
+        mode: usize,
+    ) {
+        if let Some(ranker) = self.ranker(candidates, mode) {
+            let units = &ranker.expectation.units;
+            let residual = units.residual(&ranker.forecast.known[0], NEAREST);
+            let (settings, velocity) = (self.settings, &candidates.velocity);
+            ranker.with_velocities(settings, (mode, &residual), velocity, &mut self.best);
+        }
+    }
+
+    /// Prices the best correction without the steps that the tolerance hardly needs.
+    pub(super) fn consider_sparse<const N: usize>(&mut self, candidates: &Candidates<'_, N>) {
+        if let Some(best) = self.best.first().filter(|_| self.settings.features.sparse)
+            && let Some(ranker) = self.ranker(candidates, best.mode)
+        {
+            let units = &ranker.expectation.units;
+            let sparse = Residual {
+                velocity: best.residual.velocity,
+                ..units.residual(&ranker.forecast.known[0], [SPARSE; 2])
             };
-            let price = ranker.cost.price(bits, ranker.lifetime(&exact).ticks);
-            if self.moving.is_none_or(|(_, least)| price < least) {
-                self.moving = Some((mode, price));
+            let (bits, effect) = (ranker.cost.bits(&sparse), ranker.effect(&sparse));
+            if sparse != best.residual
+                && let Some(ticks) = ranker.lifetime_within(bits, &effect, best.price)
+            {
+                self.note(best.mode, sparse, ranker.cost.price(bits, ticks));
             }
         }
     }
@@ -135,21 +164,18 @@ impl<'r> Refinement<'r> {
     /// Prices the corrections of a candidate with lookahead: the best ones together with their next correction.
     fn consider_known(&mut self, mode: usize, moves: bool, ranker: &CorrectionRanker<'_>) {
         let settings = self.settings;
-        let (forecast, units) = (ranker.forecast, &ranker.expectation.units);
+        let (forecast, units) = (&ranker.forecast, &ranker.expectation.units);
         let mut best = BestCorrections::default();
         if !moves || settings.features.derived {
             for fit in FITS.into_iter().take_while(|fit| *fit <= forecast.last()) {
                 let residual = units.residual(&forecast.nearest(fit, ranker.rate), NEAREST);
                 let price = ranker.price(&residual);
                 let mut note = |residual, price| {
-                    best.note(
-                        SHORTLIST,
-                        Choice {
-                            mode,
-                            residual,
-                            price,
-                        },
-                    );
+                    best.note(Choice {
+                        mode,
+                        residual,
+                        price,
+                    });
                 };
                 note(residual, price);
                 if settings.features.sparse {
@@ -172,34 +198,7 @@ impl<'r> Refinement<'r> {
         }
         for choice in best.iter() {
             let price = ranker.price_with_next(&choice.residual);
-            self.best.note(SHORTLIST, Choice { price, ..*choice });
+            self.best.note(Choice { price, ..*choice });
         }
-    }
-
-    /// The best corrections, cheapest first.
-    pub(super) fn finish(&mut self, modes: &Modes<'_>, velocity: &Errors) -> &BestCorrections {
-        if self.settings.looks_ahead {
-            return &self.best;
-        }
-        if let Some((mode, price)) = self.moving
-            && price < self.best.least()
-            && let Some(candidate) = &modes[mode]
-        {
-            let ranker = self.ranker(candidate);
-            let units = &ranker.expectation.units;
-            let residual = units.residual(&ranker.forecast.known[0], NEAREST);
-            ranker.with_velocities(self.settings, (mode, &residual), velocity, &mut self.best);
-        }
-        if let Some(best) = self.best.first().filter(|_| self.settings.features.sparse)
-            && let Some(candidate) = &modes[best.mode]
-        {
-            let ranker = self.ranker(candidate);
-            let units = &ranker.expectation.units;
-            let sparse = units.residual(&ranker.forecast.known[0], [SPARSE; 2]);
-            let found =
-                ranker.leave_out_steps((best.residual, best.price), Some(&sparse), &mut |_, _| {});
-            self.note(best.mode, found.0, found.1);
-        }
-        &self.best
     }
 }

@@ -4,8 +4,8 @@
 
 use rhumb_reckoning::Residual;
 
-/// Number of corrections that are kept with lookahead, to be priced with their next correction.
-pub(super) const SHORTLIST: usize = 3;
+/// Number of corrections that are kept: with lookahead they are priced with their next correction.
+const SHORTLIST: usize = 3;
 
 /// A correction, and its price in 1/256 bits per tick.
 #[derive(Clone, Copy, Debug)]
@@ -36,10 +36,10 @@ impl BestCorrections {
         self.choices.iter().flatten()
     }
 
-    /// Inserts a correction if it is among the best `capacity`.
-    pub(super) fn note(&mut self, capacity: usize, choice: Choice) {
+    /// Inserts a correction if it is among the best.
+    pub(super) fn note(&mut self, choice: Choice) {
         let mut at = 0;
-        for other in self.choices[..capacity].iter().flatten() {
+        for other in self.choices.iter().flatten() {
             if other.price > choice.price {
                 break;
             }
@@ -49,8 +49,8 @@ impl BestCorrections {
             }
             at += 1;
         }
-        if at < capacity && choice.price.is_finite() {
-            self.choices.copy_within(at..capacity - 1, at + 1);
+        if at < SHORTLIST && choice.price.is_finite() {
+            self.choices.copy_within(at..SHORTLIST - 1, at + 1);
             self.choices[at] = Some(choice);
         }
     }
@@ -77,7 +77,7 @@ mod tests {
     proptest! {
         #[test]
         fn the_best_are_kept_in_order_without_duplicates(
-            prices in proptest::collection::vec(0_u32..50, 0..40), again in 0_usize..40, capacity in 1..=SHORTLIST,
+            prices in proptest::collection::vec(0_u32..50, 0..40), again in 0_usize..40,
         ) {
             let choices: Vec<_> = (0..)
                 .zip(&prices)
@@ -85,12 +85,12 @@ mod tests {
                 .collect();
             let mut list = BestCorrections::default();
             for choice in choices.iter().chain(choices.get(again)) {
-                list.note(capacity, *choice);
+                list.note(*choice);
             }
-            list.note(capacity, choice(-1, f64::INFINITY));
+            list.note(choice(-1, f64::INFINITY));
             let mut best = prices.clone();
             best.sort_unstable();
-            best.truncate(capacity);
+            best.truncate(SHORTLIST);
             let kept: Vec<_> = list.iter().collect();
             let kept_prices: Vec<_> = kept.iter().map(|choice| choice.price as u32).collect();
             prop_assert_eq!(kept_prices, best);

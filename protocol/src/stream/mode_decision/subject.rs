@@ -2,6 +2,7 @@
 //!
 //! Contains data alone, no decision.
 
+use glam::DVec3;
 use rhumb_reckoning::{Divergence, Metres, Motion, Pose, Tick, Ticks, Tolerance, Track};
 
 use crate::stream::features::Features;
@@ -17,13 +18,13 @@ pub(crate) struct Subject<'a> {
     /// The published tick.
     pub(crate) tick: Tick,
     /// The body's true motion at that tick.
-    pub(crate) truth: Motion,
+    pub(crate) truth: &'a Motion,
     /// The body's predicted motion at that tick.
-    pub(crate) predicted_motion: Motion,
-    /// The true motions one and two ticks before.
-    pub(crate) last: [Option<Motion>; 2],
+    pub(crate) predicted_motion: &'a Motion,
+    /// The true linear velocities one and two ticks before, m/s.
+    pub(crate) velocities: Option<[DVec3; 2]>,
     /// The true motions one and two strides before.
-    pub(crate) past: [Option<Motion>; 2],
+    pub(crate) past: &'a [Option<Motion>; 2],
     /// Ticks between two observations before the published tick.
     pub(crate) stride: Ticks,
     /// The true motions of the next ticks, as far as the lookahead reaches.
@@ -40,9 +41,11 @@ pub(crate) struct Parent<'a> {
     pub(crate) index: u32,
     pub(crate) slot: &'a Slot,
     /// The true motion at the published tick.
-    pub(crate) truth: Motion,
+    pub(crate) truth: &'a Motion,
+    /// The predicted motion in the frame of its track.
+    pub(crate) predicted_motion: &'a Motion,
     /// The true motions one and two strides of the child before.
-    pub(crate) past: [Option<Motion>; 2],
+    pub(crate) past: Option<&'a [Option<Motion>; 2]>,
     /// The true motions of the next ticks.
     pub(crate) ahead: &'a [Motion],
 }

@@ -1,10 +1,12 @@
 //! Which bodies can be parents of others, and how many children they have.
 
 use glam::Vec3;
-use rhumb_reckoning::{BodyId, Ticks};
+use rhumb_reckoning::{BodyId, Tick, Ticks};
 
 use super::Publisher;
-use super::large_body::{LargeBody, PARENT_SIZE_RATIO};
+use super::large_body::{LargeBody, ObservedParent, PARENT_SIZE_RATIO};
+use super::observation_scan::ObservationScan;
+use super::window::ObservationWindow;
 use crate::stream::observation::Observation;
 use crate::stream::observation_history::ObservationHistory;
 
@@ -25,32 +27,52 @@ impl Publisher {
         }
     }
 
-    /// The position of the best parent for a body: its present parent, or the nearest candidate within reach.
-    pub(super) fn parent_candidate_of(
+    /// Collects the observations of the parent candidates.
+    pub(super) fn observe_parents(
+        &self,
+        observation_history: &ObservationHistory,
+        tick: Tick,
+        scan: &mut ObservationScan,
+    ) {
+        let observations = observation_history.at(tick).unwrap_or_default();
+        let observed = |LargeBody { place, .. }: &LargeBody| {
+            let Observation { id, motion, .. } = observations[*place];
+            let slot = self.tracks.slot(id.index())?;
+            Some(ObservedParent {
+                index: id.index(),
+                truth: motion.motion(),
+                predicted_motion: self.tracks.framed((id.index(), slot), &slot.track(), tick),
+                window: ObservationWindow::of(observation_history, id, tick, *place),
+            })
+        };
+        scan.observed_parents.clear();
+        scan.observed_parents
+            .extend(scan.parent_candidates.iter().filter_map(observed));
+    }
+
+    /// The best parent for a body: its present parent, or the nearest candidate within reach.
+    pub(super) fn parent_candidate_of<'s>(
         &self,
         observation: &Observation,
-        parent_candidates: &[LargeBody],
-        observations: &[Observation],
-    ) -> Option<usize> {
+        scan: &'s ObservationScan,
+    ) -> Option<&'s ObservedParent> {
         let slot = self.tracks.slot(observation.id.index())?;
+        let parent_candidates = &scan.parent_candidates;
         if let Some(parent) = slot.parent() {
-            let holds =
-                |parent_candidate: &&LargeBody| observations[parent_candidate.place].id == parent;
-            return parent_candidates
-                .iter()
-                .find(holds)
-                .map(|parent_candidate| parent_candidate.place);
+            let holds = |observed: &&ObservedParent| observed.index == parent.index();
+            return scan.observed_parents.iter().find(holds);
         }
         let least = self.tracks.radius(slot).metres() * PARENT_SIZE_RATIO;
         let here = Vec3::from_array(observation.motion.position());
-        let reaches = |parent_candidate: &&LargeBody| {
+        let reaches = |parent_candidate: &LargeBody| {
             let far = f64::from(parent_candidate.position.distance(here));
             parent_candidate.radius >= least && far <= parent_candidate.radius * PARENT_REACH
         };
         let far = |parent_candidate: &LargeBody| parent_candidate.position.distance_squared(here);
-        let near = parent_candidates.iter().filter(reaches);
-        near.min_by(|a, b| far(a).total_cmp(&far(b)))
-            .map(|parent_candidate| parent_candidate.place)
+        let near = parent_candidates.iter().zip(&scan.observed_parents);
+        let near = near.filter(|(parent_candidate, _)| reaches(parent_candidate));
+        near.min_by(|(a, _), (b, _)| far(a).total_cmp(&far(b)))
+            .map(|(_, observed)| observed)
     }
 
     /// Whether a body has children.

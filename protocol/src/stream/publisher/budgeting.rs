@@ -110,7 +110,7 @@ impl Publisher {
         if core::mem::take(&mut budget_state.reported) {
             budget_state.worst = 1.0;
         }
-        self.statistics.aliases += self.alias_table.release_idle_aliases(tick);
+        self.alias_table.begin_tick();
         budget_state
             .token_bucket
             .earn(tick.since(before).unwrap_or_default());

@@ -1,6 +1,9 @@
 //! Parent candidates: the largest moving bodies of a tick.
 
 use glam::Vec3;
+use rhumb_reckoning::Motion;
+
+use super::window::ObservationWindow;
 
 /// The number of parent candidates at one tick: the largest moving bodies.
 pub(super) const PARENT_CANDIDATES_MAX: usize = 16;
@@ -15,4 +18,14 @@ pub(super) struct LargeBody {
     pub(super) position: Vec3,
     /// The radius, metres.
     pub(super) radius: f64,
+}
+
+/// A parent candidate with its observations, the same for all its possible children.
+#[derive(Clone, Debug)]
+pub(super) struct ObservedParent {
+    pub(super) index: u32,
+    pub(super) truth: Motion,
+    /// The motion in the frame of its track, after its own update of the tick.
+    pub(super) predicted_motion: Motion,
+    pub(super) window: ObservationWindow,
 }

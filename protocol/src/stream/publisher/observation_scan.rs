@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use rhumb_reckoning::{ErrorPrefilter, Integrator, Tolerance};
 
-use super::large_body::{LargeBody, PARENT_CANDIDATES_MAX};
+use super::large_body::{LargeBody, ObservedParent, PARENT_CANDIDATES_MAX};
 
 /// The result of a scan, as positions among the observations. Its buffers are reused from tick to tick.
 #[derive(Clone, Debug)]
@@ -14,6 +14,8 @@ pub(super) struct ObservationScan {
     pub(super) undecided: Vec<u32>,
     /// Parent candidates, the largest first.
     pub(super) parent_candidates: Vec<LargeBody>,
+    /// The same bodies with their observations.
+    pub(super) observed_parents: Vec<ObservedParent>,
     /// Undecided bodies with children that are no parent candidates, in order.
     pub(super) other_parents: Vec<u32>,
     /// The largest bodies so far, with their radii.
@@ -26,6 +28,7 @@ impl ObservationScan {
             prefilter: ErrorPrefilter::new(tolerance, integrator),
             undecided: Vec::new(),
             parent_candidates: Vec::new(),
+            observed_parents: Vec::new(),
             other_parents: Vec::new(),
             largest: Vec::with_capacity(PARENT_CANDIDATES_MAX + 1),
         }

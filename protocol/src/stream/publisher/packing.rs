@@ -10,15 +10,11 @@ use crate::packet::{ErrorScale, Update, UpdateWriter};
 
 /// Fewer updates than this usually fit one packet; that is tried first.
 const MANY: usize = 64;
-/// A packet counts as full if it lacks this many bytes of the largest one and another island would follow. The exact
-/// size of updates is not known before they are encoded.
-const NEARLY: usize = 110;
 
 impl Publisher {
     /// Splits the updates of one tick into datagrams.
     ///
-    /// Touching bodies stay in one packet if they fit, so that all or none of them move. An update that builds on
-    /// another body's track comes after that body, in the same packet or a later one.
+    /// An update that builds on another body's track comes after that body, in the same packet or a later one.
     pub(super) fn pack(
         &mut self,
         tick: Tick,
@@ -42,68 +38,32 @@ impl Publisher {
             }
             return;
         }
-        let islands = self.sort_by_island(tick, updates);
-        let (mut rest, mut islands) = (updates, islands.as_slice());
-        while !islands.is_empty() {
-            let (count, fitting) = self.fitting(rest, islands);
-            let (now, later) = rest.split_at_mut(fitting);
-            islands = &islands[count..];
-            self.pack_islands(tick, now, scene_events, islands.is_empty(), out);
-            rest = later;
-        }
+        let alone = sort_parents_first(updates);
+        self.pack_groups(tick, updates.split_at(alone), scene_events, true, out);
     }
 
-    /// The bits at which a packet counts as full, in 1/256.
-    const fn filled(&self) -> u64 {
-        (self.largest_packet.bytes() - NEARLY) as u64 * 8 * 256
-    }
-
-    /// Whether updates surely exceed one packet, by their estimated size.
+    /// Whether updates surely exceed one packet: their estimated size is half as much again.
     fn surely_fill_more(&self, updates: &[Update]) -> bool {
+        let filled = self.largest_packet.bytes() as u64 * 8 * 256;
         let mut bits = 0;
         let fills = |update: &Update| {
             bits += Self::bits_of(update);
-            bits > self.filled() * 3 / 2
+            bits > filled * 3 / 2
         };
         updates.len() >= MANY && updates.iter().any(fills)
     }
 
-    /// The number of islands that fit a packet, at least one, and the number of their updates.
-    fn fitting(&self, updates: &[Update], islands: &[usize]) -> (usize, usize) {
-        let (mut count, mut fitting, mut bits) = (0, 0, 0);
-        for size in islands {
-            let island = &updates[fitting..fitting + size];
-            bits += island.iter().map(Self::bits_of).sum::<u64>();
-            if count > 0 && bits > self.filled() {
-                break;
-            }
-            count += 1;
-            fitting += size;
-        }
-        (count, fitting)
-    }
-
-    /// Encodes some islands in one packet, or in as many as they need.
-    fn pack_islands(
+    /// Encodes two groups of updates in as many packets as they need. The second group builds on tracks of the first.
+    fn pack_groups(
         &mut self,
         tick: Tick,
-        updates: &mut [Update],
+        (first, second): (&[Update], &[Update]),
         scene_events: u64,
         last: bool,
         out: &mut Vec<Bytes>,
     ) {
-        sort_by_alias(updates);
-        if let Some((datagram, fitting)) = self.write(tick, updates, scene_events, last)
-            && fitting == updates.len()
-        {
-            self.send(datagram, updates, out);
-            return;
-        }
-        updates.sort_by_key(|update| (update.payload.names_parent(), update.alias));
-        let alone = updates.partition_point(|update| !update.payload.names_parent());
-        let (first, second) = updates.split_at(alone);
         for (group, last) in [(first, last && second.is_empty()), (second, last)] {
-            let mut rest: &[Update] = group;
+            let mut rest = group;
             while let Some((datagram, fitting)) = self.write(tick, rest, scene_events, last) {
                 let (sent_updates, later) = rest.split_at(fitting);
                 self.send(datagram, sent_updates, out);
@@ -120,7 +80,7 @@ impl Publisher {
         scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
-        updates.sort_unstable_by_key(|update| (update.payload.names_parent(), update.alias));
+        sort_parents_first(updates);
         let mut rest: &[Update] = updates;
         while let Some((now, later)) = rest.split_first() {
             if let Some((datagram, _)) = self.write(
@@ -144,32 +104,12 @@ impl Publisher {
         out: &mut Vec<Bytes>,
     ) {
         self.repair_symbols.halve();
-        let cut = self.middle_of_islands(tick, updates).unwrap_or_else(|| {
-            updates.sort_unstable_by_key(|update| (update.payload.names_parent(), update.alias));
-            let alone = updates.partition_point(|update| !update.payload.names_parent());
-            Self::middle(updates).min(alone)
-        });
+        let alone = sort_parents_first(updates);
+        let cut = Self::middle(updates).min(alone);
         let (first, second) = updates.split_at_mut(cut);
-        self.pack_islands(tick, first, scene_events, second.is_empty(), out);
-        self.pack_islands(tick, second, scene_events, true, out);
-    }
-
-    /// The number of updates in the first islands that take about half of all bits; None if no split is near half.
-    fn middle_of_islands(&self, tick: Tick, updates: &mut [Update]) -> Option<usize> {
-        let islands = self.sort_by_island(tick, updates);
-        let bits = |updates: &[Update]| -> u64 { updates.iter().map(Self::bits_of).sum() };
-        let half = bits(updates) / 2;
-        let (mut cut, mut so_far) = (0, 0);
-        let mut best = None;
-        for size in islands {
-            so_far += bits(&updates[cut..cut + size]);
-            cut += size;
-            let off = so_far.abs_diff(half);
-            if off <= half / 2 && best.is_none_or(|(least, _)| off < least) {
-                best = Some((off, cut));
-            }
-        }
-        best.map(|(_, cut)| cut)
+        // One packet may hold parents and children; both halves are shorter than a packet that holds all.
+        sort_by_alias(second);
+        self.pack_groups(tick, (first, second), scene_events, true, out);
     }
 
     /// The number of first updates that take half of all bits.
@@ -232,9 +172,15 @@ impl Publisher {
 }
 
 /// Sorts updates by the aliases of their bodies.
-pub(super) fn sort_by_alias(updates: &mut [Update]) {
+fn sort_by_alias(updates: &mut [Update]) {
     if !updates.is_sorted_by_key(|update| update.alias) {
         // Updates are large, so each is moved only once.
         updates.sort_by_cached_key(|update| update.alias);
     }
+}
+
+/// Sorts updates by alias, those that build on another body's track last. Returns the number of the others.
+fn sort_parents_first(updates: &mut [Update]) -> usize {
+    updates.sort_unstable_by_key(|update| (update.payload.names_parent(), update.alias));
+    updates.partition_point(|update| !update.payload.names_parent())
 }

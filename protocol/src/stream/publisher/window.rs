@@ -2,14 +2,16 @@
 //!
 //! Motions only, converted once for all users. The mode decision interprets them.
 
+use glam::DVec3;
 use rhumb_reckoning::{BodyId, Motion, Tick, Ticks};
 
 use crate::stream::observation_history::{LOOKAHEAD_MAX, ObservationHistory};
 
 /// The observations of a body around a tick.
+#[derive(Clone, Debug)]
 pub(super) struct ObservationWindow {
-    /// Its motions one and two ticks before.
-    pub(super) last: [Option<Motion>; 2],
+    /// Its linear velocities one and two ticks before, m/s.
+    pub(super) velocities: Option<[DVec3; 2]>,
     /// Its motions one and two strides before, or ticks if it was not observed that long.
     pub(super) past: [Option<Motion>; 2],
     pub(super) stride: Ticks,
@@ -18,6 +20,7 @@ pub(super) struct ObservationWindow {
 }
 
 /// The motions of a body after the tick, within the lookahead.
+#[derive(Clone, Debug)]
 struct Ahead {
     /// Only the first `known` entries are valid.
     motions: [Motion; LOOKAHEAD_MAX.count() as usize],
@@ -40,6 +43,10 @@ impl ObservationWindow {
         };
         let before = |ticks| tick.before(Ticks::new(ticks)).and_then(motion);
         let last = [before(1), before(2)];
+        let velocities = match &last {
+            [Some(one), Some(two)] => Some([one.twist().linear, two.twist().linear]),
+            _ => None,
+        };
         let stride = observation_history.stride().count();
         let (past, stride) = match (stride > 1).then(|| before(stride)).flatten() {
             None => (last, 1),
@@ -47,7 +54,7 @@ impl ObservationWindow {
         };
         let has_lookahead = observation_history.lookahead() > Ticks::ZERO;
         Self {
-            last,
+            velocities,
             past,
             stride: Ticks::new(stride),
             ahead: has_lookahead.then(|| Ahead::of(observation_history, id, tick, place)),

@@ -7,7 +7,6 @@ use rhumb_protocol::Instant;
 use rhumb_protocol::message::{ClientMessage, ResyncCause, ServerMessage, StreamChoice};
 use rhumb_protocol::packet::{LossReport, Low16, StreamId};
 use rhumb_protocol::scene::{Command, CommandError};
-use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::{BodyId, Tick};
 
 use super::scenery::{NORMAL, ball, ball_shape, body, lockstep};

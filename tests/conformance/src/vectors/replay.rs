@@ -38,7 +38,7 @@ pub fn known(replica: &Replica) -> Value {
 
 /// The state of a member, with all that another end or an application can observe: the form of scripted streams.
 #[must_use]
-fn known_in_full(replica: &Replica) -> Value {
+pub(crate) fn known_in_full(replica: &Replica) -> Value {
     let stream = replica.stream();
     let mut known = known(replica);
     let watermark = stream.watermark_tick();

@@ -1,0 +1,58 @@
+//! Flow control of a scene: what makes a member wait, and for how long.
+
+use rhumb_protocol::limits::PENDING_COMMANDS_MAX;
+use rhumb_protocol::message::ClientMessage;
+use rhumb_protocol::scene::{Command, CommandError};
+use rhumb_protocol::{Instant, Peer};
+
+use super::SceneRunner;
+use crate::outbox::Outbox;
+
+/// Weight of the messages of one member that may wait for the steps of an advance: [`PENDING_COMMANDS_MAX`] short ones.
+const PENDING_BYTES_MAX: usize = PENDING_COMMANDS_MAX * MESSAGE_WEIGHT;
+/// Weight of a waiting message beside its shape or packet.
+const MESSAGE_WEIGHT: usize = 64;
+/// A member for which more than this waits is behind.
+const MEMBER_BEHIND_BYTES: usize = 2 << 20;
+
+impl SceneRunner {
+    /// Whether a member's next message must stay unread: as much as may waits for the steps of an advance, or what it
+    /// added to the scene still waits for slower members.
+    pub(crate) fn holds_back(&mut self, now: Instant, peer: Peer, out: &Outbox) -> bool {
+        let Some(member) = self.members.get_mut(&peer) else {
+            return false;
+        };
+        if member.pending_bytes >= PENDING_BYTES_MAX {
+            return true;
+        }
+        if !member.adds_too_much(now) {
+            return false;
+        }
+        let is_behind = |member: &Peer| out.waiting_bytes(*member) > MEMBER_BEHIND_BYTES;
+        self.members.keys().any(is_behind)
+    }
+
+    /// Bytes of scene events that the members have not got yet.
+    pub(crate) const fn unsent_bytes(&self) -> usize {
+        self.unsent.len()
+    }
+
+    /// When the next requested snapshot may begin; `None` if none is requested, or one is under way.
+    pub(crate) fn next_snapshot(&self, out: &Outbox) -> Option<Instant> {
+        let requests = self.members.iter();
+        let requests = requests.filter(|(_, member)| member.snapshot_request.is_some());
+        requests
+            .filter_map(|(peer, _)| out.snapshot_at(*peer))
+            .min()
+    }
+}
+
+/// Weight of a waiting message: about its bytes in memory.
+pub(super) fn weight(message: &Result<ClientMessage, CommandError>) -> usize {
+    MESSAGE_WEIGHT
+        + match message {
+            Ok(ClientMessage::Command(Command::AddShape { shape, .. })) => shape.bytes(),
+            Ok(ClientMessage::Upstream(packet)) => packet.len(),
+            _ => 0,
+        }
+}
