@@ -105,7 +105,6 @@ impl LoadChoice {
             lookahead: Ticks::ZERO,
             features: EnabledFeatures::ALL,
             budget: None,
-            largest_packet: LargestPacket::DEFAULT,
         })
     }
 
