@@ -174,8 +174,7 @@ fn run(
     loop {
         let output = worker.output();
         pulse.rest();
-        let has_news = !output.transmits.is_empty()
-            || output.inputs > reported;
+        let has_news = !output.transmits.is_empty() || output.inputs > reported;
         reported = output.inputs;
         if has_news && !send(FromWorker::Output(output)) {
             return;
