@@ -1,4 +1,4 @@
-//! A scene worker: the server loop of one scene, on a thread of its own or on the caller's.
+//! A scene worker: one scene's server loop, on a thread or on the caller's.
 //!
 //! Both take the same inputs and give the same outputs. A worker never waits for another one; its thread waits for the
 //! front only if many of its outputs lie unread.
