@@ -90,7 +90,7 @@ fn replay_all(arguments: &Replay) -> Result<(), Failure> {
     replays.write(recording, arguments.options.seed(), &arguments.out, drawn)
 }
 
-/// Which data of each replay are kept.
+/// The data of each replay that are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ReplayRetention {
     /// Everything that a trace holds.

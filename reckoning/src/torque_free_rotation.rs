@@ -63,7 +63,7 @@ pub(crate) struct TorqueFreeRotation {
     /// Angular velocity about the principal axes, rad/s.
     angular: DVec3,
     moments: DVec3,
-    /// What a substep takes off each component of the spin, per product of the other two: seconds.
+    /// Decrease of each component of the spin in a substep, per product of the other two: seconds.
     exchange: DVec3,
     /// Body → principal axes.
     frame: DQuat,

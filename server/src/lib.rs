@@ -1,6 +1,7 @@
 //! Rhumb's server: engines behind a trait, scenes, streams to members.
 //!
-//! Reads no clock. Only `engine::rapier` uses the engine's types, and only `serve` has sockets, through the transport.
+//! Only `engine::rapier` uses the engine's types. Only `serve` has sockets, through the transport. `serve` and `log`
+//! have clocks; all else gets the time as an argument or a function.
 //! Invariants: a refused command changes nothing; a state that is not finite never leaves the engine.
 //!
 //! `rhumb-server` is this crate behind a command line ([`cli`]). A program that embeds it runs a [`Server`], and may

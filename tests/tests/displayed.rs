@@ -1,4 +1,4 @@
-//! What a client displays is the same to the bit in every run and build.
+//! A client displays the same poses, to the bit, in every run and build.
 //!
 //! Continuous integration runs it again in release mode; an executable of its own makes that build short.
 

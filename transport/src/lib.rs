@@ -1,7 +1,7 @@
 //! The sockets and clocks of Rhumb: QUIC for its own protocol.
 //!
-//! A listener of another protocol may share the thread of a server ([`Waker`]). This one carries bytes between [`rhumb_protocol::Endpoint`]s and interprets none of
-//! them. Every queue between threads is bounded.
+//! Carries bytes between [`rhumb_protocol::Endpoint`]s and interprets none of them. Every queue between threads is
+//! bounded. A listener of another protocol wakes the thread of a server by a [`Waker`].
 #![forbid(unsafe_code)]
 
 mod clock;

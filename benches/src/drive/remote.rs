@@ -42,7 +42,7 @@ pub(super) struct Setup<'a> {
     pub(super) keep: Retention,
 }
 
-/// Which data of each frame are kept besides its cost.
+/// The data of each frame that are kept besides its cost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Retention {
     /// All packets and all changed poses.

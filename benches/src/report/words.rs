@@ -233,7 +233,7 @@ fn of_limit(runs: &[RunFigures]) -> Option<String> {
     })
 }
 
-/// What the mean bandwidth of a run does not show.
+/// A run's worst second, headers and joining, which its mean bandwidth hides.
 fn of_bandwidth(run: &RunFigures) -> String {
     let mut text = format!(
         "The mean hides bursts: the worst second of {} with {} bodies took {} kbit/s, the mean was {}.",

@@ -1,7 +1,7 @@
 //! The poses of a remote scene, and the clock that chooses the moment.
 //!
 //! Reads no system clock and opens no socket: time is an argument, and the tracks come from a
-//! [`rhumb_protocol::stream::Subscriber`]. `rhumb-client` uses it, and so does a client in WebAssembly.
+//! [`rhumb_protocol::stream::Subscriber`]. `rhumb-client` uses it.
 #![forbid(unsafe_code)]
 
 mod pipeline_depth;

@@ -220,7 +220,7 @@ pub(crate) fn every_form() -> Vec<UpdatePayload> {
 fn forms(cases: &mut Vec<NamedPacket>) {
     let all = every_form();
     for (place, payload) in all.iter().enumerate() {
-        let name = format!("form {place} alone");
+        let name = format!("update {place} alone");
         cases.push((name, packet(&[aliased(3, *payload)])));
     }
     let in_order: Vec<_> = (0..)

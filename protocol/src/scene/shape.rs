@@ -258,9 +258,9 @@ impl Wire for Shape {
     }
 }
 
-/// What a shape counts beside its points, heights, triangles and parts.
+/// Size of a shape without its points, heights, triangles and parts.
 const SHAPE_BYTES: usize = 48;
-/// What a part counts beside its shape.
+/// Size of a part without its shape.
 const PART_BYTES: usize = 80;
 
 /// A part of a compound.

@@ -23,7 +23,7 @@ impl CloseCode {
     pub const LIMIT: Self = Self(4);
     /// A critical extension is unknown.
     pub const EXTENSION: Self = Self(5);
-    /// The scene does not answer and is parked; it cannot be joined until its step has ended.
+    /// The scene does not answer and is parked: it is lost, and its name is free again when its step has ended.
     pub const SCENE_PARKED: Self = Self(6);
     /// The server cannot serve another scene now.
     pub const BUSY: Self = Self(7);

@@ -63,7 +63,7 @@ impl Alphabet {
         if third <= part {
             return self.beyond(symbol, part);
         }
-        // Which of the two symbols it is cannot be predicted, so that the code must not branch on it.
+        // The code does not branch between the two symbols: no processor predicts which one it is.
         let past = u32::from(second <= part);
         let one = past.wrapping_neg();
         let start = first ^ ((first ^ second) & one);

@@ -1,4 +1,4 @@
-//! No datagram of a stream is larger than the packet size that the stream states.
+//! No datagram of a stream exceeds the largest packet that the stream states.
 //!
 //! Many bodies jump at every tick, so that packets are full. A listener loses every packet and asks for refreshes and
 //! repair symbols.

@@ -1,4 +1,4 @@
-//! Reading of packets, refreshes and repair symbols, one written datagram at a time.
+//! Reading of packets, refreshes and repair symbols, one datagram at a time.
 //!
 //! Each test writes the datagrams of a stream by hand, in an order that a link may produce.
 

@@ -1,4 +1,4 @@
-//! Clients of another protocol, served on the thread of the scenes that they own.
+//! Clients of another protocol, served on the thread of their scenes.
 //!
 //! Compiled by the feature `app`.
 

@@ -55,7 +55,7 @@ pub struct Front {
     settings: Settings,
 }
 
-/// What each worker's server loop is given.
+/// The settings of each worker's server loop.
 struct Settings {
     stopwatch: SharedClock,
     hooks: Option<Hooks>,

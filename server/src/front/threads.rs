@@ -1,4 +1,4 @@
-//! What all threads of scene workers share.
+//! The state that all threads of scene workers share.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};

@@ -1,8 +1,8 @@
 //! Workers that do not answer: found, and parked.
 //!
-//! A thread cannot be killed. A parked one is left to itself with the lowest priority; its members are told, and its
-//! scenes are lost to them until it ends by itself. Invariant: at most [`PARKED_MAX`] threads are parked before new
-//! scenes are refused.
+//! A thread cannot be killed. A parked one is left to itself with the lowest priority; its clients are
+//! closed, its scenes are lost, and their names are free again when it ends by itself. Invariant: at most [`PARKED_MAX`]
+//! threads are parked before new scenes are refused.
 
 use std::collections::BTreeMap;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! A scene worker: the server loop of one scene, on a thread of its own or on the caller's.
+//! A scene worker: one scene's server loop, on a thread or on the caller's.
 //!
 //! Both take the same inputs and give the same outputs. A worker never waits for another one; its thread waits for the
 //! front only if many of its outputs lie unread.
@@ -174,8 +174,7 @@ fn run(
     loop {
         let output = worker.output();
         pulse.rest();
-        let has_news = !output.transmits.is_empty()
-            || output.inputs > reported;
+        let has_news = !output.transmits.is_empty() || output.inputs > reported;
         reported = output.inputs;
         if has_news && !send(FromWorker::Output(output)) {
             return;

@@ -19,7 +19,7 @@ use rhumb_server::ServerLoop;
 
 const ATTACKER: Peer = Peer(1);
 const VICTIM: Peer = Peer(2);
-/// What may wait for a link that takes nothing: the window, and a piece.
+/// Most bytes that wait for a link that takes nothing: the window, and a piece.
 const WINDOW: usize = (256 + 64) << 10;
 
 /// A server loop, and the links of its connections.
@@ -29,7 +29,7 @@ struct Links {
     links: BTreeMap<Peer, Link>,
 }
 
-/// What a client has received.
+/// The data that a client has received, and those that it could not send yet.
 #[derive(Default)]
 struct Link {
     frames: Frames,

@@ -1,4 +1,4 @@
-//! The front keeps scenes apart: one that does not answer stops neither the others nor the front.
+//! A scene that does not answer stops neither the other scenes nor the front.
 //!
 //! A hook that does not return stands for a step that does not end. Threads are real, and their clock is the test's, so
 //! that a silence of two seconds takes no time. Waiting is for an output, with a time limit.

@@ -138,7 +138,7 @@ struct Common {
     /// Simulated network between suite and peer, as `rtt=100ms,loss=5%`.
     #[arg(long, default_value = "")]
     link: LinkConfig,
-    /// Which cases to run.
+    /// The cases to run.
     #[arg(long, value_enum, default_value = "core")]
     profile: Profile,
     /// Features that the peer declares as missing: it must refuse them.

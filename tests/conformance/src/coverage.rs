@@ -1,4 +1,4 @@
-//! Which requirements no case tests, and why.
+//! The requirements that no case tests, with reasons.
 //!
 //! The reasons are in `tests/conformance/data/uncovered.json`, by document and requirement. A test holds that each requirement has
 //! a case or a reason, and that every citation names an existing requirement.

@@ -11,7 +11,7 @@ use rhumb_transport::Fingerprint;
 pub struct LocalServer {
     /// Where it listens.
     pub address: SocketAddr,
-    /// What clients pin.
+    /// The fingerprint that clients pin.
     pub fingerprint: Fingerprint,
     stop: Stop,
     thread: Option<JoinHandle<Result<ServerStatistics, RunError>>>,

@@ -1,4 +1,4 @@
-//! Which cases are wanted, and when each runs.
+//! The cases that are wanted, and when each runs.
 
 /// The cases that are selected beyond those that every implementation must pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, clap::ValueEnum)]

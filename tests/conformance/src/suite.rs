@@ -8,7 +8,7 @@ use super::role::Role;
 use super::schedule::Profile;
 use super::{client, decoder, pair, server};
 
-/// Which cases are selected.
+/// The selection of cases.
 #[derive(Clone, Debug, Default)]
 pub struct Selection {
     /// Patterns; an empty list selects all cases.

@@ -29,7 +29,7 @@ pub(super) struct ControlWriter {
     progress: Arc<Progress>,
 }
 
-/// What both ends know of the queue.
+/// The state of the queue that both ends see.
 #[derive(Debug, Default)]
 struct Progress {
     /// Cost of the queued pieces.

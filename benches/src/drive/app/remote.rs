@@ -59,7 +59,7 @@ pub(in crate::drive) struct AppSetup {
 const READY_ATTEMPTS: u32 = 30_000;
 const READY_PAUSE: Duration = Duration::from_millis(1);
 
-/// Which thread reads the sockets.
+/// The thread that reads the sockets.
 enum PaperConnection {
     Direct(Box<DirectReader>),
     Polled(Polled),

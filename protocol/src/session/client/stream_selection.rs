@@ -1,4 +1,4 @@
-//! Which stream a member requests: one at a time, the newest choice last.
+//! A member's requests for streams: one at a time, the newest choice last.
 //!
 //! Sends nothing itself. Invariants: the member sends no request while another one is unanswered (PROTOCOL 4.8-14), and
 //! every choice is requested in the end, whatever the server does.

@@ -1,4 +1,4 @@
-//! Which bodies can be parents of others, and how many children they have.
+//! The bodies that can be parents of others, and the number of their children.
 
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, Tick, Ticks};

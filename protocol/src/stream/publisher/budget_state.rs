@@ -65,7 +65,7 @@ pub(super) enum Pick {
     LongestWaiting,
 }
 
-/// Whose turn it is. The count continues from tick to tick, so the longest waiting body gets updates even if a tick
+/// The turn of the longest waiting body. The count continues from tick to tick, so it gets updates even if a tick
 /// pays for few.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct PickOrder {

@@ -1,4 +1,4 @@
-//! Which updates go first when a budget does not suffice.
+//! The order of updates when a budget does not suffice.
 //!
 //! Invariant: every delayed update is counted and reported. The stream states the greatest share of a tolerance that
 //! its tracks use. A publisher without a budget pays nothing for this.

@@ -26,7 +26,7 @@ pub(super) fn cases() -> Vec<Case> {
     cases
 }
 
-/// What a client requests, and when.
+/// Cases about a client's loss reports and their times.
 const LOSS_REPORTS: &[CaseRow] = &[
     (
         20,
@@ -99,7 +99,7 @@ const LOSS_REPORTS: &[CaseRow] = &[
     ),
 ];
 
-/// What a client may report of its copy.
+/// Cases about a client's reports of its copy.
 const CONCLUSIONS: &[CaseRow] = &[
     (
         40,
