@@ -500,10 +500,8 @@ fn losses_of_a_departed_member_cost_others_nothing() {
 
 #[test]
 fn a_forgotten_packet_is_not_reported_forever() {
-    // So many falling balls that packets are forgotten after seconds.
-    let balls = by_name("ball-pit", 400, 1).expect("an existing script");
     let perfect = LinkConfig::PERFECT;
-    let mut stage = Stage::new(balls, Stepping::FreeRunning, NORMAL, perfect, 1);
+    let mut stage = free_running("zoo", perfect);
     let lost = stage.enter(StreamChoice::Full);
     stage.take_authority(Span::from_millis(300));
     // One tick is lost on the way down, and all loss reports are lost until it is forgotten; everything else arrives.
@@ -513,7 +511,7 @@ fn a_forgotten_packet_is_not_reported_forever() {
     stage.network.set_config_of(lost, Direction::Down, perfect);
     let before = stage.copy(lost).stream().statistics().packets;
     while stage.copy(lost).stream().statistics().packets < before + 1_100 {
-        stage.take_authority(TICK);
+        stage.take_authority(Span::from_millis(500));
     }
     stage.network.set_config(perfect);
     let converged = |stage: &Stage| all_converged(stage, &[lost]);

@@ -14,7 +14,7 @@ use rhumb_protocol::{Endpoint, Peer, Span, Transmit};
 
 use super::code::TransportCode;
 use super::input::{Input, PeerHandles};
-use super::tuning::{CLOSE_LEAVES, CONTROL_REPORT_BYTES, DATAGRAM_SEND_BYTES};
+use super::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
 use super::waker::Waker;
 use super::watch::ServerWatch;
 use crate::clock::Clock;
@@ -49,8 +49,7 @@ struct OpenConnection {
     link_meter: LinkMeter,
     /// Bytes of all datagrams handed over.
     handed_bytes: u64,
-    /// Control bytes handed over, and those of them that the endpoint knows the connection to have taken.
-    control_handed: u64,
+    /// Control bytes that the endpoint knows the connection to have taken.
     control_reported: u64,
     /// Received control bytes that the endpoint does not want yet. They keep their share of the bound, so that flow
     /// control slows the peer down.
@@ -157,7 +156,6 @@ impl EndpointLoop {
                         connection_state: ConnectionState::Open,
                         link_meter: LinkMeter::new(now),
                         handed_bytes: 0,
-                        control_handed: 0,
                         control_reported: 0,
                         held_back: VecDeque::new(),
                     },
@@ -290,8 +288,9 @@ impl EndpointLoop {
             let Some(standing) = open(&mut self.peers, peer) else {
                 continue;
             };
-            let unreported = standing.control_handed - standing.control_reported;
-            if unreported >= CONTROL_REPORT_BYTES && standing.handles.control.is_empty_or_tell() {
+            // Told of each time that the queue empties: a rest that is never reported would look like a peer that does
+            // not read.
+            if standing.handles.control.is_empty_or_tell() {
                 self.report_control(endpoint, peer);
                 reported = true;
             }
@@ -303,7 +302,6 @@ impl EndpointLoop {
         let Some(standing) = open(&mut self.peers, to) else {
             return;
         };
-        standing.control_handed += bytes.len() as u64;
         if standing.handles.control.send(bytes).is_err() {
             standing
                 .handles

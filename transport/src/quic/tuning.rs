@@ -43,9 +43,6 @@ pub(super) const CONNECTIONS_MAX: usize = 1_024;
 /// Connections and attempts of one address: a quarter of all, so that no address takes them all.
 pub(super) const CONNECTIONS_PER_ADDRESS_MAX: usize = 256;
 
-/// Handed-over control bytes after which the endpoint learns how many of them the connection took.
-pub(super) const CONTROL_REPORT_BYTES: u64 = 64 << 10;
-
 /// Handshakes in progress beyond which a client must first prove its address.
 pub(super) const HANDSHAKES_UNPROVEN_MAX: usize = 64;
 
