@@ -26,7 +26,7 @@ const SECOND: Span = Span::from_millis(1_000);
 
 /// Starts the log of this process; the last lines are written, if they can be, when the guard is dropped.
 ///
-/// Panics are logged too, instead of being printed: printing blocks on a pipe that nobody reads.
+/// Panics are logged too, instead of being printed: printing blocks on a pipe without a reader.
 pub(crate) fn start(level: LevelFilter) -> WorkerGuard {
     let clock = Clock::start();
     let (subscriber, guard) = log_to(io::stderr(), io::stderr().is_terminal(), level, move || {
@@ -131,7 +131,7 @@ mod tests {
     use std::sync::atomic::{AtomicU64, Ordering};
     use std::sync::{Arc, mpsc};
 
-    /// A pipe that nobody reads: blocks until the test drops the other end.
+    /// A pipe without a reader: blocks until the test drops the other end.
     struct Blocked(mpsc::Receiver<()>);
 
     impl Write for Blocked {
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pipe_that_nobody_reads_costs_lines_and_nothing_else() {
+    fn a_pipe_without_a_reader_costs_lines_and_nothing_else() {
         let (reader, blocked) = mpsc::channel();
         let (subscriber, guard) = log_to(Blocked(blocked), false, LevelFilter::TRACE, || {
             Instant::ZERO

@@ -197,7 +197,7 @@ impl Outbox {
     }
 
     /// Bytes that wait for a connection beside its snapshot; none for a peer that has taken nothing for a second, since
-    /// nobody is to wait for it.
+    /// no other peer is to wait for it.
     pub(crate) fn waiting_bytes(&self, peer: Peer) -> usize {
         let reads = |lane: &&Lane| self.now.since(lane.taken_at) < READS;
         let lane = self.lanes.get(&peer).filter(reads);

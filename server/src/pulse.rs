@@ -21,7 +21,7 @@ struct Beats {
 const RESTING: u64 = u64::MAX;
 
 impl Pulse {
-    /// A pulse that is read against this clock. The default one is read by nobody and costs nothing.
+    /// A pulse that is read against this clock. The default one is never read and costs nothing.
     pub(crate) fn new(clock: impl Fn() -> Instant + Send + Sync + 'static) -> Self {
         Self(Some(Arc::new(Beats {
             clock: Box::new(clock),

@@ -8,6 +8,7 @@ mod flow;
 #[cfg(feature = "app")]
 mod owner;
 mod subscriptions;
+mod weight;
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -23,7 +24,7 @@ use rhumb_protocol::stream::{Activity, Observation, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::Tick;
 
-use self::flow::weight;
+use self::weight::weight;
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
 use crate::grants::Grants;

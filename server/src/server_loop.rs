@@ -25,7 +25,7 @@ use crate::stream_names::StreamNames;
 
 /// The scene of a connection, and whether its client is a member.
 #[derive(Debug, Default)]
-struct Connection {
+struct SceneConnection {
     scene: Option<SceneName>,
     member: bool,
     /// A join that waits until the link has taken the snapshot before it.
@@ -44,7 +44,7 @@ const RETRY: Span = Span::from_millis(20);
 /// All scenes of one server process and all connections to them.
 pub struct ServerLoop {
     pub(crate) runners: BTreeMap<SceneName, SceneRunner>,
-    connections: BTreeMap<Peer, Connection>,
+    connections: BTreeMap<Peer, SceneConnection>,
     /// Connections with unread messages, whose next turn comes at once.
     queued: VecDeque<Peer>,
     /// Connections with unread messages that wait for their link, for a step, or for slower members.
@@ -440,7 +440,7 @@ impl ServerLoop {
 impl Endpoint for ServerLoop {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
         self.out.at(now);
-        self.connections.insert(peer, Connection::default());
+        self.connections.insert(peer, SceneConnection::default());
         // Any number will do that is seldom repeated.
         let seed = now.as_nanos() ^ peer.0.rotate_left(48);
         self.out.open(peer, Grease::new(seed));

@@ -9,6 +9,7 @@
 mod adapter;
 mod greeting;
 mod message;
+mod parked;
 mod priority;
 mod threads;
 mod watchdog;
@@ -30,8 +31,8 @@ use rhumb_protocol::{
 pub(crate) use self::adapter::{Adapter, AdapterQueue};
 use self::greeting::{Greeted, Greeting};
 use self::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
+use self::parked::{Parked, Scope};
 use self::threads::{SharedClock, Threads};
-use self::watchdog::Watchdog;
 use self::worker::{HereWorker, ThreadWorker};
 use crate::authority_table::UpstreamStatistics;
 use crate::engine::Workers;
@@ -51,25 +52,18 @@ pub struct Front {
     fresh: BTreeSet<WorkerId>,
     out: VecDeque<Transmit>,
     threads: Option<Threads>,
-    watchdog: Watchdog,
-    settings: Settings,
+    watchdog: Parked,
+    settings: WorkerSettings,
 }
 
 /// The settings of each worker's server loop.
-struct Settings {
+struct WorkerSettings {
     stopwatch: SharedClock,
     hooks: Option<Hooks>,
     engine_threads: Workers,
     largest_packet: LargestPacket,
     slots: SceneSlots,
     empty_for: Option<Span>,
-}
-
-/// The scenes of one worker. All scenes of an adapter's clients share one.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Scope {
-    Adapter,
-    Scene(SceneName),
 }
 
 struct Worker {
@@ -101,7 +95,7 @@ const UNHANDLED_BYTES_MAX: usize = 128 << 10;
 /// Inputs that a worker may have unhandled before datagrams and link reports to it are dropped.
 const INPUTS_WAITING_MAX: u64 = 8_192;
 /// Time for a connection's first message.
-const GREETING: Span = Span::from_millis(5_000);
+const GREETING: Span = Span::from_millis(8_000);
 /// How the names of an adapter's scenes begin.
 const ADAPTER_SCENES: &str = "app/";
 
@@ -117,8 +111,8 @@ impl Front {
             fresh: BTreeSet::new(),
             out: VecDeque::new(),
             threads: None,
-            watchdog: Watchdog::default(),
-            settings: Settings {
+            watchdog: Parked::default(),
+            settings: WorkerSettings {
                 stopwatch: Arc::new(stopwatch),
                 hooks: None,
                 engine_threads: Workers::default(),
@@ -343,7 +337,7 @@ impl Front {
     }
 
     fn absorb(&mut self, id: WorkerId, output: WorkerOutput) {
-        // A parked worker's late output concerns nobody.
+        // A parked worker's late output concerns no connection.
         let Some(worker) = self.workers.get_mut(&id) else {
             return;
         };
@@ -398,7 +392,7 @@ impl Front {
     }
 }
 
-impl Settings {
+impl WorkerSettings {
     fn server_loop(&self) -> ServerLoop {
         let stopwatch = SharedClock::clone(&self.stopwatch);
         let mut server_loop = ServerLoop::new(move || stopwatch());

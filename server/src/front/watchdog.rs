@@ -4,41 +4,21 @@
 //! closed, its scenes are lost, and their names are free again when it ends by itself. Invariant: at most [`PARKED_MAX`]
 //! threads are parked before new scenes are refused.
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Span};
 
 use super::message::{FromWorker, WorkerId};
-use super::{Front, Place, Scope, priority};
+use super::{Front, Place, priority};
 use crate::pulse::Pulse;
 
 /// A worker whose one piece of work, a message or a tick, takes longer is parked.
 const SILENCE_MAX: Span = Span::from_millis(2_000);
 /// Time between two looks at the workers.
 const INTERVAL: Span = Span::from_millis(250);
-/// Parked threads from which on no new scene begins: each takes a core.
-const PARKED_MAX: usize = 8;
 /// Time that threads have to end when the front ends.
 const END: Duration = Duration::from_millis(500);
-
-/// The parked workers, and the next look.
-#[derive(Default)]
-pub(super) struct Watchdog {
-    parked: BTreeMap<WorkerId, Scope>,
-    next: Instant,
-}
-
-impl Watchdog {
-    pub(super) fn is_parked(&self, id: WorkerId) -> bool {
-        self.parked.contains_key(&id)
-    }
-
-    pub(super) fn is_full(&self) -> bool {
-        self.parked.len() >= PARKED_MAX
-    }
-}
 
 impl Front {
     /// When the workers are looked at next; never if none has a thread.

@@ -1,17 +1,14 @@
 //! Flow control of a scene: what makes a member wait, and for how long.
 
 use rhumb_protocol::limits::PENDING_COMMANDS_MAX;
-use rhumb_protocol::message::ClientMessage;
-use rhumb_protocol::scene::{Command, CommandError};
 use rhumb_protocol::{Instant, Peer};
 
 use super::SceneRunner;
+use super::weight::MESSAGE_WEIGHT;
 use crate::outbox::Outbox;
 
 /// Weight of the messages of one member that may wait for the steps of an advance: [`PENDING_COMMANDS_MAX`] short ones.
 const PENDING_BYTES_MAX: usize = PENDING_COMMANDS_MAX * MESSAGE_WEIGHT;
-/// Weight of a waiting message beside its shape or packet.
-const MESSAGE_WEIGHT: usize = 64;
 /// A member for which more than this waits is behind.
 const MEMBER_BEHIND_BYTES: usize = 2 << 20;
 
@@ -45,14 +42,4 @@ impl SceneRunner {
             .filter_map(|(peer, _)| out.snapshot_at(*peer))
             .min()
     }
-}
-
-/// Weight of a waiting message: about its bytes in memory.
-pub(super) fn weight(message: &Result<ClientMessage, CommandError>) -> usize {
-    MESSAGE_WEIGHT
-        + match message {
-            Ok(ClientMessage::Command(Command::AddShape { shape, .. })) => shape.bytes(),
-            Ok(ClientMessage::Upstream(packet)) => packet.len(),
-            _ => 0,
-        }
 }

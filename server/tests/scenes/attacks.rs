@@ -279,7 +279,7 @@ fn pipelined_inspections_and_pings_wait_unread_until_their_answers_are_taken() {
 }
 
 #[test]
-fn junk_behind_a_long_advance_closes_nobody_else() {
+fn junk_behind_a_long_advance_closes_no_other_member() {
     let mut links = Links::new();
     links.begin(ATTACKER, Stepping::Lockstep);
     links.connect(VICTIM);
@@ -387,7 +387,7 @@ fn a_scene_of_eighty_thousand_bodies_can_be_joined_over_a_thin_link() {
 }
 
 #[test]
-fn scenes_that_nobody_is_in_end_and_make_room() {
+fn scenes_without_members_end_and_make_room() {
     let mut links = Links::new();
     links.server.expire_empty_scenes(Span::from_millis(600_000));
     links.begin(ATTACKER, Stepping::FreeRunning);

@@ -1,7 +1,7 @@
 //! A server process goes on whatever a scene, or its log, does.
 //!
 //! Every wait is for an event, with a time limit. Caught: 5,000 balls at one point stopped all scenes for 40 s and
-//! SIGTERM for 10 s; a full disk under the log ended the process; a pipe that nobody read stopped it.
+//! SIGTERM for 10 s; a full disk under the log ended the process; a pipe without a reader stopped it.
 
 use std::fs::OpenOptions;
 use std::process::Stdio;
@@ -63,8 +63,8 @@ fn a_step_that_does_not_end_stops_neither_other_scenes_nor_sigterm() {
         matches!(ended, ClientError::Ended(ending) if ending == parked),
         "{ended}"
     );
-    let mut newcomer = join(&server, "another", Stepping::Lockstep);
-    advance(&mut newcomer, 10);
+    let mut joiner = join(&server, "another", Stepping::Lockstep);
+    advance(&mut joiner, 10);
     assert!(victim.advance(PipelineDepth::LOCKSTEP).expect("it steps") > Tick::new(10));
     server.signal("TERM");
     let signalled = Instant::now();

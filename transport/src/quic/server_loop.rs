@@ -288,7 +288,7 @@ impl EndpointLoop {
             let Some(standing) = open(&mut self.peers, peer) else {
                 continue;
             };
-            // Told of each time that the queue empties: a rest that is never reported would look like a peer that does
+            // Reported each time that the queue empties: a rest that is never reported would look like a peer that does
             // not read.
             if standing.handles.control.is_empty_or_tell() {
                 self.report_control(endpoint, peer);

@@ -40,8 +40,8 @@ pub(super) const CLOSE_LEAVES: Duration = Duration::from_millis(100);
 /// Connections of one server. With every bound below at its limit each costs some 7 MiB.
 pub(super) const CONNECTIONS_MAX: usize = 1_024;
 
-/// Connections and attempts of one address: a quarter of all, so that no address takes them all.
-pub(super) const CONNECTIONS_PER_ADDRESS_MAX: usize = 256;
+/// Connections and attempts of one address: half of all, so that no address takes them all.
+pub(super) const CONNECTIONS_PER_ADDRESS_MAX: usize = 512;
 
 /// Handshakes in progress beyond which a client must first prove its address.
 pub(super) const HANDSHAKES_UNPROVEN_MAX: usize = 64;

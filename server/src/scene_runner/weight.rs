@@ -1,0 +1,17 @@
+//! Weights of waiting messages.
+
+use rhumb_protocol::message::ClientMessage;
+use rhumb_protocol::scene::{Command, CommandError};
+
+/// Weight of a waiting message beside its shape or packet.
+pub(super) const MESSAGE_WEIGHT: usize = 64;
+
+/// Weight of a waiting message: about its bytes in memory.
+pub(super) fn weight(message: &Result<ClientMessage, CommandError>) -> usize {
+    MESSAGE_WEIGHT
+        + match message {
+            Ok(ClientMessage::Command(Command::AddShape { shape, .. })) => shape.bytes(),
+            Ok(ClientMessage::Upstream(packet)) => packet.len(),
+            _ => 0,
+        }
+}
