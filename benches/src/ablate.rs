@@ -1,4 +1,4 @@
-//! `rhumb-bench ablate`: the value and the price of each mechanism, on standard loads.
+//! `rhumb-bench ablate`: the value and the price of each mechanism.
 //!
 //! Replays each load with everything on and with each mechanism switched off, over a perfect link and over one with
 //! delay and loss. Counts each mechanism's lines of code and requirements in the checkout. The range coder is part of

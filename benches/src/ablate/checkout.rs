@@ -218,7 +218,7 @@ mod tests {
         assert_eq!(count("PROTOCOL 6.1-1"), Some(1));
         let clause = count("PROTOCOL 6.1").unwrap();
         assert!(count("PROTOCOL 6.15").unwrap() > clause && clause > 1);
-        assert_eq!(count("PROTOCOL 6.99"), None);
+        assert_eq!(count("PROTOCOL six"), None);
         assert_eq!(count("APP 1.1"), None);
     }
 

@@ -1,4 +1,4 @@
-//! The standard loads of an ablation: a scene or a recording, with publish settings.
+//! The standard loads of an ablation: scene or recording, and settings.
 
 use std::num::NonZeroU32;
 use std::path::PathBuf;
