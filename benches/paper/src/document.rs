@@ -23,6 +23,7 @@ use super::results::PaperResults;
 use super::settings::Settings;
 use super::store::parse;
 use super::{findings, tables};
+use rhumb_bench::ablate::Ablation;
 use rhumb_bench::cost::Costs;
 use rhumb_bench::output;
 use rhumb_bench::summary::{Summary, later, markdown, ratios};
@@ -179,6 +180,7 @@ struct StoredExperiment {
 fn make_block(page: &Path, folder: &Path, block: &str, file: &str) -> Result<Block, PaperError> {
     let path = folder.join(file);
     let text = match block.split_once('-') {
+        Some(("ablation", what)) => read_json::<Ablation>(&path)?.block(what),
         Some(("cost", what)) => read_json::<Costs>(&path)?.block(what),
         Some(("runs", what)) => of_runs(&read_runs(&path)?, what),
         Some(("remote", what)) => of_remote(&read_json(&path)?, what),

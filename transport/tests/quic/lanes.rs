@@ -1,12 +1,15 @@
 //! Bytes arrive at their addressee on the lane they were sent on, bounded.
 
-use std::sync::mpsc::channel;
+use std::collections::VecDeque;
+use std::sync::mpsc::{Sender, channel};
 
 use bytes::Bytes;
-use rhumb_protocol::{Ending, Peer};
-use rhumb_transport::{Certificate, DATAGRAM_BYTES_MIN, Received, TransportCode};
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit, Wake};
+use rhumb_transport::{
+    Certificate, ClientOptions, DATAGRAM_BYTES_MIN, QuicClient, Received, TransportCode, Trust,
+};
 
-use crate::support::{Event, Running, TIMEOUT, read_control};
+use crate::support::{Event, Running, TIMEOUT, read_control, serve};
 
 #[test]
 fn both_lanes_carry_there_and_back() {
@@ -32,6 +35,64 @@ fn a_long_control_stream_arrives_whole_and_in_order() {
         client.send_control(Bytes::copy_from_slice(piece));
     }
     assert!(read_control(&mut client, sent.len()) == sent);
+}
+
+/// Answers control bytes with a few others, and tells the test how many of them were taken.
+struct Greeter {
+    out: VecDeque<Transmit>,
+    taken: Sender<usize>,
+}
+
+impl Endpoint for Greeter {
+    fn handle_opened(&mut self, _: Instant, _: Peer) {}
+
+    fn handle_control(&mut self, _: Instant, from: Peer, _: &[u8]) {
+        let bytes = Bytes::from_static(b"few");
+        self.out.push_back(Transmit::Control { to: from, bytes });
+    }
+
+    fn handle_control_taken(&mut self, _: Instant, _: Peer, bytes: usize) {
+        if bytes > 0 {
+            let _ = self.taken.send(bytes);
+        }
+    }
+
+    fn handle_datagram(&mut self, _: Instant, _: Peer, _: &[u8]) {}
+
+    fn handle_ended(&mut self, _: Instant, _: Peer, _: Ending) {}
+
+    fn handle_timeout(&mut self, _: Instant) {}
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        self.out.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        None
+    }
+}
+
+#[test]
+fn a_server_learns_of_few_taken_control_bytes() {
+    let (taken, told) = channel();
+    let greeter = Greeter {
+        out: VecDeque::new(),
+        taken,
+    };
+    let certificate = Certificate::development(["localhost"]).expect("localhost is a name");
+    let (bound, stop, thread) = serve(certificate, greeter);
+    let options = ClientOptions::new(bound.address, Trust::Fingerprint(bound.fingerprint));
+    let mut client = QuicClient::connect(options, TIMEOUT).expect("the server runs");
+    client.send_control(Bytes::from_static(b"hello"));
+    assert_eq!(read_control(&mut client, 3), b"few");
+    // The server reads its links when it is awake.
+    let found = (0..1_000).find_map(|_| {
+        client.send_state(Bytes::from_static(b"awake"));
+        told.recv_timeout(TIMEOUT / 1_000).ok()
+    });
+    assert_eq!(found, Some(3));
+    stop.stop();
+    thread.join().expect("the server thread returns");
 }
 
 #[test]
