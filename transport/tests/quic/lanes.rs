@@ -74,7 +74,7 @@ impl Endpoint for Greeter {
 
 #[test]
 fn a_server_learns_of_few_taken_control_bytes() {
-    let (taken, told) = channel();
+    let (taken, informed) = channel();
     let greeter = Greeter {
         out: VecDeque::new(),
         taken,
@@ -88,7 +88,7 @@ fn a_server_learns_of_few_taken_control_bytes() {
     // The server reads its links when it is awake.
     let found = (0..1_000).find_map(|_| {
         client.send_state(Bytes::from_static(b"awake"));
-        told.recv_timeout(TIMEOUT / 1_000).ok()
+        informed.recv_timeout(TIMEOUT / 1_000).ok()
     });
     assert_eq!(found, Some(3));
     stop.stop();
