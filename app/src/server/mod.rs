@@ -4,6 +4,7 @@
 //! containment.
 
 mod actor;
+mod app_server;
 mod apply;
 mod body_ids;
 mod body_properties;
@@ -16,14 +17,13 @@ mod joint;
 mod options;
 mod refusal;
 mod send_queue;
-mod server;
 mod shape_cache;
 mod shape_definition;
 mod state_reporter;
 mod transmit;
 mod world_mirror;
 
+pub use app_server::AppServer;
 pub use host::{AppHost, AppScene, Bulk, Geometry};
 pub use options::{AppOptions, Datagrams, States, TimeAdvanced};
-pub use server::AppServer;
 pub use transmit::AppTransmit;

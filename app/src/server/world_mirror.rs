@@ -130,7 +130,7 @@ impl WorldMirror {
                 )?;
             }
             Message::AddBox((id, edges)) => {
-                self.define(id.object, ShapeDefinition::cuboid(*edges, geometry)?)?
+                self.define(id.object, ShapeDefinition::cuboid(*edges, geometry)?)?;
             }
             Message::AddConvexMesh(message) => {
                 self.define(
