@@ -248,7 +248,7 @@ impl ServerLoop {
     /// Notes whether a scene has members or an owner.
     pub(crate) fn note_empty(&mut self, name: &SceneName) {
         let runner = self.runners.get(name);
-        let is_empty = runner.is_some_and(|runner| runner.is_abandoned());
+        let is_empty = runner.is_some_and(SceneRunner::is_abandoned);
         if is_empty {
             let now = self.out.now();
             self.empty_since.entry(name.clone()).or_insert(now);

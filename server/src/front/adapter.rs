@@ -5,6 +5,7 @@
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 use super::message::WorkerInput;
+use super::worker::ServeOthers;
 use crate::server_loop::ServerLoop;
 
 /// A listener of another protocol, and the queue that wakes its worker.
@@ -12,7 +13,7 @@ pub(crate) struct Adapter {
     pub(super) sender: Sender<WorkerInput>,
     pub(super) inputs: Receiver<WorkerInput>,
     /// Called in each turn of the worker, and after each wake.
-    pub(super) serve: Box<dyn FnMut(&mut ServerLoop) + Send>,
+    pub(super) serve: ServeOthers,
 }
 
 /// Wakes the worker of an adapter.

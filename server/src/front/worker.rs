@@ -23,6 +23,9 @@ const INPUTS_PER_TURN: usize = 256;
 /// Stack of a worker's thread: what a main thread has.
 const STACK_BYTES: usize = 8 << 20;
 
+/// Serves the clients of another protocol.
+pub(super) type ServeOthers = Box<dyn FnMut(&mut ServerLoop) + Send>;
+
 /// A server loop, and the control bytes that it has not handled.
 pub(super) struct HereWorker {
     server_loop: ServerLoop,
@@ -30,7 +33,7 @@ pub(super) struct HereWorker {
     unhandled: BTreeMap<Peer, usize>,
     inputs: u64,
     /// Serves the clients of another protocol.
-    others: Option<Box<dyn FnMut(&mut ServerLoop) + Send>>,
+    others: Option<ServeOthers>,
 }
 
 /// The front's handle of a worker on a thread of its own.
@@ -52,7 +55,7 @@ impl HereWorker {
 
     /// Has it serve the clients of another protocol too.
     #[cfg(feature = "app")]
-    pub(super) fn with_others(self, others: Box<dyn FnMut(&mut ServerLoop) + Send>) -> Self {
+    pub(super) fn with_others(self, others: ServeOthers) -> Self {
         Self {
             others: Some(others),
             ..self
