@@ -213,6 +213,16 @@ impl RawClient {
         Ok(self.datagrams.pop_front())
     }
 
+    /// Processes all that has come, without waiting.
+    ///
+    /// # Errors
+    ///
+    /// [`Stop::Fail`] when what came on the control stream is malformed.
+    pub fn take_in_all(&mut self) -> CaseResult {
+        while self.take_in(self.clock.now())? {}
+        Ok(())
+    }
+
     /// The next message that `wanted` accepts; earlier ones are skipped.
     ///
     /// # Errors
