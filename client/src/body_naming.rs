@@ -27,7 +27,7 @@ impl BodyNaming {
         }
     }
 
-    /// How many ids to request from the server before `count` ids are available; zero when enough are available.
+    /// The number of ids to request from the server before `count` ids are available; zero when enough are available.
     ///
     /// A client has a limited number of ranges, so it requests a large range whenever the limit allows.
     pub(crate) fn missing_ids(&self, count: u32) -> u32 {

@@ -430,7 +430,7 @@ impl Client {
         Statistics {
             wire: self.pump.connection.statistics(),
             stream: stream.map(Subscriber::statistics).unwrap_or_default(),
-            driven: self.pump.session.upstream().unwrap_or_default(),
+            upstream: self.pump.session.upstream().unwrap_or_default(),
             watermark_tick: stream.map(Subscriber::watermark_tick).unwrap_or_default(),
             complete: self.complete(),
             behind_ticks: server

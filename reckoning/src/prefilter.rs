@@ -147,7 +147,7 @@ struct PrefilterBounds {
     length: f32,
     /// Bound for the sine of half the turn; two where the turn has no bound of its own.
     half_chord: f32,
-    /// Whether a turn counts as a length.
+    /// True if a turn counts as a length.
     shared: bool,
 }
 
@@ -184,7 +184,7 @@ impl PrefilterBounds {
         }
     }
 
-    /// Whether a resting track surely holds: `apart` in metres, `truth` in the order of [`BodyState`].
+    /// True if a resting track surely holds: `apart` in metres, `truth` in the order of [`BodyState`].
     fn hold_still(
         &self,
         apart: [f32; 3],

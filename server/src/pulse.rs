@@ -44,7 +44,7 @@ impl Pulse {
         }
     }
 
-    /// How long the present piece of work has taken; zero while the thread waits.
+    /// The duration of the present piece of work so far; zero while the thread waits.
     pub(crate) fn busy_for(&self) -> Span {
         let Some(beats) = &self.0 else {
             return Span::ZERO;

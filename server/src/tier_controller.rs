@@ -29,7 +29,7 @@ pub(crate) struct TierController {
     good_since: Option<Instant>,
     /// Time of the last trial of a finer tier.
     tried_at: Option<Instant>,
-    /// How long a link must do well before the finer tier is tried.
+    /// The time for which a link must do well before the finer tier is tried.
     hold: Span,
 }
 
@@ -43,9 +43,9 @@ const TIERS: [Tolerance; 4] = [
 
 /// Delay from which on data is late: a quarter of a second beyond the route delay.
 const LATE: Span = Span::from_millis(250);
-/// How long the queue here must be beyond [`LATE`] before the link counts as congested.
+/// The time for which the queue here must be beyond [`LATE`] before the link counts as congested.
 const STUCK_FOR: Span = Span::from_millis(500);
-/// How long data must be late with hardly any queue here: a longer route is recognised by then.
+/// The time for which data must be late with hardly any queue here: a longer route is recognised by then.
 const LATE_FOR: Span = Span::from_millis(5_000);
 /// Delay up to which data is in time.
 const GOOD: Span = Span::from_millis(80);
@@ -198,7 +198,7 @@ const fn length(choice: StreamChoice) -> Option<LengthBound> {
     }
 }
 
-/// How long a condition has held, if it holds now.
+/// The time for which a condition has held, if it holds now.
 fn lasts(since: &mut Option<Instant>, now: Instant, holds: bool) -> Option<Span> {
     *since = holds.then(|| since.unwrap_or(now));
     since.map(|since| now.since(since))
@@ -207,7 +207,7 @@ fn lasts(since: &mut Option<Instant>, now: Instant, holds: bool) -> Option<Span>
 /// Least assumed drain rate of a queue, bytes a second.
 const RATE_LEAST: u64 = 1_000;
 
-/// How long data handed over now is queued here.
+/// The delay in this queue of data that is handed over now.
 fn wait(report: &LinkReport) -> Span {
     let over = u128::from(report.over.as_nanos().max(1));
     let rate = u128::from(report.sent_bytes) * 1_000_000_000 / over;

@@ -16,9 +16,9 @@ pub(super) struct Actor {
     pub(super) linear: Vec3,
     pub(super) angular: Vec3,
     pub(super) gravity: f32,
-    /// Whether its collisions are reported.
+    /// True if its collisions are reported.
     pub(super) reports: bool,
-    /// Whether a joint to the world prevents rotation: an avatar.
+    /// True if a joint to the world prevents rotation: an avatar.
     pub(super) upright: bool,
     pub(super) parts: Vec<ActorPart>,
     pub(super) target_motion: TargetMotion,

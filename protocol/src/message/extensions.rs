@@ -19,7 +19,7 @@ pub struct Extension {
 }
 
 impl Extension {
-    /// Whether a peer that does not know it must refuse the message.
+    /// True if a peer that does not know it must refuse the message.
     #[must_use]
     pub const fn is_critical(&self) -> bool {
         self.id.is_multiple_of(2)
@@ -52,7 +52,7 @@ impl Extensions {
         self.0.iter()
     }
 
-    /// Whether any extension is critical: this version knows none.
+    /// True if any extension is critical: this version knows none.
     #[must_use]
     pub fn has_unknown_critical(&self) -> bool {
         self.0.iter().any(Extension::is_critical)

@@ -33,7 +33,7 @@ impl Writer {
         self.buffer.len()
     }
 
-    /// Whether nothing was written.
+    /// True if nothing was written.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.buffer.is_empty()

@@ -1,6 +1,6 @@
 //! No datagram of a stream exceeds the largest packet that the stream states.
 //!
-//! Many bodies jump at every tick, so that packets are full. A listener loses every packet and asks for refreshes and
+//! Many bodies jump at every tick, so that packets are full. A subscriber loses every packet and asks for refreshes and
 //! repair symbols.
 
 use std::num::NonZeroU32;

@@ -314,7 +314,7 @@ fn begins_a_word(line: &str, place: usize) -> bool {
     line[..place].chars().next_back().is_none_or(|c| c == ' ')
 }
 
-/// Whether a text is pairs of digits with one or two spaces between.
+/// True if a text is pairs of digits with one or two spaces between.
 fn is_bytes(text: &str) -> bool {
     let pairs: Vec<_> = text.split(' ').filter(|pair| !pair.is_empty()).collect();
     let is_pair =

@@ -81,7 +81,7 @@ impl Closing {
         }
     }
 
-    /// Whether the end is complete: the close frame has left, or the connection ended otherwise.
+    /// True if the end is complete: the close frame has left, or the connection ended otherwise.
     pub(super) fn close_has_left(&self) -> bool {
         match self.connection.close_reason() {
             Some(ConnectionError::LocallyClosed) => {

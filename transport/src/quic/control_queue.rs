@@ -36,7 +36,7 @@ struct Progress {
     waiting_bytes: AtomicUsize,
     /// Bytes that the connection has taken so far.
     taken_bytes: AtomicU64,
-    /// Whether the sender wants to hear when the queue is empty.
+    /// True if the sender wants to hear when the queue is empty.
     empty_wanted: AtomicBool,
 }
 
@@ -93,7 +93,7 @@ impl ControlSender {
     }
 
     /// Has the writer say once that the queue is empty; returns whether it is so already.
-    pub(super) fn is_empty_or_tell(&self) -> bool {
+    pub(super) fn is_empty_or_notify(&self) -> bool {
         self.progress.empty_wanted.store(true, Ordering::SeqCst);
         self.progress.waiting_bytes.load(Ordering::SeqCst) == 0
     }

@@ -33,7 +33,7 @@ impl Stop {
         }
     }
 
-    /// Whether the stop was requested.
+    /// True if the stop was requested.
     #[must_use]
     pub fn is_asked(&self) -> bool {
         self.lock().asked

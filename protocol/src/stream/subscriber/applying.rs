@@ -1,4 +1,4 @@
-//! How a subscriber applies updates, and to which body an alias refers.
+//! The subscriber applies updates, and resolves aliases to bodies.
 
 use rhumb_reckoning::{BodyId, DenseTrack, PredictionX4, Tick};
 

@@ -1,4 +1,4 @@
-//! How a subscriber reads each kind of datagram.
+//! The subscriber reads each kind of datagram.
 //!
 //! A datagram is decoded completely before it is applied. A malformed one is counted and never guessed at.
 
@@ -68,7 +68,7 @@ impl Subscriber {
         Ok(())
     }
 
-    /// Whether the scene events that a datagram builds on were received; if not, the datagram is kept for later.
+    /// True if the scene events that a datagram builds on were received; if not, the datagram is kept for later.
     fn is_due(&mut self, scene_events: Low16, datagram: &Datagram<'_>) -> bool {
         if self.placed && scene_events.expand(self.scene_events) <= self.scene_events {
             return true;
@@ -86,7 +86,7 @@ impl Subscriber {
         Tick::new(tick.expand(self.newest.value()))
     }
 
-    /// Whether a tick lies so far ahead that the stream must start again.
+    /// True if a tick lies so far ahead that the stream must start again.
     fn jumps(&self, tick: Tick) -> bool {
         tick.value() > self.newest.value() + TICK_JUMP_MAX
     }

@@ -84,7 +84,7 @@ fn body_row(replica: &Replica, id: BodyId) -> Value {
     json!([id.index(), id.generation(), origin, ticks, motions])
 }
 
-/// Whether an actual state has what an expected one states; the actual one may have more words.
+/// True if an actual state has what an expected one states; the actual one may have more words.
 #[must_use]
 pub fn agrees(expected: &Value, actual: &Value) -> bool {
     let words = expected.as_object().into_iter().flatten();
