@@ -1,7 +1,7 @@
 //! Interface of both ends to a driver, real or simulated.
 //!
 //! Neither clock nor socket: moments and bytes are arguments. A driver may call `handle_*` in any order, then drains
-//! `poll_transmit` until it is empty, then asks `poll_timeout` for the next call. No call blocks.
+//! `poll_transmit` until it is empty, then call `poll_timeout` for the time of the next call. No call blocks.
 
 use bytes::Bytes;
 

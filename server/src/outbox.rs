@@ -24,7 +24,7 @@ const WAITING_BYTES_MAX: usize = 12 << 20;
 const STALL: Span = Span::from_millis(30_000);
 /// A peer that has taken bytes in this time reads.
 const READS: Span = Span::from_millis(1_000);
-/// Snapshot bytes for one connection in a second, on average: a peer that asks for snapshots again and again waits.
+/// Snapshot bytes for one connection in a second, on average: a peer that requests snapshots again and again waits.
 const SNAPSHOT_BYTES_PER_SECOND: u64 = 16 << 20;
 
 /// The sessions of all connections and their outgoing data.

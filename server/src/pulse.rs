@@ -1,6 +1,6 @@
 //! Sign of life of a thread, for a watchdog.
 //!
-//! A thread says when it begins a piece of work that must be short, and when it waits. Invariant: reading it never
+//! A thread notes when it begins a piece of work that must be short, and when it waits. Invariant: reading it never
 //! waits for the thread.
 
 use std::sync::Arc;

@@ -22,7 +22,7 @@ pub(super) struct Actor {
     pub(super) upright: bool,
     pub(super) parts: Vec<ActorPart>,
     pub(super) target_motion: TargetMotion,
-    /// The mass that was sent to the client, if it asked.
+    /// The mass that was sent to the client, if it requested it.
     pub(super) reported_mass: Option<f32>,
     pub(super) body: Option<ActorBody>,
 }

@@ -128,7 +128,7 @@ impl AppClient {
     }
 
     fn send_mass(&mut self, object: u32, mass: f32) {
-        // A client that is not logged on has not asked.
+        // A client that is not logged on has requested nothing.
         let Some(simulation) = self.simulation() else {
             return;
         };

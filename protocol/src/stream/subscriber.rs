@@ -535,7 +535,7 @@ impl Subscriber {
             abandoned: Low16::of(self.lost()),
             repair_symbols,
             lost: lost
-                .take(crate::limits::LOST_NAMED_MAX)
+                .take(crate::limits::LOST_NUMBERS_MAX)
                 .map(Low16::of)
                 .collect(),
         }

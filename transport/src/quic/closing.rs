@@ -1,6 +1,6 @@
 //! End of one connection: requested, performed and named in one place.
 //!
-//! Waits only where the caller asks for it. The first close code counts.
+//! Waits only on the caller's request. The first close code counts.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};

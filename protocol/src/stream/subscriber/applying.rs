@@ -123,7 +123,7 @@ impl Subscriber {
     pub(super) fn owner(&self, index: u32, tick: Tick) -> AliasOwner {
         match self.tracks.slot(index) {
             Some(slot) if slot.origin() <= tick => AliasOwner::AsAssigned,
-            _ => AliasOwner::MovedOn,
+            _ => AliasOwner::Newer,
         }
     }
 

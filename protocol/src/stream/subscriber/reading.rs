@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 use rhumb_reckoning::{Predictor, Tick};
 
 use super::Subscriber;
-use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
+use crate::limits::{TICK_JUMP_MAX, WAITING_DATAGRAMS_MAX};
 use crate::packet::{
     Checksums, Datagram, ErrorScale, FullPacket, Keyframe, Low16, PacketKind, Refresh,
     RefreshRecord, RepairSymbol, Update, UpdatePacket, UpdatePayload, Watermark,
@@ -73,7 +73,7 @@ impl Subscriber {
         if self.placed && scene_events.expand(self.scene_events) <= self.scene_events {
             return true;
         }
-        if self.restricted.is_none() && self.deferred.len() < PACKETS_HELD_MAX {
+        if self.restricted.is_none() && self.deferred.len() < WAITING_DATAGRAMS_MAX {
             let body = datagram.body().rest().to_vec();
             self.deferred.push_back((datagram.head(), body));
         } else {

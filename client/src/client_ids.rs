@@ -13,12 +13,12 @@ use crate::shape_numbers::{ShapeNumbers, ShapeSlot};
 
 /// The ids and numbers of one client in one scene.
 #[derive(Debug)]
-pub(crate) struct BodyNaming {
+pub(crate) struct ClientIds {
     ids: IdAllocator,
     shapes: ShapeNumbers,
 }
 
-impl BodyNaming {
+impl ClientIds {
     /// `granted`: the ids that the server granted when the client joined.
     pub(crate) fn new(granted: IdRange) -> Self {
         Self {
