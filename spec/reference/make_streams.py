@@ -459,6 +459,36 @@ def many_repair_symbols():
     return s
 
 
+def dropped_repair_symbols():
+    """6.15-3, 6.15-6, 6.15-7"""
+    s = started("repair symbols of the snapshot, repeated ones, and those after a wrong one", bodies(5), next=1000, tick=4)
+    s.get(s.packet(5, *[s.corrected(index, 5) for index in range(5)]))
+    # Two symbols over a lost packet and one of the snapshot rebuild neither.
+    s.sent[999] = s.sent[1000]
+    s.packet(6, s.corrected(0, 6))
+    s.get(s.repair(0, 999, 1001), s.repair(1, 999, 1001), s.watermark(6), *s.refresh(1001, 6))
+    # A symbol is repeated after packets that it covers arrived: it pushes out no other.
+    lost = [s.packet(7 + step, s.corrected(step % 5, 7 + step)) for step in range(7)]
+    covered = range(1004, 1009)
+    s.get(s.repair(2, 1002, 1003), s.repair(3, *covered), lost[4], lost[5], *[s.repair(3, *covered)] * 16, quiet=True)
+    s.get(lost[0], s.watermark(13), lost[2], lost[3], lost[6])
+    # After a wrong symbol, those that lack no earlier packet are used at once.
+    s.packet(14, s.corrected(0, 14))
+    s.packet(15, s.corrected(1, 15))
+    wrong = bytearray(s.repair(5, 1010))
+    wrong[5] ^= packets.times(packets.factor(5, 1010), 1 ^ 15)  # the kind becomes 15
+    s.get(bytes(wrong), s.repair(6, 1010))
+    s.packet(16, s.corrected(2, 16))
+    s.get(s.packet(17, s.corrected(3, 17)), s.repair(7, 1011))
+    # One that lacks an earlier packet is dropped, and still moves the last number: 1002 is forgotten.
+    later = {1013 + step: s.packet(18 + step, s.corrected(step % 5, 18 + step)) for step in range(28)}
+    s.get(s.repair(8, 1009, 1040), s.repair(9, 1002, 1030))
+    s.get(*[data for number, data in later.items() if number != 1030], quiet=True)
+    s.get(s.watermark(46), later[1030])
+    s.settle(47)
+    return s
+
+
 def gravities():
     """6.9-1 to 6.9-5"""
     events = [*bodies(3, track="ballistic", origin=20), gravity_changed(20, 0.0, 4.0, 0.0), gravity_changed(40, 2.0, 0.0, 0.0)]
@@ -832,7 +862,7 @@ def upstreams():
 
 def streams():
     makers = [several_packets, every_third_tick, predictors, attached, wrong_parents, refreshes, late_packets, ahead_of_events, many_wait]
-    makers += [aliases, more_aliases, checksums, differing_checksum, budget, no_budget, redundancy, wrong_repair_symbols, many_repair_symbols]
+    makers += [aliases, more_aliases, checksums, differing_checksum, budget, no_budget, redundancy, wrong_repair_symbols, many_repair_symbols, dropped_repair_symbols]
     makers += [gravities, full_stream, lost_touch, low_bits, refused_refreshes]
     makers += [replaced_bodies, unreadable, unknown_owners, far_counts, span, rebuilt_ahead_of_events, equal_origins, largest_packet]
     made = []
