@@ -60,6 +60,8 @@ pub const GRANTED_MAX: u32 = GRANT + RESERVE_MAX;
 
 /// Commands and advances that wait for an earlier advance, at most.
 pub const PENDING_COMMANDS_MAX: usize = 65_536;
+/// Control bytes beyond its newest snapshot that wait for a peer; beyond that the server closes the connection.
+pub const CONTROL_WAITING_BYTES_MAX: usize = 12 << 20;
 /// Index ranges of one member, at most.
 pub const RANGES_PER_MEMBER_MAX: usize = 64;
 /// Ticks that an `Advance` may lead ahead of the scene.

@@ -232,8 +232,7 @@ impl Scene {
     }
 
     /// True if the engine has not failed.
-    #[must_use]
-    pub fn is_sound(&self) -> bool {
+    pub(crate) fn is_sound(&self) -> bool {
         self.engine.fault().is_none()
     }
 

@@ -10,7 +10,7 @@ use rhumb_protocol::message::{Denial, StreamChoice};
 use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
-    Features, Observation, ObservationHistory, PredictionParameters, StreamSender, StreamTerms,
+    Features, Observation, ObservationHistory, PredictionParameters, StreamConfig, StreamSender,
     WatermarkPolicy,
 };
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
@@ -49,7 +49,7 @@ impl Stream {
         };
         let sender = match choice {
             StreamChoice::Within(tolerance) | StreamChoice::Capped { tolerance, .. } => {
-                let config = StreamTerms {
+                let config = StreamConfig {
                     tolerance,
                     integrator: config.integrator,
                     publish_interval: config.publish_schedule.publish_interval,
@@ -267,7 +267,7 @@ mod tests {
     fn capped(bytes_per_second: u32) -> Streams {
         let budget = Budget::new(bytes_per_second, BURST).expect("within the limits");
         let tolerance = Tolerance::NORMAL;
-        let config = StreamTerms {
+        let config = StreamConfig {
             tolerance,
             integrator: Integrator {
                 rate: Rate::HZ_60,

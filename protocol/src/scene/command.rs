@@ -152,7 +152,7 @@ impl Command {
     /// # Errors
     ///
     /// [`Invalid`] names the first invalid number.
-    pub fn check_motion(motion: &BodyState) -> Result<(), Invalid> {
+    pub(crate) fn check_motion(motion: &BodyState) -> Result<(), Invalid> {
         let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
         vector(Vec3::new(px, py, pz), COORDINATE_MAX, Quantity::Position)?;
         rotation(Quat::from_xyzw(x, y, z, w))?;

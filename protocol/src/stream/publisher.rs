@@ -63,7 +63,7 @@ pub struct PublisherStatistics {
 
 /// The config of a stream.
 #[derive(Clone, Copy, Debug)]
-pub struct StreamTerms {
+pub struct StreamConfig {
     /// The tolerance of every body with the usual scale.
     pub tolerance: Tolerance,
     /// The integrator and rate of the scene.
@@ -78,7 +78,7 @@ pub struct StreamTerms {
     pub features: Features,
 }
 
-impl StreamTerms {
+impl StreamConfig {
     /// The start of a subscriber that receives the stream from its first tick.
     #[must_use]
     pub const fn start(&self, stream: StreamId, tick: Tick) -> StreamStart {
@@ -124,7 +124,7 @@ pub struct Publisher {
 impl Publisher {
     /// A publisher of a stream without bodies.
     #[must_use]
-    pub fn new(stream: StreamId, config: &StreamTerms, tick: Tick) -> Self {
+    pub fn new(stream: StreamId, config: &StreamConfig, tick: Tick) -> Self {
         Self {
             stream,
             tracks: Tracks::new(
