@@ -86,7 +86,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         client.idle(FRAME)?;
     }
-    let sent = client.statistics().driven;
+    let sent = client.statistics().upstream;
     writeln!(
         out,
         "the client published the walk in {} updates, {} bytes",

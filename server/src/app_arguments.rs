@@ -13,7 +13,7 @@ pub(crate) struct AppArguments {
     /// TCP and UDP address for APP clients, such as OpenSimulator's RemotePhysics plug-in.
     #[arg(long)]
     app_listen: Option<SocketAddr>,
-    /// How APP clients learn that a frame is over.
+    /// The message by which APP clients learn that a frame is over.
     #[arg(long, value_enum, default_value = "tcp", requires = "app_listen")]
     app_time_advanced: FrameEnd,
     /// Bodies whose state is sent to APP clients in each frame.
@@ -27,7 +27,7 @@ pub(crate) struct AppArguments {
     app_packed: bool,
 }
 
-/// How APP clients learn that a frame is over.
+/// The message by which APP clients learn that a frame is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum FrameEnd {
     /// On TCP, where the message is not lost.

@@ -69,7 +69,7 @@ impl Member {
         }
     }
 
-    /// Whether its commands caused more scene events than they may while others are behind.
+    /// True if its commands caused more scene events than they may while others are behind.
     pub(crate) fn adds_too_much(&mut self, now: Instant) -> bool {
         if self.added_bytes <= ADDED_AT_ONCE {
             return false;
@@ -139,7 +139,7 @@ impl Member {
         self.previous.take()
     }
 
-    /// Whether it gets the datagrams of a stream.
+    /// True if it gets the datagrams of a stream.
     pub(crate) fn receives(&self, stream: StreamId) -> bool {
         self.streams().any(|subscribed| subscribed == stream)
     }

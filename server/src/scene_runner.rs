@@ -66,7 +66,7 @@ pub(crate) struct SceneRunner {
     last_step: Instant,
     times: Times,
     faulted: bool,
-    /// Whether a client of another protocol owns the scene: only that client steps and ends it.
+    /// True if a client of another protocol owns the scene: only that client steps and ends it.
     owned: bool,
     /// The largest packet of its later streams.
     largest_packet: LargestPacket,
@@ -117,7 +117,7 @@ impl SceneRunner {
         self.scene.config()
     }
 
-    /// Whether a client of another protocol owns the scene.
+    /// True if a client of another protocol owns the scene.
     pub(crate) const fn is_owned(&self) -> bool {
         self.owned
     }
@@ -126,12 +126,12 @@ impl SceneRunner {
         self.members.keys().copied()
     }
 
-    /// Whether it has neither members nor an owner.
+    /// True if it has neither members nor an owner.
     pub(crate) fn is_abandoned(&self) -> bool {
         self.members.is_empty() && !self.owned
     }
 
-    /// When the next step is due: at once in a scene that must advance, never in one without members.
+    /// The time of the next step: at once in a scene that must advance, never in one without members.
     pub(crate) fn next_step(&self) -> Option<Instant> {
         if self.faulted {
             return None;
@@ -365,7 +365,7 @@ impl SceneRunner {
         let too_far = to.value() > self.scene.tick().value() + ADVANCE_TICKS_MAX;
         match self.config().stepping {
             Stepping::FreeRunning => Some(Denial::NotLockstep),
-            Stepping::Lockstep if self.owned => Some(Denial::Led),
+            Stepping::Lockstep if self.owned => Some(Denial::Owned),
             Stepping::Lockstep if self.faulted => Some(Denial::SceneFaulted),
             Stepping::Lockstep if too_far => Some(Denial::TooFarAhead),
             Stepping::Lockstep => None,

@@ -33,7 +33,7 @@ const MESSAGES_PER_TURN: usize = 512;
 const UNREAD_BYTES: usize = 64 << 10;
 /// Scene events that are encoded before they are sent to the members.
 const EVENT_BYTES: usize = 256 << 10;
-/// How soon a connection is tried again whose messages wait for slower members.
+/// The pause before a connection is tried again whose messages wait for slower members.
 const RETRY: Span = Span::from_millis(20);
 
 /// All scenes of one server process and all connections to them.
@@ -131,7 +131,7 @@ impl ServerLoop {
     }
 
     /// Statistics of all bodies of a scene under a member's authority.
-    pub fn drives(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
+    pub fn upstreams(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
         let runner = self.runners.get(scene).into_iter();
         runner.flat_map(SceneRunner::upstream_statistics)
     }
@@ -176,7 +176,7 @@ impl ServerLoop {
         self.answer_pending(peer);
     }
 
-    /// Whether a connection's next message must stay unread.
+    /// True if a connection's next message must stay unread.
     fn must_wait(&mut self, now: Instant, peer: Peer) -> bool {
         if self.out.is_behind(peer) {
             return true;
@@ -399,7 +399,7 @@ impl ServerLoop {
 
     fn delete(&mut self, peer: Peer, name: &SceneName) {
         if self.runners.get(name).is_some_and(SceneRunner::is_owned) {
-            let denial = ServerMessage::Denied(Denial::Led);
+            let denial = ServerMessage::Denied(Denial::Owned);
             return self.out.send(peer, &denial);
         }
         if !self.runners.contains_key(name) {

@@ -44,7 +44,7 @@ impl ServerCpu {
     }
 }
 
-/// Why a server did not start.
+/// The error of a server that did not start.
 #[derive(Debug)]
 pub enum ProcessError {
     /// The process cannot be started.

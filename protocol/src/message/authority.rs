@@ -48,7 +48,7 @@ pub enum AuthorityError {
     HeldByAnother(BodyId),
     /// The scene's engine has failed.
     SceneFaulted,
-    /// The upstream has lost sync; the member has no authority until it asks again.
+    /// The upstream has lost sync; the member has no authority until it requests it again.
     LostSync,
     /// The client's role does not include authority, or a body belongs to another client.
     NotAllowed,

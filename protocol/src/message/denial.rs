@@ -29,8 +29,8 @@ pub enum Denial {
     TooFarAhead,
     /// The scene's engine has failed; only leaving and deleting are left.
     SceneFaulted,
-    /// An APP client leads the scene, and ends it.
-    Led,
+    /// A client of another protocol owns the scene: it advances and ends it.
+    Owned,
     /// The client's role does not include the request.
     NotAllowed,
     /// The client's role does not include advancing the scene.
@@ -65,7 +65,7 @@ impl fmt::Display for Denial {
             }
             Self::TooFarAhead => f.write_str("the advance leads too far ahead"),
             Self::SceneFaulted => f.write_str("the scene's engine has failed"),
-            Self::Led => f.write_str("a client of another protocol leads the scene, and ends it"),
+            Self::Owned => f.write_str("a client of another protocol owns the scene"),
             Self::NotAllowed => f.write_str("the client's role does not include the request"),
             Self::AdvanceNotAllowed => {
                 f.write_str("the client's role does not include advancing the scene")
@@ -102,7 +102,7 @@ impl Wire for Denial {
             Self::NotLockstep => to.u8(8),
             Self::TooFarAhead => to.u8(9),
             Self::SceneFaulted => to.u8(10),
-            Self::Led => to.u8(11),
+            Self::Owned => to.u8(11),
             Self::NotAllowed => to.u8(16),
             Self::OverQuota => to.u8(17),
             Self::Overloaded { retry_seconds } => {
@@ -129,7 +129,7 @@ impl Wire for Denial {
             8 => Self::NotLockstep,
             9 => Self::TooFarAhead,
             10 => Self::SceneFaulted,
-            11 => Self::Led,
+            11 => Self::Owned,
             16 => Self::NotAllowed,
             17 => Self::OverQuota,
             18 => Self::Overloaded {

@@ -22,7 +22,7 @@ impl Extension {
     /// In `Hello` the client's token, as text; in `Welcome` the role that it gives, one byte (PROTOCOL 3.6).
     pub const TOKEN: u32 = 1;
 
-    /// Whether a peer that does not know it must refuse the message.
+    /// True if a peer that does not know it must refuse the message.
     #[must_use]
     pub const fn is_critical(&self) -> bool {
         self.id.is_multiple_of(2)

@@ -208,7 +208,7 @@ impl ClientSession {
     pub fn subscribe(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
         self.must_be(ClientState::Member)?;
         self.stream_selection.select(choice);
-        self.ask_for_stream();
+        self.request_stream();
         Ok(())
     }
 
@@ -313,7 +313,7 @@ impl ClientSession {
                 // Other denials answer requests that are not about streams.
                 if matches!(denial, Denial::TooManyStreams | Denial::SceneFaulted) {
                     self.stream_selection.handle_denied();
-                    self.ask_for_stream();
+                    self.request_stream();
                 }
                 self.events.push_back(Event::Denied(denial));
             }
@@ -354,7 +354,7 @@ impl ClientSession {
         self.granted = joined.granted;
         self.replica_switch.begin(joined);
         self.stream_selection.handle_joined(joined.choice);
-        self.ask_for_stream();
+        self.request_stream();
         Ok(())
     }
 
@@ -368,15 +368,15 @@ impl ClientSession {
             self.events.push_back(Event::Joined(self.granted));
         }
         self.resyncing = false;
-        self.ask_for_stream();
+        self.request_stream();
         self.watch(now);
         Ok(())
     }
 
     /// Requests the selected stream, unless an answer or a snapshot that could be mistaken for its answer is pending.
-    fn ask_for_stream(&mut self) {
+    fn request_stream(&mut self) {
         if !self.resyncing
-            && let Some(choice) = self.stream_selection.ask()
+            && let Some(choice) = self.stream_selection.take_request()
         {
             self.send(&ClientMessage::Subscribe(choice));
         }
@@ -387,7 +387,7 @@ impl ClientSession {
     fn switch_replica(&mut self) {
         let shown = self.replica_switch.shown();
         let is_live = shown.is_some_and(|replica| !replica.stream().has_lost_sync());
-        if self.stream_selection.is_asking() && is_live {
+        if self.stream_selection.awaits_answer() && is_live {
             return;
         }
         let Some(before) = self.replica_switch.switch_when_caught_up() else {

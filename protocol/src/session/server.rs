@@ -90,7 +90,7 @@ impl ServerSession {
         None
     }
 
-    /// Whether to hand a message on: `false` for a message sent before the client learned that its membership ended.
+    /// Returns `false` for a message to drop: the client sent it before it learned that its membership had ended.
     fn admit(&mut self, message: &ClientMessage) -> Result<bool, CloseCode> {
         match (self.state, message) {
             (
@@ -207,7 +207,7 @@ impl ServerSession {
     }
 }
 
-/// Whether only a member may send this message.
+/// True if only a member may send this message.
 const fn is_for_members(message: &ClientMessage) -> bool {
     matches!(
         message,

@@ -12,9 +12,9 @@ pub(super) struct Greeting {
     /// Reads the first message only; the worker's session reads all bytes again.
     session: ServerSession,
     received: Vec<u8>,
-    /// When the first message must have come.
+    /// The latest time of the first message.
     pub(super) until: Instant,
-    /// Whether the driver reports what the link takes.
+    /// True if the driver reports what the link takes.
     pub(super) paced: bool,
 }
 

@@ -81,7 +81,7 @@ struct Worker {
     scenes: usize,
 }
 
-/// Where a worker runs.
+/// The thread on which a worker runs.
 enum Place {
     Here(Box<HereWorker>),
     Thread(ThreadWorker),
@@ -101,7 +101,7 @@ const UNHANDLED_BYTES_MAX: usize = 128 << 10;
 const INPUTS_WAITING_MAX: u64 = 8_192;
 /// Time for a connection's first message.
 const GREETING: Span = Span::from_millis(8_000);
-/// How the names of an adapter's scenes begin.
+/// The first characters of the names of an adapter's scenes.
 const ADAPTER_SCENES: &str = "app/";
 
 impl Front {
@@ -168,14 +168,14 @@ impl Front {
     }
 
     /// Statistics of all bodies of a scene under a member's authority, if its worker runs on this thread.
-    pub fn drives(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
+    pub fn upstreams(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
         let id = self.by_scope.get(&self.scope_of(scene));
         let worker = id.and_then(|id| self.workers.get(id)).into_iter();
         let here = worker.filter_map(|worker| match &worker.place {
             Place::Here(here) => Some(here),
             Place::Thread(_) => None,
         });
-        here.flat_map(|here| here.server_loop().drives(scene))
+        here.flat_map(|here| here.server_loop().upstreams(scene))
     }
 
     /// The worker of some scenes, started if there is none.

@@ -37,7 +37,7 @@ impl SceneRunner {
         self.unsent.len()
     }
 
-    /// When the next requested snapshot may begin; `None` if none is requested, or one is under way.
+    /// The earliest time of the next requested snapshot; `None` if none is requested, or one is under way.
     pub(crate) fn next_snapshot(&self, out: &Outbox) -> Option<Instant> {
         let requests = self.members.iter();
         let requests = requests.filter(|(_, member)| member.snapshot_request.is_some());

@@ -9,7 +9,7 @@ use rhumb_transport::Fingerprint;
 /// A running server; dropping it stops it.
 #[derive(Debug)]
 pub struct LocalServer {
-    /// Where it listens.
+    /// The address of its socket.
     pub address: SocketAddr,
     /// The fingerprint that clients pin.
     pub fingerprint: Fingerprint,

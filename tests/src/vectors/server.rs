@@ -113,9 +113,9 @@ fn welcomes(cases: &mut CaseList) {
 }
 
 fn authority_answers(cases: &mut CaseList) {
-    let driven = [id(3, 0), motion(0), id(300, 2), motion(7)].concat();
+    let granted = [id(3, 0), motion(0), id(300, 2), motion(7)].concat();
     cases.add(14, "AuthorityGrant none", &[&v(9), &v(300), &[0]]);
-    cases.add(14, "AuthorityGrant two", &[&v(9), &v(300), &[2], &driven]);
+    cases.add(14, "AuthorityGrant two", &[&v(9), &v(300), &[2], &granted]);
     cases.add(
         14,
         "AuthorityGrant one twice",

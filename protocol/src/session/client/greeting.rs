@@ -1,4 +1,4 @@
-//! How a client opens a connection and handles the server's answer.
+//! The handshake of a client.
 //!
 //! Messages of later versions are accepted or refused by their code (PROTOCOL 3.5).
 
