@@ -1,6 +1,6 @@
 //! Walks an avatar, under the client's authority, through a scene of boxes.
 //!
-//! Start `rhumb-server` first; it prints the address and the fingerprint, which are the arguments of this example.
+//! Start `rhumb-server --open` first; it prints the address and the fingerprint, which are the arguments of this example.
 
 use std::f32::consts::TAU;
 use std::io::Write;

@@ -18,8 +18,8 @@ pub const SCENE_NAME_BYTES_MAX: usize = 64;
 pub const VERSIONS_MAX: usize = 16;
 /// Extensions of one message.
 pub const EXTENSIONS_MAX: usize = 16;
-/// Bytes of one extension's value.
-pub const EXTENSION_BYTES_MAX: usize = 256;
+/// Bytes of one extension's value: a signed token fits it.
+pub const EXTENSION_BYTES_MAX: usize = 768;
 
 /// Least bytes that a second of a stream with a budget may take; see [`BUDGET_MAX`].
 pub const BUDGET_MIN: u32 = 256;

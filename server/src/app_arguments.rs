@@ -62,6 +62,12 @@ impl AppArguments {
         server.listen_app(listen, self.options()).map(Some)
     }
 
+    /// The address to listen at, if other machines reach it. APP clients have no tokens.
+    pub(crate) fn beyond_loopback(&self) -> Option<SocketAddr> {
+        self.app_listen
+            .filter(|address| !address.ip().is_loopback())
+    }
+
     fn options(&self) -> AppOptions {
         AppOptions {
             time_advanced: match self.app_time_advanced {

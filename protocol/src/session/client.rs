@@ -31,6 +31,7 @@ use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
 use crate::limits::RESERVE_MAX;
 use crate::message::{
     ClientMessage, Denial, Frames, Joined, SceneEvent, ServerMessage, StreamChoice, TierPolicy,
+    Token,
 };
 use crate::packet::Datagram;
 use crate::scene::{Command, IdRange, SceneConfig, SceneName};
@@ -54,6 +55,7 @@ pub struct ClientSession {
     state: ClientState,
     peer: Peer,
     scene: SceneName,
+    token: Option<Token>,
     config: Option<SceneConfig>,
     frames: Frames,
     replica_switch: ReplicaSwitch,
@@ -80,6 +82,7 @@ impl ClientSession {
             state: ClientState::Unconnected,
             peer: Peer(0),
             scene,
+            token: None,
             config: None,
             frames: Frames::new(),
             replica_switch: ReplicaSwitch::new(),
@@ -97,6 +100,11 @@ impl ClientSession {
             out: VecDeque::new(),
             events: VecDeque::new(),
         }
+    }
+
+    /// Has the `Hello` carry a token.
+    pub fn set_token(&mut self, token: Token) {
+        self.token = Some(token);
     }
 
     /// Creates the scene; answered by `Created` or `Denied`.

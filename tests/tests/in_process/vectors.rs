@@ -194,6 +194,10 @@ fn codes_are_the_same_in_code_and_table() {
         ("SCENE_PARKED", CloseCode::SCENE_PARKED),
         ("BUSY", CloseCode::BUSY),
         ("HELLO_LATE", CloseCode::HELLO_LATE),
+        ("TOKEN_MISSING", CloseCode::TOKEN_MISSING),
+        ("TOKEN_INVALID", CloseCode::TOKEN_INVALID),
+        ("TOKEN_EXPIRED", CloseCode::TOKEN_EXPIRED),
+        ("TOKEN_SCENE", CloseCode::TOKEN_SCENE),
     ] {
         let codes = table["close codes"].as_array().expect("codes are listed");
         let row = codes.iter().find(|row| row["name"] == name);

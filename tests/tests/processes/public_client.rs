@@ -170,9 +170,13 @@ fn an_unreadable_file_or_unusable_address_is_named() {
     let taken = SERVER.serve(ANYWHERE);
     let address = taken.address.to_string();
     for (arguments, named) in [
-        (["--listen", address.as_str()].to_vec(), address.as_str()),
+        (
+            ["--open", "--listen", address.as_str()].to_vec(),
+            address.as_str(),
+        ),
         (
             vec![
+                "--open",
                 "--listen",
                 ANYWHERE,
                 "--cert",
