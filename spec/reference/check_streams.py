@@ -61,7 +61,8 @@ def known(scene):
     }
     if scene.capped:
         state["error_scale_eighths"] = scene.error_scale(scene.watermark)
-    return state
+    # What a body shows while something is missing is not specified (6.8).
+    return state | ({"poses": poses(scene)} if scene.is_converged() else {})
 
 
 def known_in_full(scene):
@@ -134,10 +135,7 @@ def results(stream):
 
 def reported(scene, value):
     """The member's state in the words of a stated one."""
-    if "bodies" in value:
-        return known_in_full(scene)
-    # What a body shows while something is missing is not specified (6.8).
-    return known(scene) | ({"poses": poses(scene)} if scene.is_converged() else {})
+    return known_in_full(scene) if "bodies" in value else known(scene)
 
 
 def main():
