@@ -180,7 +180,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
             falls,
             velocity,
             gravity: Some(gravity).filter(|by| context.features.ballistic && *by != DVec3::ZERO),
-            accelerations: accelerations(context, subject, reach),
+            accelerations: accelerations(context, subject, reach, gravity),
         }
     }
 
@@ -216,12 +216,14 @@ impl<'a, const N: usize> Candidates<'a, N> {
     /// The moving mode with the least recent prediction error.
     pub(super) fn steadiest(&self) -> Option<usize> {
         let mut least = (None, f64::INFINITY);
-        for number in [1, 2].into_iter().chain(4..MODES) {
-            let acceleration = match number {
-                1 => Some(DVec3::ZERO),
-                2 => self.gravity,
-                _ => self.accelerations[number - 4].map(|it| it.acceleration()),
-            };
+        let [own, observed] = self.accelerations.map(|it| it.map(|it| it.acceleration()));
+        let moving = [
+            (1, Some(DVec3::ZERO)),
+            (2, self.gravity),
+            (4, own),
+            (5, observed),
+        ];
+        for (number, acceleration) in moving {
             let Some(acceleration) = acceleration else {
                 continue;
             };
@@ -478,7 +480,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         let by = parent.predicted_motion.pose();
         let truth = relative_to(&by, &subject.truth.pose());
         let predicted = if is_attached {
-            tracks.framed((subject.index, subject.slot), track, subject.tick)
+            *subject.framed
         } else {
             relative_to(&by, &subject.predicted_motion.pose())
         };

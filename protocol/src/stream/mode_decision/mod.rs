@@ -29,7 +29,7 @@ use errors::Units;
 use forecast::{Expectation, SPAN};
 use ranking::Settings;
 use refinement::refined;
-use single_pass::SinglePass;
+use single_pass::cheapest;
 pub(crate) use subject::{Context, Parent, Subject, share};
 
 /// Expected error growth over a lifetime as long as that of the present track, as a share of the tolerance.
@@ -125,13 +125,14 @@ impl<'a> ModeDecision<'a> {
             rate: step / update.over.seconds(),
             looks_ahead: N > 1,
         };
-        let update_of = |mode, residual| update.of(&candidates.prediction(mode)?, residual);
+        let update_of =
+            |mode, residual: &Residual| update.of(&candidates.prediction(mode)?, residual);
         if N == 1 {
-            SinglePass::new(&settings, &candidates).cheapest(update_of)
+            cheapest(&settings, &candidates, update_of)
         } else {
             let best = refined(&settings, &candidates);
             best.iter()
-                .find_map(|choice| update_of(choice.mode, choice.residual))
+                .find_map(|choice| update_of(choice.mode, &choice.residual))
         }
     }
 }
@@ -152,7 +153,7 @@ impl UpdateConditions<'_> {
     fn of(
         &self,
         prediction: &Prediction<'_>,
-        residual: Residual,
+        residual: &Residual,
     ) -> Option<(UpdatePayload, Track)> {
         let (subject, tracks) = (self.subject, self.context.tracks);
         let grid = tracks.grid(subject.slot);
@@ -172,7 +173,7 @@ impl UpdateConditions<'_> {
             UpdatePayload::Residual {
                 mode: prediction.mode,
                 age: self.age,
-                residual,
+                residual: *residual,
             },
             Track {
                 origin: subject.tick,

@@ -123,29 +123,34 @@ impl<'s> CorrectionRanker<'s> {
         (best, least)
     }
 
+    /// The lifetime of a correction with the true velocities, in ticks: no correction with velocities outlives it.
+    pub(super) fn longest(&self, at_once: Errors, slope: &Errors) -> f64 {
+        let exact = Effect {
+            at_once,
+            each_tick: *slope,
+        };
+        self.lifetime(&exact).ticks
+    }
+
+    /// The least price of a correction with velocities whose place has this cost, and that lives so long.
+    pub(super) fn least_price(&self, place: u32, longest: f64) -> f64 {
+        let bits = self.cost.of_form(true) + place + VELOCITY_BITS;
+        self.cost.price(bits, longest)
+    }
+
     /// Prices the corrections with velocities that reduce the error by `slope` per tick, and calls `note` for each.
     ///
-    /// Nothing is priced if no price can be below `limit`.
+    /// `longest`: see [`Self::longest`].
     pub(super) fn with_velocities(
         &self,
         settings: &Settings,
         residual: &Residual,
-        slope: &Errors,
-        limit: f64,
+        (slope, longest): (&Errors, f64),
         note: &mut impl FnMut(Residual, f64),
     ) {
         let units = &self.expectation.units;
         let effect = self.effect(residual);
-        let exact = Effect {
-            each_tick: *slope,
-            ..effect
-        };
         let place = self.cost.of_form(true) + Cost::of_place(settings.age, residual);
-        // No correction outlives the one with the true velocities.
-        let longest = self.lifetime(&exact).ticks;
-        if self.cost.price(place + VELOCITY_BITS, longest) >= limit {
-            return;
-        }
         let lacking = *slope - effect.each_tick;
         let too_coarse = |exponent: &u32| {
             !settings.looks_ahead && *exponent > 0 && units.rounding(*exponent) * longest > ROUNDING

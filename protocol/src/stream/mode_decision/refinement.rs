@@ -60,10 +60,11 @@ fn best_of(settings: &Settings, mode: usize, ranker: &CorrectionRanker<'_>) -> B
     {
         let [begin, slope] = forecast.line(line);
         let residual = units.residual(&begin, NEAREST);
-        let nearest = forecast.slope_from(line, &units.of_residual(&residual));
+        let at_once = units.of_residual(&residual);
+        let nearest = forecast.slope_from(line, &at_once);
         for slope in [slope, nearest] {
-            // Every price counts, because the next correction is not yet in it.
-            ranker.with_velocities(settings, &residual, &slope, f64::INFINITY, &mut note);
+            let longest = ranker.longest(at_once, &slope);
+            ranker.with_velocities(settings, &residual, (&slope, longest), &mut note);
         }
     }
     best

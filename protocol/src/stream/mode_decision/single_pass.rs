@@ -14,9 +14,6 @@ use super::ranking::{CorrectionRanker, NEAREST, Settings};
 /// Rounding of a correction without velocities: a smaller fraction of a step is dropped, because the tolerance hardly
 /// needs it.
 const SPARSE: [f64; 2] = [0.6; 2];
-/// Corrections at most: at rest, moving, attached, and moving with velocities.
-const CORRECTIONS: usize = 4;
-
 /// The correction at the published tick; all modes of one frame share it.
 #[derive(Clone, Copy, Debug)]
 struct Start {
@@ -53,123 +50,113 @@ impl Start {
     }
 }
 
-/// The corrections of one body, with their modes and prices.
+/// A correction of one mode.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SinglePass {
-    choices: [(usize, f64); CORRECTIONS],
-    world: Start,
-    attached: Option<Start>,
-    /// The correction with velocities, if it is among the choices.
-    with_velocities: Option<Residual>,
+struct Priced<'p> {
+    price: f64,
+    mode: usize,
+    residual: &'p Residual,
 }
 
-/// The place of the correction with velocities among the choices.
-const WITH_VELOCITIES: usize = CORRECTIONS - 1;
-
-impl SinglePass {
-    /// Prices the corrections of a body.
-    pub(super) fn new<const N: usize>(settings: &Settings, candidates: &Candidates<'_, N>) -> Self {
-        let world = Start::new(settings, candidates.error());
-        let mut pass = Self {
-            choices: [(REST, f64::INFINITY); CORRECTIONS],
-            world,
-            attached: candidates
-                .attached_error()
-                .map(|error| Start::new(settings, error)),
-            with_velocities: None,
+/// Finds the cheapest correction that `accept` turns into a result. It gets a mode and a residual, the cheapest first.
+pub(super) fn cheapest<const N: usize, T>(
+    settings: &Settings,
+    candidates: &Candidates<'_, N>,
+    accept: impl Fn(usize, &Residual) -> Option<T>,
+) -> Option<T> {
+    if candidates.orphaned {
+        return None;
+    }
+    let world = Start::new(settings, candidates.error());
+    let attached = candidates.attached_error();
+    let attached = attached.map(|error| Start::new(settings, error));
+    let steadiest = candidates.steadiest();
+    // The track's own moving mode is worth keeping; only a track without one changes to the steadiest.
+    let moving = candidates.own_moving().or(steadiest);
+    let moving = moving.filter(|_| settings.features.derived);
+    let priced = |mode: usize, start: &'_ Start| {
+        CorrectionRanker::new(settings, candidates, mode)
+            .map_or(f64::INFINITY, |ranker| start.price(&ranker))
+    };
+    let mut choices = [Priced {
+        price: f64::INFINITY,
+        mode: REST,
+        residual: &world.residual,
+    }; 4];
+    choices[0].price = priced(REST, &world);
+    if let Some(mode) = moving {
+        (choices[1].price, choices[1].mode) = (priced(mode, &world), mode);
+    }
+    if let Some(start) = &attached {
+        choices[2] = Priced {
+            price: priced(ATTACHED, start),
+            mode: ATTACHED,
+            residual: &start.residual,
         };
-        if candidates.orphaned {
-            return pass;
-        }
-        let steadiest = candidates.steadiest();
-        // A moving mode of its own is worth keeping; only a body without one considers the steadiest.
-        let moving = candidates.own_moving().or(steadiest);
-        let moving = moving.filter(|_| settings.features.derived);
-        pass.consider(settings, candidates, 0, REST);
-        if let Some(mode) = moving {
-            pass.consider(settings, candidates, 1, mode);
-        }
-        if pass.attached.is_some() {
-            pass.consider(settings, candidates, 2, ATTACHED);
-        }
-        if let Some(mode) = steadiest {
-            pass.consider_velocities(settings, candidates, mode);
-        }
-        pass
     }
-
-    fn consider<const N: usize>(
-        &mut self,
-        settings: &Settings,
-        candidates: &Candidates<'_, N>,
-        place: usize,
-        mode: usize,
-    ) {
-        if let Some(ranker) = CorrectionRanker::new(settings, candidates, mode) {
-            self.choices[place] = (mode, self.start(mode).price(&ranker));
-        }
-    }
-
-    /// The correction without velocities of a mode.
-    fn start(&self, mode: usize) -> &Start {
-        match &self.attached {
-            Some(attached) if mode == ATTACHED => attached,
-            _ => &self.world,
-        }
-    }
-
-    /// Prices the correction of a moving mode with velocities.
-    fn consider_velocities<const N: usize>(
-        &mut self,
-        settings: &Settings,
-        candidates: &Candidates<'_, N>,
-        mode: usize,
-    ) {
-        let Some(ranker) = CorrectionRanker::new(settings, candidates, mode) else {
-            return;
+    let limit = choices
+        .iter()
+        .fold(f64::INFINITY, |least, choice| least.min(choice.price));
+    let mut moved = Residual::default();
+    if let Some(mode) = steadiest
+        && let Some(price) =
+            with_velocities(settings, candidates, &world, (mode, limit), &mut moved)
+    {
+        choices[3] = Priced {
+            price,
+            mode,
+            residual: &moved,
         };
-        let limit = self
-            .choices
-            .iter()
-            .fold(f64::INFINITY, |least, (_, price)| least.min(*price));
-        let residual = settings
-            .expectation
-            .units
-            .residual(candidates.error(), NEAREST);
-        ranker.with_velocities(
-            settings,
-            &residual,
-            &candidates.velocity,
-            limit,
-            &mut |residual, price| {
-                self.choices[WITH_VELOCITIES] = (mode, price);
-                self.with_velocities = Some(residual);
-            },
-        );
     }
-
-    /// The first result of `accept`, which gets the mode and residual of each correction, the cheapest first.
-    pub(super) fn cheapest<T>(
-        mut self,
-        accept: impl Fn(usize, Residual) -> Option<T>,
-    ) -> Option<T> {
-        loop {
-            let mut place = 0;
-            for other in 1..CORRECTIONS {
-                if self.choices[other].1 < self.choices[place].1 {
-                    place = other;
-                }
-            }
-            let (mode, price) = self.choices[place];
-            if price == f64::INFINITY {
-                return None;
-            }
-            self.choices[place].1 = f64::INFINITY;
-            let residual = self.with_velocities.filter(|_| place == WITH_VELOCITIES);
-            let accepted = accept(mode, residual.unwrap_or(self.start(mode).residual));
-            if accepted.is_some() {
-                return accepted;
+    loop {
+        let mut best = 0;
+        for other in 1..choices.len() {
+            if choices[other].price < choices[best].price {
+                best = other;
             }
         }
+        let Priced {
+            price,
+            mode,
+            residual,
+        } = choices[best];
+        if price == f64::INFINITY {
+            return None;
+        }
+        let accepted = accept(mode, residual);
+        if accepted.is_some() {
+            return accepted;
+        }
+        choices[best].price = f64::INFINITY;
     }
+}
+
+/// The price of a moving mode's correction with velocities, which is written to `moved`; `None` if it surely exceeds
+/// the limit.
+fn with_velocities<const N: usize>(
+    settings: &Settings,
+    candidates: &Candidates<'_, N>,
+    world: &Start,
+    (mode, limit): (usize, f64),
+    moved: &mut Residual,
+) -> Option<f64> {
+    let ranker = CorrectionRanker::new(settings, candidates, mode)?;
+    let units = &settings.expectation.units;
+    let residual = units.residual(candidates.error(), NEAREST);
+    let slope = &candidates.velocity;
+    let longest = ranker.longest(units.of_residual(&residual), slope);
+    if ranker.least_price(world.bits, longest) >= limit {
+        return None;
+    }
+    let mut price = None;
+    ranker.with_velocities(
+        settings,
+        &residual,
+        (slope, longest),
+        &mut |residual, its_price| {
+            *moved = residual;
+            price = Some(its_price);
+        },
+    );
+    price
 }
