@@ -69,7 +69,7 @@ pub(super) struct Candidates<'a, const N: usize> {
     units: Units,
     /// Age of the track of the present parent.
     parent_age: Option<Age>,
-    /// Whether the parent is removed; the body then needs a keyframe.
+    /// True if the parent is removed; the body then needs a keyframe.
     pub(super) orphaned: bool,
     rest: Option<Forecast<N>>,
     attached: Option<Attached<'a, N>>,
@@ -363,7 +363,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         }
     }
 
-    /// Whether the body moves by the tolerance or more in each tick, so that rest cannot hold.
+    /// True if the body moves by the tolerance or more in each tick, so that rest cannot hold.
     fn is_fast(&self) -> bool {
         let moved = Errors::of(self.moved[0], self.units.still);
         self.units.share(&moved) > f64::from(self.subject.stride.count())

@@ -61,7 +61,7 @@ pub(super) struct ErrorForecast<'a> {
     pub(super) slope: Errors,
     /// Expected growth beyond the known ticks, per tick squared.
     pub(super) curve: Errors,
-    /// Whether the body leaves the stream after the last known tick.
+    /// True if the body leaves the stream after the last known tick.
     pub(super) ends: bool,
     /// Greatest expected duration of the mode, in ticks.
     pub(super) lasts: f64,
