@@ -31,6 +31,7 @@ use crate::access::rights::{self, Request};
 use crate::access::{Ownership, Permit};
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
+use crate::engine::Workers;
 use crate::grants::Grants;
 use crate::hook::Hook;
 use crate::member::{Member, SnapshotRequest};
@@ -106,6 +107,11 @@ impl SceneRunner {
     /// Has a hook act before each step from now on.
     pub(crate) fn attach(&mut self, hook: Hook) {
         self.hook = Some(hook);
+    }
+
+    /// Has the streams published on these threads from now on.
+    pub(crate) fn employ(&mut self, workers: Workers) {
+        self.streams.employ(workers);
     }
 
     /// Bounds the packets of the streams that begin from now on.

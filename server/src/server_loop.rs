@@ -88,7 +88,7 @@ impl ServerLoop {
         self.hooks = Some(hooks);
     }
 
-    /// Sets the threads that step later scenes.
+    /// Sets the threads that step and publish later scenes.
     pub fn employ(&mut self, workers: Workers) {
         self.workers = workers;
     }
@@ -382,6 +382,7 @@ impl ServerLoop {
         let scene = Scene::on(config, &self.workers).map_err(Denial::InvalidConfig)?;
         let names = StreamNames::of_scene(self.scenes_begun);
         let mut runner = SceneRunner::new(scene, names);
+        runner.employ(self.workers.clone());
         runner.set_largest_packet(self.largest_packet);
         if let Some(hook) = self
             .hooks

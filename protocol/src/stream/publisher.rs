@@ -22,7 +22,7 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{
     Anchor, BodyId, Integrator, Motion, Predictor, QuantisedState, RestCorrection, TRACK_AGE_MAX,
-    Tick, Ticks, Tolerance, Track,
+    Tick, Ticks, Tolerance, Track, attached_motion,
 };
 
 use super::aliases::AliasTable;
@@ -430,13 +430,23 @@ impl Publisher {
     ) -> Option<(UpdatePayload, Track)> {
         let truth = observation.motion.motion();
         let track = slot.track();
-        let predicted_motion = self
-            .tracks
-            .predicted_motion((observation.id.index(), slot), tick);
+        let body = (observation.id.index(), slot);
+        let framed = self.tracks.framed(body, &track, tick);
+        let parent = self.tracks.parent(&track);
+        let predicted_motion = match (parent, parent_candidate) {
+            (None, _) => framed,
+            (Some((index, _)), Some(observed)) if observed.index == index => {
+                attached_motion(&observed.predicted_motion, &framed.pose())
+            }
+            (Some(parent), _) => {
+                let parent = self.tracks.framed(parent, &parent.1.track(), tick);
+                attached_motion(&parent, &framed.pose())
+            }
+        };
         let tolerance = self.tracks.tolerance_of(slot);
         let age = tick.since(track.origin)?;
         let moves = track.predictor != Predictor::Rest;
-        let orphaned = track.parent.is_some() && self.tracks.parent(&track).is_none();
+        let orphaned = track.parent.is_some() && parent.is_none();
         let expired = (age >= TRACK_AGE_MAX && moves) || orphaned || !self.features.prefilter;
         let used = share(
             &truth.pose(),
@@ -462,6 +472,7 @@ impl Publisher {
             tick,
             truth: &truth,
             predicted_motion: &predicted_motion,
+            framed: &framed,
             velocities: observed.velocities,
             past: &observed.past,
             stride,
