@@ -65,6 +65,17 @@ pub const RANGES_PER_MEMBER_MAX: usize = 64;
 /// Ticks that an `Advance` may lead ahead of the scene.
 pub const ADVANCE_TICKS_MAX: u64 = 1_024;
 
+/// Cost of all queries of one message: a body that a ray finds costs 1.
+pub const QUERY_COST_MAX: u32 = 4_096;
+/// Cost of a body that a shape cast finds.
+pub const SHAPE_CAST_COST: u32 = 10;
+/// Bodies that one query may find.
+pub const HITS_MAX: u8 = 64;
+/// Body events of one tick; more are counted only.
+pub const EVENTS_PER_TICK_MAX: usize = 1_024;
+/// Body events that a client keeps until their tick is complete.
+pub const EVENTS_HELD_MAX: usize = 16_384;
+
 /// Largest coordinate, metres: at 1e5 m an f32 still resolves 8 mm.
 pub const COORDINATE_MAX: f32 = 1e5;
 /// Largest linear velocity in a command, m/s.
@@ -162,3 +173,6 @@ const _: () = assert!(HISTORY_PACKETS < 1 << 15);
 const _: () = assert!(TICK_JUMP_MAX < 1 << 15);
 // All packets of a repair symbol have different coefficients, and the mask of covered packets fits its bits.
 const _: () = assert!(FEC_SPAN <= FEC_ROWS as u32 && FEC_SPAN <= 32);
+// Queries and events fit a message: a query takes at most 75 bytes, a found body 36, an event 45.
+const _: () = assert!(QUERY_COST_MAX as usize * 75 + 16 < LONG_MESSAGE_BYTES_MAX);
+const _: () = assert!(EVENTS_PER_TICK_MAX * 45 + 32 < LONG_MESSAGE_BYTES_MAX);

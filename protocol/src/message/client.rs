@@ -13,7 +13,8 @@ use super::tier_policy::TierPolicy;
 use super::version::MAGIC;
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};
 use crate::packet::StreamId;
-use crate::scene::{Command, SceneConfig, SceneName};
+use crate::scene::query::{decode_queries, encode_queries};
+use crate::scene::{Command, Query, SceneConfig, SceneName};
 use crate::time::Instant;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};
@@ -69,6 +70,8 @@ pub enum ClientMessage {
     Upstream(Vec<u8>),
     /// Sets the tiers that the server may change to when the link is congested.
     TierPolicy(TierPolicy),
+    /// Asks where bodies are. The first of a membership has number 0, the next 1, and so on.
+    Query(Vec<Query>),
 }
 
 /// Type bytes.
@@ -89,6 +92,7 @@ mod kind {
     pub(super) const DRIVE: u8 = 14;
     pub(super) const UPSTREAM: u8 = 15;
     pub(super) const MOVES: u8 = 16;
+    pub(super) const QUERY: u8 = 17;
 }
 
 impl ClientMessage {
@@ -167,6 +171,10 @@ impl ClientMessage {
                 tier_policy.encode(body);
                 kind::MOVES
             }
+            Self::Query(queries) => {
+                encode_queries(queries, body);
+                kind::QUERY
+            }
         }
     }
 
@@ -211,6 +219,7 @@ impl ClientMessage {
             }
             kind::UPSTREAM => Self::Upstream(from.raw(framed.body.len())?.to_vec()),
             kind::MOVES => Self::TierPolicy(TierPolicy::decode(&mut from)?),
+            kind::QUERY => Self::Query(decode_queries(&mut from)?),
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };

@@ -10,7 +10,9 @@ use super::denial::Denial;
 use super::extensions::Extensions;
 use super::frame::{Framed, frame};
 use super::inspection::Inspection;
+use super::query_result::QueryResult;
 use super::scene_event::SceneEvent;
+use super::tick_events::TickEvents;
 use super::tier_policy::TierChangeCause;
 use crate::packet::{LargestPacket, StreamId};
 use crate::scene::{CommandError, IdRange, SceneConfig};
@@ -103,6 +105,10 @@ pub enum ServerMessage {
         /// The reason.
         cause: TierChangeCause,
     },
+    /// The answer to `Query`.
+    QueryResult(QueryResult),
+    /// The events of bodies in one tick.
+    TickEvents(TickEvents),
 }
 
 /// Type bytes.
@@ -123,6 +129,8 @@ mod kind {
     pub(super) const DRIVING: u8 = 14;
     pub(super) const NOT_DRIVING: u8 = 15;
     pub(super) const MOVED: u8 = 16;
+    pub(super) const QUERY_RESULT: u8 = 17;
+    pub(super) const TICK_EVENTS: u8 = 18;
 }
 
 impl Wire for Welcome {
@@ -261,6 +269,14 @@ impl ServerMessage {
                 cause.encode(&mut body);
                 kind::MOVED
             }
+            Self::QueryResult(result) => {
+                result.encode(&mut body);
+                kind::QUERY_RESULT
+            }
+            Self::TickEvents(events) => {
+                events.encode(&mut body);
+                kind::TICK_EVENTS
+            }
         };
         frame(kind, &body.into_bytes(), to);
     }
@@ -302,6 +318,8 @@ impl ServerMessage {
                 to: StreamChoice::decode(&mut from)?,
                 cause: TierChangeCause::decode(&mut from)?,
             },
+            kind::QUERY_RESULT => Self::QueryResult(QueryResult::decode(&mut from)?),
+            kind::TICK_EVENTS => Self::TickEvents(TickEvents::decode(&mut from)?),
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };

@@ -8,6 +8,7 @@ use glam::{Quat, Vec3};
 use rhumb_reckoning::{BodyId, BodyState};
 
 use super::body::BodyDesc;
+use super::body_event::ActiveEvents;
 use super::checks::{Invalid, Quantity, rotation, vector};
 use super::joint::{Joint, JointId};
 use super::shape::Shape;
@@ -106,6 +107,13 @@ pub enum Command {
         /// The joint.
         id: JointId,
     },
+    /// Turns the events of a body on or off.
+    SetEvents {
+        /// The body.
+        id: BodyId,
+        /// The events that it reports from now on.
+        events: ActiveEvents,
+    },
 }
 
 impl Command {
@@ -144,6 +152,7 @@ impl Command {
                 vector(impulse, FORCE_MAX, Quantity::TorqueImpulse)
             }
             Self::SetGravity { gravity } => vector(gravity, GRAVITY_MAX, Quantity::Gravity),
+            Self::SetEvents { events, .. } => events.check(),
         }
     }
 
@@ -176,6 +185,7 @@ mod code {
     pub(super) const SET_GRAVITY: u8 = 10;
     pub(super) const ADD_JOINT: u8 = 11;
     pub(super) const REMOVE_JOINT: u8 = 12;
+    pub(super) const SET_EVENTS: u8 = 20;
 }
 
 impl Wire for Command {
@@ -241,6 +251,11 @@ impl Wire for Command {
                 to.u8(code::REMOVE_JOINT);
                 id.encode(to);
             }
+            Self::SetEvents { id, events } => {
+                to.u8(code::SET_EVENTS);
+                id.encode(to);
+                events.encode(to);
+            }
         }
     }
 
@@ -296,6 +311,10 @@ impl Wire for Command {
             },
             code::REMOVE_JOINT => Self::RemoveJoint {
                 id: JointId::decode(from)?,
+            },
+            code::SET_EVENTS => Self::SetEvents {
+                id: BodyId::decode(from)?,
+                events: ActiveEvents::decode(from)?,
             },
             OPTIONAL.. => return Err(Malformed::UnknownCommand),
             _ => return Err(Malformed::UnknownCode),

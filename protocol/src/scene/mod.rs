@@ -1,6 +1,7 @@
 //! Types of a scene that clients and servers share.
 mod body;
 mod body_builder;
+mod body_event;
 mod checks;
 mod command;
 mod config;
@@ -14,11 +15,13 @@ mod material;
 mod mesh;
 mod name;
 mod publish_schedule;
+pub(crate) mod query;
 mod shape;
 mod shape_id;
 
 pub use body::{BodyDesc, BodyKind};
 pub use body_builder::BodyBuilder;
+pub use body_event::{ActiveEvents, BodyEvent};
 pub use checks::{Invalid, Quantity};
 pub use command::{Command, CommandError};
 pub use config::{SceneConfig, SleepConfig, Stepping};
@@ -32,5 +35,6 @@ pub use material::Material;
 pub use mesh::Mesh;
 pub use name::{InvalidSceneName, SceneName};
 pub use publish_schedule::PublishSchedule;
+pub use query::{Answer, Hit, Query, QueryFilter, QueryKind};
 pub use shape::{Compound, Part, Shape};
 pub use shape_id::ShapeId;
