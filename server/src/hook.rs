@@ -63,7 +63,8 @@ fn apply(scene: &mut Scene, command: &Command) -> Result<(), HookError> {
         | Command::RemoveBody { .. }
         | Command::SetGravity { .. }
         | Command::AddJoint { .. }
-        | Command::RemoveJoint { .. } => Err(HookError::NotAMotion),
+        | Command::RemoveJoint { .. }
+        | Command::SetEvents { .. } => Err(HookError::NotAMotion),
     }
 }
 

@@ -7,6 +7,7 @@ mod authority;
 mod flow;
 #[cfg(feature = "app")]
 mod owner;
+mod queries;
 mod subscriptions;
 mod weight;
 
@@ -61,6 +62,8 @@ pub(crate) struct SceneRunner {
     last_step: Instant,
     times: Times,
     faulted: bool,
+    /// Whether the last step of the free-running scene was more than a step late.
+    late: bool,
     /// Whether a client of another protocol owns the scene: only that client steps and ends it.
     owned: bool,
     /// The largest packet of its later streams.
@@ -92,6 +95,7 @@ impl SceneRunner {
             last_step: Instant::ZERO,
             times: Times::default(),
             faulted: false,
+            late: false,
             owned: false,
             largest_packet: LargestPacket::DEFAULT,
         }
@@ -329,6 +333,9 @@ impl SceneRunner {
             Ok(ClientMessage::Upstream(packet)) => {
                 return self.handle_upstream_message(peer, &packet, out);
             }
+            Ok(ClientMessage::Query(queries)) => {
+                return self.answer_queries(peer, &queries, out);
+            }
             // Other messages do not depend on their place among the commands.
             Ok(_) => return,
         };
@@ -460,6 +467,7 @@ impl SceneRunner {
         if let Some(due) = self.next_step {
             let step = self.step();
             let late_by = now.since(due).as_nanos();
+            self.late = late_by > step.as_nanos();
             let kept = late_by <= step.as_nanos() * CATCH_UP_STEPS;
             self.next_step = Some(if kept { due + step } else { now + step });
         }
@@ -501,6 +509,7 @@ impl SceneRunner {
         let observed = clock();
         self.streams.publish(self.scene_events);
         self.send_scene_events(out);
+        self.send_step_events(stepped.happened, out);
         for (peer, member) in &self.members {
             for stream in member.streams() {
                 for packet in self.streams.packets(stream, *peer) {

@@ -103,6 +103,13 @@ fn add_parts(
     Ok(())
 }
 
+/// The Rapier shape of a shape that queries may have.
+pub(super) fn simple(shape: &Shape) -> Option<SharedShape> {
+    let mut parts = Vec::new();
+    add_parts(shape, RapierPose::IDENTITY, &mut parts).ok()?;
+    parts.pop().map(|(_, part)| part)
+}
+
 /// Centre of a height field: the origin of Rapier's coordinates.
 fn middle(heights: &Heights) -> RapierPose {
     let half = |count: u32, spacing| (count - 1) as f32 * spacing * 0.5;

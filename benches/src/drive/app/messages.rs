@@ -42,6 +42,8 @@ pub enum Unsupported {
     Impulse,
     /// A joint.
     Joint,
+    /// Events of bodies.
+    Events,
 }
 
 impl fmt::Display for Unsupported {
@@ -54,6 +56,7 @@ impl fmt::Display for Unsupported {
             Self::Turning => "gyroscopic or locked rotation",
             Self::Impulse => "an impulse",
             Self::Joint => "a joint",
+            Self::Events => "events of bodies",
         })
     }
 }
@@ -161,6 +164,7 @@ impl MessageWriter {
             Command::AddJoint { .. } | Command::RemoveJoint { .. } => {
                 return Err(Unsupported::Joint);
             }
+            Command::SetEvents { .. } => return Err(Unsupported::Events),
         }
         Ok(())
     }
