@@ -14,6 +14,7 @@ mod scene_event;
 mod server;
 mod tick_events;
 mod tier_policy;
+mod token;
 mod version;
 
 pub use authority::{AuthorityError, AuthorityGrant, TakeAuthority};
@@ -30,4 +31,5 @@ pub use scene_event::{RemovalCause, SceneEvent};
 pub use server::{Joined, ServerMessage, Welcome};
 pub use tick_events::TickEvents;
 pub use tier_policy::{TierChangeCause, TierPolicy};
+pub use token::{InvalidToken, Role, Token};
 pub use version::{MAGIC, VERSIONS};

@@ -33,6 +33,7 @@ use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
 use crate::limits::RESERVE_MAX;
 use crate::message::{
     ClientMessage, Denial, Frames, Joined, SceneEvent, ServerMessage, StreamChoice, TierPolicy,
+    Token,
 };
 use crate::packet::Datagram;
 use crate::scene::{Command, IdRange, Query, SceneConfig, SceneName};
@@ -56,6 +57,7 @@ pub struct ClientSession {
     state: ClientState,
     peer: Peer,
     scene: SceneName,
+    token: Option<Token>,
     config: Option<SceneConfig>,
     frames: Frames,
     replica_switch: ReplicaSwitch,
@@ -84,6 +86,7 @@ impl ClientSession {
             state: ClientState::Unconnected,
             peer: Peer(0),
             scene,
+            token: None,
             config: None,
             frames: Frames::new(),
             replica_switch: ReplicaSwitch::new(),
@@ -103,6 +106,11 @@ impl ClientSession {
             out: VecDeque::new(),
             events: VecDeque::new(),
         }
+    }
+
+    /// Has the `Hello` carry a token.
+    pub fn set_token(&mut self, token: Token) {
+        self.token = Some(token);
     }
 
     /// Creates the scene; answered by `Created` or `Denied`.
@@ -222,7 +230,7 @@ impl ClientSession {
     pub fn subscribe(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
         self.must_be(ClientState::Member)?;
         self.stream_selection.select(choice);
-        self.ask_for_stream();
+        self.request_stream();
         Ok(())
     }
 
@@ -331,7 +339,7 @@ impl ClientSession {
                 // Other denials answer requests that are not about streams.
                 if matches!(denial, Denial::TooManyStreams | Denial::SceneFaulted) {
                     self.stream_selection.handle_denied();
-                    self.ask_for_stream();
+                    self.request_stream();
                 }
                 self.events.push_back(Event::Denied(denial));
             }
@@ -376,7 +384,7 @@ impl ClientSession {
         self.granted = joined.granted;
         self.replica_switch.begin(joined);
         self.stream_selection.handle_joined(joined.choice);
-        self.ask_for_stream();
+        self.request_stream();
         Ok(())
     }
 
@@ -391,15 +399,15 @@ impl ClientSession {
             self.events.push_back(Event::Joined(self.granted));
         }
         self.resyncing = false;
-        self.ask_for_stream();
+        self.request_stream();
         self.watch(now);
         Ok(())
     }
 
     /// Requests the selected stream, unless an answer or a snapshot that could be mistaken for its answer is pending.
-    fn ask_for_stream(&mut self) {
+    fn request_stream(&mut self) {
         if !self.resyncing
-            && let Some(choice) = self.stream_selection.ask()
+            && let Some(choice) = self.stream_selection.take_request()
         {
             self.send(&ClientMessage::Subscribe(choice));
         }
@@ -410,7 +418,7 @@ impl ClientSession {
     fn switch_replica(&mut self) {
         let shown = self.replica_switch.shown();
         let is_live = shown.is_some_and(|replica| !replica.stream().has_lost_sync());
-        if self.stream_selection.is_asking() && is_live {
+        if self.stream_selection.awaits_answer() && is_live {
             return;
         }
         let Some(before) = self.replica_switch.switch_when_caught_up() else {

@@ -3,8 +3,8 @@
 use glam::Vec3;
 use rhumb_protocol::limits::{ANGULAR_MAX, COORDINATE_MAX, FORCE_MAX, GRAVITY_MAX, LINEAR_MAX};
 use rhumb_protocol::scene::{
-    ActiveEvents, BodyDesc, BodyKind, Command, Compound, Heights, Hull, Joint, JointFrame, JointId,
-    JointKind, JointLimits, Material, Mesh, Part, Shape, ShapeId,
+    BodyDesc, BodyKind, Command, Compound, Heights, Hull, Joint, JointFrame, JointId, JointKind,
+    JointLimits, Material, Mesh, Part, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
 
@@ -20,7 +20,7 @@ pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
     } else {
         script.one_of(bodies)
     };
-    match script.below(17) {
+    match script.below(16) {
         0 | 1 => Command::AddShape {
             id: shape_id(script),
             shape: shape(script),
@@ -65,15 +65,6 @@ pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
         14 => Command::AddJoint {
             id: joint_id(script),
             joint: joint(script, id, bodies),
-        },
-        15 => Command::SetEvents {
-            id,
-            events: ActiveEvents {
-                contacts: script.any(),
-                force: script.any::<bool>().then(|| script.number(1e4)),
-                sensors: script.any(),
-                sleep: script.any(),
-            },
         },
         _ => Command::RemoveJoint {
             id: joint_id(script),
