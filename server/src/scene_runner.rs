@@ -19,7 +19,7 @@ use rhumb_protocol::message::{
     StreamChoice,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
-use rhumb_protocol::scene::{Command, CommandError, SceneConfig, ShapeId, Stepping};
+use rhumb_protocol::scene::{BodyDesc, Command, CommandError, SceneConfig, ShapeId, Stepping};
 use rhumb_protocol::stream::{Activity, Observation, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::Tick;
@@ -382,7 +382,11 @@ impl SceneRunner {
                 let observation = Observation {
                     id: desc.id,
                     motion,
-                    activity: Activity::Awake,
+                    activity: if desc.enabled {
+                        Activity::Awake
+                    } else {
+                        Activity::Asleep
+                    },
                 };
                 let tumbles = self.scene.inertia(desc.id).is_some();
                 let track = body_placement::first_track(tick, &observation, desc.kind, tumbles);
@@ -391,13 +395,14 @@ impl SceneRunner {
                 }
                 self.record_event(body_placement::scene_event(&self.scene, desc, track, None));
             }
+            Command::ChangeBody { desc } => self.place_again(desc),
             Command::RemoveBody { id } => {
                 self.streams.remove(id);
                 self.authority_table.remove(id);
                 let cause = RemovalCause::Command;
                 self.record_event(SceneEvent::BodyRemoved { id, cause });
             }
-            Command::AddJoint { id, joint } => {
+            Command::AddJoint { id, joint } | Command::ChangeJoint { id, joint } => {
                 self.record_event(SceneEvent::JointAdded { id, joint });
             }
             Command::RemoveJoint { id } => self.record_event(SceneEvent::JointRemoved { id }),
@@ -411,6 +416,20 @@ impl SceneRunner {
             _ => {}
         }
         Ok(())
+    }
+
+    /// Places a changed body anew in every stream: both ends predict it with its new properties from the newest tick on.
+    fn place_again(&mut self, desc: BodyDesc) {
+        let Some(observation) = self.scene.observation_at_tick(desc.id) else {
+            return;
+        };
+        let (tick, tumbles) = (self.scene.tick(), self.scene.inertia(desc.id).is_some());
+        let track = body_placement::first_track(tick, &observation, desc.kind, tumbles);
+        if let Some(parameters) = body_placement::parameters(&self.scene, desc.id) {
+            self.streams
+                .place(desc.id, &parameters, track, observation.motion);
+        }
+        self.record_event(body_placement::scene_event(&self.scene, desc, track, None));
     }
 
     fn record_event(&mut self, scene_event: SceneEvent) {
@@ -495,6 +514,9 @@ impl SceneRunner {
             self.streams.remove(id);
             self.authority_table.remove(id);
             self.record_event(SceneEvent::BodyRemoved { id, cause });
+        }
+        for id in stepped.broken {
+            self.record_event(SceneEvent::JointRemoved { id });
         }
         self.streams
             .observe(self.scene.tick(), self.scene.observations());

@@ -414,7 +414,7 @@ impl Tracks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::ShapeId;
+    use crate::scene::{LockedAxes, ShapeId};
 
     #[test]
     fn unknown_inertia_is_not_used() {
@@ -422,10 +422,11 @@ mod tests {
         let plain = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0));
         let shape = Shape::Ball { radius: 0.5 };
         let inertia = Inertia::new([1.0, 2.0, 2.5], [0.0, 0.0, 0.0, 1.0]).unwrap();
-        for (gyroscopic, turns) in [(true, true), (true, false), (false, true), (false, false)] {
+        let (free, locked) = (LockedAxes::NONE, LockedAxes::ROTATIONS);
+        for (gyroscopic, locked) in [(true, free), (true, locked), (false, free), (false, locked)] {
             let desc = BodyDesc {
                 gyroscopic,
-                turns,
+                locked,
                 ..plain
             };
             let parameters =

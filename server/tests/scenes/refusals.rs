@@ -17,7 +17,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tick, Twist};
-use rhumb_server::engine::{Engine, EngineFault, NewBody, Push, UnusableShape};
+use rhumb_server::engine::{BodyProperties, Engine, EngineFault, Push, UnusableShape};
 use rhumb_server::{Digest, Scene, SceneFault};
 
 fn config() -> SceneConfig {
@@ -177,6 +177,8 @@ fn a_joint_needs_two_living_bodies_and_a_free_id() {
             bodies,
             frames: [JointFrame::at(Vec3::ZERO); 2],
             collide: false,
+            motors: [None; 6],
+            strength: None,
         },
     };
     let id = JointId(7);
@@ -219,7 +221,11 @@ impl Engine for Double {
     fn remove_shape(&mut self, _: ShapeId) {}
     fn add_joint(&mut self, _: JointId, _: &Joint) {}
     fn remove_joint(&mut self, _: JointId) {}
-    fn add(&mut self, _: &NewBody) {}
+    fn add(&mut self, _: &BodyProperties, _: BodyState) {}
+    fn change(&mut self, _: &BodyDesc, _: &BodyProperties) {}
+    fn set_activity(&mut self, _: BodyId, _: Activity) {}
+    fn overloaded_joints(&self, _: &mut Vec<JointId>) {}
+
     fn remove(&mut self, _: BodyId) {}
     fn set_pose(&mut self, _: BodyId, _: Vec3, _: Quat) {}
     fn set_velocity(&mut self, _: BodyId, _: Twist) {}
@@ -441,6 +447,8 @@ fn joint() -> impl Strategy<Value = Joint> {
             bodies,
             frames,
             collide,
+            motors: [None; 6],
+            strength: None,
         },
     )
 }

@@ -42,6 +42,8 @@ pub enum Unsupported {
     Impulse,
     /// A joint.
     Joint,
+    /// Another description of a body, or one put to sleep or woken.
+    Change,
 }
 
 impl fmt::Display for Unsupported {
@@ -53,6 +55,7 @@ impl fmt::Display for Unsupported {
             Self::Shape => "a shape that is neither ball nor cuboid nor hull",
             Self::Turning => "gyroscopic or locked rotation",
             Self::Impulse => "an impulse",
+            Self::Change => "changes of bodies",
             Self::Joint => "a joint",
         })
     }
@@ -155,11 +158,17 @@ impl MessageWriter {
                 out.push(Message::ApplyTorque(ApplyTorque { actor, torque }));
             }
             Command::SetGravity { gravity } => out.push(Self::world(gravity)),
-            Command::Impulse { .. } | Command::TorqueImpulse { .. } => {
-                return Err(Unsupported::Impulse);
-            }
-            Command::AddJoint { .. } | Command::RemoveJoint { .. } => {
+            Command::Impulse { .. }
+            | Command::TorqueImpulse { .. }
+            | Command::ForceAt { .. }
+            | Command::ImpulseAt { .. } => return Err(Unsupported::Impulse),
+            Command::AddJoint { .. }
+            | Command::ChangeJoint { .. }
+            | Command::RemoveJoint { .. } => {
                 return Err(Unsupported::Joint);
+            }
+            Command::ChangeBody { .. } | Command::Sleep { .. } | Command::Wake { .. } => {
+                return Err(Unsupported::Change);
             }
         }
         Ok(())
@@ -174,7 +183,7 @@ impl MessageWriter {
         if desc.damping.is_some_and(|damping| damping != DAMPING) {
             return Err(Unsupported::Damping);
         }
-        if !desc.gyroscopic || !desc.turns {
+        if !desc.gyroscopic || !desc.locked.is_empty() {
             return Err(Unsupported::Turning);
         }
         let actor = id(desc.id.index() + FIRST_OBJECT);
