@@ -12,10 +12,10 @@ use rhumb_protocol::limits::{DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, Contact, Hull, IdRange, Invalid, Joint, JointFrame,
-    JointId, JointKind, JointLimits, Material, PublishSchedule, Quantity, SceneConfig, Shape,
+    JointId, JointKind, JointLimits, LockedAxes, Material, PublishSchedule, Quantity, SceneConfig, Shape,
     ShapeId, Stepping,
 };
-use rhumb_protocol::stream::Observation;
+use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tick, Twist};
 use rhumb_server::engine::{BodyProperties, Engine, EngineFault, Push, UnusableShape};
 use rhumb_server::{Digest, Scene, SceneFault};
@@ -470,6 +470,17 @@ fn step_or_command() -> impl Strategy<Value = Option<Command>> {
         2 => (shape_id(), shape()).prop_map(|(id, shape)| Some(Command::AddShape { id, shape })),
         1 => shape_id().prop_map(|id| Some(Command::RemoveShape { id })),
         8 => body_command(),
+        4 => (body_command(), 0..64_u8, any::<bool>()).prop_map(|(command, axes, enabled)| {
+            Some(match command? {
+                Command::AddBody { mut desc, .. } => {
+                    desc.locked = LockedAxes::new(axes).unwrap_or_default();
+                    (desc.sensor, desc.enabled) = (axes > 50, enabled);
+                    Command::ChangeBody { desc }
+                }
+                other => other,
+            })
+        }),
+        2 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::ChangeJoint { id, joint })),
         2 => id().prop_map(|id| Some(Command::RemoveBody { id })),
         5 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::AddJoint { id, joint })),
         1 => joint_id().prop_map(|id| Some(Command::RemoveJoint { id })),

@@ -14,6 +14,17 @@ use super::script::Script;
 /// Ids of shapes and joints are below this.
 const THINGS: usize = 5;
 
+/// The random commands of a script about these bodies, as many as its data have.
+#[must_use]
+pub fn random_commands(data: &[u8], bodies: &[BodyId]) -> Vec<Command> {
+    let mut script = Script::new(data);
+    let mut commands = Vec::new();
+    while script.goes_on() {
+        commands.push(command(&mut script, bodies));
+    }
+    commands
+}
+
 /// A random command about one of these bodies.
 pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
     let id = if bodies.is_empty() {

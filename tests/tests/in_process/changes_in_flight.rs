@@ -9,13 +9,13 @@ use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, LockedAxes, Mass, SceneConfig, Stepping};
 use rhumb_reckoning::{Damping, Tick, Tolerance, ToleranceScale};
 use rhumb_sims::{Script, by_name};
-use rhumb_tests::{COMMANDER, Stage, seed};
+use rhumb_tests::{COMMANDER, Dice, Stage, seed};
 
 /// A script that changes its bodies.
 struct Changing {
     script: Box<dyn Script>,
     bodies: Vec<BodyDesc>,
-    draws: u64,
+    dice: Dice,
 }
 
 impl Script for Changing {
@@ -37,7 +37,7 @@ impl Script for Changing {
             }
         }
         if tick.value().is_multiple_of(3) && !self.bodies.is_empty() {
-            let place = self.below(self.bodies.len() as u64) as usize;
+            let place = self.dice.below(self.bodies.len());
             let desc = self.changed(self.bodies[place]);
             self.bodies[place] = desc;
             out.push(Command::ChangeBody { desc });
@@ -46,17 +46,9 @@ impl Script for Changing {
 }
 
 impl Changing {
-    /// A pseudo-random number below this one (SplitMix64).
-    fn below(&mut self, end: u64) -> u64 {
-        self.draws = self.draws.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mixed = (self.draws ^ self.draws >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (mixed ^ mixed >> 31) % end
-    }
-
     fn changed(&mut self, desc: BodyDesc) -> BodyDesc {
-        let factor = self.below(4) as f32;
-        match self.below(7) {
+        let factor = self.dice.below(4) as f32;
+        match self.dice.below(7) {
             0 => BodyDesc {
                 damping: Some(Damping {
                     linear: factor,
@@ -69,7 +61,7 @@ impl Changing {
                 ..desc
             },
             2 => BodyDesc {
-                locked: LockedAxes::new(self.below(64) as u8).unwrap_or_default(),
+                locked: LockedAxes::new(self.dice.below(64) as u8).unwrap_or_default(),
                 ..desc
             },
             3 => BodyDesc {
@@ -88,7 +80,7 @@ impl Changing {
                 ..desc
             },
             5 => BodyDesc {
-                tolerance_scale: ToleranceScale::new(self.below(3) as i8 - 1).unwrap_or_default(),
+                tolerance_scale: ToleranceScale::new(self.dice.below(3) as i8 - 1).unwrap_or_default(),
                 ..desc
             },
             _ => BodyDesc {
@@ -103,7 +95,7 @@ fn stage(stepping: Stepping, links: &str, seed: u64) -> Stage {
     let script = Box::new(Changing {
         script: by_name("ball-pit", 60, seed).expect("an existing script"),
         bodies: Vec::new(),
-        draws: seed,
+        dice: Dice::new(seed),
     });
     let choice = StreamChoice::Within(Tolerance::NORMAL);
     let links = links.parse().expect("a valid link configuration");

@@ -15,7 +15,8 @@ use rhumb_protocol::session::Event;
 use rhumb_protocol::stream::ErrorBound;
 use rhumb_reckoning::{BodyId, Damping, Tick, Tolerance};
 use rhumb_server::Scene;
-use rhumb_tests::Table;
+use rhumb_tests::fuzzing::random_commands;
+use rhumb_tests::{Dice, Table, seed};
 
 const VALID: &str = "the test makes it valid";
 const MEMBER: &str = "the session is a member";
@@ -672,4 +673,26 @@ fn dampings_of_removed_bodies_can_be_used_again() {
 
 fn lives(remote: &Remote, index: u32) -> bool {
     remote.truth.bodies().any(|desc| desc.id.index() == index)
+}
+
+#[test]
+fn random_commands_have_the_same_effect_over_the_wire() {
+    let mut dice = Dice::new(seed(7));
+    let bodies: Vec<_> = (0..6).map(|index| BodyId::new(index, 0)).collect();
+    let mut sent = 0;
+    for _ in 0..60 {
+        let data: Vec<u8> = (0..3_000).map(|_| dice.below(256) as u8).collect();
+        let mut remote = Remote::new();
+        for command in random_commands(&data, &bodies) {
+            // A session sends no command with an invalid number.
+            if command.check().is_ok() {
+                sent += u32::from(remote.send(&command).is_ok());
+                if dice.below(3) == 0 {
+                    remote.steps(1);
+                }
+            }
+        }
+        remote.steps(30);
+    }
+    assert!(sent > 2_000, "{sent}");
 }
