@@ -51,6 +51,10 @@ pub enum CommandError {
     TooManyShapeBytes,
     /// The server does not know such a command.
     UnknownCommand,
+    /// The client's role does not include the command, or the body, shape or joint belongs to another client.
+    NotAllowed,
+    /// The command exceeds a quota of the client's token.
+    OverQuota,
     /// The body is disabled and takes neither velocities nor pushes.
     BodyDisabled(BodyId),
     /// The scene has reached its limit of joints, which grows with its bodies.
@@ -89,6 +93,10 @@ impl fmt::Display for CommandError {
                 f.write_str("the scene's shapes have reached their limit of bytes")
             }
             Self::UnknownCommand => f.write_str("the server does not know such a command"),
+            Self::NotAllowed => {
+                f.write_str("the client may not do that, or not to what belongs to another client")
+            }
+            Self::OverQuota => f.write_str("the command exceeds a quota of the client's token"),
             Self::BodyDisabled(id) => write!(f, "{id} is disabled"),
             Self::TooManyJoints => {
                 f.write_str("the scene has as many joints as its number of bodies allows")
@@ -135,6 +143,8 @@ impl Wire for CommandError {
             Self::BodyDisabled(id) => named(to, 20, &id),
             Self::TooManyJoints => to.u8(21),
             Self::TooManySwept => to.u8(22),
+            Self::NotAllowed => to.u8(32),
+            Self::OverQuota => to.u8(33),
             Self::Other(code) => to.u8(code),
         }
     }
@@ -166,6 +176,8 @@ impl Wire for CommandError {
             20 => Self::BodyDisabled(BodyId::decode(from)?),
             21 => Self::TooManyJoints,
             22 => Self::TooManySwept,
+            32 => Self::NotAllowed,
+            33 => Self::OverQuota,
             code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })

@@ -194,7 +194,7 @@ pub struct Joint {
     pub bodies: [BodyId; 2],
     /// Its frame in each body.
     pub frames: [JointFrame; 2],
-    /// Whether the two bodies also collide with each other.
+    /// True if the two bodies also collide with each other.
     pub collide: bool,
     /// Motors of free axes: translations along x, y and z, then rotations about x, y and z. A rope or a spring has none.
     pub motors: [Option<Motor>; 6],

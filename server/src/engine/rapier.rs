@@ -311,7 +311,7 @@ impl RapierEngine {
         self.observed = observed;
     }
 
-    /// Whether the body is still in its slot.
+    /// True if the body is still in its slot.
     fn is_at(&self, place: BodySlot) -> bool {
         self.place(place.id)
             .is_some_and(|now| now.handle == place.handle)
