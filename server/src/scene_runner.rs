@@ -22,9 +22,9 @@ use rhumb_protocol::message::{
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{BodyDesc, Command, CommandError, SceneConfig, ShapeId, Stepping};
-use rhumb_protocol::stream::{Activity, Observation, StreamStart};
+use rhumb_protocol::stream::{Activity, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
-use rhumb_reckoning::Tick;
+use rhumb_reckoning::{BodyState, Tick};
 
 use self::weight::weight;
 use crate::access::rights::{self, Request};
@@ -396,24 +396,12 @@ impl SceneRunner {
                 self.shape_events.remove(&id);
                 self.record_event(SceneEvent::ShapeRemoved { id });
             }
-            Command::AddBody { desc, motion } => {
-                let observation = Observation {
-                    id: desc.id,
-                    motion,
-                    activity: if desc.enabled {
-                        Activity::Awake
-                    } else {
-                        Activity::Asleep
-                    },
-                };
-                let tumbles = self.scene.inertia(desc.id).is_some();
-                let track = body_placement::first_track(tick, &observation, desc.kind, tumbles);
-                if let Some(parameters) = body_placement::parameters(&self.scene, desc.id) {
-                    self.streams.place(desc.id, &parameters, track, motion);
+            Command::AddBody { desc, motion } => self.place(desc, motion, Activity::Awake),
+            Command::ChangeBody { desc } => {
+                if let Some(there) = self.scene.observation_at_tick(desc.id) {
+                    self.place(desc, there.motion, there.activity);
                 }
-                self.record_event(body_placement::scene_event(&self.scene, desc, track, None));
             }
-            Command::ChangeBody { desc } => self.place_again(desc),
             Command::RemoveBody { id } => {
                 self.streams.remove(id);
                 self.authority_table.remove(id);
@@ -437,16 +425,12 @@ impl SceneRunner {
         Ok(())
     }
 
-    /// Places a changed body anew in every stream: both ends predict it with its new properties from the newest tick on.
-    fn place_again(&mut self, desc: BodyDesc) {
-        let Some(observation) = self.scene.observation_at_tick(desc.id) else {
-            return;
-        };
+    /// Places a new or changed body in every stream: both ends predict it by its description from the newest tick on.
+    fn place(&mut self, desc: BodyDesc, motion: BodyState, activity: Activity) {
         let (tick, tumbles) = (self.scene.tick(), self.scene.inertia(desc.id).is_some());
-        let track = body_placement::first_track(tick, &observation, desc.kind, tumbles);
+        let track = body_placement::first_track(tick, (motion, activity), &desc, tumbles);
         if let Some(parameters) = body_placement::parameters(&self.scene, desc.id) {
-            self.streams
-                .place(desc.id, &parameters, track, observation.motion);
+            self.streams.place(desc.id, &parameters, track, motion);
         }
         self.record_event(body_placement::scene_event(&self.scene, desc, track, None));
     }
