@@ -234,7 +234,8 @@ impl Tracks {
             return Some(self.flows.len() - 1);
         }
         let mut flows = self.flows.iter().enumerate();
-        let unused = |(number, flow): (usize, &Flow)| flow.users == u32::from(replaced == Some(number));
+        let unused =
+            |(number, flow): (usize, &Flow)| flow.users == u32::from(replaced == Some(number));
         let number = flows.position(unused)?;
         let users = self.flows[number].users;
         self.flows[number] = Flow { users, ..flow };
@@ -480,7 +481,11 @@ mod tests {
         assert!(!place(&mut tracks, 101, 7.0));
         for (index, slows) in [(7, true), (8, true), (100, true), (0, false)] {
             let slot = tracks.slot(index).unwrap();
-            let moved = tracks.predicted_motion((index, slot), Tick::new(60)).pose().position.x;
+            let moved = tracks
+                .predicted_motion((index, slot), Tick::new(60))
+                .pose()
+                .position
+                .x;
             assert_eq!(moved < 0.2, slows, "{index}: {moved}");
         }
     }

@@ -165,7 +165,9 @@ mod tests {
     use std::sync::Arc;
 
     use glam::Vec3;
-    use rhumb_protocol::scene::{BodyDesc, BodyKind, Joint, JointFrame, JointId, JointKind, Shape, ShapeId};
+    use rhumb_protocol::scene::{
+        BodyDesc, BodyKind, Joint, JointFrame, JointId, JointKind, Shape, ShapeId,
+    };
 
     use super::*;
     use crate::access::permit::Quotas;

@@ -12,8 +12,8 @@ use rhumb_protocol::limits::{DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, Contact, Hull, IdRange, Invalid, Joint, JointFrame,
-    JointId, JointKind, JointLimits, LockedAxes, Material, PublishSchedule, Quantity, SceneConfig, Shape,
-    ShapeId, Stepping,
+    JointId, JointKind, JointLimits, LockedAxes, Material, PublishSchedule, Quantity, SceneConfig,
+    Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tick, Twist};

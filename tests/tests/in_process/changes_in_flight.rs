@@ -80,7 +80,8 @@ impl Changing {
                 ..desc
             },
             5 => BodyDesc {
-                tolerance_scale: ToleranceScale::new(self.dice.below(3) as i8 - 1).unwrap_or_default(),
+                tolerance_scale: ToleranceScale::new(self.dice.below(3) as i8 - 1)
+                    .unwrap_or_default(),
                 ..desc
             },
             _ => BodyDesc {

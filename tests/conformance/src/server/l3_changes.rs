@@ -35,7 +35,10 @@ const CASES: &[CaseRow] = &[
             let before = falling.there()?.twist().linear;
             falling.to(91)?;
             let off = (falling.there()?.twist().linear - before).length();
-            ensure(off <= 0.05, format!("it keeps its velocity, not {off} m/s off"))
+            ensure(
+                off <= 0.05,
+                format!("it keeps its velocity, not {off} m/s off"),
+            )
         },
     ),
     (
@@ -97,7 +100,10 @@ const CASES: &[CaseRow] = &[
             // Two fifths of the mass times the square of the radius.
             let spin = -0.5 / (0.4 * 0.25);
             let off = (twist.linear.z - 1.0).abs() + (twist.angular.y - spin).abs() * 0.1;
-            ensure(off <= 0.05, format!("1 m/s and {spin} rad/s, not {twist:?}"))
+            ensure(
+                off <= 0.05,
+                format!("1 m/s and {spin} rad/s, not {twist:?}"),
+            )
         },
     ),
     (
@@ -116,7 +122,10 @@ const CASES: &[CaseRow] = &[
             })?;
             falling.to(180)?;
             let length = falling.there()?.pose().position.distance(POST.as_dvec3());
-            ensure(length >= 4.0, format!("it falls on, not only to {length} m"))
+            ensure(
+                length >= 4.0,
+                format!("it falls on, not only to {length} m"),
+            )
         },
     ),
     (
@@ -178,7 +187,9 @@ impl Falling {
 
     fn join(&mut self, joint: Joint) -> CaseResult {
         let id = JointId(0);
-        self.subscriber.must(Command::AddJoint { id, joint }).map(drop)
+        self.subscriber
+            .must(Command::AddJoint { id, joint })
+            .map(drop)
     }
 
     fn to(&mut self, tick: u64) -> CaseResult {
