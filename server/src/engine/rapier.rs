@@ -39,7 +39,7 @@ pub struct RapierEngine {
     kinematic_targets: BTreeMap<BodyId, KinematicTarget>,
     /// Bodies with a force until the next step is over.
     forced: Vec<RigidBodyHandle>,
-    /// Static bodies that were displaced since the last step.
+    /// Bodies that do not move and were displaced or put to sleep since the last step.
     displaced: Vec<BodySlot>,
     /// Awake after the last step, in the order of ids.
     awake: Vec<BodySlot>,
@@ -142,6 +142,9 @@ impl RapierEngine {
         for collider in solids::colliders(new, solid) {
             self.world.insert_collider(collider, Some(handle));
         }
+        // Mass beside that of the colliders acts on pushes before the next step too.
+        let body = &mut self.world.bodies[handle];
+        body.recompute_mass_properties_from_colliders(&self.world.colliders);
         let id = new.desc.id;
         let index = id.index() as usize;
         if index >= self.places.len() {
@@ -301,10 +304,13 @@ impl RapierEngine {
         if !self.displaced.is_empty() {
             self.displaced.sort_unstable_by_key(|place| place.id);
             self.displaced.dedup_by_key(|place| place.id);
-            let still_there = self.displaced.iter().filter(|place| self.is_at(**place));
-            observed.extend(
-                still_there.filter_map(|place| self.observe_slot(*place, Activity::Asleep).ok()),
-            );
+            let others = observed.len();
+            for place in &self.displaced {
+                let known = observed[..others].binary_search_by_key(&place.id, |other| other.id);
+                if known.is_err() && self.is_at(*place) {
+                    observed.extend(self.observe_slot(*place, Activity::Asleep));
+                }
+            }
             observed.sort_unstable_by_key(|observation| observation.id);
             self.displaced.clear();
         }
@@ -418,8 +424,10 @@ impl Engine for RapierEngine {
     }
 
     fn overloaded_joints(&self, out: &mut Vec<JointId>) {
-        let step = self.world.integration_parameters.dt;
-        self.joints.overloaded(&self.world, step, out);
+        // Rapier keeps the impulses of the last substep.
+        let parameters = &self.world.integration_parameters;
+        let substep = parameters.dt / parameters.num_solver_iterations as f32;
+        self.joints.overloaded(&self.world, substep, out);
     }
 
     fn set_pose(&mut self, id: BodyId, position: Vec3, rotation: Quat) {
@@ -438,7 +446,10 @@ impl Engine for RapierEngine {
             let body = &mut engine.world.bodies[place.handle];
             match activity {
                 Activity::Awake => body.wake_up(true),
-                Activity::Asleep => body.sleep(),
+                Activity::Asleep => {
+                    body.sleep();
+                    engine.displaced.push(place);
+                }
             }
         });
     }

@@ -173,7 +173,8 @@ pub(super) fn inertia(body: &RigidBody) -> Option<Inertia> {
 /// `dt`: length of a step, seconds. Forces stay until [`unpush`].
 pub(super) fn push(body: &mut RigidBody, push: Push, dt: f32) {
     let properties = body.mass_properties();
-    let lightness = properties.effective_inv_mass.x;
+    // Zero along locked axes.
+    let lightness = properties.effective_inv_mass;
     let turnability = properties.effective_world_inv_inertia;
     let lever = |point: Vec3| point - body.center_of_mass();
     match push {

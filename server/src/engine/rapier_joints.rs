@@ -48,13 +48,13 @@ impl RapierJoints {
 
     /// Adds the joints whose load in the last step was above their strength.
     ///
-    /// `step`: seconds in which a joint's impulses act.
-    pub(super) fn overloaded(&self, world: &PhysicsWorld, step: f32, out: &mut Vec<JointId>) {
+    /// `substep`: seconds in which a joint's impulses act.
+    pub(super) fn overloaded(&self, world: &PhysicsWorld, substep: f32, out: &mut Vec<JointId>) {
         let is_overloaded = |(id, strength): (&JointId, &JointStrength)| {
             let joint = world.impulse_joints.get(*self.handles.get(id)?)?;
             let [x, y, z, about_x, about_y, about_z] = joint.impulses.into();
-            let force = Vec3::new(x, y, z).length() / step;
-            let torque = Vec3::new(about_x, about_y, about_z).length() / step;
+            let force = Vec3::new(x, y, z).length() / substep;
+            let torque = Vec3::new(about_x, about_y, about_z).length() / substep;
             (force > strength.force || torque > strength.torque).then_some(*id)
         };
         out.extend(self.strengths.iter().filter_map(is_overloaded));
