@@ -112,6 +112,22 @@ pub const SHAPE_BYTES_PER_SCENE_MAX: usize = 8 << 20;
 pub const DENSITY_MIN: f32 = 1e-3;
 /// See [`DENSITY_MIN`].
 pub const DENSITY_MAX: f32 = 1e6;
+/// Smallest and largest mass of a body that has its own, kg.
+pub const MASS_MIN: f32 = 1e-3;
+/// See [`MASS_MIN`].
+pub const MASS_MAX: f32 = 1e6;
+/// Smallest and largest moment of inertia of such a body for each kilogram, m²: the squares of the extents.
+pub const GYRATION_MIN: f32 = 1e-6;
+/// See [`GYRATION_MIN`].
+pub const GYRATION_MAX: f32 = 1e8;
+/// Bodies of a scene that are swept against moving ones.
+pub const SWEPT_BODIES_MAX: usize = 64;
+/// Joints of a scene beside [`JOINTS_PER_BODY`] for each body.
+pub const JOINTS_BESIDE: usize = 64;
+/// See [`JOINTS_BESIDE`].
+pub const JOINTS_PER_BODY: usize = 4;
+/// Largest stiffness and damping of a joint's motor or spring: 1/s² and 1/s, or N/m and N·s/m.
+pub const STIFFNESS_MAX: f32 = 1e6;
 /// Largest friction coefficient.
 pub const FRICTION_MAX: f32 = 1e2;
 /// Largest damping, 1/s.

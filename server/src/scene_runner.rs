@@ -22,10 +22,10 @@ use rhumb_protocol::message::{
     StreamChoice,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
-use rhumb_protocol::scene::{Command, CommandError, SceneConfig, ShapeId, Stepping};
-use rhumb_protocol::stream::{Activity, Observation, StreamStart};
+use rhumb_protocol::scene::{BodyDesc, Command, CommandError, SceneConfig, ShapeId, Stepping};
+use rhumb_protocol::stream::{Activity, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
-use rhumb_reckoning::Tick;
+use rhumb_reckoning::{BodyState, Tick};
 
 use self::weight::weight;
 use crate::access::rights::{self, Request};
@@ -403,18 +403,11 @@ impl SceneRunner {
                 self.shape_events.remove(&id);
                 self.record_event(SceneEvent::ShapeRemoved { id });
             }
-            Command::AddBody { desc, motion } => {
-                let observation = Observation {
-                    id: desc.id,
-                    motion,
-                    activity: Activity::Awake,
-                };
-                let tumbles = self.scene.inertia(desc.id).is_some();
-                let track = body_placement::first_track(tick, &observation, desc.kind, tumbles);
-                if let Some(parameters) = body_placement::parameters(&self.scene, desc.id) {
-                    self.streams.place(desc.id, &parameters, track, motion);
+            Command::AddBody { desc, motion } => self.place(desc, motion, Activity::Awake),
+            Command::ChangeBody { desc } => {
+                if let Some(there) = self.scene.observation_at_tick(desc.id) {
+                    self.place(desc, there.motion, there.activity);
                 }
-                self.record_event(body_placement::scene_event(&self.scene, desc, track, None));
             }
             Command::RemoveBody { id } => {
                 self.streams.remove(id);
@@ -423,7 +416,7 @@ impl SceneRunner {
                 let cause = RemovalCause::Command;
                 self.record_event(SceneEvent::BodyRemoved { id, cause });
             }
-            Command::AddJoint { id, joint } => {
+            Command::AddJoint { id, joint } | Command::ChangeJoint { id, joint } => {
                 self.record_event(SceneEvent::JointAdded { id, joint });
             }
             Command::RemoveJoint { id } => self.record_event(SceneEvent::JointRemoved { id }),
@@ -437,6 +430,16 @@ impl SceneRunner {
             _ => {}
         }
         Ok(())
+    }
+
+    /// Places a new or changed body in every stream: both ends predict it by its description from the newest tick on.
+    fn place(&mut self, desc: BodyDesc, motion: BodyState, activity: Activity) {
+        let (tick, tumbles) = (self.scene.tick(), self.scene.inertia(desc.id).is_some());
+        let track = body_placement::first_track(tick, (motion, activity), &desc, tumbles);
+        if let Some(parameters) = body_placement::parameters(&self.scene, desc.id) {
+            self.streams.place(desc.id, &parameters, track, motion);
+        }
+        self.record_event(body_placement::scene_event(&self.scene, desc, track, None));
     }
 
     fn record_event(&mut self, scene_event: SceneEvent) {
@@ -523,6 +526,10 @@ impl SceneRunner {
             self.authority_table.remove(id);
             self.ownership.remove_body(id);
             self.record_event(SceneEvent::BodyRemoved { id, cause });
+        }
+        for id in stepped.broken {
+            self.ownership.remove_joint(id);
+            self.record_event(SceneEvent::JointRemoved { id });
         }
         self.streams
             .observe(self.scene.tick(), self.scene.observations());

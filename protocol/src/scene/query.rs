@@ -175,7 +175,11 @@ impl Query {
     pub const fn allows(shape: &Shape) -> bool {
         !matches!(
             shape,
-            Shape::Hull(_) | Shape::Heights(_) | Shape::Mesh(_) | Shape::Compound(_)
+            Shape::Hull(_)
+                | Shape::Heights(_)
+                | Shape::Mesh(_)
+                | Shape::Compound(_)
+                | Shape::HalfSpace { .. }
         )
     }
 

@@ -55,7 +55,7 @@ pub enum Event {
         /// The reason for the refusal.
         error: CommandError,
     },
-    /// A body was placed in the scene.
+    /// A body was placed in the scene, or its description was replaced.
     BodyPlaced(BodyId),
     /// A body was removed from the scene.
     BodyRemoved {

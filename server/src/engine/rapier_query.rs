@@ -41,9 +41,8 @@ pub(super) fn answer(
             position,
             rotation,
             translation,
-        } => match simple(shape) {
-            Some(shape) => {
-                let at = pose(position, rotation);
+        } => match simple(shape, pose(position, rotation)) {
+            Some((at, shape)) => {
                 let (way, length) = way(translation);
                 let options = ShapeCastOptions {
                     max_time_of_impact: length,
@@ -67,8 +66,8 @@ pub(super) fn answer(
             position,
             rotation,
         } => {
-            let overlapped = simple(shape)
-                .map(|shape| search.overlapped(most, &shape, pose(position, rotation)));
+            let overlapped = simple(shape, pose(position, rotation))
+                .map(|(at, shape)| search.overlapped(most, &shape, at));
             let mut ids = bodies(&overlapped.unwrap_or_default());
             ids.sort_unstable();
             Answer::Bodies(ids)

@@ -3,7 +3,7 @@
 use super::message_case::MessageCase;
 use super::pieces::{
     CaseList, TURNED, bad_shapes, body, choices, config, config_of, extensions, f, id, joints,
-    motion, shapes, v,
+    motion, properties, shapes, v,
 };
 
 pub(super) fn cases() -> Vec<MessageCase> {
@@ -244,6 +244,27 @@ fn commands(cases: &mut CaseList) {
     pushes(cases);
 }
 
+/// Commands that change existing bodies and joints.
+fn changes(cases: &mut CaseList) {
+    for (word, properties) in properties() {
+        cases.add(7, format!("ChangeBody, {word}"), &[&[13], &properties]);
+    }
+    let (_, joint) = &joints()[0];
+    cases.add(7, "ChangeJoint", &[&[14], &v(7), joint]);
+    let nothing = [v(0x80), joint[1..].to_vec(), vec![0]].concat();
+    cases.add(
+        7,
+        "ChangeJoint, no motors though they follow",
+        &[&[14], &v(7), &nothing],
+    );
+    for (code, name) in [(15, "ForceAt"), (16, "ImpulseAt")] {
+        let vectors = f(&[0.0, 2.5, 0.0, 1.0, -1.0, 0.5]);
+        cases.add(7, name, &[&[code], &id(300, 2), &vectors]);
+    }
+    cases.add(7, "Sleep", &[&[17], &id(300, 2)]);
+    cases.add(7, "Wake", &[&[18], &id(300, 2)]);
+}
+
 /// Commands that move or constrain existing bodies.
 fn pushes(cases: &mut CaseList) {
     cases.add(7, "RemoveBody", &[&[3], &id(300, 2)]);
@@ -275,15 +296,16 @@ fn pushes(cases: &mut CaseList) {
     for (word, joint) in joints() {
         cases.add(7, format!("AddJoint, {word}"), &[&[11], &v(7), &joint]);
     }
-    let fixed = [&[8][..], &joints()[0].1[1..], &f(&[0.0, 1.0])].concat();
+    let fixed = [&[16][..], &joints()[0].1[1..], &f(&[0.0, 1.0])].concat();
     cases.add(7, "AddJoint, fixed with limits", &[&[11], &v(7), &fixed]);
     cases.add(7, "RemoveJoint", &[&[12], &v(7)]);
     for flags in [0, 1, 2, 12, 15, 16] {
         let force = if flags & 2 == 0 { vec![] } else { f(&[12.5]) };
         let name = format!("SetEvents, flags {flags}");
-        cases.add(7, name, &[&[20], &id(300, 2), &[flags], &force]);
+        cases.add(7, name, &[&[19], &id(300, 2), &[flags], &force]);
     }
-    for code in [13, 0x7f] {
+    changes(cases);
+    for code in [20, 0x7f] {
         cases.add(
             7,
             format!("a critical command {code} that is unknown"),

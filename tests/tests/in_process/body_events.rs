@@ -21,6 +21,12 @@ const CONTACTS: ActiveEvents = ActiveEvents {
     ..ActiveEvents::NONE
 };
 
+fn state(at: Vec3) -> BodyState {
+    let still = [0.0; 3];
+    let state = BodyState::new(at.to_array(), [0.0, 0.0, 0.0, 1.0], still, still);
+    state.expect("a finite state")
+}
+
 /// A lockstep scene with a floor, and one member.
 struct Stage {
     table: Table,
@@ -71,11 +77,9 @@ impl Stage {
     }
 
     fn add(&mut self, id: BodyId, kind: BodyKind, shape: u32, at: Vec3) {
-        let still = [0.0; 3];
-        let motion = BodyState::new(at.to_array(), [0.0, 0.0, 0.0, 1.0], still, still);
         self.command(Command::AddBody {
             desc: BodyDesc::plain(id, kind, ShapeId(shape)),
-            motion: motion.expect("a finite state"),
+            motion: state(at),
         });
     }
 
@@ -219,6 +223,48 @@ fn a_body_reports_sleep_and_waking() {
     // Events that are off are not reported.
     stage.report(BOX, ActiveEvents::NONE);
     assert_eq!(stage.steps(60), []);
+}
+
+/// A static sensor finds what moves through it, whether the engine moves it or a client.
+#[test]
+fn a_sensor_reports_what_enters_and_leaves() {
+    for kind in [BodyKind::Dynamic, BodyKind::Kinematic] {
+        for reporting in [BOX, SECOND] {
+            let mut stage = Stage::new();
+            let at = |height| state(Vec3::new(0.0, height, 0.0));
+            let sensor = BodyDesc {
+                sensor: true,
+                ..BodyDesc::plain(BOX, BodyKind::Static, ShapeId(1))
+            };
+            let motion = at(5.0);
+            stage.command(Command::AddBody {
+                desc: sensor,
+                motion,
+            });
+            stage.add(SECOND, kind, 1, Vec3::new(0.0, 7.0, 0.0));
+            let (linear, angular) = (Vec3::new(0.0, -6.0, 0.0), Vec3::ZERO);
+            stage.command(Command::SetVelocity {
+                id: SECOND,
+                linear,
+                angular,
+            });
+            let sensors = ActiveEvents {
+                sensors: true,
+                ..ActiveEvents::NONE
+            };
+            stage.report(reporting, sensors);
+            let passage = stage.steps(45);
+            let (sensor, body) = (BOX, SECOND);
+            let events: Vec<_> = passage.iter().map(|(_, event)| *event).collect();
+            let expected = [
+                BodyEvent::SensorEntered { sensor, body },
+                BodyEvent::SensorLeft { sensor, body },
+            ];
+            assert_eq!(events, expected, "{kind:?}");
+            let inside = passage[1].0 - passage[0].0;
+            assert!((12..=21).contains(&inside), "{inside} ticks for two metres");
+        }
+    }
 }
 
 /// Sleeping bodies keep their contacts: neither sleep nor waking ends one.

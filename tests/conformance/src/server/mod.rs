@@ -13,6 +13,7 @@ mod l1_transport;
 mod l2_stream;
 mod l2_wire;
 mod l3_authority;
+mod l3_changes;
 mod l3_commands;
 mod l3_joints;
 mod l3_motion;
