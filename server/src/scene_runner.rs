@@ -18,7 +18,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX};
 use rhumb_protocol::message::{
-    ClientMessage, Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage,
+    ClientMessage, Denial, Extensions, Joined, RemovalCause, SceneEvent, ServerMessage,
     StreamChoice,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
@@ -573,27 +573,6 @@ impl SceneRunner {
             since_tick_ns: now.since(self.last_step).as_nanos(),
         };
         out.send(peer, &pong);
-    }
-
-    pub(crate) fn inspect(&mut self, peer: Peer, out: &mut Outbox) {
-        let times = self.times.summary();
-        let Some(stream) = self.stream_of(peer) else {
-            return;
-        };
-        let sent = stream.sender.statistics();
-        let inspection = Inspection {
-            tick: self.scene.tick(),
-            truth: self.scene.digest().value(),
-            bodies: self.scene.body_count() as u32,
-            awake: self.scene.awake_count() as u32,
-            updates: sent.updates,
-            packets: sent.packets,
-            packet_bytes: sent.bytes,
-            mismatches: stream.sender.mismatches(),
-            over_budget: sent.over_budget,
-            times,
-        };
-        out.send(peer, &ServerMessage::Inspection(inspection));
     }
 
     /// Informs the members that the scene has ended.

@@ -1,11 +1,11 @@
-//! Answers to queries, and the events of bodies.
+//! Answers to queries and inspections, and the events of bodies.
 //!
-//! Both are work and bytes beside the stream: a scene that is late answers no queries, and a member that reads slowly
+//! All are work and bytes beside the stream: a scene that is late answers no queries, and a member that reads slowly
 //! gets no events until it has caught up.
 
 use bytes::Bytes;
 use rhumb_protocol::Peer;
-use rhumb_protocol::message::{QueryError, QueryResult, ServerMessage, TickEvents};
+use rhumb_protocol::message::{Inspection, QueryError, QueryResult, ServerMessage, TickEvents};
 use rhumb_protocol::scene::{Answer, Query, Stepping};
 
 use super::SceneRunner;
@@ -77,5 +77,26 @@ impl SceneRunner {
                 out.send_encoded(*peer, &encoded(&events));
             }
         }
+    }
+
+    pub(crate) fn inspect(&mut self, peer: Peer, out: &mut Outbox) {
+        let times = self.times.summary();
+        let Some(stream) = self.stream_of(peer) else {
+            return;
+        };
+        let sent = stream.sender.statistics();
+        let inspection = Inspection {
+            tick: self.scene.tick(),
+            truth: self.scene.digest().value(),
+            bodies: self.scene.body_count() as u32,
+            awake: self.scene.awake_count() as u32,
+            updates: sent.updates,
+            packets: sent.packets,
+            packet_bytes: sent.bytes,
+            mismatches: stream.sender.mismatches(),
+            over_budget: sent.over_budget,
+            times,
+        };
+        out.send(peer, &ServerMessage::Inspection(inspection));
     }
 }
