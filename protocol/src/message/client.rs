@@ -120,57 +120,33 @@ impl ClientMessage {
                 extensions.encode(body);
                 kind::HELLO
             }
-            Self::Create(config) => {
-                config.encode(body);
-                kind::CREATE
-            }
-            Self::Join(choice) => {
-                choice.encode(body);
-                kind::JOIN
-            }
+            Self::Create(config) => put(config, kind::CREATE, body),
+            Self::Join(choice) => put(choice, kind::JOIN, body),
             Self::Leave => kind::LEAVE,
             Self::Delete => kind::DELETE,
             Self::Reserve { count } => {
                 body.varint(u64::from(*count));
                 kind::RESERVE
             }
-            Self::Command(command) => {
-                command.encode(body);
-                kind::COMMAND
-            }
+            Self::Command(command) => put(command, kind::COMMAND, body),
             Self::Advance { to: tick } => {
                 body.varint(tick.value());
                 kind::ADVANCE
             }
-            Self::Resync(cause) => {
-                cause.encode(body);
-                kind::RESYNC
-            }
+            Self::Resync(cause) => put(cause, kind::RESYNC, body),
             Self::Ping { sent } => {
                 body.varint(sent.as_nanos());
                 kind::PING
             }
             Self::Inspect => kind::INSPECT,
-            Self::Subscribe(choice) => {
-                choice.encode(body);
-                kind::SUBSCRIBE
-            }
-            Self::Subscribed(stream) => {
-                stream.encode(body);
-                kind::SUBSCRIBED
-            }
-            Self::TakeAuthority(request) => {
-                request.encode(body);
-                kind::TAKE_AUTHORITY
-            }
+            Self::Subscribe(choice) => put(choice, kind::SUBSCRIBE, body),
+            Self::Subscribed(stream) => put(stream, kind::SUBSCRIBED, body),
+            Self::TakeAuthority(request) => put(request, kind::TAKE_AUTHORITY, body),
             Self::Upstream(packet) => {
                 body.raw(packet);
                 kind::UPSTREAM
             }
-            Self::TierPolicy(tier_policy) => {
-                tier_policy.encode(body);
-                kind::TIER_POLICY
-            }
+            Self::TierPolicy(tier_policy) => put(tier_policy, kind::TIER_POLICY, body),
             Self::Query(queries) => {
                 encode_queries(queries, body);
                 kind::QUERY
@@ -226,6 +202,12 @@ impl ClientMessage {
         from.finish()?;
         Ok(Some(message))
     }
+}
+
+/// Appends the only field of a message; returns the message's type.
+fn put(field: &impl Wire, kind: u8, to: &mut Writer) -> u8 {
+    field.encode(to);
+    kind
 }
 
 fn decode_hello(from: &mut Reader<'_>) -> Result<ClientMessage, Malformed> {

@@ -208,26 +208,14 @@ impl ServerMessage {
     pub fn encode(&self, to: &mut Vec<u8>) {
         let mut body = Writer::new();
         let kind = match self {
-            Self::Welcome(welcome) => {
-                welcome.encode(&mut body);
-                kind::WELCOME
-            }
+            Self::Welcome(welcome) => put(welcome, kind::WELCOME, &mut body),
             Self::Created => kind::CREATED,
-            Self::Joined(joined) => {
-                joined.encode(&mut body);
-                kind::JOINED
-            }
+            Self::Joined(joined) => put(joined, kind::JOINED, &mut body),
             Self::SnapshotEnd => kind::SNAPSHOT_END,
             Self::Left => kind::LEFT,
             Self::Deleted => kind::DELETED,
-            Self::Reserved(range) => {
-                range.encode(&mut body);
-                kind::RESERVED
-            }
-            Self::Denied(denial) => {
-                denial.encode(&mut body);
-                kind::DENIED
-            }
+            Self::Reserved(range) => put(range, kind::RESERVED, &mut body),
+            Self::Denied(denial) => put(denial, kind::DENIED, &mut body),
             Self::Applied { through, tick } => {
                 body.varint(*through);
                 body.varint(tick.value());
@@ -238,10 +226,7 @@ impl ServerMessage {
                 error.encode(&mut body);
                 kind::REFUSED
             }
-            Self::SceneEvent(scene_event) => {
-                scene_event.encode(&mut body);
-                kind::SCENE_EVENT
-            }
+            Self::SceneEvent(scene_event) => put(scene_event, kind::SCENE_EVENT, &mut body),
             Self::Pong {
                 sent,
                 tick,
@@ -252,31 +237,16 @@ impl ServerMessage {
                 body.varint(*since_tick_ns);
                 kind::PONG
             }
-            Self::Inspection(inspection) => {
-                inspection.encode(&mut body);
-                kind::INSPECTION
-            }
-            Self::AuthorityGrant(grant) => {
-                grant.encode(&mut body);
-                kind::AUTHORITY_GRANT
-            }
-            Self::AuthorityDenied(error) => {
-                error.encode(&mut body);
-                kind::AUTHORITY_DENIED
-            }
+            Self::Inspection(inspection) => put(inspection, kind::INSPECTION, &mut body),
+            Self::AuthorityGrant(grant) => put(grant, kind::AUTHORITY_GRANT, &mut body),
+            Self::AuthorityDenied(error) => put(error, kind::AUTHORITY_DENIED, &mut body),
             Self::TierChanged { to: choice, cause } => {
                 choice.encode(&mut body);
                 cause.encode(&mut body);
                 kind::TIER_CHANGED
             }
-            Self::QueryResult(result) => {
-                result.encode(&mut body);
-                kind::QUERY_RESULT
-            }
-            Self::TickEvents(events) => {
-                events.encode(&mut body);
-                kind::TICK_EVENTS
-            }
+            Self::QueryResult(result) => put(result, kind::QUERY_RESULT, &mut body),
+            Self::TickEvents(events) => put(events, kind::TICK_EVENTS, &mut body),
         };
         frame(kind, &body.into_bytes(), to);
     }
@@ -326,4 +296,10 @@ impl ServerMessage {
         from.finish()?;
         Ok(Some(message))
     }
+}
+
+/// Appends the only field of a message; returns the message's type.
+fn put(field: &impl Wire, kind: u8, to: &mut Writer) -> u8 {
+    field.encode(to);
+    kind
 }
