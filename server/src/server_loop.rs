@@ -163,7 +163,9 @@ impl ServerLoop {
                 self.blocked.insert(peer);
                 break;
             }
-            left -= 1;
+            // A message of queries ends the turn: it is as much work as many others.
+            let is_work = left != usize::MAX && matches!(message, Ok(ClientMessage::Query(_)));
+            left = if is_work { 0 } else { left - 1 };
             self.pulse.beat();
             self.handle_message(now, peer, message);
             if let Some(runner) = self.scene_of(peer)

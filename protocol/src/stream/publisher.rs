@@ -176,12 +176,18 @@ impl Publisher {
         self.statistics
     }
 
-    /// Places a body that came into the scene. A scene event carries its first track to every receiver.
+    /// Places a body that came into the scene or was changed. A scene event carries its track to every receiver.
     ///
     /// Returns `false` if the table is full, which the scene's own limits prevent.
     #[must_use]
     pub fn place(&mut self, id: BodyId, parameters: &PredictionParameters, track: Track) -> bool {
-        self.tracks.place(id, parameters, track, None)
+        let attached_to = self.tracks.slot(id.index()).and_then(Slot::parent);
+        let placed = self.tracks.place(id, parameters, track, None);
+        if placed {
+            self.alias_table.release(id.index());
+            self.move_child(attached_to, None);
+        }
+        placed
     }
 
     /// Removes a body from the scene. Its children are updated at the next tick.
