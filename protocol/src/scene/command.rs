@@ -415,6 +415,11 @@ pub enum CommandError {
     NotAllowed,
     /// The command exceeds a quota of the client's token.
     OverQuota,
+    /// The machine has no time left for the body; a later attempt may succeed.
+    Overloaded {
+        /// When to try again, seconds from now.
+        retry_seconds: u8,
+    },
     /// A reason of a later version; the code is from [`OPTIONAL`] on.
     Other(u8),
 }
@@ -451,6 +456,10 @@ impl fmt::Display for CommandError {
                 f.write_str("the client may not do that, or not to what belongs to another client")
             }
             Self::OverQuota => f.write_str("the command exceeds a quota of the client's token"),
+            Self::Overloaded { retry_seconds } => write!(
+                f,
+                "the server has no time left for it; try again in {retry_seconds} s"
+            ),
             Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
         }
     }
@@ -489,6 +498,10 @@ impl Wire for CommandError {
             Self::UnknownCommand => to.u8(19),
             Self::NotAllowed => to.u8(32),
             Self::OverQuota => to.u8(33),
+            Self::Overloaded { retry_seconds } => {
+                to.u8(34);
+                to.u8(retry_seconds);
+            }
             Self::Other(code) => to.u8(code),
         }
     }
@@ -519,6 +532,9 @@ impl Wire for CommandError {
             19 => Self::UnknownCommand,
             32 => Self::NotAllowed,
             33 => Self::OverQuota,
+            34 => Self::Overloaded {
+                retry_seconds: from.u8()?,
+            },
             code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })

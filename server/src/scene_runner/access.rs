@@ -1,10 +1,12 @@
-//! What members may do in a scene.
+//! What members may do in a scene, and what the server admits of it.
 
 use rhumb_protocol::Peer;
 use rhumb_protocol::scene::{Command, CommandError};
+use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
 use crate::access::rights::{self, Refused, Request};
+use crate::load;
 
 impl SceneRunner {
     /// Decides whether a member may make a request.
@@ -25,5 +27,30 @@ impl SceneRunner {
             self.ownership.note(&member.permit, command);
         }
         Ok(())
+    }
+
+    /// Carries out a command if the server admits the body that it adds.
+    pub(super) fn apply_within_load(&mut self, command: &Command) -> Result<(), CommandError> {
+        if !matches!(command, Command::AddBody { .. }) {
+            return self.scene.apply(command);
+        }
+        if self.scene.body_count() as u64 >= self.provision.limits.bodies_per_scene {
+            return Err(CommandError::TooManyBodies);
+        }
+        if !self.provision.load.add_body() {
+            let retry_seconds = load::RETRY_SECONDS;
+            return Err(CommandError::Overloaded { retry_seconds });
+        }
+        let applied = self.scene.apply(command);
+        if applied.is_err() {
+            self.provision.load.remove_body();
+        }
+        applied
+    }
+
+    /// Forgets to whom a body belonged that has left the scene.
+    pub(super) fn forget_body(&mut self, id: BodyId) {
+        self.ownership.remove_body(id);
+        self.provision.load.remove_body();
     }
 }
