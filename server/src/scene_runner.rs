@@ -161,6 +161,7 @@ impl SceneRunner {
         let of_client = |member: &&Member| member.permit.client == permit.client;
         let members = self.members.values().filter(of_client).count();
         rights::check(&permit, &self.ownership, Request::Join { members })?;
+        self.check_stream(&permit, choice)?;
         if self.members.len() as u64 >= self.provision.limits.members_per_scene {
             return Err(Denial::TooManyMembers);
         }
