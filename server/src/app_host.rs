@@ -142,12 +142,14 @@ mod tests {
     use glam::Quat;
     use rhumb_app::{AppTransmit, Logon, Message};
     use rhumb_protocol::message::RemovalCause;
-    use rhumb_protocol::scene::{Joint, JointId};
+    use rhumb_protocol::scene::{Answer, Joint, JointId, Query};
     use rhumb_protocol::stream::Activity;
     use rhumb_reckoning::{BodyState, Inertia, Twist};
 
     use super::*;
-    use crate::engine::{BodyProperties, Engine, EngineFault, Push, UnusableShape};
+    use crate::engine::{
+        BodyProperties, Engine, EngineFault, Push, UnanswerableQuery, UnusableShape,
+    };
     use crate::scene::Scene;
     use crate::stream_names::StreamNames;
 
@@ -187,6 +189,11 @@ mod tests {
         }
 
         fn contacts(&self, _: BodyId, _: &mut Vec<Contact>) {}
+        fn sensed(&self, _: BodyId, _: &mut Vec<(BodyId, BodyId)>) {}
+
+        fn query(&self, _: &Query) -> Result<Answer, UnanswerableQuery> {
+            Err(UnanswerableQuery)
+        }
 
         fn awake_count(&self) -> usize {
             0
