@@ -151,6 +151,7 @@ mod tests {
         BodyProperties, Engine, EngineFault, Push, UnanswerableQuery, UnusableShape,
     };
     use crate::scene::Scene;
+    use crate::scene_runner::Provision;
     use crate::stream_names::StreamNames;
 
     /// An engine that fails in its first step.
@@ -248,10 +249,10 @@ mod tests {
         let [first, second] = [1, 2].map(Peer);
         host.begin(first);
         assert_eq!(host.closed(), []);
-        let mut runners = host.server_loop.runners.values_mut();
-        let runner = runners.next().expect("its scene");
+        let mut runners = host.server_loop.runners.iter_mut();
+        let (name, runner) = runners.next().expect("its scene");
         let broken = Scene::with_engine(*runner.config(), Box::new(Failing)).expect("same config");
-        *runner = SceneRunner::new(broken, StreamNames::of_scene(0));
+        *runner = SceneRunner::new(broken, StreamNames::of_scene(0), Provision::unbounded(name));
         assert!(runner.give_to(first).is_ok());
         host.send(first, &FRAME);
         assert_eq!(host.closed(), [first]);

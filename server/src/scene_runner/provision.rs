@@ -13,6 +13,18 @@ pub(crate) struct Provision {
     pub(crate) meter: SceneMeter,
 }
 
+#[cfg(test)]
+impl Provision {
+    /// The provision of a scene that shares nothing with others.
+    pub(crate) fn unbounded(name: &rhumb_protocol::scene::SceneName) -> Self {
+        Self {
+            limits: Limits::default(),
+            load: crate::load::ServerLoad::default().of_scene(0, u64::MAX, u64::MAX),
+            meter: crate::metrics::Metrics::default().begin_scene(name),
+        }
+    }
+}
+
 impl SceneRunner {
     /// Adds the times of a tick to the scene's figures.
     pub(super) fn note_times(&mut self, marks: Marks) {
