@@ -639,6 +639,25 @@ fn joints_are_limited_by_the_number_of_bodies() {
 }
 
 #[test]
+fn swept_bodies_are_limited_and_a_change_frees_a_place() {
+    let mut remote = Remote::new();
+    let swept = |place: u32| ball().at(place as f32 * 2.0, 0.0, 0.0).swept();
+    for place in 0..64 {
+        remote.add(&swept(place));
+    }
+    let shape = ShapeId(0);
+    let one_more = Command::AddBody {
+        desc: swept(64).desc(BodyId::new(64, 0), shape),
+        motion: swept(64).state().expect(VALID),
+    };
+    let answer = remote.send(&one_more);
+    assert_eq!(answer, Err(CommandError::TooManySwept));
+    remote.change(BodyId::new(5, 0), |desc| desc.swept = false);
+    remote.done(&one_more);
+    remote.steps(2);
+}
+
+#[test]
 fn dampings_of_removed_bodies_can_be_used_again() {
     let mut remote = Remote::new();
     let shape = ShapeId(0);
