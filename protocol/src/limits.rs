@@ -60,10 +60,23 @@ pub const GRANTED_MAX: u32 = GRANT + RESERVE_MAX;
 
 /// Commands and advances that wait for an earlier advance, at most.
 pub const PENDING_COMMANDS_MAX: usize = 65_536;
+/// Control bytes beyond its newest snapshot that wait for a peer; beyond that the server closes the connection.
+pub const CONTROL_WAITING_BYTES_MAX: usize = 12 << 20;
 /// Index ranges of one member, at most.
 pub const RANGES_PER_MEMBER_MAX: usize = 64;
 /// Ticks that an `Advance` may lead ahead of the scene.
 pub const ADVANCE_TICKS_MAX: u64 = 1_024;
+
+/// Cost of all queries of one message: a body that a ray finds costs 1.
+pub const QUERY_COST_MAX: u32 = 4_096;
+/// Cost of a body that a shape cast finds.
+pub const SHAPE_CAST_COST: u32 = 10;
+/// Bodies that one query may find.
+pub const HITS_MAX: u8 = 64;
+/// Body events of one tick; more are counted only.
+pub const EVENTS_PER_TICK_MAX: usize = 1_024;
+/// Body events that a client keeps until their tick is complete.
+pub const EVENTS_HELD_MAX: usize = 16_384;
 
 /// Largest coordinate, metres: at 1e5 m an f32 still resolves 8 mm.
 pub const COORDINATE_MAX: f32 = 1e5;
@@ -178,3 +191,6 @@ const _: () = assert!(HISTORY_PACKETS < 1 << 15);
 const _: () = assert!(TICK_JUMP_MAX < 1 << 15);
 // All packets of a repair symbol have different coefficients, and the mask of covered packets fits its bits.
 const _: () = assert!(FEC_SPAN <= FEC_ROWS as u32 && FEC_SPAN <= 32);
+// Queries and events fit a message: a query takes at most 75 bytes, a found body 36, an event 45.
+const _: () = assert!(QUERY_COST_MAX as usize * 75 + 16 < LONG_MESSAGE_BYTES_MAX);
+const _: () = assert!(EVENTS_PER_TICK_MAX * 45 + 32 < LONG_MESSAGE_BYTES_MAX);

@@ -69,7 +69,8 @@ fn apply(scene: &mut Scene, command: &Command) -> Result<(), HookError> {
         | Command::ChangeBody { .. }
         | Command::AddJoint { .. }
         | Command::ChangeJoint { .. }
-        | Command::RemoveJoint { .. } => Err(HookError::NotAMotion),
+        | Command::RemoveJoint { .. }
+        | Command::SetEvents { .. } => Err(HookError::NotAMotion),
     }
 }
 

@@ -8,16 +8,17 @@ use std::collections::BTreeMap;
 use std::mem;
 
 use glam::{DVec3, Vec3};
-use rhumb_protocol::message::RemovalCause;
+use rhumb_protocol::message::{QueryError, RemovalCause};
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, CommandError, Contact, IdRange, Invalid, Joint, JointId, Joints,
-    SceneConfig, Shape, ShapeId,
+    Answer, BodyDesc, BodyKind, Command, CommandError, Contact, IdRange, Invalid, Joint, JointId,
+    Joints, Query, SceneConfig, Shape, ShapeId,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
 
 use crate::digest::Digest;
 use crate::engine::{BodyProperties, Engine, EngineFault, Push, RapierEngine, Workers};
+use crate::event_monitor::{EventMonitor, StepEvents};
 use crate::registry::Registry;
 
 /// Bodies under one gravity, stepped together.
@@ -32,15 +33,18 @@ pub struct Scene {
     /// Bodies that were displaced since the last step, as they were at its tick.
     displaced: BTreeMap<BodyId, Observation>,
     digest: Digest,
+    event_monitor: EventMonitor,
 }
 
 /// Results of a step beside the motion of bodies.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Stepped {
     /// The tick that was reached.
     pub tick: Tick,
     /// Bodies that the step removed, in the order of ids.
     pub removed: Vec<(BodyId, RemovalCause)>,
+    /// What happened to bodies that report events.
+    pub happened: StepEvents,
     /// Joints that broke in the step, in the order of ids.
     pub broken: Vec<JointId>,
 }
@@ -82,6 +86,7 @@ impl Scene {
             lost: Vec::new(),
             displaced: BTreeMap::new(),
             digest: Digest::START,
+            event_monitor: EventMonitor::default(),
         })
     }
 
@@ -153,6 +158,10 @@ impl Scene {
                 self.registry.remove_joint(id)?;
                 self.forget_joints([id]);
             }
+            Command::SetEvents { id, events } => {
+                self.known(id)?;
+                self.event_monitor.set(id, events, &*self.engine);
+            }
         }
         self.sound()
     }
@@ -180,7 +189,11 @@ impl Scene {
         self.forget_joints(broken.iter().copied());
         self.engine.observe(&mut self.observations);
         self.digest.fold_tick(self.tick, &self.observations);
+        let happened =
+            self.event_monitor
+                .observe(&*self.engine, &self.registry, &self.observations);
         Ok(Stepped {
+            happened,
             tick: self.tick,
             removed: mem::take(&mut self.lost),
             broken,
@@ -295,8 +308,7 @@ impl Scene {
     }
 
     /// True if the engine has not failed.
-    #[must_use]
-    pub fn is_sound(&self) -> bool {
+    pub(crate) fn is_sound(&self) -> bool {
         self.engine.fault().is_none()
     }
 
@@ -421,6 +433,24 @@ impl Scene {
     /// Adds one contact for each body that touches this one after the last step: the deepest.
     pub fn contacts(&self, id: BodyId, out: &mut Vec<Contact>) {
         self.engine.contacts(id, out);
+    }
+
+    /// Answers queries by the poses of the last step.
+    ///
+    /// # Errors
+    ///
+    /// [`QueryError`] names the reason; none is answered then.
+    pub fn query(&self, queries: &[Query]) -> Result<Vec<Answer>, QueryError> {
+        for query in queries {
+            query.check().map_err(QueryError::Invalid)?;
+        }
+        if !self.is_sound() {
+            return Err(QueryError::SceneFaulted);
+        }
+        let answers = queries.iter().map(|query| self.engine.query(query));
+        answers
+            .collect::<Result<_, _>>()
+            .map_err(|_| QueryError::Unanswerable)
     }
 
     /// The least generation that no body of these indices has had.

@@ -8,6 +8,7 @@ mod authority;
 mod flow;
 #[cfg(feature = "app")]
 mod owner;
+mod queries;
 mod subscriptions;
 mod weight;
 
@@ -17,7 +18,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX};
 use rhumb_protocol::message::{
-    ClientMessage, Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage,
+    ClientMessage, Denial, Extensions, Joined, RemovalCause, SceneEvent, ServerMessage,
     StreamChoice,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
@@ -31,6 +32,7 @@ use crate::access::rights::{self, Request};
 use crate::access::{Ownership, Permit};
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
+use crate::engine::Workers;
 use crate::grants::Grants;
 use crate::hook::Hook;
 use crate::member::{Member, SnapshotRequest};
@@ -66,6 +68,8 @@ pub(crate) struct SceneRunner {
     last_step: Instant,
     times: Times,
     faulted: bool,
+    /// True if the last step of the free-running scene was more than a step late.
+    late: bool,
     /// True if a client of another protocol owns the scene: only that client steps and ends it.
     owned: bool,
     /// The largest packet of its later streams.
@@ -98,6 +102,7 @@ impl SceneRunner {
             last_step: Instant::ZERO,
             times: Times::default(),
             faulted: false,
+            late: false,
             owned: false,
             largest_packet: LargestPacket::DEFAULT,
         }
@@ -106,6 +111,11 @@ impl SceneRunner {
     /// Has a hook act before each step from now on.
     pub(crate) fn attach(&mut self, hook: Hook) {
         self.hook = Some(hook);
+    }
+
+    /// Has the streams published on these threads from now on.
+    pub(crate) fn employ(&mut self, workers: Workers) {
+        self.streams.employ(workers);
     }
 
     /// Bounds the packets of the streams that begin from now on.
@@ -346,6 +356,9 @@ impl SceneRunner {
             Ok(ClientMessage::Upstream(packet)) => {
                 return self.handle_upstream_message(peer, &packet, out);
             }
+            Ok(ClientMessage::Query(queries)) => {
+                return self.answer_queries(peer, &queries, out);
+            }
             // Other messages do not depend on their place among the commands.
             Ok(_) => return,
         };
@@ -482,6 +495,7 @@ impl SceneRunner {
         if let Some(due) = self.next_step {
             let step = self.step();
             let late_by = now.since(due).as_nanos();
+            self.late = late_by > step.as_nanos();
             let kept = late_by <= step.as_nanos() * CATCH_UP_STEPS;
             self.next_step = Some(if kept { due + step } else { now + step });
         }
@@ -528,6 +542,7 @@ impl SceneRunner {
         let observed = clock();
         self.streams.publish(self.scene_events);
         self.send_scene_events(out);
+        self.send_step_events(stepped.happened, out);
         for (peer, member) in &self.members {
             for stream in member.streams() {
                 for packet in self.streams.packets(stream, *peer) {
@@ -564,27 +579,6 @@ impl SceneRunner {
             since_tick_ns: now.since(self.last_step).as_nanos(),
         };
         out.send(peer, &pong);
-    }
-
-    pub(crate) fn inspect(&mut self, peer: Peer, out: &mut Outbox) {
-        let times = self.times.summary();
-        let Some(stream) = self.stream_of(peer) else {
-            return;
-        };
-        let sent = stream.sender.statistics();
-        let inspection = Inspection {
-            tick: self.scene.tick(),
-            truth: self.scene.digest().value(),
-            bodies: self.scene.body_count() as u32,
-            awake: self.scene.awake_count() as u32,
-            updates: sent.updates,
-            packets: sent.packets,
-            packet_bytes: sent.bytes,
-            mismatches: stream.sender.mismatches(),
-            over_budget: sent.over_budget,
-            times,
-        };
-        out.send(peer, &ServerMessage::Inspection(inspection));
     }
 
     /// Informs the members that the scene has ended.

@@ -228,6 +228,7 @@ def read_primitive(kind, field, frm):
         refuse_if(value & mask > top, "UnknownCode")
     elif kind == "f32":
         value = read_f32(frm)
+        refuse_if(field.get("rule") == "finite" and not math.isfinite(f32(value)), "NotFinite")
     elif kind == "vec3":
         value = [read_f32(frm) for _ in range(3)]
         finite = field.get("rule") != "finite" or all(math.isfinite(f32(part)) for part in value)
@@ -316,12 +317,19 @@ def check_scene_event(msg):
         raise Malformed("OutOfRange") from why
 
 
+def check_queries(queries):
+    """4.14-3"""
+    cost = sum(query["hits"] * (LIMITS["SHAPE_CAST_COST"] if query["is"] == "shape cast" else 1) for query in queries)
+    refuse_if(cost > LIMITS["QUERY_COST_MAX"], "OutOfRange")
+
+
 RULES = {
     "id range": check_range,
     "inertia": check_inertia,
     "collision groups": check_groups,
     "joint": check_joint,
     "event": check_scene_event,
+    "queries": check_queries,
     "track payload": check_track_payload,
 }
 
@@ -337,6 +345,9 @@ def check_command(msg):
         command = msg["command"]
         row = next(row for row in TYPES["command"]["codes"] if row["name"] == command["is"])
         check_fields(row["fields"], command)
+    elif msg["is"] == "Query":
+        for query in msg["queries"]:
+            check_numbers("query", query)
 
 
 def check_numbers(name, msg):

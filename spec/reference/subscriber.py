@@ -182,7 +182,7 @@ class Scene:
         self.aliases, self.alias_of = {}, {}  # alias: (index or None, since); index: alias
         self.missing, self.unread, self.pending, self.lost_on_link = {}, {}, [], 0
         self.received = {}  # state packets, by number, with their ticks
-        self.decoder = Decoder(self.stream)
+        self.decoder = Decoder(self.stream, joined["next"])
         self.lost_sync, self.checksum_mismatches, self.granted = False, 0, joined["granted"]
 
     def flow(self, damping):
@@ -533,7 +533,7 @@ class Scene:
             try:
                 msg = packets.decoded(data)
             except packets.Malformed:
-                self.decoder.was_wrong(self.next)
+                self.decoder.was_wrong()
                 return
             self.decoder.keep(number, data)
             msg["data"] = data

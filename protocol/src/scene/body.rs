@@ -105,7 +105,7 @@ impl BodyDesc {
 
     /// True if its moments of inertia matter to its free motion.
     #[must_use]
-    pub const fn can_tumble(&self) -> bool {
+    pub(crate) const fn can_tumble(&self) -> bool {
         matches!(self.kind, BodyKind::Dynamic) && self.gyroscopic && self.locked.is_empty()
     }
 

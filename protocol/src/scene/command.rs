@@ -6,6 +6,7 @@ use glam::{Quat, Vec3};
 use rhumb_reckoning::{BodyId, BodyState};
 
 use super::body::BodyDesc;
+use super::body_event::ActiveEvents;
 use super::checks::{Invalid, Quantity, rotation, vector};
 use super::joint::{Joint, JointId};
 use super::shape::Shape;
@@ -144,6 +145,13 @@ pub enum Command {
         /// The body.
         id: BodyId,
     },
+    /// Turns the events of a body on or off.
+    SetEvents {
+        /// The body.
+        id: BodyId,
+        /// The events that it reports from now on.
+        events: ActiveEvents,
+    },
 }
 
 impl Command {
@@ -195,6 +203,7 @@ impl Command {
                 vector(impulse, FORCE_MAX, Quantity::TorqueImpulse)
             }
             Self::SetGravity { gravity } => vector(gravity, GRAVITY_MAX, Quantity::Gravity),
+            Self::SetEvents { events, .. } => events.check(),
         }
     }
 
@@ -203,7 +212,7 @@ impl Command {
     /// # Errors
     ///
     /// [`Invalid`] names the first invalid number.
-    pub fn check_motion(motion: &BodyState) -> Result<(), Invalid> {
+    pub(crate) fn check_motion(motion: &BodyState) -> Result<(), Invalid> {
         let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
         vector(Vec3::new(px, py, pz), COORDINATE_MAX, Quantity::Position)?;
         rotation(Quat::from_xyzw(x, y, z, w))?;
@@ -233,6 +242,7 @@ mod code {
     pub(super) const IMPULSE_AT: u8 = 16;
     pub(super) const SLEEP: u8 = 17;
     pub(super) const WAKE: u8 = 18;
+    pub(super) const SET_EVENTS: u8 = 19;
 }
 
 impl Wire for Command {
@@ -323,6 +333,11 @@ impl Wire for Command {
                 to.u8(code::WAKE);
                 id.encode(to);
             }
+            Self::SetEvents { id, events } => {
+                to.u8(code::SET_EVENTS);
+                id.encode(to);
+                events.encode(to);
+            }
         }
     }
 
@@ -401,6 +416,10 @@ impl Wire for Command {
             },
             code::WAKE => Self::Wake {
                 id: BodyId::decode(from)?,
+            },
+            code::SET_EVENTS => Self::SetEvents {
+                id: BodyId::decode(from)?,
+                events: ActiveEvents::decode(from)?,
             },
             OPTIONAL.. => return Err(Malformed::UnknownCommand),
             _ => return Err(Malformed::UnknownCode),

@@ -1,6 +1,7 @@
 //! Types of a scene that clients and servers share.
 mod body;
 mod body_builder;
+mod body_event;
 mod checks;
 mod collision_groups;
 mod command;
@@ -19,11 +20,13 @@ mod mesh;
 mod motor;
 mod name;
 mod publish_schedule;
+pub(crate) mod query;
 mod shape;
 mod shape_id;
 
 pub use body::{BodyDesc, BodyKind};
 pub use body_builder::BodyBuilder;
+pub use body_event::{ActiveEvents, BodyEvent};
 pub use checks::{Invalid, Quantity};
 pub use collision_groups::CollisionGroups;
 pub use command::Command;
@@ -42,5 +45,6 @@ pub use mesh::Mesh;
 pub use motor::Motor;
 pub use name::{InvalidSceneName, SceneName};
 pub use publish_schedule::PublishSchedule;
+pub use query::{Answer, Hit, Query, QueryFilter, QueryKind};
 pub use shape::{Compound, Part, Shape};
 pub use shape_id::ShapeId;

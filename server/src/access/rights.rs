@@ -72,7 +72,8 @@ const fn role_for(request: Request<'_>) -> Role {
             | Command::ForceAt { .. }
             | Command::ImpulseAt { .. }
             | Command::Sleep { .. }
-            | Command::Wake { .. } => Role::Controller,
+            | Command::Wake { .. }
+            | Command::SetEvents { .. } => Role::Controller,
             _ => Role::Owner,
         },
     }
@@ -98,7 +99,8 @@ fn owns_subjects(permit: &Permit, ownership: &Ownership, request: Request<'_>) -
             | Command::ForceAt { id, .. }
             | Command::ImpulseAt { id, .. }
             | Command::Sleep { id }
-            | Command::Wake { id } => owns(id),
+            | Command::Wake { id }
+            | Command::SetEvents { id, .. } => owns(id),
             Command::ChangeBody { desc } => owns(desc.id),
             Command::ChangeJoint { id, ref joint } => {
                 ownership.owns_joint(client, id) && joint.bodies.into_iter().all(owns)

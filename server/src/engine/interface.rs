@@ -7,7 +7,9 @@ use core::fmt;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::RemovalCause;
-use rhumb_protocol::scene::{BodyDesc, Contact, Joint, JointId, Material, Shape, ShapeId};
+use rhumb_protocol::scene::{
+    Answer, BodyDesc, Contact, Joint, JointId, Material, Query, Shape, ShapeId,
+};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Twist};
 
@@ -113,6 +115,18 @@ pub trait Engine: Send {
     /// Adds one contact for each body that touches this one after the last step: the deepest.
     fn contacts(&self, id: BodyId, out: &mut Vec<Contact>);
 
+    /// Adds each sensor with a body inside it after the last step, of which this body is one; a pair may come more than
+    /// once.
+    fn sensed(&self, id: BodyId, out: &mut Vec<(BodyId, BodyId)>);
+
+    /// Answers a query by the poses of the last step. A body that was removed since is not found; one that was added
+    /// since may not be found.
+    ///
+    /// # Errors
+    ///
+    /// [`UnanswerableQuery`] when the engine cannot evaluate it; nothing has changed.
+    fn query(&self, query: &Query) -> Result<Answer, UnanswerableQuery>;
+
     /// Number of bodies awake after the last step.
     fn awake_count(&self) -> usize;
 
@@ -123,6 +137,10 @@ pub trait Engine: Send {
 /// Error: the engine cannot make a solid of a shape, though its numbers are within the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct UnusableShape;
+
+/// Error: the engine cannot evaluate a query, though its numbers are within the limits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct UnanswerableQuery;
 
 /// Reason why an engine takes no more steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

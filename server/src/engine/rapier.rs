@@ -9,19 +9,24 @@ use std::mem;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use glam::{Quat, Vec3};
-use rapier3d::prelude::{Collider, ContactPair, PhysicsWorld, RigidBody, RigidBodyHandle};
+use rapier3d::prelude::{PhysicsWorld, RigidBody, RigidBodyHandle};
 use rhumb_protocol::limits::COORDINATE_MAX;
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Contact, Joint, JointId, SceneConfig, Shape, ShapeId, SleepConfig,
+    Answer, BodyDesc, BodyKind, Contact, Joint, JointId, Query, SceneConfig, Shape, ShapeId,
+    SleepConfig,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
 
-use super::interface::{BodyProperties, Engine, EngineFault, Push, UnusableShape};
+use super::interface::{
+    BodyProperties, Engine, EngineFault, Push, UnanswerableQuery, UnusableShape,
+};
 use super::kinematic_target::KinematicTarget;
 use super::rapier_body as translate;
+use super::rapier_contacts as touching;
 use super::rapier_joints::RapierJoints;
+use super::rapier_query as queries;
 use super::rapier_solid::{self as solids, Solid};
 use super::rapier_workers::Workers;
 
@@ -331,35 +336,6 @@ impl RapierEngine {
         self.observe_slot(place, Activity::Asleep).ok()
     }
 
-    /// The deepest contact of a pair of solids, from the first one's body or the second's.
-    fn contact(&self, of: RigidBodyHandle, pair: &ContactPair) -> Option<Contact> {
-        if !pair.has_any_active_contact() {
-            return None;
-        }
-        let [first, second] =
-            [pair.collider1, pair.collider2].map(|handle| self.world.colliders.get(handle));
-        let (first, second) = (first?, second?);
-        let (manifold, deepest) = pair.find_deepest_contact()?;
-        // From the first solid towards the second.
-        let normal = manifold.data.normal;
-        let at = |collider: &Collider, point| collider.position().transform_point(point);
-        let is_first = first.parent() == Some(of);
-        let (other, point, normal) = if is_first {
-            (second, at(first, deepest.local_p1), -normal)
-        } else {
-            (first, at(second, deepest.local_p2), normal)
-        };
-        let other = self.world.bodies.get(other.parent()?)?;
-        let contact = Contact {
-            with: translate::id(other),
-            point,
-            normal,
-            separation: deepest.dist,
-        };
-        let finite = point.is_finite() && normal.is_finite() && deepest.dist.is_finite();
-        finite.then_some(contact)
-    }
-
     /// The observation of a body, or the reason to remove it.
     fn observe_slot(
         &self,
@@ -508,27 +484,27 @@ impl Engine for RapierEngine {
     }
 
     fn contacts(&self, id: BodyId, out: &mut Vec<Contact>) {
-        let first = out.len();
-        let Some((place, body)) = self.place(id).and_then(|at| Some((at, self.body(at)?))) else {
-            return;
-        };
-        for collider in body.colliders() {
-            for pair in self.world.contact_pairs_with(*collider) {
-                out.extend(self.contact(place.handle, pair));
-            }
+        if let Some(place) = self.place(id)
+            && let Some(body) = self.body(place)
+        {
+            touching::contacts(&self.world, place.handle, body, out);
         }
-        let deepest_first = |a: &Contact, b: &Contact| {
-            (a.with.cmp(&b.with)).then(a.separation.total_cmp(&b.separation))
-        };
-        out[first..].sort_by(deepest_first);
-        let mut with = None;
-        let mut place = 0;
-        out.retain(|contact| {
-            place += 1;
-            let again = place > first && with == Some(contact.with);
-            with = (place > first).then_some(contact.with);
-            !again
-        });
+    }
+
+    fn sensed(&self, id: BodyId, out: &mut Vec<(BodyId, BodyId)>) {
+        if let Some(body) = self.place(id).and_then(|place| self.body(place)) {
+            touching::sensed(&self.world, body, out);
+        }
+    }
+
+    fn query(&self, query: &Query) -> Result<Answer, UnanswerableQuery> {
+        let except = query.filter.except.and_then(|id| self.place(id));
+        let except = except.map(|place| place.handle);
+        // A query reads the world only, so that a panic leaves it as it is.
+        let answered = catch_unwind(AssertUnwindSafe(|| {
+            queries::answer(&self.world, except, query)
+        }));
+        answered.map_err(|_| UnanswerableQuery)
     }
 
     fn awake_count(&self) -> usize {

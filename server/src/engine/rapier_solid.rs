@@ -9,8 +9,8 @@ use glam::{Quat, Vec3};
 use rapier3d::math::Pose as RapierPose;
 use rapier3d::parry::utils::Array2;
 use rapier3d::prelude::{
-    Collider, ColliderBuilder, Group, InteractionGroups, InteractionTestMode, MassProperties,
-    PhysicsWorld, RigidBodyHandle, SharedShape,
+    ActiveCollisionTypes, Collider, ColliderBuilder, Group, InteractionGroups, InteractionTestMode,
+    MassProperties, PhysicsWorld, RigidBodyHandle, SharedShape,
 };
 use rhumb_protocol::scene::{BodyKind, Heights, Mass, Mesh, Shape};
 
@@ -115,6 +115,13 @@ fn add_parts(
     Ok(())
 }
 
+/// The Rapier shape of a shape that queries may have, and its pose where the shape's is this one.
+pub(super) fn simple(shape: &Shape, at: RapierPose) -> Option<(RapierPose, SharedShape)> {
+    let mut parts = Vec::new();
+    add_parts(shape, at, &mut parts).ok()?;
+    parts.pop()
+}
+
 /// Centre of a height field: the origin of Rapier's coordinates.
 fn middle(heights: &Heights) -> RapierPose {
     let half = |count: u32, spacing| (count - 1) as f32 * spacing * 0.5;
@@ -188,6 +195,14 @@ pub(super) fn set_properties(collider: &mut Collider, properties: &BodyPropertie
     collider.set_friction(material.friction);
     collider.set_restitution(material.restitution);
     collider.set_sensor(desc.sensor);
+    // A sensor finds kinematic bodies too, though it may be static or kinematic itself.
+    collider.set_active_collision_types(if desc.sensor {
+        ActiveCollisionTypes::default()
+            | ActiveCollisionTypes::KINEMATIC_FIXED
+            | ActiveCollisionTypes::KINEMATIC_KINEMATIC
+    } else {
+        ActiveCollisionTypes::default()
+    });
     collider.set_collision_groups(InteractionGroups::new(
         Group::from_bits_retain(desc.groups.members),
         Group::from_bits_retain(desc.groups.touches),

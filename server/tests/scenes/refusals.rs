@@ -11,13 +11,15 @@ use proptest::prelude::*;
 use rhumb_protocol::limits::{DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, CommandError, Contact, Hull, IdRange, Invalid, Joint, JointFrame,
-    JointId, JointKind, JointLimits, LockedAxes, Material, PublishSchedule, Quantity, SceneConfig,
-    Shape, ShapeId, Stepping,
+    Answer, BodyDesc, BodyKind, Command, CommandError, Contact, Hull, IdRange, Invalid, Joint,
+    JointFrame, JointId, JointKind, JointLimits, LockedAxes, Material, PublishSchedule, Quantity,
+    Query, SceneConfig, Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tick, Twist};
-use rhumb_server::engine::{BodyProperties, Engine, EngineFault, Push, UnusableShape};
+use rhumb_server::engine::{
+    BodyProperties, Engine, EngineFault, Push, UnanswerableQuery, UnusableShape,
+};
 use rhumb_server::{Digest, Scene, SceneFault};
 
 fn config() -> SceneConfig {
@@ -251,6 +253,11 @@ impl Engine for Double {
     }
 
     fn contacts(&self, _: BodyId, _: &mut Vec<Contact>) {}
+    fn sensed(&self, _: BodyId, _: &mut Vec<(BodyId, BodyId)>) {}
+
+    fn query(&self, _: &Query) -> Result<Answer, UnanswerableQuery> {
+        Err(UnanswerableQuery)
+    }
 
     fn awake_count(&self) -> usize {
         0

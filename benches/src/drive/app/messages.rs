@@ -42,6 +42,8 @@ pub enum Unsupported {
     Impulse,
     /// A joint.
     Joint,
+    /// Events of bodies.
+    Events,
     /// Another description of a body, or one put to sleep or woken.
     Change,
 }
@@ -57,6 +59,7 @@ impl fmt::Display for Unsupported {
             Self::Impulse => "an impulse",
             Self::Change => "changes of bodies",
             Self::Joint => "a joint",
+            Self::Events => "events of bodies",
         })
     }
 }
@@ -167,6 +170,7 @@ impl MessageWriter {
             | Command::RemoveJoint { .. } => {
                 return Err(Unsupported::Joint);
             }
+            Command::SetEvents { .. } => return Err(Unsupported::Events),
             Command::ChangeBody { .. } | Command::Sleep { .. } | Command::Wake { .. } => {
                 return Err(Unsupported::Change);
             }

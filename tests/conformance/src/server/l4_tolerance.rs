@@ -299,6 +299,7 @@ pub(super) fn rename(command: &mut Command, granted: IdRange) -> CaseResult {
         Command::AddShape { .. }
         | Command::RemoveShape { .. }
         | Command::SetGravity { .. }
-        | Command::RemoveJoint { .. } => Ok(()),
+        | Command::RemoveJoint { .. }
+        | Command::SetEvents { .. } => Ok(()),
     }
 }

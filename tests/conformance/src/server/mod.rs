@@ -18,6 +18,7 @@ mod l3_commands;
 mod l3_joints;
 mod l3_motion;
 mod l3_physics;
+mod l3_queries;
 mod l4_exact;
 mod l4_free;
 mod l4_tolerance;
