@@ -43,7 +43,7 @@ pub struct Stepped {
     pub tick: Tick,
     /// Bodies that the step removed, in the order of ids.
     pub removed: Vec<(BodyId, RemovalCause)>,
-    /// What happened to bodies that report events.
+    /// The events of bodies that report them.
     pub happened: StepEvents,
     /// Joints that broke in the step, in the order of ids.
     pub broken: Vec<JointId>,

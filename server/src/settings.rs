@@ -71,7 +71,7 @@ impl fmt::Display for SettingsError {
 
 impl std::error::Error for SettingsError {}
 
-/// How the names of environment variables begin that replace settings.
+/// The first characters of environment variables that replace settings.
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
