@@ -10,3 +10,4 @@ mod largest_packet;
 mod reading;
 mod sleepers;
 mod stream;
+mod terms;

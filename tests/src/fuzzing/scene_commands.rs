@@ -3,14 +3,10 @@
 //! Promises: a command is decoded as it was encoded. A refused command changes nothing. The engine can step whatever
 //! was accepted, and every body stays at a valid place. The same script gives the same result.
 
-use std::num::NonZeroU32;
-
-use rhumb_protocol::scene::{
-    Command, Material, PublishSchedule, SceneConfig, SleepConfig, Stepping,
-};
+use rhumb_protocol::scene::{Command, Material, SceneConfig, SleepConfig, Stepping};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
-use rhumb_reckoning::{BodyId, Damping, Integrator, Rate};
+use rhumb_reckoning::BodyId;
 use rhumb_server::Scene;
 
 use super::commands::command;
@@ -32,10 +28,6 @@ pub fn scene_commands(data: &[u8]) {
 /// The configuration of a scene in which bodies fall asleep soon.
 pub(super) fn scene_config(stepping: Stepping) -> SceneConfig {
     SceneConfig {
-        integrator: Integrator {
-            rate: Rate::HZ_60,
-            substeps: const { NonZeroU32::new(4).expect("four is not zero") },
-        },
         gravity: glam::Vec3::new(0.0, -9.8, 0.0),
         stepping,
         material: Material {
@@ -43,12 +35,11 @@ pub(super) fn scene_config(stepping: Stepping) -> SceneConfig {
             restitution: 0.2,
             density: 1_000.0,
         },
-        damping: Damping::default(),
         sleep: Some(SleepConfig {
             speed: 0.5,
             seconds: 0.1,
         }),
-        publish_schedule: PublishSchedule::EACH_TICK,
+        ..SceneConfig::default()
     }
 }
 
