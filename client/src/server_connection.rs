@@ -22,6 +22,7 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 pub struct ServerConnection {
     connection: QuicClient,
     timeout: Duration,
+    token: Option<String>,
 }
 
 impl ServerConnection {
@@ -34,7 +35,15 @@ impl ServerConnection {
         Ok(Self {
             connection,
             timeout,
+            token: None,
         })
+    }
+
+    /// Shows this token, which `rhumb-server token` made, when it joins. Only a server started with `--open` needs none.
+    #[must_use]
+    pub fn token(mut self, token: &str) -> Self {
+        self.token = Some(token.to_owned());
+        self
     }
 
     /// Joins a scene of this name with [`JoinOptions::default`], which creates the scene unless it exists.
@@ -50,7 +59,7 @@ impl ServerConnection {
     ///
     /// # Errors
     ///
-    /// [`OpenError`] for an invalid scene name, a request that the server denies, and an answer that does not arrive in
+    /// [`OpenError`] for an invalid scene name or token, a request that the server denies, and an answer that does not arrive in
     /// time.
     pub fn join_with(self, scene: &str, options: JoinOptions) -> Result<Client, OpenError> {
         let name: SceneName = scene.parse().map_err(|cause| OpenError::SceneName {
@@ -62,7 +71,11 @@ impl ServerConnection {
             scene: name.clone(),
             denial,
         };
-        let mut pump = Pump::new(ClientSession::new(name.clone()), self.connection);
+        let mut session = ClientSession::new(name.clone());
+        if let Some(token) = self.token {
+            session.set_token(token.parse().map_err(OpenError::Token)?);
+        }
+        let mut pump = Pump::new(session, self.connection);
         let welcome = await_event(&mut pump, timeout, "welcome", |event| match event {
             Event::Welcomed(welcome) => Some(Ok(welcome)),
             _ => None,

@@ -2,10 +2,13 @@
 //!
 //! Its streams and pending requests. Streams are known by name only; the scene runner starts and ends them.
 
-use rhumb_protocol::Instant;
+use std::sync::Arc;
+
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::{Instant, Span};
 
+use crate::access::Permit;
 use crate::tier_controller::TierController;
 
 /// A client that is a member.
@@ -14,6 +17,9 @@ pub(crate) struct Member {
     subscription: StreamId,
     /// The former stream, until the member has caught up with the present one.
     previous: Option<StreamId>,
+    pub(crate) permit: Arc<Permit>,
+    /// When its next command would be within its quota.
+    next_command: Instant,
     /// Commands of this membership that were applied or refused.
     commands: u64,
     /// Number of the last of them, while it is not answered.
@@ -34,6 +40,8 @@ const ADDED_AT_ONCE: usize = 64 << 10;
 /// The same in a second: less than thin links carry, so that a member that reads slower falls behind and is closed.
 const ADDED_PER_SECOND: u64 = 256 << 10;
 
+const NANOS_PER_SECOND: u64 = 1_000_000_000;
+
 /// The snapshot that a member waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SnapshotRequest {
@@ -45,10 +53,12 @@ pub(crate) enum SnapshotRequest {
 
 impl Member {
     /// A new member that subscribes to a stream.
-    pub(crate) const fn new(stream: StreamId, choice: StreamChoice) -> Self {
+    pub(crate) const fn new(permit: Arc<Permit>, stream: StreamId, choice: StreamChoice) -> Self {
         Self {
             subscription: stream,
             previous: None,
+            permit,
+            next_command: Instant::ZERO,
             commands: 0,
             unanswered: None,
             snapshot_request: None,
@@ -59,7 +69,7 @@ impl Member {
         }
     }
 
-    /// Whether its commands caused more scene events than they may while others are behind.
+    /// True if its commands caused more scene events than they may while others are behind.
     pub(crate) fn adds_too_much(&mut self, now: Instant) -> bool {
         if self.added_bytes <= ADDED_AT_ONCE {
             return false;
@@ -70,6 +80,19 @@ impl Member {
         }
         self.added_bytes = self.added_bytes.saturating_sub(allowed as usize);
         self.added_bytes > ADDED_AT_ONCE
+    }
+
+    /// Charges a command to the quota of commands in a second.
+    pub(crate) fn charge_command(&mut self, now: Instant) {
+        if let Some(commands) = self.permit.quotas.commands {
+            let interval = Span::from_nanos(NANOS_PER_SECOND / u64::from(commands.max(1)));
+            self.next_command = self.next_command.max(now) + interval;
+        }
+    }
+
+    /// True if its commands are a second ahead of its quota: then it waits.
+    pub(crate) fn is_over_rate(&self, now: Instant) -> bool {
+        self.next_command.since(now).as_nanos() > NANOS_PER_SECOND
     }
 
     /// The number of the command that is applied or refused now.
@@ -116,7 +139,7 @@ impl Member {
         self.previous.take()
     }
 
-    /// Whether it gets the datagrams of a stream.
+    /// True if it gets the datagrams of a stream.
     pub(crate) fn receives(&self, stream: StreamId) -> bool {
         self.streams().any(|subscribed| subscribed == stream)
     }
@@ -130,13 +153,17 @@ mod tests {
     const B: StreamId = StreamId(2);
     const C: StreamId = StreamId(3);
 
+    fn member() -> Member {
+        Member::new(Arc::new(Permit::OPEN), A, StreamChoice::Full)
+    }
+
     fn subscribed(member: &Member) -> Vec<StreamId> {
         member.streams().collect()
     }
 
     #[test]
     fn the_former_stream_stays_until_the_new_one_has_caught_up() {
-        let mut member = Member::new(A, StreamChoice::Full);
+        let mut member = member();
         assert_eq!(member.change(B), None);
         assert_eq!(subscribed(&member), [B, A]);
         assert_eq!(member.caught_up(A), None);
@@ -146,7 +173,7 @@ mod tests {
 
     #[test]
     fn a_second_change_keeps_the_complete_replica_s_stream() {
-        let mut member = Member::new(A, StreamChoice::Full);
+        let mut member = member();
         assert_eq!(member.change(B), None);
         assert_eq!(member.change(C), Some(B));
         assert_eq!(subscribed(&member), [C, A]);
@@ -155,7 +182,7 @@ mod tests {
 
     #[test]
     fn changing_back_subscribes_once() {
-        let mut member = Member::new(A, StreamChoice::Full);
+        let mut member = member();
         assert_eq!(member.change(B), None);
         assert_eq!(member.change(A), Some(B));
         assert_eq!(subscribed(&member), [A]);

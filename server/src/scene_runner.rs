@@ -3,6 +3,7 @@
 //! Neither sockets nor threads: the server loop feeds it requests and moments. Order of a tick: commands, step,
 //! observe, send.
 
+mod access;
 mod authority;
 mod flow;
 #[cfg(feature = "app")]
@@ -11,6 +12,7 @@ mod subscriptions;
 mod weight;
 
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
 
 use bytes::Bytes;
 use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX};
@@ -25,6 +27,8 @@ use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::Tick;
 
 use self::weight::weight;
+use crate::access::rights::{self, Request};
+use crate::access::{Ownership, Permit};
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
 use crate::grants::Grants;
@@ -48,6 +52,7 @@ pub(crate) struct SceneRunner {
     streams: Streams,
     names: StreamNames,
     grants: Grants,
+    ownership: Ownership,
     authority_table: AuthorityTable,
     scene_events: u64,
     /// Encoded scene events that the members have not got yet.
@@ -61,7 +66,7 @@ pub(crate) struct SceneRunner {
     last_step: Instant,
     times: Times,
     faulted: bool,
-    /// Whether a client of another protocol owns the scene: only that client steps and ends it.
+    /// True if a client of another protocol owns the scene: only that client steps and ends it.
     owned: bool,
     /// The largest packet of its later streams.
     largest_packet: LargestPacket,
@@ -82,6 +87,7 @@ impl SceneRunner {
             streams,
             names,
             grants: Grants::default(),
+            ownership: Ownership::default(),
             authority_table: AuthorityTable::default(),
             scene_events: 0,
             unsent: Vec::new(),
@@ -111,7 +117,7 @@ impl SceneRunner {
         self.scene.config()
     }
 
-    /// Whether a client of another protocol owns the scene.
+    /// True if a client of another protocol owns the scene.
     pub(crate) const fn is_owned(&self) -> bool {
         self.owned
     }
@@ -120,12 +126,12 @@ impl SceneRunner {
         self.members.keys().copied()
     }
 
-    /// Whether it has neither members nor an owner.
+    /// True if it has neither members nor an owner.
     pub(crate) fn is_abandoned(&self) -> bool {
         self.members.is_empty() && !self.owned
     }
 
-    /// When the next step is due: at once in a scene that must advance, never in one without members.
+    /// The time of the next step: at once in a scene that must advance, never in one without members.
     pub(crate) fn next_step(&self) -> Option<Instant> {
         if self.faulted {
             return None;
@@ -141,12 +147,16 @@ impl SceneRunner {
         &mut self,
         now: Instant,
         peer: Peer,
+        permit: Arc<Permit>,
         choice: StreamChoice,
         out: &mut Outbox,
     ) -> Result<(), Denial> {
         if self.faulted {
             return Err(Denial::SceneFaulted);
         }
+        let of_client = |member: &&Member| member.permit.client == permit.client;
+        let members = self.members.values().filter(of_client).count();
+        rights::check(&permit, &self.ownership, Request::Join { members })?;
         if self.members.len() >= MEMBERS_PER_SCENE_MAX {
             return Err(Denial::TooManyMembers);
         }
@@ -159,7 +169,8 @@ impl SceneRunner {
             return Err(denial);
         }
         self.send_scene_events(out);
-        self.members.insert(peer, Member::new(stream, choice));
+        self.members
+            .insert(peer, Member::new(permit, stream, choice));
         self.send_snapshot(peer, out);
         if self.next_step.is_none() {
             self.last_step = now;
@@ -256,7 +267,8 @@ impl SceneRunner {
     }
 
     pub(crate) fn reserve(&mut self, peer: Peer, count: u32, out: &mut Outbox) {
-        let answer = match self.grant(peer, count) {
+        let allowed = self.check(peer, Request::Reserve).map_err(Denial::from);
+        let answer = match allowed.and_then(|()| self.grant(peer, count)) {
             Ok(range) => ServerMessage::Reserved(range),
             Err(denial) => ServerMessage::Denied(denial),
         };
@@ -317,7 +329,12 @@ impl SceneRunner {
             Ok(ClientMessage::Command(command)) => Ok(command),
             Err(error) => Err(error),
             Ok(ClientMessage::Advance { to }) => {
-                match self.check_advance(to) {
+                let allowed = self.check(peer, Request::Advance);
+                let denial = match allowed {
+                    Ok(()) => self.check_advance(to),
+                    Err(_) => Some(Denial::AdvanceNotAllowed),
+                };
+                match denial {
                     Some(denial) => out.send(peer, &ServerMessage::Denied(denial)),
                     None => self.target = self.target.max(to),
                 }
@@ -333,8 +350,9 @@ impl SceneRunner {
             Ok(_) => return,
         };
         let number = member.number_command();
+        member.charge_command(out.now());
         let unsent = self.unsent.len();
-        if let Err(error) = command.and_then(|command| self.apply(peer, &command)) {
+        if let Err(error) = command.and_then(|command| self.apply_of_member(peer, &command)) {
             out.send(peer, &ServerMessage::Refused { number, error });
         }
         let added = self.unsent.len().saturating_sub(unsent);
@@ -347,7 +365,7 @@ impl SceneRunner {
         let too_far = to.value() > self.scene.tick().value() + ADVANCE_TICKS_MAX;
         match self.config().stepping {
             Stepping::FreeRunning => Some(Denial::NotLockstep),
-            Stepping::Lockstep if self.owned => Some(Denial::Led),
+            Stepping::Lockstep if self.owned => Some(Denial::Owned),
             Stepping::Lockstep if self.faulted => Some(Denial::SceneFaulted),
             Stepping::Lockstep if too_far => Some(Denial::TooFarAhead),
             Stepping::Lockstep => None,
@@ -394,6 +412,7 @@ impl SceneRunner {
             Command::RemoveBody { id } => {
                 self.streams.remove(id);
                 self.authority_table.remove(id);
+                self.ownership.remove_body(id);
                 let cause = RemovalCause::Command;
                 self.record_event(SceneEvent::BodyRemoved { id, cause });
             }
@@ -494,6 +513,7 @@ impl SceneRunner {
         for (id, cause) in stepped.removed {
             self.streams.remove(id);
             self.authority_table.remove(id);
+            self.ownership.remove_body(id);
             self.record_event(SceneEvent::BodyRemoved { id, cause });
         }
         self.streams

@@ -4,8 +4,9 @@
 //! reads no clock but its stopwatch, which only measures.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
 
-use rhumb_protocol::message::{ClientMessage, Denial, Grease, ServerMessage};
+use rhumb_protocol::message::{ClientMessage, Denial, Extension, Grease, ServerMessage};
 use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, PacketKind};
 use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName};
 use rhumb_protocol::{
@@ -13,24 +14,18 @@ use rhumb_protocol::{
 };
 use rhumb_reckoning::Tick;
 
+use crate::access::rights::{self, Request};
+use crate::access::{Ownership, Permit};
 use crate::authority_table::UpstreamStatistics;
 use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::outbox::Outbox;
 use crate::pulse::Pulse;
 use crate::scene::Scene;
+use crate::scene_connection::SceneConnection;
 use crate::scene_runner::SceneRunner;
 use crate::scene_slots::{SceneSlot, SceneSlots};
 use crate::stream_names::StreamNames;
-
-/// The scene of a connection, and whether its client is a member.
-#[derive(Debug, Default)]
-struct SceneConnection {
-    scene: Option<SceneName>,
-    member: bool,
-    /// A join that waits until the link has taken the snapshot before it.
-    held: Option<ClientMessage>,
-}
 
 /// Messages of one connection that are handled before others, and the ticks, get their turn.
 const MESSAGES_PER_TURN: usize = 512;
@@ -38,7 +33,7 @@ const MESSAGES_PER_TURN: usize = 512;
 const UNREAD_BYTES: usize = 64 << 10;
 /// Scene events that are encoded before they are sent to the members.
 const EVENT_BYTES: usize = 256 << 10;
-/// How soon a connection is tried again whose messages wait for slower members.
+/// The pause before a connection is tried again whose messages wait for slower members.
 const RETRY: Span = Span::from_millis(20);
 
 /// All scenes of one server process and all connections to them.
@@ -108,6 +103,13 @@ impl ServerLoop {
         self.empty_for = Some(after);
     }
 
+    /// Sets what a new connection may do, before its first message; without this, everything.
+    pub(crate) fn set_permit(&mut self, peer: Peer, permit: Arc<Permit>) {
+        if let Some(connection) = self.connections.get_mut(&peer) {
+            connection.permit = permit;
+        }
+    }
+
     /// Shares the bound on scenes with other loops.
     pub(crate) fn share_slots(&mut self, slots: SceneSlots) {
         self.slots = slots;
@@ -129,7 +131,7 @@ impl ServerLoop {
     }
 
     /// Statistics of all bodies of a scene under a member's authority.
-    pub fn drives(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
+    pub fn upstreams(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
         let runner = self.runners.get(scene).into_iter();
         runner.flat_map(SceneRunner::upstream_statistics)
     }
@@ -174,7 +176,7 @@ impl ServerLoop {
         self.answer_pending(peer);
     }
 
-    /// Whether a connection's next message must stay unread.
+    /// True if a connection's next message must stay unread.
     fn must_wait(&mut self, now: Instant, peer: Peer) -> bool {
         if self.out.is_behind(peer) {
             return true;
@@ -267,26 +269,33 @@ impl ServerLoop {
             return;
         };
         let Some(name) = connection.scene.clone() else {
-            if let Ok(ClientMessage::Hello { scene, .. }) = message {
+            if let Ok(ClientMessage::Hello {
+                scene, extensions, ..
+            }) = message
+            {
+                let token = extensions.value(Extension::TOKEN);
+                let role = token.map(|_| connection.permit.role);
                 let config = self.runners.get(&scene).map(|runner| *runner.config());
                 connection.scene = Some(scene);
                 if let Some(session) = self.out.session(peer) {
-                    session.welcome(config);
+                    session.welcome(config, role);
                 }
             }
             return;
         };
+        let permit = Arc::clone(&connection.permit);
         match message {
             Ok(ClientMessage::Create(config)) => {
-                let answer = match self.create(&name, config) {
-                    Ok(_) => ServerMessage::Created,
+                let allowed = may(&permit, Request::Create(&config));
+                let answer = match allowed.and_then(|()| self.create(&name, config).map(drop)) {
+                    Ok(()) => ServerMessage::Created,
                     Err(denial) => ServerMessage::Denied(denial),
                 };
                 self.out.send(peer, &answer);
             }
             Ok(ClientMessage::Join(choice)) => {
                 let joined = match self.runners.get_mut(&name) {
-                    Some(runner) => runner.join(now, peer, choice, &mut self.out),
+                    Some(runner) => runner.join(now, peer, permit, choice, &mut self.out),
                     None => Err(Denial::NoSuchScene),
                 };
                 match joined {
@@ -297,7 +306,10 @@ impl ServerLoop {
                     Err(denial) => self.out.send(peer, &ServerMessage::Denied(denial)),
                 }
             }
-            Ok(ClientMessage::Delete) => self.delete(peer, &name),
+            Ok(ClientMessage::Delete) => match may(&permit, Request::Delete) {
+                Ok(()) => self.delete(peer, &name),
+                Err(denial) => self.out.send(peer, &ServerMessage::Denied(denial)),
+            },
             message => self.handle_scene_message(now, peer, &name, message),
         }
     }
@@ -387,7 +399,7 @@ impl ServerLoop {
 
     fn delete(&mut self, peer: Peer, name: &SceneName) {
         if self.runners.get(name).is_some_and(SceneRunner::is_owned) {
-            let denial = ServerMessage::Denied(Denial::Led);
+            let denial = ServerMessage::Denied(Denial::Owned);
             return self.out.send(peer, &denial);
         }
         if !self.runners.contains_key(name) {
@@ -437,10 +449,15 @@ impl ServerLoop {
     }
 }
 
+/// Decides about a request that concerns nothing within a scene.
+fn may(permit: &Permit, request: Request<'_>) -> Result<(), Denial> {
+    Ok(rights::check(permit, &Ownership::default(), request)?)
+}
+
 impl Endpoint for ServerLoop {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
         self.out.at(now);
-        self.connections.insert(peer, SceneConnection::default());
+        (self.connections).insert(peer, SceneConnection::default());
         // Any number will do that is seldom repeated.
         let seed = now.as_nanos() ^ peer.0.rotate_left(48);
         self.out.open(peer, Grease::new(seed));

@@ -12,6 +12,7 @@ mod resync;
 mod scene_event;
 mod server;
 mod tier_policy;
+mod token;
 mod version;
 
 pub use authority::{AuthorityError, AuthorityGrant, TakeAuthority};
@@ -26,4 +27,5 @@ pub use resync::ResyncCause;
 pub use scene_event::{RemovalCause, SceneEvent};
 pub use server::{Joined, ServerMessage, Welcome};
 pub use tier_policy::{TierChangeCause, TierPolicy};
+pub use token::{InvalidToken, Role, Token};
 pub use version::{MAGIC, VERSIONS};
