@@ -107,13 +107,11 @@ impl Table {
     /// # Panics
     ///
     /// If the server does not welcome it.
-    pub fn create(&mut self, scene: &str, config: SceneConfig) -> Peer {
+    pub fn create(&mut self, scene: &str, config: SceneConfig, choice: StreamChoice) -> Peer {
         let peer = self.connect(scene);
         let session = self.session(peer);
         session.create(config).expect("the session is in the lobby");
-        session
-            .join(StreamChoice::Full)
-            .expect("the session is in the lobby");
+        session.join(choice).expect("the session is in the lobby");
         self.run_until_idle();
         peer
     }

@@ -4,6 +4,7 @@
 //! checksum over all observations is equal only if every push had its effect at its tick.
 
 use glam::Vec3;
+use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{BodyKind, Command, CommandError};
 use rhumb_protocol::session::Event;
 use rhumb_reckoning::{BodyId, Tick};
@@ -50,7 +51,7 @@ fn hosted(name: &'static str) -> (u64, usize) {
     let mut script = script(name);
     let hooks = Hooks::new(move |_, _| twin.controller().map(hook));
     let mut table = Table::with_hooks(hooks);
-    let peer = table.create("played", script.config());
+    let peer = table.create("played", script.config(), StreamChoice::Full);
     let (mut commands, mut sent) = (Vec::new(), 0);
     for tick in 0..TICKS {
         commands.clear();

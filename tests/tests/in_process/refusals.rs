@@ -10,6 +10,7 @@ use rhumb_protocol::limits::{
     ANGULAR_MAX, COORDINATE_MAX, DAMPING_MAX, DENSITY_MAX, DENSITY_MIN, EXTENT_MAX, EXTENT_MIN,
     FORCE_MAX, FRICTION_MAX, GRAVITY_MAX, GRAVITY_SCALE_MAX, LINEAR_MAX,
 };
+use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::message::{ClientMessage, Extensions, ServerMessage};
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, Invalid, Joint, JointFrame, JointId, JointKind,
@@ -32,7 +33,7 @@ struct Rig {
 /// A session creates a scene with a few bodies, and advances it by one step.
 fn begin(table: &mut Table) {
     let mut script = Zoo::new(5, 3);
-    let peer = table.create("good", script.config());
+    let peer = table.create("good", script.config(), StreamChoice::Full);
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
     let now = table.now();
