@@ -120,7 +120,7 @@ mod tests {
         assert_eq!(token.as_str(), "v4.public.abc");
         assert_eq!(token.extension().value, b"v4.public.abc");
         assert!(!token.extension().is_critical());
-        let long = alloc::string::String::from_utf8(alloc::vec![b'a'; EXTENSION_BYTES_MAX + 1]);
+        let long = String::from_utf8(alloc::vec![b'a'; EXTENSION_BYTES_MAX + 1]);
         for text in ["", "two words", "\u{e9}", &long.unwrap()] {
             assert_eq!(text.parse::<Token>(), Err(InvalidToken), "{text}");
         }
