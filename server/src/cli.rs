@@ -64,7 +64,7 @@ pub struct Arguments {
     /// Run on this processor core alone, or on these cores.
     #[arg(long, value_delimiter = ',')]
     core: Vec<usize>,
-    /// Number of threads to step on, shared by all scenes; more than one needs the feature `parallel`.
+    /// Number of threads to step and publish on, shared by all scenes; more than one needs the feature `parallel`.
     #[arg(long, default_value = "1")]
     threads: NonZeroU32,
     /// Largest packet of a stream, bytes, from 700 to 1150. Relays and browsers add headers of their own.

@@ -7,6 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use bytes::Bytes;
+use rhumb_protocol::limits::CONTROL_WAITING_BYTES_MAX;
 use rhumb_protocol::message::{Grease, ServerMessage};
 use rhumb_protocol::session::{CloseCode, ServerSession};
 use rhumb_protocol::{Instant, Peer, Span, Transmit};
@@ -18,8 +19,6 @@ const WINDOW_BYTES: usize = 256 << 10;
 const PIECE_BYTES: usize = 64 << 10;
 /// Waiting answers to a connection beyond which its messages are not read.
 const ANSWERS_WAITING_BYTES: usize = 256 << 10;
-/// Waiting bytes beyond its snapshot at which a connection is closed: its peer reads too slowly.
-const WAITING_BYTES_MAX: usize = 12 << 20;
 /// A connection whose peer takes none of its waiting bytes for so long is closed.
 const STALL: Span = Span::from_millis(30_000);
 /// A peer that has taken bytes in this time reads.
@@ -216,7 +215,7 @@ impl Outbox {
         lane.taken?;
         let waits = lane.in_driver() > 0 || lane.queued() > 0;
         let stalled = waits && now.since(lane.taken_at) >= STALL;
-        (stalled || lane.waiting() > WAITING_BYTES_MAX)
+        (stalled || lane.waiting() > CONTROL_WAITING_BYTES_MAX)
             .then_some(CloseCode(TransportCode::CONTROL_OVERFLOW.0))
     }
 

@@ -88,7 +88,7 @@ impl ServerLoop {
         self.hooks = Some(hooks);
     }
 
-    /// Sets the threads that step later scenes.
+    /// Sets the threads that step and publish later scenes.
     pub fn employ(&mut self, workers: Workers) {
         self.workers = workers;
     }
@@ -163,7 +163,9 @@ impl ServerLoop {
                 self.blocked.insert(peer);
                 break;
             }
-            left -= 1;
+            // A message of queries ends the turn: it is as much work as many others.
+            let is_work = left != usize::MAX && matches!(message, Ok(ClientMessage::Query(_)));
+            left = if is_work { 0 } else { left - 1 };
             self.pulse.beat();
             self.handle_message(now, peer, message);
             if let Some(runner) = self.scene_of(peer)
@@ -382,6 +384,7 @@ impl ServerLoop {
         let scene = Scene::on(config, &self.workers).map_err(Denial::InvalidConfig)?;
         let names = StreamNames::of_scene(self.scenes_begun);
         let mut runner = SceneRunner::new(scene, names);
+        runner.employ(self.workers.clone());
         runner.set_largest_packet(self.largest_packet);
         if let Some(hook) = self
             .hooks

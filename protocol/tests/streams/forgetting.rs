@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, Observation, ObservationHistory, PredictionParameters, Publisher, StreamTerms,
+    Activity, Observation, ObservationHistory, PredictionParameters, Publisher, StreamConfig,
     Subscriber,
 };
 use rhumb_reckoning::{
@@ -44,7 +44,7 @@ fn ends() -> (Publisher, Subscriber) {
     };
     let (stream, gravity) = (StreamId(3), Vec3::new(0.0, -9.8, 0.0));
     let publish_interval = PublishSchedule::EACH_TICK.publish_interval;
-    let config = StreamTerms {
+    let config = StreamConfig {
         tolerance,
         integrator,
         publish_interval,

@@ -8,8 +8,8 @@ use rhumb_protocol::limits::LOST_NUMBERS_MAX;
 use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, Low16, PacketKind, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, Observation, ObservationHistory, PredictionParameters, Recipient, StreamSender,
-    StreamTerms, WatermarkPolicy,
+    Activity, Observation, ObservationHistory, PredictionParameters, Recipient, StreamConfig,
+    StreamSender, WatermarkPolicy,
 };
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, BodyState, Metres, Tick, Track};
@@ -82,7 +82,7 @@ fn sizes(mut sender: StreamSender) -> Vec<(PacketKind, usize)> {
 }
 
 fn reckoned(largest_packet: LargestPacket) -> StreamSender {
-    let config = StreamTerms {
+    let config = StreamConfig {
         largest_packet,
         ..TERMS
     };

@@ -2,14 +2,13 @@
 //!
 //! Each test writes the datagrams of a stream by hand, in an order that a link may produce.
 
+use crate::terms::TERMS;
 use rhumb_protocol::packet::{
     Age, Keyframe, LargestPacket, PredictionMode, RefreshRecord, RefreshWriter, RepairSymbol,
     StreamId, Update, UpdatePayload, UpdateWriter,
 };
-use rhumb_protocol::stream::{PredictionParameters, StreamTerms, Subscriber};
+use rhumb_protocol::stream::{PredictionParameters, StreamConfig, Subscriber};
 use rhumb_reckoning::{Anchor, BodyId, BodyState, Metres, Predictor, Residual, Tick, Ticks, Track};
-
-use crate::terms::TERMS;
 use std::num::NonZeroU32;
 
 const STREAM: StreamId = StreamId(3);
@@ -46,7 +45,7 @@ fn subscriber() -> Subscriber {
 }
 
 fn subscriber_within(largest_packet: LargestPacket) -> Subscriber {
-    let config = StreamTerms {
+    let config = StreamConfig {
         largest_packet,
         ..TERMS
     };

@@ -8,7 +8,7 @@ use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Observation, ObservationHistory, PredictionParameters, Publisher,
-    PublisherStatistics, StreamTerms,
+    PublisherStatistics, StreamConfig,
 };
 use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Track};
 
@@ -29,7 +29,7 @@ fn lying(index: u32, height: f32) -> BodyState {
 }
 
 fn publisher(bodies: u32) -> Publisher {
-    let config = StreamTerms {
+    let config = StreamConfig {
         integrator: Integrator {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::new(4).expect("four is not zero"),

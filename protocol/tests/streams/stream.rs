@@ -12,7 +12,7 @@ use rhumb_protocol::packet::{Head, PacketKind, RepairSymbol, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, ErrorBound, Observation, ObservationHistory, PredictionParameters, Publisher,
-    Redundancy, StreamTerms, Subscriber,
+    Redundancy, StreamConfig, Subscriber,
 };
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
@@ -140,7 +140,7 @@ impl LossyLink {
         let mut rng = LinkRng(seed);
         let bodies: Vec<_> = (0..BODIES).map(|_| SimulatedBody::new(&mut rng)).collect();
         let stream = StreamId(3);
-        let config = StreamTerms {
+        let config = StreamConfig {
             tolerance,
             integrator: integrator(),
             gravity: GRAVITY,

@@ -4,11 +4,11 @@ use core::num::NonZeroU32;
 
 use glam::Vec3;
 use rhumb_protocol::packet::{Features, LargestPacket};
-use rhumb_protocol::stream::StreamTerms;
+use rhumb_protocol::stream::StreamConfig;
 use rhumb_reckoning::{Integrator, Rate, Tolerance};
 
 /// Sixty ticks a second, each published, without gravity.
-pub(crate) const TERMS: StreamTerms = StreamTerms {
+pub(crate) const TERMS: StreamConfig = StreamConfig {
     tolerance: Tolerance::NORMAL,
     integrator: Integrator {
         rate: Rate::HZ_60,

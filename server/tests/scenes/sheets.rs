@@ -7,8 +7,8 @@ use glam::{Quat, Vec3};
 use proptest::prelude::*;
 use rhumb_protocol::limits::SHAPE_BYTES_PER_SCENE_MAX;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, CommandError, Compound, Heights, Mesh, Part, SceneConfig, Shape,
-    ShapeId,
+    BodyDesc, BodyKind, Command, CommandError, Compound, Heights, LockedAxes, Mesh, Part,
+    SceneConfig, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, BodyState, Damping};
 use rhumb_server::Scene;
@@ -53,7 +53,9 @@ fn drop_on(ground: Shape, falling: Shape, turns: bool, from: Vec3) -> (Vec3, Qua
     )
     .expect(VALID);
     let mut desc = plain(FALLING, BodyKind::Dynamic, ShapeId(1));
-    desc.turns = turns;
+    if !turns {
+        desc.locked = LockedAxes::ROTATIONS;
+    }
     add(&mut scene, desc, from).expect(VALID);
     for _ in 0..120 {
         scene.step().expect(VALID);
