@@ -11,7 +11,7 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
 use crate::cluster::Cluster;
-use crate::defaults::{DEFAULT_CONFIG, GRAVITY, motion, still};
+use crate::defaults::{GRAVITY, motion, still};
 use crate::rng::SceneRng;
 use crate::script::Script;
 
@@ -226,7 +226,7 @@ impl Script for Zoo {
                 linear: 0.05,
                 angular: 0.1,
             },
-            ..DEFAULT_CONFIG
+            ..SceneConfig::default()
         }
     }
 
