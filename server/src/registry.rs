@@ -3,6 +3,8 @@
 //! No engine here. Checks the rules of names and numbers; a refused change changes nothing. Invariants: each body's
 //! shape exists, each joint's bodies live; the generations of an index only grow.
 
+mod image;
+
 use std::collections::BTreeMap;
 
 use rhumb_protocol::limits::{
@@ -14,7 +16,7 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, Damping};
 
 /// The shapes, bodies and joints of one scene.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Registry {
     shapes: BTreeMap<ShapeId, ShapeEntry>,
     shape_bytes: usize,

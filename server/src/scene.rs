@@ -3,6 +3,8 @@
 //! Members are not known here; their rights are checked before. Invariants: a refused command changes nothing;
 //! registry and engine have the same bodies; a scene whose engine failed takes no commands and no steps.
 
+mod image;
+
 use core::fmt;
 use std::collections::BTreeMap;
 use std::mem;
@@ -16,7 +18,9 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
 
+pub(crate) use self::image::FrozenScene;
 use crate::digest::Digest;
+use crate::durable::{Journal, Record};
 use crate::engine::{Engine, EngineFault, NewBody, Push, RapierEngine, Workers};
 use crate::registry::Registry;
 
@@ -32,6 +36,8 @@ pub struct Scene {
     /// Bodies that were displaced since the last step, as they were at its tick.
     displaced: BTreeMap<BodyId, Observation>,
     digest: Digest,
+    /// What changes the scene, for its command log; `None` for a scene without one.
+    journal: Option<Journal>,
 }
 
 /// Results of a step beside the motion of bodies.
@@ -80,6 +86,7 @@ impl Scene {
             lost: Vec::new(),
             displaced: BTreeMap::new(),
             digest: Digest::START,
+            journal: None,
         })
     }
 
@@ -140,7 +147,11 @@ impl Scene {
                 self.forget_joints([id]);
             }
         }
-        self.sound()
+        self.sound()?;
+        if let Some(journal) = &mut self.journal {
+            journal.applied(self.tick, command);
+        }
+        Ok(())
     }
 
     /// Steps once.
@@ -151,6 +162,7 @@ impl Scene {
     pub fn step(&mut self) -> Result<Stepped, SceneFault> {
         self.observations.clear();
         self.engine.step(&mut self.lost)?;
+        let before = self.tick;
         self.tick = self.tick.next();
         self.displaced.clear();
         for place in 0..self.lost.len() {
@@ -162,10 +174,23 @@ impl Scene {
         }
         self.engine.observe(&mut self.observations);
         self.digest.fold_tick(self.tick, &self.observations);
+        if let Some(journal) = &mut self.journal {
+            journal.push(before, &Record::Stepped(self.digest.value()));
+        }
         Ok(Stepped {
             tick: self.tick,
             removed: mem::take(&mut self.lost),
         })
+    }
+
+    /// Has everything that changes the scene from now on be noted for its command log.
+    pub(crate) fn keep_journal(&mut self) {
+        self.journal = Some(Journal::default());
+    }
+
+    /// The journal, if one is kept.
+    pub(crate) const fn journal_mut(&mut self) -> Option<&mut Journal> {
+        self.journal.as_mut()
     }
 
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), CommandError> {

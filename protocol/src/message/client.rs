@@ -9,6 +9,7 @@ use super::choice::StreamChoice;
 use super::extensions::Extensions;
 use super::frame::{Framed, frame};
 use super::resync::ResyncCause;
+use super::session_key::SessionRequest;
 use super::tier_policy::TierPolicy;
 use super::version::MAGIC;
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};
@@ -69,6 +70,8 @@ pub enum ClientMessage {
     Upstream(Vec<u8>),
     /// Sets the tiers that the server may change to when the link is congested.
     TierPolicy(TierPolicy),
+    /// Names the session of the next join, to begin it or to take it up.
+    Session(SessionRequest),
 }
 
 /// Type bytes.
@@ -89,6 +92,7 @@ mod kind {
     pub(super) const DRIVE: u8 = 14;
     pub(super) const UPSTREAM: u8 = 15;
     pub(super) const MOVES: u8 = 16;
+    pub(super) const SESSION: u8 = 32;
 }
 
 impl ClientMessage {
@@ -167,6 +171,10 @@ impl ClientMessage {
                 tier_policy.encode(body);
                 kind::MOVES
             }
+            Self::Session(request) => {
+                request.encode(body);
+                kind::SESSION
+            }
         }
     }
 
@@ -211,6 +219,7 @@ impl ClientMessage {
             }
             kind::UPSTREAM => Self::Upstream(from.raw(framed.body.len())?.to_vec()),
             kind::MOVES => Self::TierPolicy(TierPolicy::decode(&mut from)?),
+            kind::SESSION => Self::Session(SessionRequest::decode(&mut from)?),
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };

@@ -11,6 +11,7 @@ mod inspection;
 mod resync;
 mod scene_event;
 mod server;
+mod session_key;
 mod tier_policy;
 mod version;
 
@@ -25,5 +26,6 @@ pub use inspection::{Inspection, StageTimes};
 pub use resync::ResyncCause;
 pub use scene_event::{RemovalCause, SceneEvent};
 pub use server::{Joined, ServerMessage, Welcome};
+pub use session_key::{SessionKey, SessionRequest, SessionState};
 pub use tier_policy::{TierChangeCause, TierPolicy};
 pub use version::{MAGIC, VERSIONS};

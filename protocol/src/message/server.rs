@@ -11,6 +11,7 @@ use super::extensions::Extensions;
 use super::frame::{Framed, frame};
 use super::inspection::Inspection;
 use super::scene_event::SceneEvent;
+use super::session_key::SessionState;
 use super::tier_policy::TierChangeCause;
 use crate::packet::{LargestPacket, StreamId};
 use crate::scene::{CommandError, IdRange, SceneConfig};
@@ -103,6 +104,15 @@ pub enum ServerMessage {
         /// The reason.
         cause: TierChangeCause,
     },
+    /// Where the session of this join goes on; sent before `Joined`.
+    Session(SessionState),
+    /// The scene up to this tick, and so many commands of the session, survive the server's crash.
+    Durable {
+        /// Commands of the session from its first on.
+        commands: u64,
+        /// The tick.
+        tick: Tick,
+    },
 }
 
 /// Type bytes.
@@ -123,6 +133,8 @@ mod kind {
     pub(super) const DRIVING: u8 = 14;
     pub(super) const NOT_DRIVING: u8 = 15;
     pub(super) const MOVED: u8 = 16;
+    pub(super) const SESSION: u8 = 32;
+    pub(super) const DURABLE: u8 = 33;
 }
 
 impl Wire for Welcome {
@@ -261,6 +273,15 @@ impl ServerMessage {
                 cause.encode(&mut body);
                 kind::MOVED
             }
+            Self::Session(state) => {
+                state.encode(&mut body);
+                kind::SESSION
+            }
+            Self::Durable { commands, tick } => {
+                body.varint(*commands);
+                body.varint(tick.value());
+                kind::DURABLE
+            }
         };
         frame(kind, &body.into_bytes(), to);
     }
@@ -301,6 +322,11 @@ impl ServerMessage {
             kind::MOVED => Self::TierChanged {
                 to: StreamChoice::decode(&mut from)?,
                 cause: TierChangeCause::decode(&mut from)?,
+            },
+            kind::SESSION => Self::Session(SessionState::decode(&mut from)?),
+            kind::DURABLE => Self::Durable {
+                commands: from.count()?,
+                tick: Tick::new(from.count()?),
             },
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),

@@ -330,6 +330,10 @@ impl ClientSession {
                 self.stream_selection.handle_tier_changed(to);
                 self.events.push_back(Event::TierChanged { to, cause });
             }
+            ServerMessage::Session(state) => self.events.push_back(Event::Session(state)),
+            ServerMessage::Durable { commands, tick } => {
+                self.events.push_back(Event::Durable { commands, tick });
+            }
         }
         Ok(())
     }

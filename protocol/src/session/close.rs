@@ -29,6 +29,8 @@ impl CloseCode {
     pub const BUSY: Self = Self(7);
     /// The client said no hello in time.
     pub const HELLO_LATE: Self = Self(8);
+    /// Another connection has taken the session up.
+    pub const SESSION_TAKEN: Self = Self(16);
 }
 
 impl From<Malformed> for CloseCode {
@@ -49,6 +51,7 @@ impl fmt::Display for CloseCode {
             Self::SCENE_PARKED => "the scene does not answer and is parked",
             Self::BUSY => "the server cannot serve another scene now",
             Self::HELLO_LATE => "no hello in time",
+            Self::SESSION_TAKEN => "another connection has taken the session up",
             Self(code) => return write!(f, "unknown close code {code}"),
         })
     }

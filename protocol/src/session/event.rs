@@ -8,7 +8,8 @@ use rhumb_reckoning::{BodyId, Tick};
 
 use crate::endpoint::Ending;
 use crate::message::{
-    AuthorityError, Denial, Inspection, RemovalCause, StreamChoice, TierChangeCause, Welcome,
+    AuthorityError, Denial, Inspection, RemovalCause, SessionState, StreamChoice, TierChangeCause,
+    Welcome,
 };
 use crate::scene::{CommandError, IdRange};
 use crate::time::{Instant, Span};
@@ -53,6 +54,15 @@ pub enum Event {
         number: u64,
         /// The reason for the refusal.
         error: CommandError,
+    },
+    /// The session begins or goes on, with its commands so far and the scene's tick.
+    Session(SessionState),
+    /// The scene up to this tick, and so many commands of the session, survive a crash of the server.
+    Durable {
+        /// Commands of the session from its first on.
+        commands: u64,
+        /// The tick.
+        tick: Tick,
     },
     /// A body was placed in the scene.
     BodyPlaced(BodyId),

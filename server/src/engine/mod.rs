@@ -7,7 +7,7 @@ mod rapier_body;
 mod rapier_solid;
 mod rapier_workers;
 
-pub use interface::{Engine, EngineFault, NewBody, Push, UnusableShape};
+pub use interface::{Engine, EngineFault, FrozenEngine, NewBody, Push, UnusableShape};
 pub use rapier::RapierEngine;
 #[cfg(feature = "app")]
 pub(crate) use rapier_solid::bulk;

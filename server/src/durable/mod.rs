@@ -1,0 +1,24 @@
+//! Scenes that survive the process: a command log and snapshots of each, in a data directory.
+
+mod data_dir;
+mod disk;
+mod error;
+mod frame;
+mod journal;
+mod record;
+mod recovery;
+mod scene_files;
+#[cfg(test)]
+mod sim_disk;
+mod snapshot_file;
+#[cfg(test)]
+mod tests;
+mod writer;
+
+pub use data_dir::DataDir;
+pub use error::{Damage, DataError};
+pub(crate) use journal::{Batch, Journal};
+pub(crate) use record::{Record, SessionNumber};
+pub(crate) use recovery::{Report, Restored};
+pub(crate) use scene_files::SceneFiles;
+pub(crate) use writer::{Frozen, Origin, SceneLog, Wake};
