@@ -13,12 +13,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use clap::Parser;
+use clap::{Parser, Subcommand};
 use rhumb_protocol::Span;
 use rhumb_protocol::packet::LargestPacket;
+use rhumb_protocol::scene::SceneName;
 use rhumb_transport::Stop;
 use tracing::level_filters::LevelFilter;
 
+use crate::durable::{self, DataDir};
 use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::log;
@@ -52,9 +54,32 @@ pub struct Arguments {
     /// Seconds after which a scene without members ends; 0 keeps it until a client deletes it.
     #[arg(long, default_value_t = 600)]
     empty_scene_seconds: u32,
+    /// Directory for command logs and snapshots, from which scenes are restored at start; without it, scenes end with
+    /// the process.
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    #[command(subcommand)]
+    task: Option<Task>,
     #[cfg(feature = "app")]
     #[command(flatten)]
     app: crate::app_arguments::AppArguments,
+}
+
+/// Something else than serving.
+#[derive(Debug, Subcommand)]
+enum Task {
+    /// Verify every scene of a data directory that no server uses: authentic, whole, and replayed to the same bits.
+    Check {
+        /// The directory.
+        dir: PathBuf,
+    },
+    /// Run the log of a scene again from the oldest state that is kept.
+    Replay {
+        /// The directory.
+        dir: PathBuf,
+        /// The scene.
+        scene: SceneName,
+    },
 }
 
 /// A server that has not stopped so long after a signal is ended: two seconds are promised.
@@ -84,6 +109,13 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
 }
 
 fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), Box<dyn Error>> {
+    match arguments.task {
+        Some(Task::Check { dir }) => return durable::check(&dir, &mut std::io::stdout()),
+        Some(Task::Replay { dir, scene }) => {
+            return durable::replay(&dir, &scene, &mut std::io::stdout());
+        }
+        None => {}
+    }
     if !arguments.core.is_empty() {
         run_on_cores(&arguments.core)?;
     }
@@ -99,6 +131,9 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), Box<dyn Error>>
     if arguments.empty_scene_seconds > 0 {
         let milliseconds = u64::from(arguments.empty_scene_seconds) * 1_000;
         server.expire_empty_scenes(Span::from_millis(milliseconds));
+    }
+    if let Some(dir) = &arguments.data {
+        server.store_in(DataDir::open(dir)?);
     }
     if let Some(hooks) = hooks {
         server.attach(hooks);

@@ -71,6 +71,7 @@ mod times;
 
 pub use authority_table::UpstreamStatistics;
 pub use digest::Digest;
+pub use durable::{Damage, DataDir, DataError};
 pub use engine::{Workers, WorkersError};
 pub use front::Front;
 pub use glam;

@@ -6,6 +6,7 @@ use rhumb_protocol::Instant;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::packet::StreamId;
 
+use crate::durable::SessionNumber;
 use crate::tier_controller::TierController;
 
 /// A client that is a member.
@@ -14,7 +15,7 @@ pub(crate) struct Member {
     subscription: StreamId,
     /// The former stream, until the member has caught up with the present one.
     previous: Option<StreamId>,
-    /// Commands of this membership that were applied or refused.
+    /// Commands of this membership, or of its session, that were applied or refused.
     commands: u64,
     /// Number of the last of them, while it is not answered.
     pub(crate) unanswered: Option<u64>,
@@ -27,6 +28,10 @@ pub(crate) struct Member {
     /// Bytes of the scene events that its commands caused, less [`ADDED_PER_SECOND`] since.
     pub(crate) added_bytes: usize,
     added_at: Instant,
+    /// Its session, if it has one.
+    pub(crate) session: Option<SessionNumber>,
+    /// Whether commands are numbered that the log has not got yet.
+    undurable: bool,
 }
 
 /// Bytes of scene events that a member may cause at once while others are behind.
@@ -45,17 +50,25 @@ pub(crate) enum SnapshotRequest {
 
 impl Member {
     /// A new member that subscribes to a stream.
-    pub(crate) const fn new(stream: StreamId, choice: StreamChoice) -> Self {
+    /// `commands`: those of its session before.
+    pub(crate) const fn new(
+        stream: StreamId,
+        choice: StreamChoice,
+        session: Option<SessionNumber>,
+        commands: u64,
+    ) -> Self {
         Self {
             subscription: stream,
             previous: None,
-            commands: 0,
+            commands,
             unanswered: None,
             snapshot_request: None,
             link: TierController::new(choice),
             pending_bytes: 0,
             added_bytes: 0,
             added_at: Instant::ZERO,
+            session,
+            undurable: false,
         }
     }
 
@@ -77,7 +90,13 @@ impl Member {
         let number = self.commands;
         self.commands += 1;
         self.unanswered = Some(number);
+        self.undurable = self.session.is_some();
         number
+    }
+
+    /// Its commands so far, if there are more than at the last call.
+    pub(crate) fn take_undurable(&mut self) -> Option<u64> {
+        std::mem::take(&mut self.undurable).then_some(self.commands)
     }
 
     /// The present stream.
@@ -136,7 +155,7 @@ mod tests {
 
     #[test]
     fn the_former_stream_stays_until_the_new_one_has_caught_up() {
-        let mut member = Member::new(A, StreamChoice::Full);
+        let mut member = Member::new(A, StreamChoice::Full, None, 0);
         assert_eq!(member.change(B), None);
         assert_eq!(subscribed(&member), [B, A]);
         assert_eq!(member.caught_up(A), None);
@@ -146,7 +165,7 @@ mod tests {
 
     #[test]
     fn a_second_change_keeps_the_complete_replica_s_stream() {
-        let mut member = Member::new(A, StreamChoice::Full);
+        let mut member = Member::new(A, StreamChoice::Full, None, 0);
         assert_eq!(member.change(B), None);
         assert_eq!(member.change(C), Some(B));
         assert_eq!(subscribed(&member), [C, A]);
@@ -155,7 +174,7 @@ mod tests {
 
     #[test]
     fn changing_back_subscribes_once() {
-        let mut member = Member::new(A, StreamChoice::Full);
+        let mut member = Member::new(A, StreamChoice::Full, None, 0);
         assert_eq!(member.change(B), None);
         assert_eq!(member.change(A), Some(B));
         assert_eq!(subscribed(&member), [A]);

@@ -164,6 +164,11 @@ impl Registry {
         known.filter(|known| known.lives).map(|known| &known.desc)
     }
 
+    /// Number of indices up to the last that was ever used.
+    pub(crate) const fn indices(&self) -> u32 {
+        self.bodies.len() as u32
+    }
+
     pub(crate) const fn body_count(&self) -> usize {
         self.count
     }

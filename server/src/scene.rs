@@ -332,6 +332,11 @@ impl Scene {
         self.registry.body_count()
     }
 
+    /// Number of body indices that were ever used.
+    pub(crate) const fn indices(&self) -> u32 {
+        self.registry.indices()
+    }
+
     /// Number of bodies awake after the last step.
     #[must_use]
     pub fn awake_count(&self) -> usize {

@@ -4,19 +4,21 @@
 //! observe, send.
 
 mod authority;
+mod durability;
 mod flow;
 #[cfg(feature = "app")]
 mod owner;
+mod session;
 mod subscriptions;
 mod weight;
 
 use std::collections::{BTreeMap, VecDeque};
 
 use bytes::Bytes;
-use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX};
+use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, MEMBERS_PER_SCENE_MAX};
 use rhumb_protocol::message::{
     ClientMessage, Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage,
-    StreamChoice,
+    SessionRequest, StreamChoice,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{Command, CommandError, SceneConfig, ShapeId, Stepping};
@@ -24,14 +26,18 @@ use rhumb_protocol::stream::{Activity, Observation, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::Tick;
 
+use self::durability::Durability;
+pub(crate) use self::session::Departure;
 use self::weight::weight;
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
+use crate::durable::Record;
 use crate::grants::Grants;
 use crate::hook::Hook;
 use crate::member::{Member, SnapshotRequest};
 use crate::outbox::Outbox;
 use crate::scene::Scene;
+use crate::sessions::Sessions;
 use crate::snapshot::append_snapshot;
 use crate::stream_names::StreamNames;
 use crate::streams::{Stream, Streams};
@@ -65,6 +71,9 @@ pub(crate) struct SceneRunner {
     owned: bool,
     /// The largest packet of its later streams.
     largest_packet: LargestPacket,
+    sessions: Sessions,
+    /// Its command log, if it survives the process.
+    durability: Option<Durability>,
 }
 
 /// A free-running scene that is later than so many steps slows down instead of catching up.
@@ -94,6 +103,8 @@ impl SceneRunner {
             faulted: false,
             owned: false,
             largest_packet: LargestPacket::DEFAULT,
+            sessions: Sessions::default(),
+            durability: None,
         }
     }
 
@@ -120,9 +131,9 @@ impl SceneRunner {
         self.members.keys().copied()
     }
 
-    /// Whether it has neither members nor an owner.
+    /// Whether it has neither members, nor an owner, nor a log that keeps it.
     pub(crate) fn is_abandoned(&self) -> bool {
-        self.members.is_empty() && !self.owned
+        self.members.is_empty() && !self.owned && !self.is_durable()
     }
 
     /// When the next step is due: at once in a scene that must advance, never in one without members.
@@ -141,7 +152,7 @@ impl SceneRunner {
         &mut self,
         now: Instant,
         peer: Peer,
-        choice: StreamChoice,
+        (choice, request): (StreamChoice, Option<SessionRequest>),
         out: &mut Outbox,
     ) -> Result<(), Denial> {
         if self.faulted {
@@ -154,13 +165,25 @@ impl SceneRunner {
             Some(stream) => stream,
             None => self.begin_stream(choice),
         };
-        if let Err(denial) = self.grant(peer, GRANT) {
-            self.streams.unsubscribe(stream, peer);
-            return Err(denial);
-        }
+        let before = self.sessions.next_number();
+        let session = match self.begin_session(now, peer, request, out) {
+            Ok(session) => session,
+            Err(denial) => {
+                self.streams.unsubscribe(stream, peer);
+                return Err(denial);
+            }
+        };
         self.send_scene_events(out);
-        self.members.insert(peer, Member::new(stream, choice));
+        let commands = session.and_then(|number| self.sessions.get(number));
+        let commands = commands.map_or(0, |session| session.commands);
+        let member = Member::new(stream, choice, session, commands);
+        self.members.insert(peer, member);
+        let resumed = session.is_some_and(|number| number < before);
+        self.announce_session(peer, resumed, out);
         self.send_snapshot(peer, out);
+        if let Some(request) = request {
+            self.repeat_answers(peer, request.answered, out);
+        }
         if self.next_step.is_none() {
             self.last_step = now;
             self.next_step = Some(now + self.step());
@@ -241,14 +264,14 @@ impl SceneRunner {
     }
 
     /// Ends a membership. The client's bodies stay; its input behind a pending advance is dropped.
-    pub(crate) fn leave(&mut self, peer: Peer) {
+    pub(crate) fn leave(&mut self, now: Instant, peer: Peer, departure: Departure) {
         self.waiting.retain(|(sender, _)| *sender != peer);
         self.authority_table.end(peer);
         if let Some(member) = self.members.remove(&peer) {
             for stream in member.streams() {
                 self.streams.unsubscribe(stream, peer);
             }
-            self.grants.retire(peer);
+            self.end_session(now, peer, member.session, departure);
         }
         if self.members.is_empty() {
             self.next_step = None;
@@ -257,7 +280,12 @@ impl SceneRunner {
 
     pub(crate) fn reserve(&mut self, peer: Peer, count: u32, out: &mut Outbox) {
         let answer = match self.grant(peer, count) {
-            Ok(range) => ServerMessage::Reserved(range),
+            Ok(range) => {
+                if let Some(number) = self.members.get(&peer).and_then(|member| member.session) {
+                    self.note_session(&Record::Granted(number, range));
+                }
+                ServerMessage::Reserved(range)
+            }
             Err(denial) => ServerMessage::Denied(denial),
         };
         out.send(peer, &answer);
@@ -332,9 +360,11 @@ impl SceneRunner {
             // Other messages do not depend on their place among the commands.
             Ok(_) => return,
         };
-        let number = member.number_command();
+        let (number, session) = (member.number_command(), member.session);
         let unsent = self.unsent.len();
-        if let Err(error) = command.and_then(|command| self.apply(peer, &command)) {
+        let refused = command.and_then(|command| self.apply(peer, &command)).err();
+        self.note_command(session, refused);
+        if let Some(error) = refused {
             out.send(peer, &ServerMessage::Refused { number, error });
         }
         let added = self.unsent.len().saturating_sub(unsent);
@@ -432,6 +462,7 @@ impl SceneRunner {
     /// Answers the input of one read after all of it was handled.
     pub(crate) fn answer_pending(&mut self, out: &mut Outbox) {
         self.send_scene_events(out);
+        self.commit();
         let pending_snapshots: Vec<(Peer, SnapshotRequest)> = self
             .members
             .iter_mut()
@@ -488,6 +519,7 @@ impl SceneRunner {
             Err(_) => return self.fault(out),
         };
         let after_step = clock();
+        self.snapshot_if_due(after_step.since(begun));
         for error in refused.into_iter().flatten() {
             tracing::warn!(%error, "the scene continues without the command");
         }
@@ -500,6 +532,7 @@ impl SceneRunner {
             .observe(self.scene.tick(), self.scene.observations());
         let observed = clock();
         self.streams.publish(self.scene_events);
+        self.commit();
         self.send_scene_events(out);
         for (peer, member) in &self.members {
             for stream in member.streams() {
@@ -562,6 +595,7 @@ impl SceneRunner {
 
     /// Informs the members that the scene has ended.
     pub(crate) fn end(mut self, out: &mut Outbox) {
+        self.delete_log();
         for peer in self.members.keys() {
             self.authority_table.end(*peer);
             out.send(*peer, &ServerMessage::Deleted);

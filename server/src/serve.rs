@@ -14,6 +14,7 @@ use rhumb_transport::{
     ServerOptions, ServerStatistics, Stop,
 };
 
+use crate::durable::{DataDir, DataError};
 use crate::engine::{Workers, WorkersError};
 #[cfg(feature = "app")]
 use crate::front::Adapter;
@@ -41,6 +42,7 @@ pub struct Server {
     workers: Workers,
     largest_packet: LargestPacket,
     empty_for: Option<Span>,
+    data: Option<DataDir>,
     /// Serves the clients of another protocol.
     #[cfg(feature = "app")]
     adapter: Option<Adapter>,
@@ -64,6 +66,8 @@ pub enum RunError {
     Workers(WorkersError),
     /// A thread cannot start.
     Thread(io::Error),
+    /// The data directory cannot be used.
+    Data(DataError),
     /// The thread of the sockets failed.
     Serve(ServeError),
 }
@@ -79,6 +83,7 @@ impl fmt::Display for RunError {
             }
             Self::Workers(cause) => cause.fmt(f),
             Self::Thread(cause) => write!(f, "cannot start a thread: {cause}"),
+            Self::Data(cause) => cause.fmt(f),
             Self::Serve(cause) => cause.fmt(f),
         }
     }
@@ -109,6 +114,7 @@ impl Server {
             workers: Workers::default(),
             largest_packet: LargestPacket::DEFAULT,
             empty_for: None,
+            data: None,
             #[cfg(feature = "app")]
             adapter: None,
         })
@@ -152,12 +158,17 @@ impl Server {
         self.empty_for = Some(after);
     }
 
+    /// Keeps scenes in a data directory, and restores those that it has.
+    pub fn store_in(&mut self, data: DataDir) {
+        self.data = Some(data);
+    }
+
     /// Serves on the calling thread, and each scene on a thread of its own, until `stop` is requested. Then every
     /// client learns that the server is going away.
     ///
     /// # Errors
     ///
-    /// [`RunError::Serve`] if the thread of the sockets fails.
+    /// [`RunError::Serve`] if the thread of the sockets fails, [`RunError::Data`] if the data directory does.
     pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
         let clock = Clock::start();
         let waker = self.transport.waker();
@@ -173,6 +184,11 @@ impl Server {
         #[cfg(feature = "app")]
         if let Some(adapter) = self.adapter {
             front.serve_also(adapter).map_err(RunError::Thread)?;
+        }
+        if let Some(data) = self.data {
+            front
+                .store_in(clock.now(), data)
+                .map_err(RunError::Data)?;
         }
         let served = self.transport.run(&mut front, stop);
         front.shut_down();

@@ -3,23 +3,27 @@
 //! Routes each message to the scene of its connection. The real driver and the simulated network use it alike. It
 //! reads no clock but its stopwatch, which only measures.
 
+mod stored_scenes;
+
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use rhumb_protocol::message::{ClientMessage, Denial, Grease, ServerMessage};
+use rhumb_protocol::message::{ClientMessage, Denial, Grease, ServerMessage, SessionRequest};
 use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, PacketKind};
 use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName};
+use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{
     Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
 };
 use rhumb_reckoning::Tick;
 
+use self::stored_scenes::StoredScenes;
 use crate::authority_table::UpstreamStatistics;
 use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::outbox::Outbox;
 use crate::pulse::Pulse;
 use crate::scene::Scene;
-use crate::scene_runner::SceneRunner;
+use crate::scene_runner::{Departure, SceneRunner};
 use crate::scene_slots::{SceneSlot, SceneSlots};
 use crate::stream_names::StreamNames;
 
@@ -30,6 +34,8 @@ struct SceneConnection {
     member: bool,
     /// A join that waits until the link has taken the snapshot before it.
     held: Option<ClientMessage>,
+    /// The session of its next join.
+    session: Option<SessionRequest>,
 }
 
 /// Messages of one connection that are handled before others, and the ticks, get their turn.
@@ -62,6 +68,7 @@ pub struct ServerLoop {
     hooks: Option<Hooks>,
     workers: Workers,
     largest_packet: LargestPacket,
+    stored: StoredScenes,
     pub(crate) stopwatch: Box<dyn Fn() -> Instant + Send>,
 }
 
@@ -84,6 +91,7 @@ impl ServerLoop {
             hooks: None,
             workers: Workers::default(),
             largest_packet: LargestPacket::DEFAULT,
+            stored: StoredScenes::default(),
             stopwatch: Box::new(stopwatch),
         }
     }
@@ -203,7 +211,7 @@ impl ServerLoop {
 
     /// Ends the membership of a connection, and forgets it.
     fn forget(&mut self, peer: Peer) {
-        self.leave(peer);
+        self.leave(peer, Departure::Disconnected);
         self.connections.remove(&peer);
         self.queued.retain(|queued| *queued != peer);
         self.blocked.remove(&peer);
@@ -278,16 +286,17 @@ impl ServerLoop {
         };
         match message {
             Ok(ClientMessage::Create(config)) => {
-                let answer = match self.create(&name, config) {
-                    Ok(_) => ServerMessage::Created,
+                let answer = match self.create_stored(&name, config) {
+                    Ok(()) => ServerMessage::Created,
                     Err(denial) => ServerMessage::Denied(denial),
                 };
                 self.out.send(peer, &answer);
             }
             Ok(ClientMessage::Join(choice)) => {
+                let session = connection.session.take();
                 let joined = match self.runners.get_mut(&name) {
-                    Some(runner) => runner.join(now, peer, choice, &mut self.out),
-                    None => Err(Denial::NoSuchScene),
+                    Some(runner) => runner.join(now, peer, (choice, session), &mut self.out),
+                    None => Err(self.stored.denial(&name)),
                 };
                 match joined {
                     Ok(()) => {
@@ -297,6 +306,7 @@ impl ServerLoop {
                     Err(denial) => self.out.send(peer, &ServerMessage::Denied(denial)),
                 }
             }
+            Ok(ClientMessage::Session(request)) => connection.session = Some(request),
             Ok(ClientMessage::Delete) => self.delete(peer, &name),
             message => self.handle_scene_message(now, peer, &name, message),
         }
@@ -334,7 +344,7 @@ impl ServerLoop {
         }
         match message {
             Ok(ClientMessage::Leave) => {
-                runner.leave(peer);
+                runner.leave(now, peer, Departure::Left);
                 out.send(peer, &ServerMessage::Left);
                 if let Some(connection) = self.connections.get_mut(&peer) {
                     connection.member = false;
@@ -390,6 +400,9 @@ impl ServerLoop {
             let denial = ServerMessage::Denied(Denial::Led);
             return self.out.send(peer, &denial);
         }
+        if self.stored.delete_damaged(name) {
+            return self.out.send(peer, &ServerMessage::Deleted);
+        }
         if !self.runners.contains_key(name) {
             let denial = ServerMessage::Denied(Denial::NoSuchScene);
             return self.out.send(peer, &denial);
@@ -425,11 +438,12 @@ impl ServerLoop {
         self.runners.get_mut(name)
     }
 
-    fn leave(&mut self, peer: Peer) {
+    fn leave(&mut self, peer: Peer, departure: Departure) {
+        let now = self.out.now();
         let Some(runner) = self.runner_of(peer) else {
             return;
         };
-        runner.leave(peer);
+        runner.leave(now, peer, departure);
         let connection = self.connections.get(&peer);
         if let Some(name) = connection.and_then(|connection| connection.scene.clone()) {
             self.note_empty(&name);
@@ -518,6 +532,11 @@ impl Endpoint for ServerLoop {
             self.handle_message(now, peer, message);
         }
         self.answer_pending(peer);
+        let departure = match ending {
+            Ending::Closed(code) if code == CloseCode::DONE.0 => Departure::Left,
+            Ending::Closed(_) | Ending::TimedOut | Ending::Broken => Departure::Disconnected,
+        };
+        self.leave(peer, departure);
         self.forget(peer);
         self.out.forget(peer);
     }

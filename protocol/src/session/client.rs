@@ -7,6 +7,7 @@ mod clock;
 mod greeting;
 mod recovery;
 mod response_times;
+mod resumption;
 mod stream_selection;
 mod timeouts;
 mod upstream;
@@ -19,6 +20,7 @@ use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
 use self::response_times::ResponseTimes;
+use self::resumption::Resumption;
 use self::stream_selection::StreamSelection;
 use self::timeouts::RESYNC_MOST;
 use super::close::CloseCode;
@@ -61,6 +63,7 @@ pub struct ClientSession {
     granted: IdRange,
     upstream_state: UpstreamState,
     commands: u64,
+    resumption: Resumption,
     awaited: Tick,
     response_times: ResponseTimes,
     resyncing: bool,
@@ -75,7 +78,7 @@ pub struct ClientSession {
 impl ClientSession {
     /// A session for a scene, before the connection opens.
     #[must_use]
-    pub const fn new(scene: SceneName) -> Self {
+    pub fn new(scene: SceneName) -> Self {
         Self {
             state: ClientState::Unconnected,
             peer: Peer(0),
@@ -87,6 +90,7 @@ impl ClientSession {
             granted: IdRange::EMPTY,
             upstream_state: UpstreamState::new(),
             commands: 0,
+            resumption: Resumption::default(),
             awaited: Tick::ZERO,
             response_times: ResponseTimes::new(),
             resyncing: false,
@@ -163,7 +167,9 @@ impl ClientSession {
     /// As [`Self::leave`], and [`Misuse::Invalid`] for a number out of range; nothing is sent then.
     pub fn command(&mut self, command: Command) -> Result<u64, Misuse> {
         command.check().map_err(Misuse::Invalid)?;
-        self.as_member(&ClientMessage::Command(command))?;
+        self.must_be(ClientState::Member)?;
+        self.resumption.note_command(self.commands, &command);
+        self.send(&ClientMessage::Command(command));
         self.commands += 1;
         Ok(self.commands - 1)
     }
@@ -175,6 +181,7 @@ impl ClientSession {
     /// As [`Self::leave`].
     pub fn advance(&mut self, now: Instant, to: Tick) -> Result<(), Misuse> {
         self.as_member(&ClientMessage::Advance { to })?;
+        self.resumption.note_advance(to);
         if !self.awaits() {
             // With no request pending, the receiver measured silence; the answer now has its own timeout.
             self.replica_switch
@@ -308,8 +315,13 @@ impl ClientSession {
                     self.ask_for_stream();
                 }
                 self.events.push_back(Event::Denied(denial));
+                if self.state == ClientState::Lobby && self.can_reconnect() {
+                    // The scene of the session is gone.
+                    return Err(CloseCode::DONE);
+                }
             }
             ServerMessage::Applied { through, tick } => {
+                self.resumption.note_applied(through, tick);
                 self.events.push_back(Event::Applied { through, tick });
             }
             ServerMessage::Refused { number, error } => {
@@ -330,8 +342,9 @@ impl ClientSession {
                 self.stream_selection.handle_tier_changed(to);
                 self.events.push_back(Event::TierChanged { to, cause });
             }
-            ServerMessage::Session(state) => self.events.push_back(Event::Session(state)),
+            ServerMessage::Session(state) => self.handle_session(state)?,
             ServerMessage::Durable { commands, tick } => {
+                self.resumption.finish(commands, tick);
                 self.events.push_back(Event::Durable { commands, tick });
             }
         }
@@ -349,6 +362,7 @@ impl ClientSession {
         self.config = Some(joined.config);
         self.granted = joined.granted;
         self.replica_switch.begin(joined);
+        self.note_choice(joined.choice);
         self.stream_selection.handle_joined(joined.choice);
         self.ask_for_stream();
         Ok(())
@@ -358,10 +372,12 @@ impl ClientSession {
         self.replica_switch.end_snapshot()?;
         if self.state != ClientState::Member {
             self.state = ClientState::Member;
-            self.commands = 0;
             self.send(&ClientMessage::Ping { sent: now });
             self.pings.begin(now);
-            self.events.push_back(Event::Joined(self.granted));
+            if !self.resume() {
+                self.commands = 0;
+                self.events.push_back(Event::Joined(self.granted));
+            }
         }
         self.resyncing = false;
         self.ask_for_stream();
@@ -401,6 +417,7 @@ impl ClientSession {
 
     fn end_membership(&mut self, event: Event) {
         self.state = ClientState::Lobby;
+        self.resumption = Resumption::default();
         self.replica_switch = ReplicaSwitch::new();
         self.upstream_state = UpstreamState::new();
         self.stream_selection = StreamSelection::new();

@@ -55,8 +55,14 @@ pub enum Event {
         /// The reason for the refusal.
         error: CommandError,
     },
-    /// The session begins or goes on, with its commands so far and the scene's tick.
-    Session(SessionState),
+    /// The connection ended; the client tries to go on with the session over another one.
+    Interrupted(Ending),
+    /// The session goes on over another connection: the replica is complete again, and commands that were not done are
+    /// sent again. A scene that was restored may go on at an earlier tick than the last one sent.
+    Resumed(SessionState),
+    /// The server does not know the session any more: which of its commands were done cannot be told. The connection
+    /// ends.
+    SessionLost(SessionState),
     /// The scene up to this tick, and so many commands of the session, survive a crash of the server.
     Durable {
         /// Commands of the session from its first on.

@@ -3,6 +3,7 @@
 //! One process at a time uses it. A scene's directory is named after the scene and the number of its creation, so that
 //! a scene of the same name after a deletion has files of its own.
 
+use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -63,6 +64,26 @@ impl DataDir {
         })))
     }
 
+    /// Opens a directory that exists, and writes nothing.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError`] for a directory that cannot be read, that is none of a server, or that a process uses.
+    pub fn open_to_read(path: &Path) -> Result<Self, DataError> {
+        let file = path.join(LOCK);
+        let lock = File::open(&file).map_err(DataError::io(&file, "open"))?;
+        let lock = take(lock, path, &file)?;
+        let file = path.join(KEY);
+        let bytes = std::fs::read(&file).map_err(DataError::io(&file, "read"))?;
+        Ok(Self(Arc::new(Opened {
+            disk: Arc::new(SystemDisk),
+            scenes: path.join(SCENES),
+            key: key_of(&bytes, &file)?,
+            next: AtomicU64::new(0),
+            _lock: lock,
+        })))
+    }
+
     /// The scenes that it has.
     ///
     /// # Errors
@@ -71,11 +92,18 @@ impl DataDir {
     pub(crate) fn scenes(&self) -> Result<Vec<(SceneName, SceneFiles)>, DataError> {
         let scenes = &self.0.scenes;
         let names = (self.0.disk.list(scenes)).map_err(DataError::io(scenes, "list"))?;
-        let parsed = names.iter().filter_map(|name| {
-            let (scene, _) = parse(name)?;
-            Some((scene, self.files(name)))
-        });
-        Ok(parsed.collect())
+        // Of two directories of one scene, the older one was to be deleted.
+        let mut newest: BTreeMap<SceneName, (u64, &String)> = BTreeMap::new();
+        for name in &names {
+            if let Some((scene, number)) = parse(name) {
+                let entry = newest.entry(scene).or_insert((number, name));
+                *entry = (*entry).max((number, name));
+            }
+        }
+        let files = newest.into_iter();
+        Ok(files
+            .map(|(scene, (_, name))| (scene, self.files(name)))
+            .collect())
     }
 
     /// The files of a scene that is created now.
@@ -123,12 +151,17 @@ fn lock(path: &Path) -> Result<File, DataError> {
     let lock = (OpenOptions::new().write(true).create(true).truncate(false))
         .open(&file)
         .map_err(DataError::io(&file, "open"))?;
+    take(lock, path, &file)
+}
+
+/// Locks a directory by its file, until the file is closed.
+fn take(lock: File, path: &Path, file: &Path) -> Result<File, DataError> {
     match lock.try_lock() {
         Ok(()) => Ok(lock),
         Err(TryLockError::WouldBlock) => Err(DataError::InUse {
             path: path.to_owned(),
         }),
-        Err(TryLockError::Error(cause)) => Err(DataError::io(&file, "lock")(cause)),
+        Err(TryLockError::Error(cause)) => Err(DataError::io(file, "lock")(cause)),
     }
 }
 
@@ -142,10 +175,14 @@ fn read_or_make_key(path: &Path) -> Result<hmac::Key, DataError> {
         }
         read => read.map_err(DataError::io(&file, "read"))?,
     };
+    key_of(&bytes, &file)
+}
+
+fn key_of(bytes: &[u8], file: &Path) -> Result<hmac::Key, DataError> {
     if bytes.len() != KEY_BYTES {
-        return Err(DataError::damaged(&file, Damage::Beginning));
+        return Err(DataError::damaged(file, Damage::Beginning));
     }
-    Ok(hmac::Key::new(hmac::HMAC_SHA256, &bytes))
+    Ok(hmac::Key::new(hmac::HMAC_SHA256, bytes))
 }
 
 fn make_key(path: &Path) -> io::Result<[u8; KEY_BYTES]> {

@@ -3,6 +3,7 @@
 mod data_dir;
 mod disk;
 mod error;
+mod examine;
 mod frame;
 mod journal;
 mod record;
@@ -17,8 +18,9 @@ mod writer;
 
 pub use data_dir::DataDir;
 pub use error::{Damage, DataError};
-pub(crate) use journal::{Batch, Journal};
+pub(crate) use examine::{check, replay};
+pub(crate) use journal::Journal;
 pub(crate) use record::{Record, SessionNumber};
-pub(crate) use recovery::{Report, Restored};
+pub(crate) use recovery::{Restored, Start};
 pub(crate) use scene_files::SceneFiles;
 pub(crate) use writer::{Frozen, Origin, SceneLog, Wake};

@@ -14,6 +14,7 @@ use super::frame::{Frames, Tail};
 use super::record::Record;
 use super::scene_files::{Header, SceneFiles};
 use super::snapshot_file::Snapshot;
+use super::writer::Origin;
 use crate::engine::Workers;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
@@ -28,6 +29,15 @@ pub(crate) struct Restored {
     /// Number and bytes of the last segment.
     pub(super) last: (u32, u64),
     pub(crate) report: Report,
+}
+
+/// Where a replay begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Start {
+    /// At the newest good snapshot.
+    Newest,
+    /// At the oldest state that the files have.
+    Oldest,
 }
 
 /// What the recovery of a scene found.
@@ -45,6 +55,19 @@ pub(crate) struct Report {
     pub(crate) refused: Vec<String>,
 }
 
+impl Restored {
+    /// Where its log goes on.
+    pub(crate) fn origin(&self) -> Origin {
+        Origin {
+            name: self.name.clone(),
+            config: *self.scene.config(),
+            tick: self.scene.tick(),
+            segment: self.next_segment,
+            previous: Some(self.last),
+        }
+    }
+}
+
 /// A segment that belongs to the run.
 struct Link {
     number: u32,
@@ -60,6 +83,7 @@ impl SceneFiles {
     pub(crate) fn restore(
         &self,
         workers: &Workers,
+        start: Start,
         beat: &mut dyn FnMut(),
     ) -> Result<Option<Restored>, DataError> {
         let (segments, snapshots) = self.numbers()?;
@@ -67,7 +91,7 @@ impl SceneFiles {
             return Ok(None);
         };
         let mut report = Report::default();
-        let snapshot = self.newest_snapshot(&chain, &snapshots, &mut report)?;
+        let snapshot = self.first_snapshot(&chain, &snapshots, start, &mut report)?;
         let first = snapshot.as_ref().map_or(0, |snapshot| snapshot.segment);
         let last = &chain[chain.len() - 1];
         let (config, name) = (last.header.config, last.header.scene.clone());
@@ -155,18 +179,25 @@ impl SceneFiles {
         }))
     }
 
-    /// The newest snapshot that is good and whose segment is in the chain; `None` to begin with an empty scene.
-    fn newest_snapshot(
+    /// The first good snapshot whose segment is in the chain; `None` to begin with an empty scene.
+    fn first_snapshot(
         &self,
         chain: &[Link],
         snapshots: &[u32],
+        start: Start,
         report: &mut Report,
     ) -> Result<Option<Snapshot>, DataError> {
+        let oldest = chain.first().map_or(0, |link| link.number);
+        let mut usable: Vec<u32> = (snapshots.iter().copied())
+            .filter(|number| chain.iter().any(|link| link.number == *number))
+            .collect();
+        match start {
+            Start::Newest => usable.reverse(),
+            Start::Oldest if oldest == 0 => usable.clear(),
+            Start::Oldest => {}
+        }
         let mut first_error = None;
-        for number in snapshots.iter().rev() {
-            if !chain.iter().any(|link| link.number == *number) {
-                continue;
-            }
+        for number in &usable {
             match self.read_snapshot(*number) {
                 Ok(snapshot) => return Ok(Some(snapshot)),
                 Err(error) => {
@@ -175,7 +206,6 @@ impl SceneFiles {
                 }
             }
         }
-        let oldest = chain.first().map_or(0, |link| link.number);
         if oldest == 0 {
             return Ok(None);
         }

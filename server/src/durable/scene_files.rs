@@ -137,7 +137,7 @@ impl SceneFiles {
     }
 
     /// Removes everything. The directory has another name first, so that a crash does not leave half a scene.
-    pub(super) fn delete(&self) -> Result<(), DataError> {
+    pub(crate) fn delete(&self) -> Result<(), DataError> {
         let mut deleted = self.directory.clone().into_os_string();
         deleted.push(".");
         deleted.push(DELETED);

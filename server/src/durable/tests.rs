@@ -19,7 +19,7 @@ use ring::hmac;
 use super::disk::Disk;
 use super::error::DataError;
 use super::record::{Record, SessionNumber};
-use super::recovery::Restored;
+use super::recovery::{Restored, Start};
 use super::scene_files::{Header, SceneFiles, Segment};
 use super::sim_disk::SimDisk;
 use super::snapshot_file::Snapshot;
@@ -205,7 +205,7 @@ impl Recorded {
     }
 
     fn restore(&self) -> Result<Option<Restored>, DataError> {
-        self.files.restore(&Workers::default(), &mut || {})
+        self.files.restore(&Workers::default(), Start::Newest, &mut || {})
     }
 
     /// Checks that a restored scene is the recorded one at its tick.
@@ -389,7 +389,7 @@ fn a_full_disk_ends_the_acknowledgements_until_a_snapshot_finds_room() {
     let last = append(&mut recorded, &mut log);
     wait_until("durable again", || log.durable() == last);
     drop(log);
-    let restored = files(&disk).restore(&Workers::default(), &mut || {});
+    let restored = files(&disk).restore(&Workers::default(), Start::Newest, &mut || {});
     let restored = restored.unwrap().unwrap();
     recorded.check(&restored).unwrap();
     assert_eq!(restored.scene.tick(), recorded.scene.tick());

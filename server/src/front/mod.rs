@@ -35,6 +35,7 @@ use self::parked::{Parked, Scope};
 use self::threads::{SharedClock, Threads};
 use self::worker::{HereWorker, ThreadWorker};
 use crate::authority_table::UpstreamStatistics;
+use crate::durable::{DataDir, DataError};
 use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::scene_slots::SceneSlots;
@@ -64,6 +65,7 @@ struct WorkerSettings {
     largest_packet: LargestPacket,
     slots: SceneSlots,
     empty_for: Option<Span>,
+    data: Option<DataDir>,
 }
 
 struct Worker {
@@ -119,6 +121,7 @@ impl Front {
                 largest_packet: LargestPacket::DEFAULT,
                 slots: SceneSlots::default(),
                 empty_for: None,
+                data: None,
             },
         }
     }
@@ -153,6 +156,23 @@ impl Front {
     /// Has later scenes end that have had no member for so long.
     pub fn expire_empty_scenes(&mut self, after: Span) {
         self.settings.empty_for = Some(after);
+    }
+
+    /// Keeps scenes in a data directory, and begins to restore those that it has. Call it last of the settings.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError`] if the directory cannot be read.
+    pub fn store_in(&mut self, now: Instant, data: DataDir) -> Result<(), DataError> {
+        let scenes = data.scenes()?;
+        self.settings.data = Some(data);
+        for (name, _) in scenes {
+            match self.worker_of(self.scope_of(&name)) {
+                Ok(id) => self.route(now, id, WorkerInput::Restore(name)),
+                Err(code) => tracing::error!(scene = %name, %code, "cannot restore a scene"),
+            }
+        }
+        Ok(())
     }
 
     /// Statistics of all bodies of a scene under a member's authority, if its worker runs on this thread.
@@ -402,6 +422,9 @@ impl WorkerSettings {
         server_loop.employ(self.engine_threads.clone());
         server_loop.set_largest_packet(self.largest_packet);
         server_loop.share_slots(self.slots.clone());
+        if let Some(data) = &self.data {
+            server_loop.store_in(data.clone());
+        }
         if let Some(empty_for) = self.empty_for {
             server_loop.expire_empty_scenes(empty_for);
         }

@@ -45,7 +45,11 @@ impl ClientSession {
         self.state = ClientState::Lobby;
         self.config = welcome.scene;
         self.send(&ClientMessage::Ping { sent: now });
-        self.events.push_back(Event::Welcomed(welcome));
+        if self.can_reconnect() {
+            self.rejoin();
+        } else {
+            self.events.push_back(Event::Welcomed(welcome));
+        }
         Ok(())
     }
 }
