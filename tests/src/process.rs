@@ -96,6 +96,16 @@ impl Programme {
         self.serve_with(listen, &[&app, more].concat())
     }
 
+    /// The same without a log, with more arguments.
+    ///
+    /// # Panics
+    ///
+    /// As [`Self::serve`].
+    #[must_use]
+    pub fn serve_by(self, listen: &str, more: &[&str]) -> ServerProcess {
+        self.serve_logging(listen, "warn", more)
+    }
+
     fn serve_with(self, listen: &str, more: &[&str]) -> ServerProcess {
         self.serve_logging(listen, "info", more)
     }
@@ -177,6 +187,11 @@ impl ServerProcess {
             .arg(self.id().to_string())
             .status();
         assert!(status.expect("running the kill command").success());
+    }
+
+    /// Ends the process at once, as a crash does.
+    pub fn kill(self) {
+        drop(self);
     }
 
     /// Waits until the process ends by itself.

@@ -160,16 +160,22 @@ impl ClientSession {
         self.as_member(&ClientMessage::Reserve { count })
     }
 
-    /// Queues a command; returns the number that its answer will name.
+    /// Queues a command; returns the number that its answer will name. Between two connections of a session it waits
+    /// for the second.
     ///
     /// # Errors
     ///
     /// As [`Self::leave`], and [`Misuse::Invalid`] for a number out of range; nothing is sent then.
     pub fn command(&mut self, command: Command) -> Result<u64, Misuse> {
         command.check().map_err(Misuse::Invalid)?;
-        self.must_be(ClientState::Member)?;
+        let resuming = self.is_resuming();
+        if !resuming {
+            self.must_be(ClientState::Member)?;
+        }
         self.resumption.note_command(self.commands, &command);
-        self.send(&ClientMessage::Command(command));
+        if !resuming {
+            self.send(&ClientMessage::Command(command));
+        }
         self.commands += 1;
         Ok(self.commands - 1)
     }
@@ -180,6 +186,10 @@ impl ClientSession {
     ///
     /// As [`Self::leave`].
     pub fn advance(&mut self, now: Instant, to: Tick) -> Result<(), Misuse> {
+        if self.is_resuming() {
+            self.resumption.note_advance(to);
+            return Ok(());
+        }
         self.as_member(&ClientMessage::Advance { to })?;
         self.resumption.note_advance(to);
         if !self.awaits() {

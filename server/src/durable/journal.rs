@@ -38,11 +38,6 @@ impl Journal {
         record.encode(&mut self.records);
     }
 
-    /// Bytes of the records.
-    pub(crate) fn bytes(&self) -> usize {
-        self.records.len()
-    }
-
     /// Everything since the last call.
     pub(crate) fn take(&mut self) -> Option<Batch> {
         let tick = self.tick.take()?;

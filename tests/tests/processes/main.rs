@@ -7,6 +7,7 @@ use rhumb_tests::Programme;
 mod app_process;
 mod authority_quic;
 mod body_ids;
+mod durable;
 mod examples;
 mod hostile_load;
 mod public_client;

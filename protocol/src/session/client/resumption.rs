@@ -114,6 +114,11 @@ impl ClientSession {
         self.resumption.key.is_some() && self.resumption.rejoin.is_some()
     }
 
+    /// Whether the client was a member, and another connection is to make it one again.
+    pub(super) fn is_resuming(&self) -> bool {
+        !matches!(self.state, ClientState::Member | ClientState::Ended) && self.can_reconnect()
+    }
+
     /// Commands that the server may have to be sent again.
     #[must_use]
     pub fn unfinished_commands(&self) -> usize {
