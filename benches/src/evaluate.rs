@@ -172,7 +172,7 @@ fn tolerance(text: &str) -> Result<Tolerance, String> {
     Tolerance::from_metres(Metres::new(value)).map_err(|error| error.to_string())
 }
 
-/// Why an evaluation failed.
+/// The error of an evaluation.
 #[derive(Debug)]
 enum EvaluateError {
     /// A run failed.

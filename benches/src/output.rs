@@ -13,7 +13,7 @@ use crate::report;
 use crate::summary::Summary;
 use crate::trace::{self, TraceError, TraceOptions};
 
-/// Why an output could not be written.
+/// The error of an output that was not written.
 #[derive(Debug)]
 pub enum OutputError {
     /// A file or folder cannot be written.

@@ -12,7 +12,7 @@ use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Tick};
 use serde::{Deserialize, Serialize};
 
-/// How a scene is run.
+/// The way of running a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Mode {
     /// Stepped in the caller's own thread.
@@ -38,19 +38,19 @@ pub enum Mode {
 }
 
 impl Mode {
-    /// Whether the caller continues while the server steps.
+    /// True if the caller continues while the server steps.
     #[must_use]
     pub const fn is_ahead(self) -> bool {
         matches!(self, Self::RhumbPipelined)
     }
 
-    /// Whether the server steps by its own clock.
+    /// True if the server steps by its own clock.
     #[must_use]
     pub const fn is_free(self) -> bool {
         matches!(self, Self::RhumbFree | Self::NaiveFree)
     }
 
-    /// Whether it uses the paper's protocol.
+    /// True if it uses the paper's protocol.
     #[must_use]
     pub const fn is_app(self) -> bool {
         matches!(self, Self::AppAll | Self::AppActive | Self::AppPacked)
@@ -115,11 +115,11 @@ pub struct CopiedPose {
     pub position: [f32; 3],
     /// Quaternion x, y, z, w.
     pub rotation: [f32; 4],
-    /// Whether the copy counts the body as resting.
+    /// True if the copy counts the body as resting.
     pub resting: bool,
 }
 
-/// Why a copy exceeded its tolerance.
+/// The cause of an excess over the tolerance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Cause {
     /// A datagram was lost and not yet recovered.

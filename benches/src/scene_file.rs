@@ -56,7 +56,7 @@ struct SceneFile {
 struct SceneFileBody {
     /// The body is placed before the step that follows this tick.
     tick: u64,
-    /// Whether the engine moves it; other bodies are static.
+    /// True if the engine moves it; other bodies are static.
     dynamic: bool,
     shape: SceneFileShape,
     position: [f32; 3],
@@ -76,7 +76,7 @@ enum SceneFileShape {
     Hull { points: Vec<[f32; 3]> },
 }
 
-/// Why a scene was not written.
+/// The error of a scene that was not written.
 #[derive(Debug)]
 enum SceneError {
     /// The script does more than place bodies.

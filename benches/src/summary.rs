@@ -70,7 +70,7 @@ impl Summary {
         text
     }
 
-    /// Whether all runs are replays of recordings.
+    /// True if all runs are replays of recordings.
     #[must_use]
     pub fn is_of_replays(&self) -> bool {
         !self.runs.is_empty() && self.runs.iter().all(|run| run.replayed.is_some())

@@ -1,6 +1,6 @@
 //! Walks an avatar, under the client's authority, through a scene of boxes.
 //!
-//! Start `rhumb-server` first; it prints the address and the fingerprint, which are the arguments of this example.
+//! Start `rhumb-server --open` first; it prints the address and the fingerprint, which are the arguments of this example.
 
 use std::f32::consts::TAU;
 use std::io::Write;
@@ -86,7 +86,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         client.idle(FRAME)?;
     }
-    let sent = client.statistics().driven;
+    let sent = client.statistics().upstream;
     writeln!(
         out,
         "the client published the walk in {} updates, {} bytes",

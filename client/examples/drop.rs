@@ -1,6 +1,6 @@
 //! Drops a ball on a floor, and prints its position and its error bound.
 //!
-//! Start `rhumb-server` first; it prints the address and the fingerprint, which are the arguments of this example.
+//! Start `rhumb-server --open` first; it prints the address and the fingerprint, which are the arguments of this example.
 
 use std::io::Write;
 

@@ -18,7 +18,7 @@ use rhumb_reckoning::{BodyId, BodyState, Seconds, Tick, Ticks, Tolerance};
 use rhumb_transport::TransportCode;
 use rhumb_view::{PipelineDepth, RenderParams, RenderTime, SceneClock, View};
 
-use crate::body_naming::BodyNaming;
+use crate::client_ids::ClientIds;
 use crate::error::ClientError;
 use crate::join_options::JoinOptions;
 use crate::pump::{Pump, TapChannel, span};
@@ -35,7 +35,7 @@ pub struct Client {
     pump: Pump,
     timeout: Duration,
     view: View,
-    naming: BodyNaming,
+    ids: ClientIds,
     config: SceneConfig,
     clock: SceneClock,
     /// A second clock for the upstream, because the delay of the view does not apply to it.
@@ -76,7 +76,7 @@ impl Client {
             pump,
             timeout,
             view: View::default(),
-            naming: BodyNaming::new(granted),
+            ids: ClientIds::new(granted),
             config,
             clock: SceneClock::new(config.integrator.rate),
             upstream_clock: SceneClock::new(config.integrator.rate),
@@ -192,7 +192,7 @@ impl Client {
     pub fn add_body(&mut self, body: BodyBuilder) -> Result<BodyId, ClientError> {
         let state = self.check_body(&body)?;
         self.reserve_ids(1)?;
-        self.naming.add_body(&mut self.pump.session, &body, state)
+        self.ids.add_body(&mut self.pump.session, &body, state)
     }
 
     /// Queues the addition of many bodies, and returns their ids in the same order. Equal shapes are sent once.
@@ -218,7 +218,7 @@ impl Client {
         let mut ids = Vec::with_capacity(checked.len());
         for (body, state) in &checked {
             let session = &mut self.pump.session;
-            ids.push(self.naming.add_body(session, body, *state)?);
+            ids.push(self.ids.add_body(session, body, *state)?);
         }
         Ok(ids)
     }
@@ -232,7 +232,7 @@ impl Client {
     /// As [`Self::add_bodies`].
     pub fn new_ids(&mut self, count: u32) -> Result<Vec<BodyId>, ClientError> {
         self.reserve_ids(count)?;
-        Ok(self.naming.take_ids(count))
+        Ok(self.ids.take_ids(count))
     }
 
     /// Queues a command, which is applied before the next tick; returns the command number that the answer refers to.
@@ -245,7 +245,7 @@ impl Client {
     /// [`ClientError::Misuse`] for an invalid number; then the command is not queued.
     pub fn command(&mut self, command: Command) -> Result<u64, ClientError> {
         self.check_open()?;
-        Ok(self.naming.command(&mut self.pump.session, command)?)
+        Ok(self.ids.command(&mut self.pump.session, command)?)
     }
 
     /// Sends the queued commands at once.
@@ -262,14 +262,14 @@ impl Client {
     /// Waits until `count` ids are available.
     fn reserve_ids(&mut self, count: u32) -> Result<(), ClientError> {
         self.check_open()?;
-        let missing = self.naming.missing_ids(count);
+        let missing = self.ids.missing_ids(count);
         if missing == 0 {
             return Ok(());
         }
         self.pump.session.reserve(missing)?;
         self.denied = None;
         let deadline = self.deadline();
-        while self.naming.missing_ids(count) > 0 {
+        while self.ids.missing_ids(count) > 0 {
             if let Some(denial) = self.denied.take() {
                 return Err(ClientError::Denied(denial));
             }
@@ -437,7 +437,7 @@ impl Client {
         Statistics {
             wire: self.pump.connection.statistics(),
             stream: stream.map(Subscriber::statistics).unwrap_or_default(),
-            driven: self.pump.session.upstream().unwrap_or_default(),
+            upstream: self.pump.session.upstream().unwrap_or_default(),
             watermark_tick: stream.map(Subscriber::watermark_tick).unwrap_or_default(),
             complete: self.complete(),
             behind_ticks: server
@@ -562,7 +562,7 @@ impl Client {
             }
             _ => {}
         }
-        self.naming.note(event, self.pump.session.replica())
+        self.ids.note(event, self.pump.session.replica())
     }
 
     fn refresh(&mut self, at: RenderTime, smooth: bool) {

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use rhumb_protocol::Ending;
 use rhumb_protocol::limits::SHAPES_MAX;
-use rhumb_protocol::message::Denial;
+use rhumb_protocol::message::{Denial, InvalidToken};
 use rhumb_protocol::scene::{InvalidSceneName, SceneName};
 use rhumb_protocol::session::{CloseCode, Misuse};
 use rhumb_reckoning::Tick;
@@ -31,6 +31,8 @@ pub enum OpenError {
         /// The rule that it breaks.
         cause: InvalidSceneName,
     },
+    /// The text cannot be a token.
+    Token(InvalidToken),
     /// The server denied the request.
     Denied {
         /// The scene of the request.
@@ -81,6 +83,7 @@ impl fmt::Display for OpenError {
             Self::SceneName { scene, cause } => {
                 write!(f, "{scene:?} cannot name a scene: {cause}")
             }
+            Self::Token(cause) => cause.fmt(f),
             Self::Denied { scene, denial } => write!(f, "scene {scene}: {denial}"),
             Self::Random(cause) => cause.fmt(f),
             Self::Client(cause) => cause.fmt(f),

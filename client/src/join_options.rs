@@ -6,7 +6,7 @@ use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::SceneConfig;
 use rhumb_reckoning::Tolerance;
 
-/// Whether joining creates the scene, requires an existing one, or accepts both.
+/// The condition under which a client joins: the scene is new, exists already, or either.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum JoinMode {
     /// Creates the scene, which must not exist yet.
@@ -23,7 +23,7 @@ pub enum JoinMode {
 /// view without delay, and smooths corrections.
 #[derive(Clone, Copy, Debug)]
 pub struct JoinOptions {
-    /// Whether joining creates the scene.
+    /// Create the scene, join an existing one, or accept both.
     pub mode: JoinMode,
     /// The stream to subscribe to.
     pub stream: StreamChoice,

@@ -27,7 +27,7 @@
 //! # }
 //! ```
 //!
-//! A client has authority over the bodies that its own simulator moves: it asks once, and publishes them in each frame.
+//! A client has authority over the bodies that its own simulator moves: it requests authority once, and publishes them in each frame.
 //!
 //! ```no_run
 //! use rhumb_client::{BodyId, Client, ClientError, Tolerance, BodyState};
@@ -48,8 +48,8 @@
 //! ```
 #![forbid(unsafe_code)]
 
-mod body_naming;
 mod client;
+mod client_ids;
 mod error;
 mod id_allocator;
 mod join_options;
@@ -66,8 +66,8 @@ pub use join_options::{JoinMode, JoinOptions};
 pub use pump::TapChannel;
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{
-    AuthorityError, Denial, Inspection, RemovalCause, StageTimes, StreamChoice, TierChangeCause,
-    TierPolicy,
+    AuthorityError, Denial, Inspection, InvalidToken, RemovalCause, StageTimes, StreamChoice,
+    TierChangeCause, TierPolicy,
 };
 pub use rhumb_protocol::scene;
 pub use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};

@@ -23,6 +23,7 @@ pub struct ServerConnection {
     connection: QuicClient,
     options: ClientOptions,
     timeout: Duration,
+    token: Option<String>,
 }
 
 impl ServerConnection {
@@ -36,7 +37,15 @@ impl ServerConnection {
             connection,
             options,
             timeout,
+            token: None,
         })
+    }
+
+    /// Shows this token, which `rhumb-server token` made, when it joins. Only a server started with `--open` needs none.
+    #[must_use]
+    pub fn token(mut self, token: &str) -> Self {
+        self.token = Some(token.to_owned());
+        self
     }
 
     /// Joins a scene of this name with [`JoinOptions::default`], which creates the scene unless it exists.
@@ -52,7 +61,7 @@ impl ServerConnection {
     ///
     /// # Errors
     ///
-    /// [`OpenError`] for an invalid scene name, a request that the server denies, and an answer that does not arrive in
+    /// [`OpenError`] for an invalid scene name or token, a request that the server denies, and an answer that does not arrive in
     /// time.
     pub fn join_with(self, scene: &str, options: JoinOptions) -> Result<Client, OpenError> {
         let name: SceneName = scene.parse().map_err(|cause| OpenError::SceneName {
@@ -64,7 +73,11 @@ impl ServerConnection {
             scene: name.clone(),
             denial,
         };
-        let mut pump = Pump::new(ClientSession::new(name.clone()), self.connection, self.options);
+        let mut session = ClientSession::new(name.clone());
+        if let Some(token) = self.token {
+            session.set_token(token.parse().map_err(OpenError::Token)?);
+        }
+        let mut pump = Pump::new(session, self.connection, self.options);
         let welcome = await_event(&mut pump, timeout, "welcome", |event| match event {
             Event::Welcomed(welcome) => Some(Ok(welcome)),
             _ => None,

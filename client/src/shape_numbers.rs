@@ -63,7 +63,7 @@ impl ShapeNumbers {
         self.unanswered.retain(|_, added| added.command > through);
     }
 
-    /// Whether a refused command adds a shape that the scene already has under the same number.
+    /// True if a refused command adds a shape that the scene already has under the same number.
     pub(crate) fn is_harmless<'a>(
         &self,
         number: u64,

@@ -12,7 +12,7 @@ pub struct Statistics {
     /// Packets and updates received.
     pub stream: SubscriberStatistics,
     /// Packets and updates of the upstream since the last authority grant.
-    pub driven: PublisherStatistics,
+    pub upstream: PublisherStatistics,
     /// The newest tick up to which the subscriber knows that everything is published.
     pub watermark_tick: Tick,
     /// The newest tick at which every body is within its tolerance.

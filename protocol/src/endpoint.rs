@@ -1,7 +1,7 @@
 //! Interface of both ends to a driver, real or simulated.
 //!
 //! Neither clock nor socket: moments and bytes are arguments. A driver may call `handle_*` in any order, then drains
-//! `poll_transmit` until it is empty, then asks `poll_timeout` for the next call. No call blocks.
+//! `poll_transmit` until it is empty, then call `poll_timeout` for the time of the next call. No call blocks.
 
 use bytes::Bytes;
 
@@ -38,7 +38,7 @@ pub enum Transmit {
     },
 }
 
-/// How a connection ended, as observed by its end.
+/// The end of a connection, as one endpoint observes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     /// The peer closed it and gave this code.
@@ -107,7 +107,7 @@ pub trait Endpoint {
         let _ = (now, peer, bytes);
     }
 
-    /// Whether the endpoint can use more control bytes of a peer now. A driver may hold them back otherwise, so that
+    /// True if the endpoint can use more control bytes of a peer now. A driver may hold them back otherwise, so that
     /// flow control slows the peer down.
     fn wants_control(&self, from: Peer) -> bool {
         let _ = from;
@@ -117,6 +117,6 @@ pub trait Endpoint {
     /// The next transmission, in order per peer and lane.
     fn poll_transmit(&mut self) -> Option<Transmit>;
 
-    /// When to call `handle_timeout`.
+    /// The time at which to call `handle_timeout`.
     fn poll_timeout(&self) -> Option<Wake>;
 }

@@ -18,8 +18,8 @@ pub const SCENE_NAME_BYTES_MAX: usize = 64;
 pub const VERSIONS_MAX: usize = 16;
 /// Extensions of one message.
 pub const EXTENSIONS_MAX: usize = 16;
-/// Bytes of one extension's value.
-pub const EXTENSION_BYTES_MAX: usize = 256;
+/// Bytes of one extension's value: a signed token fits it.
+pub const EXTENSION_BYTES_MAX: usize = 768;
 
 /// Least bytes that a second of a stream with a budget may take; see [`BUDGET_MAX`].
 pub const BUDGET_MIN: u32 = 256;
@@ -53,7 +53,7 @@ pub const UPSTREAM_WATERMARK_MS: u32 = 67;
 pub const UPSTREAM_GRACE_MS: u32 = 1_000;
 /// Body indices that a member is granted when it joins.
 pub const GRANT: u32 = 4_096;
-/// Body indices that one `Reserve` may ask for.
+/// Body indices that one `Reserve` may request.
 pub const RESERVE_MAX: u32 = BODIES_MAX;
 /// Body indices of one member, at most: tables by index are as long as the highest index with a body.
 pub const GRANTED_MAX: u32 = GRANT + RESERVE_MAX;
@@ -128,7 +128,7 @@ pub const COUNT_MAX: u64 = 1 << 48;
 /// Packets of a stream whose bodies the publisher keeps, so that it can refresh them.
 pub const HISTORY_PACKETS: usize = 1_024;
 /// Lost packets that one `LossReport` may name.
-pub const LOST_NAMED_MAX: usize = 64;
+pub const LOST_NUMBERS_MAX: usize = 64;
 /// Parts of one refresh.
 pub const REFRESH_PARTS_MAX: u8 = 64;
 /// A repair symbol covers at most so many consecutive packet numbers, and both ends keep so many packets for it.
@@ -138,7 +138,7 @@ pub const FEC_ROWS: u8 = 128;
 /// Repair symbols that a subscriber keeps until it can decode.
 pub const REPAIR_SYMBOLS_KEPT: usize = 16;
 /// Packets that a subscriber holds back while scene events are in transit.
-pub const PACKETS_HELD_MAX: usize = 512;
+pub const WAITING_DATAGRAMS_MAX: usize = 512;
 /// Milliseconds after which a silent free-running stream must send a watermark. QUIC acknowledges each watermark, and
 /// both together must stay below 60 bytes a second with all headers (measured: 126 bytes a watermark).
 pub const SILENCE_MS_MAX: u32 = 2_500;

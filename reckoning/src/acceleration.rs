@@ -78,7 +78,7 @@ impl ConstantAcceleration {
         self.steps
     }
 
-    /// How many times the steps are doubled.
+    /// The number of doublings of the steps.
     #[must_use]
     pub const fn exponent(&self) -> u8 {
         self.exponent

@@ -31,7 +31,7 @@ impl BodyId {
         self.index
     }
 
-    /// How many bodies used this index before.
+    /// The number of bodies that used this index before.
     #[must_use]
     pub const fn generation(self) -> u16 {
         self.generation

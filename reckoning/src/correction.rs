@@ -80,7 +80,7 @@ impl Correction {
         Motion::new(shown, moving).unwrap_or(*predicted_motion)
     }
 
-    /// Whether the glide has ended.
+    /// True if the glide has ended.
     #[must_use]
     pub fn is_over(&self, now: Seconds) -> bool {
         let left = now.seconds() - self.start.seconds() < Self::SPAN.seconds();

@@ -15,7 +15,7 @@ pub const TRACK_AGE_MAX: Ticks = Ticks::new(1_023);
 /// Pi/4, to the nearest double.
 const QUARTER_PI: f64 = f64::from_bits(0x3FE9_21FB_5444_2D18);
 
-/// How a scene steps a free body.
+/// The integration of a free body in a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integrator {
     /// Ticks per second.

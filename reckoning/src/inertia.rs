@@ -61,7 +61,7 @@ impl Inertia {
         self.frame
     }
 
-    /// Whether all moments are equal up to rounding: such a body keeps its spin, and its inertia is not sent.
+    /// True if all moments are equal up to rounding: such a body keeps its spin, and its inertia is not sent.
     #[must_use]
     pub fn is_isotropic(&self) -> bool {
         let (least, greatest) = self.extremes();

@@ -50,7 +50,7 @@ pub struct Motion {
     twist: Twist,
 }
 
-/// How far a rotation may be from unit length to count as rounded; beyond, it is invalid.
+/// The distance that a rotation may have from unit length to count as rounded; beyond, it is invalid.
 ///
 /// Ten thousand times what f32 arithmetic loses in one product, and far below any mistake.
 pub const UNIT_LENGTH_SLACK: f64 = 1e-3;

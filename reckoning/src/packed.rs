@@ -43,7 +43,7 @@ impl PackedRotation {
     /// Repeats the packing until it is a fixed point.
     fn stable(self) -> Self {
         let mut packed = self;
-        // Where two components tie, rounding may make the other one the largest; the second pass is then stable.
+        // If two components tie, rounding may make the other one the largest; the second pass is then stable.
         for _ in 0..3 {
             if packed.is_surely_stable() {
                 break;
@@ -57,7 +57,7 @@ impl PackedRotation {
         packed
     }
 
-    /// Whether the largest component is the largest by a whole step in its own value too: then that value packs to
+    /// True if the largest component is the largest by a whole step in its own value too: then that value packs to
     /// itself. The other components are whole steps up to rounding errors far below half a step.
     fn is_surely_stable(self) -> bool {
         let (_, others) = self.parts();

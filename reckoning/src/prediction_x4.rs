@@ -110,7 +110,7 @@ impl PredictionX4 {
         true
     }
 
-    /// Whether the batch is full.
+    /// True if the batch is full.
     #[must_use]
     pub const fn is_full(&self) -> bool {
         self.len == LANES

@@ -124,13 +124,13 @@ impl Predictor {
         )
     }
 
-    /// Whether it depends on gravity.
+    /// True if it depends on gravity.
     #[must_use]
     pub const fn falls(self) -> bool {
         matches!(self, Self::Ballistic | Self::BallisticTorqueFree)
     }
 
-    /// Whether it depends on the moments of inertia.
+    /// True if it depends on the moments of inertia.
     #[must_use]
     pub const fn is_torque_free(self) -> bool {
         matches!(

@@ -60,7 +60,7 @@ impl ErrorPrefilter {
     }
 
     /// Tests a track and adds its place to `undecided` unless it surely holds: at once, or in a later call.
-    pub fn look(&mut self, place: u32, case: &PrefilterInput<'_>, undecided: &mut Vec<u32>) {
+    pub fn test(&mut self, place: u32, case: &PrefilterInput<'_>, undecided: &mut Vec<u32>) {
         let track = case.track;
         let elapsed = case.tick.since(track.origin());
         let (Some(elapsed), None) = (elapsed, track.parent()) else {
@@ -147,7 +147,7 @@ struct PrefilterBounds {
     length: f32,
     /// Bound for the sine of half the turn; two where the turn has no bound of its own.
     half_chord: f32,
-    /// Whether a turn counts as a length.
+    /// True if a turn counts as a length.
     shared: bool,
 }
 
@@ -184,7 +184,7 @@ impl PrefilterBounds {
         }
     }
 
-    /// Whether a resting track surely holds: `apart` in metres, `truth` in the order of [`BodyState`].
+    /// True if a resting track surely holds: `apart` in metres, `truth` in the order of [`BodyState`].
     fn hold_still(
         &self,
         apart: [f32; 3],
@@ -488,7 +488,7 @@ mod tests {
         };
         let mut undecided = Vec::new();
         let mut prefilter = ErrorPrefilter::new(tolerance, INTEGRATOR);
-        prefilter.look(7, &case, &mut undecided);
+        prefilter.test(7, &case, &mut undecided);
         prefilter.finish(&mut undecided);
         PrefilterAnswer {
             undecided: undecided == [7],

@@ -220,7 +220,7 @@ impl QuantisedState {
         }
     }
 
-    /// Whether every part is within its limit, as every decoded state must be.
+    /// True if every part is within its limit, as every decoded state must be.
     #[must_use]
     pub fn is_within_limits(&self) -> bool {
         within(self.position, POSITION_LIMIT)
@@ -250,7 +250,7 @@ pub struct Residual {
 /// Difference of velocities from the implied ones, in steps that are doubled some times.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct VelocityResidual {
-    /// How many times the steps are doubled.
+    /// The number of doublings of the steps.
     pub velocity_exponent: u32,
     /// Linear velocity in these steps.
     pub linear: [i32; 3],
@@ -293,7 +293,7 @@ impl VelocityResidual {
         }
     }
 
-    /// Whether every part is within its limit, as every decoded residual must be.
+    /// True if every part is within its limit, as every decoded residual must be.
     #[must_use]
     pub fn is_within_limits(&self) -> bool {
         let limit = VELOCITY_LIMIT >> self.velocity_exponent.min(VELOCITY_EXPONENT_MAX);
@@ -393,7 +393,7 @@ impl Residual {
         }
     }
 
-    /// Whether every part is within its limit, as every decoded residual must be.
+    /// True if every part is within its limit, as every decoded residual must be.
     #[must_use]
     pub fn is_within_limits(&self) -> bool {
         let velocity = self.velocity.unwrap_or_default();

@@ -10,7 +10,7 @@ use crate::track::BodyState;
 /// Difference between the f32 of a pose and those of its prediction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct RestCorrection {
-    /// Whether the quaternion is nearer to the negative of the predicted one.
+    /// True if the quaternion is nearer to the negative of the predicted one.
     pub negated: bool,
     /// Steps of position.
     pub position: [i32; 3],
@@ -106,7 +106,7 @@ const fn rank(value: f32) -> i32 {
     if bits < 0 { bits ^ i32::MAX } else { bits }
 }
 
-/// How many f32 lie between two values.
+/// The number of f32 between two values.
 fn steps(to: f32, from: f32) -> Option<i32> {
     let by = i64::from(rank(to)) - i64::from(rank(from));
     (by.abs() < REACH).then_some(by as i32)

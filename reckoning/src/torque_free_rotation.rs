@@ -99,7 +99,7 @@ impl TorqueFreeRotation {
         torque_free_rotation.spin()
     }
 
-    /// Whether the rotation started from `start`, to the bit.
+    /// True if the rotation started from `start`, to the bit.
     fn begins_with(&self, start: &RotationState) -> bool {
         let bits = |(rotation, angular): &RotationState| {
             let ([x, y, z, w], [a, b, c]) = (rotation.to_array(), angular.to_array());

@@ -204,13 +204,13 @@ impl Track {
         elapsed(self.origin, tick)
     }
 
-    /// Whether the track predicts rest in the world.
+    /// True if the track predicts rest in the world.
     #[must_use]
     pub fn is_resting(&self) -> bool {
         self.predictor == Predictor::Rest && self.parent.is_none()
     }
 
-    /// Whether the copy equals the engine's resting state to the bit.
+    /// True if the copy equals the engine's resting state to the bit.
     #[must_use]
     pub fn is_exact_rest(&self) -> bool {
         self.is_resting() && matches!(self.anchor, Anchor::Exact(_))

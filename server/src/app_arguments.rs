@@ -13,7 +13,7 @@ pub(crate) struct AppArguments {
     /// TCP and UDP address for APP clients, such as OpenSimulator's RemotePhysics plug-in.
     #[arg(long)]
     app_listen: Option<SocketAddr>,
-    /// How APP clients learn that a frame is over.
+    /// The message by which APP clients learn that a frame is over.
     #[arg(long, value_enum, default_value = "tcp", requires = "app_listen")]
     app_time_advanced: FrameEnd,
     /// Bodies whose state is sent to APP clients in each frame.
@@ -27,7 +27,7 @@ pub(crate) struct AppArguments {
     app_packed: bool,
 }
 
-/// How APP clients learn that a frame is over.
+/// The message by which APP clients learn that a frame is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum FrameEnd {
     /// On TCP, where the message is not lost.
@@ -60,6 +60,12 @@ impl AppArguments {
             datagrams_per_ms: (self.app_datagram_rate > 0).then_some(self.app_datagram_rate),
         };
         server.listen_app(listen, self.options()).map(Some)
+    }
+
+    /// The address to listen at, if other machines reach it. APP clients have no tokens.
+    pub(crate) fn beyond_loopback(&self) -> Option<SocketAddr> {
+        self.app_listen
+            .filter(|address| !address.ip().is_loopback())
     }
 
     fn options(&self) -> AppOptions {

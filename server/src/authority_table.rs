@@ -20,7 +20,7 @@ use crate::scene::Scene;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UpstreamStatistics {
     /// The member with authority.
-    pub driver: Peer,
+    pub member: Peer,
     /// Number of bodies.
     pub bodies: usize,
     /// Tolerance of the upstream.
@@ -28,21 +28,21 @@ pub struct UpstreamStatistics {
     /// Newest tick up to which the upstream is complete at its sender.
     pub watermark_tick: Tick,
     /// Counters of the received upstream.
-    pub heard: SubscriberStatistics,
+    pub received: SubscriberStatistics,
     /// Steps for which the bodies got targets from the upstream.
     pub steps: u64,
     /// Steps for which an update came too late: a larger lead helps.
     pub late_steps: u64,
     /// The newest step.
     pub tick: Tick,
-    /// Whether the newest steps were late, the newest in the lowest bit.
+    /// One bit for each of the newest steps, set if it was late; the newest in the lowest bit.
     late: u128,
-    /// How often a target was refused, since no body may be there.
+    /// The number of targets refused, since no body may be there.
     pub refused: u64,
 }
 
 impl UpstreamStatistics {
-    /// Whether every update for a tick arrived before the step to it: each body is then within the tolerance of its
+    /// True if every update for a tick arrived before the step to it: each body is then within the tolerance of its
     /// sender's. False for ticks beyond the watermark, and for those long ago.
     #[must_use]
     pub fn was_complete_at(&self, tick: Tick) -> bool {
@@ -62,10 +62,10 @@ struct AuthorityGroup {
     put: BTreeMap<BodyId, (Vec3, Quat)>,
     steps: u64,
     late_steps: u64,
-    /// Whether the last steps were late, the newest in the lowest bit.
+    /// One bit for each of the newest steps, set if it was late; the newest in the lowest bit.
     late: u128,
     refused: u64,
-    /// Whether the bodies stand still because the upstream is silent.
+    /// True if the bodies stand still because the upstream is silent.
     stale: bool,
 }
 
@@ -85,7 +85,7 @@ impl AuthorityTable {
         self.authorities.get(&id).copied()
     }
 
-    /// Whether an upstream has this name.
+    /// True if an upstream has this name.
     pub(crate) fn has(&self, stream: StreamId) -> bool {
         self.groups
             .values()
@@ -126,7 +126,7 @@ impl AuthorityTable {
             steps = group.steps,
             late_steps = group.late_steps,
             refused = group.refused,
-            heard = ?group.receiver.statistics(),
+            received = ?group.receiver.statistics(),
             "authority ended"
         );
     }
@@ -193,11 +193,11 @@ impl AuthorityTable {
         tick: Tick,
         mut send: impl FnMut(Peer, Bytes),
     ) {
-        let mut questions = Vec::new();
+        let mut reports = Vec::new();
         for (peer, group) in &mut self.groups {
-            group.receiver.ask(now, tick, &mut questions);
-            for question in questions.drain(..) {
-                send(*peer, question);
+            group.receiver.poll_reports(now, tick, &mut reports);
+            for report in reports.drain(..) {
+                send(*peer, report);
             }
         }
     }
@@ -207,11 +207,11 @@ impl AuthorityTable {
         self.groups
             .iter()
             .map(move |(peer, group)| UpstreamStatistics {
-                driver: *peer,
+                member: *peer,
                 bodies: group.receiver.bodies().count(),
                 tolerance: group.receiver.tolerance(),
                 watermark_tick: group.receiver.watermark_tick(),
-                heard: group.receiver.statistics(),
+                received: group.receiver.statistics(),
                 steps: group.steps,
                 late_steps: group.late_steps,
                 tick: present,
@@ -260,7 +260,7 @@ impl AuthorityGroup {
     }
 }
 
-/// Whether the publisher of a stream sends this kind of packet.
+/// True if the publisher of a stream sends this kind of packet.
 const fn is_from_publisher(kind: PacketKind) -> bool {
     matches!(
         kind,

@@ -20,16 +20,25 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_transport::Stop;
 use tracing::level_filters::LevelFilter;
 
+use crate::access::{DEFAULT_AUDIENCE, TokenKeys};
 use crate::durable::{self, DataDir};
 use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::log;
-use crate::serve::{Identity, RunError, Server, run_on_cores};
+use crate::serve::{Access, Identity, RunError, Server, run_on_cores, seconds_since_1970};
+use crate::token_command::{self, TokenArguments};
 
 /// A Rapier server for remote rigid-body physics.
 #[derive(Debug, Parser)]
-#[command(name = "rhumb-server", version, about)]
+#[command(
+    name = "rhumb-server",
+    version,
+    about,
+    args_conflicts_with_subcommands = true
+)]
 pub struct Arguments {
+    #[command(subcommand)]
+    task: Option<Task>,
     /// UDP address to listen on; port 0 picks a free one.
     #[arg(long, default_value = "127.0.0.1:4433")]
     listen: SocketAddr,
@@ -39,6 +48,18 @@ pub struct Arguments {
     /// PEM file with the certificate's private key.
     #[arg(long, requires = "cert")]
     key: Option<PathBuf>,
+    /// File with a public key of tokens; may be repeated. `rhumb-server token --new-key FILE` makes keys.
+    #[arg(long, value_name = "FILE", conflicts_with = "open")]
+    token_key: Vec<PathBuf>,
+    /// Name that a token must give as its audience.
+    #[arg(long, default_value = DEFAULT_AUDIENCE)]
+    audience: String,
+    /// Admits every client of this machine without a token, for development.
+    #[arg(long)]
+    open: bool,
+    /// Lets clients without a token come from other machines too: those of --open and of --app-listen.
+    #[arg(long)]
+    open_to_network: bool,
     /// Log level: off, error, warn, info, debug or trace.
     #[arg(long, default_value = "info")]
     log: LevelFilter,
@@ -58,22 +79,22 @@ pub struct Arguments {
     /// the process.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
-    #[command(subcommand)]
-    task: Option<Task>,
     #[cfg(feature = "app")]
     #[command(flatten)]
     app: crate::app_arguments::AppArguments,
 }
 
-/// Something else than serving.
+/// Tasks beside serving.
 #[derive(Debug, Subcommand)]
 enum Task {
-    /// Verify every scene of a data directory that no server uses: authentic, whole, and replayed to the same bits.
+    /// Makes a token for a client, or the keys for tokens.
+    Token(TokenArguments),
+    /// Verifies every scene of a data directory that no server uses: authentic, whole, and replayed to the same bits.
     Check {
         /// The directory.
         dir: PathBuf,
     },
-    /// Run the log of a scene again from the oldest state that is kept.
+    /// Runs the log of a scene again from the oldest state that is kept.
     Replay {
         /// The directory.
         dir: PathBuf,
@@ -84,6 +105,10 @@ enum Task {
 
 /// A server that has not stopped so long after a signal is ended: two seconds are promised.
 const STOP_WITHIN: Duration = Duration::from_millis(1_500);
+
+/// What an operator reads who has not decided about access.
+const NO_ACCESS: &str = "no client could join: start with --open to admit all clients of this machine, \
+    or make keys by `rhumb-server token --new-key FILE` and start with --token-key FILE.pub";
 
 /// Exit code of a server that was ended so.
 const EXIT_NOT_STOPPED: i32 = 3;
@@ -96,8 +121,18 @@ pub fn main(arguments: Arguments) -> ExitCode {
 
 /// As [`main`], with hooks for the scenes that clients create.
 pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
-    let _last_lines = log::start(arguments.log);
-    match run(arguments, hooks) {
+    let outcome = match arguments.task {
+        Some(Task::Token(token)) => token_command::run(token, seconds_since_1970()),
+        Some(Task::Check { dir }) => durable::check(&dir, &mut std::io::stdout()),
+        Some(Task::Replay { dir, scene }) => {
+            durable::replay(&dir, &scene, &mut std::io::stdout())
+        }
+        None => {
+            let _last_lines = log::start(arguments.log);
+            run(arguments, hooks)
+        }
+    };
+    match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // The cause of a failed start is printed at any log level. If standard error fails too, nothing is left to
@@ -109,23 +144,23 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
 }
 
 fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), Box<dyn Error>> {
-    match arguments.task {
-        Some(Task::Check { dir }) => return durable::check(&dir, &mut std::io::stdout()),
-        Some(Task::Replay { dir, scene }) => {
-            return durable::replay(&dir, &scene, &mut std::io::stdout());
-        }
-        None => {}
-    }
     if !arguments.core.is_empty() {
         run_on_cores(&arguments.core)?;
     }
     let workers = Workers::new(Some(arguments.threads)).map_err(RunError::Workers)?;
+    let access = access(&arguments)?;
     let identity = match (arguments.cert, arguments.key) {
         (Some(certificate), Some(key)) => Identity::Files { certificate, key },
         _ => Identity::Development,
     };
+    #[cfg(feature = "app")]
+    if !arguments.open_to_network
+        && let Some(address) = arguments.app.beyond_loopback()
+    {
+        return Err(RunError::OpenToNetwork(address).into());
+    }
     let stop = Stop::new();
-    let mut server = Server::bind(arguments.listen, &identity)?;
+    let mut server = Server::bind(arguments.listen, &identity, access)?;
     server.employ(workers);
     server.set_largest_packet(arguments.largest_packet);
     if arguments.empty_scene_seconds > 0 {
@@ -162,6 +197,22 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), Box<dyn Error>>
     let statistics = outcome?;
     tracing::info!(connections = statistics.opened, "stopped");
     Ok(())
+}
+
+/// The clients to admit. Nobody is admitted without a token unless the operator says so.
+fn access(arguments: &Arguments) -> Result<Access, Box<dyn Error>> {
+    if arguments.open {
+        return Ok(if arguments.open_to_network {
+            Access::OpenToNetwork
+        } else {
+            Access::OpenOnLoopback
+        });
+    }
+    if arguments.token_key.is_empty() {
+        return Err(NO_ACCESS.into());
+    }
+    let keys = TokenKeys::read(&arguments.token_key, &arguments.audience)?;
+    Ok(Access::Tokens(keys))
 }
 
 /// Prints the address and the fingerprint to pin. A closed standard output does not stop a server.

@@ -55,7 +55,7 @@ impl Grants {
         Some(range)
     }
 
-    /// Whether a member may use an id.
+    /// True if a member may use an id.
     pub(crate) fn allows(&self, peer: Peer, id: BodyId) -> bool {
         let ranges = self.granted.get(&peer);
         ranges.is_some_and(|ranges| ranges.iter().any(|range| range.contains(id)))

@@ -13,7 +13,7 @@
 //!
 //! ```no_run
 //! use rhumb_server::glam::Vec3;
-//! use rhumb_server::{BodyKind, Command, Hook, Hooks, Identity, Scene, Server, Stop};
+//! use rhumb_server::{Access, BodyKind, Command, Hook, Hooks, Identity, Scene, Server, Stop};
 //!
 //! /// Called before each step.
 //! fn blow(scene: &Scene, out: &mut Vec<Command>) {
@@ -22,7 +22,8 @@
 //! }
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let mut server = Server::bind("127.0.0.1:4433".parse()?, &Identity::Development)?;
+//! let listen = "127.0.0.1:4433".parse()?;
+//! let mut server = Server::bind(listen, &Identity::Development, Access::OpenOnLoopback)?;
 //! server.attach(Hooks::new(|name, _config| {
 //!     let windy = name.as_str().starts_with("windy/");
 //!     windy.then(|| Hook::new(blow))
@@ -38,6 +39,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod access;
 #[cfg(feature = "app")]
 mod app_arguments;
 #[cfg(feature = "app")]
@@ -58,6 +60,7 @@ mod over_budget;
 mod pulse;
 mod registry;
 mod scene;
+mod scene_connection;
 mod scene_runner;
 mod scene_slots;
 mod serve;
@@ -68,7 +71,9 @@ mod stream_names;
 mod streams;
 mod tier_controller;
 mod times;
+mod token_command;
 
+pub use access::{KeyError, TokenKeys};
 pub use authority_table::UpstreamStatistics;
 pub use digest::Digest;
 pub use durable::{Damage, DataDir, DataError};
@@ -90,5 +95,5 @@ pub use rhumb_transport::{
     BindError, CertificateError, Fingerprint, ServeError, ServerStatistics, Stop,
 };
 pub use scene::{Scene, SceneFault, Stepped};
-pub use serve::{Identity, RunError, Server, run_on_cores, usable_cores};
+pub use serve::{Access, Identity, RunError, Server, run_on_cores, usable_cores};
 pub use server_loop::ServerLoop;

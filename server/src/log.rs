@@ -82,7 +82,7 @@ struct Cause {
 }
 
 impl CauseLimit {
-    /// Whether the cause may write another line, and how many it left out before.
+    /// Returns true if the cause may write another line, and the number of lines left out before.
     fn count(&self, metadata: &Metadata<'static>) -> (bool, u32) {
         let now = (self.clock)();
         let place = (

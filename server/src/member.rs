@@ -2,10 +2,13 @@
 //!
 //! Its streams and pending requests. Streams are known by name only; the scene runner starts and ends them.
 
-use rhumb_protocol::Instant;
+use std::sync::Arc;
+
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::packet::StreamId;
+use rhumb_protocol::{Instant, Span};
 
+use crate::access::Permit;
 use crate::durable::SessionNumber;
 use crate::tier_controller::TierController;
 
@@ -15,6 +18,9 @@ pub(crate) struct Member {
     subscription: StreamId,
     /// The former stream, until the member has caught up with the present one.
     previous: Option<StreamId>,
+    pub(crate) permit: Arc<Permit>,
+    /// When its next command would be within its quota.
+    next_command: Instant,
     /// Commands of this membership, or of its session, that were applied or refused.
     commands: u64,
     /// Number of the last of them, while it is not answered.
@@ -39,6 +45,8 @@ const ADDED_AT_ONCE: usize = 64 << 10;
 /// The same in a second: less than thin links carry, so that a member that reads slower falls behind and is closed.
 const ADDED_PER_SECOND: u64 = 256 << 10;
 
+const NANOS_PER_SECOND: u64 = 1_000_000_000;
+
 /// The snapshot that a member waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SnapshotRequest {
@@ -52,14 +60,16 @@ impl Member {
     /// A new member that subscribes to a stream.
     /// `commands`: those of its session before.
     pub(crate) const fn new(
-        stream: StreamId,
-        choice: StreamChoice,
+        permit: Arc<Permit>,
+        (stream, choice): (StreamId, StreamChoice),
         session: Option<SessionNumber>,
         commands: u64,
     ) -> Self {
         Self {
             subscription: stream,
             previous: None,
+            permit,
+            next_command: Instant::ZERO,
             commands,
             unanswered: None,
             snapshot_request: None,
@@ -72,7 +82,7 @@ impl Member {
         }
     }
 
-    /// Whether its commands caused more scene events than they may while others are behind.
+    /// True if its commands caused more scene events than they may while others are behind.
     pub(crate) fn adds_too_much(&mut self, now: Instant) -> bool {
         if self.added_bytes <= ADDED_AT_ONCE {
             return false;
@@ -83,6 +93,19 @@ impl Member {
         }
         self.added_bytes = self.added_bytes.saturating_sub(allowed as usize);
         self.added_bytes > ADDED_AT_ONCE
+    }
+
+    /// Charges a command to the quota of commands in a second.
+    pub(crate) fn charge_command(&mut self, now: Instant) {
+        if let Some(commands) = self.permit.quotas.commands {
+            let interval = Span::from_nanos(NANOS_PER_SECOND / u64::from(commands.max(1)));
+            self.next_command = self.next_command.max(now) + interval;
+        }
+    }
+
+    /// True if its commands are a second ahead of its quota: then it waits.
+    pub(crate) fn is_over_rate(&self, now: Instant) -> bool {
+        self.next_command.since(now).as_nanos() > NANOS_PER_SECOND
     }
 
     /// The number of the command that is applied or refused now.
@@ -135,7 +158,7 @@ impl Member {
         self.previous.take()
     }
 
-    /// Whether it gets the datagrams of a stream.
+    /// True if it gets the datagrams of a stream.
     pub(crate) fn receives(&self, stream: StreamId) -> bool {
         self.streams().any(|subscribed| subscribed == stream)
     }
@@ -149,13 +172,17 @@ mod tests {
     const B: StreamId = StreamId(2);
     const C: StreamId = StreamId(3);
 
+    fn member() -> Member {
+        Member::new(Arc::new(Permit::OPEN), (A, StreamChoice::Full), None, 0)
+    }
+
     fn subscribed(member: &Member) -> Vec<StreamId> {
         member.streams().collect()
     }
 
     #[test]
     fn the_former_stream_stays_until_the_new_one_has_caught_up() {
-        let mut member = Member::new(A, StreamChoice::Full, None, 0);
+        let mut member = member();
         assert_eq!(member.change(B), None);
         assert_eq!(subscribed(&member), [B, A]);
         assert_eq!(member.caught_up(A), None);
@@ -165,7 +192,7 @@ mod tests {
 
     #[test]
     fn a_second_change_keeps_the_complete_replica_s_stream() {
-        let mut member = Member::new(A, StreamChoice::Full, None, 0);
+        let mut member = member();
         assert_eq!(member.change(B), None);
         assert_eq!(member.change(C), Some(B));
         assert_eq!(subscribed(&member), [C, A]);
@@ -174,7 +201,7 @@ mod tests {
 
     #[test]
     fn changing_back_subscribes_once() {
-        let mut member = Member::new(A, StreamChoice::Full, None, 0);
+        let mut member = member();
         assert_eq!(member.change(B), None);
         assert_eq!(member.change(A), Some(B));
         assert_eq!(subscribed(&member), [A]);

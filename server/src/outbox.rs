@@ -24,7 +24,7 @@ const WAITING_BYTES_MAX: usize = 12 << 20;
 const STALL: Span = Span::from_millis(30_000);
 /// A peer that has taken bytes in this time reads.
 const READS: Span = Span::from_millis(1_000);
-/// Snapshot bytes for one connection in a second, on average: a peer that asks for snapshots again and again waits.
+/// Snapshot bytes for one connection in a second, on average: a peer that requests snapshots again and again waits.
 const SNAPSHOT_BYTES_PER_SECOND: u64 = 16 << 20;
 
 /// The sessions of all connections and their outgoing data.
@@ -49,9 +49,9 @@ struct Lane {
     taken: Option<u64>,
     /// Value of `handed` at which the last snapshot has been handed over.
     snapshot_end: u64,
-    /// When the next snapshot may begin.
+    /// The earliest time of the next snapshot.
     snapshot_after: Instant,
-    /// When the link last took bytes, or had none to take.
+    /// The last time at which the link took bytes, or had none to take.
     taken_at: Instant,
 }
 
@@ -119,7 +119,7 @@ impl Outbox {
         self.now
     }
 
-    /// Whether the driver reports what the link of a connection takes.
+    /// True if the driver reports what the link of a connection takes.
     pub(crate) fn is_paced(&self, peer: Peer) -> bool {
         (self.lanes.get(&peer)).is_some_and(|lane| lane.taken.is_some())
     }
@@ -169,12 +169,12 @@ impl Outbox {
         }
     }
 
-    /// Whether a snapshot for a connection may begin: none is under way, and the last one was long enough ago.
+    /// True if a snapshot for a connection may begin: none is under way, and the last one was long enough ago.
     pub(crate) fn may_snapshot(&self, peer: Peer) -> bool {
         self.snapshot_at(peer).is_some_and(|at| at <= self.now)
     }
 
-    /// When a snapshot for a connection may begin; `None` while one is under way.
+    /// The earliest time of a snapshot for a connection; `None` while one is under way.
     pub(crate) fn snapshot_at(&self, peer: Peer) -> Option<Instant> {
         let lane = self.lanes.get(&peer)?;
         if lane.snapshot_under_way() {
@@ -189,7 +189,7 @@ impl Outbox {
         })
     }
 
-    /// Whether so much waits for a connection that no more of its messages are answered.
+    /// True if so much waits for a connection that no more of its messages are answered.
     pub(crate) fn is_behind(&self, peer: Peer) -> bool {
         self.lanes
             .get(&peer)

@@ -7,7 +7,7 @@ use tracing::Level;
 /// Last logged state of a stream's budget.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct OverBudgetLog {
-    /// Whether bodies waited then.
+    /// True if bodies waited then.
     waited: bool,
     /// Tick of the last line; `None` before the first.
     logged_at: Option<Tick>,

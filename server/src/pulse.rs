@@ -1,6 +1,6 @@
 //! Sign of life of a thread, for a watchdog.
 //!
-//! A thread says when it begins a piece of work that must be short, and when it waits. Invariant: reading it never
+//! A thread notes when it begins a piece of work that must be short, and when it waits. Invariant: reading it never
 //! waits for the thread.
 
 use std::sync::Arc;
@@ -44,7 +44,7 @@ impl Pulse {
         }
     }
 
-    /// How long the present piece of work has taken; zero while the thread waits.
+    /// The duration of the present piece of work so far; zero while the thread waits.
     pub(crate) fn busy_for(&self) -> Span {
         let Some(beats) = &self.0 else {
             return Span::ZERO;

@@ -256,7 +256,7 @@ impl Scene {
         self.body(id).ok_or(CommandError::UnknownBody(id))
     }
 
-    /// Whether the engine has not failed.
+    /// True if the engine has not failed.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         self.engine.fault().is_none()

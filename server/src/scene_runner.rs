@@ -3,6 +3,7 @@
 //! Neither sockets nor threads: the server loop feeds it requests and moments. Order of a tick: commands, step,
 //! observe, send.
 
+mod access;
 mod authority;
 mod durability;
 mod flow;
@@ -13,6 +14,7 @@ mod subscriptions;
 mod weight;
 
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
 
 use bytes::Bytes;
 use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, MEMBERS_PER_SCENE_MAX};
@@ -29,6 +31,8 @@ use rhumb_reckoning::Tick;
 use self::durability::Durability;
 pub(crate) use self::session::Departure;
 use self::weight::weight;
+use crate::access::rights::{self, Request};
+use crate::access::{Ownership, Permit};
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
 use crate::durable::Record;
@@ -54,6 +58,7 @@ pub(crate) struct SceneRunner {
     streams: Streams,
     names: StreamNames,
     grants: Grants,
+    ownership: Ownership,
     authority_table: AuthorityTable,
     scene_events: u64,
     /// Encoded scene events that the members have not got yet.
@@ -67,7 +72,7 @@ pub(crate) struct SceneRunner {
     last_step: Instant,
     times: Times,
     faulted: bool,
-    /// Whether a client of another protocol owns the scene: only that client steps and ends it.
+    /// True if a client of another protocol owns the scene: only that client steps and ends it.
     owned: bool,
     /// The largest packet of its later streams.
     largest_packet: LargestPacket,
@@ -91,6 +96,7 @@ impl SceneRunner {
             streams,
             names,
             grants: Grants::default(),
+            ownership: Ownership::default(),
             authority_table: AuthorityTable::default(),
             scene_events: 0,
             unsent: Vec::new(),
@@ -122,7 +128,7 @@ impl SceneRunner {
         self.scene.config()
     }
 
-    /// Whether a client of another protocol owns the scene.
+    /// True if a client of another protocol owns the scene.
     pub(crate) const fn is_owned(&self) -> bool {
         self.owned
     }
@@ -136,7 +142,7 @@ impl SceneRunner {
         self.members.is_empty() && !self.owned && !self.is_durable()
     }
 
-    /// When the next step is due: at once in a scene that must advance, never in one without members.
+    /// The time of the next step: at once in a scene that must advance, never in one without members.
     pub(crate) fn next_step(&self) -> Option<Instant> {
         if self.faulted {
             return None;
@@ -152,12 +158,16 @@ impl SceneRunner {
         &mut self,
         now: Instant,
         peer: Peer,
+        permit: Arc<Permit>,
         (choice, request): (StreamChoice, Option<SessionRequest>),
         out: &mut Outbox,
     ) -> Result<(), Denial> {
         if self.faulted {
             return Err(Denial::SceneFaulted);
         }
+        let of_client = |member: &&Member| member.permit.client == permit.client;
+        let members = self.members.values().filter(of_client).count();
+        rights::check(&permit, &self.ownership, Request::Join { members })?;
         if self.members.len() >= MEMBERS_PER_SCENE_MAX {
             return Err(Denial::TooManyMembers);
         }
@@ -176,7 +186,7 @@ impl SceneRunner {
         self.send_scene_events(out);
         let commands = session.and_then(|number| self.sessions.get(number));
         let commands = commands.map_or(0, |session| session.commands);
-        let member = Member::new(stream, choice, session, commands);
+        let member = Member::new(permit, (stream, choice), session, commands);
         self.members.insert(peer, member);
         let resumed = session.is_some_and(|number| number < before);
         self.announce_session(peer, resumed, out);
@@ -279,7 +289,8 @@ impl SceneRunner {
     }
 
     pub(crate) fn reserve(&mut self, peer: Peer, count: u32, out: &mut Outbox) {
-        let answer = match self.grant(peer, count) {
+        let allowed = self.check(peer, Request::Reserve).map_err(Denial::from);
+        let answer = match allowed.and_then(|()| self.grant(peer, count)) {
             Ok(range) => {
                 if let Some(number) = self.members.get(&peer).and_then(|member| member.session) {
                     self.note_session(&Record::Granted(number, range));
@@ -345,7 +356,12 @@ impl SceneRunner {
             Ok(ClientMessage::Command(command)) => Ok(command),
             Err(error) => Err(error),
             Ok(ClientMessage::Advance { to }) => {
-                match self.check_advance(to) {
+                let allowed = self.check(peer, Request::Advance);
+                let denial = match allowed {
+                    Ok(()) => self.check_advance(to),
+                    Err(_) => Some(Denial::AdvanceNotAllowed),
+                };
+                match denial {
                     Some(denial) => out.send(peer, &ServerMessage::Denied(denial)),
                     None => self.target = self.target.max(to),
                 }
@@ -361,8 +377,10 @@ impl SceneRunner {
             Ok(_) => return,
         };
         let (number, session) = (member.number_command(), member.session);
+        member.charge_command(out.now());
         let unsent = self.unsent.len();
-        let refused = command.and_then(|command| self.apply(peer, &command)).err();
+        let refused = command.and_then(|command| self.apply_of_member(peer, &command));
+        let refused = refused.err();
         self.note_command(session, refused);
         if let Some(error) = refused {
             out.send(peer, &ServerMessage::Refused { number, error });
@@ -377,7 +395,7 @@ impl SceneRunner {
         let too_far = to.value() > self.scene.tick().value() + ADVANCE_TICKS_MAX;
         match self.config().stepping {
             Stepping::FreeRunning => Some(Denial::NotLockstep),
-            Stepping::Lockstep if self.owned => Some(Denial::Led),
+            Stepping::Lockstep if self.owned => Some(Denial::Owned),
             Stepping::Lockstep if self.faulted => Some(Denial::SceneFaulted),
             Stepping::Lockstep if too_far => Some(Denial::TooFarAhead),
             Stepping::Lockstep => None,
@@ -424,6 +442,7 @@ impl SceneRunner {
             Command::RemoveBody { id } => {
                 self.streams.remove(id);
                 self.authority_table.remove(id);
+                self.ownership.remove_body(id);
                 let cause = RemovalCause::Command;
                 self.record_event(SceneEvent::BodyRemoved { id, cause });
             }
@@ -526,6 +545,7 @@ impl SceneRunner {
         for (id, cause) in stepped.removed {
             self.streams.remove(id);
             self.authority_table.remove(id);
+            self.ownership.remove_body(id);
             self.record_event(SceneEvent::BodyRemoved { id, cause });
         }
         self.streams

@@ -6,6 +6,8 @@ use std::fmt;
 use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::SystemTime;
 
 use rhumb_protocol::Span;
 use rhumb_protocol::packet::LargestPacket;
@@ -14,6 +16,7 @@ use rhumb_transport::{
     ServerOptions, ServerStatistics, Stop,
 };
 
+use crate::access::{Gate, TokenKeys};
 use crate::durable::{DataDir, DataError};
 use crate::engine::{Workers, WorkersError};
 #[cfg(feature = "app")]
@@ -35,9 +38,21 @@ pub enum Identity {
     },
 }
 
+/// The clients that a server admits.
+#[derive(Clone, Debug)]
+pub enum Access {
+    /// Clients with a token of one of these keys; each may do what its token says.
+    Tokens(TokenKeys),
+    /// All clients of this machine, which may do everything: for development.
+    OpenOnLoopback,
+    /// All clients that reach the server, which may do everything.
+    OpenToNetwork,
+}
+
 /// A server that listens, but does not run yet.
 pub struct Server {
     transport: QuicServer,
+    access: Access,
     hooks: Option<Hooks>,
     workers: Workers,
     largest_packet: LargestPacket,
@@ -55,6 +70,8 @@ pub enum RunError {
     Certificate(CertificateError),
     /// Listening at the address failed.
     Bind(BindError),
+    /// An open server may not listen at an address that other machines reach.
+    OpenToNetwork(SocketAddr),
     /// Binding the threads to cores failed.
     Cores {
         /// The cores.
@@ -77,6 +94,11 @@ impl fmt::Display for RunError {
         match self {
             Self::Certificate(cause) => cause.fmt(f),
             Self::Bind(cause) => cause.fmt(f),
+            Self::OpenToNetwork(address) => write!(
+                f,
+                "a server that needs no token would be open to the network at {address}: \
+                 give it --token-key, or --open-to-network if that is meant"
+            ),
             Self::Cores { cores, cause } => {
                 let cores: Vec<_> = cores.iter().map(usize::to_string).collect();
                 write!(f, "cannot run on cores {} alone: {cause}", cores.join(","))
@@ -96,8 +118,12 @@ impl Server {
     ///
     /// # Errors
     ///
-    /// [`RunError`] for a certificate or an address that cannot be used.
-    pub fn bind(listen: SocketAddr, identity: &Identity) -> Result<Self, RunError> {
+    /// [`RunError`] for a certificate or an address that cannot be used, and for an open server at an address that
+    /// other machines reach.
+    pub fn bind(listen: SocketAddr, identity: &Identity, access: Access) -> Result<Self, RunError> {
+        if matches!(access, Access::OpenOnLoopback) && !listen.ip().is_loopback() {
+            return Err(RunError::OpenToNetwork(listen));
+        }
         let certificate = match identity {
             Identity::Development => Certificate::development(["localhost"]),
             Identity::Files { certificate, key } => Certificate::from_pem_files(certificate, key),
@@ -110,6 +136,7 @@ impl Server {
         let transport = QuicServer::bind(options).map_err(RunError::Bind)?;
         Ok(Self {
             transport,
+            access,
             hooks: None,
             workers: Workers::default(),
             largest_packet: LargestPacket::DEFAULT,
@@ -173,6 +200,7 @@ impl Server {
         let clock = Clock::start();
         let waker = self.transport.waker();
         let mut front = Front::on_threads(move || clock.now(), move || waker.wake());
+        front.guard(gate(self.access));
         front.employ(self.workers);
         front.set_largest_packet(self.largest_packet);
         if let Some(hooks) = self.hooks {
@@ -194,6 +222,24 @@ impl Server {
         front.shut_down();
         served.map_err(RunError::Serve)
     }
+}
+
+fn gate(access: Access) -> Gate {
+    match access {
+        Access::OpenOnLoopback | Access::OpenToNetwork => Gate::Open,
+        Access::Tokens(keys) => Gate::Tokens {
+            keys,
+            clock: Arc::new(seconds_since_1970),
+        },
+    }
+}
+
+/// The system's time. A clock before 1970 counts as 1970: no token is valid then.
+pub(crate) fn seconds_since_1970() -> i64 {
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    now.map_or(0, |since| {
+        i64::try_from(since.as_secs()).unwrap_or(i64::MAX)
+    })
 }
 
 /// The cores that the calling thread may run on, lowest first; empty where the system does not report them.

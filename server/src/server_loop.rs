@@ -6,8 +6,9 @@
 mod stored_scenes;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
 
-use rhumb_protocol::message::{ClientMessage, Denial, Grease, ServerMessage, SessionRequest};
+use rhumb_protocol::message::{ClientMessage, Denial, Extension, Grease, ServerMessage};
 use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, PacketKind};
 use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName};
 use rhumb_protocol::session::CloseCode;
@@ -17,26 +18,18 @@ use rhumb_protocol::{
 use rhumb_reckoning::Tick;
 
 use self::stored_scenes::StoredScenes;
+use crate::access::rights::{self, Request};
+use crate::access::{Ownership, Permit};
 use crate::authority_table::UpstreamStatistics;
 use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::outbox::Outbox;
 use crate::pulse::Pulse;
 use crate::scene::Scene;
+use crate::scene_connection::SceneConnection;
 use crate::scene_runner::{Departure, SceneRunner};
 use crate::scene_slots::{SceneSlot, SceneSlots};
 use crate::stream_names::StreamNames;
-
-/// The scene of a connection, and whether its client is a member.
-#[derive(Debug, Default)]
-struct SceneConnection {
-    scene: Option<SceneName>,
-    member: bool,
-    /// A join that waits until the link has taken the snapshot before it.
-    held: Option<ClientMessage>,
-    /// The session of its next join.
-    session: Option<SessionRequest>,
-}
 
 /// Messages of one connection that are handled before others, and the ticks, get their turn.
 const MESSAGES_PER_TURN: usize = 512;
@@ -44,7 +37,7 @@ const MESSAGES_PER_TURN: usize = 512;
 const UNREAD_BYTES: usize = 64 << 10;
 /// Scene events that are encoded before they are sent to the members.
 const EVENT_BYTES: usize = 256 << 10;
-/// How soon a connection is tried again whose messages wait for slower members.
+/// The pause before a connection is tried again whose messages wait for slower members.
 const RETRY: Span = Span::from_millis(20);
 
 /// All scenes of one server process and all connections to them.
@@ -116,6 +109,13 @@ impl ServerLoop {
         self.empty_for = Some(after);
     }
 
+    /// Sets what a new connection may do, before its first message; without this, everything.
+    pub(crate) fn set_permit(&mut self, peer: Peer, permit: Arc<Permit>) {
+        if let Some(connection) = self.connections.get_mut(&peer) {
+            connection.permit = permit;
+        }
+    }
+
     /// Shares the bound on scenes with other loops.
     pub(crate) fn share_slots(&mut self, slots: SceneSlots) {
         self.slots = slots;
@@ -137,7 +137,7 @@ impl ServerLoop {
     }
 
     /// Statistics of all bodies of a scene under a member's authority.
-    pub fn drives(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
+    pub fn upstreams(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
         let runner = self.runners.get(scene).into_iter();
         runner.flat_map(SceneRunner::upstream_statistics)
     }
@@ -182,7 +182,7 @@ impl ServerLoop {
         self.answer_pending(peer);
     }
 
-    /// Whether a connection's next message must stay unread.
+    /// True if a connection's next message must stay unread.
     fn must_wait(&mut self, now: Instant, peer: Peer) -> bool {
         if self.out.is_behind(peer) {
             return true;
@@ -275,18 +275,25 @@ impl ServerLoop {
             return;
         };
         let Some(name) = connection.scene.clone() else {
-            if let Ok(ClientMessage::Hello { scene, .. }) = message {
+            if let Ok(ClientMessage::Hello {
+                scene, extensions, ..
+            }) = message
+            {
+                let token = extensions.value(Extension::TOKEN);
+                let role = token.map(|_| connection.permit.role);
                 let config = self.runners.get(&scene).map(|runner| *runner.config());
                 connection.scene = Some(scene);
                 if let Some(session) = self.out.session(peer) {
-                    session.welcome(config);
+                    session.welcome(config, role);
                 }
             }
             return;
         };
+        let permit = Arc::clone(&connection.permit);
         match message {
             Ok(ClientMessage::Create(config)) => {
-                let answer = match self.create_stored(&name, config) {
+                let allowed = may(&permit, Request::Create(&config));
+                let answer = match allowed.and_then(|()| self.create_stored(&name, config)) {
                     Ok(()) => ServerMessage::Created,
                     Err(denial) => ServerMessage::Denied(denial),
                 };
@@ -295,7 +302,10 @@ impl ServerLoop {
             Ok(ClientMessage::Join(choice)) => {
                 let session = connection.session.take();
                 let joined = match self.runners.get_mut(&name) {
-                    Some(runner) => runner.join(now, peer, (choice, session), &mut self.out),
+                    Some(runner) => {
+                        let choice = (choice, session);
+                        runner.join(now, peer, permit, choice, &mut self.out)
+                    }
                     None => Err(self.stored.denial(&name)),
                 };
                 match joined {
@@ -307,7 +317,10 @@ impl ServerLoop {
                 }
             }
             Ok(ClientMessage::Session(request)) => connection.session = Some(request),
-            Ok(ClientMessage::Delete) => self.delete(peer, &name),
+            Ok(ClientMessage::Delete) => match may(&permit, Request::Delete) {
+                Ok(()) => self.delete(peer, &name),
+                Err(denial) => self.out.send(peer, &ServerMessage::Denied(denial)),
+            },
             message => self.handle_scene_message(now, peer, &name, message),
         }
     }
@@ -397,7 +410,7 @@ impl ServerLoop {
 
     fn delete(&mut self, peer: Peer, name: &SceneName) {
         if self.runners.get(name).is_some_and(SceneRunner::is_owned) {
-            let denial = ServerMessage::Denied(Denial::Led);
+            let denial = ServerMessage::Denied(Denial::Owned);
             return self.out.send(peer, &denial);
         }
         if self.stored.delete_damaged(name) {
@@ -451,10 +464,15 @@ impl ServerLoop {
     }
 }
 
+/// Decides about a request that concerns nothing within a scene.
+fn may(permit: &Permit, request: Request<'_>) -> Result<(), Denial> {
+    Ok(rights::check(permit, &Ownership::default(), request)?)
+}
+
 impl Endpoint for ServerLoop {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
         self.out.at(now);
-        self.connections.insert(peer, SceneConnection::default());
+        (self.connections).insert(peer, SceneConnection::default());
         // Any number will do that is seldom repeated.
         let seed = now.as_nanos() ^ peer.0.rotate_left(48);
         self.out.open(peer, Grease::new(seed));

@@ -133,7 +133,7 @@ impl Sessions {
                 }
             }
             Record::Closed(number) => drop(self.sessions.remove(number)),
-            Record::Applied(_) | Record::Stepped(_) => {}
+            Record::Applied(_) | Record::Owned(_) | Record::Stepped(_) => {}
         }
     }
 }

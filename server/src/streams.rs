@@ -167,7 +167,7 @@ impl Streams {
             .iter_mut()
             .find(|stream| stream.choice == choice)
         {
-            stream.sender.add_listener();
+            stream.sender.add_receiver();
             return Ok(Some(stream.id()));
         }
         if self.streams.len() >= STREAMS_PER_SCENE_MAX {
@@ -185,16 +185,16 @@ impl Streams {
     /// Starts a new snapshot for a member, which makes its earlier losses irrelevant.
     pub(crate) fn begin_snapshot(&mut self, id: StreamId, peer: Peer) {
         if let Some(stream) = self.get_mut(id) {
-            stream.sender.restart_listener(peer.0);
+            stream.sender.restart_receiver(peer.0);
         }
     }
 
     /// Removes a member from a stream, and ends the stream if it has no members left.
     pub(crate) fn unsubscribe(&mut self, id: StreamId, peer: Peer) {
         if let Some(stream) = self.get_mut(id) {
-            stream.sender.remove_listener(peer.0);
+            stream.sender.remove_receiver(peer.0);
         }
-        self.streams.retain(|stream| stream.sender.listeners() > 0);
+        self.streams.retain(|stream| stream.sender.receivers() > 0);
     }
 
     pub(crate) fn place(

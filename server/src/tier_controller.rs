@@ -29,8 +29,8 @@ pub(crate) struct TierController {
     good_since: Option<Instant>,
     /// Time of the last trial of a finer tier.
     tried_at: Option<Instant>,
-    /// How long a link must do well before the finer tier is tried.
-    hold: Span,
+    /// The time for which a link must do well before the finer tier is tried.
+    retry_pause: Span,
 }
 
 /// The tiers of tier changes, finest first.
@@ -43,16 +43,16 @@ const TIERS: [Tolerance; 4] = [
 
 /// Delay from which on data is late: a quarter of a second beyond the route delay.
 const LATE: Span = Span::from_millis(250);
-/// How long the queue here must be beyond [`LATE`] before the link counts as congested.
+/// The time for which the queue here must be beyond [`LATE`] before the link counts as congested.
 const STUCK_FOR: Span = Span::from_millis(500);
-/// How long data must be late with hardly any queue here: a longer route is recognised by then.
+/// The time for which data must be late with hardly any queue here: a longer route is recognised by then.
 const LATE_FOR: Span = Span::from_millis(5_000);
 /// Delay up to which data is in time.
 const GOOD: Span = Span::from_millis(80);
-/// First pause before a finer tier is tried again; [`HOLD_MOST`] is the longest.
-const HOLD: Span = Span::from_millis(5_000);
-/// See [`HOLD`].
-const HOLD_MOST: Span = Span::from_millis(160_000);
+/// First pause before a finer tier is tried again; [`RETRY_PAUSE_MOST`] is the longest.
+const RETRY_PAUSE: Span = Span::from_millis(5_000);
+/// See [`RETRY_PAUSE`].
+const RETRY_PAUSE_MOST: Span = Span::from_millis(160_000);
 /// A trial that ends within this time has failed.
 const TRIAL: Span = Span::from_millis(20_000);
 
@@ -78,7 +78,7 @@ impl TierController {
             late_since: None,
             good_since: None,
             tried_at: None,
-            hold: HOLD,
+            retry_pause: RETRY_PAUSE,
         }
     }
 
@@ -127,8 +127,9 @@ impl TierController {
             TierDecision::Finer(_) => self.tried_at = Some(now),
             TierDecision::Coarser(_) => {
                 let failed = self.tried_at.is_some_and(|tried| now.since(tried) < TRIAL);
-                let doubled = Span::from_nanos(self.hold.as_nanos() * 2).min(HOLD_MOST);
-                self.hold = if failed { doubled } else { HOLD };
+                let doubled =
+                    Span::from_nanos(self.retry_pause.as_nanos() * 2).min(RETRY_PAUSE_MOST);
+                self.retry_pause = if failed { doubled } else { RETRY_PAUSE };
                 self.tried_at = None;
             }
         }
@@ -157,7 +158,7 @@ impl TierController {
         let good_for = lasts(&mut self.good_since, now, late <= GOOD);
         if stuck_for >= Some(STUCK_FOR) || late_for >= Some(LATE_FOR) {
             self.coarser(present).map(TierDecision::Coarser)
-        } else if good_for >= Some(self.hold) {
+        } else if good_for >= Some(self.retry_pause) {
             self.finer(present).map(TierDecision::Finer)
         } else {
             None
@@ -198,7 +199,7 @@ const fn length(choice: StreamChoice) -> Option<LengthBound> {
     }
 }
 
-/// How long a condition has held, if it holds now.
+/// The time for which a condition has held, if it holds now.
 fn lasts(since: &mut Option<Instant>, now: Instant, holds: bool) -> Option<Span> {
     *since = holds.then(|| since.unwrap_or(now));
     since.map(|since| now.since(since))
@@ -207,7 +208,7 @@ fn lasts(since: &mut Option<Instant>, now: Instant, holds: bool) -> Option<Span>
 /// Least assumed drain rate of a queue, bytes a second.
 const RATE_LEAST: u64 = 1_000;
 
-/// How long data handed over now is queued here.
+/// The delay in this queue of data that is handed over now.
 fn wait(report: &LinkReport) -> Span {
     let over = u128::from(report.over.as_nanos().max(1));
     let rate = u128::from(report.sent_bytes) * 1_000_000_000 / over;

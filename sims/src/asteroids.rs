@@ -19,7 +19,7 @@ use crate::rng::SceneRng;
 use crate::rock::Rock;
 use crate::script::Script;
 
-/// Whether gyroscopic forces act on the rocks; many engines omit them.
+/// The rocks' rotation: with gyroscopic forces, or without them as in many engines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spin {
     /// Gyroscopic forces act, so the axis of a spin wanders.

@@ -42,7 +42,7 @@ def run(folder, server_path, follow_path, bodies, ticks):
     address = None
     processes = []
     try:
-        server = start([server_path, "--listen", "127.0.0.1:0"])
+        server = start([server_path, "--open", "--listen", "127.0.0.1:0"])
         processes.append(server)
         address, fingerprint = server_of(server)
         common = ["--server", address, "--fingerprint", fingerprint, "--scene", "live", "--micrometres", MICROMETRES]

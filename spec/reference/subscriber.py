@@ -12,7 +12,7 @@ from messages import LIMITS, f32, motion_of
 from fec_decoder import Decoder
 
 PREDICTORS = ("rest", "uniform", "ballistic", "torque_free", "ballistic_torque_free", "constant_acceleration")
-HISTORY, JUMP, PENDING_MAX = LIMITS["HISTORY_PACKETS"], LIMITS["TICK_JUMP_MAX"], LIMITS["PACKETS_HELD_MAX"]
+HISTORY, JUMP, PENDING_MAX = LIMITS["HISTORY_PACKETS"], LIMITS["TICK_JUMP_MAX"], LIMITS["WAITING_DATAGRAMS_MAX"]
 UNREADABLE, NO_SUCH_PARENT_TRACK = "unreadable", "no such parent track"
 IDENTITY = ["00000000", "00000000", "00000000", "3f800000"]
 
@@ -638,7 +638,7 @@ class Scene:
 
     def loss_report(self):
         """5.13"""
-        lost = [number & 0xFFFF for number in sorted(self.missing)[: LIMITS["LOST_NAMED_MAX"]]]
+        lost = [number & 0xFFFF for number in sorted(self.missing)[: LIMITS["LOST_NUMBERS_MAX"]]]
         head = {"stream": self.stream, "kind": 6, "next": self.next & 0xFFFF}
         # Repair symbols are not requested: refreshes suffice (6.15).
         return head | {"abandoned": self.lost_on_link & 0xFFFF, "repair_symbols": 0, "lost": lost}

@@ -51,18 +51,18 @@ pub struct ObservationHistory {
     /// Changes of tier by the server, with their causes.
     pub moved: Vec<(StreamChoice, TierChangeCause)>,
     /// Answers to requests for authority.
-    pub drives: Vec<Result<Vec<BodyId>, AuthorityError>>,
+    pub authority_answers: Vec<Result<Vec<BodyId>, AuthorityError>>,
     /// Checksum mismatches of the copy.
     pub mismatches: u64,
     /// Answers to inspect requests.
     pub inspections: Vec<Inspection>,
-    /// How often this member created the scene.
+    /// The number of times that this member created the scene.
     pub created: usize,
-    /// How often it left the scene.
+    /// The number of times that it left the scene.
     pub left: usize,
-    /// How often the scene was deleted.
+    /// The number of times that the scene was deleted.
     pub deleted: usize,
-    /// How the connection ended.
+    /// The end of the connection.
     pub ended: Option<Ending>,
     /// Claims about all bodies so far.
     pub claims: Vec<Claim>,
@@ -91,8 +91,8 @@ impl ObservationHistory {
                 Event::Inspected(inspection) => self.inspections.push(inspection),
                 Event::Ended(ending) => self.ended = Some(ending),
                 Event::ChecksumMismatch => self.mismatches += 1,
-                Event::AuthorityGrant(bodies) => self.drives.push(Ok(bodies)),
-                Event::AuthorityDenied(error) => self.drives.push(Err(error)),
+                Event::AuthorityGrant(bodies) => self.authority_answers.push(Ok(bodies)),
+                Event::AuthorityDenied(error) => self.authority_answers.push(Err(error)),
                 Event::Reserved(_)
                 | Event::BodyPlaced(_)
                 | Event::SceneFaulted(_)

@@ -118,7 +118,7 @@ pub struct PluginSession {
     pub waiting_bytes: usize,
     /// Number of bytes received on TCP.
     pub stream_bytes: usize,
-    /// Whether the server closed the connection.
+    /// True if the server closed the connection.
     pub closed: bool,
     /// Number of finished frames, plus one.
     frame: usize,

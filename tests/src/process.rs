@@ -71,7 +71,7 @@ impl Programme {
     /// As [`Self::serve`].
     #[must_use]
     pub fn serve_logging_to(self, listen: &str, log: Stdio) -> ServerProcess {
-        let child = self.spawn_with(&["--listen", listen, "--log", "trace"], log);
+        let child = self.spawn_with(&["--open", "--listen", listen, "--log", "trace"], log);
         Self::started(child, START_UP_LINES)
     }
 
@@ -96,23 +96,24 @@ impl Programme {
         self.serve_with(listen, &[&app, more].concat())
     }
 
-    /// The same without a log, with more arguments.
+    /// The same with more arguments. A server without `--token-key` is open.
     ///
     /// # Panics
     ///
     /// As [`Self::serve`].
     #[must_use]
-    pub fn serve_by(self, listen: &str, more: &[&str]) -> ServerProcess {
-        self.serve_logging(listen, "warn", more)
-    }
-
-    fn serve_with(self, listen: &str, more: &[&str]) -> ServerProcess {
+    pub fn serve_with(self, listen: &str, more: &[&str]) -> ServerProcess {
         self.serve_logging(listen, "info", more)
     }
 
     fn serve_logging(self, listen: &str, log: &str, more: &[&str]) -> ServerProcess {
+        let access = if more.contains(&"--token-key") {
+            &[][..]
+        } else {
+            &["--open"]
+        };
         let plain = ["--listen", listen, "--log", log];
-        let child = self.spawn(&[&plain, more].concat());
+        let child = self.spawn(&[access, &plain, more].concat());
         let expected = START_UP_LINES + usize::from(more.contains(&"--app-listen"));
         Self::started(child, expected)
     }

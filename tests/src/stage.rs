@@ -176,7 +176,7 @@ impl Stage {
     }
 
     /// Runs the script for this time, with one set of commands per tick.
-    pub fn take_authority(&mut self, span: Span) {
+    pub fn run_script(&mut self, span: Span) {
         let end = self.network.now() + span;
         while self.network.now() < end {
             self.command(&[]);

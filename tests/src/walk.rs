@@ -110,8 +110,8 @@ impl Walk {
     #[must_use]
     pub fn statistics(&self) -> Option<UpstreamStatistics> {
         let scene = "stage".parse().expect("a valid scene name");
-        let mut drives = self.stage.network.server().drives(&scene);
-        drives.find(|status| status.driver == Peer(0))
+        let mut upstreams = self.stage.network.server().upstreams(&scene);
+        upstreams.find(|status| status.member == Peer(0))
     }
 
     /// Publishes the avatars' states of a tick.
@@ -224,13 +224,13 @@ pub fn take_authority(
     member: usize,
     ids: &[BodyId],
 ) -> Result<Vec<BodyId>, AuthorityError> {
-    let answers = stage.histories[member].drives.len();
+    let answers = stage.histories[member].authority_answers.len();
     let session = stage.network.client_mut(member);
     session
         .take_authority(CLOSE, ids)
         .expect("a member may request authority");
     stage.run_until_or(Span::from_millis(60_000), |stage| {
-        stage.histories[member].drives.len() > answers
+        stage.histories[member].authority_answers.len() > answers
     });
-    stage.histories[member].drives[answers].clone()
+    stage.histories[member].authority_answers[answers].clone()
 }

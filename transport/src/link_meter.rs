@@ -25,7 +25,7 @@ impl LinkMeter {
         }
     }
 
-    /// Whether it is time for another reading.
+    /// True if it is time for another reading.
     pub fn is_due(&self, now: Instant) -> bool {
         now >= self.read_at + INTERVAL
     }

@@ -11,7 +11,7 @@ use tokio::runtime::{Builder, Runtime};
 /// Requested size of the kernel buffers: a burst of 500 packets costs about twice its bytes there.
 const SOCKET_BUFFER_BYTES: usize = 4 << 20;
 
-/// Binds `address` and asks the kernel for buffers that hold a tick's burst.
+/// Binds `address` and requests kernel buffers that hold a tick's burst.
 ///
 /// # Errors
 ///

@@ -16,13 +16,13 @@ pub(super) struct Actor {
     pub(super) linear: Vec3,
     pub(super) angular: Vec3,
     pub(super) gravity: f32,
-    /// Whether its collisions are reported.
+    /// True if its collisions are reported.
     pub(super) reports: bool,
-    /// Whether a joint to the world prevents rotation: an avatar.
+    /// True if a joint to the world prevents rotation: an avatar.
     pub(super) upright: bool,
     pub(super) parts: Vec<ActorPart>,
     pub(super) target_motion: TargetMotion,
-    /// The mass that was sent to the client, if it asked.
+    /// The mass that was sent to the client, if it requested it.
     pub(super) reported_mass: Option<f32>,
     pub(super) body: Option<ActorBody>,
 }

@@ -284,7 +284,7 @@ fn actor_motion(frame: &Frame, observation: &Observation) -> BodyMotion {
     }
 }
 
-/// Whether a body still matches its actor.
+/// True if a body still matches its actor.
 fn is_as(
     body: &ActorBody,
     properties: &BodyProperties,

@@ -128,7 +128,7 @@ impl AppClient {
     }
 
     fn send_mass(&mut self, object: u32, mass: f32) {
-        // A client that is not logged on has not asked.
+        // A client that is not logged on has requested nothing.
         let Some(simulation) = self.simulation() else {
             return;
         };
@@ -265,7 +265,7 @@ impl AppClient {
                 self.send_queue
                     .passing(&over, self.states_to, options.datagrams);
             }
-            // Where states use all capacity, only this message shows that time advances.
+            // If states use all capacity, only this message shows that time advances.
             (TimeAdvanced::Tcp, _) | (TimeAdvanced::Udp, Transport::Stream) => {
                 self.send_queue.lasting(&over);
             }

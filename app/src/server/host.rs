@@ -60,7 +60,7 @@ pub trait AppScene {
     /// Steps once and publishes the tick.
     fn step(&mut self);
 
-    /// Whether the engine failed: the scene takes no more steps.
+    /// True if the engine failed: the scene takes no more steps.
     fn is_faulted(&self) -> bool;
 
     /// The present moment, to measure time.

@@ -44,7 +44,7 @@ fn freedoms(message: &AddJoint) -> [[Freedom; 3]; 2] {
     ]
 }
 
-/// Whether it prevents rotation and leaves all translation free.
+/// True if it prevents rotation and leaves all translation free.
 pub(super) fn is_upright(message: &AddJoint) -> bool {
     freedoms(message) == [[Freedom::Free; 3], [Freedom::Locked; 3]]
 }

@@ -1,6 +1,6 @@
 //! Options of the APP server for its operator.
 
-/// How the server sends to APP clients. The defaults protect the published plug-in.
+/// Options of sending to APP clients. The defaults protect the published plug-in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AppOptions {
     /// Transport of the end of a frame.

@@ -63,7 +63,7 @@ pub(super) struct ReportOptions {
     pub(super) states: States,
     /// Transport of supersedable messages.
     pub(super) transport: Transport,
-    /// How many more states TCP takes.
+    /// The number of states that TCP still takes.
     pub(super) capacity: usize,
 }
 

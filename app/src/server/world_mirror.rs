@@ -47,7 +47,7 @@ pub(super) struct WorldMirror {
     pub(super) shape_cache: ShapeCache,
     /// The actor of each body, by body index.
     by_body: Vec<Option<(BodyId, u32)>>,
-    /// Whether any actor ever asked for collision reports.
+    /// True if any actor ever requested collision reports.
     pub(super) reports: bool,
 }
 

@@ -33,9 +33,9 @@ struct AddressQueue {
 /// Result of appending a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct PushOutcome {
-    /// Whether the queue was empty.
+    /// True if the queue was empty.
     pub(super) is_first: bool,
-    /// How many older datagrams of the address were dropped.
+    /// The number of older datagrams of the address that were dropped.
     pub(super) dropped: usize,
 }
 
@@ -129,7 +129,7 @@ impl AddressQueue {
         Ok(oldest)
     }
 
-    /// Whether the queue can be removed: it is empty and its rate limiter idle.
+    /// True if the queue can be removed: it is empty and its rate limiter idle.
     fn is_over(&self, now: Instant) -> bool {
         self.waiting.is_empty()
             && self

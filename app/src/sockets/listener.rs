@@ -113,7 +113,7 @@ impl AppListener {
         for _ in 0..INPUTS_PER_TURN {
             match self.inputs.try_recv() {
                 Ok(input) => self.handle(input, server, host),
-                // Where the I/O thread has ended, nothing comes any more.
+                // If the I/O thread has ended, nothing comes any more.
                 Err(_) => break,
             }
         }

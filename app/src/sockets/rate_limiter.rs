@@ -65,7 +65,7 @@ impl RateLimiter {
         }
     }
 
-    /// Whether the last span is over: the limiter equals a new one.
+    /// True if the last span is over: the limiter equals a new one.
     pub(super) fn is_over(&self, now: Instant) -> bool {
         self.until.is_none_or(|until| now >= until)
     }

@@ -1,6 +1,6 @@
 //! Big-endian numbers and fields.
 //!
-//! Decoding checks every length and never asserts: the sender may be anyone.
+//! Decoding checks every length and never asserts: any peer may be the sender.
 
 use glam::{Quat, Vec3};
 

@@ -18,7 +18,7 @@ pub(crate) struct Pair {
 pub(crate) struct Crossover {
     /// Start, interpolated between the last pair before and the first pair that beats.
     pub(crate) from: f64,
-    /// Whether the first pair already beats; the true start may then lie earlier.
+    /// True if the first pair already beats; the true start may then lie earlier.
     pub(crate) from_the_first: bool,
     /// End, if it lies within the measured range.
     pub(crate) to: Option<f64>,

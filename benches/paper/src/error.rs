@@ -11,7 +11,7 @@ use rhumb_bench::drive::DriveError;
 use rhumb_bench::output::OutputError;
 use rhumb_bench::record::Mode;
 
-/// Why a task failed.
+/// The error of a task.
 #[derive(Debug)]
 pub(crate) enum PaperError {
     /// A run failed.

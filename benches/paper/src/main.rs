@@ -79,7 +79,7 @@ enum Task {
     Duty(DutyArguments),
     /// Run a server: how the other tasks start theirs.
     #[command(hide = true)]
-    Serve(Serve),
+    Serve(Box<Serve>),
 }
 
 /// Arguments: the files and the folder of the merged results.
@@ -103,7 +103,7 @@ fn main() -> ExitCode {
         Some(Task::Merge(arguments)) => hardware::merge(&arguments.files, &arguments.out),
         Some(Task::Page(arguments)) => document::run(&arguments),
         Some(Task::Duty(arguments)) => return duty::serve(&arguments),
-        Some(Task::Serve(arguments)) => return serve(arguments),
+        Some(Task::Serve(arguments)) => return serve(*arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -66,6 +66,6 @@ pub(crate) struct ModeOutcome {
     pub(crate) ends_lost: u64,
     /// Digest of all states of its engine so far.
     pub(crate) truth: String,
-    /// Whether its engine diverged from the integrated one; such an outcome is excluded.
+    /// True if its engine diverged from the integrated one; such an outcome is excluded.
     pub(crate) void: bool,
 }

@@ -28,7 +28,7 @@ pub(crate) struct TrialProgress<'t> {
     pub(crate) caller: &'t str,
 }
 
-/// Where and with which modes a trial runs.
+/// The servers and the modes of a trial.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Staging<'t> {
     pub(crate) cpu: &'t ServerCpu,

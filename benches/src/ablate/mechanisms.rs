@@ -17,7 +17,7 @@ pub(super) struct Mechanism {
     pub(super) requirements: &'static [&'static str],
 }
 
-/// How a mechanism is measured.
+/// The measurement of a mechanism.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Switch {
     /// Everything on, against this one off.
@@ -259,7 +259,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
             "protocol/src/stream/gaps.rs",
             "protocol/src/stream/nack_scheduler.rs",
             "protocol/src/stream/retry_timer.rs",
-            "protocol/src/stream/answers.rs",
+            "protocol/src/stream/reply_limiter.rs",
             "protocol/src/stream/sent_packets.rs",
             "protocol/src/stream/publisher/refreshing.rs",
             "protocol/src/packet/refresh.rs",

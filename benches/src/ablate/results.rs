@@ -64,7 +64,7 @@ pub struct AblationRow {
 }
 
 impl AblationRow {
-    /// Whether the mechanism can be switched off.
+    /// True if the mechanism can be switched off.
     #[must_use]
     pub const fn is_measured(&self) -> bool {
         self.without.is_some()

@@ -183,7 +183,7 @@ fn thread_ns(name: &str) -> Option<u64> {
     times.split_whitespace().next()?.parse().ok()
 }
 
-/// Whether the system reports thread times.
+/// True if the system reports thread times.
 pub(super) fn can_be_measured() -> bool {
     let probe = thread::Builder::new().name(FLOOR.into());
     let probe = probe.spawn(|| thread_ns(FLOOR));

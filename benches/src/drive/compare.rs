@@ -44,7 +44,7 @@ impl RecentTruth {
         self.ticks.push_back((tick, row));
     }
 
-    /// Whether the newest known tick is at or after `tick`. If its truth is still missing, it stays missing.
+    /// True if the newest known tick is at or after `tick`. If its truth is still missing, it stays missing.
     pub(super) fn has_reached(&self, tick: Tick) -> bool {
         self.ticks.back().is_some_and(|(newest, _)| tick <= *newest)
     }

@@ -12,7 +12,7 @@ use super::app::AppError;
 use super::process::ProcessError;
 use crate::record::Mode;
 
-/// Why a run failed.
+/// The error of a run.
 #[derive(Debug)]
 pub enum DriveError {
     /// The server process did not start.

@@ -246,13 +246,13 @@ impl FreeRun {
         &mut self,
         script: &mut dyn Script,
         number: u64,
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<(), DriveError> {
         let mut commands = Vec::new();
         script.commands(Tick::new(number + 1), &mut commands);
         for (place, copy) in self.measured.iter_mut().enumerate() {
             if place == 0 {
-                copy.remote.client().idle(patience)?;
+                copy.remote.client().idle(timeout)?;
             }
             let tick = copy.remote.update_view()?;
             copy.remote.keep();

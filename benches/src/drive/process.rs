@@ -44,7 +44,7 @@ impl ServerCpu {
     }
 }
 
-/// Why a server did not start.
+/// The error of a server that did not start.
 #[derive(Debug)]
 pub enum ProcessError {
     /// The process cannot be started.
@@ -97,7 +97,14 @@ impl ServerProcess {
     ) -> Result<Self, ProcessError> {
         let program = std::env::current_exe().map_err(ProcessError::Start)?;
         let mut command = Command::new(program);
-        command.args(["serve", "--listen", "127.0.0.1:0", "--log", "warn"]);
+        command.args([
+            "serve",
+            "--open",
+            "--listen",
+            "127.0.0.1:0",
+            "--log",
+            "warn",
+        ]);
         if !cpu.cores.is_empty() {
             let cores: Vec<_> = cpu.cores.iter().map(usize::to_string).collect();
             command.arg("--core").arg(cores.join(","));

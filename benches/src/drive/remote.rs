@@ -372,7 +372,7 @@ impl Remote {
         self.pending.push_back(PendingFrame { number, bodies });
     }
 
-    /// Whether no frame waits for its truth.
+    /// True if no frame waits for its truth.
     pub(super) fn has_no_pending(&self) -> bool {
         self.pending.is_empty()
     }

@@ -32,7 +32,7 @@ pub(super) struct Path {
     pub(super) first: usize,
     /// Motion at its first frame and each one after.
     pub(super) motions: Vec<Motion>,
-    /// Whether the pose equals that of the frame before.
+    /// True at each frame whose pose equals that of the frame before.
     pub(super) same: Vec<bool>,
 }
 

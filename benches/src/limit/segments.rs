@@ -30,7 +30,7 @@ pub(super) struct SegmentUpdate {
     pub(super) body: usize,
     /// Predictor before and after the update.
     pub(super) predictors: [PredictorKind; 2],
-    /// Whether the parent changes.
+    /// True if the parent changes.
     pub(super) changes_parent: bool,
     /// Acceleration, if it changes.
     pub(super) constant_acceleration: Option<ConstantAcceleration>,

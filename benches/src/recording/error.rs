@@ -8,7 +8,7 @@ use ::mcap::McapError;
 use rhumb_protocol::scene::Invalid;
 use rhumb_reckoning::Tick;
 
-/// Why a recording was not read.
+/// The error of a recording that was not read.
 #[derive(Debug)]
 pub enum RecordingError {
     /// The file cannot be read.

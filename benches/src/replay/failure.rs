@@ -8,7 +8,7 @@ use super::session::ReplayError;
 use crate::output::OutputError;
 use crate::recording::RecordingError;
 
-/// Why a task on a recording failed.
+/// The error of a task on a recording.
 #[derive(Debug)]
 pub(crate) enum Failure {
     /// The recording cannot be read.

@@ -8,7 +8,7 @@ use rhumb_protocol::stream::Features;
 pub struct EnabledFeatures {
     /// Features of the publisher.
     pub publisher: Features,
-    /// Whether coded sizes are counted; if not, the sizes in plain codes are counted.
+    /// True if coded sizes are counted; if not, the sizes in plain codes are counted.
     pub coder: bool,
 }
 

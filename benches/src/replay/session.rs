@@ -466,7 +466,7 @@ impl<'a> ReplaySession<'a> {
     }
 }
 
-/// Whether a datagram is a packet of updates.
+/// True if a datagram is a packet of updates.
 fn holds_updates(datagram: &[u8]) -> bool {
     let updates = |kind| {
         matches!(

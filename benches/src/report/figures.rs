@@ -140,7 +140,7 @@ fn dots(mut all: Vec<(Mode, (f64, f64), String)>) -> Vec<Mark> {
     all.into_iter().map(dot).collect()
 }
 
-/// Whether a mode is drawn below others.
+/// True if a mode is drawn below others.
 const fn drawn_first(mode: Mode) -> bool {
     matches!(mode, Mode::Rhumb | Mode::Naive)
 }

@@ -37,7 +37,7 @@ pub struct RunFigures {
     pub replayed: Option<Replayed>,
     /// Digest of the engine's states: 16 hexadecimal digits, equal for every mode of a valid load.
     pub truth_hash: String,
-    /// Whether the engine diverged from the load's other runs; such a run must not be compared.
+    /// True if the engine diverged from the load's other runs; such a run must not be compared.
     pub void: bool,
     /// Bytes from server to client after joining: UDP payload and 28 B of headers per datagram.
     pub bytes_down: Option<u64>,

@@ -20,7 +20,7 @@ pub(super) struct Body<'a> {
     pub(super) position: [f32; 3],
     /// Quaternion x, y, z, w.
     pub(super) rotation: [f32; 4],
-    /// Whether the body is at rest.
+    /// True if the body is at rest.
     pub(super) still: bool,
 }
 
@@ -114,7 +114,7 @@ pub(super) struct TickChanges<'a> {
     pub(super) placed: &'a [Placed],
     /// Removed after the step: absent from the next tick on.
     pub(super) removed: &'a [(Tick, BodyId)],
-    /// Whether a static body was placed or removed since the tick before.
+    /// True if a static body was placed or removed since the tick before.
     pub(super) statics_changed: bool,
 }
 

@@ -62,7 +62,7 @@ struct TruthTopics<'a> {
     bodies: TruthBodies<'a>,
     last: u64,
     drawn: Option<u64>,
-    /// Whether a static body was placed or removed since statics were last drawn.
+    /// True if a static body was placed or removed since statics were last drawn.
     statics_changed: bool,
 }
 

@@ -1,8 +1,8 @@
-//! How much of a trace is drawn for people.
+//! Options of a trace's drawings.
 
 use crate::record::Load;
 
-/// How much of a trace is drawn for viewers; the data topics are always complete.
+/// The parts of a trace that are drawn for viewers; the data topics are always complete.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TraceOptions {
     /// Scenes drawn per simulated second.

@@ -33,7 +33,7 @@ struct RestingBody {
     position: [f32; 3],
     rotation: [f32; 4],
     since: u64,
-    /// Whether the last message of `resting` contains it.
+    /// True if the last message of `resting` contains it.
     at_rest: bool,
 }
 

@@ -27,7 +27,7 @@ impl Time {
         (tick as f64 * self.step_s * 1e9).round() as u64
     }
 
-    /// Whether a tick is to be drawn if `drawn` was the last drawn one.
+    /// True if a tick is to be drawn if `drawn` was the last drawn one.
     pub(super) const fn draws_after(&self, drawn: u64, tick: u64) -> bool {
         tick / self.stride > drawn / self.stride
     }

@@ -11,6 +11,6 @@ pub struct RenderParams {
     pub at: RenderTime,
     /// The caller's own time, which times the smoothing of corrections.
     pub now: Seconds,
-    /// Whether corrections are smoothed.
+    /// True if corrections are smoothed.
     pub smooth: bool,
 }

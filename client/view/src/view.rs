@@ -68,7 +68,7 @@ impl View {
         &self.angular
     }
 
-    /// Whether each body rests: its pose does not change until the next update or event of the body.
+    /// True for each body that rests: its pose does not change until the next update or event of the body.
     ///
     /// A body that the engine has put to sleep has the engine's pose to the bit. If it was woken and sleeps again, its
     /// pose is within tolerance of the engine's.

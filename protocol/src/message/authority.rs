@@ -48,8 +48,10 @@ pub enum AuthorityError {
     HeldByAnother(BodyId),
     /// The scene's engine has failed.
     SceneFaulted,
-    /// The upstream has lost sync; the member has no authority until it asks again.
+    /// The upstream has lost sync; the member has no authority until it requests it again.
     LostSync,
+    /// The client's role does not include authority, or a body belongs to another client.
+    NotAllowed,
     /// A reason of a later version; the code is from [`OPTIONAL`] on.
     Other(u8),
 }
@@ -78,6 +80,9 @@ impl fmt::Display for AuthorityError {
             Self::HeldByAnother(id) => write!(f, "another member has authority over {id}"),
             Self::SceneFaulted => f.write_str("the scene's engine has failed"),
             Self::LostSync => f.write_str("the upstream has lost sync"),
+            Self::NotAllowed => f.write_str(
+                "the client may not take authority, or not over what belongs to another client",
+            ),
             Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
         }
     }
@@ -163,6 +168,7 @@ impl Wire for AuthorityError {
             Self::HeldByAnother(id) => named(3, id),
             Self::SceneFaulted => to.u8(4),
             Self::LostSync => to.u8(5),
+            Self::NotAllowed => to.u8(16),
             Self::Other(code) => to.u8(code),
         }
     }
@@ -175,6 +181,7 @@ impl Wire for AuthorityError {
             3 => Self::HeldByAnother(BodyId::decode(from)?),
             4 => Self::SceneFaulted,
             5 => Self::LostSync,
+            16 => Self::NotAllowed,
             code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })

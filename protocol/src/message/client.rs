@@ -41,7 +41,7 @@ pub enum ClientMessage {
     Delete,
     /// Requests more body indices.
     Reserve {
-        /// How many; at least one.
+        /// The number of indices; at least one.
         count: u32,
     },
     /// A command. The first of a membership has number 0, the next 1, and so on.
@@ -87,11 +87,11 @@ mod kind {
     pub(super) const RESYNC: u8 = 9;
     pub(super) const PING: u8 = 10;
     pub(super) const INSPECT: u8 = 11;
-    pub(super) const FOLLOW: u8 = 12;
-    pub(super) const FOLLOWED: u8 = 13;
-    pub(super) const DRIVE: u8 = 14;
+    pub(super) const SUBSCRIBE: u8 = 12;
+    pub(super) const SUBSCRIBED: u8 = 13;
+    pub(super) const TAKE_AUTHORITY: u8 = 14;
     pub(super) const UPSTREAM: u8 = 15;
-    pub(super) const MOVES: u8 = 16;
+    pub(super) const TIER_POLICY: u8 = 16;
     pub(super) const SESSION: u8 = 32;
 }
 
@@ -153,15 +153,15 @@ impl ClientMessage {
             Self::Inspect => kind::INSPECT,
             Self::Subscribe(choice) => {
                 choice.encode(body);
-                kind::FOLLOW
+                kind::SUBSCRIBE
             }
             Self::Subscribed(stream) => {
                 stream.encode(body);
-                kind::FOLLOWED
+                kind::SUBSCRIBED
             }
             Self::TakeAuthority(request) => {
                 request.encode(body);
-                kind::DRIVE
+                kind::TAKE_AUTHORITY
             }
             Self::Upstream(packet) => {
                 body.raw(packet);
@@ -169,7 +169,7 @@ impl ClientMessage {
             }
             Self::TierPolicy(tier_policy) => {
                 tier_policy.encode(body);
-                kind::MOVES
+                kind::TIER_POLICY
             }
             Self::Session(request) => {
                 request.encode(body);
@@ -178,8 +178,8 @@ impl ClientMessage {
         }
     }
 
-    /// Reads a message; `None` for one of an unknown type that may be ignored.
     /// Decodes a message; `None` for an unknown type that may be ignored.
+    ///
     /// # Errors
     ///
     /// [`Malformed`] when the bytes are not a message of this version.
@@ -211,14 +211,14 @@ impl ClientMessage {
                 sent: Instant::from_nanos(from.varint()?),
             },
             kind::INSPECT => Self::Inspect,
-            kind::FOLLOW => Self::Subscribe(StreamChoice::decode(&mut from)?),
-            kind::FOLLOWED => Self::Subscribed(StreamId::decode(&mut from)?),
-            kind::DRIVE => Self::TakeAuthority(TakeAuthority::decode(&mut from)?),
+            kind::SUBSCRIBE => Self::Subscribe(StreamChoice::decode(&mut from)?),
+            kind::SUBSCRIBED => Self::Subscribed(StreamId::decode(&mut from)?),
+            kind::TAKE_AUTHORITY => Self::TakeAuthority(TakeAuthority::decode(&mut from)?),
             kind::UPSTREAM if framed.body.len() > DATAGRAM_BYTES_MAX => {
                 return Err(Malformed::TooLong);
             }
             kind::UPSTREAM => Self::Upstream(from.raw(framed.body.len())?.to_vec()),
-            kind::MOVES => Self::TierPolicy(TierPolicy::decode(&mut from)?),
+            kind::TIER_POLICY => Self::TierPolicy(TierPolicy::decode(&mut from)?),
             kind::SESSION => Self::Session(SessionRequest::decode(&mut from)?),
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),

@@ -29,8 +29,19 @@ pub enum Denial {
     TooFarAhead,
     /// The scene's engine has failed; only leaving and deleting are left.
     SceneFaulted,
-    /// An APP client leads the scene, and ends it.
-    Led,
+    /// A client of another protocol owns the scene: it advances and ends it.
+    Owned,
+    /// The client's role does not include the request.
+    NotAllowed,
+    /// The client's role does not include advancing the scene.
+    AdvanceNotAllowed,
+    /// The request exceeds a quota of the client's token.
+    OverQuota,
+    /// The machine has no time left for what is asked; a later attempt may succeed.
+    Overloaded {
+        /// When to try again, seconds from now.
+        retry_seconds: u8,
+    },
     /// A reason of a later version; the code is from [`OPTIONAL`] on.
     Other(u8),
 }
@@ -54,7 +65,16 @@ impl fmt::Display for Denial {
             }
             Self::TooFarAhead => f.write_str("the advance leads too far ahead"),
             Self::SceneFaulted => f.write_str("the scene's engine has failed"),
-            Self::Led => f.write_str("a client of another protocol leads the scene, and ends it"),
+            Self::Owned => f.write_str("a client of another protocol owns the scene"),
+            Self::NotAllowed => f.write_str("the client's role does not include the request"),
+            Self::AdvanceNotAllowed => {
+                f.write_str("the client's role does not include advancing the scene")
+            }
+            Self::OverQuota => f.write_str("the request exceeds a quota of the client's token"),
+            Self::Overloaded { retry_seconds } => write!(
+                f,
+                "the server has no time left for it; try again in {retry_seconds} s"
+            ),
             Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
         }
     }
@@ -82,7 +102,14 @@ impl Wire for Denial {
             Self::NotLockstep => to.u8(8),
             Self::TooFarAhead => to.u8(9),
             Self::SceneFaulted => to.u8(10),
-            Self::Led => to.u8(11),
+            Self::Owned => to.u8(11),
+            Self::NotAllowed => to.u8(16),
+            Self::OverQuota => to.u8(17),
+            Self::Overloaded { retry_seconds } => {
+                to.u8(18);
+                to.u8(*retry_seconds);
+            }
+            Self::AdvanceNotAllowed => to.u8(19),
             Self::Other(code) => to.u8(*code),
         }
     }
@@ -102,7 +129,13 @@ impl Wire for Denial {
             8 => Self::NotLockstep,
             9 => Self::TooFarAhead,
             10 => Self::SceneFaulted,
-            11 => Self::Led,
+            11 => Self::Owned,
+            16 => Self::NotAllowed,
+            17 => Self::OverQuota,
+            18 => Self::Overloaded {
+                retry_seconds: from.u8()?,
+            },
+            19 => Self::AdvanceNotAllowed,
             code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })

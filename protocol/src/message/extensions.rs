@@ -1,7 +1,7 @@
 //! Extensions: numbered fields of the first messages.
 //!
-//! Tells which extensions may be skipped; none has a meaning yet. Decoded extensions keep their bytes, so that they
-//! are passed on unchanged (PROTOCOL 3.5).
+//! Tells which extensions may be skipped. Decoded extensions keep their bytes, so that they are passed on unchanged
+//! (PROTOCOL 3.5).
 
 use alloc::vec::Vec;
 
@@ -19,7 +19,10 @@ pub struct Extension {
 }
 
 impl Extension {
-    /// Whether a peer that does not know it must refuse the message.
+    /// In `Hello` the client's token, as text; in `Welcome` the role that it gives, one byte (PROTOCOL 3.6).
+    pub const TOKEN: u32 = 1;
+
+    /// True if a peer that does not know it must refuse the message.
     #[must_use]
     pub const fn is_critical(&self) -> bool {
         self.id.is_multiple_of(2)
@@ -52,7 +55,14 @@ impl Extensions {
         self.0.iter()
     }
 
-    /// Whether any extension is critical: this version knows none.
+    /// The value of one of them.
+    #[must_use]
+    pub fn value(&self, id: u32) -> Option<&[u8]> {
+        let place = self.0.binary_search_by_key(&id, |one| one.id).ok()?;
+        self.0.get(place).map(|one| one.value.as_slice())
+    }
+
+    /// True if any extension is critical: this version knows no critical one.
     #[must_use]
     pub fn has_unknown_critical(&self) -> bool {
         self.0.iter().any(Extension::is_critical)
@@ -135,6 +145,6 @@ mod tests {
         assert_eq!(read(&[2, 5, 0, 5, 0]), Err(Malformed::NotCanonical));
         assert_eq!(read(&[2, 5, 0, 3, 0]), Err(Malformed::NotCanonical));
         assert_eq!(read(&[17]), Err(Malformed::TooLong));
-        assert_eq!(read(&[1, 5, 0x81, 2]), Err(Malformed::TooLong));
+        assert_eq!(read(&[1, 5, 0x81, 6]), Err(Malformed::TooLong));
     }
 }

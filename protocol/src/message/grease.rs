@@ -73,7 +73,7 @@ const FIRST: u32 = 27;
 /// See [`FIRST`].
 const STRIDE: u32 = 62;
 
-/// Whether a version is reserved and has no meaning.
+/// True if a version is reserved and has no meaning.
 #[must_use]
 pub const fn is_no_version(version: u16) -> bool {
     version & 0x0f0f == 0x0a0a && version >> 12 == (version >> 4) & 0xf

@@ -35,8 +35,8 @@ pub(super) fn decode(from: &mut Reader<'_>) -> Result<Option<Inertia>, Malformed
         _ => return Err(Malformed::UnknownCode),
     };
     let inertia = Inertia::new(moments, frame).map_err(|_| Malformed::OutOfRange)?;
-    let says_own_axes = form == 2 && bits(frame) == bits(Inertia::OWN_AXES);
-    if inertia.is_isotropic() || says_own_axes {
+    let is_own_axes = form == 2 && bits(frame) == bits(Inertia::OWN_AXES);
+    if inertia.is_isotropic() || is_own_axes {
         return Err(Malformed::NotCanonical);
     }
     Ok(Some(inertia))

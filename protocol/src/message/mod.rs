@@ -13,6 +13,7 @@ mod scene_event;
 mod server;
 mod session_key;
 mod tier_policy;
+mod token;
 mod version;
 
 pub use authority::{AuthorityError, AuthorityGrant, TakeAuthority};
@@ -28,4 +29,5 @@ pub use scene_event::{RemovalCause, SceneEvent};
 pub use server::{Joined, ServerMessage, Welcome};
 pub use session_key::{SessionKey, SessionRequest, SessionState};
 pub use tier_policy::{TierChangeCause, TierPolicy};
+pub use token::{InvalidToken, Role, Token};
 pub use version::{MAGIC, VERSIONS};

@@ -130,9 +130,9 @@ mod kind {
     pub(super) const SCENE_EVENT: u8 = 11;
     pub(super) const PONG: u8 = 12;
     pub(super) const INSPECTION: u8 = 13;
-    pub(super) const DRIVING: u8 = 14;
-    pub(super) const NOT_DRIVING: u8 = 15;
-    pub(super) const MOVED: u8 = 16;
+    pub(super) const AUTHORITY_GRANT: u8 = 14;
+    pub(super) const AUTHORITY_DENIED: u8 = 15;
+    pub(super) const TIER_CHANGED: u8 = 16;
     pub(super) const SESSION: u8 = 32;
     pub(super) const DURABLE: u8 = 33;
 }
@@ -260,18 +260,18 @@ impl ServerMessage {
                 inspection.encode(&mut body);
                 kind::INSPECTION
             }
-            Self::AuthorityGrant(driving) => {
-                driving.encode(&mut body);
-                kind::DRIVING
+            Self::AuthorityGrant(grant) => {
+                grant.encode(&mut body);
+                kind::AUTHORITY_GRANT
             }
             Self::AuthorityDenied(error) => {
                 error.encode(&mut body);
-                kind::NOT_DRIVING
+                kind::AUTHORITY_DENIED
             }
             Self::TierChanged { to: choice, cause } => {
                 choice.encode(&mut body);
                 cause.encode(&mut body);
-                kind::MOVED
+                kind::TIER_CHANGED
             }
             Self::Session(state) => {
                 state.encode(&mut body);
@@ -317,9 +317,9 @@ impl ServerMessage {
                 since_tick_ns: from.varint()?,
             },
             kind::INSPECTION => Self::Inspection(Inspection::decode(&mut from)?),
-            kind::DRIVING => Self::AuthorityGrant(AuthorityGrant::decode(&mut from)?),
-            kind::NOT_DRIVING => Self::AuthorityDenied(AuthorityError::decode(&mut from)?),
-            kind::MOVED => Self::TierChanged {
+            kind::AUTHORITY_GRANT => Self::AuthorityGrant(AuthorityGrant::decode(&mut from)?),
+            kind::AUTHORITY_DENIED => Self::AuthorityDenied(AuthorityError::decode(&mut from)?),
+            kind::TIER_CHANGED => Self::TierChanged {
                 to: StreamChoice::decode(&mut from)?,
                 cause: TierChangeCause::decode(&mut from)?,
             },

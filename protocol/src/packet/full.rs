@@ -35,7 +35,7 @@ pub struct FullPacket {
     pub tick: Low16,
     /// Low bits of the count of scene events that the reader must have received.
     pub scene_events: Low16,
-    /// Whether this is the last packet of its tick.
+    /// True if this is the last packet of its tick.
     pub ends_tick: bool,
     /// The states.
     pub records: Vec<FullRecord>,

@@ -317,7 +317,7 @@ pub(crate) mod tests {
 
     pub(crate) fn keyframe() -> impl Strategy<Value = Keyframe> {
         let predictor = prop::sample::select(&Predictor::ALL[..]);
-        let said_alone = predictor
+        let predictor_only = predictor
             .clone()
             .prop_filter("an accelerated motion lies on its grid", |predictor| {
                 predictor.acceleration().is_none()
@@ -332,7 +332,7 @@ pub(crate) mod tests {
                 }),
                 parent: None,
             }),
-            (said_alone, body_state()).prop_map(|(predictor, body_state)| Keyframe {
+            (predictor_only, body_state()).prop_map(|(predictor, body_state)| Keyframe {
                 predictor,
                 anchor: Anchor::Exact(if predictor == Predictor::Rest {
                     body_state.stilled()

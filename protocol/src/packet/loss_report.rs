@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 
 use super::header::{Head, Low16, PacketKind, StreamId};
-use crate::limits::{FEC_SPAN, LOST_NAMED_MAX};
+use crate::limits::{FEC_SPAN, LOST_NUMBERS_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
@@ -53,7 +53,7 @@ impl LossReport {
             return Err(Malformed::OutOfRange);
         }
         let count = from.varint()?;
-        if count > LOST_NAMED_MAX as u64 {
+        if count > LOST_NUMBERS_MAX as u64 {
             return Err(Malformed::TooLong);
         }
         let mut lost = Vec::new();
@@ -77,7 +77,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_loss_report_round_trips(next: u16, abandoned: u16, repair_symbols in 0..=FEC_SPAN as u8, lost in proptest::collection::vec(any::<u16>(), 0..LOST_NAMED_MAX)) {
+        fn a_loss_report_round_trips(next: u16, abandoned: u16, repair_symbols in 0..=FEC_SPAN as u8, lost in proptest::collection::vec(any::<u16>(), 0..LOST_NUMBERS_MAX)) {
             let (next, abandoned) = (Low16(next), Low16(abandoned));
             let loss_report = LossReport { next, abandoned, repair_symbols, lost: lost.into_iter().map(Low16).collect() };
             let bytes = loss_report.encode(StreamId(300));

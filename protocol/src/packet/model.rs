@@ -35,7 +35,7 @@ impl Default for Model {
     }
 }
 
-/// How a number is coded: the number of raw low bits, and the shape for the rest.
+/// The code of a number: the number of raw low bits, and the shape for the rest.
 #[derive(Clone, Copy, Debug)]
 struct CodeChoice {
     raw: u32,

@@ -45,7 +45,7 @@ pub enum UpdatePayload {
 }
 
 impl UpdatePayload {
-    /// Whether applying it also needs another body's track.
+    /// True if applying it also needs another body's track.
     #[must_use]
     pub const fn names_parent(&self) -> bool {
         matches!(
@@ -198,7 +198,7 @@ pub(crate) struct UpdateCoder {
     pub(super) model: Model,
     /// The row of frequencies for the next update's form, given by the last form.
     pub(super) last: usize,
-    /// Whether an update was coded before, and the parent of the last attached body.
+    /// True if an update was coded before, and the parent of the last attached body.
     has_updates: bool,
     pub(super) parent: Option<u32>,
 }

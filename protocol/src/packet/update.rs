@@ -162,7 +162,7 @@ pub struct UpdatePacket<'a> {
     pub tick: Low16,
     /// Low bits of the count of scene events that the reader must have received.
     pub scene_events: Low16,
-    /// Whether this is the last packet of its tick.
+    /// True if this is the last packet of its tick.
     pub ends_tick: bool,
     /// The factor by which tracks may exceed their tolerances, if the packet carries one.
     pub error_scale: ErrorScale,

@@ -36,11 +36,11 @@ pub struct BodyDesc {
     pub damping: Option<Damping>,
     /// Factor on the scene's gravity; one for most.
     pub gravity_scale: f32,
-    /// Whether its axis of spin wanders when its moments of inertia differ, as in physics; true for most.
+    /// True if its axis of spin wanders when its moments of inertia differ, as in physics; true for most.
     pub gyroscopic: bool,
     /// Factor on the tolerance of its streams.
     pub tolerance_scale: ToleranceScale,
-    /// Whether contacts can turn it; true for most. Otherwise only commands turn it.
+    /// True if contacts can turn it; true for most. Otherwise only commands turn it.
     pub turns: bool,
 }
 
@@ -72,7 +72,7 @@ impl BodyDesc {
         }
     }
 
-    /// Whether its moments of inertia matter to its free motion.
+    /// True if its moments of inertia matter to its free motion.
     #[must_use]
     pub const fn can_tumble(&self) -> bool {
         matches!(self.kind, BodyKind::Dynamic) && self.gyroscopic && self.turns

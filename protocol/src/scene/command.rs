@@ -411,6 +411,10 @@ pub enum CommandError {
     TooManyShapeBytes,
     /// The server does not know such a command.
     UnknownCommand,
+    /// The client's role does not include the command, or the body, shape or joint belongs to another client.
+    NotAllowed,
+    /// The command exceeds a quota of the client's token.
+    OverQuota,
     /// A reason of a later version; the code is from [`OPTIONAL`] on.
     Other(u8),
 }
@@ -443,6 +447,10 @@ impl fmt::Display for CommandError {
                 f.write_str("the scene's shapes have reached their limit of bytes")
             }
             Self::UnknownCommand => f.write_str("the server does not know such a command"),
+            Self::NotAllowed => {
+                f.write_str("the client may not do that, or not to what belongs to another client")
+            }
+            Self::OverQuota => f.write_str("the command exceeds a quota of the client's token"),
             Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
         }
     }
@@ -479,6 +487,8 @@ impl Wire for CommandError {
             Self::NoInside(id) => named(to, 17, &id),
             Self::TooManyShapeBytes => to.u8(18),
             Self::UnknownCommand => to.u8(19),
+            Self::NotAllowed => to.u8(32),
+            Self::OverQuota => to.u8(33),
             Self::Other(code) => to.u8(code),
         }
     }
@@ -507,6 +517,8 @@ impl Wire for CommandError {
             17 => Self::NoInside(ShapeId::decode(from)?),
             18 => Self::TooManyShapeBytes,
             19 => Self::UnknownCommand,
+            32 => Self::NotAllowed,
+            33 => Self::OverQuota,
             code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })

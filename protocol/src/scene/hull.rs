@@ -81,8 +81,8 @@ impl Hull {
         Ok(())
     }
 
-    /// How far the farthest point lies from the plane through the first point, the farthest from that, and the farthest
-    /// from the line through both; zero where these do not make a plane. Metres.
+    /// The distance of the farthest point from a plane, metres. The plane goes through the first point, the point
+    /// farthest from that, and the point farthest from the line through both. Zero where these do not make a plane.
     fn thickness(&self) -> f64 {
         let points = || self.points.iter().map(|point| point.as_dvec3());
         let farthest = |measure: &dyn Fn(DVec3) -> f64| {

@@ -37,7 +37,7 @@ impl IdRange {
         })
     }
 
-    /// Whether a body's index is in the range.
+    /// True if a body's index is in the range.
     #[must_use]
     pub fn contains(&self, id: BodyId) -> bool {
         id.index() >= self.first && id.index() - self.first < self.count

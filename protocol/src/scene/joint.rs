@@ -115,7 +115,7 @@ pub struct Joint {
     pub bodies: [BodyId; 2],
     /// Its frame in each body.
     pub frames: [JointFrame; 2],
-    /// Whether the two bodies also collide with each other.
+    /// True if the two bodies also collide with each other.
     pub collide: bool,
 }
 

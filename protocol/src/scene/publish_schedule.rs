@@ -29,7 +29,7 @@ impl PublishSchedule {
         lookahead: Ticks::ZERO,
     };
 
-    /// Whether a tick is published.
+    /// True if a tick is published.
     #[must_use]
     pub const fn publishes(&self, tick: Tick) -> bool {
         tick.value()

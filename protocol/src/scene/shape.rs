@@ -86,7 +86,7 @@ impl Shape {
         }
     }
 
-    /// Whether it has volume and mass: neither a height field nor a mesh, nor a compound with such a part.
+    /// True if it has volume and mass: neither a height field nor a mesh, nor a compound with such a part.
     #[must_use]
     pub fn is_solid(&self) -> bool {
         match self {

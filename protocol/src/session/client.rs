@@ -33,6 +33,7 @@ use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
 use crate::limits::RESERVE_MAX;
 use crate::message::{
     ClientMessage, Denial, Frames, Joined, SceneEvent, ServerMessage, StreamChoice, TierPolicy,
+    Token,
 };
 use crate::packet::Datagram;
 use crate::scene::{Command, IdRange, SceneConfig, SceneName};
@@ -56,6 +57,7 @@ pub struct ClientSession {
     state: ClientState,
     peer: Peer,
     scene: SceneName,
+    token: Option<Token>,
     config: Option<SceneConfig>,
     frames: Frames,
     replica_switch: ReplicaSwitch,
@@ -83,6 +85,7 @@ impl ClientSession {
             state: ClientState::Unconnected,
             peer: Peer(0),
             scene,
+            token: None,
             config: None,
             frames: Frames::new(),
             replica_switch: ReplicaSwitch::new(),
@@ -101,6 +104,11 @@ impl ClientSession {
             out: VecDeque::new(),
             events: VecDeque::new(),
         }
+    }
+
+    /// Has the `Hello` carry a token.
+    pub fn set_token(&mut self, token: Token) {
+        self.token = Some(token);
     }
 
     /// Creates the scene; answered by `Created` or `Denied`.
@@ -217,7 +225,7 @@ impl ClientSession {
     pub fn subscribe(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
         self.must_be(ClientState::Member)?;
         self.stream_selection.select(choice);
-        self.ask_for_stream();
+        self.request_stream();
         Ok(())
     }
 
@@ -322,7 +330,7 @@ impl ClientSession {
                 // Other denials answer requests that are not about streams.
                 if matches!(denial, Denial::TooManyStreams | Denial::SceneFaulted) {
                     self.stream_selection.handle_denied();
-                    self.ask_for_stream();
+                    self.request_stream();
                 }
                 self.events.push_back(Event::Denied(denial));
                 if self.state == ClientState::Lobby && self.can_reconnect() {
@@ -374,7 +382,7 @@ impl ClientSession {
         self.replica_switch.begin(joined);
         self.note_choice(joined.choice);
         self.stream_selection.handle_joined(joined.choice);
-        self.ask_for_stream();
+        self.request_stream();
         Ok(())
     }
 
@@ -390,15 +398,15 @@ impl ClientSession {
             }
         }
         self.resyncing = false;
-        self.ask_for_stream();
+        self.request_stream();
         self.watch(now);
         Ok(())
     }
 
     /// Requests the selected stream, unless an answer or a snapshot that could be mistaken for its answer is pending.
-    fn ask_for_stream(&mut self) {
+    fn request_stream(&mut self) {
         if !self.resyncing
-            && let Some(choice) = self.stream_selection.ask()
+            && let Some(choice) = self.stream_selection.take_request()
         {
             self.send(&ClientMessage::Subscribe(choice));
         }
@@ -409,7 +417,7 @@ impl ClientSession {
     fn switch_replica(&mut self) {
         let shown = self.replica_switch.shown();
         let is_live = shown.is_some_and(|replica| !replica.stream().has_lost_sync());
-        if self.stream_selection.is_asking() && is_live {
+        if self.stream_selection.awaits_answer() && is_live {
             return;
         }
         let Some(before) = self.replica_switch.switch_when_caught_up() else {

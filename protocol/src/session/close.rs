@@ -29,8 +29,16 @@ impl CloseCode {
     pub const BUSY: Self = Self(7);
     /// The client said no hello in time.
     pub const HELLO_LATE: Self = Self(8);
+    /// The server requires a token, and the client's hello has none.
+    pub const TOKEN_MISSING: Self = Self(16);
+    /// The token is not one of this server: its form, its signature or its audience is wrong.
+    pub const TOKEN_INVALID: Self = Self(17);
+    /// The token has expired.
+    pub const TOKEN_EXPIRED: Self = Self(18);
+    /// The token does not name the scene of the connection.
+    pub const TOKEN_SCENE: Self = Self(19);
     /// Another connection has taken the session up.
-    pub const SESSION_TAKEN: Self = Self(16);
+    pub const SESSION_TAKEN: Self = Self(32);
 }
 
 impl From<Malformed> for CloseCode {
@@ -51,6 +59,10 @@ impl fmt::Display for CloseCode {
             Self::SCENE_PARKED => "the scene does not answer and is parked",
             Self::BUSY => "the server cannot serve another scene now",
             Self::HELLO_LATE => "no hello in time",
+            Self::TOKEN_MISSING => "the server requires a token",
+            Self::TOKEN_INVALID => "the token is not one of this server",
+            Self::TOKEN_EXPIRED => "the token has expired",
+            Self::TOKEN_SCENE => "the token does not name the scene",
             Self::SESSION_TAKEN => "another connection has taken the session up",
             Self(code) => return write!(f, "unknown close code {code}"),
         })

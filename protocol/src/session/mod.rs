@@ -9,7 +9,7 @@ mod replica_switch;
 mod server;
 mod upstream_receiver;
 mod upstream_sender;
-mod watermark_schedule;
+mod upstream_timeout;
 
 pub use client::ClientSession;
 pub use close::CloseCode;

@@ -1,4 +1,4 @@
-//! When a client pings the server to sample its clock.
+//! The schedule of a client's pings, which sample the server's clock.
 //!
 //! Reads no clock itself. Two clocks drift apart slowly, so pings are rare. The stream also shows the server's time;
 //! the next ping comes sooner only if that time contradicts the last sample.
@@ -48,7 +48,7 @@ impl Pings {
         }
     }
 
-    /// When the next ping is due; None outside a membership.
+    /// The time of the next ping; None outside a membership.
     pub(crate) const fn due(&self) -> Option<Instant> {
         self.due
     }

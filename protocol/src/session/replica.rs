@@ -59,7 +59,7 @@ impl Replica {
         self.choice
     }
 
-    /// Whether this replica can be shown in place of another one of the same scene without going back in time.
+    /// True if this replica can be shown in place of another one of the same scene without going back in time.
     pub(crate) fn has_caught_up_with(&self, other: &Self) -> bool {
         other.stream().has_lost_sync() || self.stream().complete() >= other.stream().complete()
     }
@@ -75,7 +75,7 @@ impl Replica {
         self.receiver.subscriber_mut()
     }
 
-    /// Whether the snapshot has arrived.
+    /// True if the snapshot has arrived.
     #[must_use]
     pub const fn is_complete(&self) -> bool {
         self.complete

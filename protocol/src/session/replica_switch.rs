@@ -133,7 +133,7 @@ impl ReplicaSwitch {
         self.next.as_ref().or(self.shown.as_ref())
     }
 
-    /// Whether only a new snapshot helps.
+    /// True if only a new snapshot helps.
     pub(crate) fn have_lost_sync(&self) -> bool {
         self.newest()
             .is_some_and(|replica| replica.stream().has_lost_sync())

@@ -9,7 +9,7 @@ use alloc::vec::Vec;
 use bytes::Bytes;
 
 use super::close::CloseCode;
-use crate::message::{ClientMessage, Frames, Grease, ServerMessage, VERSIONS, Welcome};
+use crate::message::{ClientMessage, Frames, Grease, Role, ServerMessage, VERSIONS, Welcome};
 use crate::scene::{CommandError, SceneConfig};
 use crate::wire::Malformed;
 
@@ -90,7 +90,7 @@ impl ServerSession {
         None
     }
 
-    /// Whether to hand a message on: `false` for a message sent before the client learned that its membership ended.
+    /// Returns `false` for a message to drop: the client sent it before it learned that its membership had ended.
     fn admit(&mut self, message: &ClientMessage) -> Result<bool, CloseCode> {
         match (self.state, message) {
             (
@@ -124,14 +124,19 @@ impl ServerSession {
         }
     }
 
-    /// Answers the client's `Hello`. `scene` is the config of the scene, if it exists.
-    pub fn welcome(&mut self, scene: Option<SceneConfig>) {
+    /// Answers the client's `Hello`. `scene` is the config of the scene, if it exists; `role` answers a token.
+    pub fn welcome(&mut self, scene: Option<SceneConfig>, role: Option<Role>) {
         if self.state == ServerState::Greeted {
             self.state = ServerState::Lobby;
+            let mut extensions = self.grease.extensions();
+            if let Some(role) = role {
+                let fits = extensions.insert(role.extension());
+                debug_assert!(fits, "two short extensions fit");
+            }
             let welcome = Welcome {
                 version: VERSIONS[0],
                 scene,
-                extensions: self.grease.extensions(),
+                extensions,
             };
             self.send(&ServerMessage::Welcome(welcome));
             self.grease.message(&mut self.out);
@@ -202,7 +207,7 @@ impl ServerSession {
     }
 }
 
-/// Whether only a member may send this message.
+/// True if only a member may send this message.
 const fn is_for_members(message: &ClientMessage) -> bool {
     matches!(
         message,
@@ -291,7 +296,7 @@ mod tests {
             session.poll_message(),
             Some(Ok(ClientMessage::Hello { .. }))
         ));
-        session.welcome(None);
+        session.welcome(None, None);
         assert_eq!(session.poll_message(), None);
         assert_eq!(session.poll_close(), Some(CloseCode::VIOLATION));
     }
@@ -300,7 +305,7 @@ mod tests {
     fn messages_sent_before_a_left_reply_are_skipped() {
         let mut session = session_after(&[hello()]);
         session.poll_message();
-        session.welcome(None);
+        session.welcome(None, None);
         session.state = ServerState::Member;
         session.send(&ServerMessage::Deleted);
         let mut bytes = Vec::new();
@@ -326,7 +331,7 @@ mod tests {
     fn an_unknown_command_is_refused_without_closing() {
         let mut session = session_after(&[hello()]);
         session.poll_message();
-        session.welcome(None);
+        session.welcome(None, None);
         session.state = ServerState::Member;
         let mut bytes = Vec::new();
         crate::message::frame(7, &[0x80, 1, 2, 3], &mut bytes);
@@ -352,7 +357,7 @@ mod tests {
         ClientMessage::Delete.encode(&mut bytes);
         session.handle_control(&bytes);
         assert!(session.poll_message().is_some());
-        session.welcome(None);
+        session.welcome(None, None);
         assert_eq!(session.poll_message(), Some(Ok(ClientMessage::Delete)));
     }
 
@@ -364,7 +369,7 @@ mod tests {
             let mut messages = 0;
             while let Some(message) = session.poll_message() {
                 if let Ok(ClientMessage::Hello { .. }) = message {
-                    session.welcome(None);
+                    session.welcome(None, None);
                 }
                 messages += 1;
             }

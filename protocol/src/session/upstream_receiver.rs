@@ -11,7 +11,7 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, Integrator, Motion, Tick, Tolerance, Track};
 
-use super::watermark_schedule::WatermarkSchedule;
+use super::upstream_timeout::UpstreamTimeout;
 use crate::limits::AUTHORITY_BODIES_MAX;
 use crate::message::{AuthorityGrant, TakeAuthority};
 use crate::packet::{Datagram, PacketKind, StreamId};
@@ -35,7 +35,7 @@ pub struct UpstreamReceiver {
     receiver: StreamReceiver,
     /// The position is the body's index in the stream.
     body_tracks: Vec<BodyTracks>,
-    watermark_schedule: WatermarkSchedule,
+    upstream_timeout: UpstreamTimeout,
     /// Up to this tick everything was received, even where a later packet is missing.
     complete_until: Tick,
     /// The newest tick that `motions` was called for.
@@ -86,7 +86,7 @@ impl UpstreamReceiver {
         Self {
             receiver: StreamReceiver::with_timeout(subscriber, DISORDER),
             body_tracks,
-            watermark_schedule: WatermarkSchedule::of(integrator.rate),
+            upstream_timeout: UpstreamTimeout::of(integrator.rate),
             complete_until: grant.tick,
             present: grant.tick,
             changed: Vec::new(),
@@ -128,13 +128,13 @@ impl UpstreamReceiver {
             .filter_map(|body_track| body_track.id)
     }
 
-    /// Whether the stream must be replaced: too many packets are missing, or a checksum differs.
+    /// True if the stream must be replaced: too many packets are missing, or a checksum differs.
     #[must_use]
     pub const fn has_lost_sync(&self) -> bool {
         self.subscriber().has_lost_sync()
     }
 
-    /// Whether no packet about this tick is known to be missing.
+    /// True if no packet about this tick is known to be missing.
     #[must_use]
     pub fn is_complete_at(&self, tick: Tick) -> bool {
         let is_complete =
@@ -142,16 +142,16 @@ impl UpstreamReceiver {
         is_complete || tick <= self.complete_until
     }
 
-    /// Whether the client has been silent for so long that its bodies stand still at this tick.
+    /// True if the client has been silent for so long that its bodies stand still at this tick.
     #[must_use]
     pub fn is_stale(&self, tick: Tick) -> bool {
-        tick > self.trusted()
+        tick > self.last_predicted()
     }
 
-    fn trusted(&self) -> Tick {
+    fn last_predicted(&self) -> Tick {
         let silence = self.subscriber().silent_ticks();
-        self.watermark_schedule
-            .trusted(self.watermark_tick(), silence)
+        self.upstream_timeout
+            .last_predicted(self.watermark_tick(), silence)
     }
 
     /// Removes a body from the scene. Its track stays, because the client learns of the removal later.
@@ -197,7 +197,7 @@ impl UpstreamReceiver {
     /// been silent for too long stand at their last predicted place.
     pub fn motions(&mut self, tick: Tick) -> impl Iterator<Item = (BodyId, Motion)> {
         self.present = tick;
-        let until = self.trusted();
+        let until = self.last_predicted();
         let (at, stale) = (tick.min(until), tick > until);
         let subscriber = self.receiver.subscriber();
         let body_tracks = self.body_tracks.iter_mut().enumerate();
@@ -210,12 +210,12 @@ impl UpstreamReceiver {
     }
 
     /// Appends the reports due at a tick: losses, and silence, which requests the client's watermark.
-    pub fn ask(&mut self, now: Instant, tick: Tick, out: &mut Vec<Bytes>) {
+    pub fn poll_reports(&mut self, now: Instant, tick: Tick, out: &mut Vec<Bytes>) {
         let silence = self.subscriber().silent_ticks();
         let overdue = tick
             > self
-                .watermark_schedule
-                .requested(self.watermark_tick(), silence);
+                .upstream_timeout
+                .request_from(self.watermark_tick(), silence);
         if overdue {
             self.receiver.expect_within(now, Span::ZERO);
         } else {
@@ -277,7 +277,7 @@ mod tests {
     }
 
     /// Back and forth along x, with a speed that changes each half second.
-    fn walk(tick: u64) -> BodyState {
+    fn trajectory(tick: u64) -> BodyState {
         let mut x = 0.0;
         let speed = |tick: u64| ((tick / 30) % 4) as f32 - 1.5;
         for before in 0..tick {
@@ -342,7 +342,7 @@ mod tests {
                 let tick = Tick::new(100 + step);
                 let now = Instant::from_nanos(step * 16_666_667);
                 let ahead = step + lead;
-                let states = [(BodyId::new(70, 3), walk(ahead))];
+                let states = [(BodyId::new(70, 3), trajectory(ahead))];
                 let outcome = sender.publish(Tick::new(100 + ahead), &states, &mut packets);
                 prop_assert_eq!(outcome, PublishOutcome::Yes);
                 for report in reports.drain(..) {
@@ -363,12 +363,12 @@ mod tests {
                 });
                 let placed = placed(&mut upstream_receiver, tick).expect("it is there");
                 if upstream_receiver.is_complete_at(tick) && upstream_receiver.watermark_tick() >= tick && step > lead {
-                    let apart = Divergence::between(&walk(step).motion().pose(), &placed.pose());
+                    let apart = Divergence::between(&trajectory(step).motion().pose(), &placed.pose());
                     let share = TOLERANCE.share(&apart, Metres::new(0.5));
                     prop_assert!(share <= 1.0, "off by {} at step {}", share, step);
                     checked += 1;
                 }
-                upstream_receiver.ask(now, tick, &mut reports);
+                upstream_receiver.poll_reports(now, tick, &mut reports);
             }
             prop_assert!(lead < 8 || checked > 0);
             prop_assert_eq!(upstream_receiver.statistics().mismatches, 0);
@@ -396,7 +396,7 @@ mod tests {
             for packet in packets.drain(..) {
                 upstream_receiver.handle_datagram(&opened(&packet));
             }
-            upstream_receiver.ask(now, tick, &mut reports);
+            upstream_receiver.poll_reports(now, tick, &mut reports);
             for report in reports.drain(..) {
                 sender.handle_datagram(now, Span::from_millis(30), &opened(&report), &mut packets);
             }

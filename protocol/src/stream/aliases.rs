@@ -87,7 +87,7 @@ pub(crate) enum AliasOwner {
     /// The body has no newer track.
     AsAssigned,
     /// The body has a newer track, or was removed.
-    MovedOn,
+    Newer,
 }
 
 /// The aliases of a subscriber: for each, the body that took it last, and the tick.
@@ -111,12 +111,12 @@ impl ReceivedAliases {
     /// this one.
     pub(crate) fn take(&mut self, alias: u32, body: u32, tick: Tick, owner: AliasOwner) {
         let later = |alias: u32| self.since(alias) > tick;
-        let (moved_on, had) = (owner == AliasOwner::MovedOn, self.now.of(body));
+        let (is_newer, had) = (owner == AliasOwner::Newer, self.now.of(body));
         let (taken, moved) = (later(alias), had.is_some_and(later));
-        if taken || (moved_on && had == Some(alias)) {
+        if taken || (is_newer && had == Some(alias)) {
             return;
         }
-        if moved_on || moved {
+        if is_newer || moved {
             self.now.empty(alias, PackedTick::of(tick));
         } else {
             self.now.put(alias, body, PackedTick::of(tick));
@@ -269,12 +269,12 @@ mod tests {
     fn newer_updates_block_older_assignments() {
         let mut aliases = ReceivedAliases::default();
         aliases.take(4, 9, Tick::new(10), AliasOwner::AsAssigned);
-        aliases.take(4, 7, Tick::new(12), AliasOwner::MovedOn);
+        aliases.take(4, 7, Tick::new(12), AliasOwner::Newer);
         assert_eq!((aliases.now.body(4), aliases.now.of(9)), (None, None));
         aliases.take(4, 9, Tick::new(11), AliasOwner::AsAssigned);
         assert_eq!(aliases.now.of(9), None);
         aliases.take(4, 9, Tick::new(13), AliasOwner::AsAssigned);
-        aliases.take(4, 9, Tick::new(14), AliasOwner::MovedOn);
+        aliases.take(4, 9, Tick::new(14), AliasOwner::Newer);
         assert_eq!(aliases.body_since(4, Tick::new(13)), Some(9));
     }
 }

@@ -1,6 +1,6 @@
 //! The FEC encoder: repair symbols of a stream, and when they are sent.
 //!
-//! Knows of the listeners only how many packets they lose. Keeps the source symbols of the last [`FEC_SPAN`] packets.
+//! Knows of the receivers only how many packets they lose. Keeps the source symbols of the last [`FEC_SPAN`] packets.
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
@@ -28,29 +28,29 @@ struct SentRepairSymbol {
     datagram: Bytes,
 }
 
-/// A repair symbol that was requested; it may also serve other listeners.
+/// A repair symbol that was requested; it may also serve other receivers.
 #[derive(Clone, Debug)]
 struct RequestedRepairSymbol {
     sent: SentRepairSymbol,
-    /// How often it was sent.
+    /// The number of times it was sent.
     requests: u32,
-    /// The lost packets of the listener that was sent it last. If the same packets are requested again, this symbol
+    /// The lost packets of the receiver that was sent it last. If the same packets are requested again, this symbol
     /// does not help.
     last: Vec<u64>,
 }
 
-/// A listener's request for lost packets.
+/// A receiver's request for lost packets.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SymbolRequest {
-    /// The listener's report covers the packets below this number.
+    /// The receiver's report covers the packets below this number.
     pub(crate) received_below: u64,
-    /// The number of repair symbols that the listener requests.
+    /// The number of repair symbols that the receiver requests.
     pub(crate) wanted: usize,
-    /// The listener was also sent the unrequested repair symbols from this packet number on.
+    /// The receiver was also sent the unrequested repair symbols from this packet number on.
     pub(crate) sent_from: u64,
 }
 
-/// The most times that a requested repair symbol is sent, so that no listener receives the same one forever.
+/// The most times that a requested repair symbol is sent, so that no receiver receives the same one forever.
 const SYMBOL_REUSE_MAX: u32 = 4;
 
 /// The source symbols of recent packets, and the repair symbols sent for them.
@@ -63,7 +63,7 @@ pub(crate) struct FecEncoder {
     /// covered twice.
     uncovered: u64,
     covered_once: u64,
-    /// Whether the packets of the present tick are two halves of one.
+    /// True if the packets of the present tick are two halves of one.
     halved: bool,
     redundancy: Redundancy,
     /// The number of ticks that the first uncovered packet has waited.
@@ -140,7 +140,7 @@ impl FecEncoder {
         }
     }
 
-    /// Whether to send a tick of this many bytes in two packets.
+    /// True if to send a tick of this many bytes in two packets.
     pub(crate) const fn halves(&self, bytes: usize) -> bool {
         self.redundancy.halves(bytes)
     }
@@ -150,7 +150,7 @@ impl FecEncoder {
         self.halved = true;
     }
 
-    /// Answers a listener that lost packets and requests repair symbols, taking symbols in flight into account. Appends
+    /// Answers a receiver that lost packets and requests repair symbols, taking symbols in flight into account. Appends
     /// to `out`, and returns the lost packets that must be refreshed.
     pub(crate) fn answer(
         &mut self,
@@ -178,7 +178,7 @@ impl FecEncoder {
             .filter(|sent| sent.end > unheard && of_use(sent));
         let wanted = wanted.min(recent.len());
         let mut wanted = self.redundancy.answers(wanted, under_way.count());
-        // One symbol serves all listeners that lost packets covered by it, except one that requests the same packets
+        // One symbol serves all receivers that lost packets covered by it, except one that requests the same packets
         // again.
         for requested in &mut self.requested {
             let sent = &requested.sent;
@@ -270,7 +270,7 @@ mod tests {
         packet
     }
 
-    /// A request of a listener with a report up to `received_below`, for `wanted` symbols besides all that were sent
+    /// A request of a receiver with a report up to `received_below`, for `wanted` symbols besides all that were sent
     /// since.
     const fn request(received_below: u64, wanted: usize) -> SymbolRequest {
         SymbolRequest {
@@ -361,7 +361,7 @@ mod tests {
     fn answers_omit_repair_symbols_in_flight() {
         let (mut repair_symbols, _) = ten(Redundancy::Plain);
         let mut out = Vec::new();
-        // The repair symbols of packets 7 and 9 are in flight to a listener whose report covers the packets below 6.
+        // The repair symbols of packets 7 and 9 are in flight to a receiver whose report covers the packets below 6.
         let old = repair_symbols.answer(STREAM, [3, 4, 5].into_iter(), request(6, 3), &mut out);
         assert!(old.is_empty());
         let sent: Vec<_> = out.iter().map(|datagram| covered(datagram)).collect();
@@ -372,7 +372,7 @@ mod tests {
     #[test]
     fn in_flight_symbols_are_per_receiver() {
         let (repair_symbols, _) = ten(Redundancy::Plain);
-        // Repair symbols were sent with packets 7 and 9; the listener was sent none, one, or both of them.
+        // Repair symbols were sent with packets 7 and 9; the receiver was sent none, one, or both of them.
         for (sent_from, answers) in [(u64::MAX, 2), (10, 2), (8, 1), (6, 0), (0, 0)] {
             let mut out = Vec::new();
             let request = SymbolRequest {
@@ -430,7 +430,7 @@ mod tests {
         let (mut repair_symbols, _) = ten(Redundancy::Off);
         let mut sent = Vec::new();
         for _ in 0..50 {
-            // Two listeners in turn, within one tick.
+            // Two receivers in turn, within one tick.
             for lost in [3, 4] {
                 repair_symbols.answer(STREAM, [lost].into_iter(), request(10, 1), &mut sent);
             }

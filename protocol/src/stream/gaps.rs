@@ -15,7 +15,7 @@ use crate::limits::HISTORY_PACKETS;
 struct Missing {
     /// The tick of a later packet; this packet was sent no later.
     before: Tick,
-    /// Whether it arrived, but could not be applied completely.
+    /// True if it arrived, but could not be applied completely.
     arrived: bool,
     /// The received parts, as bits, of its latest refresh.
     received: Option<(RefreshId, u64)>,
@@ -36,11 +36,11 @@ pub(crate) struct RefreshId {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Unread {
     tick: Tick,
-    /// Whether every refresh so far, of packets that it may build on, is at least as new as itself.
+    /// True if every refresh so far, of packets that it may build on, is at least as new as itself.
     covered: bool,
 }
 
-/// How to handle a packet that arrives.
+/// The class of a packet that arrives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PacketArrival {
     /// The packet is new: read it.
@@ -74,7 +74,7 @@ impl PacketGaps {
         self.next
     }
 
-    /// Whether every packet sent so far was received, recovered or refreshed.
+    /// True if every packet sent so far was received, recovered or refreshed.
     pub(crate) fn is_converged(&self) -> bool {
         self.missing.is_empty() && self.unread.is_empty()
     }
@@ -84,7 +84,7 @@ impl PacketGaps {
         self.missing.keys().copied()
     }
 
-    /// Whether a packet is missing.
+    /// True if a packet is missing.
     pub(crate) fn lacks(&self, number: u64) -> bool {
         self.missing.contains_key(&number)
     }
@@ -132,7 +132,7 @@ impl PacketGaps {
         true
     }
 
-    /// Whether a publisher whose next packet is `next` can still refresh the oldest packet that would then be missing.
+    /// True if a publisher whose next packet is `next` can still refresh the oldest packet that would then be missing.
     fn remembers(&self, next: u64) -> bool {
         let oldest = self.missing.keys().next().copied();
         let oldest = oldest.unwrap_or(self.next).min(self.next);

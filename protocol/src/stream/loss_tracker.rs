@@ -1,4 +1,4 @@
-//! Measures the losses of a stream's listeners and chooses the redundancy.
+//! Measures the losses of a stream's receivers and chooses the redundancy.
 //!
 //! Counts packets only and knows no times, so a slow link is never mistaken for a lossy one.
 
@@ -11,16 +11,16 @@ use crate::packet::LossReport;
 
 /// The loss rate covers the last one to two windows of this many packets.
 const WINDOW: u64 = 256;
-/// The number of packets assumed received before a listener's first report of a loss, if that many were sent.
+/// The number of packets assumed received before a receiver's first report of a loss, if that many were sent.
 const BEFORE: u64 = 192;
 /// The prior: one lost packet in this many received.
 const PRIOR: u64 = 32;
-/// One listener in this many may lose more than the redundancy is made for.
-const LISTENERS_PER_EXCEPTION: usize = 16;
-/// The most listeners that are tracked at one time.
+/// One receiver in this many may lose more than the redundancy is made for.
+const RECEIVERS_PER_EXCEPTION: usize = 16;
+/// The most receivers that are tracked at one time.
 const RECEIVERS_MAX: usize = 256;
 
-/// The losses of one listener, from its loss reports.
+/// The losses of one receiver, from its loss reports.
 #[derive(Clone, Copy, Debug)]
 struct ReceiverLosses {
     /// The start of the window.
@@ -28,11 +28,11 @@ struct ReceiverLosses {
     /// A later sample, which becomes the start when it is old enough.
     middle: LossSample,
     newest: LossSample,
-    /// While the listener loses packets: the number of the next packet when its loss became known.
+    /// While the receiver loses packets: the number of the next packet when its loss became known.
     loses_from: Option<u64>,
 }
 
-/// The counters of a listener at one time.
+/// The counters of a receiver at one time.
 #[derive(Clone, Copy, Debug)]
 struct LossSample {
     /// Packets sent so far.
@@ -41,7 +41,7 @@ struct LossSample {
     lost: u64,
 }
 
-/// The losses of the listeners of one stream.
+/// The losses of the receivers of one stream.
 #[derive(Clone, Debug, Default)]
 pub struct LossTracker {
     receivers: BTreeMap<u64, ReceiverLosses>,
@@ -49,14 +49,14 @@ pub struct LossTracker {
 }
 
 impl LossTracker {
-    /// Takes a listener's report about a stream whose next packet is number `next`. An impossible report is ignored.
-    pub fn add_report(&mut self, listener: u64, loss_report: &LossReport, next: u64) {
+    /// Takes a receiver's report about a stream whose next packet is number `next`. An impossible report is ignored.
+    pub fn add_report(&mut self, receiver: u64, loss_report: &LossReport, next: u64) {
         let sent = loss_report.next.expand(next);
         if sent > next {
             return;
         }
         let full = self.receivers.len() >= RECEIVERS_MAX;
-        let receiver = match self.receivers.entry(listener) {
+        let receiver = match self.receivers.entry(receiver) {
             Entry::Occupied(known) => {
                 let receiver = known.into_mut();
                 receiver.add_report(sent, loss_report);
@@ -68,26 +68,26 @@ impl LossTracker {
         receiver.note_loss(next);
     }
 
-    /// Drops the losses of a listener that left or starts again.
-    pub fn forget(&mut self, listener: u64) {
-        self.receivers.remove(&listener);
+    /// Drops the losses of a receiver that left or starts again.
+    pub fn forget(&mut self, receiver: u64) {
+        self.receivers.remove(&receiver);
     }
 
-    /// Whether the listener lost any of its recent packets.
+    /// True if the receiver lost any of its recent packets.
     #[must_use]
-    pub fn loses(&self, listener: u64) -> bool {
-        self.loses_from(listener).is_some()
+    pub fn loses(&self, receiver: u64) -> bool {
+        self.loses_from(receiver).is_some()
     }
 
-    /// For a listener that lost recent packets: the number of the next packet when that became known.
+    /// For a receiver that lost recent packets: the number of the next packet when that became known.
     #[must_use]
-    pub fn loses_from(&self, listener: u64) -> Option<u64> {
-        self.receivers.get(&listener)?.loses_from
+    pub fn loses_from(&self, receiver: u64) -> Option<u64> {
+        self.receivers.get(&receiver)?.loses_from
     }
 
-    /// The redundancy for a stream with this many listeners, whose next packet is number `next`.
-    pub fn redundancy(&mut self, listeners: usize, next: u64) -> Redundancy {
-        // A listener without reports has no losses.
+    /// The redundancy for a stream with this many receivers, whose next packet is number `next`.
+    pub fn redundancy(&mut self, receivers: usize, next: u64) -> Redundancy {
+        // A receiver without reports has no losses.
         let reports =
             |receiver: &ReceiverLosses| next.saturating_sub(receiver.newest.sent) < 2 * WINDOW;
         self.receivers.retain(|_, receiver| reports(receiver));
@@ -100,7 +100,7 @@ impl LossTracker {
             .map(|receiver| receiver.loss(next))
             .collect();
         losses.sort_unstable();
-        let exceptions = listeners.saturating_sub(1) / LISTENERS_PER_EXCEPTION;
+        let exceptions = receivers.saturating_sub(1) / RECEIVERS_PER_EXCEPTION;
         let worst = losses
             .iter()
             .rev()
@@ -113,7 +113,7 @@ impl LossTracker {
 }
 
 impl ReceiverLosses {
-    /// The state of a listener at its first report.
+    /// The state of a receiver at its first report.
     fn of(sent: u64, loss_report: &LossReport) -> Self {
         // Only current losses count: the packets that are missing now. Earlier losses may be long ago.
         let lost = u64::from(loss_report.abandoned.0);
@@ -144,7 +144,7 @@ impl ReceiverLosses {
             return;
         }
         let newest = LossSample { sent, lost };
-        // A smaller total than at the start of the window: the listener started again.
+        // A smaller total than at the start of the window: the receiver started again.
         let has_restarted = lost < self.since.lost;
         if has_restarted || span >= WINDOW {
             let restarted = if has_restarted {
@@ -189,7 +189,7 @@ mod tests {
     use super::*;
     use crate::packet::Low16;
 
-    /// The redundancy for each packet of a stream that loses packets as `is_lost` says. The listener reports its losses
+    /// The redundancy for each packet of a stream that loses packets as `is_lost` says. The receiver reports its losses
     /// every 30 packets.
     fn mode(packets: u64, is_lost: impl Fn(u64) -> bool) -> Vec<Redundancy> {
         let mut losses = LossTracker::default();
@@ -243,11 +243,11 @@ mod tests {
     }
 
     #[test]
-    fn the_worst_listener_decides_unless_there_are_many() {
-        for (listeners, worth) in [(16, Redundancy::Plain), (17, Redundancy::Off)] {
+    fn the_worst_receiver_decides_unless_there_are_many() {
+        for (receivers, worth) in [(16, Redundancy::Plain), (17, Redundancy::Off)] {
             let mut losses = LossTracker::default();
             losses.add_report(1, &loss_report(60, 4), 60);
-            assert_eq!(losses.redundancy(listeners, 60), worth, "{listeners}");
+            assert_eq!(losses.redundancy(receivers, 60), worth, "{receivers}");
         }
     }
 
@@ -301,8 +301,8 @@ mod tests {
         losses.add_report(1, &loss_report(20, 0), 20);
         losses.add_report(1, &loss_report(22, 20), 22);
         assert_eq!(losses.redundancy(1, 22), Redundancy::Off);
-        for listener in 0..2 * RECEIVERS_MAX as u64 {
-            losses.add_report(listener, &loss_report(22, 1), 22);
+        for receiver in 0..2 * RECEIVERS_MAX as u64 {
+            losses.add_report(receiver, &loss_report(22, 1), 22);
         }
         assert!(losses.receivers.len() <= RECEIVERS_MAX);
     }

@@ -1,6 +1,5 @@
 //! The state stream: encoded once for all of its subscribers.
 mod aliases;
-mod answers;
 mod bound;
 mod budget;
 mod error_scale_log;
@@ -20,6 +19,7 @@ mod previous_tracks;
 mod publisher;
 mod receiver;
 mod redundancy;
+mod reply_limiter;
 mod retry_timer;
 mod sender;
 mod sent_packets;

@@ -8,8 +8,7 @@ use super::retry_timer::RetryTimer;
 use super::subscriber::Subscriber;
 use crate::time::{Instant, Span};
 
-/// How long a gap may be due to reordering before it counts as a loss, on a link that has reordered packets. On other
-/// links a gap is a loss at once.
+/// The age at which a gap counts as a loss on a link that has reordered packets. On other links it is a loss at once.
 const DISORDER: Span = Span::from_millis(4);
 /// The longest pause between two reports of one packet.
 const WAIT_MOST: Span = Span::from_millis(500);
@@ -53,17 +52,17 @@ impl NackScheduler {
         }
     }
 
-    /// When the next report is due.
+    /// The time of the next report.
     pub(super) fn due(&self) -> Option<Instant> {
         self.open.values().filter_map(RetryTimer::due).min()
     }
 
     /// The packets to report now, in rising order. The pause until the next report of each is `min_delay` at least, and
     /// never zero, even before a round trip is measured.
-    pub(super) fn ask(&mut self, now: Instant, min_delay: Span) -> impl Iterator<Item = u64> {
+    pub(super) fn poll(&mut self, now: Instant, min_delay: Span) -> impl Iterator<Item = u64> {
         let min_delay = min_delay.max(DISORDER);
         let open = self.open.iter_mut();
-        open.filter_map(move |(number, patience)| patience.ask(now, min_delay).then_some(*number))
+        open.filter_map(move |(number, timer)| timer.fire(now, min_delay).then_some(*number))
     }
 }
 
@@ -81,8 +80,8 @@ mod tests {
         let mut scheduler = NackScheduler::new();
         for now in [at(0), at(4), at(12)] {
             scheduler.wait_for(now, Span::ZERO, [3].into_iter());
-            assert_eq!(scheduler.ask(now, Span::ZERO).collect::<Vec<_>>(), [3]);
-            assert!(scheduler.ask(now, Span::ZERO).next().is_none());
+            assert_eq!(scheduler.poll(now, Span::ZERO).collect::<Vec<_>>(), [3]);
+            assert!(scheduler.poll(now, Span::ZERO).next().is_none());
         }
         assert_eq!(scheduler.due(), Some(at(28)));
     }
@@ -93,20 +92,23 @@ mod tests {
         let mut scheduler = NackScheduler::new();
         scheduler.wait_for(at(0), DISORDER, [3].into_iter());
         assert_eq!(scheduler.due(), Some(at(4)));
-        assert!(scheduler.ask(at(3), min_delay).next().is_none());
-        assert_eq!(scheduler.ask(at(4), min_delay).collect::<Vec<_>>(), [3]);
+        assert!(scheduler.poll(at(3), min_delay).next().is_none());
+        assert_eq!(scheduler.poll(at(4), min_delay).collect::<Vec<_>>(), [3]);
         scheduler.wait_for(at(20), DISORDER, [3, 7, 9].into_iter());
         assert_eq!(scheduler.due(), Some(at(24)));
-        assert_eq!(scheduler.ask(at(24), min_delay).collect::<Vec<_>>(), [7, 9]);
+        assert_eq!(
+            scheduler.poll(at(24), min_delay).collect::<Vec<_>>(),
+            [7, 9]
+        );
         assert_eq!(scheduler.due(), Some(at(129)));
         // Packets 3 and 9 arrived; packet 7 is requested again after its own pause.
         scheduler.wait_for(at(129), DISORDER, [7].into_iter());
         assert_eq!(scheduler.due(), Some(at(149)));
-        assert_eq!(scheduler.ask(at(149), min_delay).collect::<Vec<_>>(), [7]);
+        assert_eq!(scheduler.poll(at(149), min_delay).collect::<Vec<_>>(), [7]);
         assert_eq!(scheduler.due(), Some(at(149 + 250)));
         scheduler.wait_for(at(150), DISORDER, [].into_iter());
         assert_eq!(scheduler.due(), None);
         scheduler.wait_for(at(160), Span::ZERO, [12].into_iter());
-        assert_eq!(scheduler.ask(at(160), min_delay).collect::<Vec<_>>(), [12]);
+        assert_eq!(scheduler.poll(at(160), min_delay).collect::<Vec<_>>(), [12]);
     }
 }

@@ -2,7 +2,7 @@
 
 use rhumb_reckoning::{BodyId, BodyState};
 
-/// Whether the engine still moves a body.
+/// The engine's state of a body: stepped, or asleep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Activity {
     /// The engine steps the body.
@@ -21,6 +21,6 @@ pub struct Observation {
     pub id: BodyId,
     /// Its state, the engine's own bits.
     pub motion: BodyState,
-    /// Whether the engine still moves the body.
+    /// The engine's state of the body.
     pub activity: Activity,
 }

@@ -1,6 +1,6 @@
 //! The publisher of a reckoned stream: encodes updates for its subscribers.
 //!
-//! Compares observations with its tracks and sends an update for each body out of tolerance. Knows no listeners: an
+//! Compares observations with its tracks and sends an update for each body out of tolerance. Knows no receivers: an
 //! update is encoded once for all. Invariant: after `publish`, every observed body is within the tolerance of its
 //! track, grid error included.
 
@@ -176,7 +176,7 @@ impl Publisher {
         self.statistics
     }
 
-    /// Places a body that came into the scene. A scene event carries its first track to every listener.
+    /// Places a body that came into the scene. A scene event carries its first track to every receiver.
     ///
     /// Returns `false` if the table is full, which the scene's own limits prevent.
     #[must_use]
@@ -198,20 +198,20 @@ impl Publisher {
         self.tracks.change_gravity(since, gravity);
     }
 
-    /// The gravity and the first tick of each change that a track may refer to. A late listener needs them before the
+    /// The gravity and the first tick of each change that a track may refer to. A late receiver needs them before the
     /// tracks.
     pub fn gravity_changes(&self) -> impl Iterator<Item = (Tick, Vec3)> {
         self.tracks.gravity_changes()
     }
 
-    /// Every body's track, in order of index, for a late listener.
+    /// Every body's track, in order of index, for a late receiver.
     pub fn tracks(&self) -> impl Iterator<Item = (BodyId, Track)> {
         self.tracks
             .iter()
             .map(|(index, slot)| (slot.id(index), slot.track()))
     }
 
-    /// The alias of a body, for a late listener.
+    /// The alias of a body, for a late receiver.
     #[must_use]
     pub fn alias(&self, id: BodyId) -> Option<u32> {
         self.alias_table.aliases().of(id.index())
@@ -376,7 +376,7 @@ impl Publisher {
         })
     }
 
-    /// Whether a body is within tolerance of its published rest pose.
+    /// True if a body is within tolerance of its published rest pose.
     fn is_within_rest(
         &self,
         observation_history: &ObservationHistory,
@@ -533,7 +533,7 @@ impl Publisher {
         (UpdatePayload::Keyframe(keyframe), keyframe.track(tick))
     }
 
-    /// Whether checksums are sent.
+    /// True if checksums are sent.
     pub(super) const fn sends_checksums(&self) -> bool {
         self.features.checksums
     }

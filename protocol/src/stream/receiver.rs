@@ -20,7 +20,7 @@ pub(crate) const DISORDER: Span = Span::from_millis(4);
 const RESTORED_PAUSE: Span = Span::from_millis(500);
 /// Added to the first timeout of a free-running stream before its silence is reported: its last packet may be lost.
 /// Such a stream states its watermark at least every two and a half seconds.
-const UNASKED: Span = Span::from_millis(2_900);
+const WATERMARK_TIMEOUT: Span = Span::from_millis(2_900);
 /// The first timeout of a stream from which a datagram is expected.
 const SILENCE: Span = Span::from_millis(100);
 /// The longest pause between two reports to a stream that stays silent.
@@ -83,17 +83,17 @@ impl StreamReceiver {
     /// stream.
     pub fn expect_watermark(&mut self, now: Instant) {
         self.silence.end();
-        self.silence.begin(now + UNASKED);
+        self.silence.begin(now + WATERMARK_TIMEOUT);
     }
 
     /// The time of the next report if nothing is received until then; None if there is nothing to report.
     #[must_use]
     pub fn due(&self) -> Option<Wake> {
         let restored = self.restored_due();
-        let repair = [self.nacks.due(), restored];
-        let repair = repair.into_iter().flatten().min();
+        let losses = [self.nacks.due(), restored];
+        let losses = losses.into_iter().flatten().min();
         let wakes = [
-            (repair, WakeReason::Refresh),
+            (losses, WakeReason::Refresh),
             (self.silence.due(), WakeReason::Watermark),
         ];
         let wakes = wakes
@@ -102,7 +102,7 @@ impl StreamReceiver {
         wakes.min_by_key(|wake| wake.at)
     }
 
-    /// When recovered losses are to be reported.
+    /// The time of the next report of recovered losses.
     fn restored_due(&self) -> Option<Instant> {
         let (at, lost) = self.reported;
         let news = self.subscriber.missing() == 0 && self.subscriber.lost() != lost;
@@ -112,9 +112,9 @@ impl StreamReceiver {
     /// Appends the reports that are due. A report of the same losses follows at least `min_delay` later.
     pub fn report(&mut self, now: Instant, min_delay: Span, out: &mut Vec<Bytes>) {
         let stream = self.subscriber.stream();
-        let lost: Vec<u64> = self.nacks.ask(now, min_delay).collect();
+        let lost: Vec<u64> = self.nacks.poll(now, min_delay).collect();
         let restored = self.restored_due().is_some_and(|due| due <= now);
-        let report = if self.silence.ask(now, min_delay) || restored {
+        let report = if self.silence.fire(now, min_delay) || restored {
             Some(self.subscriber.loss_report())
         } else {
             (!lost.is_empty()).then(|| self.subscriber.loss_report_for(&lost))

@@ -4,7 +4,7 @@
 /// symbol saves.
 const HALVED: usize = 200;
 
-/// The least loss rate assumed for answers to a listener that lost packets.
+/// The least loss rate assumed for answers to a receiver that lost packets.
 const ANSWERED: f64 = 0.01;
 
 /// The share of a stream's packets that was lost, in millionths.
@@ -19,7 +19,7 @@ impl LossRate {
     }
 }
 
-/// How often a stream sends repair symbols.
+/// The rate of a stream's repair symbols.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Redundancy {
     /// Never: a lost packet is answered on request.
@@ -71,7 +71,7 @@ impl Redundancy {
         }
     }
 
-    /// Whether a tick of this many bytes is sent in two packets followed by repair symbols of half the length. One lost
+    /// True if a tick of this many bytes is sent in two packets followed by repair symbols of half the length. One lost
     /// datagram of the three is then recovered before the tick is displayed.
     pub(crate) const fn halves(self, bytes: usize) -> bool {
         matches!(self, Self::Plain | Self::Thick) && bytes >= HALVED
@@ -92,7 +92,7 @@ impl Redundancy {
     }
 
     /// The number of repair symbols that answer a request for `wanted`, of which `in_flight` are in flight. Too few
-    /// arrive in about one of a hundred cases. Answers are rare, and the listener has already waited for a round trip.
+    /// arrive in about one of a hundred cases. Answers are rare, and the receiver has already waited for a round trip.
     pub(crate) fn answers(self, wanted: usize, in_flight: usize) -> usize {
         let least = wanted.saturating_sub(in_flight);
         let most = (3 * wanted).saturating_sub(in_flight);

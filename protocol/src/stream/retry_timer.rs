@@ -22,7 +22,7 @@ impl RetryTimer {
         }
     }
 
-    /// When the message is due again; None while the timer is stopped.
+    /// The time at which the message is due again; None while the timer is stopped.
     pub(crate) const fn due(&self) -> Option<Instant> {
         self.due
     }
@@ -46,8 +46,8 @@ impl RetryTimer {
         self.span = self.least;
     }
 
-    /// Whether the message is to be sent now; if so, the next pause is twice as long, and at least `round_trip`.
-    pub(crate) fn ask(&mut self, now: Instant, round_trip: Span) -> bool {
+    /// True if the message is due; the next pause is then twice as long, and at least `round_trip`.
+    pub(crate) fn fire(&mut self, now: Instant, round_trip: Span) -> bool {
         if self.due.is_none_or(|due| due > now) {
             return false;
         }
@@ -64,37 +64,37 @@ mod tests {
 
     #[test]
     fn a_longer_first_timeout_doubles_too() {
-        let mut patience = RetryTimer::new(Span::from_millis(5), Span::from_millis(70));
+        let mut timer = RetryTimer::new(Span::from_millis(5), Span::from_millis(70));
         let mut now = Instant::ZERO;
-        patience.begin_for(now, Span::from_millis(20));
+        timer.begin_for(now, Span::from_millis(20));
         for millis in [20, 40, 70] {
-            let due = patience.due().unwrap();
+            let due = timer.due().unwrap();
             assert_eq!(due, now + Span::from_millis(millis));
             now = due;
-            assert!(patience.ask(now, Span::ZERO));
+            assert!(timer.fire(now, Span::ZERO));
         }
-        patience.end();
-        patience.begin_for(now, Span::from_millis(1));
-        assert_eq!(patience.due(), Some(now + Span::from_millis(5)));
+        timer.end();
+        timer.begin_for(now, Span::from_millis(1));
+        assert_eq!(timer.due(), Some(now + Span::from_millis(5)));
     }
 
     #[test]
     fn retries_back_off_until_answered() {
-        let mut patience = RetryTimer::new(Span::from_millis(5), Span::from_millis(40));
+        let mut timer = RetryTimer::new(Span::from_millis(5), Span::from_millis(40));
         let mut now = Instant::ZERO;
-        patience.begin(now);
+        timer.begin(now);
         let mut spans = [0; 5];
         for span in &mut spans {
-            let due = patience.due().unwrap();
+            let due = timer.due().unwrap();
             *span = due.since(now).as_nanos() / 1_000_000;
-            assert!(!patience.ask(now, Span::ZERO));
+            assert!(!timer.fire(now, Span::ZERO));
             now = due;
-            assert!(patience.ask(now, Span::from_millis(15)));
+            assert!(timer.fire(now, Span::from_millis(15)));
         }
         assert_eq!(spans, [5, 15, 30, 40, 40]);
-        patience.end();
-        assert_eq!(patience.due(), None);
-        patience.begin(now);
-        assert_eq!(patience.due(), Some(now + Span::from_millis(5)));
+        timer.end();
+        assert_eq!(timer.due(), None);
+        timer.begin(now);
+        assert_eq!(timer.due(), Some(now + Span::from_millis(5)));
     }
 }

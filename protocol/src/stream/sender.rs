@@ -1,7 +1,7 @@
 //! The sender of a stream: its publisher and the datagrams around updates.
 //!
-//! Sans-IO. Knows neither lanes nor connections, and listeners only by a number. Used by a server for its scenes, by a
-//! client for its upstream, and by replays. Invariants: data for several listeners is encoded once. Watermarks follow a
+//! Sans-IO. Knows neither lanes nor connections, and receivers only by a number. Used by a server for its scenes, by a
+//! client for its upstream, and by replays. Invariants: data for several receivers is encoded once. Watermarks follow a
 //! published tick as the policy demands, so silence is never ambiguous.
 
 use alloc::boxed::Box;
@@ -14,12 +14,12 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{BodyId, BodyState, Tick, Track};
 
-use super::answers::Answers;
 use super::budget::Budget;
 use super::full::FullPublisher;
 use super::loss_tracker::LossTracker;
 use super::observation_history::ObservationHistory;
 use super::publisher::{Publisher, PublisherStatistics, StreamTerms};
+use super::reply_limiter::ReplyLimiter;
 use super::tracks::PredictionParameters;
 use super::watermark::{Silence, WatermarkPolicy};
 use crate::limits::HISTORY_PACKETS;
@@ -56,23 +56,23 @@ macro_rules! with_publisher {
 #[derive(Debug)]
 pub struct StreamSender {
     source: Source,
-    listeners: usize,
+    receivers: usize,
     silence: Silence,
     /// The tick and the value of the last checksum sent.
     checksum: (Tick, u64),
     mismatches: u64,
-    /// The datagrams of the last tick for every listener.
+    /// The datagrams of the last tick for every receiver.
     packets: Vec<Bytes>,
-    /// The repair symbols after them, for listeners that lose packets.
+    /// The repair symbols after them, for receivers that lose packets.
     symbols: Vec<Bytes>,
     losses: LossTracker,
     /// Refreshes since the last tick, by number of the lost packet and count of scene events.
     refreshes: BTreeMap<(u64, u64), Vec<Bytes>>,
-    answers: Answers,
+    reply_limiter: ReplyLimiter,
 }
 
 impl StreamSender {
-    /// The sender of a reckoned stream without bodies, for one listener.
+    /// The sender of a reckoned stream without bodies, for one receiver.
     #[must_use]
     pub fn reckoned(
         stream: StreamId,
@@ -88,7 +88,7 @@ impl StreamSender {
         Self::new(Source::Reckoned(Box::new(publisher)), policy, tick)
     }
 
-    /// The sender of a full stream without bodies, for one listener.
+    /// The sender of a full stream without bodies, for one receiver.
     #[must_use]
     pub fn full(
         stream: StreamId,
@@ -103,7 +103,7 @@ impl StreamSender {
     fn new(source: Source, policy: WatermarkPolicy, tick: Tick) -> Self {
         Self {
             source,
-            listeners: 1,
+            receivers: 1,
             silence: Silence::new(policy, tick),
             checksum: (tick, 0),
             mismatches: 0,
@@ -111,28 +111,28 @@ impl StreamSender {
             symbols: Vec::new(),
             losses: LossTracker::default(),
             refreshes: BTreeMap::new(),
-            answers: Answers::default(),
+            reply_limiter: ReplyLimiter::default(),
         }
     }
 
-    /// Adds a listener.
-    pub const fn add_listener(&mut self) {
-        self.listeners += 1;
+    /// Adds a receiver.
+    pub const fn add_receiver(&mut self) {
+        self.receivers += 1;
     }
 
-    /// Removes a listener.
-    pub fn remove_listener(&mut self, listener: u64) {
-        self.listeners -= 1;
-        self.restart_listener(listener);
+    /// Removes a receiver.
+    pub fn remove_receiver(&mut self, receiver: u64) {
+        self.receivers -= 1;
+        self.restart_receiver(receiver);
     }
 
-    /// Restarts a listener from a snapshot: its earlier losses no longer count.
-    pub fn restart_listener(&mut self, listener: u64) {
-        self.losses.forget(listener);
-        self.answers.forget(listener);
+    /// Restarts a receiver from a snapshot: its earlier losses no longer count.
+    pub fn restart_receiver(&mut self, receiver: u64) {
+        self.losses.forget(receiver);
+        self.reply_limiter.forget(receiver);
     }
 
-    /// Places a body that came into the scene. A scene event carries its first track to every listener. Returns `false`
+    /// Places a body that came into the scene. A scene event carries its first track to every receiver. Returns `false`
     /// if the table is full, which the scene's own limits prevent.
     #[must_use]
     pub fn place(
@@ -179,7 +179,7 @@ impl StreamSender {
             return false;
         }
         self.close_tick(scene_events);
-        let redundancy = self.losses.redundancy(self.listeners, self.next_number());
+        let redundancy = self.losses.redundancy(self.receivers, self.next_number());
         if let Source::Reckoned(publisher) = &mut self.source {
             publisher.encode_repair_symbols(redundancy, &mut self.symbols);
         }
@@ -225,9 +225,9 @@ impl StreamSender {
         Some(checksum)
     }
 
-    /// The datagrams of the last tick for one listener: with repair symbols only if it loses packets.
-    pub fn datagrams(&self, listener: u64) -> impl Iterator<Item = &Bytes> {
-        let symbols = if self.losses.loses(listener) {
+    /// The datagrams of the last tick for one receiver: with repair symbols only if it loses packets.
+    pub fn datagrams(&self, receiver: u64) -> impl Iterator<Item = &Bytes> {
+        let symbols = if self.losses.loses(receiver) {
             &self.symbols[..]
         } else {
             &[]
@@ -258,7 +258,7 @@ impl StreamSender {
     }
 
     /// Answers a loss report, unless the last one was answered just before. The answer holds repair symbols or
-    /// refreshes of the lost packets, and a watermark for packets that the listener does not know of.
+    /// refreshes of the lost packets, and a watermark for packets that the receiver does not know of.
     pub fn handle_report(
         &mut self,
         now: Instant,
@@ -267,11 +267,11 @@ impl StreamSender {
         scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
-        if !self.answers.allow_report(now, from.id) {
+        if !self.reply_limiter.allow_report(now, from.id) {
             return;
         }
         let next = self.next_number();
-        // Symbols up to now went to listeners that were known to lose packets then.
+        // Symbols up to now went to receivers that were known to lose packets then.
         let sent_from = self.losses.loses_from(from.id);
         self.losses.add_report(from.id, report, next);
         let lost: BTreeSet<u64> = match &mut self.source {
@@ -283,10 +283,12 @@ impl StreamSender {
         };
         let Recipient { id, round_trip } = from;
         for number in lost {
-            // A packet that is too old has no refresh. The watermark then tells the listener how much it missed, and it
+            // A packet that is too old has no refresh. The watermark then tells the receiver how much it missed, and it
             // requests a snapshot.
             if let Some(refresh) = refresh(&self.source, &mut self.refreshes, number, scene_events)
-                && self.answers.allow_refresh(now, id, round_trip, number)
+                && self
+                    .reply_limiter
+                    .allow_refresh(now, id, round_trip, number)
             {
                 out.extend_from_slice(refresh);
             }
@@ -335,10 +337,10 @@ impl StreamSender {
         self.mismatches
     }
 
-    /// The number of listeners.
+    /// The number of receivers.
     #[must_use]
-    pub const fn listeners(&self) -> usize {
-        self.listeners
+    pub const fn receivers(&self) -> usize {
+        self.receivers
     }
 
     /// The publisher of a reckoned stream; None for a full stream.
@@ -350,14 +352,14 @@ impl StreamSender {
         }
     }
 
-    /// Every body's track, in order of index, for a late listener.
+    /// Every body's track, in order of index, for a late receiver.
     #[must_use]
     pub fn tracks(&self) -> Vec<(BodyId, Track)> {
         with_publisher!(&self.source, publisher => publisher.tracks().collect())
     }
 }
 
-/// The datagrams of a refresh, encoded once for all listeners that lost the same packet since the last tick. `None` for
+/// The datagrams of a refresh, encoded once for all receivers that lost the same packet since the last tick. `None` for
 /// a packet that is too old.
 fn refresh<'a>(
     source: &Source,
@@ -418,7 +420,7 @@ mod tests {
         sender
     }
 
-    /// Publishes a tick with the positions of tick `at` and returns the kinds of the datagrams for every listener.
+    /// Publishes a tick with the positions of tick `at` and returns the kinds of the datagrams for every receiver.
     fn publish(sender: &mut StreamSender, tick: u64, at: u64) -> Vec<PacketKind> {
         let observation = |body| Observation {
             id: BodyId::new(body, 0),
@@ -438,7 +440,7 @@ mod tests {
             .expect("a sender sends datagrams")
     }
 
-    /// The answer to a listener that lost the newest packet.
+    /// The answer to a receiver that lost the newest packet.
     fn answer(sender: &mut StreamSender, id: u64) -> Vec<Bytes> {
         let next = sender.next_number();
         let report = LossReport {
@@ -503,7 +505,7 @@ mod tests {
             assert_eq!(
                 one.as_ptr(),
                 other.as_ptr(),
-                "the two listeners share the bytes"
+                "the two receivers share the bytes"
             );
         }
     }

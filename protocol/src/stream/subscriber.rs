@@ -57,9 +57,9 @@ pub struct Subscriber {
     /// The tick of the newest packet with updates.
     newest_update: Tick,
     lost_sync: bool,
-    /// Whether a checksum of the publisher differs from that of the tracks.
+    /// True if a checksum of the publisher differs from that of the tracks.
     mismatched: bool,
-    /// Whether the snapshot is complete; until then datagrams wait.
+    /// True if the snapshot is complete; until then datagrams wait.
     placed: bool,
     /// Indices changed since the last drain, each once, and a mark for each index among them.
     changed: Vec<u32>,
@@ -206,19 +206,19 @@ impl Subscriber {
         self.known_from
     }
 
-    /// Whether no packet is missing or unread.
+    /// True if no packet is missing or unread.
     #[must_use]
     pub fn is_converged(&self) -> bool {
         self.placed && self.gaps.is_converged() && self.deferred.is_empty() && !self.lost_sync
     }
 
-    /// Whether only a new snapshot helps: too many packets are missing, or a checksum differs.
+    /// True if only a new snapshot helps: too many packets are missing, or a checksum differs.
     #[must_use]
     pub const fn has_lost_sync(&self) -> bool {
         self.lost_sync
     }
 
-    /// Whether a checksum differs: a fault of the publisher or of the subscriber.
+    /// True if a checksum differs: a fault of the publisher or of the subscriber.
     #[must_use]
     pub const fn has_mismatched(&self) -> bool {
         self.mismatched
@@ -251,7 +251,7 @@ impl Subscriber {
         (slot.id(id.index()) == id).then(|| slot.track())
     }
 
-    /// Whether a body's track lies still in the world frame: see [`Track::is_resting`].
+    /// True if a body's track lies still in the world frame: see [`Track::is_resting`].
     #[must_use]
     pub fn is_resting(&self, id: BodyId) -> Option<bool> {
         let slot = self.tracks.slot(id.index())?;
@@ -337,7 +337,7 @@ impl Subscriber {
         )))
     }
 
-    /// Whether the stream publishes at a tick.
+    /// True if the stream publishes at a tick.
     fn is_published(&self, tick: Tick) -> bool {
         tick == self.start
             || tick
@@ -535,7 +535,7 @@ impl Subscriber {
             abandoned: Low16::of(self.lost()),
             repair_symbols,
             lost: lost
-                .take(crate::limits::LOST_NAMED_MAX)
+                .take(crate::limits::LOST_NUMBERS_MAX)
                 .map(Low16::of)
                 .collect(),
         }

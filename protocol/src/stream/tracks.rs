@@ -372,7 +372,7 @@ impl Tracks {
     }
 
     /// Tests a body's track with the prefilter.
-    pub(crate) fn look(
+    pub(crate) fn prefilter(
         &self,
         slot: &Slot,
         tick: Tick,
@@ -396,7 +396,7 @@ impl Tracks {
                 radius: interned.radius,
                 conditions,
             };
-            prefilter.look(place, &case, undecided);
+            prefilter.test(place, &case, undecided);
         });
     }
 

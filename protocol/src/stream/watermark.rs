@@ -1,4 +1,4 @@
-//! When a silent stream states its watermark.
+//! The schedule of a silent stream's watermarks.
 //!
 //! Counted in ticks of the scene alone, so it is the same in a lockstep scene. One rule for every stream: after the
 //! shortest silence, then each time the silence has doubled, and at most the longest pause apart.
@@ -74,7 +74,7 @@ impl Silence {
         *self = Self::new(self.policy, tick);
     }
 
-    /// Whether a watermark is due at a silent tick; if so, the next pause starts.
+    /// True if a watermark is due at a silent tick; if so, the next pause starts.
     pub(super) fn is_watermark_due(&mut self, tick: Tick) -> bool {
         let silence = tick.value() - self.since.value();
         let due = silence >= self.watermark_at;

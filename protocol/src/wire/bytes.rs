@@ -1,6 +1,6 @@
 //! Whole bytes: little-endian numbers and variable-length integers.
 //!
-//! Writing asserts, since the caller is part of the product; reading never does, since the sender may be anyone. A
+//! Writing asserts, since the caller is part of the product; reading never does, since any peer may be the sender. A
 //! variable integer has seven bits a byte, low bits first, and only its shortest form is accepted (PROTOCOL 2.2).
 
 use alloc::vec::Vec;
@@ -33,7 +33,7 @@ impl Writer {
         self.buffer.len()
     }
 
-    /// Whether nothing was written.
+    /// True if nothing was written.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.buffer.is_empty()

@@ -1,7 +1,7 @@
 //! Predicted constant acceleration saves updates and stays in tolerance.
 //!
 //! An engine with four substeps accelerates one body for a while and lets it fly again; the tolerance is one
-//! centimetre. Proved by the publisher's counters, by the listener's track, and by the distance between track and
+//! centimetre. Proved by the publisher's counters, by the subscriber's track, and by the distance between track and
 //! truth.
 
 use std::num::NonZeroU32;
@@ -59,17 +59,17 @@ impl AcceleratedBody {
 /// The result of a run.
 struct RunResult {
     updates: u64,
-    /// The greatest share of the tolerance that the error of the listener's track takes.
+    /// The greatest share of the tolerance that the error of the subscriber's track takes.
     worst: f64,
-    /// The number of ticks at which the listener's track has a constant acceleration.
+    /// The number of ticks at which the subscriber's track has a constant acceleration.
     accelerated: u32,
 }
 
-/// The publisher of one body, its listener, and the body's true motion.
+/// The publisher of one body, its subscriber, and the body's true motion.
 struct AccelerationLink {
     observation_history: ObservationHistory,
     publisher: Publisher,
-    listener: Subscriber,
+    subscriber: Subscriber,
     past: Vec<AcceleratedBody>,
 }
 
@@ -101,20 +101,20 @@ impl AccelerationLink {
             parent: None,
         };
         let mut publisher = Publisher::new(STREAM, &config, Tick::ZERO);
-        let mut listener = Subscriber::new(&start);
+        let mut subscriber = Subscriber::new(&start);
         assert!(
-            publisher.place(BODY, &parameters, first) && listener.place(BODY, &parameters, first)
+            publisher.place(BODY, &parameters, first) && subscriber.place(BODY, &parameters, first)
         );
-        listener.handle_snapshot_end();
+        subscriber.handle_snapshot_end();
         Self {
             observation_history: ObservationHistory::new(publish_schedule),
             publisher,
-            listener,
+            subscriber,
             past: vec![flight],
         }
     }
 
-    /// Steps one tick. Returns the listener's track and its distance from the truth, m.
+    /// Steps one tick. Returns the subscriber's track and its distance from the truth, m.
     fn step(&mut self, acceleration: DVec3) -> Option<(Track, f64)> {
         let mut flight = *self.past.last()?;
         flight.step(acceleration);
@@ -130,12 +130,12 @@ impl AccelerationLink {
         self.publisher
             .publish(&self.observation_history, 0, &mut packets);
         for packet in &packets {
-            self.listener.handle_datagram(packet);
+            self.subscriber.handle_datagram(packet);
         }
         let present = self.observation_history.present()?;
-        let track = self.listener.track(BODY)?;
+        let track = self.subscriber.track(BODY)?;
         let predicted_motion = self
-            .listener
+            .subscriber
             .predicted_motion(BODY, present)?
             .pose()
             .position;

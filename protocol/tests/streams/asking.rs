@@ -1,4 +1,4 @@
-//! When a client reports that an expected datagram has not arrived.
+//! A client reports that an expected datagram has not arrived.
 //!
 //! A client session alone, with hand-made messages of a server. Caught so far: a client that had received nothing for a
 //! while reported a lost answer to its advance only after three seconds, as if it had requested nothing.

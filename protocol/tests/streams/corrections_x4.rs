@@ -42,7 +42,7 @@ fn track(index: u32) -> Track {
     }
 }
 
-fn listener() -> Subscriber {
+fn subscriber() -> Subscriber {
     let mut subscriber = Subscriber::new(&StreamStart {
         stream: STREAM,
         tolerance: Tolerance::NORMAL,
@@ -107,7 +107,7 @@ fn packet(number: u64, updates: &[(u32, (u32, UpdatePayload))]) -> Vec<u8> {
 proptest! {
     #[test]
     fn packet_updates_equal_sequential_updates(corrections in proptest::collection::vec(correction(), 1..24)) {
-        let (mut together, mut one_by_one) = (listener(), listener());
+        let (mut together, mut one_by_one) = (subscriber(), subscriber());
         let aliased: Vec<_> = (0..).zip(corrections).collect();
         together.handle_datagram(&packet(0, &aliased));
         for (number, update) in (0..).zip(&aliased) {

@@ -1,7 +1,7 @@
 //! Recovery of lost packets from repair symbols and refreshes.
 //!
-//! Scripts of single losses: a publisher sends the updates of some bouncing bodies, and the listener receives what the
-//! script delivers. As soon as enough is received, all tracks are equal to the bit.
+//! Scripts of single losses: a publisher sends updates of some bouncing bodies, and the subscriber receives those that
+//! the script delivers. As soon as enough is received, all tracks are equal to the bit.
 
 use bytes::Bytes;
 use glam::Vec3;

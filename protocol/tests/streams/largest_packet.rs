@@ -1,13 +1,13 @@
 //! No datagram of a stream exceeds the largest packet that the stream states.
 //!
-//! Many bodies jump at every tick, so that packets are full. A listener loses every packet and asks for refreshes and
+//! Many bodies jump at every tick, so that packets are full. A subscriber loses every packet and asks for refreshes and
 //! repair symbols.
 
 use std::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_protocol::limits::LOST_NAMED_MAX;
+use rhumb_protocol::limits::LOST_NUMBERS_MAX;
 use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, Low16, PacketKind, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
@@ -56,7 +56,10 @@ fn sizes(mut sender: StreamSender) -> Vec<(PacketKind, usize)> {
         assert!(sender.publish(&observation_history, 0));
         datagrams.extend(sender.datagrams(1).cloned());
         let next = sender.next_number();
-        let lost: Vec<_> = (before..next).take(LOST_NAMED_MAX).map(Low16::of).collect();
+        let lost: Vec<_> = (before..next)
+            .take(LOST_NUMBERS_MAX)
+            .map(Low16::of)
+            .collect();
         let report = LossReport {
             next: Low16::of(next),
             abandoned: Low16::of(next),

@@ -8,6 +8,8 @@ use rhumb_protocol::message::SessionKey;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 
+use crate::access::{ClientName, decode_client};
+
 /// Number of a session in the log of its scene; not used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct SessionNumber(pub(crate) u32);
@@ -17,6 +19,8 @@ pub(crate) struct SessionNumber(pub(crate) u32);
 pub(crate) enum Record {
     /// A command that changed the scene, whatever its source: a member, an upstream or a hook.
     Applied(Command),
+    /// What the `Applied` before it added belongs to this client.
+    Owned(ClientName),
     /// A step; the digest of all observations after it.
     Stepped(u64),
     /// A session begins.
@@ -37,6 +41,7 @@ mod kind {
     pub(super) const COUNTED: u8 = 5;
     pub(super) const REFUSED: u8 = 6;
     pub(super) const CLOSED: u8 = 7;
+    pub(super) const OWNED: u8 = 8;
 }
 
 /// Bytes of one encoded command, at most: a long message.
@@ -99,6 +104,10 @@ impl Wire for Record {
                 number.encode(to);
                 error.encode(to);
             }
+            Self::Owned(client) => {
+                to.u8(kind::OWNED);
+                to.sized(client.as_bytes());
+            }
             Self::Closed(number) => {
                 to.u8(kind::CLOSED);
                 number.encode(to);
@@ -122,6 +131,7 @@ impl Wire for Record {
                 let number = SessionNumber::decode(from)?;
                 Self::Counted(number, Some(CommandError::decode(from)?))
             }
+            kind::OWNED => Self::Owned(decode_client(from)?),
             kind::CLOSED => Self::Closed(SessionNumber::decode(from)?),
             _ => return Err(Malformed::UnknownCode),
         })

@@ -6,7 +6,7 @@
 
 use std::path::PathBuf;
 
-use rhumb_protocol::scene::{SceneConfig, SceneName};
+use rhumb_protocol::scene::{Command, SceneConfig, SceneName};
 use rhumb_reckoning::Tick;
 
 use super::error::{Damage, DataError};
@@ -15,6 +15,7 @@ use super::record::Record;
 use super::scene_files::{Header, SceneFiles};
 use super::snapshot_file::Snapshot;
 use super::writer::Origin;
+use crate::access::Ownership;
 use crate::engine::Workers;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
@@ -24,6 +25,7 @@ pub(crate) struct Restored {
     pub(crate) name: SceneName,
     pub(crate) scene: Scene,
     pub(crate) sessions: Sessions,
+    pub(crate) ownership: Ownership,
     /// Number of the next segment.
     pub(super) next_segment: u32,
     /// Number and bytes of the last segment.
@@ -109,6 +111,7 @@ impl SceneFiles {
             name,
             scene: run.scene,
             sessions: run.sessions,
+            ownership: run.ownership,
             next_segment: newest + 1,
             last: end,
             report,
@@ -222,8 +225,12 @@ impl SceneFiles {
         let Some(snapshot) = snapshot else {
             let scene = Scene::on(config, workers)
                 .map_err(|_| DataError::damaged(&self.segment_path(0), Damage::Beginning))?;
-            let sessions = Sessions::default();
-            return Ok(Run { scene, sessions });
+            return Ok(Run {
+                scene,
+                sessions: Sessions::default(),
+                ownership: Ownership::default(),
+                last: None,
+            });
         };
         let path = self.snapshot_path(snapshot.segment);
         let at = (snapshot.tick, snapshot.digest);
@@ -232,6 +239,8 @@ impl SceneFiles {
         Ok(Run {
             scene,
             sessions: snapshot.sessions,
+            ownership: snapshot.ownership,
+            last: None,
         })
     }
 
@@ -265,10 +274,13 @@ impl SceneFiles {
     }
 }
 
-/// A scene and its sessions during a replay.
+/// A scene during a replay, with its sessions and owners.
 struct Run {
     scene: Scene,
     sessions: Sessions,
+    ownership: Ownership,
+    /// The last command.
+    last: Option<Command>,
 }
 
 impl Run {
@@ -277,11 +289,28 @@ impl Run {
         match record {
             Record::Applied(command) => {
                 report.commands += 1;
+                if let Command::RemoveBody { id } = command {
+                    self.ownership.remove_body(*id);
+                }
+                self.ownership.note(None, command);
+                self.last = Some(command.clone());
                 self.scene.apply(command).is_ok()
+            }
+            Record::Owned(client) => {
+                if let Some(command) = &self.last {
+                    self.ownership.note(Some(client), command);
+                }
+                true
             }
             Record::Stepped(digest) => {
                 report.steps += 1;
-                self.scene.step().is_ok() && self.scene.digest().value() == *digest
+                let Ok(stepped) = self.scene.step() else {
+                    return false;
+                };
+                for (id, _) in stepped.removed {
+                    self.ownership.remove_body(id);
+                }
+                self.scene.digest().value() == *digest
             }
             session => {
                 self.sessions.replay(session);

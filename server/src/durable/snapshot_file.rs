@@ -1,7 +1,7 @@
 //! A snapshot file: an image of a scene with its sessions, authenticated and versioned.
 //!
 //! Layout: magic number, version of the program and its engine, number of the segment that goes on from it, tick,
-//! digest, image of the sessions, image of the scene, HMAC-SHA-256 of everything before. The engine trusts its image,
+//! digest, image of the sessions and owners, image of the scene, HMAC-SHA-256 of everything before. The engine trusts its image,
 //! so that nothing behind the version is read before the code is verified.
 
 use rhumb_protocol::wire::bytes::{Reader, Writer};
@@ -11,6 +11,7 @@ use ring::hmac;
 
 use super::error::Damage;
 use super::record::decode_u64;
+use crate::access::Ownership;
 use crate::digest::Digest;
 use crate::sessions::Sessions;
 
@@ -28,6 +29,7 @@ pub(super) struct Snapshot {
     pub(super) tick: Tick,
     pub(super) digest: Digest,
     pub(super) sessions: Sessions,
+    pub(super) ownership: Ownership,
     /// The image of the scene.
     pub(super) scene: Vec<u8>,
 }
@@ -40,9 +42,10 @@ impl Snapshot {
         to.varint(u64::from(self.segment));
         to.varint(self.tick.value());
         to.raw(&self.digest.value().to_le_bytes());
-        let mut sessions = Writer::new();
-        self.sessions.encode(&mut sessions);
-        to.sized(&sessions.into_bytes());
+        let mut members = Writer::new();
+        self.sessions.encode(&mut members);
+        self.ownership.encode(&mut members);
+        to.sized(&members.into_bytes());
         to.raw(&self.scene);
         let mut bytes = to.into_bytes();
         let code = hmac::sign(key, &bytes);
@@ -68,12 +71,14 @@ impl Snapshot {
         let digest = Digest::from_value(decode_u64(from)?);
         let mut inner = Reader::new(from.sized(from.rest().len())?);
         let sessions = Sessions::decode(&mut inner)?;
+        let ownership = Ownership::decode(&mut inner)?;
         inner.finish()?;
         Ok(Self {
             segment,
             tick,
             digest,
             sessions,
+            ownership,
             scene: from.rest().to_vec(),
         })
     }
@@ -99,6 +104,7 @@ mod tests {
             tick: Tick::new(600),
             digest: Digest::START,
             sessions: Sessions::default(),
+            ownership: Ownership::default(),
             scene: vec![1, 2, 3],
         };
         let bytes = snapshot.encode(&key);

@@ -24,6 +24,7 @@ use super::scene_files::{Header, SceneFiles, Segment};
 use super::sim_disk::SimDisk;
 use super::snapshot_file::Snapshot;
 use super::writer::{Frozen, Origin, SceneLog};
+use crate::access::Ownership;
 use crate::engine::Workers;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
@@ -199,6 +200,7 @@ impl Recorded {
             tick,
             digest: self.scene.digest(),
             sessions: self.sessions.clone(),
+            ownership: Ownership::default(),
             scene: frozen.encode().unwrap(),
         };
         self.files.write_snapshot(&snapshot).unwrap();
@@ -382,6 +384,7 @@ fn a_full_disk_ends_the_acknowledgements_until_a_snapshot_finds_room() {
         tick: recorded.scene.tick(),
         digest: recorded.scene.digest(),
         sessions: recorded.sessions.clone(),
+        ownership: Ownership::default(),
         scene: recorded.scene.freeze().unwrap(),
     };
     log.snapshot(frozen);

@@ -18,6 +18,7 @@ use super::error::DataError;
 use super::journal::Batch;
 use super::scene_files::{Header, SceneFiles, Segment};
 use super::snapshot_file::Snapshot;
+use crate::access::Ownership;
 use crate::digest::Digest;
 use crate::scene::FrozenScene;
 use crate::sessions::Sessions;
@@ -41,6 +42,7 @@ pub(crate) struct Frozen {
     pub(crate) tick: Tick,
     pub(crate) digest: Digest,
     pub(crate) sessions: Sessions,
+    pub(crate) ownership: Ownership,
     pub(crate) scene: FrozenScene,
 }
 
@@ -318,6 +320,7 @@ fn write_snapshot(files: &SceneFiles, segment: u32, frozen: Frozen) -> Result<()
         tick: frozen.tick,
         digest: frozen.digest,
         sessions: frozen.sessions,
+        ownership: frozen.ownership,
         scene: scene.map_err(DataError::io(&path, "encode"))?,
     };
     files.write_snapshot(&snapshot)

@@ -26,9 +26,9 @@ pub struct NewBody {
     pub damping: Damping,
     /// Factor on the scene's gravity.
     pub gravity_scale: f32,
-    /// Whether the axis of its spin wanders when its moments of inertia differ.
+    /// True if the axis of its spin wanders when its moments of inertia differ.
     pub gyroscopic: bool,
-    /// Whether contacts can turn it.
+    /// True if contacts can turn it.
     pub turns: bool,
     /// Its pose and velocities.
     pub motion: BodyState,

@@ -43,7 +43,7 @@ impl KinematicTarget {
         self.twist = twist;
     }
 
-    /// Whether it moves in the next step.
+    /// True if it moves in the next step.
     pub(super) fn is_moving(&self) -> bool {
         self.target.is_some() || self.twist != Twist::ZERO
     }

@@ -35,7 +35,7 @@ pub struct RapierEngine {
     sleep: Option<SleepConfig>,
     fault: Option<EngineFault>,
     solids: BTreeMap<ShapeId, Solid>,
-    /// Whether a body ever had a thin solid, which fast bodies could pass through: dynamic bodies are swept from then
+    /// True if a body ever had a thin solid, which fast bodies could pass through: dynamic bodies are swept from then
     /// on.
     has_sheets: bool,
     /// Some may have left with a body.
@@ -314,7 +314,7 @@ impl RapierEngine {
         self.observed = observed;
     }
 
-    /// Whether the body is still in its slot.
+    /// True if the body is still in its slot.
     fn is_at(&self, place: BodySlot) -> bool {
         self.place(place.id)
             .is_some_and(|now| now.handle == place.handle)

@@ -205,7 +205,7 @@ fn share_within(vector: Vec3, most: f32) -> f32 {
     }
 }
 
-/// Whether a point is inside the world.
+/// True if a point is inside the world.
 pub(super) fn is_within(position: Vec3, most: f32) -> bool {
     position.abs().max_element() <= most
 }

@@ -19,7 +19,7 @@ use super::rapier_body::pose;
 pub(super) struct Solid {
     parts: Vec<(RapierPose, SharedShape)>,
     weighing: Weighing,
-    /// Whether any part of it is thin: fast bodies could pass through it between two steps.
+    /// True if any part of it is thin: fast bodies could pass through it between two steps.
     pub(super) is_sheet: bool,
 }
 

@@ -80,7 +80,7 @@ impl Workers {
         }
     }
 
-    /// Whether this program was built to step on more than one thread.
+    /// True if this program was built to step on more than one thread.
     #[must_use]
     pub const fn may_be_many() -> bool {
         cfg!(feature = "parallel")

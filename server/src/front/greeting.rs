@@ -2,7 +2,7 @@
 
 use bytes::Bytes;
 use rhumb_protocol::Instant;
-use rhumb_protocol::message::{ClientMessage, Grease};
+use rhumb_protocol::message::{ClientMessage, Extension, Grease};
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{CloseCode, ServerSession};
 
@@ -12,9 +12,9 @@ pub(super) struct Greeting {
     /// Reads the first message only; the worker's session reads all bytes again.
     session: ServerSession,
     received: Vec<u8>,
-    /// When the first message must have come.
+    /// The latest time of the first message.
     pub(super) until: Instant,
-    /// Whether the driver reports what the link takes.
+    /// True if the driver reports what the link takes.
     pub(super) paced: bool,
 }
 
@@ -22,8 +22,8 @@ pub(super) struct Greeting {
 #[derive(Debug, PartialEq)]
 pub(super) enum Greeted {
     NotYet,
-    /// The scene, and all bytes so far.
-    Names(SceneName, Bytes),
+    /// The scene, the token if there is one, and all bytes so far.
+    Names(SceneName, Option<Vec<u8>>, Bytes),
     Broken(CloseCode),
 }
 
@@ -45,8 +45,12 @@ impl Greeting {
         self.received.extend_from_slice(bytes);
         self.session.handle_control(bytes);
         match self.session.poll_message() {
-            Some(Ok(ClientMessage::Hello { scene, .. })) => {
-                Greeted::Names(scene, Bytes::from(std::mem::take(&mut self.received)))
+            Some(Ok(ClientMessage::Hello {
+                scene, extensions, ..
+            })) => {
+                let token = extensions.value(Extension::TOKEN).map(<[u8]>::to_vec);
+                let received = Bytes::from(std::mem::take(&mut self.received));
+                Greeted::Names(scene, token, received)
             }
             _ => match self.session.poll_close() {
                 Some(code) => Greeted::Broken(code),

@@ -2,10 +2,13 @@
 //!
 //! Plain data: numbers, names and bytes, and nothing of the engine or of a session. A worker could be another process.
 
+use std::sync::Arc;
+
 use bytes::Bytes;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit};
 
+use crate::access::Permit;
 use crate::server_loop::ServerLoop;
 
 /// Number of a worker; not used again.
@@ -16,7 +19,7 @@ pub(super) struct WorkerId(pub(super) u32);
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum WorkerInput {
     /// A connection that names a scene of this worker; its control bytes follow from the first on.
-    Opened(Peer),
+    Opened(Peer, Arc<Permit>),
     Control(Peer, Bytes),
     ControlTaken(Peer, usize),
     Datagram(Peer, Bytes),
@@ -54,7 +57,10 @@ impl WorkerInput {
     /// Feeds the input to the server loop of a worker.
     pub(super) fn apply(self, now: Instant, to: &mut ServerLoop) {
         match self {
-            Self::Opened(peer) => to.handle_opened(now, peer),
+            Self::Opened(peer, permit) => {
+                to.handle_opened(now, peer);
+                to.set_permit(peer, permit);
+            }
             Self::Control(peer, bytes) => to.handle_control(now, peer, &bytes),
             Self::ControlTaken(peer, bytes) => to.handle_control_taken(now, peer, bytes),
             Self::Datagram(peer, bytes) => to.handle_datagram(now, peer, &bytes),

@@ -7,6 +7,7 @@
 
 #[cfg(feature = "app")]
 mod adapter;
+mod expiry;
 mod greeting;
 mod message;
 mod parked;
@@ -29,11 +30,13 @@ use rhumb_protocol::{
 
 #[cfg(feature = "app")]
 pub(crate) use self::adapter::{Adapter, AdapterQueue};
+use self::expiry::Expiry;
 use self::greeting::{Greeted, Greeting};
 use self::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
 use self::parked::{Parked, Scope};
 use self::threads::{SharedClock, Threads};
 use self::worker::{HereWorker, ThreadWorker};
+use crate::access::Gate;
 use crate::authority_table::UpstreamStatistics;
 use crate::durable::{DataDir, DataError};
 use crate::engine::Workers;
@@ -46,6 +49,8 @@ pub struct Front {
     connections: BTreeMap<Peer, Connection>,
     /// Connections that must say hello by then.
     greeting_until: BTreeSet<(Instant, Peer)>,
+    gate: Gate,
+    expiry: Expiry,
     workers: BTreeMap<WorkerId, Worker>,
     by_scope: BTreeMap<Scope, WorkerId>,
     next_worker: u32,
@@ -78,7 +83,7 @@ struct Worker {
     scenes: usize,
 }
 
-/// Where a worker runs.
+/// The thread on which a worker runs.
 enum Place {
     Here(Box<HereWorker>),
     Thread(ThreadWorker),
@@ -98,7 +103,7 @@ const UNHANDLED_BYTES_MAX: usize = 128 << 10;
 const INPUTS_WAITING_MAX: u64 = 8_192;
 /// Time for a connection's first message.
 const GREETING: Span = Span::from_millis(8_000);
-/// How the names of an adapter's scenes begin.
+/// The first characters of the names of an adapter's scenes.
 const ADAPTER_SCENES: &str = "app/";
 
 impl Front {
@@ -107,6 +112,8 @@ impl Front {
         Self {
             connections: BTreeMap::new(),
             greeting_until: BTreeSet::new(),
+            gate: Gate::Open,
+            expiry: Expiry::default(),
             workers: BTreeMap::new(),
             by_scope: BTreeMap::new(),
             next_worker: 0,
@@ -136,6 +143,11 @@ impl Front {
         let clock = SharedClock::clone(&front.settings.stopwatch);
         front.threads = Some(Threads::new(clock, wake));
         front
+    }
+
+    /// Decides which later connections are admitted.
+    pub(crate) fn guard(&mut self, gate: Gate) {
+        self.gate = gate;
     }
 
     /// Sets the hooks of later scenes.
@@ -176,14 +188,14 @@ impl Front {
     }
 
     /// Statistics of all bodies of a scene under a member's authority, if its worker runs on this thread.
-    pub fn drives(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
+    pub fn upstreams(&self, scene: &SceneName) -> impl Iterator<Item = UpstreamStatistics> {
         let id = self.by_scope.get(&self.scope_of(scene));
         let worker = id.and_then(|id| self.workers.get(id)).into_iter();
         let here = worker.filter_map(|worker| match &worker.place {
             Place::Here(here) => Some(here),
             Place::Thread(_) => None,
         });
-        here.flat_map(|here| here.server_loop().drives(scene))
+        here.flat_map(|here| here.server_loop().upstreams(scene))
     }
 
     /// The worker of some scenes, started if there is none.
@@ -295,13 +307,20 @@ impl Front {
         let Some(Connection::Greeting(greeting)) = self.connections.get_mut(&peer) else {
             return;
         };
-        let (scene, received) = match greeting.handle_control(bytes) {
+        let (scene, token, received) = match greeting.handle_control(bytes) {
             Greeted::NotYet => return,
             Greeted::Broken(code) => return self.close(peer, code),
-            Greeted::Names(scene, received) => (scene, received),
+            Greeted::Names(scene, token, received) => (scene, token, received),
         };
         self.greeting_until.remove(&(greeting.until, peer));
         let paced = greeting.paced;
+        let admission = match self.gate.admit(token.as_deref(), &scene) {
+            Ok(admission) => admission,
+            Err(code) => {
+                tracing::info!(peer = peer.0, %scene, %code, "a client is not admitted");
+                return self.close(peer, code);
+            }
+        };
         let id = match self.worker_of(self.scope_of(&scene)) {
             Ok(id) => id,
             Err(code) => return self.close(peer, code),
@@ -311,7 +330,10 @@ impl Front {
         }
         let bound = Connection::Bound(id, received.len());
         self.connections.insert(peer, bound);
-        self.route(now, id, WorkerInput::Opened(peer));
+        if let Some(valid_for) = admission.valid_for {
+            self.expiry.set(peer, now + valid_for);
+        }
+        self.route(now, id, WorkerInput::Opened(peer, admission.permit));
         if paced {
             self.route(now, id, WorkerInput::ControlTaken(peer, 0));
         }
@@ -328,6 +350,24 @@ impl Front {
         tracing::debug!(peer = peer.0, %code, "closing a connection");
         let code = code.0;
         self.out.push_back(Transmit::Close { to: peer, code });
+    }
+
+    /// Closes a connection of a worker, which learns of it.
+    fn expire(&mut self, now: Instant, peer: Peer) {
+        let code = CloseCode::TOKEN_EXPIRED;
+        self.end_binding(now, peer, Ending::Closed(code.0));
+        self.close(peer, code);
+    }
+
+    /// Tells the worker of a connection that it has ended.
+    fn end_binding(&mut self, now: Instant, peer: Peer, ending: Ending) {
+        self.expiry.forget(peer);
+        if let Some(id) = self.bound(peer) {
+            self.route(now, id, WorkerInput::Ended(peer, ending));
+            if let Some(worker) = self.workers.get_mut(&id) {
+                worker.connections -= 1;
+            }
+        }
     }
 
     /// Takes the outputs of all workers; returns whether there were any.
@@ -484,17 +524,9 @@ impl Endpoint for Front {
     }
 
     fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
-        match self.connections.remove(&peer) {
-            Some(Connection::Greeting(greeting)) => {
-                self.greeting_until.remove(&(greeting.until, peer));
-            }
-            Some(Connection::Bound(id, _)) => {
-                self.route(now, id, WorkerInput::Ended(peer, ending));
-                if let Some(worker) = self.workers.get_mut(&id) {
-                    worker.connections -= 1;
-                }
-            }
-            Some(Connection::Closed) | None => {}
+        self.end_binding(now, peer, ending);
+        if let Some(Connection::Greeting(greeting)) = self.connections.remove(&peer) {
+            self.greeting_until.remove(&(greeting.until, peer));
         }
     }
 
@@ -503,6 +535,9 @@ impl Endpoint for Front {
             && until <= now
         {
             self.close(peer, CloseCode::HELLO_LATE);
+        }
+        while let Some(peer) = self.expiry.pop(now) {
+            self.expire(now, peer);
         }
         for (id, worker) in &mut self.workers {
             if let Place::Here(here) = &mut worker.place
@@ -534,6 +569,7 @@ impl Endpoint for Front {
             .greeting_until
             .first()
             .map(|(until, _)| deadline(*until));
+        let expiry = self.expiry.next().map(deadline);
         let watch = self.next_watch().map(deadline);
         let here = self
             .workers
@@ -542,6 +578,7 @@ impl Endpoint for Front {
                 Place::Here(here) => here.server_loop().poll_timeout(),
                 Place::Thread(_) => None,
             });
-        here.chain(greeting).chain(watch).min_by_key(|wake| wake.at)
+        let front = [greeting, expiry, watch].into_iter().flatten();
+        here.chain(front).min_by_key(|wake| wake.at)
     }
 }

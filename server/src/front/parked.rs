@@ -1,4 +1,4 @@
-//! Which workers are parked, and the names of their scenes.
+//! The parked workers and the names of their scenes.
 
 use std::collections::BTreeMap;
 

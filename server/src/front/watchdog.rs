@@ -21,7 +21,7 @@ const INTERVAL: Span = Span::from_millis(250);
 const END: Duration = Duration::from_millis(500);
 
 impl Front {
-    /// When the workers are looked at next; never if none has a thread.
+    /// The time of the next check of the workers; never if none has a thread.
     pub(super) fn next_watch(&self) -> Option<Instant> {
         let watches = self.threads.is_some() && !self.workers.is_empty();
         watches.then_some(self.watchdog.next)

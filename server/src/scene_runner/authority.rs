@@ -8,6 +8,7 @@ use rhumb_protocol::session::UpstreamReceiver;
 use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
+use crate::access::rights::Request;
 use crate::authority_table::UpstreamStatistics;
 use crate::body_placement;
 use crate::outbox::Outbox;
@@ -81,6 +82,7 @@ impl SceneRunner {
             return Err(AuthorityError::SceneFaulted);
         }
         let mut bodies = Vec::with_capacity(request.bodies.len());
+        self.check(peer, Request::TakeAuthority(&request.bodies))?;
         for id in &request.bodies {
             self.check_authority(peer, *id)?;
             let now = self.scene.observation(*id);

@@ -133,6 +133,7 @@ impl SceneRunner {
             tick,
             digest: self.scene.digest(),
             sessions: self.sessions.clone(),
+            ownership: self.ownership.clone(),
             scene,
         };
         if let Some(durability) = &mut self.durability {

@@ -13,13 +13,16 @@ const PENDING_BYTES_MAX: usize = PENDING_COMMANDS_MAX * MESSAGE_WEIGHT;
 const MEMBER_BEHIND_BYTES: usize = 2 << 20;
 
 impl SceneRunner {
-    /// Whether a member's next message must stay unread: as much as may waits for the steps of an advance, or what it
-    /// added to the scene still waits for slower members.
+    /// True if a member's next message must stay unread: as much as may waits for the steps of an advance, its commands
+    /// exceed its quota, or what it added to the scene still waits for slower members.
     pub(crate) fn holds_back(&mut self, now: Instant, peer: Peer, out: &Outbox) -> bool {
         let Some(member) = self.members.get_mut(&peer) else {
             return false;
         };
         if member.pending_bytes >= PENDING_BYTES_MAX {
+            return true;
+        }
+        if member.is_over_rate(now) {
             return true;
         }
         if !member.adds_too_much(now) {
@@ -34,7 +37,7 @@ impl SceneRunner {
         self.unsent.len()
     }
 
-    /// When the next requested snapshot may begin; `None` if none is requested, or one is under way.
+    /// The earliest time of the next requested snapshot; `None` if none is requested, or one is under way.
     pub(crate) fn next_snapshot(&self, out: &Outbox) -> Option<Instant> {
         let requests = self.members.iter();
         let requests = requests.filter(|(_, member)| member.snapshot_request.is_some());

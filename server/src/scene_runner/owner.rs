@@ -19,7 +19,7 @@ impl SceneRunner {
         self.grant(owner, BODIES_MAX)
     }
 
-    /// Whether its engine failed.
+    /// True if its engine failed.
     pub(crate) const fn is_faulted(&self) -> bool {
         self.faulted
     }

@@ -7,6 +7,7 @@ use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Peer};
 
 use super::SceneRunner;
+use crate::access::Ownership;
 use crate::durable::{Record, SessionNumber};
 use crate::outbox::Outbox;
 use crate::sessions::{Session, Sessions};
@@ -21,8 +22,9 @@ pub(crate) enum Departure {
 }
 
 impl SceneRunner {
-    /// Takes over the sessions of a restored scene.
-    pub(crate) fn restore_sessions(&mut self, sessions: Sessions) {
+    /// Takes over the sessions and owners of a restored scene.
+    pub(crate) fn restore_members(&mut self, sessions: Sessions, ownership: Ownership) {
+        self.ownership = ownership;
         let of_sessions = sessions.iter().flat_map(|(_, session)| &session.ranges);
         let granted = of_sessions.map(|range| range.first() + range.count()).max();
         let used = self.scene.indices();

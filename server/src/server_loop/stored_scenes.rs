@@ -173,7 +173,7 @@ impl ServerLoop {
         let mut runner = SceneRunner::new(restored.scene, names);
         runner.set_largest_packet(self.largest_packet);
         runner.restore_shapes();
-        runner.restore_sessions(restored.sessions);
+        runner.restore_members(restored.sessions, restored.ownership);
         if let Some(hook) = (self.hooks.as_ref()).and_then(|hooks| hooks.of(&name, &config)) {
             runner.attach(hook);
         }

@@ -74,14 +74,14 @@ impl RouteDelay {
             .second
             .take_if(|second| now.since(second.began) >= SECOND)
         {
-            self.look_back(over);
+            self.scan_back(over);
         }
         let usual = self.base_ns.unwrap_or(round_trip_ns);
         Span::from_nanos(round_trip_ns.saturating_sub(usual))
     }
 
     /// After two calm seconds, the later no slower, their round trip becomes the base.
-    fn look_back(&mut self, over: Second) {
+    fn scan_back(&mut self, over: Second) {
         let loses = std::mem::take(&mut self.loses);
         let quiet_ns = (over.queue_delay <= STANDING && !loses).then_some(over.round_trip_ns);
         if let (Some(before), Some(last)) = (self.quiet_ns, quiet_ns)

@@ -16,14 +16,14 @@ pub(crate) enum Confirmation {
     Subscribed(StreamId),
 }
 
-/// Whether a member's snapshot has passed, and the queue behind it.
+/// The progress of a member's snapshot, and of the queue behind it, through the link.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SnapshotProgress {
     /// `None` once it was confirmed.
     expected: Option<Confirmation>,
-    /// When the link was first observed with the snapshot in transit.
+    /// The time at which the link was first observed with the snapshot in transit.
     begun: Option<Instant>,
-    /// When the queue behind the snapshot has passed, too.
+    /// The time at which the queue behind the snapshot has passed, too.
     over: Option<Instant>,
     /// Least queue since the snapshot passed, in bytes, and its time.
     least: Option<(u64, Instant)>,
@@ -69,7 +69,7 @@ impl SnapshotProgress {
         }
     }
 
-    /// Whether the link can be judged, with this queue in bytes and in delay.
+    /// True if the link can be judged, with this queue in bytes and in delay.
     pub(super) fn is_over(&mut self, now: Instant, waiting_bytes: u64, queue_delay: Span) -> bool {
         let took = now.since(*self.begun.get_or_insert(now));
         if self.stands(now, waiting_bytes, queue_delay) {
@@ -82,7 +82,7 @@ impl SnapshotProgress {
         now >= *self.over.get_or_insert(now + passes)
     }
 
-    /// Whether the queue has not shrunk for a while.
+    /// True if the queue has not shrunk for a while.
     fn stands(&mut self, now: Instant, waiting_bytes: u64, queue_delay: Span) -> bool {
         let (least, since) = *self.least.get_or_insert((waiting_bytes, now));
         if queue_delay <= STANDING || waiting_bytes < least - least / 64 {

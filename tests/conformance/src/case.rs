@@ -153,7 +153,7 @@ impl Case {
         played(trial)
     }
 
-    /// Whether a pattern selects this case: a prefix of the id up to a dot, or words of the name; `*` matches any
+    /// True if a pattern selects this case: a prefix of the id up to a dot, or words of the name; `*` matches any
     /// text.
     #[must_use]
     pub fn is_selected_by(&self, pattern: &str) -> bool {
@@ -164,7 +164,7 @@ impl Case {
     }
 }
 
-/// Whether a text matches a pattern, in which `*` stands for any text.
+/// True if a text matches a pattern, in which `*` stands for any text.
 fn matches(pattern: &str, text: &str) -> bool {
     match pattern.split_once('*') {
         None => pattern == text,

@@ -153,13 +153,13 @@ struct Common {
 
 #[derive(Debug, Args)]
 struct Reports {
-    /// Where to write the report as JSON.
+    /// The file for the report as JSON.
     #[arg(long)]
     json: Option<PathBuf>,
-    /// Where to write the report as JUnit XML.
+    /// The file for the report as JUnit XML.
     #[arg(long)]
     junit: Option<PathBuf>,
-    /// Where to write the report as HTML.
+    /// The file for the report as HTML.
     #[arg(long)]
     html: Option<PathBuf>,
 }
@@ -174,7 +174,7 @@ fn seconds(text: &str) -> Result<Duration, String> {
     Ok(time)
 }
 
-/// Why no case ran, or why a report was not written.
+/// The error of a run without cases, or of a report that was not written.
 type BoxError = Box<dyn std::error::Error>;
 
 /// Runs the command that the arguments select.

@@ -59,7 +59,7 @@ pub enum Subject {
         target: std::net::SocketAddr,
         /// The name in its certificate.
         name: String,
-        /// How its certificate is verified.
+        /// The verification of its certificate.
         trust: Trust,
     },
     /// A client, which is started anew for each case.
@@ -80,7 +80,7 @@ pub enum Subject {
         target: std::net::SocketAddr,
         /// The name in its certificate.
         name: String,
-        /// How its certificate is verified.
+        /// The verification of its certificate.
         trust: Trust,
         /// The command that starts the client.
         exec: String,

@@ -372,7 +372,7 @@ impl Reading<'_> {
     }
 }
 
-/// Whether an optional field is present, given the earlier fields.
+/// True if an optional field is present, given the earlier fields.
 fn is_there(field: &Value, sent: &Map<String, Value>) -> bool {
     let Some(when) = field["when"].as_array() else {
         return true;

@@ -3,13 +3,13 @@
 use std::net::SocketAddr;
 use std::thread::{self, JoinHandle};
 
-use rhumb_server::{Identity, RunError, Server, ServerStatistics, Stop};
+use rhumb_server::{Access, Identity, RunError, Server, ServerStatistics, Stop};
 use rhumb_transport::Fingerprint;
 
 /// A running server; dropping it stops it.
 #[derive(Debug)]
 pub struct LocalServer {
-    /// Where it listens.
+    /// The address of its socket.
     pub address: SocketAddr,
     /// The fingerprint that clients pin.
     pub fingerprint: Fingerprint,
@@ -25,7 +25,7 @@ impl LocalServer {
     /// [`RunError`] when the server cannot start.
     pub fn start() -> Result<Self, RunError> {
         let loopback = SocketAddr::from(([127, 0, 0, 1], 0));
-        let server = Server::bind(loopback, &Identity::Development)?;
+        let server = Server::bind(loopback, &Identity::Development, Access::OpenOnLoopback)?;
         let (address, fingerprint) = (server.address(), server.fingerprint());
         let stop = Stop::new();
         let thread = thread::spawn({

@@ -138,7 +138,7 @@ pub(super) fn rows(pairs: &[Pairing]) -> Vec<(&str, Vec<&Pairing>)> {
 }
 
 impl Pairing {
-    /// Whether no case failed.
+    /// True if no case failed.
     #[must_use]
     pub const fn is_good(&self) -> bool {
         self.passed + self.unsupported == self.tried

@@ -8,7 +8,7 @@ use std::time::Duration;
 /// The result of a case's function.
 pub type CaseResult = Result<(), Stop>;
 
-/// Why a case ended early.
+/// The reason of an early end of a case.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Stop {
     /// The peer broke a promise.
@@ -36,7 +36,7 @@ pub enum Verdict {
     Fail,
 }
 
-/// How the connection closed.
+/// The close of the connection.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Closing {
     /// The case does not close the connection, or the suite closes it.
@@ -61,9 +61,9 @@ pub struct CaseOutcome {
     pub verdict: Verdict,
     /// The reason, unless it passed.
     pub why: String,
-    /// How the connection closed.
+    /// The close of the connection.
     pub closing: Closing,
-    /// How long the case ran.
+    /// The duration of the case.
     pub took: Duration,
     /// The log of sent and received data, unless the case passed.
     pub trace: Vec<String>,
@@ -104,7 +104,7 @@ impl Closing {
         }
     }
 
-    /// Whether the connection closed as required.
+    /// True if the connection closed as required.
     #[must_use]
     pub const fn is_good(&self) -> bool {
         matches!(self, Self::NotJudged | Self::Clean)
@@ -112,7 +112,7 @@ impl Closing {
 }
 
 impl CaseOutcome {
-    /// Whether the outcome is good; with `strict`, SHOULD counts as MUST.
+    /// True if the outcome is good; with `strict`, SHOULD counts as MUST.
     #[must_use]
     pub fn is_good(&self, strict: bool) -> bool {
         let behaved = match self.verdict {

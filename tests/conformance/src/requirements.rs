@@ -14,7 +14,7 @@ pub enum Document {
     Reckoning,
 }
 
-/// How binding a requirement is.
+/// The level of a requirement, in the words of RFC 2119.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Level {
     /// An implementation that does otherwise is not conformant.
@@ -34,7 +34,7 @@ pub struct Requirement {
     pub id: String,
     /// The clause that contains it, as `2.2`.
     pub clause: String,
-    /// How binding it is.
+    /// Its level.
     pub level: Level,
     /// Its text, on one line.
     pub text: String,
@@ -169,7 +169,7 @@ fn names(text: &str) -> Vec<(usize, usize)> {
     brackets.collect()
 }
 
-/// Whether a text is a clause, a hyphen and a number.
+/// True if a text is a clause, a hyphen and a number.
 #[must_use]
 pub fn is_name(text: &str) -> bool {
     let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());

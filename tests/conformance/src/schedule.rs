@@ -10,7 +10,7 @@ pub enum Profile {
     BitExact,
 }
 
-/// When a case runs relative to the others.
+/// The order of a case relative to the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Schedule {
     /// Waits long for a timer of the peer: starts first.

@@ -33,7 +33,7 @@ pub fn cases(side: Role) -> Vec<Case> {
 }
 
 impl Selection {
-    /// Whether a case is selected.
+    /// True if a case is selected.
     #[must_use]
     pub fn wants(&self, case: &Case) -> bool {
         let by_pattern = |pattern: &String| case.is_selected_by(pattern);

@@ -55,7 +55,7 @@ pub trait Behaviour {
         line
     }
 
-    /// Whether it reports a copy that has not converged.
+    /// True if it reports a copy that has not converged.
     fn reports_unconverged(&self) -> bool {
         false
     }
@@ -79,7 +79,7 @@ struct Testee<'a> {
     task: TesteeTask,
     reported: Option<Tick>,
     /// The body under its authority, or the one that it requested.
-    driven: Option<BodyId>,
+    published: Option<BodyId>,
     over: bool,
 }
 
@@ -105,7 +105,7 @@ pub fn run(environment: &TesteeEnvironment, behaviour: &mut dyn Behaviour) -> io
         behaviour,
         task: environment.task,
         reported: None,
-        driven: None,
+        published: None,
         over: false,
     };
     while !testee.over {
@@ -255,14 +255,14 @@ impl Testee<'_> {
             desc: BodyDesc::plain(id, BodyKind::Kinematic, ShapeId(0)),
             motion: trajectory(copy.stream().complete()).stilled(),
         };
-        self.driven = Some(id);
+        self.published = Some(id);
         self.attempt(|session, _| session.command(command));
         self.attempt(|session, _| session.take_authority(surface(micrometres), &[id]));
     }
 
     /// Publishes the state of its body for the next tick, and only then requests that tick.
     fn publish_next(&mut self, now: Instant) {
-        let (Some(id), Some(copy)) = (self.driven, self.session.replica()) else {
+        let (Some(id), Some(copy)) = (self.published, self.session.replica()) else {
             return;
         };
         let next = copy.stream().complete().next();

@@ -293,7 +293,7 @@ impl<'a> Trial<'a> {
     ///
     /// # Errors
     ///
-    /// How it ended.
+    /// The end of the connection.
     pub fn try_connect(
         &mut self,
         config: &RawPeerConfig,

@@ -42,7 +42,7 @@ pub struct Link {
     counts: [LinkCounts; 2],
 }
 
-/// Whether a run of losses is in progress. Source: Gilbert (1960) and Elliott (1963), where the bad state loses
+/// The state of a burst of losses. Source: Gilbert (1960) and Elliott (1963), where the bad state loses
 /// everything.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum BurstState {
@@ -164,7 +164,7 @@ impl Link {
         self.counts[lane as usize]
     }
 
-    /// Whether a piece of this lane is in transit.
+    /// True if a piece of this lane is in transit.
     #[must_use]
     pub fn carries(&self, lane: Lane) -> bool {
         let under_way = |flight: &Packet| flight.payload.lane() == lane;

@@ -174,7 +174,7 @@ impl Leader {
 }
 
 /// Prints a word for the parent process.
-fn say(word: &str) -> io::Result<()> {
+fn write_line(word: &str) -> io::Result<()> {
     let mut out = io::stdout().lock();
     writeln!(out, "{word}")?;
     out.flush()
@@ -197,13 +197,13 @@ fn main() -> io::Result<()> {
     let mut answers = io::stdin().lock().lines();
     for tick in 0..arguments.ticks {
         if tick == ALONE {
-            say("going")?;
+            write_line("going")?;
             answers.next().transpose()?;
         }
         leader.lead(script.as_mut(), tick)?;
     }
     leader.out.flush()?;
-    say("done")?;
+    write_line("done")?;
     while answers.next().transpose()?.is_some() {}
     Ok(())
 }

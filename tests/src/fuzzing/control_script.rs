@@ -251,7 +251,7 @@ impl FuzzedServer {
     }
 }
 
-/// Whether an invalid command can be encoded, so that it is answered.
+/// True if an invalid command can be encoded, so that it is answered.
 fn is_encodable(command: &Command) -> bool {
     use rhumb_protocol::wire::Wire as _;
     use rhumb_protocol::wire::bytes::{Reader, Writer};

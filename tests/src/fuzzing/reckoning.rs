@@ -130,7 +130,7 @@ pub fn prefilter(data: &[u8]) {
             radius,
             conditions: &conditions,
         };
-        prefilter.look(place, &case, &mut undecided);
+        prefilter.test(place, &case, &mut undecided);
         // Beyond this distance, which no body reaches, the rounding of f64 is coarser than the comparison.
         let is_near = predicted_motion.pose().position.abs().max_element() < FAR;
         shares.push(if is_near {

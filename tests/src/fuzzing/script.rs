@@ -13,7 +13,7 @@ impl<'a> Script<'a> {
         Self(Unstructured::new(data))
     }
 
-    /// Whether bytes are left.
+    /// True if bytes are left.
     pub(super) fn goes_on(&self) -> bool {
         !self.0.is_empty()
     }

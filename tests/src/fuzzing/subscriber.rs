@@ -3,7 +3,7 @@
 //! Promises: nothing panics. Memory stays within the limits. Each prediction is a motion within the limits of the wire
 //! format. The subscriber sends valid packets.
 
-use rhumb_protocol::limits::{HISTORY_PACKETS, LOST_NAMED_MAX};
+use rhumb_protocol::limits::{HISTORY_PACKETS, LOST_NUMBERS_MAX};
 use rhumb_protocol::packet::{
     Checksums, FullPacket, FullRecord, Low16, RefreshRecord, RefreshWriter, RepairSymbol,
     UpdateWriter, Watermark,
@@ -182,7 +182,7 @@ fn check(subscriber: &mut Subscriber) {
         "a packet cannot add bodies"
     );
     let loss_report = subscriber.loss_report();
-    assert!(loss_report.lost.len() <= LOST_NAMED_MAX);
+    assert!(loss_report.lost.len() <= LOST_NUMBERS_MAX);
     assert_eq!(written_again(&loss_report.encode(STREAM)), Ok(()));
     let mut changed = Vec::new();
     subscriber.drain_changed(&mut changed);

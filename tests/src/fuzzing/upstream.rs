@@ -55,7 +55,7 @@ struct FuzzedUpstream {
     late: u64,
     redundancy: Redundancy,
     sent: u32,
-    /// Whether the server received only data of the publisher.
+    /// True if the server received only data of the publisher.
     honest: bool,
 }
 
@@ -212,10 +212,11 @@ impl FuzzedUpstream {
             .encode_repair_symbols(self.redundancy, &mut datagrams);
         self.send(&datagrams);
         self.deliver();
-        let mut asked = Vec::new();
+        let mut reports = Vec::new();
         let now = Instant::ZERO + Span::from_nanos(TICK.as_nanos() * self.tick);
-        self.receiver.ask(now, Tick::new(self.tick), &mut asked);
-        for datagram in asked {
+        self.receiver
+            .poll_reports(now, Tick::new(self.tick), &mut reports);
+        for datagram in reports {
             assert_eq!(written_again(&datagram), Ok(()));
             if !self.is_lost() {
                 self.answer(&datagram);

@@ -113,9 +113,9 @@ fn welcomes(cases: &mut CaseList) {
 }
 
 fn authority_answers(cases: &mut CaseList) {
-    let driven = [id(3, 0), motion(0), id(300, 2), motion(7)].concat();
+    let granted = [id(3, 0), motion(0), id(300, 2), motion(7)].concat();
     cases.add(14, "AuthorityGrant none", &[&v(9), &v(300), &[0]]);
-    cases.add(14, "AuthorityGrant two", &[&v(9), &v(300), &[2], &driven]);
+    cases.add(14, "AuthorityGrant two", &[&v(9), &v(300), &[2], &granted]);
     cases.add(
         14,
         "AuthorityGrant one twice",
@@ -142,7 +142,9 @@ fn authority_answers(cases: &mut CaseList) {
 }
 
 fn denials(cases: &mut CaseList) {
-    for code in [0, 1, 4, 5, 6, 7, 8, 9, 10, 11, 12, 0x7f, 0x80, 0xff] {
+    for code in [
+        0, 1, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 17, 19, 0x7f, 0x80, 0xff,
+    ] {
         cases.add(8, format!("Denied, {code}"), &[&[code]]);
     }
     for code in [2, 3] {
@@ -154,6 +156,7 @@ fn denials(cases: &mut CaseList) {
             );
         }
     }
+    cases.add(8, "Denied, 18 for 5 seconds", &[&[18, 5]]);
 }
 
 fn errors(cases: &mut CaseList) {
@@ -180,7 +183,7 @@ fn errors(cases: &mut CaseList) {
             &[&v(4), &[code], &v(300)],
         );
     }
-    for code in [8, 9, 11, 18, 19, 20, 0x7f, 0x80, 0xff] {
+    for code in [8, 9, 11, 18, 19, 20, 32, 33, 0x7f, 0x80, 0xff] {
         cases.add(10, format!("Refused, {code}"), &[&v(4), &[code]]);
     }
 }

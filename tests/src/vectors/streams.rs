@@ -30,7 +30,7 @@ struct Recording {
     /// Of a hundred datagrams, how many are lost, delayed or duplicated.
     bad: usize,
     ticks: u64,
-    /// Whether bodies have different tolerance scales, and a height field and a compound are added.
+    /// True if bodies have different tolerance scales, and a height field and a compound are added.
     diverse: bool,
 }
 

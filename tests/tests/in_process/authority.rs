@@ -98,14 +98,14 @@ fn a_body_under_client_authority_refuses_commands_until_it_is_released() {
     for _ in 0..100 {
         walk.frame();
     }
-    let driven = Err(CommandError::UnderAuthority(id));
+    let under_authority = Err(CommandError::UnderAuthority(id));
     let refused = &walk.stage.histories[second].refused;
     assert_eq!(
         refused
             .iter()
             .map(|(_, error)| Err::<(), _>(*error))
             .collect::<Vec<_>>(),
-        [driven; 2]
+        [under_authority; 2]
     );
     assert!(walk.judged > 50);
     assert_eq!(walk.take_authority(&[]), Ok(vec![]));
@@ -164,7 +164,7 @@ fn a_removed_body_ends_its_authority_and_its_index_can_be_reused() {
         [stays]
     );
     let status = walk.statistics().expect("one body is left");
-    assert_eq!((status.bodies, status.heard.mismatches), (1, 0));
+    assert_eq!((status.bodies, status.received.mismatches), (1, 0));
     let desc = walk
         .stage
         .copy(COMMANDER)
@@ -234,7 +234,7 @@ fn a_client_that_paused_for_minutes_retakes_authority_by_itself() {
         walk.frame();
     }
     assert!(walk.judged > judged + 60);
-    assert_eq!(walk.stage.histories[COMMANDER].drives.len(), 2);
+    assert_eq!(walk.stage.histories[COMMANDER].authority_answers.len(), 2);
 }
 
 #[test]
@@ -329,5 +329,5 @@ fn two_clients_with_authority_move_their_own_bodies_and_see_the_others() {
         walk.judged
     );
     let scene = "stage".parse().expect("a valid scene name");
-    assert_eq!(walk.stage.network.server().drives(&scene).count(), 2);
+    assert_eq!(walk.stage.network.server().upstreams(&scene).count(), 2);
 }

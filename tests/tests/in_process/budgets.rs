@@ -62,9 +62,9 @@ fn bounds_are_true_while_a_budget_does_not_suffice() {
         let seed = seed(31);
         let what = format!("{scene} over {links:?}, seed {seed}");
         let mut stage = stage(scene, capped(700), Stepping::FreeRunning, links, seed);
-        stage.take_authority(Span::from_millis(2_000));
+        stage.run_script(Span::from_millis(2_000));
         let late = stage.enter(capped(700));
-        stage.take_authority(Span::from_millis(4_000));
+        stage.run_script(Span::from_millis(4_000));
         assert!(exceeding(&stage, COMMANDER) > 100, "{what}");
         assert!(exceeding(&stage, late) > 100, "{what}");
         let truth = stage.truth();
@@ -79,7 +79,7 @@ fn a_budget_is_kept_in_every_second() {
     let mut stage = stage("tumbler", capped(500), Stepping::FreeRunning, "", 1);
     let mut sent = vec![0];
     for _ in 0..8 {
-        stage.take_authority(Span::from_millis(1_000));
+        stage.run_script(Span::from_millis(1_000));
         stage
             .network
             .client_mut(COMMANDER)
@@ -106,7 +106,7 @@ fn a_budget_is_kept_in_every_second() {
 fn every_waiting_body_is_updated_in_the_end() {
     // The balls fall and come to rest; then the budget suffices, and each rest pose must be published.
     let mut stage = stage("ball-pit", capped(300), Stepping::FreeRunning, "", 1);
-    stage.take_authority(Span::from_millis(6_000));
+    stage.run_script(Span::from_millis(6_000));
     assert!(exceeding(&stage, COMMANDER) > 100);
     let over_budget = inspect(&mut stage).over_budget;
     assert!(over_budget > 1_000, "{over_budget}");

@@ -9,7 +9,7 @@
 
 use proptest::prelude::*;
 use rhumb_protocol::limits::{
-    COUNT_MAX, FEC_SPAN, HISTORY_PACKETS, INDICES_MAX, LOST_NAMED_MAX, RESERVE_MAX,
+    COUNT_MAX, FEC_SPAN, HISTORY_PACKETS, INDICES_MAX, LOST_NUMBERS_MAX, RESERVE_MAX,
 };
 use rhumb_protocol::message::{ClientMessage, Extensions, StreamChoice};
 use rhumb_protocol::packet::{LossReport, Low16, StreamId};
@@ -354,12 +354,12 @@ fn a_loss_report_is_answered_by_no_more_than_it_names() {
                 next: Low16(lost),
                 abandoned: Low16(lost),
                 repair_symbols: FEC_SPAN as u8,
-                lost: vec![Low16(lost); LOST_NAMED_MAX],
+                lost: vec![Low16(lost); LOST_NUMBERS_MAX],
             };
             let bytes = loss_report.encode(StreamId(stream));
             table.datagram(raw_peer.peer, &bytes);
             let answers = table.take_received(raw_peer.peer).len();
-            assert!(answers <= LOST_NAMED_MAX * 2 + 1, "{answers} answers");
+            assert!(answers <= LOST_NUMBERS_MAX * 2 + 1, "{answers} answers");
         }
     }
     good.tick(&mut table);

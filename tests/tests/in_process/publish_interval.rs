@@ -70,13 +70,13 @@ fn every_claim_holds_and_is_about_a_published_tick() {
                 links,
                 seed,
             );
-            stage.take_authority(Span::from_millis(1_500));
+            stage.run_script(Span::from_millis(1_500));
             let late = stage.enter(NORMAL);
             let full = stage.enter(StreamChoice::Full);
             let coarse = stage.enter(COARSE);
             let starts =
                 [late, full, coarse].map(|member| stage.copy(member).stream().watermark_tick());
-            stage.take_authority(Span::from_millis(2_500));
+            stage.run_script(Span::from_millis(2_500));
             stage.network.set_config(LinkConfig::PERFECT);
             stage.run(Span::from_millis(8_000));
             let newest = stage.copy(COMMANDER).stream().watermark_tick();
@@ -106,7 +106,7 @@ fn every_claim_holds_and_is_about_a_published_tick() {
 #[test]
 fn nothing_is_claimed_between_two_published_ticks() {
     let mut stage = stage("ball-pit", 60, publish_schedule(3, 0), "", 1);
-    stage.take_authority(Span::from_millis(3_000));
+    stage.run_script(Span::from_millis(3_000));
     let copy = stage.copy(COMMANDER);
     let stream = copy.stream();
     let watermark_tick = stream.watermark_tick();
@@ -152,7 +152,7 @@ fn commands_act_at_unpublished_ticks_too() {
 fn lookahead_and_longer_publish_intervals_cost_fewer_bytes() {
     let cost = |publish_schedule: PublishSchedule| {
         let mut stage = stage("ball-pit", 100, publish_schedule, "", 1);
-        stage.take_authority(Span::from_millis(8_000));
+        stage.run_script(Span::from_millis(8_000));
         let inspection = inspect(&mut stage);
         let truth = stage.truth();
         stage.histories[COMMANDER].judge(&truth, "the commander");

@@ -193,7 +193,7 @@ fn a_deleted_scene_leaves_its_members_connected_whatever_was_in_flight() {
     let links = links("rtt=80ms");
     let mut stage = Stage::new(script("ball-pit"), Stepping::FreeRunning, NORMAL, links, 1);
     let other = stage.enter(NORMAL);
-    stage.take_authority(Span::from_millis(200));
+    stage.run_script(Span::from_millis(200));
     stage.network.client_mut(other).delete().unwrap();
     // The commander is not notified yet, and continues for a round trip.
     for _ in 0..3 {
@@ -246,9 +246,9 @@ fn survives(scene: &str, config: &str, seed: u64) {
     let second = stage.enter(NORMAL);
     let exact = stage.enter(EXACT);
     let full = stage.enter(StreamChoice::Full);
-    stage.take_authority(Span::from_millis(2_500));
+    stage.run_script(Span::from_millis(2_500));
     let late = stage.enter(NORMAL);
-    stage.take_authority(Span::from_millis(1_500));
+    stage.run_script(Span::from_millis(1_500));
     let members = [COMMANDER, second, exact, full, late];
     stage.network.set_config(LinkConfig::PERFECT);
     let known = |stage: &Stage| stage.unanswered() == 0 && all_converged(stage, &members);
@@ -365,12 +365,12 @@ fn a_member_that_was_cut_off_for_long_gets_a_new_snapshot() {
     let mut stage = free_running("zoo", LinkConfig::PERFECT);
     let lost = stage.enter(StreamChoice::Full);
     let early = stage.enter(StreamChoice::Full);
-    stage.take_authority(Span::from_millis(500));
+    stage.run_script(Span::from_millis(500));
     let before = stage.copy(early).stream().statistics().packets;
     lose_all_datagrams(&mut stage, lost, Direction::Down);
     // More packets than the publisher remembers.
     while stage.copy(early).stream().statistics().packets < before + 1_100 {
-        stage.take_authority(Span::from_millis(500));
+        stage.run_script(Span::from_millis(500));
     }
     assert!(stage.copy(lost).stream().complete() < stage.copy(early).stream().complete());
     stage.network.set_config(LinkConfig::PERFECT);
@@ -389,7 +389,7 @@ fn a_member_that_was_cut_off_for_long_gets_a_new_snapshot() {
 fn a_body_removed_during_lost_sync_counts_as_changed() {
     let mut stage = free_running("ball-pit", LinkConfig::PERFECT);
     let lost = stage.enter(StreamChoice::Full);
-    stage.take_authority(Span::from_millis(100));
+    stage.run_script(Span::from_millis(100));
     let mut changed = Vec::new();
     let mut drain = |stage: &mut Stage| {
         let copy = stage.network.client_mut(lost).replica_mut();
@@ -402,7 +402,7 @@ fn a_body_removed_during_lost_sync_counts_as_changed() {
     lose_all_datagrams(&mut stage, lost, Direction::Down);
     stage.command(&[Command::RemoveBody { id: ball }]);
     // Three packets per tick: more than the publisher remembers.
-    stage.take_authority(Span::from_millis(7_000));
+    stage.run_script(Span::from_millis(7_000));
     stage.network.set_config(LinkConfig::PERFECT);
     stage.run(SETTLES_WITHIN);
     assert!(stage.copy(lost).stream().is_converged());
@@ -415,10 +415,10 @@ fn repair_symbols_go_only_to_members_that_lose_packets() {
     let mut stage = free_running("ball-pit", LinkConfig::PERFECT);
     let loses = stage.enter(NORMAL);
     let other = stage.enter(NORMAL);
-    stage.take_authority(Span::from_millis(300));
+    stage.run_script(Span::from_millis(300));
     let lossy = links("rtt=40ms,loss=10%");
     stage.network.set_config_of(loses, Direction::Down, lossy);
-    stage.take_authority(Span::from_millis(6_000));
+    stage.run_script(Span::from_millis(6_000));
     let received = |stage: &Stage, index: usize| stage.copy(index).stream().statistics();
     let (lossy, clean) = (received(&stage, loses), received(&stage, other));
     assert!(lossy.repair_symbols > 100 && lossy.rebuilt > 0, "{lossy:?}");
@@ -426,7 +426,7 @@ fn repair_symbols_go_only_to_members_that_lose_packets() {
     // A member whose losses begin later receives repair symbols as well.
     let lossy = links("rtt=40ms,loss=10%");
     stage.network.set_config_of(other, Direction::Down, lossy);
-    stage.take_authority(Span::from_millis(4_000));
+    stage.run_script(Span::from_millis(4_000));
     assert!(received(&stage, other).repair_symbols > 50);
     stage.network.set_config(LinkConfig::PERFECT);
     stage.run(SETTLES_WITHIN);
@@ -440,7 +440,7 @@ fn repair_symbols_go_only_to_members_that_lose_packets() {
 /// Loses one tick of a member's stream; afterwards its link has this configuration.
 fn lose_a_tick(stage: &mut Stage, member: usize, config: LinkConfig) {
     lose_all_datagrams(stage, member, Direction::Down);
-    stage.take_authority(TICK);
+    stage.run_script(TICK);
     stage.network.set_config_of(member, Direction::Down, config);
 }
 
@@ -450,20 +450,20 @@ fn a_first_loss_is_answered_at_once_whatever_others_are_sent() {
     let mut stage = free_running("tumbler", far);
     let loses = stage.enter(EXACT);
     let other = stage.enter(EXACT);
-    stage.take_authority(Span::from_millis(2_000));
+    stage.run_script(Span::from_millis(2_000));
     let lossy = links("rtt=400ms,loss=10%");
     stage.network.set_config_of(loses, Direction::Down, lossy);
-    stage.take_authority(Span::from_millis(5_000));
+    stage.run_script(Span::from_millis(5_000));
     let received = |stage: &Stage, index: usize| stage.copy(index).stream().statistics();
     assert!(received(&stage, loses).repair_symbols > 50);
     assert_eq!(received(&stage, other).repair_symbols, 0);
     // Repeats until the lost datagram is a packet.
     while stage.copy(other).stream().missing() == 0 {
         lose_a_tick(&mut stage, other, far);
-        stage.take_authority(Span::from_millis(250));
+        stage.run_script(Span::from_millis(250));
     }
     // A round trip, and some ticks.
-    stage.take_authority(Span::from_millis(400 + 50));
+    stage.run_script(Span::from_millis(400 + 50));
     assert_eq!(stage.copy(other).stream().missing(), 0);
     assert!(received(&stage, other).rebuilt > 0);
 }
@@ -474,23 +474,23 @@ fn losses_of_a_departed_member_cost_others_nothing() {
     let mut stage = free_running("tumbler", near);
     let loses = stage.enter(NORMAL);
     let other = stage.enter(NORMAL);
-    stage.take_authority(Span::from_millis(1_000));
+    stage.run_script(Span::from_millis(1_000));
     let lossy = links("rtt=40ms,loss=10%");
     stage.network.set_config_of(loses, Direction::Down, lossy);
-    stage.take_authority(Span::from_millis(1_000));
+    stage.run_script(Span::from_millis(1_000));
     lose_a_tick(&mut stage, other, near);
     let received = |stage: &Stage, index: usize| stage.copy(index).stream().statistics();
     // Enough packets that the lost one is obsolete, and few enough that it is still remembered.
     let lost_at = received(&stage, other).packets;
     while received(&stage, other).packets < lost_at + 300 {
-        stage.take_authority(TICK);
+        stage.run_script(TICK);
     }
     stage.network.client_mut(loses).leave().unwrap();
     stage.run(Span::from_millis(100));
     let before = received(&stage, other);
     assert!(before.repair_symbols > 50, "{before:?}");
     while received(&stage, other).packets < lost_at + 400 {
-        stage.take_authority(TICK);
+        stage.run_script(TICK);
     }
     assert_eq!(
         received(&stage, other).repair_symbols,
@@ -503,15 +503,15 @@ fn a_forgotten_packet_is_not_reported_forever() {
     let perfect = LinkConfig::PERFECT;
     let mut stage = free_running("zoo", perfect);
     let lost = stage.enter(StreamChoice::Full);
-    stage.take_authority(Span::from_millis(300));
+    stage.run_script(Span::from_millis(300));
     // One tick is lost on the way down, and all loss reports are lost until it is forgotten; everything else arrives.
     lose_all_datagrams(&mut stage, lost, Direction::Up);
     lose_all_datagrams(&mut stage, lost, Direction::Down);
-    stage.take_authority(TICK);
+    stage.run_script(TICK);
     stage.network.set_config_of(lost, Direction::Down, perfect);
     // The packet is too old at last; the request for a new snapshot cannot leave yet.
     while !stage.copy(lost).stream().has_lost_sync() {
-        stage.take_authority(Span::from_millis(500));
+        stage.run_script(Span::from_millis(500));
     }
     stage.network.set_config(perfect);
     let converged = |stage: &Stage| all_converged(stage, &[lost]);
@@ -548,7 +548,7 @@ fn one_seed_is_one_run_over_any_links() {
     let run = |seed| {
         let links = links("rtt=60ms,loss=10%,jitter=20ms,dup=5%,reorder=5%");
         let mut stage = Stage::new(script("zoo"), Stepping::FreeRunning, NORMAL, links, seed);
-        stage.take_authority(Span::from_millis(1_500));
+        stage.run_script(Span::from_millis(1_500));
         (
             copy_digest(0, stage.copy(COMMANDER)),
             stage.histories[COMMANDER].claims.len(),

@@ -92,7 +92,7 @@ fn stage(seed: u64) -> (Stage, usize) {
     let script = Box::new(RestlessBalls::new());
     let mut stage = Stage::new(script, Stepping::FreeRunning, COARSE, links, seed);
     let member = stage.enter(EXACT);
-    stage.take_authority(Span::from_millis(4_000));
+    stage.run_script(Span::from_millis(4_000));
     assert_eq!(stage.copy(member).choice(), EXACT);
     (stage, member)
 }
@@ -110,7 +110,7 @@ fn rate(stage: &mut Stage, member: usize) -> u64 {
             .client_mut(member)
             .inspect()
             .expect("a member");
-        stage.take_authority(Span::from_millis(2_000));
+        stage.run_script(Span::from_millis(2_000));
         stage.histories[member]
             .inspections
             .last()
@@ -133,7 +133,7 @@ fn a_member_on_a_thin_link_changes_tier_and_back_and_is_notified() {
         member,
         &format!("delay=20ms,rate={bits}bit,queue=200kB"),
     );
-    stage.take_authority(Span::from_millis(30_000));
+    stage.run_script(Span::from_millis(30_000));
     let moved = stage.histories[member].moved.clone();
     assert!(
         moved
@@ -166,7 +166,7 @@ fn a_member_on_a_thin_link_changes_tier_and_back_and_is_notified() {
         "its link is fast enough"
     );
     narrow(&mut stage, member, "delay=20ms");
-    stage.take_authority(Span::from_millis(120_000));
+    stage.run_script(Span::from_millis(120_000));
     assert_eq!(stage.copy(member).choice(), EXACT, "seed {seed}");
     let last = stage.histories[member].moved.last().copied();
     assert_eq!(last, Some((EXACT, TierChangeCause::LinkRecovered)));
@@ -197,13 +197,13 @@ fn a_fixed_tier_policy_is_kept_and_no_tier_is_coarser_than_allowed() {
         let bits = rate(&mut stage, member) * 8 / 3;
         let session = stage.network.client_mut(member);
         session.set_tier_policy(moves).expect("a member");
-        stage.take_authority(Span::from_millis(500));
+        stage.run_script(Span::from_millis(500));
         narrow(
             &mut stage,
             member,
             &format!("delay=20ms,rate={bits}bit,queue=200kB"),
         );
-        stage.take_authority(Span::from_millis(20_000));
+        stage.run_script(Span::from_millis(20_000));
         let moved = &stage.histories[member].moved;
         let first = moved.first().map(|(to, _)| *to);
         assert_eq!(first, where_to, "{moves:?}: {moved:?}");
@@ -230,7 +230,7 @@ fn one_choice_of_the_member_undoes_all_tier_changes() {
     let fine = StreamChoice::Within(Tolerance::FINE);
     let asked = stage.network.client_mut(member).subscribe(fine);
     assert_eq!(asked, Ok(()));
-    stage.take_authority(Span::from_millis(3_000));
+    stage.run_script(Span::from_millis(3_000));
     println!(
         "{:?} {:?} {:?}",
         stage.histories[member].moved,
@@ -239,7 +239,7 @@ fn one_choice_of_the_member_undoes_all_tier_changes() {
     );
     assert_eq!(stage.copy(member).choice(), fine);
     let moves = stage.histories[member].moved.len();
-    stage.take_authority(Span::from_millis(60_000));
+    stage.run_script(Span::from_millis(60_000));
     assert_eq!(
         stage.histories[member].moved.len(),
         moves,
@@ -261,7 +261,7 @@ fn a_member_can_choose_a_tier_at_any_time_after_a_tier_change() {
         let moves = stage.histories[member].moved.len();
         let mut steps = 0;
         while steps < 200 && stage.histories[member].moved.len() == moves {
-            stage.take_authority(Span::from_millis(50));
+            stage.run_script(Span::from_millis(50));
             steps += 1;
         }
     }
@@ -270,7 +270,7 @@ fn a_member_can_choose_a_tier_at_any_time_after_a_tier_change() {
     let asked = stage.network.client_mut(member).subscribe(normal);
     assert_eq!(asked, Ok(()), "seed {seed}");
     // The queue of the link is drained first.
-    stage.take_authority(Span::from_millis(20_000));
+    stage.run_script(Span::from_millis(20_000));
     assert_eq!(stage.copy(member).choice(), normal, "seed {seed}");
     assert_eq!(stage.histories[member].denied, [], "seed {seed}");
     let truth = stage.truth();
@@ -326,14 +326,14 @@ fn a_long_snapshot_changes_no_tier() {
         links,
         1,
     );
-    stage.take_authority(Span::from_millis(1_000));
+    stage.run_script(Span::from_millis(1_000));
     let member = stage.connect();
     narrow(&mut stage, member, "delay=20ms,rate=150kbit,queue=2MB");
     let asked = stage.network.now();
     stage.join(member, EXACT);
     let took = stage.network.now().since(asked);
     assert!(took > Span::from_millis(4_000), "it took {took}");
-    stage.take_authority(Span::from_millis(20_000));
+    stage.run_script(Span::from_millis(20_000));
     assert_eq!(
         stage.histories[member].moved,
         [],
@@ -342,7 +342,7 @@ fn a_long_snapshot_changes_no_tier() {
     let fine = StreamChoice::Within(Tolerance::FINE);
     let asked = stage.network.client_mut(member).subscribe(fine);
     assert_eq!(asked, Ok(()));
-    stage.take_authority(Span::from_millis(20_000));
+    stage.run_script(Span::from_millis(20_000));
     assert_eq!(
         stage.histories[member].moved,
         [],
@@ -355,7 +355,7 @@ fn a_long_snapshot_changes_no_tier() {
 fn a_longer_round_trip_changes_no_tier() {
     let (mut stage, member) = stage(1);
     narrow(&mut stage, member, "delay=320ms");
-    stage.take_authority(Span::from_millis(30_000));
+    stage.run_script(Span::from_millis(30_000));
     assert_eq!(stage.histories[member].moved, []);
     assert_eq!(stage.copy(member).choice(), EXACT);
 }

@@ -74,7 +74,7 @@ fn no_claim_breaks_and_no_tick_is_taken_back_while_streams_are_changed_over_bad_
             let choice = choices[turn % choices.len()];
             let asked = stage.network.client_mut(other).subscribe(choice);
             assert_eq!(asked, Ok(()), "{what}");
-            stage.take_authority(Span::from_millis([100, 300, 900][turn % 3]));
+            stage.run_script(Span::from_millis([100, 300, 900][turn % 3]));
             let now = stage.copy(other).stream().complete();
             assert!(now >= complete, "{what}: back from {complete} to {now}");
             complete = now;
@@ -108,14 +108,14 @@ fn another_stream_can_be_chosen_before_the_last_choice_is_complete() {
         assert_eq!(asked, Ok(()), "seed {seed}");
     };
     follow(&mut stage, StreamChoice::Full);
-    stage.take_authority(Span::from_millis(3_000));
+    stage.run_script(Span::from_millis(3_000));
     // A member that changes its choice at every tick does not receive a stream for each; the last choice counts.
     for turn in 0..30 {
         follow(&mut stage, [EXACT, COARSE, StreamChoice::Full][turn % 3]);
-        stage.take_authority(TICK);
+        stage.run_script(TICK);
     }
     follow(&mut stage, FINE);
-    stage.take_authority(Span::from_millis(10_000));
+    stage.run_script(Span::from_millis(10_000));
     assert_eq!(stage.copy(other).choice(), FINE, "seed {seed}");
     let followed = &stage.histories[other].following;
     assert_eq!(followed.last(), Some(&FINE), "seed {seed}");
@@ -151,7 +151,7 @@ fn a_checksum_mismatch_brings_a_new_snapshot_and_is_counted_by_server_and_client
         let links: LinkConfig = links.parse().unwrap();
         let mut stage = Stage::new(script, Stepping::FreeRunning, NORMAL, links, seed(22));
         let other = stage.enter(NORMAL);
-        stage.take_authority(Span::from_millis(2_000));
+        stage.run_script(Span::from_millis(2_000));
         stage.run_until_or(Span::from_millis(60_000), |stage| {
             stage
                 .copy(other)
@@ -164,7 +164,7 @@ fn a_checksum_mismatch_brings_a_new_snapshot_and_is_counted_by_server_and_client
             assert!(spoiled < 100, "no mismatch was found");
             spoil(&mut stage, other);
             spoiled += 1;
-            stage.take_authority(Span::from_millis(2_000));
+            stage.run_script(Span::from_millis(2_000));
         }
         stage.run(Span::from_millis(2_000));
         assert!(stage.copy(other).stream().statistics().mismatches >= 1);
@@ -254,17 +254,17 @@ fn a_change_that_is_denied_changes_nothing() {
 
 #[test]
 fn each_tier_is_encoded_once_for_all_subscribers() {
-    let sent = |listeners: usize| {
+    let sent = |members: usize| {
         let mut stage = stage(Stepping::Lockstep, "", 1);
         let others: Vec<usize> = [EXACT, FINE, NORMAL, COARSE]
             .into_iter()
-            .flat_map(|tier| vec![tier; listeners])
+            .flat_map(|tier| vec![tier; members])
             .map(|tier| stage.enter(tier))
             .collect();
         for _ in 0..120 {
             stage.tick();
         }
-        let inspected = others.iter().step_by(listeners).map(|member| {
+        let inspected = others.iter().step_by(members).map(|member| {
             let session = stage.network.client_mut(*member);
             session.inspect().expect("a member");
             stage.run(Span::from_millis(50));

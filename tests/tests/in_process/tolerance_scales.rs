@@ -96,9 +96,9 @@ fn every_body_is_within_its_scaled_tolerance_in_every_tier() {
 fn tolerance_scales_hold_over_a_bad_link_and_for_late_joiners() {
     let seed = seed(23);
     let mut stage = stage(all_in_turn, Stepping::FreeRunning, "rtt=80ms,loss=5%", seed);
-    stage.take_authority(Span::from_millis(3_000));
+    stage.run_script(Span::from_millis(3_000));
     let late = stage.enter(StreamChoice::Within(Tolerance::FINE));
-    stage.take_authority(Span::from_millis(3_000));
+    stage.run_script(Span::from_millis(3_000));
     let truth = stage.truth();
     for member in [COMMANDER, late] {
         let who = format!("member {member}, seed {seed}");

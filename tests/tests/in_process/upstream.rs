@@ -31,8 +31,8 @@ fn survives(config: &str, lead: u64, late: f64, seed: u64) {
         walk.judged
     );
     assert!(walk.worst > 0.3, "{config}: no prediction was used");
-    assert_eq!((status.heard.malformed, status.refused), (0, 0));
-    assert_eq!(status.heard.mismatches, 0);
+    assert_eq!((status.received.malformed, status.refused), (0, 0));
+    assert_eq!(status.received.mismatches, 0);
     walk.set_link("");
     for _ in 0..120 {
         walk.frame();
@@ -131,7 +131,7 @@ fn a_walking_avatar_costs_a_fraction_of_what_commands_cost() {
     for _ in 0..frames {
         walk.frame();
     }
-    let driven = walk.bytes_up() - before;
+    let published = walk.bytes_up() - before;
     let id = Avatars::id(0);
     assert_eq!(walk.take_authority(&[]), Ok(vec![]));
     let before = walk.bytes_up();
@@ -146,8 +146,11 @@ fn a_walking_avatar_costs_a_fraction_of_what_commands_cost() {
         walk.stage.run(TICK);
     }
     let commanded = walk.bytes_up() - before;
-    println!("{frames} frames of a walk: {driven} bytes by upstream, {commanded} by commands");
-    assert!(driven * 10 < commanded, "{driven} and {commanded} bytes");
+    println!("{frames} frames of a walk: {published} bytes by upstream, {commanded} by commands");
+    assert!(
+        published * 10 < commanded,
+        "{published} and {commanded} bytes"
+    );
 }
 
 #[test]
@@ -234,5 +237,5 @@ fn upstream_continues_while_the_copy_changes_streams() {
         "only {} states were checked",
         walk.judged
     );
-    assert_eq!(walk.stage.histories[COMMANDER].drives.len(), 1);
+    assert_eq!(walk.stage.histories[COMMANDER].authority_answers.len(), 1);
 }

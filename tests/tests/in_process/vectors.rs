@@ -177,8 +177,8 @@ fn limits_in_code() -> BTreeMap<&'static str, f64> {
         HULL_POINTS_MIN HULL_POINTS_MAX HULL_FLATNESS POSTS_MAX MESH_POINTS_MAX TRIANGLES_MAX
         PARTS_MAX PARTS_BYTES_MAX SHAPE_BYTES_PER_SCENE_MAX DENSITY_MIN DENSITY_MAX FRICTION_MAX DAMPING_MAX
         GRAVITY_SCALE_MAX SLEEP_SPEED_MAX SLEEP_SECONDS_MAX SUBSTEPS_MAX RATE_MAX STEP_SECONDS_MAX
-        PUBLISH_SECONDS_MAX LOOKAHEAD_TICKS_MAX COUNT_MAX HISTORY_PACKETS LOST_NAMED_MAX
-        REFRESH_PARTS_MAX FEC_SPAN FEC_ROWS REPAIR_SYMBOLS_KEPT PACKETS_HELD_MAX
+        PUBLISH_SECONDS_MAX LOOKAHEAD_TICKS_MAX COUNT_MAX HISTORY_PACKETS LOST_NUMBERS_MAX
+        REFRESH_PARTS_MAX FEC_SPAN FEC_ROWS REPAIR_SYMBOLS_KEPT WAITING_DATAGRAMS_MAX
         SILENCE_MS_MAX TICK_JUMP_MAX
     }
 }
@@ -239,6 +239,10 @@ fn codes_are_the_same_in_code_and_table() {
         ("SCENE_PARKED", CloseCode::SCENE_PARKED),
         ("BUSY", CloseCode::BUSY),
         ("HELLO_LATE", CloseCode::HELLO_LATE),
+        ("TOKEN_MISSING", CloseCode::TOKEN_MISSING),
+        ("TOKEN_INVALID", CloseCode::TOKEN_INVALID),
+        ("TOKEN_EXPIRED", CloseCode::TOKEN_EXPIRED),
+        ("TOKEN_SCENE", CloseCode::TOKEN_SCENE),
     ] {
         let codes = table["close codes"].as_array().expect("codes are listed");
         let row = codes.iter().find(|row| row["name"] == name);
@@ -314,7 +318,7 @@ fn begins_a_word(line: &str, place: usize) -> bool {
     line[..place].chars().next_back().is_none_or(|c| c == ' ')
 }
 
-/// Whether a text is pairs of digits with one or two spaces between.
+/// True if a text is pairs of digits with one or two spaces between.
 fn is_bytes(text: &str) -> bool {
     let pairs: Vec<_> = text.split(' ').filter(|pair| !pair.is_empty()).collect();
     let is_pair =

@@ -116,7 +116,7 @@ fn walks_in_lockstep(depth: PipelineDepth, behind: u64) {
     // The publisher's own copy is within both tolerances, and as many ticks behind as the pipeline is deep.
     let path = 1.4 / 60.0 * behind as f32;
     assert!(off(&publisher, id, &last) <= CLOSE_METRES + 0.05 + path);
-    let sent = publisher.statistics().driven;
+    let sent = publisher.statistics().upstream;
     assert!(sent.updates < 100, "{sent:?}");
 }
 

@@ -102,7 +102,7 @@ fn step(client: &mut Client) {
 fn serve(listen: &str, data: &Path, identity: &Path) -> ServerProcess {
     let text = |path: &Path| path.to_str().expect("text").to_owned();
     let (data, cert, key) = (text(data), text(&identity.join("cert.pem")), text(&identity.join("key.pem")));
-    SERVER.serve_by(listen, &["--data", &data, "--cert", &cert, "--key", &key])
+    SERVER.serve_with(listen, &["--data", &data, "--cert", &cert, "--key", &key])
 }
 
 fn write_identity(directory: &Path) {

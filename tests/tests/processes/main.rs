@@ -4,6 +4,7 @@
 
 use rhumb_tests::Programme;
 
+mod access;
 mod app_process;
 mod authority_quic;
 mod body_ids;

@@ -63,7 +63,7 @@ fn refused<T>(opened: Result<T, OpenError>) -> OpenError {
 }
 
 /// Runs a script for so many lockstep ticks and checks that each is shown.
-fn take_authority(client: &mut Client, script: &mut dyn Script, ticks: u64) {
+fn run_script(client: &mut Client, script: &mut dyn Script, ticks: u64) {
     for tick in 0..ticks {
         let mut commands = Vec::new();
         script.commands(Tick::new(tick), &mut commands);
@@ -88,7 +88,7 @@ fn a_client_displays_sixty_lockstep_ticks_within_tolerance() {
     let stepping = JoinMode::Create(config(Stepping::Lockstep));
     let mut client = open(&server, "pit", stepping);
     let mut script = BallPit::new(20, 1, 5);
-    take_authority(&mut client, &mut script, 60);
+    run_script(&mut client, &mut script, 60);
     let mut scene = rhumb_server::Scene::new(script.config()).unwrap();
     let mut again = BallPit::new(20, 1, 5);
     for tick in 0..60 {
@@ -111,7 +111,7 @@ fn a_client_displays_sixty_lockstep_ticks_within_tolerance() {
     assert!(view_moves(&mut client));
 }
 
-/// Whether any ball still moves from tick to tick.
+/// True if any ball still moves from tick to tick.
 fn view_moves(client: &mut Client) -> bool {
     client
         .advance(PipelineDepth::LOCKSTEP)
@@ -126,7 +126,7 @@ fn a_signal_ends_the_server_cleanly_and_it_can_restart() {
         let address = server.address.to_string();
         let lockstep = JoinMode::CreateOrJoin(config(Stepping::Lockstep));
         let mut client = open(&server, "pit", lockstep);
-        take_authority(&mut client, &mut BallPit::new(2, 1, 1), 3);
+        run_script(&mut client, &mut BallPit::new(2, 1, 1), 3);
         server.signal(signal);
         let error = match client.idle(Duration::from_secs(5)) {
             Err(error @ ClientError::Ended(ending)) => {
@@ -145,7 +145,7 @@ fn a_signal_ends_the_server_cleanly_and_it_can_restart() {
         assert_eq!(server.address.to_string(), address);
         let mut client = open(&server, "pit", lockstep);
         assert_eq!(client.view().ids(), []);
-        take_authority(&mut client, &mut BallPit::new(2, 1, 1), 3);
+        run_script(&mut client, &mut BallPit::new(2, 1, 1), 3);
     }
 }
 
@@ -170,9 +170,13 @@ fn an_unreadable_file_or_unusable_address_is_named() {
     let taken = SERVER.serve(ANYWHERE);
     let address = taken.address.to_string();
     for (arguments, named) in [
-        (["--listen", address.as_str()].to_vec(), address.as_str()),
+        (
+            ["--open", "--listen", address.as_str()].to_vec(),
+            address.as_str(),
+        ),
         (
             vec![
+                "--open",
                 "--listen",
                 ANYWHERE,
                 "--cert",
@@ -215,9 +219,9 @@ fn a_client_gives_up_where_no_server_listens() {
     let silent = UdpSocket::bind(ANYWHERE).unwrap();
     let address = silent.local_addr().unwrap().to_string();
     let trust = Trust::Fingerprint(server.fingerprint);
-    let patience = Duration::from_millis(300);
+    let timeout = Duration::from_millis(300);
     let begun = Instant::now();
-    let error = refused(Client::connect_within(&address, trust, patience));
+    let error = refused(Client::connect_within(&address, trust, timeout));
     assert!(
         matches!(
             error,
@@ -279,7 +283,7 @@ fn an_invalid_number_is_misuse_and_the_connection_continues() {
     let error = refused(connect(&server).unwrap().join("a pit"));
     assert!(matches!(error, OpenError::SceneName { .. }), "{error}");
     assert!(error.to_string().contains("\"a pit\""), "{error}");
-    take_authority(&mut client, &mut BallPit::new(2, 1, 1), 5);
+    run_script(&mut client, &mut BallPit::new(2, 1, 1), 5);
     let answered = std::iter::from_fn(|| client.poll_event());
     assert!(
         !answered
@@ -293,7 +297,7 @@ fn two_clients_of_a_scene_display_the_same_states() {
     let server = SERVER.serve(ANYWHERE);
     let mut leader = open(&server, "pit", JoinMode::Create(config(Stepping::Lockstep)));
     let mut viewer = open(&server, "pit", JoinMode::Join);
-    take_authority(&mut leader, &mut BallPit::new(10, 1, 2), 30);
+    run_script(&mut leader, &mut BallPit::new(10, 1, 2), 30);
     let tick = Tick::new(30);
     while viewer.statistics().complete < tick {
         viewer.idle(Duration::from_millis(10)).unwrap();
@@ -487,7 +491,7 @@ fn ten_thousand_bodies_are_joined_while_the_scene_runs() {
 fn an_idle_server_uses_next_to_no_processor_time() {
     let server = SERVER.serve(ANYWHERE);
     let mut waiting = open(&server, "pit", JoinMode::Create(config(Stepping::Lockstep)));
-    take_authority(&mut waiting, &mut BallPit::new(20, 1, 1), 10);
+    run_script(&mut waiting, &mut BallPit::new(20, 1, 1), 10);
     let Some(before) = server.processor_ticks() else {
         return println!("this system does not provide the processor time of a process");
     };

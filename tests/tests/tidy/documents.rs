@@ -147,7 +147,7 @@ fn links(line: &str) -> impl Iterator<Item = &str> {
     ends.filter_map(|end| Some(end.split_once(')')?.0.split('#').next().unwrap_or_default()))
 }
 
-/// Whether a code span names a path in this repository: its first folder is there, and is not made by a build.
+/// True if a code span names a path in this repository: its first folder is there, and is not made by a build.
 fn is_path(span: &str) -> bool {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-*".contains(c);
     let Some((first, _)) = span.split_once('/') else {
@@ -157,7 +157,7 @@ fn is_path(span: &str) -> bool {
     span.chars().all(is_plain) && !made.contains(&first) && root().join(first).is_dir()
 }
 
-/// Whether a path is there; a star at its end stands for any ending.
+/// True if a path is there; a star at its end stands for any ending.
 fn exists(path: &str) -> bool {
     let Some(start) = path.strip_suffix('*') else {
         return root().join(path).exists();

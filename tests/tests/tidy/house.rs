@@ -16,7 +16,7 @@ pub(crate) struct File {
 }
 
 impl File {
-    /// Whether its path begins with one of these.
+    /// True if its path begins with one of these.
     pub(crate) fn is_in(&self, beginnings: &[&str]) -> bool {
         beginnings
             .iter()
@@ -27,7 +27,7 @@ impl File {
         self.path.ends_with(".rs")
     }
 
-    /// Whether it is test code: a file of tests, or of the package of tests.
+    /// True if it is test code: a file of tests, or of the package of tests.
     pub(crate) fn is_test(&self) -> bool {
         self.path.starts_with("tests/") || self.path.contains("/tests/")
     }

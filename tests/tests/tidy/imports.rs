@@ -207,7 +207,7 @@ fn children(module: &[String], modules: &Modules<'_>) -> Vec<String> {
     children.map(|(child, _)| child.clone()).collect()
 }
 
-/// Whether a name stands in the code.
+/// True if a name stands in the code.
 fn is_used(code: &str, name: &str) -> bool {
     let mut names = code.split(|c: char| !c.is_alphanumeric() && c != '_');
     names.any(|word| word == name)

@@ -64,7 +64,7 @@ fn naming(words: &[&str], wanted: impl Fn(&File) -> bool) -> Vec<String> {
     violations
 }
 
-/// Whether a line contains a word, not only as a part of a longer name.
+/// True if a line contains a word, not only as a part of a longer name.
 fn holds(line: &str, word: &str) -> bool {
     let in_name = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
     line.match_indices(word).any(|(start, _)| {

@@ -1,6 +1,6 @@
 //! A server's certificate chain and its key.
 //!
-//! Renews nothing and asks no authority. Invariant: key and chain of a `Certificate` belong together.
+//! Renews nothing and calls no certificate authority. Invariant: key and chain of a `Certificate` belong together.
 
 use std::fmt;
 use std::path::{Path, PathBuf};

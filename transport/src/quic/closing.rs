@@ -1,6 +1,6 @@
 //! End of one connection: requested, performed and named in one place.
 //!
-//! Waits only where the caller asks for it. The first close code counts.
+//! Waits only on the caller's request. The first close code counts.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -81,7 +81,7 @@ impl Closing {
         }
     }
 
-    /// Whether the end is complete: the close frame has left, or the connection ended otherwise.
+    /// True if the end is complete: the close frame has left, or the connection ended otherwise.
     pub(super) fn close_has_left(&self) -> bool {
         match self.connection.close_reason() {
             Some(ConnectionError::LocallyClosed) => {

@@ -36,7 +36,7 @@ struct Progress {
     waiting_bytes: AtomicUsize,
     /// Bytes that the connection has taken so far.
     taken_bytes: AtomicU64,
-    /// Whether the sender wants to hear when the queue is empty.
+    /// True if the sender is to be notified when the queue is empty.
     empty_wanted: AtomicBool,
 }
 
@@ -92,8 +92,8 @@ impl ControlSender {
         self.progress.taken_bytes.load(Ordering::SeqCst)
     }
 
-    /// Has the writer say once that the queue is empty; returns whether it is so already.
-    pub(super) fn is_empty_or_tell(&self) -> bool {
+    /// Returns true if the queue is empty; otherwise the writer notifies once when it is.
+    pub(super) fn is_empty_or_notify(&self) -> bool {
         self.progress.empty_wanted.store(true, Ordering::SeqCst);
         self.progress.waiting_bytes.load(Ordering::SeqCst) == 0
     }
@@ -108,7 +108,7 @@ impl ControlSender {
 impl ControlWriter {
     /// Writes queued bytes until the connection ends, or ends it on request.
     ///
-    /// `on_empty` is called when the queue is empty, if the sender asked for it. A peer that does not read delays the end by `FLUSH` at most.
+    /// `on_empty` is called when the queue is empty, if the sender requested that. A peer that does not read delays the end by `FLUSH` at most.
     pub(super) async fn run(
         &mut self,
         closing: &Closing,

@@ -63,7 +63,7 @@ enum ConnectionState {
     Closing,
 }
 
-/// Whether the loop continues.
+/// The loop's next action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum LoopControl {
     Go,
@@ -91,7 +91,7 @@ impl EndpointLoop {
         loop {
             self.report(endpoint);
             self.drain(endpoint);
-            while self.hand_on(endpoint) {
+            while self.deliver(endpoint) {
                 self.drain(endpoint);
             }
             if self.wait(endpoint)? == LoopControl::Stop {
@@ -202,7 +202,7 @@ impl EndpointLoop {
     }
 
     /// Hands on what was held back and is wanted now; returns whether there was any.
-    fn hand_on<E: Endpoint>(&mut self, endpoint: &mut E) -> bool {
+    fn deliver<E: Endpoint>(&mut self, endpoint: &mut E) -> bool {
         let mut handed_any = false;
         let now = self.clock.now();
         let peers = &mut self.peers;
@@ -290,7 +290,7 @@ impl EndpointLoop {
             };
             // Reported each time that the queue empties: a rest that is never reported would look like a peer that does
             // not read.
-            if standing.handles.control.is_empty_or_tell() {
+            if standing.handles.control.is_empty_or_notify() {
                 self.report_control(endpoint, peer);
                 reported = true;
             }

@@ -13,7 +13,7 @@ pub struct Stop {
 
 #[derive(Default)]
 struct StopState {
-    asked: bool,
+    requested: bool,
     wakes: Vec<Box<dyn Fn() + Send>>,
 }
 
@@ -27,22 +27,22 @@ impl Stop {
     /// Requests the stop. Servers that run with it close their connections and return; later ones return at once.
     pub fn stop(&self) {
         let mut shared = self.lock();
-        shared.asked = true;
+        shared.requested = true;
         for wake in shared.wakes.drain(..) {
             wake();
         }
     }
 
-    /// Whether the stop was requested.
+    /// True if the stop was requested.
     #[must_use]
-    pub fn is_asked(&self) -> bool {
-        self.lock().asked
+    pub fn is_requested(&self) -> bool {
+        self.lock().requested
     }
 
     /// Calls `wake` once at the request, or now if it was made already.
     pub(super) fn on_stop(&self, wake: impl Fn() + Send + 'static) {
         let mut shared = self.lock();
-        if shared.asked {
+        if shared.requested {
             wake();
         } else {
             shared.wakes.push(Box::new(wake));
@@ -57,7 +57,7 @@ impl Stop {
 impl fmt::Debug for Stop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Stop")
-            .field("asked", &self.is_asked())
+            .field("requested", &self.is_requested())
             .finish()
     }
 }

@@ -10,7 +10,7 @@ use super::input::Input;
 #[derive(Clone, Debug)]
 pub struct Waker {
     inputs: Sender<Input>,
-    /// Whether a wake-up waits already: many before the thread wakes are one.
+    /// True if a wake-up waits already: many before the thread wakes are one.
     waiting: Arc<AtomicBool>,
 }
 

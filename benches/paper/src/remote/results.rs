@@ -52,7 +52,7 @@ pub(crate) struct RemotePoint {
     pub(crate) sim_fps: f64,
     /// The same without that limit.
     pub(crate) uncapped_fps: f64,
-    /// Whether its engine diverged from the integrated one.
+    /// True if its engine diverged from the integrated one.
     pub(crate) void: bool,
 }
 
@@ -69,7 +69,7 @@ impl RemotePoint {
     }
 }
 
-/// Where a depth beats the integrated engine in frames per second.
+/// The range in which a depth beats the integrated engine in frames per second.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Crossing {
     /// Pipeline depth.

@@ -108,7 +108,7 @@ fn of_worst(aim: String, ratios: &[Ratio], most: f64) -> Option<Vec<String>> {
     ])
 }
 
-/// Whether a mode degrades no sooner than integrated, by SimFPS or by the sustained rate.
+/// True if a mode degrades no sooner than integrated, by SimFPS or by the sustained rate.
 fn of_degradation(
     results: &PaperResults,
     mode: Mode,

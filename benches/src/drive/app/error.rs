@@ -5,7 +5,7 @@ use std::io;
 
 use super::messages::Unsupported;
 
-/// Why a mode of the paper's protocol failed.
+/// The error of a mode of the paper's protocol.
 #[derive(Debug)]
 pub enum AppError {
     /// The script uses a feature that the protocol cannot express.

@@ -53,11 +53,11 @@ struct PolledState {
 struct ReceiveQueues {
     tcp: VecDeque<Message>,
     udp: VecDeque<Vec<u8>>,
-    /// When a message was last received or sent.
+    /// The time at which a message was last received or sent.
     last: Option<Instant>,
-    /// Whether anything arrived since messages were last queued.
+    /// True if anything arrived since messages were last queued.
     answered: bool,
-    /// Whether a thread is processing messages.
+    /// True if a thread is processing messages.
     taking: bool,
 }
 

@@ -21,7 +21,7 @@ pub(super) struct AppReplica {
     /// Actors whose pose changed since this was last emptied.
     pub(super) changed: Vec<BodyId>,
     pub(super) states: u64,
-    /// Whether the server has admitted the client.
+    /// True if the server has admitted the client.
     pub(super) ready: bool,
     /// Frames that ended before their wait was abandoned.
     pub(super) ended_frames: u64,
@@ -31,7 +31,7 @@ pub(super) struct AppReplica {
     owed: u64,
     /// States received when the present frame was requested.
     begun: u64,
-    /// Whether an end message since then was attributed to an abandoned frame.
+    /// True if an end message since then was attributed to an abandoned frame.
     paid: bool,
 }
 
@@ -49,7 +49,7 @@ impl AppReplica {
         }
     }
 
-    /// Whether a buffer of `buffer_datagrams` datagrams can overflow by one state per body and the end of frame.
+    /// True if a buffer of `buffer_datagrams` datagrams can overflow by one state per body and the end of frame.
     pub(super) fn may_lose(&self, buffer_datagrams: usize) -> bool {
         self.poses.len() + 2 > buffer_datagrams
     }
@@ -60,7 +60,7 @@ impl AppReplica {
         AwaitedEnd(self.ended_frames)
     }
 
-    /// Whether the awaited end has arrived.
+    /// True if the awaited end has arrived.
     pub(super) fn has_ended(&self, AwaitedEnd(before): AwaitedEnd) -> bool {
         self.ended_frames > before
     }

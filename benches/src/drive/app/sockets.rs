@@ -235,7 +235,7 @@ pub(super) fn next_message(frames: &mut MessageFraming) -> io::Result<Option<Mes
     Ok(framed.map(|framed| framed.message))
 }
 
-/// Whether a read failed only because no data was there.
+/// True if a read failed only because no data was there.
 pub(super) fn is_nothing_yet(cause: &io::Error) -> bool {
     matches!(
         cause.kind(),

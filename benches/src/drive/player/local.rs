@@ -92,7 +92,7 @@ impl LocalPlayer {
     }
 }
 
-/// Whether a step is the last one of its frame.
+/// The position of a step in its frame: the last one, or one before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum LastStep {
     Yes,

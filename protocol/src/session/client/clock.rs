@@ -1,4 +1,4 @@
-//! How a client follows the clock of a free-running scene.
+//! The client's estimate of a free-running scene's clock.
 
 use rhumb_reckoning::{Rate, Tick, Ticks};
 
@@ -50,7 +50,7 @@ impl ClientSession {
         }
     }
 
-    /// When the next ping is due. None in a lockstep scene, whose members set the time.
+    /// The time of the next ping. None in a lockstep scene, whose members set the time.
     pub(super) fn ping_due(&self) -> Option<Instant> {
         self.free_rate().and(self.pings.due())
     }

@@ -1,4 +1,4 @@
-//! How a client opens a connection and handles the server's answer.
+//! The handshake of a client.
 //!
 //! Messages of later versions are accepted or refused by their code (PROTOCOL 3.5).
 
@@ -10,14 +10,20 @@ use crate::session::event::Event;
 use crate::time::Instant;
 
 impl ClientSession {
-    /// Sends the `Hello`: offered versions, scene, extensions.
+    /// Sends the `Hello`: offered versions, scene, token, extensions.
     pub(super) fn greet(&mut self, now: Instant, peer: Peer) {
         // The seed only has to differ between most connections.
         let mut grease = Grease::new(now.as_nanos() ^ peer.0.rotate_left(48));
+        let versions = grease.versions(&VERSIONS);
+        let mut extensions = grease.extensions();
+        if let Some(token) = &self.token {
+            let fits = extensions.insert(token.extension());
+            debug_assert!(fits, "a token fits an extension");
+        }
         let hello = ClientMessage::Hello {
-            versions: grease.versions(&VERSIONS),
+            versions,
             scene: self.scene.clone(),
-            extensions: grease.extensions(),
+            extensions,
         };
         self.send(&hello);
         grease.message(&mut self.unsent);

@@ -1,4 +1,4 @@
-//! When a client reports what its replicas lack and requests a new snapshot.
+//! The timers of a client's loss reports and resyncs.
 
 use super::super::event::Event;
 use crate::message::{ClientMessage, ResyncCause};
@@ -9,7 +9,7 @@ use super::ClientSession;
 use super::timeouts::RESYNC_AGAIN;
 
 impl ClientSession {
-    /// Whether a tick requested by `advance` is not complete yet.
+    /// True if a tick requested by `advance` is not complete yet.
     pub(super) fn awaits(&self) -> bool {
         let complete = self
             .replica_switch
@@ -26,12 +26,12 @@ impl ClientSession {
         }
     }
 
-    /// Whether a requested snapshot is pending, of the present stream or of another one.
+    /// True if a requested snapshot is pending, of the present stream or of another one.
     const fn awaits_snapshot(&self) -> bool {
-        self.resyncing || self.stream_selection.is_asking()
+        self.resyncing || self.stream_selection.awaits_answer()
     }
 
-    /// When to request the next snapshot; None if the replica has not lost sync.
+    /// The time of the next request for a snapshot; None if the replica has not lost sync.
     pub(super) fn resync_due(&self) -> Option<Instant> {
         let due = self.resync_timer.due()?;
         (self.replica_switch.have_lost_sync() && !self.awaits_snapshot()).then_some(due)
@@ -60,7 +60,7 @@ impl ClientSession {
         } else if converged {
             self.resync_timer.end();
         }
-        if lost_sync && !self.awaits_snapshot() && self.resync_timer.ask(now, RESYNC_AGAIN) {
+        if lost_sync && !self.awaits_snapshot() && self.resync_timer.fire(now, RESYNC_AGAIN) {
             self.resyncing = true;
             let cause = self.replica_switch.resync_cause();
             if cause == ResyncCause::ChecksumMismatch {

@@ -141,6 +141,7 @@ impl ClientSession {
         }
         let fresh = Self::new(self.scene.clone());
         let before = core::mem::replace(self, fresh);
+        self.token = before.token;
         self.resumption = before.resumption;
         self.commands = before.commands;
         self.config = before.config;

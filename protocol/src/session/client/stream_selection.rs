@@ -17,7 +17,7 @@ pub(super) struct StreamSelection {
     pending_replica: PendingReplica,
 }
 
-/// Why a replica exists that is not shown yet.
+/// The reason of a replica that is not shown yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum PendingReplica {
     /// No such replica exists, or it follows the present stream.
@@ -49,7 +49,7 @@ impl StreamSelection {
     }
 
     /// The stream to request now, if any.
-    pub(super) const fn ask(&mut self) -> Option<StreamChoice> {
+    pub(super) const fn take_request(&mut self) -> Option<StreamChoice> {
         if self.requested.is_some() {
             return None;
         }
@@ -57,8 +57,8 @@ impl StreamSelection {
         self.requested
     }
 
-    /// Whether a request is unanswered.
-    pub(super) const fn is_asking(&self) -> bool {
+    /// True if a request is unanswered.
+    pub(super) const fn awaits_answer(&self) -> bool {
         self.requested.is_some()
     }
 
@@ -82,7 +82,7 @@ impl StreamSelection {
         self.requested = None;
     }
 
-    /// Whether the replica now shown is an answer or a move rather than a resync.
+    /// True if the replica now shown is an answer or a move rather than a resync.
     pub(super) fn take_subscription_change(&mut self) -> bool {
         core::mem::replace(&mut self.pending_replica, PendingReplica::Nothing)
             != PendingReplica::Nothing
@@ -102,7 +102,7 @@ mod tests {
     fn with_request(choice: StreamChoice) -> StreamSelection {
         let mut stream_selection = StreamSelection::new();
         stream_selection.select(choice);
-        assert_eq!(stream_selection.ask(), Some(choice));
+        assert_eq!(stream_selection.take_request(), Some(choice));
         stream_selection
     }
 
@@ -111,12 +111,12 @@ mod tests {
         let mut stream_selection = with_request(EXACT);
         stream_selection.select(FULL);
         stream_selection.select(FINE);
-        assert_eq!(stream_selection.ask(), None);
+        assert_eq!(stream_selection.take_request(), None);
         stream_selection.handle_joined(EXACT);
-        assert_eq!(stream_selection.ask(), Some(FINE));
+        assert_eq!(stream_selection.take_request(), Some(FINE));
         stream_selection.handle_denied();
-        assert_eq!(stream_selection.ask(), None);
-        assert!(!stream_selection.is_asking());
+        assert_eq!(stream_selection.take_request(), None);
+        assert!(!stream_selection.awaits_answer());
     }
 
     #[test]
@@ -125,12 +125,12 @@ mod tests {
         stream_selection.select(FINE);
         stream_selection.select(EXACT);
         stream_selection.handle_joined(EXACT);
-        assert_eq!(stream_selection.ask(), None);
+        assert_eq!(stream_selection.take_request(), None);
         stream_selection.select(EXACT);
-        assert_eq!(stream_selection.ask(), None);
+        assert_eq!(stream_selection.take_request(), None);
         assert!(stream_selection.take_subscription_change());
         stream_selection.select(EXACT);
-        assert_eq!(stream_selection.ask(), Some(EXACT));
+        assert_eq!(stream_selection.take_request(), Some(EXACT));
     }
 
     #[test]
@@ -139,16 +139,16 @@ mod tests {
         stream_selection.handle_tier_changed(FINE);
         stream_selection.handle_joined(FINE);
         assert!(
-            stream_selection.is_asking(),
+            stream_selection.awaits_answer(),
             "the snapshot of a move answers no request"
         );
         stream_selection.handle_joined(FINE);
-        assert!(!stream_selection.is_asking());
+        assert!(!stream_selection.awaits_answer());
         // The member requests its own choice even if the server already moves it to that stream.
         stream_selection.handle_tier_changed(EXACT);
         stream_selection.handle_joined(EXACT);
         stream_selection.select(EXACT);
-        assert_eq!(stream_selection.ask(), Some(EXACT));
+        assert_eq!(stream_selection.take_request(), Some(EXACT));
     }
 
     #[test]
@@ -158,7 +158,7 @@ mod tests {
         assert!(!stream_selection.take_subscription_change());
         let mut stream_selection = with_request(EXACT);
         stream_selection.handle_joined(FINE);
-        assert!(stream_selection.is_asking() && !stream_selection.take_subscription_change());
+        assert!(stream_selection.awaits_answer() && !stream_selection.take_subscription_change());
         stream_selection.handle_joined(EXACT);
         stream_selection.handle_joined(EXACT);
         assert!(stream_selection.take_subscription_change());

@@ -1,4 +1,4 @@
-//! The times after which a client asks for the whole scene again.
+//! The timeouts after which a client requests a new snapshot.
 
 use crate::time::Span;
 

@@ -1,4 +1,4 @@
-//! How a member takes authority over bodies and publishes their states.
+//! A member's authority over bodies, and the upstream of their states.
 //!
 //! In a free-running scene packets go as datagrams. In lockstep they go on the control stream, before the advance that
 //! needs them.
@@ -77,7 +77,7 @@ impl ClientSession {
             PublishOutcome::Yes => {}
             PublishOutcome::Before => return Ok(false),
             PublishOutcome::TooFar => {
-                self.ask_again();
+                self.request_again();
                 return Ok(false);
             }
         }
@@ -115,7 +115,7 @@ impl ClientSession {
     }
 
     /// Requests authority anew, so that the upstream starts again. A pending request has the same effect.
-    fn ask_again(&mut self) {
+    fn request_again(&mut self) {
         self.upstream_state.upstream_sender = None;
         if self.upstream_state.requested_authority.is_some() {
             return;
@@ -149,16 +149,16 @@ impl ClientSession {
 
     pub(super) fn handle_authority_denied(&mut self, error: AuthorityError) {
         if error == AuthorityError::LostSync {
-            return self.ask_again();
+            return self.request_again();
         }
         self.upstream_state.requested_authority = None;
         self.events.push_back(Event::AuthorityDenied(error));
         if self.upstream_state.upstream_sender.is_none() {
-            self.ask_again();
+            self.request_again();
         }
     }
 
-    /// Whether a datagram is about this member's upstream; if so, answers it.
+    /// True if a datagram is about this member's upstream; if so, answers it.
     pub(super) fn handle_upstream_feedback(
         &mut self,
         now: Instant,

@@ -69,7 +69,7 @@ pub(super) struct Candidates<'a, const N: usize> {
     units: Units,
     /// Age of the track of the present parent.
     parent_age: Option<Age>,
-    /// Whether the parent is removed; the body then needs a keyframe.
+    /// True if the parent is removed; the body then needs a keyframe.
     orphaned: bool,
     rest: Option<Forecast<N>>,
     attached: Option<Attached<'a, N>>,
@@ -195,7 +195,7 @@ impl<'a, const N: usize> Candidates<'a, N> {
         (0..numbers).filter(is_promising)
     }
 
-    /// Whether a moving mode is the track's own.
+    /// True if a moving mode is the track's own.
     fn keeps(&self, number: usize) -> bool {
         let now = self.subject.track;
         let predictor = match number {
@@ -356,7 +356,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         }
     }
 
-    /// Whether the body moves by the tolerance or more in each tick, so that rest cannot hold.
+    /// True if the body moves by the tolerance or more in each tick, so that rest cannot hold.
     fn is_fast(&self) -> bool {
         let moved = Errors::of(self.moved[0], self.units.still);
         self.units.share(&moved) > f64::from(self.subject.stride.count())

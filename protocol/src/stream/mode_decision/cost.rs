@@ -48,7 +48,7 @@ impl Cost {
             + velocity.map_or(0, |velocity| self.of_velocity(velocity))
     }
 
-    /// Whether the mode differs from the track's.
+    /// True if the mode differs from the track's.
     pub(super) const fn changes(&self) -> bool {
         !matches!(self.mode, PredictionMode::Same)
     }

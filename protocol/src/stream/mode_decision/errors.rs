@@ -100,7 +100,7 @@ pub(super) struct Units {
     steps: f64x2,
     /// One step of a residual's linear and angular velocity, over a tick.
     velocities: f64x2,
-    /// Whether position and turn share one bound.
+    /// True if position and turn share one bound.
     shared: bool,
 }
 

@@ -64,7 +64,7 @@ pub(super) struct ErrorForecast<'a> {
     pub(super) slope: Errors,
     /// Expected growth beyond the known ticks, per tick squared.
     pub(super) curve: Errors,
-    /// Whether the body leaves the stream after the last known tick.
+    /// True if the body leaves the stream after the last known tick.
     pub(super) ends: bool,
     /// Greatest expected duration of the mode, in ticks.
     pub(super) lasts: f64,
@@ -149,7 +149,7 @@ impl ErrorForecast<'_> {
         }
     }
 
-    /// Whether a correction holds so many ticks after the last known one, by its error at that time alone.
+    /// True if a correction holds so many ticks after the last known one, by its error at that time alone.
     pub(super) fn holds_after(&self, by: &Effect, ticks: f64, expectation: &Expectation) -> bool {
         let begin = self.left(self.last(), by);
         let slope = self.slope - by.each_tick;

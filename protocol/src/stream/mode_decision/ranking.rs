@@ -31,7 +31,7 @@ pub(super) struct Settings {
     pub(super) age: Age,
     /// The share of a correction that a moving mode adds to it in each tick.
     pub(super) rate: f64,
-    /// Whether the next correction is priced too.
+    /// True if the next correction is priced too.
     pub(super) looks_ahead: bool,
 }
 

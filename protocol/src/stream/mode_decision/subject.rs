@@ -29,7 +29,7 @@ pub(crate) struct Subject<'a> {
     pub(crate) stride: Ticks,
     /// The true motions of the next ticks, as far as the lookahead reaches.
     pub(crate) ahead: &'a [Motion],
-    /// Whether the body has no observations after those.
+    /// True if the body has no observations after those.
     pub(crate) ends: bool,
     /// A body that this body may be attached to.
     pub(crate) parent: Option<Parent<'a>>,

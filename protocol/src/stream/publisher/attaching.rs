@@ -75,7 +75,7 @@ impl Publisher {
             .map(|(_, observed)| observed)
     }
 
-    /// Whether a body has children.
+    /// True if a body has children.
     pub(super) fn holds(&self, index: u32) -> bool {
         let index_of = |(parent_candidate, _): &(u32, u32)| *parent_candidate;
         self.child_counts

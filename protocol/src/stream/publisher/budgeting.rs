@@ -60,7 +60,7 @@ impl Publisher {
         })
     }
 
-    /// Whether the stream has a budget.
+    /// True if the stream has a budget.
     pub(crate) const fn has_budget(&self) -> bool {
         self.budget_state.is_some()
     }
@@ -122,11 +122,11 @@ impl Publisher {
         self.encode_due(&mut budget_state, observation_history, due, &mut updates);
 
         let first_new = out.len();
-        let spoke = !updates.is_empty();
+        let has_updates = !updates.is_empty();
         self.budget_state = Some(budget_state);
         self.encode_updates(tick, &mut updates, scene_events, out);
         self.updates = updates;
-        if let Some(budget_state) = self.budget_state.as_mut().filter(|_| spoke) {
+        if let Some(budget_state) = self.budget_state.as_mut().filter(|_| has_updates) {
             budget_state
                 .token_bucket
                 .spend(out[first_new..].iter().map(Bytes::len).sum());

@@ -34,7 +34,7 @@ impl ObservationScan {
         }
     }
 
-    /// Whether a body is checked before bodies that could be attached.
+    /// True if a body is checked before bodies that could be attached.
     pub(super) fn is_before(&self, place: u32) -> bool {
         let holds = |parent_candidate: &LargeBody| parent_candidate.place == place as usize;
         self.parent_candidates.iter().any(holds) || self.other_parents.binary_search(&place).is_ok()

@@ -42,7 +42,7 @@ impl Publisher {
         self.pack_groups(tick, updates.split_at(alone), scene_events, true, out);
     }
 
-    /// Whether updates surely exceed one packet: their estimated size is half as much again.
+    /// True if updates surely exceed one packet: their estimated size is half as much again.
     fn surely_fill_more(&self, updates: &[Update]) -> bool {
         let filled = self.largest_packet.bytes() as u64 * 8 * 256;
         let mut bits = 0;

@@ -22,15 +22,15 @@ impl Publisher {
         }
     }
 
-    /// Answers the only listener of a stream, which is sent all repair symbols: see [`Self::answer_one`].
+    /// Answers the only receiver of a stream, which is sent all repair symbols: see [`Self::answer_one`].
     pub fn answer(&mut self, loss_report: &LossReport, out: &mut Vec<Bytes>) -> Vec<u64> {
         self.answer_one(loss_report, Some(0), out)
     }
 
-    /// Answers a listener that lost packets. Appends repair symbols to `out` where they suffice, and returns the
+    /// Answers a receiver that lost packets. Appends repair symbols to `out` where they suffice, and returns the
     /// numbers of the packets that must be refreshed instead, each once.
     ///
-    /// `sent_from`: the number of the next packet when this listener was first sent the symbols of
+    /// `sent_from`: the number of the next packet when this receiver was first sent the symbols of
     /// [`Self::encode_repair_symbols`]; `None` if it is sent none.
     pub fn answer_one(
         &mut self,

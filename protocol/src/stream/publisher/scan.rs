@@ -43,7 +43,8 @@ impl Publisher {
                 ..
             } = scan;
             let observed = (place, &observation.motion);
-            self.tracks.look(slot, tick, observed, prefilter, undecided);
+            self.tracks
+                .prefilter(slot, tick, observed, prefilter, undecided);
         }
         scan.prefilter.finish(&mut scan.undecided);
         // Moving bodies are tested four at a time, so their results come late.

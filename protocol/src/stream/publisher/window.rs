@@ -25,7 +25,7 @@ struct Ahead {
     /// Only the first `known` entries are valid.
     motions: [Motion; LOOKAHEAD_MAX.count() as usize],
     known: usize,
-    /// Whether it is certain that no observation follows the last motion.
+    /// True if it is certain that no observation follows the last motion.
     ends: bool,
 }
 
@@ -68,7 +68,7 @@ impl ObservationWindow {
             .map_or(&[], |ahead| &ahead.motions[..ahead.known])
     }
 
-    /// Whether it is certain that no observation follows the last motion of `ahead`.
+    /// True if it is certain that no observation follows the last motion of `ahead`.
     pub(super) fn ends(&self) -> bool {
         self.ahead.as_ref().is_some_and(|ahead| ahead.ends)
     }

@@ -1,4 +1,4 @@
-//! How a subscriber applies updates, and to which body an alias refers.
+//! The subscriber applies updates, and resolves aliases to bodies.
 
 use rhumb_reckoning::{BodyId, DenseTrack, PredictionX4, Tick};
 
@@ -123,7 +123,7 @@ impl Subscriber {
     pub(super) fn owner(&self, index: u32, tick: Tick) -> AliasOwner {
         match self.tracks.slot(index) {
             Some(slot) if slot.origin() <= tick => AliasOwner::AsAssigned,
-            _ => AliasOwner::MovedOn,
+            _ => AliasOwner::Newer,
         }
     }
 

@@ -1,4 +1,4 @@
-//! How a subscriber reads each kind of datagram.
+//! The subscriber reads each kind of datagram.
 //!
 //! A datagram is decoded completely before it is applied. A malformed one is counted and never guessed at.
 
@@ -7,7 +7,7 @@ use alloc::vec::Vec;
 use rhumb_reckoning::{Predictor, Tick};
 
 use super::Subscriber;
-use crate::limits::{PACKETS_HELD_MAX, TICK_JUMP_MAX};
+use crate::limits::{TICK_JUMP_MAX, WAITING_DATAGRAMS_MAX};
 use crate::packet::{
     Checksums, Datagram, ErrorScale, FullPacket, Keyframe, Low16, PacketKind, Refresh,
     RefreshRecord, RepairSymbol, Update, UpdatePacket, UpdatePayload, Watermark,
@@ -68,12 +68,12 @@ impl Subscriber {
         Ok(())
     }
 
-    /// Whether the scene events that a datagram builds on were received; if not, the datagram is kept for later.
+    /// True if the scene events that a datagram builds on were received; if not, the datagram is kept for later.
     fn is_due(&mut self, scene_events: Low16, datagram: &Datagram<'_>) -> bool {
         if self.placed && scene_events.expand(self.scene_events) <= self.scene_events {
             return true;
         }
-        if self.restricted.is_none() && self.deferred.len() < PACKETS_HELD_MAX {
+        if self.restricted.is_none() && self.deferred.len() < WAITING_DATAGRAMS_MAX {
             let body = datagram.body().rest().to_vec();
             self.deferred.push_back((datagram.head(), body));
         } else {
@@ -86,7 +86,7 @@ impl Subscriber {
         Tick::new(tick.expand(self.newest.value()))
     }
 
-    /// Whether a tick lies so far ahead that the stream must start again.
+    /// True if a tick lies so far ahead that the stream must start again.
     fn jumps(&self, tick: Tick) -> bool {
         tick.value() > self.newest.value() + TICK_JUMP_MAX
     }

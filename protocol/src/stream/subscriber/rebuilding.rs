@@ -1,4 +1,4 @@
-//! How a subscriber recovers lost packets and reads packets that waited.
+//! The subscriber recovers lost packets and reads packets that waited.
 
 use alloc::vec::Vec;
 

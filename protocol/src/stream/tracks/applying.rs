@@ -1,4 +1,4 @@
-//! How a payload changes a track: the same at publisher and subscriber.
+//! Applies a payload to a track, at publisher and subscriber alike.
 
 use rhumb_reckoning::{
     Anchor, BodyId, DenseTrack, Grid, LaneCorrection, Motion, PredictionX4, Predictor,
@@ -87,7 +87,7 @@ impl Tracks {
         })
     }
 
-    /// Whether a track has the age that a payload gives.
+    /// True if a track has the age that a payload gives.
     fn is_of_age(&self, track: &Track, age: Age, tick: Tick) -> bool {
         self.age(track, tick) == Some(age)
     }
@@ -178,13 +178,13 @@ struct QueuedCorrection<'a> {
 }
 
 impl<'a> CorrectionsX4<'a> {
-    /// Whether the correction of a body is queued.
+    /// True if the correction of a body is queued.
     pub(crate) fn has(&self, index: u32) -> bool {
         let queued = &self.queued[..self.len];
         queued.iter().any(|queued| queued.index == index)
     }
 
-    /// Whether [`Tracks::apply_batch`] is due.
+    /// True if [`Tracks::apply_batch`] is due.
     pub(crate) const fn is_full(&self) -> bool {
         self.batch.is_full()
     }

@@ -43,7 +43,7 @@ impl Slot {
         BodyId::new(index, self.generation)
     }
 
-    /// Whether the body rotates torque-free.
+    /// True if the body rotates torque-free.
     pub(crate) const fn is_torque_free(&self) -> bool {
         self.is_torque_free
     }

@@ -410,7 +410,7 @@ fn byte_by_byte(trial: &mut Trial<'_>) -> CaseResult {
     ServerMessage::SceneEvent(hand::ball(hand::BALL, Predictor::Ballistic)).encode(&mut bytes);
     ServerMessage::SnapshotEnd.encode(&mut bytes);
     for byte in bytes {
-        server.connection.say(vec![byte]);
+        server.connection.send_control(vec![byte]);
     }
     goes_on(&mut server)
 }

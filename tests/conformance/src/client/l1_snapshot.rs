@@ -271,7 +271,7 @@ fn refused_pieces(id: &str, name: &str, clause: &str, sent: fn() -> Vec<u8>) -> 
     case.play(move |trial| {
         let mut server = trial.raw_server()?;
         hand::admit(&mut server)?;
-        server.connection.say(sent());
+        server.connection.send_control(sent());
         server.must_be_closed(CloseCode::MALFORMED)
     })
 }

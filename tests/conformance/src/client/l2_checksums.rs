@@ -186,7 +186,7 @@ fn tamper_one_track(interceptor: &mut Interceptor) -> Rc<RefCell<bool>> {
     done
 }
 
-/// Whether the client requested a snapshot because of a checksum mismatch.
+/// True if the client requested a snapshot because of a checksum mismatch.
 fn has_reported_mismatch(interceptor: &Interceptor) -> bool {
     let resync = ClientMessage::Resync(ResyncCause::ChecksumMismatch);
     interceptor.messages.contains(&resync)

@@ -219,7 +219,7 @@ fn asks_again(trial: &mut Trial<'_>) -> CaseResult {
     interceptor.must_follow()
 }
 
-/// Whether it sends a loss report every half second during one period.
+/// The client sends a loss report every half second during one period.
 fn asks_often(interceptor: &mut Interceptor) -> CaseResult {
     let begin = interceptor.raw_server.now();
     interceptor.run(Duration::from_millis(2_600))?;
@@ -462,7 +462,7 @@ fn rests(trial: &mut Trial<'_>) -> CaseResult {
     Ok(())
 }
 
-/// Whether a packet contains a rest update with an exact pose.
+/// True if a packet contains a rest update with an exact pose.
 fn contains_rest(bytes: &[u8]) -> bool {
     let mut reader = Reader::new(bytes);
     let mut updates = Vec::new();

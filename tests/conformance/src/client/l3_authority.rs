@@ -85,7 +85,7 @@ impl PublishingClient {
 
     fn statistics(&self) -> Option<UpstreamStatistics> {
         let scene = self.scene.parse().ok()?;
-        self.interceptor.server.drives(&scene).next()
+        self.interceptor.server.upstreams(&scene).next()
     }
 
     /// Runs until the scene reaches a tick, and checks each tick on the way.
@@ -95,7 +95,7 @@ impl PublishingClient {
         let scene = scene.map_err(|_| Stop::Inconclusive("error of the suite: no name".into()))?;
         self.interceptor
             .until(&format!("published tick {to}"), |interceptor| {
-                let upstream = interceptor.server.drives(&scene).next();
+                let upstream = interceptor.server.upstreams(&scene).next();
                 if let Some((tick, share)) = share_now(interceptor)
                     && judged.insert(tick)
                 {
@@ -123,7 +123,7 @@ impl PublishingClient {
         let lost_authority = || Stop::Fail("it has no authority any more".into());
         let upstream = self.statistics().ok_or_else(lost_authority)?;
         ensure(upstream.bodies == 1, "it has authority over its own body")?;
-        let (malformed, refused) = (upstream.heard.malformed, upstream.refused);
+        let (malformed, refused) = (upstream.received.malformed, upstream.refused);
         ensure(
             (malformed, refused) == (0, 0),
             format!("all its packets are accepted: {malformed} malformed, {refused} refused"),

@@ -55,7 +55,7 @@ const CASES: &[CaseRow] = &[
             // A message of a known type whose fields are all invalid.
             let mut bytes = vec![0xff, 0x7f, 3];
             bytes.extend((0..16_400).map(|_| 0x80 | dice.below(128) as u8));
-            server.connection.say(bytes);
+            server.connection.send_control(bytes);
             server.must_be_closed(CloseCode::MALFORMED)?;
             server.must_exit()
         },
@@ -191,7 +191,7 @@ fn digits(motion: BodyState) -> String {
     digits.concat()
 }
 
-/// Whether each double of each motion is finite.
+/// True if each double of each motion is finite.
 fn is_finite(reported: &serde_json::Value) -> bool {
     let motions = reported["moving"].as_object().into_iter().flatten();
     motions

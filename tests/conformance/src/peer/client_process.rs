@@ -45,7 +45,7 @@ pub(super) struct ClientProcess {
     pub(super) lines: Receiver<String>,
     stderr_tail: Option<StderrTail>,
     log: Log,
-    /// Whether its task requires only what every client supports.
+    /// True if its task requires only what every client supports.
     is_plain: bool,
 }
 

@@ -25,7 +25,7 @@ pub(crate) fn head(datagram: &[u8]) -> Option<Head> {
     Head::decode(&mut Reader::new(datagram)).ok()
 }
 
-/// Whether a datagram is a packet with a number.
+/// True if a datagram is a packet with a number.
 pub(crate) fn is_packet(datagram: &[u8]) -> bool {
     let packets = [
         PacketKind::Updates,

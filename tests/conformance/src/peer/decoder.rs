@@ -102,7 +102,7 @@ impl Decoder {
         Ok(answer)
     }
 
-    /// Whether its answers contain the full meaning of packets.
+    /// True if its answers contain the full meaning of packets.
     #[must_use]
     pub const fn tells(&self) -> bool {
         matches!(self, Self::Process { .. })

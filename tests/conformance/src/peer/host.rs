@@ -28,7 +28,7 @@ pub struct RawServer {
     pub connection: RawConnection,
     /// Received datagrams that the case has not taken yet.
     pub datagrams: VecDeque<Bytes>,
-    /// How the connection ended, if it has.
+    /// The end of the connection, if it has ended.
     pub ended: Option<RawPeerEnd>,
     /// Received bytes of the control stream that the case has not taken yet.
     pub control_bytes: VecDeque<Bytes>,
@@ -102,7 +102,7 @@ impl RawServer {
     /// Sends bytes on the control stream.
     pub fn send_bytes(&mut self, bytes: &[u8]) {
         self.log.note(format!("> {}", hex(bytes)));
-        self.connection.say(bytes.to_vec());
+        self.connection.send_control(bytes.to_vec());
     }
 
     /// Sends a message.
@@ -110,7 +110,7 @@ impl RawServer {
         self.log.note(format!("> {message:?}"));
         let mut bytes = Vec::new();
         message.encode(&mut bytes);
-        self.connection.say(bytes);
+        self.connection.send_control(bytes);
     }
 
     /// Sends a datagram.
@@ -120,7 +120,7 @@ impl RawServer {
     /// [`Stop::Fail`] when the client does not accept a datagram of this length.
     pub fn send_datagram(&mut self, bytes: &[u8]) -> CaseResult {
         self.log.note(format!("> datagram {}", hex(bytes)));
-        if self.connection.datagram(bytes.to_vec()) {
+        if self.connection.send_datagram(bytes.to_vec()) {
             Ok(())
         } else {
             Stop::fail(format!(
@@ -152,7 +152,7 @@ impl RawServer {
         if self.ended.is_some() {
             return Ok(false);
         }
-        match self.connection.hear(self.clock.until(until)) {
+        match self.connection.next_event(self.clock.until(until)) {
             None => return Ok(false),
             Some(RawEvent::Control(bytes)) => self.read(&bytes)?,
             Some(RawEvent::Datagram(bytes)) => {
@@ -276,7 +276,7 @@ impl RawServer {
         self.client.gave_up().map_or(Ok(()), Err)
     }
 
-    /// Whether the client closed the connection with this code.
+    /// True if the client closed the connection with this code.
     #[must_use]
     pub fn ended_as(&self, code: u64) -> bool {
         self.ended == Some(RawPeerEnd::Closed(code))

@@ -66,7 +66,7 @@ pub struct Interceptor {
     frames: Frames,
 }
 
-/// How long to wait for the client's report of a tick before the next one is sent. The client may have lost data that
+/// The longest wait for the client's report of a tick before the next one is sent. The client may have lost data that
 /// it needs, so the wait is bounded.
 const LANES: Span = Span::from_millis(200);
 
@@ -523,7 +523,7 @@ impl Interceptor {
             match delivery {
                 Delivery::Control(bytes) => {
                     self.raw_server.note(format!("> {}", hex(&bytes)));
-                    self.raw_server.connection.say(bytes);
+                    self.raw_server.connection.send_control(bytes);
                 }
                 Delivery::State(bytes) => {
                     self.sent.extend(datagram::kind(&bytes));
@@ -532,7 +532,7 @@ impl Interceptor {
                     }
                     self.raw_server.note(format!("> datagram {}", hex(&bytes)));
                     // A datagram that QUIC cannot send now is lost, which datagrams allow.
-                    let _ = self.raw_server.connection.datagram(bytes);
+                    let _ = self.raw_server.connection.send_datagram(bytes);
                 }
             }
         }

@@ -89,7 +89,7 @@ impl LivePair {
         Ok(pair)
     }
 
-    /// Whether the client wrote a report of this kind.
+    /// True if the client wrote a report of this kind.
     #[must_use]
     pub fn has_reported(&self, is: &str) -> bool {
         self.reported.iter().any(|reported| reported["is"] == is)

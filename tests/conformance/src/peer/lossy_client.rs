@@ -50,7 +50,7 @@ pub struct LossyClient {
     pub scene: SceneName,
     /// Number of received datagrams, dropped ones included.
     pub arrived: u64,
-    /// How often it requested a new snapshot.
+    /// The number of new snapshots that it requested.
     pub resyncs: u64,
     /// The pose of each body at each complete tick, if they are recorded.
     pub recorded: Option<BTreeMap<Tick, BTreeMap<BodyId, Pose>>>,
@@ -337,7 +337,7 @@ impl LossyClient {
             .session
             .poll_timeout()
             .map_or(until, |wake| wake.at.min(until));
-        if let Some(event) = self.connection.hear(self.clock.until(wake)) {
+        if let Some(event) = self.connection.next_event(self.clock.until(wake)) {
             let now = self.clock.now();
             match event {
                 RawEvent::Control(bytes) => {
@@ -398,12 +398,12 @@ impl LossyClient {
                         self.resyncs +=
                             u64::from(matches!(sent, Ok(Some(ClientMessage::Resync(_)))));
                     }
-                    self.connection.say(bytes);
+                    self.connection.send_control(bytes);
                 }
                 Transmit::State { bytes, .. } => {
                     self.log.note(format!("> datagram {}", hex(&bytes)));
                     // A datagram that QUIC cannot send now is lost, which datagrams allow.
-                    let _ = self.connection.datagram(bytes);
+                    let _ = self.connection.send_datagram(bytes);
                 }
                 Transmit::Close { code, .. } => self.connection.close(code),
             }

@@ -37,7 +37,7 @@ pub struct RawClient {
     pub commands: u64,
     /// Received datagrams that the case has not taken yet.
     pub datagrams: VecDeque<Bytes>,
-    /// How the connection ended, if it has.
+    /// The end of the connection, if it has ended.
     pub ended: Option<RawPeerEnd>,
     /// Types of received optional messages that the protocol does not assign, in order.
     pub greased: Vec<u8>,
@@ -83,7 +83,7 @@ impl RawClient {
     /// Sends bytes on the control stream.
     pub fn send_bytes(&mut self, bytes: &[u8]) {
         self.log.note(format!("> {}", hex(bytes)));
-        self.connection.say(bytes.to_vec());
+        self.connection.send_control(bytes.to_vec());
     }
 
     /// Sends a message.
@@ -91,7 +91,7 @@ impl RawClient {
         self.log.note(format!("> {message:?}"));
         let mut bytes = Vec::new();
         message.encode(&mut bytes);
-        self.connection.say(bytes);
+        self.connection.send_control(bytes);
         if matches!(message, ClientMessage::Command(_)) {
             self.commands += 1;
         }
@@ -105,7 +105,7 @@ impl RawClient {
             message.encode(&mut bytes);
             self.commands += u64::from(matches!(message, ClientMessage::Command(_)));
         }
-        self.connection.say(bytes);
+        self.connection.send_control(bytes);
     }
 
     /// Sends a datagram.
@@ -115,7 +115,7 @@ impl RawClient {
     /// [`Stop::Fail`] when the peer does not accept a datagram of this length.
     pub fn send_datagram(&mut self, bytes: &[u8]) -> CaseResult {
         self.log.note(format!("> datagram {}", hex(bytes)));
-        if self.connection.datagram(bytes.to_vec())
+        if self.connection.send_datagram(bytes.to_vec())
             || self.connection.datagram_bytes_max() >= Some(bytes.len())
         {
             Ok(())
@@ -133,7 +133,7 @@ impl RawClient {
         if self.ended.is_some() {
             return Ok(false);
         }
-        match self.connection.hear(self.clock.until(until)) {
+        match self.connection.next_event(self.clock.until(until)) {
             None => return Ok(false),
             Some(RawEvent::Control(bytes)) => self.read(&bytes)?,
             Some(RawEvent::Datagram(bytes)) => {

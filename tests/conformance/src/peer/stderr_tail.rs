@@ -12,7 +12,7 @@ use std::time::Duration;
 
 /// Number of lines kept: enough for a traceback, or a panic with its message.
 const LINES_MAX: usize = 20;
-/// How long to wait for the end of the output after the process has ended: its own child processes may live on.
+/// The longest wait for the end of the output after the process has ended: its own child processes may live on.
 const TIME_LIMIT: Duration = Duration::from_millis(200);
 
 /// The tail of a process's standard error.

@@ -90,7 +90,7 @@ impl StreamHistory {
     }
 }
 
-/// Whether the client's last report of a tick equals the present state of the copy.
+/// True if the client's last report of a tick equals the present state of the copy.
 pub(super) fn is_alike(copy: &Replica, reported: &[Value]) -> bool {
     let tick = copy.stream().complete().value();
     let last = reported
@@ -124,7 +124,7 @@ fn reported_state(reported: &Value) -> (String, String) {
     (sum, as_text(&reported["moving"]))
 }
 
-/// Whether each reported body has its motion of the history and no moving body is missing; checksums are not compared.
+/// True if each reported body has its motion of the history and no moving body is missing; checksums are not compared.
 /// A new body may have been placed after the tick: it is reported if its scene event came before the next tick, else
 /// not.
 fn is_same_body_by_body(
@@ -144,7 +144,7 @@ fn is_same_body_by_body(
     reported.iter().all(is_ours) && state.all.iter().all(is_reported)
 }
 
-/// Whether both velocities of a motion are zero.
+/// True if both velocities of a motion are zero.
 fn is_at_rest(motion: &str) -> bool {
     let velocities = motion.get(7 * 16..).unwrap_or_default().as_bytes();
     let is_zero = |number: &[u8]| matches!(number, [b'0' | b'8', rest @ ..] if rest.iter().all(|digit| *digit == b'0'));

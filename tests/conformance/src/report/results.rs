@@ -15,7 +15,7 @@ pub struct Report {
     pub subject: String,
     /// The settings of the run; absent for a recorded run.
     pub config: Option<RunSettings>,
-    /// Whether SHOULD counts as MUST.
+    /// True if SHOULD counts as MUST.
     pub strict: bool,
     /// The result of each case.
     pub results: Vec<Tried>,
@@ -42,13 +42,13 @@ impl Report {
         self.results.iter().filter(bad)
     }
 
-    /// Whether the peer passed. A run in which every case is unsupported passes only if `--without` declared it.
+    /// True if the peer passed. A run in which every case is unsupported passes only if `--without` declared it.
     #[must_use]
     pub fn passed(&self) -> bool {
         self.bad().next().is_none() && !self.is_vacuous()
     }
 
-    /// Whether every case is unsupported although nothing was declared with `--without`.
+    /// True if every case is unsupported although nothing was declared with `--without`.
     fn is_vacuous(&self) -> bool {
         let lacks = |result: &Tried| result.outcome.verdict == Verdict::Unsupported;
         let was_declared = |config: &RunSettings| !config.without.is_empty();

@@ -60,7 +60,7 @@ pub(super) fn cases() -> Vec<Case> {
         .play(move |trial| {
             let mut client = member(trial)?;
             for _ in 0..=LONG_MESSAGE_BYTES_MAX / MESSAGE_BYTES_MAX {
-                client.connection.say(framed(0, &full));
+                client.connection.send_control(framed(0, &full));
             }
             client.must_be_closed(CloseCode::MALFORMED)
         }),
@@ -72,7 +72,7 @@ pub(super) fn cases() -> Vec<Case> {
         .play(move |trial| {
             let mut client = member(trial)?;
             let pieces = [framed(0, &full), framed(0, &full), framed(0x9a, &[1])];
-            client.connection.say(pieces.concat());
+            client.connection.send_control(pieces.concat());
             let received = client.barrier()?;
             ensure(
                 received.is_empty(),
@@ -116,7 +116,7 @@ fn long(trial: &mut Trial<'_>, shape: &Shape) -> CaseResult {
         "the message needs several pieces",
     )?;
     for part in bytes.chunks(5_000) {
-        client.connection.say(part.to_vec());
+        client.connection.send_control(part.to_vec());
     }
     client.commands += 1;
     let applied = client.outcome_of(0)?;

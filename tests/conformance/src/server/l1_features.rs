@@ -22,7 +22,7 @@ use crate::outcome::{CaseResult, Stop, ensure};
 use crate::peer::RawClient;
 use crate::trial::Trial;
 
-/// Whether a server grants a feature, or refuses it as the protocol requires.
+/// Returns true if a server grants a feature, and false if it refuses it as the protocol requires.
 type FeatureCheck = fn(&mut Trial<'_>) -> Result<bool, Stop>;
 
 const FEATURES: [(Feature, &str, FeatureCheck); 7] = [
@@ -104,7 +104,7 @@ fn free() -> SceneConfig {
     }
 }
 
-/// Whether the next answer is the expected one rather than a denial; the connection stays open in both cases.
+/// True if the next answer is the expected one, false if it is a denial; the connection stays open in both cases.
 fn granted(client: &mut RawClient, yes: fn(&ServerMessage) -> bool) -> Result<bool, Stop> {
     let answer = client.await_message("answer", |message| match message {
         ServerMessage::Denied(_) | ServerMessage::AuthorityDenied(_) => Some(false),

@@ -171,7 +171,7 @@ fn ranges_most(trial: &mut Trial<'_>) -> CaseResult {
     )
 }
 
-/// Whether this number of indices is granted; if not, the denial must be the specified one.
+/// True if this number of indices is granted; if not, the denial must be the specified one.
 fn reserve_or_be_denied(client: &mut RawClient, count: u32) -> Result<bool, Stop> {
     match reserve(client, count)? {
         Ok(range) => {
@@ -236,7 +236,7 @@ fn streams_most(trial: &mut Trial<'_>) -> CaseResult {
     Ok(())
 }
 
-/// Whether the client becomes a member; if not, this denial is required.
+/// True if the client becomes a member; if not, this denial is required.
 fn join_or_be_denied(
     client: &mut RawClient,
     choice: StreamChoice,

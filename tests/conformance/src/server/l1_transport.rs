@@ -76,7 +76,7 @@ const CASES: &[CaseRow] = &[
         |trial| {
             let mut client = trial.client()?;
             client.hello()?;
-            client.connection.break_off(7);
+            client.connection.reset_control(7);
             client.must_be_closed_with(&[NO_CONTROL_STREAM])
         },
     ),

@@ -79,13 +79,13 @@ const CASES: &[CaseRow] = &[
         8,
         "in lockstep the server's bodies follow the upstream at each tick",
         "PROTOCOL 6.14-8, 6.14-10, 6.14-12, 6.14-3, 6.14-4",
-        |trial| drives(trial, 3),
+        |trial| published_bodies_move(trial, 3),
     ),
     (
         9,
         "one client has authority over two hundred bodies",
         "PROTOCOL 6.14-6, 6.14-12",
-        |trial| drives(trial, 200),
+        |trial| published_bodies_move(trial, 200),
     ),
     (
         10,
@@ -219,9 +219,9 @@ fn steered(trial: &mut Trial<'_>) -> CaseResult {
     for member in [&mut client, &mut other] {
         for command in [pose.clone(), velocity.clone()] {
             let outcome = member.command(command)?;
-            let driven = Err(CommandError::UnderAuthority(id));
+            let refused = Err(CommandError::UnderAuthority(id));
             ensure(
-                outcome == driven,
+                outcome == refused,
                 format!("refused because the body is under authority, not {outcome:?}"),
             )?;
         }
@@ -268,7 +268,7 @@ fn mode(place: u32, tick: u64) -> BodyState {
     moving(at, Vec3::new(-angle.sin(), 0.0, angle.cos()) * speed)
 }
 
-fn drives(trial: &mut Trial<'_>, count: u32) -> CaseResult {
+fn published_bodies_move(trial: &mut Trial<'_>, count: u32) -> CaseResult {
     let mut publisher = trial.subscriber()?;
     publisher.create(lockstep())?;
     let granted = publisher.join(StreamChoice::Full)?;

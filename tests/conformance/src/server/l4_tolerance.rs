@@ -32,7 +32,7 @@ struct Setup {
     publish_schedule: (u32, u32),
     /// Number of ticks that are requested ahead.
     depth: u64,
-    /// Whether bodies have different tolerance scales.
+    /// True if bodies have different tolerance scales.
     tolerance_scales: bool,
 }
 

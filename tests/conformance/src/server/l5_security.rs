@@ -292,7 +292,7 @@ fn never_reads(trial: &mut Trial<'_>) -> CaseResult {
         attacker.send(&ClientMessage::Resync(ResyncCause::LostSync));
         tick += 1;
         good.advance(Tick::new(tick))?;
-        // What came before the pause is processed too: a byte left out would garble the rest.
+        // Bytes from before the pause are processed too: a byte left out would garble the rest.
         attacker.take_in_all()?;
         if let Some(end) = &attacker.ended {
             let overflow = rhumb_netsim::RawPeerEnd::Closed(CONTROL_OVERFLOW);

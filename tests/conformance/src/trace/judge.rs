@@ -239,7 +239,7 @@ impl TracedCopy {
         }
     }
 
-    /// Whether the accuracy promise was kept.
+    /// The accuracy promise was kept.
     pub(super) fn judge(&self, truth: &TracedTruth) -> CaseResult {
         if self.judged == 0 {
             return Err(Stop::Inconclusive("no frame shows a body".into()));

@@ -1,7 +1,7 @@
 //! Golden streams replayed to a session.
 
 use bytes::Bytes;
-use rhumb_protocol::limits::LOST_NAMED_MAX;
+use rhumb_protocol::limits::LOST_NUMBERS_MAX;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::stream::ErrorBound;
@@ -42,7 +42,7 @@ pub(crate) fn known_in_full(replica: &Replica) -> Value {
     let stream = replica.stream();
     let mut known = known(replica);
     let watermark = stream.watermark_tick();
-    let lost = stream.missing_packets().take(LOST_NAMED_MAX);
+    let lost = stream.missing_packets().take(LOST_NUMBERS_MAX);
     known["lost"] = lost.map(|number| number as u16).collect();
     known["abandoned"] = json!(stream.lost() as u16);
     known["resync"] = json!(
@@ -84,7 +84,7 @@ fn body_row(replica: &Replica, id: BodyId) -> Value {
     json!([id.index(), id.generation(), origin, ticks, motions])
 }
 
-/// Whether an actual state has what an expected one states; the actual one may have more words.
+/// True if an actual state has what an expected one states; the actual one may have more words.
 #[must_use]
 pub fn agrees(expected: &Value, actual: &Value) -> bool {
     let words = expected.as_object().into_iter().flatten();

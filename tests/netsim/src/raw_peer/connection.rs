@@ -17,7 +17,7 @@ use tokio::sync::watch;
 pub enum RawEvent {
     /// The peer opened a stream.
     Opened {
-        /// Whether the stream is bidirectional.
+        /// True if the stream is bidirectional.
         both_ways: bool,
     },
     /// Bytes of the control stream, cut at any place.
@@ -32,7 +32,7 @@ pub enum RawEvent {
     Ended(RawPeerEnd),
 }
 
-/// How a connection ended, as this end observed it.
+/// The end of a connection, as this end observed it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RawPeerEnd {
     /// The peer's application closed it with this code.
@@ -109,7 +109,7 @@ impl RawConnection {
     }
 
     /// Sends bytes on the control stream.
-    pub fn say(&self, bytes: impl Into<Bytes>) {
+    pub fn send_control(&self, bytes: impl Into<Bytes>) {
         self.request(Op::Control(bytes.into()));
     }
 
@@ -119,13 +119,13 @@ impl RawConnection {
     }
 
     /// Resets the control stream in both directions.
-    pub fn break_off(&self, code: u64) {
+    pub fn reset_control(&self, code: u64) {
         self.request(Op::Break(code));
     }
 
     /// Sends one datagram; `false` when QUIC cannot.
     #[must_use]
-    pub fn datagram(&self, bytes: impl Into<Bytes>) -> bool {
+    pub fn send_datagram(&self, bytes: impl Into<Bytes>) -> bool {
         self.connection.send_datagram(bytes.into()).is_ok()
     }
 
@@ -147,7 +147,7 @@ impl RawConnection {
 
     /// The next event, within `timeout`.
     #[must_use]
-    pub fn hear(&mut self, timeout: Duration) -> Option<RawEvent> {
+    pub fn next_event(&mut self, timeout: Duration) -> Option<RawEvent> {
         self.events.recv_timeout(timeout).ok()
     }
 

@@ -33,7 +33,7 @@ fn pair() -> (RawPeerServer, RawConnection, RawConnection) {
 fn control(connection: &mut RawConnection, length: usize) -> Vec<u8> {
     let mut bytes = Vec::new();
     while bytes.len() < length {
-        match connection.hear(TIMEOUT) {
+        match connection.next_event(TIMEOUT) {
             Some(RawEvent::Control(more)) => bytes.extend_from_slice(&more),
             Some(RawEvent::Opened { both_ways }) => assert!(both_ways),
             other => panic!("{other:?}"),
@@ -46,12 +46,12 @@ fn control(connection: &mut RawConnection, length: usize) -> Vec<u8> {
 fn both_peers_send_and_receive_on_both_lanes() {
     let (_server, mut client, mut server_side) = pair();
     client.open_control();
-    client.say(vec![1, 2, 3]);
+    client.send_control(vec![1, 2, 3]);
     assert_eq!(control(&mut server_side, 3), [1, 2, 3]);
-    server_side.say(vec![4; 100_000]);
+    server_side.send_control(vec![4; 100_000]);
     assert_eq!(control(&mut client, 100_000), vec![4; 100_000]);
-    assert!(client.datagram(vec![7; 1_150]));
-    let event = server_side.hear(TIMEOUT);
+    assert!(client.send_datagram(vec![7; 1_150]));
+    let event = server_side.next_event(TIMEOUT);
     assert_eq!(event, Some(RawEvent::Datagram(vec![7; 1_150].into())));
 }
 
@@ -60,8 +60,8 @@ fn a_close_code_arrives_unchanged() {
     let (_server, client, mut server_side) = pair();
     client.close(0x3fff_1234);
     let ended = Some(RawEvent::Ended(RawPeerEnd::Closed(0x3fff_1234)));
-    assert_eq!(server_side.hear(TIMEOUT), ended);
-    assert_eq!(server_side.hear(Duration::ZERO), None);
+    assert_eq!(server_side.next_event(TIMEOUT), ended);
+    assert_eq!(server_side.next_event(Duration::ZERO), None);
 }
 
 #[test]
@@ -82,12 +82,12 @@ fn unread_control_bytes_arrive_later() {
     let (_server, mut client, mut server_side) = pair();
     client.read_control(false);
     client.open_control();
-    client.say(vec![1]);
+    client.send_control(vec![1]);
     assert_eq!(control(&mut server_side, 1), [1]);
-    server_side.say(vec![9; 10]);
-    assert!(server_side.datagram(vec![8]));
+    server_side.send_control(vec![9; 10]);
+    assert!(server_side.send_datagram(vec![8]));
     assert_eq!(
-        client.hear(TIMEOUT),
+        client.next_event(TIMEOUT),
         Some(RawEvent::Datagram(vec![8].into()))
     );
     client.read_control(true);

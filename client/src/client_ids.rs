@@ -13,12 +13,12 @@ use crate::shape_numbers::{ShapeNumbers, ShapeSlot};
 
 /// The ids and numbers of one client in one scene.
 #[derive(Debug)]
-pub(crate) struct BodyNaming {
+pub(crate) struct ClientIds {
     ids: IdAllocator,
     shapes: ShapeNumbers,
 }
 
-impl BodyNaming {
+impl ClientIds {
     /// `granted`: the ids that the server granted when the client joined.
     pub(crate) fn new(granted: IdRange) -> Self {
         Self {
@@ -27,7 +27,7 @@ impl BodyNaming {
         }
     }
 
-    /// How many ids to request from the server before `count` ids are available; zero when enough are available.
+    /// The number of ids to request from the server before `count` ids are available; zero when enough are available.
     ///
     /// A client has a limited number of ranges, so it requests a large range whenever the limit allows.
     pub(crate) fn missing_ids(&self, count: u32) -> u32 {

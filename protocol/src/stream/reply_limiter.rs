@@ -1,20 +1,20 @@
-//! Limits how often a sender answers one listener.
+//! Limits the rate of replies to the loss reports of one receiver.
 //!
-//! Bounds the work that a listener can cause: there is a pause between answered reports, and no packet is refreshed
-//! twice within a round trip.
+//! Bounds the work that a receiver can cause: the sender pauses between answered reports, and refreshes no packet twice
+//! within a round trip.
 
 use alloc::collections::BTreeMap;
 
 use crate::time::{Instant, Span};
 
-/// The least time between two answered reports of one listener: half of the time that a receiver waits for reordered
+/// The least time between two answered reports of one receiver: half of the time that a receiver waits for reordered
 /// packets before it reports a loss.
 const REPORT_PAUSE: Span = Span::from_millis(2);
 
-/// The times of the last answers to each listener.
+/// The times of the last replies to each receiver.
 #[derive(Debug, Default)]
-pub(super) struct Answers {
-    listeners: BTreeMap<u64, Answered>,
+pub(super) struct ReplyLimiter {
+    receivers: BTreeMap<u64, Answered>,
 }
 
 #[derive(Debug, Default)]
@@ -24,27 +24,27 @@ struct Answered {
     refreshes: BTreeMap<u64, Instant>,
 }
 
-impl Answers {
-    /// Drops the times of a listener that left or starts again.
-    pub(super) fn forget(&mut self, listener: u64) {
-        self.listeners.remove(&listener);
+impl ReplyLimiter {
+    /// Drops the times of a receiver that left or starts again.
+    pub(super) fn forget(&mut self, receiver: u64) {
+        self.receivers.remove(&receiver);
     }
 
-    /// Whether to answer a loss report now. If so, the next reports within the pause are not answered.
-    pub(super) fn allow_report(&mut self, now: Instant, listener: u64) -> bool {
-        let answered = self.listeners.entry(listener).or_default();
+    /// True if to answer a loss report now. If so, the next reports within the pause are not answered.
+    pub(super) fn allow_report(&mut self, now: Instant, receiver: u64) -> bool {
+        let answered = self.receivers.entry(receiver).or_default();
         is_due(&mut answered.report, now, REPORT_PAUSE)
     }
 
-    /// Whether to refresh a packet now. If so, it is not refreshed again within a round trip.
+    /// True if to refresh a packet now. If so, it is not refreshed again within a round trip.
     pub(super) fn allow_refresh(
         &mut self,
         now: Instant,
-        listener: u64,
+        receiver: u64,
         round_trip: Span,
         number: u64,
     ) -> bool {
-        let answered = self.listeners.entry(listener).or_default();
+        let answered = self.receivers.entry(receiver).or_default();
         answered.refreshes.retain(|_, at| now < *at + round_trip);
         let allowed = !answered.refreshes.contains_key(&number);
         if allowed {
@@ -54,7 +54,7 @@ impl Answers {
     }
 }
 
-/// Whether the pause since `last` is over; if so, sets `last` to now.
+/// True if the pause since `last` is over; if so, sets `last` to now.
 fn is_due(last: &mut Option<Instant>, now: Instant, pause: Span) -> bool {
     let due = last.is_none_or(|last| now >= last + pause);
     if due {
@@ -73,21 +73,21 @@ mod tests {
 
     #[test]
     fn the_pause_between_reports_is_per_listener() {
-        let mut answers = Answers::default();
+        let mut limiter = ReplyLimiter::default();
         let allowed = [(0, 1), (0, 2), (1, 1), (2, 1)];
-        let allowed = allowed.map(|(ms, listener)| answers.allow_report(at(ms), listener));
+        let allowed = allowed.map(|(ms, receiver)| limiter.allow_report(at(ms), receiver));
         assert_eq!(allowed, [true, true, false, true]);
     }
 
     #[test]
     fn no_packet_is_refreshed_twice_within_a_round_trip() {
-        let mut answers = Answers::default();
+        let mut limiter = ReplyLimiter::default();
         let allowed = [(0, 7), (29, 7), (29, 8), (30, 7)];
         let round_trip = Span::from_millis(30);
         let allowed =
-            allowed.map(|(ms, number)| answers.allow_refresh(at(ms), 1, round_trip, number));
+            allowed.map(|(ms, number)| limiter.allow_refresh(at(ms), 1, round_trip, number));
         assert_eq!(allowed, [true, false, true, true]);
-        assert!(answers.allow_refresh(at(30), 2, Span::ZERO, 7));
-        assert!(answers.allow_refresh(at(30), 2, Span::ZERO, 7));
+        assert!(limiter.allow_refresh(at(30), 2, Span::ZERO, 7));
+        assert!(limiter.allow_refresh(at(30), 2, Span::ZERO, 7));
     }
 }

@@ -1,0 +1,156 @@
+//! Keys of tokens, as files, and what is done with them: signing and verifying.
+//!
+//! A key file holds one line in the PASERK format. A server needs public keys only; whoever makes tokens keeps the
+//! secret one. Signatures are Ed25519, as PASETO version 4 prescribes: a token cannot choose another algorithm.
+
+use std::fmt;
+use std::fs::{self, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use pasetors::keys::{AsymmetricKeyPair, AsymmetricPublicKey, AsymmetricSecretKey, Generate};
+use pasetors::paserk::FormatAsPaserk;
+use pasetors::token::UntrustedToken;
+use pasetors::version4::{PublicToken, V4};
+use pasetors::{Public, errors};
+
+use super::claims::Claims;
+
+/// The keys whose tokens a server accepts, and the audience that a token must name.
+#[derive(Clone, Debug)]
+pub struct TokenKeys {
+    keys: Vec<AsymmetricPublicKey<V4>>,
+    pub(super) audience: String,
+}
+
+/// Reason why a key cannot be used or made.
+#[derive(Debug)]
+pub enum KeyError {
+    /// The file cannot be read.
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// The file cannot be written.
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// The file holds no key of the wanted kind.
+    NotAKey {
+        /// The file.
+        path: PathBuf,
+        /// How such a key begins.
+        begins: &'static str,
+    },
+    /// The system gives no random bytes, or the key is refused.
+    Failed,
+}
+
+impl fmt::Display for KeyError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Read { path, cause } => write!(f, "cannot read {}: {cause}", path.display()),
+            Self::Write { path, cause } => write!(f, "cannot write {}: {cause}", path.display()),
+            Self::NotAKey { path, begins } => {
+                write!(
+                    f,
+                    "{} holds no key that begins with {begins}",
+                    path.display()
+                )
+            }
+            Self::Failed => f.write_str("the key cannot be made or used"),
+        }
+    }
+}
+
+impl std::error::Error for KeyError {}
+
+impl From<errors::Error> for KeyError {
+    fn from(_: errors::Error) -> Self {
+        Self::Failed
+    }
+}
+
+impl TokenKeys {
+    /// Reads public keys from files. A token of any of them is accepted if it names the audience.
+    ///
+    /// # Errors
+    ///
+    /// [`KeyError`] for a file that cannot be read or holds no public key.
+    pub fn read(paths: &[PathBuf], audience: &str) -> Result<Self, KeyError> {
+        let key = |path: &PathBuf| {
+            let text = read(path)?;
+            AsymmetricPublicKey::try_from(text.trim()).map_err(|_| KeyError::NotAKey {
+                path: path.clone(),
+                begins: "k4.public.",
+            })
+        };
+        let keys = paths.iter().map(key).collect::<Result<_, _>>()?;
+        Ok(Self {
+            keys,
+            audience: audience.to_owned(),
+        })
+    }
+
+    /// The claims of a token that one of the keys has signed.
+    pub(super) fn verify(&self, token: &[u8]) -> Option<Claims> {
+        let text = std::str::from_utf8(token).ok()?;
+        let token = UntrustedToken::<Public, V4>::try_from(text).ok()?;
+        let verify = |key| PublicToken::verify(key, &token, None, None).ok();
+        let trusted = self.keys.iter().find_map(verify)?;
+        serde_json::from_str(trusted.payload()).ok()
+    }
+}
+
+/// Makes a key pair: the secret key in a new file that only its user may read, the public key beside it.
+pub(crate) fn make_keys(path: &Path) -> Result<PathBuf, KeyError> {
+    let pair = AsymmetricKeyPair::<V4>::generate()?;
+    write_new(path, &pair.secret, 0o600)?;
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".pub");
+    let beside = PathBuf::from(beside);
+    write_new(&beside, &pair.public, 0o644)?;
+    Ok(beside)
+}
+
+/// A token of these claims, signed by the key in a file.
+pub(crate) fn sign(path: &Path, claims: &Claims) -> Result<String, KeyError> {
+    let text = read(path)?;
+    let key = AsymmetricSecretKey::<V4>::try_from(text.trim()).map_err(|_| KeyError::NotAKey {
+        path: path.to_owned(),
+        begins: "k4.secret.",
+    })?;
+    let payload = serde_json::to_vec(claims).map_err(|_| KeyError::Failed)?;
+    Ok(PublicToken::sign(&key, &payload, None, None)?)
+}
+
+fn read(path: &Path) -> Result<String, KeyError> {
+    fs::read_to_string(path).map_err(|cause| KeyError::Read {
+        path: path.to_owned(),
+        cause,
+    })
+}
+
+/// Writes a key to a file that must not exist yet: a lost key cannot be made again.
+fn write_new(path: &Path, key: &impl FormatAsPaserk, mode: u32) -> Result<(), KeyError> {
+    let failed = |cause| KeyError::Write {
+        path: path.to_owned(),
+        cause,
+    };
+    let mut text = String::new();
+    key.fmt(&mut text).map_err(|_| KeyError::Failed)?;
+    text.push('\n');
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, mode);
+    #[cfg(not(unix))]
+    let _ = mode;
+    let mut file = options.open(path).map_err(failed)?;
+    file.write_all(text.as_bytes()).map_err(failed)
+}

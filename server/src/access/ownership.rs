@@ -1,0 +1,136 @@
+//! Which client owns what in one scene.
+//!
+//! A client owns the bodies, shapes and joints that it added, for as long as they exist, connected or not. What was
+//! added without a token belongs to no client.
+
+use std::collections::BTreeMap;
+
+use rhumb_protocol::scene::{Command, JointId, ShapeId};
+use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_protocol::wire::{Malformed, Wire};
+use rhumb_reckoning::BodyId;
+
+use super::permit::ClientName;
+
+/// Owners in one scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Ownership {
+    bodies: BTreeMap<BodyId, ClientName>,
+    shapes: BTreeMap<ShapeId, ClientName>,
+    joints: BTreeMap<JointId, ClientName>,
+    counts: BTreeMap<ClientName, u32>,
+}
+
+impl Ownership {
+    /// Notes the effect of a command that was applied.
+    pub(crate) fn note(&mut self, client: Option<&ClientName>, command: &Command) {
+        match (command, client) {
+            (Command::AddBody { desc, .. }, Some(client)) => {
+                self.bodies.insert(desc.id, client.clone());
+                *self.counts.entry(client.clone()).or_default() += 1;
+            }
+            (Command::AddShape { id, .. }, Some(client)) => {
+                self.shapes.insert(*id, client.clone());
+            }
+            (Command::AddJoint { id, .. }, Some(client)) => {
+                self.joints.insert(*id, client.clone());
+            }
+            (Command::RemoveShape { id }, _) => {
+                self.shapes.remove(id);
+            }
+            (Command::RemoveJoint { id }, _) => {
+                self.joints.remove(id);
+            }
+            _ => {}
+        }
+    }
+
+    /// Whether a command adds something that belongs to a client.
+    pub(crate) const fn concerns(command: &Command) -> bool {
+        matches!(
+            command,
+            Command::AddBody { .. } | Command::AddShape { .. } | Command::AddJoint { .. }
+        )
+    }
+
+    /// Forgets a body that has left the scene.
+    pub(crate) fn remove_body(&mut self, id: BodyId) {
+        let Some(client) = self.bodies.remove(&id) else {
+            return;
+        };
+        if let Some(count) = self.counts.get_mut(&client) {
+            *count -= 1;
+            if *count == 0 {
+                self.counts.remove(&client);
+            }
+        }
+    }
+
+    /// Bodies of a client.
+    pub(super) fn bodies_of(&self, client: &ClientName) -> u32 {
+        self.counts.get(client).copied().unwrap_or(0)
+    }
+
+    pub(super) fn owns_body(&self, client: Option<&ClientName>, id: BodyId) -> bool {
+        owns(&self.bodies, client, id)
+    }
+
+    pub(super) fn owns_shape(&self, client: Option<&ClientName>, id: ShapeId) -> bool {
+        owns(&self.shapes, client, id)
+    }
+
+    pub(super) fn owns_joint(&self, client: Option<&ClientName>, id: JointId) -> bool {
+        owns(&self.joints, client, id)
+    }
+}
+
+impl Wire for Ownership {
+    fn encode(&self, to: &mut Writer) {
+        encode_owners(&self.bodies, to);
+        encode_owners(&self.shapes, to);
+        encode_owners(&self.joints, to);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let mut ownership = Self {
+            bodies: decode_owners(from)?,
+            shapes: decode_owners(from)?,
+            joints: decode_owners(from)?,
+            counts: BTreeMap::new(),
+        };
+        for client in ownership.bodies.values() {
+            *ownership.counts.entry(client.clone()).or_default() += 1;
+        }
+        Ok(ownership)
+    }
+}
+
+fn encode_owners<Id: Wire>(owners: &BTreeMap<Id, ClientName>, to: &mut Writer) {
+    to.varint(owners.len() as u64);
+    for (id, client) in owners {
+        id.encode(to);
+        to.sized(client.as_bytes());
+    }
+}
+
+fn decode_owners<Id: Wire + Ord>(
+    from: &mut Reader<'_>,
+) -> Result<BTreeMap<Id, ClientName>, Malformed> {
+    let mut owners = BTreeMap::new();
+    for _ in 0..from.varint()? {
+        let id = Id::decode(from)?;
+        owners.insert(id, decode_client(from)?);
+    }
+    Ok(owners)
+}
+
+/// A client's name, as its length and text.
+pub(crate) fn decode_client(from: &mut Reader<'_>) -> Result<ClientName, Malformed> {
+    let bytes = from.sized(from.rest().len())?;
+    let text = std::str::from_utf8(bytes).map_err(|_| Malformed::Text)?;
+    Ok(text.into())
+}
+
+fn owns<Id: Ord>(owners: &BTreeMap<Id, ClientName>, client: Option<&ClientName>, id: Id) -> bool {
+    client.is_some_and(|client| owners.get(&id) == Some(client))
+}

@@ -1,0 +1,269 @@
+//! The one place that decides which request a client may make.
+//!
+//! Roles decide what kind of request; ownership, which bodies, shapes and joints; quotas, how much. All else that may
+//! be wrong with a request is checked where it is carried out.
+
+use rhumb_protocol::message::{AuthorityError, Denial, Role};
+use rhumb_protocol::scene::{Command, CommandError, SceneConfig};
+use rhumb_reckoning::BodyId;
+
+use super::ownership::Ownership;
+use super::permit::Permit;
+
+/// A request to decide about.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Request<'a> {
+    Create(&'a SceneConfig),
+    Delete,
+    Join {
+        /// Members of the same client already.
+        members: usize,
+    },
+    Reserve,
+    Advance,
+    Command(&'a Command, &'a SceneConfig),
+    TakeAuthority(&'a [BodyId]),
+}
+
+/// Reason of a refused request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Refused {
+    NotAllowed,
+    OverQuota,
+}
+
+/// Decides whether a client may make a request.
+pub(crate) fn check(
+    permit: &Permit,
+    ownership: &Ownership,
+    request: Request<'_>,
+) -> Result<(), Refused> {
+    let has_role = permit.role >= role_for(request);
+    if !has_role || !owns_subjects(permit, ownership, request) {
+        return Err(Refused::NotAllowed);
+    }
+    if !is_within_quotas(permit, ownership, request) {
+        return Err(Refused::OverQuota);
+    }
+    Ok(())
+}
+
+/// The least role that a request needs. Commands that are not listed need the highest.
+const fn role_for(request: Request<'_>) -> Role {
+    match request {
+        Request::Join { .. } => Role::Observer,
+        Request::Reserve | Request::Advance | Request::TakeAuthority(_) => Role::Controller,
+        Request::Create(_) | Request::Delete => Role::Owner,
+        Request::Command(command, _) => match command {
+            Command::AddShape { .. }
+            | Command::RemoveShape { .. }
+            | Command::AddBody { .. }
+            | Command::RemoveBody { .. }
+            | Command::SetPose { .. }
+            | Command::SetVelocity { .. }
+            | Command::Force { .. }
+            | Command::Torque { .. }
+            | Command::Impulse { .. }
+            | Command::TorqueImpulse { .. }
+            | Command::AddJoint { .. }
+            | Command::RemoveJoint { .. } => Role::Controller,
+            _ => Role::Owner,
+        },
+    }
+}
+
+/// True if everything that a request would change belongs to the client, or the client is an owner of the scene.
+fn owns_subjects(permit: &Permit, ownership: &Ownership, request: Request<'_>) -> bool {
+    if permit.role == Role::Owner {
+        return true;
+    }
+    let client = permit.client.as_ref();
+    let owns = |id: BodyId| ownership.owns_body(client, id);
+    match request {
+        Request::TakeAuthority(bodies) => bodies.iter().all(|id| owns(*id)),
+        Request::Command(command, _) => match *command {
+            Command::RemoveBody { id }
+            | Command::SetPose { id, .. }
+            | Command::SetVelocity { id, .. }
+            | Command::Force { id, .. }
+            | Command::Torque { id, .. }
+            | Command::Impulse { id, .. }
+            | Command::TorqueImpulse { id, .. } => owns(id),
+            Command::AddJoint { ref joint, .. } => joint.bodies.into_iter().all(owns),
+            Command::RemoveShape { id } => ownership.owns_shape(client, id),
+            Command::RemoveJoint { id } => ownership.owns_joint(client, id),
+            _ => true,
+        },
+        _ => true,
+    }
+}
+
+fn is_within_quotas(permit: &Permit, ownership: &Ownership, request: Request<'_>) -> bool {
+    let quotas = &permit.quotas;
+    let fits = |quota: Option<u64>, asked: u64| quota.is_none_or(|most| asked <= most);
+    match request {
+        Request::Create(config) => fits(quotas.load, body_steps(config)),
+        Request::Join { members } => fits(quotas.members.map(u64::from), members as u64 + 1),
+        Request::Command(Command::AddBody { .. }, config) => {
+            let client = permit.client.as_ref();
+            let bodies = client.map_or(0, |client| ownership.bodies_of(client));
+            let bodies = u64::from(bodies) + 1;
+            fits(quotas.bodies.map(u64::from), bodies)
+                && fits(quotas.load, body_steps(config).saturating_mul(bodies))
+        }
+        _ => true,
+    }
+}
+
+/// Steps of one body in a second, substeps counted.
+pub(crate) fn body_steps(config: &SceneConfig) -> u64 {
+    let integrator = &config.integrator;
+    let ticks = u64::from(integrator.rate.ticks());
+    (ticks * u64::from(integrator.substeps.get())).div_ceil(u64::from(integrator.rate.seconds()))
+}
+
+impl From<Refused> for Denial {
+    fn from(refused: Refused) -> Self {
+        match refused {
+            Refused::NotAllowed => Self::NotAllowed,
+            Refused::OverQuota => Self::OverQuota,
+        }
+    }
+}
+
+impl From<Refused> for CommandError {
+    fn from(refused: Refused) -> Self {
+        match refused {
+            Refused::NotAllowed => Self::NotAllowed,
+            Refused::OverQuota => Self::OverQuota,
+        }
+    }
+}
+
+impl From<Refused> for AuthorityError {
+    fn from(_: Refused) -> Self {
+        Self::NotAllowed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::Vec3;
+    use rhumb_protocol::scene::{BodyDesc, Joint, JointFrame, JointId, JointKind, Shape, ShapeId};
+
+    use super::*;
+    use crate::access::permit::Quotas;
+
+    fn permit(client: &str, role: Role) -> Permit {
+        Permit {
+            client: Some(Arc::from(client)),
+            role,
+            quotas: Quotas::default(),
+        }
+    }
+
+    fn add_body(index: u32) -> Command {
+        let body = BodyDesc::dynamic(Shape::ball(0.5));
+        let id = BodyId::new(index, 0);
+        Command::AddBody {
+            desc: body.desc(id, ShapeId(0)),
+            motion: body.state().unwrap(),
+        }
+    }
+
+    fn push(index: u32) -> Command {
+        Command::Impulse {
+            id: BodyId::new(index, 0),
+            impulse: Vec3::X,
+        }
+    }
+
+    fn decide(permit: &Permit, ownership: &Ownership, command: &Command) -> Result<(), Refused> {
+        let config = SceneConfig::default();
+        check(permit, ownership, Request::Command(command, &config))
+    }
+
+    #[test]
+    fn a_role_includes_those_before_it() {
+        let scene = Ownership::default();
+        let config = SceneConfig::default();
+        let gravity = Command::SetGravity {
+            gravity: Vec3::ZERO,
+        };
+        let requests = [
+            (Request::Join { members: 0 }, Role::Observer),
+            (Request::Reserve, Role::Controller),
+            (Request::Advance, Role::Controller),
+            (Request::TakeAuthority(&[]), Role::Controller),
+            (Request::Create(&config), Role::Owner),
+            (Request::Delete, Role::Owner),
+            (Request::Command(&gravity, &config), Role::Owner),
+        ];
+        for (request, least) in requests {
+            for role in [Role::Observer, Role::Controller, Role::Owner] {
+                let allowed = check(&permit("anna", role), &scene, request).is_ok();
+                assert_eq!(allowed, role >= least, "{request:?} by {role:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_controller_commands_what_its_client_added() {
+        let mut scene = Ownership::default();
+        let (anna, bert) = (
+            permit("anna", Role::Controller),
+            permit("bert", Role::Controller),
+        );
+        let owner = permit("carl", Role::Owner);
+        for (of, index) in [(&anna, 1), (&bert, 2)] {
+            assert_eq!(decide(of, &scene, &add_body(index)), Ok(()));
+            scene.note(of, &add_body(index));
+        }
+        assert_eq!(decide(&anna, &scene, &push(1)), Ok(()));
+        assert_eq!(decide(&anna, &scene, &push(2)), Err(Refused::NotAllowed));
+        assert_eq!(decide(&owner, &scene, &push(2)), Ok(()));
+        assert_eq!(decide(&Permit::OPEN, &scene, &push(2)), Ok(()));
+        let both = [BodyId::new(1, 0), BodyId::new(2, 0)];
+        for bodies in [&both[1..], &both] {
+            let authority = check(&anna, &scene, Request::TakeAuthority(bodies));
+            assert_eq!(authority, Err(Refused::NotAllowed));
+        }
+        let joint = Command::AddJoint {
+            id: JointId(0),
+            joint: Joint {
+                kind: JointKind::Fixed,
+                bodies: both,
+                frames: [JointFrame::at(Vec3::ZERO); 2],
+                collide: false,
+            },
+        };
+        assert_eq!(decide(&anna, &scene, &joint), Err(Refused::NotAllowed));
+        scene.remove_body(both[0]);
+        assert_eq!(decide(&anna, &scene, &push(1)), Err(Refused::NotAllowed));
+    }
+
+    #[test]
+    fn quotas_count_the_bodies_of_the_client() {
+        let mut scene = Ownership::default();
+        let mut anna = permit("anna", Role::Controller);
+        anna.quotas.bodies = Some(2);
+        for index in 0..2 {
+            assert_eq!(decide(&anna, &scene, &add_body(index)), Ok(()));
+            scene.note(&anna, &add_body(index));
+        }
+        assert_eq!(decide(&anna, &scene, &add_body(2)), Err(Refused::OverQuota));
+        scene.remove_body(BodyId::new(0, 0));
+        assert_eq!(decide(&anna, &scene, &add_body(2)), Ok(()));
+        // One body at 60 ticks a second: the second body would exceed the load.
+        let steps = body_steps(&SceneConfig::default());
+        anna.quotas.load = Some(2 * steps - 1);
+        assert_eq!(decide(&anna, &scene, &add_body(2)), Err(Refused::OverQuota));
+        anna.quotas.members = Some(1);
+        for (members, allowed) in [(0, true), (1, false)] {
+            let join = check(&anna, &scene, Request::Join { members });
+            assert_eq!(join.is_ok(), allowed);
+        }
+    }
+}

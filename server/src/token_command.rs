@@ -1,0 +1,92 @@
+//! `rhumb-server token`: makes keys and tokens.
+
+use std::error::Error;
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use rhumb_protocol::message::Token;
+
+use crate::access::{Claims, DEFAULT_AUDIENCE, make_keys, role_of, sign};
+
+/// The token to make, or the key.
+#[derive(Debug, Args)]
+pub(crate) struct TokenArguments {
+    /// Makes a key pair instead: the secret key in this new file, the public key in the same name with `.pub`.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["key", "client", "scene", "role"])]
+    new_key: Option<PathBuf>,
+    /// File with the secret key that signs.
+    #[arg(long, value_name = "FILE", required_unless_present = "new_key")]
+    key: Option<PathBuf>,
+    /// Name of the client; it owns the bodies that it adds.
+    #[arg(long, required_unless_present = "new_key")]
+    client: Option<String>,
+    /// Name of a scene, or the beginning of names and a `*`; may be repeated.
+    #[arg(long, required_unless_present = "new_key", value_parser = pattern)]
+    scene: Vec<String>,
+    /// What it may do: observer, controller or owner.
+    #[arg(long, required_unless_present = "new_key", value_parser = role)]
+    role: Option<String>,
+    /// Hours until it expires.
+    #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=87_600))]
+    hours: u32,
+    /// The servers that it is for: their `--audience`.
+    #[arg(long, default_value = DEFAULT_AUDIENCE)]
+    audience: String,
+    /// Most bodies of the client in a scene.
+    #[arg(long)]
+    bodies: Option<u32>,
+    /// Most commands in a second.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    commands: Option<u32>,
+    /// Most ticks in a second, times substeps, times the client's bodies in a scene.
+    #[arg(long)]
+    load: Option<u64>,
+    /// Most members of the client in a scene.
+    #[arg(long)]
+    members: Option<u32>,
+}
+
+/// Prints a token, or the name of the public key's file.
+pub(crate) fn run(arguments: TokenArguments, now: i64) -> Result<(), Box<dyn Error>> {
+    let mut out = std::io::stdout().lock();
+    if let Some(path) = arguments.new_key {
+        let public = make_keys(&path)?;
+        let (secret, public) = (path.display(), public.display());
+        writeln!(out, "secret key {secret}\npublic key {public}")?;
+        return Ok(());
+    }
+    let key = arguments.key.unwrap_or_default();
+    let expires = now.saturating_add(i64::from(arguments.hours) * 3_600);
+    let claims = Claims {
+        aud: arguments.audience,
+        sub: arguments.client.unwrap_or_default(),
+        exp: Claims::moment(expires).ok_or("the token would expire too late")?,
+        nbf: None,
+        scenes: arguments.scene,
+        role: arguments.role.unwrap_or_default(),
+        bodies: arguments.bodies,
+        commands: arguments.commands,
+        load: arguments.load,
+        members: arguments.members,
+    };
+    let token = sign(&key, &claims)?;
+    // A client could not show a longer one.
+    let token: Token = token.parse()?;
+    writeln!(out, "{}", token.as_str())?;
+    Ok(())
+}
+
+fn pattern(text: &str) -> Result<String, &'static str> {
+    let known = Claims::is_pattern(text);
+    known
+        .then(|| text.to_owned())
+        .ok_or("a scene's name has letters, digits, - _ . /, and may end in *")
+}
+
+fn role(text: &str) -> Result<String, &'static str> {
+    let known = role_of(text).is_some();
+    known
+        .then(|| text.to_owned())
+        .ok_or("a role is observer, controller or owner")
+}

@@ -1,0 +1,234 @@
+//! Access by tokens, as an operator sets it up: keys, tokens, a server that asks for them, and clients.
+//!
+//! Each test makes its keys by the binary in a folder of its own.
+
+use std::fs;
+use std::path::PathBuf;
+
+use rhumb_client::scene::{BodyDesc, Command, CommandError, SceneConfig, Shape};
+use rhumb_client::{
+    BodyId, Client, ClientError, CloseCode, Denial, Ending, Event, JoinMode, JoinOptions,
+    OpenError, PipelineDepth, Trust,
+};
+use rhumb_tests::ServerProcess;
+
+use crate::SERVER;
+
+const ANYWHERE: &str = "127.0.0.1:0";
+
+/// A server that asks for tokens, and the key that signs them.
+struct Guarded {
+    server: ServerProcess,
+    folder: PathBuf,
+}
+
+impl Guarded {
+    fn start(name: &str) -> Self {
+        let folder = std::env::temp_dir().join(format!("rhumb-{name}-{}", std::process::id()));
+        fs::create_dir_all(&folder).expect("a folder for keys");
+        let guarded = make_key(&folder, "key");
+        let server = SERVER.serve_with(ANYWHERE, &["--token-key", &guarded]);
+        Self { server, folder }
+    }
+
+    /// A token of this server, with more arguments.
+    fn token(&self, client: &str, scene: &str, role: &str, more: &[&str]) -> String {
+        let key = self.folder.join("key").display().to_string();
+        token(&key, client, scene, role, more)
+    }
+
+    fn join(&self, token: Option<&str>, scene: &str) -> Result<Client, OpenError> {
+        self.join_with(token, scene, JoinOptions::default())
+    }
+
+    fn join_with(
+        &self,
+        token: Option<&str>,
+        scene: &str,
+        options: JoinOptions,
+    ) -> Result<Client, OpenError> {
+        let trust = Trust::Fingerprint(self.server.fingerprint);
+        let mut connection = Client::connect(&self.server.address.to_string(), trust)?;
+        if let Some(token) = token {
+            connection = connection.token(token);
+        }
+        connection.join_with(scene, options)
+    }
+}
+
+impl Drop for Guarded {
+    fn drop(&mut self) {
+        // What is left of it lies in a folder of temporary files.
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// Makes a key pair, and returns the public key's path.
+fn make_key(folder: &std::path::Path, name: &str) -> String {
+    let key = folder.join(name).display().to_string();
+    let made = SERVER.run(&["token", "--new-key", &key]);
+    assert_eq!(made.code, Some(0), "{}", made.log);
+    format!("{key}.pub")
+}
+
+fn token(key: &str, client: &str, scene: &str, role: &str, more: &[&str]) -> String {
+    let plain = [
+        "token", "--key", key, "--client", client, "--scene", scene, "--role", role,
+    ];
+    let made = SERVER.run(&[&plain, more].concat());
+    assert_eq!(made.code, Some(0), "{}", made.log);
+    made.out.trim().to_owned()
+}
+
+fn close_code(refused: Result<Client, OpenError>) -> CloseCode {
+    match refused {
+        Err(OpenError::Client(ClientError::Ended(Ending::Closed(code)))) => CloseCode(code),
+        Err(other) => panic!("another error: {other}"),
+        Ok(_) => panic!("the client was admitted"),
+    }
+}
+
+fn joins_only() -> JoinOptions {
+    JoinOptions {
+        mode: JoinMode::Join,
+        ..JoinOptions::default()
+    }
+}
+
+/// The answer to a command: `None` if it was applied.
+fn answer(client: &mut Client, command: Command) -> Option<CommandError> {
+    let asked = client.command(command).expect("the connection is open");
+    client.flush();
+    loop {
+        client.inspect().expect("the server answers");
+        while let Some((_, event)) = client.poll_event() {
+            match event {
+                Event::Refused { number, error } if number == asked => return Some(error),
+                Event::Applied { through, .. } if through >= asked => return None,
+                _ => {}
+            }
+        }
+    }
+}
+
+fn push(id: BodyId) -> Command {
+    Command::Impulse {
+        id,
+        impulse: glam::Vec3::X,
+    }
+}
+
+#[test]
+fn a_server_without_keys_starts_only_if_it_is_told_to_be_open() {
+    for (arguments, named) in [
+        (&["--listen", ANYWHERE][..], "--open"),
+        (&["--open", "--listen", "0.0.0.0:0"], "--open-to-network"),
+        (
+            &["--listen", ANYWHERE, "--token-key", "no/such.pub"],
+            "no/such.pub",
+        ),
+    ] {
+        let ended = SERVER.run(arguments);
+        assert_eq!(ended.code, Some(1), "{arguments:?}: {}", ended.log);
+        assert_eq!(ended.log.lines().count(), 1, "{}", ended.log);
+        assert!(ended.log.contains(named), "{}", ended.log);
+    }
+}
+
+#[test]
+fn a_client_needs_a_token_of_this_server_for_this_scene() {
+    let guarded = Guarded::start("scene");
+    let token_of = |scene| guarded.token("anna", scene, "owner", &[]);
+    let mut client = guarded.join(Some(&token_of("pit")), "pit").unwrap();
+    client.advance(PipelineDepth::LOCKSTEP).unwrap();
+    assert!(guarded.join(Some(&token_of("team/*")), "team/7").is_ok());
+    for (token, code) in [
+        (None, CloseCode::TOKEN_MISSING),
+        (Some("v4.public.AAAA".to_owned()), CloseCode::TOKEN_INVALID),
+        (Some(token_of("pitch")), CloseCode::TOKEN_SCENE),
+    ] {
+        let refused = guarded.join(token.as_deref(), "pit");
+        assert_eq!(close_code(refused), code);
+    }
+    // A key that the server does not have, and a token for another service of the same signer.
+    make_key(&guarded.folder, "other");
+    let key = |name: &str| guarded.folder.join(name).display().to_string();
+    for stolen in [
+        token(&key("other"), "anna", "pit", "owner", &[]),
+        token(&key("key"), "anna", "pit", "owner", &["--audience", "shop"]),
+    ] {
+        let refused = guarded.join(Some(&stolen), "pit");
+        assert_eq!(close_code(refused), CloseCode::TOKEN_INVALID);
+    }
+}
+
+#[test]
+fn a_stranger_deletes_no_scene_and_commands_no_body_of_others() {
+    let guarded = Guarded::start("rights");
+    let owner = guarded.token("olga", "pit", "owner", &[]);
+    let mut owner = guarded.join(Some(&owner), "pit").unwrap();
+    let watcher = guarded.token("walt", "*", "observer", &[]);
+    let anna = guarded.token("anna", "pit", "controller", &[]);
+    let bert = guarded.token("bert", "pit", "controller", &["--bodies", "1"]);
+    let mut watcher_client = guarded.join(Some(&watcher), "pit").unwrap();
+    let mut anna = guarded.join_with(Some(&anna), "pit", joins_only()).unwrap();
+    let mut bert = guarded.join_with(Some(&bert), "pit", joins_only()).unwrap();
+    let ball = || BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 5.0, 0.0);
+    let hers = anna.add_body(ball()).unwrap();
+    let his = bert.add_body(ball()).unwrap();
+    assert_eq!(answer(&mut anna, push(hers)), None);
+    assert_eq!(answer(&mut bert, push(his)), None);
+    let not_allowed = Some(CommandError::NotAllowed);
+    assert_eq!(answer(&mut bert, push(hers)), not_allowed);
+    assert_eq!(answer(&mut watcher_client, push(hers)), not_allowed);
+    let gravity = Command::SetGravity {
+        gravity: glam::Vec3::ZERO,
+    };
+    assert_eq!(answer(&mut anna, gravity.clone()), not_allowed);
+    assert_eq!(answer(&mut owner, gravity), None);
+    assert_eq!(answer(&mut owner, push(hers)), None);
+    // The token allows one body.
+    let second = bert.new_ids(1).unwrap()[0];
+    let shape = bert
+        .replica()
+        .and_then(|replica| replica.body(his))
+        .unwrap()
+        .shape;
+    let add = Command::AddBody {
+        desc: ball().desc(second, shape),
+        motion: ball().state().unwrap(),
+    };
+    assert_eq!(answer(&mut bert, add), Some(CommandError::OverQuota));
+    for denied in [anna.delete(), watcher_client.delete()] {
+        assert!(matches!(
+            denied,
+            Err(ClientError::Denied(Denial::NotAllowed))
+        ));
+    }
+    let advanced = watcher_client_advances(&guarded, &watcher);
+    assert!(matches!(
+        advanced,
+        Err(ClientError::Denied(Denial::AdvanceNotAllowed))
+    ));
+    owner.delete().expect("an owner deletes the scene");
+    // A scene that does not exist is created by owners only.
+    let options = JoinOptions {
+        mode: JoinMode::Create(SceneConfig::default()),
+        ..JoinOptions::default()
+    };
+    let created = guarded.join_with(Some(&watcher), "new", options);
+    assert!(matches!(
+        created,
+        Err(OpenError::Denied {
+            denial: Denial::NotAllowed,
+            ..
+        })
+    ));
+}
+
+fn watcher_client_advances(guarded: &Guarded, token: &str) -> Result<(), ClientError> {
+    let mut client = guarded
+        .join_with(Some(token), "pit", joins_only())
+        .expect("an observer joins");
+    client.advance(PipelineDepth::LOCKSTEP).map(|_| ())
+}
