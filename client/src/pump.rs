@@ -144,7 +144,10 @@ impl Pump {
     fn await_connection(&mut self, deadline: Instant) -> bool {
         let now = self.clock.now();
         let wait = Duration::from_nanos(deadline.since(now).as_nanos());
-        let progress = self.reconnector.as_ref().map(|attempts| attempts.wait(wait));
+        let progress = self
+            .reconnector
+            .as_ref()
+            .map(|attempts| attempts.wait(wait));
         match progress {
             Some(Progress::Connected(connection)) => {
                 self.connection = connection;

@@ -10,6 +10,7 @@ use rhumb_protocol::{Instant, Span};
 
 use crate::access::Permit;
 use crate::durable::SessionNumber;
+use crate::query_budget::QueryBudget;
 use crate::tier_controller::TierController;
 
 /// A client that is a member.
@@ -38,6 +39,11 @@ pub(crate) struct Member {
     pub(crate) session: Option<SessionNumber>,
     /// Whether commands are numbered that the log has not got yet.
     undurable: bool,
+    /// Messages of queries of this membership that were answered.
+    queries: u64,
+    pub(crate) query_budget: QueryBudget,
+    /// Events of bodies that it was not sent because it reads too slowly.
+    pub(crate) missed_events: u64,
 }
 
 /// Bytes of scene events that a member may cause at once while others are behind.
@@ -79,6 +85,9 @@ impl Member {
             added_at: Instant::ZERO,
             session,
             undurable: false,
+            queries: 0,
+            query_budget: QueryBudget::new(),
+            missed_events: 0,
         }
     }
 
@@ -120,6 +129,13 @@ impl Member {
     /// Its commands so far, if there are more than at the last call.
     pub(crate) fn take_undurable(&mut self) -> Option<u64> {
         std::mem::take(&mut self.undurable).then_some(self.commands)
+    }
+
+    /// The number of the message of queries that is answered now.
+    pub(crate) const fn number_query(&mut self) -> u64 {
+        let number = self.queries;
+        self.queries += 1;
+        number
     }
 
     /// The present stream.

@@ -9,33 +9,35 @@ mod durability;
 mod flow;
 #[cfg(feature = "app")]
 mod owner;
+mod provision;
+mod queries;
 mod session;
 mod subscriptions;
 mod weight;
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::Arc;
 
 use bytes::Bytes;
-use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, MEMBERS_PER_SCENE_MAX};
+use rhumb_protocol::limits::ADVANCE_TICKS_MAX;
 use rhumb_protocol::message::{
-    ClientMessage, Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage,
-    SessionRequest, StreamChoice,
+    ClientMessage, Denial, Extensions, Joined, RemovalCause, SceneEvent, ServerMessage,
+    StreamChoice,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
-use rhumb_protocol::scene::{Command, CommandError, SceneConfig, ShapeId, Stepping};
-use rhumb_protocol::stream::{Activity, Observation, StreamStart};
+use rhumb_protocol::scene::{BodyDesc, Command, CommandError, SceneConfig, ShapeId, Stepping};
+use rhumb_protocol::stream::{Activity, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
-use rhumb_reckoning::Tick;
+use rhumb_reckoning::{BodyState, Tick};
 
 use self::durability::Durability;
+pub(crate) use self::provision::Provision;
 pub(crate) use self::session::Departure;
 use self::weight::weight;
-use crate::access::rights::{self, Request};
-use crate::access::{Ownership, Permit};
+use crate::access::Ownership;
+use crate::access::rights::Request;
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
-use crate::durable::Record;
+use crate::engine::Workers;
 use crate::grants::Grants;
 use crate::hook::Hook;
 use crate::member::{Member, SnapshotRequest};
@@ -72,8 +74,11 @@ pub(crate) struct SceneRunner {
     last_step: Instant,
     times: Times,
     faulted: bool,
+    /// True if the last step of the free-running scene was more than a step late.
+    late: bool,
     /// True if a client of another protocol owns the scene: only that client steps and ends it.
     owned: bool,
+    provision: Provision,
     /// The largest packet of its later streams.
     largest_packet: LargestPacket,
     sessions: Sessions,
@@ -86,7 +91,7 @@ const CATCH_UP_STEPS: u64 = 5;
 
 impl SceneRunner {
     /// `names`: names of its streams.
-    pub(crate) fn new(scene: Scene, names: StreamNames) -> Self {
+    pub(crate) fn new(scene: Scene, names: StreamNames, provision: Provision) -> Self {
         let target = scene.tick();
         let streams = Streams::new(scene.config().publish_schedule);
         Self {
@@ -107,7 +112,9 @@ impl SceneRunner {
             last_step: Instant::ZERO,
             times: Times::default(),
             faulted: false,
+            late: false,
             owned: false,
+            provision,
             largest_packet: LargestPacket::DEFAULT,
             sessions: Sessions::default(),
             durability: None,
@@ -117,6 +124,11 @@ impl SceneRunner {
     /// Has a hook act before each step from now on.
     pub(crate) fn attach(&mut self, hook: Hook) {
         self.hook = Some(hook);
+    }
+
+    /// Has the streams published on these threads from now on.
+    pub(crate) fn employ(&mut self, workers: Workers) {
+        self.streams.employ(workers);
     }
 
     /// Bounds the packets of the streams that begin from now on.
@@ -151,54 +163,6 @@ impl SceneRunner {
             Stepping::Lockstep => (self.scene.tick() < self.target).then_some(Instant::ZERO),
             Stepping::FreeRunning => self.next_step,
         }
-    }
-
-    /// Makes a client a member; it gets the whole scene, then the stream.
-    pub(crate) fn join(
-        &mut self,
-        now: Instant,
-        peer: Peer,
-        permit: Arc<Permit>,
-        (choice, request): (StreamChoice, Option<SessionRequest>),
-        out: &mut Outbox,
-    ) -> Result<(), Denial> {
-        if self.faulted {
-            return Err(Denial::SceneFaulted);
-        }
-        let of_client = |member: &&Member| member.permit.client == permit.client;
-        let members = self.members.values().filter(of_client).count();
-        rights::check(&permit, &self.ownership, Request::Join { members })?;
-        if self.members.len() >= MEMBERS_PER_SCENE_MAX {
-            return Err(Denial::TooManyMembers);
-        }
-        let stream = match self.streams.subscribe(choice)? {
-            Some(stream) => stream,
-            None => self.begin_stream(choice),
-        };
-        let before = self.sessions.next_number();
-        let session = match self.begin_session(now, peer, request, out) {
-            Ok(session) => session,
-            Err(denial) => {
-                self.streams.unsubscribe(stream, peer);
-                return Err(denial);
-            }
-        };
-        self.send_scene_events(out);
-        let commands = session.and_then(|number| self.sessions.get(number));
-        let commands = commands.map_or(0, |session| session.commands);
-        let member = Member::new(permit, (stream, choice), session, commands);
-        self.members.insert(peer, member);
-        let resumed = session.is_some_and(|number| number < before);
-        self.announce_session(peer, resumed, out);
-        self.send_snapshot(peer, out);
-        if let Some(request) = request {
-            self.repeat_answers(peer, request.answered, out);
-        }
-        if self.next_step.is_none() {
-            self.last_step = now;
-            self.next_step = Some(now + self.step());
-        }
-        Ok(())
     }
 
     /// A name for a new stream.
@@ -273,35 +237,6 @@ impl SceneRunner {
         self.streams.get(member.stream())
     }
 
-    /// Ends a membership. The client's bodies stay; its input behind a pending advance is dropped.
-    pub(crate) fn leave(&mut self, now: Instant, peer: Peer, departure: Departure) {
-        self.waiting.retain(|(sender, _)| *sender != peer);
-        self.authority_table.end(peer);
-        if let Some(member) = self.members.remove(&peer) {
-            for stream in member.streams() {
-                self.streams.unsubscribe(stream, peer);
-            }
-            self.end_session(now, peer, member.session, departure);
-        }
-        if self.members.is_empty() {
-            self.next_step = None;
-        }
-    }
-
-    pub(crate) fn reserve(&mut self, peer: Peer, count: u32, out: &mut Outbox) {
-        let allowed = self.check(peer, Request::Reserve).map_err(Denial::from);
-        let answer = match allowed.and_then(|()| self.grant(peer, count)) {
-            Ok(range) => {
-                if let Some(number) = self.members.get(&peer).and_then(|member| member.session) {
-                    self.note_session(&Record::Granted(number, range));
-                }
-                ServerMessage::Reserved(range)
-            }
-            Err(denial) => ServerMessage::Denied(denial),
-        };
-        out.send(peer, &answer);
-    }
-
     /// A member's message shows that it has the scene.
     fn note_activity(&mut self, peer: Peer) {
         if let Some(member) = self.members.get_mut(&peer) {
@@ -373,6 +308,9 @@ impl SceneRunner {
             Ok(ClientMessage::Upstream(packet)) => {
                 return self.handle_upstream_message(peer, &packet, out);
             }
+            Ok(ClientMessage::Query(queries)) => {
+                return self.answer_queries(peer, &queries, out);
+            }
             // Other messages do not depend on their place among the commands.
             Ok(_) => return,
         };
@@ -381,6 +319,7 @@ impl SceneRunner {
         let unsent = self.unsent.len();
         let refused = command.and_then(|command| self.apply_of_member(peer, &command));
         let refused = refused.err();
+        self.provision.meter.count_command(refused.is_some());
         self.note_command(session, refused);
         if let Some(error) = refused {
             out.send(peer, &ServerMessage::Refused { number, error });
@@ -412,7 +351,7 @@ impl SceneRunner {
             return Err(CommandError::NotGranted(desc.id));
         }
         self.check_not_under_authority(command)?;
-        self.scene.apply(command)?;
+        self.apply_within_load(command)?;
         let tick = self.scene.tick();
         match *command {
             Command::AddShape { id, ref shape } => {
@@ -426,27 +365,20 @@ impl SceneRunner {
                 self.shape_events.remove(&id);
                 self.record_event(SceneEvent::ShapeRemoved { id });
             }
-            Command::AddBody { desc, motion } => {
-                let observation = Observation {
-                    id: desc.id,
-                    motion,
-                    activity: Activity::Awake,
-                };
-                let tumbles = self.scene.inertia(desc.id).is_some();
-                let track = body_placement::first_track(tick, &observation, desc.kind, tumbles);
-                if let Some(parameters) = body_placement::parameters(&self.scene, desc.id) {
-                    self.streams.place(desc.id, &parameters, track, motion);
+            Command::AddBody { desc, motion } => self.place(desc, motion, Activity::Awake),
+            Command::ChangeBody { desc } => {
+                if let Some(there) = self.scene.observation_at_tick(desc.id) {
+                    self.place(desc, there.motion, there.activity);
                 }
-                self.record_event(body_placement::scene_event(&self.scene, desc, track, None));
             }
             Command::RemoveBody { id } => {
                 self.streams.remove(id);
                 self.authority_table.remove(id);
-                self.ownership.remove_body(id);
+                self.forget_body(id);
                 let cause = RemovalCause::Command;
                 self.record_event(SceneEvent::BodyRemoved { id, cause });
             }
-            Command::AddJoint { id, joint } => {
+            Command::AddJoint { id, joint } | Command::ChangeJoint { id, joint } => {
                 self.record_event(SceneEvent::JointAdded { id, joint });
             }
             Command::RemoveJoint { id } => self.record_event(SceneEvent::JointRemoved { id }),
@@ -460,6 +392,16 @@ impl SceneRunner {
             _ => {}
         }
         Ok(())
+    }
+
+    /// Places a new or changed body in every stream: both ends predict it by its description from the newest tick on.
+    fn place(&mut self, desc: BodyDesc, motion: BodyState, activity: Activity) {
+        let (tick, tumbles) = (self.scene.tick(), self.scene.inertia(desc.id).is_some());
+        let track = body_placement::first_track(tick, (motion, activity), &desc, tumbles);
+        if let Some(parameters) = body_placement::parameters(&self.scene, desc.id) {
+            self.streams.place(desc.id, &parameters, track, motion);
+        }
+        self.record_event(body_placement::scene_event(&self.scene, desc, track, None));
     }
 
     fn record_event(&mut self, scene_event: SceneEvent) {
@@ -510,8 +452,12 @@ impl SceneRunner {
         if let Some(due) = self.next_step {
             let step = self.step();
             let late_by = now.since(due).as_nanos();
+            self.late = late_by > step.as_nanos();
             let kept = late_by <= step.as_nanos() * CATCH_UP_STEPS;
             self.next_step = Some(if kept { due + step } else { now + step });
+            if !kept {
+                self.provision.meter.count_slowed();
+            }
         }
         self.last_step = now;
         self.tick(clock, out);
@@ -545,8 +491,12 @@ impl SceneRunner {
         for (id, cause) in stepped.removed {
             self.streams.remove(id);
             self.authority_table.remove(id);
-            self.ownership.remove_body(id);
+            self.forget_body(id);
             self.record_event(SceneEvent::BodyRemoved { id, cause });
+        }
+        for id in stepped.broken {
+            self.ownership.remove_joint(id);
+            self.record_event(SceneEvent::JointRemoved { id });
         }
         self.streams
             .observe(self.scene.tick(), self.scene.observations());
@@ -554,6 +504,7 @@ impl SceneRunner {
         self.streams.publish(self.scene_events);
         self.commit();
         self.send_scene_events(out);
+        self.send_step_events(stepped.happened, out);
         for (peer, member) in &self.members {
             for stream in member.streams() {
                 for packet in self.streams.packets(stream, *peer) {
@@ -561,7 +512,7 @@ impl SceneRunner {
                 }
             }
         }
-        self.times.add(Marks {
+        self.note_times(Marks {
             begun,
             stepped: after_step,
             observed,
@@ -590,27 +541,6 @@ impl SceneRunner {
             since_tick_ns: now.since(self.last_step).as_nanos(),
         };
         out.send(peer, &pong);
-    }
-
-    pub(crate) fn inspect(&mut self, peer: Peer, out: &mut Outbox) {
-        let times = self.times.summary();
-        let Some(stream) = self.stream_of(peer) else {
-            return;
-        };
-        let sent = stream.sender.statistics();
-        let inspection = Inspection {
-            tick: self.scene.tick(),
-            truth: self.scene.digest().value(),
-            bodies: self.scene.body_count() as u32,
-            awake: self.scene.awake_count() as u32,
-            updates: sent.updates,
-            packets: sent.packets,
-            packet_bytes: sent.bytes,
-            mismatches: stream.sender.mismatches(),
-            over_budget: sent.over_budget,
-            times,
-        };
-        out.send(peer, &ServerMessage::Inspection(inspection));
     }
 
     /// Informs the members that the scene has ended.

@@ -96,7 +96,8 @@ impl Sessions {
         }
         absent.sort_unstable();
         let too_many = absent.len().saturating_sub(ABSENT_MAX);
-        let is_over = |place: usize, since: Instant| place < too_many || now.since(since) >= ABSENT_FOR;
+        let is_over =
+            |place: usize, since: Instant| place < too_many || now.since(since) >= ABSENT_FOR;
         let numbered = absent.into_iter().enumerate();
         numbered
             .filter_map(|(place, (since, number))| is_over(place, since).then_some(number))
@@ -105,7 +106,9 @@ impl Sessions {
 
     /// All sessions with their numbers.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (SessionNumber, &Session)> {
-        self.sessions.iter().map(|(number, session)| (*number, session))
+        self.sessions
+            .iter()
+            .map(|(number, session)| (*number, session))
     }
 
     /// Does what a record says. Records that concern the scene alone change nothing here.
@@ -150,10 +153,7 @@ impl Session {
     }
 
     /// The kept refusals of commands from a number on.
-    pub(crate) fn refusals_from(
-        &self,
-        number: u64,
-    ) -> impl Iterator<Item = (u64, CommandError)> {
+    pub(crate) fn refusals_from(&self, number: u64) -> impl Iterator<Item = (u64, CommandError)> {
         let refusals = self.refusals.iter().copied();
         refusals.filter(move |(refused, _)| *refused >= number)
     }

@@ -10,8 +10,10 @@ use super::denial::Denial;
 use super::extensions::Extensions;
 use super::frame::{Framed, frame};
 use super::inspection::Inspection;
+use super::query_result::QueryResult;
 use super::scene_event::SceneEvent;
 use super::session_key::SessionState;
+use super::tick_events::TickEvents;
 use super::tier_policy::TierChangeCause;
 use crate::packet::{LargestPacket, StreamId};
 use crate::scene::{CommandError, IdRange, SceneConfig};
@@ -104,6 +106,10 @@ pub enum ServerMessage {
         /// The reason.
         cause: TierChangeCause,
     },
+    /// The answer to `Query`.
+    QueryResult(QueryResult),
+    /// The events of bodies in one tick.
+    TickEvents(TickEvents),
     /// Where the session of this join goes on; sent before `Joined`.
     Session(SessionState),
     /// The scene up to this tick, and so many commands of the session, survive the server's crash.
@@ -133,6 +139,8 @@ mod kind {
     pub(super) const AUTHORITY_GRANT: u8 = 14;
     pub(super) const AUTHORITY_DENIED: u8 = 15;
     pub(super) const TIER_CHANGED: u8 = 16;
+    pub(super) const QUERY_RESULT: u8 = 17;
+    pub(super) const TICK_EVENTS: u8 = 18;
     pub(super) const SESSION: u8 = 32;
     pub(super) const DURABLE: u8 = 33;
 }
@@ -212,26 +220,14 @@ impl ServerMessage {
     pub fn encode(&self, to: &mut Vec<u8>) {
         let mut body = Writer::new();
         let kind = match self {
-            Self::Welcome(welcome) => {
-                welcome.encode(&mut body);
-                kind::WELCOME
-            }
+            Self::Welcome(welcome) => put(welcome, kind::WELCOME, &mut body),
             Self::Created => kind::CREATED,
-            Self::Joined(joined) => {
-                joined.encode(&mut body);
-                kind::JOINED
-            }
+            Self::Joined(joined) => put(joined, kind::JOINED, &mut body),
             Self::SnapshotEnd => kind::SNAPSHOT_END,
             Self::Left => kind::LEFT,
             Self::Deleted => kind::DELETED,
-            Self::Reserved(range) => {
-                range.encode(&mut body);
-                kind::RESERVED
-            }
-            Self::Denied(denial) => {
-                denial.encode(&mut body);
-                kind::DENIED
-            }
+            Self::Reserved(range) => put(range, kind::RESERVED, &mut body),
+            Self::Denied(denial) => put(denial, kind::DENIED, &mut body),
             Self::Applied { through, tick } => {
                 body.varint(*through);
                 body.varint(tick.value());
@@ -242,10 +238,7 @@ impl ServerMessage {
                 error.encode(&mut body);
                 kind::REFUSED
             }
-            Self::SceneEvent(scene_event) => {
-                scene_event.encode(&mut body);
-                kind::SCENE_EVENT
-            }
+            Self::SceneEvent(scene_event) => put(scene_event, kind::SCENE_EVENT, &mut body),
             Self::Pong {
                 sent,
                 tick,
@@ -256,27 +249,17 @@ impl ServerMessage {
                 body.varint(*since_tick_ns);
                 kind::PONG
             }
-            Self::Inspection(inspection) => {
-                inspection.encode(&mut body);
-                kind::INSPECTION
-            }
-            Self::AuthorityGrant(grant) => {
-                grant.encode(&mut body);
-                kind::AUTHORITY_GRANT
-            }
-            Self::AuthorityDenied(error) => {
-                error.encode(&mut body);
-                kind::AUTHORITY_DENIED
-            }
+            Self::Inspection(inspection) => put(inspection, kind::INSPECTION, &mut body),
+            Self::AuthorityGrant(grant) => put(grant, kind::AUTHORITY_GRANT, &mut body),
+            Self::AuthorityDenied(error) => put(error, kind::AUTHORITY_DENIED, &mut body),
             Self::TierChanged { to: choice, cause } => {
                 choice.encode(&mut body);
                 cause.encode(&mut body);
                 kind::TIER_CHANGED
             }
-            Self::Session(state) => {
-                state.encode(&mut body);
-                kind::SESSION
-            }
+            Self::QueryResult(result) => put(result, kind::QUERY_RESULT, &mut body),
+            Self::TickEvents(events) => put(events, kind::TICK_EVENTS, &mut body),
+            Self::Session(state) => put(state, kind::SESSION, &mut body),
             Self::Durable { commands, tick } => {
                 body.varint(*commands);
                 body.varint(tick.value());
@@ -323,6 +306,8 @@ impl ServerMessage {
                 to: StreamChoice::decode(&mut from)?,
                 cause: TierChangeCause::decode(&mut from)?,
             },
+            kind::QUERY_RESULT => Self::QueryResult(QueryResult::decode(&mut from)?),
+            kind::TICK_EVENTS => Self::TickEvents(TickEvents::decode(&mut from)?),
             kind::SESSION => Self::Session(SessionState::decode(&mut from)?),
             kind::DURABLE => Self::Durable {
                 commands: from.count()?,
@@ -334,4 +319,10 @@ impl ServerMessage {
         from.finish()?;
         Ok(Some(message))
     }
+}
+
+/// Appends the only field of a message; returns the message's type.
+fn put(field: &impl Wire, kind: u8, to: &mut Writer) -> u8 {
+    field.encode(to);
+    kind
 }

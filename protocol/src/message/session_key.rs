@@ -48,24 +48,20 @@ impl Wire for SessionKey {
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let bytes = from.raw(16)?;
-        bytes
-            .try_into()
-            .map(Self)
-            .map_err(|_| Malformed::Truncated)
+        bytes.try_into().map(Self).map_err(|_| Malformed::Truncated)
     }
 }
 
 impl Wire for SessionRequest {
     fn encode(&self, to: &mut Writer) {
-        self.key.encode(to);
         to.varint(self.answered);
+        self.key.encode(to);
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
-        Ok(Self {
-            key: SessionKey::decode(from)?,
-            answered: from.count()?,
-        })
+        let answered = from.count()?;
+        let key = SessionKey::decode(from)?;
+        Ok(Self { key, answered })
     }
 }
 

@@ -3,6 +3,7 @@
 //! Does not wait and does not display. Call order: feed `handle_*`, then drain `poll_event` and `poll_transmit`, then
 //! ask `poll_timeout`. After an `Ended` event nothing more happens.
 
+mod body_events;
 mod clock;
 mod greeting;
 mod recovery;
@@ -19,6 +20,7 @@ use alloc::vec::Vec;
 use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
+use self::body_events::HeldEvents;
 use self::response_times::ResponseTimes;
 use self::resumption::Resumption;
 use self::stream_selection::StreamSelection;
@@ -36,7 +38,7 @@ use crate::message::{
     Token,
 };
 use crate::packet::Datagram;
-use crate::scene::{Command, IdRange, SceneConfig, SceneName};
+use crate::scene::{Command, IdRange, Query, SceneConfig, SceneName};
 use crate::stream::{RetryTimer, StreamReceiver};
 use crate::time::{Instant, Span};
 use upstream_state::UpstreamState;
@@ -66,6 +68,8 @@ pub struct ClientSession {
     upstream_state: UpstreamState,
     commands: u64,
     resumption: Resumption,
+    queries: u64,
+    held_events: HeldEvents,
     awaited: Tick,
     response_times: ResponseTimes,
     resyncing: bool,
@@ -94,6 +98,8 @@ impl ClientSession {
             upstream_state: UpstreamState::new(),
             commands: 0,
             resumption: Resumption::default(),
+            queries: 0,
+            held_events: HeldEvents::new(),
             awaited: Tick::ZERO,
             response_times: ResponseTimes::new(),
             resyncing: false,
@@ -109,29 +115,6 @@ impl ClientSession {
     /// Has the `Hello` carry a token.
     pub fn set_token(&mut self, token: Token) {
         self.token = Some(token);
-    }
-
-    /// Creates the scene; answered by `Created` or `Denied`.
-    ///
-    /// # Errors
-    ///
-    /// [`Misuse`] before the welcome, as a member, or for a config that is invalid.
-    pub fn create(&mut self, config: SceneConfig) -> Result<(), Misuse> {
-        self.must_be(ClientState::Lobby)?;
-        config.check().map_err(Misuse::Invalid)?;
-        self.send(&ClientMessage::Create(config));
-        Ok(())
-    }
-
-    /// Requests membership; answered by `Joined` or `Denied`.
-    ///
-    /// # Errors
-    ///
-    /// [`Misuse::NotNow`] before the welcome or as a member.
-    pub fn join(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
-        self.must_be(ClientState::Lobby)?;
-        self.send(&ClientMessage::Join(choice));
-        Ok(())
     }
 
     /// Ends the membership; answered by `Left`.
@@ -186,6 +169,22 @@ impl ClientSession {
         }
         self.commands += 1;
         Ok(self.commands - 1)
+    }
+
+    /// Asks where bodies are; returns the number that the answer, a `QueryResult`, will name.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::leave`], [`Misuse::Invalid`] for a number out of range, and [`Misuse::Queries`] for no query or too
+    /// many; nothing is sent then.
+    pub fn query(&mut self, queries: Vec<Query>) -> Result<u64, Misuse> {
+        Query::total_cost(&queries).ok_or(Misuse::Queries)?;
+        for query in &queries {
+            query.check().map_err(Misuse::Invalid)?;
+        }
+        self.as_member(&ClientMessage::Query(queries))?;
+        self.queries += 1;
+        Ok(self.queries - 1)
     }
 
     /// Lets the scene step to a tick. The stream answers with a watermark at that tick or later.
@@ -286,6 +285,10 @@ impl ClientSession {
 
     /// The next event for the application, oldest first.
     pub fn poll_event(&mut self) -> Option<Event> {
+        if let Some(replica) = self.replica_switch.shown() {
+            self.held_events
+                .release(replica.stream().complete(), &mut self.events);
+        }
         self.events.pop_front()
     }
 
@@ -365,6 +368,10 @@ impl ClientSession {
                 self.resumption.finish(commands, tick);
                 self.events.push_back(Event::Durable { commands, tick });
             }
+            ServerMessage::QueryResult(result) => {
+                self.events.push_back(Event::QueryResult(result));
+            }
+            ServerMessage::TickEvents(events) => self.held_events.push(events),
         }
         Ok(())
     }
@@ -390,6 +397,7 @@ impl ClientSession {
         self.replica_switch.end_snapshot()?;
         if self.state != ClientState::Member {
             self.state = ClientState::Member;
+            self.queries = 0;
             self.send(&ClientMessage::Ping { sent: now });
             self.pings.begin(now);
             if !self.resume() {
@@ -438,6 +446,7 @@ impl ClientSession {
         self.resumption = Resumption::default();
         self.replica_switch = ReplicaSwitch::new();
         self.upstream_state = UpstreamState::new();
+        self.held_events = HeldEvents::new();
         self.stream_selection = StreamSelection::new();
         self.resyncing = false;
         self.awaited = Tick::ZERO;

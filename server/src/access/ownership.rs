@@ -3,9 +3,9 @@
 //! A client owns the bodies, shapes and joints that it added, for as long as they exist, connected or not. What was
 //! added without a token belongs to no client.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use rhumb_protocol::scene::{Command, JointId, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, Command, JointId, ShapeId};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
@@ -19,6 +19,8 @@ pub(crate) struct Ownership {
     shapes: BTreeMap<ShapeId, ClientName>,
     joints: BTreeMap<JointId, ClientName>,
     counts: BTreeMap<ClientName, u32>,
+    /// Bits of the dampings that each client's bodies ever had: a scene keeps a table for each.
+    dampings: BTreeMap<ClientName, BTreeSet<[u32; 2]>>,
 }
 
 impl Ownership {
@@ -28,6 +30,10 @@ impl Ownership {
             (Command::AddBody { desc, .. }, Some(client)) => {
                 self.bodies.insert(desc.id, client.clone());
                 *self.counts.entry(client.clone()).or_default() += 1;
+                if let Some(damping) = damping_of(desc) {
+                    let dampings = self.dampings.entry(client.clone()).or_default();
+                    dampings.insert(damping);
+                }
             }
             (Command::AddShape { id, .. }, Some(client)) => {
                 self.shapes.insert(*id, client.clone());
@@ -38,9 +44,7 @@ impl Ownership {
             (Command::RemoveShape { id }, _) => {
                 self.shapes.remove(id);
             }
-            (Command::RemoveJoint { id }, _) => {
-                self.joints.remove(id);
-            }
+            (Command::RemoveJoint { id }, _) => self.remove_joint(*id),
             _ => {}
         }
     }
@@ -66,9 +70,23 @@ impl Ownership {
         }
     }
 
+    /// Forgets a joint that has left the scene.
+    pub(crate) fn remove_joint(&mut self, id: JointId) {
+        self.joints.remove(&id);
+    }
+
     /// Bodies of a client.
     pub(super) fn bodies_of(&self, client: &ClientName) -> u32 {
         self.counts.get(client).copied().unwrap_or(0)
+    }
+
+    /// Number of a client's dampings if it adds a body.
+    pub(super) fn dampings_with(&self, client: &ClientName, desc: &BodyDesc) -> usize {
+        let dampings = self.dampings.get(client);
+        let known = dampings.map_or(0, BTreeSet::len);
+        let is_new = damping_of(desc)
+            .is_some_and(|damping| !dampings.is_some_and(|known| known.contains(&damping)));
+        known + usize::from(is_new)
     }
 
     pub(super) fn owns_body(&self, client: Option<&ClientName>, id: BodyId) -> bool {
@@ -84,11 +102,24 @@ impl Ownership {
     }
 }
 
+/// The bits of a body's own damping.
+fn damping_of(desc: &BodyDesc) -> Option<[u32; 2]> {
+    let damping = desc.damping?;
+    Some([damping.linear.to_bits(), damping.angular.to_bits()])
+}
+
 impl Wire for Ownership {
     fn encode(&self, to: &mut Writer) {
         encode_owners(&self.bodies, to);
         encode_owners(&self.shapes, to);
         encode_owners(&self.joints, to);
+        to.varint(self.dampings.len() as u64);
+        for (client, dampings) in &self.dampings {
+            to.sized(client.as_bytes());
+            to.varint(dampings.len() as u64);
+            let bits = dampings.iter().flatten();
+            bits.for_each(|bits| to.raw(&bits.to_le_bytes()));
+        }
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
@@ -96,13 +127,25 @@ impl Wire for Ownership {
             bodies: decode_owners(from)?,
             shapes: decode_owners(from)?,
             joints: decode_owners(from)?,
-            counts: BTreeMap::new(),
+            ..Self::default()
         };
         for client in ownership.bodies.values() {
             *ownership.counts.entry(client.clone()).or_default() += 1;
         }
+        for _ in 0..from.varint()? {
+            let dampings = ownership.dampings.entry(decode_client(from)?).or_default();
+            for _ in 0..from.varint()? {
+                dampings.insert([decode_bits(from)?, decode_bits(from)?]);
+            }
+        }
         Ok(ownership)
     }
+}
+
+fn decode_bits(from: &mut Reader<'_>) -> Result<u32, Malformed> {
+    let bytes = from.raw(4)?;
+    let bytes = bytes.try_into().map_err(|_| Malformed::Truncated)?;
+    Ok(u32::from_le_bytes(bytes))
 }
 
 fn encode_owners<Id: Wire>(owners: &BTreeMap<Id, ClientName>, to: &mut Writer) {

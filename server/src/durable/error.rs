@@ -118,9 +118,7 @@ impl fmt::Display for Damage {
                  another version of the program may have written it",
                 at.value()
             ),
-            Self::NotAuthentic => {
-                f.write_str("damaged, or not written with this directory's key")
-            }
+            Self::NotAuthentic => f.write_str("damaged, or not written with this directory's key"),
             Self::Version { found } => write!(f, "written by another version, {found}"),
         }
     }

@@ -74,7 +74,11 @@ fn report(restored: &Restored, out: &mut dyn Write) -> Result<(), Box<dyn Error>
     }
     if let Some((path, bytes)) = &found.torn {
         let path = path.display();
-        writeln!(out, "{}: {path} ends with {bytes} bytes that were never durable", restored.name)?;
+        writeln!(
+            out,
+            "{}: {path} ends with {bytes} bytes that were never durable",
+            restored.name
+        )?;
     }
     Ok(())
 }

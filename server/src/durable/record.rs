@@ -3,8 +3,8 @@
 //! One record follows another without gaps; a frame of the log holds whole records. Reading never panics. Sessions are
 //! named by their number in the log, which is given once.
 
-use rhumb_protocol::scene::{Command, CommandError, IdRange};
 use rhumb_protocol::message::SessionKey;
+use rhumb_protocol::scene::{Command, CommandError, IdRange};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 

@@ -310,6 +310,9 @@ impl Run {
                 for (id, _) in stepped.removed {
                     self.ownership.remove_body(id);
                 }
+                for id in stepped.broken {
+                    self.ownership.remove_joint(id);
+                }
                 self.scene.digest().value() == *digest
             }
             session => {

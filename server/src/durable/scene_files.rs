@@ -63,8 +63,8 @@ impl SceneFiles {
 
     /// Numbers of the segments and of the snapshots, in rising order.
     pub(super) fn numbers(&self) -> Result<(Vec<u32>, Vec<u32>), DataError> {
-        let names = (self.disk.list(&self.directory))
-            .map_err(DataError::io(&self.directory, "list"))?;
+        let names =
+            (self.disk.list(&self.directory)).map_err(DataError::io(&self.directory, "list"))?;
         let with = |suffix: &str| -> Vec<u32> {
             let numbers = names.iter();
             numbers
@@ -123,7 +123,9 @@ impl SceneFiles {
     /// Removes segments and snapshots before a number.
     pub(super) fn remove_before(&self, number: u32) -> Result<(), DataError> {
         let (segments, snapshots) = self.numbers()?;
-        let segments = segments.into_iter().map(|old| (old, self.segment_path(old)));
+        let segments = segments
+            .into_iter()
+            .map(|old| (old, self.segment_path(old)));
         let snapshots = snapshots
             .into_iter()
             .map(|old| (old, self.snapshot_path(old)));

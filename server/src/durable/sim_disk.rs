@@ -144,8 +144,14 @@ impl Disk for SimDisk {
             return Err(not_found());
         }
         for path in moved {
-            let below = path.strip_prefix(from).map_or(PathBuf::new(), Path::to_owned);
-            let renamed = if below.as_os_str().is_empty() { to.to_owned() } else { to.join(below) };
+            let below = path
+                .strip_prefix(from)
+                .map_or(PathBuf::new(), Path::to_owned);
+            let renamed = if below.as_os_str().is_empty() {
+                to.to_owned()
+            } else {
+                to.join(below)
+            };
             if let Some(id) = state.names.remove(&path) {
                 state.names.insert(renamed, id);
             }
@@ -166,7 +172,9 @@ impl Disk for SimDisk {
     fn remove_directory(&self, directory: &Path) -> io::Result<()> {
         let mut state = self.state();
         state.names.retain(|path, _| !path.starts_with(directory));
-        state.directories.retain(|path| !path.starts_with(directory));
+        state
+            .directories
+            .retain(|path| !path.starts_with(directory));
         Ok(())
     }
 

@@ -17,7 +17,11 @@ use crate::sessions::Sessions;
 
 const MAGIC: [u8; 8] = *b"RhSnap1\0";
 /// The engine's version is that of this program's lock file: another one may run to other bits.
-const VERSION: &str = concat!("rhumb-server ", env!("CARGO_PKG_VERSION"), " with rapier3d 0.36.1");
+const VERSION: &str = concat!(
+    "rhumb-server ",
+    env!("CARGO_PKG_VERSION"),
+    " with rapier3d 0.36.1"
+);
 const CODE_BYTES: usize = 32;
 const VERSION_BYTES_MAX: usize = 200;
 
@@ -109,7 +113,10 @@ mod tests {
         };
         let bytes = snapshot.encode(&key);
         let read = Snapshot::decode(&bytes, &key).unwrap();
-        assert_eq!((read.segment, read.tick, read.scene), (3, Tick::new(600), vec![1, 2, 3]));
+        assert_eq!(
+            (read.segment, read.tick, read.scene),
+            (3, Tick::new(600), vec![1, 2, 3])
+        );
         for place in 0..bytes.len() {
             let mut flipped = bytes.clone();
             flipped[place] ^= 0x10;

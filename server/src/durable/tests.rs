@@ -36,7 +36,10 @@ struct Chance(u64);
 
 impl Chance {
     fn below(&mut self, n: usize) -> usize {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
         ((self.0 >> 33) as usize) % n.max(1)
     }
 
@@ -76,7 +79,13 @@ fn files(disk: &SimDisk) -> SceneFiles {
 }
 
 fn state(position: Vec3) -> BodyState {
-    BodyState::new(position.to_array(), [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap()
+    BodyState::new(
+        position.to_array(),
+        [0.0, 0.0, 0.0, 1.0],
+        [0.0; 3],
+        [0.0; 3],
+    )
+    .unwrap()
 }
 
 impl Recorded {
@@ -99,14 +108,22 @@ impl Recorded {
             chance: Chance(seed),
         };
         recorded.note(&Record::Opened(SESSION, SessionKey([1; 16])));
-        let boxes = [(0, Shape::cuboid(40.0, 1.0, 40.0)), (1, Shape::cuboid(1.0, 0.6, 0.8)), (2, Shape::ball(0.5))];
+        let boxes = [
+            (0, Shape::cuboid(40.0, 1.0, 40.0)),
+            (1, Shape::cuboid(1.0, 0.6, 0.8)),
+            (2, Shape::ball(0.5)),
+        ];
         for (id, shape) in boxes {
             let id = ShapeId(id);
             recorded.command(&Command::AddShape { id, shape });
         }
         recorded.add(BodyKind::Static, ShapeId(0), Vec3::ZERO);
         for place in 0..8 {
-            recorded.add(BodyKind::Dynamic, ShapeId(1 + place % 2), Vec3::Y * (1.5 + place as f32));
+            recorded.add(
+                BodyKind::Dynamic,
+                ShapeId(1 + place % 2),
+                Vec3::Y * (1.5 + place as f32),
+            );
         }
         recorded.add(BodyKind::Kinematic, ShapeId(1), Vec3::new(6.0, 1.0, 0.0));
         recorded
@@ -137,7 +154,11 @@ impl Recorded {
         let id = BodyId::new(self.chance.below(self.bodies as usize + 1) as u32, 0);
         let (small, large) = (self.chance.vector(3.0), self.chance.vector(900.0));
         match self.chance.below(9) {
-            0 => Command::SetVelocity { id, linear: small, angular: small },
+            0 => Command::SetVelocity {
+                id,
+                linear: small,
+                angular: small,
+            },
             1 => Command::Impulse { id, impulse: large },
             2 => Command::Force { id, force: large },
             3 => Command::TorqueImpulse { id, impulse: small },
@@ -147,15 +168,19 @@ impl Recorded {
                 position: small + Vec3::Y * 4.0,
                 rotation: Quat::IDENTITY,
             },
-            6 => Command::SetGravity { gravity: small - Vec3::Y * 9.0 },
+            6 => Command::SetGravity {
+                gravity: small - Vec3::Y * 9.0,
+            },
             7 => {
                 let other = BodyId::new(self.chance.below(self.bodies as usize) as u32, 0);
                 let frames = [JointFrame::at(small), JointFrame::at(-small)];
-                let joint = Joint { bodies: [id, other], frames, kind: JointKind::Spherical(None), collide: false };
+                let joint = Joint::plain(JointKind::Spherical(None), [id, other], frames);
                 let id = JointId(self.chance.below(4) as u32);
                 Command::AddJoint { id, joint }
             }
-            _ => Command::RemoveJoint { id: JointId(self.chance.below(4) as u32) },
+            _ => Command::RemoveJoint {
+                id: JointId(self.chance.below(4) as u32),
+            },
         }
     }
 
@@ -207,7 +232,8 @@ impl Recorded {
     }
 
     fn restore(&self) -> Result<Option<Restored>, DataError> {
-        self.files.restore(&Workers::default(), Start::Newest, &mut || {})
+        self.files
+            .restore(&Workers::default(), Start::Newest, &mut || {})
     }
 
     /// Checks that a restored scene is the recorded one at its tick.
@@ -338,7 +364,9 @@ fn the_first_log_cut_at_any_byte_gives_the_state_before_the_cut() {
     let bytes = recorded.disk.read(&path).unwrap();
     let mut newest = Tick::ZERO;
     for cut in 0..=bytes.len() {
-        recorded.disk.damage(&path, |now| *now = bytes[..cut].to_vec());
+        recorded
+            .disk
+            .damage(&path, |now| *now = bytes[..cut].to_vec());
         if let Some(restored) = recorded.restore().unwrap() {
             recorded.check(&restored).unwrap();
             assert!(restored.scene.tick() >= newest);

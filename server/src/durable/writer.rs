@@ -115,7 +115,10 @@ impl SceneLog {
         self.batches += 1;
         self.bytes += batch.records.len();
         let bytes = batch.records.len();
-        let waiting = self.shared.waiting_bytes.fetch_add(bytes, Ordering::Relaxed);
+        let waiting = self
+            .shared
+            .waiting_bytes
+            .fetch_add(bytes, Ordering::Relaxed);
         if waiting > WAITING_BYTES_MAX {
             self.shared.broken.store(true, Ordering::Relaxed);
         }
@@ -230,7 +233,9 @@ impl Writer {
                 Err(error) => self.break_off(&error),
             }
         }
-        self.shared.waiting_bytes.fetch_sub(bytes, Ordering::Relaxed);
+        self.shared
+            .waiting_bytes
+            .fetch_sub(bytes, Ordering::Relaxed);
     }
 
     fn report_durable(&self) {

@@ -1,7 +1,7 @@
 //! The image of a registry in a snapshot.
 
-use rhumb_protocol::scene::{BodyDesc, JointId, Shape, ShapeId};
 use rhumb_protocol::scene::Joint;
+use rhumb_protocol::scene::{BodyDesc, JointId, Shape, ShapeId};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::Damping;
@@ -19,15 +19,12 @@ impl Wire for Registry {
         for entry in self.bodies.iter().flatten() {
             to.u8(u8::from(entry.lives));
             entry.desc.encode(to);
+            entry.damping.encode(to);
         }
         to.varint(self.joints.iter().count() as u64);
         for (id, joint) in self.joints.iter() {
             id.encode(to);
             joint.encode(to);
-        }
-        to.varint(self.dampings.len() as u64);
-        for damping in &self.dampings {
-            damping.encode(to);
         }
     }
 
@@ -41,17 +38,19 @@ impl Wire for Registry {
         }
         for _ in 0..from.varint()? {
             let lives = from.u8()? != 0;
-            let desc = BodyDesc::decode(from)?;
-            registry.restore_body(BodyEntry { desc, lives })?;
+            let entry = BodyEntry {
+                lives,
+                desc: BodyDesc::decode(from)?,
+                damping: Damping::decode(from)?,
+            };
+            registry.restore_body(entry)?;
         }
         for _ in 0..from.varint()? {
             let id = JointId::decode(from)?;
-            if !registry.joints.insert(id, Joint::decode(from)?) {
+            let before = registry.joints.insert(id, Joint::decode(from)?);
+            if before.is_some() {
                 return Err(Malformed::NotCanonical);
             }
-        }
-        for _ in 0..from.varint()? {
-            registry.dampings.push(Damping::decode(from)?);
         }
         Ok(registry)
     }
@@ -60,9 +59,11 @@ impl Wire for Registry {
 impl Registry {
     fn restore_body(&mut self, entry: BodyEntry) -> Result<(), Malformed> {
         if entry.lives {
+            if !self.shapes.contains_key(&entry.desc.shape) {
+                return Err(Malformed::OutOfRange);
+            }
             self.count += 1;
-            let shape = self.shapes.get_mut(&entry.desc.shape);
-            shape.ok_or(Malformed::OutOfRange)?.users += 1;
+            self.count_properties(&entry);
         }
         let index = entry.desc.id.index() as usize;
         if index >= self.bodies.len() {

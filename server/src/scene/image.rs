@@ -12,12 +12,14 @@ use rhumb_reckoning::Tick;
 use super::Scene;
 use crate::digest::Digest;
 use crate::engine::{FrozenEngine, RapierEngine, Workers};
+use crate::event_monitor::EventMonitor;
 use crate::registry::Registry;
 
 /// A copy of a scene, to be encoded on another thread.
 pub(crate) struct FrozenScene {
     gravity: Vec3,
     registry: Registry,
+    event_monitor: EventMonitor,
     engine: FrozenEngine,
 }
 
@@ -28,6 +30,7 @@ impl FrozenScene {
         to.f32s(&self.gravity.to_array());
         let mut registry = Writer::new();
         self.registry.encode(&mut registry);
+        self.event_monitor.encode(&mut registry);
         to.sized(&registry.into_bytes());
         to.raw(&(self.engine)()?);
         Some(to.into_bytes())
@@ -41,6 +44,7 @@ impl Scene {
         Some(FrozenScene {
             gravity: self.gravity,
             registry: self.registry.clone(),
+            event_monitor: self.event_monitor.clone(),
             engine,
         })
     }
@@ -60,6 +64,7 @@ impl Scene {
         let gravity = Vec3::from_array(from.f32s()?);
         let mut inner = Reader::new(from.sized(image.len())?);
         let registry = Registry::decode(&mut inner)?;
+        let event_monitor = EventMonitor::decode(&mut inner)?;
         inner.finish()?;
         let engine = RapierEngine::from_image(&config, workers, registry.shapes(), from.rest())?;
         let scene = Self::with_engine(config, Box::new(engine)).map_err(|_| Malformed::OutOfRange);
@@ -67,6 +72,7 @@ impl Scene {
             gravity,
             tick,
             registry,
+            event_monitor,
             digest,
             ..scene?
         })

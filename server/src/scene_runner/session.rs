@@ -1,14 +1,20 @@
 //! Sessions of members: how they begin, go on with another connection, and end.
 
+use std::sync::Arc;
+
 use bytes::Bytes;
 use rhumb_protocol::limits::GRANT;
-use rhumb_protocol::message::{Denial, SceneEvent, ServerMessage, SessionRequest, SessionState};
+use rhumb_protocol::message::{
+    Denial, SceneEvent, ServerMessage, SessionRequest, SessionState, StreamChoice,
+};
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Peer};
 
 use super::SceneRunner;
-use crate::access::Ownership;
+use crate::access::rights::{self, Request};
+use crate::access::{Ownership, Permit};
 use crate::durable::{Record, SessionNumber};
+use crate::member::Member;
 use crate::outbox::Outbox;
 use crate::sessions::{Session, Sessions};
 
@@ -22,6 +28,84 @@ pub(crate) enum Departure {
 }
 
 impl SceneRunner {
+    /// Makes a client a member; it gets the whole scene, then the stream.
+    pub(crate) fn join(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        permit: Arc<Permit>,
+        (choice, request): (StreamChoice, Option<SessionRequest>),
+        out: &mut Outbox,
+    ) -> Result<(), Denial> {
+        if self.faulted {
+            return Err(Denial::SceneFaulted);
+        }
+        let of_client = |member: &&Member| member.permit.client == permit.client;
+        let members = self.members.values().filter(of_client).count();
+        rights::check(&permit, &self.ownership, Request::Join { members })?;
+        self.check_stream(&permit, choice)?;
+        if self.members.len() as u64 >= self.provision.limits.members_per_scene {
+            return Err(Denial::TooManyMembers);
+        }
+        let stream = match self.streams.subscribe(choice)? {
+            Some(stream) => stream,
+            None => self.begin_stream(choice),
+        };
+        let before = self.sessions.next_number();
+        let session = match self.begin_session(now, peer, request, out) {
+            Ok(session) => session,
+            Err(denial) => {
+                self.streams.unsubscribe(stream, peer);
+                return Err(denial);
+            }
+        };
+        self.send_scene_events(out);
+        let commands = session.and_then(|number| self.sessions.get(number));
+        let commands = commands.map_or(0, |session| session.commands);
+        let member = Member::new(permit, (stream, choice), session, commands);
+        self.members.insert(peer, member);
+        let resumed = session.is_some_and(|number| number < before);
+        self.announce_session(peer, resumed, out);
+        self.send_snapshot(peer, out);
+        if let Some(request) = request {
+            self.repeat_answers(peer, request.answered, out);
+        }
+        if self.next_step.is_none() {
+            self.last_step = now;
+            self.next_step = Some(now + self.step());
+        }
+        Ok(())
+    }
+
+    /// Ends a membership. The client's bodies stay; its input behind a pending advance is dropped.
+    pub(crate) fn leave(&mut self, now: Instant, peer: Peer, departure: Departure) {
+        self.waiting.retain(|(sender, _)| *sender != peer);
+        self.authority_table.end(peer);
+        if let Some(member) = self.members.remove(&peer) {
+            for stream in member.streams() {
+                self.streams.unsubscribe(stream, peer);
+            }
+            self.end_session(now, peer, member.session, departure);
+        }
+        if self.members.is_empty() {
+            self.next_step = None;
+        }
+    }
+
+    pub(crate) fn reserve(&mut self, peer: Peer, count: u32, out: &mut Outbox) {
+        let allowed = self.check(peer, Request::Reserve).map_err(Denial::from);
+        let answer = match allowed.and_then(|()| self.grant(peer, count)) {
+            Ok(range) => {
+                if let Some(number) = self.members.get(&peer).and_then(|member| member.session) {
+                    self.note_session(&Record::Granted(number, range));
+                }
+                ServerMessage::Reserved(range)
+            }
+            Err(denial) => ServerMessage::Denied(denial),
+        };
+        out.send(peer, &answer);
+    }
+
     /// Takes over the sessions and owners of a restored scene.
     pub(crate) fn restore_members(&mut self, sessions: Sessions, ownership: Ownership) {
         self.ownership = ownership;
@@ -60,7 +144,10 @@ impl SceneRunner {
                     session.close(CloseCode::SESSION_TAKEN);
                 }
             }
-            let ranges = self.sessions.get(number).map(|session| session.ranges.clone());
+            let ranges = self
+                .sessions
+                .get(number)
+                .map(|session| session.ranges.clone());
             self.grants.give_back(peer, ranges.unwrap_or_default());
             self.sessions.attach(number, peer);
             return Ok(known);
@@ -134,7 +221,10 @@ impl SceneRunner {
 
     fn close_expired(&mut self, now: Instant) {
         for number in self.sessions.expired(now) {
-            let ranges = self.sessions.get(number).map(|session| session.ranges.clone());
+            let ranges = self
+                .sessions
+                .get(number)
+                .map(|session| session.ranges.clone());
             self.grants.free(ranges.unwrap_or_default());
             self.note_session(&Record::Closed(number));
         }

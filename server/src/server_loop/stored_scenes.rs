@@ -11,8 +11,6 @@ use rhumb_protocol::scene::{SceneConfig, SceneName};
 
 use super::ServerLoop;
 use crate::durable::{DataDir, Origin, Restored, SceneFiles, SceneLog, Start, Wake};
-use crate::scene_runner::SceneRunner;
-use crate::stream_names::StreamNames;
 
 /// The data directory, and the scenes in it that cannot be served.
 #[derive(Default)]
@@ -145,7 +143,7 @@ impl ServerLoop {
         restored: Restored,
         took: rhumb_protocol::Span,
     ) {
-        let Some(slot) = self.slots.take() else {
+        let Some(slot) = self.slots.take(self.limits.scenes as usize) else {
             return tracing::error!(scene = %restored.name, "no place for another scene");
         };
         let report = &restored.report;
@@ -168,20 +166,18 @@ impl ServerLoop {
         let name = restored.name.clone();
         let config = *restored.scene.config();
         let origin = restored.origin();
-        let names = StreamNames::of_scene(self.scenes_begun);
-        self.scenes_begun = self.scenes_begun.wrapping_add(1);
-        let mut runner = SceneRunner::new(restored.scene, names);
-        runner.set_largest_packet(self.largest_packet);
+        let log = self.stored.start(files, origin);
+        let mut load = self.load_of(&config);
+        // The bodies were admitted before: a server with lower limits now takes no more of them.
+        for _ in 0..restored.scene.body_count() {
+            load.add_body();
+        }
+        let runner = self.run_scene(&name, restored.scene, slot, load);
         runner.restore_shapes();
         runner.restore_members(restored.sessions, restored.ownership);
-        if let Some(hook) = (self.hooks.as_ref()).and_then(|hooks| hooks.of(&name, &config)) {
-            runner.attach(hook);
-        }
-        if let Some(log) = self.stored.start(files, origin) {
+        if let Some(log) = log {
             runner.keep_log(log, took);
         }
-        self.taken_slots.insert(name.clone(), slot);
-        self.runners.insert(name.clone(), runner);
         self.note_empty(&name);
     }
 }

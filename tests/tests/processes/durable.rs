@@ -11,9 +11,7 @@ use std::time::{Duration, Instant};
 
 use glam::Vec3;
 use rhumb_client::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId};
-use rhumb_client::{
-    Client, ClientError, Event, JoinMode, JoinOptions, PipelineDepth, Tick, Trust,
-};
+use rhumb_client::{Client, ClientError, Event, JoinMode, JoinOptions, PipelineDepth, Tick, Trust};
 use rhumb_reckoning::{BodyId, BodyState};
 use rhumb_server::Scene;
 use rhumb_tests::ServerProcess;
@@ -34,7 +32,11 @@ fn commands(tick: u64, ids: &[BodyId]) -> Vec<Command> {
     let mut commands = Vec::new();
     let body = |place: u64, kind, shape| {
         let id = ids[place as usize];
-        let height = if place == 0 { 0.0 } else { 1.5 + (place % 30) as f32 * 1.1 };
+        let height = if place == 0 {
+            0.0
+        } else {
+            1.5 + (place % 30) as f32 * 1.1
+        };
         let position = [(place % 3) as f32 * 0.3, height, (place % 2) as f32 * 0.3];
         let motion = BodyState::new(position, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
         Command::AddBody {
@@ -43,7 +45,10 @@ fn commands(tick: u64, ids: &[BodyId]) -> Vec<Command> {
         }
     };
     if tick == 0 {
-        for (id, shape) in [Shape::cuboid(40.0, 1.0, 40.0), Shape::ball(0.5)].into_iter().enumerate() {
+        for (id, shape) in [Shape::cuboid(40.0, 1.0, 40.0), Shape::ball(0.5)]
+            .into_iter()
+            .enumerate()
+        {
             let id = ShapeId(id as u32);
             commands.push(Command::AddShape { id, shape });
         }
@@ -101,7 +106,11 @@ fn step(client: &mut Client) {
 
 fn serve(listen: &str, data: &Path, identity: &Path) -> ServerProcess {
     let text = |path: &Path| path.to_str().expect("text").to_owned();
-    let (data, cert, key) = (text(data), text(&identity.join("cert.pem")), text(&identity.join("key.pem")));
+    let (data, cert, key) = (
+        text(data),
+        text(&identity.join("cert.pem")),
+        text(&identity.join("key.pem")),
+    );
     SERVER.serve_with(listen, &["--data", &data, "--cert", &cert, "--key", &key])
 }
 
@@ -128,7 +137,10 @@ fn a_server_killed_at_any_moment_loses_and_doubles_no_command() {
     let connection = Client::connect(&listen, trust).expect("the server is there");
     let mut client = connection.join_with(SCENE, options).expect("a new scene");
     let ids = client.new_ids(4_000).expect("enough indices");
-    let (stop, ticks) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU64::new(0)));
+    let (stop, ticks) = (
+        Arc::new(AtomicBool::new(false)),
+        Arc::new(AtomicU64::new(0)),
+    );
     let (told, shown, of_client) = (Arc::clone(&stop), Arc::clone(&ticks), ids.clone());
     let running = thread::spawn(move || {
         let mut seen = Seen::default();
@@ -164,7 +176,10 @@ fn a_server_killed_at_any_moment_loses_and_doubles_no_command() {
     }
     stop.store(true, Ordering::Relaxed);
     let (tick, truth, seen) = running.join().expect("the client's thread");
-    println!("{tick} ticks, {} resumptions, the slowest after {slowest:?}", seen.resumed);
+    println!(
+        "{tick} ticks, {} resumptions, the slowest after {slowest:?}",
+        seen.resumed
+    );
     assert_eq!(truth.tick, Tick::new(tick));
     assert_eq!(truth.truth, digest_without_server(tick, &ids));
     assert!(seen.resumed >= kills().min(1) && seen.durable > 0);

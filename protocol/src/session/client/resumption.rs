@@ -157,7 +157,12 @@ impl ClientSession {
 
     /// Takes the session up after the welcome of another connection.
     pub(super) fn rejoin(&mut self) {
-        let Resumption { key, rejoin, answered, .. } = self.resumption;
+        let Resumption {
+            key,
+            rejoin,
+            answered,
+            ..
+        } = self.resumption;
         if let (Some(key), Some(choice)) = (key, rejoin) {
             self.send(&ClientMessage::Session(SessionRequest { key, answered }));
             self.send(&ClientMessage::Join(choice));

@@ -5,8 +5,8 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use rapier3d::prelude::{ImpulseJointHandle, PhysicsWorld, RigidBodyHandle};
-use rhumb_protocol::scene::{JointId, SceneConfig, Shape, ShapeId};
+use rapier3d::prelude::{PhysicsWorld, RigidBodyHandle};
+use rhumb_protocol::scene::{SceneConfig, Shape, ShapeId};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
@@ -14,6 +14,7 @@ use rhumb_reckoning::BodyId;
 use super::{BodySlot, RapierEngine, solids};
 use crate::engine::interface::FrozenEngine;
 use crate::engine::kinematic_target::KinematicTarget;
+use crate::engine::rapier_joints::RapierJoints;
 use crate::engine::rapier_workers::Workers;
 
 impl RapierEngine {
@@ -62,18 +63,15 @@ impl RapierEngine {
     /// Everything beside the world and the scene's shapes.
     fn encode_slots(&self) -> Vec<u8> {
         let mut to = Writer::new();
-        to.u8(u8::from(self.has_sheets));
         let places = self.places.iter().flatten();
         to.varint(places.clone().count() as u64);
         for place in places {
             place.id.encode(&mut to);
-            encode_handle(place.handle.into_raw_parts(), &mut to);
+            let (index, generation) = place.handle.into_raw_parts();
+            to.varint(u64::from(index));
+            to.varint(u64::from(generation));
         }
-        to.varint(self.joints.len() as u64);
-        for (id, handle) in &self.joints {
-            id.encode(&mut to);
-            encode_handle(handle.into_raw_parts(), &mut to);
-        }
+        self.joints.encode(&mut to);
         to.varint(self.kinematic_targets.len() as u64);
         for (id, target) in &self.kinematic_targets {
             id.encode(&mut to);
@@ -88,10 +86,9 @@ impl RapierEngine {
 
     fn decode_slots(&mut self, bytes: &[u8]) -> Result<(), Malformed> {
         let mut from = Reader::new(bytes);
-        self.has_sheets = from.u8()? != 0;
         for _ in 0..from.varint()? {
             let id = BodyId::decode(&mut from)?;
-            let (index, generation) = decode_handle(&mut from)?;
+            let (index, generation) = (from.varint32()?, from.varint32()?);
             let handle = RigidBodyHandle::from_raw_parts(index, generation);
             let index = id.index() as usize;
             if index >= self.places.len() {
@@ -99,12 +96,7 @@ impl RapierEngine {
             }
             self.places[index] = Some(BodySlot { id, handle });
         }
-        for _ in 0..from.varint()? {
-            let id = JointId::decode(&mut from)?;
-            let (index, generation) = decode_handle(&mut from)?;
-            let handle = ImpulseJointHandle::from_raw_parts(index, generation);
-            self.joints.insert(id, handle);
-        }
+        self.joints = RapierJoints::decode(&mut from)?;
         for _ in 0..from.varint()? {
             let id = BodyId::decode(&mut from)?;
             let target = KinematicTarget::decode(&mut from)?;
@@ -117,15 +109,6 @@ impl RapierEngine {
         }
         from.finish()
     }
-}
-
-fn encode_handle((index, generation): (u32, u32), to: &mut Writer) {
-    to.varint(u64::from(index));
-    to.varint(u64::from(generation));
-}
-
-fn decode_handle(from: &mut Reader<'_>) -> Result<(u32, u32), Malformed> {
-    Ok((from.varint32()?, from.varint32()?))
 }
 
 /// A copy of everything that an image has.
