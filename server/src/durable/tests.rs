@@ -10,8 +10,8 @@ use glam::{Quat, Vec3};
 use proptest::prelude::*;
 use rhumb_protocol::message::SessionKey;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, Joint, JointFrame, JointId, JointKind, SceneConfig, SceneName,
-    Shape, ShapeId,
+    ActiveEvents, BodyDesc, BodyKind, Command, Joint, JointFrame, JointId, JointKind, SceneConfig,
+    SceneName, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 use ring::hmac;
@@ -153,7 +153,7 @@ impl Recorded {
     fn any_command(&mut self) -> Command {
         let id = BodyId::new(self.chance.below(self.bodies as usize + 1) as u32, 0);
         let (small, large) = (self.chance.vector(3.0), self.chance.vector(900.0));
-        match self.chance.below(9) {
+        match self.chance.below(12) {
             0 => Command::SetVelocity {
                 id,
                 linear: small,
@@ -178,6 +178,16 @@ impl Recorded {
                 let id = JointId(self.chance.below(4) as u32);
                 Command::AddJoint { id, joint }
             }
+            8 => Command::Sleep { id },
+            9 => Command::Wake { id },
+            10 => Command::SetEvents {
+                id,
+                events: ActiveEvents {
+                    contacts: true,
+                    sleep: true,
+                    ..ActiveEvents::NONE
+                },
+            },
             _ => Command::RemoveJoint {
                 id: JointId(self.chance.below(4) as u32),
             },
@@ -290,8 +300,8 @@ proptest! {
                 let outcomes = (recorded.scene.apply(&command), restored.scene.apply(&command));
                 prop_assert_eq!(&outcomes.0, &outcomes.1);
             }
-            recorded.scene.step().unwrap();
-            restored.scene.step().unwrap();
+            let stepped = recorded.scene.step().unwrap();
+            prop_assert_eq!(restored.scene.step().unwrap(), stepped);
             prop_assert_eq!(restored.scene.digest(), recorded.scene.digest());
         }
     }
@@ -374,6 +384,29 @@ fn the_first_log_cut_at_any_byte_gives_the_state_before_the_cut() {
         }
     }
     assert_eq!(newest, Tick::new(3));
+}
+
+#[test]
+fn a_restoration_begins_with_the_newest_snapshot_and_passes_over_a_bad_one() {
+    let mut recorded = Recorded::new(3);
+    let mut snapshots = Vec::new();
+    while snapshots.len() < 2 {
+        recorded.tick();
+        recorded.snapshot();
+        let (_, numbers) = recorded.files.numbers().unwrap();
+        if numbers.len() > snapshots.len() {
+            snapshots.push(recorded.scene.tick());
+        }
+    }
+    let restored = recorded.restore().unwrap().unwrap();
+    assert_eq!(restored.report.from, snapshots[1]);
+    let newest = recorded.files.snapshot_path(2);
+    recorded.disk.damage(&newest, |bytes| bytes[40] ^= 1);
+    let restored = recorded.restore().unwrap().unwrap();
+    recorded.check(&restored).unwrap();
+    assert_eq!(restored.report.from, snapshots[0]);
+    assert_eq!(restored.scene.tick(), recorded.scene.tick());
+    assert_eq!(restored.report.refused.len(), 1);
 }
 
 fn wait_until(what: &str, is_so: impl Fn() -> bool) {
