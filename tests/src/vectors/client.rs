@@ -36,6 +36,7 @@ pub(super) fn cases() -> Vec<MessageCase> {
     cases.add(15, "Upstream, too long", &[&[1; 1_151]]);
     commands(&mut cases);
     queries(&mut cases);
+    sessions(&mut cases);
     for kind in [18, 0x7f] {
         cases.add(
             kind,
@@ -164,6 +165,15 @@ fn queries(cases: &mut CaseList) {
         let name = format!("Query, {word}");
         cases.add(17, name, &[&v(count as u64), &rays]);
     }
+}
+
+/// Requests for a session.
+fn sessions(cases: &mut CaseList) {
+    let key: Vec<u8> = (0..16).collect();
+    cases.add(32, "Session, a new one", &[&[0], &key]);
+    cases.add(32, "Session, after 300 commands", &[&v(300), &key]);
+    cases.add(32, "Session, a short key", &[&[0], &key[..15]]);
+    cases.add(32, "Session, a long key", &[&[0], &key, &[16]]);
 }
 
 fn hellos(cases: &mut CaseList) {

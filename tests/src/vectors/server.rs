@@ -86,6 +86,7 @@ fn others(cases: &mut CaseList) {
     }
     query_results(cases);
     tick_events(cases);
+    sessions(cases);
     for kind in [19, 0x7f] {
         cases.add(
             kind,
@@ -174,6 +175,16 @@ fn tick_events(cases: &mut CaseList) {
         let name = format!("TickEvents, {word}");
         cases.add(18, name, &[&v(300), &v(0), &v(count as u64), &bytes]);
     }
+}
+
+/// Where a session goes on, and what has become durable.
+fn sessions(cases: &mut CaseList) {
+    for flags in 0..=4 {
+        let name = format!("Session, flags {flags}");
+        cases.add(32, name, &[&[flags], &v(300), &v(7)]);
+    }
+    cases.add(33, "Durable", &[&v(300), &v(70_000)]);
+    cases.add(33, "Durable, no tick", &[&v(300)]);
 }
 
 fn welcomes(cases: &mut CaseList) {
