@@ -74,7 +74,7 @@ pub struct Arguments {
     /// Run on this processor core alone, or on these cores.
     #[arg(long, value_delimiter = ',')]
     core: Vec<usize>,
-    /// Number of threads to step on, shared by all scenes; more than one needs the feature `parallel` [default: 1].
+    /// Number of threads to step and publish on, shared by all scenes; more than one needs the feature `parallel` [default: 1].
     #[arg(long)]
     threads: Option<NonZeroU32>,
     /// Largest packet of a stream, bytes, from 700 to 1150 [default: 1100]. Relays and browsers add headers of their own.

@@ -5,7 +5,7 @@
 use std::fmt;
 
 use rhumb_protocol::Span;
-use rhumb_protocol::limits::{BODIES_MAX, MEMBERS_PER_SCENE_MAX, SCENES_MAX};
+use rhumb_protocol::limits::{BODIES_MAX, CONTROL_WAITING_BYTES_MAX, MEMBERS_PER_SCENE_MAX, SCENES_MAX};
 use serde::Deserialize;
 
 /// One limit, as the configuration file describes it.
@@ -96,7 +96,7 @@ limits! {
     /// Parked scenes from which on no scene begins: each may take a core until the server is restarted.
     parked_scenes = 8, 1 to 256;
     /// MiB that wait for a client beside its snapshot before it is closed.
-    waiting_mib = 12, 1 to 1024;
+    waiting_mib = 12, 1 to (CONTROL_WAITING_BYTES_MAX >> 20) as u64;
     /// Seconds after which a client that reads nothing is closed.
     stall_seconds = 30, 1 to 3600;
     /// MiB of snapshots for one client in a second, on average; more than most links take.

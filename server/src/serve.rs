@@ -187,7 +187,7 @@ impl Server {
         self.hooks = Some(hooks);
     }
 
-    /// Sets the threads that step later scenes.
+    /// Sets the threads that step and publish later scenes.
     pub fn employ(&mut self, workers: Workers) {
         self.workers = workers;
     }

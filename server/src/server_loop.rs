@@ -97,7 +97,7 @@ impl ServerLoop {
         self.hooks = Some(hooks);
     }
 
-    /// Sets the threads that step later scenes.
+    /// Sets the threads that step and publish later scenes.
     pub fn employ(&mut self, workers: Workers) {
         self.workers = workers;
     }
@@ -175,7 +175,9 @@ impl ServerLoop {
                 self.blocked.insert(peer);
                 break;
             }
-            left -= 1;
+            // A message of queries ends the turn: it is as much work as many others.
+            let is_work = left != usize::MAX && matches!(message, Ok(ClientMessage::Query(_)));
+            left = if is_work { 0 } else { left - 1 };
             self.pulse.beat();
             self.handle_message(now, peer, message);
             if let Some(runner) = self.scene_of(peer)
@@ -401,6 +403,7 @@ impl ServerLoop {
             meter: self.metrics.begin_scene(name),
         };
         let mut runner = SceneRunner::new(scene, names, provision);
+        runner.employ(self.workers.clone());
         runner.set_largest_packet(self.largest_packet);
         if let Some(hook) = self
             .hooks

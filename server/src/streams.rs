@@ -1,6 +1,7 @@
 //! The streams of one scene.
 //!
-//! A stream is published once for all members that subscribe to the same choice.
+//! A stream is published once for all members that subscribe to the same choice. Streams do not depend on each other,
+//! so that several threads may publish them: the packets are the same on any number of threads.
 
 use bytes::Bytes;
 use glam::Vec3;
@@ -10,11 +11,12 @@ use rhumb_protocol::message::{Denial, StreamChoice};
 use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
-    Features, Observation, ObservationHistory, PredictionParameters, StreamSender, StreamTerms,
+    Features, Observation, ObservationHistory, PredictionParameters, StreamConfig, StreamSender,
     WatermarkPolicy,
 };
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
 
+use crate::engine::Workers;
 use crate::over_budget::OverBudgetLog;
 use crate::scene::Scene;
 
@@ -24,6 +26,8 @@ pub(crate) struct Stream {
     pub(crate) choice: StreamChoice,
     pub(crate) sender: StreamSender,
     over_budget: OverBudgetLog,
+    /// True if a tick was published since the log was written.
+    unlogged: bool,
 }
 
 impl Stream {
@@ -49,7 +53,7 @@ impl Stream {
         };
         let sender = match choice {
             StreamChoice::Within(tolerance) | StreamChoice::Capped { tolerance, .. } => {
-                let config = StreamTerms {
+                let config = StreamConfig {
                     tolerance,
                     integrator: config.integrator,
                     publish_interval: config.publish_schedule.publish_interval,
@@ -69,6 +73,7 @@ impl Stream {
             choice,
             sender,
             over_budget: OverBudgetLog::default(),
+            unlogged: false,
         }
     }
 
@@ -110,7 +115,12 @@ impl Stream {
     }
 
     fn publish(&mut self, observation_history: &ObservationHistory, scene_events: u64) {
-        if self.sender.publish(observation_history, scene_events)
+        self.unlogged = self.sender.publish(observation_history, scene_events);
+    }
+
+    /// Logs the bodies over budget of a tick that was just published.
+    fn log(&mut self) {
+        if core::mem::take(&mut self.unlogged)
             && let Some(publisher) = self.sender.publisher()
         {
             self.over_budget.log_once_a_second(publisher);
@@ -124,15 +134,23 @@ pub(crate) struct Streams {
     streams: Vec<Stream>,
     /// The observations that all streams share.
     observation_history: ObservationHistory,
+    /// The threads that publish.
+    workers: Workers,
 }
 
 impl Streams {
-    /// An empty set, for this publish schedule.
+    /// An empty set, for this publish schedule, published on the threads that are the default.
     pub(crate) fn new(publish_schedule: PublishSchedule) -> Self {
         Self {
             streams: Vec::new(),
             observation_history: ObservationHistory::new(publish_schedule),
+            workers: Workers::default(),
         }
+    }
+
+    /// Has the streams published on these threads from now on.
+    pub(crate) fn employ(&mut self, workers: Workers) {
+        self.workers = workers;
     }
 
     pub(crate) fn get(&self, id: StreamId) -> Option<&Stream> {
@@ -226,11 +244,13 @@ impl Streams {
         self.observation_history.observe(tick, observations);
     }
 
-    /// Publishes every stream.
+    /// Publishes every stream. The log is written afterwards, in the order of the streams.
     pub(crate) fn publish(&mut self, scene_events: u64) {
-        for stream in &mut self.streams {
-            stream.publish(&self.observation_history, scene_events);
-        }
+        let observation_history = &self.observation_history;
+        self.workers.on_each(&mut self.streams, |stream| {
+            stream.publish(observation_history, scene_events);
+        });
+        self.streams.iter_mut().for_each(Stream::log);
     }
 }
 
@@ -263,11 +283,9 @@ mod tests {
             .expect("every number is finite")
     }
 
-    /// One capped stream, with bodies that never rest.
-    fn capped(bytes_per_second: u32) -> Streams {
-        let budget = Budget::new(bytes_per_second, BURST).expect("within the limits");
-        let tolerance = Tolerance::NORMAL;
-        let config = StreamTerms {
+    /// The sender of a stream without bodies.
+    fn sender(id: StreamId, tolerance: Tolerance, budget: Option<Budget>) -> StreamSender {
+        let config = StreamConfig {
             tolerance,
             integrator: Integrator {
                 rate: Rate::HZ_60,
@@ -279,17 +297,66 @@ mod tests {
             features: Features::ALL,
         };
         let policy = WatermarkPolicy::free_running(Rate::HZ_60, config.publish_interval);
-        let sender = StreamSender::reckoned(STREAM, &config, Some(budget), policy, Tick::ZERO);
-        let mut streams = Streams::new(PublishSchedule::EACH_TICK);
-        let choice = StreamChoice::Capped { tolerance, budget };
-        streams.begin(Stream::of(choice, sender));
+        StreamSender::reckoned(id, &config, budget, policy, Tick::ZERO)
+    }
+
+    /// Places the bodies, which never rest.
+    fn populate(streams: &mut Streams) {
         for body in 0..BODIES {
             let parameters = PredictionParameters::plain(Metres::new(0.5));
             let initial = motion(body, 0);
             let track = Track::resting(Tick::ZERO, initial);
             streams.place(BodyId::new(body, 0), &parameters, track, initial);
         }
+    }
+
+    /// One capped stream, with bodies that never rest.
+    fn capped(bytes_per_second: u32) -> Streams {
+        let budget = Budget::new(bytes_per_second, BURST).expect("within the limits");
+        let tolerance = Tolerance::NORMAL;
+        let mut streams = Streams::new(PublishSchedule::EACH_TICK);
+        let choice = StreamChoice::Capped { tolerance, budget };
+        let sender = sender(STREAM, tolerance, Some(budget));
+        streams.begin(Stream::of(choice, sender));
+        populate(&mut streams);
         streams
+    }
+
+    /// All packets of streams with four tolerances, published on so many threads.
+    fn packets_of_four_tiers(threads: u32) -> Vec<(StreamId, Bytes)> {
+        let threads = NonZeroU32::new(threads).filter(|_| Workers::may_be_many());
+        let mut streams = Streams::new(PublishSchedule::EACH_TICK);
+        streams.employ(Workers::new(threads).expect("the threads are available"));
+        for (id, millimetres) in [(0, 10.0), (1, 50.0), (2, 200.0), (3, 1000.0)] {
+            let tolerance = Tolerance::from_metres(Metres::new(millimetres * 1e-3));
+            let tolerance = tolerance.expect("within the limits");
+            let choice = StreamChoice::Within(tolerance);
+            streams.begin(Stream::of(choice, sender(StreamId(id), tolerance, None)));
+        }
+        populate(&mut streams);
+        let mut packets = Vec::new();
+        for tick in 1..=SECOND {
+            publish(&mut streams, tick);
+            for id in (0..4).map(StreamId) {
+                packets.extend(
+                    streams
+                        .packets(id, Peer(0))
+                        .map(|packet| (id, packet.clone())),
+                );
+            }
+        }
+        packets
+    }
+
+    #[test]
+    fn the_packets_are_the_same_on_any_number_of_threads() {
+        let one = packets_of_four_tiers(1);
+        for id in (0..4).map(StreamId) {
+            let of_stream = one.iter().filter(|(stream, _)| *stream == id);
+            assert!(of_stream.count() as u64 >= SECOND, "{id:?}");
+        }
+        assert!(one == packets_of_four_tiers(2));
+        assert!(one == packets_of_four_tiers(4));
     }
 
     /// Observes and publishes a tick.

@@ -76,6 +76,7 @@ pub(crate) trait CostModel {
     }
 
     /// The cost of a correction's form, age, parent and acceleration.
+    #[inline]
     fn cost_of_form(&self, mode: &PredictionMode, age: Age, moved: bool) -> u32 {
         let form = UpdateForm::of_mode(mode, moved);
         let context = contexts::age(form.kind());

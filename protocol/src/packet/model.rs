@@ -83,7 +83,9 @@ impl Model {
         if high >= ESCAPE {
             write_rest(high - ESCAPE, to);
         }
-        to.raw(number & ((1 << raw) - 1), raw);
+        if raw > 0 {
+            to.raw(number & ((1 << raw) - 1), raw);
+        }
         self.learn(context, number);
     }
 

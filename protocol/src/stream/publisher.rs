@@ -22,7 +22,7 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_reckoning::{
     Anchor, BodyId, Integrator, Motion, Predictor, QuantisedState, RestCorrection, TRACK_AGE_MAX,
-    Tick, Ticks, Tolerance, Track,
+    Tick, Ticks, Tolerance, Track, attached_motion,
 };
 
 use super::aliases::AliasTable;
@@ -63,7 +63,7 @@ pub struct PublisherStatistics {
 
 /// The config of a stream.
 #[derive(Clone, Copy, Debug)]
-pub struct StreamTerms {
+pub struct StreamConfig {
     /// The tolerance of every body with the usual scale.
     pub tolerance: Tolerance,
     /// The integrator and rate of the scene.
@@ -78,7 +78,7 @@ pub struct StreamTerms {
     pub features: Features,
 }
 
-impl StreamTerms {
+impl StreamConfig {
     /// The start of a subscriber that receives the stream from its first tick.
     #[must_use]
     pub const fn start(&self, stream: StreamId, tick: Tick) -> StreamStart {
@@ -124,7 +124,7 @@ pub struct Publisher {
 impl Publisher {
     /// A publisher of a stream without bodies.
     #[must_use]
-    pub fn new(stream: StreamId, config: &StreamTerms, tick: Tick) -> Self {
+    pub fn new(stream: StreamId, config: &StreamConfig, tick: Tick) -> Self {
         Self {
             stream,
             tracks: Tracks::new(
@@ -176,12 +176,18 @@ impl Publisher {
         self.statistics
     }
 
-    /// Places a body that came into the scene. A scene event carries its first track to every receiver.
+    /// Places a body that came into the scene or was changed. A scene event carries its track to every receiver.
     ///
     /// Returns `false` if the table is full, which the scene's own limits prevent.
     #[must_use]
     pub fn place(&mut self, id: BodyId, parameters: &PredictionParameters, track: Track) -> bool {
-        self.tracks.place(id, parameters, track, None)
+        let attached_to = self.tracks.slot(id.index()).and_then(Slot::parent);
+        let placed = self.tracks.place(id, parameters, track, None);
+        if placed {
+            self.alias_table.release(id.index());
+            self.move_child(attached_to, None);
+        }
+        placed
     }
 
     /// Removes a body from the scene. Its children are updated at the next tick.
@@ -430,13 +436,23 @@ impl Publisher {
     ) -> Option<(UpdatePayload, Track)> {
         let truth = observation.motion.motion();
         let track = slot.track();
-        let predicted_motion = self
-            .tracks
-            .predicted_motion((observation.id.index(), slot), tick);
+        let body = (observation.id.index(), slot);
+        let framed = self.tracks.framed(body, &track, tick);
+        let parent = self.tracks.parent(&track);
+        let predicted_motion = match (parent, parent_candidate) {
+            (None, _) => framed,
+            (Some((index, _)), Some(observed)) if observed.index == index => {
+                attached_motion(&observed.predicted_motion, &framed.pose())
+            }
+            (Some(parent), _) => {
+                let parent = self.tracks.framed(parent, &parent.1.track(), tick);
+                attached_motion(&parent, &framed.pose())
+            }
+        };
         let tolerance = self.tracks.tolerance_of(slot);
         let age = tick.since(track.origin)?;
         let moves = track.predictor != Predictor::Rest;
-        let orphaned = track.parent.is_some() && self.tracks.parent(&track).is_none();
+        let orphaned = track.parent.is_some() && parent.is_none();
         let expired = (age >= TRACK_AGE_MAX && moves) || orphaned || !self.features.prefilter;
         let used = share(
             &truth.pose(),
@@ -462,6 +478,7 @@ impl Publisher {
             tick,
             truth: &truth,
             predicted_motion: &predicted_motion,
+            framed: &framed,
             velocities: observed.velocities,
             past: &observed.past,
             stride,

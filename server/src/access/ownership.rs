@@ -42,9 +42,7 @@ impl Ownership {
             (Command::RemoveShape { id }, _) => {
                 self.shapes.remove(id);
             }
-            (Command::RemoveJoint { id }, _) => {
-                self.joints.remove(id);
-            }
+            (Command::RemoveJoint { id }, _) => self.remove_joint(*id),
             _ => {}
         }
     }
@@ -60,6 +58,11 @@ impl Ownership {
                 self.counts.remove(&client);
             }
         }
+    }
+
+    /// Forgets a joint that has left the scene.
+    pub(crate) fn remove_joint(&mut self, id: JointId) {
+        self.joints.remove(&id);
     }
 
     /// Bodies of a client.

@@ -78,7 +78,14 @@ const fn role_for(request: Request<'_>) -> Role {
             | Command::Impulse { .. }
             | Command::TorqueImpulse { .. }
             | Command::AddJoint { .. }
-            | Command::RemoveJoint { .. } => Role::Controller,
+            | Command::RemoveJoint { .. }
+            | Command::ChangeBody { .. }
+            | Command::ChangeJoint { .. }
+            | Command::ForceAt { .. }
+            | Command::ImpulseAt { .. }
+            | Command::Sleep { .. }
+            | Command::Wake { .. }
+            | Command::SetEvents { .. } => Role::Controller,
             _ => Role::Owner,
         },
     }
@@ -100,7 +107,16 @@ fn owns_subjects(permit: &Permit, ownership: &Ownership, request: Request<'_>) -
             | Command::Force { id, .. }
             | Command::Torque { id, .. }
             | Command::Impulse { id, .. }
-            | Command::TorqueImpulse { id, .. } => owns(id),
+            | Command::TorqueImpulse { id, .. }
+            | Command::ForceAt { id, .. }
+            | Command::ImpulseAt { id, .. }
+            | Command::Sleep { id }
+            | Command::Wake { id }
+            | Command::SetEvents { id, .. } => owns(id),
+            Command::ChangeBody { desc } => owns(desc.id),
+            Command::ChangeJoint { id, ref joint } => {
+                ownership.owns_joint(client, id) && joint.bodies.into_iter().all(owns)
+            }
             Command::AddJoint { ref joint, .. } => joint.bodies.into_iter().all(owns),
             Command::RemoveShape { id } => ownership.owns_shape(client, id),
             Command::RemoveJoint { id } => ownership.owns_joint(client, id),
@@ -168,7 +184,9 @@ mod tests {
     use std::sync::Arc;
 
     use glam::Vec3;
-    use rhumb_protocol::scene::{BodyDesc, Joint, JointFrame, JointId, JointKind, Shape, ShapeId};
+    use rhumb_protocol::scene::{
+        BodyDesc, BodyKind, Joint, JointFrame, JointId, JointKind, Shape, ShapeId,
+    };
     use rhumb_reckoning::Damping;
 
     use super::*;
@@ -250,14 +268,14 @@ mod tests {
         }
         let joint = Command::AddJoint {
             id: JointId(0),
-            joint: Joint {
-                kind: JointKind::Fixed,
-                bodies: both,
-                frames: [JointFrame::at(Vec3::ZERO); 2],
-                collide: false,
-            },
+            joint: Joint::plain(JointKind::Fixed, both, [JointFrame::at(Vec3::ZERO); 2]),
         };
         assert_eq!(decide(&anna, &scene, &joint), Err(Refused::NotAllowed));
+        let change = |index| Command::ChangeBody {
+            desc: BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, ShapeId(0)),
+        };
+        assert_eq!(decide(&anna, &scene, &change(1)), Ok(()));
+        assert_eq!(decide(&anna, &scene, &change(2)), Err(Refused::NotAllowed));
         scene.remove_body(both[0]);
         assert_eq!(decide(&anna, &scene, &push(1)), Err(Refused::NotAllowed));
     }

@@ -1,4 +1,4 @@
-//! Threads that step scenes: the caller's own, or a pool.
+//! Threads that step and publish scenes: the caller's own, or a pool.
 //!
 //! Results are equal to the bit on any number of threads. Without the feature `parallel` there is one thread.
 
@@ -9,7 +9,10 @@ use std::sync::Arc;
 
 use rapier3d::prelude::PhysicsWorld;
 #[cfg(feature = "parallel")]
-use rapier3d::rayon::{ThreadPool, ThreadPoolBuilder};
+use rapier3d::rayon::{
+    ThreadPool, ThreadPoolBuilder,
+    iter::{IntoParallelRefMutIterator, ParallelIterator},
+};
 
 /// Threads that several scenes may share. By default one, or, with the feature, one for each core.
 #[derive(Clone, Debug, Default)]
@@ -84,6 +87,28 @@ impl Workers {
     #[must_use]
     pub const fn may_be_many() -> bool {
         cfg!(feature = "parallel")
+    }
+
+    /// Does the same work on each item, on these threads; a single item stays on the caller's own.
+    ///
+    /// The items do not depend on each other, so that the results do not depend on the number of threads.
+    #[cfg(feature = "parallel")]
+    pub(crate) fn on_each<T: Send>(&self, items: &mut [T], work: impl Fn(&mut T) + Send + Sync) {
+        let one_thread = |pool: &Arc<ThreadPool>| pool.current_num_threads() == 1;
+        if items.len() < 2 || self.pool.as_ref().is_some_and(one_thread) {
+            return items.iter_mut().for_each(work);
+        }
+        let shared = || items.par_iter_mut().for_each(work);
+        match &self.pool {
+            Some(pool) => pool.install(shared),
+            None => shared(),
+        }
+    }
+
+    /// Does the same work on each item.
+    #[cfg(not(feature = "parallel"))]
+    pub(crate) fn on_each<T>(&self, items: &mut [T], work: impl Fn(&mut T)) {
+        items.iter_mut().for_each(work);
     }
 
     /// Makes a world use these threads.

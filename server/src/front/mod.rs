@@ -170,7 +170,7 @@ impl Front {
         self.settings.hooks = Some(hooks);
     }
 
-    /// Sets the threads that divide a step of later scenes.
+    /// Sets the threads that divide a step and the streams of later scenes.
     pub fn employ(&mut self, engine_threads: Workers) {
         self.settings.engine_threads = engine_threads;
     }

@@ -24,6 +24,7 @@ pub(super) fn accelerations(
     context: &Context<'_>,
     subject: &Subject<'_>,
     reach: f64,
+    gravity: DVec3,
 ) -> [Option<ConstantAcceleration>; ACCELERATIONS] {
     let mut all = [None; ACCELERATIONS];
     let spins = context.features.torque_free || !subject.slot.is_torque_free();
@@ -31,13 +32,18 @@ pub(super) fn accelerations(
         return all;
     }
     all[0] = subject.track.predictor.acceleration();
-    all[1] = acceleration(context, subject, reach)
+    all[1] = acceleration(context, subject, reach, gravity)
         .and_then(|observed| ConstantAcceleration::nearest(observed, STEPS_MIN));
     all
 }
 
 /// A steady, worthwhile acceleration, m/s². `reach`: the greatest allowed error of position, metres.
-fn acceleration(context: &Context<'_>, subject: &Subject<'_>, reach: f64) -> Option<DVec3> {
+fn acceleration(
+    context: &Context<'_>,
+    subject: &Subject<'_>,
+    reach: f64,
+    gravity: DVec3,
+) -> Option<DVec3> {
     let between = |before, after| context.tracks.acceleration(subject.slot, before, after);
     let velocity = |motion: &Motion| motion.twist().linear;
     let now = velocity(subject.truth);
@@ -52,10 +58,9 @@ fn acceleration(context: &Context<'_>, subject: &Subject<'_>, reach: f64) -> Opt
     let acceleration = between(before, after);
     let strength = acceleration.length_squared();
     let step = context.tracks.integrator().rate.step().seconds();
-    let bound = |ticks: f64| {
-        let strength = reach * 2.0 / (ticks * step * ticks * step);
-        strength * strength
-    };
+    // Squares are compared: a root less.
+    let once = reach * 2.0 / (step * step);
+    let bound = |ticks: f64| (once / (ticks * ticks)) * (once / (ticks * ticks));
     if strength <= bound(WORTHWHILE_TICKS[0]) || strength >= bound(WORTHWHILE_TICKS[1]) {
         return None;
     }
@@ -63,6 +68,6 @@ fn acceleration(context: &Context<'_>, subject: &Subject<'_>, reach: f64) -> Opt
         acceleration.distance_squared(other) < EQUAL_WITHIN * EQUAL_WITHIN * strength
     };
     // The ballistic predictor covers gravity.
-    let falls = near(context.tracks.gravity(subject.slot, subject.tick));
+    let falls = near(gravity);
     (!falls && near(between(other, next))).then_some(acceleration)
 }

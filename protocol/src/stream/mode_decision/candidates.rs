@@ -17,7 +17,7 @@ use crate::packet::{Age, PredictionMode};
 /// Number of candidate modes: rest, uniform, falling, attached, accelerated.
 const MODES: usize = 4 + ACCELERATIONS;
 /// Mode number of rest.
-const REST: usize = 0;
+pub(super) const REST: usize = 0;
 /// Mode number of attached.
 pub(super) const ATTACHED: usize = 3;
 /// Ticks after which the expected errors of the modes are compared.
@@ -70,7 +70,7 @@ pub(super) struct Candidates<'a, const N: usize> {
     /// Age of the track of the present parent.
     parent_age: Option<Age>,
     /// True if the parent is removed; the body then needs a keyframe.
-    orphaned: bool,
+    pub(super) orphaned: bool,
     rest: Option<Forecast<N>>,
     attached: Option<Attached<'a, N>>,
     floating: Predictor,
@@ -180,43 +180,50 @@ impl<'a, const N: usize> Candidates<'a, N> {
             falls,
             velocity,
             gravity: Some(gravity).filter(|by| context.features.ballistic && *by != DVec3::ZERO),
-            accelerations: accelerations(context, subject, reach),
+            accelerations: accelerations(context, subject, reach, gravity),
         }
     }
 
-    /// The numbers of all modes with lookahead; without it, only of the most promising ones.
-    pub(super) fn promising(&self, steadiest: Option<usize>) -> impl Iterator<Item = usize> {
-        let is_promising = move |number: &usize| match *number {
-            _ if N > 1 => true,
-            REST | ATTACHED => true,
-            number => steadiest == Some(number) || self.keeps(number),
-        };
+    /// The numbers of all modes.
+    pub(super) fn modes(&self) -> impl Iterator<Item = usize> {
         let numbers = if self.orphaned { 0 } else { MODES };
-        (0..numbers).filter(is_promising)
+        0..numbers
     }
 
-    /// True if a moving mode is the track's own.
-    fn keeps(&self, number: usize) -> bool {
+    /// The error of the uncorrected prediction in the world.
+    pub(super) fn error(&self) -> &Errors {
+        &self.unaccelerated.known.errors()[0]
+    }
+
+    /// The error of the uncorrected prediction in the frame of the parent; `None` if the body cannot be attached.
+    pub(super) fn attached_error(&self) -> Option<&Errors> {
+        Some(&self.attached.as_ref()?.forecast.known.errors()[0])
+    }
+
+    /// The moving mode that is the track's own.
+    pub(super) fn own_moving(&self) -> Option<usize> {
         let now = self.subject.track;
-        let predictor = match number {
-            1 => self.floating,
-            2 => self.falling,
+        match now.predictor {
+            _ if now.parent.is_some() => None,
+            predictor if predictor == self.floating => Some(1),
+            predictor if predictor == self.falling => Some(2),
             // The track's own acceleration is the first of them.
-            4 => return now.predictor.acceleration().is_some(),
-            _ => return false,
-        };
-        now.parent.is_none() && now.predictor == predictor
+            Predictor::Accelerated(_) => Some(4),
+            _ => None,
+        }
     }
 
     /// The moving mode with the least recent prediction error.
     pub(super) fn steadiest(&self) -> Option<usize> {
         let mut least = (None, f64::INFINITY);
-        for number in [1, 2].into_iter().chain(4..MODES) {
-            let acceleration = match number {
-                1 => Some(DVec3::ZERO),
-                2 => self.gravity,
-                _ => self.accelerations[number - 4].map(|it| it.acceleration()),
-            };
+        let [own, observed] = self.accelerations.map(|it| it.map(|it| it.acceleration()));
+        let moving = [
+            (1, Some(DVec3::ZERO)),
+            (2, self.gravity),
+            (4, own),
+            (5, observed),
+        ];
+        for (number, acceleration) in moving {
             let Some(acceleration) = acceleration else {
                 continue;
             };
@@ -473,7 +480,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         let by = parent.predicted_motion.pose();
         let truth = relative_to(&by, &subject.truth.pose());
         let predicted = if is_attached {
-            tracks.framed((subject.index, subject.slot), track, subject.tick)
+            *subject.framed
         } else {
             relative_to(&by, &subject.predicted_motion.pose())
         };

@@ -41,16 +41,10 @@ impl Cost {
 
     /// Cost of a correction, in 1/256 bits.
     pub(super) fn bits(&self, residual: &Residual) -> u32 {
-        let moved = residual.velocity.is_some();
         let velocity = residual.velocity.as_ref();
-        self.of_form(moved)
-            + self.of_place(residual, moved)
+        self.of_form(velocity.is_some())
+            + Self::of_place(self.age, residual)
             + velocity.map_or(0, |velocity| self.of_velocity(velocity))
-    }
-
-    /// True if the mode differs from the track's.
-    pub(super) const fn changes(&self) -> bool {
-        !matches!(self.mode, PredictionMode::Same)
     }
 
     /// Cost of the form, with or without velocities, and of the alias gap.
@@ -58,9 +52,9 @@ impl Cost {
         OVERHEAD + InitialCostModel.cost_of_form(&self.mode, self.age, moved)
     }
 
-    /// Cost of position and turn.
-    pub(super) fn of_place(&self, residual: &Residual, moved: bool) -> u32 {
-        InitialCostModel.cost_of_place(&self.mode, self.age, moved, residual)
+    /// Cost of position and turn. The contexts of the modes hardly differ, so that one cost serves all.
+    pub(super) fn of_place(age: Age, residual: &Residual) -> u32 {
+        InitialCostModel.cost_of_place(&PredictionMode::Same, age, false, residual)
     }
 
     /// Cost of velocities.

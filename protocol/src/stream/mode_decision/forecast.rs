@@ -13,9 +13,6 @@ const SAMPLED_TICKS: [f64; 15] = [
     1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0, 96.0, 128.0, 192.0,
 ];
 
-/// The last of them.
-const LONGEST: f64 = SAMPLED_TICKS[SAMPLED_TICKS.len() - 1];
-
 /// Reduction of the error by a correction: at once, and additionally per tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Effect {
@@ -147,15 +144,6 @@ impl ErrorForecast<'_> {
             ticks,
             breach: None,
         }
-    }
-
-    /// True if a correction holds so many ticks after the last known one, by its error at that time alone.
-    pub(super) fn holds_after(&self, by: &Effect, ticks: f64, expectation: &Expectation) -> bool {
-        let begin = self.left(self.last(), by);
-        let slope = self.slope - by.each_tick;
-        let errors = begin + (slope + self.curve * ticks) * ticks;
-        let share = expectation.units.share(&errors) + expectation.growth * ticks;
-        share <= 1.0 && ticks <= self.lasts.min(LONGEST)
     }
 
     /// Ticks for which the correction holds beyond the known ones; `None` if it does not hold at the last known tick.

@@ -17,9 +17,10 @@ mod forecast;
 mod ranking;
 mod refinement;
 mod shortlist;
+mod single_pass;
 mod subject;
 
-use rhumb_reckoning::{Anchor, Predictor, Seconds, TRACK_AGE_MAX, Ticks, Track};
+use rhumb_reckoning::{Anchor, Predictor, Residual, Seconds, TRACK_AGE_MAX, Ticks, Track};
 
 use super::features::Features;
 use crate::packet::{Age, UpdatePayload};
@@ -27,8 +28,8 @@ use candidates::{Candidates, Prediction};
 use errors::Units;
 use forecast::{Expectation, SPAN};
 use ranking::Settings;
-use refinement::Refinement;
-use shortlist::Choice;
+use refinement::refined;
+use single_pass::cheapest;
 pub(crate) use subject::{Context, Parent, Subject, share};
 
 /// Expected error growth over a lifetime as long as that of the present track, as a share of the tolerance.
@@ -124,21 +125,15 @@ impl<'a> ModeDecision<'a> {
             rate: step / update.over.seconds(),
             looks_ahead: N > 1,
         };
-        let mut refinement = Refinement::new(&settings);
-        let steadiest = if N == 1 { candidates.steadiest() } else { None };
-        for mode in candidates.promising(steadiest) {
-            refinement.consider(&candidates, mode);
-        }
-        if let Some(mode) = steadiest {
-            refinement.consider_velocities(&candidates, mode);
-        }
+        let update_of =
+            |mode, residual: &Residual| update.of(&candidates.prediction(mode)?, residual);
         if N == 1 {
-            refinement.consider_sparse(&candidates);
+            cheapest(&settings, &candidates, update_of)
+        } else {
+            let best = refined(&settings, &candidates);
+            best.iter()
+                .find_map(|choice| update_of(choice.mode, &choice.residual))
         }
-        let choices = refinement.best.iter();
-        choices
-            .copied()
-            .find_map(|choice| update.of(&candidates.prediction(choice.mode)?, &choice))
     }
 }
 
@@ -155,10 +150,13 @@ struct UpdateConditions<'u> {
 impl UpdateConditions<'_> {
     /// The update and the track of a choice, as a subscriber computes them; `None` if they break the tolerance or a
     /// limit.
-    fn of(&self, prediction: &Prediction<'_>, choice: &Choice) -> Option<(UpdatePayload, Track)> {
+    fn of(
+        &self,
+        prediction: &Prediction<'_>,
+        residual: &Residual,
+    ) -> Option<(UpdatePayload, Track)> {
         let (subject, tracks) = (self.subject, self.context.tracks);
         let grid = tracks.grid(subject.slot);
-        let residual = choice.residual;
         let quantised = residual.onto(prediction.motion, self.over, grid);
         let begun = quantised.motion(grid);
         let pose = prediction.in_world(&begun.pose());
@@ -175,7 +173,7 @@ impl UpdateConditions<'_> {
             UpdatePayload::Residual {
                 mode: prediction.mode,
                 age: self.age,
-                residual,
+                residual: *residual,
             },
             Track {
                 origin: subject.tick,

@@ -4,10 +4,10 @@
 
 use rhumb_reckoning::Residual;
 
-use super::cost::Cost;
+use super::candidates::Candidates;
+use super::cost::{Beside, Cost};
 use super::errors::Errors;
 use super::forecast::{Effect, ErrorForecast, Expectation, Lifetime};
-use super::shortlist::{BestCorrections, Choice};
 use crate::packet::Age;
 use crate::stream::features::Features;
 
@@ -35,17 +35,6 @@ pub(super) struct Settings {
     pub(super) looks_ahead: bool,
 }
 
-impl Settings {
-    /// The price that a correction must not exceed. With lookahead there is none, because the next correction counts.
-    pub(super) fn limit(&self, best: &BestCorrections) -> f64 {
-        if self.looks_ahead {
-            f64::INFINITY
-        } else {
-            best.least()
-        }
-    }
-}
-
 /// Prices the corrections of one candidate.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CorrectionRanker<'s> {
@@ -56,7 +45,32 @@ pub(super) struct CorrectionRanker<'s> {
     pub(super) rate: f64,
 }
 
-impl CorrectionRanker<'_> {
+impl<'s> CorrectionRanker<'s> {
+    /// The ranker of a mode's corrections; `None` if the mode does not apply.
+    #[inline]
+    pub(super) fn new<const N: usize>(
+        settings: &'s Settings,
+        candidates: &'s Candidates<'_, N>,
+        mode: usize,
+    ) -> Option<Self> {
+        let beside = if settings.looks_ahead {
+            Beside::NEXT
+        } else {
+            Beside::default()
+        };
+        let prediction = candidates.prediction(mode)?;
+        Some(Self {
+            forecast: candidates.error_forecast(mode)?,
+            expectation: &settings.expectation,
+            cost: Cost::new(prediction.mode, settings.age, beside),
+            rate: if prediction.moves() {
+                settings.rate
+            } else {
+                0.0
+            },
+        })
+    }
+
     pub(super) fn effect(&self, residual: &Residual) -> Effect {
         let units = &self.expectation.units;
         let at_once = units.of_residual(residual);
@@ -74,25 +88,15 @@ impl CorrectionRanker<'_> {
         self.forecast.lifetime(effect, self.expectation)
     }
 
-    /// The lifetime of a correction of at least these bits; `None` if its price is surely above `limit`.
-    pub(super) fn lifetime_within(&self, bits: u32, effect: &Effect, limit: f64) -> Option<f64> {
-        let needed = f64::from(bits) / limit - 1.0 - self.expectation.unobserved();
-        let may_hold = |ticks| self.forecast.holds_after(effect, ticks, self.expectation);
-        (needed <= 0.0 || may_hold(needed)).then(|| self.lifetime(effect).ticks)
-    }
-
     pub(super) fn price(&self, residual: &Residual) -> f64 {
         let lifetime = self.lifetime(&self.effect(residual));
         self.cost.price(self.cost.bits(residual), lifetime.ticks)
     }
 
     /// Removes one step of each axis if that lowers the price, and calls `note` for each result.
-    ///
-    /// With a `sparser` residual, only the axes that differ from it are tried.
     pub(super) fn leave_out_steps(
         &self,
         from: (Residual, f64),
-        sparser: Option<&Residual>,
         note: &mut impl FnMut(Residual, f64),
     ) -> (Residual, f64) {
         let (mut best, mut least) = from;
@@ -102,7 +106,7 @@ impl CorrectionRanker<'_> {
                 _ => residual.turn[axis - 3],
             };
             let now = steps(&best);
-            if now == 0 || sparser.is_some_and(|sparser| steps(sparser) == now) {
+            if now == 0 {
                 continue;
             }
             let mut fewer = best;
@@ -119,26 +123,34 @@ impl CorrectionRanker<'_> {
         (best, least)
     }
 
-    /// Prices a correction with velocities that reduce the error by `slope` per tick.
+    /// The lifetime of a correction with the true velocities, in ticks: no correction with velocities outlives it.
+    pub(super) fn longest(&self, at_once: Errors, slope: &Errors) -> f64 {
+        let exact = Effect {
+            at_once,
+            each_tick: *slope,
+        };
+        self.lifetime(&exact).ticks
+    }
+
+    /// The least price of a correction with velocities whose place has this cost, and that lives so long.
+    pub(super) fn least_price(&self, place: u32, longest: f64) -> f64 {
+        let bits = self.cost.of_form(true) + place + VELOCITY_BITS;
+        self.cost.price(bits, longest)
+    }
+
+    /// Prices the corrections with velocities that reduce the error by `slope` per tick, and calls `note` for each.
+    ///
+    /// `longest`: see [`Self::longest`].
     pub(super) fn with_velocities(
         &self,
         settings: &Settings,
-        (mode, residual): (usize, &Residual),
-        slope: &Errors,
-        best: &mut BestCorrections,
+        residual: &Residual,
+        (slope, longest): (&Errors, f64),
+        note: &mut impl FnMut(Residual, f64),
     ) {
         let units = &self.expectation.units;
         let effect = self.effect(residual);
-        let exact = Effect {
-            each_tick: *slope,
-            ..effect
-        };
-        let place = self.cost.of_form(true) + self.cost.of_place(residual, true);
-        // No correction outlives the one with the true velocities.
-        let limit = settings.limit(best);
-        let Some(longest) = self.lifetime_within(place + VELOCITY_BITS, &exact, limit) else {
-            return;
-        };
+        let place = self.cost.of_form(true) + Cost::of_place(settings.age, residual);
         let lacking = *slope - effect.each_tick;
         let too_coarse = |exponent: &u32| {
             !settings.looks_ahead && *exponent > 0 && units.rounding(*exponent) * longest > ROUNDING
@@ -152,15 +164,9 @@ impl CorrectionRanker<'_> {
                 velocity: Some(velocity),
                 ..*residual
             };
-            if velocity.is_within_limits()
-                && let Some(ticks) = self.lifetime_within(bits, &self.effect(&residual), limit)
-            {
-                let price = self.cost.price(bits, ticks);
-                best.note(Choice {
-                    mode,
-                    residual,
-                    price,
-                });
+            if velocity.is_within_limits() {
+                let ticks = self.lifetime(&self.effect(&residual)).ticks;
+                note(residual, self.cost.price(bits, ticks));
             }
         }
     }
@@ -199,7 +205,7 @@ impl CorrectionRanker<'_> {
                 let nearest = later.forecast.nearest(fit, later.rate);
                 let residual = self.expectation.units.residual(&nearest, NEAREST);
                 let (_, price) =
-                    later.leave_out_steps((residual, later.price(&residual)), None, &mut |_, _| {});
+                    later.leave_out_steps((residual, later.price(&residual)), &mut |_, _| {});
                 least = least.min(price);
             }
         }

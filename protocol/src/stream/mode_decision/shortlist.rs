@@ -23,15 +23,6 @@ pub(super) struct BestCorrections {
 }
 
 impl BestCorrections {
-    pub(super) const fn first(&self) -> Option<Choice> {
-        self.choices[0]
-    }
-
-    /// The price of the best correction; infinite without one.
-    pub(super) fn least(&self) -> f64 {
-        self.choices[0].map_or(f64::INFINITY, |best| best.price)
-    }
-
     pub(super) fn iter(&self) -> impl Iterator<Item = &Choice> {
         self.choices.iter().flatten()
     }

@@ -21,6 +21,8 @@ pub(crate) struct Subject<'a> {
     pub(crate) truth: &'a Motion,
     /// The body's predicted motion at that tick.
     pub(crate) predicted_motion: &'a Motion,
+    /// The same in the frame of the track.
+    pub(crate) framed: &'a Motion,
     /// The true linear velocities one and two ticks before, m/s.
     pub(crate) velocities: Option<[DVec3; 2]>,
     /// The true motions one and two strides before.

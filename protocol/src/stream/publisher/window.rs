@@ -42,19 +42,20 @@ impl ObservationWindow {
             observed.map(|observed| observed.motion.motion())
         };
         let before = |ticks| tick.before(Ticks::new(ticks)).and_then(motion);
-        let last = [before(1), before(2)];
-        let velocities = match &last {
-            [Some(one), Some(two)] => Some([one.twist().linear, two.twist().linear]),
-            _ => None,
-        };
-        let stride = observation_history.stride().count();
-        let (past, stride) = match (stride > 1).then(|| before(stride)).flatten() {
-            None => (last, 1),
-            observed => ([observed, before(2 * stride)], stride),
+        let mut stride = observation_history.stride().count();
+        let mut past = [before(stride), before(2 * stride)];
+        if stride > 1 && past[0].is_none() {
+            (past, stride) = ([before(1), before(2)], 1);
+        }
+        let linear = |motion: &Option<Motion>| motion.as_ref().map(|motion| motion.twist().linear);
+        let velocities = if stride == 1 {
+            [linear(&past[0]), linear(&past[1])]
+        } else {
+            [linear(&before(1)), linear(&before(2))]
         };
         let has_lookahead = observation_history.lookahead() > Ticks::ZERO;
         Self {
-            velocities,
+            velocities: velocities[0].zip(velocities[1]).map(<[DVec3; 2]>::from),
             past,
             stride: Ticks::new(stride),
             ahead: has_lookahead.then(|| Ahead::of(observation_history, id, tick, place)),
