@@ -5,7 +5,9 @@
 use std::fmt;
 
 use rhumb_protocol::Span;
-use rhumb_protocol::limits::{BODIES_MAX, CONTROL_WAITING_BYTES_MAX, MEMBERS_PER_SCENE_MAX, SCENES_MAX};
+use rhumb_protocol::limits::{
+    BODIES_MAX, CONTROL_WAITING_BYTES_MAX, MEMBERS_PER_SCENE_MAX, SCENES_MAX,
+};
 use serde::Deserialize;
 
 /// One limit, as the configuration file describes it.

@@ -30,7 +30,7 @@ use rhumb_reckoning::{BodyState, Tick};
 
 pub(crate) use self::provision::Provision;
 use self::weight::weight;
-use crate::access::rights::{self, Request};
+use crate::access::rights::Request;
 use crate::access::{Ownership, Permit};
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
@@ -168,10 +168,7 @@ impl SceneRunner {
         if self.faulted {
             return Err(Denial::SceneFaulted);
         }
-        let of_client = |member: &&Member| member.permit.client == permit.client;
-        let members = self.members.values().filter(of_client).count();
-        rights::check(&permit, &self.ownership, Request::Join { members })?;
-        self.check_stream(&permit, choice)?;
+        self.check_join(&permit, choice)?;
         if self.members.len() as u64 >= self.provision.limits.members_per_scene {
             return Err(Denial::TooManyMembers);
         }

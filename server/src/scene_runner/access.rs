@@ -21,6 +21,14 @@ impl SceneRunner {
         rights::check(&member.permit, &self.ownership, request)
     }
 
+    /// Decides whether a client may join.
+    pub(super) fn check_join(&self, permit: &Permit, choice: StreamChoice) -> Result<(), Denial> {
+        let of_client = |member: &&Member| member.permit.client == permit.client;
+        let members = self.members.values().filter(of_client).count();
+        rights::check(permit, &self.ownership, Request::Join { members })?;
+        self.check_stream(permit, choice)
+    }
+
     /// Decides whether a client may subscribe to another stream.
     pub(super) fn check_stream(&self, permit: &Permit, choice: StreamChoice) -> Result<(), Denial> {
         let members = self.members.values();
