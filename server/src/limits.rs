@@ -142,7 +142,7 @@ impl Limits {
         Span::from_millis(self.stall_seconds * 1_000)
     }
 
-    /// How long a scene without members lives; `None` for ever.
+    /// The lifetime of a scene without members; `None` for ever.
     pub(crate) fn empty_scene(&self) -> Option<Span> {
         (self.empty_scene_seconds > 0).then(|| Span::from_millis(self.empty_scene_seconds * 1_000))
     }
