@@ -9,8 +9,9 @@ use rhumb_protocol::scene::{Command, CommandError};
 use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
-use crate::access::Permit;
 use crate::access::rights::{self, Refused, Request};
+use crate::access::{Ownership, Permit};
+use crate::durable::Record;
 use crate::load;
 use crate::member::Member;
 
@@ -19,14 +20,6 @@ impl SceneRunner {
     pub(super) fn check(&self, peer: Peer, request: Request<'_>) -> Result<(), Refused> {
         let member = self.members.get(&peer).ok_or(Refused::NotAllowed)?;
         rights::check(&member.permit, &self.ownership, request)
-    }
-
-    /// Decides whether a client may join.
-    pub(super) fn check_join(&self, permit: &Permit, choice: StreamChoice) -> Result<(), Denial> {
-        let of_client = |member: &&Member| member.permit.client == permit.client;
-        let members = self.members.values().filter(of_client).count();
-        rights::check(permit, &self.ownership, Request::Join { members })?;
-        self.check_stream(permit, choice)
     }
 
     /// Decides whether a client may subscribe to another stream.
@@ -49,8 +42,13 @@ impl SceneRunner {
     ) -> Result<(), CommandError> {
         self.check(peer, Request::Command(command, self.config()))?;
         self.apply(peer, command)?;
-        if let Some(member) = self.members.get(&peer) {
-            self.ownership.note(&member.permit, command);
+        let client = (self.members.get(&peer)).and_then(|member| member.permit.client.clone());
+        self.ownership.note(client.as_ref(), command);
+        let tick = self.scene.tick();
+        if let (Some(client), Some(journal)) = (client, self.scene.journal_mut())
+            && Ownership::concerns(command)
+        {
+            journal.push(tick, &Record::Owned(client));
         }
         Ok(())
     }
