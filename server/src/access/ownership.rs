@@ -30,11 +30,9 @@ impl Ownership {
             (Command::AddBody { desc, .. }, Some(client)) => {
                 self.bodies.insert(desc.id, client.clone());
                 *self.counts.entry(client.clone()).or_default() += 1;
-                if let Some(damping) = damping_of(desc) {
-                    let dampings = self.dampings.entry(client.clone()).or_default();
-                    dampings.insert(damping);
-                }
+                self.note_damping(client, desc);
             }
+            (Command::ChangeBody { desc }, Some(client)) => self.note_damping(client, desc),
             (Command::AddShape { id, .. }, Some(client)) => {
                 self.shapes.insert(*id, client.clone());
             }
@@ -46,6 +44,13 @@ impl Ownership {
             }
             (Command::RemoveJoint { id }, _) => self.remove_joint(*id),
             _ => {}
+        }
+    }
+
+    fn note_damping(&mut self, client: &ClientName, desc: &BodyDesc) {
+        if let Some(damping) = damping_of(desc) {
+            let dampings = self.dampings.entry(client.clone()).or_default();
+            dampings.insert(damping);
         }
     }
 

@@ -5,7 +5,7 @@
 
 use rhumb_protocol::limits::{DAMPINGS_MAX, MEMBERS_PER_SCENE_MAX, STREAMS_PER_SCENE_MAX};
 use rhumb_protocol::message::{AuthorityError, Denial, Role};
-use rhumb_protocol::scene::{Command, CommandError, SceneConfig};
+use rhumb_protocol::scene::{BodyDesc, Command, CommandError, SceneConfig};
 use rhumb_reckoning::BodyId;
 
 use super::ownership::Ownership;
@@ -129,6 +129,10 @@ fn owns_subjects(permit: &Permit, ownership: &Ownership, request: Request<'_>) -
 fn is_within_quotas(permit: &Permit, ownership: &Ownership, request: Request<'_>) -> bool {
     let (quotas, client) = (&permit.quotas, permit.client.as_ref());
     let fits = |quota: Option<u64>, asked: u64| quota.is_none_or(|most| asked <= most);
+    let damping_fits = |desc: &BodyDesc| {
+        let dampings = client.map_or(0, |client| ownership.dampings_with(client, desc));
+        dampings <= DAMPINGS_OF_CLIENT_MAX
+    };
     match request {
         Request::Create(config) => fits(quotas.load, body_steps(config)),
         Request::Join { members } => {
@@ -137,13 +141,13 @@ fn is_within_quotas(permit: &Permit, ownership: &Ownership, request: Request<'_>
         }
         Request::Subscribe { streams } => client.is_none() || streams <= STREAMS_OF_CLIENT_MAX,
         Request::Command(Command::AddBody { desc, .. }, config) => {
-            let dampings = client.map_or(0, |client| ownership.dampings_with(client, desc));
             let bodies = client.map_or(0, |client| ownership.bodies_of(client));
             let bodies = u64::from(bodies) + 1;
-            dampings <= DAMPINGS_OF_CLIENT_MAX
+            damping_fits(desc)
                 && fits(quotas.bodies.map(u64::from), bodies)
                 && fits(quotas.load, body_steps(config).saturating_mul(bodies))
         }
+        Request::Command(Command::ChangeBody { desc }, _) => damping_fits(desc),
         _ => true,
     }
 }
@@ -184,9 +188,7 @@ mod tests {
     use std::sync::Arc;
 
     use glam::Vec3;
-    use rhumb_protocol::scene::{
-        BodyDesc, BodyKind, Joint, JointFrame, JointId, JointKind, Shape, ShapeId,
-    };
+    use rhumb_protocol::scene::{BodyKind, Joint, JointFrame, JointId, JointKind, Shape, ShapeId};
     use rhumb_reckoning::Damping;
 
     use super::*;

@@ -4,6 +4,8 @@
 //! SIGTERM for 10 s; a full disk under the log ended the process; a pipe without a reader stopped it.
 
 use std::fs::OpenOptions;
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
@@ -41,9 +43,31 @@ fn advance(client: &mut Client, ticks: u64) {
     }
 }
 
+/// The answer to a request for a server's figures or health.
+fn requested(metrics: &str, path: &str) -> String {
+    let mut stream = TcpStream::connect(metrics).expect("the server answers");
+    stream
+        .set_read_timeout(Some(LONG))
+        .expect("a time limit is set");
+    let request = format!("GET {path} HTTP/1.1\r\nHost: {metrics}\r\n\r\n");
+    stream
+        .write_all(request.as_bytes())
+        .expect("the request leaves");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("an answer comes");
+    answer
+}
+
+/// An address with a port that is free now.
+fn free_address() -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    listener.local_addr().expect("it is bound").to_string()
+}
+
 #[test]
-fn a_step_that_does_not_end_stops_neither_other_scenes_nor_sigterm() {
-    let server = SERVER.serve("127.0.0.1:0");
+fn a_step_that_does_not_end_stops_neither_other_scenes_nor_figures_nor_sigterm() {
+    let metrics = free_address();
+    let server = SERVER.serve_with("127.0.0.1:0", &["--metrics", &metrics]);
     let mut victim = join(&server, "victim", Stepping::Lockstep);
     advance(&mut victim, 10);
     let mut attacker = join(&server, "attacked", Stepping::FreeRunning);
@@ -65,6 +89,20 @@ fn a_step_that_does_not_end_stops_neither_other_scenes_nor_sigterm() {
     );
     let mut joiner = join(&server, "another", Stepping::Lockstep);
     advance(&mut joiner, 10);
+    assert!(requested(&metrics, "/health").starts_with("HTTP/1.1 200 OK"));
+    assert!(requested(&metrics, "/other").starts_with("HTTP/1.1 404"));
+    let figures = requested(&metrics, "/metrics");
+    for line in [
+        "rhumb_scenes_parked 1",
+        "rhumb_closed_total{code=\"6\"} 1",
+        "rhumb_scene_tick{scene=\"another\"} 10",
+        "rhumb_scene_members{scene=\"victim\"} 1",
+    ] {
+        assert!(
+            figures.lines().any(|have| have == line),
+            "{line} in\n{figures}"
+        );
+    }
     assert!(victim.advance(PipelineDepth::LOCKSTEP).expect("it steps") > Tick::new(10));
     server.signal("TERM");
     let signalled = Instant::now();
