@@ -144,14 +144,14 @@ impl Scene {
                 self.gravity = gravity;
                 self.engine.set_gravity(gravity);
             }
-            Command::AddJoint { id, joint } => {
-                self.registry.add_joint(id, joint)?;
-                self.act_joint(id, &joint);
+            Command::AddJoint { id, ref joint } => {
+                self.registry.add_joint(id, **joint)?;
+                self.act_joint(id, joint);
             }
-            Command::ChangeJoint { id, joint } => {
-                self.registry.change_joint(id, joint)?;
+            Command::ChangeJoint { id, ref joint } => {
+                self.registry.change_joint(id, **joint)?;
                 self.engine.remove_joint(id);
-                self.act_joint(id, &joint);
+                self.act_joint(id, joint);
             }
             Command::ChangeBody { desc } => self.change_body(desc)?,
             Command::RemoveJoint { id } => {

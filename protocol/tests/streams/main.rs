@@ -10,3 +10,4 @@ mod overdue_datagrams;
 mod reading;
 mod sleepers;
 mod stream;
+mod terms;
