@@ -1,4 +1,4 @@
-//! Events of bodies: compares what an engine reports after a step with the step before.
+//! Events of bodies: compares the engine's reports of two steps.
 //!
 //! Only bodies whose events are on are looked at, and of the dynamic ones only those that the engine observed: nothing
 //! about a body changes while it sleeps. Knows no members. Invariant: a tick has at most [`EVENTS_PER_TICK_MAX`]

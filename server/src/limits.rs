@@ -1,4 +1,4 @@
-//! Limits that an operator may change, each with its default, its bounds and its reason.
+//! Limits that an operator may change.
 //!
 //! The reasons are the doc comments, which the generated configuration file repeats.
 

@@ -1,4 +1,4 @@
-//! Admission by predicted cost: how many steps of bodies free-running scenes may ask for.
+//! Admission of free-running scenes by their predicted cost.
 //!
 //! The prediction is ticks in a second, times substeps, times bodies. A scene reserves its part before a body is added,
 //! and gives it back when the body goes or the scene ends. All threads of a server share one sum.

@@ -1,4 +1,4 @@
-//! The configuration of a server: a file, then the environment, then the command line.
+//! The configuration: a file, then the environment, then the command line.
 //!
 //! An environment variable `RHUMB_SERVER_NAME` replaces the setting `name`, and `RHUMB_SERVER_LIMITS_NAME` a limit. A
 //! name that no setting has is an error.

@@ -1,4 +1,4 @@
-//! Mass and moments of inertia of a body that do not follow from its shape and density.
+//! Mass and moments of inertia that do not follow from shape and density.
 
 use glam::Vec3;
 

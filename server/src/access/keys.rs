@@ -1,4 +1,4 @@
-//! Keys of tokens, as files, and what is done with them: signing and verifying.
+//! Keys of tokens as files: signing and verifying.
 //!
 //! A key file holds one line in the PASERK format. A server needs public keys only; whoever makes tokens keeps the
 //! secret one. Signatures are Ed25519, as PASETO version 4 prescribes: a token cannot choose another algorithm.

@@ -1,4 +1,4 @@
-//! Answers requests for figures and for the server's health, on a thread of its own.
+//! Answers requests for figures and for the server's health.
 //!
 //! Speaks as much HTTP as such requests need: one GET for each connection. It shares no lock with a scene for longer
 //! than a copy takes, so that it answers whatever a scene does. One peer that is slow delays others by a second at most;

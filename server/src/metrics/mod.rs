@@ -1,4 +1,4 @@
-//! Figures for operators: counted by the threads that work, read by the one that answers.
+//! Figures for operators.
 //!
 //! A figure is an atomic number: a tick stores some ten of them and waits for nothing. [`Metrics::text`] writes them in
 //! the text format of Prometheus.

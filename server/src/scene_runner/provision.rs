@@ -1,4 +1,4 @@
-//! A server's provision for one scene: limits, a part of its time, and a place in its figures.
+//! A server's provision for one scene: limits, a share of time, and figures.
 
 use super::SceneRunner;
 use crate::limits::Limits;

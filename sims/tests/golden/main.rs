@@ -1,4 +1,4 @@
-//! Scenes give results that are equal to the bit in every build, on any number of threads.
+//! Scenes give results that are equal to the bit in every build.
 //!
 //! Continuous integration runs them again, optimised and with the server's feature `parallel`.
 

@@ -1,4 +1,4 @@
-//! Events of bodies over the wire: stamped with their tick, and handed out with that tick's state.
+//! Events of bodies over the wire, each with the state of its tick.
 
 use glam::Vec3;
 use rhumb_protocol::Peer;

@@ -1,4 +1,4 @@
-//! Bodies whose properties change all the time stay within their tolerances, whatever the network does.
+//! Bodies whose properties change all the time stay within their tolerances.
 //!
 //! As in `simulated_network`, the claims of members about each body are checked against the truth. A random body gets
 //! another description every few ticks: damping, gravity scale, locked axes, mass, kind, whether it is enabled.

@@ -1,4 +1,4 @@
-//! Properties of bodies, joints and shapes over the wire, each as its documentation says.
+//! Properties of bodies, joints and shapes over the wire.
 //!
 //! One session sends commands, and a local scene gets the same ones: it is the truth. After every tick the session's copy
 //! is within its bounds of the truth, whatever was changed, and both scenes have had the same states to the bit.

@@ -1,4 +1,4 @@
-//! Access by tokens, as an operator sets it up: keys, tokens, a server that asks for them, and clients.
+//! Access by tokens, as an operator sets it up.
 //!
 //! Each test makes its keys by the binary in a folder of its own.
 

@@ -1,4 +1,4 @@
-//! Stage three with lookahead: the residuals of least price, over all candidates.
+//! Stage three with lookahead: the residuals of least price.
 //!
 //! The search starts at the residuals that fit the known ticks best, and removes steps while that lowers the price. The
 //! best ones of each candidate are priced together with their next correction.

@@ -1,4 +1,4 @@
-//! Stage three without lookahead: one correction for each mode, and the cheapest of them.
+//! Stage three without lookahead: one correction for each mode.
 //!
 //! Without known ticks nothing is searched. The modes of one frame share the correction at the published tick and its
 //! cost, so that a mode adds its form and its lifetime alone.

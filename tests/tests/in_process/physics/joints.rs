@@ -1,4 +1,4 @@
-//! Joints of every kind: limits, motors, strength, and bodies that are disabled.
+//! Joints of every kind: limits, motors, strength, and disabled bodies.
 //!
 //! The helpers of the parent check after every tick that the copy keeps its promise and has the joints of the scene.
 
