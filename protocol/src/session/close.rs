@@ -27,7 +27,7 @@ impl CloseCode {
     pub const SCENE_PARKED: Self = Self(6);
     /// The server cannot serve another scene now.
     pub const BUSY: Self = Self(7);
-    /// The client said no hello in time.
+    /// The client sent no `Hello` in time.
     pub const HELLO_LATE: Self = Self(8);
     /// The server requires a token, and the client's hello has none.
     pub const TOKEN_MISSING: Self = Self(16);
@@ -37,6 +37,8 @@ impl CloseCode {
     pub const TOKEN_EXPIRED: Self = Self(18);
     /// The token does not name the scene of the connection.
     pub const TOKEN_SCENE: Self = Self(19);
+    /// Another connection has taken the session up.
+    pub const SESSION_TAKEN: Self = Self(32);
 }
 
 impl From<Malformed> for CloseCode {
@@ -61,6 +63,7 @@ impl fmt::Display for CloseCode {
             Self::TOKEN_INVALID => "the token is not one of this server",
             Self::TOKEN_EXPIRED => "the token has expired",
             Self::TOKEN_SCENE => "the token does not name the scene",
+            Self::SESSION_TAKEN => "another connection has taken the session up",
             Self(code) => return write!(f, "unknown close code {code}"),
         })
     }
