@@ -9,7 +9,7 @@ use rhumb_protocol::{Peer, Span};
 use rhumb_reckoning::Tick;
 
 use super::SceneRunner;
-use crate::durable::{Frozen, Record, SceneLog, SessionNumber};
+use crate::durable::{Frozen, Journal, Record, SceneLog, SessionNumber};
 use crate::outbox::Outbox;
 
 /// Time of steps after which a snapshot is due: a third of the time for a restart.
@@ -97,7 +97,7 @@ impl SceneRunner {
         let Some(durability) = &mut self.durability else {
             return;
         };
-        let Some(batch) = self.scene.journal_mut().and_then(|journal| journal.take()) else {
+        let Some(batch) = self.scene.journal_mut().and_then(Journal::take) else {
             return;
         };
         let number = durability.log.append(batch);

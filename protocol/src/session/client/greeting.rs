@@ -4,9 +4,11 @@
 
 use super::{ClientSession, ClientState};
 use crate::endpoint::Peer;
-use crate::message::{ClientMessage, Grease, VERSIONS, Welcome};
+use crate::message::{ClientMessage, Grease, StreamChoice, VERSIONS, Welcome};
+use crate::scene::SceneConfig;
 use crate::session::close::CloseCode;
 use crate::session::event::Event;
+use crate::session::misuse::Misuse;
 use crate::time::Instant;
 
 impl ClientSession {
