@@ -59,8 +59,8 @@ const CASES: &[CaseRow] = &[
     ),
     (
         3,
-        "a disabled body stands still, and takes no impulse",
-        "PROTOCOL 2.6-25, 4.5-3",
+        "a disabled body stands still, and neither an impulse nor its joint moves it",
+        "PROTOCOL 2.6-25, 2.6-28",
         |trial| {
             let mut falling = Falling::new(trial)?;
             falling.to(30)?;
@@ -77,6 +77,7 @@ const CASES: &[CaseRow] = &[
                 impulse,
             })?;
             let error = Err(CommandError::BodyDisabled(desc.id));
+            falling.join(Joint::plain(JointKind::Fixed, falling.bodies, CENTRES))?;
             ensure(outcome == error, format!("{error:?}, not {outcome:?}"))?;
             falling.to(91)?;
             let off = (falling.there()?.pose().position - before).length();
