@@ -8,6 +8,7 @@ mod authority;
 mod flow;
 #[cfg(feature = "app")]
 mod owner;
+mod provision;
 mod queries;
 mod subscriptions;
 mod weight;
@@ -16,7 +17,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use bytes::Bytes;
-use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX};
+use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT};
 use rhumb_protocol::message::{
     ClientMessage, Denial, Extensions, Joined, RemovalCause, SceneEvent, ServerMessage,
     StreamChoice,
@@ -27,6 +28,7 @@ use rhumb_protocol::stream::{Activity, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::{BodyState, Tick};
 
+pub(crate) use self::provision::Provision;
 use self::weight::weight;
 use crate::access::rights::{self, Request};
 use crate::access::{Ownership, Permit};
@@ -72,6 +74,7 @@ pub(crate) struct SceneRunner {
     late: bool,
     /// True if a client of another protocol owns the scene: only that client steps and ends it.
     owned: bool,
+    provision: Provision,
     /// The largest packet of its later streams.
     largest_packet: LargestPacket,
 }
@@ -81,7 +84,7 @@ const CATCH_UP_STEPS: u64 = 5;
 
 impl SceneRunner {
     /// `names`: names of its streams.
-    pub(crate) fn new(scene: Scene, names: StreamNames) -> Self {
+    pub(crate) fn new(scene: Scene, names: StreamNames, provision: Provision) -> Self {
         let target = scene.tick();
         let streams = Streams::new(scene.config().publish_schedule);
         Self {
@@ -104,6 +107,7 @@ impl SceneRunner {
             faulted: false,
             late: false,
             owned: false,
+            provision,
             largest_packet: LargestPacket::DEFAULT,
         }
     }
@@ -167,7 +171,8 @@ impl SceneRunner {
         let of_client = |member: &&Member| member.permit.client == permit.client;
         let members = self.members.values().filter(of_client).count();
         rights::check(&permit, &self.ownership, Request::Join { members })?;
-        if self.members.len() >= MEMBERS_PER_SCENE_MAX {
+        self.check_stream(&permit, choice)?;
+        if self.members.len() as u64 >= self.provision.limits.members_per_scene {
             return Err(Denial::TooManyMembers);
         }
         let stream = match self.streams.subscribe(choice)? {
@@ -365,7 +370,9 @@ impl SceneRunner {
         let number = member.number_command();
         member.charge_command(out.now());
         let unsent = self.unsent.len();
-        if let Err(error) = command.and_then(|command| self.apply_of_member(peer, &command)) {
+        let applied = command.and_then(|command| self.apply_of_member(peer, &command));
+        self.provision.meter.count_command(applied.is_err());
+        if let Err(error) = applied {
             out.send(peer, &ServerMessage::Refused { number, error });
         }
         let added = self.unsent.len().saturating_sub(unsent);
@@ -395,7 +402,7 @@ impl SceneRunner {
             return Err(CommandError::NotGranted(desc.id));
         }
         self.check_not_under_authority(command)?;
-        self.scene.apply(command)?;
+        self.apply_within_load(command)?;
         let tick = self.scene.tick();
         match *command {
             Command::AddShape { id, ref shape } => {
@@ -418,12 +425,12 @@ impl SceneRunner {
             Command::RemoveBody { id } => {
                 self.streams.remove(id);
                 self.authority_table.remove(id);
-                self.ownership.remove_body(id);
+                self.forget_body(id);
                 let cause = RemovalCause::Command;
                 self.record_event(SceneEvent::BodyRemoved { id, cause });
             }
-            Command::AddJoint { id, joint } | Command::ChangeJoint { id, joint } => {
-                self.record_event(SceneEvent::JointAdded { id, joint });
+            Command::AddJoint { id, ref joint } | Command::ChangeJoint { id, ref joint } => {
+                self.record_event(SceneEvent::JointAdded { id, joint: **joint });
             }
             Command::RemoveJoint { id } => self.record_event(SceneEvent::JointRemoved { id }),
             Command::SetGravity { gravity } => {
@@ -498,6 +505,9 @@ impl SceneRunner {
             self.late = late_by > step.as_nanos();
             let kept = late_by <= step.as_nanos() * CATCH_UP_STEPS;
             self.next_step = Some(if kept { due + step } else { now + step });
+            if !kept {
+                self.provision.meter.count_slowed();
+            }
         }
         self.last_step = now;
         self.tick(clock, out);
@@ -530,7 +540,7 @@ impl SceneRunner {
         for (id, cause) in stepped.removed {
             self.streams.remove(id);
             self.authority_table.remove(id);
-            self.ownership.remove_body(id);
+            self.forget_body(id);
             self.record_event(SceneEvent::BodyRemoved { id, cause });
         }
         for id in stepped.broken {
@@ -550,7 +560,7 @@ impl SceneRunner {
                 }
             }
         }
-        self.times.add(Marks {
+        self.note_times(Marks {
             begun,
             stepped: after_step,
             observed,

@@ -68,7 +68,10 @@ impl Ragdolls {
             };
             let id = JointId(self.joints);
             self.joints += 1;
-            out.push(Command::AddJoint { id, joint });
+            out.push(Command::AddJoint {
+                id,
+                joint: joint.into(),
+            });
         }
     }
 }

@@ -55,6 +55,11 @@ pub enum CommandError {
     NotAllowed,
     /// The command exceeds a quota of the client's token.
     OverQuota,
+    /// The machine has no time left for the body; a later attempt may succeed.
+    Overloaded {
+        /// When to try again, seconds from now.
+        retry_seconds: u8,
+    },
     /// The body is disabled and takes neither velocities nor pushes.
     BodyDisabled(BodyId),
     /// The scene has reached its limit of joints, which grows with its bodies.
@@ -97,6 +102,10 @@ impl fmt::Display for CommandError {
                 f.write_str("the client may not do that, or not to what belongs to another client")
             }
             Self::OverQuota => f.write_str("the command exceeds a quota of the client's token"),
+            Self::Overloaded { retry_seconds } => write!(
+                f,
+                "the server has no time left for it; try again in {retry_seconds} s"
+            ),
             Self::BodyDisabled(id) => write!(f, "{id} is disabled"),
             Self::TooManyJoints => {
                 f.write_str("the scene has as many joints as its number of bodies allows")
@@ -145,6 +154,10 @@ impl Wire for CommandError {
             Self::TooManySwept => to.u8(22),
             Self::NotAllowed => to.u8(32),
             Self::OverQuota => to.u8(33),
+            Self::Overloaded { retry_seconds } => {
+                to.u8(34);
+                to.u8(retry_seconds);
+            }
             Self::Other(code) => to.u8(code),
         }
     }
@@ -178,6 +191,9 @@ impl Wire for CommandError {
             22 => Self::TooManySwept,
             32 => Self::NotAllowed,
             33 => Self::OverQuota,
+            34 => Self::Overloaded {
+                retry_seconds: from.u8()?,
+            },
             code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })

@@ -165,14 +165,7 @@ fn a_joint_needs_two_living_bodies_and_a_free_id() {
     let [a, b] = [0, 1].map(|index| BodyId::new(index, 0));
     let add = |id, bodies| Command::AddJoint {
         id,
-        joint: Joint {
-            kind: JointKind::Fixed,
-            bodies,
-            frames: [JointFrame::at(Vec3::ZERO); 2],
-            collide: false,
-            motors: [None; 6],
-            strength: None,
-        },
+        joint: Joint::plain(JointKind::Fixed, bodies, [JointFrame::at(Vec3::ZERO); 2]).into(),
     };
     let id = JointId(7);
     scene.apply(&body(0, 0, BodyKind::Static)).unwrap();
@@ -478,9 +471,9 @@ fn step_or_command() -> impl Strategy<Value = Option<Command>> {
                 other => other,
             })
         }),
-        2 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::ChangeJoint { id, joint })),
+        2 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::ChangeJoint { id, joint: joint.into() })),
         2 => id().prop_map(|id| Some(Command::RemoveBody { id })),
-        5 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::AddJoint { id, joint })),
+        5 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::AddJoint { id, joint: joint.into() })),
         1 => joint_id().prop_map(|id| Some(Command::RemoveJoint { id })),
         2 => pose.prop_map(Some),
         2 => velocity.prop_map(Some),

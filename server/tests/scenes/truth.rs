@@ -482,7 +482,10 @@ fn joined_ball(kind: JointKind) -> Scene {
         strength: None,
     };
     scene
-        .apply(&Command::AddJoint { id: JOINT, joint })
+        .apply(&Command::AddJoint {
+            id: JOINT,
+            joint: joint.into(),
+        })
         .expect("the test makes it valid");
     scene
 }
@@ -568,7 +571,10 @@ fn a_lost_body_takes_its_joints_along() {
         strength: None,
     };
     scene
-        .apply(&Command::AddJoint { id: JOINT, joint })
+        .apply(&Command::AddJoint {
+            id: JOINT,
+            joint: joint.into(),
+        })
         .unwrap();
     let stepped = scene.step().unwrap();
     assert_eq!(stepped.removed, [(other, RemovalCause::LeftWorld)]);
@@ -578,7 +584,10 @@ fn a_lost_body_takes_its_joints_along() {
         ..joint
     };
     scene
-        .apply(&Command::AddJoint { id: JOINT, joint })
+        .apply(&Command::AddJoint {
+            id: JOINT,
+            joint: joint.into(),
+        })
         .unwrap();
     step_and_observe(&mut scene);
 }

@@ -262,6 +262,7 @@ fn errors(cases: &mut CaseList) {
     for code in [8, 9, 11, 18, 19, 20, 32, 33, 0x7f, 0x80, 0xff] {
         cases.add(10, format!("Refused, {code}"), &[&v(4), &[code]]);
     }
+    cases.add(10, "Refused, 34 for 5 seconds", &[&v(4), &[34, 5]]);
 }
 
 /// A track encoded as a bit string.

@@ -309,14 +309,14 @@ fn hull_of(points: &[Vec3]) -> Shape {
 fn fields_of_joints(ball: BodyId) -> Vec<Field> {
     let joint = move |kind, anchor| Command::AddJoint {
         id: JointId(500),
-        joint: Joint {
+        joint: Box::new(Joint {
             kind,
             bodies: [BodyId::new(0, 0), ball],
             frames: [JointFrame::at(Vec3::ZERO), JointFrame::at(anchor)],
             collide: true,
             motors: [None; 6],
             strength: None,
-        },
+        }),
     };
     let limits = |least, most| JointLimits { least, most };
     let most = EXTENT_MAX;
