@@ -3,8 +3,8 @@
 use core::num::NonZeroU32;
 
 use glam::Vec3;
-use rhumb_protocol::packet::{Features, LargestPacket};
-use rhumb_protocol::stream::StreamConfig;
+use rhumb_protocol::packet::LargestPacket;
+use rhumb_protocol::stream::{Features, StreamConfig};
 use rhumb_reckoning::{Integrator, Rate, Tolerance};
 
 /// Sixty ticks a second, each published, without gravity.

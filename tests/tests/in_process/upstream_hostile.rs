@@ -406,7 +406,7 @@ fn datagrams_in_the_wrong_direction_for_the_stepping_change_nothing() {
     let mut table = Table::default();
     let good = create(&mut table, "led", 0, Stepping::Lockstep);
     table.run_until_idle();
-    let (raw_peer, own, grant) = enter(&mut table, "led");
+    let (mut raw_peer, own, grant) = enter(&mut table, "led");
     let mut writer = UpdateWriter::new(grant.stream, 0, 1, 0);
     let payload = UpdatePayload::Keyframe(Keyframe {
         predictor: Predictor::Rest,
