@@ -1,6 +1,6 @@
 //! Scenes give results that are equal to the bit in every build.
 //!
-//! Continuous integration runs them again, optimised and with the server's feature `parallel`.
+//! Continuous integration runs them with the server's feature `parallel`, and again without it in an optimised build.
 
 mod displayed;
 mod scripts;
