@@ -211,7 +211,12 @@ impl SceneFileShape {
             Shape::Hull(hull) => Self::Hull {
                 points: hull.points().iter().map(glam::Vec3::to_array).collect(),
             },
-            Shape::Heights(_) | Shape::Mesh(_) | Shape::Compound(_) => return None,
+            Shape::Heights(_)
+            | Shape::Mesh(_)
+            | Shape::Compound(_)
+            | Shape::RoundedCuboid { .. }
+            | Shape::Cone { .. }
+            | Shape::HalfSpace { .. } => return None,
         })
     }
 }

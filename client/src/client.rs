@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use rhumb_protocol::limits::SILENCE_MS_MAX;
 use rhumb_protocol::message::{Denial, Inspection, StreamChoice, TierPolicy};
-use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, SceneConfig};
+use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Query, SceneConfig};
 use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_protocol::{Ending, Instant};
@@ -239,6 +239,19 @@ impl Client {
     pub fn command(&mut self, command: Command) -> Result<u64, ClientError> {
         self.check_open()?;
         Ok(self.ids.command(&mut self.pump.session, command)?)
+    }
+
+    /// Queues queries in one message, and returns the number that their answer names: [`Event::QueryResult`].
+    ///
+    /// The answer tells where the bodies were at its tick: the newest one when the server read the message, which is
+    /// sent as a command is. Neither waits for a step. Their cost is limited, see [`Query::cost`].
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Misuse`] for an invalid number or too many queries; then none is queued.
+    pub fn query(&mut self, queries: Vec<Query>) -> Result<u64, ClientError> {
+        self.check_open()?;
+        Ok(self.pump.session.query(queries)?)
     }
 
     /// Sends the queued commands at once.

@@ -65,8 +65,8 @@ pub use join_options::{JoinMode, JoinOptions};
 pub use pump::TapChannel;
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{
-    AuthorityError, Denial, Inspection, InvalidToken, RemovalCause, StageTimes, StreamChoice,
-    TierChangeCause, TierPolicy,
+    AuthorityError, Denial, Inspection, InvalidToken, QueryError, QueryResult, RemovalCause,
+    StageTimes, StreamChoice, TierChangeCause, TierPolicy,
 };
 pub use rhumb_protocol::scene;
 pub use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};

@@ -60,10 +60,23 @@ pub const GRANTED_MAX: u32 = GRANT + RESERVE_MAX;
 
 /// Commands and advances that wait for an earlier advance, at most.
 pub const PENDING_COMMANDS_MAX: usize = 65_536;
+/// Control bytes beyond its newest snapshot that wait for a peer; beyond that the server closes the connection.
+pub const CONTROL_WAITING_BYTES_MAX: usize = 12 << 20;
 /// Index ranges of one member, at most.
 pub const RANGES_PER_MEMBER_MAX: usize = 64;
 /// Ticks that an `Advance` may lead ahead of the scene.
 pub const ADVANCE_TICKS_MAX: u64 = 1_024;
+
+/// Cost of all queries of one message: a body that a ray finds costs 1.
+pub const QUERY_COST_MAX: u32 = 4_096;
+/// Cost of a body that a shape cast finds.
+pub const SHAPE_CAST_COST: u32 = 10;
+/// Bodies that one query may find.
+pub const HITS_MAX: u8 = 64;
+/// Body events of one tick; more are counted only.
+pub const EVENTS_PER_TICK_MAX: usize = 1_024;
+/// Body events that a client keeps until their tick is complete.
+pub const EVENTS_HELD_MAX: usize = 16_384;
 
 /// Largest coordinate, metres: at 1e5 m an f32 still resolves 8 mm.
 pub const COORDINATE_MAX: f32 = 1e5;
@@ -101,6 +114,22 @@ pub const SHAPE_BYTES_PER_SCENE_MAX: usize = 8 << 20;
 pub const DENSITY_MIN: f32 = 1e-3;
 /// See [`DENSITY_MIN`].
 pub const DENSITY_MAX: f32 = 1e6;
+/// Smallest and largest mass of a body that has its own, kg.
+pub const MASS_MIN: f32 = 1e-3;
+/// See [`MASS_MIN`].
+pub const MASS_MAX: f32 = 1e6;
+/// Smallest and largest moment of inertia of such a body for each kilogram, m²: the squares of the extents.
+pub const GYRATION_MIN: f32 = 1e-6;
+/// See [`GYRATION_MIN`].
+pub const GYRATION_MAX: f32 = 1e8;
+/// Bodies of a scene that are swept against moving ones.
+pub const SWEPT_BODIES_MAX: usize = 64;
+/// Joints of a scene beside [`JOINTS_PER_BODY`] for each body.
+pub const JOINTS_BESIDE: usize = 64;
+/// See [`JOINTS_BESIDE`].
+pub const JOINTS_PER_BODY: usize = 4;
+/// Largest stiffness and damping of a joint's motor or spring: 1/s² and 1/s, or N/m and N·s/m.
+pub const STIFFNESS_MAX: f32 = 1e6;
 /// Largest friction coefficient.
 pub const FRICTION_MAX: f32 = 1e2;
 /// Largest damping, 1/s.
@@ -162,3 +191,6 @@ const _: () = assert!(HISTORY_PACKETS < 1 << 15);
 const _: () = assert!(TICK_JUMP_MAX < 1 << 15);
 // All packets of a repair symbol have different coefficients, and the mask of covered packets fits its bits.
 const _: () = assert!(FEC_SPAN <= FEC_ROWS as u32 && FEC_SPAN <= 32);
+// Queries and events fit a message: a query takes at most 75 bytes, a found body 36, an event 45.
+const _: () = assert!(QUERY_COST_MAX as usize * 75 + 16 < LONG_MESSAGE_BYTES_MAX);
+const _: () = assert!(EVENTS_PER_TICK_MAX * 45 + 32 < LONG_MESSAGE_BYTES_MAX);

@@ -169,7 +169,7 @@ impl QuantisedState {
 
     /// The grid point nearest to a position.
     #[must_use]
-    pub fn position_of(pose: &Pose, grid: &Grid) -> [i32; 3] {
+    pub(crate) fn position_of(pose: &Pose, grid: &Grid) -> [i32; 3] {
         quantise3(pose.position, grid.fine, POSITION_LIMIT)
     }
 
@@ -202,7 +202,7 @@ impl QuantisedState {
 
     /// The same pose with the velocities that a residual makes of these, saturating at the limit.
     #[must_use]
-    pub fn hastened(&self, by: &VelocityResidual) -> Self {
+    pub(crate) fn hastened(&self, by: &VelocityResidual) -> Self {
         let [linear, angular] = by.steps();
         Self {
             linear: plus(self.linear, linear, VELOCITY_LIMIT),
@@ -269,7 +269,7 @@ impl VelocityResidual {
 
     /// The residual that leads from the implied velocities nearest to the wanted ones, in the finest steps.
     #[must_use]
-    pub fn finest(wanted: &Twist, implied: &QuantisedState, grid: &Grid) -> Self {
+    pub(crate) fn finest(wanted: &Twist, implied: &QuantisedState, grid: &Grid) -> Self {
         let linear = quantise3(wanted.linear, grid.linear, VELOCITY_LIMIT / 2);
         let angular = quantise3(wanted.angular, grid.angular, VELOCITY_LIMIT / 2);
         // Both within half the limit, so that the difference is within the whole.
@@ -331,35 +331,11 @@ impl Residual {
     /// `over`: divergence time of the prediction, above zero; the correction divided by it is the implied velocity.
     #[must_use]
     pub fn onto(&self, predicted: &Motion, over: Seconds, grid: &Grid) -> QuantisedState {
-        let position = QuantisedState::position_of(&predicted.pose(), grid);
-        let rotation = || PackedRotation::of(predicted.pose().rotation);
-        self.onto_place(predicted, (position, rotation), over, grid)
-    }
-
-    /// The same, where the grid point nearest to the prediction is known.
-    #[must_use]
-    pub fn onto_quantised(
-        &self,
-        predicted: &Motion,
-        (position, rotation): ([i32; 3], PackedRotation),
-        over: Seconds,
-        grid: &Grid,
-    ) -> QuantisedState {
-        self.onto_place(predicted, (position, || rotation), over, grid)
-    }
-
-    fn onto_place(
-        &self,
-        predicted: &Motion,
-        (position, rotation): ([i32; 3], impl FnOnce() -> PackedRotation),
-        over: Seconds,
-        grid: &Grid,
-    ) -> QuantisedState {
         let (pose, twist) = (predicted.pose(), predicted.twist());
         let turned = value3(self.turn, grid.turn);
         let [p, q, r] = self.turn;
         let rotation = if p | q | r == 0 {
-            rotation()
+            PackedRotation::of(pose.rotation)
         } else {
             PackedRotation::of(normalised(product(turn_by(turned), pose.rotation)))
         };
@@ -370,7 +346,7 @@ impl Residual {
         );
         let angular = add3(twist.angular, scale3(turned, rate));
         self.onto_implied(QuantisedState {
-            position,
+            position: QuantisedState::position_of(&pose, grid),
             rotation,
             linear: quantise3(linear, grid.linear, VELOCITY_LIMIT),
             angular: quantise3(angular, grid.angular, VELOCITY_LIMIT),

@@ -142,12 +142,16 @@ mod tests {
     use glam::Quat;
     use rhumb_app::{AppTransmit, Logon, Message};
     use rhumb_protocol::message::RemovalCause;
-    use rhumb_protocol::scene::{Joint, JointId};
-    use rhumb_reckoning::{Inertia, Twist};
+    use rhumb_protocol::scene::{Answer, Joint, JointId, Query};
+    use rhumb_protocol::stream::Activity;
+    use rhumb_reckoning::{BodyState, Inertia, Twist};
 
     use super::*;
-    use crate::engine::{Engine, EngineFault, NewBody, Push, UnusableShape};
+    use crate::engine::{
+        BodyProperties, Engine, EngineFault, Push, UnanswerableQuery, UnusableShape,
+    };
     use crate::scene::Scene;
+    use crate::scene_runner::Provision;
     use crate::stream_names::StreamNames;
 
     /// An engine that fails in its first step.
@@ -161,7 +165,10 @@ mod tests {
         fn remove_shape(&mut self, _: ShapeId) {}
         fn add_joint(&mut self, _: JointId, _: &Joint) {}
         fn remove_joint(&mut self, _: JointId) {}
-        fn add(&mut self, _: &NewBody) {}
+        fn add(&mut self, _: &BodyProperties, _: BodyState) {}
+        fn change(&mut self, _: &BodyDesc, _: &BodyProperties) {}
+        fn set_activity(&mut self, _: BodyId, _: Activity) {}
+        fn overloaded_joints(&self, _: &mut Vec<JointId>) {}
         fn remove(&mut self, _: BodyId) {}
         fn set_pose(&mut self, _: BodyId, _: Vec3, _: Quat) {}
         fn set_velocity(&mut self, _: BodyId, _: Twist) {}
@@ -183,6 +190,11 @@ mod tests {
         }
 
         fn contacts(&self, _: BodyId, _: &mut Vec<Contact>) {}
+        fn sensed(&self, _: BodyId, _: &mut Vec<(BodyId, BodyId)>) {}
+
+        fn query(&self, _: &Query) -> Result<Answer, UnanswerableQuery> {
+            Err(UnanswerableQuery)
+        }
 
         fn awake_count(&self) -> usize {
             0
@@ -237,10 +249,10 @@ mod tests {
         let [first, second] = [1, 2].map(Peer);
         host.begin(first);
         assert_eq!(host.closed(), []);
-        let mut runners = host.server_loop.runners.values_mut();
-        let runner = runners.next().expect("its scene");
+        let mut runners = host.server_loop.runners.iter_mut();
+        let (name, runner) = runners.next().expect("its scene");
         let broken = Scene::with_engine(*runner.config(), Box::new(Failing)).expect("same config");
-        *runner = SceneRunner::new(broken, StreamNames::of_scene(0));
+        *runner = SceneRunner::new(broken, StreamNames::of_scene(0), Provision::unbounded(name));
         assert!(runner.give_to(first).is_ok());
         host.send(first, &FRAME);
         assert_eq!(host.closed(), [first]);

@@ -40,18 +40,22 @@ pub(crate) fn parameters(scene: &Scene, id: BodyId) -> Option<PredictionParamete
 /// The track of a body before its first update.
 pub(crate) fn first_track(
     tick: Tick,
-    observation: &Observation,
-    kind: BodyKind,
+    (motion, activity): (BodyState, Activity),
+    desc: &BodyDesc,
     tumbles: bool,
 ) -> Track {
-    let predictor = match (observation.activity, kind) {
+    let activity = if desc.enabled {
+        activity
+    } else {
+        Activity::Asleep
+    };
+    let predictor = match (activity, desc.kind) {
         (Activity::Asleep, _) | (_, BodyKind::Static) => Predictor::Rest,
         (Activity::Awake, BodyKind::Dynamic) if tumbles => Predictor::BallisticTorqueFree,
         (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,
         (Activity::Awake, BodyKind::Kinematic) => Predictor::Uniform,
     };
     let resting = predictor == Predictor::Rest;
-    let motion: BodyState = observation.motion;
     Track {
         origin: tick,
         predictor,
@@ -66,10 +70,11 @@ pub(crate) fn everything(scene: &Scene) -> Vec<(BodyId, PredictionParameters, Tr
     scene.observe_all(&mut observations);
     let first = |observation: &Observation| {
         let id = observation.id;
-        let kind = scene.body(id)?.kind;
+        let desc = scene.body(id)?;
         let parameters = parameters(scene, id)?;
         let tumbles = parameters.inertia.is_some();
-        let track = first_track(scene.tick(), observation, kind, tumbles);
+        let state = (observation.motion, observation.activity);
+        let track = first_track(scene.tick(), state, desc, tumbles);
         Some((id, parameters, track, observation.motion))
     };
     observations.iter().filter_map(first).collect()

@@ -3,6 +3,7 @@
 //! Start-up lines go to standard output, one fact a line, for readers and scripts; the log goes to standard error.
 
 use std::error::Error;
+use std::ffi::OsString;
 use std::io::Write;
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
@@ -14,16 +15,16 @@ use std::thread;
 use std::time::Duration;
 
 use clap::{Parser, Subcommand};
-use rhumb_protocol::Span;
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_transport::Stop;
 use tracing::level_filters::LevelFilter;
 
-use crate::access::{DEFAULT_AUDIENCE, TokenKeys};
+use crate::access::TokenKeys;
 use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::log;
 use crate::serve::{Access, Identity, RunError, Server, run_on_cores, seconds_since_1970};
+use crate::settings::Settings;
 use crate::token_command::{self, TokenArguments};
 
 /// A Rapier server for remote rigid-body physics.
@@ -37,9 +38,15 @@ use crate::token_command::{self, TokenArguments};
 pub struct Arguments {
     #[command(subcommand)]
     task: Option<Task>,
-    /// UDP address to listen on; port 0 picks a free one.
-    #[arg(long, default_value = "127.0.0.1:4433")]
-    listen: SocketAddr,
+    /// TOML file with settings; `rhumb-server config` prints one with all defaults. Flags and environment replace it.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Checks the settings and the files that they name, and ends.
+    #[arg(long)]
+    check_config: bool,
+    /// UDP address to listen on; port 0 picks a free one [default: 127.0.0.1:4433].
+    #[arg(long)]
+    listen: Option<SocketAddr>,
     /// PEM file with the certificate chain; without it a development certificate is made at start.
     #[arg(long, requires = "key")]
     cert: Option<PathBuf>,
@@ -49,30 +56,30 @@ pub struct Arguments {
     /// File with a public key of tokens; may be repeated. `rhumb-server token --new-key FILE` makes keys.
     #[arg(long, value_name = "FILE", conflicts_with = "open")]
     token_key: Vec<PathBuf>,
-    /// Name that a token must give as its audience.
-    #[arg(long, default_value = DEFAULT_AUDIENCE)]
-    audience: String,
+    /// Name that a token must give as its audience [default: rhumb].
+    #[arg(long)]
+    audience: Option<String>,
     /// Admits every client of this machine without a token, for development.
     #[arg(long)]
     open: bool,
     /// Lets clients without a token come from other machines too: those of --open and of --app-listen.
     #[arg(long)]
     open_to_network: bool,
-    /// Log level: off, error, warn, info, debug or trace.
-    #[arg(long, default_value = "info")]
-    log: LevelFilter,
+    /// TCP address for figures (/metrics) and health (/health).
+    #[arg(long, value_name = "ADDRESS")]
+    metrics: Option<SocketAddr>,
+    /// Log level: off, error, warn, info, debug or trace [default: info].
+    #[arg(long)]
+    log: Option<LevelFilter>,
     /// Run on this processor core alone, or on these cores.
     #[arg(long, value_delimiter = ',')]
     core: Vec<usize>,
-    /// Number of threads to step and publish on, shared by all scenes; more than one needs the feature `parallel`.
-    #[arg(long, default_value = "1")]
-    threads: NonZeroU32,
-    /// Largest packet of a stream, bytes, from 700 to 1150. Relays and browsers add headers of their own.
-    #[arg(long, value_name = "BYTES", default_value_t)]
-    largest_packet: LargestPacket,
-    /// Seconds after which a scene without members ends; 0 keeps it until a client deletes it.
-    #[arg(long, default_value_t = 600)]
-    empty_scene_seconds: u32,
+    /// Number of threads to step and publish on, shared by all scenes; more than one needs the feature `parallel` [default: 1].
+    #[arg(long)]
+    threads: Option<NonZeroU32>,
+    /// Largest packet of a stream, bytes, from 700 to 1150 [default: 1100]. Relays and browsers add headers of their own.
+    #[arg(long, value_name = "BYTES")]
+    largest_packet: Option<LargestPacket>,
     #[cfg(feature = "app")]
     #[command(flatten)]
     app: crate::app_arguments::AppArguments,
@@ -83,6 +90,8 @@ pub struct Arguments {
 enum Task {
     /// Makes a token for a client, or the keys for tokens.
     Token(TokenArguments),
+    /// Prints a configuration file with every setting at its default, and the reason of each limit.
+    Config,
 }
 
 /// A server that has not stopped so long after a signal is ended: two seconds are promised.
@@ -103,12 +112,18 @@ pub fn main(arguments: Arguments) -> ExitCode {
 
 /// As [`main`], with hooks for the scenes that clients create.
 pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
-    let outcome = match arguments.task {
+    let outcome = match &arguments.task {
         Some(Task::Token(token)) => token_command::run(token, seconds_since_1970()),
-        None => {
-            let _last_lines = log::start(arguments.log);
-            run(arguments, hooks)
-        }
+        Some(Task::Config) => print(&Settings::file()),
+        None => settings_of(&arguments).and_then(|settings| {
+            if arguments.check_config {
+                access(&settings)?;
+                identity(&settings)?.certificate()?;
+                return print("the configuration is valid\n");
+            }
+            let _last_lines = log::start(settings.log, settings.limits.log_lines_per_second);
+            run(&settings, &arguments, hooks)
+        }),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -121,30 +136,76 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
     }
 }
 
-fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), Box<dyn Error>> {
-    if !arguments.core.is_empty() {
-        run_on_cores(&arguments.core)?;
-    }
-    let workers = Workers::new(Some(arguments.threads)).map_err(RunError::Workers)?;
-    let access = access(&arguments)?;
-    let identity = match (arguments.cert, arguments.key) {
-        (Some(certificate), Some(key)) => Identity::Files { certificate, key },
-        _ => Identity::Development,
+/// The settings of the file and the environment, and then of the flags.
+fn settings_of(arguments: &Arguments) -> Result<Settings, Box<dyn Error>> {
+    // A variable that is no text is none of ours.
+    let text = |(name, value): (OsString, OsString)| {
+        Some((name.into_string().ok()?, value.into_string().ok()?))
     };
+    let environment = std::env::vars_os().filter_map(text);
+    let mut settings = Settings::read(arguments.config.as_deref(), environment)?;
+    set(&mut settings.listen, arguments.listen);
+    set(&mut settings.audience, arguments.audience.clone());
+    set(&mut settings.log, arguments.log);
+    set(&mut settings.threads, arguments.threads);
+    set(&mut settings.largest_packet, arguments.largest_packet);
+    settings.metrics = arguments.metrics.or(settings.metrics);
+    if arguments.cert.is_some() {
+        settings.cert = arguments.cert.clone();
+        settings.key = arguments.key.clone();
+    }
+    if !arguments.token_key.is_empty() {
+        settings.token_keys = arguments.token_key.clone();
+    }
+    if !arguments.core.is_empty() {
+        settings.cores = arguments.core.clone();
+    }
+    settings.open |= arguments.open;
+    settings.open_to_network |= arguments.open_to_network;
+    Ok(settings)
+}
+
+fn set<T>(setting: &mut T, flag: Option<T>) {
+    if let Some(value) = flag {
+        *setting = value;
+    }
+}
+
+fn print(text: &str) -> Result<(), Box<dyn Error>> {
+    Ok(std::io::stdout().lock().write_all(text.as_bytes())?)
+}
+
+fn identity(settings: &Settings) -> Result<Identity, Box<dyn Error>> {
+    match (settings.cert.clone(), settings.key.clone()) {
+        (Some(certificate), Some(key)) => Ok(Identity::Files { certificate, key }),
+        (None, None) => Ok(Identity::Development),
+        _ => Err("a certificate needs its key, and a key its certificate".into()),
+    }
+}
+
+fn run(
+    settings: &Settings,
+    arguments: &Arguments,
+    hooks: Option<Hooks>,
+) -> Result<(), Box<dyn Error>> {
+    if !settings.cores.is_empty() {
+        run_on_cores(&settings.cores)?;
+    }
+    let workers = Workers::new(Some(settings.threads)).map_err(RunError::Workers)?;
+    let (access, identity) = (access(settings)?, identity(settings)?);
     #[cfg(feature = "app")]
-    if !arguments.open_to_network
+    if !settings.open_to_network
         && let Some(address) = arguments.app.beyond_loopback()
     {
         return Err(RunError::OpenToNetwork(address).into());
     }
+    #[cfg(not(feature = "app"))]
+    let _ = arguments;
     let stop = Stop::new();
-    let mut server = Server::bind(arguments.listen, &identity, access)?;
+    let mut server = Server::bind(settings.listen, &identity, access)?;
     server.employ(workers);
-    server.set_largest_packet(arguments.largest_packet);
-    if arguments.empty_scene_seconds > 0 {
-        let milliseconds = u64::from(arguments.empty_scene_seconds) * 1_000;
-        server.expire_empty_scenes(Span::from_millis(milliseconds));
-    }
+    server.set_largest_packet(settings.largest_packet);
+    server.set_limits(settings.limits);
     if let Some(hooks) = hooks {
         server.attach(hooks);
     }
@@ -152,6 +213,10 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), Box<dyn Error>>
     let app = arguments.app.listen(&mut server)?;
     #[cfg(not(feature = "app"))]
     let app = None;
+    let metrics = settings
+        .metrics
+        .map(|address| server.answer_metrics(address));
+    let metrics = metrics.transpose()?;
     let running = Arc::new(AtomicBool::new(true));
     let (requested, still_running) = (stop.clone(), Arc::clone(&running));
     let on_signal = move || {
@@ -166,7 +231,7 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), Box<dyn Error>>
     if let Err(cause) = ctrlc::set_handler(on_signal) {
         tracing::warn!("signals do not stop this server: {cause}");
     }
-    announce(&server, &identity, app);
+    announce(&server, &identity, app, metrics);
     let outcome = server.run(&stop);
     running.store(false, Ordering::Relaxed);
     let statistics = outcome?;
@@ -175,30 +240,38 @@ fn run(arguments: Arguments, hooks: Option<Hooks>) -> Result<(), Box<dyn Error>>
 }
 
 /// The clients to admit. Nobody is admitted without a token unless the operator says so.
-fn access(arguments: &Arguments) -> Result<Access, Box<dyn Error>> {
-    if arguments.open {
-        return Ok(if arguments.open_to_network {
-            Access::OpenToNetwork
-        } else {
-            Access::OpenOnLoopback
-        });
+fn access(settings: &Settings) -> Result<Access, Box<dyn Error>> {
+    match (settings.open, settings.open_to_network) {
+        (true, _) if !settings.token_keys.is_empty() => {
+            Err("a server is open or has token keys, not both".into())
+        }
+        (true, true) => Ok(Access::OpenToNetwork),
+        (true, false) => Ok(Access::OpenOnLoopback),
+        _ if settings.token_keys.is_empty() => Err(NO_ACCESS.into()),
+        _ => {
+            let keys = TokenKeys::read(&settings.token_keys, &settings.audience)?;
+            Ok(Access::Tokens(keys))
+        }
     }
-    if arguments.token_key.is_empty() {
-        return Err(NO_ACCESS.into());
-    }
-    let keys = TokenKeys::read(&arguments.token_key, &arguments.audience)?;
-    Ok(Access::Tokens(keys))
 }
 
 /// Prints the address and the fingerprint to pin. A closed standard output does not stop a server.
-fn announce(server: &Server, identity: &Identity, app: Option<SocketAddr>) {
+fn announce(
+    server: &Server,
+    identity: &Identity,
+    app: Option<SocketAddr>,
+    metrics: Option<SocketAddr>,
+) {
     let kind = match identity {
         Identity::Development => "development, made at start",
         Identity::Files { .. } => "from files",
     };
     let app = app.map_or_else(String::new, |app| format!("app listening on {app}\n"));
+    let metrics = metrics.map_or_else(String::new, |at| {
+        format!("metrics at http://{at}/metrics\n")
+    });
     let lines = format!(
-        "rhumb-server {}\nlistening on {}\ncertificate {kind}\nfingerprint {}\n{app}",
+        "rhumb-server {}\nlistening on {}\ncertificate {kind}\nfingerprint {}\n{app}{metrics}",
         env!("CARGO_PKG_VERSION"),
         server.address(),
         server.fingerprint(),

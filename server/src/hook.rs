@@ -56,14 +56,21 @@ fn apply(scene: &mut Scene, command: &Command) -> Result<(), HookError> {
         | Command::Force { .. }
         | Command::Torque { .. }
         | Command::Impulse { .. }
-        | Command::TorqueImpulse { .. } => scene.apply(command).map_err(HookError::Refused),
+        | Command::TorqueImpulse { .. }
+        | Command::ForceAt { .. }
+        | Command::ImpulseAt { .. }
+        | Command::Sleep { .. }
+        | Command::Wake { .. } => scene.apply(command).map_err(HookError::Refused),
         Command::AddShape { .. }
         | Command::RemoveShape { .. }
         | Command::AddBody { .. }
         | Command::RemoveBody { .. }
         | Command::SetGravity { .. }
+        | Command::ChangeBody { .. }
         | Command::AddJoint { .. }
-        | Command::RemoveJoint { .. } => Err(HookError::NotAMotion),
+        | Command::ChangeJoint { .. }
+        | Command::RemoveJoint { .. }
+        | Command::SetEvents { .. } => Err(HookError::NotAMotion),
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! A log line costs no thread of the server more than a place in a bounded queue. A thread of its own writes; lines
 //! that do not fit, or that cannot be written, are lost. Invariants: logging neither blocks nor panics; one cause, the
-//! place in the source that logs, writes at most [`LINES_PER_SECOND`], except at level trace.
+//! place in the source that logs, writes a limited number of lines in a second, except at level trace.
 
 use std::collections::BTreeMap;
 use std::io::{self, IsTerminal, Write};
@@ -17,51 +17,61 @@ use tracing_appender::non_blocking::{NonBlocking, NonBlockingBuilder, WorkerGuar
 use tracing_subscriber::layer::{Context, Filter, Layer, SubscriberExt};
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// Lines of one cause in a second, at most.
-const LINES_PER_SECOND: u32 = 10;
 /// Lines that wait to be written, at most.
 const LINES_WAITING_MAX: usize = 8_192;
-/// Window of [`LINES_PER_SECOND`].
+/// Window of the limit of lines.
 const SECOND: Span = Span::from_millis(1_000);
+
+/// How a log is written.
+#[derive(Clone, Copy, Debug)]
+struct Destination {
+    ansi: bool,
+    level: LevelFilter,
+    /// Lines of one cause.
+    lines_per_second: u64,
+}
 
 /// Starts the log of this process; the last lines are written, if they can be, when the guard is dropped.
 ///
 /// Panics are logged too, instead of being printed: printing blocks on a pipe without a reader.
-pub(crate) fn start(level: LevelFilter) -> WorkerGuard {
+pub(crate) fn start(level: LevelFilter, lines_per_second: u64) -> WorkerGuard {
     let clock = Clock::start();
-    let (subscriber, guard) = log_to(io::stderr(), io::stderr().is_terminal(), level, move || {
-        clock.now()
-    });
+    let to = Destination {
+        ansi: io::stderr().is_terminal(),
+        level,
+        lines_per_second,
+    };
+    let (subscriber, guard) = log_to(io::stderr(), to, move || clock.now());
     subscriber.init();
     panic::set_hook(Box::new(|panic| tracing::error!("{panic}")));
     guard
 }
 
-/// A subscriber that writes to `to`, through the queue and within the limits.
+/// A subscriber that writes to `out`, through the queue and within the limits.
 fn log_to(
-    to: impl Write + Send + 'static,
-    ansi: bool,
-    level: LevelFilter,
+    out: impl Write + Send + 'static,
+    to: Destination,
     clock: impl Fn() -> Instant + Send + Sync + 'static,
 ) -> (impl Subscriber + Send + Sync, WorkerGuard) {
     let (writer, guard) = NonBlockingBuilder::default()
         .lossy(true)
         .buffered_lines_limit(LINES_WAITING_MAX)
         .thread_name("rhumb-server-log")
-        .finish(to);
+        .finish(out);
     let limit = CauseLimit {
         clock: Box::new(clock),
         causes: Mutex::new(BTreeMap::new()),
         notices: writer.clone(),
+        lines_per_second: u32::try_from(to.lines_per_second).unwrap_or(u32::MAX),
     };
     let lines = tracing_subscriber::fmt::layer()
         .with_writer(writer)
-        .with_ansi(ansi)
+        .with_ansi(to.ansi)
         .with_target(false)
         .log_internal_errors(false)
         .with_filter(limit);
     (
-        tracing_subscriber::registry().with(level).with(lines),
+        tracing_subscriber::registry().with(to.level).with(lines),
         guard,
     )
 }
@@ -72,6 +82,7 @@ struct CauseLimit {
     /// By file and line: as many as the source has places that log.
     causes: Mutex<BTreeMap<(&'static str, u32), Cause>>,
     notices: NonBlocking,
+    lines_per_second: u32,
 }
 
 /// The lines of one cause in the present second.
@@ -97,11 +108,11 @@ impl CauseLimit {
         let cause = causes.entry(place).or_insert(fresh);
         let mut left_out = 0;
         if now.since(cause.since) >= SECOND {
-            left_out = cause.lines.saturating_sub(LINES_PER_SECOND);
+            left_out = cause.lines.saturating_sub(self.lines_per_second);
             *cause = fresh;
         }
         cause.lines = cause.lines.saturating_add(1);
-        (cause.lines <= LINES_PER_SECOND, left_out)
+        (cause.lines <= self.lines_per_second, left_out)
     }
 }
 
@@ -128,6 +139,16 @@ impl<S: Subscriber> Filter<S> for CauseLimit {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const LINES_PER_SECOND: u32 = 10;
+
+    fn plain(level: LevelFilter) -> Destination {
+        Destination {
+            ansi: false,
+            level,
+            lines_per_second: u64::from(LINES_PER_SECOND),
+        }
+    }
     use std::sync::atomic::{AtomicU64, Ordering};
     use std::sync::{Arc, mpsc};
 
@@ -183,7 +204,7 @@ mod tests {
     #[test]
     fn a_pipe_without_a_reader_costs_lines_and_nothing_else() {
         let (reader, blocked) = mpsc::channel();
-        let (subscriber, guard) = log_to(Blocked(blocked), false, LevelFilter::TRACE, || {
+        let (subscriber, guard) = log_to(Blocked(blocked), plain(LevelFilter::TRACE), || {
             Instant::ZERO
         });
         tracing::subscriber::with_default(subscriber, || flood(3 * LINES_WAITING_MAX));
@@ -193,7 +214,7 @@ mod tests {
 
     #[test]
     fn a_full_disk_costs_lines_and_nothing_else() {
-        let (subscriber, guard) = log_to(Full, false, LevelFilter::TRACE, || Instant::ZERO);
+        let (subscriber, guard) = log_to(Full, plain(LevelFilter::TRACE), || Instant::ZERO);
         tracing::subscriber::with_default(subscriber, || flood(1_000));
         drop(guard);
     }
@@ -203,7 +224,7 @@ mod tests {
         let lines = Lines::default();
         let now = Arc::new(AtomicU64::new(0));
         let clock = Arc::clone(&now);
-        let (subscriber, guard) = log_to(lines.clone(), false, LevelFilter::INFO, move || {
+        let (subscriber, guard) = log_to(lines.clone(), plain(LevelFilter::INFO), move || {
             Instant::from_nanos(clock.load(Ordering::Relaxed))
         });
         tracing::subscriber::with_default(subscriber, || {

@@ -9,6 +9,7 @@ use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::{Instant, Span};
 
 use crate::access::Permit;
+use crate::query_budget::QueryBudget;
 use crate::tier_controller::TierController;
 
 /// A client that is a member.
@@ -33,6 +34,11 @@ pub(crate) struct Member {
     /// Bytes of the scene events that its commands caused, less [`ADDED_PER_SECOND`] since.
     pub(crate) added_bytes: usize,
     added_at: Instant,
+    /// Messages of queries of this membership that were answered.
+    queries: u64,
+    pub(crate) query_budget: QueryBudget,
+    /// Events of bodies that it was not sent because it reads too slowly.
+    pub(crate) missed_events: u64,
 }
 
 /// Bytes of scene events that a member may cause at once while others are behind.
@@ -66,6 +72,9 @@ impl Member {
             pending_bytes: 0,
             added_bytes: 0,
             added_at: Instant::ZERO,
+            queries: 0,
+            query_budget: QueryBudget::new(),
+            missed_events: 0,
         }
     }
 
@@ -100,6 +109,13 @@ impl Member {
         let number = self.commands;
         self.commands += 1;
         self.unanswered = Some(number);
+        number
+    }
+
+    /// The number of the message of queries that is answered now.
+    pub(crate) const fn number_query(&mut self) -> u64 {
+        let number = self.queries;
+        self.queries += 1;
         number
     }
 

@@ -12,20 +12,16 @@ use rhumb_protocol::session::{CloseCode, ServerSession};
 use rhumb_protocol::{Instant, Peer, Span, Transmit};
 use rhumb_transport::TransportCode;
 
+use crate::limits::Limits;
+
 /// Control bytes handed to the driver beyond those that the link has taken.
 const WINDOW_BYTES: usize = 256 << 10;
 /// Longest piece of control bytes.
 const PIECE_BYTES: usize = 64 << 10;
 /// Waiting answers to a connection beyond which its messages are not read.
 const ANSWERS_WAITING_BYTES: usize = 256 << 10;
-/// Waiting bytes beyond its snapshot at which a connection is closed: its peer reads too slowly.
-const WAITING_BYTES_MAX: usize = 12 << 20;
-/// A connection whose peer takes none of its waiting bytes for so long is closed.
-const STALL: Span = Span::from_millis(30_000);
 /// A peer that has taken bytes in this time reads.
 const READS: Span = Span::from_millis(1_000);
-/// Snapshot bytes for one connection in a second, on average: a peer that requests snapshots again and again waits.
-const SNAPSHOT_BYTES_PER_SECOND: u64 = 16 << 20;
 
 /// The sessions of all connections and their outgoing data.
 #[derive(Debug, Default)]
@@ -35,6 +31,7 @@ pub(crate) struct Outbox {
     sendable: BTreeSet<Peer>,
     ready: VecDeque<Transmit>,
     now: Instant,
+    limits: Limits,
 }
 
 /// The control lane of one connection.
@@ -109,6 +106,10 @@ impl Outbox {
         self.sendable.remove(&peer);
     }
 
+    pub(crate) const fn set_limits(&mut self, limits: Limits) {
+        self.limits = limits;
+    }
+
     /// Sets the present moment.
     pub(crate) fn at(&mut self, now: Instant) {
         self.now = now;
@@ -161,10 +162,10 @@ impl Outbox {
 
     /// A snapshot of so many bytes was queued for a connection.
     pub(crate) fn note_snapshot(&mut self, peer: Peer, bytes: usize) {
-        let now = self.now;
+        let (now, per_second) = (self.now, self.limits.snapshot_bytes_per_second());
         if let Some(lane) = self.lanes.get_mut(&peer) {
             lane.snapshot_end = lane.handed + lane.queued() as u64;
-            let pause = bytes as u64 * 1_000_000_000 / SNAPSHOT_BYTES_PER_SECOND;
+            let pause = bytes as u64 * 1_000_000_000 / per_second;
             lane.snapshot_after = now + Span::from_nanos(pause);
         }
     }
@@ -212,24 +213,24 @@ impl Outbox {
     }
 
     /// The code for a connection whose peer reads too slowly: too much waits for it, or it has taken nothing for long.
-    fn overflow(lane: &Lane, now: Instant) -> Option<CloseCode> {
+    fn overflow(lane: &Lane, limits: &Limits, now: Instant) -> Option<CloseCode> {
         lane.taken?;
         let waits = lane.in_driver() > 0 || lane.queued() > 0;
-        let stalled = waits && now.since(lane.taken_at) >= STALL;
-        (stalled || lane.waiting() > WAITING_BYTES_MAX)
+        let stalled = waits && now.since(lane.taken_at) >= limits.stall();
+        (stalled || lane.waiting() > limits.waiting_bytes())
             .then_some(CloseCode(TransportCode::CONTROL_OVERFLOW.0))
     }
 
     /// Closes a connection whose peer reads too slowly; returns whether it did.
     pub(crate) fn close_if_stalled(&mut self, peer: Peer) -> bool {
-        let now = self.now;
+        let (now, limits) = (self.now, self.limits);
         let Some(lane) = self.lanes.get_mut(&peer) else {
             return false;
         };
         if lane.in_driver() == 0 && lane.queued() == 0 {
             lane.taken_at = now;
         }
-        let Some(code) = Self::overflow(lane, now) else {
+        let Some(code) = Self::overflow(lane, &limits, now) else {
             return false;
         };
         lane.session.close(code);
@@ -249,9 +250,9 @@ impl Outbox {
     }
 
     fn poll_lane(&mut self, peer: Peer) -> Option<Transmit> {
-        let now = self.now;
+        let (now, limits) = (self.now, self.limits);
         let lane = self.lanes.get_mut(&peer)?;
-        if let Some(code) = Self::overflow(lane, now) {
+        if let Some(code) = Self::overflow(lane, &limits, now) {
             lane.session.close(code);
         }
         if lane.is_open()

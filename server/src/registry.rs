@@ -6,7 +6,8 @@
 use std::collections::BTreeMap;
 
 use rhumb_protocol::limits::{
-    BODIES_MAX, DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX,
+    BODIES_MAX, DAMPINGS_MAX, INDICES_MAX, JOINTS_BESIDE, JOINTS_MAX, JOINTS_PER_BODY,
+    SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX, SWEPT_BODIES_MAX,
 };
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, CommandError, IdRange, Joint, JointId, Joints, Shape, ShapeId,
@@ -22,8 +23,10 @@ pub(crate) struct Registry {
     bodies: Vec<Option<BodyEntry>>,
     count: usize,
     joints: Joints,
-    /// All damping values that bodies ever had: both ends of a stream keep a table for each.
-    dampings: Vec<Damping>,
+    /// The dampings of living bodies with their numbers of bodies: both ends of a stream keep a table for each.
+    dampings: Vec<(Damping, usize)>,
+    /// Number of bodies that are swept against moving ones.
+    swept: usize,
 }
 
 #[derive(Clone, Debug)]
@@ -37,7 +40,24 @@ struct ShapeEntry {
 #[derive(Clone, Copy, Debug)]
 struct BodyEntry {
     desc: BodyDesc,
+    /// Its damping as in predictors.
+    damping: Damping,
     lives: bool,
+}
+
+impl BodyEntry {
+    fn new(desc: BodyDesc, damping: Damping) -> Self {
+        // As in predictors: a body that no engine moves has no damping, whatever its description says.
+        let damping = match desc.kind {
+            BodyKind::Dynamic => damping,
+            BodyKind::Static | BodyKind::Kinematic => Damping::default(),
+        };
+        Self {
+            desc,
+            damping,
+            lives: true,
+        }
+    }
 }
 
 impl Registry {
@@ -85,42 +105,94 @@ impl Registry {
         if self.count >= BODIES_MAX as usize {
             return Err(CommandError::TooManyBodies);
         }
-        // As in predictors: a body that no engine moves has no damping, whatever its description says.
-        let damping = match desc.kind {
-            BodyKind::Dynamic => damping,
-            BodyKind::Static | BodyKind::Kinematic => Damping::default(),
-        };
-        let new_damping = !self.dampings.contains(&damping);
-        if new_damping && self.dampings.len() >= DAMPINGS_MAX {
-            return Err(CommandError::TooManyDampings);
-        }
-        let known = self.shapes.get_mut(&desc.shape);
-        let known = known.ok_or(CommandError::UnknownShape(desc.shape))?;
-        if desc.kind == BodyKind::Dynamic && !known.shape.is_solid() {
-            return Err(CommandError::NoInside(desc.shape));
-        }
-        known.users += 1;
-        if new_damping {
-            self.dampings.push(damping);
-        }
+        let entry = BodyEntry::new(desc, damping);
+        self.check_properties(&entry, None)?;
+        self.count_properties(&entry);
         let index = id.index() as usize;
         if index >= self.bodies.len() {
             self.bodies.resize(index + 1, None);
         }
-        self.bodies[index] = Some(BodyEntry { desc, lives: true });
+        self.bodies[index] = Some(entry);
         self.count += 1;
         Ok(())
     }
 
+    /// Replaces the description of a body, and returns the one before. `damping`: its own or the scene's.
+    pub(crate) fn change_body(
+        &mut self,
+        desc: BodyDesc,
+        damping: Damping,
+    ) -> Result<BodyDesc, CommandError> {
+        let before = self.entry(desc.id);
+        let before = *before.ok_or(CommandError::UnknownBody(desc.id))?;
+        let entry = BodyEntry::new(desc, damping);
+        self.check_properties(&entry, Some(&before))?;
+        self.discount_properties(&before);
+        self.count_properties(&entry);
+        self.bodies[desc.id.index() as usize] = Some(entry);
+        Ok(before.desc)
+    }
+
+    /// Checks the properties of a body that is new or replaces the one before.
+    fn check_properties(
+        &self,
+        entry: &BodyEntry,
+        before: Option<&BodyEntry>,
+    ) -> Result<(), CommandError> {
+        let alone = |before: &BodyEntry| {
+            let mut users = self.dampings.iter();
+            users.any(|(damping, users)| *damping == before.damping && *users == 1)
+        };
+        let freed = usize::from(before.is_some_and(alone));
+        let known = self
+            .dampings
+            .iter()
+            .any(|(damping, _)| *damping == entry.damping);
+        if !known && self.dampings.len() - freed >= DAMPINGS_MAX {
+            return Err(CommandError::TooManyDampings);
+        }
+        let id = entry.desc.shape;
+        let shape = self.shape(id).ok_or(CommandError::UnknownShape(id))?;
+        if entry.desc.kind == BodyKind::Dynamic && !shape.is_solid() {
+            return Err(CommandError::NoInside(id));
+        }
+        let was_swept = before.is_some_and(|before| before.desc.swept);
+        if entry.desc.swept && !was_swept && self.swept >= SWEPT_BODIES_MAX {
+            return Err(CommandError::TooManySwept);
+        }
+        Ok(())
+    }
+
+    fn count_properties(&mut self, entry: &BodyEntry) {
+        if let Some(known) = self.shapes.get_mut(&entry.desc.shape) {
+            known.users += 1;
+        }
+        self.swept += usize::from(entry.desc.swept);
+        let mut known = self.dampings.iter_mut();
+        match known.find(|(damping, _)| *damping == entry.damping) {
+            Some((_, users)) => *users += 1,
+            None => self.dampings.push((entry.damping, 1)),
+        }
+    }
+
+    fn discount_properties(&mut self, entry: &BodyEntry) {
+        if let Some(known) = self.shapes.get_mut(&entry.desc.shape) {
+            known.users -= 1;
+        }
+        self.swept -= usize::from(entry.desc.swept);
+        self.dampings.retain_mut(|(damping, users)| {
+            *users -= usize::from(*damping == entry.damping);
+            *users > 0
+        });
+    }
+
     /// Removes a body, and returns the joints that go with it.
     pub(crate) fn remove_body(&mut self, id: BodyId) -> Result<Vec<JointId>, CommandError> {
-        let shape = self.body(id).ok_or(CommandError::UnknownBody(id))?.shape;
+        let entry = *self.entry(id).ok_or(CommandError::UnknownBody(id))?;
         if let Some(Some(known)) = self.bodies.get_mut(id.index() as usize) {
             known.lives = false;
         }
-        if let Some(known) = self.shapes.get_mut(&shape) {
-            known.users -= 1;
-        }
+        self.discount_properties(&entry);
         self.count -= 1;
         Ok(self.joints.remove_body(id))
     }
@@ -129,15 +201,31 @@ impl Registry {
         if id.0 >= JOINTS_MAX {
             return Err(CommandError::UnknownJoint(id));
         }
+        self.check_joint(&joint)?;
+        if self.joints.get(id).is_some() {
+            return Err(CommandError::JointIdTaken(id));
+        }
+        if self.joints.len() >= JOINTS_BESIDE + JOINTS_PER_BODY * self.count {
+            return Err(CommandError::TooManyJoints);
+        }
+        self.joints.insert(id, joint);
+        Ok(())
+    }
+
+    pub(crate) fn change_joint(&mut self, id: JointId, joint: Joint) -> Result<(), CommandError> {
+        self.joints.get(id).ok_or(CommandError::UnknownJoint(id))?;
+        self.check_joint(&joint)?;
+        self.joints.insert(id, joint);
+        Ok(())
+    }
+
+    fn check_joint(&self, joint: &Joint) -> Result<(), CommandError> {
         let [first, second] = joint.bodies;
         for body in joint.bodies {
             self.body(body).ok_or(CommandError::UnknownBody(body))?;
         }
         if first == second {
             return Err(CommandError::JoinedToItself(first));
-        }
-        if !self.joints.insert(id, joint) {
-            return Err(CommandError::JointIdTaken(id));
         }
         Ok(())
     }
@@ -152,8 +240,12 @@ impl Registry {
     }
 
     pub(crate) fn body(&self, id: BodyId) -> Option<&BodyDesc> {
+        self.entry(id).map(|known| &known.desc)
+    }
+
+    fn entry(&self, id: BodyId) -> Option<&BodyEntry> {
         let known = self.bodies.get(id.index() as usize)?.as_ref()?;
-        (known.lives && known.desc.id == id).then_some(&known.desc)
+        (known.lives && known.desc.id == id).then_some(known)
     }
 
     /// In the order of ids.

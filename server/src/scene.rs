@@ -8,16 +8,17 @@ use std::collections::BTreeMap;
 use std::mem;
 
 use glam::{DVec3, Vec3};
-use rhumb_protocol::message::RemovalCause;
+use rhumb_protocol::message::{QueryError, RemovalCause};
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, CommandError, Contact, IdRange, Invalid, JointId, Joints,
-    SceneConfig, Shape, ShapeId,
+    Answer, BodyDesc, BodyKind, Command, CommandError, Contact, IdRange, Invalid, Joint, JointId,
+    Joints, Query, SceneConfig, Shape, ShapeId,
 };
-use rhumb_protocol::stream::Observation;
+use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
 
 use crate::digest::Digest;
-use crate::engine::{Engine, EngineFault, NewBody, Push, RapierEngine, Workers};
+use crate::engine::{BodyProperties, Engine, EngineFault, Push, RapierEngine, Workers};
+use crate::event_monitor::{EventMonitor, StepEvents};
 use crate::registry::Registry;
 
 /// Bodies under one gravity, stepped together.
@@ -32,15 +33,20 @@ pub struct Scene {
     /// Bodies that were displaced since the last step, as they were at its tick.
     displaced: BTreeMap<BodyId, Observation>,
     digest: Digest,
+    event_monitor: EventMonitor,
 }
 
 /// Results of a step beside the motion of bodies.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Stepped {
     /// The tick that was reached.
     pub tick: Tick,
     /// Bodies that the step removed, in the order of ids.
     pub removed: Vec<(BodyId, RemovalCause)>,
+    /// What happened to bodies that report events.
+    pub happened: StepEvents,
+    /// Joints that broke in the step, in the order of ids.
+    pub broken: Vec<JointId>,
 }
 
 impl Scene {
@@ -80,6 +86,7 @@ impl Scene {
             lost: Vec::new(),
             displaced: BTreeMap::new(),
             digest: Digest::START,
+            event_monitor: EventMonitor::default(),
         })
     }
 
@@ -124,6 +131,12 @@ impl Scene {
             Command::Force { id, force } => self.push(id, Push::Force(force))?,
             Command::Torque { id, torque } => self.push(id, Push::Torque(torque))?,
             Command::Impulse { id, impulse } => self.push(id, Push::Impulse(impulse))?,
+            Command::ForceAt { id, force, point } => self.push(id, Push::ForceAt(force, point))?,
+            Command::ImpulseAt { id, impulse, point } => {
+                self.push(id, Push::ImpulseAt(impulse, point))?;
+            }
+            Command::Sleep { id } => self.set_activity(id, Activity::Asleep)?,
+            Command::Wake { id } => self.set_activity(id, Activity::Awake)?,
             Command::TorqueImpulse { id, impulse } => {
                 self.push(id, Push::TorqueImpulse(impulse))?;
             }
@@ -133,11 +146,21 @@ impl Scene {
             }
             Command::AddJoint { id, joint } => {
                 self.registry.add_joint(id, joint)?;
-                self.engine.add_joint(id, &joint);
+                self.act_joint(id, &joint);
             }
+            Command::ChangeJoint { id, joint } => {
+                self.registry.change_joint(id, joint)?;
+                self.engine.remove_joint(id);
+                self.act_joint(id, &joint);
+            }
+            Command::ChangeBody { desc } => self.change_body(desc)?,
             Command::RemoveJoint { id } => {
                 self.registry.remove_joint(id)?;
                 self.forget_joints([id]);
+            }
+            Command::SetEvents { id, events } => {
+                self.known(id)?;
+                self.event_monitor.set(id, events, &*self.engine);
             }
         }
         self.sound()
@@ -160,11 +183,20 @@ impl Scene {
             debug_assert!(known.is_ok(), "{id} is lost but unknown");
             self.forget_joints(known.unwrap_or_default());
         }
+        let mut broken = Vec::new();
+        self.engine.overloaded_joints(&mut broken);
+        broken.retain(|id| self.registry.remove_joint(*id).is_ok());
+        self.forget_joints(broken.iter().copied());
         self.engine.observe(&mut self.observations);
         self.digest.fold_tick(self.tick, &self.observations);
+        let happened =
+            self.event_monitor
+                .observe(&*self.engine, &self.registry, &self.observations);
         Ok(Stepped {
+            happened,
             tick: self.tick,
             removed: mem::take(&mut self.lost),
+            broken,
         })
     }
 
@@ -185,20 +217,44 @@ impl Scene {
     }
 
     fn add_body(&mut self, desc: BodyDesc, motion: BodyState) -> Result<(), CommandError> {
-        let damping = desc.damping.unwrap_or(self.config.damping);
-        self.registry.add_body(desc, damping)?;
-        self.engine.add(&NewBody {
-            id: desc.id,
-            kind: desc.kind,
-            shape: desc.shape,
-            material: desc.material.unwrap_or(self.config.material),
-            damping,
-            gravity_scale: desc.gravity_scale,
-            gyroscopic: desc.gyroscopic,
-            turns: desc.turns,
-            motion,
-        });
+        let properties = self.properties(desc);
+        self.registry.add_body(desc, properties.damping)?;
+        self.engine.add(&properties, motion);
         Ok(())
+    }
+
+    fn properties(&self, desc: BodyDesc) -> BodyProperties {
+        BodyProperties {
+            desc,
+            material: desc.material.unwrap_or(self.config.material),
+            damping: desc.damping.unwrap_or(self.config.damping),
+        }
+    }
+
+    fn change_body(&mut self, desc: BodyDesc) -> Result<(), CommandError> {
+        let properties = self.properties(desc);
+        let before = self.registry.change_body(desc, properties.damping)?;
+        // Joints of disabled bodies are not in the engine, which fails on some of them.
+        let joints = self.registry.joints().of_body(desc.id);
+        let joints: Vec<_> = joints.map(|(id, joint)| (id, *joint)).collect();
+        if before.enabled && !desc.enabled {
+            self.forget_joints(joints.iter().map(|(id, _)| *id));
+        }
+        self.engine.change(&before, &properties);
+        if !before.enabled && desc.enabled {
+            for (id, joint) in joints {
+                self.act_joint(id, &joint);
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds a joint to the engine if both of its bodies are enabled.
+    fn act_joint(&mut self, id: JointId, joint: &Joint) {
+        let is_enabled = |id: BodyId| self.body(id).is_some_and(|desc| desc.enabled);
+        if joint.bodies.into_iter().all(is_enabled) {
+            self.engine.add_joint(id, joint);
+        }
     }
 
     fn set_velocity(
@@ -207,7 +263,7 @@ impl Scene {
         linear: Vec3,
         angular: Vec3,
     ) -> Result<(), CommandError> {
-        if self.known(id)?.kind == BodyKind::Static {
+        if self.enabled(id)?.kind == BodyKind::Static {
             return Err(CommandError::NotPushable(id));
         }
         let wide = |v: Vec3| -> DVec3 { v.as_dvec3() };
@@ -220,11 +276,31 @@ impl Scene {
     }
 
     fn push(&mut self, id: BodyId, push: Push) -> Result<(), CommandError> {
-        if self.known(id)?.kind != BodyKind::Dynamic {
-            return Err(CommandError::NotPushable(id));
-        }
+        self.pushable(id)?;
         self.engine.push(id, push);
         Ok(())
+    }
+
+    fn set_activity(&mut self, id: BodyId, activity: Activity) -> Result<(), CommandError> {
+        self.pushable(id)?;
+        self.engine.set_activity(id, activity);
+        Ok(())
+    }
+
+    fn pushable(&self, id: BodyId) -> Result<(), CommandError> {
+        match self.enabled(id)?.kind {
+            BodyKind::Dynamic => Ok(()),
+            BodyKind::Static | BodyKind::Kinematic => Err(CommandError::NotPushable(id)),
+        }
+    }
+
+    fn enabled(&self, id: BodyId) -> Result<&BodyDesc, CommandError> {
+        let desc = self.known(id)?;
+        if desc.enabled {
+            Ok(desc)
+        } else {
+            Err(CommandError::BodyDisabled(id))
+        }
     }
 
     fn known(&self, id: BodyId) -> Result<&BodyDesc, CommandError> {
@@ -232,8 +308,7 @@ impl Scene {
     }
 
     /// True if the engine has not failed.
-    #[must_use]
-    pub fn is_sound(&self) -> bool {
+    pub(crate) fn is_sound(&self) -> bool {
         self.engine.fault().is_none()
     }
 
@@ -263,6 +338,13 @@ impl Scene {
     #[must_use]
     pub fn observations(&self) -> &[Observation] {
         &self.observations
+    }
+
+    /// The observation of a body as of the last step, as [`Self::observe_all`] adds it.
+    #[must_use]
+    pub fn observation_at_tick(&self, id: BodyId) -> Option<Observation> {
+        let displaced = self.displaced.get(&id).copied();
+        displaced.or_else(|| self.observation(id))
     }
 
     /// The present observation of a body.
@@ -351,6 +433,24 @@ impl Scene {
     /// Adds one contact for each body that touches this one after the last step: the deepest.
     pub fn contacts(&self, id: BodyId, out: &mut Vec<Contact>) {
         self.engine.contacts(id, out);
+    }
+
+    /// Answers queries by the poses of the last step.
+    ///
+    /// # Errors
+    ///
+    /// [`QueryError`] names the reason; none is answered then.
+    pub fn query(&self, queries: &[Query]) -> Result<Vec<Answer>, QueryError> {
+        for query in queries {
+            query.check().map_err(QueryError::Invalid)?;
+        }
+        if !self.is_sound() {
+            return Err(QueryError::SceneFaulted);
+        }
+        let answers = queries.iter().map(|query| self.engine.query(query));
+        answers
+            .collect::<Result<_, _>>()
+            .map_err(|_| QueryError::Unanswerable)
     }
 
     /// The least generation that no body of these indices has had.

@@ -8,6 +8,8 @@ mod authority;
 mod flow;
 #[cfg(feature = "app")]
 mod owner;
+mod provision;
+mod queries;
 mod subscriptions;
 mod weight;
 
@@ -15,17 +17,18 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use bytes::Bytes;
-use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT, MEMBERS_PER_SCENE_MAX};
+use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT};
 use rhumb_protocol::message::{
-    ClientMessage, Denial, Extensions, Inspection, Joined, RemovalCause, SceneEvent, ServerMessage,
+    ClientMessage, Denial, Extensions, Joined, RemovalCause, SceneEvent, ServerMessage,
     StreamChoice,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
-use rhumb_protocol::scene::{Command, CommandError, SceneConfig, ShapeId, Stepping};
-use rhumb_protocol::stream::{Activity, Observation, StreamStart};
+use rhumb_protocol::scene::{BodyDesc, Command, CommandError, SceneConfig, ShapeId, Stepping};
+use rhumb_protocol::stream::{Activity, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
-use rhumb_reckoning::Tick;
+use rhumb_reckoning::{BodyState, Tick};
 
+pub(crate) use self::provision::Provision;
 use self::weight::weight;
 use crate::access::rights::{self, Request};
 use crate::access::{Ownership, Permit};
@@ -67,8 +70,11 @@ pub(crate) struct SceneRunner {
     last_step: Instant,
     times: Times,
     faulted: bool,
+    /// True if the last step of the free-running scene was more than a step late.
+    late: bool,
     /// True if a client of another protocol owns the scene: only that client steps and ends it.
     owned: bool,
+    provision: Provision,
     /// The largest packet of its later streams.
     largest_packet: LargestPacket,
 }
@@ -78,7 +84,7 @@ const CATCH_UP_STEPS: u64 = 5;
 
 impl SceneRunner {
     /// `names`: names of its streams.
-    pub(crate) fn new(scene: Scene, names: StreamNames) -> Self {
+    pub(crate) fn new(scene: Scene, names: StreamNames, provision: Provision) -> Self {
         let target = scene.tick();
         let streams = Streams::new(scene.config().publish_schedule);
         Self {
@@ -99,7 +105,9 @@ impl SceneRunner {
             last_step: Instant::ZERO,
             times: Times::default(),
             faulted: false,
+            late: false,
             owned: false,
+            provision,
             largest_packet: LargestPacket::DEFAULT,
         }
     }
@@ -163,7 +171,8 @@ impl SceneRunner {
         let of_client = |member: &&Member| member.permit.client == permit.client;
         let members = self.members.values().filter(of_client).count();
         rights::check(&permit, &self.ownership, Request::Join { members })?;
-        if self.members.len() >= MEMBERS_PER_SCENE_MAX {
+        self.check_stream(&permit, choice)?;
+        if self.members.len() as u64 >= self.provision.limits.members_per_scene {
             return Err(Denial::TooManyMembers);
         }
         let stream = match self.streams.subscribe(choice)? {
@@ -352,13 +361,18 @@ impl SceneRunner {
             Ok(ClientMessage::Upstream(packet)) => {
                 return self.handle_upstream_message(peer, &packet, out);
             }
+            Ok(ClientMessage::Query(queries)) => {
+                return self.answer_queries(peer, &queries, out);
+            }
             // Other messages do not depend on their place among the commands.
             Ok(_) => return,
         };
         let number = member.number_command();
         member.charge_command(out.now());
         let unsent = self.unsent.len();
-        if let Err(error) = command.and_then(|command| self.apply_of_member(peer, &command)) {
+        let applied = command.and_then(|command| self.apply_of_member(peer, &command));
+        self.provision.meter.count_command(applied.is_err());
+        if let Err(error) = applied {
             out.send(peer, &ServerMessage::Refused { number, error });
         }
         let added = self.unsent.len().saturating_sub(unsent);
@@ -388,7 +402,7 @@ impl SceneRunner {
             return Err(CommandError::NotGranted(desc.id));
         }
         self.check_not_under_authority(command)?;
-        self.scene.apply(command)?;
+        self.apply_within_load(command)?;
         let tick = self.scene.tick();
         match *command {
             Command::AddShape { id, ref shape } => {
@@ -402,27 +416,20 @@ impl SceneRunner {
                 self.shape_events.remove(&id);
                 self.record_event(SceneEvent::ShapeRemoved { id });
             }
-            Command::AddBody { desc, motion } => {
-                let observation = Observation {
-                    id: desc.id,
-                    motion,
-                    activity: Activity::Awake,
-                };
-                let tumbles = self.scene.inertia(desc.id).is_some();
-                let track = body_placement::first_track(tick, &observation, desc.kind, tumbles);
-                if let Some(parameters) = body_placement::parameters(&self.scene, desc.id) {
-                    self.streams.place(desc.id, &parameters, track, motion);
+            Command::AddBody { desc, motion } => self.place(desc, motion, Activity::Awake),
+            Command::ChangeBody { desc } => {
+                if let Some(there) = self.scene.observation_at_tick(desc.id) {
+                    self.place(desc, there.motion, there.activity);
                 }
-                self.record_event(body_placement::scene_event(&self.scene, desc, track, None));
             }
             Command::RemoveBody { id } => {
                 self.streams.remove(id);
                 self.authority_table.remove(id);
-                self.ownership.remove_body(id);
+                self.forget_body(id);
                 let cause = RemovalCause::Command;
                 self.record_event(SceneEvent::BodyRemoved { id, cause });
             }
-            Command::AddJoint { id, joint } => {
+            Command::AddJoint { id, joint } | Command::ChangeJoint { id, joint } => {
                 self.record_event(SceneEvent::JointAdded { id, joint });
             }
             Command::RemoveJoint { id } => self.record_event(SceneEvent::JointRemoved { id }),
@@ -436,6 +443,16 @@ impl SceneRunner {
             _ => {}
         }
         Ok(())
+    }
+
+    /// Places a new or changed body in every stream: both ends predict it by its description from the newest tick on.
+    fn place(&mut self, desc: BodyDesc, motion: BodyState, activity: Activity) {
+        let (tick, tumbles) = (self.scene.tick(), self.scene.inertia(desc.id).is_some());
+        let track = body_placement::first_track(tick, (motion, activity), &desc, tumbles);
+        if let Some(parameters) = body_placement::parameters(&self.scene, desc.id) {
+            self.streams.place(desc.id, &parameters, track, motion);
+        }
+        self.record_event(body_placement::scene_event(&self.scene, desc, track, None));
     }
 
     fn record_event(&mut self, scene_event: SceneEvent) {
@@ -485,8 +502,12 @@ impl SceneRunner {
         if let Some(due) = self.next_step {
             let step = self.step();
             let late_by = now.since(due).as_nanos();
+            self.late = late_by > step.as_nanos();
             let kept = late_by <= step.as_nanos() * CATCH_UP_STEPS;
             self.next_step = Some(if kept { due + step } else { now + step });
+            if !kept {
+                self.provision.meter.count_slowed();
+            }
         }
         self.last_step = now;
         self.tick(clock, out);
@@ -519,14 +540,19 @@ impl SceneRunner {
         for (id, cause) in stepped.removed {
             self.streams.remove(id);
             self.authority_table.remove(id);
-            self.ownership.remove_body(id);
+            self.forget_body(id);
             self.record_event(SceneEvent::BodyRemoved { id, cause });
+        }
+        for id in stepped.broken {
+            self.ownership.remove_joint(id);
+            self.record_event(SceneEvent::JointRemoved { id });
         }
         self.streams
             .observe(self.scene.tick(), self.scene.observations());
         let observed = clock();
         self.streams.publish(self.scene_events);
         self.send_scene_events(out);
+        self.send_step_events(stepped.happened, out);
         for (peer, member) in &self.members {
             for stream in member.streams() {
                 for packet in self.streams.packets(stream, *peer) {
@@ -534,7 +560,7 @@ impl SceneRunner {
                 }
             }
         }
-        self.times.add(Marks {
+        self.note_times(Marks {
             begun,
             stepped: after_step,
             observed,
@@ -563,27 +589,6 @@ impl SceneRunner {
             since_tick_ns: now.since(self.last_step).as_nanos(),
         };
         out.send(peer, &pong);
-    }
-
-    pub(crate) fn inspect(&mut self, peer: Peer, out: &mut Outbox) {
-        let times = self.times.summary();
-        let Some(stream) = self.stream_of(peer) else {
-            return;
-        };
-        let sent = stream.sender.statistics();
-        let inspection = Inspection {
-            tick: self.scene.tick(),
-            truth: self.scene.digest().value(),
-            bodies: self.scene.body_count() as u32,
-            awake: self.scene.awake_count() as u32,
-            updates: sent.updates,
-            packets: sent.packets,
-            packet_bytes: sent.bytes,
-            mismatches: stream.sender.mismatches(),
-            over_budget: sent.over_budget,
-            times,
-        };
-        out.send(peer, &ServerMessage::Inspection(inspection));
     }
 
     /// Informs the members that the scene has ended.

@@ -3,8 +3,6 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use rhumb_protocol::limits::SCENES_MAX;
-
 /// Counts the scenes of a process; all clones are one count.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SceneSlots(Arc<AtomicUsize>);
@@ -14,9 +12,9 @@ pub(crate) struct SceneSlots(Arc<AtomicUsize>);
 pub(crate) struct SceneSlot(Arc<AtomicUsize>);
 
 impl SceneSlots {
-    /// A place for another scene; `None` if the process has as many as it may.
-    pub(crate) fn take(&self) -> Option<SceneSlot> {
-        let another = |count| (count < SCENES_MAX).then_some(count + 1);
+    /// A place for another scene; `None` if the process has `most` already.
+    pub(crate) fn take(&self, most: usize) -> Option<SceneSlot> {
+        let another = |count| (count < most).then_some(count + 1);
         let taken = (self.0).fetch_update(Ordering::Relaxed, Ordering::Relaxed, another);
         taken.ok().map(|_| SceneSlot(Arc::clone(&self.0)))
     }
@@ -35,9 +33,9 @@ mod tests {
     #[test]
     fn a_place_is_free_again_when_its_scene_ends() {
         let slots = SceneSlots::default();
-        let mut taken: Vec<_> = std::iter::from_fn(|| slots.clone().take()).collect();
-        assert_eq!(taken.len(), SCENES_MAX);
+        let mut taken: Vec<_> = std::iter::from_fn(|| slots.clone().take(4)).collect();
+        assert_eq!(taken.len(), 4);
         taken.pop();
-        assert!(slots.take().is_some());
+        assert!(slots.take(4).is_some());
     }
 }

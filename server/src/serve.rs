@@ -4,12 +4,11 @@
 
 use std::fmt;
 use std::io;
-use std::net::SocketAddr;
+use std::net::{SocketAddr, TcpListener};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use rhumb_protocol::Span;
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_transport::{
     BindError, Certificate, CertificateError, Clock, Fingerprint, QuicServer, ServeError,
@@ -22,6 +21,8 @@ use crate::engine::{Workers, WorkersError};
 use crate::front::Adapter;
 use crate::front::Front;
 use crate::hook::Hooks;
+use crate::limits::Limits;
+use crate::metrics::{Metrics, MetricsListener};
 
 /// The server's certificate.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,6 +36,17 @@ pub enum Identity {
         /// The key.
         key: PathBuf,
     },
+}
+
+impl Identity {
+    /// Makes or reads the certificate.
+    pub(crate) fn certificate(&self) -> Result<Certificate, RunError> {
+        match self {
+            Self::Development => Certificate::development(["localhost"]),
+            Self::Files { certificate, key } => Certificate::from_pem_files(certificate, key),
+        }
+        .map_err(RunError::Certificate)
+    }
 }
 
 /// The clients that a server admits.
@@ -55,7 +67,8 @@ pub struct Server {
     hooks: Option<Hooks>,
     workers: Workers,
     largest_packet: LargestPacket,
-    empty_for: Option<Span>,
+    limits: Limits,
+    metrics: Option<TcpListener>,
     /// Serves the clients of another protocol.
     #[cfg(feature = "app")]
     adapter: Option<Adapter>,
@@ -68,6 +81,13 @@ pub enum RunError {
     Certificate(CertificateError),
     /// Listening at the address failed.
     Bind(BindError),
+    /// Listening for requests of figures failed.
+    Metrics {
+        /// The TCP address.
+        address: SocketAddr,
+        /// The system's error.
+        cause: io::Error,
+    },
     /// An open server may not listen at an address that other machines reach.
     OpenToNetwork(SocketAddr),
     /// Binding the threads to cores failed.
@@ -90,6 +110,12 @@ impl fmt::Display for RunError {
         match self {
             Self::Certificate(cause) => cause.fmt(f),
             Self::Bind(cause) => cause.fmt(f),
+            Self::Metrics { address, cause } => {
+                write!(
+                    f,
+                    "cannot answer requests for figures at {address}: {cause}"
+                )
+            }
             Self::OpenToNetwork(address) => write!(
                 f,
                 "a server that needs no token would be open to the network at {address}: \
@@ -119,11 +145,7 @@ impl Server {
         if matches!(access, Access::OpenOnLoopback) && !listen.ip().is_loopback() {
             return Err(RunError::OpenToNetwork(listen));
         }
-        let certificate = match identity {
-            Identity::Development => Certificate::development(["localhost"]),
-            Identity::Files { certificate, key } => Certificate::from_pem_files(certificate, key),
-        }
-        .map_err(RunError::Certificate)?;
+        let certificate = identity.certificate()?;
         let options = ServerOptions {
             listen,
             certificate,
@@ -135,7 +157,8 @@ impl Server {
             hooks: None,
             workers: Workers::default(),
             largest_packet: LargestPacket::DEFAULT,
-            empty_for: None,
+            limits: Limits::default(),
+            metrics: None,
             #[cfg(feature = "app")]
             adapter: None,
         })
@@ -174,9 +197,23 @@ impl Server {
         self.largest_packet = largest_packet;
     }
 
-    /// Has later scenes end that have had no member for so long.
-    pub fn expire_empty_scenes(&mut self, after: Span) {
-        self.empty_for = Some(after);
+    /// Answers requests for figures (`/metrics`, as Prometheus reads them) and for its health (`/health`) at a TCP
+    /// address, which is returned. Bind it where only operators reach it.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError::Metrics`] for an address that cannot be used.
+    pub fn answer_metrics(&mut self, address: SocketAddr) -> Result<SocketAddr, RunError> {
+        let failed = |cause| RunError::Metrics { address, cause };
+        let listener = TcpListener::bind(address).map_err(failed)?;
+        let local = listener.local_addr().map_err(failed)?;
+        self.metrics = Some(listener);
+        Ok(local)
+    }
+
+    /// Sets the limits.
+    pub const fn set_limits(&mut self, limits: Limits) {
+        self.limits = limits;
     }
 
     /// Serves on the calling thread, and each scene on a thread of its own, until `stop` is requested. Then every
@@ -195,15 +232,23 @@ impl Server {
         if let Some(hooks) = self.hooks {
             front.attach(hooks);
         }
-        if let Some(empty_for) = self.empty_for {
-            front.expire_empty_scenes(empty_for);
-        }
+        front.set_limits(self.limits);
         #[cfg(feature = "app")]
         if let Some(adapter) = self.adapter {
             front.serve_also(adapter).map_err(RunError::Thread)?;
         }
+        let answering = match self.metrics {
+            None => None,
+            Some(listener) => {
+                let metrics = Metrics::default();
+                front.count(metrics.clone());
+                let started = MetricsListener::start(listener, metrics);
+                Some(started.map_err(RunError::Thread)?)
+            }
+        };
         let served = self.transport.run(&mut front, stop);
         front.shut_down();
+        drop(answering);
         served.map_err(RunError::Serve)
     }
 }

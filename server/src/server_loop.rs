@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use rhumb_protocol::message::{ClientMessage, Denial, Extension, Grease, ServerMessage};
 use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, PacketKind};
-use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName};
+use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName, Stepping};
 use rhumb_protocol::{
     Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
 };
@@ -17,13 +17,17 @@ use rhumb_reckoning::Tick;
 use crate::access::rights::{self, Request};
 use crate::access::{Ownership, Permit};
 use crate::authority_table::UpstreamStatistics;
+use crate::empty_scenes::EmptyScenes;
 use crate::engine::Workers;
 use crate::hook::Hooks;
+use crate::limits::Limits;
+use crate::load::{self, ServerLoad};
+use crate::metrics::Metrics;
 use crate::outbox::Outbox;
 use crate::pulse::Pulse;
 use crate::scene::Scene;
 use crate::scene_connection::SceneConnection;
-use crate::scene_runner::SceneRunner;
+use crate::scene_runner::{Provision, SceneRunner};
 use crate::scene_slots::{SceneSlot, SceneSlots};
 use crate::stream_names::StreamNames;
 
@@ -45,11 +49,11 @@ pub struct ServerLoop {
     /// Connections with unread messages that wait for their link, for a step, or for slower members.
     blocked: BTreeSet<Peer>,
     retry_at: Instant,
-    /// Since when a scene has had no member.
-    empty_since: BTreeMap<SceneName, Instant>,
-    /// A scene without members ends after so long.
-    empty_for: Option<Span>,
+    empty_scenes: EmptyScenes,
+    limits: Limits,
     slots: SceneSlots,
+    load: ServerLoad,
+    metrics: Metrics,
     taken_slots: BTreeMap<SceneName, SceneSlot>,
     pulse: Pulse,
     pub(crate) out: Outbox,
@@ -69,9 +73,14 @@ impl ServerLoop {
             queued: VecDeque::new(),
             blocked: BTreeSet::new(),
             retry_at: Instant::ZERO,
-            empty_since: BTreeMap::new(),
-            empty_for: None,
+            empty_scenes: EmptyScenes::default(),
+            limits: Limits {
+                empty_scene_seconds: 0,
+                ..Limits::default()
+            },
             slots: SceneSlots::default(),
+            load: ServerLoad::default(),
+            metrics: Metrics::default(),
             taken_slots: BTreeMap::new(),
             pulse: Pulse::default(),
             out: Outbox::default(),
@@ -98,9 +107,10 @@ impl ServerLoop {
         self.largest_packet = largest_packet;
     }
 
-    /// Has scenes end that have had no member for so long.
-    pub fn expire_empty_scenes(&mut self, after: Span) {
-        self.empty_for = Some(after);
+    /// Sets the limits of later connections and scenes. Without this, they are the defaults, and no scene expires.
+    pub const fn set_limits(&mut self, limits: Limits) {
+        self.limits = limits;
+        self.out.set_limits(limits);
     }
 
     /// Sets what a new connection may do, before its first message; without this, everything.
@@ -110,9 +120,11 @@ impl ServerLoop {
         }
     }
 
-    /// Shares the bound on scenes with other loops.
-    pub(crate) fn share_slots(&mut self, slots: SceneSlots) {
+    /// Shares the bounds on scenes and on their load, and the figures, with other loops.
+    pub(crate) fn share(&mut self, slots: SceneSlots, load: ServerLoad, metrics: Metrics) {
         self.slots = slots;
+        self.load = load;
+        self.metrics = metrics;
     }
 
     /// Has each message and each tick show that this loop makes progress.
@@ -163,7 +175,9 @@ impl ServerLoop {
                 self.blocked.insert(peer);
                 break;
             }
-            left -= 1;
+            // A message of queries ends the turn: it is as much work as many others.
+            let is_work = left != usize::MAX && matches!(message, Ok(ClientMessage::Query(_)));
+            left = if is_work { 0 } else { left - 1 };
             self.pulse.beat();
             self.handle_message(now, peer, message);
             if let Some(runner) = self.scene_of(peer)
@@ -233,15 +247,10 @@ impl ServerLoop {
 
     /// Ends scenes that have had no member for too long.
     fn expire(&mut self, now: Instant) {
-        let Some(empty_for) = self.empty_for else {
+        let Some(empty_for) = self.limits.empty_scene() else {
             return;
         };
-        let is_over = |since: &Instant| now.since(*since) >= empty_for;
-        let over: Vec<_> = (self.empty_since.iter())
-            .filter(|(_, since)| is_over(since))
-            .map(|(name, _)| name.clone())
-            .collect();
-        for name in over {
+        for name in self.empty_scenes.over(now, empty_for) {
             tracing::info!(scene = %name, "a scene had no members for too long");
             self.delete_scene(&name);
         }
@@ -251,12 +260,7 @@ impl ServerLoop {
     pub(crate) fn note_empty(&mut self, name: &SceneName) {
         let runner = self.runners.get(name);
         let is_empty = runner.is_some_and(SceneRunner::is_abandoned);
-        if is_empty {
-            let now = self.out.now();
-            self.empty_since.entry(name.clone()).or_insert(now);
-        } else {
-            self.empty_since.remove(name);
-        }
+        self.empty_scenes.note(name, is_empty, self.out.now());
     }
 
     fn handle_message(
@@ -378,10 +382,27 @@ impl ServerLoop {
         if self.runners.contains_key(name) {
             return Err(Denial::SceneExists);
         }
-        let slot = self.slots.take().ok_or(Denial::TooManyScenes)?;
+        let limits = &self.limits;
+        let slot = self.slots.take(limits.scenes as usize);
+        let slot = slot.ok_or(Denial::TooManyScenes)?;
+        let per_body = match config.stepping {
+            Stepping::FreeRunning => rights::body_steps(&config),
+            Stepping::Lockstep => 0,
+        };
+        let (scene_max, server_max) = (limits.scene_load, limits.server_load);
+        let load = self.load.of_scene(per_body, scene_max, server_max);
+        if !load.has_room() {
+            let retry_seconds = load::RETRY_SECONDS;
+            return Err(Denial::Overloaded { retry_seconds });
+        }
         let scene = Scene::on(config, &self.workers).map_err(Denial::InvalidConfig)?;
         let names = StreamNames::of_scene(self.scenes_begun);
-        let mut runner = SceneRunner::new(scene, names);
+        let provision = Provision {
+            limits: *limits,
+            load,
+            meter: self.metrics.begin_scene(name),
+        };
+        let mut runner = SceneRunner::new(scene, names, provision);
         runner.employ(self.workers.clone());
         runner.set_largest_packet(self.largest_packet);
         if let Some(hook) = self
@@ -427,7 +448,7 @@ impl ServerLoop {
         }
         runner.end(&mut self.out);
         self.taken_slots.remove(name);
-        self.empty_since.remove(name);
+        self.empty_scenes.note(name, false, self.out.now());
         tracing::info!(scene = %name, "scene deleted");
     }
 
@@ -569,10 +590,8 @@ impl Endpoint for ServerLoop {
         let snapshots =
             (self.runners.values()).filter_map(|runner| runner.next_snapshot(&self.out));
         let snapshot = snapshots.min().map(|at| wake(at, WakeReason::Snapshot));
-        let expires = self.empty_for.and_then(|empty_for| {
-            let since = self.empty_since.values().min()?;
-            Some(wake(*since + empty_for, WakeReason::Deadline))
-        });
+        let expires = (self.limits.empty_scene()).and_then(|after| self.empty_scenes.next(after));
+        let expires = expires.map(|at| wake(at, WakeReason::Deadline));
         [step, input, retry, snapshot, expires]
             .into_iter()
             .flatten()

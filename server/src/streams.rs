@@ -11,7 +11,7 @@ use rhumb_protocol::message::{Denial, StreamChoice};
 use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
-    Features, Observation, ObservationHistory, PredictionParameters, StreamSender, StreamTerms,
+    Features, Observation, ObservationHistory, PredictionParameters, StreamConfig, StreamSender,
     WatermarkPolicy,
 };
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
@@ -53,7 +53,7 @@ impl Stream {
         };
         let sender = match choice {
             StreamChoice::Within(tolerance) | StreamChoice::Capped { tolerance, .. } => {
-                let config = StreamTerms {
+                let config = StreamConfig {
                     tolerance,
                     integrator: config.integrator,
                     publish_interval: config.publish_schedule.publish_interval,
@@ -285,7 +285,7 @@ mod tests {
 
     /// The sender of a stream without bodies.
     fn sender(id: StreamId, tolerance: Tolerance, budget: Option<Budget>) -> StreamSender {
-        let config = StreamTerms {
+        let config = StreamConfig {
             tolerance,
             integrator: Integrator {
                 rate: Rate::HZ_60,

@@ -48,23 +48,23 @@ pub(crate) struct TokenArguments {
 }
 
 /// Prints a token, or the name of the public key's file.
-pub(crate) fn run(arguments: TokenArguments, now: i64) -> Result<(), Box<dyn Error>> {
+pub(crate) fn run(arguments: &TokenArguments, now: i64) -> Result<(), Box<dyn Error>> {
     let mut out = std::io::stdout().lock();
-    if let Some(path) = arguments.new_key {
-        let public = make_keys(&path)?;
+    if let Some(path) = &arguments.new_key {
+        let public = make_keys(path)?;
         let (secret, public) = (path.display(), public.display());
         writeln!(out, "secret key {secret}\npublic key {public}")?;
         return Ok(());
     }
-    let key = arguments.key.unwrap_or_default();
+    let key = arguments.key.clone().unwrap_or_default();
     let expires = now.saturating_add(i64::from(arguments.hours) * 3_600);
     let claims = Claims {
-        aud: arguments.audience,
-        sub: arguments.client.unwrap_or_default(),
+        aud: arguments.audience.clone(),
+        sub: arguments.client.clone().unwrap_or_default(),
         exp: Claims::moment(expires).ok_or("the token would expire too late")?,
         nbf: None,
-        scenes: arguments.scene,
-        role: arguments.role.unwrap_or_default(),
+        scenes: arguments.scene.clone(),
+        role: arguments.role.clone().unwrap_or_default(),
         bodies: arguments.bodies,
         commands: arguments.commands,
         load: arguments.load,

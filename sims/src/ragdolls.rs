@@ -63,6 +63,8 @@ impl Ragdolls {
                 bodies: [bodies[first], bodies[second]],
                 frames: [first, second].map(|part| JointFrame::at(anchor - PARTS[part].1)),
                 collide: false,
+                motors: [None; 6],
+                strength: None,
             };
             let id = JointId(self.joints);
             self.joints += 1;

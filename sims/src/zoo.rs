@@ -281,6 +281,8 @@ fn hanging(first: BodyId, second: BodyId, kind: JointKind) -> Joint {
         bodies: [first, second],
         frames: [JointFrame::at(-half), JointFrame::at(half)],
         collide: false,
+        motors: [None; 6],
+        strength: None,
     }
 }
 

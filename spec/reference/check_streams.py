@@ -50,7 +50,7 @@ def poses(scene):
     return hashed(scene.predicted_motion(scene.bodies[index], scene.watermark) for index in sorted(scene.bodies))
 
 
-def known(scene, with_poses):
+def known(scene):
     state = {
         "watermark": scene.watermark,
         "complete": scene.complete(),
@@ -61,13 +61,13 @@ def known(scene, with_poses):
     }
     if scene.capped:
         state["error_scale_eighths"] = scene.error_scale(scene.watermark)
-    # The displayed state of a body with a checksum mismatch is not specified (6.8).
-    return state | ({"poses": poses(scene)} if with_poses else {})
+    # What a body shows while something is missing is not specified (6.8).
+    return state | ({"poses": poses(scene)} if scene.is_converged() else {})
 
 
 def known_in_full(scene):
     """The words of a scripted stream: all of the state that another end or an application can observe."""
-    state, report = known(scene, False), scene.loss_report()
+    state, report = known(scene), scene.loss_report()
     state |= {"abandoned": report["abandoned"], "lost": report["lost"], "resync": scene.resync()}
     if scene.capped:
         state["error_scales"] = [scene.error_scale(tick) for tick in recent(scene.watermark, 6)]
@@ -101,8 +101,15 @@ WITHIN = {"is": "within a surface tolerance", "micrometres": 5000}
 
 def upstream_results(stream):
     """As `results`, of the server's end of an upstream."""
+    stated = [(place, event[2]) for place, event in enumerate(stream["events"]) if event[0] == "step"]
+    for (place, known), reported_state in zip(stated, upstream_states(stream["events"])):
+        yield f"{stream['name']}, event {place}", known, reported_state
+
+
+def upstream_states(events):
+    """The state of the server's end of an upstream at each step."""
     scene = None
-    for place, (what, value, *known) in enumerate(stream["events"]):
+    for what, value, *_ in events:
         if what == "grant":
             frames = messages.Frames()
             frames.push(bytes.fromhex(value))
@@ -111,7 +118,7 @@ def upstream_results(stream):
         elif what == "datagram":
             scene.receive_datagram(bytes.fromhex(value))
         else:
-            yield f"{stream['name']}, event {place}", known[0], upstream_known(scene, value)
+            yield upstream_known(scene, value)
 
 
 def results(stream):
@@ -123,17 +130,12 @@ def results(stream):
         elif what == "datagram" and member.scene:
             member.scene.receive_datagram(bytes.fromhex(value))
         elif what == "known":
-            yield f"{stream['name']}, event {place}", stated(value), reported(member.scene, value)
-
-
-def stated(value):
-    """The words of a state that count: the displayed state is not specified while something is missing (6.8)."""
-    return {word: one for word, one in value.items() if word != "poses" or value["converged"]}
+            yield f"{stream['name']}, event {place}", value, reported(member.scene, value)
 
 
 def reported(scene, value):
     """The member's state in the words of a stated one."""
-    return known_in_full(scene) if "bodies" in value else known(scene, value["converged"])
+    return known_in_full(scene) if "bodies" in value else known(scene)
 
 
 def main():

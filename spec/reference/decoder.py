@@ -61,6 +61,8 @@ def answer(question):
         return repair_symbol(question)
     if "stream" in question:
         return stream(question["stream"])
+    if "upstream" in question:
+        return {"known": list(check_streams.upstream_states(question["upstream"]))}
     return {"unsupported": True}
 
 

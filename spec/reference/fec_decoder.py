@@ -32,8 +32,10 @@ def datagram_of(symbol, stream, number):
 class Decoder:
     """The packets and repair symbols that a subscriber keeps for the restoration of lost packets."""
 
-    def __init__(self, stream):
-        self.stream, self.symbols, self.repair_symbols, self.unwanted_below, self.oldest = stream, {}, [], 0, 0
+    def __init__(self, stream, next_number):
+        self.stream, self.symbols, self.repair_symbols = stream, {}, []
+        # One more than the last number (6.15-3); the first number of which a repair symbol may lack packets (6.15-7).
+        self.end = self.usable_from = next_number
 
     def keep(self, number, datagram):
         self.symbols[number] = symbol_of(datagram)
@@ -41,32 +43,39 @@ class Decoder:
 
     def advance(self, newest):
         """6.15-3: forgets everything older than the last SPAN numbers."""
-        self.oldest = max(self.oldest, newest + 1 - SPAN)
-        self.symbols = {number: symbol for number, symbol in self.symbols.items() if number >= self.oldest}
+        self.end = max(self.end, newest + 1)
+        self.symbols = {number: symbol for number, symbol in self.symbols.items() if number >= self.end - SPAN}
 
     def receive(self, last, covered, row, mixed_symbol, next_number):
         """Receives a repair symbol; `covered` has the bits of the numbers before the last."""
         numbers = [last] + [last - 1 - bit for bit in range(SPAN - 1) if covered >> bit & 1]
-        if last >= next_number + SPAN or min(numbers) < 0 or last < self.unwanted_below:
+        if last >= next_number + SPAN:
             return
         self.advance(last)
-        self.repair_symbols.append(({number: factor(row, number) for number in numbers}, mixed_symbol))
+        lacking = self.without_known({number: factor(row, number) for number in numbers}, mixed_symbol)
+        # Of one row, equal factors are those of equal packets.
+        if self.is_of_use(lacking) and all(kept[0] != lacking[0] for kept in self.repair_symbols):
+            self.repair_symbols = [*self.repair_symbols, lacking][-KEPT:]
 
-    def was_wrong(self, next_number):
-        """A rebuilt packet is malformed, so a repair symbol was wrong: drops all of them."""
-        self.repair_symbols, self.unwanted_below = [], next_number + SPAN
+    def is_of_use(self, repair_symbol):
+        """6.15-3, 6.15-7"""
+        return repair_symbol[0] and min(repair_symbol[0]) >= max(self.end - SPAN, self.usable_from)
+
+    def was_wrong(self):
+        """6.15-6: a rebuilt packet is malformed, so a repair symbol was wrong: drops all of them."""
+        self.repair_symbols, self.usable_from = [], self.end
 
     def rebuilt(self):
-        """A restored packet as number and datagram, or None."""
+        """The least restored packet as number and datagram, or None."""
         rows = [self.without_known(*repair_symbol) for repair_symbol in self.repair_symbols]
-        rows = [row for row in rows if row[0] and min(row[0]) >= self.oldest]
-        self.repair_symbols = rows[-KEPT:]
-        for row in eliminated(self.repair_symbols):
-            if len(row[0]) == 1:
-                (number, multiple), mixed_symbol = *row[0].items(), row[1]
-                symbol = add_multiple(b"", inverse(multiple), mixed_symbol)
-                return number, datagram_of(symbol, self.stream, number)
-        return None
+        self.repair_symbols = [row for row in rows if self.is_of_use(row)]
+        restored = [row for row in eliminated(self.repair_symbols) if len(row[0]) == 1]
+        if not restored:
+            return None
+        factors, mixed_symbol = min(restored, key=lambda row: min(row[0]))
+        (number, multiple), = factors.items()
+        symbol = add_multiple(b"", inverse(multiple), mixed_symbol)
+        return number, datagram_of(symbol, self.stream, number)
 
     def without_known(self, factors, mixed_symbol):
         for number in [number for number in factors if number in self.symbols]:

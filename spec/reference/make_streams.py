@@ -10,7 +10,7 @@ from pathlib import Path
 
 import packets
 import refused
-from scripted import SURFACE, Authority, Dice, Stream, gravity_changed, placed, removed
+from scripted import SURFACE, Authority, Dice, Stream, digits, gravity_changed, placed, removed
 
 FILE = Path(__file__).resolve().parent.parent / "vectors" / "scripted.json"
 BUDGET = {"is": "within a budget", "rate": 2000, "burst": 1200, "choice": SURFACE}
@@ -63,7 +63,7 @@ def every_third_tick():
 def predictors():
     """6.1-4, 6.1-5, 6.2-4 to 6.2-8, 6.9-1"""
     events = [*bodies(6, linear=[1.0, 0.5, 0.0]), placed(6, kind=2, shape=1, linear=[0.0, 1.0, 0.0])]
-    events += [placed(7, kind=1, shape=1, **{"gravity scale": "3f000000", "tolerance scale": 2})]
+    events += [placed(7, kind=1, shape=1, **{"gravity scale": "3e99999a", "tolerance scale": 2})]
     events += [placed(8, kind=2, **{"gravity scale": "3f000000", "damping": {"linear": "3f800000", "angular": "3f800000"}})]
     events += [placed(9, kind=0, track="rest"), placed(10, linear=[4.0, 0.0, 0.0], damping={"linear": "40000000", "angular": "3f800000"})]
     s = started("each predictor, and rests of each kind", events, choice=PARTS)
@@ -99,6 +99,17 @@ def attached():
     s.get(s.watermark(11), s.packet(12, s.keyframe(2, 1), s.corrected(3, 12)), s.checksum(13))
     s.control(s.event(placed(0, generation=1, origin=13)))
     s.get(s.packet(14, s.corrected(3, 14), s.corrected(0, 14)), s.packet(15, s.keyframe(3, 2), s.corrected(5, 15)), s.checksum(15))
+    return s
+
+
+def parent_becomes_attached():
+    """RECKONING 3.8-4, 3.8-5"""
+    s = started("a parent that becomes attached, and is removed", bodies(4))
+    s.get(s.packet(1, *[s.corrected(index, 1, moved=True) for index in range(4)]))
+    s.get(s.packet(2, s.corrected(1, 2, "attached", parent=0)), s.packet(3, s.corrected(0, 3, "attached", parent=2)))
+    s.get(s.watermark(6), s.packet(8, s.corrected(2, 8, moved=True)), s.checksum(9))
+    s.control(s.event(removed(0)))
+    s.get(s.watermark(12))
     return s
 
 
@@ -459,6 +470,36 @@ def many_repair_symbols():
     return s
 
 
+def dropped_repair_symbols():
+    """6.15-3, 6.15-6, 6.15-7"""
+    s = started("repair symbols of the snapshot, repeated ones, and those after a wrong one", bodies(5), next=1000, tick=4)
+    s.get(s.packet(5, *[s.corrected(index, 5) for index in range(5)]))
+    # Two symbols over a lost packet and one of the snapshot rebuild neither.
+    s.sent[999] = s.sent[1000]
+    s.packet(6, s.corrected(0, 6))
+    s.get(s.repair(0, 999, 1001), s.repair(1, 999, 1001), s.watermark(6), *s.refresh(1001, 6))
+    # A symbol is repeated after packets that it covers arrived: it pushes out no other.
+    lost = [s.packet(7 + step, s.corrected(step % 5, 7 + step)) for step in range(7)]
+    covered = range(1004, 1009)
+    s.get(s.repair(2, 1002, 1003), s.repair(3, *covered), lost[4], lost[5], *[s.repair(3, *covered)] * 16, quiet=True)
+    s.get(lost[0], s.watermark(13), lost[2], lost[3], lost[6])
+    # After a wrong symbol, those that lack no earlier packet are used at once.
+    s.packet(14, s.corrected(0, 14))
+    s.packet(15, s.corrected(1, 15))
+    wrong = bytearray(s.repair(5, 1010))
+    wrong[5] ^= packets.times(packets.factor(5, 1010), 1 ^ 15)  # the kind becomes 15
+    s.get(bytes(wrong), s.repair(6, 1010))
+    s.packet(16, s.corrected(2, 16))
+    s.get(s.packet(17, s.corrected(3, 17)), s.repair(7, 1011))
+    # One that lacks an earlier packet is dropped, and still moves the last number: 1002 is forgotten.
+    later = {1013 + step: s.packet(18 + step, s.corrected(step % 5, 18 + step)) for step in range(28)}
+    s.get(s.repair(8, 1009, 1040), s.repair(9, 1002, 1030))
+    s.get(*[data for number, data in later.items() if number != 1030], quiet=True)
+    s.get(s.watermark(46), later[1030])
+    s.settle(47)
+    return s
+
+
 def gravities():
     """6.9-1 to 6.9-5"""
     events = [*bodies(3, track="ballistic", origin=20), gravity_changed(20, 0.0, 4.0, 0.0), gravity_changed(40, 2.0, 0.0, 0.0)]
@@ -479,6 +520,27 @@ def gravities():
     t.control(t.event(gravity_changed(52, 0.0, 8.0, 0.0)))
     t.get(t.packet(56, t.keyframe(0, 2), t.corrected(1, 56, "world", 2)), t.watermark(60), t.checksum(60))
     return [*plain, t]
+
+
+def shapes():
+    """6.1-4, RECKONING 4.5"""
+    points = [[0.5, 0.0, 0.25], [-0.5, 0.25, 0.0], [0.0, 0.75, -0.5], [0.0, -0.5, -0.25], [0.25, 0.25, 1.0]]
+    parts = [[[0.5, 1.0, -0.25], "ball", {"radius": 0.375}], [[-2.0, 0.0, 0.5], "capsule", {"half height": 0.5, "radius": 0.25}]]
+    shapes = [
+        {"is": "capsule", "half height": digits(0.75), "radius": digits(0.3)},
+        {"is": "cylinder", "half height": digits(0.4), "radius": digits(0.7)},
+        {"is": "hull", "points": digits(points)},
+        {"is": "heights", "rows": 2, "columns": 4, "row spacing": digits(1.5), "column spacing": digits(0.5), "heights": digits([0.1, 0.2, -0.6, 0.3, 0.0, 0.5, -0.2, 0.9])},
+        # The farthest point is in no triangle.
+        {"is": "mesh", "point count": 5, "triangle count": 1, "points": digits(points), "triangles": [{"a": 0, "b": 1, "c": 2}]},
+        {"is": "compound", "parts": [{"position": digits(at), "rotation": digits([0.0, 0.0, 0.0, 1.0]), "shape": {"is": kind} | {name: digits(one) for name, one in extents.items()}} for at, kind, extents in parts]},
+        {"is": "compound", "parts": []},
+    ]
+    events = [{"is": "ShapeAdded", "id": 2 + place, "shape": shape} for place, shape in enumerate(shapes)]
+    s = started("shapes of each kind", [*events, *[placed(index, kind=2, shape=2 + index) for index in range(7)]])
+    s.get(s.packet(1, *[s.corrected(index, 1, "world", 1, moved=True) for index in range(7)]))
+    s.get(s.packet(3, *[s.corrected(index, 3) for index in range(7)]), s.checksum(4))
+    return s
 
 
 def full_stream():
@@ -831,9 +893,9 @@ def upstreams():
 
 
 def streams():
-    makers = [several_packets, every_third_tick, predictors, attached, wrong_parents, refreshes, late_packets, ahead_of_events, many_wait]
-    makers += [aliases, more_aliases, checksums, differing_checksum, budget, no_budget, redundancy, wrong_repair_symbols, many_repair_symbols]
-    makers += [gravities, full_stream, lost_touch, low_bits, refused_refreshes]
+    makers = [several_packets, every_third_tick, predictors, attached, parent_becomes_attached, wrong_parents, refreshes, late_packets, ahead_of_events, many_wait]
+    makers += [aliases, more_aliases, checksums, differing_checksum, budget, no_budget, redundancy, wrong_repair_symbols, many_repair_symbols, dropped_repair_symbols]
+    makers += [gravities, shapes, full_stream, lost_touch, low_bits, refused_refreshes]
     makers += [replaced_bodies, unreadable, unknown_owners, far_counts, span, rebuilt_ahead_of_events, equal_origins, largest_packet]
     made = []
     for maker in makers:

@@ -185,6 +185,8 @@ def is_there(field, msg):
         return True
     path, mask, value = field["when"]
     for name in path.split("."):
+        if name not in msg:
+            return False
         msg = msg[name]
     return msg & mask == value
 
@@ -213,8 +215,6 @@ def read_primitive(kind, field, frm):
     if kind in ("u8", "u16", "u32", "u64"):
         value = int.from_bytes(frm.raw(int(kind[1:]) // 8), "little")
         refuse_if(value & ~field.get("mask", value), "UnknownCode")
-        mask, top = field.get("kinds", (0, 0))
-        refuse_if(value & mask > top, "UnknownCode")
         refuse_if(not least <= value <= most, "OutOfRange")
         value = f"{value:016x}" if kind == "u64" else value
     elif kind == "i8":
@@ -224,8 +224,11 @@ def read_primitive(kind, field, frm):
         natural = {"varint": (1 << 64) - 1, "varint32": WORD - 1, "count": COUNT_MAX}[kind]
         value = frm.varint(min(most, natural))
         refuse_if(value < least, "OutOfRange")
+        mask, top = field.get("kinds", (0, 0))
+        refuse_if(value & mask > top, "UnknownCode")
     elif kind == "f32":
         value = read_f32(frm)
+        refuse_if(field.get("rule") == "finite" and not math.isfinite(f32(value)), "NotFinite")
     elif kind == "vec3":
         value = [read_f32(frm) for _ in range(3)]
         finite = field.get("rule") != "finite" or all(math.isfinite(f32(part)) for part in value)
@@ -274,7 +277,11 @@ def check_range(msg):
 
 
 def check_joint(msg):
-    refuse_if(msg["flags"] & 11 == 8, "UnknownCode")
+    refuse_if(msg["flags"] & 16 and not 1 <= msg["flags"] & 7 <= 3, "UnknownCode")
+
+
+def check_groups(msg):
+    refuse_if(msg["members"] == msg["touches"] == WORD - 1, "NotCanonical")
 
 
 def check_inertia(msg):
@@ -310,11 +317,19 @@ def check_scene_event(msg):
         raise Malformed("OutOfRange") from why
 
 
+def check_queries(queries):
+    """4.14-3"""
+    cost = sum(query["hits"] * (LIMITS["SHAPE_CAST_COST"] if query["is"] == "shape cast" else 1) for query in queries)
+    refuse_if(cost > LIMITS["QUERY_COST_MAX"], "OutOfRange")
+
+
 RULES = {
     "id range": check_range,
     "inertia": check_inertia,
+    "collision groups": check_groups,
     "joint": check_joint,
     "event": check_scene_event,
+    "queries": check_queries,
     "track payload": check_track_payload,
 }
 
@@ -330,6 +345,9 @@ def check_command(msg):
         command = msg["command"]
         row = next(row for row in TYPES["command"]["codes"] if row["name"] == command["is"])
         check_fields(row["fields"], command)
+    elif msg["is"] == "Query":
+        for query in msg["queries"]:
+            check_numbers("query", query)
 
 
 def check_numbers(name, msg):
@@ -347,6 +365,8 @@ def check_numbers(name, msg):
         check_size(msg)
     elif name == "shape" and msg["is"] == "mesh":
         check_triangles(msg)
+    elif name == "mass":
+        check_moments(msg)
 
 
 def check_fields(fields, msg):
@@ -394,7 +414,9 @@ def check_scalar(value, least, most, quantity):
 
 
 def check_rotation(parts):
-    x, y, z, w = parts
+    """Of a rotation or a direction."""
+    x, y, z, *w = parts
+    w = w[0] if w else 0.0
     if not abs(math.sqrt(x * x + y * y + z * z + w * w) - 1) <= SLACK:
         raise Refused("NotFinite", "rotation")
 
@@ -407,12 +429,54 @@ def check_whole_joint(msg):
         for part in msg[side + " anchor"]:
             check_scalar(f32(part), -LIMITS["EXTENT_MAX"], LIMITS["EXTENT_MAX"], "anchor of a joint")
         check_rotation([f32(part) for part in msg.get(side + " rotation", IDENTITY)])
-    most = LIMITS["EXTENT_MAX"] if msg["flags"] & 3 == 3 else PI
-    for name, limits in msg.items():
-        if name.startswith("limits"):
-            least = f32(limits["least"])
-            check_scalar(least, -most, most, "limit of a joint")
-            check_scalar(f32(limits["most"]), least, most, "limit of a joint")
+    kind = msg["flags"] & 7
+    if kind == 4:
+        check_scalar(f32(msg["length"]), to_f32(LIMITS["EXTENT_MIN"]), LIMITS["EXTENT_MAX"], "limit of a joint")
+    if kind == 5:
+        check_fields(TYPES["spring"]["fields"], msg["spring"])
+    locked = msg["locked"] if kind == 6 else (63, 7, 55, 62, 63, 63)[kind]
+    for axis in range(6):
+        check_limits(axis, locked, msg)
+    for axis in range(6):
+        if f"motor {axis}" in msg:
+            check_motor(axis, locked, msg[f"motor {axis}"])
+    if "strength" in msg:
+        check_fields(TYPES["strength"]["fields"], msg["strength"])
+
+
+NAMED = {0: "limits of the translation", 3: "limits about x", 4: "limits about y", 5: "limits about z"}
+
+
+def reach(axis):
+    return LIMITS["EXTENT_MAX"] if axis < 3 else PI
+
+
+def check_limits(axis, locked, msg):
+    names = [f"limits {axis}", NAMED.get(axis), "limits of the rotation" if axis == 3 else None]
+    for limits in (msg[name] for name in names if name in msg):
+        if locked >> axis & 1:
+            raise Refused("OutOfRange", "limit of a joint")
+        least, most = f32(limits["least"]), reach(axis)
+        check_scalar(least, -most, most, "limit of a joint")
+        check_scalar(f32(limits["most"]), least, most, "limit of a joint")
+
+
+def check_motor(axis, locked, motor):
+    """2.6-26, 7. Ropes and springs have no motors."""
+    if locked >> axis & 1:
+        raise Refused("OutOfRange", "motor of a joint")
+    fastest = LIMITS["LINEAR_MAX" if axis < 3 else "ANGULAR_MAX"]
+    check_scalar(f32(motor["position"]), -reach(axis), reach(axis), "motor of a joint")
+    check_scalar(f32(motor["velocity"]), -fastest, fastest, "motor of a joint")
+    check_fields([field for field in TYPES["motor"]["fields"] if "to" in field], motor)
+
+
+def check_moments(msg):
+    """2.6-22: bounds for each kilogram, each one multiplication in f32."""
+    mass = f32(msg["mass"])
+    least, most = (to_f32(mass * to_f32(LIMITS[name])) for name in ("GYRATION_MIN", "GYRATION_MAX"))
+    for part in msg.get("moments", ()):
+        check_scalar(f32(part), least, most, "moments of inertia")
 
 
 def check_size(heights):

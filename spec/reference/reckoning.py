@@ -435,6 +435,9 @@ def bounding_radius(shape, extents):
     half_height, radius = extents
     if shape == "capsule":
         return half_height + radius
+    if shape == "cone":
+        half = half_height * 0.5
+        return max(math.sqrt(half * half + radius * radius), half_height * 1.5)
     return math.sqrt(half_height * half_height + radius * radius)
 
 

@@ -107,6 +107,10 @@ def radius_of(shape):
         return reckoning.bounding_radius("cuboid", [f32(part) for part in shape["half extents"]])
     if shape["is"] == "ball":
         return reckoning.bounding_radius("ball", [f32(shape["radius"])])
+    if shape["is"] == "rounded cuboid":
+        return reckoning.length3([f32(part) for part in shape["half extents"]]) + f32(shape["radius"])
+    if shape["is"] == "half-space":
+        return 10000.0
     return reckoning.bounding_radius(shape["is"], [f32(shape["half height"]), f32(shape["radius"])])
 
 
@@ -178,7 +182,7 @@ class Scene:
         self.aliases, self.alias_of = {}, {}  # alias: (index or None, since); index: alias
         self.missing, self.unread, self.pending, self.lost_on_link = {}, {}, [], 0
         self.received = {}  # state packets, by number, with their ticks
-        self.decoder = Decoder(self.stream)
+        self.decoder = Decoder(self.stream, joined["next"])
         self.lost_sync, self.checksum_mismatches, self.granted = False, 0, joined["granted"]
 
     def flow(self, damping):
@@ -248,7 +252,6 @@ class Scene:
                 self.gravities, self.snapshot_gravity = [], True
             self.gravities = [old for old in self.gravities if old[0] < msg["tick"]] + [(msg["tick"], gravity_pull)]
         elif name == "JointAdded":
-            self.must(msg["id"] not in self.joints)
             for id_ in (msg["joint"]["first"], msg["joint"]["second"]):
                 body = self.bodies.get(id_["index"])
                 self.must(body and body.generation == id_["generation"])
@@ -274,7 +277,7 @@ class Scene:
         body = Body(msg["desc"], msg.get("inertia"), track_of_scene_event(msg["track"]), self)
         self.leave(body.index)
         before = self.bodies.get(body.index)
-        if before:
+        if before and before.generation != body.generation:
             self.part({"index": before.index, "generation": before.generation})
         self.bodies[body.index] = body
         if msg["alias"]:
@@ -530,7 +533,7 @@ class Scene:
             try:
                 msg = packets.decoded(data)
             except packets.Malformed:
-                self.decoder.was_wrong(self.next)
+                self.decoder.was_wrong()
                 return
             self.decoder.keep(number, data)
             msg["data"] = data

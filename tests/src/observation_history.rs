@@ -96,6 +96,9 @@ impl ObservationHistory {
                 Event::Reserved(_)
                 | Event::BodyPlaced(_)
                 | Event::SceneFaulted(_)
+                | Event::QueryResult(_)
+                | Event::Body { .. }
+                | Event::EventsMissed { .. }
                 | Event::ClockSeen { .. } => {}
             }
         }

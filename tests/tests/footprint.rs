@@ -15,7 +15,7 @@ use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, PublishSchedule, SceneConfig, Shape, ShapeId};
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
-    StreamTerms, Subscriber,
+    StreamConfig, Subscriber,
 };
 use rhumb_protocol::{Endpoint, Instant};
 use rhumb_reckoning::{
@@ -77,8 +77,8 @@ const PER_PACKET: u64 = 10;
 /// One in this number of bodies is hit in each tick.
 const STRUCK: u64 = 20;
 
-fn config(tolerance: Tolerance) -> StreamTerms {
-    StreamTerms {
+fn config(tolerance: Tolerance) -> StreamConfig {
+    StreamConfig {
         tolerance,
         integrator: integrator(),
         publish_interval: PublishSchedule::EACH_TICK.publish_interval,

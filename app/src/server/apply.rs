@@ -6,7 +6,7 @@
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::JOINTS_MAX;
-use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Compound, JointId, Shape};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Compound, JointId, LockedAxes, Shape};
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState};
 
@@ -155,7 +155,9 @@ impl WorldMirror {
         let mut desc = BodyDesc::plain(id, actor.kind, shape);
         desc.material = properties.material;
         desc.gravity_scale = actor.gravity;
-        desc.turns = !actor.upright;
+        if actor.upright {
+            desc.locked = LockedAxes::ROTATIONS;
+        }
         let (position, rotation) = properties.frame.body_of(actor.position, actor.rotation);
         let still = actor.kind == BodyKind::Static;
         let [linear, angular] =

@@ -138,6 +138,8 @@ pub(super) fn between(message: &AddJoint, bodies: [(BodyId, Frame); 2]) -> Optio
         bodies: bodies.map(|(id, _)| id),
         frames,
         collide: false,
+        motors: [None; 6],
+        strength: None,
     })
 }
 

@@ -9,13 +9,13 @@ const VERSION: u16 = 1;
 
 /// Type and length of a message. Timestamp and reserved bytes are written as zero and not read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Header {
+pub(crate) struct Header {
     /// The message's type.
-    pub kind: Kind,
+    pub(crate) kind: Kind,
     /// The sender's counter. It only serves to name a faulty message: it repeats and goes back.
-    pub index: u32,
+    pub(crate) index: u32,
     /// Bytes of the message, header included.
-    pub length: usize,
+    pub(crate) length: usize,
 }
 
 impl Header {

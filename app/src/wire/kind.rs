@@ -18,7 +18,7 @@ macro_rules! kinds {
 
             /// The type of a code.
             #[must_use]
-            pub const fn from_code(code: u16) -> Option<Self> {
+            pub(crate) const fn from_code(code: u16) -> Option<Self> {
                 match code {
                     $($code => Some(Self::$name),)+
                     _ => None,
@@ -111,7 +111,7 @@ kinds! {
 impl Kind {
     /// Its code.
     #[must_use]
-    pub const fn code(self) -> u16 {
+    pub(crate) const fn code(self) -> u16 {
         self as u16
     }
 

@@ -16,7 +16,6 @@ mod shapes;
 
 pub use fields::{Id, Surface};
 pub use frames::{FramedMessage, MessageFraming};
-pub use header::Header;
 pub use kind::Kind;
 pub use limits::HEADER_BYTES;
 pub use malformed::MalformedMessage;
@@ -25,5 +24,5 @@ pub use message::{
     CreateStaticActor, DetachShape, ErrorReport, Grip, Logon, Message, Motion, Place, SetWorld,
     Surfacing,
 };
-pub use session::{Session, SessionError};
+pub(crate) use session::{Session, SessionError};
 pub use shapes::{ConvexMesh, HeightGrid, TriangleMesh};

@@ -23,14 +23,14 @@ enum SessionState {
 
 /// The server's end of a session.
 #[derive(Debug, Default)]
-pub struct Session {
+pub(crate) struct Session {
     frames: MessageFraming,
     state: SessionState,
 }
 
 /// Reason for which a session ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum SessionError {
+pub(crate) enum SessionError {
     /// The bytes are not a message.
     Malformed(MalformedMessage),
     /// The client sent another message before its logon.
@@ -56,7 +56,7 @@ impl core::error::Error for SessionError {}
 
 impl Session {
     /// Appends the next bytes of the connection, cut at any place.
-    pub fn handle_bytes(&mut self, bytes: &[u8]) {
+    pub(crate) fn handle_bytes(&mut self, bytes: &[u8]) {
         if self.state != SessionState::Over {
             self.frames.push(bytes);
         }
@@ -67,7 +67,7 @@ impl Session {
     /// # Errors
     ///
     /// [`SessionError`] when the session cannot continue; from then on it accepts nothing.
-    pub fn poll_message(&mut self) -> Result<Option<FramedMessage>, SessionError> {
+    pub(crate) fn poll_message(&mut self) -> Result<Option<FramedMessage>, SessionError> {
         if self.state == SessionState::Over {
             return Ok(None);
         }

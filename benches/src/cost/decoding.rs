@@ -15,7 +15,7 @@ use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
-    StreamTerms, Subscriber,
+    StreamConfig, Subscriber,
 };
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Grid, Integrator, Metres, Predictor, QuantisedState, Rate, Seconds,
@@ -55,8 +55,8 @@ fn state(index: u32, tick: u64) -> BodyState {
     .expect("these numbers are finite")
 }
 
-fn config() -> StreamTerms {
-    StreamTerms {
+fn config() -> StreamConfig {
+    StreamConfig {
         tolerance: Tolerance::NORMAL,
         integrator: Integrator {
             rate: Rate::HZ_60,

@@ -16,7 +16,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
-    StreamTerms,
+    StreamConfig,
 };
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Damping, Metres, Predictor, Tick, Tolerance, Track,
@@ -224,8 +224,8 @@ struct PublishCost {
 }
 
 /// Config of a stream of a scene.
-fn stream(config: &SceneConfig, tolerance: Tolerance) -> StreamTerms {
-    StreamTerms {
+fn stream(config: &SceneConfig, tolerance: Tolerance) -> StreamConfig {
+    StreamConfig {
         tolerance,
         integrator: config.integrator,
         publish_interval: config.publish_schedule.publish_interval,

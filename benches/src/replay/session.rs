@@ -12,7 +12,7 @@ use rhumb_protocol::message::{SceneEvent, ServerMessage};
 use rhumb_protocol::packet::{Datagram, PacketKind, StreamId};
 use rhumb_protocol::scene::{BodyKind, PublishSchedule};
 use rhumb_protocol::stream::{
-    Activity, ObservationHistory, PredictionParameters, Recipient, StreamSender, StreamTerms,
+    Activity, ObservationHistory, PredictionParameters, Recipient, StreamConfig, StreamSender,
     WatermarkPolicy,
 };
 use rhumb_protocol::{Instant, Span};
@@ -117,7 +117,7 @@ pub fn run(
 
 /// The stream at its source, without bodies yet.
 fn sender(start: &StreamSetup, config: &ReplayConfig) -> StreamSender {
-    let stream = StreamTerms {
+    let stream = StreamConfig {
         tolerance: start.tolerance,
         integrator: start.integrator,
         publish_interval: start.publish_interval,

@@ -226,7 +226,12 @@ impl From<&Placed> for Placement {
                 radius,
             } => (4, vec![half_height, radius]),
             // No script uses these shapes; they are drawn, but the trace has no number for them.
-            Solid::Heights(_) | Solid::Mesh(_) | Solid::Compound(_) => (0, Vec::new()),
+            Solid::Heights(_)
+            | Solid::Mesh(_)
+            | Solid::Compound(_)
+            | Solid::RoundedCuboid { .. }
+            | Solid::Cone { .. }
+            | Solid::HalfSpace { .. } => (0, Vec::new()),
         };
         Self {
             index: placed.desc.id.index(),

@@ -7,7 +7,7 @@ use foxglove::messages::{
     Color, CubePrimitive, CylinderPrimitive, Point3, Pose, Quaternion, SceneEntity,
     SpherePrimitive, TriangleListPrimitive, Vector3,
 };
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec3, Vec3};
 use rhumb_protocol::scene::{Compound, Shape};
 
 /// Frame of all drawings.
@@ -51,6 +51,11 @@ pub(super) fn add(
         top_scale: 1.0,
         color,
     };
+    let cube = |half: Vec3, at: DVec3| CubePrimitive {
+        pose: Some(drawn(centre + rotation * at, rotation)),
+        size: size(half.x, half.y, half.z),
+        color,
+    };
     match *shape {
         Shape::Ball { radius } => entity.spheres.push(sphere(centre, radius)),
         // A hull is drawn as an ellipsoid with its half extents; only the engine knows its faces.
@@ -69,11 +74,32 @@ pub(super) fn add(
                 .push(TriangleListPrimitive { color, ..triangles });
         }
         Shape::Compound(ref parts) => add_parts(entity, parts, centre, rotation, tint),
-        Shape::Cuboid { half_extents } => entity.cubes.push(CubePrimitive {
-            pose: Some(drawn(centre, rotation)),
-            size: size(half_extents.x, half_extents.y, half_extents.z),
-            color,
-        }),
+        Shape::Cuboid { half_extents: half } => entity.cubes.push(cube(half, DVec3::ZERO)),
+        Shape::RoundedCuboid {
+            half_extents,
+            radius,
+        } => entity.cubes.push(cube(half_extents + radius, DVec3::ZERO)),
+        // A slab under the plane, about its body.
+        Shape::HalfSpace { normal } => {
+            let turned = DQuat::from_rotation_arc(DVec3::Y, normal.as_dvec3().normalize());
+            let slab = cube(Vec3::new(50.0, 0.5, 50.0), turned * DVec3::NEG_Y * 0.5);
+            let pose = slab.pose.map(|pose| Pose {
+                orientation: drawn(centre, rotation * turned).orientation,
+                ..pose
+            });
+            entity.cubes.push(CubePrimitive { pose, ..slab });
+        }
+        Shape::Cone {
+            half_height,
+            radius,
+        } => {
+            let middle = centre + rotation * DVec3::Y * f64::from(half_height) * 0.5;
+            entity.cylinders.push(CylinderPrimitive {
+                pose: Some(drawn(middle, along_y)),
+                top_scale: 0.0,
+                ..cylinder(half_height, radius)
+            });
+        }
         Shape::Cylinder {
             half_height,
             radius,

@@ -10,7 +10,7 @@ use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
-    StreamTerms, Subscriber,
+    StreamConfig, Subscriber,
 };
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
@@ -45,7 +45,7 @@ impl Pair {
             substeps: NonZeroU32::new(4).expect("four is not zero"),
         };
         let tolerance = Tolerance::NORMAL;
-        let config = StreamTerms {
+        let config = StreamConfig {
             tolerance,
             integrator,
             publish_interval: PublishSchedule::EACH_TICK.publish_interval,

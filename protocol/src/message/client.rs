@@ -13,7 +13,8 @@ use super::tier_policy::TierPolicy;
 use super::version::MAGIC;
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};
 use crate::packet::StreamId;
-use crate::scene::{Command, SceneConfig, SceneName};
+use crate::scene::query::{decode_queries, encode_queries};
+use crate::scene::{Command, Query, SceneConfig, SceneName};
 use crate::time::Instant;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};
@@ -69,6 +70,8 @@ pub enum ClientMessage {
     Upstream(Vec<u8>),
     /// Sets the tiers that the server may change to when the link is congested.
     TierPolicy(TierPolicy),
+    /// Asks where bodies are. The first of a membership has number 0, the next 1, and so on.
+    Query(Vec<Query>),
 }
 
 /// Type bytes.
@@ -89,6 +92,7 @@ mod kind {
     pub(super) const TAKE_AUTHORITY: u8 = 14;
     pub(super) const UPSTREAM: u8 = 15;
     pub(super) const TIER_POLICY: u8 = 16;
+    pub(super) const QUERY: u8 = 17;
 }
 
 impl ClientMessage {
@@ -116,56 +120,36 @@ impl ClientMessage {
                 extensions.encode(body);
                 kind::HELLO
             }
-            Self::Create(config) => {
-                config.encode(body);
-                kind::CREATE
-            }
-            Self::Join(choice) => {
-                choice.encode(body);
-                kind::JOIN
-            }
+            Self::Create(config) => put(config, kind::CREATE, body),
+            Self::Join(choice) => put(choice, kind::JOIN, body),
             Self::Leave => kind::LEAVE,
             Self::Delete => kind::DELETE,
             Self::Reserve { count } => {
                 body.varint(u64::from(*count));
                 kind::RESERVE
             }
-            Self::Command(command) => {
-                command.encode(body);
-                kind::COMMAND
-            }
+            Self::Command(command) => put(command, kind::COMMAND, body),
             Self::Advance { to: tick } => {
                 body.varint(tick.value());
                 kind::ADVANCE
             }
-            Self::Resync(cause) => {
-                cause.encode(body);
-                kind::RESYNC
-            }
+            Self::Resync(cause) => put(cause, kind::RESYNC, body),
             Self::Ping { sent } => {
                 body.varint(sent.as_nanos());
                 kind::PING
             }
             Self::Inspect => kind::INSPECT,
-            Self::Subscribe(choice) => {
-                choice.encode(body);
-                kind::SUBSCRIBE
-            }
-            Self::Subscribed(stream) => {
-                stream.encode(body);
-                kind::SUBSCRIBED
-            }
-            Self::TakeAuthority(request) => {
-                request.encode(body);
-                kind::TAKE_AUTHORITY
-            }
+            Self::Subscribe(choice) => put(choice, kind::SUBSCRIBE, body),
+            Self::Subscribed(stream) => put(stream, kind::SUBSCRIBED, body),
+            Self::TakeAuthority(request) => put(request, kind::TAKE_AUTHORITY, body),
             Self::Upstream(packet) => {
                 body.raw(packet);
                 kind::UPSTREAM
             }
-            Self::TierPolicy(tier_policy) => {
-                tier_policy.encode(body);
-                kind::TIER_POLICY
+            Self::TierPolicy(tier_policy) => put(tier_policy, kind::TIER_POLICY, body),
+            Self::Query(queries) => {
+                encode_queries(queries, body);
+                kind::QUERY
             }
         }
     }
@@ -211,12 +195,19 @@ impl ClientMessage {
             }
             kind::UPSTREAM => Self::Upstream(from.raw(framed.body.len())?.to_vec()),
             kind::TIER_POLICY => Self::TierPolicy(TierPolicy::decode(&mut from)?),
+            kind::QUERY => Self::Query(decode_queries(&mut from)?),
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };
         from.finish()?;
         Ok(Some(message))
     }
+}
+
+/// Appends the only field of a message; returns the message's type.
+fn put(field: &impl Wire, kind: u8, to: &mut Writer) -> u8 {
+    field.encode(to);
+    kind
 }
 
 fn decode_hello(from: &mut Reader<'_>) -> Result<ClientMessage, Malformed> {

@@ -24,7 +24,7 @@ impl Extension {
 
     /// True if a peer that does not know it must refuse the message.
     #[must_use]
-    pub const fn is_critical(&self) -> bool {
+    pub(crate) const fn is_critical(&self) -> bool {
         self.id.is_multiple_of(2)
     }
 }

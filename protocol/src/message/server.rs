@@ -10,7 +10,9 @@ use super::denial::Denial;
 use super::extensions::Extensions;
 use super::frame::{Framed, frame};
 use super::inspection::Inspection;
+use super::query_result::QueryResult;
 use super::scene_event::SceneEvent;
+use super::tick_events::TickEvents;
 use super::tier_policy::TierChangeCause;
 use crate::packet::{LargestPacket, StreamId};
 use crate::scene::{CommandError, IdRange, SceneConfig};
@@ -103,6 +105,10 @@ pub enum ServerMessage {
         /// The reason.
         cause: TierChangeCause,
     },
+    /// The answer to `Query`.
+    QueryResult(QueryResult),
+    /// The events of bodies in one tick.
+    TickEvents(TickEvents),
 }
 
 /// Type bytes.
@@ -123,6 +129,8 @@ mod kind {
     pub(super) const AUTHORITY_GRANT: u8 = 14;
     pub(super) const AUTHORITY_DENIED: u8 = 15;
     pub(super) const TIER_CHANGED: u8 = 16;
+    pub(super) const QUERY_RESULT: u8 = 17;
+    pub(super) const TICK_EVENTS: u8 = 18;
 }
 
 impl Wire for Welcome {
@@ -200,26 +208,14 @@ impl ServerMessage {
     pub fn encode(&self, to: &mut Vec<u8>) {
         let mut body = Writer::new();
         let kind = match self {
-            Self::Welcome(welcome) => {
-                welcome.encode(&mut body);
-                kind::WELCOME
-            }
+            Self::Welcome(welcome) => put(welcome, kind::WELCOME, &mut body),
             Self::Created => kind::CREATED,
-            Self::Joined(joined) => {
-                joined.encode(&mut body);
-                kind::JOINED
-            }
+            Self::Joined(joined) => put(joined, kind::JOINED, &mut body),
             Self::SnapshotEnd => kind::SNAPSHOT_END,
             Self::Left => kind::LEFT,
             Self::Deleted => kind::DELETED,
-            Self::Reserved(range) => {
-                range.encode(&mut body);
-                kind::RESERVED
-            }
-            Self::Denied(denial) => {
-                denial.encode(&mut body);
-                kind::DENIED
-            }
+            Self::Reserved(range) => put(range, kind::RESERVED, &mut body),
+            Self::Denied(denial) => put(denial, kind::DENIED, &mut body),
             Self::Applied { through, tick } => {
                 body.varint(*through);
                 body.varint(tick.value());
@@ -230,10 +226,7 @@ impl ServerMessage {
                 error.encode(&mut body);
                 kind::REFUSED
             }
-            Self::SceneEvent(scene_event) => {
-                scene_event.encode(&mut body);
-                kind::SCENE_EVENT
-            }
+            Self::SceneEvent(scene_event) => put(scene_event, kind::SCENE_EVENT, &mut body),
             Self::Pong {
                 sent,
                 tick,
@@ -244,23 +237,16 @@ impl ServerMessage {
                 body.varint(*since_tick_ns);
                 kind::PONG
             }
-            Self::Inspection(inspection) => {
-                inspection.encode(&mut body);
-                kind::INSPECTION
-            }
-            Self::AuthorityGrant(grant) => {
-                grant.encode(&mut body);
-                kind::AUTHORITY_GRANT
-            }
-            Self::AuthorityDenied(error) => {
-                error.encode(&mut body);
-                kind::AUTHORITY_DENIED
-            }
+            Self::Inspection(inspection) => put(inspection, kind::INSPECTION, &mut body),
+            Self::AuthorityGrant(grant) => put(grant, kind::AUTHORITY_GRANT, &mut body),
+            Self::AuthorityDenied(error) => put(error, kind::AUTHORITY_DENIED, &mut body),
             Self::TierChanged { to: choice, cause } => {
                 choice.encode(&mut body);
                 cause.encode(&mut body);
                 kind::TIER_CHANGED
             }
+            Self::QueryResult(result) => put(result, kind::QUERY_RESULT, &mut body),
+            Self::TickEvents(events) => put(events, kind::TICK_EVENTS, &mut body),
         };
         frame(kind, &body.into_bytes(), to);
     }
@@ -302,10 +288,18 @@ impl ServerMessage {
                 to: StreamChoice::decode(&mut from)?,
                 cause: TierChangeCause::decode(&mut from)?,
             },
+            kind::QUERY_RESULT => Self::QueryResult(QueryResult::decode(&mut from)?),
+            kind::TICK_EVENTS => Self::TickEvents(TickEvents::decode(&mut from)?),
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };
         from.finish()?;
         Ok(Some(message))
     }
+}
+
+/// Appends the only field of a message; returns the message's type.
+fn put(field: &impl Wire, kind: u8, to: &mut Writer) -> u8 {
+    field.encode(to);
+    kind
 }

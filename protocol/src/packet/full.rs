@@ -12,7 +12,7 @@ use crate::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyState;
 
 /// Index (u32), position, quaternion x y z w, linear and angular velocity (f32 each), little-endian.
-pub const FULL_RECORD_BYTES: usize = 4 + 13 * 4;
+pub(crate) const FULL_RECORD_BYTES: usize = 4 + 13 * 4;
 
 /// Bytes before the records.
 const HEAD_BYTES_MAX: usize = 1 + 5 + 2 + 2 + 2;
@@ -47,7 +47,7 @@ impl FullPacket {
 
     /// The number of records that fit a datagram of this size.
     #[must_use]
-    pub const fn records_within(largest_packet: LargestPacket) -> usize {
+    pub(crate) const fn records_within(largest_packet: LargestPacket) -> usize {
         (largest_packet.bytes() - HEAD_BYTES_MAX) / FULL_RECORD_BYTES
     }
 

@@ -125,7 +125,7 @@ pub struct Head {
 impl Head {
     /// The number of bytes that it takes.
     #[must_use]
-    pub const fn byte_len(self) -> usize {
+    pub(crate) const fn byte_len(self) -> usize {
         let StreamId(stream) = self.stream;
         match stream.checked_sub(LARGE) {
             None => 1,
@@ -193,7 +193,7 @@ impl<'a> Datagram<'a> {
 
     /// The number of its bytes, with the head.
     #[must_use]
-    pub const fn byte_len(&self) -> usize {
+    pub(crate) const fn byte_len(&self) -> usize {
         self.head.byte_len() + self.body.len()
     }
 

@@ -61,7 +61,7 @@ impl Keyframe {
 
     /// The number of bits that [`Self::encode`] appends.
     #[must_use]
-    pub fn bit_len(&self) -> usize {
+    pub(crate) fn bit_len(&self) -> usize {
         let moving = self.predictor != Predictor::Rest;
         let mut bits = PREDICTOR_BITS + 2;
         if self.parent.is_some() {

@@ -31,7 +31,7 @@ pub use age::Age;
 pub use checksums::Checksums;
 pub(crate) use cost::{CostModel, InitialCostModel};
 pub use error_scale::ErrorScale;
-pub use full::{FULL_RECORD_BYTES, FullPacket, FullRecord};
+pub use full::{FullPacket, FullRecord};
 pub(crate) use galois::{add_times, inverse, times};
 pub use header::{Datagram, Head, Low16, PacketKind, StreamId};
 pub use keyframe::Keyframe;

@@ -47,7 +47,7 @@ pub enum UpdatePayload {
 impl UpdatePayload {
     /// True if applying it also needs another body's track.
     #[must_use]
-    pub const fn names_parent(&self) -> bool {
+    pub(crate) const fn names_parent(&self) -> bool {
         matches!(
             self,
             Self::Residual {

@@ -3,7 +3,10 @@
 use rhumb_reckoning::{BodyId, Damping, ToleranceScale};
 
 use super::checks::{Invalid, Quantity, scalar};
+use super::collision_groups::CollisionGroups;
 use super::config::check_damping;
+use super::locked_axes::LockedAxes;
+use super::mass::Mass;
 use super::material::Material;
 use super::shape_id::ShapeId;
 use crate::limits::GRAVITY_SCALE_MAX;
@@ -40,19 +43,41 @@ pub struct BodyDesc {
     pub gyroscopic: bool,
     /// Factor on the tolerance of its streams.
     pub tolerance_scale: ToleranceScale,
-    /// True if contacts can turn it; true for most. Otherwise only commands turn it.
-    pub turns: bool,
+    /// World axes along or about which the engine does not move it; none for most. Commands still do.
+    pub locked: LockedAxes,
+    /// `None`: its shape's volume times the density of its material. Only dynamic bodies use it.
+    pub mass: Option<Mass>,
+    /// Groups that decide which bodies it touches.
+    pub groups: CollisionGroups,
+    /// Of two touching bodies the one of lower dominance is pushed as if the other one had infinite mass; zero
+    /// for most.
+    pub dominance: i8,
+    /// Whether bodies pass through it.
+    pub sensor: bool,
+    /// Whether it is swept against moving bodies, so that it does not pass through them between two steps. Every fast
+    /// body is swept against static ones.
+    pub swept: bool,
+    /// Whether it takes part in the scene: a body that does not stays where it is, touches nothing, and its joints do not
+    /// act.
+    pub enabled: bool,
 }
 
-/// Bits of the byte that tells which fields follow.
+/// Bits of the number that tells which fields follow; the more common ones come first.
 mod flag {
-    pub(super) const KIND: u8 = 0b11;
-    pub(super) const MATERIAL: u8 = 1 << 2;
-    pub(super) const DAMPING: u8 = 1 << 3;
-    pub(super) const GRAVITY_SCALE: u8 = 1 << 4;
-    pub(super) const NOT_GYROSCOPIC: u8 = 1 << 5;
-    pub(super) const CLASS: u8 = 1 << 6;
-    pub(super) const DOES_NOT_TURN: u8 = 1 << 7;
+    pub(super) const KIND: u64 = 0b11;
+    pub(super) const MATERIAL: u64 = 1 << 2;
+    pub(super) const DAMPING: u64 = 1 << 3;
+    pub(super) const GRAVITY_SCALE: u64 = 1 << 4;
+    pub(super) const NOT_GYROSCOPIC: u64 = 1 << 5;
+    pub(super) const TOLERANCE_SCALE: u64 = 1 << 6;
+    pub(super) const LOCKED: u64 = 1 << 7;
+    pub(super) const MASS: u64 = 1 << 8;
+    pub(super) const GROUPS: u64 = 1 << 9;
+    pub(super) const DOMINANCE: u64 = 1 << 10;
+    pub(super) const SENSOR: u64 = 1 << 11;
+    pub(super) const SWEPT: u64 = 1 << 12;
+    pub(super) const DISABLED: u64 = 1 << 13;
+    pub(super) const ALL: u64 = (1 << 14) - 1;
 }
 
 impl BodyDesc {
@@ -68,14 +93,20 @@ impl BodyDesc {
             gravity_scale: 1.0,
             gyroscopic: true,
             tolerance_scale: ToleranceScale::USUAL,
-            turns: true,
+            locked: LockedAxes::NONE,
+            mass: None,
+            groups: CollisionGroups::ALL,
+            dominance: 0,
+            sensor: false,
+            swept: false,
+            enabled: true,
         }
     }
 
     /// True if its moments of inertia matter to its free motion.
     #[must_use]
-    pub const fn can_tumble(&self) -> bool {
-        matches!(self.kind, BodyKind::Dynamic) && self.gyroscopic && self.turns
+    pub(crate) const fn can_tumble(&self) -> bool {
+        matches!(self.kind, BodyKind::Dynamic) && self.gyroscopic && self.locked.is_empty()
     }
 
     /// Checks every number.
@@ -95,32 +126,47 @@ impl BodyDesc {
             -GRAVITY_SCALE_MAX,
             GRAVITY_SCALE_MAX,
             Quantity::GravityScale,
-        )
+        )?;
+        self.mass.map_or(Ok(()), |mass| mass.check())
+    }
+
+    /// Bits for its fields that differ from their defaults.
+    fn flags(&self) -> u64 {
+        let kind = match self.kind {
+            BodyKind::Static => 0,
+            BodyKind::Dynamic => 1,
+            BodyKind::Kinematic => 2,
+        };
+        let is_set = [
+            (self.material.is_some(), flag::MATERIAL),
+            (self.damping.is_some(), flag::DAMPING),
+            (
+                self.gravity_scale.to_bits() != 1.0_f32.to_bits(),
+                flag::GRAVITY_SCALE,
+            ),
+            (!self.gyroscopic, flag::NOT_GYROSCOPIC),
+            (
+                self.tolerance_scale != ToleranceScale::USUAL,
+                flag::TOLERANCE_SCALE,
+            ),
+            (!self.locked.is_empty(), flag::LOCKED),
+            (self.mass.is_some(), flag::MASS),
+            (self.groups != CollisionGroups::ALL, flag::GROUPS),
+            (self.dominance != 0, flag::DOMINANCE),
+            (self.sensor, flag::SENSOR),
+            (self.swept, flag::SWEPT),
+            (!self.enabled, flag::DISABLED),
+        ];
+        let set = is_set.into_iter().filter(|(is_set, _)| *is_set);
+        set.fold(kind, |flags, (_, bit)| flags | bit)
     }
 }
 
 impl Wire for BodyDesc {
     fn encode(&self, to: &mut Writer) {
-        let mut flags = match self.kind {
-            BodyKind::Static => 0,
-            BodyKind::Dynamic => 1,
-            BodyKind::Kinematic => 2,
-        };
-        let scaled = self.gravity_scale.to_bits() != 1.0_f32.to_bits();
-        for (set, bit) in [
-            (self.material.is_some(), flag::MATERIAL),
-            (self.damping.is_some(), flag::DAMPING),
-            (scaled, flag::GRAVITY_SCALE),
-            (!self.gyroscopic, flag::NOT_GYROSCOPIC),
-            (self.tolerance_scale != ToleranceScale::USUAL, flag::CLASS),
-            (!self.turns, flag::DOES_NOT_TURN),
-        ] {
-            if set {
-                flags |= bit;
-            }
-        }
+        let flags = self.flags();
         self.id.encode(to);
-        to.u8(flags);
+        to.varint(flags);
         self.shape.encode(to);
         if let Some(material) = &self.material {
             material.encode(to);
@@ -128,17 +174,29 @@ impl Wire for BodyDesc {
         if let Some(damping) = &self.damping {
             damping.encode(to);
         }
-        if scaled {
+        if flags & flag::GRAVITY_SCALE != 0 {
             to.f32(self.gravity_scale);
         }
-        if self.tolerance_scale != ToleranceScale::USUAL {
+        if flags & flag::TOLERANCE_SCALE != 0 {
             to.u8(self.tolerance_scale.exponent().cast_unsigned());
+        }
+        if flags & flag::LOCKED != 0 {
+            self.locked.encode(to);
+        }
+        if let Some(mass) = &self.mass {
+            mass.encode(to);
+        }
+        if flags & flag::GROUPS != 0 {
+            self.groups.encode(to);
+        }
+        if flags & flag::DOMINANCE != 0 {
+            to.u8(self.dominance.cast_unsigned());
         }
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let id = BodyId::decode(from)?;
-        let flags = from.u8()?;
+        let flags = from.varint_to(flag::ALL)?;
         let kind = match flags & flag::KIND {
             0 => BodyKind::Static,
             1 => BodyKind::Dynamic,
@@ -148,7 +206,9 @@ impl Wire for BodyDesc {
         let shape = ShapeId::decode(from)?;
         let mut desc = Self::plain(id, kind, shape);
         desc.gyroscopic = flags & flag::NOT_GYROSCOPIC == 0;
-        desc.turns = flags & flag::DOES_NOT_TURN == 0;
+        desc.sensor = flags & flag::SENSOR != 0;
+        desc.swept = flags & flag::SWEPT != 0;
+        desc.enabled = flags & flag::DISABLED == 0;
         if flags & flag::MATERIAL != 0 {
             desc.material = Some(Material::decode(from)?);
         }
@@ -157,18 +217,28 @@ impl Wire for BodyDesc {
         }
         if flags & flag::GRAVITY_SCALE != 0 {
             desc.gravity_scale = from.f32()?;
-            if desc.gravity_scale.to_bits() == 1.0_f32.to_bits() {
-                return Err(Malformed::NotCanonical);
-            }
         }
-        if flags & flag::CLASS != 0 {
-            let tolerance_scale =
-                ToleranceScale::new(from.u8()?.cast_signed()).ok_or(Malformed::OutOfRange)?;
-            if tolerance_scale == ToleranceScale::USUAL {
-                return Err(Malformed::NotCanonical);
-            }
-            desc.tolerance_scale = tolerance_scale;
+        if flags & flag::TOLERANCE_SCALE != 0 {
+            let exponent = from.u8()?.cast_signed();
+            desc.tolerance_scale = ToleranceScale::new(exponent).ok_or(Malformed::OutOfRange)?;
         }
-        Ok(desc)
+        if flags & flag::LOCKED != 0 {
+            desc.locked = LockedAxes::decode(from)?;
+        }
+        if flags & flag::MASS != 0 {
+            desc.mass = Some(Mass::decode(from)?);
+        }
+        if flags & flag::GROUPS != 0 {
+            desc.groups = CollisionGroups::decode(from)?;
+        }
+        if flags & flag::DOMINANCE != 0 {
+            desc.dominance = from.u8()?.cast_signed();
+        }
+        // A field that equals its default is not sent.
+        if desc.flags() == flags {
+            Ok(desc)
+        } else {
+            Err(Malformed::NotCanonical)
+        }
     }
 }

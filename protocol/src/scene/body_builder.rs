@@ -7,7 +7,10 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
 
 use super::body::{BodyDesc, BodyKind};
 use super::checks::Invalid;
+use super::collision_groups::CollisionGroups;
 use super::command::Command;
+use super::locked_axes::LockedAxes;
+use super::mass::Mass;
 use super::material::Material;
 use super::shape::Shape;
 use super::shape_id::ShapeId;
@@ -18,18 +21,13 @@ use super::shape_id::ShapeId;
 /// damping.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BodyBuilder {
-    kind: BodyKind,
+    /// With ids that mean nothing yet.
+    desc: BodyDesc,
     shape: Shape,
     position: Vec3,
     rotation: Quat,
     linear: Vec3,
     angular: Vec3,
-    material: Option<Material>,
-    damping: Option<Damping>,
-    gravity_scale: f32,
-    gyroscopic: bool,
-    tolerance_scale: ToleranceScale,
-    turns: bool,
 }
 
 impl BodyDesc {
@@ -55,18 +53,12 @@ impl BodyDesc {
 impl BodyBuilder {
     const fn new(kind: BodyKind, shape: Shape) -> Self {
         Self {
-            kind,
+            desc: BodyDesc::plain(BodyId::new(0, 0), kind, ShapeId(0)),
             shape,
             position: Vec3::ZERO,
             rotation: Quat::IDENTITY,
             linear: Vec3::ZERO,
             angular: Vec3::ZERO,
-            material: None,
-            damping: None,
-            gravity_scale: 1.0,
-            gyroscopic: true,
-            tolerance_scale: ToleranceScale::USUAL,
-            turns: true,
         }
     }
 
@@ -108,42 +100,84 @@ impl BodyBuilder {
     /// Sets its own material in place of the scene's.
     #[must_use]
     pub const fn material(mut self, material: Material) -> Self {
-        self.material = Some(material);
+        self.desc.material = Some(material);
         self
     }
 
     /// Sets its own damping in place of the scene's.
     #[must_use]
     pub const fn damping(mut self, damping: Damping) -> Self {
-        self.damping = Some(damping);
+        self.desc.damping = Some(damping);
         self
     }
 
     /// Sets its factor on the scene's gravity.
     #[must_use]
     pub const fn gravity_scale(mut self, factor: f32) -> Self {
-        self.gravity_scale = factor;
+        self.desc.gravity_scale = factor;
         self
     }
 
     /// Sets the power of two on its streams' tolerance.
     #[must_use]
     pub const fn tolerance_scale(mut self, tolerance_scale: ToleranceScale) -> Self {
-        self.tolerance_scale = tolerance_scale;
+        self.desc.tolerance_scale = tolerance_scale;
         self
     }
 
     /// Keeps the axis of its spin even if its moments of inertia differ.
     #[must_use]
     pub const fn without_gyroscopic_forces(mut self) -> Self {
-        self.gyroscopic = false;
+        self.desc.gyroscopic = false;
         self
     }
 
-    /// Prevents rotation by contacts; only commands turn it.
+    /// Prevents rotation by the engine; only commands turn it.
     #[must_use]
-    pub const fn with_locked_rotation(mut self) -> Self {
-        self.turns = false;
+    pub const fn with_locked_rotation(self) -> Self {
+        self.locked_axes(LockedAxes::ROTATIONS)
+    }
+
+    /// Sets the world axes along or about which the engine does not move it.
+    #[must_use]
+    pub const fn locked_axes(mut self, locked: LockedAxes) -> Self {
+        self.desc.locked = locked;
+        self
+    }
+
+    /// Sets its mass, kg; its moments of inertia are in proportion.
+    #[must_use]
+    pub const fn mass(mut self, mass: f32) -> Self {
+        let moments = None;
+        self.desc.mass = Some(Mass { mass, moments });
+        self
+    }
+
+    /// Sets the groups that decide which bodies it touches.
+    #[must_use]
+    pub const fn collision_groups(mut self, groups: CollisionGroups) -> Self {
+        self.desc.groups = groups;
+        self
+    }
+
+    /// Sets its dominance over bodies that it touches.
+    #[must_use]
+    pub const fn dominance(mut self, dominance: i8) -> Self {
+        self.desc.dominance = dominance;
+        self
+    }
+
+    /// Lets bodies pass through it.
+    #[must_use]
+    pub const fn as_sensor(mut self) -> Self {
+        self.desc.sensor = true;
+        self
+    }
+
+    /// Sweeps it against moving bodies, so that it does not pass through them between two steps.
+    #[must_use]
+    pub const fn swept(mut self) -> Self {
+        self.desc.swept = true;
         self
     }
 
@@ -158,14 +192,8 @@ impl BodyBuilder {
     pub const fn desc(&self, id: BodyId, shape: ShapeId) -> BodyDesc {
         BodyDesc {
             id,
-            kind: self.kind,
             shape,
-            material: self.material,
-            damping: self.damping,
-            gravity_scale: self.gravity_scale,
-            gyroscopic: self.gyroscopic,
-            tolerance_scale: self.tolerance_scale,
-            turns: self.turns,
+            ..self.desc
         }
     }
 
@@ -176,8 +204,7 @@ impl BodyBuilder {
     /// [`Invalid`] names the first that is wrong.
     pub fn check(&self) -> Result<(), Invalid> {
         self.shape.check()?;
-        // Names are no part of the check.
-        self.desc(BodyId::new(0, 0), ShapeId(0)).check()?;
+        self.desc.check()?;
         Command::check_motion(&self.state()?)
     }
 
@@ -212,7 +239,7 @@ mod tests {
         let id = BodyId::new(7, 1);
         let expected = BodyDesc {
             gravity_scale: 0.0,
-            turns: false,
+            locked: LockedAxes::ROTATIONS,
             ..BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(3))
         };
         assert_eq!(body.desc(id, ShapeId(3)), expected);

@@ -73,10 +73,20 @@ pub enum Quantity {
     TrianglePoint = 29,
     /// Number of a compound's parts, and their kind.
     Parts = 30,
+    /// kg.
+    Mass = 31,
+    /// kg·m².
+    Moments = 32,
+    /// Motor of a joint.
+    Motor = 33,
+    /// Spring of a joint.
+    Spring = 34,
+    /// Force or torque at which a joint breaks, N or N·m.
+    Strength = 35,
 }
 
 impl Quantity {
-    const ALL: [Self; 31] = [
+    const ALL: [Self; 36] = [
         Self::Position,
         Self::Rotation,
         Self::Linear,
@@ -108,6 +118,11 @@ impl Quantity {
         Self::Triangles,
         Self::TrianglePoint,
         Self::Parts,
+        Self::Mass,
+        Self::Moments,
+        Self::Motor,
+        Self::Spring,
+        Self::Strength,
     ];
 
     /// The quantity of a code.
@@ -157,6 +172,11 @@ impl fmt::Display for Quantity {
             Self::Triangles => "number of a mesh's triangles",
             Self::TrianglePoint => "point of a triangle",
             Self::Parts => "parts of a compound",
+            Self::Mass => "mass",
+            Self::Moments => "moments of inertia",
+            Self::Motor => "motor of a joint",
+            Self::Spring => "spring of a joint",
+            Self::Strength => "strength of a joint",
         })
     }
 }

@@ -1,13 +1,12 @@
-//! Commands of members to a scene, and the reasons of refusals.
+//! Commands of members to a scene.
 //!
 //! A command is checked as a whole before it is applied; a refused one changes nothing.
-
-use core::fmt;
 
 use glam::{Quat, Vec3};
 use rhumb_reckoning::{BodyId, BodyState};
 
 use super::body::BodyDesc;
+use super::body_event::ActiveEvents;
 use super::checks::{Invalid, Quantity, rotation, vector};
 use super::joint::{Joint, JointId};
 use super::shape::Shape;
@@ -106,6 +105,53 @@ pub enum Command {
         /// The joint.
         id: JointId,
     },
+    /// Replaces the description of a body; pose and velocities stay.
+    ChangeBody {
+        /// The new description, whole.
+        desc: BodyDesc,
+    },
+    /// Replaces a joint, its motors among others.
+    ChangeJoint {
+        /// Its id.
+        id: JointId,
+        /// The new joint, whole.
+        joint: Joint,
+    },
+    /// Applies a force at a point during the next tick.
+    ForceAt {
+        /// The body.
+        id: BodyId,
+        /// N, world frame.
+        force: Vec3,
+        /// Metres, world frame.
+        point: Vec3,
+    },
+    /// Applies an impulse at a point: changes both velocities at once.
+    ImpulseAt {
+        /// The body.
+        id: BodyId,
+        /// N·s, world frame.
+        impulse: Vec3,
+        /// Metres, world frame.
+        point: Vec3,
+    },
+    /// Puts a dynamic body to sleep. It wakes when something touches it that moves.
+    Sleep {
+        /// The body.
+        id: BodyId,
+    },
+    /// Wakes a dynamic body.
+    Wake {
+        /// The body.
+        id: BodyId,
+    },
+    /// Turns the events of a body on or off.
+    SetEvents {
+        /// The body.
+        id: BodyId,
+        /// The events that it reports from now on.
+        events: ActiveEvents,
+    },
 }
 
 impl Command {
@@ -117,8 +163,13 @@ impl Command {
     pub fn check(&self) -> Result<(), Invalid> {
         match *self {
             Self::AddShape { ref shape, .. } => shape.check(),
-            Self::AddJoint { ref joint, .. } => joint.check(),
-            Self::RemoveShape { .. } | Self::RemoveBody { .. } | Self::RemoveJoint { .. } => Ok(()),
+            Self::AddJoint { ref joint, .. } | Self::ChangeJoint { ref joint, .. } => joint.check(),
+            Self::RemoveShape { .. }
+            | Self::RemoveBody { .. }
+            | Self::RemoveJoint { .. }
+            | Self::Sleep { .. }
+            | Self::Wake { .. } => Ok(()),
+            Self::ChangeBody { desc } => desc.check(),
             Self::AddBody { desc, motion } => {
                 desc.check()?;
                 Self::check_motion(&motion)
@@ -140,10 +191,19 @@ impl Command {
             Self::Force { force, .. } => vector(force, FORCE_MAX, Quantity::Force),
             Self::Torque { torque, .. } => vector(torque, FORCE_MAX, Quantity::Torque),
             Self::Impulse { impulse, .. } => vector(impulse, FORCE_MAX, Quantity::Impulse),
+            Self::ForceAt { force, point, .. } => {
+                vector(force, FORCE_MAX, Quantity::Force)?;
+                vector(point, COORDINATE_MAX, Quantity::Position)
+            }
+            Self::ImpulseAt { impulse, point, .. } => {
+                vector(impulse, FORCE_MAX, Quantity::Impulse)?;
+                vector(point, COORDINATE_MAX, Quantity::Position)
+            }
             Self::TorqueImpulse { impulse, .. } => {
                 vector(impulse, FORCE_MAX, Quantity::TorqueImpulse)
             }
             Self::SetGravity { gravity } => vector(gravity, GRAVITY_MAX, Quantity::Gravity),
+            Self::SetEvents { events, .. } => events.check(),
         }
     }
 
@@ -152,7 +212,7 @@ impl Command {
     /// # Errors
     ///
     /// [`Invalid`] names the first invalid number.
-    pub fn check_motion(motion: &BodyState) -> Result<(), Invalid> {
+    pub(crate) fn check_motion(motion: &BodyState) -> Result<(), Invalid> {
         let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
         vector(Vec3::new(px, py, pz), COORDINATE_MAX, Quantity::Position)?;
         rotation(Quat::from_xyzw(x, y, z, w))?;
@@ -176,6 +236,13 @@ mod code {
     pub(super) const SET_GRAVITY: u8 = 10;
     pub(super) const ADD_JOINT: u8 = 11;
     pub(super) const REMOVE_JOINT: u8 = 12;
+    pub(super) const CHANGE_BODY: u8 = 13;
+    pub(super) const CHANGE_JOINT: u8 = 14;
+    pub(super) const FORCE_AT: u8 = 15;
+    pub(super) const IMPULSE_AT: u8 = 16;
+    pub(super) const SLEEP: u8 = 17;
+    pub(super) const WAKE: u8 = 18;
+    pub(super) const SET_EVENTS: u8 = 19;
 }
 
 impl Wire for Command {
@@ -190,6 +257,14 @@ impl Wire for Command {
             Self::Torque { id, torque } => push(code::TORQUE, id, torque),
             Self::Impulse { id, impulse } => push(code::IMPULSE, id, impulse),
             Self::TorqueImpulse { id, impulse } => push(code::TORQUE_IMPULSE, id, impulse),
+            Self::ForceAt { id, force, point } => {
+                push(code::FORCE_AT, id, force);
+                to.f32s(&point.to_array());
+            }
+            Self::ImpulseAt { id, impulse, point } => {
+                push(code::IMPULSE_AT, id, impulse);
+                to.f32s(&point.to_array());
+            }
             Self::AddShape { id, ref shape } => {
                 to.u8(code::ADD_SHAPE);
                 id.encode(to);
@@ -240,6 +315,28 @@ impl Wire for Command {
             Self::RemoveJoint { id } => {
                 to.u8(code::REMOVE_JOINT);
                 id.encode(to);
+            }
+            Self::ChangeBody { desc } => {
+                to.u8(code::CHANGE_BODY);
+                desc.encode(to);
+            }
+            Self::ChangeJoint { id, joint } => {
+                to.u8(code::CHANGE_JOINT);
+                id.encode(to);
+                joint.encode(to);
+            }
+            Self::Sleep { id } => {
+                to.u8(code::SLEEP);
+                id.encode(to);
+            }
+            Self::Wake { id } => {
+                to.u8(code::WAKE);
+                id.encode(to);
+            }
+            Self::SetEvents { id, events } => {
+                to.u8(code::SET_EVENTS);
+                id.encode(to);
+                events.encode(to);
             }
         }
     }
@@ -296,6 +393,33 @@ impl Wire for Command {
             },
             code::REMOVE_JOINT => Self::RemoveJoint {
                 id: JointId::decode(from)?,
+            },
+            code::CHANGE_BODY => Self::ChangeBody {
+                desc: BodyDesc::decode(from)?,
+            },
+            code::CHANGE_JOINT => Self::ChangeJoint {
+                id: JointId::decode(from)?,
+                joint: Joint::decode(from)?,
+            },
+            code::FORCE_AT => Self::ForceAt {
+                id: BodyId::decode(from)?,
+                force: vector(from)?,
+                point: vector(from)?,
+            },
+            code::IMPULSE_AT => Self::ImpulseAt {
+                id: BodyId::decode(from)?,
+                impulse: vector(from)?,
+                point: vector(from)?,
+            },
+            code::SLEEP => Self::Sleep {
+                id: BodyId::decode(from)?,
+            },
+            code::WAKE => Self::Wake {
+                id: BodyId::decode(from)?,
+            },
+            code::SET_EVENTS => Self::SetEvents {
+                id: BodyId::decode(from)?,
+                events: ActiveEvents::decode(from)?,
             },
             OPTIONAL.. => return Err(Malformed::UnknownCommand),
             _ => return Err(Malformed::UnknownCode),
@@ -368,165 +492,4 @@ fn canonical<const N: usize>(values: [f32; N], left_out: [u32; N]) -> Result<[f3
         return Err(Malformed::NotCanonical);
     }
     Ok(values)
-}
-
-/// Reason of a refused command, which had no effect.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum CommandError {
-    /// A number is not allowed.
-    Invalid(Invalid),
-    /// The body does not exist.
-    UnknownBody(BodyId),
-    /// The shape does not exist.
-    UnknownShape(ShapeId),
-    /// The body's index is in use, or had a body of this generation or a later one.
-    BodyIdTaken(BodyId),
-    /// The body's index is not one of the member's own.
-    NotGranted(BodyId),
-    /// The shape's number is in use.
-    ShapeIdTaken(ShapeId),
-    /// A body has the shape.
-    ShapeInUse(ShapeId),
-    /// The scene has reached its limit of bodies.
-    TooManyBodies,
-    /// The scene's bodies have reached the limit of different dampings.
-    TooManyDampings,
-    /// The body is not of a kind that can be pushed.
-    NotPushable(BodyId),
-    /// The scene has faulted and takes no commands.
-    SceneFaulted,
-    /// The engine cannot make a solid of the shape.
-    ShapeUnfit(ShapeId),
-    /// The joint does not exist.
-    UnknownJoint(JointId),
-    /// The joint's number is in use.
-    JointIdTaken(JointId),
-    /// The joint would join a body to itself.
-    JoinedToItself(BodyId),
-    /// A member has authority over the body, and alone moves it.
-    UnderAuthority(BodyId),
-    /// A dynamic body needs a shape with volume.
-    NoInside(ShapeId),
-    /// The scene's shapes have reached their limit of bytes.
-    TooManyShapeBytes,
-    /// The server does not know such a command.
-    UnknownCommand,
-    /// The client's role does not include the command, or the body, shape or joint belongs to another client.
-    NotAllowed,
-    /// The command exceeds a quota of the client's token.
-    OverQuota,
-    /// A reason of a later version; the code is from [`OPTIONAL`] on.
-    Other(u8),
-}
-
-impl fmt::Display for CommandError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Invalid(invalid) => invalid.fmt(f),
-            Self::UnknownBody(id) => write!(f, "the scene has no {id}"),
-            Self::UnknownShape(id) => write!(f, "the scene has no {id}"),
-            Self::BodyIdTaken(id) => write!(f, "{id} is taken, or its index had a later body"),
-            Self::NotGranted(id) => write!(f, "{id} is not one of this member's own"),
-            Self::ShapeIdTaken(id) => write!(f, "{id} is taken"),
-            Self::ShapeInUse(id) => write!(f, "a body still has {id}"),
-            Self::TooManyBodies => f.write_str("the scene has reached its limit of bodies"),
-            Self::TooManyDampings => {
-                f.write_str("the scene's bodies have reached the limit of different dampings")
-            }
-            Self::NotPushable(id) => write!(f, "{id} is static or kinematic and cannot be pushed"),
-            Self::SceneFaulted => f.write_str("the scene has faulted and takes no commands"),
-            Self::ShapeUnfit(id) => write!(f, "the engine cannot make a solid of {id}"),
-            Self::UnknownJoint(id) => write!(f, "the scene has no {id}"),
-            Self::JointIdTaken(id) => write!(f, "{id} is taken"),
-            Self::JoinedToItself(id) => write!(f, "a joint cannot join {id} to itself"),
-            Self::UnderAuthority(id) => {
-                write!(f, "a member has authority over {id}")
-            }
-            Self::NoInside(id) => write!(f, "{id} has no volume, and a dynamic body needs one"),
-            Self::TooManyShapeBytes => {
-                f.write_str("the scene's shapes have reached their limit of bytes")
-            }
-            Self::UnknownCommand => f.write_str("the server does not know such a command"),
-            Self::NotAllowed => {
-                f.write_str("the client may not do that, or not to what belongs to another client")
-            }
-            Self::OverQuota => f.write_str("the command exceeds a quota of the client's token"),
-            Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
-        }
-    }
-}
-
-impl core::error::Error for CommandError {}
-
-impl Wire for CommandError {
-    fn encode(&self, to: &mut Writer) {
-        match *self {
-            Self::Invalid(Invalid::NotFinite(quantity)) => {
-                to.u8(0);
-                to.u8(quantity.code());
-            }
-            Self::Invalid(Invalid::OutOfRange(quantity)) => {
-                to.u8(1);
-                to.u8(quantity.code());
-            }
-            Self::UnknownBody(id) => named(to, 2, &id),
-            Self::UnknownShape(id) => named(to, 3, &id),
-            Self::BodyIdTaken(id) => named(to, 4, &id),
-            Self::NotGranted(id) => named(to, 5, &id),
-            Self::ShapeIdTaken(id) => named(to, 6, &id),
-            Self::ShapeInUse(id) => named(to, 7, &id),
-            Self::TooManyBodies => to.u8(8),
-            Self::TooManyDampings => to.u8(9),
-            Self::NotPushable(id) => named(to, 10, &id),
-            Self::SceneFaulted => to.u8(11),
-            Self::ShapeUnfit(id) => named(to, 12, &id),
-            Self::UnknownJoint(id) => named(to, 13, &id),
-            Self::JointIdTaken(id) => named(to, 14, &id),
-            Self::JoinedToItself(id) => named(to, 15, &id),
-            Self::UnderAuthority(id) => named(to, 16, &id),
-            Self::NoInside(id) => named(to, 17, &id),
-            Self::TooManyShapeBytes => to.u8(18),
-            Self::UnknownCommand => to.u8(19),
-            Self::NotAllowed => to.u8(32),
-            Self::OverQuota => to.u8(33),
-            Self::Other(code) => to.u8(code),
-        }
-    }
-
-    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
-        let quantity =
-            |from: &mut Reader<'_>| Quantity::from_code(from.u8()?).ok_or(Malformed::UnknownCode);
-        Ok(match from.u8()? {
-            0 => Self::Invalid(Invalid::NotFinite(quantity(from)?)),
-            1 => Self::Invalid(Invalid::OutOfRange(quantity(from)?)),
-            2 => Self::UnknownBody(BodyId::decode(from)?),
-            3 => Self::UnknownShape(ShapeId::decode(from)?),
-            4 => Self::BodyIdTaken(BodyId::decode(from)?),
-            5 => Self::NotGranted(BodyId::decode(from)?),
-            6 => Self::ShapeIdTaken(ShapeId::decode(from)?),
-            7 => Self::ShapeInUse(ShapeId::decode(from)?),
-            8 => Self::TooManyBodies,
-            9 => Self::TooManyDampings,
-            10 => Self::NotPushable(BodyId::decode(from)?),
-            11 => Self::SceneFaulted,
-            12 => Self::ShapeUnfit(ShapeId::decode(from)?),
-            13 => Self::UnknownJoint(JointId::decode(from)?),
-            14 => Self::JointIdTaken(JointId::decode(from)?),
-            15 => Self::JoinedToItself(BodyId::decode(from)?),
-            16 => Self::UnderAuthority(BodyId::decode(from)?),
-            17 => Self::NoInside(ShapeId::decode(from)?),
-            18 => Self::TooManyShapeBytes,
-            19 => Self::UnknownCommand,
-            32 => Self::NotAllowed,
-            33 => Self::OverQuota,
-            code @ OPTIONAL.. => Self::Other(code),
-            _ => return Err(Malformed::UnknownCode),
-        })
-    }
-}
-
-/// Encodes a code, then the id that the error is about.
-fn named(to: &mut Writer, code: u8, id: &impl Wire) {
-    to.u8(code);
-    id.encode(to);
 }

@@ -10,7 +10,11 @@ use glam::{Quat, Vec3};
 use rhumb_reckoning::BodyId;
 
 use super::checks::{Invalid, Quantity, rotation, scalar, vector};
-use crate::limits::{EXTENT_MAX, JOINTS_MAX};
+use super::locked_axes::LockedAxes;
+use super::motor::Motor;
+use crate::limits::{
+    ANGULAR_MAX, EXTENT_MAX, EXTENT_MIN, FORCE_MAX, JOINTS_MAX, LINEAR_MAX, STIFFNESS_MAX,
+};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
@@ -76,6 +80,26 @@ impl JointLimits {
     }
 }
 
+/// A spring between the anchors of a joint, whatever the directions of its frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spring {
+    /// Distance at which it does not pull, metres.
+    pub length: f32,
+    /// N/m.
+    pub stiffness: f32,
+    /// N·s/m.
+    pub damping: f32,
+}
+
+/// Load at which a joint breaks: the server removes it after the step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointStrength {
+    /// N.
+    pub force: f32,
+    /// N·m.
+    pub torque: f32,
+}
+
 /// Free motions of the second frame in the first. Angles: twice the arc sine of a part of the turn's quaternion,
 /// radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,25 +112,80 @@ pub enum JointKind {
     Revolute(Option<JointLimits>),
     /// The displacement along x.
     Prismatic(Option<JointLimits>),
+    /// Everything, but the anchors are at most so far apart, metres.
+    Rope(f32),
+    /// Everything; a spring pulls the anchors.
+    Spring(Spring),
+    /// Every axis that is not locked; limits of the axes in order.
+    Generic(LockedAxes, [Option<JointLimits>; 6]),
 }
 
 impl JointKind {
-    /// Its limits, if it has any.
+    /// The locked axes.
     #[must_use]
-    pub const fn limits(&self) -> &[JointLimits] {
+    pub fn locked(&self) -> LockedAxes {
+        let all = LockedAxes::TRANSLATIONS | LockedAxes::ROTATIONS;
+        let without = |axis: usize| {
+            let free = LockedAxes::EACH[axis].bits();
+            LockedAxes::new(all.bits() & !free).unwrap_or(all)
+        };
         match self {
-            Self::Spherical(Some(limits)) => limits,
-            Self::Revolute(Some(limits)) | Self::Prismatic(Some(limits)) => {
-                core::slice::from_ref(limits)
-            }
-            Self::Fixed | Self::Spherical(None) | Self::Revolute(None) | Self::Prismatic(None) => {
-                &[]
-            }
+            Self::Fixed => all,
+            Self::Spherical(_) => LockedAxes::TRANSLATIONS,
+            Self::Revolute(_) => without(3),
+            Self::Prismatic(_) => without(0),
+            Self::Rope(_) | Self::Spring(_) => LockedAxes::NONE,
+            Self::Generic(locked, _) => *locked,
         }
+    }
+
+    /// Limits of each axis: translations along x, y and z, then rotations about x, y and z.
+    #[must_use]
+    pub const fn limits(&self) -> [Option<JointLimits>; 6] {
+        match *self {
+            Self::Spherical(Some([x, y, z])) => [None, None, None, Some(x), Some(y), Some(z)],
+            Self::Revolute(limits) => [None, None, None, limits, None, None],
+            Self::Prismatic(limits) => [limits, None, None, None, None, None],
+            Self::Generic(_, limits) => limits,
+            Self::Fixed | Self::Spherical(None) | Self::Rope(_) | Self::Spring(_) => [None; 6],
+        }
+    }
+
+    fn check(&self) -> Result<(), Invalid> {
+        match *self {
+            Self::Rope(length) => scalar(length, EXTENT_MIN, EXTENT_MAX, Quantity::JointLimit)?,
+            Self::Spring(spring) => {
+                scalar(spring.length, 0.0, EXTENT_MAX, Quantity::Spring)?;
+                scalar(spring.stiffness, 0.0, STIFFNESS_MAX, Quantity::Spring)?;
+                scalar(spring.damping, 0.0, STIFFNESS_MAX, Quantity::Spring)?;
+            }
+            Self::Fixed
+            | Self::Spherical(_)
+            | Self::Revolute(_)
+            | Self::Prismatic(_)
+            | Self::Generic(..) => {}
+        }
+        let limits = self.limits().into_iter().enumerate();
+        for (axis, limits) in limits.filter_map(|(axis, limits)| Some((axis, limits?))) {
+            if self.locked().locks(axis) {
+                return Err(Invalid::OutOfRange(Quantity::JointLimit));
+            }
+            limits.check(reach(axis))?;
+        }
+        Ok(())
     }
 }
 
-/// A joint of two bodies.
+/// Bound on a position of an axis: metres of a translation, radians of a rotation.
+const fn reach(axis: usize) -> f32 {
+    if is_translation(axis) { EXTENT_MAX } else { PI }
+}
+
+const fn is_translation(axis: usize) -> bool {
+    axis < 3
+}
+
+/// A joint of two bodies. It acts while both of them are enabled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
     /// Its free motions.
@@ -117,34 +196,66 @@ pub struct Joint {
     pub frames: [JointFrame; 2],
     /// True if the two bodies also collide with each other.
     pub collide: bool,
+    /// Motors of free axes: translations along x, y and z, then rotations about x, y and z. A rope or a spring has none.
+    pub motors: [Option<Motor>; 6],
+    /// `None`: it never breaks.
+    pub strength: Option<JointStrength>,
 }
 
 impl Joint {
+    /// A joint without motors that never breaks, of bodies that do not collide.
+    #[must_use]
+    pub const fn plain(kind: JointKind, bodies: [BodyId; 2], frames: [JointFrame; 2]) -> Self {
+        Self {
+            kind,
+            bodies,
+            frames,
+            collide: false,
+            motors: [None; 6],
+            strength: None,
+        }
+    }
+
     /// Checks every number.
     ///
     /// # Errors
     ///
-    /// [`Invalid`] names the first invalid number.
+    /// [`Invalid`] names the first invalid number, or a limit or motor of an axis that has none.
     pub fn check(&self) -> Result<(), Invalid> {
         for frame in &self.frames {
             frame.check()?;
         }
-        let most = match self.kind {
-            JointKind::Prismatic(_) => EXTENT_MAX,
-            JointKind::Fixed | JointKind::Spherical(_) | JointKind::Revolute(_) => PI,
-        };
-        let mut limits = self.kind.limits().iter();
-        limits.try_for_each(|limits| limits.check(most))
+        self.kind.check()?;
+        let distant = matches!(self.kind, JointKind::Rope(_) | JointKind::Spring(_));
+        let motors = self.motors.iter().enumerate();
+        for (axis, motor) in motors.filter_map(|(axis, motor)| Some((axis, motor.as_ref()?))) {
+            if distant || self.kind.locked().locks(axis) {
+                return Err(Invalid::OutOfRange(Quantity::Motor));
+            }
+            let fast = if is_translation(axis) {
+                LINEAR_MAX
+            } else {
+                ANGULAR_MAX
+            };
+            motor.check(reach(axis), fast)?;
+        }
+        if let Some(strength) = self.strength {
+            scalar(strength.force, 0.0, FORCE_MAX, Quantity::Strength)?;
+            scalar(strength.torque, 0.0, FORCE_MAX, Quantity::Strength)?;
+        }
+        Ok(())
     }
 }
 
-/// Bits of the byte that tells which fields follow.
+/// Bits of the number that tells which fields follow.
 mod flag {
-    pub(super) const KIND: u8 = 0b11;
-    pub(super) const COLLIDE: u8 = 1 << 2;
-    pub(super) const LIMITS: u8 = 1 << 3;
-    pub(super) const ROTATIONS: [u8; 2] = [1 << 4, 1 << 5];
-    pub(super) const ALL: u8 = (1 << 6) - 1;
+    pub(super) const KIND: u64 = 0b111;
+    pub(super) const COLLIDE: u64 = 1 << 3;
+    pub(super) const LIMITS: u64 = 1 << 4;
+    pub(super) const ROTATIONS: [u64; 2] = [1 << 5, 1 << 6];
+    pub(super) const MOTORS: u64 = 1 << 7;
+    pub(super) const STRENGTH: u64 = 1 << 8;
+    pub(super) const ALL: u64 = (1 << 9) - 1;
 }
 
 /// Bits of the rotation that the encoding omits.
@@ -165,26 +276,106 @@ impl Wire for JointLimits {
     }
 }
 
+/// Encodes a set of axes with values, and the values in order.
+fn encode_axes<T: Wire>(values: &[Option<T>; 6], to: &mut Writer) {
+    let bits = values.iter().zip(LockedAxes::EACH);
+    let axes = bits.filter(|(value, _)| value.is_some());
+    to.u8(axes.fold(0, |bits, (_, axis)| bits | axis.bits()));
+    for value in values.iter().flatten() {
+        value.encode(to);
+    }
+}
+
+fn decode_axes<T: Wire>(from: &mut Reader<'_>) -> Result<[Option<T>; 6], Malformed> {
+    let axes = LockedAxes::decode(from)?;
+    let mut values = [const { None }; 6];
+    for (axis, value) in values.iter_mut().enumerate() {
+        if axes.locks(axis) {
+            *value = Some(T::decode(from)?);
+        }
+    }
+    Ok(values)
+}
+
+impl JointKind {
+    const fn code(&self) -> u64 {
+        match self {
+            Self::Fixed => 0,
+            Self::Spherical(_) => 1,
+            Self::Revolute(_) => 2,
+            Self::Prismatic(_) => 3,
+            Self::Rope(_) => 4,
+            Self::Spring(_) => 5,
+            Self::Generic(..) => 6,
+        }
+    }
+
+    /// Whether a bit tells that limits follow.
+    const fn is_limited(&self) -> bool {
+        matches!(
+            self,
+            Self::Spherical(Some(_)) | Self::Revolute(Some(_)) | Self::Prismatic(Some(_))
+        )
+    }
+
+    fn encode(&self, to: &mut Writer) {
+        match self {
+            Self::Rope(length) => to.f32(*length),
+            Self::Spring(spring) => to.f32s(&[spring.length, spring.stiffness, spring.damping]),
+            Self::Generic(locked, limits) => {
+                locked.encode(to);
+                encode_axes(limits, to);
+            }
+            Self::Fixed | Self::Spherical(_) | Self::Revolute(_) | Self::Prismatic(_) => {
+                for limits in self.limits().iter().flatten() {
+                    limits.encode(to);
+                }
+            }
+        }
+    }
+
+    fn decode(code: u64, limited: bool, from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let mut limits = || JointLimits::decode(from);
+        Ok(match (code, limited) {
+            (0, false) => Self::Fixed,
+            (1, false) => Self::Spherical(None),
+            (1, true) => Self::Spherical(Some([limits()?, limits()?, limits()?])),
+            (2, false) => Self::Revolute(None),
+            (2, true) => Self::Revolute(Some(limits()?)),
+            (3, false) => Self::Prismatic(None),
+            (3, true) => Self::Prismatic(Some(limits()?)),
+            (4, false) => Self::Rope(from.f32()?),
+            (5, false) => {
+                let [length, stiffness, damping] = from.f32s()?;
+                Self::Spring(Spring {
+                    length,
+                    stiffness,
+                    damping,
+                })
+            }
+            (6, false) => Self::Generic(LockedAxes::decode(from)?, decode_axes(from)?),
+            _ => return Err(Malformed::UnknownCode),
+        })
+    }
+}
+
 impl Wire for Joint {
     fn encode(&self, to: &mut Writer) {
-        let mut flags = match self.kind {
-            JointKind::Fixed => 0,
-            JointKind::Spherical(_) => 1,
-            JointKind::Revolute(_) => 2,
-            JointKind::Prismatic(_) => 3,
-        };
+        let mut flags = self.kind.code();
         let turned = self.frames.map(|frame| !is_identity(frame.rotation));
         for (present, bit) in [
             (self.collide, flag::COLLIDE),
-            (!self.kind.limits().is_empty(), flag::LIMITS),
+            (self.kind.is_limited(), flag::LIMITS),
             (turned[0], flag::ROTATIONS[0]),
             (turned[1], flag::ROTATIONS[1]),
+            (self.motors != [None; 6], flag::MOTORS),
+            (self.strength.is_some(), flag::STRENGTH),
         ] {
             if present {
                 flags |= bit;
             }
         }
-        to.u8(flags);
+        to.varint(flags);
         for ((body, frame), turned) in self.bodies.iter().zip(&self.frames).zip(turned) {
             body.encode(to);
             to.f32s(&frame.anchor.to_array());
@@ -192,14 +383,20 @@ impl Wire for Joint {
                 to.f32s(&frame.rotation.to_array());
             }
         }
-        for limits in self.kind.limits() {
-            limits.encode(to);
+        self.kind.encode(to);
+        if flags & flag::MOTORS != 0 {
+            encode_axes(&self.motors, to);
+        }
+        if let Some(JointStrength { force, torque }) = self.strength {
+            to.f32s(&[force, torque]);
         }
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
-        let flags = from.u8()?;
-        if flags & !flag::ALL != 0 {
+        let flags = from.varint_to(flag::ALL)?;
+        let limited = flags & flag::LIMITS != 0;
+        if flags & flag::KIND == flag::KIND || (limited && !(1..4).contains(&(flags & flag::KIND)))
+        {
             return Err(Malformed::UnknownCode);
         }
         let mut side = |bit| {
@@ -215,24 +412,20 @@ impl Wire for Joint {
         };
         let [(first, first_frame), (second, second_frame)] =
             [side(flag::ROTATIONS[0])?, side(flag::ROTATIONS[1])?];
-        let limited = flags & flag::LIMITS != 0;
-        let mut limits = || JointLimits::decode(from);
-        let kind = match (flags & flag::KIND, limited) {
-            (0, false) => JointKind::Fixed,
-            (0, true) => return Err(Malformed::UnknownCode),
-            (1, false) => JointKind::Spherical(None),
-            (1, true) => JointKind::Spherical(Some([limits()?, limits()?, limits()?])),
-            (2, false) => JointKind::Revolute(None),
-            (2, true) => JointKind::Revolute(Some(limits()?)),
-            (_, false) => JointKind::Prismatic(None),
-            (_, true) => JointKind::Prismatic(Some(limits()?)),
-        };
-        Ok(Self {
-            kind,
-            bodies: [first, second],
-            frames: [first_frame, second_frame],
-            collide: flags & flag::COLLIDE != 0,
-        })
+        let kind = JointKind::decode(flags & flag::KIND, limited, from)?;
+        let mut joint = Self::plain(kind, [first, second], [first_frame, second_frame]);
+        joint.collide = flags & flag::COLLIDE != 0;
+        if flags & flag::MOTORS != 0 {
+            joint.motors = decode_axes(from)?;
+            if joint.motors == [None; 6] {
+                return Err(Malformed::NotCanonical);
+            }
+        }
+        if flags & flag::STRENGTH != 0 {
+            let [force, torque] = from.f32s()?;
+            joint.strength = Some(JointStrength { force, torque });
+        }
+        Ok(joint)
     }
 }
 
@@ -268,16 +461,47 @@ mod tests {
             prop::option::of([limits(), limits(), limits()]).prop_map(JointKind::Spherical),
             prop::option::of(limits()).prop_map(JointKind::Revolute),
             prop::option::of(limits()).prop_map(JointKind::Prismatic),
+            number().prop_map(JointKind::Rope),
+            (number(), number()).prop_map(|(length, stiffness)| {
+                JointKind::Spring(Spring {
+                    length,
+                    stiffness,
+                    damping: 1.0,
+                })
+            }),
+            (0..64_u8, axes(limits())).prop_map(|(locked, limits)| {
+                JointKind::Generic(LockedAxes::new(locked).unwrap(), limits)
+            }),
         ];
+        let motor = (number(), number()).prop_map(|(position, force)| Motor {
+            force,
+            ..Motor::at_position(position, 1.0, 2.0)
+        });
+        let strength =
+            (number(), number()).prop_map(|(force, torque)| JointStrength { force, torque });
+        let more = (axes(motor), prop::option::of(strength));
         let body = || (0..1_u32 << 20, any::<u16>()).prop_map(|(i, g)| BodyId::new(i, g));
-        (kind, [body(), body()], [frame(), frame()], any::<bool>()).prop_map(
-            |(kind, bodies, frames, collide)| Joint {
-                kind,
-                bodies,
-                frames,
-                collide,
-            },
+        (
+            kind,
+            [body(), body()],
+            [frame(), frame()],
+            any::<bool>(),
+            more,
         )
+            .prop_map(
+                |(kind, bodies, frames, collide, (motors, strength))| Joint {
+                    collide,
+                    motors,
+                    strength,
+                    ..Joint::plain(kind, bodies, frames)
+                },
+            )
+    }
+
+    fn axes<T: Clone + fmt::Debug>(
+        value: impl Strategy<Value = T>,
+    ) -> impl Strategy<Value = [Option<T>; 6]> {
+        prop::array::uniform6(prop::option::of(value))
     }
 
     proptest! {
@@ -313,5 +537,30 @@ mod tests {
         assert_eq!(limits(0.5, 0.4).check(PI), wrong);
         assert_eq!(limits(-4.0, 0.4).check(PI), wrong);
         assert_eq!(limits(0.5, 0.5).check(PI), Ok(()));
+    }
+
+    #[test]
+    fn only_free_axes_have_limits_and_motors() {
+        let bodies = [BodyId::new(0, 0), BodyId::new(1, 0)];
+        let of = |kind| Joint::plain(kind, bodies, [JointFrame::at(Vec3::ZERO); 2]);
+        let mut hinge = of(JointKind::Revolute(None));
+        hinge.motors[3] = Some(Motor::with_velocity(2.0, 1.0));
+        assert_eq!(hinge.check(), Ok(()));
+        hinge.motors[0] = hinge.motors[3];
+        let wrong = Err(Invalid::OutOfRange(Quantity::Motor));
+        assert_eq!(hinge.check(), wrong);
+        let mut rope = of(JointKind::Rope(2.0));
+        assert_eq!(rope.check(), Ok(()));
+        rope.motors[0] = Some(Motor::with_velocity(2.0, 1.0));
+        assert_eq!(rope.check(), wrong);
+        let mut limits = [None; 6];
+        limits[1] = Some(JointLimits {
+            least: -1.0,
+            most: 1.0,
+        });
+        let generic = |locked| of(JointKind::Generic(locked, limits)).check();
+        assert_eq!(generic(LockedAxes::ROTATIONS), Ok(()));
+        let wrong = Err(Invalid::OutOfRange(Quantity::JointLimit));
+        assert_eq!(generic(LockedAxes::TRANSLATIONS), wrong);
     }
 }

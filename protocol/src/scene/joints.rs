@@ -18,14 +18,12 @@ pub struct Joints {
 }
 
 impl Joints {
-    /// Adds a joint unless its id is taken; returns whether it was added.
-    pub fn insert(&mut self, id: JointId, joint: Joint) -> bool {
-        if self.by_id.contains_key(&id) {
-            return false;
-        }
+    /// Sets the joint of an id; returns the one that had it before.
+    pub fn insert(&mut self, id: JointId, joint: Joint) -> Option<Joint> {
+        let before = self.remove(id);
         self.by_id.insert(id, joint);
         self.by_body.extend(joint.bodies.map(|body| (body, id)));
-        true
+        before
     }
 
     /// Removes a joint.
@@ -39,8 +37,7 @@ impl Joints {
 
     /// Removes all joints of a removed body; returns their ids in order.
     pub fn remove_body(&mut self, body: BodyId) -> Vec<JointId> {
-        let all = (body, JointId(0))..=(body, JointId(u32::MAX));
-        let removed: Vec<_> = self.by_body.range(all).map(|(_, id)| *id).collect();
+        let removed: Vec<_> = self.of_body(body).map(|(id, _)| id).collect();
         for id in &removed {
             self.remove(*id);
         }
@@ -51,6 +48,25 @@ impl Joints {
     #[must_use]
     pub fn get(&self, id: JointId) -> Option<&Joint> {
         self.by_id.get(&id)
+    }
+
+    /// The joints of a body, in the order of ids.
+    pub fn of_body(&self, body: BodyId) -> impl Iterator<Item = (JointId, &Joint)> {
+        let all = (body, JointId(0))..=(body, JointId(u32::MAX));
+        let ids = self.by_body.range(all).map(|(_, id)| *id);
+        ids.filter_map(|id| Some((id, self.by_id.get(&id)?)))
+    }
+
+    /// Number of joints.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.by_id.len()
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.by_id.is_empty()
     }
 
     /// All joints, in the order of ids.
@@ -69,17 +85,17 @@ mod tests {
     #[test]
     fn a_joint_goes_with_either_of_its_bodies() {
         let body = |index| BodyId::new(index, 0);
-        let between = |bodies| Joint {
-            kind: JointKind::Fixed,
-            bodies,
-            frames: [JointFrame::at(Vec3::ZERO); 2],
-            collide: false,
-        };
+        let frames = [JointFrame::at(Vec3::ZERO); 2];
+        let between = |bodies| Joint::plain(JointKind::Fixed, bodies, frames);
         let mut joints = Joints::default();
         for first in 0..3 {
             let joint = between([body(first), body(first + 1)]);
-            assert!(joints.insert(JointId(first), joint));
-            assert!(!joints.insert(JointId(first), joint));
+            let id = JointId(first);
+            assert_eq!(joints.insert(id, between([body(8), body(9)])), None);
+            assert_eq!(
+                joints.insert(id, joint).map(|joint| joint.bodies),
+                Some([body(8), body(9)])
+            );
         }
         assert_eq!(joints.remove_body(body(1)), [JointId(0), JointId(1)]);
         assert_eq!(joints.remove_body(body(1)), []);

@@ -51,6 +51,25 @@ pub enum Shape {
     Mesh(Mesh),
     /// Several shapes as one.
     Compound(Compound),
+    /// A box with round edges: every point within a distance of a box.
+    RoundedCuboid {
+        /// Half the edge lengths of the box inside, along x, y, z.
+        half_extents: Vec3,
+        /// The distance, metres.
+        radius: f32,
+    },
+    /// A cone whose tip points along y. Its base is half of `half_height` below its centre of mass.
+    Cone {
+        /// Half its height.
+        half_height: f32,
+        /// Radius of its base, metres.
+        radius: f32,
+    },
+    /// Everything behind a plane through the body's origin: for bodies that no engine moves.
+    HalfSpace {
+        /// Unit vector out of it, in the body's axes.
+        normal: Vec3,
+    },
 }
 
 impl Shape {
@@ -86,16 +105,27 @@ impl Shape {
         }
     }
 
-    /// True if it has volume and mass: neither a height field nor a mesh, nor a compound with such a part.
+    /// A cone along y: half its height, and the radius of its base, metres.
+    #[must_use]
+    pub const fn cone(half_height: f32, radius: f32) -> Self {
+        Self::Cone {
+            half_height,
+            radius,
+        }
+    }
+
+    /// Whether it has volume and mass: no height field, mesh or half-space, nor a compound with such a part.
     #[must_use]
     pub fn is_solid(&self) -> bool {
         match self {
-            Self::Heights(_) | Self::Mesh(_) => false,
+            Self::Heights(_) | Self::Mesh(_) | Self::HalfSpace { .. } => false,
             Self::Compound(compound) => compound.parts().iter().all(|part| part.shape.is_solid()),
             Self::Ball { .. }
             | Self::Cuboid { .. }
             | Self::Capsule { .. }
             | Self::Cylinder { .. }
+            | Self::RoundedCuboid { .. }
+            | Self::Cone { .. }
             | Self::Hull(_) => true,
         }
     }
@@ -114,7 +144,10 @@ impl Shape {
             Self::Ball { .. }
             | Self::Cuboid { .. }
             | Self::Capsule { .. }
-            | Self::Cylinder { .. } => 0,
+            | Self::Cylinder { .. }
+            | Self::RoundedCuboid { .. }
+            | Self::Cone { .. }
+            | Self::HalfSpace { .. } => 0,
         };
         SHAPE_BYTES + own
     }
@@ -130,8 +163,14 @@ impl Shape {
             Self::Heights(ref heights) => return heights.check(),
             Self::Mesh(ref mesh) => return mesh.check(),
             Self::Compound(ref compound) => return compound.check(),
-            Self::Ball { radius } => [radius; 3],
-            Self::Cuboid { half_extents } => half_extents.to_array(),
+            // A unit vector passes and fails as the quaternion of half a turn about it.
+            Self::HalfSpace { normal } => return rotation(Quat::from_vec4(normal.extend(0.0))),
+            Self::Ball { radius } => [radius; 4],
+            Self::Cuboid { half_extents: half } => [half.x, half.y, half.z, half.z],
+            Self::RoundedCuboid {
+                half_extents: half,
+                radius,
+            } => [half.x, half.y, half.z, radius],
             Self::Capsule {
                 half_height,
                 radius,
@@ -139,7 +178,11 @@ impl Shape {
             | Self::Cylinder {
                 half_height,
                 radius,
-            } => [half_height, radius, radius],
+            }
+            | Self::Cone {
+                half_height,
+                radius,
+            } => [half_height, radius, radius, radius],
         };
         for extent in extents {
             scalar(extent, EXTENT_MIN, EXTENT_MAX, Quantity::Extent)?;
@@ -156,10 +199,21 @@ impl Shape {
             Self::Mesh(ref mesh) => return mesh.bounding_radius(),
             Self::Compound(ref compound) => return compound.bounding_radius(),
             Self::Ball { radius } => f64::from(radius),
-            Self::Cuboid { half_extents } => {
-                let [x, y, z] = half_extents.to_array().map(f64::from);
-                libm::sqrt(x * x + y * y + z * z)
+            Self::Cuboid { half_extents } => diagonal(half_extents),
+            Self::RoundedCuboid {
+                half_extents,
+                radius,
+            } => diagonal(half_extents) + f64::from(radius),
+            Self::Cone {
+                half_height,
+                radius,
+            } => {
+                let (h, r) = (f64::from(half_height), f64::from(radius));
+                let base = libm::sqrt(h * 0.5 * (h * 0.5) + r * r);
+                base.max(h * 1.5)
             }
+            // It has no greatest extent; of a turning one more is not promised.
+            Self::HalfSpace { .. } => f64::from(EXTENT_MAX),
             Self::Capsule {
                 half_height,
                 radius,
@@ -200,6 +254,20 @@ impl Shape {
             4 => Self::Hull(Hull::decode(from)?),
             5 => Self::Heights(Heights::decode(from)?),
             6 => Self::Mesh(Mesh::decode(from)?),
+            8 => Self::RoundedCuboid {
+                half_extents: Vec3::from_array(from.f32s()?),
+                radius: from.f32()?,
+            },
+            9 => {
+                let [half_height, radius] = from.f32s()?;
+                Self::Cone {
+                    half_height,
+                    radius,
+                }
+            }
+            10 => Self::HalfSpace {
+                normal: Vec3::from_array(from.f32s()?),
+            },
             _ => return Err(Malformed::UnknownCode),
         })
     }
@@ -246,6 +314,25 @@ impl Wire for Shape {
                 to.u8(COMPOUND);
                 compound.encode(to);
             }
+            Self::RoundedCuboid {
+                half_extents,
+                radius,
+            } => {
+                to.u8(8);
+                to.f32s(&half_extents.to_array());
+                to.f32(radius);
+            }
+            Self::Cone {
+                half_height,
+                radius,
+            } => {
+                to.u8(9);
+                to.f32s(&[half_height, radius]);
+            }
+            Self::HalfSpace { normal } => {
+                to.u8(10);
+                to.f32s(&normal.to_array());
+            }
         }
     }
 
@@ -256,6 +343,12 @@ impl Wire for Shape {
         from.u8()?;
         Compound::decode(from).map(Self::Compound)
     }
+}
+
+/// Distance of a box's corners from its centre, metres.
+fn diagonal(half_extents: Vec3) -> f64 {
+    let [x, y, z] = half_extents.to_array().map(f64::from);
+    libm::sqrt(x * x + y * y + z * z)
 }
 
 /// Size of a shape without its points, heights, triangles and parts.

@@ -3,6 +3,7 @@
 //! Does not wait and does not display. Call order: feed `handle_*`, then drain `poll_event` and `poll_transmit`, then
 //! ask `poll_timeout`. After an `Ended` event nothing more happens.
 
+mod body_events;
 mod clock;
 mod greeting;
 mod recovery;
@@ -18,6 +19,7 @@ use alloc::vec::Vec;
 use bytes::Bytes;
 use rhumb_reckoning::Tick;
 
+use self::body_events::HeldEvents;
 use self::response_times::ResponseTimes;
 use self::stream_selection::StreamSelection;
 use self::timeouts::RESYNC_MOST;
@@ -34,7 +36,7 @@ use crate::message::{
     Token,
 };
 use crate::packet::Datagram;
-use crate::scene::{Command, IdRange, SceneConfig, SceneName};
+use crate::scene::{Command, IdRange, Query, SceneConfig, SceneName};
 use crate::stream::{RetryTimer, StreamReceiver};
 use crate::time::{Instant, Span};
 use upstream_state::UpstreamState;
@@ -63,6 +65,8 @@ pub struct ClientSession {
     granted: IdRange,
     upstream_state: UpstreamState,
     commands: u64,
+    queries: u64,
+    held_events: HeldEvents,
     awaited: Tick,
     response_times: ResponseTimes,
     resyncing: bool,
@@ -90,6 +94,8 @@ impl ClientSession {
             granted: IdRange::EMPTY,
             upstream_state: UpstreamState::new(),
             commands: 0,
+            queries: 0,
+            held_events: HeldEvents::new(),
             awaited: Tick::ZERO,
             response_times: ResponseTimes::new(),
             resyncing: false,
@@ -174,6 +180,22 @@ impl ClientSession {
         self.as_member(&ClientMessage::Command(command))?;
         self.commands += 1;
         Ok(self.commands - 1)
+    }
+
+    /// Asks where bodies are; returns the number that the answer, a `QueryResult`, will name.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::leave`], [`Misuse::Invalid`] for a number out of range, and [`Misuse::Queries`] for no query or too
+    /// many; nothing is sent then.
+    pub fn query(&mut self, queries: Vec<Query>) -> Result<u64, Misuse> {
+        Query::total_cost(&queries).ok_or(Misuse::Queries)?;
+        for query in &queries {
+            query.check().map_err(Misuse::Invalid)?;
+        }
+        self.as_member(&ClientMessage::Query(queries))?;
+        self.queries += 1;
+        Ok(self.queries - 1)
     }
 
     /// Lets the scene step to a tick. The stream answers with a watermark at that tick or later.
@@ -269,6 +291,10 @@ impl ClientSession {
 
     /// The next event for the application, oldest first.
     pub fn poll_event(&mut self) -> Option<Event> {
+        if let Some(replica) = self.replica_switch.shown() {
+            self.held_events
+                .release(replica.stream().complete(), &mut self.events);
+        }
         self.events.pop_front()
     }
 
@@ -338,6 +364,10 @@ impl ClientSession {
                 self.stream_selection.handle_tier_changed(to);
                 self.events.push_back(Event::TierChanged { to, cause });
             }
+            ServerMessage::QueryResult(result) => {
+                self.events.push_back(Event::QueryResult(result));
+            }
+            ServerMessage::TickEvents(events) => self.held_events.push(events),
         }
         Ok(())
     }
@@ -363,6 +393,7 @@ impl ClientSession {
         if self.state != ClientState::Member {
             self.state = ClientState::Member;
             self.commands = 0;
+            self.queries = 0;
             self.send(&ClientMessage::Ping { sent: now });
             self.pings.begin(now);
             self.events.push_back(Event::Joined(self.granted));
@@ -407,6 +438,7 @@ impl ClientSession {
         self.state = ClientState::Lobby;
         self.replica_switch = ReplicaSwitch::new();
         self.upstream_state = UpstreamState::new();
+        self.held_events = HeldEvents::new();
         self.stream_selection = StreamSelection::new();
         self.resyncing = false;
         self.awaited = Tick::ZERO;

@@ -8,9 +8,10 @@ use rhumb_reckoning::{BodyId, Tick};
 
 use crate::endpoint::Ending;
 use crate::message::{
-    AuthorityError, Denial, Inspection, RemovalCause, StreamChoice, TierChangeCause, Welcome,
+    AuthorityError, Denial, Inspection, QueryResult, RemovalCause, StreamChoice, TierChangeCause,
+    Welcome,
 };
-use crate::scene::{CommandError, IdRange};
+use crate::scene::{BodyEvent, CommandError, IdRange};
 use crate::time::{Instant, Span};
 
 /// An answer of the server or a change of the scene.
@@ -54,7 +55,7 @@ pub enum Event {
         /// The reason for the refusal.
         error: CommandError,
     },
-    /// A body was placed in the scene.
+    /// A body was placed in the scene, or its description was replaced.
     BodyPlaced(BodyId),
     /// A body was removed from the scene.
     BodyRemoved {
@@ -72,6 +73,23 @@ pub enum Event {
     AuthorityGrant(Vec<BodyId>),
     /// The server denied the requested authority. Authority granted earlier stays.
     AuthorityDenied(AuthorityError),
+    /// The answers to the queries of one call.
+    QueryResult(QueryResult),
+    /// Something happened to a body that reports events. The replica is complete up to this tick or a later one.
+    Body {
+        /// The tick in which it happened.
+        tick: Tick,
+        /// The event.
+        event: BodyEvent,
+    },
+    /// So many events of bodies were not sent or not kept, in this tick or before it: a tick had too many of them, or
+    /// the client was too far behind.
+    EventsMissed {
+        /// The tick.
+        tick: Tick,
+        /// Their number.
+        count: u64,
+    },
     /// A description of the scene's state.
     Inspected(Inspection),
     /// A sample of the server's clock, referred to the middle of a round trip.

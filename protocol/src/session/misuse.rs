@@ -6,7 +6,7 @@ use core::fmt;
 
 use rhumb_reckoning::BodyId;
 
-use crate::limits::{AUTHORITY_BODIES_MAX, RESERVE_MAX};
+use crate::limits::{AUTHORITY_BODIES_MAX, HITS_MAX, QUERY_COST_MAX, RESERVE_MAX};
 use crate::scene::Invalid;
 
 /// A call that the application may not make, or whose arguments are out of range.
@@ -22,6 +22,8 @@ pub enum Misuse {
     TooManyAuthorityBodies(usize),
     /// This member neither has nor requested authority over the body.
     NoAuthority(BodyId),
+    /// One message cannot have these queries: there is none, one finds no body or too many, or they cost too much.
+    Queries,
 }
 
 impl fmt::Display for Misuse {
@@ -39,6 +41,10 @@ impl fmt::Display for Misuse {
                     "one member cannot have authority over {count} bodies; at most {AUTHORITY_BODIES_MAX}"
                 )
             }
+            Self::Queries => write!(
+                f,
+                "queries find 1 to {HITS_MAX} bodies each and cost 1 to {QUERY_COST_MAX} together"
+            ),
             Self::NoAuthority(id) => write!(f, "this member has no authority over {id}"),
         }
     }

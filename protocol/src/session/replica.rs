@@ -170,9 +170,10 @@ impl Replica {
             SceneEvent::SceneFaulted { .. } | SceneEvent::Unknown { .. } => {}
             SceneEvent::JointAdded { id, joint } => {
                 let known = joint.bodies.map(|body| self.body(body).is_some());
-                if known != [true; 2] || !self.joints.insert(*id, *joint) {
+                if known != [true; 2] {
                     return Err(CloseCode::VIOLATION);
                 }
+                self.joints.insert(*id, *joint);
             }
             SceneEvent::JointRemoved { id } => {
                 self.joints.remove(*id).ok_or(CloseCode::VIOLATION)?;
@@ -200,7 +201,7 @@ impl Replica {
             self.descs.leave(label);
             return Err(CloseCode::LIMIT);
         }
-        if let Some(id) = before {
+        if let Some(id) = before.filter(|id| *id != desc.id) {
             self.joints.remove_body(id);
         }
         if let Some(label) = label_before {

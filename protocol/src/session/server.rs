@@ -222,6 +222,7 @@ const fn is_for_members(message: &ClientMessage) -> bool {
             | ClientMessage::TakeAuthority(_)
             | ClientMessage::Upstream(_)
             | ClientMessage::TierPolicy(_)
+            | ClientMessage::Query(_)
     )
 }
 

@@ -16,7 +16,7 @@ use crate::packet::{Datagram, StreamId};
 use crate::scene;
 use crate::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, PublisherStatistics,
-    Recipient, StreamSender, StreamTerms, WatermarkPolicy, second,
+    Recipient, StreamConfig, StreamSender, WatermarkPolicy, second,
 };
 use crate::time::{Instant, Span};
 
@@ -76,7 +76,7 @@ impl UpstreamSender {
         integrator: Integrator,
         parameters: impl Fn(BodyId) -> Option<PredictionParameters>,
     ) -> Self {
-        let config = StreamTerms {
+        let config = StreamConfig {
             tolerance: request.tolerance,
             largest_packet: request.largest_packet,
             integrator,

@@ -29,7 +29,8 @@ impl PartialSum {
         let Some(place) = self.unknown.iter().position(|other| *other == number) else {
             return;
         };
-        self.unknown.swap_remove(place);
+        // In order, so that equal sums compare equal.
+        self.unknown.remove(place);
         if self.source_symbol.len() < source_symbol.len() {
             self.source_symbol.resize(source_symbol.len(), 0);
         }
@@ -51,7 +52,7 @@ pub(crate) struct FecDecoder {
     received: Vec<u8>,
     sums: VecDeque<PartialSum>,
     /// No packet below this number is recovered: it was sent before the start, or a repair symbol was wrong.
-    trusted_from: u64,
+    usable_from: u64,
 }
 
 impl FecDecoder {
@@ -60,7 +61,7 @@ impl FecDecoder {
         Self {
             source_symbols: SourceSymbols::new(largest_packet),
             end: next,
-            trusted_from: next,
+            usable_from: next,
             ..Self::default()
         }
     }
@@ -100,7 +101,7 @@ impl FecDecoder {
                 sum.take(number, source_symbol);
             }
         }
-        let oldest = self.oldest().max(self.trusted_from);
+        let oldest = self.oldest().max(self.usable_from);
         let of_use = sum.unknown.iter().all(|number| *number >= oldest);
         let twice = |other: &PartialSum| other.row == sum.row && other.unknown == sum.unknown;
         if !of_use || sum.unknown.is_empty() || self.sums.iter().any(twice) {
@@ -135,12 +136,12 @@ impl FecDecoder {
             .collect()
     }
 
-    /// Handles a recovered packet that is malformed: drops all repair symbols received so far, and requests none for
-    /// packets sent so far.
-    pub(crate) fn distrust(&mut self, number: u64) {
+    /// Handles a recovered packet that is malformed: drops all repair symbols received so far, and uses none that lacks a
+    /// packet sent so far.
+    pub(crate) fn drop_repair_symbols(&mut self, number: u64) {
         self.source_symbols.forget(number);
         self.sums.clear();
-        self.trusted_from = self.end;
+        self.usable_from = self.end;
     }
 
     /// The source symbol of a recent packet that was received or recovered.
@@ -157,7 +158,7 @@ impl FecDecoder {
     pub(crate) fn wanted(&self, missing: impl Iterator<Item = u64>, next: u64) -> u8 {
         let oldest = next
             .saturating_sub(u64::from(FEC_SPAN))
-            .max(self.trusted_from);
+            .max(self.usable_from);
         let is_lacking = |number: &u64| self.source_symbols.get(*number).is_none();
         if (oldest..next).filter(is_lacking).count() > REPAIR_SYMBOLS_KEPT {
             return 0;

@@ -30,7 +30,7 @@ struct FullBody {
 
 /// The publisher of one full stream.
 #[derive(Debug)]
-pub struct FullPublisher {
+pub(crate) struct FullPublisher {
     stream: StreamId,
     largest_packet: LargestPacket,
     states: Vec<Option<FullBody>>,
@@ -42,7 +42,7 @@ pub struct FullPublisher {
 impl FullPublisher {
     /// A stream without bodies.
     #[must_use]
-    pub fn new(stream: StreamId, largest_packet: LargestPacket, tick: Tick) -> Self {
+    pub(crate) fn new(stream: StreamId, largest_packet: LargestPacket, tick: Tick) -> Self {
         Self {
             stream,
             largest_packet,
@@ -55,37 +55,37 @@ impl FullPublisher {
 
     /// The id of the stream.
     #[must_use]
-    pub const fn stream(&self) -> StreamId {
+    pub(crate) const fn stream(&self) -> StreamId {
         self.stream
     }
 
     /// The largest packet that it makes.
     #[must_use]
-    pub const fn largest_packet(&self) -> LargestPacket {
+    pub(crate) const fn largest_packet(&self) -> LargestPacket {
         self.largest_packet
     }
 
     /// The number of the next packet.
     #[must_use]
-    pub const fn next_number(&self) -> u64 {
+    pub(crate) const fn next_number(&self) -> u64 {
         self.sent_packets.next()
     }
 
     /// The tick up to which everything is published.
     #[must_use]
-    pub const fn tick(&self) -> Tick {
+    pub(crate) const fn tick(&self) -> Tick {
         self.tick
     }
 
     /// Counters of everything published so far.
     #[must_use]
-    pub const fn statistics(&self) -> PublisherStatistics {
+    pub(crate) const fn statistics(&self) -> PublisherStatistics {
         self.statistics
     }
 
     /// Places a body that came into the scene after the step to `since`. A `fixed` body is sent again only after it is
     /// observed.
-    pub fn place(&mut self, id: BodyId, since: Tick, motion: BodyState, fixed: bool) {
+    pub(crate) fn place(&mut self, id: BodyId, since: Tick, motion: BodyState, fixed: bool) {
         let index = id.index() as usize;
         if index >= self.states.len() {
             self.states.resize(index + 1, None);
@@ -100,14 +100,14 @@ impl FullPublisher {
     }
 
     /// Removes a body that left the scene.
-    pub fn remove(&mut self, id: BodyId) {
+    pub(crate) fn remove(&mut self, id: BodyId) {
         if let Some(state) = self.states.get_mut(id.index() as usize) {
             *state = None;
         }
     }
 
     /// Every body's state as a track, in order of index.
-    pub fn tracks(&self) -> impl Iterator<Item = (BodyId, Track)> {
+    pub(crate) fn tracks(&self) -> impl Iterator<Item = (BodyId, Track)> {
         self.states
             .iter()
             .flatten()
@@ -127,7 +127,7 @@ impl FullPublisher {
     }
 
     /// Appends the datagrams with the state of every movable body at the present published tick, if there is one.
-    pub fn publish(
+    pub(crate) fn publish(
         &mut self,
         observation_history: &ObservationHistory,
         scene_events: u64,
@@ -185,7 +185,7 @@ impl FullPublisher {
 
     /// The watermark for the silence since the last packet.
     #[must_use]
-    pub fn watermark(&self, scene_events: u64) -> Bytes {
+    pub(crate) fn watermark(&self, scene_events: u64) -> Bytes {
         let watermark = Watermark {
             next: Low16::of(self.sent_packets.next()),
             tick: Low16::of(self.tick.value()),
@@ -196,7 +196,7 @@ impl FullPublisher {
 
     /// The datagrams with the present states of the bodies in a lost packet; `None` for a packet that is too old.
     #[must_use]
-    pub fn refresh(&self, number: u64, scene_events: u64) -> Option<Vec<Bytes>> {
+    pub(crate) fn refresh(&self, number: u64, scene_events: u64) -> Option<Vec<Bytes>> {
         let mut writer = RefreshWriter::within(self.largest_packet);
         for &index in self.sent_packets.bodies(number)? {
             if let Some(Some(state)) = self.states.get(index as usize) {

@@ -43,14 +43,14 @@ struct LossSample {
 
 /// The losses of the receivers of one stream.
 #[derive(Clone, Debug, Default)]
-pub struct LossTracker {
+pub(crate) struct LossTracker {
     receivers: BTreeMap<u64, ReceiverLosses>,
     redundancy: Redundancy,
 }
 
 impl LossTracker {
     /// Takes a receiver's report about a stream whose next packet is number `next`. An impossible report is ignored.
-    pub fn add_report(&mut self, receiver: u64, loss_report: &LossReport, next: u64) {
+    pub(crate) fn add_report(&mut self, receiver: u64, loss_report: &LossReport, next: u64) {
         let sent = loss_report.next.expand(next);
         if sent > next {
             return;
@@ -69,24 +69,24 @@ impl LossTracker {
     }
 
     /// Drops the losses of a receiver that left or starts again.
-    pub fn forget(&mut self, receiver: u64) {
+    pub(crate) fn forget(&mut self, receiver: u64) {
         self.receivers.remove(&receiver);
     }
 
     /// True if the receiver lost any of its recent packets.
     #[must_use]
-    pub fn loses(&self, receiver: u64) -> bool {
+    pub(crate) fn loses(&self, receiver: u64) -> bool {
         self.loses_from(receiver).is_some()
     }
 
     /// For a receiver that lost recent packets: the number of the next packet when that became known.
     #[must_use]
-    pub fn loses_from(&self, receiver: u64) -> Option<u64> {
+    pub(crate) fn loses_from(&self, receiver: u64) -> Option<u64> {
         self.receivers.get(&receiver)?.loses_from
     }
 
     /// The redundancy for a stream with this many receivers, whose next packet is number `next`.
-    pub fn redundancy(&mut self, receivers: usize, next: u64) -> Redundancy {
+    pub(crate) fn redundancy(&mut self, receivers: usize, next: u64) -> Redundancy {
         // A receiver without reports has no losses.
         let reports =
             |receiver: &ReceiverLosses| next.saturating_sub(receiver.newest.sent) < 2 * WINDOW;

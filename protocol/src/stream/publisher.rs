@@ -63,7 +63,7 @@ pub struct PublisherStatistics {
 
 /// The config of a stream.
 #[derive(Clone, Copy, Debug)]
-pub struct StreamTerms {
+pub struct StreamConfig {
     /// The tolerance of every body with the usual scale.
     pub tolerance: Tolerance,
     /// The integrator and rate of the scene.
@@ -78,7 +78,7 @@ pub struct StreamTerms {
     pub features: Features,
 }
 
-impl StreamTerms {
+impl StreamConfig {
     /// The start of a subscriber that receives the stream from its first tick.
     #[must_use]
     pub const fn start(&self, stream: StreamId, tick: Tick) -> StreamStart {
@@ -124,7 +124,7 @@ pub struct Publisher {
 impl Publisher {
     /// A publisher of a stream without bodies.
     #[must_use]
-    pub fn new(stream: StreamId, config: &StreamTerms, tick: Tick) -> Self {
+    pub fn new(stream: StreamId, config: &StreamConfig, tick: Tick) -> Self {
         Self {
             stream,
             tracks: Tracks::new(
@@ -176,12 +176,18 @@ impl Publisher {
         self.statistics
     }
 
-    /// Places a body that came into the scene. A scene event carries its first track to every receiver.
+    /// Places a body that came into the scene or was changed. A scene event carries its track to every receiver.
     ///
     /// Returns `false` if the table is full, which the scene's own limits prevent.
     #[must_use]
     pub fn place(&mut self, id: BodyId, parameters: &PredictionParameters, track: Track) -> bool {
-        self.tracks.place(id, parameters, track, None)
+        let attached_to = self.tracks.slot(id.index()).and_then(Slot::parent);
+        let placed = self.tracks.place(id, parameters, track, None);
+        if placed {
+            self.alias_table.release(id.index());
+            self.move_child(attached_to, None);
+        }
+        placed
     }
 
     /// Removes a body from the scene. Its children are updated at the next tick.

@@ -9,12 +9,12 @@ const ANSWERED: f64 = 0.01;
 
 /// The share of a stream's packets that was lost, in millionths.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub struct LossRate(pub u32);
+pub(crate) struct LossRate(pub(super) u32);
 
 impl LossRate {
     /// A loss rate in percent.
     #[must_use]
-    pub const fn percent(count: u32) -> Self {
+    const fn percent(count: u32) -> Self {
         Self(count * 10_000)
     }
 }
@@ -38,7 +38,7 @@ impl Redundancy {
 
     /// The loss rate from which on this redundancy is used.
     #[must_use]
-    pub const fn from(self) -> LossRate {
+    pub(super) const fn from(self) -> LossRate {
         match self {
             Self::Off => LossRate(0),
             Self::Thin => LossRate::percent(1),
@@ -50,7 +50,7 @@ impl Redundancy {
     /// The redundancy for a loss rate, given the present one. It rises at once and falls only after the loss is clearly
     /// less.
     #[must_use]
-    pub fn for_loss(self, loss: LossRate) -> Self {
+    pub(crate) fn for_loss(self, loss: LossRate) -> Self {
         let served = |eased: bool| {
             let enough = |level: &&Self| {
                 let from = level.from().0;

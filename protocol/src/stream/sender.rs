@@ -18,7 +18,7 @@ use super::budget::Budget;
 use super::full::FullPublisher;
 use super::loss_tracker::LossTracker;
 use super::observation_history::ObservationHistory;
-use super::publisher::{Publisher, PublisherStatistics, StreamTerms};
+use super::publisher::{Publisher, PublisherStatistics, StreamConfig};
 use super::reply_limiter::ReplyLimiter;
 use super::tracks::PredictionParameters;
 use super::watermark::{Silence, WatermarkPolicy};
@@ -76,7 +76,7 @@ impl StreamSender {
     #[must_use]
     pub fn reckoned(
         stream: StreamId,
-        config: &StreamTerms,
+        config: &StreamConfig,
         budget: Option<Budget>,
         policy: WatermarkPolicy,
         tick: Tick,
@@ -400,7 +400,7 @@ mod tests {
     }
 
     fn sender(policy: WatermarkPolicy) -> StreamSender {
-        let config = StreamTerms {
+        let config = StreamConfig {
             tolerance: Tolerance::NORMAL,
             integrator: Integrator {
                 rate: Rate::HZ_60,

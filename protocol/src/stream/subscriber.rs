@@ -519,7 +519,7 @@ impl Subscriber {
 
     /// The loss report with only these of the missing packets, in rising order.
     #[must_use]
-    pub fn loss_report_for(&self, requested: &[u64]) -> LossReport {
+    pub(crate) fn loss_report_for(&self, requested: &[u64]) -> LossReport {
         let missing = self.gaps.missing();
         self.loss_report_of(missing.filter(|number| requested.binary_search(number).is_ok()))
     }

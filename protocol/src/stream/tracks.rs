@@ -83,6 +83,15 @@ impl PredictionParameters {
     }
 }
 
+/// The table of a damping.
+#[derive(Clone, Debug)]
+struct Flow {
+    damping: Damping,
+    table: StepCoefficientTable,
+    /// Number of bodies with the damping. Without any, another damping may take the place.
+    users: u32,
+}
+
 /// The tracks of one stream's bodies, by index.
 #[derive(Clone, Debug)]
 pub(crate) struct Tracks {
@@ -91,7 +100,7 @@ pub(crate) struct Tracks {
     /// The stream publishes at ticks that are multiples of this number.
     publish_interval: NonZeroU32,
     gravity_history: GravityHistory,
-    flows: Vec<(Damping, StepCoefficientTable)>,
+    flows: Vec<Flow>,
     interned_parameters: InternedParameterTable,
     slots: Vec<Option<Slot>>,
     /// The state of torque-free rotation, by index, up to the last body that needs it.
@@ -152,7 +161,9 @@ impl Tracks {
         if id.index() >= INDICES_MAX {
             return false;
         }
-        let Some(flow) = self.flow_of(parameters.damping) else {
+        let replaced = self.slot(id.index());
+        let replaced = replaced.map(|slot| self.interned_parameters.get(slot.interned).flow);
+        let Some(flow) = self.flow_of(parameters.damping, replaced) else {
             return false;
         };
         let index = id.index() as usize;
@@ -188,23 +199,47 @@ impl Tracks {
     fn release(&mut self, index: u32, removed: &Slot) {
         self.state_checksum
             .take(removed.id(index), &removed.track());
+        let flow = self.interned_parameters.get(removed.interned).flow;
+        self.flows[usize::from(flow)].users -= 1;
         self.interned_parameters.leave(removed.interned);
     }
 
-    /// The index in the table of damping factors, added if it is new; None if the table is full.
-    fn flow_of(&mut self, damping: Damping) -> Option<u16> {
-        let found = self.flows.iter().position(|(other, _)| *other == damping);
+    /// The index in the table of dampings, with one user more; it is added if it is new. None if the table is full.
+    ///
+    /// `replaced`: the index of the body that is about to be replaced.
+    fn flow_of(&mut self, damping: Damping, replaced: Option<u16>) -> Option<u16> {
+        let found = self.flows.iter().position(|flow| flow.damping == damping);
         let number = match found {
             Some(number) => number,
-            None if self.flows.len() < DAMPINGS_MAX => {
+            None => {
                 let mut table = StepCoefficientTable::new(self.integrator, damping);
                 table.extend_to(TRACK_AGE_MAX);
-                self.flows.push((damping, table));
-                self.flows.len() - 1
+                let users = 0;
+                let flow = Flow {
+                    damping,
+                    table,
+                    users,
+                };
+                self.add_flow(flow, replaced.map(usize::from))?
             }
-            None => return None,
         };
+        self.flows[number].users += 1;
         Some(number as u16)
+    }
+
+    /// Adds a damping, in place of an unused one if the table is full.
+    fn add_flow(&mut self, flow: Flow, replaced: Option<usize>) -> Option<usize> {
+        if self.flows.len() < DAMPINGS_MAX {
+            self.flows.push(flow);
+            return Some(self.flows.len() - 1);
+        }
+        let mut flows = self.flows.iter().enumerate();
+        let unused =
+            |(number, flow): (usize, &Flow)| flow.users == u32::from(replaced == Some(number));
+        let number = flows.position(unused)?;
+        let users = self.flows[number].users;
+        self.flows[number] = Flow { users, ..flow };
+        Some(number)
     }
 
     /// Removes a body; `false` if there is no such body.
@@ -363,10 +398,9 @@ impl Tracks {
             DVec3::ZERO
         };
         let interned = self.interned_parameters.get(slot.interned);
-        let (_, flow) = &self.flows[usize::from(interned.flow)];
         then(&Conditions {
             gravity,
-            flow,
+            flow: &self.flows[usize::from(interned.flow)].table,
             inertia: interned.inertia.as_ref(),
         })
     }
@@ -414,7 +448,47 @@ impl Tracks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::ShapeId;
+    use crate::scene::{LockedAxes, ShapeId};
+
+    #[test]
+    fn a_damping_without_bodies_leaves_its_place_to_another() {
+        let integrator = Integrator {
+            rate: rhumb_reckoning::Rate::HZ_60,
+            substeps: NonZeroU32::MIN,
+        };
+        let mut tracks = Tracks::new(Tolerance::NORMAL, integrator, NonZeroU32::MIN, Vec3::ZERO);
+        let start = BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0; 3]);
+        let track = Track {
+            predictor: Predictor::Uniform,
+            ..Track::resting(Tick::ZERO, start.unwrap())
+        };
+        let place = |tracks: &mut Tracks, index: usize, linear: f32| {
+            let angular = 0.0;
+            let parameters = PredictionParameters {
+                damping: Damping { linear, angular },
+                ..PredictionParameters::plain(Metres::new(0.5))
+            };
+            tracks.place(BodyId::new(index as u32, 0), &parameters, track, None)
+        };
+        for index in 0..DAMPINGS_MAX {
+            assert!(place(&mut tracks, index, index as f32));
+        }
+        assert!(!place(&mut tracks, 100, 1_000.0));
+        // The only body of a damping takes another one, or goes.
+        assert!(place(&mut tracks, 7, 1_000.0));
+        assert!(tracks.remove(BodyId::new(9, 0)));
+        assert!(place(&mut tracks, 100, 500.0));
+        assert!(!place(&mut tracks, 101, 7.0));
+        for (index, slows) in [(7, true), (8, true), (100, true), (0, false)] {
+            let slot = tracks.slot(index).unwrap();
+            let moved = tracks
+                .predicted_motion((index, slot), Tick::new(60))
+                .pose()
+                .position
+                .x;
+            assert_eq!(moved < 0.2, slows, "{index}: {moved}");
+        }
+    }
 
     #[test]
     fn unknown_inertia_is_not_used() {
@@ -422,10 +496,11 @@ mod tests {
         let plain = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0));
         let shape = Shape::Ball { radius: 0.5 };
         let inertia = Inertia::new([1.0, 2.0, 2.5], [0.0, 0.0, 0.0, 1.0]).unwrap();
-        for (gyroscopic, turns) in [(true, true), (true, false), (false, true), (false, false)] {
+        let (free, locked) = (LockedAxes::NONE, LockedAxes::ROTATIONS);
+        for (gyroscopic, locked) in [(true, free), (true, locked), (false, free), (false, locked)] {
             let desc = BodyDesc {
                 gyroscopic,
-                turns,
+                locked,
                 ..plain
             };
             let parameters =

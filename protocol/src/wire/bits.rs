@@ -119,7 +119,7 @@ impl BitWriter {
 
     /// Bits written so far, with those before this writer.
     #[must_use]
-    pub fn bit_len(&self) -> usize {
+    pub(crate) fn bit_len(&self) -> usize {
         self.bytes.len() * 8 + self.pending_bits as usize
     }
 
@@ -155,11 +155,11 @@ impl PutBits for BitWriter {
 }
 
 /// Largest number of a Golomb code: any residual on the widest grid, mapped to unsigned.
-pub const GOLOMB_MAX: u32 = (1 << 31) + (1 << 30);
+pub(crate) const GOLOMB_MAX: u32 = (1 << 31) + (1 << 30);
 
 /// Length of the code of [`BitWriter::golomb`] in bits.
 #[must_use]
-pub const fn golomb_len(value: u32, order: u32) -> u32 {
+pub(crate) const fn golomb_len(value: u32, order: u32) -> u32 {
     let extra = (value + (1 << order)).ilog2() - order;
     2 * extra + 1 + order
 }

@@ -170,7 +170,7 @@ impl<'a> Reader<'a> {
     /// # Errors
     ///
     /// As [`Self::varint`], and [`Malformed::OutOfRange`] above `most`.
-    pub fn varint_to(&mut self, most: u64) -> Result<u64, Malformed> {
+    pub(crate) fn varint_to(&mut self, most: u64) -> Result<u64, Malformed> {
         let value = self.varint()?;
         if value > most {
             return Err(Malformed::OutOfRange);

@@ -12,7 +12,7 @@ use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
-    StreamTerms, Subscriber,
+    StreamConfig, Subscriber,
 };
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Tick, Ticks, Tolerance, Track,
@@ -80,7 +80,7 @@ impl AccelerationLink {
             lookahead: Ticks::new(lookahead),
             ..PublishSchedule::EACH_TICK
         };
-        let config = StreamTerms {
+        let config = StreamConfig {
             tolerance,
             integrator: INTEGRATOR,
             publish_interval: publish_schedule.publish_interval,

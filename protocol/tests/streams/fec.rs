@@ -10,7 +10,7 @@ use rhumb_protocol::packet::{Head, LargestPacket, Low16, PacketKind, RepairSymbo
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
-    Redundancy, StreamTerms, Subscriber,
+    Redundancy, StreamConfig, Subscriber,
 };
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
@@ -50,7 +50,7 @@ impl FecLink {
             substeps: std::num::NonZeroU32::MIN,
         };
         let gravity = Vec3::new(0.0, -9.8, 0.0);
-        let config = StreamTerms {
+        let config = StreamConfig {
             tolerance,
             integrator,
             publish_interval: PublishSchedule::EACH_TICK.publish_interval,

@@ -10,7 +10,7 @@ use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
-    StreamTerms, Subscriber,
+    StreamConfig, Subscriber,
 };
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track,
@@ -42,7 +42,7 @@ fn ends() -> (Publisher, Subscriber) {
     };
     let (stream, gravity) = (StreamId(3), Vec3::new(0.0, -9.8, 0.0));
     let publish_interval = PublishSchedule::EACH_TICK.publish_interval;
-    let config = StreamTerms {
+    let config = StreamConfig {
         tolerance,
         integrator,
         publish_interval,

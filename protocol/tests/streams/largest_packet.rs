@@ -12,7 +12,7 @@ use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, Low16, PacketK
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Recipient,
-    StreamSender, StreamTerms, WatermarkPolicy,
+    StreamConfig, StreamSender, WatermarkPolicy,
 };
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance, Track};
@@ -83,7 +83,7 @@ fn sizes(mut sender: StreamSender) -> Vec<(PacketKind, usize)> {
 }
 
 fn reckoned(largest_packet: LargestPacket) -> StreamSender {
-    let config = StreamTerms {
+    let config = StreamConfig {
         tolerance: Tolerance::NORMAL,
         integrator: Integrator {
             rate: Rate::HZ_60,

@@ -7,7 +7,7 @@ use rhumb_protocol::packet::{
     Age, Keyframe, LargestPacket, PredictionMode, RefreshRecord, RefreshWriter, RepairSymbol,
     StreamId, Update, UpdatePayload, UpdateWriter,
 };
-use rhumb_protocol::stream::{Features, PredictionParameters, StreamTerms, Subscriber};
+use rhumb_protocol::stream::{Features, PredictionParameters, StreamConfig, Subscriber};
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Residual, Tick, Ticks,
     Tolerance, Track,
@@ -48,7 +48,7 @@ fn subscriber() -> Subscriber {
 }
 
 fn subscriber_within(largest_packet: LargestPacket) -> Subscriber {
-    let config = StreamTerms {
+    let config = StreamConfig {
         tolerance: Tolerance::NORMAL,
         integrator: Integrator {
             rate: Rate::HZ_60,

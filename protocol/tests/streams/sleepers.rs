@@ -8,7 +8,7 @@ use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
-    PublisherStatistics, StreamTerms,
+    PublisherStatistics, StreamConfig,
 };
 use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance, Track};
 
@@ -27,7 +27,7 @@ fn lying(index: u32, height: f32) -> BodyState {
 }
 
 fn publisher(bodies: u32) -> Publisher {
-    let config = StreamTerms {
+    let config = StreamConfig {
         publish_interval: PublishSchedule::EACH_TICK.publish_interval,
         tolerance: Tolerance::NORMAL,
         integrator: Integrator {

@@ -12,7 +12,7 @@ use rhumb_protocol::packet::{Head, LargestPacket, PacketKind, RepairSymbol, Stre
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, ErrorBound, Features, Observation, ObservationHistory, PredictionParameters,
-    Publisher, Redundancy, StreamTerms, Subscriber,
+    Publisher, Redundancy, StreamConfig, Subscriber,
 };
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
@@ -138,7 +138,7 @@ impl LossyLink {
         let mut rng = LinkRng(seed);
         let bodies: Vec<_> = (0..BODIES).map(|_| SimulatedBody::new(&mut rng)).collect();
         let stream = StreamId(3);
-        let config = StreamTerms {
+        let config = StreamConfig {
             tolerance,
             integrator: integrator(),
             publish_interval: PublishSchedule::EACH_TICK.publish_interval,

@@ -64,3 +64,96 @@ impl fmt::Debug for Gate {
         })
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use std::fs;
+    use std::path::PathBuf;
+    use std::sync::atomic::{AtomicI64, Ordering};
+
+    use super::*;
+    use crate::access::{Claims, make_keys, sign};
+
+    /// A gate with a key of its own, and a clock that the test sets.
+    pub(crate) struct Signed {
+        folder: PathBuf,
+        pub(crate) seconds: Arc<AtomicI64>,
+    }
+
+    impl Signed {
+        pub(crate) fn new(name: &str) -> Self {
+            let folder = format!("rhumb-{name}-{}", std::process::id());
+            let folder = std::env::temp_dir().join(folder);
+            fs::create_dir_all(&folder).unwrap();
+            make_keys(&folder.join("key")).unwrap();
+            Self {
+                folder,
+                seconds: Arc::new(AtomicI64::new(1_767_225_600)),
+            }
+        }
+
+        pub(crate) fn gate(&self) -> Gate {
+            let seconds = Arc::clone(&self.seconds);
+            Gate::Tokens {
+                keys: TokenKeys::read(&[self.folder.join("key.pub")], "rhumb").unwrap(),
+                clock: Arc::new(move || seconds.load(Ordering::SeqCst)),
+            }
+        }
+
+        /// A token for all scenes that expires in a minute.
+        pub(crate) fn token(&self) -> String {
+            let claims = Claims {
+                aud: "rhumb".into(),
+                sub: "anna".into(),
+                exp: Claims::moment(self.seconds.load(Ordering::SeqCst) + 60).unwrap(),
+                nbf: None,
+                scenes: vec!["*".into()],
+                role: "observer".into(),
+                bodies: None,
+                commands: None,
+                load: None,
+                members: None,
+            };
+            sign(&self.folder.join("key"), &claims).unwrap()
+        }
+    }
+
+    impl Drop for Signed {
+        fn drop(&mut self) {
+            // What is left of it lies in a folder of temporary files.
+            let _ = fs::remove_dir_all(&self.folder);
+        }
+    }
+
+    #[test]
+    fn only_a_whole_token_of_the_key_is_admitted() {
+        let signed = Signed::new("gate");
+        let (gate, token) = (signed.gate(), signed.token());
+        let scene = "pit".parse().unwrap();
+        let admission = gate.admit(Some(token.as_bytes()), &scene).unwrap();
+        assert_eq!(admission.permit.client.as_deref(), Some("anna"));
+        assert_eq!(admission.valid_for, Some(Span::from_millis(90_000)));
+        assert!(token.len() <= rhumb_protocol::limits::EXTENSION_BYTES_MAX);
+        assert_eq!(gate.admit(None, &scene), Err(CloseCode::TOKEN_MISSING));
+        for place in 0..token.len() {
+            let mut changed = token.clone().into_bytes();
+            changed[place] ^= 1;
+            for bytes in [&changed[..], &token.as_bytes()[..place]] {
+                let refused = gate.admit(Some(bytes), &scene);
+                assert_eq!(refused, Err(CloseCode::TOKEN_INVALID), "{place}");
+            }
+        }
+        let other = Signed::new("gate-other").token();
+        let refused = gate.admit(Some(other.as_bytes()), &scene);
+        assert_eq!(refused, Err(CloseCode::TOKEN_INVALID));
+    }
+
+    #[test]
+    fn a_secret_key_is_no_public_one_and_is_not_written_over() {
+        let signed = Signed::new("gate-keys");
+        let key = signed.folder.join("key");
+        let refused = TokenKeys::read(std::slice::from_ref(&key), "rhumb");
+        assert!(refused.unwrap_err().to_string().contains("k4.public."));
+        assert!(make_keys(&key).is_err());
+    }
+}

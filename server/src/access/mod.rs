@@ -12,6 +12,8 @@ pub(crate) mod rights;
 
 pub(crate) use self::claims::{Claims, DEFAULT_AUDIENCE, role_of};
 pub(crate) use self::gate::Gate;
+#[cfg(test)]
+pub(crate) use self::gate::tests;
 pub use self::keys::{KeyError, TokenKeys};
 pub(crate) use self::keys::{make_keys, sign};
 pub(crate) use self::ownership::Ownership;

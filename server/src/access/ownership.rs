@@ -3,9 +3,9 @@
 //! A client owns the bodies, shapes and joints that it added, for as long as they exist, connected or not. What was
 //! added without a token belongs to no client.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use rhumb_protocol::scene::{Command, JointId, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, Command, JointId, ShapeId};
 use rhumb_reckoning::BodyId;
 
 use super::permit::{ClientName, Permit};
@@ -17,6 +17,8 @@ pub(crate) struct Ownership {
     shapes: BTreeMap<ShapeId, ClientName>,
     joints: BTreeMap<JointId, ClientName>,
     counts: BTreeMap<ClientName, u32>,
+    /// Bits of the dampings that each client's bodies ever had: a scene keeps a table for each.
+    dampings: BTreeMap<ClientName, BTreeSet<[u32; 2]>>,
 }
 
 impl Ownership {
@@ -26,6 +28,10 @@ impl Ownership {
             (Command::AddBody { desc, .. }, Some(client)) => {
                 self.bodies.insert(desc.id, client.clone());
                 *self.counts.entry(client.clone()).or_default() += 1;
+                if let Some(damping) = damping_of(desc) {
+                    let dampings = self.dampings.entry(client.clone()).or_default();
+                    dampings.insert(damping);
+                }
             }
             (Command::AddShape { id, .. }, Some(client)) => {
                 self.shapes.insert(*id, client.clone());
@@ -36,9 +42,7 @@ impl Ownership {
             (Command::RemoveShape { id }, _) => {
                 self.shapes.remove(id);
             }
-            (Command::RemoveJoint { id }, _) => {
-                self.joints.remove(id);
-            }
+            (Command::RemoveJoint { id }, _) => self.remove_joint(*id),
             _ => {}
         }
     }
@@ -56,9 +60,23 @@ impl Ownership {
         }
     }
 
+    /// Forgets a joint that has left the scene.
+    pub(crate) fn remove_joint(&mut self, id: JointId) {
+        self.joints.remove(&id);
+    }
+
     /// Bodies of a client.
     pub(super) fn bodies_of(&self, client: &ClientName) -> u32 {
         self.counts.get(client).copied().unwrap_or(0)
+    }
+
+    /// Number of a client's dampings if it adds a body.
+    pub(super) fn dampings_with(&self, client: &ClientName, desc: &BodyDesc) -> usize {
+        let dampings = self.dampings.get(client);
+        let known = dampings.map_or(0, BTreeSet::len);
+        let is_new = damping_of(desc)
+            .is_some_and(|damping| !dampings.is_some_and(|known| known.contains(&damping)));
+        known + usize::from(is_new)
     }
 
     pub(super) fn owns_body(&self, client: Option<&ClientName>, id: BodyId) -> bool {
@@ -72,6 +90,12 @@ impl Ownership {
     pub(super) fn owns_joint(&self, client: Option<&ClientName>, id: JointId) -> bool {
         owns(&self.joints, client, id)
     }
+}
+
+/// The bits of a body's own damping.
+fn damping_of(desc: &BodyDesc) -> Option<[u32; 2]> {
+    let damping = desc.damping?;
+    Some([damping.linear.to_bits(), damping.angular.to_bits()])
 }
 
 fn owns<Id: Ord>(owners: &BTreeMap<Id, ClientName>, client: Option<&ClientName>, id: Id) -> bool {

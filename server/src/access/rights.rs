@@ -3,12 +3,20 @@
 //! Roles decide what kind of request; ownership, which bodies, shapes and joints; quotas, how much. All else that may
 //! be wrong with a request is checked where it is carried out.
 
+use rhumb_protocol::limits::{DAMPINGS_MAX, MEMBERS_PER_SCENE_MAX, STREAMS_PER_SCENE_MAX};
 use rhumb_protocol::message::{AuthorityError, Denial, Role};
 use rhumb_protocol::scene::{Command, CommandError, SceneConfig};
 use rhumb_reckoning::BodyId;
 
 use super::ownership::Ownership;
 use super::permit::Permit;
+
+/// Members of one client in a scene, unless its token says otherwise: half of all.
+const MEMBERS_OF_CLIENT_MAX: u32 = MEMBERS_PER_SCENE_MAX as u32 / 2;
+/// Streams of one client in a scene: half of all.
+const STREAMS_OF_CLIENT_MAX: usize = STREAMS_PER_SCENE_MAX / 2;
+/// Different dampings that the bodies of one client ever had: a quarter of all, since a scene keeps them.
+const DAMPINGS_OF_CLIENT_MAX: usize = DAMPINGS_MAX / 4;
 
 /// A request to decide about.
 #[derive(Clone, Copy, Debug)]
@@ -18,6 +26,10 @@ pub(crate) enum Request<'a> {
     Join {
         /// Members of the same client already.
         members: usize,
+    },
+    /// The streams that all members of the client would subscribe to.
+    Subscribe {
+        streams: usize,
     },
     Reserve,
     Advance,
@@ -51,7 +63,7 @@ pub(crate) fn check(
 /// The least role that a request needs. Commands that are not listed need the highest.
 const fn role_for(request: Request<'_>) -> Role {
     match request {
-        Request::Join { .. } => Role::Observer,
+        Request::Join { .. } | Request::Subscribe { .. } => Role::Observer,
         Request::Reserve | Request::Advance | Request::TakeAuthority(_) => Role::Controller,
         Request::Create(_) | Request::Delete => Role::Owner,
         Request::Command(command, _) => match command {
@@ -66,7 +78,14 @@ const fn role_for(request: Request<'_>) -> Role {
             | Command::Impulse { .. }
             | Command::TorqueImpulse { .. }
             | Command::AddJoint { .. }
-            | Command::RemoveJoint { .. } => Role::Controller,
+            | Command::RemoveJoint { .. }
+            | Command::ChangeBody { .. }
+            | Command::ChangeJoint { .. }
+            | Command::ForceAt { .. }
+            | Command::ImpulseAt { .. }
+            | Command::Sleep { .. }
+            | Command::Wake { .. }
+            | Command::SetEvents { .. } => Role::Controller,
             _ => Role::Owner,
         },
     }
@@ -88,7 +107,16 @@ fn owns_subjects(permit: &Permit, ownership: &Ownership, request: Request<'_>) -
             | Command::Force { id, .. }
             | Command::Torque { id, .. }
             | Command::Impulse { id, .. }
-            | Command::TorqueImpulse { id, .. } => owns(id),
+            | Command::TorqueImpulse { id, .. }
+            | Command::ForceAt { id, .. }
+            | Command::ImpulseAt { id, .. }
+            | Command::Sleep { id }
+            | Command::Wake { id }
+            | Command::SetEvents { id, .. } => owns(id),
+            Command::ChangeBody { desc } => owns(desc.id),
+            Command::ChangeJoint { id, ref joint } => {
+                ownership.owns_joint(client, id) && joint.bodies.into_iter().all(owns)
+            }
             Command::AddJoint { ref joint, .. } => joint.bodies.into_iter().all(owns),
             Command::RemoveShape { id } => ownership.owns_shape(client, id),
             Command::RemoveJoint { id } => ownership.owns_joint(client, id),
@@ -99,16 +127,21 @@ fn owns_subjects(permit: &Permit, ownership: &Ownership, request: Request<'_>) -
 }
 
 fn is_within_quotas(permit: &Permit, ownership: &Ownership, request: Request<'_>) -> bool {
-    let quotas = &permit.quotas;
+    let (quotas, client) = (&permit.quotas, permit.client.as_ref());
     let fits = |quota: Option<u64>, asked: u64| quota.is_none_or(|most| asked <= most);
     match request {
         Request::Create(config) => fits(quotas.load, body_steps(config)),
-        Request::Join { members } => fits(quotas.members.map(u64::from), members as u64 + 1),
-        Request::Command(Command::AddBody { .. }, config) => {
-            let client = permit.client.as_ref();
+        Request::Join { members } => {
+            let most = quotas.members.or(client.map(|_| MEMBERS_OF_CLIENT_MAX));
+            fits(most.map(u64::from), members as u64 + 1)
+        }
+        Request::Subscribe { streams } => client.is_none() || streams <= STREAMS_OF_CLIENT_MAX,
+        Request::Command(Command::AddBody { desc, .. }, config) => {
+            let dampings = client.map_or(0, |client| ownership.dampings_with(client, desc));
             let bodies = client.map_or(0, |client| ownership.bodies_of(client));
             let bodies = u64::from(bodies) + 1;
-            fits(quotas.bodies.map(u64::from), bodies)
+            dampings <= DAMPINGS_OF_CLIENT_MAX
+                && fits(quotas.bodies.map(u64::from), bodies)
                 && fits(quotas.load, body_steps(config).saturating_mul(bodies))
         }
         _ => true,
@@ -151,7 +184,10 @@ mod tests {
     use std::sync::Arc;
 
     use glam::Vec3;
-    use rhumb_protocol::scene::{BodyDesc, Joint, JointFrame, JointId, JointKind, Shape, ShapeId};
+    use rhumb_protocol::scene::{
+        BodyDesc, BodyKind, Joint, JointFrame, JointId, JointKind, Shape, ShapeId,
+    };
+    use rhumb_reckoning::Damping;
 
     use super::*;
     use crate::access::permit::Quotas;
@@ -232,14 +268,14 @@ mod tests {
         }
         let joint = Command::AddJoint {
             id: JointId(0),
-            joint: Joint {
-                kind: JointKind::Fixed,
-                bodies: both,
-                frames: [JointFrame::at(Vec3::ZERO); 2],
-                collide: false,
-            },
+            joint: Joint::plain(JointKind::Fixed, both, [JointFrame::at(Vec3::ZERO); 2]),
         };
         assert_eq!(decide(&anna, &scene, &joint), Err(Refused::NotAllowed));
+        let change = |index| Command::ChangeBody {
+            desc: BodyDesc::plain(BodyId::new(index, 0), BodyKind::Dynamic, ShapeId(0)),
+        };
+        assert_eq!(decide(&anna, &scene, &change(1)), Ok(()));
+        assert_eq!(decide(&anna, &scene, &change(2)), Err(Refused::NotAllowed));
         scene.remove_body(both[0]);
         assert_eq!(decide(&anna, &scene, &push(1)), Err(Refused::NotAllowed));
     }
@@ -264,6 +300,40 @@ mod tests {
         for (members, allowed) in [(0, true), (1, false)] {
             let join = check(&anna, &scene, Request::Join { members });
             assert_eq!(join.is_ok(), allowed);
+        }
+    }
+
+    #[test]
+    fn one_client_cannot_take_all_slots_of_a_scene() {
+        let mut scene = Ownership::default();
+        let anna = permit("anna", Role::Controller);
+        let damped = |index: u32| {
+            let linear = index as f32;
+            let damping = Damping {
+                linear,
+                angular: 0.0,
+            };
+            let body = BodyDesc::dynamic(Shape::ball(0.5)).damping(damping);
+            Command::AddBody {
+                desc: body.desc(BodyId::new(index, 0), ShapeId(0)),
+                motion: body.state().unwrap(),
+            }
+        };
+        for index in 0..16 {
+            assert_eq!(decide(&anna, &scene, &damped(index)), Ok(()), "{index}");
+            scene.note(&anna, &damped(index));
+        }
+        assert_eq!(decide(&anna, &scene, &damped(16)), Err(Refused::OverQuota));
+        assert_eq!(decide(&anna, &scene, &damped(3)), Ok(()));
+        assert_eq!(decide(&Permit::OPEN, &scene, &damped(16)), Ok(()));
+        for (request, allowed) in [
+            (Request::Join { members: 31 }, true),
+            (Request::Join { members: 32 }, false),
+            (Request::Subscribe { streams: 4 }, true),
+            (Request::Subscribe { streams: 5 }, false),
+        ] {
+            let decided = check(&anna, &scene, request);
+            assert_eq!(decided.is_ok(), allowed, "{request:?}");
         }
     }
 }

@@ -7,31 +7,21 @@ use core::fmt;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::RemovalCause;
-use rhumb_protocol::scene::{BodyKind, Contact, Joint, JointId, Material, Shape, ShapeId};
-use rhumb_protocol::stream::Observation;
+use rhumb_protocol::scene::{
+    Answer, BodyDesc, Contact, Joint, JointId, Material, Query, Shape, ShapeId,
+};
+use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Twist};
 
-/// A body for an engine, with the scene's defaults filled in.
+/// A body's description for an engine, with the scene's defaults filled in.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NewBody {
-    /// Its id; no body of the engine has its index.
-    pub id: BodyId,
-    /// Kind of its motion.
-    pub kind: BodyKind,
-    /// Its shape, known to the engine.
-    pub shape: ShapeId,
+pub struct BodyProperties {
+    /// Its description; its shape is known to the engine.
+    pub desc: BodyDesc,
     /// Its surface and density.
     pub material: Material,
     /// Damping of its free motion.
     pub damping: Damping,
-    /// Factor on the scene's gravity.
-    pub gravity_scale: f32,
-    /// True if the axis of its spin wanders when its moments of inertia differ.
-    pub gyroscopic: bool,
-    /// True if contacts can turn it.
-    pub turns: bool,
-    /// Its pose and velocities.
-    pub motion: BodyState,
 }
 
 /// A push of a dynamic body, world frame.
@@ -39,10 +29,14 @@ pub struct NewBody {
 pub enum Push {
     /// Force at the centre of mass during the next step, N.
     Force(Vec3),
+    /// Force at a point during the next step: N, then metres.
+    ForceAt(Vec3, Vec3),
     /// Torque during the next step, N·m.
     Torque(Vec3),
     /// Impulse at the centre of mass at once, N·s.
     Impulse(Vec3),
+    /// Impulse at a point at once: N·s, then metres.
+    ImpulseAt(Vec3, Vec3),
     /// Angular impulse at once, N·m·s.
     TorqueImpulse(Vec3),
 }
@@ -62,8 +56,13 @@ pub trait Engine: Send {
     /// Removes a solid that no body has.
     fn remove_shape(&mut self, id: ShapeId);
 
-    /// Adds a body.
-    fn add(&mut self, body: &NewBody);
+    /// Adds a body with this pose and these velocities; no body of the engine has its index.
+    fn add(&mut self, body: &BodyProperties, motion: BodyState);
+
+    /// Replaces the properties of a body, and wakes it and what it touches.
+    ///
+    /// `before`: its description until now. A body that becomes kinematic or static, or is disabled, stands still.
+    fn change(&mut self, before: &BodyDesc, body: &BodyProperties);
 
     /// Removes a body with its joints; bodies that rested on it wake.
     fn remove(&mut self, id: BodyId);
@@ -74,13 +73,20 @@ pub trait Engine: Send {
     /// Removes a joint and wakes its bodies; a joint that went with a body is ignored.
     fn remove_joint(&mut self, id: JointId);
 
-    /// Displaces a static or dynamic body and wakes what it touched; a kinematic one moves there in the next step.
+    /// Adds the joints whose load in the last step was above their strength, in the order of ids. They still act.
+    fn overloaded_joints(&self, out: &mut Vec<JointId>);
+
+    /// Displaces a static, dynamic or disabled body and wakes what it touched; a kinematic one moves there in the next
+    /// step.
     ///
     /// A kinematic body then stands still, unless a velocity is set after the pose.
     fn set_pose(&mut self, id: BodyId, position: Vec3, rotation: Quat);
 
     /// Sets the velocities of a dynamic body, or those that a kinematic one keeps.
     fn set_velocity(&mut self, id: BodyId, twist: Twist);
+
+    /// Puts a dynamic body to sleep, or wakes it.
+    fn set_activity(&mut self, id: BodyId, activity: Activity);
 
     /// Pushes a dynamic body.
     fn push(&mut self, id: BodyId, push: Push);
@@ -109,6 +115,18 @@ pub trait Engine: Send {
     /// Adds one contact for each body that touches this one after the last step: the deepest.
     fn contacts(&self, id: BodyId, out: &mut Vec<Contact>);
 
+    /// Adds each sensor with a body inside it after the last step, of which this body is one; a pair may come more than
+    /// once.
+    fn sensed(&self, id: BodyId, out: &mut Vec<(BodyId, BodyId)>);
+
+    /// Answers a query by the poses of the last step. A body that was removed since is not found; one that was added
+    /// since may not be found.
+    ///
+    /// # Errors
+    ///
+    /// [`UnanswerableQuery`] when the engine cannot evaluate it; nothing has changed.
+    fn query(&self, query: &Query) -> Result<Answer, UnanswerableQuery>;
+
     /// Number of bodies awake after the last step.
     fn awake_count(&self) -> usize;
 
@@ -119,6 +137,10 @@ pub trait Engine: Send {
 /// Error: the engine cannot make a solid of a shape, though its numbers are within the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct UnusableShape;
+
+/// Error: the engine cannot evaluate a query, though its numbers are within the limits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct UnanswerableQuery;
 
 /// Reason why an engine takes no more steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

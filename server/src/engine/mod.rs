@@ -4,10 +4,13 @@ mod interface;
 mod kinematic_target;
 mod rapier;
 mod rapier_body;
+mod rapier_contacts;
+mod rapier_joints;
+mod rapier_query;
 mod rapier_solid;
 mod rapier_workers;
 
-pub use interface::{Engine, EngineFault, NewBody, Push, UnusableShape};
+pub use interface::{BodyProperties, Engine, EngineFault, Push, UnanswerableQuery, UnusableShape};
 pub use rapier::RapierEngine;
 #[cfg(feature = "app")]
 pub(crate) use rapier_solid::bulk;

@@ -9,20 +9,24 @@ use std::mem;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use glam::{Quat, Vec3};
-use rapier3d::prelude::{
-    Collider, ContactPair, ImpulseJointHandle, PhysicsWorld, RigidBody, RigidBodyHandle,
-};
+use rapier3d::prelude::{PhysicsWorld, RigidBody, RigidBodyHandle};
 use rhumb_protocol::limits::COORDINATE_MAX;
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyKind, Contact, Joint, JointId, SceneConfig, Shape, ShapeId, SleepConfig,
+    Answer, BodyDesc, BodyKind, Contact, Joint, JointId, Query, SceneConfig, Shape, ShapeId,
+    SleepConfig,
 };
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, Inertia, Integrator, Twist};
+use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
 
-use super::interface::{Engine, EngineFault, NewBody, Push, UnusableShape};
+use super::interface::{
+    BodyProperties, Engine, EngineFault, Push, UnanswerableQuery, UnusableShape,
+};
 use super::kinematic_target::KinematicTarget;
 use super::rapier_body as translate;
+use super::rapier_contacts as touching;
+use super::rapier_joints::RapierJoints;
+use super::rapier_query as queries;
 use super::rapier_solid::{self as solids, Solid};
 use super::rapier_workers::Workers;
 
@@ -33,18 +37,14 @@ pub struct RapierEngine {
     sleep: Option<SleepConfig>,
     fault: Option<EngineFault>,
     solids: BTreeMap<ShapeId, Solid>,
-    /// True if a body ever had a thin solid, which fast bodies could pass through: dynamic bodies are swept from then
-    /// on.
-    has_sheets: bool,
-    /// Some may have left with a body.
-    joints: BTreeMap<JointId, ImpulseJointHandle>,
+    joints: RapierJoints,
     /// Slots by body index.
     places: Vec<Option<BodySlot>>,
     /// Kinematic bodies that move.
     kinematic_targets: BTreeMap<BodyId, KinematicTarget>,
     /// Bodies with a force until the next step is over.
     forced: Vec<RigidBodyHandle>,
-    /// Static bodies that were displaced since the last step.
+    /// Bodies that do not move and were displaced or put to sleep since the last step.
     displaced: Vec<BodySlot>,
     /// Awake after the last step, in the order of ids.
     awake: Vec<BodySlot>,
@@ -83,8 +83,7 @@ impl RapierEngine {
             sleep: config.sleep,
             fault: None,
             solids: BTreeMap::new(),
-            has_sheets: false,
-            joints: BTreeMap::new(),
+            joints: RapierJoints::default(),
             places: Vec::new(),
             kinematic_targets: BTreeMap::new(),
             forced: Vec::new(),
@@ -133,40 +132,53 @@ impl RapierEngine {
         )
     }
 
-    fn insert(&mut self, new_body: &NewBody) {
-        let Some(solid) = self.solids.get(&new_body.shape) else {
+    fn insert(&mut self, new: &BodyProperties, motion: &BodyState) {
+        let Some(solid) = self.solids.get(&new.desc.shape) else {
             return;
         };
-        let mut body = translate::body(new_body);
+        let mut body = translate::body(new, motion);
         if let Some(sleep) = self.sleep {
             translate::let_sleep(&mut body, sleep);
         }
-        if let Some(mass) = solids::mass_beside(new_body, solid) {
+        if let Some(mass) = solids::mass_beside(new, solid) {
             body.set_additional_mass_properties(mass, false);
         }
-        if solid.is_sheet && !self.has_sheets {
-            self.has_sheets = true;
-            for (_, other) in self.world.bodies.iter_mut() {
-                other.enable_ccd(other.is_dynamic());
-            }
-        }
-        body.enable_ccd(self.has_sheets && body.is_dynamic());
         let handle = self.world.insert_body(body);
-        for collider in solids::colliders(new_body, solid) {
+        for collider in solids::colliders(new, solid) {
             self.world.insert_collider(collider, Some(handle));
         }
-        let index = new_body.id.index() as usize;
+        // Mass beside that of the colliders acts on pushes before the next step too.
+        let body = &mut self.world.bodies[handle];
+        body.recompute_mass_properties_from_colliders(&self.world.colliders);
+        let id = new.desc.id;
+        let index = id.index() as usize;
         if index >= self.places.len() {
             self.places.resize(index + 1, None);
         }
-        let place = BodySlot {
-            id: new_body.id,
-            handle,
-        };
+        let place = BodySlot { id, handle };
         self.places[index] = Some(place);
-        if new_body.kind == BodyKind::Kinematic {
-            let twist = new_body.motion.motion().twist();
-            self.keep(place, twist);
+        if new.desc.kind == BodyKind::Kinematic && new.desc.enabled {
+            self.keep(place, motion.motion().twist());
+        }
+    }
+
+    fn alter(&mut self, before: &BodyDesc, now: &BodyProperties) {
+        let Some(place) = self.place(now.desc.id) else {
+            return;
+        };
+        let Some(solid) = self.solids.get(&now.desc.shape) else {
+            return;
+        };
+        translate::wake_touching(&mut self.world, place.handle);
+        let reshaped = before.shape != now.desc.shape;
+        solids::change(&mut self.world, place.handle, now, (solid, reshaped));
+        let mass = solids::mass_beside(now, solid).unwrap_or_default();
+        let body = &mut self.world.bodies[place.handle];
+        translate::set_properties(body, now);
+        body.set_additional_mass_properties(mass, now.desc.enabled);
+        body.recompute_mass_properties_from_colliders(&self.world.colliders);
+        if now.desc.kind != BodyKind::Kinematic || !now.desc.enabled {
+            self.kinematic_targets.remove(&place.id);
         }
     }
 
@@ -181,7 +193,7 @@ impl RapierEngine {
     fn relocate(&mut self, id: BodyId, position: Vec3, rotation: Quat) {
         let Some(place) = self.place(id) else { return };
         let body = &mut self.world.bodies[place.handle];
-        if body.is_kinematic() {
+        if body.is_kinematic() && body.is_enabled() {
             if let Some(kinematic_target) = self.kinematic_target_mut(place) {
                 kinematic_target.go_to(translate::widen(position, rotation));
             }
@@ -189,8 +201,8 @@ impl RapierEngine {
         }
         let pose = translate::pose(position, rotation);
         if *body.position() != pose {
-            body.set_position(pose, true);
-            if body.is_fixed() {
+            body.set_position(pose, body.is_enabled());
+            if body.is_fixed() || !body.is_enabled() {
                 self.displaced.push(place);
             }
         }
@@ -297,10 +309,13 @@ impl RapierEngine {
         if !self.displaced.is_empty() {
             self.displaced.sort_unstable_by_key(|place| place.id);
             self.displaced.dedup_by_key(|place| place.id);
-            let still_there = self.displaced.iter().filter(|place| self.is_at(**place));
-            observed.extend(
-                still_there.filter_map(|place| self.observe_slot(*place, Activity::Asleep).ok()),
-            );
+            let others = observed.len();
+            for place in &self.displaced {
+                let known = observed[..others].binary_search_by_key(&place.id, |other| other.id);
+                if known.is_err() && self.is_at(*place) {
+                    observed.extend(self.observe_slot(*place, Activity::Asleep));
+                }
+            }
             observed.sort_unstable_by_key(|observation| observation.id);
             self.displaced.clear();
         }
@@ -319,35 +334,6 @@ impl RapierEngine {
             return None;
         }
         self.observe_slot(place, Activity::Asleep).ok()
-    }
-
-    /// The deepest contact of a pair of solids, from the first one's body or the second's.
-    fn contact(&self, of: RigidBodyHandle, pair: &ContactPair) -> Option<Contact> {
-        if !pair.has_any_active_contact() {
-            return None;
-        }
-        let [first, second] =
-            [pair.collider1, pair.collider2].map(|handle| self.world.colliders.get(handle));
-        let (first, second) = (first?, second?);
-        let (manifold, deepest) = pair.find_deepest_contact()?;
-        // From the first solid towards the second.
-        let normal = manifold.data.normal;
-        let at = |collider: &Collider, point| collider.position().transform_point(point);
-        let is_first = first.parent() == Some(of);
-        let (other, point, normal) = if is_first {
-            (second, at(first, deepest.local_p1), -normal)
-        } else {
-            (first, at(second, deepest.local_p2), normal)
-        };
-        let other = self.world.bodies.get(other.parent()?)?;
-        let contact = Contact {
-            with: translate::id(other),
-            point,
-            normal,
-            separation: deepest.dist,
-        };
-        let finite = point.is_finite() && normal.is_finite() && deepest.dist.is_finite();
-        finite.then_some(contact)
     }
 
     /// The observation of a body, or the reason to remove it.
@@ -387,8 +373,12 @@ impl Engine for RapierEngine {
         self.solids.remove(&id);
     }
 
-    fn add(&mut self, body: &NewBody) {
-        self.contained(|engine| engine.insert(body));
+    fn add(&mut self, body: &BodyProperties, motion: BodyState) {
+        self.contained(|engine| engine.insert(body, &motion));
+    }
+
+    fn change(&mut self, before: &BodyDesc, body: &BodyProperties) {
+        self.contained(|engine| engine.alter(before, body));
     }
 
     fn remove(&mut self, id: BodyId) {
@@ -400,21 +390,20 @@ impl Engine for RapierEngine {
             let [Some(first), Some(second)] = joint.bodies.map(|body| engine.place(body)) else {
                 return;
             };
-            let rapier_joint = translate::joint(joint);
-            let handle =
-                engine
-                    .world
-                    .insert_impulse_joint(first.handle, second.handle, rapier_joint);
-            engine.joints.insert(id, handle);
+            let bodies = [first.handle, second.handle];
+            engine.joints.add(&mut engine.world, bodies, (id, joint));
         });
     }
 
     fn remove_joint(&mut self, id: JointId) {
-        self.contained(|engine| {
-            if let Some(handle) = engine.joints.remove(&id) {
-                engine.world.remove_impulse_joint(handle);
-            }
-        });
+        self.contained(|engine| engine.joints.remove(&mut engine.world, id));
+    }
+
+    fn overloaded_joints(&self, out: &mut Vec<JointId>) {
+        // Rapier keeps the impulses of the last substep.
+        let parameters = &self.world.integration_parameters;
+        let substep = parameters.dt / parameters.num_solver_iterations as f32;
+        self.joints.overloaded(&self.world, substep, out);
     }
 
     fn set_pose(&mut self, id: BodyId, position: Vec3, rotation: Quat) {
@@ -425,6 +414,22 @@ impl Engine for RapierEngine {
         self.contained(|engine| engine.set_twist(id, twist));
     }
 
+    fn set_activity(&mut self, id: BodyId, activity: Activity) {
+        self.contained(|engine| {
+            let Some(place) = engine.place(id) else {
+                return;
+            };
+            let body = &mut engine.world.bodies[place.handle];
+            match activity {
+                Activity::Awake => body.wake_up(true),
+                Activity::Asleep => {
+                    body.sleep();
+                    engine.displaced.push(place);
+                }
+            }
+        });
+    }
+
     fn push(&mut self, id: BodyId, push: Push) {
         self.contained(|engine| {
             let Some(place) = engine.place(id) else {
@@ -432,7 +437,7 @@ impl Engine for RapierEngine {
             };
             let dt = engine.world.integration_parameters.dt;
             translate::push(&mut engine.world.bodies[place.handle], push, dt);
-            if matches!(push, Push::Force(_) | Push::Torque(_)) {
+            if matches!(push, Push::Force(_) | Push::ForceAt(..) | Push::Torque(_)) {
                 engine.forced.push(place.handle);
             }
         });
@@ -466,7 +471,7 @@ impl Engine for RapierEngine {
     fn observe_one(&self, id: BodyId) -> Option<Observation> {
         let place = self.place(id)?;
         let body = self.body(place)?;
-        let activity = if body.is_fixed() || body.is_sleeping() {
+        let activity = if body.is_fixed() || body.is_sleeping() || !body.is_enabled() {
             Activity::Asleep
         } else {
             Activity::Awake
@@ -479,27 +484,27 @@ impl Engine for RapierEngine {
     }
 
     fn contacts(&self, id: BodyId, out: &mut Vec<Contact>) {
-        let first = out.len();
-        let Some((place, body)) = self.place(id).and_then(|at| Some((at, self.body(at)?))) else {
-            return;
-        };
-        for collider in body.colliders() {
-            for pair in self.world.contact_pairs_with(*collider) {
-                out.extend(self.contact(place.handle, pair));
-            }
+        if let Some(place) = self.place(id)
+            && let Some(body) = self.body(place)
+        {
+            touching::contacts(&self.world, place.handle, body, out);
         }
-        let deepest_first = |a: &Contact, b: &Contact| {
-            (a.with.cmp(&b.with)).then(a.separation.total_cmp(&b.separation))
-        };
-        out[first..].sort_by(deepest_first);
-        let mut with = None;
-        let mut place = 0;
-        out.retain(|contact| {
-            place += 1;
-            let again = place > first && with == Some(contact.with);
-            with = (place > first).then_some(contact.with);
-            !again
-        });
+    }
+
+    fn sensed(&self, id: BodyId, out: &mut Vec<(BodyId, BodyId)>) {
+        if let Some(body) = self.place(id).and_then(|place| self.body(place)) {
+            touching::sensed(&self.world, body, out);
+        }
+    }
+
+    fn query(&self, query: &Query) -> Result<Answer, UnanswerableQuery> {
+        let except = query.filter.except.and_then(|id| self.place(id));
+        let except = except.map(|place| place.handle);
+        // A query reads the world only, so that a panic leaves it as it is.
+        let answered = catch_unwind(AssertUnwindSafe(|| {
+            queries::answer(&self.world, except, query)
+        }));
+        answered.map_err(|_| UnanswerableQuery)
     }
 
     fn awake_count(&self) -> usize {
@@ -516,7 +521,7 @@ mod tests {
     use core::num::NonZeroU32;
 
     use rhumb_protocol::scene::{Material, PublishSchedule, Stepping};
-    use rhumb_reckoning::{BodyState, Damping, Rate};
+    use rhumb_reckoning::{Damping, Rate};
 
     use super::*;
 
@@ -543,26 +548,21 @@ mod tests {
             publish_schedule: PublishSchedule::EACH_TICK,
         });
         let id = BodyId::new(0, 0);
-        let ball = NewBody {
-            id,
-            kind: BodyKind::Dynamic,
-            shape: ShapeId(0),
+        let ball = BodyProperties {
+            desc: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
             material,
             damping,
-            gravity_scale: 1.0,
-            gyroscopic: true,
-            turns: true,
-            motion: BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap(),
         };
+        let motion = BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap();
         let shape = Shape::Ball { radius: 0.5 };
-        assert_eq!(engine.add_shape(ball.shape, &shape), Ok(()));
-        engine.add(&ball);
+        assert_eq!(engine.add_shape(ball.desc.shape, &shape), Ok(()));
+        engine.add(&ball, motion);
         let mut lost = Vec::new();
         assert_eq!(engine.step(&mut lost), Ok(()));
         assert_eq!(engine.awake_count(), 1);
         engine.contained(|_| panic!("as Rapier might"));
         assert_eq!(engine.fault(), Some(EngineFault::Panicked));
-        engine.add(&ball);
+        engine.add(&ball, motion);
         engine.push(id, Push::Impulse(Vec3::X));
         assert_eq!(engine.step(&mut lost), Err(EngineFault::Panicked));
         assert_eq!(engine.observe_one(id), None);

@@ -5,39 +5,75 @@
 use glam::{DQuat, DVec3, Quat, Vec3};
 use rapier3d::math::Pose as RapierPose;
 use rapier3d::prelude::{
-    GenericJoint, GenericJointBuilder, JointAxesMask, JointAxis, RigidBody, RigidBodyBuilder,
-    RigidBodyType,
+    Collider, LockedAxes as RapierLockedAxes, PhysicsWorld, RigidBody, RigidBodyBuilder,
+    RigidBodyHandle, RigidBodyType,
 };
 use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
-use rhumb_protocol::scene::{BodyKind, Joint, JointFrame, JointKind, SleepConfig};
+use rhumb_protocol::scene::{BodyKind, SleepConfig};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, InvalidMotion, Pose, Twist};
 
-use super::interface::{NewBody, Push};
+use super::interface::{BodyProperties, Push};
 
 /// The body without its solid. A kinematic one's velocities are not Rapier's: see `kinematic_target`.
-pub(super) fn body(new_body: &NewBody) -> RigidBody {
-    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = new_body.motion.parts();
-    let kind = match new_body.kind {
-        BodyKind::Static => RigidBodyType::Fixed,
-        BodyKind::Dynamic => RigidBodyType::Dynamic,
-        BodyKind::Kinematic => RigidBodyType::KinematicPositionBased,
-    };
-    let mut builder = RigidBodyBuilder::new(kind)
+pub(super) fn body(properties: &BodyProperties, motion: &BodyState) -> RigidBody {
+    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
+    let desc = &properties.desc;
+    let mut builder = RigidBodyBuilder::new(body_type(desc.kind))
         .pose(pose(Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w)))
-        .linear_damping(new_body.damping.linear)
-        .angular_damping(new_body.damping.angular)
-        .gravity_scale(new_body.gravity_scale)
-        .gyroscopic_forces_enabled(new_body.gyroscopic)
-        .user_data(tag(new_body.id));
-    if !new_body.turns {
-        builder = builder.lock_rotations();
-    }
-    if new_body.kind == BodyKind::Dynamic {
+        .user_data(tag(desc.id));
+    if desc.kind == BodyKind::Dynamic {
         builder = builder
             .linvel(Vec3::new(vx, vy, vz))
             .angvel(Vec3::new(wx, wy, wz));
     }
-    builder.build()
+    let mut body = builder.build();
+    set_properties(&mut body, properties);
+    body
+}
+
+const fn body_type(kind: BodyKind) -> RigidBodyType {
+    match kind {
+        BodyKind::Static => RigidBodyType::Fixed,
+        BodyKind::Dynamic => RigidBodyType::Dynamic,
+        BodyKind::Kinematic => RigidBodyType::KinematicPositionBased,
+    }
+}
+
+/// Sets every property of a body but those of its solid. A body that the engine does not move stands still.
+pub(super) fn set_properties(body: &mut RigidBody, properties: &BodyProperties) {
+    let desc = &properties.desc;
+    let is_dynamic = desc.kind == BodyKind::Dynamic;
+    body.set_body_type(body_type(desc.kind), true);
+    body.set_linear_damping(properties.damping.linear);
+    body.set_angular_damping(properties.damping.angular);
+    body.set_gravity_scale(desc.gravity_scale, true);
+    body.enable_gyroscopic_forces(desc.gyroscopic);
+    let locked = RapierLockedAxes::from_bits_truncate(desc.locked.bits());
+    body.set_locked_axes(locked, true);
+    body.set_dominance_group(desc.dominance);
+    body.enable_ccd(desc.swept && is_dynamic);
+    if !is_dynamic || !desc.enabled {
+        unpush(body);
+        body.set_linvel(Vec3::ZERO, false);
+        body.set_angvel(Vec3::ZERO, false);
+    }
+    body.set_enabled(desc.enabled);
+}
+
+/// Wakes the bodies that a body touched in the last step.
+pub(super) fn wake_touching(world: &mut PhysicsWorld, body: RigidBodyHandle) {
+    let mut touching = Vec::new();
+    for collider in world.bodies[body].colliders() {
+        for pair in world.contact_pairs_with(*collider) {
+            touching.extend([pair.collider1, pair.collider2]);
+        }
+    }
+    for collider in touching {
+        let parent = world.colliders.get(collider).and_then(Collider::parent);
+        if let Some(body) = parent.and_then(|handle| world.bodies.get_mut(handle)) {
+            body.wake_up(true);
+        }
+    }
 }
 
 /// Lets a body fall asleep by a scene's configuration.
@@ -46,30 +82,6 @@ pub(super) fn let_sleep(body: &mut RigidBody, sleep: SleepConfig) {
     // Rapier compares its threshold with half the speed of the fastest point.
     activation.normalized_linear_threshold = sleep.speed * 0.5;
     activation.time_until_sleep = sleep.seconds;
-}
-
-/// A Rapier joint of two bodies.
-pub(super) fn joint(joint: &Joint) -> GenericJoint {
-    let (locked, free): (_, &[JointAxis]) = match joint.kind {
-        JointKind::Fixed => (JointAxesMask::LOCKED_FIXED_AXES, &[]),
-        JointKind::Spherical(_) => (
-            JointAxesMask::LOCKED_SPHERICAL_AXES,
-            &[JointAxis::AngX, JointAxis::AngY, JointAxis::AngZ],
-        ),
-        JointKind::Revolute(_) => (JointAxesMask::LOCKED_REVOLUTE_AXES, &[JointAxis::AngX]),
-        JointKind::Prismatic(_) => (JointAxesMask::LOCKED_PRISMATIC_AXES, &[JointAxis::LinX]),
-    };
-    let [first, second] = joint
-        .frames
-        .map(|JointFrame { anchor, rotation }| pose(anchor, rotation));
-    let mut builder = GenericJointBuilder::new(locked)
-        .local_frame1(first)
-        .local_frame2(second)
-        .contacts_enabled(joint.collide);
-    for (axis, limits) in free.iter().zip(joint.kind.limits()) {
-        builder = builder.limits(*axis, [limits.least, limits.most]);
-    }
-    builder.build()
 }
 
 /// An id as Rapier's user data.
@@ -161,9 +173,21 @@ pub(super) fn inertia(body: &RigidBody) -> Option<Inertia> {
 /// `dt`: length of a step, seconds. Forces stay until [`unpush`].
 pub(super) fn push(body: &mut RigidBody, push: Push, dt: f32) {
     let properties = body.mass_properties();
-    let lightness = properties.effective_inv_mass.x;
+    // Zero along locked axes.
+    let lightness = properties.effective_inv_mass;
     let turnability = properties.effective_world_inv_inertia;
+    let lever = |point: Vec3| point - body.center_of_mass();
     match push {
+        Push::ForceAt(force, point) => {
+            let torque = lever(point).cross(force);
+            self::push(body, Push::Force(force), dt);
+            self::push(body, Push::Torque(torque), dt);
+        }
+        Push::ImpulseAt(impulse, point) => {
+            let torque_impulse = lever(point).cross(impulse);
+            self::push(body, Push::Impulse(impulse), dt);
+            self::push(body, Push::TorqueImpulse(torque_impulse), dt);
+        }
         Push::Force(force) => {
             let sum = body.user_force() + force;
             let share = share_within(sum * lightness * dt, LINEAR_MAX);

@@ -8,10 +8,13 @@ use std::panic::catch_unwind;
 use glam::{Quat, Vec3};
 use rapier3d::math::Pose as RapierPose;
 use rapier3d::parry::utils::Array2;
-use rapier3d::prelude::{Collider, ColliderBuilder, MassProperties, SharedShape};
-use rhumb_protocol::scene::{Heights, Mesh, Shape};
+use rapier3d::prelude::{
+    ActiveCollisionTypes, Collider, ColliderBuilder, Group, InteractionGroups, InteractionTestMode,
+    MassProperties, PhysicsWorld, RigidBodyHandle, SharedShape,
+};
+use rhumb_protocol::scene::{BodyKind, Heights, Mass, Mesh, Shape};
 
-use super::interface::{NewBody, UnusableShape};
+use super::interface::{BodyProperties, UnusableShape};
 use super::rapier_body::pose;
 
 /// Solid that all bodies of one shape share.
@@ -19,8 +22,6 @@ use super::rapier_body::pose;
 pub(super) struct Solid {
     parts: Vec<(RapierPose, SharedShape)>,
     weighing: Weighing,
-    /// True if any part of it is thin: fast bodies could pass through it between two steps.
-    pub(super) is_sheet: bool,
 }
 
 /// Source of a body's mass and moments.
@@ -55,11 +56,7 @@ pub(super) fn solid(shape: &Shape) -> Result<Solid, UnusableShape> {
         }
         _ => Weighing::Plain,
     };
-    Ok(Solid {
-        parts,
-        weighing,
-        is_sheet: !shape.is_solid(),
-    })
+    Ok(Solid { parts, weighing })
 }
 
 fn add_parts(
@@ -80,6 +77,21 @@ fn add_parts(
             half_height,
             radius,
         } => SharedShape::cylinder(half_height, radius),
+        Shape::RoundedCuboid {
+            half_extents: half,
+            radius,
+        } => SharedShape::round_cuboid(half.x, half.y, half.z, radius),
+        Shape::Cone {
+            half_height,
+            radius,
+        } => {
+            // Rapier's origin is in the middle of the height, a quarter of the height above the centre of mass.
+            let middle = Vec3::new(0.0, half_height * 0.5, 0.0);
+            let cone = SharedShape::cone(half_height, radius);
+            parts.push((at * RapierPose::from_parts(middle, Quat::IDENTITY), cone));
+            return Ok(());
+        }
+        Shape::HalfSpace { normal } => SharedShape::halfspace(normal.normalize()),
         Shape::Hull(ref hull) => {
             // The search for faces may panic on points that contradict each other by rounding.
             let made = catch_unwind(|| SharedShape::convex_hull(hull.points()));
@@ -101,6 +113,13 @@ fn add_parts(
     };
     parts.push((at, part));
     Ok(())
+}
+
+/// The Rapier shape of a shape that queries may have, and its pose where the shape's is this one.
+pub(super) fn simple(shape: &Shape, at: RapierPose) -> Option<(RapierPose, SharedShape)> {
+    let mut parts = Vec::new();
+    add_parts(shape, at, &mut parts).ok()?;
+    parts.pop()
 }
 
 /// Centre of a height field: the origin of Rapier's coordinates.
@@ -154,43 +173,107 @@ fn check(properties: &MassProperties) -> Result<(), UnusableShape> {
 }
 
 /// The colliders of a body with their surface and mass.
-pub(super) fn colliders(new_body: &NewBody, solid: &Solid) -> impl Iterator<Item = Collider> {
-    let material = new_body.material;
+pub(super) fn colliders(
+    properties: &BodyProperties,
+    solid: &Solid,
+) -> impl Iterator<Item = Collider> {
     solid.parts.iter().map(move |(at, part)| {
-        let builder = ColliderBuilder::new(part.clone())
-            .friction(material.friction)
-            .restitution(material.restitution);
-        let builder = match solid.weighing {
-            Weighing::Plain => builder.density(material.density),
-            Weighing::Centred => builder.mass_properties(MassProperties {
-                local_com: Vec3::ZERO,
-                ..part.mass_properties(material.density)
-            }),
-            Weighing::Together(_) | Weighing::Nothing => builder.density(0.0),
-        };
-        if *at == RapierPose::IDENTITY {
+        let builder = ColliderBuilder::new(part.clone());
+        let mut collider = if *at == RapierPose::IDENTITY {
             builder.build()
         } else {
             builder.position(*at).build()
-        }
+        };
+        set_properties(&mut collider, properties, solid);
+        collider
     })
 }
 
+/// Sets the surface and mass of a collider of a solid.
+pub(super) fn set_properties(collider: &mut Collider, properties: &BodyProperties, solid: &Solid) {
+    let (desc, material) = (&properties.desc, properties.material);
+    collider.set_friction(material.friction);
+    collider.set_restitution(material.restitution);
+    collider.set_sensor(desc.sensor);
+    // A sensor finds kinematic bodies too, though it may be static or kinematic itself.
+    collider.set_active_collision_types(if desc.sensor {
+        ActiveCollisionTypes::default()
+            | ActiveCollisionTypes::KINEMATIC_FIXED
+            | ActiveCollisionTypes::KINEMATIC_KINEMATIC
+    } else {
+        ActiveCollisionTypes::default()
+    });
+    collider.set_collision_groups(InteractionGroups::new(
+        Group::from_bits_retain(desc.groups.members),
+        Group::from_bits_retain(desc.groups.touches),
+        InteractionTestMode::And,
+    ));
+    match solid.weighing {
+        _ if own_mass(properties).is_some() => collider.set_density(0.0),
+        Weighing::Plain => collider.set_density(material.density),
+        Weighing::Centred => collider.set_mass_properties(MassProperties {
+            local_com: Vec3::ZERO,
+            ..collider.shape().mass_properties(material.density)
+        }),
+        Weighing::Together(_) | Weighing::Nothing => collider.set_density(0.0),
+    }
+}
+
+/// Sets the surface and mass of a body's colliders, or gives it those of another solid.
+pub(super) fn change(
+    world: &mut PhysicsWorld,
+    body: RigidBodyHandle,
+    now: &BodyProperties,
+    (solid, is_other): (&Solid, bool),
+) {
+    let before = world.bodies[body].colliders().to_vec();
+    for handle in before {
+        if is_other {
+            world.remove_collider(handle);
+        } else if let Some(collider) = world.colliders.get_mut(handle) {
+            set_properties(collider, now, solid);
+        }
+    }
+    if is_other {
+        for collider in colliders(now, solid) {
+            world.insert_collider(collider, Some(body));
+        }
+    }
+}
+
+/// The mass that a dynamic body has in place of its solid's.
+fn own_mass(properties: &BodyProperties) -> Option<Mass> {
+    let is_dynamic = properties.desc.kind == BodyKind::Dynamic;
+    properties.desc.mass.filter(|_| is_dynamic)
+}
+
 /// Mass of a body in addition to its colliders'.
-pub(super) fn mass_beside(new_body: &NewBody, solid: &Solid) -> Option<MassProperties> {
+pub(super) fn mass_beside(properties: &BodyProperties, solid: &Solid) -> Option<MassProperties> {
+    // A body without shape falls too: a kilogram with the moments of a ball of one metre.
+    let nothing = MassProperties::new(Vec3::ZERO, 1.0, Vec3::splat(0.4));
+    let scaled = |unit: MassProperties, factor: f32| {
+        MassProperties::with_principal_inertia_frame(
+            Vec3::ZERO,
+            unit.mass() * factor,
+            unit.principal_inertia() * factor,
+            unit.principal_inertia_local_frame,
+        )
+    };
+    if let Some(Mass { mass, moments }) = own_mass(properties) {
+        if let Some(moments) = moments {
+            return Some(MassProperties::new(Vec3::ZERO, mass, moments));
+        }
+        let unit = match solid.weighing {
+            Weighing::Plain | Weighing::Centred => total(&solid.parts),
+            Weighing::Together(unit) => unit,
+            Weighing::Nothing => nothing,
+        };
+        return Some(scaled(unit, mass / unit.mass()));
+    }
     match solid.weighing {
         Weighing::Plain | Weighing::Centred => None,
-        Weighing::Together(unit) => {
-            let density = new_body.material.density;
-            Some(MassProperties::with_principal_inertia_frame(
-                Vec3::ZERO,
-                unit.mass() * density,
-                unit.principal_inertia() * density,
-                unit.principal_inertia_local_frame,
-            ))
-        }
-        // A body without shape falls too: a kilogram with the moments of a ball of one metre.
-        Weighing::Nothing => Some(MassProperties::new(Vec3::ZERO, 1.0, Vec3::splat(0.4))),
+        Weighing::Together(unit) => Some(scaled(unit, properties.material.density)),
+        Weighing::Nothing => Some(nothing),
     }
 }
 

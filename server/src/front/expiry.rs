@@ -35,3 +35,60 @@ impl Expiry {
         Some(peer)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rhumb_protocol::message::{ClientMessage, Extensions, Token, VERSIONS};
+    use rhumb_protocol::session::CloseCode;
+    use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
+
+    use crate::access::tests::Signed;
+    use crate::front::Front;
+
+    fn hello(token: &str) -> Vec<u8> {
+        let mut extensions = Extensions::NONE;
+        let token: Token = token.parse().unwrap();
+        assert!(extensions.insert(token.extension()));
+        let mut bytes = Vec::new();
+        let hello = ClientMessage::Hello {
+            versions: VERSIONS.to_vec(),
+            scene: "pit".parse().unwrap(),
+            extensions,
+        };
+        hello.encode(&mut bytes);
+        bytes
+    }
+
+    fn closed(front: &mut Front) -> Option<u32> {
+        let transmits = std::iter::from_fn(|| front.poll_transmit());
+        transmits.fold(None, |closed, transmit| match transmit {
+            Transmit::Close { code, .. } => Some(code),
+            _ => closed,
+        })
+    }
+
+    #[test]
+    fn a_connection_ends_with_its_token() {
+        let signed = Signed::new("expiry");
+        let mut front = Front::on_one_thread(|| Instant::ZERO);
+        front.guard(signed.gate());
+        let (peer, mut now) = (Peer(1), Instant::ZERO);
+        front.handle_opened(now, peer);
+        front.handle_control(now, peer, &hello(&signed.token()));
+        assert_eq!(closed(&mut front), None);
+        now = now + Span::from_millis(89_999);
+        front.handle_timeout(now);
+        assert_eq!(closed(&mut front), None);
+        assert_eq!(
+            front.poll_timeout().map(|wake| wake.at),
+            Some(now + Span::from_millis(1))
+        );
+        front.handle_timeout(now + Span::from_millis(1));
+        assert_eq!(closed(&mut front), Some(CloseCode::TOKEN_EXPIRED.0));
+        assert_eq!(
+            front.workers.len(),
+            0,
+            "the scene without clients is let go"
+        );
+    }
+}

@@ -24,9 +24,7 @@ use bytes::Bytes;
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
-use rhumb_protocol::{
-    Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
-};
+use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 
 #[cfg(feature = "app")]
 pub(crate) use self::adapter::{Adapter, AdapterQueue};
@@ -40,6 +38,10 @@ use crate::access::Gate;
 use crate::authority_table::UpstreamStatistics;
 use crate::engine::Workers;
 use crate::hook::Hooks;
+use crate::limits::Limits;
+use crate::load::ServerLoad;
+use crate::metrics::Metrics;
+use crate::pulse::Pulse;
 use crate::scene_slots::SceneSlots;
 use crate::server_loop::ServerLoop;
 
@@ -49,6 +51,8 @@ pub struct Front {
     /// Connections that must say hello by then.
     greeting_until: BTreeSet<(Instant, Peer)>,
     gate: Gate,
+    /// Shows that the front makes progress.
+    pulse: Pulse,
     expiry: Expiry,
     workers: BTreeMap<WorkerId, Worker>,
     by_scope: BTreeMap<Scope, WorkerId>,
@@ -68,7 +72,9 @@ struct WorkerSettings {
     engine_threads: Workers,
     largest_packet: LargestPacket,
     slots: SceneSlots,
-    empty_for: Option<Span>,
+    load: ServerLoad,
+    metrics: Metrics,
+    limits: Limits,
 }
 
 struct Worker {
@@ -99,8 +105,6 @@ enum Connection {
 const UNHANDLED_BYTES_MAX: usize = 128 << 10;
 /// Inputs that a worker may have unhandled before datagrams and link reports to it are dropped.
 const INPUTS_WAITING_MAX: u64 = 8_192;
-/// Time for a connection's first message.
-const GREETING: Span = Span::from_millis(8_000);
 /// The first characters of the names of an adapter's scenes.
 const ADAPTER_SCENES: &str = "app/";
 
@@ -111,6 +115,7 @@ impl Front {
             connections: BTreeMap::new(),
             greeting_until: BTreeSet::new(),
             gate: Gate::Open,
+            pulse: Pulse::default(),
             expiry: Expiry::default(),
             workers: BTreeMap::new(),
             by_scope: BTreeMap::new(),
@@ -125,7 +130,12 @@ impl Front {
                 engine_threads: Workers::default(),
                 largest_packet: LargestPacket::DEFAULT,
                 slots: SceneSlots::default(),
-                empty_for: None,
+                load: ServerLoad::default(),
+                metrics: Metrics::default(),
+                limits: Limits {
+                    empty_scene_seconds: 0,
+                    ..Limits::default()
+                },
             },
         }
     }
@@ -147,6 +157,14 @@ impl Front {
         self.gate = gate;
     }
 
+    /// Has figures of later connections and scenes counted.
+    pub(crate) fn count(&mut self, metrics: Metrics) {
+        let clock = SharedClock::clone(&self.settings.stopwatch);
+        self.pulse = Pulse::new(move || clock());
+        metrics.watch(self.pulse.clone(), self.settings.load.clone());
+        self.settings.metrics = metrics;
+    }
+
     /// Sets the hooks of later scenes.
     pub fn attach(&mut self, hooks: Hooks) {
         self.settings.hooks = Some(hooks);
@@ -162,9 +180,9 @@ impl Front {
         self.settings.largest_packet = largest_packet;
     }
 
-    /// Has later scenes end that have had no member for so long.
-    pub fn expire_empty_scenes(&mut self, after: Span) {
-        self.settings.empty_for = Some(after);
+    /// Sets the limits of later connections and scenes. Without this, they are the defaults, and no scene expires.
+    pub const fn set_limits(&mut self, limits: Limits) {
+        self.settings.limits = limits;
     }
 
     /// Statistics of all bodies of a scene under a member's authority, if its worker runs on this thread.
@@ -188,7 +206,7 @@ impl Front {
                 Ok(*id)
             };
         }
-        if self.watchdog.is_full() {
+        if self.watchdog.parked.len() as u64 >= self.settings.limits.parked_scenes {
             return Err(CloseCode::BUSY);
         }
         let id = WorkerId(self.next_worker);
@@ -329,6 +347,7 @@ impl Front {
         }
         tracing::debug!(peer = peer.0, %code, "closing a connection");
         let code = code.0;
+        self.settings.metrics.count_closed(code);
         self.out.push_back(Transmit::Close { to: peer, code });
     }
 
@@ -388,6 +407,9 @@ impl Front {
             | Transmit::State { to, .. }
             | Transmit::Close { to, .. }) = &transmit;
             if self.bound(*to) == Some(id) {
+                if let Transmit::Close { code, .. } = &transmit {
+                    self.settings.metrics.count_closed(*code);
+                }
                 self.out.push_back(transmit);
             }
         }
@@ -441,23 +463,24 @@ impl WorkerSettings {
         }
         server_loop.employ(self.engine_threads.clone());
         server_loop.set_largest_packet(self.largest_packet);
-        server_loop.share_slots(self.slots.clone());
-        if let Some(empty_for) = self.empty_for {
-            server_loop.expire_empty_scenes(empty_for);
-        }
+        server_loop.share(self.slots.clone(), self.load.clone(), self.metrics.clone());
+        server_loop.set_limits(self.limits);
         server_loop
     }
 }
 
 impl Endpoint for Front {
     fn handle_opened(&mut self, now: Instant, peer: Peer) {
-        let until = now + GREETING;
+        let until = now + self.settings.limits.hello();
         self.greeting_until.insert((until, peer));
         let greeting = Connection::Greeting(Greeting::new(until));
         self.connections.insert(peer, greeting);
+        self.settings.metrics.count_opened();
+        (self.settings.metrics).set_connections(self.connections.len());
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
+        self.pulse.beat();
         match self.connections.get_mut(&from) {
             Some(Connection::Greeting(_)) => self.greet(now, from, bytes),
             Some(Connection::Bound(id, unhandled)) => {
@@ -505,9 +528,11 @@ impl Endpoint for Front {
         if let Some(Connection::Greeting(greeting)) = self.connections.remove(&peer) {
             self.greeting_until.remove(&(greeting.until, peer));
         }
+        (self.settings.metrics).set_connections(self.connections.len());
     }
 
     fn handle_timeout(&mut self, now: Instant) {
+        self.pulse.beat();
         while let Some((until, peer)) = self.greeting_until.first().copied()
             && until <= now
         {
@@ -538,6 +563,8 @@ impl Endpoint for Front {
     }
 
     fn poll_timeout(&self) -> Option<Wake> {
+        // The driver waits next.
+        self.pulse.rest();
         let deadline = |at| Wake {
             at,
             reason: WakeReason::Deadline,

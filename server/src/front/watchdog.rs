@@ -1,8 +1,8 @@
 //! Workers that do not answer: found, and parked.
 //!
 //! A thread cannot be killed. A parked one is left to itself with the lowest priority; its clients are
-//! closed, its scenes are lost, and their names are free again when it ends by itself. Invariant: at most [`PARKED_MAX`]
-//! threads are parked before new scenes are refused.
+//! closed, its scenes are lost, and their names are free again when it ends by itself. Invariant: at most
+//! `parked_scenes` threads are parked before new scenes are refused.
 
 use std::time::Duration;
 
@@ -13,8 +13,6 @@ use super::message::{FromWorker, WorkerId};
 use super::{Front, Place, priority};
 use crate::pulse::Pulse;
 
-/// A worker whose one piece of work, a message or a tick, takes longer is parked.
-const SILENCE_MAX: Span = Span::from_millis(2_000);
 /// Time between two looks at the workers.
 const INTERVAL: Span = Span::from_millis(250);
 /// Time that threads have to end when the front ends.
@@ -33,7 +31,8 @@ impl Front {
             return;
         }
         self.watchdog.next = now + INTERVAL;
-        let is_stuck = |pulse: &Pulse| pulse.busy_for() > SILENCE_MAX;
+        let stuck_for = self.settings.limits.stuck();
+        let is_stuck = |pulse: &Pulse| pulse.busy_for() > stuck_for;
         let stuck = self
             .workers
             .iter()
@@ -57,6 +56,7 @@ impl Front {
         }
         self.watchdog.parked.insert(id, worker.scope.clone());
         let parked = self.watchdog.parked.len();
+        self.settings.metrics.set_parked(parked);
         tracing::error!(scope = ?worker.scope, worker = id.0, parked, "a scene does not answer and is parked");
     }
 
@@ -65,6 +65,7 @@ impl Front {
         if let Some(scope) = self.watchdog.parked.remove(&id) {
             tracing::warn!(?scope, worker = id.0, "a parked thread has ended");
             self.by_scope.remove(&scope);
+            (self.settings.metrics).set_parked(self.watchdog.parked.len());
         }
         if self.workers.contains_key(&id) {
             self.close_connections_of(id, CloseCode::SCENE_PARKED);

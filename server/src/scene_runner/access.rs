@@ -1,16 +1,36 @@
-//! What members may do in a scene.
+//! What members may do in a scene, and what the server admits of it.
+
+use std::collections::BTreeSet;
 
 use rhumb_protocol::Peer;
+use rhumb_protocol::message::{Denial, StreamChoice};
+use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::{Command, CommandError};
+use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
+use crate::access::Permit;
 use crate::access::rights::{self, Refused, Request};
+use crate::load;
+use crate::member::Member;
 
 impl SceneRunner {
     /// Decides whether a member may make a request.
     pub(super) fn check(&self, peer: Peer, request: Request<'_>) -> Result<(), Refused> {
         let member = self.members.get(&peer).ok_or(Refused::NotAllowed)?;
         rights::check(&member.permit, &self.ownership, request)
+    }
+
+    /// Decides whether a client may subscribe to another stream.
+    pub(super) fn check_stream(&self, permit: &Permit, choice: StreamChoice) -> Result<(), Denial> {
+        let members = self.members.values();
+        let members = members.filter(|member| member.permit.client == permit.client);
+        let mut streams: BTreeSet<StreamId> = members.flat_map(Member::streams).collect();
+        let wanted = self.streams.of_choice(choice);
+        streams.extend(wanted);
+        let streams = streams.len() + usize::from(wanted.is_none());
+        let allowed = rights::check(permit, &self.ownership, Request::Subscribe { streams });
+        allowed.map_err(|_| Denial::TooManyStreams)
     }
 
     /// Carries out a command of a member, and notes what now belongs to its client.
@@ -25,5 +45,30 @@ impl SceneRunner {
             self.ownership.note(&member.permit, command);
         }
         Ok(())
+    }
+
+    /// Carries out a command if the server admits the body that it adds.
+    pub(super) fn apply_within_load(&mut self, command: &Command) -> Result<(), CommandError> {
+        if !matches!(command, Command::AddBody { .. }) {
+            return self.scene.apply(command);
+        }
+        if self.scene.body_count() as u64 >= self.provision.limits.bodies_per_scene {
+            return Err(CommandError::TooManyBodies);
+        }
+        if !self.provision.load.add_body() {
+            let retry_seconds = load::RETRY_SECONDS;
+            return Err(CommandError::Overloaded { retry_seconds });
+        }
+        let applied = self.scene.apply(command);
+        if applied.is_err() {
+            self.provision.load.remove_body();
+        }
+        applied
+    }
+
+    /// Forgets to whom a body belonged that has left the scene.
+    pub(super) fn forget_body(&mut self, id: BodyId) {
+        self.ownership.remove_body(id);
+        self.provision.load.remove_body();
     }
 }

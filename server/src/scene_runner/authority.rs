@@ -3,7 +3,7 @@
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::{AuthorityError, AuthorityGrant, ServerMessage, TakeAuthority};
 use rhumb_protocol::packet::Datagram;
-use rhumb_protocol::scene::{BodyKind, Command, CommandError, Stepping};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, CommandError, Stepping};
 use rhumb_protocol::session::UpstreamReceiver;
 use rhumb_reckoning::BodyId;
 
@@ -136,9 +136,11 @@ impl SceneRunner {
     /// Only the member with authority over a body moves it.
     pub(super) fn check_not_under_authority(&self, command: &Command) -> Result<(), CommandError> {
         match *command {
-            Command::SetPose { id, .. } | Command::SetVelocity { id, .. }
-                if self.authority_table.authority_of(id).is_some() =>
-            {
+            Command::SetPose { id, .. }
+            | Command::SetVelocity { id, .. }
+            | Command::ChangeBody {
+                desc: BodyDesc { id, .. },
+            } if self.authority_table.authority_of(id).is_some() => {
                 Err(CommandError::UnderAuthority(id))
             }
             _ => Ok(()),

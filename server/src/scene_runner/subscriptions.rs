@@ -159,6 +159,7 @@ impl SceneRunner {
         if wanted == Some(present) {
             return Ok(Confirmation::Subscribed(present));
         }
+        self.check_stream(&member.permit, choice)?;
         // The stream that the member is leaving counts already.
         let leaving = received
             .into_iter()

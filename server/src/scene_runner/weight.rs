@@ -12,6 +12,7 @@ pub(super) fn weight(message: &Result<ClientMessage, CommandError>) -> usize {
         + match message {
             Ok(ClientMessage::Command(Command::AddShape { shape, .. })) => shape.bytes(),
             Ok(ClientMessage::Upstream(packet)) => packet.len(),
+            Ok(ClientMessage::Query(queries)) => size_of_val(&**queries),
             _ => 0,
         }
 }

@@ -491,6 +491,8 @@ fn joined_ball(kind: JointKind) -> Scene {
             JointFrame::at(Vec3::new(0.0, 1.0, 0.0)),
         ],
         collide: false,
+        motors: [None; 6],
+        strength: None,
     };
     scene
         .apply(&Command::AddJoint { id: JOINT, joint })
@@ -575,6 +577,8 @@ fn a_lost_body_takes_its_joints_along() {
         bodies: [FLOOR, other],
         frames: [JointFrame::at(Vec3::ZERO); 2],
         collide: true,
+        motors: [None; 6],
+        strength: None,
     };
     scene
         .apply(&Command::AddJoint { id: JOINT, joint })

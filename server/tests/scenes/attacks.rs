@@ -15,7 +15,7 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
-use rhumb_server::ServerLoop;
+use rhumb_server::{Limits, ServerLoop};
 
 const ATTACKER: Peer = Peer(1);
 const VICTIM: Peer = Peer(2);
@@ -389,7 +389,7 @@ fn a_scene_of_eighty_thousand_bodies_can_be_joined_over_a_thin_link() {
 #[test]
 fn scenes_without_members_end_and_make_room() {
     let mut links = Links::new();
-    links.server.expire_empty_scenes(Span::from_millis(600_000));
+    links.server.set_limits(Limits::default());
     links.begin(ATTACKER, Stepping::FreeRunning);
     let left = |links: &Links| links.server.scenes().count();
     links.pass(Span::from_millis(700_000));

@@ -11,13 +11,15 @@ use proptest::prelude::*;
 use rhumb_protocol::limits::{DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, CommandError, Contact, Hull, IdRange, Invalid, Joint, JointFrame,
-    JointId, JointKind, JointLimits, Material, PublishSchedule, Quantity, SceneConfig, Shape,
-    ShapeId, Stepping,
+    Answer, BodyDesc, BodyKind, Command, CommandError, Contact, Hull, IdRange, Invalid, Joint,
+    JointFrame, JointId, JointKind, JointLimits, LockedAxes, Material, PublishSchedule, Quantity,
+    Query, SceneConfig, Shape, ShapeId, Stepping,
 };
-use rhumb_protocol::stream::Observation;
+use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tick, Twist};
-use rhumb_server::engine::{Engine, EngineFault, NewBody, Push, UnusableShape};
+use rhumb_server::engine::{
+    BodyProperties, Engine, EngineFault, Push, UnanswerableQuery, UnusableShape,
+};
 use rhumb_server::{Digest, Scene, SceneFault};
 
 fn config() -> SceneConfig {
@@ -177,6 +179,8 @@ fn a_joint_needs_two_living_bodies_and_a_free_id() {
             bodies,
             frames: [JointFrame::at(Vec3::ZERO); 2],
             collide: false,
+            motors: [None; 6],
+            strength: None,
         },
     };
     let id = JointId(7);
@@ -219,7 +223,11 @@ impl Engine for Double {
     fn remove_shape(&mut self, _: ShapeId) {}
     fn add_joint(&mut self, _: JointId, _: &Joint) {}
     fn remove_joint(&mut self, _: JointId) {}
-    fn add(&mut self, _: &NewBody) {}
+    fn add(&mut self, _: &BodyProperties, _: BodyState) {}
+    fn change(&mut self, _: &BodyDesc, _: &BodyProperties) {}
+    fn set_activity(&mut self, _: BodyId, _: Activity) {}
+    fn overloaded_joints(&self, _: &mut Vec<JointId>) {}
+
     fn remove(&mut self, _: BodyId) {}
     fn set_pose(&mut self, _: BodyId, _: Vec3, _: Quat) {}
     fn set_velocity(&mut self, _: BodyId, _: Twist) {}
@@ -245,6 +253,11 @@ impl Engine for Double {
     }
 
     fn contacts(&self, _: BodyId, _: &mut Vec<Contact>) {}
+    fn sensed(&self, _: BodyId, _: &mut Vec<(BodyId, BodyId)>) {}
+
+    fn query(&self, _: &Query) -> Result<Answer, UnanswerableQuery> {
+        Err(UnanswerableQuery)
+    }
 
     fn awake_count(&self) -> usize {
         0
@@ -441,6 +454,8 @@ fn joint() -> impl Strategy<Value = Joint> {
             bodies,
             frames,
             collide,
+            motors: [None; 6],
+            strength: None,
         },
     )
 }
@@ -462,6 +477,17 @@ fn step_or_command() -> impl Strategy<Value = Option<Command>> {
         2 => (shape_id(), shape()).prop_map(|(id, shape)| Some(Command::AddShape { id, shape })),
         1 => shape_id().prop_map(|id| Some(Command::RemoveShape { id })),
         8 => body_command(),
+        4 => (body_command(), 0..64_u8, any::<bool>()).prop_map(|(command, axes, enabled)| {
+            Some(match command? {
+                Command::AddBody { mut desc, .. } => {
+                    desc.locked = LockedAxes::new(axes).unwrap_or_default();
+                    (desc.sensor, desc.enabled) = (axes > 50, enabled);
+                    Command::ChangeBody { desc }
+                }
+                other => other,
+            })
+        }),
+        2 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::ChangeJoint { id, joint })),
         2 => id().prop_map(|id| Some(Command::RemoveBody { id })),
         5 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::AddJoint { id, joint })),
         1 => joint_id().prop_map(|id| Some(Command::RemoveJoint { id })),

@@ -9,7 +9,7 @@ use glam::{Quat, Vec3};
 use proptest::prelude::*;
 use rhumb_protocol::limits::SHAPE_BYTES_PER_SCENE_MAX;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, CommandError, Compound, Heights, Material, Mesh, Part,
+    BodyDesc, BodyKind, Command, CommandError, Compound, Heights, LockedAxes, Material, Mesh, Part,
     PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
 };
 use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate};
@@ -66,7 +66,9 @@ fn drop_on(ground: Shape, falling: Shape, turns: bool, from: Vec3) -> (Vec3, Qua
     )
     .expect(VALID);
     let mut desc = plain(FALLING, BodyKind::Dynamic, ShapeId(1));
-    desc.turns = turns;
+    if !turns {
+        desc.locked = LockedAxes::ROTATIONS;
+    }
     add(&mut scene, desc, from).expect(VALID);
     for _ in 0..120 {
         scene.step().expect(VALID);

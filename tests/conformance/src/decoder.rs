@@ -1,4 +1,4 @@
-//! L0.81 to L4.81: the golden vectors, given to a decoder.
+//! L0.81 to L4.82: the golden vectors, given to a decoder.
 //!
 //! One case covers all vectors of one kind; its decoder process is started once.
 
@@ -8,7 +8,7 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 
 use super::case::Case;
-use super::outcome::{CaseResult, Stop};
+use super::outcome::{CaseResult, Stop, ensure};
 use super::peer::Decoder;
 use super::trial::Trial;
 use crate::vectors::{agrees, golden};
@@ -39,6 +39,8 @@ pub(super) fn cases() -> Vec<Case> {
     ));
     cases.extend(lines_of(&streams["streams"]).into_iter().map(received));
     cases.extend(lines_of(&scripted["streams"]).into_iter().map(received));
+    let upstreams = lines_of(&scripted["upstreams"]);
+    cases.extend(upstreams.into_iter().map(received_upstream));
     cases
 }
 
@@ -110,6 +112,16 @@ fn received(stream: Value) -> Case {
     let cites =
         "PROTOCOL 5.6-15, 6.1-2, 6.2-1, 6.2-2, 6.2-3, 6.6-15, 6.8-2, 6.13-6, 6.13-7, 6.13-11";
     family("L4.81", &name, cites, vec![stream], known)
+}
+
+/// An upstream, as the server received it.
+fn received_upstream(upstream: Value) -> Case {
+    let name = format!(
+        "a decoder of {} moves the bodies as the server does",
+        word(&upstream["name"])
+    );
+    let cites = "PROTOCOL 6.14-1, 6.14-3, 6.14-5, 6.14-6, 6.14-12, 6.14-14, 6.14-19";
+    family("L4.82", &name, cites, vec![upstream], moved)
 }
 
 /// One case that contains all these vectors.
@@ -198,14 +210,7 @@ fn known(decoder: &mut Decoder, line: &Value) -> CaseResult {
             wanted.len()
         ));
     }
-    for (place, (reported, mut wanted)) in reported.into_iter().zip(wanted).enumerate() {
-        // The displayed state of a body with a checksum mismatch is not specified (6.8).
-        if wanted["converged"] != true
-            && reported.get("poses").is_none()
-            && let Some(wanted) = wanted.as_object_mut()
-        {
-            wanted.remove("poses");
-        }
+    for (place, (reported, wanted)) in reported.into_iter().zip(wanted).enumerate() {
         if !agrees(&wanted, &reported) {
             return Stop::fail(format!(
                 "report {place} is {reported}, but {wanted} is expected"
@@ -213,6 +218,28 @@ fn known(decoder: &mut Decoder, line: &Value) -> CaseResult {
         }
     }
     Ok(())
+}
+
+fn moved(decoder: &mut Decoder, line: &Value) -> CaseResult {
+    let events = lines_of(&line["events"]);
+    let (mut asked, mut wanted) = (Vec::new(), Vec::new());
+    for event in events {
+        if event[0] == "step" {
+            asked.push(json!([event[0], event[1]]));
+            wanted.push(event[2].clone());
+        } else {
+            asked.push(event);
+        }
+    }
+    let answer = decoder.ask(&json!({"upstream": asked}))?;
+    ensure(
+        answer["known"] == json!(wanted),
+        format!(
+            "its steps are {}, but {} are expected",
+            answer["known"],
+            json!(wanted)
+        ),
+    )
 }
 
 fn must(right: bool, line: &Value, answer: &Value) -> CaseResult {

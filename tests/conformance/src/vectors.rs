@@ -3,7 +3,9 @@
 mod golden;
 mod replay;
 mod sender;
+mod upstream;
 
 pub use golden::golden;
 pub use replay::{agrees, deliver, greeted, known, replayed};
 pub use sender::{Decoded, Sender, error_json, framed_bytes};
+pub use upstream::upstream_states;

@@ -3,8 +3,9 @@
 use glam::Vec3;
 use rhumb_protocol::limits::{ANGULAR_MAX, COORDINATE_MAX, FORCE_MAX, GRAVITY_MAX, LINEAR_MAX};
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, Compound, Heights, Hull, Joint, JointFrame, JointId, JointKind,
-    JointLimits, Material, Mesh, Part, Shape, ShapeId,
+    BodyDesc, BodyKind, CollisionGroups, Command, Compound, Heights, Hull, Joint, JointFrame,
+    JointId, JointKind, JointLimits, JointStrength, LockedAxes, Mass, Material, Mesh, Motor, Part,
+    Shape, ShapeId, Spring,
 };
 use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
 
@@ -13,6 +14,17 @@ use super::script::Script;
 /// Ids of shapes and joints are below this.
 const THINGS: usize = 5;
 
+/// The random commands of a script about these bodies, as many as its data have.
+#[must_use]
+pub fn random_commands(data: &[u8], bodies: &[BodyId]) -> Vec<Command> {
+    let mut script = Script::new(data);
+    let mut commands = Vec::new();
+    while script.goes_on() {
+        commands.push(command(&mut script, bodies));
+    }
+    commands
+}
+
 /// A random command about one of these bodies.
 pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
     let id = if bodies.is_empty() {
@@ -20,7 +32,7 @@ pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
     } else {
         script.one_of(bodies)
     };
-    match script.below(16) {
+    match script.below(25) {
         0 | 1 => Command::AddShape {
             id: shape_id(script),
             shape: shape(script),
@@ -66,9 +78,39 @@ pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
             id: joint_id(script),
             joint: joint(script, id, bodies),
         },
-        _ => Command::RemoveJoint {
+        15 => Command::RemoveJoint {
             id: joint_id(script),
         },
+        16..20 => Command::ChangeBody {
+            desc: config(script, id),
+        },
+        20 => Command::ChangeJoint {
+            id: joint_id(script),
+            joint: joint(script, id, bodies),
+        },
+        21 => Command::ForceAt {
+            id,
+            force: strength(script),
+            point: place(script, COORDINATE_MAX),
+        },
+        22 => Command::ImpulseAt {
+            id,
+            impulse: strength(script),
+            point: place(script, COORDINATE_MAX),
+        },
+        23 => Command::Sleep { id },
+        _ => Command::Wake { id },
+    }
+}
+
+fn mass(script: &mut Script<'_>) -> Mass {
+    let mass = script.one_of(&[1e-3, 0.5, 10.0, 1e6]);
+    let moment = |script: &mut Script<'_>| mass * script.one_of(&[1e-6, 0.1, 0.4, 1e8]);
+    Mass {
+        mass,
+        moments: script
+            .any::<bool>()
+            .then(|| Vec3::new(moment(script), moment(script), moment(script))),
     }
 }
 
@@ -131,7 +173,16 @@ fn config(script: &mut Script<'_>, id: BodyId) -> BodyDesc {
         gyroscopic: script.any(),
         tolerance_scale: ToleranceScale::new(script.below(7) as i8 - 3)
             .expect("one of seven tolerance scales"),
-        turns: script.any(),
+        locked: LockedAxes::new(script.below(64) as u8).unwrap_or_default(),
+        mass: script.any::<bool>().then(|| mass(script)),
+        groups: CollisionGroups {
+            members: script.any(),
+            touches: script.any(),
+        },
+        dominance: script.any(),
+        sensor: script.below(4) == 0,
+        swept: script.any(),
+        enabled: script.below(4) > 0,
         ..plain
     }
 }
@@ -169,7 +220,7 @@ fn ball(script: &mut Script<'_>) -> Shape {
 }
 
 fn simple(script: &mut Script<'_>) -> Shape {
-    match script.below(8) {
+    match script.below(11) {
         0 | 1 => ball(script),
         2 => Shape::Cuboid {
             half_extents: Vec3::new(length(script), length(script), length(script)),
@@ -181,6 +232,17 @@ fn simple(script: &mut Script<'_>) -> Shape {
         4 => Shape::Cylinder {
             half_height: length(script),
             radius: length(script),
+        },
+        8 => Shape::RoundedCuboid {
+            half_extents: Vec3::new(length(script), length(script), length(script)),
+            radius: length(script),
+        },
+        9 => Shape::Cone {
+            half_height: length(script),
+            radius: length(script),
+        },
+        10 => Shape::HalfSpace {
+            normal: script.rotation() * Vec3::Y,
         },
         5 => {
             let points = points(script, 4, 12);
@@ -236,18 +298,47 @@ fn joint(script: &mut Script<'_>, first: BodyId, bodies: &[BodyId]) -> Joint {
         }
     };
     let limited = script.any::<bool>();
-    let kind = match script.below(4) {
+    let kind = match script.below(7) {
         0 => JointKind::Fixed,
         1 => {
             JointKind::Spherical(limited.then(|| [limits(script), limits(script), limits(script)]))
         }
         2 => JointKind::Revolute(limited.then(|| limits(script))),
-        _ => JointKind::Prismatic(limited.then(|| limits(script))),
+        3 => JointKind::Prismatic(limited.then(|| limits(script))),
+        4 => JointKind::Rope(length(script)),
+        5 => JointKind::Spring(Spring {
+            length: length(script),
+            stiffness: script.one_of(&[0.0, 10.0, 1e6]),
+            damping: script.one_of(&[0.0, 10.0, 1e6]),
+        }),
+        _ => {
+            let locked = LockedAxes::new(script.below(64) as u8).unwrap_or_default();
+            let mut all = [None; 6];
+            for (axis, of_axis) in all.iter_mut().enumerate() {
+                if !locked.locks(axis) && script.any() {
+                    *of_axis = Some(limits(script));
+                }
+            }
+            JointKind::Generic(locked, all)
+        }
     };
-    Joint {
-        kind,
-        bodies: [first, second],
-        frames: [frame(script), frame(script)],
-        collide: script.any(),
+    let mut joint = Joint::plain(kind, [first, second], [frame(script), frame(script)]);
+    joint.collide = script.any();
+    joint.strength = script.any::<bool>().then(|| JointStrength {
+        force: script.one_of(&[0.0, 100.0, FORCE_MAX]),
+        torque: script.one_of(&[0.0, 100.0, FORCE_MAX]),
+    });
+    let bare = matches!(kind, JointKind::Rope(_) | JointKind::Spring(_));
+    for (axis, motor) in joint.motors.iter_mut().enumerate() {
+        if !bare && !kind.locked().locks(axis) && script.any() {
+            *motor = Some(Motor {
+                position: script.number(1.0),
+                velocity: script.number(100.0),
+                stiffness: script.one_of(&[0.0, 10.0, 1e6]),
+                damping: script.one_of(&[0.0, 10.0, 1e6]),
+                force: script.one_of(&[0.0, 10.0, FORCE_MAX]),
+            });
+        }
     }
+    joint
 }

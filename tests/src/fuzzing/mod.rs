@@ -25,6 +25,7 @@ mod upstream;
 
 pub use app::{app_messages, app_scene};
 pub use client_session::client_session;
+pub use commands::random_commands;
 pub use control_messages::{client_messages, server_messages};
 pub use control_script::control_script;
 pub use link::link;

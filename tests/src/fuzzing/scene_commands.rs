@@ -5,8 +5,10 @@
 
 use std::num::NonZeroU32;
 
+use rhumb_protocol::message::QueryError;
 use rhumb_protocol::scene::{
-    Command, Material, PublishSchedule, SceneConfig, SleepConfig, Stepping,
+    ActiveEvents, Answer, Command, Material, PublishSchedule, Query, QueryFilter, SceneConfig,
+    Shape, SleepConfig, Stepping,
 };
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
@@ -65,7 +67,14 @@ fn played(script: &mut Script<'_>) -> u64 {
             step(&mut scene);
             continue;
         }
-        let command = command(script, &bodies);
+        if script.below(8) == 0 {
+            ask(&scene, script, &bodies);
+            continue;
+        }
+        let command = match script.below(8) {
+            0 => events(script, &bodies),
+            _ => command(script, &bodies),
+        };
         assert_read_as_written(&command);
         let before = state(&scene);
         if let Err(error) = scene.apply(&command) {
@@ -86,6 +95,60 @@ fn step(scene: &mut Scene) {
     for id in ids.collect::<Vec<_>>() {
         let observation = scene.observation(id).expect("an existing body has a state");
         assert_is_motion(&observation.motion.motion());
+    }
+}
+
+/// A command about the events of one of these bodies.
+fn events(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
+    Command::SetEvents {
+        id: script.one_of(bodies),
+        events: ActiveEvents {
+            contacts: script.any(),
+            force: script.any::<bool>().then(|| script.number(1e4)),
+            sensors: script.any(),
+            sleep: script.any(),
+        },
+    }
+}
+
+/// Asks about a random place. The answer is none only if the query is invalid, and else finds living bodies.
+fn ask(scene: &Scene, script: &mut Script<'_>, bodies: &[BodyId]) {
+    let (at, rotation, way) = (script.vector(10.0), script.rotation(), script.vector(20.0));
+    let size = script.sane(2.0).abs() + 0.01;
+    let shape = script.one_of(&[
+        Shape::ball(size),
+        Shape::cuboid(size, 0.5, 1.0),
+        Shape::capsule(size, 0.3),
+        Shape::cylinder(size, 0.3),
+    ]);
+    let query = match script.below(4) {
+        0 => Query::ray(at, way),
+        1 => Query::shape_cast(shape, at, rotation, way),
+        2 => Query::projection(at, way.x),
+        _ => Query::overlap(shape, at, rotation),
+    };
+    let filter = QueryFilter {
+        except: script.any::<bool>().then(|| script.one_of(bodies)),
+        with_static: script.any(),
+        ..QueryFilter::DEFAULT
+    };
+    let query = query.among(filter).finding(4);
+    let answers = scene.query(std::slice::from_ref(&query));
+    match query.check() {
+        Ok(()) => assert_are_living(scene, &answers.expect("an engine can answer")),
+        Err(invalid) => assert_eq!(answers, Err(QueryError::Invalid(invalid))),
+    }
+}
+
+fn assert_are_living(scene: &Scene, answers: &[Answer]) {
+    for answer in answers {
+        let found: Vec<_> = match answer {
+            Answer::Hits(hits) => hits.iter().map(|hit| hit.body).collect(),
+            Answer::Bodies(bodies) => bodies.clone(),
+        };
+        for id in found {
+            assert!(scene.body(id).is_some(), "{id} is gone");
+        }
     }
 }
 

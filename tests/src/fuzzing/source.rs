@@ -12,7 +12,7 @@ use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Budget, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
-    StreamStart, StreamTerms, Subscriber,
+    StreamConfig, StreamStart, Subscriber,
 };
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Damping, Inertia, Integrator, Metres, Predictor, Rate, Tick,
@@ -126,7 +126,7 @@ impl Source {
     /// A publisher without bodies.
     pub(super) fn new(tolerance: Tolerance, budget: Option<Budget>) -> Self {
         let gravity = Vec3::new(0.0, -9.8, 0.0);
-        let config = StreamTerms {
+        let config = StreamConfig {
             publish_interval: PublishSchedule::EACH_TICK.publish_interval,
             tolerance,
             integrator: integrator(),

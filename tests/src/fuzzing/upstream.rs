@@ -14,7 +14,7 @@ use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::session::UpstreamReceiver;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
-    Redundancy, StreamTerms,
+    Redundancy, StreamConfig,
 };
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{
@@ -113,7 +113,7 @@ impl FuzzedUpstream {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::MIN,
         };
-        let config = StreamTerms {
+        let config = StreamConfig {
             publish_interval: PublishSchedule::EACH_TICK.publish_interval,
             tolerance,
             integrator,

@@ -3,7 +3,7 @@
 use super::message_case::MessageCase;
 use super::pieces::{
     CaseList, TURNED, bad_shapes, body, choices, config, config_of, extensions, f, id, joints,
-    motion, shapes, v,
+    motion, properties, shapes, v,
 };
 
 pub(super) fn cases() -> Vec<MessageCase> {
@@ -35,7 +35,8 @@ pub(super) fn cases() -> Vec<MessageCase> {
     cases.add(15, "Upstream, the longest", &[&[1; 1_150]]);
     cases.add(15, "Upstream, too long", &[&[1; 1_151]]);
     commands(&mut cases);
-    for kind in [17, 0x7f] {
+    queries(&mut cases);
+    for kind in [18, 0x7f] {
         cases.add(
             kind,
             format!("a critical type {kind} that is unknown"),
@@ -126,6 +127,45 @@ fn moves(cases: &mut CaseList) {
     cases.add(3, "Join, a budget in a budget", &[&[3], &budget, &twice]);
 }
 
+/// Queries of each kind, filters, and the limit of the cost.
+fn queries(cases: &mut CaseList) {
+    let one = |kind: Vec<u8>, filter: &[u8], hits: u8| [&[1], &kind[..], filter, &[hits]].concat();
+    let ray = || [vec![0], f(&[1.0, 2.0, 3.0, 0.0, -20.0, 0.0])].concat();
+    cases.add(17, "Query, a ray", &[&one(ray(), &[0], 1)]);
+    cases.add(17, "Query, no hits", &[&one(ray(), &[0], 0)]);
+    cases.add(17, "Query, the most hits", &[&one(ray(), &[0], 64)]);
+    let except = [&[16][..], &id(300, 2)].concat();
+    let groups = [32, 5, 0, 0, 0x80];
+    let all = [32, 0xff, 0xff, 0xff, 0xff];
+    for (word, filter) in [
+        ("kinds and sensors", &[15][..]),
+        ("an excepted body", &except),
+        ("groups", &groups),
+        ("all groups", &all),
+        ("an unknown flag", &[64]),
+    ] {
+        let name = format!("Query, a ray with {word}");
+        cases.add(17, name, &[&one(ray(), filter, 2)]);
+    }
+    for (word, shape) in shapes() {
+        let at = [shape, f(&[1.0, 2.0, 3.0]), f(&TURNED)].concat();
+        let cast = [&[1], &at[..], &f(&[5.0, 0.0, 0.0])].concat();
+        cases.add(17, format!("Query, cast of {word}"), &[&one(cast, &[0], 1)]);
+        let overlap = [&[3], &at[..]].concat();
+        let name = format!("Query, overlap of {word}");
+        cases.add(17, name, &[&one(overlap, &[0], 64)]);
+    }
+    let projection = [vec![2], f(&[1.0, 2.0, 3.0, 0.5])].concat();
+    cases.add(17, "Query, a projection", &[&one(projection, &[0], 1)]);
+    cases.add(17, "Query, nothing", &[&[0]]);
+    cases.add(17, "Query, no such kind", &[&one(vec![4], &[0], 1)]);
+    for (word, count) in [("the greatest cost", 64), ("one more", 65)] {
+        let rays = [ray(), vec![0, 64]].concat().repeat(count);
+        let name = format!("Query, {word}");
+        cases.add(17, name, &[&v(count as u64), &rays]);
+    }
+}
+
 fn hellos(cases: &mut CaseList) {
     let offer = |versions: &[u16]| {
         let mut bytes = [b"RHMB".to_vec(), v(versions.len() as u64)].concat();
@@ -204,6 +244,27 @@ fn commands(cases: &mut CaseList) {
     pushes(cases);
 }
 
+/// Commands that change existing bodies and joints.
+fn changes(cases: &mut CaseList) {
+    for (word, properties) in properties() {
+        cases.add(7, format!("ChangeBody, {word}"), &[&[13], &properties]);
+    }
+    let (_, joint) = &joints()[0];
+    cases.add(7, "ChangeJoint", &[&[14], &v(7), joint]);
+    let nothing = [v(0x80), joint[1..].to_vec(), vec![0]].concat();
+    cases.add(
+        7,
+        "ChangeJoint, no motors though they follow",
+        &[&[14], &v(7), &nothing],
+    );
+    for (code, name) in [(15, "ForceAt"), (16, "ImpulseAt")] {
+        let vectors = f(&[0.0, 2.5, 0.0, 1.0, -1.0, 0.5]);
+        cases.add(7, name, &[&[code], &id(300, 2), &vectors]);
+    }
+    cases.add(7, "Sleep", &[&[17], &id(300, 2)]);
+    cases.add(7, "Wake", &[&[18], &id(300, 2)]);
+}
+
 /// Commands that move or constrain existing bodies.
 fn pushes(cases: &mut CaseList) {
     cases.add(7, "RemoveBody", &[&[3], &id(300, 2)]);
@@ -235,10 +296,16 @@ fn pushes(cases: &mut CaseList) {
     for (word, joint) in joints() {
         cases.add(7, format!("AddJoint, {word}"), &[&[11], &v(7), &joint]);
     }
-    let fixed = [&[8][..], &joints()[0].1[1..], &f(&[0.0, 1.0])].concat();
+    let fixed = [&[16][..], &joints()[0].1[1..], &f(&[0.0, 1.0])].concat();
     cases.add(7, "AddJoint, fixed with limits", &[&[11], &v(7), &fixed]);
     cases.add(7, "RemoveJoint", &[&[12], &v(7)]);
-    for code in [13, 0x7f] {
+    for flags in [0, 1, 2, 12, 15, 16] {
+        let force = if flags & 2 == 0 { vec![] } else { f(&[12.5]) };
+        let name = format!("SetEvents, flags {flags}");
+        cases.add(7, name, &[&[19], &id(300, 2), &[flags], &force]);
+    }
+    changes(cases);
+    for code in [20, 0x7f] {
         cases.add(
             7,
             format!("a critical command {code} that is unknown"),

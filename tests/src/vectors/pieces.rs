@@ -41,8 +41,8 @@ pub(super) fn motion(present: u8) -> Vec<u8> {
 }
 
 /// The description of a body with the parts that `flags` selects.
-pub(super) fn body(index: u64, flags: u8) -> Vec<u8> {
-    let mut bytes = [id(index, 2), vec![flags], v(1)].concat();
+pub(super) fn body(index: u64, flags: u64) -> Vec<u8> {
+    let mut bytes = [id(index, 2), v(flags), v(1)].concat();
     if flags & 4 != 0 {
         bytes.extend(f(&[0.5, 0.25, 500.0]));
     }
@@ -55,7 +55,52 @@ pub(super) fn body(index: u64, flags: u8) -> Vec<u8> {
     if flags & 64 != 0 {
         bytes.push(2);
     }
+    if flags & 128 != 0 {
+        bytes.push(0b10_0100);
+    }
+    if flags & 256 != 0 {
+        bytes.extend([f(&[80.0]), vec![0]].concat());
+    }
+    if flags & 512 != 0 {
+        bytes.extend([v(1), v(0xffff_fffe)].concat());
+    }
+    if flags & 1_024 != 0 {
+        bytes.push(0xff);
+    }
     bytes
+}
+
+/// Descriptions of a dynamic body with the rarer properties, some of them malformed or outside the limits.
+pub(super) fn properties() -> Vec<(&'static str, Vec<u8>)> {
+    let plain = |flags: u64| [id(300, 2), v(flags), v(1)].concat();
+    let moments = |parts: [f32; 3]| [plain(257), f(&[80.0]), vec![1], f(&parts)].concat();
+    vec![
+        ("plain", body(300, 1)),
+        ("locked axes", body(300, 129)),
+        ("mass", body(300, 257)),
+        ("collision groups", body(300, 513)),
+        ("dominance", body(300, 1_025)),
+        ("sensor, swept, disabled", body(300, 0x3801)),
+        ("everything", body(300, 0x3ffd)),
+        ("a flag without meaning", plain(0x4001)),
+        ("locked axes, none", [plain(129), vec![0]].concat()),
+        ("a seventh locked axis", [plain(129), vec![64]].concat()),
+        ("moments of inertia", moments([2.0, 2.5, 3.0])),
+        ("moments below the least", moments([2.0, 2.5, 1e-5])),
+        (
+            "mass above the most",
+            [plain(257), f(&[2e6]), vec![0]].concat(),
+        ),
+        (
+            "mass with moments of another kind",
+            [plain(257), f(&[1.0]), vec![2]].concat(),
+        ),
+        (
+            "collision groups, all",
+            [plain(513), v(0xffff_ffff), v(0xffff_ffff)].concat(),
+        ),
+        ("dominance of zero", [plain(1_025), vec![0]].concat()),
+    ]
 }
 
 /// A scene's configuration; a free-running scene publishes every third tick, with lookahead.
@@ -77,7 +122,7 @@ pub(super) fn config_of(stepping: u8, sleep: bool, publish_schedule: [u64; 2]) -
 }
 
 /// Each shape with its name.
-pub(super) fn shapes() -> [(&'static str, Vec<u8>); 9] {
+pub(super) fn shapes() -> [(&'static str, Vec<u8>); 12] {
     let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
     [
         ("ball", [vec![0], f(&[0.5])].concat()),
@@ -96,6 +141,12 @@ pub(super) fn shapes() -> [(&'static str, Vec<u8>); 9] {
             ]),
         ),
         ("compound of nothing", compound(&[])),
+        (
+            "rounded cuboid",
+            [vec![8], f(&[0.5, 1.0, 2.0, 0.25])].concat(),
+        ),
+        ("cone", [vec![9], f(&[0.5, 0.25])].concat()),
+        ("half-space", [vec![10], f(&[0.0, 1.0, 0.0])].concat()),
     ]
 }
 
@@ -149,6 +200,10 @@ pub(super) fn bad_shapes() -> Vec<(&'static str, Vec<u8>)> {
         ("compound of the most", compound(&vec![ball.clone(); 64])),
         ("compound of one more", compound(&vec![ball; 65])),
         ("compound with a part of no rotation", unturned),
+        (
+            "half-space without direction",
+            [vec![10], f(&[0.0; 3])].concat(),
+        ),
     ]
 }
 
@@ -156,21 +211,43 @@ pub(super) fn bad_shapes() -> Vec<(&'static str, Vec<u8>)> {
 pub(super) fn joints() -> Vec<(String, Vec<u8>)> {
     let limits = [-0.5, 0.75, -1.0, 1.0, 0.0, 0.0];
     let mut joints = Vec::new();
-    for flags in [0, 1, 2, 3, 4, 9, 10, 11, 16, 32, 48, 61] {
-        let mut bytes = vec![flags];
-        for (place, bit) in [(0, 16), (1, 32)] {
+    // Kind, 8 the bodies collide, 16 limits, 32 and 64 rotations, 128 motors, 256 strength.
+    for flags in [
+        0, 1, 2, 3, 8, 17, 18, 19, 32, 64, 96, 121, 4, 5, 6, 130, 256, 390, 494,
+    ] {
+        let mut bytes = v(flags);
+        for (place, bit) in [(0, 32), (1, 64)] {
             bytes.extend([id(place + 3, 0), f(&[0.0, 0.5, -1.0])].concat());
             if flags & bit != 0 {
                 bytes.extend(f(&TURNED));
             }
         }
-        let pairs = match (flags & 8, flags & 3) {
-            (0, _) => 0,
-            (_, 1) => 3,
-            _ => 1,
-        };
-        bytes.extend(f(&limits[..2 * pairs]));
-        let kind = ["fixed", "spherical", "revolute", "prismatic"][usize::from(flags & 3)];
+        bytes.extend(match (flags & 7, flags & 16) {
+            (1, 16) => f(&limits),
+            (2 | 3, 16) => f(&limits[..2]),
+            (4, _) => f(&[2.5]),
+            (5, _) => f(&[1.0, 400.0, 20.0]),
+            // Locks translations along x and y; limits along z and about x.
+            (6, _) => [vec![0b11, 0b1100], f(&limits[..4])].concat(),
+            _ => Vec::new(),
+        });
+        if flags & 128 != 0 {
+            let motor = f(&[0.25, -1.0, 100.0, 10.0, 50.0]);
+            bytes.extend([vec![0b1000], motor].concat());
+        }
+        if flags & 256 != 0 {
+            bytes.extend(f(&[500.0, 25.0]));
+        }
+        let kinds = [
+            "fixed",
+            "spherical",
+            "revolute",
+            "prismatic",
+            "rope",
+            "spring",
+            "generic",
+        ];
+        let kind = kinds[(flags & 7) as usize];
         joints.push((format!("{kind}, flags {flags}"), bytes));
     }
     joints

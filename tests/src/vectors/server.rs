@@ -84,7 +84,9 @@ fn others(cases: &mut CaseList) {
             cases.add(16, name, &[&choice, &[cause]]);
         }
     }
-    for kind in [17, 0x7f] {
+    query_results(cases);
+    tick_events(cases);
+    for kind in [19, 0x7f] {
         cases.add(
             kind,
             format!("a critical type {kind} that is unknown"),
@@ -97,6 +99,80 @@ fn others(cases: &mut CaseList) {
             format!("an optional type {kind} that is unknown"),
             &[&[1, 2, 3]],
         );
+    }
+}
+
+fn query_results(cases: &mut CaseList) {
+    let head = [v(4), v(300)].concat();
+    let hit = |number: f32| [id(300, 2), f(&[number, 1.0, 2.0, 3.0, 0.0, 1.0, 0.0])].concat();
+    let hits = [vec![0, 2], hit(0.0), hit(1.5)].concat();
+    let (no_hits, bodies) = ([0, 0], [vec![1, 2], id(3, 0), id(300, 2)].concat());
+    let all = [&[0, 3], &hits[..], &no_hits, &bodies].concat();
+    cases.add(17, "QueryResult", &[&head, &all]);
+    for (word, answer) in [
+        (
+            "a distance that is none",
+            [vec![0, 1], hit(f32::NAN)].concat(),
+        ),
+        ("falling bodies", [vec![1, 2], id(3, 1), id(3, 0)].concat()),
+        ("too many bodies", vec![1, 65]),
+        ("no such answer", vec![2, 0]),
+    ] {
+        cases.add(
+            17,
+            format!("QueryResult, {word}"),
+            &[&head, &[0, 1], &answer],
+        );
+    }
+    for code in [1, 2] {
+        let name = format!("QueryResult, outcome {code}");
+        cases.add(17, name, &[&head, &[code, 0]]);
+    }
+    for code in [3, 4, 5, 6, 0x7f, 0x80, 0xff] {
+        let name = format!("QueryResult, outcome {code}");
+        cases.add(17, name, &[&head, &[code]]);
+    }
+}
+
+fn tick_events(cases: &mut CaseList) {
+    let pair = [id(3, 0), id(300, 2)].concat();
+    let contact = [
+        &pair[..],
+        &f(&[1.0, 2.0, 3.0, 0.0, 1.0, 0.0, -0.01, 9_806.5]),
+    ]
+    .concat();
+    let events: Vec<Vec<u8>> = (0..7)
+        .map(|code| match code {
+            0 | 2 => [&[code], &contact[..]].concat(),
+            5 | 6 => [&[code], &id(3, 0)[..]].concat(),
+            _ => [&[code], &pair[..]].concat(),
+        })
+        .collect();
+    cases.add(
+        18,
+        "TickEvents, one of each",
+        &[&v(300), &v(0), &[7], &events.concat()],
+    );
+    cases.add(
+        18,
+        "TickEvents, only missed ones",
+        &[&v(300), &v(70_000), &[0]],
+    );
+    cases.add(
+        18,
+        "TickEvents, no such event",
+        &[&v(300), &v(0), &[1], &[7], &pair],
+    );
+    let infinite = [&pair[..], &f(&[f32::INFINITY; 8])].concat();
+    cases.add(
+        18,
+        "TickEvents, an infinite contact",
+        &[&v(300), &v(0), &[1, 0], &infinite],
+    );
+    for (word, count) in [("the most", 1_024), ("one too many", 1_025)] {
+        let bytes = events[6].repeat(count);
+        let name = format!("TickEvents, {word}");
+        cases.add(18, name, &[&v(300), &v(0), &v(count as u64), &bytes]);
     }
 }
 
@@ -186,6 +262,7 @@ fn errors(cases: &mut CaseList) {
     for code in [8, 9, 11, 18, 19, 20, 32, 33, 0x7f, 0x80, 0xff] {
         cases.add(10, format!("Refused, {code}"), &[&v(4), &[code]]);
     }
+    cases.add(10, "Refused, 34 for 5 seconds", &[&v(4), &[34, 5]]);
 }
 
 /// A track encoded as a bit string.

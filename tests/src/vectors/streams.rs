@@ -9,7 +9,8 @@ use rhumb_conformance::vectors::{deliver, greeted, known};
 use rhumb_protocol::Span;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, Compound, Heights, Part, PublishSchedule, Shape, ShapeId, Stepping,
+    BodyDesc, BodyKind, Command, Compound, Heights, LockedAxes, Part, PublishSchedule, Shape,
+    ShapeId, Stepping,
 };
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{BodyId, BodyState, Metres, Radians, Tick, Ticks, Tolerance, ToleranceScale};
@@ -271,7 +272,9 @@ fn new_bodies() -> Vec<Command> {
         let id = ShapeId(8_000 + place as u32);
         commands.push(Command::AddShape { id, shape });
         let mut desc = BodyDesc::plain(BodyId::new(4_000 + place as u32, 0), kind, id);
-        desc.turns = kind == BodyKind::Static;
+        if kind != BodyKind::Static {
+            desc.locked = LockedAxes::ROTATIONS;
+        }
         let motion = BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
         let motion = motion.expect("a finite state");
         commands.push(Command::AddBody { desc, motion });

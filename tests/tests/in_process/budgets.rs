@@ -13,7 +13,7 @@ use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
     Activity, Budget, ErrorBound, Features, Observation, ObservationHistory, PredictionParameters,
-    Publisher, StreamTerms,
+    Publisher, StreamConfig,
 };
 use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance, Track};
 use rhumb_sims::by_name;
@@ -160,7 +160,7 @@ struct CappedStream {
 
 impl CappedStream {
     fn new(budget: Budget) -> Self {
-        let config = StreamTerms {
+        let config = StreamConfig {
             tolerance: Tolerance::NORMAL,
             integrator: Integrator {
                 rate: Rate::HZ_60,

@@ -321,6 +321,8 @@ fn fields_of_joints(ball: BodyId) -> Vec<Field> {
             bodies: [BodyId::new(0, 0), ball],
             frames: [JointFrame::at(Vec3::ZERO), JointFrame::at(anchor)],
             collide: true,
+            motors: [None; 6],
+            strength: None,
         },
     };
     let limits = |least, most| JointLimits { least, most };

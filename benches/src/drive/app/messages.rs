@@ -42,6 +42,10 @@ pub enum Unsupported {
     Impulse,
     /// A joint.
     Joint,
+    /// Events of bodies.
+    Events,
+    /// Another description of a body, or one put to sleep or woken.
+    Change,
 }
 
 impl fmt::Display for Unsupported {
@@ -53,7 +57,9 @@ impl fmt::Display for Unsupported {
             Self::Shape => "a shape that is neither ball nor cuboid nor hull",
             Self::Turning => "gyroscopic or locked rotation",
             Self::Impulse => "an impulse",
+            Self::Change => "changes of bodies",
             Self::Joint => "a joint",
+            Self::Events => "events of bodies",
         })
     }
 }
@@ -155,11 +161,18 @@ impl MessageWriter {
                 out.push(Message::ApplyTorque(ApplyTorque { actor, torque }));
             }
             Command::SetGravity { gravity } => out.push(Self::world(gravity)),
-            Command::Impulse { .. } | Command::TorqueImpulse { .. } => {
-                return Err(Unsupported::Impulse);
-            }
-            Command::AddJoint { .. } | Command::RemoveJoint { .. } => {
+            Command::Impulse { .. }
+            | Command::TorqueImpulse { .. }
+            | Command::ForceAt { .. }
+            | Command::ImpulseAt { .. } => return Err(Unsupported::Impulse),
+            Command::AddJoint { .. }
+            | Command::ChangeJoint { .. }
+            | Command::RemoveJoint { .. } => {
                 return Err(Unsupported::Joint);
+            }
+            Command::SetEvents { .. } => return Err(Unsupported::Events),
+            Command::ChangeBody { .. } | Command::Sleep { .. } | Command::Wake { .. } => {
+                return Err(Unsupported::Change);
             }
         }
         Ok(())
@@ -174,7 +187,7 @@ impl MessageWriter {
         if desc.damping.is_some_and(|damping| damping != DAMPING) {
             return Err(Unsupported::Damping);
         }
-        if !desc.gyroscopic || !desc.turns {
+        if !desc.gyroscopic || !desc.locked.is_empty() {
             return Err(Unsupported::Turning);
         }
         let actor = id(desc.id.index() + FIRST_OBJECT);

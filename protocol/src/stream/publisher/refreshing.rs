@@ -32,7 +32,7 @@ impl Publisher {
     ///
     /// `sent_from`: the number of the next packet when this receiver was first sent the symbols of
     /// [`Self::encode_repair_symbols`]; `None` if it is sent none.
-    pub fn answer_one(
+    pub(crate) fn answer_one(
         &mut self,
         loss_report: &LossReport,
         sent_from: Option<u64>,

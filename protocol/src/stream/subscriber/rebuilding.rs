@@ -29,7 +29,7 @@ impl Subscriber {
     pub(super) fn rebuild(&mut self) {
         for (number, source_symbol) in self.fec_decoder.rebuild() {
             if self.read_rebuilt(number, &source_symbol).is_err() {
-                self.fec_decoder.distrust(number);
+                self.fec_decoder.drop_repair_symbols(number);
                 self.statistics.malformed += 1;
                 return;
             }

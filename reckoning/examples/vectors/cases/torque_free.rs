@@ -48,7 +48,9 @@ pub(super) fn inertias() -> Vec<CaseJson> {
             Err(_) => case.nothing("equal"),
         }
     };
-    given().into_iter().map(case).collect()
+    // The greatest difference of equal moments, exactly.
+    let edge = ([1.0, 1.0 - 8.0 * f32::EPSILON, 1.0], Inertia::OWN_AXES);
+    given().into_iter().chain([edge]).map(case).collect()
 }
 
 /// Every start with every inertia, over the edges of time and common times.

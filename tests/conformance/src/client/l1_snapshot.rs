@@ -112,6 +112,8 @@ fn joint(id: JointId, other: BodyId) -> SceneEvent {
         bodies: [hand::BALL, other],
         frames: [JointFrame::at(Vec3::ZERO); 2],
         collide: false,
+        motors: [None; 6],
+        strength: None,
     };
     SceneEvent::JointAdded { id, joint }
 }

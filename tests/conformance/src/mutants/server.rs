@@ -1,6 +1,6 @@
 //! Servers that break one promise each.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::net::SocketAddr;
 use std::thread::{self, JoinHandle};
 
@@ -18,6 +18,9 @@ use rhumb_transport::{Certificate, Fingerprint, QuicServer, ServerOptions, Stop}
 
 use super::packets::{updates_of, without_rests, written};
 use crate::peer::datagram;
+
+/// Control bytes that a queue without bound hands over at a time.
+const WINDOW_BYTES: usize = 256 << 10;
 
 /// The promise that is broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,6 +65,8 @@ pub enum ServerMutant {
     FrictionOff,
     /// Changes one bit of each speed on full streams.
     SpeedsOff,
+    /// Queues without bound what a client does not read.
+    QueuesWithoutBound,
 }
 
 impl ServerMutant {
@@ -133,6 +138,9 @@ struct MutantConnection {
     received: Frames,
     sent: Frames,
     is_in_snapshot: bool,
+    /// The queue of a mutant that queues without bound, and its bytes in transit.
+    queue: VecDeque<Bytes>,
+    in_flight: usize,
 }
 
 impl Endpoint for MutantEndpoint {
@@ -164,6 +172,13 @@ impl Endpoint for MutantEndpoint {
         self.inner.handle_datagram(now, from, bytes);
     }
 
+    fn handle_control_taken(&mut self, _: Instant, peer: Peer, bytes: usize) {
+        // The server inside believes that its peer takes everything at once.
+        if let Some(connection) = self.connections.get_mut(&peer) {
+            connection.in_flight = connection.in_flight.saturating_sub(bytes);
+        }
+    }
+
     fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
         self.connections.remove(&peer);
         self.inner.handle_ended(now, peer, ending);
@@ -175,9 +190,16 @@ impl Endpoint for MutantEndpoint {
 
     fn poll_transmit(&mut self) -> Option<Transmit> {
         loop {
+            if let Some(transmit) = self.poll_queue() {
+                return Some(transmit);
+            }
             let sent = match self.inner.poll_transmit()? {
                 Transmit::Control { to, bytes } => {
                     let connection = self.connections.get_mut(&to)?;
+                    if self.mutant == ServerMutant::QueuesWithoutBound {
+                        connection.queue.push_back(bytes);
+                        continue;
+                    }
                     let bytes = connection.sent_bytes_as(self.mutant, &bytes).into();
                     Some(Transmit::Control { to, bytes })
                 }
@@ -198,6 +220,19 @@ impl Endpoint for MutantEndpoint {
 
     fn poll_timeout(&self) -> Option<Wake> {
         self.inner.poll_timeout()
+    }
+}
+
+impl MutantEndpoint {
+    /// Control bytes of a queue whose peer has room for them.
+    fn poll_queue(&mut self) -> Option<Transmit> {
+        let mut open = self.connections.iter_mut();
+        let (peer, connection) = open.find(|(_, connection)| {
+            connection.in_flight < WINDOW_BYTES && !connection.queue.is_empty()
+        })?;
+        let bytes = connection.queue.pop_front()?;
+        connection.in_flight += bytes.len();
+        Some(Transmit::Control { to: *peer, bytes })
     }
 }
 

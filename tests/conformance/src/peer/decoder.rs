@@ -17,7 +17,7 @@ use super::stderr_tail::StderrTail;
 use crate::grammar::{Grammar, hex, unhex};
 use crate::log::Log;
 use crate::outcome::Stop;
-use crate::vectors::{Decoded, Sender, error_json, replayed};
+use crate::vectors::{Decoded, Sender, error_json, replayed, upstream_states};
 
 /// The decoder under test.
 pub enum Decoder {
@@ -159,6 +159,9 @@ fn answer(grammar: &Grammar, question: &Value) -> Value {
         let repair_symbol =
             RepairSymbol::of(row, &packets).map(|repair_symbol| hex(&repair_symbol.encode(stream)));
         return json!({"bytes": repair_symbol});
+    }
+    if let Some(events) = question["upstream"].as_array() {
+        return json!({"known": upstream_states(events)});
     }
     let events = question["stream"].as_array().cloned().unwrap_or_default();
     let known = replayed(&events).into_iter();

@@ -1,6 +1,8 @@
 //! L1.1: how sessions begin.
 
-use rhumb_protocol::message::{ClientMessage, Extension, Extensions, ServerMessage, StreamChoice};
+use rhumb_protocol::message::{
+    ClientMessage, Extension, Extensions, Role, ServerMessage, StreamChoice,
+};
 use rhumb_protocol::session::CloseCode;
 
 use super::scenery::lockstep;
@@ -61,6 +63,23 @@ pub(super) fn cases() -> Vec<Case> {
         )
         .cites("PROTOCOL 3.2-1")
         .play(too_early),
+        Case::server("L1.1.7", "a token is answered by the role that it gives")
+            .cites("PROTOCOL 3.6-3")
+            .play(|trial| {
+                let mut client = trial.client()?;
+                offer(&mut client, &[1], extension(Extension::TOKEN));
+                let role = client.await_message("welcome", |message| match message {
+                    ServerMessage::Welcome(welcome) => Some(
+                        welcome
+                            .extensions
+                            .value(Extension::TOKEN)
+                            .map(<[u8]>::to_vec),
+                    ),
+                    _ => None,
+                })?;
+                let owner = vec![Role::Owner.code()];
+                ensure(role == Some(owner), "an open server makes owners")
+            }),
     ]
 }
 

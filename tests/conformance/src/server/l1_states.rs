@@ -8,7 +8,7 @@ use rhumb_protocol::message::{
     ClientMessage, Extensions, ResyncCause, ServerMessage, StreamChoice, TakeAuthority, TierPolicy,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
-use rhumb_protocol::scene::Command;
+use rhumb_protocol::scene::{Command, Query};
 use rhumb_protocol::session::CloseCode;
 use rhumb_reckoning::{Tick, Tolerance};
 
@@ -35,7 +35,7 @@ enum Expected {
     Violation,
 }
 
-const NAMES: [&str; 16] = [
+const NAMES: [&str; 17] = [
     "Hello",
     "Create",
     "Join",
@@ -52,6 +52,7 @@ const NAMES: [&str; 16] = [
     "TakeAuthority",
     "Upstream",
     "TierPolicy",
+    "Query",
 ];
 
 pub(super) fn cases() -> Vec<Case> {
@@ -97,7 +98,7 @@ const fn word(state: SessionStage) -> &'static str {
 /// The table of PROTOCOL 3.2.
 const fn expected(state: SessionStage, kind: u8) -> Expected {
     let for_lobby = matches!(kind, 2 | 3 | 5 | 10);
-    let for_members = matches!(kind, 4..=16);
+    let for_members = matches!(kind, 4..=17);
     match state {
         SessionStage::Lobby if for_lobby => Expected::Handled,
         SessionStage::Member if for_members => Expected::Handled,
@@ -174,6 +175,7 @@ fn message(client: &RawClient, kind: u8) -> ClientMessage {
             bodies: Vec::new(),
         }),
         15 => ClientMessage::Upstream(vec![1, 0]),
-        _ => ClientMessage::TierPolicy(TierPolicy::Never),
+        16 => ClientMessage::TierPolicy(TierPolicy::Never),
+        _ => ClientMessage::Query(vec![Query::ray(glam::Vec3::ZERO, glam::Vec3::X)]),
     }
 }

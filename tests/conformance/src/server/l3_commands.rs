@@ -293,6 +293,8 @@ fn joint(first: BodyId, second: BodyId) -> Joint {
         bodies: [first, second],
         frames: [frame; 2],
         collide: false,
+        motors: [None; 6],
+        strength: None,
     }
 }
 

@@ -186,6 +186,8 @@ fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<HangingBall, Stop> {
         bodies: [hook, hanging],
         frames: [frame(Vec3::ZERO), frame(Vec3::X * -2.0)],
         collide: false,
+        motors: [None; 6],
+        strength: None,
     };
     let id = JointId(0);
     subscriber.must(Command::AddJoint { id, joint })?;

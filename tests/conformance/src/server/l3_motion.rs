@@ -5,7 +5,7 @@
 
 use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::message::StreamChoice;
-use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, LockedAxes, Shape, ShapeId};
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use super::l3_physics::{SECOND, TICK, alone, now};
@@ -424,7 +424,7 @@ fn unturned(trial: &mut Trial<'_>) -> CaseResult {
     let (mut subscriber, id) = alone(trial, false, FULL)?;
     let other = body(subscriber.granted, 1)?;
     let mut desc = BodyDesc::plain(id, BodyKind::Dynamic, BALL);
-    desc.turns = false;
+    desc.locked = LockedAxes::ROTATIONS;
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
     subscriber.must(Command::AddBody { desc, motion })?;
     // The hit is off centre, so that an unlocked body would turn.

@@ -281,18 +281,25 @@ pub(super) fn rename(command: &mut Command, granted: IdRange) -> CaseResult {
         Ok(())
     };
     match command {
-        Command::AddBody { desc, .. } => named(&mut desc.id),
+        Command::AddBody { desc, .. } | Command::ChangeBody { desc } => named(&mut desc.id),
         Command::RemoveBody { id }
         | Command::SetPose { id, .. }
         | Command::SetVelocity { id, .. }
         | Command::Force { id, .. }
         | Command::Torque { id, .. }
         | Command::Impulse { id, .. }
-        | Command::TorqueImpulse { id, .. } => named(id),
-        Command::AddJoint { joint, .. } => joint.bodies.iter_mut().try_for_each(named),
+        | Command::TorqueImpulse { id, .. }
+        | Command::ForceAt { id, .. }
+        | Command::ImpulseAt { id, .. }
+        | Command::Sleep { id }
+        | Command::Wake { id } => named(id),
+        Command::AddJoint { joint, .. } | Command::ChangeJoint { joint, .. } => {
+            joint.bodies.iter_mut().try_for_each(named)
+        }
         Command::AddShape { .. }
         | Command::RemoveShape { .. }
         | Command::SetGravity { .. }
-        | Command::RemoveJoint { .. } => Ok(()),
+        | Command::RemoveJoint { .. }
+        | Command::SetEvents { .. } => Ok(()),
     }
 }

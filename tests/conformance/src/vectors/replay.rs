@@ -26,8 +26,11 @@ pub fn known(replica: &Replica) -> Value {
         "next": stream.loss_report().next.0,
         "missing": stream.missing(),
         "checksum": format!("{:016x}", stream.state_checksum()),
-        "poses": format!("{:016x}", poses(replica)),
     });
+    // The prediction of a body is not specified while something is missing (PROTOCOL 6.8).
+    if stream.is_converged() {
+        known["poses"] = json!(format!("{:016x}", poses(replica)));
+    }
     if matches!(replica.choice(), StreamChoice::Capped { .. }) {
         // Error scales are multiples of one eighth.
         let error_scale = stream.error_scale_at(stream.watermark_tick());
@@ -93,7 +96,7 @@ pub fn agrees(expected: &Value, actual: &Value) -> bool {
         .all(|(word, value)| actual.get(word) == Some(value))
 }
 
-/// FNV-1a over the bits of each body's predicted motion at the complete tick, in order of index.
+/// FNV-1a over the bits of each body's predicted motion at the watermark, in order of index.
 fn poses(replica: &Replica) -> u64 {
     let stream = replica.stream();
     let mut digest = Fnv::START;

@@ -89,6 +89,7 @@ fn check(message: &ClientMessage) -> Option<Invalid> {
     match message {
         ClientMessage::Command(command) => Command::check(command).err(),
         ClientMessage::Create(config) => config.check().err(),
+        ClientMessage::Query(queries) => queries.iter().find_map(|query| query.check().err()),
         _ => None,
     }
 }

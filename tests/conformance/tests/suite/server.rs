@@ -108,7 +108,7 @@ fn this_server_passes_behind_a_bad_link() {
 }
 
 /// Each mutant with its case, by id or by words of its name.
-const CAUGHT: [(ServerMutant, &str); 20] = [
+const CAUGHT: [(ServerMutant, &str); 21] = [
     (ServerMutant::AnyVersion, "L1.1.3"),
     (ServerMutant::WrongCode, "L0.1.7"),
     (ServerMutant::CriticalPasses, "L0.1.7"),
@@ -129,6 +129,7 @@ const CAUGHT: [(ServerMutant, &str); 20] = [
     (ServerMutant::PongWrong, "L1.4.12"),
     (ServerMutant::FrictionOff, "L4.3.1"),
     (ServerMutant::SpeedsOff, "L4.3.2"),
+    (ServerMutant::QueuesWithoutBound, "L5.1.8"),
 ];
 
 /// Outcomes of the selected cases with a mutant.

@@ -1,0 +1,122 @@
+//! The answer to a message of queries.
+
+use alloc::vec::Vec;
+use core::fmt;
+
+use rhumb_reckoning::Tick;
+
+use crate::limits::QUERY_COST_MAX;
+use crate::scene::{Answer, Invalid, Quantity};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, OPTIONAL, Wire};
+
+/// The answers to all queries of one message.
+#[derive(Clone, Debug, PartialEq)]
+pub struct QueryResult {
+    /// Number of the message: the first of a membership has number 0.
+    pub number: u64,
+    /// The tick whose scene was asked.
+    pub tick: Tick,
+    /// An answer for each query, in their order.
+    pub answers: Result<Vec<Answer>, QueryError>,
+}
+
+/// Reason why none of a message's queries was answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum QueryError {
+    /// A number is not allowed.
+    Invalid(Invalid),
+    /// The scene's engine has failed.
+    SceneFaulted,
+    /// The scene is late, or the member asks more than its share: the same queries may be answered a moment later.
+    Overloaded,
+    /// The engine cannot evaluate one of them.
+    Unanswerable,
+    /// A reason of a later version; the code is from [`OPTIONAL`] on.
+    Other(u8),
+}
+
+impl fmt::Display for QueryError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Invalid(invalid) => invalid.fmt(f),
+            Self::SceneFaulted => f.write_str("the scene has faulted and answers no queries"),
+            Self::Overloaded => f.write_str("the scene has no time for queries now"),
+            Self::Unanswerable => f.write_str("the engine cannot evaluate one of the queries"),
+            Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
+        }
+    }
+}
+
+impl core::error::Error for QueryError {}
+
+impl Wire for QueryResult {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(self.number);
+        to.varint(self.tick.value());
+        match &self.answers {
+            Ok(answers) => {
+                to.u8(0);
+                to.varint(answers.len() as u64);
+                for answer in answers {
+                    answer.encode(to);
+                }
+            }
+            Err(error) => error.encode(to),
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let number = from.count()?;
+        let tick = Tick::new(from.count()?);
+        let answers = if from.rest().first() == Some(&0) {
+            from.u8()?;
+            let count = from.varint_to(u64::from(QUERY_COST_MAX))?;
+            let mut answers = Vec::new();
+            for _ in 0..count {
+                answers.push(Answer::decode(from)?);
+            }
+            Ok(answers)
+        } else {
+            Err(QueryError::decode(from)?)
+        };
+        Ok(Self {
+            number,
+            tick,
+            answers,
+        })
+    }
+}
+
+impl Wire for QueryError {
+    fn encode(&self, to: &mut Writer) {
+        match *self {
+            Self::Invalid(Invalid::NotFinite(quantity)) => {
+                to.u8(1);
+                to.u8(quantity.code());
+            }
+            Self::Invalid(Invalid::OutOfRange(quantity)) => {
+                to.u8(2);
+                to.u8(quantity.code());
+            }
+            Self::SceneFaulted => to.u8(3),
+            Self::Overloaded => to.u8(4),
+            Self::Unanswerable => to.u8(5),
+            Self::Other(code) => to.u8(code),
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let quantity =
+            |from: &mut Reader<'_>| Quantity::from_code(from.u8()?).ok_or(Malformed::UnknownCode);
+        Ok(match from.u8()? {
+            1 => Self::Invalid(Invalid::NotFinite(quantity(from)?)),
+            2 => Self::Invalid(Invalid::OutOfRange(quantity(from)?)),
+            3 => Self::SceneFaulted,
+            4 => Self::Overloaded,
+            5 => Self::Unanswerable,
+            code @ OPTIONAL.. => Self::Other(code),
+            _ => return Err(Malformed::UnknownCode),
+        })
+    }
+}

@@ -1,0 +1,207 @@
+//! Reasons why a server refuses a command.
+
+use core::fmt;
+
+use rhumb_reckoning::BodyId;
+
+use super::checks::{Invalid, Quantity};
+use super::joint::JointId;
+use super::shape_id::ShapeId;
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, OPTIONAL, Wire};
+
+/// Reason of a refused command, which had no effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum CommandError {
+    /// A number is not allowed.
+    Invalid(Invalid),
+    /// The body does not exist.
+    UnknownBody(BodyId),
+    /// The shape does not exist.
+    UnknownShape(ShapeId),
+    /// The body's index is in use, or had a body of this generation or a later one.
+    BodyIdTaken(BodyId),
+    /// The body's index is not one of the member's own.
+    NotGranted(BodyId),
+    /// The shape's number is in use.
+    ShapeIdTaken(ShapeId),
+    /// A body has the shape.
+    ShapeInUse(ShapeId),
+    /// The scene has reached its limit of bodies.
+    TooManyBodies,
+    /// The scene's bodies have reached the limit of different dampings.
+    TooManyDampings,
+    /// The body is not of a kind that can be pushed.
+    NotPushable(BodyId),
+    /// The scene has faulted and takes no commands.
+    SceneFaulted,
+    /// The engine cannot make a solid of the shape.
+    ShapeUnfit(ShapeId),
+    /// The joint does not exist.
+    UnknownJoint(JointId),
+    /// The joint's number is in use.
+    JointIdTaken(JointId),
+    /// The joint would join a body to itself.
+    JoinedToItself(BodyId),
+    /// A member has authority over the body, and alone moves it.
+    UnderAuthority(BodyId),
+    /// A dynamic body needs a shape with volume.
+    NoInside(ShapeId),
+    /// The scene's shapes have reached their limit of bytes.
+    TooManyShapeBytes,
+    /// The server does not know such a command.
+    UnknownCommand,
+    /// The client's role does not include the command, or the body, shape or joint belongs to another client.
+    NotAllowed,
+    /// The command exceeds a quota of the client's token.
+    OverQuota,
+    /// The machine has no time left for the body; a later attempt may succeed.
+    Overloaded {
+        /// When to try again, seconds from now.
+        retry_seconds: u8,
+    },
+    /// The body is disabled and takes neither velocities nor pushes.
+    BodyDisabled(BodyId),
+    /// The scene has reached its limit of joints, which grows with its bodies.
+    TooManyJoints,
+    /// The scene has reached its limit of bodies that are swept against moving ones.
+    TooManySwept,
+    /// A reason of a later version; the code is from [`OPTIONAL`] on.
+    Other(u8),
+}
+
+impl fmt::Display for CommandError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Invalid(invalid) => invalid.fmt(f),
+            Self::UnknownBody(id) => write!(f, "the scene has no {id}"),
+            Self::UnknownShape(id) => write!(f, "the scene has no {id}"),
+            Self::BodyIdTaken(id) => write!(f, "{id} is taken, or its index had a later body"),
+            Self::NotGranted(id) => write!(f, "{id} is not one of this member's own"),
+            Self::ShapeIdTaken(id) => write!(f, "{id} is taken"),
+            Self::ShapeInUse(id) => write!(f, "a body still has {id}"),
+            Self::TooManyBodies => f.write_str("the scene has reached its limit of bodies"),
+            Self::TooManyDampings => {
+                f.write_str("the scene's bodies have reached the limit of different dampings")
+            }
+            Self::NotPushable(id) => write!(f, "{id} is static or kinematic and cannot be pushed"),
+            Self::SceneFaulted => f.write_str("the scene has faulted and takes no commands"),
+            Self::ShapeUnfit(id) => write!(f, "the engine cannot make a solid of {id}"),
+            Self::UnknownJoint(id) => write!(f, "the scene has no {id}"),
+            Self::JointIdTaken(id) => write!(f, "{id} is taken"),
+            Self::JoinedToItself(id) => write!(f, "a joint cannot join {id} to itself"),
+            Self::UnderAuthority(id) => {
+                write!(f, "a member has authority over {id}")
+            }
+            Self::NoInside(id) => write!(f, "{id} has no volume, and a dynamic body needs one"),
+            Self::TooManyShapeBytes => {
+                f.write_str("the scene's shapes have reached their limit of bytes")
+            }
+            Self::UnknownCommand => f.write_str("the server does not know such a command"),
+            Self::NotAllowed => {
+                f.write_str("the client may not do that, or not to what belongs to another client")
+            }
+            Self::OverQuota => f.write_str("the command exceeds a quota of the client's token"),
+            Self::Overloaded { retry_seconds } => write!(
+                f,
+                "the server has no time left for it; try again in {retry_seconds} s"
+            ),
+            Self::BodyDisabled(id) => write!(f, "{id} is disabled"),
+            Self::TooManyJoints => {
+                f.write_str("the scene has as many joints as its number of bodies allows")
+            }
+            Self::TooManySwept => {
+                f.write_str("the scene has reached its limit of bodies swept against moving ones")
+            }
+            Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
+        }
+    }
+}
+
+impl core::error::Error for CommandError {}
+
+impl Wire for CommandError {
+    fn encode(&self, to: &mut Writer) {
+        match *self {
+            Self::Invalid(Invalid::NotFinite(quantity)) => {
+                to.u8(0);
+                to.u8(quantity.code());
+            }
+            Self::Invalid(Invalid::OutOfRange(quantity)) => {
+                to.u8(1);
+                to.u8(quantity.code());
+            }
+            Self::UnknownBody(id) => named(to, 2, &id),
+            Self::UnknownShape(id) => named(to, 3, &id),
+            Self::BodyIdTaken(id) => named(to, 4, &id),
+            Self::NotGranted(id) => named(to, 5, &id),
+            Self::ShapeIdTaken(id) => named(to, 6, &id),
+            Self::ShapeInUse(id) => named(to, 7, &id),
+            Self::TooManyBodies => to.u8(8),
+            Self::TooManyDampings => to.u8(9),
+            Self::NotPushable(id) => named(to, 10, &id),
+            Self::SceneFaulted => to.u8(11),
+            Self::ShapeUnfit(id) => named(to, 12, &id),
+            Self::UnknownJoint(id) => named(to, 13, &id),
+            Self::JointIdTaken(id) => named(to, 14, &id),
+            Self::JoinedToItself(id) => named(to, 15, &id),
+            Self::UnderAuthority(id) => named(to, 16, &id),
+            Self::NoInside(id) => named(to, 17, &id),
+            Self::TooManyShapeBytes => to.u8(18),
+            Self::UnknownCommand => to.u8(19),
+            Self::BodyDisabled(id) => named(to, 20, &id),
+            Self::TooManyJoints => to.u8(21),
+            Self::TooManySwept => to.u8(22),
+            Self::NotAllowed => to.u8(32),
+            Self::OverQuota => to.u8(33),
+            Self::Overloaded { retry_seconds } => {
+                to.u8(34);
+                to.u8(retry_seconds);
+            }
+            Self::Other(code) => to.u8(code),
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let quantity =
+            |from: &mut Reader<'_>| Quantity::from_code(from.u8()?).ok_or(Malformed::UnknownCode);
+        Ok(match from.u8()? {
+            0 => Self::Invalid(Invalid::NotFinite(quantity(from)?)),
+            1 => Self::Invalid(Invalid::OutOfRange(quantity(from)?)),
+            2 => Self::UnknownBody(BodyId::decode(from)?),
+            3 => Self::UnknownShape(ShapeId::decode(from)?),
+            4 => Self::BodyIdTaken(BodyId::decode(from)?),
+            5 => Self::NotGranted(BodyId::decode(from)?),
+            6 => Self::ShapeIdTaken(ShapeId::decode(from)?),
+            7 => Self::ShapeInUse(ShapeId::decode(from)?),
+            8 => Self::TooManyBodies,
+            9 => Self::TooManyDampings,
+            10 => Self::NotPushable(BodyId::decode(from)?),
+            11 => Self::SceneFaulted,
+            12 => Self::ShapeUnfit(ShapeId::decode(from)?),
+            13 => Self::UnknownJoint(JointId::decode(from)?),
+            14 => Self::JointIdTaken(JointId::decode(from)?),
+            15 => Self::JoinedToItself(BodyId::decode(from)?),
+            16 => Self::UnderAuthority(BodyId::decode(from)?),
+            17 => Self::NoInside(ShapeId::decode(from)?),
+            18 => Self::TooManyShapeBytes,
+            19 => Self::UnknownCommand,
+            20 => Self::BodyDisabled(BodyId::decode(from)?),
+            21 => Self::TooManyJoints,
+            22 => Self::TooManySwept,
+            32 => Self::NotAllowed,
+            33 => Self::OverQuota,
+            34 => Self::Overloaded {
+                retry_seconds: from.u8()?,
+            },
+            code @ OPTIONAL.. => Self::Other(code),
+            _ => return Err(Malformed::UnknownCode),
+        })
+    }
+}
+
+/// Encodes a code, then the id that the error is about.
+fn named(to: &mut Writer, code: u8, id: &impl Wire) {
+    to.u8(code);
+    id.encode(to);
+}

@@ -1,0 +1,80 @@
+//! Motor of a joint along or about one of its free axes.
+
+use super::checks::{Invalid, Quantity, scalar};
+use crate::limits::{FORCE_MAX, STIFFNESS_MAX};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// A motor: accelerates the second body against the first by `stiffness` times what the position lacks plus `damping`
+/// times what the velocity lacks, whatever their masses.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motor {
+    /// Metres or radians.
+    pub position: f32,
+    /// m/s or rad/s.
+    pub velocity: f32,
+    /// 1/s²; zero for a motor that drives the velocity alone.
+    pub stiffness: f32,
+    /// 1/s.
+    pub damping: f32,
+    /// Greatest force or torque, N or N·m.
+    pub force: f32,
+}
+
+impl Motor {
+    /// A motor that keeps a velocity, m/s or rad/s, with this damping, 1/s, and any force.
+    #[must_use]
+    pub const fn with_velocity(velocity: f32, damping: f32) -> Self {
+        Self {
+            position: 0.0,
+            velocity,
+            stiffness: 0.0,
+            damping,
+            force: FORCE_MAX,
+        }
+    }
+
+    /// A motor that keeps a position, metres or radians, with this stiffness, 1/s², damping, 1/s, and any force.
+    #[must_use]
+    pub const fn at_position(position: f32, stiffness: f32, damping: f32) -> Self {
+        Self {
+            position,
+            velocity: 0.0,
+            stiffness,
+            damping,
+            force: FORCE_MAX,
+        }
+    }
+
+    /// Checks every number. `position` and `velocity`: bounds of the axis.
+    pub(super) fn check(&self, position: f32, velocity: f32) -> Result<(), Invalid> {
+        scalar(self.position, -position, position, Quantity::Motor)?;
+        scalar(self.velocity, -velocity, velocity, Quantity::Motor)?;
+        scalar(self.stiffness, 0.0, STIFFNESS_MAX, Quantity::Motor)?;
+        scalar(self.damping, 0.0, STIFFNESS_MAX, Quantity::Motor)?;
+        scalar(self.force, 0.0, FORCE_MAX, Quantity::Motor)
+    }
+}
+
+impl Wire for Motor {
+    fn encode(&self, to: &mut Writer) {
+        to.f32s(&[
+            self.position,
+            self.velocity,
+            self.stiffness,
+            self.damping,
+            self.force,
+        ]);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let [position, velocity, stiffness, damping, force] = from.f32s()?;
+        Ok(Self {
+            position,
+            velocity,
+            stiffness,
+            damping,
+            force,
+        })
+    }
+}

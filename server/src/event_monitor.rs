@@ -1,0 +1,260 @@
+//! Events of bodies: compares what an engine reports after a step with the step before.
+//!
+//! Only bodies whose events are on are looked at, and of the dynamic ones only those that the engine observed: nothing
+//! about a body changes while it sleeps. Knows no members. Invariant: a tick has at most [`EVENTS_PER_TICK_MAX`]
+//! events; what exceeds that is counted.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use rhumb_protocol::limits::EVENTS_PER_TICK_MAX;
+use rhumb_protocol::scene::{ActiveEvents, BodyEvent, BodyKind, Contact};
+use rhumb_protocol::stream::{Activity, Observation};
+use rhumb_reckoning::BodyId;
+
+use crate::engine::Engine;
+use crate::registry::Registry;
+
+/// The bodies that report events, and their state after the last step.
+#[derive(Debug, Default)]
+pub(crate) struct EventMonitor {
+    active: BTreeMap<BodyId, ActiveEvents>,
+    asleep: BTreeSet<BodyId>,
+    /// Pairs in contact, the lesser id first, of which at least one reports contacts.
+    touching: BTreeSet<(BodyId, BodyId)>,
+    /// Sensors and bodies inside them, of which at least one reports it.
+    inside: BTreeSet<(BodyId, BodyId)>,
+}
+
+/// The events of one step.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StepEvents {
+    /// In the order of their kinds, and each kind in the order of ids.
+    pub events: Vec<BodyEvent>,
+    /// Number of further events.
+    pub missed: u64,
+}
+
+impl StepEvents {
+    fn push(&mut self, event: BodyEvent) {
+        if self.events.len() < EVENTS_PER_TICK_MAX {
+            self.events.push(event);
+        } else {
+            self.missed += 1;
+        }
+    }
+}
+
+/// A pair in contact after a step.
+struct Touch {
+    /// From the body with the lesser id.
+    contact: Contact,
+    /// Whether a body of the pair reports contacts.
+    reported: bool,
+    /// Whether the force reaches the threshold of a body of the pair.
+    forceful: bool,
+}
+
+/// What a step left behind.
+struct Stepped<'a> {
+    engine: &'a dyn Engine,
+    registry: &'a Registry,
+    observations: &'a [Observation],
+}
+
+impl Stepped<'_> {
+    fn exists(&self, id: BodyId) -> bool {
+        self.registry.body(id).is_some()
+    }
+
+    fn activity(&self, id: BodyId) -> Option<Activity> {
+        let place = self
+            .observations
+            .binary_search_by_key(&id, |observation| observation.id);
+        place.ok().map(|place| self.observations[place].activity)
+    }
+
+    /// Whether the body's contacts may differ from those of the step before.
+    fn may_differ(&self, id: BodyId) -> bool {
+        self.registry
+            .body(id)
+            .is_some_and(|desc| desc.kind != BodyKind::Dynamic || self.activity(id).is_some())
+    }
+}
+
+impl EventMonitor {
+    /// Turns the events of a body on or off.
+    pub(crate) fn set(&mut self, id: BodyId, events: ActiveEvents, engine: &dyn Engine) {
+        self.asleep.remove(&id);
+        if !events.any() {
+            self.active.remove(&id);
+            return;
+        }
+        self.active.insert(id, events);
+        let observation = engine.observe_one(id);
+        if observation.is_some_and(|observation| observation.activity == Activity::Asleep) {
+            self.asleep.insert(id);
+        }
+    }
+
+    /// The events of the last step.
+    pub(crate) fn observe(
+        &mut self,
+        engine: &dyn Engine,
+        registry: &Registry,
+        observations: &[Observation],
+    ) -> StepEvents {
+        let mut events = StepEvents::default();
+        if self.active.is_empty() && self.touching.is_empty() && self.inside.is_empty() {
+            return events;
+        }
+        let stepped = Stepped {
+            engine,
+            registry,
+            observations,
+        };
+        self.compare_contacts(&stepped, &mut events);
+        self.compare_sensors(&stepped, &mut events);
+        self.compare_sleep(&stepped, &mut events);
+        self.active.retain(|id, _| stepped.exists(*id));
+        events
+    }
+
+    fn compare_contacts(&mut self, stepped: &Stepped<'_>, events: &mut StepEvents) {
+        let touches = self.touches(stepped);
+        for (pair, touch) in &touches {
+            if touch.reported && !self.touching.contains(pair) {
+                let contact = touch.contact;
+                let body = pair.0;
+                events.push(BodyEvent::ContactBegan { body, contact });
+            }
+        }
+        let reports = |events: &ActiveEvents| events.contacts;
+        let over = |pair| touches.get(&pair).is_none_or(|touch| !touch.reported);
+        let end = |(body, with)| BodyEvent::ContactEnded { body, with };
+        let mut touching = std::mem::take(&mut self.touching);
+        touching.retain(|pair| {
+            self.goes_on(*pair, stepped, reports, over, |pair| events.push(end(pair)))
+        });
+        let reported = touches.iter().filter(|(_, touch)| touch.reported);
+        touching.extend(reported.map(|(pair, _)| *pair));
+        self.touching = touching;
+        for ((body, _), touch) in touches.iter().filter(|(_, touch)| touch.forceful) {
+            events.push(BodyEvent::ContactForce {
+                body: *body,
+                contact: touch.contact,
+            });
+        }
+    }
+
+    /// All contacts of bodies that report contacts or forces and may have changed.
+    fn touches(&self, stepped: &Stepped<'_>) -> BTreeMap<(BodyId, BodyId), Touch> {
+        let mut touches: BTreeMap<_, Touch> = BTreeMap::new();
+        let mut contacts = Vec::new();
+        for (id, events) in &self.active {
+            if !(events.contacts || events.force.is_some()) || !stepped.may_differ(*id) {
+                continue;
+            }
+            contacts.clear();
+            stepped.engine.contacts(*id, &mut contacts);
+            for contact in &contacts {
+                let (body, contact) = from_lesser(*id, *contact);
+                let touch = touches.entry((body, contact.with)).or_insert(Touch {
+                    contact,
+                    reported: false,
+                    forceful: false,
+                });
+                touch.reported |= events.contacts;
+                touch.forceful |= events.force.is_some_and(|least| contact.force >= least);
+            }
+        }
+        touches
+    }
+
+    fn compare_sensors(&mut self, stepped: &Stepped<'_>, events: &mut StepEvents) {
+        let mut now = Vec::new();
+        for (id, active) in &self.active {
+            if active.sensors && stepped.may_differ(*id) {
+                stepped.engine.sensed(*id, &mut now);
+            }
+        }
+        now.sort_unstable();
+        now.dedup();
+        for (sensor, body) in now.iter().copied() {
+            if !self.inside.contains(&(sensor, body)) {
+                events.push(BodyEvent::SensorEntered { sensor, body });
+            }
+        }
+        let reports = |events: &ActiveEvents| events.sensors;
+        let over = |pair| now.binary_search(&pair).is_err();
+        let end = |(sensor, body)| BodyEvent::SensorLeft { sensor, body };
+        let mut inside = std::mem::take(&mut self.inside);
+        inside.retain(|pair| {
+            self.goes_on(*pair, stepped, reports, over, |pair| events.push(end(pair)))
+        });
+        inside.extend(now.iter().copied());
+        self.inside = inside;
+    }
+
+    /// Whether a pair of the step before is still one; reports its end.
+    fn goes_on(
+        &self,
+        pair: (BodyId, BodyId),
+        stepped: &Stepped<'_>,
+        reports: impl Fn(&ActiveEvents) -> bool,
+        over: impl Fn((BodyId, BodyId)) -> bool,
+        mut end: impl FnMut((BodyId, BodyId)),
+    ) -> bool {
+        let both = [pair.0, pair.1];
+        if !both.iter().all(|id| stepped.exists(*id)) {
+            end(pair);
+            return false;
+        }
+        let reporting = |id: &&BodyId| self.active.get(id).is_some_and(&reports);
+        let mut reporting = both.iter().filter(reporting).peekable();
+        if reporting.peek().is_none() {
+            // Its events were turned off.
+            return false;
+        }
+        let ended = reporting.any(|id| stepped.may_differ(*id)) && over(pair);
+        if ended {
+            end(pair);
+        }
+        !ended
+    }
+
+    fn compare_sleep(&mut self, stepped: &Stepped<'_>, events: &mut StepEvents) {
+        let mut woken = Vec::new();
+        for id in self
+            .active
+            .iter()
+            .filter(|(_, events)| events.sleep)
+            .map(|(id, _)| *id)
+        {
+            match stepped.activity(id) {
+                Some(Activity::Asleep) if self.asleep.insert(id) => {
+                    events.push(BodyEvent::FellAsleep(id));
+                }
+                Some(Activity::Awake) if self.asleep.remove(&id) => woken.push(id),
+                _ => {}
+            }
+        }
+        for id in woken {
+            events.push(BodyEvent::Woke(id));
+        }
+        self.asleep.retain(|id| stepped.exists(*id));
+    }
+}
+
+/// A contact from the body of the pair with the lesser id.
+fn from_lesser(id: BodyId, contact: Contact) -> (BodyId, Contact) {
+    if id <= contact.with {
+        return (id, contact);
+    }
+    let flipped = Contact {
+        with: id,
+        point: contact.point - contact.normal * contact.separation,
+        normal: -contact.normal,
+        ..contact
+    };
+    (contact.with, flipped)
+}

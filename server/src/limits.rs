@@ -1,0 +1,178 @@
+//! Limits that an operator may change, each with its default, its bounds and its reason.
+//!
+//! The reasons are the doc comments, which the generated configuration file repeats.
+
+use std::fmt;
+
+use rhumb_protocol::Span;
+use rhumb_protocol::limits::{BODIES_MAX, CONTROL_WAITING_BYTES_MAX, MEMBERS_PER_SCENE_MAX, SCENES_MAX};
+use serde::Deserialize;
+
+/// One limit, as the configuration file describes it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LimitRow {
+    pub(crate) name: &'static str,
+    pub(crate) default: u64,
+    least: u64,
+    most: u64,
+    pub(crate) reason: &'static str,
+}
+
+/// A limit outside its bounds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InvalidLimit {
+    name: &'static str,
+    value: u64,
+    least: u64,
+    most: u64,
+}
+
+impl fmt::Display for InvalidLimit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            name,
+            value,
+            least,
+            most,
+        } = self;
+        write!(f, "limits.{name} is {value}, not from {least} to {most}")
+    }
+}
+
+impl std::error::Error for InvalidLimit {}
+
+/// Declares the limits once: field, default, bounds, and the reason as its doc comment.
+macro_rules! limits {
+    ($($(#[doc = $reason:literal])+ $name:ident = $default:literal, $least:literal to $most:expr;)+) => {
+        /// Limits of a server.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+        #[serde(default, deny_unknown_fields)]
+        pub struct Limits {
+            $($(#[doc = $reason])+ pub $name: u64,)+
+        }
+
+        impl Default for Limits {
+            fn default() -> Self {
+                Self { $($name: $default,)+ }
+            }
+        }
+
+        impl Limits {
+            /// All limits, in the order of the file.
+            pub(crate) const ROWS: &[LimitRow] = &[$(LimitRow {
+                name: stringify!($name),
+                default: $default,
+                least: $least,
+                most: $most,
+                reason: concat!($($reason, "\n"),+),
+            },)+];
+
+            fn values(&self) -> impl Iterator<Item = u64> {
+                [$(self.$name,)+].into_iter()
+            }
+        }
+    };
+}
+
+limits! {
+    /// Scenes at one time. Each has a thread with a stack of 8 MiB, of which it uses what it needs.
+    scenes = 256, 1 to SCENES_MAX as u64;
+    /// Members of a scene. Each costs one datagram per packet of its stream.
+    members_per_scene = 64, 1 to MEMBERS_PER_SCENE_MAX as u64;
+    /// Bodies of a scene. The engine needs about a kilobyte for each, and each stream 120 bytes.
+    bodies_per_scene = 131072, 1 to BODIES_MAX as u64;
+    /// Ticks in a second, times substeps, times bodies, of a free-running scene: 80000 bodies at 60 ticks of 4 substeps.
+    /// A scene that asks for more would only run slower than its clock.
+    scene_load = 20000000, 1 to u64::MAX;
+    /// The same of all free-running scenes together. A core does a million where all bodies touch, and many times that
+    /// where they rest.
+    server_load = 40000000, 1 to u64::MAX;
+    /// Seconds after which a scene without members ends; 0 keeps it until a client deletes it.
+    empty_scene_seconds = 600, 0 to 31536000;
+    /// Seconds for a connection's first message. A client on a bad link needs a few round trips.
+    hello_seconds = 8, 1 to 60;
+    /// Milliseconds that one tick or one command may take before its scene is parked.
+    stuck_milliseconds = 2000, 100 to 60000;
+    /// Parked scenes from which on no scene begins: each may take a core until the server is restarted.
+    parked_scenes = 8, 1 to 256;
+    /// MiB that wait for a client beside its snapshot before it is closed.
+    waiting_mib = 12, 1 to (CONTROL_WAITING_BYTES_MAX >> 20) as u64;
+    /// Seconds after which a client that reads nothing is closed.
+    stall_seconds = 30, 1 to 3600;
+    /// MiB of snapshots for one client in a second, on average; more than most links take.
+    snapshot_mib_per_second = 16, 1 to 1024;
+    /// Log lines of one cause in a second, except at level trace.
+    log_lines_per_second = 10, 1 to 100000;
+}
+
+impl Limits {
+    /// Checks every limit against its bounds.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidLimit`] for the first that is outside.
+    pub fn check(&self) -> Result<(), InvalidLimit> {
+        for (row, value) in Self::ROWS.iter().zip(self.values()) {
+            let LimitRow {
+                name, least, most, ..
+            } = *row;
+            if !(least..=most).contains(&value) {
+                return Err(InvalidLimit {
+                    name,
+                    value,
+                    least,
+                    most,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    pub(crate) const fn hello(&self) -> Span {
+        Span::from_millis(self.hello_seconds * 1_000)
+    }
+
+    pub(crate) const fn stuck(&self) -> Span {
+        Span::from_millis(self.stuck_milliseconds)
+    }
+
+    pub(crate) const fn stall(&self) -> Span {
+        Span::from_millis(self.stall_seconds * 1_000)
+    }
+
+    /// How long a scene without members lives; `None` for ever.
+    pub(crate) fn empty_scene(&self) -> Option<Span> {
+        (self.empty_scene_seconds > 0).then(|| Span::from_millis(self.empty_scene_seconds * 1_000))
+    }
+
+    pub(crate) const fn waiting_bytes(&self) -> usize {
+        (self.waiting_mib << 20) as usize
+    }
+
+    pub(crate) const fn snapshot_bytes_per_second(&self) -> u64 {
+        self.snapshot_mib_per_second << 20
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_are_within_their_bounds_and_each_has_a_reason() {
+        Limits::default().check().unwrap();
+        for row in Limits::ROWS {
+            assert!(row.reason.len() > 20, "{}", row.name);
+        }
+    }
+
+    #[test]
+    fn a_limit_outside_its_bounds_is_named() {
+        let limits = Limits {
+            members_per_scene: 65,
+            ..Limits::default()
+        };
+        let refused = limits.check().unwrap_err().to_string();
+        assert_eq!(refused, "limits.members_per_scene is 65, not from 1 to 64");
+    }
+}

@@ -1,0 +1,109 @@
+//! Admission by predicted cost: how many steps of bodies free-running scenes may ask for.
+//!
+//! The prediction is ticks in a second, times substeps, times bodies. A scene reserves its part before a body is added,
+//! and gives it back when the body goes or the scene ends. All threads of a server share one sum.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// When a client may try again that was refused for want of processor time.
+pub(crate) const RETRY_SECONDS: u8 = 5;
+
+/// The sum over all scenes of a server; all clones are one.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ServerLoad(Arc<AtomicU64>);
+
+/// The part of one scene; dropping it gives it back.
+#[derive(Debug)]
+pub(crate) struct SceneLoad {
+    sum: Arc<AtomicU64>,
+    /// Steps of one body in a second.
+    per_body: u64,
+    reserved: u64,
+    scene_max: u64,
+    server_max: u64,
+}
+
+impl ServerLoad {
+    /// Reserved body steps in a second.
+    pub(crate) fn reserved(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    /// The part of a scene that has no bodies yet; `per_body` is 0 for a scene that does not run by the clock.
+    pub(crate) fn of_scene(&self, per_body: u64, scene_max: u64, server_max: u64) -> SceneLoad {
+        SceneLoad {
+            sum: Arc::clone(&self.0),
+            per_body,
+            reserved: 0,
+            scene_max,
+            server_max,
+        }
+    }
+}
+
+impl SceneLoad {
+    /// True if one body alone is within the scene's and the server's limits.
+    pub(crate) fn has_room(&self) -> bool {
+        self.reserved.saturating_add(self.per_body) <= self.scene_max
+            && (self.sum.load(Ordering::Relaxed)).saturating_add(self.per_body) <= self.server_max
+    }
+
+    /// Reserves the steps of another body; false if that exceeds a limit.
+    pub(crate) fn add_body(&mut self) -> bool {
+        if self.reserved.saturating_add(self.per_body) > self.scene_max {
+            return false;
+        }
+        let more = |sum: u64| {
+            let sum = sum.saturating_add(self.per_body);
+            (sum <= self.server_max).then_some(sum)
+        };
+        let reserved = (self.sum).fetch_update(Ordering::Relaxed, Ordering::Relaxed, more);
+        self.reserved += reserved.map_or(0, |_| self.per_body);
+        reserved.is_ok()
+    }
+
+    /// Gives back the steps of a body.
+    pub(crate) fn remove_body(&mut self) {
+        let part = self.per_body.min(self.reserved);
+        self.reserved -= part;
+        self.sum.fetch_sub(part, Ordering::Relaxed);
+    }
+}
+
+impl Drop for SceneLoad {
+    fn drop(&mut self) {
+        self.sum.fetch_sub(self.reserved, Ordering::Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_share_what_the_server_admits() {
+        let server = ServerLoad::default();
+        let mut first = server.of_scene(960, 2_000, 3_000);
+        let mut second = server.of_scene(960, 2_000, 3_000);
+        assert!(first.add_body() && first.add_body());
+        assert!(!first.add_body(), "a third body exceeds the scene's part");
+        assert!(second.add_body());
+        assert!(!second.add_body(), "the server admits no fourth body");
+        assert!(!second.has_room());
+        assert_eq!(server.reserved(), 2_880);
+        first.remove_body();
+        assert!(second.add_body());
+        drop(first);
+        drop(second);
+        assert_eq!(server.reserved(), 0);
+    }
+
+    #[test]
+    fn a_scene_that_clients_advance_reserves_nothing() {
+        let server = ServerLoad::default();
+        let mut scene = server.of_scene(0, 1, 1);
+        assert!((0..100).all(|_| scene.add_body()));
+        assert_eq!(server.reserved(), 0);
+    }
+}

@@ -1,0 +1,195 @@
+//! Figures for operators: counted by the threads that work, read by the one that answers.
+//!
+//! A figure is an atomic number: a tick stores some ten of them and waits for nothing. [`Metrics::text`] writes them in
+//! the text format of Prometheus.
+
+mod listener;
+mod scene;
+mod text;
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use rhumb_protocol::Span;
+use rhumb_protocol::scene::SceneName;
+
+pub(crate) use self::listener::MetricsListener;
+pub(crate) use self::scene::{SceneFigures, SceneMeter, TickFigures};
+use self::text::{Kind, Text};
+use crate::load::ServerLoad;
+use crate::pulse::Pulse;
+
+/// A front that has worked on one piece for longer is stuck.
+const FRONT_STUCK: Span = Span::from_millis(2_000);
+
+/// The figures of one server; all clones are one.
+#[derive(Clone, Default)]
+pub(crate) struct Metrics(Arc<Figures>);
+
+#[derive(Default)]
+struct Figures {
+    connections: AtomicU64,
+    opened: AtomicU64,
+    parked: AtomicU64,
+    /// Connections that the server closed, by code.
+    closed: Mutex<BTreeMap<u32, u64>>,
+    scenes: Mutex<BTreeMap<SceneName, Arc<SceneFigures>>>,
+    /// Sign of life of the front, and the load of all scenes, once the server runs.
+    front: Mutex<Option<(Pulse, ServerLoad)>>,
+}
+
+impl Metrics {
+    /// Sets what is read of a running server.
+    pub(crate) fn watch(&self, front: Pulse, load: ServerLoad) {
+        *lock(&self.0.front) = Some((front, load));
+    }
+
+    pub(crate) fn count_opened(&self) {
+        self.0.opened.fetch_add(1, Ordering::Relaxed);
+    }
+
+    pub(crate) fn set_connections(&self, count: usize) {
+        self.0.connections.store(count as u64, Ordering::Relaxed);
+    }
+
+    pub(crate) fn set_parked(&self, count: usize) {
+        self.0.parked.store(count as u64, Ordering::Relaxed);
+    }
+
+    pub(crate) fn count_closed(&self, code: u32) {
+        *lock(&self.0.closed).entry(code).or_default() += 1;
+    }
+
+    /// The meter of a new scene, whose figures are shown until it is dropped.
+    pub(crate) fn begin_scene(&self, name: &SceneName) -> SceneMeter {
+        let figures = Arc::new(SceneFigures::default());
+        lock(&self.0.scenes).insert(name.clone(), Arc::clone(&figures));
+        SceneMeter::new(name.clone(), figures, self.clone())
+    }
+
+    fn end_scene(&self, name: &SceneName, figures: &Arc<SceneFigures>) {
+        let mut scenes = lock(&self.0.scenes);
+        // A parked scene ends late: another one may have its name by then.
+        if scenes
+            .get(name)
+            .is_some_and(|now| Arc::ptr_eq(now, figures))
+        {
+            scenes.remove(name);
+        }
+    }
+
+    /// False if the front has not answered for two seconds. A stuck scene does not matter here.
+    pub(crate) fn is_healthy(&self) -> bool {
+        let front = lock(&self.0.front);
+        front
+            .as_ref()
+            .is_some_and(|(pulse, _)| pulse.busy_for() <= FRONT_STUCK)
+    }
+
+    /// All figures, as Prometheus reads them.
+    pub(crate) fn text(&self) -> String {
+        let figures = &self.0;
+        let read = |figure: &AtomicU64| figure.load(Ordering::Relaxed);
+        let mut text = Text::default();
+        let plain = [
+            (
+                "rhumb_connections",
+                Kind::Gauge,
+                "Connections now.",
+                read(&figures.connections),
+            ),
+            (
+                "rhumb_connections_total",
+                Kind::Counter,
+                "Connections so far.",
+                read(&figures.opened),
+            ),
+            (
+                "rhumb_scenes_parked",
+                Kind::Gauge,
+                "Scenes that did not answer and are parked.",
+                read(&figures.parked),
+            ),
+        ];
+        for (name, kind, help, value) in plain {
+            text.describe(name, kind, help);
+            text.sample(name, &[], value);
+        }
+        let load = lock(&figures.front)
+            .as_ref()
+            .map(|(_, load)| load.reserved());
+        text.describe(
+            "rhumb_load",
+            Kind::Gauge,
+            "Body steps in a second that free-running scenes have reserved.",
+        );
+        text.sample("rhumb_load", &[], load.unwrap_or(0));
+        let name = "rhumb_closed_total";
+        text.describe(
+            name,
+            Kind::Counter,
+            "Connections that the server closed, by code (PROTOCOL 3.4).",
+        );
+        for (code, count) in lock(&figures.closed).iter() {
+            text.sample(name, &[("code", &code.to_string())], *count);
+        }
+        let scenes = lock(&figures.scenes).clone();
+        text.describe("rhumb_scenes", Kind::Gauge, "Scenes now.");
+        text.sample("rhumb_scenes", &[], scenes.len() as u64);
+        scene::write(&scenes, &mut text);
+        text.into_string()
+    }
+}
+
+/// Locks; a thread that panicked while it counted leaves the figures as they are.
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_text_names_scenes_until_they_end() {
+        let metrics = Metrics::default();
+        metrics.count_opened();
+        metrics.count_closed(18);
+        let meter = metrics.begin_scene(&"team/pit".parse().unwrap());
+        meter.note_tick(&TickFigures {
+            tick: 7,
+            members: 2,
+            bodies: 30,
+            awake: 4,
+            step: Span::from_millis(3),
+            publish: Span::from_millis(1),
+        });
+        let text = metrics.text();
+        for line in [
+            "rhumb_connections_total 1",
+            "rhumb_closed_total{code=\"18\"} 1",
+            "rhumb_scenes 1",
+            "rhumb_scene_tick{scene=\"team/pit\"} 7",
+            "rhumb_scene_bodies_awake{scene=\"team/pit\"} 4",
+            "rhumb_scene_step_seconds_bucket{scene=\"team/pit\",le=\"0.002\"} 0",
+            "rhumb_scene_step_seconds_bucket{scene=\"team/pit\",le=\"0.004\"} 1",
+            "rhumb_scene_step_seconds_bucket{scene=\"team/pit\",le=\"+Inf\"} 1",
+            "rhumb_scene_step_seconds_sum{scene=\"team/pit\"} 0.003",
+        ] {
+            assert!(text.lines().any(|have| have == line), "{line} in\n{text}");
+        }
+        drop(meter);
+        assert!(!metrics.text().contains("team/pit"));
+    }
+
+    #[test]
+    fn a_parked_scene_s_late_end_leaves_its_successor() {
+        let metrics = Metrics::default();
+        let name = "pit".parse().unwrap();
+        let parked = metrics.begin_scene(&name);
+        let _successor = metrics.begin_scene(&name);
+        drop(parked);
+        assert!(metrics.text().contains("rhumb_scenes 1\n"));
+    }
+}

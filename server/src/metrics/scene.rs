@@ -1,0 +1,182 @@
+//! The figures of one scene.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use rhumb_protocol::Span;
+use rhumb_protocol::scene::SceneName;
+
+use super::Metrics;
+use super::text::{Kind, Text};
+
+/// Upper ends of the buckets of a step's duration, microseconds.
+const BUCKETS_US: [u64; 8] = [500, 1_000, 2_000, 4_000, 8_000, 16_000, 33_000, 100_000];
+
+/// Figures of a scene; other threads read them.
+#[derive(Debug, Default)]
+pub(crate) struct SceneFigures {
+    tick: AtomicU64,
+    members: AtomicU64,
+    bodies: AtomicU64,
+    awake: AtomicU64,
+    steps: AtomicU64,
+    step_ns: AtomicU64,
+    publish_ns: AtomicU64,
+    slowed: AtomicU64,
+    commands: AtomicU64,
+    refused: AtomicU64,
+    /// Steps within each bucket, and not within the one before.
+    buckets: [AtomicU64; BUCKETS_US.len()],
+}
+
+/// Writes the figures of a scene; dropping it ends them.
+pub(crate) struct SceneMeter {
+    name: SceneName,
+    figures: Arc<SceneFigures>,
+    metrics: Metrics,
+}
+
+/// What is known after a tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TickFigures {
+    pub(crate) tick: u64,
+    pub(crate) members: usize,
+    pub(crate) bodies: usize,
+    pub(crate) awake: usize,
+    pub(crate) step: Span,
+    pub(crate) publish: Span,
+}
+
+impl SceneMeter {
+    pub(super) const fn new(name: SceneName, figures: Arc<SceneFigures>, metrics: Metrics) -> Self {
+        Self {
+            name,
+            figures,
+            metrics,
+        }
+    }
+
+    pub(crate) fn note_tick(&self, tick: &TickFigures) {
+        let figures = &*self.figures;
+        let set = |figure: &AtomicU64, value| figure.store(value, Ordering::Relaxed);
+        set(&figures.tick, tick.tick);
+        set(&figures.members, tick.members as u64);
+        set(&figures.bodies, tick.bodies as u64);
+        set(&figures.awake, tick.awake as u64);
+        add(&figures.steps, 1);
+        add(&figures.step_ns, tick.step.as_nanos());
+        add(&figures.publish_ns, tick.publish.as_nanos());
+        let fits = |end: &u64| tick.step.as_nanos() <= end * 1_000;
+        if let Some(bucket) = BUCKETS_US.iter().position(fits) {
+            add(&figures.buckets[bucket], 1);
+        }
+    }
+
+    /// The scene slows its clock: it is too late to catch up.
+    pub(crate) fn count_slowed(&self) {
+        add(&self.figures.slowed, 1);
+    }
+
+    pub(crate) fn count_command(&self, refused: bool) {
+        add(&self.figures.commands, 1);
+        add(&self.figures.refused, u64::from(refused));
+    }
+}
+
+impl Drop for SceneMeter {
+    fn drop(&mut self) {
+        self.metrics.end_scene(&self.name, &self.figures);
+    }
+}
+
+fn add(figure: &AtomicU64, value: u64) {
+    figure.fetch_add(value, Ordering::Relaxed);
+}
+
+/// Reads one figure of a scene.
+type Read = fn(&SceneFigures) -> &AtomicU64;
+
+/// The plain figures of a scene.
+const PLAIN: [(&str, Kind, &str, Read); 8] = [
+    ("rhumb_scene_tick", Kind::Gauge, "Newest tick.", |of| {
+        &of.tick
+    }),
+    ("rhumb_scene_members", Kind::Gauge, "Members.", |of| {
+        &of.members
+    }),
+    ("rhumb_scene_bodies", Kind::Gauge, "Bodies.", |of| {
+        &of.bodies
+    }),
+    (
+        "rhumb_scene_bodies_awake",
+        Kind::Gauge,
+        "Bodies awake.",
+        |of| &of.awake,
+    ),
+    (
+        "rhumb_scene_slowed_total",
+        Kind::Counter,
+        "Ticks too late to catch up: the scene's clock is slower.",
+        |of| &of.slowed,
+    ),
+    (
+        "rhumb_scene_commands_total",
+        Kind::Counter,
+        "Commands applied or refused.",
+        |of| &of.commands,
+    ),
+    (
+        "rhumb_scene_commands_refused_total",
+        Kind::Counter,
+        "Commands refused.",
+        |of| &of.refused,
+    ),
+    (
+        "rhumb_scene_publish_nanoseconds_total",
+        Kind::Counter,
+        "Time spent on observing and publishing.",
+        |of| &of.publish_ns,
+    ),
+];
+
+pub(super) fn write(scenes: &BTreeMap<SceneName, Arc<SceneFigures>>, text: &mut Text) {
+    let value = |figure: &AtomicU64| figure.load(Ordering::Relaxed);
+    for (name, kind, help, read) in PLAIN {
+        text.describe(name, kind, help);
+        for (scene, figures) in scenes {
+            text.sample(name, &[("scene", scene.as_str())], value(read(figures)));
+        }
+    }
+    text.describe(
+        "rhumb_scene_step_seconds",
+        Kind::Histogram,
+        "Duration of the engine's steps.",
+    );
+    for (scene, figures) in scenes {
+        let scene = ("scene", scene.as_str());
+        let mut within = 0;
+        for (end, bucket) in BUCKETS_US.iter().zip(&figures.buckets) {
+            within += value(bucket);
+            let end = seconds(end * 1_000).to_string();
+            text.sample(
+                "rhumb_scene_step_seconds_bucket",
+                &[scene, ("le", &end)],
+                within,
+            );
+        }
+        let steps = value(&figures.steps);
+        text.sample(
+            "rhumb_scene_step_seconds_bucket",
+            &[scene, ("le", "+Inf")],
+            steps,
+        );
+        let sum = seconds(value(&figures.step_ns));
+        text.sample("rhumb_scene_step_seconds_sum", &[scene], sum);
+        text.sample("rhumb_scene_step_seconds_count", &[scene], steps);
+    }
+}
+
+fn seconds(nanos: u64) -> f64 {
+    nanos as f64 / 1e9
+}

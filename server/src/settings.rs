@@ -1,0 +1,315 @@
+//! The configuration of a server: a file, then the environment, then the command line.
+//!
+//! An environment variable `RHUMB_SERVER_NAME` replaces the setting `name`, and `RHUMB_SERVER_LIMITS_NAME` a limit. A
+//! name that no setting has is an error.
+
+use std::fmt;
+use std::fmt::Write;
+use std::fs;
+use std::io;
+use std::net::SocketAddr;
+use std::num::NonZeroU32;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use rhumb_protocol::packet::LargestPacket;
+use serde::{Deserialize, Deserializer};
+use toml::{Table, Value};
+use tracing::level_filters::LevelFilter;
+
+use crate::access::DEFAULT_AUDIENCE;
+use crate::limits::{InvalidLimit, Limits};
+
+/// All settings of a server but those of APP clients.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct Settings {
+    pub(crate) listen: SocketAddr,
+    pub(crate) cert: Option<PathBuf>,
+    pub(crate) key: Option<PathBuf>,
+    pub(crate) token_keys: Vec<PathBuf>,
+    pub(crate) audience: String,
+    pub(crate) open: bool,
+    pub(crate) open_to_network: bool,
+    pub(crate) metrics: Option<SocketAddr>,
+    #[serde(deserialize_with = "parsed")]
+    pub(crate) log: LevelFilter,
+    pub(crate) cores: Vec<usize>,
+    pub(crate) threads: NonZeroU32,
+    #[serde(deserialize_with = "parsed")]
+    pub(crate) largest_packet: LargestPacket,
+    pub(crate) limits: Limits,
+}
+
+/// Reason why a configuration cannot be used.
+#[derive(Debug)]
+pub(crate) enum SettingsError {
+    Read {
+        path: PathBuf,
+        cause: io::Error,
+    },
+    /// The file is not TOML.
+    Syntax {
+        path: PathBuf,
+        cause: Box<toml::de::Error>,
+    },
+    /// A setting is unknown, or its value is of the wrong kind.
+    Setting(Box<toml::de::Error>),
+    Limit(InvalidLimit),
+}
+
+impl fmt::Display for SettingsError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Read { path, cause } => write!(f, "cannot read {}: {cause}", path.display()),
+            Self::Syntax { path, cause } => write!(f, "{}: {cause}", path.display()),
+            Self::Setting(cause) => write!(f, "the configuration: {}", cause.message()),
+            Self::Limit(cause) => cause.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for SettingsError {}
+
+/// How the names of environment variables begin that replace settings.
+const PREFIX: &str = "RHUMB_SERVER_";
+
+/// The settings beside the limits: name, default as the file writes it, meaning.
+const ROWS: [(&str, &str, &str); 12] = [
+    (
+        "listen",
+        "\"127.0.0.1:4433\"",
+        "UDP address to listen on; port 0 picks a free one.",
+    ),
+    (
+        "cert",
+        "\"chain.pem\"",
+        "PEM file with the certificate chain; without it the server makes a certificate at start.",
+    ),
+    (
+        "key",
+        "\"key.pem\"",
+        "PEM file with the certificate's private key.",
+    ),
+    ("token_keys", "[]", "Files with public keys of tokens."),
+    (
+        "audience",
+        "\"rhumb\"",
+        "Name that a token must give as its audience.",
+    ),
+    (
+        "open",
+        "false",
+        "Admits every client of this machine without a token, for development.",
+    ),
+    (
+        "open_to_network",
+        "false",
+        "Lets clients without a token come from other machines too.",
+    ),
+    (
+        "metrics",
+        "\"127.0.0.1:9464\"",
+        "TCP address for /metrics and /health; without it there are none.",
+    ),
+    (
+        "log",
+        "\"info\"",
+        "Log level: off, error, warn, info, debug or trace.",
+    ),
+    ("cores", "[]", "Processor cores to run on; empty for all."),
+    (
+        "threads",
+        "1",
+        "Threads to step on; more than one needs the feature `parallel`.",
+    ),
+    (
+        "largest_packet",
+        "1100",
+        "Largest packet of a stream, bytes, from 700 to 1150.",
+    ),
+];
+
+/// The settings that a file need not have, and that have no default.
+const OPTIONAL: [&str; 3] = ["cert", "key", "metrics"];
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 4433)),
+            cert: None,
+            key: None,
+            token_keys: Vec::new(),
+            audience: DEFAULT_AUDIENCE.to_owned(),
+            open: false,
+            open_to_network: false,
+            metrics: None,
+            log: LevelFilter::INFO,
+            cores: Vec::new(),
+            threads: NonZeroU32::MIN,
+            largest_packet: LargestPacket::DEFAULT,
+            limits: Limits::default(),
+        }
+    }
+}
+
+impl Settings {
+    /// Reads a file, if there is one, and applies the environment.
+    pub(crate) fn read(
+        path: Option<&Path>,
+        environment: impl Iterator<Item = (String, String)>,
+    ) -> Result<Self, SettingsError> {
+        let mut table = match path {
+            Some(path) => read_table(path)?,
+            None => Table::new(),
+        };
+        for (name, text) in environment {
+            if let Some(name) = name.strip_prefix(PREFIX) {
+                replace(&mut table, &name.to_ascii_lowercase(), &text);
+            }
+        }
+        let settings = Self::deserialize(Value::Table(table));
+        let settings = settings.map_err(|cause| SettingsError::Setting(Box::new(cause)))?;
+        settings.limits.check().map_err(SettingsError::Limit)?;
+        Ok(settings)
+    }
+
+    /// A file with every setting at its default.
+    pub(crate) fn file() -> String {
+        let mut text = String::from(
+            "# Configuration of rhumb-server. Each line below is a default; remove the # before it to change it.\n\
+             # The environment replaces settings: RHUMB_SERVER_LISTEN, RHUMB_SERVER_LIMITS_SCENES and so on. Flags of\n\
+             # the command line replace both.\n",
+        );
+        for (name, default, meaning) in ROWS {
+            text += "\n";
+            describe(&mut text, meaning);
+            if OPTIONAL.contains(&name) {
+                describe(&mut text, "None by default; for example:");
+            }
+            text += &format!("# {name} = {default}\n");
+        }
+        text += "\n[limits]\n";
+        for row in Limits::ROWS {
+            text += "\n";
+            for line in row.reason.lines() {
+                describe(&mut text, line.trim());
+            }
+            text += &format!("# {} = {}\n", row.name, row.default);
+        }
+        text
+    }
+}
+
+fn describe(text: &mut String, line: &str) {
+    // Writing to a text does not fail.
+    let _ = writeln!(text, "# {line}");
+}
+
+/// A value that has a text form; a number counts as its text.
+fn parsed<'de, T, D>(from: D) -> Result<T, D::Error>
+where
+    T: FromStr<Err: fmt::Display>,
+    D: Deserializer<'de>,
+{
+    let value = Value::deserialize(from)?;
+    let text = match &value {
+        Value::String(text) => text.clone(),
+        Value::Integer(number) => number.to_string(),
+        _ => return Err(serde::de::Error::custom("neither a text nor a number")),
+    };
+    text.parse().map_err(serde::de::Error::custom)
+}
+
+fn read_table(path: &Path) -> Result<Table, SettingsError> {
+    let text = fs::read_to_string(path).map_err(|cause| SettingsError::Read {
+        path: path.to_owned(),
+        cause,
+    })?;
+    text.parse().map_err(|cause| SettingsError::Syntax {
+        path: path.to_owned(),
+        cause: Box::new(cause),
+    })
+}
+
+/// Replaces a setting by the text of an environment variable, which is a value of TOML or a plain text.
+fn replace(table: &mut Table, name: &str, text: &str) {
+    let parsed = format!("value = {text}").parse::<Table>().ok();
+    let parsed = parsed.and_then(|mut table| table.remove("value"));
+    let value = parsed.unwrap_or_else(|| Value::String(text.to_owned()));
+    match name.strip_prefix("limits_") {
+        None => {
+            table.insert(name.to_owned(), value);
+        }
+        Some(limit) => {
+            let limits = table.entry("limits");
+            let limits = limits.or_insert_with(|| Value::Table(Table::new()));
+            if let Value::Table(limits) = limits {
+                limits.insert(limit.to_owned(), value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of_environment(pairs: &[(&str, &str)]) -> Result<Settings, SettingsError> {
+        let pairs = pairs.iter();
+        let owned = pairs.map(|(name, text)| ((*name).to_owned(), (*text).to_owned()));
+        Settings::read(None, owned)
+    }
+
+    #[test]
+    fn the_generated_file_says_the_defaults() {
+        let file = Settings::file();
+        assert_eq!(file.parse::<Table>().unwrap().len(), 1, "all is commented");
+        let mut lines = String::new();
+        for line in file.lines() {
+            let setting = line.strip_prefix("# ").unwrap_or(line);
+            let is_setting = setting.split_once(" = ").is_some_and(|(name, _)| {
+                let known = |row: &(&str, &str, &str)| row.0 == name;
+                let limit = Limits::ROWS.iter().any(|row| row.name == name);
+                !OPTIONAL.contains(&name) && (limit || ROWS.iter().any(|row| known(row)))
+            });
+            if is_setting || line == "[limits]" {
+                lines += setting;
+                lines += "\n";
+            }
+        }
+        let table: Table = lines.parse().unwrap();
+        assert_eq!(table.len(), ROWS.len() - OPTIONAL.len() + 1);
+        let settings = Settings::deserialize(Value::Table(table)).unwrap();
+        assert_eq!(settings, Settings::default());
+    }
+
+    #[test]
+    fn the_environment_replaces_settings_and_limits() {
+        let settings = of_environment(&[
+            ("RHUMB_SERVER_LISTEN", "0.0.0.0:9000"),
+            ("RHUMB_SERVER_OPEN", "true"),
+            ("RHUMB_SERVER_CORES", "[2, 3]"),
+            ("RHUMB_SERVER_LIMITS_SCENES", "4"),
+            ("RHUMB_OTHER", "1"),
+        ])
+        .unwrap();
+        assert_eq!(settings.listen, "0.0.0.0:9000".parse().unwrap());
+        assert!(settings.open);
+        assert_eq!(settings.cores, [2, 3]);
+        assert_eq!(settings.limits.scenes, 4);
+    }
+
+    #[test]
+    fn an_unknown_setting_or_a_limit_out_of_bounds_is_named() {
+        for (name, text, named) in [
+            ("RHUMB_SERVER_LISTENS", "1", "listens"),
+            ("RHUMB_SERVER_LIMITS_SCENERY", "1", "scenery"),
+            ("RHUMB_SERVER_LIMITS_SCENES", "0", "limits.scenes"),
+            ("RHUMB_SERVER_THREADS", "many", "many"),
+        ] {
+            let error = of_environment(&[(name, text)]).unwrap_err().to_string();
+            assert!(error.contains(named), "{error}");
+        }
+    }
+}

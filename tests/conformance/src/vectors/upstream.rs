@@ -1,0 +1,81 @@
+//! The upstreams of the vectors, replayed to a server's end.
+
+use rhumb_protocol::message::{Frames, ServerMessage, TakeAuthority};
+use rhumb_protocol::packet::{Datagram, LargestPacket};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
+use rhumb_protocol::session::UpstreamReceiver;
+use rhumb_protocol::stream::PredictionParameters;
+use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Tolerance};
+use serde_json::{Value, json};
+
+use crate::fnv::Fnv;
+use crate::grammar::unhex;
+
+/// The state of the server's end of an upstream at each step of its events.
+///
+/// # Panics
+///
+/// When the events do not begin with a grant, or one of them is malformed.
+#[must_use]
+pub fn upstream_states(events: &[Value]) -> Vec<Value> {
+    let [grant, events @ ..] = events else {
+        panic!("an upstream begins with its grant");
+    };
+    let mut receiver = receiver_of(&bytes_of(grant));
+    let mut states = Vec::new();
+    for event in events {
+        if event[0] == "datagram" {
+            let bytes = bytes_of(event);
+            receiver.handle_datagram(&Datagram::open(&bytes).expect("a head"));
+        } else {
+            let tick = Tick::new(event[1].as_u64().expect("a tick"));
+            states.push(state(&mut receiver, tick));
+        }
+    }
+    states
+}
+
+/// The state in the step to a tick.
+fn state(receiver: &mut UpstreamReceiver, tick: Tick) -> Value {
+    let motions = receiver.motions(tick).map(|(_, motion)| {
+        let mut digest = Fnv::START;
+        digest.fold_motion(&motion);
+        format!("{:016x}", digest.value())
+    });
+    let motions: Vec<_> = motions.collect();
+    json!({
+        "watermark": receiver.watermark_tick().value(),
+        "lost touch": receiver.has_lost_sync(),
+        "bodies": motions,
+    })
+}
+
+/// The receiver of a granted upstream of kinematic balls of half a metre.
+fn receiver_of(grant: &[u8]) -> UpstreamReceiver {
+    let mut frames = Frames::new();
+    frames.push(grant);
+    let framed = frames.next_frame().expect("a frame").expect("a whole one");
+    let Ok(Some(ServerMessage::AuthorityGrant(grant))) = ServerMessage::decode(&framed) else {
+        panic!("an upstream begins with its grant");
+    };
+    let request = TakeAuthority {
+        tolerance: Tolerance::from_micrometres(5_000).expect("within range"),
+        largest_packet: LargestPacket::GREATEST,
+        bodies: grant.bodies.iter().map(|(id, _)| *id).collect(),
+    };
+    let integrator = Integrator {
+        rate: Rate::HZ_60,
+        substeps: 4.try_into().expect("not zero"),
+    };
+    let ball = Shape::Ball { radius: 0.5 };
+    UpstreamReceiver::new(&grant, &request, integrator, |id| {
+        let desc = BodyDesc::plain(id, BodyKind::Kinematic, ShapeId(0));
+        let damping = Damping::default();
+        Some(PredictionParameters::of(&desc, &ball, damping, None))
+    })
+}
+
+/// The bytes of an event.
+fn bytes_of(event: &Value) -> Vec<u8> {
+    unhex(event[1].as_str().expect("digits"))
+}
