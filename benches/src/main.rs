@@ -38,7 +38,7 @@ enum Task {
     Scene(SceneArguments),
     /// Run a server; the other tasks start theirs this way.
     #[command(hide = true)]
-    Serve(Serve),
+    Serve(Box<Serve>),
 }
 
 fn main() -> ExitCode {
@@ -50,6 +50,6 @@ fn main() -> ExitCode {
         Task::Cost(arguments) => cost(&arguments),
         Task::Fit(arguments) => fit(&arguments),
         Task::Scene(arguments) => scene(&arguments),
-        Task::Serve(arguments) => serve(arguments),
+        Task::Serve(arguments) => serve(*arguments),
     }
 }

@@ -27,7 +27,8 @@
 //! # }
 //! ```
 //!
-//! A client has authority over the bodies that its own simulator moves: it requests authority once, and publishes them in each frame.
+//! A client has authority over the bodies that its own simulator moves: it requests authority once, and publishes them
+//! in each frame.
 //!
 //! ```no_run
 //! use rhumb_client::{BodyId, Client, ClientError, Tolerance, BodyState};

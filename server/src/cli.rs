@@ -97,7 +97,7 @@ enum Task {
 /// A server that has not stopped so long after a signal is ended: two seconds are promised.
 const STOP_WITHIN: Duration = Duration::from_millis(1_500);
 
-/// What an operator reads who has not decided about access.
+/// The message to an operator who has not decided about access.
 const NO_ACCESS: &str = "no client could join: start with --open to admit all clients of this machine, \
     or make keys by `rhumb-server token --new-key FILE` and start with --token-key FILE.pub";
 

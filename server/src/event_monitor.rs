@@ -48,13 +48,13 @@ impl StepEvents {
 struct Touch {
     /// From the body with the lesser id.
     contact: Contact,
-    /// Whether a body of the pair reports contacts.
+    /// True if a body of the pair reports contacts.
     reported: bool,
-    /// Whether the force reaches the threshold of a body of the pair.
+    /// True if the force reaches the threshold of a body of the pair.
     forceful: bool,
 }
 
-/// What a step left behind.
+/// The result of a step.
 struct Stepped<'a> {
     engine: &'a dyn Engine,
     registry: &'a Registry,
@@ -73,7 +73,7 @@ impl Stepped<'_> {
         place.ok().map(|place| self.observations[place].activity)
     }
 
-    /// Whether the body's contacts may differ from those of the step before.
+    /// True if the body's contacts may differ from those of the step before.
     fn may_differ(&self, id: BodyId) -> bool {
         self.registry
             .body(id)
@@ -195,7 +195,7 @@ impl EventMonitor {
         self.inside = inside;
     }
 
-    /// Whether a pair of the step before is still one; reports its end.
+    /// True if a pair of the step before is still one; reports its end.
     fn goes_on(
         &self,
         pair: (BodyId, BodyId),

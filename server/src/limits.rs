@@ -5,7 +5,9 @@
 use std::fmt;
 
 use rhumb_protocol::Span;
-use rhumb_protocol::limits::{BODIES_MAX, CONTROL_WAITING_BYTES_MAX, MEMBERS_PER_SCENE_MAX, SCENES_MAX};
+use rhumb_protocol::limits::{
+    BODIES_MAX, CONTROL_WAITING_BYTES_MAX, MEMBERS_PER_SCENE_MAX, SCENES_MAX,
+};
 use serde::Deserialize;
 
 /// One limit, as the configuration file describes it.
@@ -140,7 +142,7 @@ impl Limits {
         Span::from_millis(self.stall_seconds * 1_000)
     }
 
-    /// How long a scene without members lives; `None` for ever.
+    /// The lifetime of a scene without members; `None` for ever.
     pub(crate) fn empty_scene(&self) -> Option<Span> {
         (self.empty_scene_seconds > 0).then(|| Span::from_millis(self.empty_scene_seconds * 1_000))
     }

@@ -22,7 +22,7 @@ const LINES_WAITING_MAX: usize = 8_192;
 /// Window of the limit of lines.
 const SECOND: Span = Span::from_millis(1_000);
 
-/// How a log is written.
+/// The form of a log.
 #[derive(Clone, Copy, Debug)]
 struct Destination {
     ansi: bool,

@@ -12,7 +12,7 @@ const BURST: u64 = 2 * QUERY_COST_MAX as u64;
 /// Parts of a unit of cost, so that short times earn something.
 const PARTS: u64 = 1_000_000;
 
-/// What a member may still ask.
+/// The rest of a member's share of query time.
 #[derive(Debug)]
 pub(crate) struct QueryBudget {
     left: u64,

@@ -43,7 +43,7 @@ pub struct Stepped {
     pub tick: Tick,
     /// Bodies that the step removed, in the order of ids.
     pub removed: Vec<(BodyId, RemovalCause)>,
-    /// What happened to bodies that report events.
+    /// The events of bodies that report them.
     pub happened: StepEvents,
     /// Joints that broke in the step, in the order of ids.
     pub broken: Vec<JointId>,
@@ -144,14 +144,14 @@ impl Scene {
                 self.gravity = gravity;
                 self.engine.set_gravity(gravity);
             }
-            Command::AddJoint { id, joint } => {
-                self.registry.add_joint(id, joint)?;
-                self.act_joint(id, &joint);
+            Command::AddJoint { id, ref joint } => {
+                self.registry.add_joint(id, **joint)?;
+                self.act_joint(id, joint);
             }
-            Command::ChangeJoint { id, joint } => {
-                self.registry.change_joint(id, joint)?;
+            Command::ChangeJoint { id, ref joint } => {
+                self.registry.change_joint(id, **joint)?;
                 self.engine.remove_joint(id);
-                self.act_joint(id, &joint);
+                self.act_joint(id, joint);
             }
             Command::ChangeBody { desc } => self.change_body(desc)?,
             Command::RemoveJoint { id } => {

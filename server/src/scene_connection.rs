@@ -1,4 +1,4 @@
-//! What the server loop knows of one connection.
+//! The server loop's state of one connection.
 
 use std::sync::Arc;
 

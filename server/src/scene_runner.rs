@@ -429,8 +429,8 @@ impl SceneRunner {
                 let cause = RemovalCause::Command;
                 self.record_event(SceneEvent::BodyRemoved { id, cause });
             }
-            Command::AddJoint { id, joint } | Command::ChangeJoint { id, joint } => {
-                self.record_event(SceneEvent::JointAdded { id, joint });
+            Command::AddJoint { id, ref joint } | Command::ChangeJoint { id, ref joint } => {
+                self.record_event(SceneEvent::JointAdded { id, joint: **joint });
             }
             Command::RemoveJoint { id } => self.record_event(SceneEvent::JointRemoved { id }),
             Command::SetGravity { gravity } => {

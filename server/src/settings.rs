@@ -71,7 +71,7 @@ impl fmt::Display for SettingsError {
 
 impl std::error::Error for SettingsError {}
 
-/// How the names of environment variables begin that replace settings.
+/// The first characters of environment variables that replace settings.
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
@@ -271,7 +271,7 @@ mod tests {
             let is_setting = setting.split_once(" = ").is_some_and(|(name, _)| {
                 let known = |row: &(&str, &str, &str)| row.0 == name;
                 let limit = Limits::ROWS.iter().any(|row| row.name == name);
-                !OPTIONAL.contains(&name) && (limit || ROWS.iter().any(|row| known(row)))
+                !OPTIONAL.contains(&name) && (limit || ROWS.iter().any(known))
             });
             if is_setting || line == "[limits]" {
                 lines += setting;

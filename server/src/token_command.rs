@@ -24,7 +24,7 @@ pub(crate) struct TokenArguments {
     /// Name of a scene, or the beginning of names and a `*`; may be repeated.
     #[arg(long, required_unless_present = "new_key", value_parser = pattern)]
     scene: Vec<String>,
-    /// What it may do: observer, controller or owner.
+    /// Its role: observer, controller or owner.
     #[arg(long, required_unless_present = "new_key", value_parser = role)]
     role: Option<String>,
     /// Hours until it expires.

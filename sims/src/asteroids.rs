@@ -14,7 +14,7 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 
 use crate::controller::{Controller, flight};
-use crate::defaults::{DEFAULT_CONFIG, INTEGRATOR, motion, still, surface};
+use crate::defaults::{INTEGRATOR, motion, still, surface};
 use crate::rng::SceneRng;
 use crate::rock::Rock;
 use crate::script::Script;
@@ -61,7 +61,7 @@ impl Script for Asteroids {
         SceneConfig {
             gravity: Vec3::ZERO,
             material: surface(FRICTION, 1.0),
-            ..DEFAULT_CONFIG
+            ..SceneConfig::default()
         }
     }
 

@@ -16,7 +16,7 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, Sha
 use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
 use crate::cluster::Cluster;
-use crate::defaults::{DEFAULT_CONFIG, INTEGRATOR, motion, still, surface};
+use crate::defaults::{INTEGRATOR, motion, still, surface};
 use crate::rng::SceneRng;
 use crate::script::Script;
 
@@ -153,7 +153,7 @@ impl Script for BallPit {
                 linear: 0.0,
                 angular: 0.05,
             },
-            ..DEFAULT_CONFIG
+            ..SceneConfig::default()
         }
     }
 

@@ -16,7 +16,7 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
 use crate::builder::SceneBuilder;
 use crate::controller::{Controller, flight};
-use crate::defaults::{DEFAULT_CONFIG, still, surface};
+use crate::defaults::{still, surface};
 use crate::rng::SceneRng;
 use crate::script::Script;
 
@@ -58,7 +58,7 @@ impl Script for Cubes {
                 speed: 0.25,
                 seconds: 0.1,
             }),
-            ..DEFAULT_CONFIG
+            ..SceneConfig::default()
         }
     }
 

@@ -3,8 +3,8 @@
 use core::num::NonZeroU32;
 
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{Material, PublishSchedule, SceneConfig, Stepping};
-use rhumb_reckoning::{BodyState, Damping, Integrator, Rate};
+use rhumb_protocol::scene::Material;
+use rhumb_reckoning::{BodyState, Integrator, Rate};
 
 /// Integrator of all scenes: 60 Hz, four substeps.
 pub(crate) const INTEGRATOR: Integrator = Integrator {
@@ -14,20 +14,6 @@ pub(crate) const INTEGRATOR: Integrator = Integrator {
 
 /// Earth's gravity, along y, m/s².
 pub(crate) const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
-
-/// Default config of a scene: Earth's gravity, no damping.
-pub(crate) const DEFAULT_CONFIG: SceneConfig = SceneConfig {
-    integrator: INTEGRATOR,
-    gravity: GRAVITY,
-    stepping: Stepping::Lockstep,
-    material: surface(0.5, 1_000.0),
-    damping: Damping {
-        linear: 0.0,
-        angular: 0.0,
-    },
-    sleep: None,
-    publish_schedule: PublishSchedule::EACH_TICK,
-};
 
 /// A material without bounce; density in kg/m³.
 pub(crate) const fn surface(friction: f32, density: f32) -> Material {

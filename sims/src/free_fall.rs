@@ -7,7 +7,7 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, Sha
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use crate::cluster::Cluster;
-use crate::defaults::{DEFAULT_CONFIG, motion, surface};
+use crate::defaults::{motion, surface};
 use crate::rng::SceneRng;
 use crate::script::Script;
 
@@ -40,7 +40,7 @@ impl Script for FreeFall {
     fn config(&self) -> SceneConfig {
         SceneConfig {
             material: surface(0.5, 1_000.0),
-            ..DEFAULT_CONFIG
+            ..SceneConfig::default()
         }
     }
 

@@ -14,7 +14,7 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, Damping, Tick};
 
 use crate::builder::SceneBuilder;
-use crate::defaults::{DEFAULT_CONFIG, motion, still, surface};
+use crate::defaults::{motion, still, surface};
 use crate::rng::SceneRng;
 use crate::script::Script;
 
@@ -68,7 +68,10 @@ impl Ragdolls {
             };
             let id = JointId(self.joints);
             self.joints += 1;
-            out.push(Command::AddJoint { id, joint });
+            out.push(Command::AddJoint {
+                id,
+                joint: joint.into(),
+            });
         }
     }
 }
@@ -89,7 +92,7 @@ impl Script for Ragdolls {
                 speed: 0.3,
                 seconds: 0.5,
             }),
-            ..DEFAULT_CONFIG
+            ..SceneConfig::default()
         }
     }
 

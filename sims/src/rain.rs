@@ -11,7 +11,7 @@ use rhumb_reckoning::{BodyId, BodyState, Tick};
 
 use crate::builder::SceneBuilder;
 use crate::controller::{Controller, flight};
-use crate::defaults::{DEFAULT_CONFIG, motion, surface};
+use crate::defaults::{motion, surface};
 use crate::rng::SceneRng;
 use crate::script::Script;
 
@@ -41,7 +41,7 @@ impl Script for Rain {
     fn config(&self) -> SceneConfig {
         SceneConfig {
             material: surface(0.5, 1_000.0),
-            ..DEFAULT_CONFIG
+            ..SceneConfig::default()
         }
     }
 

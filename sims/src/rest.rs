@@ -8,7 +8,7 @@ use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};
 use rhumb_reckoning::{Damping, Tick};
 
 use crate::builder::{SceneBuilder, about_y};
-use crate::defaults::{DEFAULT_CONFIG, motion, surface};
+use crate::defaults::{motion, surface};
 use crate::rng::SceneRng;
 use crate::script::Script;
 
@@ -45,7 +45,7 @@ impl Script for Rest {
                 linear: 0.05,
                 angular: 0.05,
             },
-            ..DEFAULT_CONFIG
+            ..SceneConfig::default()
         }
     }
 

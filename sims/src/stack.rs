@@ -9,7 +9,7 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Material, SceneConfig, 
 use rhumb_reckoning::{Damping, Tick};
 
 use crate::builder::SceneBuilder;
-use crate::defaults::{DEFAULT_CONFIG, motion, still, surface};
+use crate::defaults::{motion, still, surface};
 use crate::rng::SceneRng;
 use crate::script::Script;
 
@@ -96,7 +96,7 @@ impl Script for Stack {
                 linear: 0.05,
                 angular: 0.05,
             },
-            ..DEFAULT_CONFIG
+            ..SceneConfig::default()
         }
     }
 

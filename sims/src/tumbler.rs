@@ -12,7 +12,7 @@ use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
 use crate::builder::{SceneBuilder, about_z};
 use crate::controller::Controller;
-use crate::defaults::{DEFAULT_CONFIG, INTEGRATOR, motion, still, surface};
+use crate::defaults::{INTEGRATOR, motion, still, surface};
 use crate::rng::SceneRng;
 use crate::script::Script;
 
@@ -72,7 +72,7 @@ impl Script for Tumbler {
                 linear: 0.05,
                 angular: 0.05,
             },
-            ..DEFAULT_CONFIG
+            ..SceneConfig::default()
         }
     }
 

@@ -11,7 +11,7 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
 
 use crate::cluster::Cluster;
-use crate::defaults::{DEFAULT_CONFIG, GRAVITY, motion, still};
+use crate::defaults::{GRAVITY, motion, still};
 use crate::rng::SceneRng;
 use crate::script::Script;
 
@@ -57,7 +57,7 @@ impl Zoo {
         });
         out.push(Command::AddJoint {
             id: HINGE,
-            joint: hanging(POST, ARM, JointKind::Revolute(None)),
+            joint: hanging(POST, ARM, JointKind::Revolute(None)).into(),
         });
         self.hang_bob(out);
         let mut places = self.rng.clone();
@@ -82,7 +82,10 @@ impl Zoo {
             _ => JointKind::Fixed,
         };
         let joint = hanging(ARM, id, kind);
-        out.push(Command::AddJoint { id: LINK, joint });
+        out.push(Command::AddJoint {
+            id: LINK,
+            joint: joint.into(),
+        });
     }
 
     /// Adds the next body at an index.
@@ -191,7 +194,10 @@ impl Zoo {
             200 => out.push(Command::RemoveJoint { id: LINK }),
             220 => {
                 let joint = hanging(ARM, BodyId::new(BOB, self.bob), JointKind::Spherical(None));
-                out.push(Command::AddJoint { id: LINK, joint });
+                out.push(Command::AddJoint {
+                    id: LINK,
+                    joint: joint.into(),
+                });
             }
             450 => {
                 let id = BodyId::new(BOB, self.bob);
@@ -220,7 +226,7 @@ impl Script for Zoo {
                 linear: 0.05,
                 angular: 0.1,
             },
-            ..DEFAULT_CONFIG
+            ..SceneConfig::default()
         }
     }
 

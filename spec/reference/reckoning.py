@@ -410,7 +410,7 @@ class Grid:
                 fine=position / FINE_STEPS,
                 turn=min((angle * 2.0) * TURN_SHARE, COARSEST_TURN),
                 linear=(length * 2.0) * VELOCITY_SHARE,
-                angular=min((angle * 2.0) * VELOCITY_SHARE, COARSEST_ANGULAR),
+                angular=(angle * 2.0) * VELOCITY_SHARE,
             )
         position, linear = length * POSITION_SHARE, length * VELOCITY_SHARE
         return Grid(

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
 use rhumb_tests::fuzzing::inputs::{pack, unpack};
-use rhumb_tests::fuzzing::{TARGETS, Target};
+use rhumb_tests::fuzzing::{Target, target};
 
 #[derive(Parser)]
 struct Options {
@@ -26,8 +26,7 @@ enum Action {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let find = |name: &str| -> Result<&'static Target, String> {
-        let found = TARGETS.iter().find(|target| target.name == name);
-        found.ok_or_else(|| format!("there is no target {name}"))
+        target(name).ok_or_else(|| format!("there is no target {name}"))
     };
     let count = match Options::parse().action {
         Action::Unpack { target, folder } => unpack(find(&target)?, &folder)?,

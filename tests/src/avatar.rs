@@ -2,13 +2,9 @@
 //!
 //! A trajectory is a function of the tick, so that published states can be checked afterwards.
 
-use core::num::NonZeroU32;
-
 use glam::{Quat, Vec3};
-use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, Material, PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
-};
-use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tick, ToleranceScale};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, Material, SceneConfig, Shape, ShapeId};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Tick, ToleranceScale};
 use rhumb_sims::Script;
 
 /// A floor, avatars that no client moves yet, a box on a small platform, and a body that always turns.
@@ -100,12 +96,7 @@ impl Script for Avatars {
 
     fn config(&self) -> SceneConfig {
         SceneConfig {
-            integrator: Integrator {
-                rate: Rate::HZ_60,
-                substeps: NonZeroU32::new(4).expect("four is not zero"),
-            },
             gravity: Vec3::new(0.0, -9.8, 0.0),
-            stepping: Stepping::Lockstep,
             material: Material {
                 friction: 0.8,
                 restitution: 0.0,
@@ -115,8 +106,7 @@ impl Script for Avatars {
                 linear: 0.0,
                 angular: 0.05,
             },
-            sleep: None,
-            publish_schedule: PublishSchedule::EACH_TICK,
+            ..SceneConfig::default()
         }
     }
 

@@ -19,7 +19,7 @@ pub mod vectors;
 mod walk;
 
 pub use avatar::Avatars;
-pub use observation_history::{Claim, ObservationHistory, assert_same_copy, copy_digest};
+pub use observation_history::{Claim, ObservationHistory, assert_same_copy};
 pub use plugin::{PluginServer, PluginSession, Recording, deliver, falling};
 pub use process::{Ended, Programme, ServerProcess};
 pub use raw_peer::RawPeer;

@@ -12,10 +12,9 @@ use rhumb_protocol::stream::ErrorBound;
 use rhumb_reckoning::{BodyId, Metres, Pose, Tick, Tolerance};
 
 use crate::truth::SceneTruth;
-use rhumb_conformance::fnv::Fnv;
 
 /// A claim of a copy: a body is within a distance of this pose at a tick.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Claim {
     /// The body.
     pub id: BodyId,
@@ -219,32 +218,4 @@ pub fn assert_same_copy(one: &Replica, other: &Replica) {
             "{id} at {tick}"
         );
     }
-}
-
-/// FNV-1a over the state of a copy at its complete tick: the tick, then for each body in order of index its index,
-/// generation and the bits of position and rotation in f32. `so_far`: the hash of the ticks before, or zero.
-#[must_use]
-pub fn copy_digest(so_far: u64, replica: &Replica) -> u64 {
-    let mut digest = match so_far {
-        0 => Fnv::START,
-        _ => Fnv::from(so_far),
-    };
-    let mut fold = |word: u32| digest.fold(&word.to_le_bytes());
-    let tick = replica.stream().complete();
-    fold(tick.value() as u32);
-    for desc in replica.bodies() {
-        fold(desc.id.index());
-        fold(u32::from(desc.id.generation()));
-        let motion = replica.stream().predicted_motion(desc.id, tick);
-        let pose = motion
-            .expect("every body of the copy has a prediction")
-            .pose();
-        for part in pose.position.as_vec3().to_array() {
-            fold(part.to_bits());
-        }
-        for part in pose.rotation.as_quat().to_array() {
-            fold(part.to_bits());
-        }
-    }
-    digest.value()
 }

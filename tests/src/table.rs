@@ -5,6 +5,8 @@
 use std::collections::BTreeMap;
 
 use bytes::Bytes;
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_server::{Hooks, ServerLoop};
@@ -96,6 +98,20 @@ impl Table {
         let mut session = ClientSession::new(name);
         session.handle_opened(self.now, HOST);
         self.sessions.insert(peer, session);
+        self.run_until_idle();
+        peer
+    }
+
+    /// Connects a client that creates a scene and joins it.
+    ///
+    /// # Panics
+    ///
+    /// If the server does not welcome it.
+    pub fn create(&mut self, scene: &str, config: SceneConfig, choice: StreamChoice) -> Peer {
+        let peer = self.connect(scene);
+        let session = self.session(peer);
+        session.create(config).expect("the session is in the lobby");
+        session.join(choice).expect("the session is in the lobby");
         self.run_until_idle();
         peer
     }

@@ -264,7 +264,10 @@ impl WorldMirror {
         };
         let bodies = [body(message.first.actor.object)?, body(second)?];
         let joint = joint::between(message, bodies).ok_or(Refusal::Joint)?;
-        scene.command(&Command::AddJoint { id, joint })?;
+        scene.command(&Command::AddJoint {
+            id,
+            joint: joint.into(),
+        })?;
         Ok(())
     }
 }

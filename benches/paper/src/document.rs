@@ -274,15 +274,7 @@ fn of_runs(summary: &Summary, what: &str) -> Option<String> {
 
 fn of_remote(results: &RemoteResults, what: &str) -> Option<String> {
     match what {
-        "command" => Some(format!(
-            "    {}\n\nOn {} ({}; {} build), seed {}, {} frames a point.",
-            results.command,
-            results.machine,
-            results.cores,
-            results.build,
-            results.seed,
-            results.frames
-        )),
+        "command" => Some(results.provenance.markdown("a point")),
         "crossings" => Some(remote::crossings_table(results).to_markdown()),
         "aims" => Some(remote::aims_table(results).to_markdown()),
         "points" => Some(remote::points_table(results).to_markdown()),
@@ -303,15 +295,7 @@ fn of_engines(engines: &Engines, what: &str) -> Option<String> {
 
 fn of_gap(results: &GapResults, what: &str) -> Option<String> {
     match what {
-        "command" => Some(format!(
-            "    {}\n\nOn {} ({}; {} build), seed {}, {} frames each.",
-            results.command,
-            results.machine,
-            results.cores,
-            results.build,
-            results.seed,
-            results.frames
-        )),
+        "command" => Some(results.provenance.markdown("each")),
         "table" => Some(gap::table(results).to_markdown()),
         "shares" => Some(gap::shares_table(results).to_markdown()),
         "published" => Some(gap::published_table(results).to_markdown()),

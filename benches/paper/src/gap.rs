@@ -16,8 +16,8 @@ use serde::{Deserialize, Serialize};
 use super::cores::CoreAssignment;
 use super::error::PaperError;
 use super::outcome::ModeOutcome;
-use super::page::page;
 use super::pit::Pit;
+use super::provenance::Provenance;
 use super::published;
 use super::table::Table;
 use super::tolerance::tolerance;
@@ -55,18 +55,9 @@ pub(crate) struct GapArguments {
 /// Results: `gap.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct GapResults {
-    /// The command line, as typed.
-    pub(crate) command: String,
-    /// Processor, cores, operating system.
-    pub(crate) machine: String,
-    /// Build profile, version and commit.
-    pub(crate) build: String,
-    /// Cores of the caller and the servers.
-    pub(crate) cores: String,
-    /// Seed of the scene.
-    pub(crate) seed: u64,
-    /// Frames of each row.
-    pub(crate) frames: u32,
+    /// How they were measured.
+    #[serde(flatten)]
+    pub(crate) provenance: Provenance,
     /// Rows, load by load.
     pub(crate) rows: Vec<GapRow>,
 }
@@ -160,12 +151,7 @@ pub(crate) fn run(arguments: &GapArguments) -> Result<(), PaperError> {
     };
     let frames = arguments.frames.map_or(frames, NonZeroU32::get);
     let mut results = GapResults {
-        command: output::command_line(),
-        machine,
-        build: machine::build(),
-        cores: places.describe(),
-        seed: arguments.seed,
-        frames,
+        provenance: Provenance::new(machine, &places, arguments.seed, frames),
         rows: Vec::new(),
     };
     let bar = output::progress_bar((loads.len() * cases(0).len()) as u64, String::new());
@@ -241,22 +227,12 @@ fn of_case(
 fn write(arguments: &GapArguments, results: &GapResults) -> Result<(), PaperError> {
     let out = &arguments.out;
     output::write_json(&out.join("gap.json"), results)?;
-    let mut text = format!("# {TITLE}\n\n`{}`\n", results.command);
-    let mut body = format!(
-        "<pre>{}</pre>\n",
-        rhumb_bench::report::escape(&results.command)
-    );
-    for table in [
+    let tables = [
         table(results),
         shares_table(results),
         published_table(results),
-    ] {
-        text.push_str(&format!("\n## {}\n\n{}", table.title, table.to_markdown()));
-        body.push_str(&table.to_html());
-    }
-    output::write_file(&out.join("gap.md"), text.as_bytes())?;
-    let html = page(TITLE, &body);
-    Ok(output::write_file(&out.join("gap.html"), html.as_bytes())?)
+    ];
+    results.provenance.write(out, "gap", TITLE, &tables)
 }
 
 const TITLE: &str = "Where the published client loses its time";
@@ -496,12 +472,7 @@ mod tests {
             },
         };
         GapResults {
-            command: String::new(),
-            machine: String::new(),
-            build: String::new(),
-            cores: String::new(),
-            seed: 1,
-            frames: 10,
+            provenance: Provenance::default(),
             rows: frames_ms.iter().map(row).collect(),
         }
     }

@@ -20,6 +20,7 @@ mod loads;
 mod outcome;
 mod page;
 mod pit;
+mod provenance;
 mod published;
 mod quota;
 mod remote;

@@ -23,8 +23,8 @@ use serde::Serialize;
 use super::beside::work;
 use super::cores::CoreAssignment;
 use super::error::PaperError;
-use super::page::page;
 use super::pit::{FRAMES_PER_SECOND, in_frames};
+use super::provenance::Provenance;
 use super::tolerance::tolerance;
 pub(crate) use results::RemoteResults;
 use results::{Crossing, RemotePoint, crossings};
@@ -97,12 +97,7 @@ pub(crate) fn run(arguments: &RemoteArguments) -> Result<(), PaperError> {
         &arguments.loads
     };
     let mut results = RemoteResults {
-        command: output::command_line(),
-        machine,
-        build: machine::build(),
-        cores: places.describe(),
-        seed: arguments.seed,
-        frames: arguments.frames.get(),
+        provenance: Provenance::new(machine, &places, arguments.seed, arguments.frames.get()),
         points: Vec::new(),
     };
     let cost: u64 = loads.iter().copied().map(u64::from).sum();
@@ -287,21 +282,8 @@ fn write(arguments: &RemoteArguments, results: &RemoteResults) -> Result<(), Pap
         crossings_table(results),
         points_table(results),
     ];
-    let mut text = format!("# Where remote wins\n\n`{}`\n", results.command);
-    let mut body = format!(
-        "<pre>{}</pre>\n",
-        rhumb_bench::report::escape(&results.command)
-    );
-    for table in tables {
-        text.push_str(&format!("\n## {}\n\n{}", table.title, table.to_markdown()));
-        body.push_str(&table.to_html());
-    }
-    output::write_file(&out.join("remote.md"), text.as_bytes())?;
-    let html = page("Where remote wins", &body);
-    Ok(output::write_file(
-        &out.join("remote.html"),
-        html.as_bytes(),
-    )?)
+    let provenance = &results.provenance;
+    provenance.write(out, "remote", "Where remote wins", &tables)
 }
 
 #[cfg(test)]

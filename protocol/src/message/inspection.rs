@@ -30,7 +30,7 @@ pub struct Inspection {
     pub bodies: u32,
     /// Number of awake bodies.
     pub awake: u32,
-    /// Updates sent so far in the asking member's stream.
+    /// Updates sent so far in the stream of the requesting member.
     pub updates: u64,
     /// Packets of that stream.
     pub packets: u64,

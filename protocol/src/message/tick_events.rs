@@ -9,7 +9,7 @@ use crate::scene::BodyEvent;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
-/// What happened to bodies in the step to a tick.
+/// The events of bodies in the step to a tick.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TickEvents {
     /// The tick.

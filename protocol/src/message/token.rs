@@ -13,7 +13,7 @@ use crate::limits::EXTENSION_BYTES_MAX;
 #[derive(Clone, PartialEq, Eq)]
 pub struct Token(String);
 
-/// What a client may do. Each role includes those before it.
+/// The rights of a client. Each role includes those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Role {
     /// Joins scenes and receives streams.

@@ -52,12 +52,12 @@ pub struct BodyDesc {
     /// Of two touching bodies the one of lower dominance is pushed as if the other one had infinite mass; zero
     /// for most.
     pub dominance: i8,
-    /// Whether bodies pass through it.
+    /// True if bodies pass through it.
     pub sensor: bool,
-    /// Whether it is swept against moving bodies, so that it does not pass through them between two steps. Every fast
+    /// True if it is swept against moving bodies, so that it does not pass through them between two steps. Every fast
     /// body is swept against static ones.
     pub swept: bool,
-    /// Whether it takes part in the scene: a body that does not stays where it is, touches nothing, and its joints do not
+    /// True if it takes part in the scene: a body that does not stays where it is, touches nothing, and its joints do not
     /// act.
     pub enabled: bool,
 }

@@ -1,4 +1,4 @@
-//! What happened to bodies in a tick: contacts, sensors, sleep.
+//! The events of bodies in a tick: contacts, sensors, sleep.
 //!
 //! Only bodies for which a command turned events on report any. Nothing here depends on an engine.
 
@@ -13,13 +13,13 @@ use crate::wire::{Malformed, Wire};
 /// The events that a body reports. Of two bodies in contact it suffices that one reports.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ActiveEvents {
-    /// Whether it reports that contacts begin and end.
+    /// True if it reports that contacts begin and end.
     pub contacts: bool,
     /// Newtons from which on it reports the force of a contact, at each tick.
     pub force: Option<f32>,
-    /// Whether it reports bodies that enter and leave a sensor: it is the sensor, or one of those bodies.
+    /// True if it reports bodies that enter and leave a sensor: it is the sensor, or one of those bodies.
     pub sensors: bool,
-    /// Whether it reports that it falls asleep and wakes.
+    /// True if it reports that it falls asleep and wakes.
     pub sleep: bool,
 }
 
@@ -32,7 +32,7 @@ impl ActiveEvents {
         sleep: false,
     };
 
-    /// Whether any are on.
+    /// True if any are on.
     #[must_use]
     pub const fn any(&self) -> bool {
         self.contacts || self.force.is_some() || self.sensors || self.sleep

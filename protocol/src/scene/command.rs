@@ -2,6 +2,8 @@
 //!
 //! A command is checked as a whole before it is applied; a refused one changes nothing.
 
+use alloc::boxed::Box;
+
 use glam::{Quat, Vec3};
 use rhumb_reckoning::{BodyId, BodyState};
 
@@ -98,7 +100,7 @@ pub enum Command {
         /// Its id, which must be free.
         id: JointId,
         /// The joint.
-        joint: Joint,
+        joint: Box<Joint>,
     },
     /// Removes a joint; a joint goes with either of its bodies too.
     RemoveJoint {
@@ -115,7 +117,7 @@ pub enum Command {
         /// Its id.
         id: JointId,
         /// The new joint, whole.
-        joint: Joint,
+        joint: Box<Joint>,
     },
     /// Applies a force at a point during the next tick.
     ForceAt {
@@ -307,7 +309,7 @@ impl Wire for Command {
                 to.u8(code::SET_GRAVITY);
                 to.f32s(&gravity.to_array());
             }
-            Self::AddJoint { id, joint } => {
+            Self::AddJoint { id, ref joint } => {
                 to.u8(code::ADD_JOINT);
                 id.encode(to);
                 joint.encode(to);
@@ -320,7 +322,7 @@ impl Wire for Command {
                 to.u8(code::CHANGE_BODY);
                 desc.encode(to);
             }
-            Self::ChangeJoint { id, joint } => {
+            Self::ChangeJoint { id, ref joint } => {
                 to.u8(code::CHANGE_JOINT);
                 id.encode(to);
                 joint.encode(to);
@@ -389,7 +391,7 @@ impl Wire for Command {
             },
             code::ADD_JOINT => Self::AddJoint {
                 id: JointId::decode(from)?,
-                joint: Joint::decode(from)?,
+                joint: Box::new(Joint::decode(from)?),
             },
             code::REMOVE_JOINT => Self::RemoveJoint {
                 id: JointId::decode(from)?,
@@ -399,7 +401,7 @@ impl Wire for Command {
             },
             code::CHANGE_JOINT => Self::ChangeJoint {
                 id: JointId::decode(from)?,
-                joint: Joint::decode(from)?,
+                joint: Box::new(Joint::decode(from)?),
             },
             code::FORCE_AT => Self::ForceAt {
                 id: BodyId::decode(from)?,

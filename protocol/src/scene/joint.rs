@@ -310,7 +310,7 @@ impl JointKind {
         }
     }
 
-    /// Whether a bit tells that limits follow.
+    /// True if a bit tells that limits follow.
     const fn is_limited(&self) -> bool {
         matches!(
             self,

@@ -63,7 +63,7 @@ impl Joints {
         self.by_id.len()
     }
 
-    /// Whether there is none.
+    /// True if there is none.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.by_id.is_empty()

@@ -45,13 +45,13 @@ impl LockedAxes {
         self.0
     }
 
-    /// Whether no axis is locked.
+    /// True if no axis is locked.
     #[must_use]
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Whether the axis of this number, below six, is locked.
+    /// True if the axis of this number, below six, is locked.
     #[must_use]
     pub const fn locks(self, axis: usize) -> bool {
         self.0 & (1 << axis) != 0

@@ -25,7 +25,7 @@ impl Mass {
     pub fn check(&self) -> Result<(), Invalid> {
         scalar(self.mass, MASS_MIN, MASS_MAX, Quantity::Mass)?;
         let (least, most) = (self.mass * GYRATION_MIN, self.mass * GYRATION_MAX);
-        for moment in self.moments.iter().flat_map(|moments| moments.to_array()) {
+        for moment in self.moments.iter().flat_map(Vec3::to_array) {
             scalar(moment, least, most, Quantity::Moments)?;
         }
         Ok(())

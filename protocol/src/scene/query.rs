@@ -68,13 +68,13 @@ pub enum QueryKind {
 /// Selection of the bodies that a question considers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct QueryFilter {
-    /// Whether static bodies count.
+    /// True if static bodies count.
     pub with_static: bool,
-    /// Whether dynamic bodies count.
+    /// True if dynamic bodies count.
     pub with_dynamic: bool,
-    /// Whether kinematic bodies count.
+    /// True if kinematic bodies count.
     pub with_kinematic: bool,
-    /// Whether sensors count.
+    /// True if sensors count.
     pub with_sensors: bool,
     /// A body that does not count, such as the one that asks.
     pub except: Option<BodyId>,
@@ -93,7 +93,7 @@ impl QueryFilter {
         groups: u32::MAX,
     };
 
-    /// Whether bodies of a kind count.
+    /// True if bodies of a kind count.
     #[must_use]
     pub const fn takes(&self, kind: BodyKind) -> bool {
         match kind {
@@ -170,7 +170,7 @@ impl Query {
         self
     }
 
-    /// Whether a shape may be cast or overlapped: its cost is known from its kind.
+    /// True if a shape may be cast or overlapped: its cost is known from its kind.
     #[must_use]
     pub const fn allows(shape: &Shape) -> bool {
         !matches!(

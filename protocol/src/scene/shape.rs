@@ -114,7 +114,7 @@ impl Shape {
         }
     }
 
-    /// Whether it has volume and mass: no height field, mesh or half-space, nor a compound with such a part.
+    /// True if it has volume and mass: no height field, mesh or half-space, nor a compound with such a part.
     #[must_use]
     pub fn is_solid(&self) -> bool {
         match self {

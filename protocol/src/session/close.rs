@@ -27,7 +27,7 @@ impl CloseCode {
     pub const SCENE_PARKED: Self = Self(6);
     /// The server cannot serve another scene now.
     pub const BUSY: Self = Self(7);
-    /// The client said no hello in time.
+    /// The client sent no `Hello` in time.
     pub const HELLO_LATE: Self = Self(8);
     /// The server requires a token, and the client's hello has none.
     pub const TOKEN_MISSING: Self = Self(16);

@@ -136,8 +136,8 @@ impl FecDecoder {
             .collect()
     }
 
-    /// Handles a recovered packet that is malformed: drops all repair symbols received so far, and uses none that lacks a
-    /// packet sent so far.
+    /// Handles a recovered packet that is malformed: drops all repair symbols received so far, and uses none that lacks
+    /// a packet sent so far.
     pub(crate) fn drop_repair_symbols(&mut self, number: u64) {
         self.source_symbols.forget(number);
         self.sums.clear();

@@ -171,11 +171,11 @@ impl FecEncoder {
         }
         let of_use =
             |sent: &SentRepairSymbol| sent.numbers.iter().any(|number| recent.contains(number));
-        let unheard = received_below.max(request.sent_from);
+        let unreported = received_below.max(request.sent_from);
         let under_way = self
             .sent
             .iter()
-            .filter(|sent| sent.end > unheard && of_use(sent));
+            .filter(|sent| sent.end > unreported && of_use(sent));
         let wanted = wanted.min(recent.len());
         let mut wanted = self.redundancy.answers(wanted, under_way.count());
         // One symbol serves all receivers that lost packets covered by it, except one that requests the same packets

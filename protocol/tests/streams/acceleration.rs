@@ -6,9 +6,9 @@
 
 use std::num::NonZeroU32;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use proptest::prelude::*;
-use rhumb_protocol::packet::{LargestPacket, StreamId};
+use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
@@ -17,6 +17,8 @@ use rhumb_protocol::stream::{
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Tick, Ticks, Tolerance, Track,
 };
+
+use crate::terms::TERMS;
 
 const STREAM: StreamId = StreamId(3);
 const BODY: BodyId = BodyId::new(0, 0);
@@ -84,9 +86,8 @@ impl AccelerationLink {
             tolerance,
             integrator: INTEGRATOR,
             publish_interval: publish_schedule.publish_interval,
-            largest_packet: LargestPacket::DEFAULT,
-            gravity: Vec3::ZERO,
             features,
+            ..TERMS
         };
         let start = config.start(STREAM, Tick::ZERO);
         let parameters = PredictionParameters::plain(Metres::new(0.5));

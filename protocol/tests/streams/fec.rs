@@ -6,7 +6,7 @@
 use bytes::Bytes;
 use glam::Vec3;
 use rhumb_protocol::limits::REPAIR_SYMBOLS_KEPT;
-use rhumb_protocol::packet::{Head, LargestPacket, Low16, PacketKind, RepairSymbol, StreamId};
+use rhumb_protocol::packet::{Head, Low16, PacketKind, RepairSymbol, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
     Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
@@ -17,6 +17,8 @@ use rhumb_protocol::wire::bytes::Reader;
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track,
 };
+
+use crate::terms::TERMS;
 
 const STREAM: StreamId = StreamId(3);
 const BODIES: u32 = 12;
@@ -53,10 +55,9 @@ impl FecLink {
         let config = StreamConfig {
             tolerance,
             integrator,
-            publish_interval: PublishSchedule::EACH_TICK.publish_interval,
-            largest_packet: LargestPacket::DEFAULT,
             gravity,
             features,
+            ..TERMS
         };
         let mut publisher = Publisher::new(STREAM, &config, Tick::ZERO);
         let mut subscriber = Subscriber::new(&config.start(STREAM, Tick::ZERO));

@@ -6,15 +6,17 @@
 use bytes::Bytes;
 use glam::Vec3;
 use proptest::prelude::*;
-use rhumb_protocol::packet::{LargestPacket, StreamId};
+use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
-    StreamConfig, Subscriber,
+    Activity, Observation, ObservationHistory, PredictionParameters, Publisher, StreamConfig,
+    Subscriber,
 };
 use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track,
 };
+
+use crate::terms::TERMS;
 
 const BODIES: u32 = 10;
 /// Bodies from this index on move along with the first one, as if attached to it.
@@ -46,9 +48,8 @@ fn ends() -> (Publisher, Subscriber) {
         tolerance,
         integrator,
         publish_interval,
-        largest_packet: LargestPacket::DEFAULT,
         gravity,
-        features: Features::ALL,
+        ..TERMS
     };
     let mut publisher = Publisher::new(stream, &config, Tick::ZERO);
     let mut subscriber = Subscriber::new(&config.start(stream, Tick::ZERO));

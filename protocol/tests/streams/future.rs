@@ -2,8 +2,6 @@
 //!
 //! Shown on the bytes of a client's control stream; the tests of the server's side are in its session.
 
-use std::num::NonZeroU32;
-
 use glam::Vec3;
 use rhumb_protocol::limits::GRANT;
 use rhumb_protocol::message::{
@@ -11,32 +9,21 @@ use rhumb_protocol::message::{
     StreamChoice, VERSIONS, Welcome, frame, is_no_version,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
-use rhumb_protocol::scene::{
-    CommandError, IdRange, Material, PublishSchedule, SceneConfig, Stepping,
-};
+use rhumb_protocol::scene::{CommandError, IdRange, SceneConfig};
 use rhumb_protocol::session::{ClientSession, CloseCode, Event};
 use rhumb_protocol::stream::StreamStart;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit};
-use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Tolerance};
+use rhumb_reckoning::{Tick, Tolerance};
+
+use crate::terms::TERMS;
 
 const PEER: Peer = Peer(0);
 
 fn config() -> SceneConfig {
     SceneConfig {
-        integrator: Integrator {
-            rate: Rate::HZ_60,
-            substeps: NonZeroU32::MIN,
-        },
+        integrator: TERMS.integrator,
         gravity: Vec3::NEG_Y,
-        stepping: Stepping::Lockstep,
-        material: Material {
-            friction: 0.5,
-            restitution: 0.0,
-            density: 1_000.0,
-        },
-        damping: Damping::default(),
-        sleep: None,
-        publish_schedule: PublishSchedule::EACH_TICK,
+        ..SceneConfig::default()
     }
 }
 

@@ -3,19 +3,18 @@
 //! Many bodies jump at every tick, so that packets are full. A subscriber loses every packet and asks for refreshes and
 //! repair symbols.
 
-use std::num::NonZeroU32;
-
 use bytes::Bytes;
-use glam::Vec3;
 use rhumb_protocol::limits::LOST_NUMBERS_MAX;
 use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, Low16, PacketKind, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, Features, Observation, ObservationHistory, PredictionParameters, Recipient,
-    StreamConfig, StreamSender, WatermarkPolicy,
+    Activity, Observation, ObservationHistory, PredictionParameters, Recipient, StreamConfig,
+    StreamSender, WatermarkPolicy,
 };
 use rhumb_protocol::{Instant, Span};
-use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance, Track};
+use rhumb_reckoning::{BodyId, BodyState, Metres, Tick, Track};
+
+use crate::terms::TERMS;
 
 const STREAM: StreamId = StreamId(70_000);
 const BODIES: u32 = 300;
@@ -84,15 +83,8 @@ fn sizes(mut sender: StreamSender) -> Vec<(PacketKind, usize)> {
 
 fn reckoned(largest_packet: LargestPacket) -> StreamSender {
     let config = StreamConfig {
-        tolerance: Tolerance::NORMAL,
-        integrator: Integrator {
-            rate: Rate::HZ_60,
-            substeps: NonZeroU32::MIN,
-        },
-        publish_interval: NonZeroU32::MIN,
         largest_packet,
-        gravity: Vec3::ZERO,
-        features: Features::ALL,
+        ..TERMS
     };
     StreamSender::reckoned(STREAM, &config, None, WatermarkPolicy::LOCKSTEP, Tick::ZERO)
 }

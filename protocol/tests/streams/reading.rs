@@ -2,16 +2,13 @@
 //!
 //! Each test writes the datagrams of a stream by hand, in an order that a link may produce.
 
-use glam::Vec3;
+use crate::terms::TERMS;
 use rhumb_protocol::packet::{
     Age, Keyframe, LargestPacket, PredictionMode, RefreshRecord, RefreshWriter, RepairSymbol,
     StreamId, Update, UpdatePayload, UpdateWriter,
 };
-use rhumb_protocol::stream::{Features, PredictionParameters, StreamConfig, Subscriber};
-use rhumb_reckoning::{
-    Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Residual, Tick, Ticks,
-    Tolerance, Track,
-};
+use rhumb_protocol::stream::{PredictionParameters, StreamConfig, Subscriber};
+use rhumb_reckoning::{Anchor, BodyId, BodyState, Metres, Predictor, Residual, Tick, Ticks, Track};
 use std::num::NonZeroU32;
 
 const STREAM: StreamId = StreamId(3);
@@ -49,15 +46,8 @@ fn subscriber() -> Subscriber {
 
 fn subscriber_within(largest_packet: LargestPacket) -> Subscriber {
     let config = StreamConfig {
-        tolerance: Tolerance::NORMAL,
-        integrator: Integrator {
-            rate: Rate::HZ_60,
-            substeps: NonZeroU32::MIN,
-        },
-        publish_interval: NonZeroU32::MIN,
         largest_packet,
-        gravity: Vec3::ZERO,
-        features: Features::ALL,
+        ..TERMS
     };
     let mut subscriber = Subscriber::new(&config.start(STREAM, Tick::new(START)));
     let parameters = PredictionParameters::plain(Metres::new(0.5));

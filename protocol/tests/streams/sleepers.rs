@@ -4,13 +4,15 @@ use core::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_protocol::packet::{LargestPacket, StreamId};
+use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, Features, Observation, ObservationHistory, PredictionParameters, Publisher,
+    Activity, Observation, ObservationHistory, PredictionParameters, Publisher,
     PublisherStatistics, StreamConfig,
 };
-use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance, Track};
+use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Track};
+
+use crate::terms::TERMS;
 
 /// The number of awake bodies, from index zero on.
 const AWAKE: u32 = 10;
@@ -28,15 +30,12 @@ fn lying(index: u32, height: f32) -> BodyState {
 
 fn publisher(bodies: u32) -> Publisher {
     let config = StreamConfig {
-        publish_interval: PublishSchedule::EACH_TICK.publish_interval,
-        tolerance: Tolerance::NORMAL,
         integrator: Integrator {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::new(4).expect("four is not zero"),
         },
-        largest_packet: LargestPacket::DEFAULT,
         gravity: Vec3::NEG_Y,
-        features: Features::ALL,
+        ..TERMS
     };
     let parameters = PredictionParameters::plain(Metres::new(0.5));
     let mut publisher = Publisher::new(StreamId(0), &config, Tick::ZERO);

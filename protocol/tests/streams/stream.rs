@@ -8,11 +8,11 @@ use std::collections::VecDeque;
 use bytes::Bytes;
 use glam::{DQuat, DVec3, Vec3};
 use proptest::prelude::*;
-use rhumb_protocol::packet::{Head, LargestPacket, PacketKind, RepairSymbol, StreamId};
+use rhumb_protocol::packet::{Head, PacketKind, RepairSymbol, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, ErrorBound, Features, Observation, ObservationHistory, PredictionParameters,
-    Publisher, Redundancy, StreamConfig, Subscriber,
+    Activity, ErrorBound, Observation, ObservationHistory, PredictionParameters, Publisher,
+    Redundancy, StreamConfig, Subscriber,
 };
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
@@ -20,6 +20,8 @@ use rhumb_reckoning::{
     Anchor, BodyId, BodyState, Damping, Divergence, Integrator, Metres, Predictor, Radians, Rate,
     Tick, Tolerance, ToleranceScale, Track,
 };
+
+use crate::terms::TERMS;
 
 const BODIES: u32 = 24;
 const GRAVITY: Vec3 = Vec3::new(0.0, -9.8, 0.0);
@@ -141,10 +143,8 @@ impl LossyLink {
         let config = StreamConfig {
             tolerance,
             integrator: integrator(),
-            publish_interval: PublishSchedule::EACH_TICK.publish_interval,
-            largest_packet: LargestPacket::DEFAULT,
             gravity: GRAVITY,
-            features: Features::ALL,
+            ..TERMS
         };
         let mut publisher = Publisher::new(stream, &config, Tick::ZERO);
         let mut subscriber = Subscriber::new(&config.start(stream, Tick::ZERO));

@@ -16,7 +16,7 @@ pub(crate) const DEFAULT_AUDIENCE: &str = "rhumb";
 /// Seconds that the clocks of the signer and of the server may differ.
 const SKEW_SECONDS: i64 = 30;
 
-/// What a token says of its client. `aud`, `sub`, `exp` and `nbf` are PASETO's registered claims.
+/// The claims of a token about its client. `aud`, `sub`, `exp` and `nbf` are PASETO's registered claims.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Claims {
     /// The servers that it is for.

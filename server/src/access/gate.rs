@@ -120,7 +120,7 @@ pub(crate) mod tests {
 
     impl Drop for Signed {
         fn drop(&mut self) {
-            // What is left of it lies in a folder of temporary files.
+            // The rest of it lies in a folder of temporary files.
             let _ = fs::remove_dir_all(&self.folder);
         }
     }

@@ -44,7 +44,7 @@ pub enum KeyError {
     NotAKey {
         /// The file.
         path: PathBuf,
-        /// How such a key begins.
+        /// The first characters of such a key.
         begins: &'static str,
     },
     /// The system gives no random bytes, or the key is refused.

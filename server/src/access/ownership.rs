@@ -1,4 +1,4 @@
-//! Which client owns what in one scene.
+//! The owners of a scene's shapes, bodies and joints.
 //!
 //! A client owns the bodies, shapes and joints that it added, for as long as they exist, connected or not. What was
 //! added without a token belongs to no client.

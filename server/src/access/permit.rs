@@ -1,4 +1,4 @@
-//! What one connection may do.
+//! The rights of one connection.
 
 use std::sync::Arc;
 

@@ -268,7 +268,7 @@ mod tests {
         }
         let joint = Command::AddJoint {
             id: JointId(0),
-            joint: Joint::plain(JointKind::Fixed, both, [JointFrame::at(Vec3::ZERO); 2]),
+            joint: Joint::plain(JointKind::Fixed, both, [JointFrame::at(Vec3::ZERO); 2]).into(),
         };
         assert_eq!(decide(&anna, &scene, &joint), Err(Refused::NotAllowed));
         let change = |index| Command::ChangeBody {

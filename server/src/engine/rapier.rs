@@ -518,10 +518,9 @@ impl Engine for RapierEngine {
 
 #[cfg(test)]
 mod tests {
-    use core::num::NonZeroU32;
 
-    use rhumb_protocol::scene::{Material, PublishSchedule, Stepping};
-    use rhumb_reckoning::{Damping, Rate};
+    use rhumb_protocol::scene::Material;
+    use rhumb_reckoning::Damping;
 
     use super::*;
 
@@ -536,16 +535,10 @@ mod tests {
             Damping::default(),
         );
         let mut engine = RapierEngine::new(&SceneConfig {
-            integrator: Integrator {
-                rate: Rate::HZ_60,
-                substeps: NonZeroU32::new(4).unwrap(),
-            },
             gravity: Vec3::ZERO,
-            stepping: Stepping::Lockstep,
             material,
             damping,
-            sleep: None,
-            publish_schedule: PublishSchedule::EACH_TICK,
+            ..SceneConfig::default()
         });
         let id = BodyId::new(0, 0);
         let ball = BodyProperties {

@@ -52,7 +52,7 @@ impl RapierJoints {
     pub(super) fn overloaded(&self, world: &PhysicsWorld, substep: f32, out: &mut Vec<JointId>) {
         let is_overloaded = |(id, strength): (&JointId, &JointStrength)| {
             let joint = world.impulse_joints.get(*self.handles.get(id)?)?;
-            let [x, y, z, about_x, about_y, about_z] = joint.impulses.into();
+            let [x, y, z, about_x, about_y, about_z] = joint.impulses;
             let force = Vec3::new(x, y, z).length() / substep;
             let torque = Vec3::new(about_x, about_y, about_z).length() / substep;
             (force > strength.force || torque > strength.torque).then_some(*id)

@@ -37,7 +37,7 @@ pub(crate) struct SceneMeter {
     metrics: Metrics,
 }
 
-/// What is known after a tick.
+/// The figures after a tick.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TickFigures {
     pub(crate) tick: u64,

@@ -6,7 +6,7 @@ use std::fmt::{Display, Write};
 #[derive(Debug, Default)]
 pub(super) struct Text(String);
 
-/// What a figure is.
+/// The kind of a figure.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Kind {
     Counter,

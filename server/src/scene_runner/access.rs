@@ -1,4 +1,4 @@
-//! What members may do in a scene, and what the server admits of it.
+//! The rights of members in a scene, and the checks of the server.
 
 use std::collections::BTreeSet;
 

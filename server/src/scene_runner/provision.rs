@@ -1,4 +1,4 @@
-//! What a server gives one scene: limits, a part of its time, and a place among its figures.
+//! A server's provision for one scene: limits, a part of its time, and a place in its figures.
 
 use super::SceneRunner;
 use crate::limits::Limits;

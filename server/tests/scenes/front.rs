@@ -169,7 +169,7 @@ fn a_scene_that_does_not_answer_is_parked_and_stops_no_other_scene() {
     threaded.expect(state_to(other));
     threaded.open(late, "stuck");
     threaded.expect(close_of(late));
-    // The step ends after all: the name is free again, as soon as the front has heard of it.
+    // The step ends after all: the name is free again, as soon as the front knows.
     drop(release);
     let mut again = (4..).map(Peer);
     let free = loop {

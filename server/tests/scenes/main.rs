@@ -7,5 +7,5 @@ mod front;
 mod order;
 mod refusals;
 mod sheets;
-mod test_scenes;
 mod torque_free;
+mod truth;

@@ -2,38 +2,29 @@
 //!
 //! Proved on a server loop without sockets that receives all messages in one read, as from a pipelined client.
 
-use std::num::NonZeroU32;
-
 use glam::Vec3;
 use rhumb_protocol::message::{
     ClientMessage, Extensions, Frames, ResyncCause, ServerMessage, StreamChoice, VERSIONS,
 };
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, CommandError, Invalid, Material, PublishSchedule, Quantity,
-    SceneConfig, Shape, ShapeId, Stepping,
+    BodyDesc, BodyKind, Command, CommandError, Invalid, Material, Quantity, SceneConfig, Shape,
+    ShapeId,
 };
 use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
-use rhumb_reckoning::{BodyState, Damping, Integrator, Rate, Tick, Tolerance};
+use rhumb_reckoning::{BodyState, Tick, Tolerance};
 use rhumb_server::ServerLoop;
 
 const CLIENT: Peer = Peer(1);
 
 fn config() -> SceneConfig {
     SceneConfig {
-        integrator: Integrator {
-            rate: Rate::HZ_60,
-            substeps: NonZeroU32::new(4).expect("four is not zero"),
-        },
         gravity: Vec3::NEG_Y,
-        stepping: Stepping::Lockstep,
         material: Material {
             friction: 0.2,
             restitution: 0.0,
             density: 1_000.0,
         },
-        damping: Damping::default(),
-        sleep: None,
-        publish_schedule: PublishSchedule::EACH_TICK,
+        ..SceneConfig::default()
     }
 }
 

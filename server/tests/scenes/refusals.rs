@@ -4,19 +4,17 @@
 //! with absurd numbers and dead ids, but the second only those that the first accepted. A double replaces the engine
 //! to test a fault.
 
-use core::num::NonZeroU32;
-
 use glam::{Quat, Vec3};
 use proptest::prelude::*;
 use rhumb_protocol::limits::{DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
     Answer, BodyDesc, BodyKind, Command, CommandError, Contact, Hull, IdRange, Invalid, Joint,
-    JointFrame, JointId, JointKind, JointLimits, LockedAxes, Material, PublishSchedule, Quantity,
-    Query, SceneConfig, Shape, ShapeId, Stepping,
+    JointFrame, JointId, JointKind, JointLimits, LockedAxes, Material, Quantity, Query,
+    SceneConfig, Shape, ShapeId,
 };
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Integrator, Rate, Tick, Twist};
+use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Tick, Twist};
 use rhumb_server::engine::{
     BodyProperties, Engine, EngineFault, Push, UnanswerableQuery, UnusableShape,
 };
@@ -24,20 +22,13 @@ use rhumb_server::{Digest, Scene, SceneFault};
 
 fn config() -> SceneConfig {
     SceneConfig {
-        integrator: Integrator {
-            rate: Rate::HZ_60,
-            substeps: NonZeroU32::new(4).expect("four is not zero"),
-        },
         gravity: Vec3::new(0.0, -10.0, 0.0),
-        stepping: Stepping::Lockstep,
         material: Material {
             friction: 0.5,
             restitution: 0.5,
             density: 1_000.0,
         },
-        damping: Damping::default(),
-        sleep: None,
-        publish_schedule: PublishSchedule::EACH_TICK,
+        ..SceneConfig::default()
     }
 }
 
@@ -174,14 +165,7 @@ fn a_joint_needs_two_living_bodies_and_a_free_id() {
     let [a, b] = [0, 1].map(|index| BodyId::new(index, 0));
     let add = |id, bodies| Command::AddJoint {
         id,
-        joint: Joint {
-            kind: JointKind::Fixed,
-            bodies,
-            frames: [JointFrame::at(Vec3::ZERO); 2],
-            collide: false,
-            motors: [None; 6],
-            strength: None,
-        },
+        joint: Joint::plain(JointKind::Fixed, bodies, [JointFrame::at(Vec3::ZERO); 2]).into(),
     };
     let id = JointId(7);
     scene.apply(&body(0, 0, BodyKind::Static)).unwrap();
@@ -487,9 +471,9 @@ fn step_or_command() -> impl Strategy<Value = Option<Command>> {
                 other => other,
             })
         }),
-        2 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::ChangeJoint { id, joint })),
+        2 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::ChangeJoint { id, joint: joint.into() })),
         2 => id().prop_map(|id| Some(Command::RemoveBody { id })),
-        5 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::AddJoint { id, joint })),
+        5 => (joint_id(), joint()).prop_map(|(id, joint)| Some(Command::AddJoint { id, joint: joint.into() })),
         1 => joint_id().prop_map(|id| Some(Command::RemoveJoint { id })),
         2 => pose.prop_map(Some),
         2 => velocity.prop_map(Some),

@@ -3,16 +3,14 @@
 //! Proved by small scenes with known outcome, and by random shapes under falling balls: every shape within the limits
 //! steps without a fault, and every state is finite.
 
-use core::num::NonZeroU32;
-
 use glam::{Quat, Vec3};
 use proptest::prelude::*;
 use rhumb_protocol::limits::SHAPE_BYTES_PER_SCENE_MAX;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, CommandError, Compound, Heights, LockedAxes, Material, Mesh, Part,
-    PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
+    BodyDesc, BodyKind, Command, CommandError, Compound, Heights, LockedAxes, Mesh, Part,
+    SceneConfig, Shape, ShapeId,
 };
-use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate};
+use rhumb_reckoning::{BodyId, BodyState, Damping};
 use rhumb_server::Scene;
 
 const VALID: &str = "the test makes it valid";
@@ -21,23 +19,12 @@ const FALLING: BodyId = BodyId::new(1, 0);
 
 fn scene() -> Scene {
     Scene::new(SceneConfig {
-        integrator: Integrator {
-            rate: Rate::HZ_60,
-            substeps: NonZeroU32::new(4).expect(VALID),
-        },
         gravity: Vec3::new(0.0, -10.0, 0.0),
-        stepping: Stepping::Lockstep,
-        material: Material {
-            friction: 0.5,
-            restitution: 0.0,
-            density: 1_000.0,
-        },
         damping: Damping {
             linear: 0.0,
             angular: 0.5,
         },
-        sleep: None,
-        publish_schedule: PublishSchedule::EACH_TICK,
+        ..SceneConfig::default()
     })
     .expect(VALID)
 }

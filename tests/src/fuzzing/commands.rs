@@ -76,7 +76,7 @@ pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
         },
         14 => Command::AddJoint {
             id: joint_id(script),
-            joint: joint(script, id, bodies),
+            joint: joint(script, id, bodies).into(),
         },
         15 => Command::RemoveJoint {
             id: joint_id(script),
@@ -86,7 +86,7 @@ pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
         },
         20 => Command::ChangeJoint {
             id: joint_id(script),
-            joint: joint(script, id, bodies),
+            joint: joint(script, id, bodies).into(),
         },
         21 => Command::ForceAt {
             id,

@@ -1,7 +1,7 @@
 //! The fuzz targets and their kept inputs.
 //!
-//! Each target accepts arbitrary bytes and panics if a promise is broken. The fuzzers of `fuzz/` call the same
-//! functions as the test that replays the kept inputs, so this code builds with the normal compiler.
+//! Each target accepts arbitrary bytes and panics if a promise is broken. The program `fuzz` calls the
+//! same functions as the test that replays the kept inputs, so this code builds with the normal compiler.
 
 mod app;
 mod client_session;
@@ -36,5 +36,5 @@ pub use repair_symbols::repair_symbols;
 pub use scene_commands::scene_commands;
 pub use subscriber::subscriber;
 pub use target::Target;
-pub use targets::TARGETS;
+pub use targets::{TARGETS, target};
 pub use upstream::upstream;

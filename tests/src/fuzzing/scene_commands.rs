@@ -3,16 +3,14 @@
 //! Promises: a command is decoded as it was encoded. A refused command changes nothing. The engine can step whatever
 //! was accepted, and every body stays at a valid place. The same script gives the same result.
 
-use std::num::NonZeroU32;
-
 use rhumb_protocol::message::QueryError;
 use rhumb_protocol::scene::{
-    ActiveEvents, Answer, Command, Material, PublishSchedule, Query, QueryFilter, SceneConfig,
-    Shape, SleepConfig, Stepping,
+    ActiveEvents, Answer, Command, Material, Query, QueryFilter, SceneConfig, Shape, SleepConfig,
+    Stepping,
 };
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
-use rhumb_reckoning::{BodyId, Damping, Integrator, Rate};
+use rhumb_reckoning::BodyId;
 use rhumb_server::Scene;
 
 use super::commands::command;
@@ -34,10 +32,6 @@ pub fn scene_commands(data: &[u8]) {
 /// The configuration of a scene in which bodies fall asleep soon.
 pub(super) fn scene_config(stepping: Stepping) -> SceneConfig {
     SceneConfig {
-        integrator: Integrator {
-            rate: Rate::HZ_60,
-            substeps: const { NonZeroU32::new(4).expect("four is not zero") },
-        },
         gravity: glam::Vec3::new(0.0, -9.8, 0.0),
         stepping,
         material: Material {
@@ -45,12 +39,11 @@ pub(super) fn scene_config(stepping: Stepping) -> SceneConfig {
             restitution: 0.2,
             density: 1_000.0,
         },
-        damping: Damping::default(),
         sleep: Some(SleepConfig {
             speed: 0.5,
             seconds: 0.1,
         }),
-        publish_schedule: PublishSchedule::EACH_TICK,
+        ..SceneConfig::default()
     }
 }
 

@@ -29,8 +29,8 @@ impl<'a> Script<'a> {
     }
 
     /// One of these elements; there must be at least one.
-    pub(super) fn one_of<T: Copy>(&mut self, all: &[T]) -> T {
-        all[self.below(all.len())]
+    pub(super) fn one_of<T: Clone>(&mut self, all: &[T]) -> T {
+        all[self.below(all.len())].clone()
     }
 
     /// At most this many bytes.

@@ -3,7 +3,7 @@
 /// A fuzz target.
 #[derive(Clone, Copy, Debug)]
 pub struct Target {
-    /// Its name, here and in `fuzz/`.
+    /// Its name, here and in `fuzz/corpus`.
     pub name: &'static str,
     /// Runs one input.
     pub run: fn(&[u8]),

@@ -14,6 +14,12 @@ use super::subscriber::subscriber;
 use super::target::Target;
 use super::upstream::upstream;
 
+/// The target of this name.
+#[must_use]
+pub fn target(name: &str) -> Option<&'static Target> {
+    TARGETS.iter().find(|target| target.name == name)
+}
+
 macro_rules! targets {
     ($($name:ident)*) => {
         /// All targets, in order of name.

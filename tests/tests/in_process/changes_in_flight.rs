@@ -121,9 +121,9 @@ fn changed_bodies_stay_within_their_tolerances_in_every_tier() {
 fn changed_bodies_stay_within_their_tolerances_over_a_bad_link_and_for_late_joiners() {
     let seed = seed(29);
     let mut stage = stage(Stepping::FreeRunning, "rtt=80ms,loss=5%", seed);
-    stage.take_authority(Span::from_millis(3_000));
+    stage.run_script(Span::from_millis(3_000));
     let late = stage.enter(StreamChoice::Within(Tolerance::FINE));
-    stage.take_authority(Span::from_millis(3_000));
+    stage.run_script(Span::from_millis(3_000));
     let truth = stage.truth();
     for member in [COMMANDER, late] {
         let who = format!("member {member}, seed {seed}");

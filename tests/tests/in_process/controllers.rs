@@ -51,15 +51,7 @@ fn hosted(name: &'static str) -> (u64, usize) {
     let mut script = script(name);
     let hooks = Hooks::new(move |_, _| twin.controller().map(hook));
     let mut table = Table::with_hooks(hooks);
-    let peer = table.connect("played");
-    let session = table.session(peer);
-    session
-        .create(script.config())
-        .expect("the session is in the lobby");
-    session
-        .join(StreamChoice::Full)
-        .expect("the session is in the lobby");
-    table.run_until_idle();
+    let peer = table.create("played", script.config(), StreamChoice::Full);
     let (mut commands, mut sent) = (Vec::new(), 0);
     for tick in 0..TICKS {
         commands.clear();

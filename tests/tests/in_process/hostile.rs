@@ -33,12 +33,7 @@ impl Good {
     fn new(table: &mut Table, name: &str) -> Self {
         let script = Zoo::new(12, 3);
         let scene = Scene::new(script.config()).expect("a valid configuration");
-        let peer = table.connect(name);
-        let config = script.config();
-        let session = table.session(peer);
-        session.create(config).expect("the session is in the lobby");
-        session.join(NORMAL).expect("the session is in the lobby");
-        table.run_until_idle();
+        let peer = table.create(name, script.config(), NORMAL);
         Self {
             peer,
             script,

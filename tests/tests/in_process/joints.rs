@@ -27,15 +27,7 @@ fn a_copy_has_the_joints_of_its_scene_from_the_first_tick_to_the_last() {
     let mut script = Zoo::new(5, 3);
     let mut scene = Scene::new(script.config()).expect("a valid configuration");
     let mut table = Table::default();
-    let peer = table.connect("zoo");
-    let session = table.session(peer);
-    session
-        .create(script.config())
-        .expect("the session is in the lobby");
-    session
-        .join(StreamChoice::Full)
-        .expect("the session is in the lobby");
-    table.run_until_idle();
+    let peer = table.create("zoo", script.config(), StreamChoice::Full);
     let mut late = Vec::new();
     let mut ticks_with = [0_usize; 3];
     for tick in 0..TICKS {

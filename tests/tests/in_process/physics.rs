@@ -103,7 +103,10 @@ impl Remote {
 
     fn join(&mut self, id: u32, joint: Joint) {
         let id = JointId(id);
-        self.done(&Command::AddJoint { id, joint });
+        self.done(&Command::AddJoint {
+            id,
+            joint: joint.into(),
+        });
     }
 
     /// Steps both scenes; after each tick every body of the copy is within its bound of the truth.

@@ -129,7 +129,7 @@ fn a_ray_finds_the_nearest_bodies_on_its_way() {
     let mut table = Table::default();
     let peer = member(&mut table, Stepping::Lockstep);
     let (above, down) = (Vec3::new(0.0, 10.0, 0.0), Vec3::new(0.0, -20.0, 0.0));
-    let down_to = |metres| Vec3::new(0.0, -metres, 0.0);
+    let down_to = |metres: f32| Vec3::new(0.0, -metres, 0.0);
     let inside = Vec3::new(5.0, 3.0, 0.0);
     let queries = vec![
         Query::ray(above, down).finding(64),

@@ -10,7 +10,8 @@ use rhumb_protocol::limits::{
     ANGULAR_MAX, COORDINATE_MAX, DAMPING_MAX, DENSITY_MAX, DENSITY_MIN, EXTENT_MAX, EXTENT_MIN,
     FORCE_MAX, FRICTION_MAX, GRAVITY_MAX, GRAVITY_SCALE_MAX, LINEAR_MAX,
 };
-use rhumb_protocol::message::{ClientMessage, Extensions, ServerMessage, StreamChoice};
+use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::message::{ClientMessage, Extensions, ServerMessage};
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, Invalid, Joint, JointFrame, JointId, JointKind,
     JointLimits, Material, Quantity, SceneConfig, Shape, ShapeId, SleepConfig,
@@ -32,15 +33,7 @@ struct Rig {
 /// A session creates a scene with a few bodies, and advances it by one step.
 fn begin(table: &mut Table) {
     let mut script = Zoo::new(5, 3);
-    let peer = table.connect("good");
-    let session = table.session(peer);
-    session
-        .create(script.config())
-        .expect("the session is in the lobby");
-    session
-        .join(StreamChoice::Full)
-        .expect("the session is in the lobby");
-    table.run_until_idle();
+    let peer = table.create("good", script.config(), StreamChoice::Full);
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
     let now = table.now();
@@ -316,14 +309,14 @@ fn hull_of(points: &[Vec3]) -> Shape {
 fn fields_of_joints(ball: BodyId) -> Vec<Field> {
     let joint = move |kind, anchor| Command::AddJoint {
         id: JointId(500),
-        joint: Joint {
+        joint: Box::new(Joint {
             kind,
             bodies: [BodyId::new(0, 0), ball],
             frames: [JointFrame::at(Vec3::ZERO), JointFrame::at(anchor)],
             collide: true,
             motors: [None; 6],
             strength: None,
-        },
+        }),
     };
     let limits = |least, most| JointLimits { least, most };
     let most = EXTENT_MAX;

@@ -24,6 +24,36 @@ fn still(x: f32) -> BodyState {
     BodyState::new([x, 3.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("a finite state")
 }
 
+/// A session that creates a scene of avatars.
+fn create(table: &mut Table, name: &str, avatars: u32, stepping: Stepping) -> Peer {
+    let mut script = Avatars(avatars);
+    let config = SceneConfig {
+        stepping,
+        ..script.config()
+    };
+    let good = table.create(name, config, NORMAL);
+    let mut commands = Vec::new();
+    script.commands(Tick::ZERO, &mut commands);
+    for command in commands {
+        let session = table.session(good);
+        session.command(command).expect("a member");
+    }
+    good
+}
+
+/// A raw peer that enters with a body of its own, which it takes authority over.
+fn enter(table: &mut Table, name: &str) -> (RawPeer, BodyId, AuthorityGrant) {
+    let mut raw_peer = RawPeer::enter(table, name);
+    let own = raw_peer.granted.id(0).expect("a granted index");
+    let desc = BodyDesc::plain(own, BodyKind::Kinematic, ShapeId(3));
+    let motion = still(30.0);
+    raw_peer
+        .command(table, Command::AddBody { desc, motion })
+        .expect("a member may add a body");
+    let grant = take_authority(&mut raw_peer, table, own);
+    (raw_peer, own, grant)
+}
+
 /// A free-running scene with a session that publishes the first avatar, and a raw peer with authority over its own
 /// body.
 struct Scene {
@@ -38,34 +68,13 @@ struct Scene {
 impl Scene {
     fn new() -> Self {
         let mut table = Table::default();
-        let good = table.connect("driven");
-        let mut script = Avatars(1);
-        let config = SceneConfig {
-            stepping: Stepping::FreeRunning,
-            ..script.config()
-        };
-        let mut commands = Vec::new();
-        script.commands(Tick::ZERO, &mut commands);
-        let session = table.session(good);
-        session.create(config).expect("the session is in the lobby");
-        session.join(NORMAL).expect("the session is in the lobby");
-        table.run_until_idle();
-        let session = table.session(good);
-        for command in commands {
-            session.command(command).expect("a member");
-        }
-        session
+        let good = create(&mut table, "driven", 1, Stepping::FreeRunning);
+        table
+            .session(good)
             .take_authority(Tolerance::NORMAL, &[Avatars::id(0)])
             .expect("a member");
         table.run_until_idle();
-        let mut raw_peer = RawPeer::enter(&mut table, "driven");
-        let own = raw_peer.granted.id(0).expect("a granted index");
-        let desc = BodyDesc::plain(own, BodyKind::Kinematic, ShapeId(3));
-        let motion = still(30.0);
-        raw_peer
-            .command(&mut table, Command::AddBody { desc, motion })
-            .expect("a member may add a body");
-        let grant = take_authority(&mut raw_peer, &mut table, own);
+        let (raw_peer, own, grant) = enter(&mut table, "driven");
         Self {
             table,
             good,
@@ -395,29 +404,9 @@ fn authority_requests_cost_only_their_answers() {
 #[test]
 fn datagrams_in_the_wrong_direction_for_the_stepping_change_nothing() {
     let mut table = Table::default();
-    let mut script = Avatars(0);
-    let good = table.connect("led");
-    let session = table.session(good);
-    session
-        .create(script.config())
-        .expect("the session is in the lobby");
-    session.join(NORMAL).expect("the session is in the lobby");
+    let good = create(&mut table, "led", 0, Stepping::Lockstep);
     table.run_until_idle();
-    let mut commands = Vec::new();
-    script.commands(Tick::ZERO, &mut commands);
-    let session = table.session(good);
-    for command in commands {
-        session.command(command).expect("a member");
-    }
-    table.run_until_idle();
-    let mut raw_peer = RawPeer::enter(&mut table, "led");
-    let own = raw_peer.granted.id(0).expect("a granted index");
-    let desc = BodyDesc::plain(own, BodyKind::Kinematic, ShapeId(3));
-    let motion = still(30.0);
-    raw_peer
-        .command(&mut table, Command::AddBody { desc, motion })
-        .expect("a member may add a body");
-    let grant = take_authority(&mut raw_peer, &mut table, own);
+    let (mut raw_peer, own, grant) = enter(&mut table, "led");
     let mut writer = UpdateWriter::new(grant.stream, 0, 1, 0);
     let payload = UpdatePayload::Keyframe(Keyframe {
         predictor: Predictor::Rest,

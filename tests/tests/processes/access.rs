@@ -58,7 +58,7 @@ impl Guarded {
 
 impl Drop for Guarded {
     fn drop(&mut self) {
-        // What is left of it lies in a folder of temporary files.
+        // The rest of it lies in a folder of temporary files.
         let _ = fs::remove_dir_all(&self.folder);
     }
 }

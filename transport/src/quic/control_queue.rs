@@ -108,7 +108,8 @@ impl ControlSender {
 impl ControlWriter {
     /// Writes queued bytes until the connection ends, or ends it on request.
     ///
-    /// `on_empty` is called when the queue is empty, if the sender requested that. A peer that does not read delays the end by `FLUSH` at most.
+    /// `on_empty` is called when the queue is empty, if the sender requested that. A peer that does not read delays the
+    /// end by `FLUSH` at most.
     pub(super) async fn run(
         &mut self,
         closing: &Closing,

@@ -3,22 +3,14 @@
 use serde::{Deserialize, Serialize};
 
 use crate::crossover::{Crossover, Pair, crossovers};
+use crate::provenance::Provenance;
 
 /// Results: `remote.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct RemoteResults {
-    /// The command line, as typed.
-    pub(crate) command: String,
-    /// Processor, cores, operating system.
-    pub(crate) machine: String,
-    /// Build profile, version and commit.
-    pub(crate) build: String,
-    /// Cores of the caller and the servers.
-    pub(crate) cores: String,
-    /// Seed of the scene.
-    pub(crate) seed: u64,
-    /// Frames of each point.
-    pub(crate) frames: u32,
+    /// How they were measured.
+    #[serde(flatten)]
+    pub(crate) provenance: Provenance,
     /// Points, load by load.
     pub(crate) points: Vec<RemotePoint>,
 }

@@ -2,13 +2,10 @@
 
 use rhumb_protocol::scene::Command;
 
-use super::interface::{
-    FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic,
-};
+use super::interface::{FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Traffic};
 use crate::drive::app::{AppRemote, AppSetup};
 use crate::drive::error::DriveError;
 use crate::drive::remote::Retention;
-use crate::processor::work_ns;
 use crate::record::Mode;
 
 /// A client that leads a scene on a server of its own.
@@ -43,15 +40,11 @@ impl Player for AppPlayer {
     }
 
     fn frame(&mut self, commands: &[Command]) -> Result<FrameCost, DriveError> {
-        let work = work_ns();
-        self.remote.frame(commands)?;
-        let work_ns = work_ns().zip(work).map(|(after, before)| after - before);
-        let frame = self.remote.take_frame().unwrap_or_default();
-        self.traffic.add(&frame);
-        Ok(FrameCost {
-            wall_ns: frame.frame_ns,
-            work_ns,
-        })
+        let run = || {
+            self.remote.frame(commands)?;
+            Ok(self.remote.take_frame().unwrap_or_default())
+        };
+        FrameCost::of(run, &mut self.traffic)
     }
 
     fn totals(&mut self) -> Result<PlayerTotals, DriveError> {
@@ -63,14 +56,9 @@ impl Player for AppPlayer {
                 ..PlayerTotals::default()
             });
         }
-        let inspection = self.remote.inspect()?;
         Ok(PlayerTotals {
-            tick: inspection.tick,
-            truth: inspection.truth,
-            awake: inspection.awake,
-            stages: Stages::of(&inspection.times),
-            traffic,
             ends_lost,
+            ..PlayerTotals::of(&self.remote.inspect()?, traffic)
         })
     }
 }

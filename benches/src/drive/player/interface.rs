@@ -1,12 +1,13 @@
 //! A mode that is stepped frame by frame, and what a frame of it costs.
 
-use rhumb_protocol::message::StageTimes;
+use rhumb_protocol::message::{Inspection, StageTimes};
 use rhumb_protocol::scene::{Command, SceneConfig};
 use rhumb_reckoning::{Tick, Tolerance};
 
 use crate::drive::app::Defects;
 use crate::drive::error::DriveError;
 use crate::drive::process::ServerCpu;
+use crate::processor::work_ns;
 use crate::record::{Frame, Mode};
 use crate::summary::DATAGRAM_HEADER_BYTES;
 
@@ -75,7 +76,7 @@ pub struct Traffic {
 }
 
 impl Stages {
-    pub(crate) fn of(times: &StageTimes) -> Self {
+    fn of(times: &StageTimes) -> Self {
         Self {
             step_ns: times.step_total,
             observe_ns: times.observe_total,
@@ -84,8 +85,39 @@ impl Stages {
     }
 }
 
+impl PlayerTotals {
+    /// What the server reports, and the traffic that the client has counted.
+    pub(super) fn of(inspection: &Inspection, traffic: Traffic) -> Self {
+        Self {
+            tick: inspection.tick,
+            truth: inspection.truth,
+            awake: inspection.awake,
+            stages: Stages::of(&inspection.times),
+            traffic,
+            ends_lost: 0,
+        }
+    }
+}
+
+impl FrameCost {
+    /// Runs a frame of a remote player and adds its traffic.
+    pub(super) fn of(
+        run: impl FnOnce() -> Result<Frame, DriveError>,
+        traffic: &mut Traffic,
+    ) -> Result<Self, DriveError> {
+        let work = work_ns();
+        let frame = run()?;
+        let work_ns = work_ns().zip(work).map(|(after, before)| after - before);
+        traffic.add(&frame);
+        Ok(Self {
+            wall_ns: frame.frame_ns,
+            work_ns,
+        })
+    }
+}
+
 impl Traffic {
-    pub(super) fn add(&mut self, frame: &Frame) {
+    fn add(&mut self, frame: &Frame) {
         let headers = |datagrams| datagrams * DATAGRAM_HEADER_BYTES;
         self.bytes_down += frame.wire_bytes_down + headers(frame.wire_datagrams_down);
         self.bytes_up += frame.wire_bytes_up + headers(frame.wire_datagrams_up);

@@ -5,12 +5,9 @@ use rhumb_netsim::LinkConfig;
 use rhumb_protocol::scene::Command;
 use rhumb_reckoning::Ticks;
 
-use super::interface::{
-    FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Stages, Traffic,
-};
+use super::interface::{FrameCost, Player, PlayerFactory, PlayerSetup, PlayerTotals, Traffic};
 use crate::drive::error::DriveError;
 use crate::drive::remote::{Remote, Retention, Setup};
-use crate::processor::work_ns;
 use crate::record::Mode;
 
 /// A client of a server that steps for it alone.
@@ -78,27 +75,15 @@ impl Player for RemotePlayer {
     }
 
     fn frame(&mut self, commands: &[Command]) -> Result<FrameCost, DriveError> {
-        let work = work_ns();
-        self.remote.frame(commands)?;
-        let work_ns = work_ns().zip(work).map(|(after, before)| after - before);
-        let frame = self.remote.take_frame().unwrap_or_default();
-        self.traffic.add(&frame);
-        Ok(FrameCost {
-            wall_ns: frame.frame_ns,
-            work_ns,
-        })
+        let run = || {
+            self.remote.frame(commands)?;
+            Ok(self.remote.take_frame().unwrap_or_default())
+        };
+        FrameCost::of(run, &mut self.traffic)
     }
 
     fn totals(&mut self) -> Result<PlayerTotals, DriveError> {
         self.remote.client().wait(PipelineDepth::LOCKSTEP)?;
-        let inspection = self.remote.inspect()?;
-        Ok(PlayerTotals {
-            tick: inspection.tick,
-            truth: inspection.truth,
-            awake: inspection.awake,
-            stages: Stages::of(&inspection.times),
-            traffic: self.traffic,
-            ends_lost: 0,
-        })
+        Ok(PlayerTotals::of(&self.remote.inspect()?, self.traffic))
     }
 }

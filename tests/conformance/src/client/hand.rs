@@ -9,15 +9,13 @@ use rhumb_protocol::message::{
 use rhumb_protocol::packet::{
     Head, LargestPacket, LossReport, Low16, PacketKind, StreamId, Watermark,
 };
-use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, IdRange, Material, PublishSchedule, SceneConfig, Shape, ShapeId, Stepping,
-};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, IdRange, SceneConfig, Shape, ShapeId};
 use rhumb_protocol::stream::StreamStart;
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_reckoning::{
-    Anchor, BodyId, BodyState, Damping, Integrator, LengthBound, PackedRotation, Predictor,
-    QuantisedState, Rate, Tick, Tolerance, Track,
+    Anchor, BodyId, BodyState, Integrator, LengthBound, PackedRotation, Predictor, QuantisedState,
+    Rate, Tick, Tolerance, Track,
 };
 
 use crate::outcome::{CaseResult, Stop};
@@ -44,18 +42,7 @@ pub(super) fn config() -> SceneConfig {
             substeps: core::num::NonZeroU32::MIN,
         },
         gravity: Vec3::new(0.0, -9.81, 0.0),
-        stepping: Stepping::Lockstep,
-        material: Material {
-            friction: 0.5,
-            restitution: 0.0,
-            density: 1_000.0,
-        },
-        damping: Damping {
-            linear: 0.0,
-            angular: 0.0,
-        },
-        sleep: None,
-        publish_schedule: PublishSchedule::EACH_TICK,
+        ..SceneConfig::default()
     }
 }
 

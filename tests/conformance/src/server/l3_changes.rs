@@ -118,7 +118,7 @@ const CASES: &[CaseRow] = &[
             ensure(length <= 2.55, format!("at most 2.5 m, not {length}"))?;
             falling.subscriber.must(Command::ChangeJoint {
                 id: JointId(0),
-                joint: Joint::plain(JointKind::Rope(50.0), falling.bodies, CENTRES),
+                joint: Joint::plain(JointKind::Rope(50.0), falling.bodies, CENTRES).into(),
             })?;
             falling.to(180)?;
             let length = falling.there()?.pose().position.distance(POST.as_dvec3());
@@ -188,7 +188,10 @@ impl Falling {
     fn join(&mut self, joint: Joint) -> CaseResult {
         let id = JointId(0);
         self.subscriber
-            .must(Command::AddJoint { id, joint })
+            .must(Command::AddJoint {
+                id,
+                joint: joint.into(),
+            })
             .map(drop)
     }
 

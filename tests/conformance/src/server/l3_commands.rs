@@ -146,7 +146,10 @@ const REFUSED: [(&str, Refused); 17] = [
         let id = JointId(0);
         let joint = joint(fixtures.ball, fixtures.lift);
         (
-            Command::AddJoint { id, joint },
+            Command::AddJoint {
+                id,
+                joint: joint.into(),
+            },
             CommandError::JointIdTaken(id),
         )
     }),
@@ -154,7 +157,10 @@ const REFUSED: [(&str, Refused); 17] = [
         let joint = joint(fixtures.ball, fixtures.ball);
         let id = JointId(1);
         (
-            Command::AddJoint { id, joint },
+            Command::AddJoint {
+                id,
+                joint: joint.into(),
+            },
             CommandError::JoinedToItself(fixtures.ball),
         )
     }),
@@ -162,7 +168,10 @@ const REFUSED: [(&str, Refused); 17] = [
         let joint = joint(fixtures.ball, fixtures.missing);
         let id = JointId(1);
         (
-            Command::AddJoint { id, joint },
+            Command::AddJoint {
+                id,
+                joint: joint.into(),
+            },
             CommandError::UnknownBody(fixtures.missing),
         )
     }),
@@ -322,7 +331,10 @@ fn fixtures(client: &mut RawClient) -> Result<Fixtures, Stop> {
     })?;
     let joint = joint(fixtures.ball, fixtures.floor);
     let id = JointId(0);
-    client.must(Command::AddJoint { id, joint })?;
+    client.must(Command::AddJoint {
+        id,
+        joint: joint.into(),
+    })?;
     Ok(fixtures)
 }
 
@@ -432,7 +444,10 @@ fn joints_go(trial: &mut Trial<'_>) -> CaseResult {
     let again = joint(fixtures.ball, fixtures.lift);
     let id = JointId(0);
     client
-        .must(Command::AddJoint { id, joint: again })
+        .must(Command::AddJoint {
+            id,
+            joint: again.into(),
+        })
         .map(drop)
 }
 

@@ -190,7 +190,10 @@ fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<HangingBall, Stop> {
         strength: None,
     };
     let id = JointId(0);
-    subscriber.must(Command::AddJoint { id, joint })?;
+    subscriber.must(Command::AddJoint {
+        id,
+        joint: joint.into(),
+    })?;
     Ok(HangingBall {
         subscriber,
         body: hanging,

@@ -7,11 +7,8 @@ use core::num::NonZeroU32;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::StreamChoice;
-use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, IdRange, Material, PublishSchedule, SceneConfig, Shape, ShapeId,
-    Stepping,
-};
-use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate, Tolerance};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, IdRange, SceneConfig, Shape, ShapeId};
+use rhumb_reckoning::{BodyId, BodyState, Integrator, Rate, Tolerance};
 
 use crate::outcome::Stop;
 
@@ -37,18 +34,7 @@ pub(super) fn lockstep() -> SceneConfig {
             substeps: NonZeroU32::MIN,
         },
         gravity: Vec3::new(0.0, -G, 0.0),
-        stepping: Stepping::Lockstep,
-        material: Material {
-            friction: 0.5,
-            restitution: 0.0,
-            density: 1_000.0,
-        },
-        damping: Damping {
-            linear: 0.0,
-            angular: 0.0,
-        },
-        sleep: None,
-        publish_schedule: PublishSchedule::EACH_TICK,
+        ..SceneConfig::default()
     }
 }
 

@@ -51,7 +51,7 @@ fn a_rope_keeps_its_length_and_a_spring_stretches_by_its_load() {
     });
     remote.done(&Command::ChangeJoint {
         id: JointId(0),
-        joint: Joint::plain(spring, bodies, centres),
+        joint: Joint::plain(spring, bodies, centres).into(),
     });
     remote.steps(600);
     // 3 kg · 10 m/s² / 30 N/m
@@ -73,7 +73,7 @@ fn a_motor_turns_a_hinge_and_its_target_changes_later() {
     hinge.motors[3] = Some(Motor::at_position(1.0, 100.0, 20.0));
     remote.done(&Command::ChangeJoint {
         id: JointId(0),
-        joint: hinge,
+        joint: hinge.into(),
     });
     remote.steps(300);
     let parts = remote
@@ -156,7 +156,10 @@ fn joints_are_limited_by_the_number_of_bodies() {
     let refused = loop {
         let id = JointId(joints);
         let joint = joint(kind, bodies);
-        match remote.send(&Command::AddJoint { id, joint }) {
+        match remote.send(&Command::AddJoint {
+            id,
+            joint: joint.into(),
+        }) {
             Ok(()) => joints += 1,
             Err(error) => break error,
         }

@@ -2,17 +2,15 @@
 //!
 //! Proved by small scenes with known outcome. Time is counted in ticks; no test reads a clock.
 
-use core::num::NonZeroU32;
-
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{COORDINATE_MAX, FORCE_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, Hull, Joint, JointFrame, JointId, JointKind,
-    JointLimits, Material, PublishSchedule, SceneConfig, Shape, ShapeId, SleepConfig, Stepping,
+    JointLimits, Material, SceneConfig, Shape, ShapeId, SleepConfig,
 };
 use rhumb_protocol::stream::{Activity, Observation};
-use rhumb_reckoning::{BodyId, BodyState, Damping, Integrator, Rate};
+use rhumb_reckoning::{BodyId, BodyState, Damping};
 use rhumb_server::Scene;
 
 const FLOOR: BodyId = BodyId::new(0, 0);
@@ -20,23 +18,12 @@ const BALL: BodyId = BodyId::new(1, 0);
 
 fn config() -> SceneConfig {
     SceneConfig {
-        integrator: Integrator {
-            rate: Rate::HZ_60,
-            substeps: NonZeroU32::new(4).expect("four is not zero"),
-        },
         gravity: Vec3::new(0.0, -10.0, 0.0),
-        stepping: Stepping::Lockstep,
-        material: Material {
-            friction: 0.5,
-            restitution: 0.0,
-            density: 1_000.0,
-        },
         damping: Damping {
             linear: 0.0,
             angular: 0.5,
         },
-        sleep: None,
-        publish_schedule: PublishSchedule::EACH_TICK,
+        ..SceneConfig::default()
     }
 }
 
@@ -495,7 +482,10 @@ fn joined_ball(kind: JointKind) -> Scene {
         strength: None,
     };
     scene
-        .apply(&Command::AddJoint { id: JOINT, joint })
+        .apply(&Command::AddJoint {
+            id: JOINT,
+            joint: joint.into(),
+        })
         .expect("the test makes it valid");
     scene
 }
@@ -581,7 +571,10 @@ fn a_lost_body_takes_its_joints_along() {
         strength: None,
     };
     scene
-        .apply(&Command::AddJoint { id: JOINT, joint })
+        .apply(&Command::AddJoint {
+            id: JOINT,
+            joint: joint.into(),
+        })
         .unwrap();
     let stepped = scene.step().unwrap();
     assert_eq!(stepped.removed, [(other, RemovalCause::LeftWorld)]);
@@ -591,7 +584,10 @@ fn a_lost_body_takes_its_joints_along() {
         ..joint
     };
     scene
-        .apply(&Command::AddJoint { id: JOINT, joint })
+        .apply(&Command::AddJoint {
+            id: JOINT,
+            joint: joint.into(),
+        })
         .unwrap();
     step_and_observe(&mut scene);
 }

@@ -8,33 +8,23 @@ use std::num::NonZeroU32;
 use glam::Vec3;
 use rhumb_protocol::message::{Extensions, Joined, ServerMessage, StreamChoice, Welcome};
 use rhumb_protocol::packet::{LargestPacket, Low16, StreamId, Watermark};
-use rhumb_protocol::scene::{IdRange, Material, PublishSchedule, SceneConfig, Stepping};
+use rhumb_protocol::scene::{IdRange, SceneConfig};
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::stream::StreamStart;
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit, WakeReason};
-use rhumb_reckoning::{Damping, Integrator, Rate, Tick, Tolerance};
+use rhumb_reckoning::{Tick, Tolerance};
+
+use crate::terms::TERMS;
 
 const PEER: Peer = Peer(0);
 
-const TERMS: SceneConfig = SceneConfig {
-    integrator: Integrator {
-        rate: Rate::HZ_60,
-        substeps: NonZeroU32::MIN,
-    },
-    gravity: Vec3::NEG_Y,
-    stepping: Stepping::Lockstep,
-    material: Material {
-        friction: 0.5,
-        restitution: 0.0,
-        density: 1_000.0,
-    },
-    damping: Damping {
-        linear: 0.0,
-        angular: 0.0,
-    },
-    sleep: None,
-    publish_schedule: PublishSchedule::EACH_TICK,
-};
+fn config() -> SceneConfig {
+    SceneConfig {
+        integrator: TERMS.integrator,
+        gravity: Vec3::NEG_Y,
+        ..SceneConfig::default()
+    }
+}
 
 /// A member of a scene without bodies, directly after joining.
 fn member(now: Instant) -> ClientSession {
@@ -44,22 +34,22 @@ fn member(now: Instant) -> ClientSession {
     let start = StreamStart {
         stream: StreamId(4),
         tolerance: choice.tolerance(),
-        integrator: TERMS.integrator,
+        integrator: config().integrator,
         publish_interval: NonZeroU32::MIN,
         largest_packet: LargestPacket::DEFAULT,
-        gravity: TERMS.gravity,
+        gravity: config().gravity,
         tick: Tick::ZERO,
         next: 0,
         scene_events: 0,
     };
     let welcome = ServerMessage::Welcome(Welcome {
         version: 1,
-        scene: Some(TERMS),
+        scene: Some(config()),
         extensions: Extensions::NONE,
     });
     let joined = ServerMessage::Joined(Joined {
         choice,
-        config: TERMS,
+        config: config(),
         start,
         granted: IdRange::EMPTY,
         extensions: Extensions::NONE,

@@ -1,4 +1,0 @@
-//! Runs `app_messages` of `rhumb-tests` with a fuzzer's bytes.
-#![no_main]
-
-libfuzzer_sys::fuzz_target!(|data: &[u8]| rhumb_tests::fuzzing::app_messages(data));

@@ -1,4 +1,0 @@
-//! Runs `app_scene` of `rhumb-tests` with a fuzzer's bytes.
-#![no_main]
-
-libfuzzer_sys::fuzz_target!(|data: &[u8]| rhumb_tests::fuzzing::app_scene(data));

@@ -1,4 +1,0 @@
-//! Runs `quantiser` of `rhumb-tests` with a fuzzer's bytes.
-#![no_main]
-
-libfuzzer_sys::fuzz_target!(|data: &[u8]| rhumb_tests::fuzzing::quantiser(data));
