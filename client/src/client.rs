@@ -15,6 +15,7 @@ use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_protocol::{Ending, Instant};
 use rhumb_reckoning::{BodyId, BodyState, Seconds, Tick, Ticks, Tolerance};
+use rhumb_transport::TransportCode;
 use rhumb_view::{PipelineDepth, RenderParams, RenderTime, SceneClock, View};
 
 use crate::client_ids::ClientIds;
@@ -50,6 +51,10 @@ pub struct Client {
     deleted: bool,
     faulted: Option<Tick>,
     ended: Option<Ending>,
+    /// How long to try to go on over another connection.
+    resume_within: Duration,
+    /// How the last connection ended, until the session goes on.
+    interrupted: Option<(Instant, Ending)>,
 }
 
 impl Client {
@@ -86,6 +91,8 @@ impl Client {
             deleted: false,
             faulted: None,
             ended: None,
+            resume_within: options.resume_within,
+            interrupted: None,
         };
         client.refresh(RenderTime::at(watermark_tick), false);
         client
@@ -429,7 +436,7 @@ impl Client {
     }
 
     fn close_connection(&mut self) {
-        if self.ended.is_none() {
+        if self.ended.is_none() && self.interrupted.is_none() {
             self.pump.session.close(CloseCode::DONE);
             self.pump.flush();
         }
@@ -511,6 +518,28 @@ impl Client {
             }
             self.events.push_back((self.complete(), event));
         }
+        if let Some((_, ending)) = self.interrupted
+            && self.pump.has_given_up()
+            && self.ended.is_none()
+        {
+            self.ended = Some(ending);
+            self.events.push_back((Tick::ZERO, Event::Ended(ending)));
+        }
+    }
+
+    /// Tries to go on over another connection, unless the server refuses this client or the time is over.
+    fn try_to_resume(&mut self, ending: Ending) -> bool {
+        let is_for_good = match ending {
+            Ending::Closed(code) => {
+                code != TransportCode::GOING_AWAY.0 && code != CloseCode::BUSY.0
+            }
+            Ending::TimedOut | Ending::Broken => false,
+        };
+        let now = self.pump.now();
+        let (since, _) = *self.interrupted.get_or_insert((now, ending));
+        let tried = Duration::from_nanos(now.since(since).as_nanos());
+        let left = self.resume_within.saturating_sub(tried);
+        !is_for_good && left > Duration::ZERO && self.pump.reconnect(left)
     }
 
     /// Updates this client from an event; returns whether the event is passed to the caller.
@@ -533,7 +562,19 @@ impl Client {
             Event::Denied(denial) => self.denied = Some(denial),
             Event::SceneFaulted(tick) => self.faulted = Some(tick),
             Event::Deleted => self.deleted = true,
-            Event::Ended(ending) => self.ended = Some(ending),
+            Event::Ended(ending) => {
+                if self.try_to_resume(ending) {
+                    let interrupted = Event::Interrupted(ending);
+                    self.events.push_back((Tick::ZERO, interrupted));
+                    return false;
+                }
+                self.ended = Some(ending);
+            }
+            Event::Resumed(_) => {
+                self.interrupted = None;
+                self.clock = SceneClock::new(self.config.integrator.rate);
+                self.upstream_clock = SceneClock::new(self.config.integrator.rate);
+            }
             _ => {}
         }
         self.ids.note(event, self.pump.session.replica())

@@ -40,6 +40,8 @@ pub enum OpenError {
         /// The reason.
         denial: Denial,
     },
+    /// The system gives no random bytes for the key of a session.
+    Random(io::Error),
     /// The connection ended, or the server did not answer in time.
     Client(ClientError),
 }
@@ -83,6 +85,7 @@ impl fmt::Display for OpenError {
             }
             Self::Token(cause) => cause.fmt(f),
             Self::Denied { scene, denial } => write!(f, "scene {scene}: {denial}"),
+            Self::Random(cause) => cause.fmt(f),
             Self::Client(cause) => cause.fmt(f),
         }
     }

@@ -1,5 +1,7 @@
 //! Options for joining a scene: its creation, the stream, and the view.
 
+use std::time::Duration;
+
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::SceneConfig;
 use rhumb_reckoning::Tolerance;
@@ -36,6 +38,9 @@ pub struct JoinOptions {
     pub whole_ticks: bool,
     /// Free running only: whether corrections are shown as short glides.
     pub smooth: bool,
+    /// How long the client tries to go on with its session over another connection when one ends without its doing.
+    /// Commands meanwhile are queued. At zero, the first connection is the only one, and there is no session.
+    pub resume_within: Duration,
 }
 
 impl Default for JoinMode {
@@ -53,6 +58,7 @@ impl Default for JoinOptions {
             lead_ticks: 0.0,
             whole_ticks: false,
             smooth: true,
+            resume_within: Duration::ZERO,
         }
     }
 }

@@ -55,6 +55,7 @@ mod error;
 mod id_allocator;
 mod join_options;
 mod pump;
+mod reconnector;
 mod server_connection;
 mod shape_numbers;
 mod statistics;

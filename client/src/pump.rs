@@ -6,13 +6,20 @@ use std::time::Duration;
 
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
-use rhumb_transport::{Clock, QuicClient, Received};
+use rhumb_transport::{ClientOptions, Clock, QuicClient, Received};
+
+use crate::reconnector::{Progress, Reconnector};
 
 /// A connection and its session.
 pub(crate) struct Pump {
     pub(crate) session: ClientSession,
     pub(crate) connection: QuicClient,
+    /// How the server is reached again.
+    options: ClientOptions,
+    reconnector: Option<Reconnector>,
     clock: Clock,
+    /// Whether the server could not be reached again.
+    gave_up: bool,
     /// Called with all bytes in both directions, for recording.
     tap: Option<Tap>,
 }
@@ -40,10 +47,17 @@ const PIECES_PER_TURN: usize = 4_096;
 const SERVER: Peer = Peer(0);
 
 impl Pump {
-    pub(crate) fn new(session: ClientSession, connection: QuicClient) -> Self {
+    pub(crate) fn new(
+        session: ClientSession,
+        connection: QuicClient,
+        options: ClientOptions,
+    ) -> Self {
         let mut pump = Self {
             session,
             connection,
+            options,
+            reconnector: None,
+            gave_up: false,
             clock: Clock::start(),
             tap: None,
         };
@@ -79,6 +93,9 @@ impl Pump {
 
     /// Handles received data, and waits for its first piece until `deadline` at most; `false` when nothing arrived.
     pub(crate) fn turn(&mut self, deadline: Instant) -> bool {
+        if self.reconnector.is_some() {
+            return self.await_connection(deadline);
+        }
         self.flush();
         let now = self.clock.now();
         let wake = self
@@ -101,6 +118,47 @@ impl Pump {
         self.session.handle_timeout(self.clock.now());
         self.flush();
         received_any
+    }
+
+    /// Begins to reach the server again, to go on with the session; `false` if it cannot.
+    pub(crate) fn reconnect(&mut self, within: Duration) -> bool {
+        if !self.session.can_reconnect() {
+            return false;
+        }
+        let until = std::time::Instant::now() + within;
+        match Reconnector::start(self.options.clone(), until) {
+            Ok(reconnector) => {
+                self.reconnector = Some(reconnector);
+                self.session.reconnect().is_ok()
+            }
+            Err(_) => false,
+        }
+    }
+
+    /// Whether the attempts to reach the server again are over without success.
+    pub(crate) const fn has_given_up(&self) -> bool {
+        self.gave_up
+    }
+
+    /// Waits until `deadline` at most for the server to be reached again.
+    fn await_connection(&mut self, deadline: Instant) -> bool {
+        let now = self.clock.now();
+        let wait = Duration::from_nanos(deadline.since(now).as_nanos());
+        let progress = self
+            .reconnector
+            .as_ref()
+            .map(|attempts| attempts.wait(wait));
+        match progress {
+            Some(Progress::Connected(connection)) => {
+                self.connection = connection;
+                self.session.handle_opened(self.clock.now(), SERVER);
+                self.flush();
+            }
+            Some(Progress::GaveUp) | None => self.gave_up = true,
+            Some(Progress::Trying) => return false,
+        }
+        self.reconnector = None;
+        true
     }
 
     fn handle(&mut self, received: Received) {

@@ -5,10 +5,10 @@
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::time::Duration;
 
-use rhumb_protocol::message::Denial;
+use rhumb_protocol::message::{Denial, SessionKey};
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{ClientSession, Event};
-use rhumb_transport::{ClientOptions, QuicClient, Trust};
+use rhumb_transport::{ClientOptions, QuicClient, Trust, random_bytes};
 
 use crate::client::Client;
 use crate::error::{ClientError, OpenError};
@@ -21,6 +21,7 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// A connection to a server that has joined no scene yet.
 pub struct ServerConnection {
     connection: QuicClient,
+    options: ClientOptions,
     timeout: Duration,
     token: Option<String>,
 }
@@ -31,9 +32,10 @@ impl ServerConnection {
             server_name: host_of(address).to_owned(),
             ..ClientOptions::new(resolve(address)?, trust)
         };
-        let connection = QuicClient::connect(options, timeout)?;
+        let connection = QuicClient::connect(options.clone(), timeout)?;
         Ok(Self {
             connection,
+            options,
             timeout,
             token: None,
         })
@@ -75,7 +77,7 @@ impl ServerConnection {
         if let Some(token) = self.token {
             session.set_token(token.parse().map_err(OpenError::Token)?);
         }
-        let mut pump = Pump::new(session, self.connection);
+        let mut pump = Pump::new(session, self.connection, self.options);
         let welcome = await_event(&mut pump, timeout, "welcome", |event| match event {
             Event::Welcomed(welcome) => Some(Ok(welcome)),
             _ => None,
@@ -98,6 +100,12 @@ impl ServerConnection {
                 Err(Denial::SceneExists) if matches!(options.mode, JoinMode::CreateOrJoin(_)) => {}
                 other => other.map_err(denied)?,
             }
+        }
+        if options.resume_within > Duration::ZERO {
+            let key = random_bytes().map_err(OpenError::Random)?;
+            pump.session
+                .begin_session(SessionKey(key))
+                .map_err(ClientError::from)?;
         }
         pump.session
             .join(options.stream)

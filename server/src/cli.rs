@@ -16,10 +16,12 @@ use std::time::Duration;
 
 use clap::{Parser, Subcommand};
 use rhumb_protocol::packet::LargestPacket;
+use rhumb_protocol::scene::SceneName;
 use rhumb_transport::Stop;
 use tracing::level_filters::LevelFilter;
 
 use crate::access::TokenKeys;
+use crate::durable::{self, DataDir};
 use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::log;
@@ -80,6 +82,10 @@ pub struct Arguments {
     /// Largest packet of a stream, bytes, from 700 to 1150 [default: 1100]. Relays and browsers add headers of their own.
     #[arg(long, value_name = "BYTES")]
     largest_packet: Option<LargestPacket>,
+    /// Directory for command logs and snapshots, from which scenes are restored at start; without it, scenes end with
+    /// the process.
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
     #[cfg(feature = "app")]
     #[command(flatten)]
     app: crate::app_arguments::AppArguments,
@@ -90,6 +96,18 @@ pub struct Arguments {
 enum Task {
     /// Makes a token for a client, or the keys for tokens.
     Token(TokenArguments),
+    /// Verifies every scene of a data directory that no server uses: authentic, whole, and replayed to the same bits.
+    Check {
+        /// The directory.
+        dir: PathBuf,
+    },
+    /// Runs the log of a scene again from the oldest state that is kept.
+    Replay {
+        /// The directory.
+        dir: PathBuf,
+        /// The scene.
+        scene: SceneName,
+    },
     /// Prints a configuration file with every setting at its default, and the reason of each limit.
     Config,
 }
@@ -114,6 +132,8 @@ pub fn main(arguments: Arguments) -> ExitCode {
 pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
     let outcome = match &arguments.task {
         Some(Task::Token(token)) => token_command::run(token, seconds_since_1970()),
+        Some(Task::Check { dir }) => durable::check(dir, &mut std::io::stdout()),
+        Some(Task::Replay { dir, scene }) => durable::replay(dir, scene, &mut std::io::stdout()),
         Some(Task::Config) => print(&Settings::file()),
         None => settings_of(&arguments).and_then(|settings| {
             if arguments.check_config {
@@ -206,6 +226,9 @@ fn run(
     server.employ(workers);
     server.set_largest_packet(settings.largest_packet);
     server.set_limits(settings.limits);
+    if let Some(dir) = &arguments.data {
+        server.store_in(DataDir::open(dir)?);
+    }
     if let Some(hooks) = hooks {
         server.attach(hooks);
     }

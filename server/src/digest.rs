@@ -42,6 +42,11 @@ impl Digest {
         }
     }
 
+    /// The digest of a run that goes on from a snapshot.
+    pub(crate) const fn from_value(value: u64) -> Self {
+        Self(value)
+    }
+
     /// The digest as a number.
     #[must_use]
     pub const fn value(self) -> u64 {

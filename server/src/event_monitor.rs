@@ -9,13 +9,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use rhumb_protocol::limits::EVENTS_PER_TICK_MAX;
 use rhumb_protocol::scene::{ActiveEvents, BodyEvent, BodyKind, Contact};
 use rhumb_protocol::stream::{Activity, Observation};
+use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
 
 use crate::engine::Engine;
 use crate::registry::Registry;
 
 /// The bodies that report events, and their state after the last step.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct EventMonitor {
     active: BTreeMap<BodyId, ActiveEvents>,
     asleep: BTreeSet<BodyId>,
@@ -23,6 +25,42 @@ pub(crate) struct EventMonitor {
     touching: BTreeSet<(BodyId, BodyId)>,
     /// Sensors and bodies inside them, of which at least one reports it.
     inside: BTreeSet<(BodyId, BodyId)>,
+}
+
+impl Wire for EventMonitor {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(self.active.len() as u64);
+        for (id, active) in &self.active {
+            id.encode(to);
+            active.encode(to);
+        }
+        to.varint(self.asleep.len() as u64);
+        self.asleep.iter().for_each(|id| id.encode(to));
+        for pairs in [&self.touching, &self.inside] {
+            to.varint(pairs.len() as u64);
+            for (first, second) in pairs {
+                first.encode(to);
+                second.encode(to);
+            }
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let mut monitor = Self::default();
+        for _ in 0..from.varint()? {
+            let id = BodyId::decode(from)?;
+            monitor.active.insert(id, ActiveEvents::decode(from)?);
+        }
+        for _ in 0..from.varint()? {
+            monitor.asleep.insert(BodyId::decode(from)?);
+        }
+        for pairs in [&mut monitor.touching, &mut monitor.inside] {
+            for _ in 0..from.varint()? {
+                pairs.insert((BodyId::decode(from)?, BodyId::decode(from)?));
+            }
+        }
+        Ok(monitor)
+    }
 }
 
 /// The events of one step.

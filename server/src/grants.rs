@@ -68,6 +68,26 @@ impl Grants {
         owner.map(|(peer, _)| *peer)
     }
 
+    /// Grants from this index on, in a scene that had members before.
+    pub(crate) fn begin_after(&mut self, end: u32) {
+        self.end = self.end.max(end);
+    }
+
+    /// Gives a member the ranges of its session.
+    pub(crate) fn give_back(&mut self, peer: Peer, ranges: Vec<IdRange>) {
+        self.granted.insert(peer, ranges);
+    }
+
+    /// Takes a member's ranges, which its session keeps.
+    pub(crate) fn withdraw(&mut self, peer: Peer) {
+        self.granted.remove(&peer);
+    }
+
+    /// Frees the ranges of a session that is over.
+    pub(crate) fn free(&mut self, ranges: Vec<IdRange>) {
+        self.retired.extend(ranges);
+    }
+
     /// The first range of a member.
     pub(crate) fn first(&self, peer: Peer) -> Option<IdRange> {
         self.granted.get(&peer)?.first().copied()

@@ -9,6 +9,7 @@ use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::{Instant, Span};
 
 use crate::access::Permit;
+use crate::durable::SessionNumber;
 use crate::query_budget::QueryBudget;
 use crate::tier_controller::TierController;
 
@@ -21,7 +22,7 @@ pub(crate) struct Member {
     pub(crate) permit: Arc<Permit>,
     /// When its next command would be within its quota.
     next_command: Instant,
-    /// Commands of this membership that were applied or refused.
+    /// Commands of this membership, or of its session, that were applied or refused.
     commands: u64,
     /// Number of the last of them, while it is not answered.
     pub(crate) unanswered: Option<u64>,
@@ -34,6 +35,10 @@ pub(crate) struct Member {
     /// Bytes of the scene events that its commands caused, less [`ADDED_PER_SECOND`] since.
     pub(crate) added_bytes: usize,
     added_at: Instant,
+    /// Its session, if it has one.
+    pub(crate) session: Option<SessionNumber>,
+    /// Whether commands are numbered that the log has not got yet.
+    undurable: bool,
     /// Messages of queries of this membership that were answered.
     queries: u64,
     pub(crate) query_budget: QueryBudget,
@@ -59,19 +64,27 @@ pub(crate) enum SnapshotRequest {
 
 impl Member {
     /// A new member that subscribes to a stream.
-    pub(crate) const fn new(permit: Arc<Permit>, stream: StreamId, choice: StreamChoice) -> Self {
+    /// `commands`: those of its session before.
+    pub(crate) const fn new(
+        permit: Arc<Permit>,
+        (stream, choice): (StreamId, StreamChoice),
+        session: Option<SessionNumber>,
+        commands: u64,
+    ) -> Self {
         Self {
             subscription: stream,
             previous: None,
             permit,
             next_command: Instant::ZERO,
-            commands: 0,
+            commands,
             unanswered: None,
             snapshot_request: None,
             link: TierController::new(choice),
             pending_bytes: 0,
             added_bytes: 0,
             added_at: Instant::ZERO,
+            session,
+            undurable: false,
             queries: 0,
             query_budget: QueryBudget::new(),
             missed_events: 0,
@@ -109,7 +122,13 @@ impl Member {
         let number = self.commands;
         self.commands += 1;
         self.unanswered = Some(number);
+        self.undurable = self.session.is_some();
         number
+    }
+
+    /// Its commands so far, if there are more than at the last call.
+    pub(crate) fn take_undurable(&mut self) -> Option<u64> {
+        std::mem::take(&mut self.undurable).then_some(self.commands)
     }
 
     /// The number of the message of queries that is answered now.
@@ -170,7 +189,7 @@ mod tests {
     const C: StreamId = StreamId(3);
 
     fn member() -> Member {
-        Member::new(Arc::new(Permit::OPEN), A, StreamChoice::Full)
+        Member::new(Arc::new(Permit::OPEN), (A, StreamChoice::Full), None, 0)
     }
 
     fn subscribed(member: &Member) -> Vec<StreamId> {

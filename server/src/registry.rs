@@ -3,6 +3,8 @@
 //! No engine here. Checks the rules of names and numbers; a refused change changes nothing. Invariants: each body's
 //! shape exists, each joint's bodies live; the generations of an index only grow.
 
+mod image;
+
 use std::collections::BTreeMap;
 
 use rhumb_protocol::limits::{
@@ -15,7 +17,7 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, Damping};
 
 /// The shapes, bodies and joints of one scene.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Registry {
     shapes: BTreeMap<ShapeId, ShapeEntry>,
     shape_bytes: usize,
@@ -252,6 +254,11 @@ impl Registry {
     pub(crate) fn bodies(&self) -> impl Iterator<Item = &BodyDesc> {
         let known = self.bodies.iter().flatten();
         known.filter(|known| known.lives).map(|known| &known.desc)
+    }
+
+    /// Number of indices up to the last that was ever used.
+    pub(crate) const fn indices(&self) -> u32 {
+        self.bodies.len() as u32
     }
 
     pub(crate) const fn body_count(&self) -> usize {

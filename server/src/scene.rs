@@ -3,6 +3,8 @@
 //! Members are not known here; their rights are checked before. Invariants: a refused command changes nothing;
 //! registry and engine have the same bodies; a scene whose engine failed takes no commands and no steps.
 
+mod image;
+
 use core::fmt;
 use std::collections::BTreeMap;
 use std::mem;
@@ -16,7 +18,9 @@ use rhumb_protocol::scene::{
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
 
+pub(crate) use self::image::FrozenScene;
 use crate::digest::Digest;
+use crate::durable::{Journal, Record};
 use crate::engine::{BodyProperties, Engine, EngineFault, Push, RapierEngine, Workers};
 use crate::event_monitor::{EventMonitor, StepEvents};
 use crate::registry::Registry;
@@ -34,6 +38,8 @@ pub struct Scene {
     displaced: BTreeMap<BodyId, Observation>,
     digest: Digest,
     event_monitor: EventMonitor,
+    /// What changes the scene, for its command log; `None` for a scene without one.
+    journal: Option<Journal>,
 }
 
 /// Results of a step beside the motion of bodies.
@@ -87,6 +93,7 @@ impl Scene {
             displaced: BTreeMap::new(),
             digest: Digest::START,
             event_monitor: EventMonitor::default(),
+            journal: None,
         })
     }
 
@@ -163,7 +170,11 @@ impl Scene {
                 self.event_monitor.set(id, events, &*self.engine);
             }
         }
-        self.sound()
+        self.sound()?;
+        if let Some(journal) = &mut self.journal {
+            journal.applied(self.tick, command);
+        }
+        Ok(())
     }
 
     /// Steps once.
@@ -174,6 +185,7 @@ impl Scene {
     pub fn step(&mut self) -> Result<Stepped, SceneFault> {
         self.observations.clear();
         self.engine.step(&mut self.lost)?;
+        let before = self.tick;
         self.tick = self.tick.next();
         self.displaced.clear();
         for place in 0..self.lost.len() {
@@ -192,12 +204,25 @@ impl Scene {
         let happened =
             self.event_monitor
                 .observe(&*self.engine, &self.registry, &self.observations);
+        if let Some(journal) = &mut self.journal {
+            journal.push(before, &Record::Stepped(self.digest.value()));
+        }
         Ok(Stepped {
             happened,
             tick: self.tick,
             removed: mem::take(&mut self.lost),
             broken,
         })
+    }
+
+    /// Has everything that changes the scene from now on be noted for its command log.
+    pub(crate) fn keep_journal(&mut self) {
+        self.journal = Some(Journal::default());
+    }
+
+    /// The journal, if one is kept.
+    pub(crate) const fn journal_mut(&mut self) -> Option<&mut Journal> {
+        self.journal.as_mut()
     }
 
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), CommandError> {
@@ -387,6 +412,11 @@ impl Scene {
     #[must_use]
     pub const fn body_count(&self) -> usize {
         self.registry.body_count()
+    }
+
+    /// Number of body indices that were ever used.
+    pub(crate) const fn indices(&self) -> u32 {
+        self.registry.indices()
     }
 
     /// Number of bodies awake after the last step.

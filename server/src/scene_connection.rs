@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use rhumb_protocol::message::ClientMessage;
+use rhumb_protocol::message::{ClientMessage, SessionRequest};
 use rhumb_protocol::scene::SceneName;
 
 use crate::access::Permit;
@@ -16,6 +16,8 @@ pub(crate) struct SceneConnection {
     pub(crate) permit: Arc<Permit>,
     /// A join that waits until the link has taken the snapshot before it.
     pub(crate) held: Option<ClientMessage>,
+    /// The session of its next join.
+    pub(crate) session: Option<SessionRequest>,
 }
 
 impl Default for SceneConnection {
@@ -26,6 +28,7 @@ impl Default for SceneConnection {
             member: false,
             permit: Arc::new(Permit::OPEN),
             held: None,
+            session: None,
         }
     }
 }

@@ -5,19 +5,20 @@
 
 mod access;
 mod authority;
+mod durability;
 mod flow;
 #[cfg(feature = "app")]
 mod owner;
 mod provision;
 mod queries;
+mod session;
 mod subscriptions;
 mod weight;
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::Arc;
 
 use bytes::Bytes;
-use rhumb_protocol::limits::{ADVANCE_TICKS_MAX, GRANT};
+use rhumb_protocol::limits::ADVANCE_TICKS_MAX;
 use rhumb_protocol::message::{
     ClientMessage, Denial, Extensions, Joined, RemovalCause, SceneEvent, ServerMessage,
     StreamChoice,
@@ -28,10 +29,12 @@ use rhumb_protocol::stream::{Activity, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::{BodyState, Tick};
 
+use self::durability::Durability;
 pub(crate) use self::provision::Provision;
+pub(crate) use self::session::Departure;
 use self::weight::weight;
-use crate::access::rights::{self, Request};
-use crate::access::{Ownership, Permit};
+use crate::access::Ownership;
+use crate::access::rights::Request;
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
 use crate::engine::Workers;
@@ -40,6 +43,7 @@ use crate::hook::Hook;
 use crate::member::{Member, SnapshotRequest};
 use crate::outbox::Outbox;
 use crate::scene::Scene;
+use crate::sessions::Sessions;
 use crate::snapshot::append_snapshot;
 use crate::stream_names::StreamNames;
 use crate::streams::{Stream, Streams};
@@ -77,6 +81,9 @@ pub(crate) struct SceneRunner {
     provision: Provision,
     /// The largest packet of its later streams.
     largest_packet: LargestPacket,
+    sessions: Sessions,
+    /// Its command log, if it survives the process.
+    durability: Option<Durability>,
 }
 
 /// A free-running scene that is later than so many steps slows down instead of catching up.
@@ -109,6 +116,8 @@ impl SceneRunner {
             owned: false,
             provision,
             largest_packet: LargestPacket::DEFAULT,
+            sessions: Sessions::default(),
+            durability: None,
         }
     }
 
@@ -140,9 +149,9 @@ impl SceneRunner {
         self.members.keys().copied()
     }
 
-    /// True if it has neither members nor an owner.
+    /// Whether it has neither members, nor an owner, nor a log that keeps it.
     pub(crate) fn is_abandoned(&self) -> bool {
-        self.members.is_empty() && !self.owned
+        self.members.is_empty() && !self.owned && !self.is_durable()
     }
 
     /// The time of the next step: at once in a scene that must advance, never in one without members.
@@ -154,44 +163,6 @@ impl SceneRunner {
             Stepping::Lockstep => (self.scene.tick() < self.target).then_some(Instant::ZERO),
             Stepping::FreeRunning => self.next_step,
         }
-    }
-
-    /// Makes a client a member; it gets the whole scene, then the stream.
-    pub(crate) fn join(
-        &mut self,
-        now: Instant,
-        peer: Peer,
-        permit: Arc<Permit>,
-        choice: StreamChoice,
-        out: &mut Outbox,
-    ) -> Result<(), Denial> {
-        if self.faulted {
-            return Err(Denial::SceneFaulted);
-        }
-        let of_client = |member: &&Member| member.permit.client == permit.client;
-        let members = self.members.values().filter(of_client).count();
-        rights::check(&permit, &self.ownership, Request::Join { members })?;
-        self.check_stream(&permit, choice)?;
-        if self.members.len() as u64 >= self.provision.limits.members_per_scene {
-            return Err(Denial::TooManyMembers);
-        }
-        let stream = match self.streams.subscribe(choice)? {
-            Some(stream) => stream,
-            None => self.begin_stream(choice),
-        };
-        if let Err(denial) = self.grant(peer, GRANT) {
-            self.streams.unsubscribe(stream, peer);
-            return Err(denial);
-        }
-        self.send_scene_events(out);
-        self.members
-            .insert(peer, Member::new(permit, stream, choice));
-        self.send_snapshot(peer, out);
-        if self.next_step.is_none() {
-            self.last_step = now;
-            self.next_step = Some(now + self.step());
-        }
-        Ok(())
     }
 
     /// A name for a new stream.
@@ -264,30 +235,6 @@ impl SceneRunner {
     fn stream_of(&self, peer: Peer) -> Option<&Stream> {
         let member = self.members.get(&peer)?;
         self.streams.get(member.stream())
-    }
-
-    /// Ends a membership. The client's bodies stay; its input behind a pending advance is dropped.
-    pub(crate) fn leave(&mut self, peer: Peer) {
-        self.waiting.retain(|(sender, _)| *sender != peer);
-        self.authority_table.end(peer);
-        if let Some(member) = self.members.remove(&peer) {
-            for stream in member.streams() {
-                self.streams.unsubscribe(stream, peer);
-            }
-            self.grants.retire(peer);
-        }
-        if self.members.is_empty() {
-            self.next_step = None;
-        }
-    }
-
-    pub(crate) fn reserve(&mut self, peer: Peer, count: u32, out: &mut Outbox) {
-        let allowed = self.check(peer, Request::Reserve).map_err(Denial::from);
-        let answer = match allowed.and_then(|()| self.grant(peer, count)) {
-            Ok(range) => ServerMessage::Reserved(range),
-            Err(denial) => ServerMessage::Denied(denial),
-        };
-        out.send(peer, &answer);
     }
 
     /// A member's message shows that it has the scene.
@@ -367,12 +314,14 @@ impl SceneRunner {
             // Other messages do not depend on their place among the commands.
             Ok(_) => return,
         };
-        let number = member.number_command();
+        let (number, session) = (member.number_command(), member.session);
         member.charge_command(out.now());
         let unsent = self.unsent.len();
-        let applied = command.and_then(|command| self.apply_of_member(peer, &command));
-        self.provision.meter.count_command(applied.is_err());
-        if let Err(error) = applied {
+        let refused = command.and_then(|command| self.apply_of_member(peer, &command));
+        let refused = refused.err();
+        self.provision.meter.count_command(refused.is_some());
+        self.note_command(session, refused);
+        if let Some(error) = refused {
             out.send(peer, &ServerMessage::Refused { number, error });
         }
         let added = self.unsent.len().saturating_sub(unsent);
@@ -474,6 +423,7 @@ impl SceneRunner {
     /// Answers the input of one read after all of it was handled.
     pub(crate) fn answer_pending(&mut self, out: &mut Outbox) {
         self.send_scene_events(out);
+        self.commit();
         let pending_snapshots: Vec<(Peer, SnapshotRequest)> = self
             .members
             .iter_mut()
@@ -534,6 +484,7 @@ impl SceneRunner {
             Err(_) => return self.fault(out),
         };
         let after_step = clock();
+        self.snapshot_if_due(after_step.since(begun));
         for error in refused.into_iter().flatten() {
             tracing::warn!(%error, "the scene continues without the command");
         }
@@ -551,6 +502,7 @@ impl SceneRunner {
             .observe(self.scene.tick(), self.scene.observations());
         let observed = clock();
         self.streams.publish(self.scene_events);
+        self.commit();
         self.send_scene_events(out);
         self.send_step_events(stepped.happened, out);
         for (peer, member) in &self.members {
@@ -593,6 +545,7 @@ impl SceneRunner {
 
     /// Informs the members that the scene has ended.
     pub(crate) fn end(mut self, out: &mut Outbox) {
+        self.delete_log();
         for peer in self.members.keys() {
             self.authority_table.end(*peer);
             out.send(*peer, &ServerMessage::Deleted);

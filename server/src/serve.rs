@@ -16,6 +16,7 @@ use rhumb_transport::{
 };
 
 use crate::access::{Gate, TokenKeys};
+use crate::durable::{DataDir, DataError};
 use crate::engine::{Workers, WorkersError};
 #[cfg(feature = "app")]
 use crate::front::Adapter;
@@ -69,6 +70,7 @@ pub struct Server {
     largest_packet: LargestPacket,
     limits: Limits,
     metrics: Option<TcpListener>,
+    data: Option<DataDir>,
     /// Serves the clients of another protocol.
     #[cfg(feature = "app")]
     adapter: Option<Adapter>,
@@ -101,6 +103,8 @@ pub enum RunError {
     Workers(WorkersError),
     /// A thread cannot start.
     Thread(io::Error),
+    /// The data directory cannot be used.
+    Data(DataError),
     /// The thread of the sockets failed.
     Serve(ServeError),
 }
@@ -127,6 +131,7 @@ impl fmt::Display for RunError {
             }
             Self::Workers(cause) => cause.fmt(f),
             Self::Thread(cause) => write!(f, "cannot start a thread: {cause}"),
+            Self::Data(cause) => cause.fmt(f),
             Self::Serve(cause) => cause.fmt(f),
         }
     }
@@ -159,6 +164,7 @@ impl Server {
             largest_packet: LargestPacket::DEFAULT,
             limits: Limits::default(),
             metrics: None,
+            data: None,
             #[cfg(feature = "app")]
             adapter: None,
         })
@@ -216,12 +222,17 @@ impl Server {
         self.limits = limits;
     }
 
+    /// Keeps scenes in a data directory, and restores those that it has.
+    pub fn store_in(&mut self, data: DataDir) {
+        self.data = Some(data);
+    }
+
     /// Serves on the calling thread, and each scene on a thread of its own, until `stop` is requested. Then every
     /// client learns that the server is going away.
     ///
     /// # Errors
     ///
-    /// [`RunError::Serve`] if the thread of the sockets fails.
+    /// [`RunError::Serve`] if the thread of the sockets fails, [`RunError::Data`] if the data directory does.
     pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
         let clock = Clock::start();
         let waker = self.transport.waker();
@@ -246,6 +257,9 @@ impl Server {
                 Some(started.map_err(RunError::Thread)?)
             }
         };
+        if let Some(data) = self.data {
+            front.store_in(clock.now(), data).map_err(RunError::Data)?;
+        }
         let served = self.transport.run(&mut front, stop);
         front.shut_down();
         drop(answering);

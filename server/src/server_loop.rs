@@ -3,17 +3,22 @@
 //! Routes each message to the scene of its connection. The real driver and the simulated network use it alike. It
 //! reads no clock but its stopwatch, which only measures.
 
+mod creation;
+mod stored_scenes;
+
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use rhumb_protocol::message::{ClientMessage, Denial, Extension, Grease, ServerMessage};
 use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, PacketKind};
-use rhumb_protocol::scene::{CommandError, SceneConfig, SceneName, Stepping};
+use rhumb_protocol::scene::{CommandError, SceneName};
+use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{
     Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
 };
 use rhumb_reckoning::Tick;
 
+use self::stored_scenes::StoredScenes;
 use crate::access::rights::{self, Request};
 use crate::access::{Ownership, Permit};
 use crate::authority_table::UpstreamStatistics;
@@ -21,15 +26,13 @@ use crate::empty_scenes::EmptyScenes;
 use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::limits::Limits;
-use crate::load::{self, ServerLoad};
+use crate::load::ServerLoad;
 use crate::metrics::Metrics;
 use crate::outbox::Outbox;
 use crate::pulse::Pulse;
-use crate::scene::Scene;
 use crate::scene_connection::SceneConnection;
-use crate::scene_runner::{Provision, SceneRunner};
+use crate::scene_runner::{Departure, SceneRunner};
 use crate::scene_slots::{SceneSlot, SceneSlots};
-use crate::stream_names::StreamNames;
 
 /// Messages of one connection that are handled before others, and the ticks, get their turn.
 const MESSAGES_PER_TURN: usize = 512;
@@ -61,6 +64,7 @@ pub struct ServerLoop {
     hooks: Option<Hooks>,
     workers: Workers,
     largest_packet: LargestPacket,
+    stored: StoredScenes,
     pub(crate) stopwatch: Box<dyn Fn() -> Instant + Send>,
 }
 
@@ -88,6 +92,7 @@ impl ServerLoop {
             hooks: None,
             workers: Workers::default(),
             largest_packet: LargestPacket::DEFAULT,
+            stored: StoredScenes::default(),
             stopwatch: Box::new(stopwatch),
         }
     }
@@ -219,7 +224,7 @@ impl ServerLoop {
 
     /// Ends the membership of a connection, and forgets it.
     fn forget(&mut self, peer: Peer) {
-        self.leave(peer);
+        self.leave(peer, Departure::Disconnected);
         self.connections.remove(&peer);
         self.queued.retain(|queued| *queued != peer);
         self.blocked.remove(&peer);
@@ -291,16 +296,20 @@ impl ServerLoop {
         match message {
             Ok(ClientMessage::Create(config)) => {
                 let allowed = may(&permit, Request::Create(&config));
-                let answer = match allowed.and_then(|()| self.create(&name, config).map(drop)) {
+                let answer = match allowed.and_then(|()| self.create_stored(&name, config)) {
                     Ok(()) => ServerMessage::Created,
                     Err(denial) => ServerMessage::Denied(denial),
                 };
                 self.out.send(peer, &answer);
             }
             Ok(ClientMessage::Join(choice)) => {
+                let session = connection.session.take();
                 let joined = match self.runners.get_mut(&name) {
-                    Some(runner) => runner.join(now, peer, permit, choice, &mut self.out),
-                    None => Err(Denial::NoSuchScene),
+                    Some(runner) => {
+                        let choice = (choice, session);
+                        runner.join(now, peer, permit, choice, &mut self.out)
+                    }
+                    None => Err(self.stored.denial(&name)),
                 };
                 match joined {
                     Ok(()) => {
@@ -310,6 +319,7 @@ impl ServerLoop {
                     Err(denial) => self.out.send(peer, &ServerMessage::Denied(denial)),
                 }
             }
+            Ok(ClientMessage::Session(request)) => connection.session = Some(request),
             Ok(ClientMessage::Delete) => match may(&permit, Request::Delete) {
                 Ok(()) => self.delete(peer, &name),
                 Err(denial) => self.out.send(peer, &ServerMessage::Denied(denial)),
@@ -350,7 +360,7 @@ impl ServerLoop {
         }
         match message {
             Ok(ClientMessage::Leave) => {
-                runner.leave(peer);
+                runner.leave(now, peer, Departure::Left);
                 out.send(peer, &ServerMessage::Left);
                 if let Some(connection) = self.connections.get_mut(&peer) {
                     connection.member = false;
@@ -374,55 +384,13 @@ impl ServerLoop {
         }
     }
 
-    pub(crate) fn create(
-        &mut self,
-        name: &SceneName,
-        config: SceneConfig,
-    ) -> Result<&mut SceneRunner, Denial> {
-        if self.runners.contains_key(name) {
-            return Err(Denial::SceneExists);
-        }
-        let limits = &self.limits;
-        let slot = self.slots.take(limits.scenes as usize);
-        let slot = slot.ok_or(Denial::TooManyScenes)?;
-        let per_body = match config.stepping {
-            Stepping::FreeRunning => rights::body_steps(&config),
-            Stepping::Lockstep => 0,
-        };
-        let (scene_max, server_max) = (limits.scene_load, limits.server_load);
-        let load = self.load.of_scene(per_body, scene_max, server_max);
-        if !load.has_room() {
-            let retry_seconds = load::RETRY_SECONDS;
-            return Err(Denial::Overloaded { retry_seconds });
-        }
-        let scene = Scene::on(config, &self.workers).map_err(Denial::InvalidConfig)?;
-        let names = StreamNames::of_scene(self.scenes_begun);
-        let provision = Provision {
-            limits: *limits,
-            load,
-            meter: self.metrics.begin_scene(name),
-        };
-        let mut runner = SceneRunner::new(scene, names, provision);
-        runner.employ(self.workers.clone());
-        runner.set_largest_packet(self.largest_packet);
-        if let Some(hook) = self
-            .hooks
-            .as_ref()
-            .and_then(|hooks| hooks.of(name, &config))
-        {
-            runner.attach(hook);
-        }
-        self.scenes_begun = self.scenes_begun.wrapping_add(1);
-        self.taken_slots.insert(name.clone(), slot);
-        self.note_empty(name);
-        tracing::info!(scene = %name, "scene created");
-        Ok(self.runners.entry(name.clone()).or_insert(runner))
-    }
-
     fn delete(&mut self, peer: Peer, name: &SceneName) {
         if self.runners.get(name).is_some_and(SceneRunner::is_owned) {
             let denial = ServerMessage::Denied(Denial::Owned);
             return self.out.send(peer, &denial);
+        }
+        if self.stored.delete_damaged(name) {
+            return self.out.send(peer, &ServerMessage::Deleted);
         }
         if !self.runners.contains_key(name) {
             let denial = ServerMessage::Denied(Denial::NoSuchScene);
@@ -459,11 +427,12 @@ impl ServerLoop {
         self.runners.get_mut(name)
     }
 
-    fn leave(&mut self, peer: Peer) {
+    fn leave(&mut self, peer: Peer, departure: Departure) {
+        let now = self.out.now();
         let Some(runner) = self.runner_of(peer) else {
             return;
         };
-        runner.leave(peer);
+        runner.leave(now, peer, departure);
         let connection = self.connections.get(&peer);
         if let Some(name) = connection.and_then(|connection| connection.scene.clone()) {
             self.note_empty(&name);
@@ -557,6 +526,11 @@ impl Endpoint for ServerLoop {
             self.handle_message(now, peer, message);
         }
         self.answer_pending(peer);
+        let departure = match ending {
+            Ending::Closed(code) if code == CloseCode::DONE.0 => Departure::Left,
+            Ending::Closed(_) | Ending::TimedOut | Ending::Broken => Departure::Disconnected,
+        };
+        self.leave(peer, departure);
         self.forget(peer);
         self.out.forget(peer);
     }

@@ -190,6 +190,11 @@ impl ServerProcess {
         assert!(status.expect("running the kill command").success());
     }
 
+    /// Ends the process at once, as a crash does.
+    pub fn kill(self) {
+        drop(self);
+    }
+
     /// Waits until the process ends by itself.
     ///
     /// # Panics

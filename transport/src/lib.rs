@@ -8,6 +8,7 @@ mod clock;
 mod link_meter;
 mod piece;
 mod quic;
+mod random;
 #[cfg(feature = "raw")]
 pub mod raw;
 mod socket;
@@ -20,4 +21,5 @@ pub use quic::{
     Fingerprint, FingerprintError, QuicClient, QuicServer, Received, ServeError, ServerOptions,
     ServerStatistics, ServerWatch, Stop, TransportCode, Trust, Waker, WireStatistics,
 };
+pub use random::random_bytes;
 pub use socket::{bind_udp, io_runtime};

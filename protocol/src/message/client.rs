@@ -9,6 +9,7 @@ use super::choice::StreamChoice;
 use super::extensions::Extensions;
 use super::frame::{Framed, frame};
 use super::resync::ResyncCause;
+use super::session_key::SessionRequest;
 use super::tier_policy::TierPolicy;
 use super::version::MAGIC;
 use crate::limits::{DATAGRAM_BYTES_MAX, RESERVE_MAX, VERSIONS_MAX};
@@ -72,6 +73,8 @@ pub enum ClientMessage {
     TierPolicy(TierPolicy),
     /// Asks where bodies are. The first of a membership has number 0, the next 1, and so on.
     Query(Vec<Query>),
+    /// Names the session of the next join, to begin it or to take it up.
+    Session(SessionRequest),
 }
 
 /// Type bytes.
@@ -93,6 +96,7 @@ mod kind {
     pub(super) const UPSTREAM: u8 = 15;
     pub(super) const TIER_POLICY: u8 = 16;
     pub(super) const QUERY: u8 = 17;
+    pub(super) const SESSION: u8 = 32;
 }
 
 impl ClientMessage {
@@ -151,6 +155,7 @@ impl ClientMessage {
                 encode_queries(queries, body);
                 kind::QUERY
             }
+            Self::Session(request) => put(request, kind::SESSION, body),
         }
     }
 
@@ -196,6 +201,7 @@ impl ClientMessage {
             kind::UPSTREAM => Self::Upstream(from.raw(framed.body.len())?.to_vec()),
             kind::TIER_POLICY => Self::TierPolicy(TierPolicy::decode(&mut from)?),
             kind::QUERY => Self::Query(decode_queries(&mut from)?),
+            kind::SESSION => Self::Session(SessionRequest::decode(&mut from)?),
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };

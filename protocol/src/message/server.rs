@@ -12,6 +12,7 @@ use super::frame::{Framed, frame};
 use super::inspection::Inspection;
 use super::query_result::QueryResult;
 use super::scene_event::SceneEvent;
+use super::session_key::SessionState;
 use super::tick_events::TickEvents;
 use super::tier_policy::TierChangeCause;
 use crate::packet::{LargestPacket, StreamId};
@@ -109,6 +110,15 @@ pub enum ServerMessage {
     QueryResult(QueryResult),
     /// The events of bodies in one tick.
     TickEvents(TickEvents),
+    /// Where the session of this join goes on; sent before `Joined`.
+    Session(SessionState),
+    /// The scene up to this tick, and so many commands of the session, survive the server's crash.
+    Durable {
+        /// Commands of the session from its first on.
+        commands: u64,
+        /// The tick.
+        tick: Tick,
+    },
 }
 
 /// Type bytes.
@@ -131,6 +141,8 @@ mod kind {
     pub(super) const TIER_CHANGED: u8 = 16;
     pub(super) const QUERY_RESULT: u8 = 17;
     pub(super) const TICK_EVENTS: u8 = 18;
+    pub(super) const SESSION: u8 = 32;
+    pub(super) const DURABLE: u8 = 33;
 }
 
 impl Wire for Welcome {
@@ -247,6 +259,12 @@ impl ServerMessage {
             }
             Self::QueryResult(result) => put(result, kind::QUERY_RESULT, &mut body),
             Self::TickEvents(events) => put(events, kind::TICK_EVENTS, &mut body),
+            Self::Session(state) => put(state, kind::SESSION, &mut body),
+            Self::Durable { commands, tick } => {
+                body.varint(*commands);
+                body.varint(tick.value());
+                kind::DURABLE
+            }
         };
         frame(kind, &body.into_bytes(), to);
     }
@@ -290,6 +308,11 @@ impl ServerMessage {
             },
             kind::QUERY_RESULT => Self::QueryResult(QueryResult::decode(&mut from)?),
             kind::TICK_EVENTS => Self::TickEvents(TickEvents::decode(&mut from)?),
+            kind::SESSION => Self::Session(SessionState::decode(&mut from)?),
+            kind::DURABLE => Self::Durable {
+                commands: from.count()?,
+                tick: Tick::new(from.count()?),
+            },
             OPTIONAL.. => return Ok(None),
             _ => return Err(Malformed::UnknownCode),
         };

@@ -8,6 +8,7 @@ mod clock;
 mod greeting;
 mod recovery;
 mod response_times;
+mod resumption;
 mod stream_selection;
 mod timeouts;
 mod upstream;
@@ -21,6 +22,7 @@ use rhumb_reckoning::Tick;
 
 use self::body_events::HeldEvents;
 use self::response_times::ResponseTimes;
+use self::resumption::Resumption;
 use self::stream_selection::StreamSelection;
 use self::timeouts::RESYNC_MOST;
 use super::close::CloseCode;
@@ -65,6 +67,7 @@ pub struct ClientSession {
     granted: IdRange,
     upstream_state: UpstreamState,
     commands: u64,
+    resumption: Resumption,
     queries: u64,
     held_events: HeldEvents,
     awaited: Tick,
@@ -81,7 +84,7 @@ pub struct ClientSession {
 impl ClientSession {
     /// A session for a scene, before the connection opens.
     #[must_use]
-    pub const fn new(scene: SceneName) -> Self {
+    pub fn new(scene: SceneName) -> Self {
         Self {
             state: ClientState::Unconnected,
             peer: Peer(0),
@@ -94,6 +97,7 @@ impl ClientSession {
             granted: IdRange::EMPTY,
             upstream_state: UpstreamState::new(),
             commands: 0,
+            resumption: Resumption::default(),
             queries: 0,
             held_events: HeldEvents::new(),
             awaited: Tick::ZERO,
@@ -111,29 +115,6 @@ impl ClientSession {
     /// Has the `Hello` carry a token.
     pub fn set_token(&mut self, token: Token) {
         self.token = Some(token);
-    }
-
-    /// Creates the scene; answered by `Created` or `Denied`.
-    ///
-    /// # Errors
-    ///
-    /// [`Misuse`] before the welcome, as a member, or for a config that is invalid.
-    pub fn create(&mut self, config: SceneConfig) -> Result<(), Misuse> {
-        self.must_be(ClientState::Lobby)?;
-        config.check().map_err(Misuse::Invalid)?;
-        self.send(&ClientMessage::Create(config));
-        Ok(())
-    }
-
-    /// Requests membership; answered by `Joined` or `Denied`.
-    ///
-    /// # Errors
-    ///
-    /// [`Misuse::NotNow`] before the welcome or as a member.
-    pub fn join(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
-        self.must_be(ClientState::Lobby)?;
-        self.send(&ClientMessage::Join(choice));
-        Ok(())
     }
 
     /// Ends the membership; answered by `Left`.
@@ -170,14 +151,22 @@ impl ClientSession {
         self.as_member(&ClientMessage::Reserve { count })
     }
 
-    /// Queues a command; returns the number that its answer will name.
+    /// Queues a command; returns the number that its answer will name. Between two connections of a session it waits
+    /// for the second.
     ///
     /// # Errors
     ///
     /// As [`Self::leave`], and [`Misuse::Invalid`] for a number out of range; nothing is sent then.
     pub fn command(&mut self, command: Command) -> Result<u64, Misuse> {
         command.check().map_err(Misuse::Invalid)?;
-        self.as_member(&ClientMessage::Command(command))?;
+        let resuming = self.is_resuming();
+        if !resuming {
+            self.must_be(ClientState::Member)?;
+        }
+        self.resumption.note_command(self.commands, &command);
+        if !resuming {
+            self.send(&ClientMessage::Command(command));
+        }
         self.commands += 1;
         Ok(self.commands - 1)
     }
@@ -204,7 +193,12 @@ impl ClientSession {
     ///
     /// As [`Self::leave`].
     pub fn advance(&mut self, now: Instant, to: Tick) -> Result<(), Misuse> {
+        if self.is_resuming() {
+            self.resumption.note_advance(to);
+            return Ok(());
+        }
         self.as_member(&ClientMessage::Advance { to })?;
+        self.resumption.note_advance(to);
         if !self.awaits() {
             // With no request pending, the receiver measured silence; the answer now has its own timeout.
             self.replica_switch
@@ -342,8 +336,13 @@ impl ClientSession {
                     self.request_stream();
                 }
                 self.events.push_back(Event::Denied(denial));
+                if self.state == ClientState::Lobby && self.can_reconnect() {
+                    // The scene of the session is gone.
+                    return Err(CloseCode::DONE);
+                }
             }
             ServerMessage::Applied { through, tick } => {
+                self.resumption.note_applied(through, tick);
                 self.events.push_back(Event::Applied { through, tick });
             }
             ServerMessage::Refused { number, error } => {
@@ -364,6 +363,11 @@ impl ClientSession {
                 self.stream_selection.handle_tier_changed(to);
                 self.events.push_back(Event::TierChanged { to, cause });
             }
+            ServerMessage::Session(state) => self.handle_session(state)?,
+            ServerMessage::Durable { commands, tick } => {
+                self.resumption.finish(commands, tick);
+                self.events.push_back(Event::Durable { commands, tick });
+            }
             ServerMessage::QueryResult(result) => {
                 self.events.push_back(Event::QueryResult(result));
             }
@@ -383,6 +387,7 @@ impl ClientSession {
         self.config = Some(joined.config);
         self.granted = joined.granted;
         self.replica_switch.begin(joined);
+        self.note_choice(joined.choice);
         self.stream_selection.handle_joined(joined.choice);
         self.request_stream();
         Ok(())
@@ -392,11 +397,13 @@ impl ClientSession {
         self.replica_switch.end_snapshot()?;
         if self.state != ClientState::Member {
             self.state = ClientState::Member;
-            self.commands = 0;
             self.queries = 0;
             self.send(&ClientMessage::Ping { sent: now });
             self.pings.begin(now);
-            self.events.push_back(Event::Joined(self.granted));
+            if !self.resume() {
+                self.commands = 0;
+                self.events.push_back(Event::Joined(self.granted));
+            }
         }
         self.resyncing = false;
         self.request_stream();
@@ -436,6 +443,7 @@ impl ClientSession {
 
     fn end_membership(&mut self, event: Event) {
         self.state = ClientState::Lobby;
+        self.resumption = Resumption::default();
         self.replica_switch = ReplicaSwitch::new();
         self.upstream_state = UpstreamState::new();
         self.held_events = HeldEvents::new();

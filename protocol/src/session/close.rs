@@ -37,6 +37,8 @@ impl CloseCode {
     pub const TOKEN_EXPIRED: Self = Self(18);
     /// The token does not name the scene of the connection.
     pub const TOKEN_SCENE: Self = Self(19);
+    /// Another connection has taken the session up.
+    pub const SESSION_TAKEN: Self = Self(32);
 }
 
 impl From<Malformed> for CloseCode {
@@ -61,6 +63,7 @@ impl fmt::Display for CloseCode {
             Self::TOKEN_INVALID => "the token is not one of this server",
             Self::TOKEN_EXPIRED => "the token has expired",
             Self::TOKEN_SCENE => "the token does not name the scene",
+            Self::SESSION_TAKEN => "another connection has taken the session up",
             Self(code) => return write!(f, "unknown close code {code}"),
         })
     }

@@ -8,8 +8,8 @@ use rhumb_reckoning::{BodyId, Tick};
 
 use crate::endpoint::Ending;
 use crate::message::{
-    AuthorityError, Denial, Inspection, QueryResult, RemovalCause, StreamChoice, TierChangeCause,
-    Welcome,
+    AuthorityError, Denial, Inspection, QueryResult, RemovalCause, SessionState, StreamChoice,
+    TierChangeCause, Welcome,
 };
 use crate::scene::{BodyEvent, CommandError, IdRange};
 use crate::time::{Instant, Span};
@@ -54,6 +54,21 @@ pub enum Event {
         number: u64,
         /// The reason for the refusal.
         error: CommandError,
+    },
+    /// The connection ended; the client tries to go on with the session over another one.
+    Interrupted(Ending),
+    /// The session goes on over another connection: the replica is complete again, and commands that were not done are
+    /// sent again. A scene that was restored may go on at an earlier tick than the last one sent.
+    Resumed(SessionState),
+    /// The server does not know the session any more: which of its commands were done cannot be told. The connection
+    /// ends.
+    SessionLost(SessionState),
+    /// The scene up to this tick, and so many commands of the session, survive a crash of the server.
+    Durable {
+        /// Commands of the session from its first on.
+        commands: u64,
+        /// The tick.
+        tick: Tick,
     },
     /// A body was placed in the scene, or its description was replaced.
     BodyPlaced(BodyId),

@@ -118,7 +118,7 @@ impl ServerSession {
             (ServerState::Member, message) if is_for_members(message) => Ok(true),
             (
                 ServerState::Lobby | ServerState::AwaitingLeft,
-                ClientMessage::Create(_) | ClientMessage::Join(_),
+                ClientMessage::Create(_) | ClientMessage::Join(_) | ClientMessage::Session(_),
             ) => Ok(true),
             _ => Err(CloseCode::VIOLATION),
         }

@@ -6,12 +6,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use rhumb_protocol::scene::{BodyDesc, Command, JointId, ShapeId};
+use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::BodyId;
 
-use super::permit::{ClientName, Permit};
+use super::permit::ClientName;
 
 /// Owners in one scene.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Ownership {
     bodies: BTreeMap<BodyId, ClientName>,
     shapes: BTreeMap<ShapeId, ClientName>,
@@ -23,8 +25,8 @@ pub(crate) struct Ownership {
 
 impl Ownership {
     /// Notes the effect of a command that was applied.
-    pub(crate) fn note(&mut self, permit: &Permit, command: &Command) {
-        match (command, &permit.client) {
+    pub(crate) fn note(&mut self, client: Option<&ClientName>, command: &Command) {
+        match (command, client) {
             (Command::AddBody { desc, .. }, Some(client)) => {
                 self.bodies.insert(desc.id, client.clone());
                 *self.counts.entry(client.clone()).or_default() += 1;
@@ -45,6 +47,14 @@ impl Ownership {
             (Command::RemoveJoint { id }, _) => self.remove_joint(*id),
             _ => {}
         }
+    }
+
+    /// Whether a command adds something that belongs to a client.
+    pub(crate) const fn concerns(command: &Command) -> bool {
+        matches!(
+            command,
+            Command::AddBody { .. } | Command::AddShape { .. } | Command::AddJoint { .. }
+        )
     }
 
     /// Forgets a body that has left the scene.
@@ -96,6 +106,72 @@ impl Ownership {
 fn damping_of(desc: &BodyDesc) -> Option<[u32; 2]> {
     let damping = desc.damping?;
     Some([damping.linear.to_bits(), damping.angular.to_bits()])
+}
+
+impl Wire for Ownership {
+    fn encode(&self, to: &mut Writer) {
+        encode_owners(&self.bodies, to);
+        encode_owners(&self.shapes, to);
+        encode_owners(&self.joints, to);
+        to.varint(self.dampings.len() as u64);
+        for (client, dampings) in &self.dampings {
+            to.sized(client.as_bytes());
+            to.varint(dampings.len() as u64);
+            let bits = dampings.iter().flatten();
+            bits.for_each(|bits| to.raw(&bits.to_le_bytes()));
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let mut ownership = Self {
+            bodies: decode_owners(from)?,
+            shapes: decode_owners(from)?,
+            joints: decode_owners(from)?,
+            ..Self::default()
+        };
+        for client in ownership.bodies.values() {
+            *ownership.counts.entry(client.clone()).or_default() += 1;
+        }
+        for _ in 0..from.varint()? {
+            let dampings = ownership.dampings.entry(decode_client(from)?).or_default();
+            for _ in 0..from.varint()? {
+                dampings.insert([decode_bits(from)?, decode_bits(from)?]);
+            }
+        }
+        Ok(ownership)
+    }
+}
+
+fn decode_bits(from: &mut Reader<'_>) -> Result<u32, Malformed> {
+    let bytes = from.raw(4)?;
+    let bytes = bytes.try_into().map_err(|_| Malformed::Truncated)?;
+    Ok(u32::from_le_bytes(bytes))
+}
+
+fn encode_owners<Id: Wire>(owners: &BTreeMap<Id, ClientName>, to: &mut Writer) {
+    to.varint(owners.len() as u64);
+    for (id, client) in owners {
+        id.encode(to);
+        to.sized(client.as_bytes());
+    }
+}
+
+fn decode_owners<Id: Wire + Ord>(
+    from: &mut Reader<'_>,
+) -> Result<BTreeMap<Id, ClientName>, Malformed> {
+    let mut owners = BTreeMap::new();
+    for _ in 0..from.varint()? {
+        let id = Id::decode(from)?;
+        owners.insert(id, decode_client(from)?);
+    }
+    Ok(owners)
+}
+
+/// A client's name, as its length and text.
+pub(crate) fn decode_client(from: &mut Reader<'_>) -> Result<ClientName, Malformed> {
+    let bytes = from.sized(from.rest().len())?;
+    let text = std::str::from_utf8(bytes).map_err(|_| Malformed::Text)?;
+    Ok(text.into())
 }
 
 fn owns<Id: Ord>(owners: &BTreeMap<Id, ClientName>, client: Option<&ClientName>, id: Id) -> bool {

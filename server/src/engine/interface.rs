@@ -132,7 +132,16 @@ pub trait Engine: Send {
 
     /// The fault, if it takes no more steps.
     fn fault(&self) -> Option<EngineFault>;
+
+    /// A copy of the world as it is, to be encoded on another thread. `None` while something has changed since the last
+    /// step that the copy would lack, and for an engine without images.
+    fn freeze(&self) -> Option<FrozenEngine> {
+        None
+    }
 }
+
+/// A copy of an engine's world that becomes bytes when it is called; `None` if the copy cannot be encoded.
+pub type FrozenEngine = Box<dyn FnOnce() -> Option<Vec<u8>> + Send>;
 
 /// Error: the engine cannot make a solid of a shape, though its numbers are within the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

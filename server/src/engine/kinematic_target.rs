@@ -4,6 +4,8 @@
 //! normalised linear substep of free bodies (RECKONING 2.4), so that predictors of free spin predict it.
 
 use glam::{DQuat, DVec3};
+use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::{Integrator, Pose, Twist};
 
 /// Commanded motion of one kinematic body.
@@ -59,6 +61,78 @@ impl KinematicTarget {
         };
         self.pose
     }
+}
+
+impl Wire for KinematicTarget {
+    fn encode(&self, to: &mut Writer) {
+        encode_pose(self.pose, to);
+        encode_twist(self.twist, to);
+        to.u8(u8::from(self.target.is_some()) | u8::from(self.kept.is_some()) << 1);
+        if let Some(target) = self.target {
+            encode_pose(target, to);
+        }
+        if let Some(kept) = self.kept {
+            encode_twist(kept, to);
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let (pose, twist) = (decode_pose(from)?, decode_twist(from)?);
+        let present = from.u8()?;
+        let mut target = None;
+        if present & 1 != 0 {
+            target = Some(decode_pose(from)?);
+        }
+        let mut kept = None;
+        if present & 2 != 0 {
+            kept = Some(decode_twist(from)?);
+        }
+        Ok(Self {
+            pose,
+            twist,
+            target,
+            kept,
+        })
+    }
+}
+
+fn encode_f64s(values: &[f64], to: &mut Writer) {
+    for value in values {
+        to.raw(&value.to_le_bytes());
+    }
+}
+
+fn decode_f64s<const N: usize>(from: &mut Reader<'_>) -> Result<[f64; N], Malformed> {
+    let mut values = [0.0; N];
+    for value in &mut values {
+        let bytes = from.raw(8)?.try_into().map_err(|_| Malformed::Truncated)?;
+        *value = f64::from_le_bytes(bytes);
+    }
+    Ok(values)
+}
+
+fn encode_pose(pose: Pose, to: &mut Writer) {
+    encode_f64s(&pose.position.to_array(), to);
+    encode_f64s(&pose.rotation.to_array(), to);
+}
+
+fn decode_pose(from: &mut Reader<'_>) -> Result<Pose, Malformed> {
+    Ok(Pose {
+        position: DVec3::from_array(decode_f64s(from)?),
+        rotation: DQuat::from_array(decode_f64s(from)?),
+    })
+}
+
+fn encode_twist(twist: Twist, to: &mut Writer) {
+    encode_f64s(&twist.linear.to_array(), to);
+    encode_f64s(&twist.angular.to_array(), to);
+}
+
+fn decode_twist(from: &mut Reader<'_>) -> Result<Twist, Malformed> {
+    Ok(Twist {
+        linear: DVec3::from_array(decode_f64s(from)?),
+        angular: DVec3::from_array(decode_f64s(from)?),
+    })
 }
 
 /// A pose after one tick at constant velocities.

@@ -10,7 +10,9 @@ mod rapier_query;
 mod rapier_solid;
 mod rapier_workers;
 
-pub use interface::{BodyProperties, Engine, EngineFault, Push, UnanswerableQuery, UnusableShape};
+pub use interface::{
+    BodyProperties, Engine, EngineFault, FrozenEngine, Push, UnanswerableQuery, UnusableShape,
+};
 pub use rapier::RapierEngine;
 #[cfg(feature = "app")]
 pub(crate) use rapier_solid::bulk;

@@ -4,6 +4,8 @@
 //! after a panic, since any part may be broken. Bodies that Rapier quarantined are removed when the step returns.
 //! Rapier caps the speeds of dynamic bodies at 400 m/s and an eighth of a turn per tick.
 
+mod image;
+
 use std::collections::BTreeMap;
 use std::mem;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -20,7 +22,7 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
 
 use super::interface::{
-    BodyProperties, Engine, EngineFault, Push, UnanswerableQuery, UnusableShape,
+    BodyProperties, Engine, EngineFault, FrozenEngine, Push, UnanswerableQuery, UnusableShape,
 };
 use super::kinematic_target::KinematicTarget;
 use super::rapier_body as translate;
@@ -51,6 +53,9 @@ pub struct RapierEngine {
     /// Awake after the step before, in the order of ids.
     awake_before: Vec<BodySlot>,
     observed: Vec<Observation>,
+    /// Whether the world has changed since its last step. Rapier's image of a world lacks some changes that are not
+    /// stepped yet.
+    has_changed: bool,
 }
 
 /// A body's id, and its Rapier handle.
@@ -91,6 +96,7 @@ impl RapierEngine {
             awake: Vec::new(),
             awake_before: Vec::new(),
             observed: Vec::new(),
+            has_changed: false,
         }
     }
 
@@ -99,6 +105,7 @@ impl RapierEngine {
         if self.fault.is_some() {
             return;
         }
+        self.has_changed = true;
         if catch_unwind(AssertUnwindSafe(|| work(self))).is_err() {
             self.fault = Some(EngineFault::Panicked);
             let broken = mem::take(&mut self.world);
@@ -456,7 +463,10 @@ impl Engine for RapierEngine {
         let first = lost.len();
         self.contained(|engine| engine.advance(lost));
         match self.fault {
-            None => Ok(()),
+            None => {
+                self.has_changed = lost.len() > first;
+                Ok(())
+            }
             Some(fault) => {
                 lost.truncate(first);
                 Err(fault)
@@ -513,6 +523,10 @@ impl Engine for RapierEngine {
 
     fn fault(&self) -> Option<EngineFault> {
         self.fault
+    }
+
+    fn freeze(&self) -> Option<FrozenEngine> {
+        self.image()
     }
 }
 

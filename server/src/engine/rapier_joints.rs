@@ -10,6 +10,8 @@ use rapier3d::prelude::{
     PhysicsWorld, RigidBodyHandle,
 };
 use rhumb_protocol::scene::{Joint, JointFrame, JointId, JointKind, JointStrength};
+use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_protocol::wire::{Malformed, Wire};
 
 use super::rapier_body::pose;
 
@@ -64,6 +66,39 @@ impl RapierJoints {
     pub(super) fn clear(&mut self) {
         self.handles.clear();
         self.strengths.clear();
+    }
+}
+
+impl Wire for RapierJoints {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(self.handles.len() as u64);
+        for (id, handle) in &self.handles {
+            id.encode(to);
+            let (index, generation) = handle.into_raw_parts();
+            to.varint(u64::from(index));
+            to.varint(u64::from(generation));
+        }
+        to.varint(self.strengths.len() as u64);
+        for (id, strength) in &self.strengths {
+            id.encode(to);
+            to.f32s(&[strength.force, strength.torque]);
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let mut joints = Self::default();
+        for _ in 0..from.varint()? {
+            let id = JointId::decode(from)?;
+            let (index, generation) = (from.varint32()?, from.varint32()?);
+            let handle = ImpulseJointHandle::from_raw_parts(index, generation);
+            joints.handles.insert(id, handle);
+        }
+        for _ in 0..from.varint()? {
+            let id = JointId::decode(from)?;
+            let [force, torque] = from.f32s()?;
+            joints.strengths.insert(id, JointStrength { force, torque });
+        }
+        Ok(joints)
     }
 }
 

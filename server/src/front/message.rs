@@ -5,6 +5,7 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
+use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit};
 
 use crate::access::Permit;
@@ -24,6 +25,8 @@ pub(super) enum WorkerInput {
     Datagram(Peer, Bytes),
     Link(Peer, LinkReport),
     Ended(Peer, Ending),
+    /// The worker is to restore a scene from the data directory.
+    Restore(SceneName),
     /// Input of an adapter waits: nothing of the front's.
     Wake,
     /// The front needs the worker no longer.
@@ -63,6 +66,7 @@ impl WorkerInput {
             Self::Datagram(peer, bytes) => to.handle_datagram(now, peer, &bytes),
             Self::Link(peer, report) => to.handle_link(now, peer, &report),
             Self::Ended(peer, ending) => to.handle_ended(now, peer, ending),
+            Self::Restore(scene) => to.restore(&scene),
             Self::Wake | Self::End => {}
         }
     }

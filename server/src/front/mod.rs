@@ -12,6 +12,7 @@ mod greeting;
 mod message;
 mod parked;
 mod priority;
+mod stored;
 mod threads;
 mod watchdog;
 mod worker;
@@ -36,6 +37,7 @@ use self::threads::{SharedClock, Threads};
 use self::worker::{HereWorker, ThreadWorker};
 use crate::access::Gate;
 use crate::authority_table::UpstreamStatistics;
+use crate::durable::DataDir;
 use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::limits::Limits;
@@ -75,6 +77,7 @@ struct WorkerSettings {
     load: ServerLoad,
     metrics: Metrics,
     limits: Limits,
+    data: Option<DataDir>,
 }
 
 struct Worker {
@@ -136,6 +139,7 @@ impl Front {
                     empty_scene_seconds: 0,
                     ..Limits::default()
                 },
+                data: None,
             },
         }
     }
@@ -465,6 +469,9 @@ impl WorkerSettings {
         server_loop.set_largest_packet(self.largest_packet);
         server_loop.share(self.slots.clone(), self.load.clone(), self.metrics.clone());
         server_loop.set_limits(self.limits);
+        if let Some(data) = &self.data {
+            server_loop.store_in(data.clone());
+        }
         server_loop
     }
 }

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::Duration;
@@ -92,6 +93,7 @@ impl HereWorker {
         if let Some(serve_others) = &mut self.others {
             serve_others(server_loop);
         }
+        server_loop.report_durable();
         let transmits: Vec<Transmit> = std::iter::from_fn(|| server_loop.poll_transmit()).collect();
         let mut handled = Vec::new();
         self.unhandled.retain(|peer, bytes| {
@@ -106,7 +108,7 @@ impl HereWorker {
             transmits,
             handled,
             inputs: self.inputs,
-            scenes: server_loop.scenes().count(),
+            scenes: server_loop.scene_count(),
         }
     }
 }
@@ -125,6 +127,9 @@ impl ThreadWorker {
             Pulse::new(move || clock())
         };
         worker.server_loop.show_progress(pulse.clone());
+        let wake = sender.clone();
+        // A thread that has ended needs no waking.
+        (worker.server_loop).wake_by(Arc::new(move || drop(wake.send(WorkerInput::Wake))));
         let (outputs, waker) = (threads.outputs.clone(), threads.waker.clone());
         let thread_id = ThreadId::default();
         let (on_thread, own_id) = (pulse.clone(), thread_id.clone());

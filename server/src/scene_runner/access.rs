@@ -9,8 +9,9 @@ use rhumb_protocol::scene::{Command, CommandError};
 use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
-use crate::access::Permit;
 use crate::access::rights::{self, Refused, Request};
+use crate::access::{Ownership, Permit};
+use crate::durable::Record;
 use crate::load;
 use crate::member::Member;
 
@@ -41,8 +42,13 @@ impl SceneRunner {
     ) -> Result<(), CommandError> {
         self.check(peer, Request::Command(command, self.config()))?;
         self.apply(peer, command)?;
-        if let Some(member) = self.members.get(&peer) {
-            self.ownership.note(&member.permit, command);
+        let client = (self.members.get(&peer)).and_then(|member| member.permit.client.clone());
+        self.ownership.note(client.as_ref(), command);
+        let tick = self.scene.tick();
+        if let (Some(client), Some(journal)) = (client, self.scene.journal_mut())
+            && Ownership::concerns(command)
+        {
+            journal.push(tick, &Record::Owned(client));
         }
         Ok(())
     }

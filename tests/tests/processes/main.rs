@@ -8,6 +8,7 @@ mod access;
 mod app_process;
 mod authority_quic;
 mod body_ids;
+mod durable;
 mod examples;
 mod hostile_load;
 mod public_client;

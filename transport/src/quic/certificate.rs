@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use quinn::rustls;
+use ring::hmac;
 use rustls::crypto::ring::default_provider;
 use rustls::pki_types::pem::{Error as PemError, PemObject};
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer};
@@ -19,6 +20,7 @@ use super::tuning::ALPN;
 pub struct Certificate {
     tls: Arc<rustls::ServerConfig>,
     fingerprint: Fingerprint,
+    reset_key: hmac::Key,
 }
 
 /// Reason why a certificate or a root cannot be used.
@@ -101,6 +103,12 @@ impl Certificate {
         self.fingerprint
     }
 
+    /// Key of the tokens that end connections of an earlier process: the same for the same private key, so that clients
+    /// of a server that crashed learn of it at their next packet.
+    pub(crate) fn reset_key(&self) -> hmac::Key {
+        self.reset_key.clone()
+    }
+
     pub(crate) fn tls(&self) -> Arc<rustls::ServerConfig> {
         Arc::clone(&self.tls)
     }
@@ -114,6 +122,8 @@ impl Certificate {
                 .first()
                 .ok_or(rustls::Error::NoCertificatesPresented)?,
         );
+        let secret = hmac::Key::new(hmac::HMAC_SHA256, key.secret_der());
+        let reset_key = hmac::sign(&secret, b"rhumb stateless reset");
         let mut tls = rustls::ServerConfig::builder_with_provider(Arc::new(default_provider()))
             .with_protocol_versions(&[&rustls::version::TLS13])?
             .with_no_client_auth()
@@ -124,6 +134,7 @@ impl Certificate {
         Ok(Self {
             tls: Arc::new(tls),
             fingerprint,
+            reset_key: hmac::Key::new(hmac::HMAC_SHA256, reset_key.as_ref()),
         })
     }
 }

@@ -89,7 +89,7 @@ impl QuicServer {
         } = options;
         let address = |cause| BindError::Address { listen, cause };
         let provider = Arc::clone(certificate.tls().crypto_provider());
-        let mut local = EndpointConfig::default();
+        let mut local = EndpointConfig::new(Arc::new(certificate.reset_key()));
         local.cid_generator(move || Box::new(Short::new(Arc::clone(&provider))));
         let config = tuning::server(certificate.tls()).map_err(BindError::Tls)?;
         let socket = bind_udp(listen).map_err(address)?;

@@ -4,12 +4,37 @@
 
 use super::{ClientSession, ClientState};
 use crate::endpoint::Peer;
-use crate::message::{ClientMessage, Grease, VERSIONS, Welcome};
+use crate::message::{ClientMessage, Grease, StreamChoice, VERSIONS, Welcome};
+use crate::scene::SceneConfig;
 use crate::session::close::CloseCode;
 use crate::session::event::Event;
+use crate::session::misuse::Misuse;
 use crate::time::Instant;
 
 impl ClientSession {
+    /// Creates the scene; answered by `Created` or `Denied`.
+    ///
+    /// # Errors
+    ///
+    /// [`Misuse`] before the welcome, as a member, or for a config that is invalid.
+    pub fn create(&mut self, config: SceneConfig) -> Result<(), Misuse> {
+        self.must_be(ClientState::Lobby)?;
+        config.check().map_err(Misuse::Invalid)?;
+        self.send(&ClientMessage::Create(config));
+        Ok(())
+    }
+
+    /// Requests membership; answered by `Joined` or `Denied`.
+    ///
+    /// # Errors
+    ///
+    /// [`Misuse::NotNow`] before the welcome or as a member.
+    pub fn join(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
+        self.must_be(ClientState::Lobby)?;
+        self.send(&ClientMessage::Join(choice));
+        Ok(())
+    }
+
     /// Sends the `Hello`: offered versions, scene, token, extensions.
     pub(super) fn greet(&mut self, now: Instant, peer: Peer) {
         // The seed only has to differ between most connections.
@@ -51,7 +76,11 @@ impl ClientSession {
         self.state = ClientState::Lobby;
         self.config = welcome.scene;
         self.send(&ClientMessage::Ping { sent: now });
-        self.events.push_back(Event::Welcomed(welcome));
+        if self.can_reconnect() {
+            self.rejoin();
+        } else {
+            self.events.push_back(Event::Welcomed(welcome));
+        }
         Ok(())
     }
 }

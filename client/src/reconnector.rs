@@ -1,0 +1,86 @@
+//! Attempts to reach a server again, on a thread of their own.
+//!
+//! The pause before each attempt doubles up to a limit, and is shortened at random, so that the clients of a server that
+//! comes back do not all arrive at once.
+
+use std::io;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rhumb_transport::{ClientOptions, QuicClient, random_bytes};
+
+/// First pause.
+const PAUSE_FIRST: Duration = Duration::from_millis(100);
+/// Longest pause.
+const PAUSE_MAX: Duration = Duration::from_secs(5);
+/// Time for one attempt.
+const ATTEMPT: Duration = Duration::from_secs(3);
+
+/// Attempts that go on until one succeeds or the time is over.
+pub(crate) struct Reconnector {
+    connected: Receiver<Option<QuicClient>>,
+}
+
+/// The state of the attempts.
+pub(crate) enum Progress {
+    Connected(QuicClient),
+    Trying,
+    GaveUp,
+}
+
+impl Reconnector {
+    /// Begins the attempts.
+    pub(crate) fn start(options: ClientOptions, until: Instant) -> io::Result<Self> {
+        let (to, connected) = sync_channel(1);
+        thread::Builder::new()
+            .name("rhumb-reconnect".to_owned())
+            .spawn(move || run(&options, until, &to))?;
+        Ok(Self { connected })
+    }
+
+    /// Waits for a connection for some time at most.
+    pub(crate) fn wait(&self, timeout: Duration) -> Progress {
+        match self.connected.recv_timeout(timeout) {
+            Ok(Some(connection)) => Progress::Connected(connection),
+            Ok(None) | Err(RecvTimeoutError::Disconnected) => Progress::GaveUp,
+            Err(RecvTimeoutError::Timeout) => Progress::Trying,
+        }
+    }
+}
+
+fn run(options: &ClientOptions, until: Instant, to: &SyncSender<Option<QuicClient>>) {
+    let mut pause = PAUSE_FIRST;
+    let mut connected = None;
+    while Instant::now() < until {
+        thread::sleep(shortened(pause));
+        pause = (pause * 2).min(PAUSE_MAX);
+        if let Ok(connection) = QuicClient::connect(options.clone(), ATTEMPT) {
+            connected = Some(connection);
+            break;
+        }
+    }
+    // A client that is gone needs no connection: it closes when it is dropped.
+    match to.try_send(connected) {
+        Ok(()) | Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
+    }
+}
+
+/// A pause between half of this one and all of it.
+fn shortened(pause: Duration) -> Duration {
+    let share = random_bytes::<1>().map_or(0, |[byte]| byte);
+    pause / 2 + pause / 2 * u32::from(share) / 255
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pause_is_shortened_by_half_at_most() {
+        for _ in 0..100 {
+            let pause = shortened(PAUSE_FIRST);
+            assert!(pause >= PAUSE_FIRST / 2 && pause <= PAUSE_FIRST);
+        }
+    }
+}

@@ -1,0 +1,232 @@
+//! A data directory: its lock, its key, and the directories of its scenes.
+//!
+//! One process at a time uses it. A scene's directory is named after the scene and the number of its creation, so that
+//! a scene of the same name after a deletion has files of its own.
+
+use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use rhumb_protocol::scene::SceneName;
+use ring::hmac;
+use ring::rand::{SecureRandom, SystemRandom};
+
+use super::disk::{Disk, SystemDisk, parent};
+use super::error::{Damage, DataError};
+use super::scene_files::{DELETED, SceneFiles};
+
+const LOCK: &str = "lock";
+const KEY: &str = "key";
+const SCENES: &str = "scenes";
+const KEY_BYTES: usize = 32;
+
+/// A data directory that this process alone uses; all clones are one.
+#[derive(Clone)]
+pub struct DataDir(Arc<Opened>);
+
+struct Opened {
+    disk: Arc<dyn Disk>,
+    scenes: PathBuf,
+    key: hmac::Key,
+    /// Number of the next creation.
+    next: AtomicU64,
+    /// Held for its lock.
+    _lock: File,
+}
+
+impl DataDir {
+    /// Opens a directory, and makes it if it does not exist.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError`] for a directory that cannot be written, or that another process uses.
+    pub fn open(path: &Path) -> Result<Self, DataError> {
+        let scenes = path.join(SCENES);
+        std::fs::create_dir_all(&scenes).map_err(DataError::io(&scenes, "make the directory"))?;
+        let lock = lock(path)?;
+        let key = read_or_make_key(path)?;
+        let disk: Arc<dyn Disk> = Arc::new(SystemDisk);
+        let names = (disk.list(&scenes)).map_err(DataError::io(&scenes, "list"))?;
+        for name in names.iter().filter(|name| name.ends_with(DELETED)) {
+            let directory = scenes.join(name);
+            (disk.remove_directory(&directory)).map_err(DataError::io(&directory, "remove"))?;
+        }
+        let newest = names.iter().filter_map(|name| Some(parse(name)?.1)).max();
+        Ok(Self(Arc::new(Opened {
+            disk,
+            scenes,
+            key,
+            next: AtomicU64::new(newest.map_or(0, |newest| newest + 1)),
+            _lock: lock,
+        })))
+    }
+
+    /// Opens a directory that exists, and writes nothing.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError`] for a directory that cannot be read, that is none of a server, or that a process uses.
+    pub fn open_to_read(path: &Path) -> Result<Self, DataError> {
+        let file = path.join(LOCK);
+        let lock = File::open(&file).map_err(DataError::io(&file, "open"))?;
+        let lock = take(lock, path, &file)?;
+        let file = path.join(KEY);
+        let bytes = std::fs::read(&file).map_err(DataError::io(&file, "read"))?;
+        Ok(Self(Arc::new(Opened {
+            disk: Arc::new(SystemDisk),
+            scenes: path.join(SCENES),
+            key: key_of(&bytes, &file)?,
+            next: AtomicU64::new(0),
+            _lock: lock,
+        })))
+    }
+
+    /// The scenes that it has.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Io`] if the directory cannot be read.
+    pub(crate) fn scenes(&self) -> Result<Vec<(SceneName, SceneFiles)>, DataError> {
+        let scenes = &self.0.scenes;
+        let names = (self.0.disk.list(scenes)).map_err(DataError::io(scenes, "list"))?;
+        // Of two directories of one scene, the older one was to be deleted.
+        let mut newest: BTreeMap<SceneName, (u64, &String)> = BTreeMap::new();
+        for name in &names {
+            if let Some((scene, number)) = parse(name) {
+                let entry = newest.entry(scene).or_insert((number, name));
+                *entry = (*entry).max((number, name));
+            }
+        }
+        let files = newest.into_iter();
+        Ok(files
+            .map(|(scene, (_, name))| (scene, self.files(name)))
+            .collect())
+    }
+
+    /// The files of a scene that is created now.
+    pub(crate) fn create(&self, scene: &SceneName) -> SceneFiles {
+        let number = self.0.next.fetch_add(1, Ordering::Relaxed);
+        self.files(&format!("{}.{number}", escape(scene)))
+    }
+
+    fn files(&self, directory: &str) -> SceneFiles {
+        SceneFiles {
+            disk: Arc::clone(&self.0.disk),
+            directory: self.0.scenes.join(directory),
+            key: self.0.key.clone(),
+        }
+    }
+}
+
+/// The name of a directory for a scene. Some file systems do not tell capitals from small letters, and a dot separates.
+fn escape(scene: &SceneName) -> String {
+    let mut escaped = String::new();
+    for byte in scene.as_str().bytes() {
+        match byte {
+            b'a'..=b'z' | b'0'..=b'9' | b'-' | b'_' => escaped.push(char::from(byte)),
+            _ => escaped.push_str(&format!("%{byte:02x}")),
+        }
+    }
+    escaped
+}
+
+/// The scene of a directory, and the number of its creation.
+fn parse(directory: &str) -> Option<(SceneName, u64)> {
+    let (escaped, number) = directory.rsplit_once('.')?;
+    let mut parts = escaped.split('%');
+    let mut name = parts.next()?.to_owned();
+    for part in parts {
+        let (code, rest) = part.split_at_checked(2)?;
+        name.push(char::from(u8::from_str_radix(code, 16).ok()?));
+        name.push_str(rest);
+    }
+    Some((name.parse().ok()?, number.parse().ok()?))
+}
+
+fn lock(path: &Path) -> Result<File, DataError> {
+    let file = path.join(LOCK);
+    let lock = (OpenOptions::new().write(true).create(true).truncate(false))
+        .open(&file)
+        .map_err(DataError::io(&file, "open"))?;
+    take(lock, path, &file)
+}
+
+/// Locks a directory by its file, until the file is closed.
+fn take(lock: File, path: &Path, file: &Path) -> Result<File, DataError> {
+    match lock.try_lock() {
+        Ok(()) => Ok(lock),
+        Err(TryLockError::WouldBlock) => Err(DataError::InUse {
+            path: path.to_owned(),
+        }),
+        Err(TryLockError::Error(cause)) => Err(DataError::io(file, "lock")(cause)),
+    }
+}
+
+/// The key of the directory's snapshots: only files that were written with it are trusted.
+fn read_or_make_key(path: &Path) -> Result<hmac::Key, DataError> {
+    let file = path.join(KEY);
+    let bytes = match std::fs::read(&file) {
+        Err(cause) if cause.kind() == io::ErrorKind::NotFound => {
+            let made = make_key(&file);
+            made.map_err(DataError::io(&file, "write"))?.to_vec()
+        }
+        read => read.map_err(DataError::io(&file, "read"))?,
+    };
+    key_of(&bytes, &file)
+}
+
+fn key_of(bytes: &[u8], file: &Path) -> Result<hmac::Key, DataError> {
+    if bytes.len() != KEY_BYTES {
+        return Err(DataError::damaged(file, Damage::Beginning));
+    }
+    Ok(hmac::Key::new(hmac::HMAC_SHA256, bytes))
+}
+
+fn make_key(path: &Path) -> io::Result<[u8; KEY_BYTES]> {
+    let mut key = [0; KEY_BYTES];
+    (SystemRandom::new().fill(&mut key)).map_err(|_| io::Error::from(io::ErrorKind::Other))?;
+    let temporary = path.with_extension("tmp");
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(true);
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::OpenOptionsExt;
+        options.mode(0o600);
+    }
+    let mut file = options.open(&temporary)?;
+    file.write_all(&key)?;
+    file.sync_all()?;
+    std::fs::rename(&temporary, path)?;
+    SystemDisk.sync_directory(&parent(path))?;
+    Ok(key)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_s_name_round_trips_through_its_directory() {
+        for name in ["pit", "Pit", "a/b", "x.0", "_-.A/z"] {
+            let scene: SceneName = name.parse().unwrap();
+            let directory = format!("{}.12", escape(&scene));
+            assert!(!directory.contains('/'));
+            assert_eq!(parse(&directory), Some((scene, 12)), "{directory}");
+        }
+        assert_eq!(parse("pit"), None);
+        assert_eq!(parse("pit.1.deleted"), None);
+    }
+
+    #[test]
+    fn one_process_at_a_time_uses_a_directory() {
+        let directory = tempfile::tempdir().unwrap();
+        let first = DataDir::open(directory.path()).unwrap();
+        let second = DataDir::open(directory.path()).err();
+        assert!(matches!(second, Some(DataError::InUse { .. })));
+        drop(first);
+        assert!(DataDir::open(directory.path()).is_ok());
+    }
+}

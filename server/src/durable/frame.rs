@@ -1,0 +1,217 @@
+//! Frames of a segment of a command log: their bytes, and what is left of a damaged file.
+//!
+//! Pure. A frame is a magic number, the length of its payload, a CRC-32 of all that follows it, the bytes of the file
+//! that were synchronised before, the scene's tick before its records, and the payload. Invariants: a frame counts as
+//! a whole or not at all; reading never panics.
+
+use rhumb_reckoning::Tick;
+
+/// Begins each frame, so that one is found behind damage.
+const MAGIC: [u8; 4] = *b"RhF1";
+/// Bytes of a frame beside its payload.
+pub(super) const OVERHEAD: usize = 4 + 4 + 4 + 8 + 8;
+/// Bytes of a payload, at most: a batch with the longest commands stays far below.
+const PAYLOAD_BYTES_MAX: usize = 1 << 30;
+
+/// One frame, as it lies in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Frame<'a> {
+    /// Bytes of the file that were synchronised when it was written.
+    pub(super) synced: u64,
+    /// The scene's tick before its records.
+    pub(super) tick: Tick,
+    pub(super) payload: &'a [u8],
+}
+
+/// The end of a segment, as far as its bytes tell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Tail {
+    /// The last frame ends with the file.
+    Whole,
+    /// Bytes follow that are no frame, and nothing shows that they were ever synchronised: the end of a write that a
+    /// crash cut off.
+    Torn,
+    /// Bytes are no frame, though a later frame says that they were synchronised.
+    Damaged,
+}
+
+/// The frames of a segment.
+#[derive(Clone, Debug)]
+pub(super) struct Frames<'a> {
+    pub(super) frames: Vec<Frame<'a>>,
+    /// Bytes of the frames.
+    pub(super) length: usize,
+    pub(super) tail: Tail,
+}
+
+impl Frame<'_> {
+    /// Appends the frame.
+    pub(super) fn encode(&self, to: &mut Vec<u8>) {
+        to.extend_from_slice(&MAGIC);
+        to.extend_from_slice(&(self.payload.len() as u32).to_le_bytes());
+        let place = to.len();
+        to.extend_from_slice(&[0; 4]);
+        to.extend_from_slice(&self.synced.to_le_bytes());
+        to.extend_from_slice(&self.tick.value().to_le_bytes());
+        to.extend_from_slice(self.payload);
+        let crc = crc(self.payload.len() as u32, &to[place + 4..]);
+        to[place..place + 4].copy_from_slice(&crc.to_le_bytes());
+    }
+}
+
+impl<'a> Frames<'a> {
+    /// Reads a segment from its first byte.
+    pub(super) fn read(bytes: &'a [u8]) -> Self {
+        let mut frames = Vec::new();
+        let mut length = 0;
+        while let Some((frame, after)) = frame_at(bytes, length) {
+            frames.push(frame);
+            length = after;
+        }
+        let tail = if length == bytes.len() {
+            Tail::Whole
+        } else if was_synced(bytes, length) {
+            Tail::Damaged
+        } else {
+            Tail::Torn
+        };
+        Self {
+            frames,
+            length,
+            tail,
+        }
+    }
+}
+
+/// Whether a frame behind a place says that the byte there was synchronised.
+fn was_synced(bytes: &[u8], place: usize) -> bool {
+    let mut from = place + 1;
+    while let Some(found) = find(bytes, from) {
+        if let Some((frame, _)) = frame_at(bytes, found)
+            && frame.synced > place as u64
+        {
+            return true;
+        }
+        from = found + 1;
+    }
+    false
+}
+
+/// The next magic number from a place on.
+fn find(bytes: &[u8], from: usize) -> Option<usize> {
+    let rest = bytes.get(from..)?;
+    let found = rest.windows(MAGIC.len()).position(|four| four == MAGIC);
+    found.map(|place| from + place)
+}
+
+/// The frame at a place, and the place behind it.
+fn frame_at(bytes: &[u8], place: usize) -> Option<(Frame<'_>, usize)> {
+    let rest = bytes.get(place..)?;
+    let (magic, rest) = rest.split_first_chunk::<4>()?;
+    let (length, rest) = rest.split_first_chunk::<4>()?;
+    let (expected, rest) = rest.split_first_chunk::<4>()?;
+    let length = u32::from_le_bytes(*length);
+    if *magic != MAGIC || length as usize > PAYLOAD_BYTES_MAX {
+        return None;
+    }
+    let covered = rest.get(..16 + length as usize)?;
+    if crc(length, covered) != u32::from_le_bytes(*expected) {
+        return None;
+    }
+    let (synced, covered) = covered.split_first_chunk::<8>()?;
+    let (tick, payload) = covered.split_first_chunk::<8>()?;
+    let frame = Frame {
+        synced: u64::from_le_bytes(*synced),
+        tick: Tick::new(u64::from_le_bytes(*tick)),
+        payload,
+    };
+    Some((frame, place + OVERHEAD + payload.len()))
+}
+
+fn crc(length: u32, covered: &[u8]) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    hasher.update(&length.to_le_bytes());
+    hasher.update(covered);
+    hasher.finalize()
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// A file of these payloads, each synchronised before the next one; and the place behind each frame.
+    fn file(payloads: &[Vec<u8>]) -> (Vec<u8>, Vec<usize>) {
+        let (mut bytes, mut ends) = (Vec::new(), Vec::new());
+        for (place, payload) in payloads.iter().enumerate() {
+            let synced = bytes.len() as u64;
+            let tick = Tick::new(place as u64);
+            Frame {
+                synced,
+                tick,
+                payload,
+            }
+            .encode(&mut bytes);
+            ends.push(bytes.len());
+        }
+        (bytes, ends)
+    }
+
+    fn payloads() -> impl Strategy<Value = Vec<Vec<u8>>> {
+        proptest::collection::vec(proptest::collection::vec(any::<u8>(), 0..40), 1..8)
+    }
+
+    proptest! {
+        #[test]
+        fn a_file_cut_anywhere_keeps_its_whole_frames(payloads in payloads(), cut in any::<prop::sample::Index>()) {
+            let (bytes, ends) = file(&payloads);
+            let cut = cut.index(bytes.len() + 1);
+            let read = Frames::read(&bytes[..cut]);
+            let whole = ends.iter().filter(|end| **end <= cut).count();
+            prop_assert_eq!(read.frames.len(), whole);
+            for (frame, payload) in read.frames.iter().zip(&payloads) {
+                prop_assert_eq!(frame.payload, &payload[..]);
+            }
+            let expected = if read.length == cut { Tail::Whole } else { Tail::Torn };
+            prop_assert_eq!(read.tail, expected);
+        }
+
+        #[test]
+        fn a_flipped_bit_is_never_read_and_is_damage_if_the_bytes_were_synchronised(
+            payloads in payloads(),
+            flip in any::<prop::sample::Index>(),
+            bit in 0..8_u8,
+        ) {
+            let (mut bytes, ends) = file(&payloads);
+            let place = flip.index(bytes.len());
+            bytes[place] ^= 1 << bit;
+            let read = Frames::read(&bytes);
+            let whole = ends.iter().filter(|end| **end <= place).count();
+            prop_assert_eq!(read.frames.len(), whole);
+            let is_last = whole + 1 == payloads.len();
+            prop_assert_eq!(read.tail, if is_last { Tail::Torn } else { Tail::Damaged });
+        }
+
+        #[test]
+        fn arbitrary_bytes_never_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
+            let read = Frames::read(&bytes);
+            prop_assert!(read.length <= bytes.len());
+        }
+
+        #[test]
+        fn a_hole_before_a_frame_that_was_not_synchronised_is_torn(payloads in payloads()) {
+            // Two frames of one write: the disk kept the second and lost the first.
+            let (before, _) = file(&payloads);
+            let synced = before.len() as u64;
+            let mut bytes = before.clone();
+            let frame = |payload| Frame { synced, tick: Tick::new(9), payload };
+            frame(&[1, 2, 3]).encode(&mut bytes);
+            let hole = before.len()..bytes.len();
+            bytes[hole].fill(0);
+            frame(&[4]).encode(&mut bytes);
+            let read = Frames::read(&bytes);
+            prop_assert_eq!((read.length, read.tail), (before.len(), Tail::Torn));
+        }
+    }
+}

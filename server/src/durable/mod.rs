@@ -1,0 +1,26 @@
+//! Scenes that survive the process: a command log and snapshots of each, in a data directory.
+
+mod data_dir;
+mod disk;
+mod error;
+mod examine;
+mod frame;
+mod journal;
+mod record;
+mod recovery;
+mod scene_files;
+#[cfg(test)]
+mod sim_disk;
+mod snapshot_file;
+#[cfg(test)]
+mod tests;
+mod writer;
+
+pub use data_dir::DataDir;
+pub use error::{Damage, DataError};
+pub(crate) use examine::{check, replay};
+pub(crate) use journal::Journal;
+pub(crate) use record::{Record, SessionNumber};
+pub(crate) use recovery::{Restored, Start};
+pub(crate) use scene_files::SceneFiles;
+pub(crate) use writer::{Frozen, Origin, SceneLog, Wake};

@@ -1,0 +1,215 @@
+//! A disk in memory that crashes, for tests.
+//!
+//! A crash keeps what was synchronised, and of the rest what a seed decides: each unsynchronised append is kept,
+//! lost, or cut, and each unsynchronised name is kept or lost.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use super::disk::{Disk, LogFile};
+
+/// A disk in memory; all clones are one.
+#[derive(Clone, Default)]
+pub(super) struct SimDisk(Arc<Mutex<State>>);
+
+#[derive(Default)]
+struct State {
+    files: BTreeMap<u64, Contents>,
+    /// Names as they are now.
+    names: BTreeMap<PathBuf, u64>,
+    /// Names as a crash leaves them at least.
+    durable_names: BTreeMap<PathBuf, u64>,
+    directories: BTreeSet<PathBuf>,
+    next: u64,
+    /// Bytes that may still be written before the disk is full.
+    room: Option<usize>,
+}
+
+#[derive(Default)]
+struct Contents {
+    durable: Vec<u8>,
+    appended: Vec<Vec<u8>>,
+}
+
+struct SimFile {
+    disk: SimDisk,
+    id: u64,
+}
+
+impl SimDisk {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Has the disk be full after so many more bytes; `None` frees it.
+    pub(super) fn set_room(&self, room: Option<usize>) {
+        self.state().room = room;
+    }
+
+    /// Changes the bytes of a file.
+    pub(super) fn damage(&self, path: &Path, change: impl FnOnce(&mut Vec<u8>)) {
+        let mut state = self.state();
+        let id = state.names[path];
+        let contents = state.files.entry(id).or_default();
+        let appended = std::mem::take(&mut contents.appended).concat();
+        contents.durable.extend(appended);
+        change(&mut contents.durable);
+    }
+
+    /// All paths of files.
+    pub(super) fn paths(&self) -> Vec<PathBuf> {
+        self.state().names.keys().cloned().collect()
+    }
+
+    /// Crashes: `chance(n)` gives a number below n.
+    pub(super) fn crash(&self, mut chance: impl FnMut(usize) -> usize) {
+        let mut state = self.state();
+        let mut names = state.durable_names.clone();
+        for (path, id) in &state.names {
+            if chance(2) == 0 {
+                names.insert(path.clone(), *id);
+            }
+        }
+        for contents in state.files.values_mut() {
+            for append in std::mem::take(&mut contents.appended) {
+                let kept = match chance(3) {
+                    0 => append,
+                    // The place of a lost write may be filled by a later one.
+                    1 => vec![0; append.len()],
+                    _ => {
+                        let cut = chance(append.len() + 1);
+                        contents.durable.extend_from_slice(&append[..cut]);
+                        break;
+                    }
+                };
+                contents.durable.extend(kept);
+            }
+        }
+        state.names.clone_from(&names);
+        state.durable_names = names;
+    }
+}
+
+fn not_found() -> io::Error {
+    io::ErrorKind::NotFound.into()
+}
+
+impl Disk for SimDisk {
+    fn list(&self, directory: &Path) -> io::Result<Vec<String>> {
+        let state = self.state();
+        let below = state.names.keys().chain(&state.directories);
+        let mut names: Vec<String> = below
+            .filter_map(|path| path.strip_prefix(directory).ok()?.iter().next())
+            .filter_map(|name| name.to_str().map(str::to_owned))
+            .collect();
+        names.sort();
+        names.dedup();
+        Ok(names)
+    }
+
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        let state = self.state();
+        let id = state.names.get(path).ok_or_else(not_found)?;
+        let contents = &state.files[id];
+        let mut bytes = contents.durable.clone();
+        contents
+            .appended
+            .iter()
+            .for_each(|more| bytes.extend_from_slice(more));
+        Ok(bytes)
+    }
+
+    fn create(&self, path: &Path) -> io::Result<Box<dyn LogFile>> {
+        let mut state = self.state();
+        if state.names.contains_key(path) {
+            return Err(io::ErrorKind::AlreadyExists.into());
+        }
+        let id = state.next;
+        state.next += 1;
+        state.files.insert(id, Contents::default());
+        state.names.insert(path.to_owned(), id);
+        let disk = self.clone();
+        Ok(Box::new(SimFile { disk, id }))
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        let mut state = self.state();
+        let moved: Vec<PathBuf> = (state.names.keys())
+            .filter(|path| path.starts_with(from))
+            .cloned()
+            .collect();
+        if moved.is_empty() {
+            return Err(not_found());
+        }
+        for path in moved {
+            let below = path
+                .strip_prefix(from)
+                .map_or(PathBuf::new(), Path::to_owned);
+            let renamed = if below.as_os_str().is_empty() {
+                to.to_owned()
+            } else {
+                to.join(below)
+            };
+            if let Some(id) = state.names.remove(&path) {
+                state.names.insert(renamed, id);
+            }
+        }
+        Ok(())
+    }
+
+    fn remove(&self, path: &Path) -> io::Result<()> {
+        let mut state = self.state();
+        state.names.remove(path).map(drop).ok_or_else(not_found)
+    }
+
+    fn make_directory(&self, directory: &Path) -> io::Result<()> {
+        self.state().directories.insert(directory.to_owned());
+        Ok(())
+    }
+
+    fn remove_directory(&self, directory: &Path) -> io::Result<()> {
+        let mut state = self.state();
+        state.names.retain(|path, _| !path.starts_with(directory));
+        state
+            .directories
+            .retain(|path| !path.starts_with(directory));
+        Ok(())
+    }
+
+    fn sync_directory(&self, directory: &Path) -> io::Result<()> {
+        let mut state = self.state();
+        let is_in = |path: &Path| path.parent() == Some(directory);
+        state.durable_names.retain(|path, _| !is_in(path));
+        let names = state.names.clone();
+        let durable = names.into_iter().filter(|(path, _)| is_in(path));
+        state.durable_names.extend(durable);
+        Ok(())
+    }
+}
+
+impl LogFile for SimFile {
+    fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let mut state = self.disk.state();
+        let room = state.room.unwrap_or(usize::MAX);
+        let written = bytes.len().min(room);
+        if let Some(left) = &mut state.room {
+            *left -= written;
+        }
+        let contents = state.files.entry(self.id).or_default();
+        contents.appended.push(bytes[..written].to_vec());
+        if written < bytes.len() {
+            return Err(io::ErrorKind::StorageFull.into());
+        }
+        Ok(())
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        let mut state = self.disk.state();
+        let contents = state.files.entry(self.id).or_default();
+        let appended = std::mem::take(&mut contents.appended).concat();
+        contents.durable.extend(appended);
+        Ok(())
+    }
+}

@@ -1,0 +1,332 @@
+//! The thread that writes a scene's log, and the scene's end of it.
+//!
+//! The scene hands over batches and never waits. One synchronisation makes durable whatever waited for it. If the disk
+//! refuses, nothing more is acknowledged, and the log begins anew from the next snapshot. Invariant: a batch is reported
+//! durable only if everything before it is durable too.
+
+use std::io;
+use std::mem;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::{self, JoinHandle};
+
+use rhumb_protocol::scene::{SceneConfig, SceneName};
+use rhumb_reckoning::Tick;
+
+use super::error::DataError;
+use super::journal::Batch;
+use super::scene_files::{Header, SceneFiles, Segment};
+use super::snapshot_file::Snapshot;
+use crate::access::Ownership;
+use crate::digest::Digest;
+use crate::scene::FrozenScene;
+use crate::sessions::Sessions;
+
+/// Bytes that may wait for the disk; beyond them the log is given up until the next snapshot.
+const WAITING_BYTES_MAX: usize = 64 << 20;
+
+/// A scene's end of its log.
+pub(crate) struct SceneLog {
+    jobs: Sender<Job>,
+    thread: Option<JoinHandle<()>>,
+    shared: Arc<Shared>,
+    /// Batches handed over.
+    batches: u64,
+    /// Bytes handed over since the last snapshot.
+    bytes: usize,
+}
+
+/// The state of a scene at a moment, for a snapshot.
+pub(crate) struct Frozen {
+    pub(crate) tick: Tick,
+    pub(crate) digest: Digest,
+    pub(crate) sessions: Sessions,
+    pub(crate) ownership: Ownership,
+    pub(crate) scene: FrozenScene,
+}
+
+/// Where the log of a scene begins or goes on.
+pub(crate) struct Origin {
+    pub(crate) name: SceneName,
+    pub(crate) config: SceneConfig,
+    pub(crate) tick: Tick,
+    pub(crate) segment: u32,
+    pub(crate) previous: Option<(u32, u64)>,
+}
+
+#[derive(Default)]
+struct Shared {
+    /// Batches that are durable, from the first one on.
+    durable: AtomicU64,
+    waiting_bytes: AtomicUsize,
+    /// Whether a snapshot is under way.
+    snapshot: AtomicBool,
+    /// Whether batches are lost since the last snapshot.
+    broken: AtomicBool,
+}
+
+enum Job {
+    Batch(Batch),
+    /// The log goes on in a new segment, which a snapshot of its beginning follows.
+    Snapshot(Box<Frozen>),
+    /// A snapshot is written, or is not.
+    Written(u32, Result<(), DataError>),
+    /// The scene is deleted.
+    Delete,
+    /// The scene hands over no more.
+    End,
+}
+
+/// Called when more is durable.
+pub(crate) type Wake = Arc<dyn Fn() + Send + Sync>;
+
+impl SceneLog {
+    /// Starts the thread that writes.
+    pub(crate) fn start(files: SceneFiles, origin: Origin, wake: Wake) -> io::Result<Self> {
+        let (jobs, received) = channel();
+        let shared = Arc::new(Shared::default());
+        let writer = Writer {
+            files,
+            scene: origin.name.clone(),
+            config: origin.config,
+            segment: None,
+            next: origin.segment,
+            batches: 0,
+            oldest_needed: None,
+            shared: Arc::clone(&shared),
+            jobs: jobs.clone(),
+            wake,
+        };
+        let thread = thread::Builder::new()
+            .name("rhumb-scene-log".to_owned())
+            .spawn(move || writer.run(&received, origin.tick, origin.previous))?;
+        Ok(Self {
+            jobs,
+            thread: Some(thread),
+            shared,
+            batches: 0,
+            bytes: 0,
+        })
+    }
+
+    /// Hands over a batch; returns its number, for [`Self::durable`].
+    pub(crate) fn append(&mut self, batch: Batch) -> u64 {
+        self.batches += 1;
+        self.bytes += batch.records.len();
+        let bytes = batch.records.len();
+        let waiting = self
+            .shared
+            .waiting_bytes
+            .fetch_add(bytes, Ordering::Relaxed);
+        if waiting > WAITING_BYTES_MAX {
+            self.shared.broken.store(true, Ordering::Relaxed);
+        }
+        self.send(Job::Batch(batch));
+        self.batches
+    }
+
+    /// Number of batches that are durable.
+    pub(crate) fn durable(&self) -> u64 {
+        self.shared.durable.load(Ordering::Acquire)
+    }
+
+    /// Bytes handed over since the last snapshot.
+    pub(crate) const fn bytes(&self) -> usize {
+        self.bytes
+    }
+
+    /// Whether another snapshot may begin.
+    pub(crate) fn may_snapshot(&self) -> bool {
+        !self.shared.snapshot.load(Ordering::Relaxed)
+    }
+
+    /// Whether only a snapshot makes the log whole again.
+    pub(crate) fn is_broken(&self) -> bool {
+        self.shared.broken.load(Ordering::Relaxed)
+    }
+
+    /// Hands over a snapshot of the scene after all batches so far.
+    pub(crate) fn snapshot(&mut self, frozen: Frozen) {
+        self.bytes = 0;
+        self.shared.snapshot.store(true, Ordering::Relaxed);
+        self.send(Job::Snapshot(Box::new(frozen)));
+    }
+
+    /// Removes the files of the scene.
+    pub(crate) fn delete(self) {
+        self.send(Job::Delete);
+    }
+
+    /// The thread reports its own end.
+    fn send(&self, job: Job) {
+        let _ = self.jobs.send(job);
+    }
+}
+
+impl Drop for SceneLog {
+    /// Waits until everything handed over is written.
+    fn drop(&mut self) {
+        self.send(Job::End);
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the thread of a command log panicked");
+        }
+    }
+}
+
+/// Writes the log of one scene.
+struct Writer {
+    files: SceneFiles,
+    scene: SceneName,
+    config: SceneConfig,
+    /// `None` while the log is broken.
+    segment: Option<Segment>,
+    /// Number of the next segment.
+    next: u32,
+    /// Batches taken.
+    batches: u64,
+    /// The newest durable snapshot.
+    oldest_needed: Option<u32>,
+    shared: Arc<Shared>,
+    jobs: Sender<Job>,
+    wake: Wake,
+}
+
+impl Writer {
+    /// Writes until the scene ends or is deleted.
+    fn run(mut self, jobs: &Receiver<Job>, tick: Tick, previous: Option<(u32, u64)>) {
+        self.begin_segment(tick, previous);
+        let mut batches = Vec::new();
+        while let Ok(job) = jobs.recv() {
+            let mut next = Some(job);
+            while let Some(Job::Batch(batch)) = next {
+                batches.push(batch);
+                next = jobs.try_recv().ok();
+            }
+            self.write(&mut batches);
+            match next {
+                Some(Job::Snapshot(frozen)) => self.begin_snapshot(*frozen),
+                Some(Job::Written(number, written)) => self.end_snapshot(number, written),
+                Some(Job::Delete) => return self.delete(),
+                Some(Job::End) => return,
+                Some(Job::Batch(_)) | None => {}
+            }
+        }
+    }
+
+    /// Makes batches durable, unless the log is broken.
+    fn write(&mut self, batches: &mut Vec<Batch>) {
+        let batches = mem::take(batches);
+        if batches.is_empty() {
+            return;
+        }
+        self.batches += batches.len() as u64;
+        let bytes: usize = batches.iter().map(|batch| batch.records.len()).sum();
+        if self.shared.broken.load(Ordering::Relaxed) {
+            self.segment = None;
+        }
+        if let Some(segment) = &mut self.segment {
+            match segment.append(&batches).and_then(|()| segment.sync()) {
+                Ok(()) => self.report_durable(),
+                Err(error) => self.break_off(&error),
+            }
+        }
+        self.shared
+            .waiting_bytes
+            .fetch_sub(bytes, Ordering::Relaxed);
+    }
+
+    fn report_durable(&self) {
+        self.shared.durable.store(self.batches, Ordering::Release);
+        (self.wake)();
+    }
+
+    /// Gives the log up until the next snapshot. A file whose synchronisation failed is not trusted again.
+    fn break_off(&mut self, error: &DataError) {
+        tracing::error!(scene = %self.scene, %error, "commands are not durable until the next snapshot");
+        self.segment = None;
+        self.shared.broken.store(true, Ordering::Relaxed);
+    }
+
+    fn begin_segment(&mut self, tick: Tick, previous: Option<(u32, u64)>) {
+        let header = Header {
+            scene: self.scene.clone(),
+            config: self.config,
+            previous,
+        };
+        let number = self.next;
+        self.next += 1;
+        match self.files.begin_segment(number, tick, &header) {
+            Ok(segment) => self.segment = Some(segment),
+            Err(error) => self.break_off(&error),
+        }
+    }
+
+    /// Goes on in a new segment. The snapshot of its beginning is written beside the log, and before it if the log is
+    /// broken: nothing else has the state then.
+    fn begin_snapshot(&mut self, frozen: Frozen) {
+        let tick = frozen.tick;
+        let number = self.next;
+        let Some(segment) = self.segment.take() else {
+            let written = write_snapshot(&self.files, number, frozen);
+            if written.is_ok() {
+                self.begin_segment(tick, None);
+            } else {
+                self.next += 1;
+            }
+            if written.is_ok() && self.segment.is_some() {
+                tracing::info!(scene = %self.scene, tick = tick.value(), "commands are durable again");
+                self.shared.broken.store(false, Ordering::Relaxed);
+                self.report_durable();
+            }
+            return self.end_snapshot(number, written);
+        };
+        self.begin_segment(tick, Some((segment.number, segment.length)));
+        let (files, jobs) = (self.files.clone(), self.jobs.clone());
+        let write = move || {
+            let written = write_snapshot(&files, number, frozen);
+            // A log that has ended needs no report.
+            let _ = jobs.send(Job::Written(number, written));
+        };
+        let thread = thread::Builder::new().name("rhumb-snapshot".to_owned());
+        if let Err(cause) = thread.spawn(write) {
+            tracing::error!(scene = %self.scene, %cause, "no thread for a snapshot");
+            self.shared.snapshot.store(false, Ordering::Relaxed);
+        }
+    }
+
+    /// Notes a snapshot, and removes what only older ones than the one before it need.
+    fn end_snapshot(&mut self, number: u32, written: Result<(), DataError>) {
+        self.shared.snapshot.store(false, Ordering::Relaxed);
+        let removed = written.and_then(|()| match self.oldest_needed.replace(number) {
+            Some(before) => self.files.remove_before(before),
+            None => Ok(()),
+        });
+        if let Err(error) = removed {
+            tracing::error!(scene = %self.scene, %error, "a snapshot failed");
+        }
+    }
+
+    fn delete(mut self) {
+        self.segment = None;
+        if let Err(error) = self.files.delete() {
+            tracing::error!(scene = %self.scene, %error, "a deleted scene may come back");
+        }
+    }
+}
+
+fn write_snapshot(files: &SceneFiles, segment: u32, frozen: Frozen) -> Result<(), DataError> {
+    let path = files.snapshot_path(segment);
+    let scene = (frozen.scene.encode()).ok_or(io::Error::from(io::ErrorKind::InvalidData));
+    let snapshot = Snapshot {
+        segment,
+        tick: frozen.tick,
+        digest: frozen.digest,
+        sessions: frozen.sessions,
+        ownership: frozen.ownership,
+        scene: scene.map_err(DataError::io(&path, "encode"))?,
+    };
+    files.write_snapshot(&snapshot)
+}

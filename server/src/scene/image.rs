@@ -1,0 +1,80 @@
+//! The image of a scene: everything that decides its further run.
+//!
+//! Taken right after a step. A scene from an image, given the same commands before the same ticks, runs to the same
+//! bits as the scene that it is of.
+
+use glam::Vec3;
+use rhumb_protocol::scene::SceneConfig;
+use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_protocol::wire::{Malformed, Wire};
+use rhumb_reckoning::Tick;
+
+use super::Scene;
+use crate::digest::Digest;
+use crate::engine::{FrozenEngine, RapierEngine, Workers};
+use crate::event_monitor::EventMonitor;
+use crate::registry::Registry;
+
+/// A copy of a scene, to be encoded on another thread.
+pub(crate) struct FrozenScene {
+    gravity: Vec3,
+    registry: Registry,
+    event_monitor: EventMonitor,
+    engine: FrozenEngine,
+}
+
+impl FrozenScene {
+    /// Its bytes; `None` if the engine cannot encode its world.
+    pub(crate) fn encode(self) -> Option<Vec<u8>> {
+        let mut to = Writer::new();
+        to.f32s(&self.gravity.to_array());
+        let mut registry = Writer::new();
+        self.registry.encode(&mut registry);
+        self.event_monitor.encode(&mut registry);
+        to.sized(&registry.into_bytes());
+        to.raw(&(self.engine)()?);
+        Some(to.into_bytes())
+    }
+}
+
+impl Scene {
+    /// A copy of the scene; `None` unless a step was the last change, and for an engine without images.
+    pub(crate) fn freeze(&self) -> Option<FrozenScene> {
+        let engine = self.engine.freeze()?;
+        Some(FrozenScene {
+            gravity: self.gravity,
+            registry: self.registry.clone(),
+            event_monitor: self.event_monitor.clone(),
+            engine,
+        })
+    }
+
+    /// A scene from its image.
+    ///
+    /// # Errors
+    ///
+    /// [`Malformed`] for bytes that are no image of this version.
+    pub(crate) fn from_image(
+        config: SceneConfig,
+        workers: &Workers,
+        (tick, digest): (Tick, Digest),
+        image: &[u8],
+    ) -> Result<Self, Malformed> {
+        let mut from = Reader::new(image);
+        let gravity = Vec3::from_array(from.f32s()?);
+        let mut inner = Reader::new(from.sized(image.len())?);
+        let registry = Registry::decode(&mut inner)?;
+        let event_monitor = EventMonitor::decode(&mut inner)?;
+        inner.finish()?;
+        let engine = RapierEngine::from_image(&config, workers, registry.shapes(), from.rest())?;
+        let scene = Self::with_engine(config, Box::new(engine)).map_err(|_| Malformed::OutOfRange);
+        Ok(Self {
+            gravity,
+            tick,
+            registry,
+            event_monitor,
+            digest,
+            ..scene?
+        })
+    }
+}

@@ -1,0 +1,232 @@
+//! Sessions of members: how they begin, go on with another connection, and end.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use rhumb_protocol::limits::GRANT;
+use rhumb_protocol::message::{
+    Denial, SceneEvent, ServerMessage, SessionRequest, SessionState, StreamChoice,
+};
+use rhumb_protocol::session::CloseCode;
+use rhumb_protocol::{Instant, Peer};
+
+use super::SceneRunner;
+use crate::access::rights::{self, Request};
+use crate::access::{Ownership, Permit};
+use crate::durable::{Record, SessionNumber};
+use crate::member::Member;
+use crate::outbox::Outbox;
+use crate::sessions::{Session, Sessions};
+
+/// How a membership ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Departure {
+    /// The client has left; its session is over.
+    Left,
+    /// The connection has ended; its session waits for another one.
+    Disconnected,
+}
+
+impl SceneRunner {
+    /// Makes a client a member; it gets the whole scene, then the stream.
+    pub(crate) fn join(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        permit: Arc<Permit>,
+        (choice, request): (StreamChoice, Option<SessionRequest>),
+        out: &mut Outbox,
+    ) -> Result<(), Denial> {
+        if self.faulted {
+            return Err(Denial::SceneFaulted);
+        }
+        let of_client = |member: &&Member| member.permit.client == permit.client;
+        let members = self.members.values().filter(of_client).count();
+        rights::check(&permit, &self.ownership, Request::Join { members })?;
+        self.check_stream(&permit, choice)?;
+        if self.members.len() as u64 >= self.provision.limits.members_per_scene {
+            return Err(Denial::TooManyMembers);
+        }
+        let stream = match self.streams.subscribe(choice)? {
+            Some(stream) => stream,
+            None => self.begin_stream(choice),
+        };
+        let before = self.sessions.next_number();
+        let session = match self.begin_session(now, peer, request, out) {
+            Ok(session) => session,
+            Err(denial) => {
+                self.streams.unsubscribe(stream, peer);
+                return Err(denial);
+            }
+        };
+        self.send_scene_events(out);
+        let commands = session.and_then(|number| self.sessions.get(number));
+        let commands = commands.map_or(0, |session| session.commands);
+        let member = Member::new(permit, (stream, choice), session, commands);
+        self.members.insert(peer, member);
+        let resumed = session.is_some_and(|number| number < before);
+        self.announce_session(peer, resumed, out);
+        self.send_snapshot(peer, out);
+        if let Some(request) = request {
+            self.repeat_answers(peer, request.answered, out);
+        }
+        if self.next_step.is_none() {
+            self.last_step = now;
+            self.next_step = Some(now + self.step());
+        }
+        Ok(())
+    }
+
+    /// Ends a membership. The client's bodies stay; its input behind a pending advance is dropped.
+    pub(crate) fn leave(&mut self, now: Instant, peer: Peer, departure: Departure) {
+        self.waiting.retain(|(sender, _)| *sender != peer);
+        self.authority_table.end(peer);
+        if let Some(member) = self.members.remove(&peer) {
+            for stream in member.streams() {
+                self.streams.unsubscribe(stream, peer);
+            }
+            self.end_session(now, peer, member.session, departure);
+        }
+        if self.members.is_empty() {
+            self.next_step = None;
+        }
+    }
+
+    pub(crate) fn reserve(&mut self, peer: Peer, count: u32, out: &mut Outbox) {
+        let allowed = self.check(peer, Request::Reserve).map_err(Denial::from);
+        let answer = match allowed.and_then(|()| self.grant(peer, count)) {
+            Ok(range) => {
+                if let Some(number) = self.members.get(&peer).and_then(|member| member.session) {
+                    self.note_session(&Record::Granted(number, range));
+                }
+                ServerMessage::Reserved(range)
+            }
+            Err(denial) => ServerMessage::Denied(denial),
+        };
+        out.send(peer, &answer);
+    }
+
+    /// Takes over the sessions and owners of a restored scene.
+    pub(crate) fn restore_members(&mut self, sessions: Sessions, ownership: Ownership) {
+        self.ownership = ownership;
+        let of_sessions = sessions.iter().flat_map(|(_, session)| &session.ranges);
+        let granted = of_sessions.map(|range| range.first() + range.count()).max();
+        let used = self.scene.indices();
+        self.grants.begin_after(granted.unwrap_or(0).max(used));
+        self.sessions = sessions;
+    }
+
+    /// Has later members get the shapes of a restored scene.
+    pub(crate) fn restore_shapes(&mut self) {
+        for (id, shape) in self.scene.shapes() {
+            let shape = shape.clone();
+            let mut event = Vec::new();
+            ServerMessage::SceneEvent(SceneEvent::ShapeAdded { id, shape }).encode(&mut event);
+            self.shape_events.insert(id, Bytes::from(event));
+        }
+    }
+
+    /// Grants a new member its indices, or gives it back those of its session. Another connection of the session ends.
+    pub(super) fn begin_session(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        request: Option<SessionRequest>,
+        out: &mut Outbox,
+    ) -> Result<Option<SessionNumber>, Denial> {
+        self.close_expired(now);
+        let known = request.and_then(|request| self.sessions.of_key(request.key));
+        if let Some(number) = known {
+            if let Some(other) = self.sessions.member_of(number) {
+                tracing::info!(peer = other.0, "another connection takes the session up");
+                self.leave(now, other, Departure::Disconnected);
+                if let Some(session) = out.session(other) {
+                    session.close(CloseCode::SESSION_TAKEN);
+                }
+            }
+            let ranges = self
+                .sessions
+                .get(number)
+                .map(|session| session.ranges.clone());
+            self.grants.give_back(peer, ranges.unwrap_or_default());
+            self.sessions.attach(number, peer);
+            return Ok(known);
+        }
+        let range = self.grant(peer, GRANT)?;
+        let Some(request) = request else {
+            return Ok(None);
+        };
+        let number = self.sessions.next_number();
+        self.note_session(&Record::Opened(number, request.key));
+        self.note_session(&Record::Granted(number, range));
+        self.sessions.attach(number, peer);
+        Ok(Some(number))
+    }
+
+    /// Tells a new member where its session goes on.
+    pub(super) fn announce_session(&self, peer: Peer, resumed: bool, out: &mut Outbox) {
+        if let Some(session) = self.session_of(peer) {
+            let state = SessionState {
+                resumed,
+                durable: self.is_durable(),
+                commands: session.commands,
+                tick: self.scene.tick(),
+            };
+            out.send(peer, &ServerMessage::Session(state));
+        }
+    }
+
+    /// Repeats the answers that a member may have missed.
+    pub(super) fn repeat_answers(&self, peer: Peer, answered: u64, out: &mut Outbox) {
+        let Some(session) = self.session_of(peer) else {
+            return;
+        };
+        for (number, error) in session.refusals_from(answered) {
+            out.send(peer, &ServerMessage::Refused { number, error });
+        }
+        if let Some(through) = session.commands.checked_sub(1)
+            && session.commands > answered
+        {
+            let tick = self.scene.tick();
+            out.send(peer, &ServerMessage::Applied { through, tick });
+        }
+    }
+
+    pub(super) fn session_of(&self, peer: Peer) -> Option<&Session> {
+        self.sessions.get(self.members.get(&peer)?.session?)
+    }
+
+    /// Ends the session of a member that has left, or keeps it for another connection.
+    pub(super) fn end_session(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        session: Option<SessionNumber>,
+        departure: Departure,
+    ) {
+        match (session, departure) {
+            (Some(number), Departure::Left) => {
+                self.note_session(&Record::Closed(number));
+                self.grants.retire(peer);
+            }
+            (Some(number), Departure::Disconnected) => {
+                self.sessions.detach(number, now);
+                self.grants.withdraw(peer);
+            }
+            (None, _) => self.grants.retire(peer),
+        }
+        self.close_expired(now);
+        self.commit();
+    }
+
+    fn close_expired(&mut self, now: Instant) {
+        for number in self.sessions.expired(now) {
+            let ranges = self
+                .sessions
+                .get(number)
+                .map(|session| session.ranges.clone());
+            self.grants.free(ranges.unwrap_or_default());
+            self.note_session(&Record::Closed(number));
+        }
+    }
+}

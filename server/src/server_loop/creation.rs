@@ -1,0 +1,77 @@
+//! How a scene begins to run in a server loop.
+
+use rhumb_protocol::message::Denial;
+use rhumb_protocol::scene::{SceneConfig, SceneName, Stepping};
+
+use super::ServerLoop;
+use crate::access::rights;
+use crate::load::{self, SceneLoad};
+use crate::scene::Scene;
+use crate::scene_runner::{Provision, SceneRunner};
+use crate::scene_slots::SceneSlot;
+use crate::stream_names::StreamNames;
+
+impl ServerLoop {
+    pub(crate) fn create(
+        &mut self,
+        name: &SceneName,
+        config: SceneConfig,
+    ) -> Result<&mut SceneRunner, Denial> {
+        if self.runners.contains_key(name) {
+            return Err(Denial::SceneExists);
+        }
+        let limits = &self.limits;
+        let slot = self.slots.take(limits.scenes as usize);
+        let slot = slot.ok_or(Denial::TooManyScenes)?;
+        let load = self.load_of(&config);
+        if !load.has_room() {
+            let retry_seconds = load::RETRY_SECONDS;
+            return Err(Denial::Overloaded { retry_seconds });
+        }
+        let scene = Scene::on(config, &self.workers).map_err(Denial::InvalidConfig)?;
+        tracing::info!(scene = %name, "scene created");
+        Ok(self.run_scene(name, scene, slot, load))
+    }
+
+    /// What a scene may take of the server's time, none of it taken.
+    pub(super) fn load_of(&self, config: &SceneConfig) -> SceneLoad {
+        let per_body = match config.stepping {
+            Stepping::FreeRunning => rights::body_steps(config),
+            Stepping::Lockstep => 0,
+        };
+        let limits = &self.limits;
+        let (scene_max, server_max) = (limits.scene_load, limits.server_load);
+        self.load.of_scene(per_body, scene_max, server_max)
+    }
+
+    /// Runs a scene that is new or restored.
+    pub(super) fn run_scene(
+        &mut self,
+        name: &SceneName,
+        scene: Scene,
+        slot: SceneSlot,
+        load: SceneLoad,
+    ) -> &mut SceneRunner {
+        let config = *scene.config();
+        let names = StreamNames::of_scene(self.scenes_begun);
+        let provision = Provision {
+            limits: self.limits,
+            load,
+            meter: self.metrics.begin_scene(name),
+        };
+        let mut runner = SceneRunner::new(scene, names, provision);
+        runner.employ(self.workers.clone());
+        runner.set_largest_packet(self.largest_packet);
+        if let Some(hook) = self
+            .hooks
+            .as_ref()
+            .and_then(|hooks| hooks.of(name, &config))
+        {
+            runner.attach(hook);
+        }
+        self.scenes_begun = self.scenes_begun.wrapping_add(1);
+        self.taken_slots.insert(name.clone(), slot);
+        self.note_empty(name);
+        self.runners.entry(name.clone()).or_insert(runner)
+    }
+}

@@ -1,0 +1,265 @@
+//! Sessions of a scene: what it keeps of a client between two connections.
+//!
+//! Knows neither streams nor connections. Invariants: a command of a session counts once; a session has at most one
+//! member; what a log or an image brings back equals what was written.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use rhumb_protocol::message::SessionKey;
+use rhumb_protocol::scene::{CommandError, IdRange};
+use rhumb_protocol::wire::bytes::{Reader, Writer};
+use rhumb_protocol::wire::{Malformed, Wire};
+use rhumb_protocol::{Instant, Peer, Span};
+
+use crate::durable::{Record, SessionNumber};
+
+/// Refusals that a session keeps, for a client that has not seen them.
+const REFUSALS_KEPT: usize = 256;
+/// Sessions without a member that a scene keeps; the one that left first goes first.
+const ABSENT_MAX: usize = 256;
+/// A session whose member is away for so long is over.
+const ABSENT_FOR: Span = Span::from_millis(300_000);
+
+/// One session.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Session {
+    key: SessionKey,
+    /// Commands that were applied or refused.
+    pub(crate) commands: u64,
+    /// Body indices granted to it.
+    pub(crate) ranges: Vec<IdRange>,
+    /// The last refusals with the numbers of their commands.
+    refusals: VecDeque<(u64, CommandError)>,
+    presence: Presence,
+}
+
+/// Whether a session has a member.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Presence {
+    Member(Peer),
+    /// Since when not; `None` for a session that came back with its scene.
+    Absent(Option<Instant>),
+}
+
+/// All sessions of one scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Sessions {
+    sessions: BTreeMap<SessionNumber, Session>,
+    next: u32,
+}
+
+impl Sessions {
+    /// The session of a key.
+    pub(crate) fn of_key(&self, key: SessionKey) -> Option<SessionNumber> {
+        let mut sessions = self.sessions.iter();
+        sessions.find_map(|(number, session)| (session.key == key).then_some(*number))
+    }
+
+    pub(crate) fn get(&self, number: SessionNumber) -> Option<&Session> {
+        self.sessions.get(&number)
+    }
+
+    /// The number of the next session.
+    pub(crate) const fn next_number(&self) -> SessionNumber {
+        SessionNumber(self.next)
+    }
+
+    /// The member of a session.
+    pub(crate) fn member_of(&self, number: SessionNumber) -> Option<Peer> {
+        match self.sessions.get(&number)?.presence {
+            Presence::Member(peer) => Some(peer),
+            Presence::Absent(_) => None,
+        }
+    }
+
+    /// Gives a session a member.
+    pub(crate) fn attach(&mut self, number: SessionNumber, peer: Peer) {
+        if let Some(session) = self.sessions.get_mut(&number) {
+            session.presence = Presence::Member(peer);
+        }
+    }
+
+    /// The member of a session is gone.
+    pub(crate) fn detach(&mut self, number: SessionNumber, now: Instant) {
+        if let Some(session) = self.sessions.get_mut(&number) {
+            session.presence = Presence::Absent(Some(now));
+        }
+    }
+
+    /// The sessions that are over because their member is away for too long, or because too many are.
+    pub(crate) fn expired(&mut self, now: Instant) -> Vec<SessionNumber> {
+        let mut absent = Vec::new();
+        for (number, session) in &mut self.sessions {
+            if let Presence::Absent(since) = &mut session.presence {
+                absent.push((*since.get_or_insert(now), *number));
+            }
+        }
+        absent.sort_unstable();
+        let too_many = absent.len().saturating_sub(ABSENT_MAX);
+        let is_over =
+            |place: usize, since: Instant| place < too_many || now.since(since) >= ABSENT_FOR;
+        let numbered = absent.into_iter().enumerate();
+        numbered
+            .filter_map(|(place, (since, number))| is_over(place, since).then_some(number))
+            .collect()
+    }
+
+    /// All sessions with their numbers.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (SessionNumber, &Session)> {
+        self.sessions
+            .iter()
+            .map(|(number, session)| (*number, session))
+    }
+
+    /// Does what a record says. Records that concern the scene alone change nothing here.
+    pub(crate) fn replay(&mut self, record: &Record) {
+        match record {
+            Record::Opened(number, key) => {
+                self.next = number.0 + 1;
+                let session = Session {
+                    key: *key,
+                    commands: 0,
+                    ranges: Vec::new(),
+                    refusals: VecDeque::new(),
+                    presence: Presence::Absent(None),
+                };
+                self.sessions.insert(*number, session);
+            }
+            Record::Granted(number, range) => {
+                if let Some(session) = self.sessions.get_mut(number) {
+                    session.ranges.push(*range);
+                }
+            }
+            Record::Counted(number, refused) => {
+                if let Some(session) = self.sessions.get_mut(number) {
+                    session.count(*refused);
+                }
+            }
+            Record::Closed(number) => drop(self.sessions.remove(number)),
+            Record::Applied(_) | Record::Owned(_) | Record::Stepped(_) => {}
+        }
+    }
+}
+
+impl Session {
+    fn count(&mut self, refused: Option<CommandError>) {
+        if let Some(error) = refused {
+            if self.refusals.len() == REFUSALS_KEPT {
+                self.refusals.pop_front();
+            }
+            self.refusals.push_back((self.commands, error));
+        }
+        self.commands += 1;
+    }
+
+    /// The kept refusals of commands from a number on.
+    pub(crate) fn refusals_from(&self, number: u64) -> impl Iterator<Item = (u64, CommandError)> {
+        let refusals = self.refusals.iter().copied();
+        refusals.filter(move |(refused, _)| *refused >= number)
+    }
+}
+
+impl Wire for Sessions {
+    fn encode(&self, to: &mut Writer) {
+        to.varint(u64::from(self.next));
+        to.varint(self.sessions.len() as u64);
+        for (number, session) in &self.sessions {
+            number.encode(to);
+            session.key.encode(to);
+            to.varint(session.commands);
+            to.varint(session.ranges.len() as u64);
+            session.ranges.iter().for_each(|range| range.encode(to));
+            to.varint(session.refusals.len() as u64);
+            for (number, error) in &session.refusals {
+                to.varint(*number);
+                error.encode(to);
+            }
+        }
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let mut sessions = Self {
+            next: from.varint32()?,
+            sessions: BTreeMap::new(),
+        };
+        for _ in 0..from.varint()? {
+            let number = SessionNumber::decode(from)?;
+            let mut session = Session {
+                key: SessionKey::decode(from)?,
+                commands: from.count()?,
+                ranges: Vec::new(),
+                refusals: VecDeque::new(),
+                presence: Presence::Absent(None),
+            };
+            for _ in 0..from.varint()? {
+                session.ranges.push(IdRange::decode(from)?);
+            }
+            for _ in 0..from.varint()? {
+                let number = from.count()?;
+                session
+                    .refusals
+                    .push_back((number, CommandError::decode(from)?));
+            }
+            sessions.sessions.insert(number, session);
+        }
+        Ok(sessions)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KEY: SessionKey = SessionKey([5; 16]);
+    const NUMBER: SessionNumber = SessionNumber(3);
+
+    fn sessions() -> Sessions {
+        let mut sessions = Sessions::default();
+        let range = IdRange::new(8, 16, 1).unwrap();
+        for record in [
+            Record::Opened(NUMBER, KEY),
+            Record::Granted(NUMBER, range),
+            Record::Counted(NUMBER, None),
+            Record::Counted(NUMBER, Some(CommandError::UnknownCommand)),
+        ] {
+            sessions.replay(&record);
+        }
+        sessions
+    }
+
+    #[test]
+    fn an_image_brings_back_the_same_sessions() {
+        let sessions = sessions();
+        let mut writer = Writer::new();
+        sessions.encode(&mut writer);
+        let bytes = writer.into_bytes();
+        let decoded = Sessions::decode(&mut Reader::new(&bytes));
+        assert_eq!(decoded.as_ref(), Ok(&sessions));
+        for cut in 0..bytes.len() {
+            assert!(Sessions::decode(&mut Reader::new(&bytes[..cut])).is_err());
+        }
+    }
+
+    #[test]
+    fn a_client_learns_of_the_refusals_that_it_has_not_seen() {
+        let sessions = sessions();
+        let session = sessions.get(NUMBER).unwrap();
+        assert_eq!((session.commands, sessions.next_number().0), (2, 4));
+        let unseen: Vec<_> = session.refusals_from(0).collect();
+        assert_eq!(unseen, [(1, CommandError::UnknownCommand)]);
+        assert_eq!(session.refusals_from(2).count(), 0);
+    }
+
+    #[test]
+    fn a_session_without_a_member_is_over_after_its_time() {
+        let mut sessions = sessions();
+        sessions.attach(NUMBER, Peer(1));
+        let late = Instant::ZERO + ABSENT_FOR;
+        assert_eq!(sessions.expired(late), []);
+        sessions.detach(NUMBER, Instant::ZERO);
+        assert_eq!(sessions.expired(Instant::ZERO), []);
+        assert_eq!(sessions.expired(late), [NUMBER]);
+        sessions.replay(&Record::Closed(NUMBER));
+        assert_eq!(sessions.of_key(KEY), None);
+    }
+}
