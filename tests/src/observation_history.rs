@@ -98,6 +98,10 @@ impl ObservationHistory {
                 | Event::QueryResult(_)
                 | Event::Body { .. }
                 | Event::EventsMissed { .. }
+                | Event::Interrupted(_)
+                | Event::Resumed(_)
+                | Event::SessionLost(_)
+                | Event::Durable { .. }
                 | Event::ClockSeen { .. } => {}
             }
         }

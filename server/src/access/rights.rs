@@ -255,7 +255,7 @@ mod tests {
         let owner = permit("carl", Role::Owner);
         for (of, index) in [(&anna, 1), (&bert, 2)] {
             assert_eq!(decide(of, &scene, &add_body(index)), Ok(()));
-            scene.note(of, &add_body(index));
+            scene.note(of.client.as_ref(), &add_body(index));
         }
         assert_eq!(decide(&anna, &scene, &push(1)), Ok(()));
         assert_eq!(decide(&anna, &scene, &push(2)), Err(Refused::NotAllowed));
@@ -287,7 +287,7 @@ mod tests {
         anna.quotas.bodies = Some(2);
         for index in 0..2 {
             assert_eq!(decide(&anna, &scene, &add_body(index)), Ok(()));
-            scene.note(&anna, &add_body(index));
+            scene.note(anna.client.as_ref(), &add_body(index));
         }
         assert_eq!(decide(&anna, &scene, &add_body(2)), Err(Refused::OverQuota));
         scene.remove_body(BodyId::new(0, 0));
@@ -321,7 +321,7 @@ mod tests {
         };
         for index in 0..16 {
             assert_eq!(decide(&anna, &scene, &damped(index)), Ok(()), "{index}");
-            scene.note(&anna, &damped(index));
+            scene.note(anna.client.as_ref(), &damped(index));
         }
         assert_eq!(decide(&anna, &scene, &damped(16)), Err(Refused::OverQuota));
         assert_eq!(decide(&anna, &scene, &damped(3)), Ok(()));

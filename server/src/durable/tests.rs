@@ -176,7 +176,10 @@ impl Recorded {
                 let frames = [JointFrame::at(small), JointFrame::at(-small)];
                 let joint = Joint::plain(JointKind::Spherical(None), [id, other], frames);
                 let id = JointId(self.chance.below(4) as u32);
-                Command::AddJoint { id, joint }
+                Command::AddJoint {
+                    id,
+                    joint: Box::new(joint),
+                }
             }
             8 => Command::Sleep { id },
             9 => Command::Wake { id },
