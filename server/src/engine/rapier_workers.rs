@@ -9,10 +9,7 @@ use std::sync::Arc;
 
 use rapier3d::prelude::PhysicsWorld;
 #[cfg(feature = "parallel")]
-use rapier3d::rayon::{
-    ThreadPool, ThreadPoolBuilder,
-    iter::{IntoParallelRefMutIterator, ParallelIterator},
-};
+use rapier3d::rayon::{ScopeFifo, ThreadPool, ThreadPoolBuilder, scope_fifo};
 
 /// Threads that several scenes may share. By default one, or, with the feature, one for each core.
 #[derive(Clone, Debug, Default)]
@@ -98,10 +95,10 @@ impl Workers {
         if items.len() < 2 || self.pool.as_ref().is_some_and(one_thread) {
             return items.iter_mut().for_each(work);
         }
-        let shared = || items.par_iter_mut().for_each(work);
+        let work = &work;
         match &self.pool {
-            Some(pool) => pool.install(shared),
-            None => shared(),
+            Some(pool) => pool.scope_fifo(|scope| spawn(scope, items, work)),
+            None => scope_fifo(|scope| spawn(scope, items, work)),
         }
     }
 
@@ -120,4 +117,16 @@ impl Workers {
     /// Makes a world use these threads.
     #[cfg(not(feature = "parallel"))]
     pub(super) fn employ(&self, _: &mut PhysicsWorld) {}
+}
+
+/// Has each item worked on by the next free thread: items may need very different times.
+#[cfg(feature = "parallel")]
+fn spawn<'s, T: Send>(
+    scope: &ScopeFifo<'s>,
+    items: &'s mut [T],
+    work: &'s (impl Fn(&mut T) + Send + Sync),
+) {
+    for item in items {
+        scope.spawn_fifo(move |_| work(item));
+    }
 }

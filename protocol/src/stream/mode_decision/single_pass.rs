@@ -14,6 +14,7 @@ use super::ranking::{CorrectionRanker, NEAREST, Settings};
 /// Rounding of a correction without velocities: a smaller fraction of a step is dropped, because the tolerance hardly
 /// needs it.
 const SPARSE: [f64; 2] = [0.6; 2];
+
 /// The correction at the published tick; all modes of one frame share it.
 #[derive(Clone, Copy, Debug)]
 struct Start {
@@ -108,26 +109,25 @@ pub(super) fn cheapest<const N: usize, T>(
             residual: &moved,
         };
     }
+    first_accepted(&mut choices, accept)
+}
+
+/// Tries the corrections in order of their prices, until one is accepted.
+fn first_accepted<T>(
+    choices: &mut [Priced<'_>],
+    accept: impl Fn(usize, &Residual) -> Option<T>,
+) -> Option<T> {
     loop {
-        let mut best = 0;
-        for other in 1..choices.len() {
-            if choices[other].price < choices[best].price {
-                best = other;
-            }
-        }
-        let Priced {
-            price,
-            mode,
-            residual,
-        } = choices[best];
-        if price == f64::INFINITY {
+        let by_price = |a: &&mut Priced<'_>, b: &&mut Priced<'_>| a.price.total_cmp(&b.price);
+        let best = choices.iter_mut().min_by(by_price)?;
+        if best.price == f64::INFINITY {
             return None;
         }
-        let accepted = accept(mode, residual);
+        let accepted = accept(best.mode, best.residual);
         if accepted.is_some() {
             return accepted;
         }
-        choices[best].price = f64::INFINITY;
+        best.price = f64::INFINITY;
     }
 }
 
