@@ -116,7 +116,8 @@ fn projection(
     point: Vec3,
     most: f32,
 ) -> Option<(ColliderHandle, Hit)> {
-    let (handle, _) = pipeline.project_point(point, most, true)?;
+    // The search finds what is nearer than its limit: without this, nothing would contain a point at distance zero.
+    let (handle, _) = pipeline.project_point(point, most.max(f32::EPSILON), true)?;
     let collider = pipeline.colliders.get(handle)?;
     let surface = collider
         .shape()

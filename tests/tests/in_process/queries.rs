@@ -164,7 +164,7 @@ fn a_shape_cast_finds_what_the_shape_touches() {
     let queries = vec![
         cast(0.0, Shape::ball(0.25)),
         cast(0.7, Shape::ball(0.25)),
-        cast(3.0, Shape::cuboid(1.0, 0.5, 1.0)).finding(3),
+        cast(2.9, Shape::cuboid(1.0, 0.5, 1.0)).finding(3),
         cast(3.5, Shape::cuboid(1.0, 0.5, 1.0)).finding(3),
     ];
     let answers = answers(&mut table, peer, queries);

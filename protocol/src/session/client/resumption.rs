@@ -68,16 +68,19 @@ impl Resumption {
 
     /// The server keeps so many commands, and the scene up to this tick.
     pub(super) fn finish(&mut self, commands: u64, tick: Tick) {
-        while let Some(first) = self.unfinished.front() {
-            let is_done = match first {
-                Unfinished::Command(number, _) => *number < commands,
-                Unfinished::Advance(to) => *to <= tick,
-            };
-            if !is_done {
-                break;
-            }
-            self.unfinished.pop_front();
-        }
+        self.unfinished.drain(..self.done(commands, tick));
+    }
+
+    /// How many of the first unfinished messages are done where so many commands are, and the scene is at this tick. A
+    /// command is done after everything before it.
+    fn done(&self, commands: u64, tick: Tick) -> usize {
+        let is_done = |message: &Unfinished| matches!(message, Unfinished::Command(number, _) if *number < commands);
+        let last = self.unfinished.iter().rposition(is_done);
+        let through = last.map_or(0, |last| last + 1);
+        let rest = self.unfinished.iter().skip(through);
+        let is_reached =
+            |message: &&Unfinished| matches!(message, Unfinished::Advance(to) if *to <= tick);
+        through + rest.take_while(is_reached).count()
     }
 
     /// Whether the first unfinished command is the one that the server wants next.
@@ -185,7 +188,9 @@ impl ClientSession {
             return Err(CloseCode::DONE);
         }
         self.resumption.durable = state.durable;
-        self.resumption.finish(state.commands, Tick::ZERO);
+        if !state.durable {
+            self.resumption.finish(state.commands, state.tick);
+        }
         self.resumption.state = Some(state);
         Ok(())
     }
@@ -195,8 +200,10 @@ impl ClientSession {
         let Some(state) = self.resumption.state.take() else {
             return false;
         };
+        // What is done but not yet durable is kept: the server may ask for it if it fails again.
+        let done = self.resumption.done(state.commands, state.tick);
         let unfinished = core::mem::take(&mut self.resumption.unfinished);
-        for message in &unfinished {
+        for message in unfinished.iter().skip(done) {
             match message {
                 Unfinished::Command(_, command) => {
                     self.send(&ClientMessage::Command(command.clone()));
@@ -243,6 +250,16 @@ mod tests {
         assert!(durable.has_from(0, 3));
         durable.finish(2, Tick::new(2));
         assert!(durable.has_from(2, 3) && !durable.has_from(1, 3));
+    }
+
+    #[test]
+    fn what_is_done_lies_before_the_first_command_that_the_server_wants() {
+        let resumption = resumption(true);
+        assert_eq!(resumption.done(0, Tick::ZERO), 0);
+        assert_eq!(resumption.done(1, Tick::ZERO), 1);
+        assert_eq!(resumption.done(1, Tick::new(1)), 2);
+        assert_eq!(resumption.done(3, Tick::new(2)), 5);
+        assert_eq!(resumption.done(3, Tick::new(3)), 6);
     }
 
     #[test]

@@ -58,14 +58,6 @@ const CONTRADICTIONS: [(&str, Producer); 8] = [
     ("a joint of a body that does not exist", || {
         vec![joint(JointId(1), BodyId::new(9, 0))]
     }),
-    ("a joint that already exists", || {
-        let second = hand::ball(BodyId::new(4, 0), Predictor::Rest);
-        vec![
-            second,
-            joint(JointId(1), BodyId::new(4, 0)),
-            joint(JointId(1), BodyId::new(4, 0)),
-        ]
-    }),
     ("the removal of a joint that does not exist", || {
         vec![SceneEvent::JointRemoved { id: JointId(1) }]
     }),

@@ -68,7 +68,7 @@ const CASES: &[CaseRow] = &[
 ];
 
 pub(super) fn cases() -> Vec<Case> {
-    table("L3.6", &[Feature::Lockstep], CASES).collect()
+    table("L3.7", &[Feature::Lockstep], CASES).collect()
 }
 
 /// A floor, and a ball that touches it.
