@@ -1,4 +1,4 @@
-//! What a scene hands to its command log, and what it reports of it to its members.
+//! What a scene hands to its command log, and what it reports of it.
 //!
 //! Never waits for the disk.
 
