@@ -8,7 +8,7 @@ use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_transport::{ClientOptions, Clock, QuicClient, Received};
 
-use crate::reconnector::{Progress, Reconnector};
+use crate::reconnector::{ReconnectProgress, Reconnector};
 
 /// A connection and its session.
 pub(crate) struct Pump {
@@ -149,13 +149,13 @@ impl Pump {
             .as_ref()
             .map(|attempts| attempts.wait(wait));
         match progress {
-            Some(Progress::Connected(connection)) => {
+            Some(ReconnectProgress::Connected(connection)) => {
                 self.connection = connection;
                 self.session.handle_opened(self.clock.now(), SERVER);
                 self.flush();
             }
-            Some(Progress::GaveUp) | None => self.gave_up = true,
-            Some(Progress::Trying) => return false,
+            Some(ReconnectProgress::GaveUp) | None => self.gave_up = true,
+            Some(ReconnectProgress::Trying) => return false,
         }
         self.reconnector = None;
         true

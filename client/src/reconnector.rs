@@ -23,7 +23,7 @@ pub(crate) struct Reconnector {
 }
 
 /// The state of the attempts.
-pub(crate) enum Progress {
+pub(crate) enum ReconnectProgress {
     Connected(QuicClient),
     Trying,
     GaveUp,
@@ -40,11 +40,11 @@ impl Reconnector {
     }
 
     /// Waits for a connection for some time at most.
-    pub(crate) fn wait(&self, timeout: Duration) -> Progress {
+    pub(crate) fn wait(&self, timeout: Duration) -> ReconnectProgress {
         match self.connected.recv_timeout(timeout) {
-            Ok(Some(connection)) => Progress::Connected(connection),
-            Ok(None) | Err(RecvTimeoutError::Disconnected) => Progress::GaveUp,
-            Err(RecvTimeoutError::Timeout) => Progress::Trying,
+            Ok(Some(connection)) => ReconnectProgress::Connected(connection),
+            Ok(None) | Err(RecvTimeoutError::Disconnected) => ReconnectProgress::GaveUp,
+            Err(RecvTimeoutError::Timeout) => ReconnectProgress::Trying,
         }
     }
 }

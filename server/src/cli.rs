@@ -26,7 +26,7 @@ use crate::engine::Workers;
 use crate::hook::Hooks;
 use crate::log;
 use crate::serve::{Access, Identity, RunError, Server, run_on_cores, seconds_since_1970};
-use crate::settings::Settings;
+use crate::settings::ServerSettings;
 use crate::token_command::{self, TokenArguments};
 
 /// A Rapier server for remote rigid-body physics.
@@ -134,7 +134,7 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
         Some(Task::Token(token)) => token_command::run(token, seconds_since_1970()),
         Some(Task::Check { dir }) => durable::check(dir, &mut std::io::stdout()),
         Some(Task::Replay { dir, scene }) => durable::replay(dir, scene, &mut std::io::stdout()),
-        Some(Task::Config) => print(&Settings::file()),
+        Some(Task::Config) => print(&ServerSettings::file()),
         None => settings_of(&arguments).and_then(|settings| {
             if arguments.check_config {
                 access(&settings)?;
@@ -157,13 +157,13 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
 }
 
 /// The settings of the file and the environment, and then of the flags.
-fn settings_of(arguments: &Arguments) -> Result<Settings, Box<dyn Error>> {
+fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> {
     // A variable that is no text is none of ours.
     let text = |(name, value): (OsString, OsString)| {
         Some((name.into_string().ok()?, value.into_string().ok()?))
     };
     let environment = std::env::vars_os().filter_map(text);
-    let mut settings = Settings::read(arguments.config.as_deref(), environment)?;
+    let mut settings = ServerSettings::read(arguments.config.as_deref(), environment)?;
     set(&mut settings.listen, arguments.listen);
     set(&mut settings.audience, arguments.audience.clone());
     set(&mut settings.log, arguments.log);
@@ -195,7 +195,7 @@ fn print(text: &str) -> Result<(), Box<dyn Error>> {
     Ok(std::io::stdout().lock().write_all(text.as_bytes())?)
 }
 
-fn identity(settings: &Settings) -> Result<Identity, Box<dyn Error>> {
+fn identity(settings: &ServerSettings) -> Result<Identity, Box<dyn Error>> {
     match (settings.cert.clone(), settings.key.clone()) {
         (Some(certificate), Some(key)) => Ok(Identity::Files { certificate, key }),
         (None, None) => Ok(Identity::Development),
@@ -204,7 +204,7 @@ fn identity(settings: &Settings) -> Result<Identity, Box<dyn Error>> {
 }
 
 fn run(
-    settings: &Settings,
+    settings: &ServerSettings,
     arguments: &Arguments,
     hooks: Option<Hooks>,
 ) -> Result<(), Box<dyn Error>> {
@@ -263,7 +263,7 @@ fn run(
 }
 
 /// The clients to admit. Nobody is admitted without a token unless the operator says so.
-fn access(settings: &Settings) -> Result<Access, Box<dyn Error>> {
+fn access(settings: &ServerSettings) -> Result<Access, Box<dyn Error>> {
     match (settings.open, settings.open_to_network) {
         (true, _) if !settings.token_keys.is_empty() => {
             Err("a server is open or has token keys, not both".into())

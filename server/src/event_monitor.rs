@@ -93,13 +93,13 @@ struct Touch {
 }
 
 /// The result of a step.
-struct Stepped<'a> {
+struct SteppedScene<'a> {
     engine: &'a dyn Engine,
     registry: &'a Registry,
     observations: &'a [Observation],
 }
 
-impl Stepped<'_> {
+impl SteppedScene<'_> {
     fn exists(&self, id: BodyId) -> bool {
         self.registry.body(id).is_some()
     }
@@ -145,7 +145,7 @@ impl EventMonitor {
         if self.active.is_empty() && self.touching.is_empty() && self.inside.is_empty() {
             return events;
         }
-        let stepped = Stepped {
+        let stepped = SteppedScene {
             engine,
             registry,
             observations,
@@ -157,7 +157,7 @@ impl EventMonitor {
         events
     }
 
-    fn compare_contacts(&mut self, stepped: &Stepped<'_>, events: &mut StepEvents) {
+    fn compare_contacts(&mut self, stepped: &SteppedScene<'_>, events: &mut StepEvents) {
         let touches = self.touches(stepped);
         for (pair, touch) in &touches {
             if touch.reported && !self.touching.contains(pair) {
@@ -185,7 +185,7 @@ impl EventMonitor {
     }
 
     /// All contacts of bodies that report contacts or forces and may have changed.
-    fn touches(&self, stepped: &Stepped<'_>) -> BTreeMap<(BodyId, BodyId), Touch> {
+    fn touches(&self, stepped: &SteppedScene<'_>) -> BTreeMap<(BodyId, BodyId), Touch> {
         let mut touches: BTreeMap<_, Touch> = BTreeMap::new();
         let mut contacts = Vec::new();
         for (id, events) in &self.active {
@@ -208,7 +208,7 @@ impl EventMonitor {
         touches
     }
 
-    fn compare_sensors(&mut self, stepped: &Stepped<'_>, events: &mut StepEvents) {
+    fn compare_sensors(&mut self, stepped: &SteppedScene<'_>, events: &mut StepEvents) {
         let mut now = Vec::new();
         for (id, active) in &self.active {
             if active.sensors && stepped.may_differ(*id) {
@@ -237,7 +237,7 @@ impl EventMonitor {
     fn goes_on(
         &self,
         pair: (BodyId, BodyId),
-        stepped: &Stepped<'_>,
+        stepped: &SteppedScene<'_>,
         reports: impl Fn(&ActiveEvents) -> bool,
         over: impl Fn((BodyId, BodyId)) -> bool,
         mut end: impl FnMut((BodyId, BodyId)),
@@ -260,7 +260,7 @@ impl EventMonitor {
         !ended
     }
 
-    fn compare_sleep(&mut self, stepped: &Stepped<'_>, events: &mut StepEvents) {
+    fn compare_sleep(&mut self, stepped: &SteppedScene<'_>, events: &mut StepEvents) {
         let mut woken = Vec::new();
         for id in self
             .active

@@ -5,7 +5,9 @@
 
 mod access;
 mod authority;
+mod command_log;
 mod durability;
+mod figures;
 mod flow;
 #[cfg(feature = "app")]
 mod owner;

@@ -4,6 +4,7 @@
 //! reads no clock but its stopwatch, which only measures.
 
 mod creation;
+mod storage;
 mod stored_scenes;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};

@@ -22,7 +22,7 @@ const ABSENT_FOR: Span = Span::from_millis(300_000);
 
 /// One session.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Session {
+pub(crate) struct ResumableSession {
     key: SessionKey,
     /// Commands that were applied or refused.
     pub(crate) commands: u64,
@@ -44,7 +44,7 @@ enum Presence {
 /// All sessions of one scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Sessions {
-    sessions: BTreeMap<SessionNumber, Session>,
+    sessions: BTreeMap<SessionNumber, ResumableSession>,
     next: u32,
 }
 
@@ -55,7 +55,7 @@ impl Sessions {
         sessions.find_map(|(number, session)| (session.key == key).then_some(*number))
     }
 
-    pub(crate) fn get(&self, number: SessionNumber) -> Option<&Session> {
+    pub(crate) fn get(&self, number: SessionNumber) -> Option<&ResumableSession> {
         self.sessions.get(&number)
     }
 
@@ -105,7 +105,7 @@ impl Sessions {
     }
 
     /// All sessions with their numbers.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = (SessionNumber, &Session)> {
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (SessionNumber, &ResumableSession)> {
         self.sessions
             .iter()
             .map(|(number, session)| (*number, session))
@@ -116,7 +116,7 @@ impl Sessions {
         match record {
             Record::Opened(number, key) => {
                 self.next = number.0 + 1;
-                let session = Session {
+                let session = ResumableSession {
                     key: *key,
                     commands: 0,
                     ranges: Vec::new(),
@@ -141,7 +141,7 @@ impl Sessions {
     }
 }
 
-impl Session {
+impl ResumableSession {
     fn count(&mut self, refused: Option<CommandError>) {
         if let Some(error) = refused {
             if self.refusals.len() == REFUSALS_KEPT {
@@ -184,7 +184,7 @@ impl Wire for Sessions {
         };
         for _ in 0..from.varint()? {
             let number = SessionNumber::decode(from)?;
-            let mut session = Session {
+            let mut session = ResumableSession {
                 key: SessionKey::decode(from)?,
                 commands: from.count()?,
                 ranges: Vec::new(),

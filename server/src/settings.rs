@@ -23,7 +23,7 @@ use crate::limits::{InvalidLimit, Limits};
 /// All settings of a server but those of APP clients.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct Settings {
+pub(crate) struct ServerSettings {
     pub(crate) listen: SocketAddr,
     pub(crate) cert: Option<PathBuf>,
     pub(crate) key: Option<PathBuf>,
@@ -133,7 +133,7 @@ const ROWS: [(&str, &str, &str); 12] = [
 /// The settings that a file need not have, and that have no default.
 const OPTIONAL: [&str; 3] = ["cert", "key", "metrics"];
 
-impl Default for Settings {
+impl Default for ServerSettings {
     fn default() -> Self {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 4433)),
@@ -153,7 +153,7 @@ impl Default for Settings {
     }
 }
 
-impl Settings {
+impl ServerSettings {
     /// Reads a file, if there is one, and applies the environment.
     pub(crate) fn read(
         path: Option<&Path>,
@@ -255,15 +255,15 @@ fn replace(table: &mut Table, name: &str, text: &str) {
 mod tests {
     use super::*;
 
-    fn of_environment(pairs: &[(&str, &str)]) -> Result<Settings, SettingsError> {
+    fn of_environment(pairs: &[(&str, &str)]) -> Result<ServerSettings, SettingsError> {
         let pairs = pairs.iter();
         let owned = pairs.map(|(name, text)| ((*name).to_owned(), (*text).to_owned()));
-        Settings::read(None, owned)
+        ServerSettings::read(None, owned)
     }
 
     #[test]
     fn the_generated_file_says_the_defaults() {
-        let file = Settings::file();
+        let file = ServerSettings::file();
         assert_eq!(file.parse::<Table>().unwrap().len(), 1, "all is commented");
         let mut lines = String::new();
         for line in file.lines() {
@@ -280,8 +280,8 @@ mod tests {
         }
         let table: Table = lines.parse().unwrap();
         assert_eq!(table.len(), ROWS.len() - OPTIONAL.len() + 1);
-        let settings = Settings::deserialize(Value::Table(table)).unwrap();
-        assert_eq!(settings, Settings::default());
+        let settings = ServerSettings::deserialize(Value::Table(table)).unwrap();
+        assert_eq!(settings, ServerSettings::default());
     }
 
     #[test]

@@ -12,7 +12,7 @@ use rhumb_reckoning::{BodyId, BodyState};
 
 use super::actor::{Actor, ActorBody, TargetMotion};
 use super::body_ids::BodyIds;
-use super::body_properties::{BodyProperties, Frame, body_properties};
+use super::body_properties::{ActorProperties, Frame, body_properties};
 use super::depenetration::depenetrate;
 use super::host::AppScene;
 use super::joint;
@@ -131,7 +131,7 @@ impl WorldMirror {
         &mut self,
         name: u32,
         actor: &mut Actor,
-        properties: BodyProperties,
+        properties: ActorProperties,
         scene: &mut dyn AppScene,
     ) -> Result<(), Refusal> {
         let before = actor.body.take();
@@ -292,7 +292,7 @@ fn actor_motion(frame: &Frame, observation: &Observation) -> BodyMotion {
 /// True if a body still matches its actor.
 fn is_as(
     body: &ActorBody,
-    properties: &BodyProperties,
+    properties: &ActorProperties,
     actor: &Actor,
     scene: &dyn AppScene,
 ) -> bool {

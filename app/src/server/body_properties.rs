@@ -37,7 +37,7 @@ pub(super) struct Frame {
 
 /// Body properties of an actor.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct BodyProperties {
+pub(super) struct ActorProperties {
     pub(super) shape: Shape,
     pub(super) frame: Frame,
     /// `None`: the scene's own.
@@ -127,7 +127,7 @@ pub(super) fn body_properties(
     kind: BodyKind,
     parts: &[ActorPart],
     scenes: Material,
-) -> BodyProperties {
+) -> ActorProperties {
     let placed: Vec<(ShapeDefinition, &ActorPart)> = parts
         .iter()
         .filter_map(|part| {
@@ -154,7 +154,7 @@ pub(super) fn body_properties(
     };
     let Some((_, first)) = placed.first() else {
         // A body without shape weighs a kilogram, as in the engine.
-        return BodyProperties {
+        return ActorProperties {
             shape,
             frame,
             material: None,
@@ -170,7 +170,7 @@ pub(super) fn body_properties(
         density: mean,
         ..first.material
     };
-    BodyProperties {
+    ActorProperties {
         shape,
         frame,
         material: (material != scenes).then_some(material),

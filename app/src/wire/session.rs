@@ -11,7 +11,7 @@ use super::message::Message;
 
 /// Progress of a session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum SessionState {
+enum SessionPhase {
     /// No message yet.
     #[default]
     Silent,
@@ -25,7 +25,7 @@ enum SessionState {
 #[derive(Debug, Default)]
 pub(crate) struct Session {
     frames: MessageFraming,
-    state: SessionState,
+    state: SessionPhase,
 }
 
 /// Reason for which a session ends.
@@ -57,7 +57,7 @@ impl core::error::Error for SessionError {}
 impl Session {
     /// Appends the next bytes of the connection, cut at any place.
     pub(crate) fn handle_bytes(&mut self, bytes: &[u8]) {
-        if self.state != SessionState::Over {
+        if self.state != SessionPhase::Over {
             self.frames.push(bytes);
         }
     }
@@ -68,7 +68,7 @@ impl Session {
     ///
     /// [`SessionError`] when the session cannot continue; from then on it accepts nothing.
     pub(crate) fn poll_message(&mut self) -> Result<Option<FramedMessage>, SessionError> {
-        if self.state == SessionState::Over {
+        if self.state == SessionPhase::Over {
             return Ok(None);
         }
         let next = self.frames.next_message().map_err(SessionError::Malformed);
@@ -84,8 +84,8 @@ impl Session {
 
     fn admit(&mut self, message: &Message) -> Result<(), SessionError> {
         match (self.state, message) {
-            (SessionState::Silent, Message::Logon(_)) => self.state = SessionState::Active,
-            (SessionState::Silent, _) => return Err(SessionError::NotLoggedOn),
+            (SessionPhase::Silent, Message::Logon(_)) => self.state = SessionPhase::Active,
+            (SessionPhase::Silent, _) => return Err(SessionError::NotLoggedOn),
             (_, Message::Logon(_)) => return Err(SessionError::LoggedOnTwice),
             (
                 _,
@@ -102,7 +102,7 @@ impl Session {
     }
 
     fn end(&mut self) {
-        self.state = SessionState::Over;
+        self.state = SessionPhase::Over;
         self.frames = MessageFraming::default();
     }
 }

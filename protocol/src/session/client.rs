@@ -6,6 +6,7 @@
 mod body_events;
 mod clock;
 mod greeting;
+mod reconnection;
 mod recovery;
 mod response_times;
 mod resumption;

@@ -7,7 +7,7 @@ use std::path::Path;
 use rhumb_protocol::scene::SceneName;
 
 use super::data_dir::DataDir;
-use super::recovery::{Restored, Start};
+use super::recovery::{ReplayStart, Restored};
 use super::scene_files::SceneFiles;
 use crate::engine::Workers;
 
@@ -20,7 +20,7 @@ pub(crate) fn check(directory: &Path, out: &mut dyn Write) -> Result<(), Box<dyn
     let data = DataDir::open_to_read(directory)?;
     let mut failed: Option<Box<dyn Error>> = None;
     for (name, files) in data.scenes()? {
-        match restore(&files, Start::Newest) {
+        match restore(&files, ReplayStart::Newest) {
             Ok(Some(restored)) => report(&restored, out)?,
             Ok(None) => writeln!(out, "{name}: its creation was never durable")?,
             Err(error) => {
@@ -45,13 +45,13 @@ pub(crate) fn replay(
     let data = DataDir::open_to_read(directory)?;
     let found = data.scenes()?.into_iter().find(|(name, _)| name == scene);
     let (_, files) = found.ok_or_else(|| format!("no scene {scene} in the directory"))?;
-    match restore(&files, Start::Oldest)? {
+    match restore(&files, ReplayStart::Oldest)? {
         Some(restored) => report(&restored, out),
         None => Err(format!("the creation of {scene} was never durable").into()),
     }
 }
 
-fn restore(files: &SceneFiles, start: Start) -> Result<Option<Restored>, Box<dyn Error>> {
+fn restore(files: &SceneFiles, start: ReplayStart) -> Result<Option<Restored>, Box<dyn Error>> {
     Ok(files.restore(&Workers::default(), start, &mut || {})?)
 }
 

@@ -15,7 +15,7 @@ const PAYLOAD_BYTES_MAX: usize = 1 << 30;
 
 /// One frame, as it lies in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Frame<'a> {
+pub(super) struct LogFrame<'a> {
     /// Bytes of the file that were synchronised when it was written.
     pub(super) synced: u64,
     /// The scene's tick before its records.
@@ -37,14 +37,14 @@ pub(super) enum Tail {
 
 /// The frames of a segment.
 #[derive(Clone, Debug)]
-pub(super) struct Frames<'a> {
-    pub(super) frames: Vec<Frame<'a>>,
+pub(super) struct LogFrames<'a> {
+    pub(super) frames: Vec<LogFrame<'a>>,
     /// Bytes of the frames.
     pub(super) length: usize,
     pub(super) tail: Tail,
 }
 
-impl Frame<'_> {
+impl LogFrame<'_> {
     /// Appends the frame.
     pub(super) fn encode(&self, to: &mut Vec<u8>) {
         to.extend_from_slice(&MAGIC);
@@ -59,7 +59,7 @@ impl Frame<'_> {
     }
 }
 
-impl<'a> Frames<'a> {
+impl<'a> LogFrames<'a> {
     /// Reads a segment from its first byte.
     pub(super) fn read(bytes: &'a [u8]) -> Self {
         let mut frames = Vec::new();
@@ -105,7 +105,7 @@ fn find(bytes: &[u8], from: usize) -> Option<usize> {
 }
 
 /// The frame at a place, and the place behind it.
-fn frame_at(bytes: &[u8], place: usize) -> Option<(Frame<'_>, usize)> {
+fn frame_at(bytes: &[u8], place: usize) -> Option<(LogFrame<'_>, usize)> {
     let rest = bytes.get(place..)?;
     let (magic, rest) = rest.split_first_chunk::<4>()?;
     let (length, rest) = rest.split_first_chunk::<4>()?;
@@ -120,7 +120,7 @@ fn frame_at(bytes: &[u8], place: usize) -> Option<(Frame<'_>, usize)> {
     }
     let (synced, covered) = covered.split_first_chunk::<8>()?;
     let (tick, payload) = covered.split_first_chunk::<8>()?;
-    let frame = Frame {
+    let frame = LogFrame {
         synced: u64::from_le_bytes(*synced),
         tick: Tick::new(u64::from_le_bytes(*tick)),
         payload,
@@ -147,7 +147,7 @@ mod tests {
         for (place, payload) in payloads.iter().enumerate() {
             let synced = bytes.len() as u64;
             let tick = Tick::new(place as u64);
-            Frame {
+            LogFrame {
                 synced,
                 tick,
                 payload,
@@ -167,7 +167,7 @@ mod tests {
         fn a_file_cut_anywhere_keeps_its_whole_frames(payloads in payloads(), cut in any::<prop::sample::Index>()) {
             let (bytes, ends) = file(&payloads);
             let cut = cut.index(bytes.len() + 1);
-            let read = Frames::read(&bytes[..cut]);
+            let read = LogFrames::read(&bytes[..cut]);
             let whole = ends.iter().filter(|end| **end <= cut).count();
             prop_assert_eq!(read.frames.len(), whole);
             for (frame, payload) in read.frames.iter().zip(&payloads) {
@@ -186,7 +186,7 @@ mod tests {
             let (mut bytes, ends) = file(&payloads);
             let place = flip.index(bytes.len());
             bytes[place] ^= 1 << bit;
-            let read = Frames::read(&bytes);
+            let read = LogFrames::read(&bytes);
             let whole = ends.iter().filter(|end| **end <= place).count();
             prop_assert_eq!(read.frames.len(), whole);
             let is_last = whole + 1 == payloads.len();
@@ -195,7 +195,7 @@ mod tests {
 
         #[test]
         fn arbitrary_bytes_never_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
-            let read = Frames::read(&bytes);
+            let read = LogFrames::read(&bytes);
             prop_assert!(read.length <= bytes.len());
         }
 
@@ -205,12 +205,12 @@ mod tests {
             let (before, _) = file(&payloads);
             let synced = before.len() as u64;
             let mut bytes = before.clone();
-            let frame = |payload| Frame { synced, tick: Tick::new(9), payload };
+            let frame = |payload| LogFrame { synced, tick: Tick::new(9), payload };
             frame(&[1, 2, 3]).encode(&mut bytes);
             let hole = before.len()..bytes.len();
             bytes[hole].fill(0);
             frame(&[4]).encode(&mut bytes);
-            let read = Frames::read(&bytes);
+            let read = LogFrames::read(&bytes);
             prop_assert_eq!((read.length, read.tail), (before.len(), Tail::Torn));
         }
     }

@@ -21,6 +21,6 @@ pub use error::{Damage, DataError};
 pub(crate) use examine::{check, replay};
 pub(crate) use journal::Journal;
 pub(crate) use record::{Record, SessionNumber};
-pub(crate) use recovery::{Restored, Start};
+pub(crate) use recovery::{ReplayStart, Restored};
 pub(crate) use scene_files::SceneFiles;
 pub(crate) use writer::{Frozen, Origin, SceneLog, Wake};

@@ -10,9 +10,9 @@ use rhumb_protocol::scene::{Command, SceneConfig, SceneName};
 use rhumb_reckoning::Tick;
 
 use super::error::{Damage, DataError};
-use super::frame::{Frames, Tail};
+use super::frame::{LogFrames, Tail};
 use super::record::Record;
-use super::scene_files::{Header, SceneFiles};
+use super::scene_files::{LogHeader, SceneFiles};
 use super::snapshot_file::Snapshot;
 use super::writer::Origin;
 use crate::access::Ownership;
@@ -35,7 +35,7 @@ pub(crate) struct Restored {
 
 /// Where a replay begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Start {
+pub(crate) enum ReplayStart {
     /// At the newest good snapshot.
     Newest,
     /// At the oldest state that the files have.
@@ -73,7 +73,7 @@ impl Restored {
 /// A segment that belongs to the run.
 struct Link {
     number: u32,
-    header: Header,
+    header: LogHeader,
     bytes: Vec<u8>,
     /// Bytes that count.
     length: usize,
@@ -85,7 +85,7 @@ impl SceneFiles {
     pub(crate) fn restore(
         &self,
         workers: &Workers,
-        start: Start,
+        start: ReplayStart,
         beat: &mut dyn FnMut(),
     ) -> Result<Option<Restored>, DataError> {
         let (segments, snapshots) = self.numbers()?;
@@ -151,7 +151,7 @@ impl SceneFiles {
     fn link(&self, number: u32, required: Option<u64>) -> Result<Option<Link>, DataError> {
         let path = self.segment_path(number);
         let bytes = self.read_segment(number)?;
-        let frames = Frames::read(&bytes);
+        let frames = LogFrames::read(&bytes);
         let after = frames.frames.last().map_or(Tick::ZERO, |frame| frame.tick);
         let damage = Damage::Bytes {
             at: frames.length as u64,
@@ -187,7 +187,7 @@ impl SceneFiles {
         &self,
         chain: &[Link],
         snapshots: &[u32],
-        start: Start,
+        start: ReplayStart,
         report: &mut Report,
     ) -> Result<Option<Snapshot>, DataError> {
         let oldest = chain.first().map_or(0, |link| link.number);
@@ -195,9 +195,9 @@ impl SceneFiles {
             .filter(|number| chain.iter().any(|link| link.number == *number))
             .collect();
         match start {
-            Start::Newest => usable.reverse(),
-            Start::Oldest if oldest == 0 => usable.clear(),
-            Start::Oldest => {}
+            ReplayStart::Newest => usable.reverse(),
+            ReplayStart::Oldest if oldest == 0 => usable.clear(),
+            ReplayStart::Oldest => {}
         }
         let mut first_error = None;
         for number in &usable {
@@ -253,7 +253,7 @@ impl SceneFiles {
         beat: &mut dyn FnMut(),
     ) -> Result<(), DataError> {
         let path = self.segment_path(link.number);
-        let frames = Frames::read(&link.bytes[..link.length]);
+        let frames = LogFrames::read(&link.bytes[..link.length]);
         for frame in frames.frames.iter().skip(1) {
             let diverged = |at| DataError::damaged(&path, Damage::Diverged { at });
             if frame.tick != run.scene.tick() {

@@ -15,7 +15,7 @@ use ring::hmac;
 
 use super::disk::{Disk, LogFile, parent, write_whole};
 use super::error::{Damage, DataError};
-use super::frame::{Frame, Frames, Tail};
+use super::frame::{LogFrame, LogFrames, Tail};
 use super::journal::Batch;
 use super::snapshot_file::Snapshot;
 
@@ -29,7 +29,7 @@ pub(crate) struct SceneFiles {
 
 /// The first record of a segment.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Header {
+pub(super) struct LogHeader {
     pub(super) scene: SceneName,
     pub(super) config: SceneConfig,
     /// Number and bytes of the segment before it, unless it goes on from its own snapshot alone.
@@ -79,7 +79,7 @@ impl SceneFiles {
         &self,
         number: u32,
         tick: Tick,
-        header: &Header,
+        header: &LogHeader,
     ) -> Result<Segment, DataError> {
         (self.disk.make_directory(&self.directory))
             .map_err(DataError::io(&self.directory, "make the directory"))?;
@@ -166,8 +166,8 @@ impl SceneFiles {
     pub(super) fn header_of(
         &self,
         number: u32,
-        frames: &Frames<'_>,
-    ) -> Result<Option<Header>, DataError> {
+        frames: &LogFrames<'_>,
+    ) -> Result<Option<LogHeader>, DataError> {
         let path = self.segment_path(number);
         let Some(first) = frames.frames.first() else {
             return match frames.tail {
@@ -176,7 +176,7 @@ impl SceneFiles {
             };
         };
         let mut from = Reader::new(first.payload);
-        let header = Header::decode(&mut from).and_then(|header| {
+        let header = LogHeader::decode(&mut from).and_then(|header| {
             from.finish()?;
             Ok(header)
         });
@@ -191,7 +191,7 @@ impl Segment {
     pub(super) fn append(&mut self, batches: &[Batch]) -> Result<(), DataError> {
         let mut bytes = Vec::new();
         for batch in batches {
-            let frame = Frame {
+            let frame = LogFrame {
                 synced: self.synced,
                 tick: batch.tick,
                 payload: &batch.records,
@@ -211,7 +211,7 @@ impl Segment {
     }
 }
 
-impl Wire for Header {
+impl Wire for LogHeader {
     fn encode(&self, to: &mut Writer) {
         to.u8(FORMAT);
         self.scene.encode(to);

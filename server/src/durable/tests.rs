@@ -19,8 +19,8 @@ use ring::hmac;
 use super::disk::Disk;
 use super::error::DataError;
 use super::record::{Record, SessionNumber};
-use super::recovery::{Restored, Start};
-use super::scene_files::{Header, SceneFiles, Segment};
+use super::recovery::{ReplayStart, Restored};
+use super::scene_files::{LogHeader, SceneFiles, Segment};
 use super::sim_disk::SimDisk;
 use super::snapshot_file::Snapshot;
 use super::writer::{Frozen, Origin, SceneLog};
@@ -246,7 +246,7 @@ impl Recorded {
 
     fn restore(&self) -> Result<Option<Restored>, DataError> {
         self.files
-            .restore(&Workers::default(), Start::Newest, &mut || {})
+            .restore(&Workers::default(), ReplayStart::Newest, &mut || {})
     }
 
     /// Checks that a restored scene is the recorded one at its tick.
@@ -259,8 +259,8 @@ impl Recorded {
     }
 }
 
-fn header(previous: Option<(u32, u64)>) -> Header {
-    Header {
+fn header(previous: Option<(u32, u64)>) -> LogHeader {
+    LogHeader {
         scene: name(),
         config: SceneConfig::default(),
         previous,
@@ -456,7 +456,7 @@ fn a_full_disk_ends_the_acknowledgements_until_a_snapshot_finds_room() {
     let last = append(&mut recorded, &mut log);
     wait_until("durable again", || log.durable() == last);
     drop(log);
-    let restored = files(&disk).restore(&Workers::default(), Start::Newest, &mut || {});
+    let restored = files(&disk).restore(&Workers::default(), ReplayStart::Newest, &mut || {});
     let restored = restored.unwrap().unwrap();
     recorded.check(&restored).unwrap();
     assert_eq!(restored.scene.tick(), recorded.scene.tick());

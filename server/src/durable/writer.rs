@@ -16,7 +16,7 @@ use rhumb_reckoning::Tick;
 
 use super::error::DataError;
 use super::journal::Batch;
-use super::scene_files::{Header, SceneFiles, Segment};
+use super::scene_files::{LogHeader, SceneFiles, Segment};
 use super::snapshot_file::Snapshot;
 use crate::access::Ownership;
 use crate::digest::Digest;
@@ -86,7 +86,7 @@ impl SceneLog {
     pub(crate) fn start(files: SceneFiles, origin: Origin, wake: Wake) -> io::Result<Self> {
         let (jobs, received) = channel();
         let shared = Arc::new(Shared::default());
-        let writer = Writer {
+        let writer = LogWriter {
             files,
             scene: origin.name.clone(),
             config: origin.config,
@@ -177,7 +177,7 @@ impl Drop for SceneLog {
 }
 
 /// Writes the log of one scene.
-struct Writer {
+struct LogWriter {
     files: SceneFiles,
     scene: SceneName,
     config: SceneConfig,
@@ -194,7 +194,7 @@ struct Writer {
     wake: Wake,
 }
 
-impl Writer {
+impl LogWriter {
     /// Writes until the scene ends or is deleted.
     fn run(mut self, jobs: &Receiver<Job>, tick: Tick, previous: Option<(u32, u64)>) {
         self.begin_segment(tick, previous);
@@ -251,7 +251,7 @@ impl Writer {
     }
 
     fn begin_segment(&mut self, tick: Tick, previous: Option<(u32, u64)>) {
-        let header = Header {
+        let header = LogHeader {
             scene: self.scene.clone(),
             config: self.config,
             previous,

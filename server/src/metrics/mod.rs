@@ -4,19 +4,22 @@
 //! the text format of Prometheus.
 
 mod listener;
+mod lock;
 mod scene;
 mod text;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
 
 pub(crate) use self::listener::MetricsListener;
-pub(crate) use self::scene::{SceneFigures, SceneMeter, TickFigures};
-use self::text::{Kind, Text};
+use self::lock::lock;
+use self::scene::SceneMeters;
+pub(crate) use self::scene::{SceneMeter, TickFigures};
+use self::text::{MetricKind, Text};
 use crate::load::ServerLoad;
 use crate::pulse::Pulse;
 
@@ -34,7 +37,7 @@ struct Figures {
     parked: AtomicU64,
     /// Connections that the server closed, by code.
     closed: Mutex<BTreeMap<u32, u64>>,
-    scenes: Mutex<BTreeMap<SceneName, Arc<SceneFigures>>>,
+    scenes: SceneMeters,
     /// Sign of life of the front, and the load of all scenes, once the server runs.
     front: Mutex<Option<(Pulse, ServerLoad)>>,
 }
@@ -63,20 +66,7 @@ impl Metrics {
 
     /// The meter of a new scene, whose figures are shown until it is dropped.
     pub(crate) fn begin_scene(&self, name: &SceneName) -> SceneMeter {
-        let figures = Arc::new(SceneFigures::default());
-        lock(&self.0.scenes).insert(name.clone(), Arc::clone(&figures));
-        SceneMeter::new(name.clone(), figures, self.clone())
-    }
-
-    fn end_scene(&self, name: &SceneName, figures: &Arc<SceneFigures>) {
-        let mut scenes = lock(&self.0.scenes);
-        // A parked scene ends late: another one may have its name by then.
-        if scenes
-            .get(name)
-            .is_some_and(|now| Arc::ptr_eq(now, figures))
-        {
-            scenes.remove(name);
-        }
+        self.0.scenes.begin(name)
     }
 
     /// False if the front has not answered for two seconds. A stuck scene does not matter here.
@@ -95,19 +85,19 @@ impl Metrics {
         let plain = [
             (
                 "rhumb_connections",
-                Kind::Gauge,
+                MetricKind::Gauge,
                 "Connections now.",
                 read(&figures.connections),
             ),
             (
                 "rhumb_connections_total",
-                Kind::Counter,
+                MetricKind::Counter,
                 "Connections so far.",
                 read(&figures.opened),
             ),
             (
                 "rhumb_scenes_parked",
-                Kind::Gauge,
+                MetricKind::Gauge,
                 "Scenes that did not answer and are parked.",
                 read(&figures.parked),
             ),
@@ -121,30 +111,22 @@ impl Metrics {
             .map(|(_, load)| load.reserved());
         text.describe(
             "rhumb_load",
-            Kind::Gauge,
+            MetricKind::Gauge,
             "Body steps in a second that free-running scenes have reserved.",
         );
         text.sample("rhumb_load", &[], load.unwrap_or(0));
         let name = "rhumb_closed_total";
         text.describe(
             name,
-            Kind::Counter,
+            MetricKind::Counter,
             "Connections that the server closed, by code (PROTOCOL 3.4).",
         );
         for (code, count) in lock(&figures.closed).iter() {
             text.sample(name, &[("code", &code.to_string())], *count);
         }
-        let scenes = lock(&figures.scenes).clone();
-        text.describe("rhumb_scenes", Kind::Gauge, "Scenes now.");
-        text.sample("rhumb_scenes", &[], scenes.len() as u64);
-        scene::write(&scenes, &mut text);
+        figures.scenes.write(&mut text);
         text.into_string()
     }
-}
-
-/// Locks; a thread that panicked while it counted leaves the figures as they are.
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

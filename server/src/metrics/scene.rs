@@ -1,21 +1,57 @@
 //! The figures of one scene.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
 
-use super::Metrics;
-use super::text::{Kind, Text};
+use super::lock::lock;
+use super::text::{MetricKind, Text};
 
 /// Upper ends of the buckets of a step's duration, microseconds.
 const BUCKETS_US: [u64; 8] = [500, 1_000, 2_000, 4_000, 8_000, 16_000, 33_000, 100_000];
 
+/// The figures of all scenes that a meter has begun and not ended; all clones are one.
+#[derive(Clone, Default)]
+pub(super) struct SceneMeters(Arc<Mutex<SceneTable>>);
+
+type SceneTable = BTreeMap<SceneName, Arc<SceneFigures>>;
+
+impl SceneMeters {
+    pub(super) fn begin(&self, name: &SceneName) -> SceneMeter {
+        let figures = Arc::new(SceneFigures::default());
+        lock(&self.0).insert(name.clone(), Arc::clone(&figures));
+        SceneMeter {
+            name: name.clone(),
+            figures,
+            meters: self.clone(),
+        }
+    }
+
+    fn end(&self, name: &SceneName, figures: &Arc<SceneFigures>) {
+        let mut scenes = lock(&self.0);
+        // A parked scene ends late: another one may have its name by then.
+        if scenes
+            .get(name)
+            .is_some_and(|now| Arc::ptr_eq(now, figures))
+        {
+            scenes.remove(name);
+        }
+    }
+
+    pub(super) fn write(&self, text: &mut Text) {
+        let scenes = lock(&self.0).clone();
+        text.describe("rhumb_scenes", MetricKind::Gauge, "Scenes now.");
+        text.sample("rhumb_scenes", &[], scenes.len() as u64);
+        write(&scenes, text);
+    }
+}
+
 /// Figures of a scene; other threads read them.
 #[derive(Debug, Default)]
-pub(crate) struct SceneFigures {
+struct SceneFigures {
     tick: AtomicU64,
     members: AtomicU64,
     bodies: AtomicU64,
@@ -34,7 +70,7 @@ pub(crate) struct SceneFigures {
 pub(crate) struct SceneMeter {
     name: SceneName,
     figures: Arc<SceneFigures>,
-    metrics: Metrics,
+    meters: SceneMeters,
 }
 
 /// The figures after a tick.
@@ -49,14 +85,6 @@ pub(crate) struct TickFigures {
 }
 
 impl SceneMeter {
-    pub(super) const fn new(name: SceneName, figures: Arc<SceneFigures>, metrics: Metrics) -> Self {
-        Self {
-            name,
-            figures,
-            metrics,
-        }
-    }
-
     pub(crate) fn note_tick(&self, tick: &TickFigures) {
         let figures = &*self.figures;
         let set = |figure: &AtomicU64, value| figure.store(value, Ordering::Relaxed);
@@ -86,7 +114,7 @@ impl SceneMeter {
 
 impl Drop for SceneMeter {
     fn drop(&mut self) {
-        self.metrics.end_scene(&self.name, &self.figures);
+        self.meters.end(&self.name, &self.figures);
     }
 }
 
@@ -98,49 +126,52 @@ fn add(figure: &AtomicU64, value: u64) {
 type Read = fn(&SceneFigures) -> &AtomicU64;
 
 /// The plain figures of a scene.
-const PLAIN: [(&str, Kind, &str, Read); 8] = [
-    ("rhumb_scene_tick", Kind::Gauge, "Newest tick.", |of| {
-        &of.tick
-    }),
-    ("rhumb_scene_members", Kind::Gauge, "Members.", |of| {
+const PLAIN: [(&str, MetricKind, &str, Read); 8] = [
+    (
+        "rhumb_scene_tick",
+        MetricKind::Gauge,
+        "Newest tick.",
+        |of| &of.tick,
+    ),
+    ("rhumb_scene_members", MetricKind::Gauge, "Members.", |of| {
         &of.members
     }),
-    ("rhumb_scene_bodies", Kind::Gauge, "Bodies.", |of| {
+    ("rhumb_scene_bodies", MetricKind::Gauge, "Bodies.", |of| {
         &of.bodies
     }),
     (
         "rhumb_scene_bodies_awake",
-        Kind::Gauge,
+        MetricKind::Gauge,
         "Bodies awake.",
         |of| &of.awake,
     ),
     (
         "rhumb_scene_slowed_total",
-        Kind::Counter,
+        MetricKind::Counter,
         "Ticks too late to catch up: the scene's clock is slower.",
         |of| &of.slowed,
     ),
     (
         "rhumb_scene_commands_total",
-        Kind::Counter,
+        MetricKind::Counter,
         "Commands applied or refused.",
         |of| &of.commands,
     ),
     (
         "rhumb_scene_commands_refused_total",
-        Kind::Counter,
+        MetricKind::Counter,
         "Commands refused.",
         |of| &of.refused,
     ),
     (
         "rhumb_scene_publish_nanoseconds_total",
-        Kind::Counter,
+        MetricKind::Counter,
         "Time spent on observing and publishing.",
         |of| &of.publish_ns,
     ),
 ];
 
-pub(super) fn write(scenes: &BTreeMap<SceneName, Arc<SceneFigures>>, text: &mut Text) {
+fn write(scenes: &SceneTable, text: &mut Text) {
     let value = |figure: &AtomicU64| figure.load(Ordering::Relaxed);
     for (name, kind, help, read) in PLAIN {
         text.describe(name, kind, help);
@@ -150,7 +181,7 @@ pub(super) fn write(scenes: &BTreeMap<SceneName, Arc<SceneFigures>>, text: &mut 
     }
     text.describe(
         "rhumb_scene_step_seconds",
-        Kind::Histogram,
+        MetricKind::Histogram,
         "Duration of the engine's steps.",
     );
     for (scene, figures) in scenes {

@@ -8,7 +8,7 @@ pub(super) struct Text(String);
 
 /// The kind of a figure.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Kind {
+pub(super) enum MetricKind {
     Counter,
     Gauge,
     Histogram,
@@ -16,11 +16,11 @@ pub(super) enum Kind {
 
 impl Text {
     /// Begins a figure.
-    pub(super) fn describe(&mut self, name: &str, kind: Kind, help: &str) {
+    pub(super) fn describe(&mut self, name: &str, kind: MetricKind, help: &str) {
         let kind = match kind {
-            Kind::Counter => "counter",
-            Kind::Gauge => "gauge",
-            Kind::Histogram => "histogram",
+            MetricKind::Counter => "counter",
+            MetricKind::Gauge => "gauge",
+            MetricKind::Histogram => "histogram",
         };
         self.line(format_args!("# HELP {name} {help}"));
         self.line(format_args!("# TYPE {name} {kind}"));

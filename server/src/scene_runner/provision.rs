@@ -1,10 +1,8 @@
 //! A server's provision for one scene: limits, a share of time, and figures.
 
-use super::SceneRunner;
 use crate::limits::Limits;
 use crate::load::SceneLoad;
-use crate::metrics::{SceneMeter, TickFigures};
-use crate::times::Marks;
+use crate::metrics::SceneMeter;
 
 /// The provision of one scene, given back when the scene ends.
 pub(crate) struct Provision {
@@ -22,20 +20,5 @@ impl Provision {
             load: crate::load::ServerLoad::default().of_scene(0, u64::MAX, u64::MAX),
             meter: crate::metrics::Metrics::default().begin_scene(name),
         }
-    }
-}
-
-impl SceneRunner {
-    /// Adds the times of a tick to the scene's figures.
-    pub(super) fn note_times(&mut self, marks: Marks) {
-        self.times.add(marks);
-        self.provision.meter.note_tick(&TickFigures {
-            tick: self.scene.tick().value(),
-            members: self.members.len(),
-            bodies: self.scene.body_count(),
-            awake: self.scene.awake_count(),
-            step: marks.stepped.since(marks.begun),
-            publish: marks.published.since(marks.stepped),
-        });
     }
 }

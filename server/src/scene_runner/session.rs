@@ -16,7 +16,7 @@ use crate::access::{Ownership, Permit};
 use crate::durable::{Record, SessionNumber};
 use crate::member::Member;
 use crate::outbox::Outbox;
-use crate::sessions::{Session, Sessions};
+use crate::sessions::{ResumableSession, Sessions};
 
 /// How a membership ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -192,7 +192,7 @@ impl SceneRunner {
         }
     }
 
-    pub(super) fn session_of(&self, peer: Peer) -> Option<&Session> {
+    pub(super) fn session_of(&self, peer: Peer) -> Option<&ResumableSession> {
         self.sessions.get(self.members.get(&peer)?.session?)
     }
 

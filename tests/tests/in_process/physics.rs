@@ -194,26 +194,13 @@ fn random_commands_have_the_same_effect_over_the_wire() {
     let mut dice = Dice::new(seed(7));
     let bodies: Vec<_> = (0..6).map(|index| BodyId::new(index, 0)).collect();
     let mut sent = 0;
-    let mut tally = std::collections::BTreeMap::new();
-    let mut all = 0;
     for _ in 0..60 {
         let data: Vec<u8> = (0..3_000).map(|_| dice.below(256) as u8).collect();
         let mut remote = Remote::new();
         for command in random_commands(&data, &bodies) {
             // A session sends no command with an invalid number.
-            all += 1;
             if command.check().is_ok() {
-                let answer = remote.send(&command);
-                let name = format!("{command:?}");
-                let name = name.split([' ', '{']).next().unwrap_or_default().to_owned();
-                let why = format!("{answer:?}");
-                let why = why
-                    .split(['{', '0', '1', '2', '3', '4', '5'])
-                    .next()
-                    .unwrap_or_default()
-                    .to_owned();
-                *tally.entry(format!("{name} {why}")).or_insert(0_u32) += 1;
-                sent += u32::from(answer.is_ok());
+                sent += u32::from(remote.send(&command).is_ok());
                 if dice.below(3) == 0 {
                     remote.steps(1);
                 }
@@ -221,6 +208,5 @@ fn random_commands_have_the_same_effect_over_the_wire() {
         }
         remote.steps(30);
     }
-    println!("DBG all {all} {tally:#?}");
     assert!(sent > 2_000, "{sent}");
 }

@@ -1,0 +1,122 @@
+//! What a scene hands to its command log, and what it reports of it.
+//!
+//! Never waits for the disk.
+
+use rhumb_protocol::Span;
+use rhumb_protocol::message::ServerMessage;
+
+use super::SceneRunner;
+use super::durability::{AwaitedBatch, Durability};
+use crate::durable::{Frozen, Journal, Record, SceneLog, SessionNumber};
+use crate::outbox::Outbox;
+
+impl SceneRunner {
+    /// Has the scene write a log from now on. `replayed`: time that its restoration took.
+    pub(crate) fn keep_log(&mut self, log: SceneLog, replayed: Span) {
+        self.scene.keep_journal();
+        let tick = self.scene.tick();
+        self.durability = Some(Durability::new(log, replayed, tick));
+    }
+
+    /// Whether the scene survives the process.
+    pub(crate) const fn is_durable(&self) -> bool {
+        self.durability.is_some()
+    }
+
+    /// Notes what concerns a session, here and for the log.
+    pub(super) fn note_session(&mut self, record: &Record) {
+        self.sessions.replay(record);
+        let tick = self.scene.tick();
+        if let Some(journal) = self.scene.journal_mut() {
+            journal.push(tick, record);
+        }
+    }
+
+    /// Notes that a command of a member is done.
+    pub(super) fn note_command(
+        &mut self,
+        session: Option<SessionNumber>,
+        refused: Option<rhumb_protocol::scene::CommandError>,
+    ) {
+        if let Some(session) = session {
+            self.note_session(&Record::Counted(session, refused));
+        }
+    }
+
+    /// Hands everything since the last call to the log.
+    pub(super) fn commit(&mut self) {
+        let Some(durability) = &mut self.durability else {
+            return;
+        };
+        let Some(batch) = self.scene.journal_mut().and_then(Journal::take) else {
+            return;
+        };
+        let number = durability.log.append(batch);
+        let mut commands = Vec::new();
+        for (peer, member) in &mut self.members {
+            commands.extend(member.take_undurable().map(|commands| (*peer, commands)));
+        }
+        if !commands.is_empty() {
+            durability.awaited.push_back(AwaitedBatch {
+                number,
+                tick: self.scene.tick(),
+                commands,
+            });
+        }
+    }
+
+    /// Hands a snapshot to the log if one is due. Only right after a step, whose time this is.
+    pub(super) fn snapshot_if_due(&mut self, stepped: Span) {
+        let tick = self.scene.tick();
+        let Some(durability) = &mut self.durability else {
+            return;
+        };
+        let taken = durability.stepped.as_nanos() + stepped.as_nanos();
+        durability.stepped = Span::from_nanos(taken);
+        if !durability.is_snapshot_due(tick) {
+            return;
+        }
+        let Some(scene) = self.scene.freeze() else {
+            return;
+        };
+        self.commit();
+        let frozen = Frozen {
+            tick,
+            digest: self.scene.digest(),
+            sessions: self.sessions.clone(),
+            ownership: self.ownership.clone(),
+            scene,
+        };
+        if let Some(durability) = &mut self.durability {
+            durability.stepped = Span::ZERO;
+            durability.snapshot_tick = tick;
+            durability.log.snapshot(frozen);
+        }
+    }
+
+    /// Tells members which of their commands have become durable.
+    pub(crate) fn report_durable(&mut self, out: &mut Outbox) {
+        let Some(durability) = &mut self.durability else {
+            return;
+        };
+        let durable = durability.log.durable();
+        while let Some(batch) = durability.awaited.front()
+            && batch.number <= durable
+        {
+            for (peer, commands) in &batch.commands {
+                if self.members.contains_key(peer) {
+                    let (commands, tick) = (*commands, batch.tick);
+                    out.send(*peer, &ServerMessage::Durable { commands, tick });
+                }
+            }
+            durability.awaited.pop_front();
+        }
+    }
+
+    /// Removes the files of a scene that has ended.
+    pub(super) fn delete_log(&mut self) {
+        if let Some(durability) = self.durability.take() {
+            durability.log.delete();
+        }
+    }
+}
