@@ -123,13 +123,7 @@ impl Scene {
                 id,
                 position,
                 rotation,
-            } => {
-                self.known(id)?;
-                if let Some(before) = self.engine.observe_one(id) {
-                    self.displaced.entry(id).or_insert(before);
-                }
-                self.engine.set_pose(id, position, rotation);
-            }
+            } => self.set_pose(id, position, rotation)?,
             Command::SetVelocity {
                 id,
                 linear,
