@@ -50,12 +50,7 @@ impl Reconnector {
     }
 }
 
-fn run(
-    options: &ClientOptions,
-    clock: Clock,
-    until: Instant,
-    to: &SyncSender<Option<QuicClient>>,
-) {
+fn run(options: &ClientOptions, clock: Clock, until: Instant, to: &SyncSender<Option<QuicClient>>) {
     let mut pause = PAUSE_FIRST;
     let mut connected = None;
     while clock.now() < until {
