@@ -125,8 +125,8 @@ impl Pump {
         if !self.session.can_reconnect() {
             return false;
         }
-        let until = std::time::Instant::now() + within;
-        match Reconnector::start(self.options.clone(), until) {
+        let until = self.clock.now() + span(within);
+        match Reconnector::start(self.options.clone(), self.clock, until) {
             Ok(reconnector) => {
                 self.reconnector = Some(reconnector);
                 self.session.reconnect().is_ok()

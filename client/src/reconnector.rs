@@ -6,9 +6,10 @@
 use std::io;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use rhumb_transport::{ClientOptions, QuicClient, random_bytes};
+use rhumb_protocol::Instant;
+use rhumb_transport::{ClientOptions, Clock, QuicClient, random_bytes};
 
 /// First pause.
 const PAUSE_FIRST: Duration = Duration::from_millis(100);
@@ -30,12 +31,12 @@ pub(crate) enum ReconnectProgress {
 }
 
 impl Reconnector {
-    /// Begins the attempts.
-    pub(crate) fn start(options: ClientOptions, until: Instant) -> io::Result<Self> {
+    /// Begins the attempts; none begins after a moment of this clock.
+    pub(crate) fn start(options: ClientOptions, clock: Clock, until: Instant) -> io::Result<Self> {
         let (to, connected) = sync_channel(1);
         thread::Builder::new()
             .name("rhumb-reconnect".to_owned())
-            .spawn(move || run(&options, until, &to))?;
+            .spawn(move || run(&options, clock, until, &to))?;
         Ok(Self { connected })
     }
 
@@ -49,10 +50,10 @@ impl Reconnector {
     }
 }
 
-fn run(options: &ClientOptions, until: Instant, to: &SyncSender<Option<QuicClient>>) {
+fn run(options: &ClientOptions, clock: Clock, until: Instant, to: &SyncSender<Option<QuicClient>>) {
     let mut pause = PAUSE_FIRST;
     let mut connected = None;
-    while Instant::now() < until {
+    while clock.now() < until {
         thread::sleep(shortened(pause));
         pause = (pause * 2).min(PAUSE_MAX);
         if let Ok(connection) = QuicClient::connect(options.clone(), ATTEMPT) {

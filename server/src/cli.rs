@@ -262,7 +262,7 @@ fn run(
     Ok(())
 }
 
-/// The clients to admit. Nobody is admitted without a token unless the operator says so.
+/// The clients to admit. No client is admitted without a token unless the operator says so.
 fn access(settings: &ServerSettings) -> Result<Access, Box<dyn Error>> {
     match (settings.open, settings.open_to_network) {
         (true, _) if !settings.token_keys.is_empty() => {

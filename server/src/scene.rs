@@ -9,7 +9,7 @@ use core::fmt;
 use std::collections::BTreeMap;
 use std::mem;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::message::{QueryError, RemovalCause};
 use rhumb_protocol::scene::{
     Answer, BodyDesc, BodyKind, Command, CommandError, Contact, IdRange, Invalid, Joint, JointId,
@@ -123,13 +123,7 @@ impl Scene {
                 id,
                 position,
                 rotation,
-            } => {
-                self.known(id)?;
-                if let Some(before) = self.engine.observe_one(id) {
-                    self.displaced.entry(id).or_insert(before);
-                }
-                self.engine.set_pose(id, position, rotation);
-            }
+            } => self.set_pose(id, position, rotation)?,
             Command::SetVelocity {
                 id,
                 linear,
@@ -280,6 +274,15 @@ impl Scene {
         if joint.bodies.into_iter().all(is_enabled) {
             self.engine.add_joint(id, joint);
         }
+    }
+
+    fn set_pose(&mut self, id: BodyId, position: Vec3, rotation: Quat) -> Result<(), CommandError> {
+        self.known(id)?;
+        if let Some(before) = self.engine.observe_one(id) {
+            self.displaced.entry(id).or_insert(before);
+        }
+        self.engine.set_pose(id, position, rotation);
+        Ok(())
     }
 
     fn set_velocity(

@@ -4,7 +4,7 @@ use std::io;
 
 use ring::rand::{SecureRandom, SystemRandom};
 
-/// Bytes that nobody can guess.
+/// Bytes that no other process can guess.
 ///
 /// # Errors
 ///

@@ -21,6 +21,64 @@ const UP: DQuat = DQuat::from_xyzw(
     std::f64::consts::FRAC_1_SQRT_2,
 );
 
+/// The place and colour of a body's primitives.
+struct Brush {
+    centre: DVec3,
+    rotation: DQuat,
+    color: Color,
+}
+
+impl Brush {
+    /// An ellipsoid with these half extents.
+    fn ellipsoid(&self, centre: DVec3, half: Vec3) -> SpherePrimitive {
+        SpherePrimitive {
+            pose: Some(drawn(centre, self.rotation)),
+            size: size(half),
+            color: Some(self.color),
+        }
+    }
+
+    fn sphere(&self, centre: DVec3, radius: f32) -> SpherePrimitive {
+        self.ellipsoid(centre, Vec3::splat(radius))
+    }
+
+    /// Foxglove's cylinders stand along z, the engine's along y.
+    fn cylinder(&self, centre: DVec3, half_height: f32, radius: f32) -> CylinderPrimitive {
+        CylinderPrimitive {
+            pose: Some(drawn(centre, self.rotation * UP.conjugate())),
+            size: size(Vec3::new(radius, radius, half_height)),
+            bottom_scale: 1.0,
+            top_scale: 1.0,
+            color: Some(self.color),
+        }
+    }
+
+    fn cube(&self, half: Vec3, at: DVec3) -> CubePrimitive {
+        CubePrimitive {
+            pose: Some(drawn(self.centre + self.rotation * at, self.rotation)),
+            size: size(half),
+            color: Some(self.color),
+        }
+    }
+
+    /// A slab under the plane, about its body.
+    fn half_space(&self, normal: Vec3) -> CubePrimitive {
+        let turned = DQuat::from_rotation_arc(DVec3::Y, normal.as_dvec3().normalize());
+        let slab = self.cube(Vec3::new(50.0, 0.5, 50.0), turned * DVec3::NEG_Y * 0.5);
+        let pose = slab.pose.map(|pose| Pose {
+            orientation: drawn(self.centre, self.rotation * turned).orientation,
+            ..pose
+        });
+        CubePrimitive { pose, ..slab }
+    }
+}
+
+/// A primitive's size from its half extents.
+fn size(half: Vec3) -> Option<Vector3> {
+    let [x, y, z] = half.to_array().map(|half| 2.0 * f64::from(half));
+    Some(Vector3 { x, y, z })
+}
+
 /// Adds a body's primitives to an entity.
 pub(super) fn add(
     entity: &mut SceneEntity,
@@ -31,87 +89,63 @@ pub(super) fn add(
 ) {
     let centre = DVec3::from_array(position.map(f64::from));
     let rotation = DQuat::from_array(rotation.map(f64::from));
-    let size = |x: f32, y: f32, z: f32| {
-        let [x, y, z] = [x, y, z].map(|half| 2.0 * f64::from(half));
-        Some(Vector3 { x, y, z })
-    };
-    let tint = color;
-    let color = Some(color);
-    let sphere = |centre, radius| SpherePrimitive {
-        pose: Some(drawn(centre, rotation)),
-        size: size(radius, radius, radius),
-        color,
-    };
-    // Foxglove's cylinders stand along z, the engine's along y.
-    let along_y = rotation * UP.conjugate();
-    let cylinder = |half_height, radius| CylinderPrimitive {
-        pose: Some(drawn(centre, along_y)),
-        size: size(radius, radius, half_height),
-        bottom_scale: 1.0,
-        top_scale: 1.0,
-        color,
-    };
-    let cube = |half: Vec3, at: DVec3| CubePrimitive {
-        pose: Some(drawn(centre + rotation * at, rotation)),
-        size: size(half.x, half.y, half.z),
+    let brush = Brush {
+        centre,
+        rotation,
         color,
     };
     match *shape {
-        Shape::Ball { radius } => entity.spheres.push(sphere(centre, radius)),
+        Shape::Ball { radius } => entity.spheres.push(brush.sphere(centre, radius)),
         // A hull is drawn as an ellipsoid with its half extents; only the engine knows its faces.
         Shape::Hull(ref hull) => {
-            let half = hull.half_extents();
-            entity.spheres.push(SpherePrimitive {
-                pose: Some(drawn(centre, rotation)),
-                size: size(half.x, half.y, half.z),
-                color,
-            });
+            let ellipsoid = brush.ellipsoid(centre, hull.half_extents());
+            entity.spheres.push(ellipsoid);
         }
         Shape::Heights(_) | Shape::Mesh(_) => {
             let triangles = sheet(shape, drawn(centre, rotation));
-            entity
-                .triangles
-                .push(TriangleListPrimitive { color, ..triangles });
+            entity.triangles.push(TriangleListPrimitive {
+                color: Some(color),
+                ..triangles
+            });
         }
-        Shape::Compound(ref parts) => add_parts(entity, parts, centre, rotation, tint),
-        Shape::Cuboid { half_extents: half } => entity.cubes.push(cube(half, DVec3::ZERO)),
+        Shape::Compound(ref parts) => add_parts(entity, parts, centre, rotation, color),
+        Shape::Cuboid { half_extents } => {
+            entity.cubes.push(brush.cube(half_extents, DVec3::ZERO));
+        }
         Shape::RoundedCuboid {
             half_extents,
             radius,
-        } => entity.cubes.push(cube(half_extents + radius, DVec3::ZERO)),
-        // A slab under the plane, about its body.
-        Shape::HalfSpace { normal } => {
-            let turned = DQuat::from_rotation_arc(DVec3::Y, normal.as_dvec3().normalize());
-            let slab = cube(Vec3::new(50.0, 0.5, 50.0), turned * DVec3::NEG_Y * 0.5);
-            let pose = slab.pose.map(|pose| Pose {
-                orientation: drawn(centre, rotation * turned).orientation,
-                ..pose
-            });
-            entity.cubes.push(CubePrimitive { pose, ..slab });
+        } => {
+            let half = half_extents + radius;
+            entity.cubes.push(brush.cube(half, DVec3::ZERO));
         }
+        Shape::HalfSpace { normal } => entity.cubes.push(brush.half_space(normal)),
         Shape::Cone {
             half_height,
             radius,
         } => {
             let middle = centre + rotation * DVec3::Y * f64::from(half_height) * 0.5;
             entity.cylinders.push(CylinderPrimitive {
-                pose: Some(drawn(middle, along_y)),
                 top_scale: 0.0,
-                ..cylinder(half_height, radius)
+                ..brush.cylinder(middle, half_height, radius)
             });
         }
         Shape::Cylinder {
             half_height,
             radius,
-        } => entity.cylinders.push(cylinder(half_height, radius)),
+        } => {
+            let cylinder = brush.cylinder(centre, half_height, radius);
+            entity.cylinders.push(cylinder);
+        }
         Shape::Capsule {
             half_height,
             radius,
         } => {
-            entity.cylinders.push(cylinder(half_height, radius));
+            let cylinder = brush.cylinder(centre, half_height, radius);
+            entity.cylinders.push(cylinder);
             let end = rotation * DVec3::Y * f64::from(half_height);
-            entity.spheres.push(sphere(centre + end, radius));
-            entity.spheres.push(sphere(centre - end, radius));
+            entity.spheres.push(brush.sphere(centre + end, radius));
+            entity.spheres.push(brush.sphere(centre - end, radius));
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Sessions: a client's place in the order of its commands, across connections.
+//! Sessions: a client's place in its order of commands, across connections.
 //!
 //! The client draws the key; a scene keeps what it needs to take up the session again.
 

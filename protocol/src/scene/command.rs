@@ -247,51 +247,75 @@ mod code {
     pub(super) const SET_EVENTS: u8 = 19;
 }
 
+/// Encodes a command's code and its first field.
+fn encode_head(to: &mut Writer, code: u8, first: &impl Wire) {
+    to.u8(code);
+    first.encode(to);
+}
+
+/// Encodes a push on a body, up to its point.
+fn encode_push(to: &mut Writer, code: u8, id: BodyId, push: Vec3) {
+    encode_head(to, code, &id);
+    to.f32s(&push.to_array());
+}
+
+/// Decodes a push on a body behind its code.
+fn decode_push(code: u8, from: &mut Reader<'_>) -> Result<Command, Malformed> {
+    let vector = |from: &mut Reader<'_>| from.f32s().map(Vec3::from_array);
+    let id = BodyId::decode(from)?;
+    let push = vector(from)?;
+    Ok(match code {
+        code::FORCE => Command::Force { id, force: push },
+        code::TORQUE => Command::Torque { id, torque: push },
+        code::IMPULSE => Command::Impulse { id, impulse: push },
+        code::TORQUE_IMPULSE => Command::TorqueImpulse { id, impulse: push },
+        code::FORCE_AT => Command::ForceAt {
+            id,
+            force: push,
+            point: vector(from)?,
+        },
+        code::IMPULSE_AT => Command::ImpulseAt {
+            id,
+            impulse: push,
+            point: vector(from)?,
+        },
+        _ => return Err(Malformed::UnknownCode),
+    })
+}
+
 impl Wire for Command {
     fn encode(&self, to: &mut Writer) {
-        let mut push = |code, id: BodyId, vector: Vec3| {
-            to.u8(code);
-            id.encode(to);
-            to.f32s(&vector.to_array());
-        };
         match *self {
-            Self::Force { id, force } => push(code::FORCE, id, force),
-            Self::Torque { id, torque } => push(code::TORQUE, id, torque),
-            Self::Impulse { id, impulse } => push(code::IMPULSE, id, impulse),
-            Self::TorqueImpulse { id, impulse } => push(code::TORQUE_IMPULSE, id, impulse),
+            Self::Force { id, force } => encode_push(to, code::FORCE, id, force),
+            Self::Torque { id, torque } => encode_push(to, code::TORQUE, id, torque),
+            Self::Impulse { id, impulse } => encode_push(to, code::IMPULSE, id, impulse),
+            Self::TorqueImpulse { id, impulse } => {
+                encode_push(to, code::TORQUE_IMPULSE, id, impulse)
+            }
             Self::ForceAt { id, force, point } => {
-                push(code::FORCE_AT, id, force);
+                encode_push(to, code::FORCE_AT, id, force);
                 to.f32s(&point.to_array());
             }
             Self::ImpulseAt { id, impulse, point } => {
-                push(code::IMPULSE_AT, id, impulse);
+                encode_push(to, code::IMPULSE_AT, id, impulse);
                 to.f32s(&point.to_array());
             }
             Self::AddShape { id, ref shape } => {
-                to.u8(code::ADD_SHAPE);
-                id.encode(to);
+                encode_head(to, code::ADD_SHAPE, &id);
                 shape.encode(to);
             }
-            Self::RemoveShape { id } => {
-                to.u8(code::REMOVE_SHAPE);
-                id.encode(to);
-            }
+            Self::RemoveShape { id } => encode_head(to, code::REMOVE_SHAPE, &id),
             Self::AddBody { desc, motion } => {
-                to.u8(code::ADD_BODY);
-                desc.encode(to);
+                encode_head(to, code::ADD_BODY, &desc);
                 motion.encode(to);
             }
-            Self::RemoveBody { id } => {
-                to.u8(code::REMOVE_BODY);
-                id.encode(to);
-            }
+            Self::RemoveBody { id } => encode_head(to, code::REMOVE_BODY, &id),
             Self::SetPose {
                 id,
                 position,
                 rotation,
             } => {
-                to.u8(code::SET_POSE);
-                id.encode(to);
+                encode_head(to, code::SET_POSE, &id);
                 to.f32s(&position.to_array());
                 to.f32s(&rotation.to_array());
             }
@@ -300,8 +324,7 @@ impl Wire for Command {
                 linear,
                 angular,
             } => {
-                to.u8(code::SET_VELOCITY);
-                id.encode(to);
+                encode_head(to, code::SET_VELOCITY, &id);
                 to.f32s(&linear.to_array());
                 to.f32s(&angular.to_array());
             }
@@ -310,34 +333,19 @@ impl Wire for Command {
                 to.f32s(&gravity.to_array());
             }
             Self::AddJoint { id, ref joint } => {
-                to.u8(code::ADD_JOINT);
-                id.encode(to);
+                encode_head(to, code::ADD_JOINT, &id);
                 joint.encode(to);
             }
-            Self::RemoveJoint { id } => {
-                to.u8(code::REMOVE_JOINT);
-                id.encode(to);
-            }
-            Self::ChangeBody { desc } => {
-                to.u8(code::CHANGE_BODY);
-                desc.encode(to);
-            }
+            Self::RemoveJoint { id } => encode_head(to, code::REMOVE_JOINT, &id),
+            Self::ChangeBody { desc } => encode_head(to, code::CHANGE_BODY, &desc),
             Self::ChangeJoint { id, ref joint } => {
-                to.u8(code::CHANGE_JOINT);
-                id.encode(to);
+                encode_head(to, code::CHANGE_JOINT, &id);
                 joint.encode(to);
             }
-            Self::Sleep { id } => {
-                to.u8(code::SLEEP);
-                id.encode(to);
-            }
-            Self::Wake { id } => {
-                to.u8(code::WAKE);
-                id.encode(to);
-            }
+            Self::Sleep { id } => encode_head(to, code::SLEEP, &id),
+            Self::Wake { id } => encode_head(to, code::WAKE, &id),
             Self::SetEvents { id, events } => {
-                to.u8(code::SET_EVENTS);
-                id.encode(to);
+                encode_head(to, code::SET_EVENTS, &id);
                 events.encode(to);
             }
         }
@@ -370,22 +378,6 @@ impl Wire for Command {
                 linear: vector(from)?,
                 angular: vector(from)?,
             },
-            code::FORCE => Self::Force {
-                id: BodyId::decode(from)?,
-                force: vector(from)?,
-            },
-            code::TORQUE => Self::Torque {
-                id: BodyId::decode(from)?,
-                torque: vector(from)?,
-            },
-            code::IMPULSE => Self::Impulse {
-                id: BodyId::decode(from)?,
-                impulse: vector(from)?,
-            },
-            code::TORQUE_IMPULSE => Self::TorqueImpulse {
-                id: BodyId::decode(from)?,
-                impulse: vector(from)?,
-            },
             code::SET_GRAVITY => Self::SetGravity {
                 gravity: vector(from)?,
             },
@@ -403,16 +395,6 @@ impl Wire for Command {
                 id: JointId::decode(from)?,
                 joint: Box::new(Joint::decode(from)?),
             },
-            code::FORCE_AT => Self::ForceAt {
-                id: BodyId::decode(from)?,
-                force: vector(from)?,
-                point: vector(from)?,
-            },
-            code::IMPULSE_AT => Self::ImpulseAt {
-                id: BodyId::decode(from)?,
-                impulse: vector(from)?,
-                point: vector(from)?,
-            },
             code::SLEEP => Self::Sleep {
                 id: BodyId::decode(from)?,
             },
@@ -423,6 +405,12 @@ impl Wire for Command {
                 id: BodyId::decode(from)?,
                 events: ActiveEvents::decode(from)?,
             },
+            push @ (code::FORCE
+            | code::TORQUE
+            | code::IMPULSE
+            | code::TORQUE_IMPULSE
+            | code::FORCE_AT
+            | code::IMPULSE_AT) => decode_push(push, from)?,
             OPTIONAL.. => return Err(Malformed::UnknownCommand),
             _ => return Err(Malformed::UnknownCode),
         })

@@ -60,7 +60,7 @@ pub enum Event {
     /// The session goes on over another connection: the replica is complete again, and commands that were not done are
     /// sent again. A scene that was restored may go on at an earlier tick than the last one sent.
     Resumed(SessionState),
-    /// The server does not know the session any more: which of its commands were done cannot be told. The connection
+    /// The server does not know the session any more: which of its commands were done is unknown. The connection
     /// ends.
     SessionLost(SessionState),
     /// The scene up to this tick, and so many commands of the session, survive a crash of the server.

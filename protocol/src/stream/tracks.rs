@@ -460,7 +460,7 @@ mod tests {
         let start = BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0; 3]);
         let track = Track {
             predictor: Predictor::Uniform,
-            anchor: Anchor::Exact(start.unwrap()),
+            anchor: rhumb_reckoning::Anchor::Exact(start.unwrap()),
             ..Track::resting(Tick::ZERO, start.unwrap())
         };
         let place = |tracks: &mut Tracks, index: usize, linear: f32| {

@@ -1,7 +1,7 @@
 //! Keys of tokens as files: signing and verifying.
 //!
-//! A key file holds one line in the PASERK format. A server needs public keys only; whoever makes tokens keeps the
-//! secret one. Signatures are Ed25519, as PASETO version 4 prescribes: a token cannot choose another algorithm.
+//! A key file holds one line in the PASERK format. A server needs public keys only; the secret one stays with the
+//! issuer of tokens. Signatures are Ed25519, as PASETO version 4 prescribes: a token cannot choose another algorithm.
 
 use std::fmt;
 use std::fs::{self, OpenOptions};

@@ -1,5 +1,6 @@
-//! The files of a data directory, behind a trait, so that a test can lose what a crash may lose.
+//! The files of a data directory, behind a trait.
 //!
+//! The trait lets a test lose what a crash may lose.
 //! Knows no format. A name is durable only after its directory was synchronised, and bytes only after their file was.
 
 use std::fs::{self, File, OpenOptions};

@@ -1,4 +1,6 @@
-//! Reasons why stored scenes cannot be written or restored: the file, and what is lost.
+//! Reasons why stored scenes cannot be written or restored.
+//!
+//! Each names the file, and what is lost.
 
 use std::fmt;
 use std::io;

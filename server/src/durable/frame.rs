@@ -1,6 +1,6 @@
-//! Frames of a segment of a command log: their bytes, and what is left of a damaged file.
+//! Frames of a segment of a command log.
 //!
-//! Pure. A frame is a magic number, the length of its payload, a CRC-32 of all that follows it, the bytes of the file
+//! Their bytes, and what is left of a damaged file. Pure. A frame is a magic number, the length of its payload, a CRC-32 of all that follows it, the bytes of the file
 //! that were synchronised before, the scene's tick before its records, and the payload. Invariants: a frame counts as
 //! a whole or not at all; reading never panics.
 

@@ -1,4 +1,6 @@
-//! Scenes that survive the process: a command log and snapshots of each, in a data directory.
+//! Scenes that survive the process.
+//!
+//! A data directory holds a command log and snapshots of each.
 
 mod data_dir;
 mod disk;

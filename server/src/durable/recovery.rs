@@ -1,4 +1,4 @@
-//! A scene from its files: the newest good snapshot, and the log from there on.
+//! A scene from its files: the newest good snapshot, and the log after it.
 //!
 //! Every step of the replay is compared with the digest of the recorded one. Invariants: either the scene is a state
 //! that the recorded run went through, with nothing lost that was synchronised, or there is an error; damaged files

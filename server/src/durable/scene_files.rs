@@ -1,8 +1,8 @@
 //! The files of one scene: segments of its command log, and snapshots.
 //!
 //! Segment n is `n.log`, and the state at its beginning `n.snapshot`; segment 0 begins with an empty scene. A segment
-//! is never appended to by a later process. Its first frame tells where the segment before it ends, so that a torn end
-//! of that one is told from damage.
+//! is never appended to by a later process. Its first frame states where the segment before it ends, so that a torn end
+//! of that one differs from damage.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! A snapshot file: an image of a scene with its sessions, authenticated and versioned.
+//! A snapshot file: an authenticated image of a scene with its sessions.
 //!
 //! Layout: magic number, version of the program and its engine, number of the segment that goes on from it, tick,
 //! digest, image of the sessions and owners, image of the scene, HMAC-SHA-256 of everything before. The engine trusts its image,

@@ -4,7 +4,6 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 use glam::{Quat, Vec3};
 use proptest::prelude::*;
@@ -13,7 +12,9 @@ use rhumb_protocol::scene::{
     ActiveEvents, BodyDesc, BodyKind, Command, Joint, JointFrame, JointId, JointKind, SceneConfig,
     SceneName, Shape, ShapeId,
 };
+use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
+use rhumb_transport::Clock;
 use ring::hmac;
 
 use super::disk::Disk;
@@ -413,9 +414,10 @@ fn a_restoration_begins_with_the_newest_snapshot_and_passes_over_a_bad_one() {
 }
 
 fn wait_until(what: &str, is_so: impl Fn() -> bool) {
-    let begun = Instant::now();
+    let clock = Clock::start();
+    let end = Instant::ZERO + Span::from_millis(20_000);
     while !is_so() {
-        assert!(begun.elapsed() < Duration::from_secs(20), "{what}");
+        assert!(clock.now() < end, "{what}");
         std::thread::yield_now();
     }
 }

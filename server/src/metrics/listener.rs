@@ -14,7 +14,7 @@ use std::time::Duration;
 use super::Metrics;
 
 /// Time for one request, and for one answer.
-const PATIENCE: Duration = Duration::from_millis(500);
+const REQUEST_TIMEOUT: Duration = Duration::from_millis(500);
 /// Longest head of a request.
 const REQUEST_BYTES_MAX: usize = 4_096;
 
@@ -57,7 +57,7 @@ impl Drop for MetricsListener {
     fn drop(&mut self) {
         self.ended.store(true, Ordering::Relaxed);
         // The thread waits for a connection: this one wakes it.
-        let woken = TcpStream::connect_timeout(&self.address, PATIENCE).is_ok();
+        let woken = TcpStream::connect_timeout(&self.address, REQUEST_TIMEOUT).is_ok();
         if let Some(thread) = self.thread.take().filter(|_| woken) {
             // A panic of the thread was logged.
             let _ = thread.join();
@@ -66,8 +66,8 @@ impl Drop for MetricsListener {
 }
 
 fn answer(mut stream: TcpStream, metrics: &Metrics) -> io::Result<()> {
-    stream.set_read_timeout(Some(PATIENCE))?;
-    stream.set_write_timeout(Some(PATIENCE))?;
+    stream.set_read_timeout(Some(REQUEST_TIMEOUT))?;
+    stream.set_write_timeout(Some(REQUEST_TIMEOUT))?;
     let mut head = [0; REQUEST_BYTES_MAX];
     let mut length = 0;
     while !head[..length].contains(&b'\n') && length < head.len() {

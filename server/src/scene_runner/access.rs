@@ -72,7 +72,7 @@ impl SceneRunner {
         applied
     }
 
-    /// Forgets to whom a body belonged that has left the scene.
+    /// Forgets the owner of a body that has left the scene.
     pub(super) fn forget_body(&mut self, id: BodyId) {
         self.ownership.remove_body(id);
         self.provision.load.remove_body();

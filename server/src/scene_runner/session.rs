@@ -1,4 +1,4 @@
-//! Sessions of members: how they begin, go on with another connection, and end.
+//! Sessions of members: how they begin, change their connection, and end.
 
 use std::sync::Arc;
 

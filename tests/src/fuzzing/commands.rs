@@ -55,22 +55,7 @@ pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
             linear: script.vector(LINEAR_MAX),
             angular: script.vector(ANGULAR_MAX),
         },
-        9 => Command::Force {
-            id,
-            force: strength(script),
-        },
-        10 => Command::Torque {
-            id,
-            torque: strength(script),
-        },
-        11 => Command::Impulse {
-            id,
-            impulse: strength(script),
-        },
-        12 => Command::TorqueImpulse {
-            id,
-            impulse: strength(script),
-        },
+        kind @ (9..13 | 21 | 22) => push(script, id, kind),
         13 => Command::SetGravity {
             gravity: script.vector(GRAVITY_MAX),
         },
@@ -88,18 +73,40 @@ pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
             id: joint_id(script),
             joint: joint(script, id, bodies).into(),
         },
+        23 => Command::Sleep { id },
+        _ => Command::Wake { id },
+    }
+}
+
+/// A random force, torque or impulse, of the kind with this number in [`command`].
+fn push(script: &mut Script<'_>, id: BodyId, kind: usize) -> Command {
+    match kind {
+        9 => Command::Force {
+            id,
+            force: strength(script),
+        },
+        10 => Command::Torque {
+            id,
+            torque: strength(script),
+        },
+        11 => Command::Impulse {
+            id,
+            impulse: strength(script),
+        },
+        12 => Command::TorqueImpulse {
+            id,
+            impulse: strength(script),
+        },
         21 => Command::ForceAt {
             id,
             force: strength(script),
             point: place(script, COORDINATE_MAX),
         },
-        22 => Command::ImpulseAt {
+        _ => Command::ImpulseAt {
             id,
             impulse: strength(script),
             point: place(script, COORDINATE_MAX),
         },
-        23 => Command::Sleep { id },
-        _ => Command::Wake { id },
     }
 }
 

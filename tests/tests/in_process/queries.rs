@@ -329,7 +329,7 @@ fn invalid_queries_are_not_sent() {
 
 /// A free-running scene answers what a member's share allows and sheds the rest by name; a lockstep scene answers all.
 #[test]
-fn a_member_that_asks_more_than_its_share_is_told_so() {
+fn a_query_beyond_a_members_share_is_refused_by_name() {
     for stepping in [Stepping::FreeRunning, Stepping::Lockstep] {
         let mut table = Table::default();
         let peer = member(&mut table, stepping);

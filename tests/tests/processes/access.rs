@@ -119,7 +119,7 @@ fn push(id: BodyId) -> Command {
 }
 
 #[test]
-fn a_server_without_keys_starts_only_if_it_is_told_to_be_open() {
+fn a_server_without_keys_starts_only_with_a_flag_that_opens_it() {
     for (arguments, named) in [
         (&["--listen", ANYWHERE][..], "--open"),
         (&["--open", "--listen", "0.0.0.0:0"], "--open-to-network"),

@@ -1,6 +1,6 @@
-//! Servers with a data directory that are killed under load, and a client that goes on with its session.
+//! Servers with a data directory that are killed under load.
 //!
-//! The client's run is a function of the tick, so that the same run can be made without a server: equal digests mean
+//! A client goes on with its session. Its run is a function of the tick, so that the same run can be made without a server: equal digests mean
 //! that no command was lost, doubled or moved to another tick. `KILLS` sets how often the server is killed.
 
 use std::path::Path;
@@ -141,11 +141,11 @@ fn a_server_killed_at_any_moment_loses_and_doubles_no_command() {
         Arc::new(AtomicBool::new(false)),
         Arc::new(AtomicU64::new(0)),
     );
-    let (told, shown, of_client) = (Arc::clone(&stop), Arc::clone(&ticks), ids.clone());
+    let (ended, shown, of_client) = (Arc::clone(&stop), Arc::clone(&ticks), ids.clone());
     let running = thread::spawn(move || {
         let mut seen = Seen::default();
         let mut tick = 0;
-        while !told.load(Ordering::Relaxed) {
+        while !ended.load(Ordering::Relaxed) {
             for command in commands(tick, &of_client) {
                 client.command(command).expect("the session goes on");
             }

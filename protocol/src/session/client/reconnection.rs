@@ -1,7 +1,5 @@
 //! How a client goes on with its session over another connection.
 
-use rhumb_reckoning::Tick;
-
 use super::resumption::{Resumption, Unfinished};
 use super::{ClientSession, ClientState};
 use crate::message::{ClientMessage, SessionKey, SessionRequest, SessionState, StreamChoice};

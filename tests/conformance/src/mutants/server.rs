@@ -173,7 +173,7 @@ impl Endpoint for MutantEndpoint {
     }
 
     fn handle_control_taken(&mut self, _: Instant, peer: Peer, bytes: usize) {
-        // The server inside believes that its peer takes everything at once.
+        // The server inside receives no report: its peer seems to take everything at once.
         if let Some(connection) = self.connections.get_mut(&peer) {
             connection.in_flight = connection.in_flight.saturating_sub(bytes);
         }

@@ -65,22 +65,24 @@ pub(super) fn cases() -> Vec<Case> {
         .play(too_early),
         Case::server("L1.1.7", "a token is answered by the role that it gives")
             .cites("PROTOCOL 3.6-3")
-            .play(|trial| {
-                let mut client = trial.client()?;
-                offer(&mut client, &[1], extension(Extension::TOKEN));
-                let role = client.await_message("welcome", |message| match message {
-                    ServerMessage::Welcome(welcome) => Some(
-                        welcome
-                            .extensions
-                            .value(Extension::TOKEN)
-                            .map(<[u8]>::to_vec),
-                    ),
-                    _ => None,
-                })?;
-                let owner = vec![Role::Owner.code()];
-                ensure(role == Some(owner), "an open server makes owners")
-            }),
+            .play(role_for_token),
     ]
+}
+
+fn role_for_token(trial: &mut Trial<'_>) -> CaseResult {
+    let mut client = trial.client()?;
+    offer(&mut client, &[1], extension(Extension::TOKEN));
+    let role = client.await_message("welcome", |message| match message {
+        ServerMessage::Welcome(welcome) => Some(
+            welcome
+                .extensions
+                .value(Extension::TOKEN)
+                .map(<[u8]>::to_vec),
+        ),
+        _ => None,
+    })?;
+    let owner = vec![Role::Owner.code()];
+    ensure(role == Some(owner), "an open server makes owners")
 }
 
 fn offer(client: &mut RawClient, versions: &[u16], extensions: Extensions) {

@@ -131,12 +131,12 @@ fn a_body_becomes_kinematic_static_and_dynamic_again() {
 #[test]
 fn a_disabled_body_stays_and_touches_nothing_until_it_is_enabled() {
     let mut remote = Remote::new();
-    let shelf = remote.add(&BodyDesc::fixed(Shape::cuboid(2.0, 0.5, 2.0)).at(0.0, -1.0, 0.0));
+    let support = remote.add(&BodyDesc::fixed(Shape::cuboid(2.0, 0.5, 2.0)).at(0.0, -1.0, 0.0));
     let ball = remote.add(&ball());
     remote.steps(240);
     near(remote.position(ball).y, 0.0, 0.02);
     // The sleeping ball wakes and falls when its support is disabled.
-    remote.change(shelf, |desc| desc.enabled = false);
+    remote.change(support, |desc| desc.enabled = false);
     remote.steps(60);
     let fallen = remote.position(ball);
     assert!(fallen.y < -4.0, "{fallen}");
@@ -153,7 +153,7 @@ fn a_disabled_body_stays_and_touches_nothing_until_it_is_enabled() {
         position: Vec3::new(0.0, 3.0, 0.0),
         rotation: Quat::IDENTITY,
     });
-    remote.change(shelf, |desc| desc.enabled = true);
+    remote.change(support, |desc| desc.enabled = true);
     remote.steps(2);
     assert_eq!(remote.position(ball).y, 3.0);
     remote.change(ball, |desc| desc.enabled = true);
@@ -180,18 +180,18 @@ fn a_body_is_put_to_sleep_and_woken() {
 #[test]
 fn sensors_and_collision_groups_let_bodies_pass() {
     let mut remote = Remote::new();
-    let shelf = remote.add(&BodyDesc::fixed(Shape::cuboid(2.0, 0.5, 2.0)).as_sensor());
+    let support = remote.add(&BodyDesc::fixed(Shape::cuboid(2.0, 0.5, 2.0)).as_sensor());
     let [first, second] = [1.0, 2.0].map(|x| remote.add(&ball().at(x, 1.1, 0.0)));
     remote.steps(60);
     assert!(remote.position(first).y < -2.0 && remote.position(second).y < -2.0);
-    remote.change(shelf, |desc| desc.sensor = false);
+    remote.change(support, |desc| desc.sensor = false);
     remote.change(first, |desc| {
         desc.groups = CollisionGroups {
             members: 2,
             touches: 2,
         };
     });
-    remote.change(shelf, |desc| {
+    remote.change(support, |desc| {
         desc.groups = CollisionGroups {
             members: 1,
             touches: 1,

@@ -106,7 +106,7 @@ fn a_generic_joint_leaves_its_free_axes_within_their_limits() {
 }
 
 #[test]
-fn a_joint_breaks_above_its_strength_and_the_copy_is_told() {
+fn a_joint_breaks_above_its_strength_in_the_copy_too() {
     for (force, breaks) in [(200.0, false), (15.0, true)] {
         let mut remote = Remote::new();
         let [post, bob] = hung(&mut remote);
