@@ -290,7 +290,7 @@ impl Wire for Command {
             Self::Torque { id, torque } => encode_push(to, code::TORQUE, id, torque),
             Self::Impulse { id, impulse } => encode_push(to, code::IMPULSE, id, impulse),
             Self::TorqueImpulse { id, impulse } => {
-                encode_push(to, code::TORQUE_IMPULSE, id, impulse)
+                encode_push(to, code::TORQUE_IMPULSE, id, impulse);
             }
             Self::ForceAt { id, force, point } => {
                 encode_push(to, code::FORCE_AT, id, force);

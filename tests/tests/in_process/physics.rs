@@ -194,7 +194,7 @@ fn random_commands_have_the_same_effect_over_the_wire() {
     let mut dice = Dice::new(seed(7));
     let bodies: Vec<_> = (0..6).map(|index| BodyId::new(index, 0)).collect();
     let mut sent = 0;
-    for _ in 0..60 {
+    for _ in 0..120 {
         let data: Vec<u8> = (0..3_000).map(|_| dice.below(256) as u8).collect();
         let mut remote = Remote::new();
         for command in random_commands(&data, &bodies) {
