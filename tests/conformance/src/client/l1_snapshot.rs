@@ -29,7 +29,7 @@ pub(super) fn cases() -> Vec<Case> {
 type Producer = fn() -> Vec<SceneEvent>;
 
 /// Scene events that contradict earlier ones.
-const CONTRADICTIONS: [(&str, Producer); 8] = [
+const CONTRADICTIONS: [(&str, Producer); 7] = [
     ("a body whose shape does not exist", || {
         vec![of_shape(BodyId::new(9, 0), ShapeId(7))]
     }),
