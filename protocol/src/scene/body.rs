@@ -49,8 +49,8 @@ pub struct BodyDesc {
     pub mass: Option<Mass>,
     /// Groups that decide which bodies it touches.
     pub groups: CollisionGroups,
-    /// Of two touching bodies the one of lower dominance is pushed as if the other one had infinite mass; zero
-    /// for most.
+    /// Of two touching dynamic bodies the one of lower dominance is pushed out as by a body that cannot move and stands
+    /// still; zero for most.
     pub dominance: i8,
     /// True if bodies pass through it.
     pub sensor: bool,

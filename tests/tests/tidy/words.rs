@@ -100,6 +100,10 @@ fn words(text: &str) -> Vec<String> {
 
 #[test]
 fn no_retired_word_stands_anywhere() {
+    // The engine's own field for the point of a hit.
+    let is_engines = |file: &File, word: &str| {
+        word == "witness" && file.is_in(&["server/src/engine/rapier_query.rs"])
+    };
     let is_read = |file: &File| {
         let endings = [".rs", ".py", ".md", ".json", ".proto", ".mjs", ".toml"];
         endings.iter().any(|ending| file.path.ends_with(ending)) && !file.is_in(&HISTORY)
@@ -109,7 +113,7 @@ fn no_retired_word_stands_anywhere() {
         for (number, line) in file.text.lines().enumerate() {
             let found = words(line)
                 .into_iter()
-                .filter(|word| RETIRED.contains(&word.as_str()));
+                .filter(|word| RETIRED.contains(&word.as_str()) && !is_engines(&file, word));
             violations.extend(found.map(|word| format!("{}:{}: {word}", file.path, number + 1)));
         }
     }

@@ -125,7 +125,7 @@ fn in_its_state(trial: &mut Trial<'_>, kind: u8) -> Result<RawClient, Stop> {
     let mut client = trial.client()?;
     match kind {
         HELLO => {}
-        CREATE => drop(client.hello()?),
+        CREATE | SESSION => drop(client.hello()?),
         _ => {
             client.enter(lockstep(), StreamChoice::Full)?;
         }
@@ -198,6 +198,7 @@ fn commanded(client: &mut RawClient, vector: &Vector) -> CaseResult {
 const HELLO: u8 = 1;
 const CREATE: u8 = 2;
 const JOIN: u8 = 3;
+const SESSION: u8 = 32;
 const COMMAND: u8 = 7;
 
 /// The requirement about this type of message.
