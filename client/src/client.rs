@@ -51,9 +51,9 @@ pub struct Client {
     deleted: bool,
     faulted: Option<Tick>,
     ended: Option<Ending>,
-    /// How long to try to go on over another connection.
+    /// Time for attempts to go on over another connection.
     resume_within: Duration,
-    /// How the last connection ended, until the session goes on.
+    /// End of the last connection, until the session goes on.
     interrupted: Option<(Instant, Ending)>,
 }
 

@@ -38,7 +38,7 @@ pub struct JoinOptions {
     pub whole_ticks: bool,
     /// Free running only: whether corrections are shown as short glides.
     pub smooth: bool,
-    /// How long the client tries to go on with its session over another connection when one ends without its doing.
+    /// Time for which the client tries to go on with its session over another connection when one ends without its doing.
     /// Commands meanwhile are queued. At zero, the first connection is the only one, and there is no session.
     pub resume_within: Duration,
 }

@@ -14,11 +14,11 @@ use crate::reconnector::{ReconnectProgress, Reconnector};
 pub(crate) struct Pump {
     pub(crate) session: ClientSession,
     pub(crate) connection: QuicClient,
-    /// How the server is reached again.
+    /// Attempts to reach the server again.
     options: ClientOptions,
     reconnector: Option<Reconnector>,
     clock: Clock,
-    /// Whether the server could not be reached again.
+    /// True if the server could not be reached again.
     gave_up: bool,
     /// Called with all bytes in both directions, for recording.
     tap: Option<Tap>,
@@ -135,7 +135,7 @@ impl Pump {
         }
     }
 
-    /// Whether the attempts to reach the server again are over without success.
+    /// True if the attempts to reach the server again are over without success.
     pub(crate) const fn has_given_up(&self) -> bool {
         self.gave_up
     }

@@ -37,7 +37,7 @@ pub(crate) struct Member {
     added_at: Instant,
     /// Its session, if it has one.
     pub(crate) session: Option<SessionNumber>,
-    /// Whether commands are numbered that the log has not got yet.
+    /// True if commands are numbered that the log has not got yet.
     undurable: bool,
     /// Messages of queries of this membership that were answered.
     queries: u64,

@@ -261,7 +261,7 @@ impl Outbox {
             return Some(Transmit::Control { to: peer, bytes });
         }
         let code = lane.session.poll_close()?;
-        // Whatever the closed window holds back is lost with the connection.
+        // The bytes that the closed window holds back are lost with the connection.
         self.forget(peer);
         if code.0 == TransportCode::CONTROL_OVERFLOW.0 {
             tracing::warn!(peer = peer.0, "a client reads too slowly, closing");

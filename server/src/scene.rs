@@ -38,7 +38,7 @@ pub struct Scene {
     displaced: BTreeMap<BodyId, Observation>,
     digest: Digest,
     event_monitor: EventMonitor,
-    /// What changes the scene, for its command log; `None` for a scene without one.
+    /// Changes of the scene, for its command log; `None` for a scene without one.
     journal: Option<Journal>,
 }
 

@@ -151,7 +151,7 @@ impl SceneRunner {
         self.members.keys().copied()
     }
 
-    /// Whether it has neither members, nor an owner, nor a log that keeps it.
+    /// True if it has neither members, nor an owner, nor a log that keeps it.
     pub(crate) fn is_abandoned(&self) -> bool {
         self.members.is_empty() && !self.owned && !self.is_durable()
     }

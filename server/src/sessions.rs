@@ -33,7 +33,7 @@ pub(crate) struct ResumableSession {
     presence: Presence,
 }
 
-/// Whether a session has a member.
+/// True if a session has a member.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Presence {
     Member(Peer),

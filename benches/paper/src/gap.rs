@@ -55,7 +55,7 @@ pub(crate) struct GapArguments {
 /// Results: `gap.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct GapResults {
-    /// How they were measured.
+    /// Circumstances of the measurement.
     #[serde(flatten)]
     pub(crate) provenance: Provenance,
     /// Rows, load by load.

@@ -1,4 +1,4 @@
-//! How the figures of a task were measured, at the head of its page.
+//! Circumstances of a task's measurement, at the head of its page.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use rhumb_bench::machine;
 use rhumb_bench::output;
 use rhumb_bench::report::escape;
 
-/// How the figures of a task were measured.
+/// Circumstances of a task's measurement.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Provenance {
     /// The command line, as typed.

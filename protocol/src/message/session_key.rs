@@ -31,9 +31,9 @@ pub struct SessionRequest {
 /// Where a session goes on; sent before the answer to the join.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SessionState {
-    /// Whether the scene knows the session; otherwise it has just begun.
+    /// True if the scene knows the session; otherwise it has just begun.
     pub resumed: bool,
-    /// Whether the scene has a command log, so that `Durable` is sent.
+    /// True if the scene has a command log, so that `Durable` is sent.
     pub durable: bool,
     /// Commands of the session that were applied or refused; the next one has this number.
     pub commands: u64,

@@ -54,7 +54,7 @@ impl Ownership {
         }
     }
 
-    /// Whether a command adds something that belongs to a client.
+    /// True if a command adds something that belongs to a client.
     pub(crate) const fn concerns(command: &Command) -> bool {
         matches!(
             command,

@@ -15,7 +15,7 @@ pub enum DataError {
     Io {
         /// The file or directory.
         path: PathBuf,
-        /// What was to be done with it.
+        /// The operation that failed.
         doing: &'static str,
         /// The system's error.
         cause: io::Error,
@@ -29,12 +29,12 @@ pub enum DataError {
     Damaged {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Its fault.
         damage: Damage,
     },
 }
 
-/// What is wrong with a file of a scene.
+/// Fault of a file of a scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Damage {
     /// Bytes from a place on are lost or changed; records after a tick are lost.

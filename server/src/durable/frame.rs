@@ -83,7 +83,7 @@ impl<'a> LogFrames<'a> {
     }
 }
 
-/// Whether a frame behind a place says that the byte there was synchronised.
+/// True if a frame behind a place says that the byte there was synchronised.
 fn was_synced(bytes: &[u8], place: usize) -> bool {
     let mut from = place + 1;
     while let Some(found) = find(bytes, from) {

@@ -19,7 +19,7 @@ pub(crate) struct SessionNumber(pub(crate) u32);
 pub(crate) enum Record {
     /// A command that changed the scene, whatever its source: a member, an upstream or a hook.
     Applied(Command),
-    /// What the `Applied` before it added belongs to this client.
+    /// The object that the `Applied` before it added belongs to this client.
     Owned(ClientName),
     /// A step; the digest of all observations after it.
     Stepped(u64),

@@ -42,7 +42,7 @@ pub(crate) enum ReplayStart {
     Oldest,
 }
 
-/// What the recovery of a scene found.
+/// Findings of the recovery of a scene.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Report {
     /// The tick of the snapshot; zero without one.

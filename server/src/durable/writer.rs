@@ -60,9 +60,9 @@ struct Shared {
     /// Batches that are durable, from the first one on.
     durable: AtomicU64,
     waiting_bytes: AtomicUsize,
-    /// Whether a snapshot is under way.
+    /// True if a snapshot is under way.
     snapshot: AtomicBool,
-    /// Whether batches are lost since the last snapshot.
+    /// True if batches are lost since the last snapshot.
     broken: AtomicBool,
 }
 
@@ -136,12 +136,12 @@ impl SceneLog {
         self.bytes
     }
 
-    /// Whether another snapshot may begin.
+    /// True if another snapshot may begin.
     pub(crate) fn may_snapshot(&self) -> bool {
         !self.shared.snapshot.load(Ordering::Relaxed)
     }
 
-    /// Whether only a snapshot makes the log whole again.
+    /// True if only a snapshot makes the log whole again.
     pub(crate) fn is_broken(&self) -> bool {
         self.shared.broken.load(Ordering::Relaxed)
     }

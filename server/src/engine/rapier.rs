@@ -53,7 +53,7 @@ pub struct RapierEngine {
     /// Awake after the step before, in the order of ids.
     awake_before: Vec<BodySlot>,
     observed: Vec<Observation>,
-    /// Whether the world has changed since its last step. Rapier's image of a world lacks some changes that are not
+    /// True if the world has changed since its last step. Rapier's image of a world lacks some changes that are not
     /// stepped yet.
     has_changed: bool,
 }

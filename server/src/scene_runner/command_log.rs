@@ -1,4 +1,4 @@
-//! What a scene hands to its command log, and what it reports of it.
+//! A scene hands records to its command log, and reports what is durable.
 //!
 //! Never waits for the disk.
 
@@ -18,7 +18,7 @@ impl SceneRunner {
         self.durability = Some(Durability::new(log, replayed, tick));
     }
 
-    /// Whether the scene survives the process.
+    /// True if the scene survives the process.
     pub(crate) const fn is_durable(&self) -> bool {
         self.durability.is_some()
     }

@@ -18,7 +18,7 @@ use crate::member::Member;
 use crate::outbox::Outbox;
 use crate::sessions::{ResumableSession, Sessions};
 
-/// How a membership ends.
+/// End of a membership.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Departure {
     /// The client has left; its session is over.

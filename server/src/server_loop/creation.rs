@@ -1,4 +1,4 @@
-//! How a scene begins to run in a server loop.
+//! A scene begins to run in a server loop.
 
 use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::{SceneConfig, SceneName, Stepping};
@@ -33,7 +33,7 @@ impl ServerLoop {
         Ok(self.run_scene(name, scene, slot, load))
     }
 
-    /// What a scene may take of the server's time, none of it taken.
+    /// A scene's share of the server's time, none of it taken.
     pub(super) fn load_of(&self, config: &SceneConfig) -> SceneLoad {
         let per_body = match config.stepping {
             Stepping::FreeRunning => rights::body_steps(config),

@@ -20,7 +20,7 @@ pub(super) struct StoredScenes {
 }
 
 impl StoredScenes {
-    /// Why a scene that has no runner cannot be joined.
+    /// Reason why a scene without a runner cannot be joined.
     pub(super) fn denial(&self, name: &SceneName) -> Denial {
         if self.damaged.contains_key(name) {
             Denial::SceneFaulted

@@ -8,7 +8,7 @@ use crate::provenance::Provenance;
 /// Results: `remote.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct RemoteResults {
-    /// How they were measured.
+    /// Circumstances of the measurement.
     #[serde(flatten)]
     pub(crate) provenance: Provenance,
     /// Points, load by load.

@@ -86,7 +86,7 @@ impl Stages {
 }
 
 impl PlayerTotals {
-    /// What the server reports, and the traffic that the client has counted.
+    /// Reports of the server, and the traffic that the client has counted.
     pub(super) fn of(inspection: &Inspection, traffic: Traffic) -> Self {
         Self {
             tick: inspection.tick,

@@ -1,4 +1,4 @@
-//! How a client goes on with its session over another connection.
+//! A client goes on with its session over another connection.
 
 use super::resumption::{Resumption, Unfinished};
 use super::{ClientSession, ClientState};
@@ -24,13 +24,13 @@ impl ClientSession {
         Ok(())
     }
 
-    /// Whether another connection could go on with the session.
+    /// True if another connection could go on with the session.
     #[must_use]
     pub const fn can_reconnect(&self) -> bool {
         self.resumption.key.is_some() && self.resumption.rejoin.is_some()
     }
 
-    /// Whether the client was a member, and another connection is to make it one again.
+    /// True if the client was a member, and another connection is to make it one again.
     pub(super) fn is_resuming(&self) -> bool {
         !matches!(self.state, ClientState::Member | ClientState::Ended) && self.can_reconnect()
     }
@@ -113,7 +113,7 @@ impl ClientSession {
         let Some(state) = self.resumption.state.take() else {
             return false;
         };
-        // What is done but not yet durable is kept: the server may ask for it if it fails again.
+        // Commands that are done but not yet durable are kept: the server may ask for them if it fails again.
         let done = self.resumption.done(state.commands, state.tick);
         let unfinished = core::mem::take(&mut self.resumption.unfinished);
         for message in unfinished.iter().skip(done) {

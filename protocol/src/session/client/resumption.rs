@@ -1,4 +1,4 @@
-//! What a client keeps so that another connection can go on with its session.
+//! Commands that a client keeps so that another connection can go on.
 //!
 //! Commands and advances in the order of sending, until the server has what the scene promises: a scene with a command
 //! log has them when they are durable, another one when they are done. Invariant: no command is given up that the
@@ -15,7 +15,7 @@ use crate::scene::Command;
 #[derive(Debug, Default)]
 pub(super) struct Resumption {
     pub(super) key: Option<SessionKey>,
-    /// Whether the scene has a command log.
+    /// True if the scene has a command log.
     pub(super) durable: bool,
     /// Commands known to be done.
     pub(super) answered: u64,
@@ -66,7 +66,7 @@ impl Resumption {
         self.unfinished.drain(..self.done(commands, tick));
     }
 
-    /// How many of the first unfinished messages are done where so many commands are, and the scene is at this tick. A
+    /// Number of first unfinished messages that are done if so many commands are, and the scene is at this tick. A
     /// command is done after everything before it.
     pub(super) fn done(&self, commands: u64, tick: Tick) -> usize {
         let is_done = |message: &Unfinished| matches!(message, Unfinished::Command(number, _) if *number < commands);
@@ -78,7 +78,7 @@ impl Resumption {
         through + rest.take_while(is_reached).count()
     }
 
-    /// Whether the first unfinished command is the one that the server wants next.
+    /// True if the first unfinished command is the one that the server wants next.
     pub(super) fn has_from(&self, commands: u64, sent: u64) -> bool {
         let mut unfinished = self.unfinished.iter();
         let first = unfinished.find_map(|message| match message {
