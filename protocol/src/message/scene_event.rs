@@ -47,7 +47,7 @@ pub enum SceneEvent {
     BodyPlaced {
         /// Its description.
         desc: BodyDesc,
-        /// Its moments of inertia, if it [can tumble](BodyDesc::can_tumble) and they are not equal.
+        /// Its moments of inertia, if it rotates freely and they are not equal.
         inertia: Option<Inertia>,
         /// Its track.
         track: Track,

@@ -21,7 +21,7 @@ pub trait PutBits {
     ///
     /// # Panics
     ///
-    /// When `value` is above [`GOLOMB_MAX`].
+    /// When `value` is above `GOLOMB_MAX`.
     fn golomb(&mut self, value: u32, order: u32) {
         assert!(
             value <= GOLOMB_MAX,
@@ -69,7 +69,7 @@ pub trait TakeBits {
     ///
     /// # Errors
     ///
-    /// [`Malformed::OutOfRange`] above [`GOLOMB_MAX`].
+    /// [`Malformed::OutOfRange`] above `GOLOMB_MAX`.
     fn golomb(&mut self, order: u32) -> Result<u32, Malformed> {
         let mut extra = 0;
         while self.flag()? {

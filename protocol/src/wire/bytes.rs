@@ -182,7 +182,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     ///
-    /// As [`Self::varint_to`].
+    /// As `varint_to`.
     pub fn count(&mut self) -> Result<u64, Malformed> {
         self.varint_to(COUNT_MAX)
     }
@@ -191,7 +191,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     ///
-    /// As [`Self::varint_to`].
+    /// As `varint_to`.
     pub fn varint32(&mut self) -> Result<u32, Malformed> {
         self.varint_to(u64::from(u32::MAX))
             .map(|value| value as u32)

@@ -22,7 +22,7 @@ impl Publisher {
         }
     }
 
-    /// Answers the only receiver of a stream, which is sent all repair symbols: see [`Self::answer_one`].
+    /// Answers the only receiver of a stream, which is sent all repair symbols: see `answer_one`.
     pub fn answer(&mut self, loss_report: &LossReport, out: &mut Vec<Bytes>) -> Vec<u64> {
         self.answer_one(loss_report, Some(0), out)
     }
