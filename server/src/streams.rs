@@ -322,43 +322,6 @@ mod tests {
         streams
     }
 
-    /// All packets of streams with four tolerances, published on so many threads.
-    fn packets_of_four_tiers(threads: u32) -> Vec<(StreamId, Bytes)> {
-        let threads = NonZeroU32::new(threads).filter(|_| Workers::may_be_many());
-        let mut streams = Streams::new(PublishSchedule::EACH_TICK);
-        streams.employ(Workers::new(threads).expect("the threads are available"));
-        for (id, millimetres) in [(0, 10.0), (1, 50.0), (2, 200.0), (3, 1000.0)] {
-            let tolerance = Tolerance::from_metres(Metres::new(millimetres * 1e-3));
-            let tolerance = tolerance.expect("within the limits");
-            let choice = StreamChoice::Within(tolerance);
-            streams.begin(Stream::of(choice, sender(StreamId(id), tolerance, None)));
-        }
-        populate(&mut streams);
-        let mut packets = Vec::new();
-        for tick in 1..=SECOND {
-            publish(&mut streams, tick);
-            for id in (0..4).map(StreamId) {
-                packets.extend(
-                    streams
-                        .packets(id, Peer(0))
-                        .map(|packet| (id, packet.clone())),
-                );
-            }
-        }
-        packets
-    }
-
-    #[test]
-    fn the_packets_are_the_same_on_any_number_of_threads() {
-        let one = packets_of_four_tiers(1);
-        for id in (0..4).map(StreamId) {
-            let of_stream = one.iter().filter(|(stream, _)| *stream == id);
-            assert!(of_stream.count() as u64 >= SECOND, "{id:?}");
-        }
-        assert!(one == packets_of_four_tiers(2));
-        assert!(one == packets_of_four_tiers(4));
-    }
-
     /// Observes and publishes a tick.
     fn publish(streams: &mut Streams, tick: u64) {
         let observation = |body| Observation {

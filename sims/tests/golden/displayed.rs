@@ -2,29 +2,37 @@
 
 use rhumb_netsim::{LinkConfig, SimNetwork};
 use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::Tolerance;
-use rhumb_server::Front;
+use rhumb_server::{Front, Workers};
 use rhumb_sims::by_name;
 
 /// Longer than any answer takes over a perfect link.
 const ANSWERED: Span = Span::from_millis(10);
 
-/// The only client of a server.
-struct Commander(SimNetwork<Front, ClientSession>);
+/// The members of one scene: the first commands it, the others follow.
+struct Members(SimNetwork<Front, ClientSession>);
 
-impl Commander {
-    /// Makes a call and waits for the answer.
-    fn call<E: std::fmt::Debug>(&mut self, call: impl FnOnce(&mut ClientSession) -> Result<(), E>) {
-        call(self.0.client_mut(0)).expect("the session is in the state of this call");
+impl Members {
+    /// Makes a call of a member and waits for the answer.
+    fn call<E: std::fmt::Debug>(
+        &mut self,
+        member: usize,
+        call: impl FnOnce(&mut ClientSession) -> Result<(), E>,
+    ) {
+        call(self.0.client_mut(member)).expect("the session is in the state of this call");
         let answered = self.0.now() + ANSWERED;
         self.0.run_until(answered);
-        while self.0.client_mut(0).poll_event().is_some() {}
+        for each in 0..self.0.clients() {
+            while self.0.client_mut(each).poll_event().is_some() {}
+        }
     }
 
-    fn replica(&self) -> &Replica {
-        self.0.client(0).replica().expect("it has joined the scene")
+    fn replica(&self, member: usize) -> &Replica {
+        let session = self.0.client(member);
+        session.replica().expect("it has joined the scene")
     }
 }
 
@@ -53,24 +61,36 @@ fn fold(digest: &mut u64, replica: &Replica) {
     }
 }
 
-/// Digest of the copy of a member of the 5 cm tier in 300 lockstep ticks.
-fn displayed_digest(scene: &str) -> u64 {
+/// Digests of the copies of members, one for each tolerance, in 300 lockstep ticks.
+pub(crate) fn displayed_digests(
+    scene: &str,
+    tolerances: &[Tolerance],
+    workers: Workers,
+) -> Vec<u64> {
     let mut script = by_name(scene, 60, 1).expect("an existing script");
-    let server = Front::on_one_thread(|| Instant::ZERO);
-    let mut commander = Commander(SimNetwork::new(server, LinkConfig::PERFECT, 1));
-    let name = "golden".parse().expect("a valid scene name");
-    commander.0.connect(ClientSession::new(name));
-    commander.call(|_| Ok::<_, ()>(()));
-    commander.call(|session| session.create(script.config()));
-    commander.call(|session| session.join(StreamChoice::Within(Tolerance::NORMAL)));
-    let mut digest = 0xcbf2_9ce4_8422_2325;
+    let mut server = Front::on_one_thread(|| Instant::ZERO);
+    server.employ(workers);
+    let mut members = Members(SimNetwork::new(server, LinkConfig::PERFECT, 1));
+    let name: SceneName = "golden".parse().expect("a valid scene name");
+    for (member, &tolerance) in tolerances.iter().enumerate() {
+        members.0.connect(ClientSession::new(name.clone()));
+        members.call(member, |_| Ok::<_, ()>(()));
+        if member == 0 {
+            members.call(member, |session| session.create(script.config()));
+        }
+        members.call(member, |session| {
+            session.join(StreamChoice::Within(tolerance))
+        });
+    }
+    let mut digests = vec![0xcbf2_9ce4_8422_2325; tolerances.len()];
     let mut commands = Vec::new();
     for _ in 0..300 {
-        let next = commander.replica().stream().complete().next();
+        let complete = members.replica(0).stream().complete();
+        let next = complete.next();
         commands.clear();
-        script.commands(commander.replica().stream().complete(), &mut commands);
-        let now = commander.0.now();
-        commander.call(|session| {
+        script.commands(complete, &mut commands);
+        let now = members.0.now();
+        members.call(0, |session| {
             for command in commands.drain(..) {
                 session
                     .command(command)
@@ -78,10 +98,17 @@ fn displayed_digest(scene: &str) -> u64 {
             }
             session.advance(now, next)
         });
-        assert_eq!(commander.replica().stream().complete(), next);
-        fold(&mut digest, commander.replica());
+        for (member, digest) in digests.iter_mut().enumerate() {
+            assert_eq!(members.replica(member).stream().complete(), next);
+            fold(digest, members.replica(member));
+        }
     }
-    digest
+    digests
+}
+
+/// Digest of the copy of a member of the 5 cm tier.
+fn displayed_digest(scene: &str) -> u64 {
+    displayed_digests(scene, &[Tolerance::NORMAL], Workers::default())[0]
 }
 
 /// Recorded values. Another value means that some client displays another scene than this build; if that is intended,
