@@ -17,6 +17,10 @@ pub enum JoinMode {
     CreateOrJoin(SceneConfig),
 }
 
+/// Time for which a client of a durable scene tries to resume by default. A machine starts again within a minute, its
+/// server in seconds, and a client notices within ten; the server keeps the session for five minutes.
+pub const RESUME_WITHIN: Duration = Duration::from_secs(60);
+
 /// Options for joining a scene.
 ///
 /// The default creates the scene with the default config unless it exists, subscribes to the 5 cm tier, computes the
@@ -40,7 +44,10 @@ pub struct JoinOptions {
     pub smooth: bool,
     /// Time for which the client tries to go on with its session over another connection when one ends without its doing.
     /// Commands meanwhile are queued. At zero, the first connection is the only one, and there is no session.
-    pub resume_within: Duration,
+    ///
+    /// `None`: [`RESUME_WITHIN`] if the server keeps the scene over its own end, else zero, for a scene that is gone is
+    /// not waited for.
+    pub resume_within: Option<Duration>,
 }
 
 impl Default for JoinMode {
@@ -58,7 +65,7 @@ impl Default for JoinOptions {
             lead_ticks: 0.0,
             whole_ticks: false,
             smooth: true,
-            resume_within: Duration::ZERO,
+            resume_within: None,
         }
     }
 }

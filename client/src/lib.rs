@@ -63,7 +63,7 @@ mod statistics;
 pub use client::Client;
 pub use error::{ClientError, OpenError};
 pub use glam;
-pub use join_options::{JoinMode, JoinOptions};
+pub use join_options::{JoinMode, JoinOptions, RESUME_WITHIN};
 pub use pump::TapChannel;
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{

@@ -101,7 +101,7 @@ impl ServerConnection {
                 other => other.map_err(denied)?,
             }
         }
-        if options.resume_within > Duration::ZERO {
+        if options.resume_within != Some(Duration::ZERO) {
             let key = random_bytes().map_err(OpenError::Random)?;
             pump.session
                 .begin_session(SessionKey(key))

@@ -138,7 +138,8 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
         None => settings_of(&arguments).and_then(|settings| {
             if arguments.check_config {
                 access(&settings)?;
-                identity(&settings)?.certificate()?;
+                identity(&settings, None)?.certificate()?;
+                check_data(&settings)?;
                 return print("the configuration is valid\n");
             }
             let _last_lines = log::start(settings.log, settings.limits.log_lines_per_second);
@@ -170,6 +171,7 @@ fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> 
     set(&mut settings.threads, arguments.threads);
     set(&mut settings.largest_packet, arguments.largest_packet);
     settings.metrics = arguments.metrics.or(settings.metrics);
+    settings.data = arguments.data.clone().or(settings.data);
     if arguments.cert.is_some() {
         settings.cert = arguments.cert.clone();
         settings.key = arguments.key.clone();
@@ -191,14 +193,31 @@ fn set<T>(setting: &mut T, flag: Option<T>) {
     }
 }
 
+/// Checks that a data directory is one, or can still become one.
+fn check_data(settings: &ServerSettings) -> Result<(), Box<dyn Error>> {
+    match &settings.data {
+        Some(data) if data.exists() && !data.is_dir() => {
+            Err(format!("the data directory {} is a file", data.display()).into())
+        }
+        _ => Ok(()),
+    }
+}
+
 fn print(text: &str) -> Result<(), Box<dyn Error>> {
     Ok(std::io::stdout().lock().write_all(text.as_bytes())?)
 }
 
-fn identity(settings: &ServerSettings) -> Result<Identity, Box<dyn Error>> {
+/// The certificate to serve with: its files, or one for development, which a data directory keeps.
+fn identity(settings: &ServerSettings, data: Option<&DataDir>) -> Result<Identity, Box<dyn Error>> {
     match (settings.cert.clone(), settings.key.clone()) {
         (Some(certificate), Some(key)) => Ok(Identity::Files { certificate, key }),
-        (None, None) => Ok(Identity::Development),
+        (None, None) => Ok(match data {
+            None => Identity::Development,
+            Some(data) => {
+                let (certificate, key) = data.development_certificate()?;
+                Identity::Files { certificate, key }
+            }
+        }),
         _ => Err("a certificate needs its key, and a key its certificate".into()),
     }
 }
@@ -212,7 +231,9 @@ fn run(
         run_on_cores(&settings.cores)?;
     }
     let workers = Workers::new(Some(settings.threads)).map_err(RunError::Workers)?;
-    let (access, identity) = (access(settings)?, identity(settings)?);
+    let access = access(settings)?;
+    let data = settings.data.as_deref().map(DataDir::open).transpose()?;
+    let identity = identity(settings, data.as_ref())?;
     #[cfg(feature = "app")]
     if !settings.open_to_network
         && let Some(address) = arguments.app.beyond_loopback()
@@ -226,8 +247,8 @@ fn run(
     server.employ(workers);
     server.set_largest_packet(settings.largest_packet);
     server.set_limits(settings.limits);
-    if let Some(dir) = &arguments.data {
-        server.store_in(DataDir::open(dir)?);
+    if let Some(data) = data {
+        server.store_in(data);
     }
     if let Some(hooks) = hooks {
         server.attach(hooks);
@@ -254,7 +275,7 @@ fn run(
     if let Err(cause) = ctrlc::set_handler(on_signal) {
         tracing::warn!("signals do not stop this server: {cause}");
     }
-    announce(&server, &identity, app, metrics);
+    announce(&server, (settings, &identity), app, metrics);
     let outcome = server.run(&stop);
     running.store(false, Ordering::Relaxed);
     let statistics = outcome?;
@@ -281,13 +302,14 @@ fn access(settings: &ServerSettings) -> Result<Access, Box<dyn Error>> {
 /// Prints the address and the fingerprint to pin. A closed standard output does not stop a server.
 fn announce(
     server: &Server,
-    identity: &Identity,
+    (settings, identity): (&ServerSettings, &Identity),
     app: Option<SocketAddr>,
     metrics: Option<SocketAddr>,
 ) {
     let kind = match identity {
         Identity::Development => "development, made at start",
-        Identity::Files { .. } => "from files",
+        Identity::Files { .. } if settings.cert.is_some() => "from files",
+        Identity::Files { .. } => "development, kept in the data directory",
     };
     let app = app.map_or_else(String::new, |app| format!("app listening on {app}\n"));
     let metrics = metrics.map_or_else(String::new, |at| {

@@ -11,6 +11,7 @@ use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_protocol::{Instant, Peer, Span};
 
+use crate::access::{ClientName, decode_client_of, encode_client_of};
 use crate::durable::{Record, SessionNumber};
 
 /// Refusals that a session keeps, for a client that has not seen them.
@@ -24,6 +25,8 @@ const ABSENT_FOR: Span = Span::from_millis(300_000);
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ResumableSession {
     key: SessionKey,
+    /// The client that began it, whose alone it is; `None` without a token.
+    client: Option<ClientName>,
     /// Commands that were applied or refused.
     pub(crate) commands: u64,
     /// Body indices granted to it.
@@ -49,10 +52,17 @@ pub(crate) struct Sessions {
 }
 
 impl Sessions {
-    /// The session of a key.
-    pub(crate) fn of_key(&self, key: SessionKey) -> Option<SessionNumber> {
+    /// The session of a client's key. The same key of another client is another session: a stolen key opens nothing.
+    pub(crate) fn of_key(
+        &self,
+        key: SessionKey,
+        client: Option<&ClientName>,
+    ) -> Option<SessionNumber> {
         let mut sessions = self.sessions.iter();
-        sessions.find_map(|(number, session)| (session.key == key).then_some(*number))
+        sessions.find_map(|(number, session)| {
+            let is_it = session.key == key && session.client.as_ref() == client;
+            is_it.then_some(*number)
+        })
     }
 
     pub(crate) fn get(&self, number: SessionNumber) -> Option<&ResumableSession> {
@@ -114,10 +124,11 @@ impl Sessions {
     /// Does what a record says. Records that concern the scene alone change nothing here.
     pub(crate) fn replay(&mut self, record: &Record) {
         match record {
-            Record::Opened(number, key) => {
+            Record::Opened(number, key, client) => {
                 self.next = number.0 + 1;
                 let session = ResumableSession {
                     key: *key,
+                    client: client.clone(),
                     commands: 0,
                     ranges: Vec::new(),
                     refusals: VecDeque::new(),
@@ -166,6 +177,7 @@ impl Wire for Sessions {
         for (number, session) in &self.sessions {
             number.encode(to);
             session.key.encode(to);
+            encode_client_of(session.client.as_ref(), to);
             to.varint(session.commands);
             to.varint(session.ranges.len() as u64);
             session.ranges.iter().for_each(|range| range.encode(to));
@@ -186,6 +198,7 @@ impl Wire for Sessions {
             let number = SessionNumber::decode(from)?;
             let mut session = ResumableSession {
                 key: SessionKey::decode(from)?,
+                client: decode_client_of(from)?,
                 commands: from.count()?,
                 ranges: Vec::new(),
                 refusals: VecDeque::new(),
@@ -213,11 +226,15 @@ mod tests {
     const KEY: SessionKey = SessionKey([5; 16]);
     const NUMBER: SessionNumber = SessionNumber(3);
 
+    fn client(name: &str) -> Option<ClientName> {
+        (!name.is_empty()).then(|| name.into())
+    }
+
     fn sessions() -> Sessions {
         let mut sessions = Sessions::default();
         let range = IdRange::new(8, 16, 1).unwrap();
         for record in [
-            Record::Opened(NUMBER, KEY),
+            Record::Opened(NUMBER, KEY, client("anna")),
             Record::Granted(NUMBER, range),
             Record::Counted(NUMBER, None),
             Record::Counted(NUMBER, Some(CommandError::UnknownCommand)),
@@ -260,6 +277,19 @@ mod tests {
         assert_eq!(sessions.expired(Instant::ZERO), []);
         assert_eq!(sessions.expired(late), [NUMBER]);
         sessions.replay(&Record::Closed(NUMBER));
-        assert_eq!(sessions.of_key(KEY), None);
+        assert_eq!(sessions.of_key(KEY, client("anna").as_ref()), None);
+    }
+
+    #[test]
+    fn a_key_opens_the_session_of_its_own_client_only() {
+        let sessions = sessions();
+        let of = |client: Option<ClientName>| sessions.of_key(KEY, client.as_ref());
+        assert_eq!(of(client("anna")), Some(NUMBER));
+        assert_eq!(of(client("bert")), None);
+        assert_eq!(of(client("")), None);
+        assert_eq!(
+            sessions.of_key(SessionKey([6; 16]), client("anna").as_ref()),
+            None
+        );
     }
 }

@@ -32,6 +32,7 @@ pub(crate) struct ServerSettings {
     pub(crate) open: bool,
     pub(crate) open_to_network: bool,
     pub(crate) metrics: Option<SocketAddr>,
+    pub(crate) data: Option<PathBuf>,
     #[serde(deserialize_with = "parsed")]
     pub(crate) log: LevelFilter,
     pub(crate) cores: Vec<usize>,
@@ -75,7 +76,7 @@ impl std::error::Error for SettingsError {}
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
-const ROWS: [(&str, &str, &str); 12] = [
+const ROWS: [(&str, &str, &str); 13] = [
     (
         "listen",
         "\"127.0.0.1:4433\"",
@@ -113,6 +114,11 @@ const ROWS: [(&str, &str, &str); 12] = [
         "TCP address for /metrics and /health; without it there are none.",
     ),
     (
+        "data",
+        "\"data\"",
+        "Directory for command logs and snapshots, from which scenes are restored at start; without it, scenes end with the process.",
+    ),
+    (
         "log",
         "\"info\"",
         "Log level: off, error, warn, info, debug or trace.",
@@ -131,7 +137,7 @@ const ROWS: [(&str, &str, &str); 12] = [
 ];
 
 /// The settings that a file need not have, and that have no default.
-const OPTIONAL: [&str; 3] = ["cert", "key", "metrics"];
+const OPTIONAL: [&str; 4] = ["cert", "key", "metrics", "data"];
 
 impl Default for ServerSettings {
     fn default() -> Self {
@@ -144,6 +150,7 @@ impl Default for ServerSettings {
             open: false,
             open_to_network: false,
             metrics: None,
+            data: None,
             log: LevelFilter::INFO,
             cores: Vec::new(),
             threads: NonZeroU32::MIN,
@@ -289,6 +296,7 @@ mod tests {
         let settings = of_environment(&[
             ("RHUMB_SERVER_LISTEN", "0.0.0.0:9000"),
             ("RHUMB_SERVER_OPEN", "true"),
+            ("RHUMB_SERVER_DATA", "/var/lib/rhumb"),
             ("RHUMB_SERVER_CORES", "[2, 3]"),
             ("RHUMB_SERVER_LIMITS_SCENES", "4"),
             ("RHUMB_OTHER", "1"),
@@ -296,6 +304,7 @@ mod tests {
         .unwrap();
         assert_eq!(settings.listen, "0.0.0.0:9000".parse().unwrap());
         assert!(settings.open);
+        assert_eq!(settings.data, Some("/var/lib/rhumb".into()));
         assert_eq!(settings.cores, [2, 3]);
         assert_eq!(settings.limits.scenes, 4);
     }

@@ -18,8 +18,9 @@ pub use link_meter::LinkMeter;
 pub use piece::{ByteCredit, PIECE_COST_BYTES, Piece};
 pub use quic::{
     BindError, Certificate, CertificateError, ClientOptions, ConnectError, DATAGRAM_BYTES_MIN,
-    Fingerprint, FingerprintError, QuicClient, QuicServer, Received, ServeError, ServerOptions,
-    ServerStatistics, ServerWatch, Stop, TransportCode, Trust, Waker, WireStatistics,
+    DevelopmentPem, Fingerprint, FingerprintError, QuicClient, QuicServer, Received, ServeError,
+    ServerOptions, ServerStatistics, ServerWatch, Stop, TransportCode, Trust, Waker,
+    WireStatistics,
 };
 pub use random::random_bytes;
 pub use socket::{bind_udp, io_runtime};

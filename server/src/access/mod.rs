@@ -16,5 +16,5 @@ pub(crate) use self::gate::Gate;
 pub(crate) use self::gate::tests;
 pub use self::keys::{KeyError, TokenKeys};
 pub(crate) use self::keys::{make_keys, sign};
-pub(crate) use self::ownership::{Ownership, decode_client};
+pub(crate) use self::ownership::{Ownership, decode_client, decode_client_of, encode_client_of};
 pub(crate) use self::permit::{ClientName, Permit};

@@ -179,6 +179,23 @@ pub(crate) fn decode_client(from: &mut Reader<'_>) -> Result<ClientName, Malform
     Ok(text.into())
 }
 
+/// A client's name, or none.
+pub(crate) fn encode_client_of(client: Option<&ClientName>, to: &mut Writer) {
+    to.u8(u8::from(client.is_some()));
+    if let Some(client) = client {
+        to.sized(client.as_bytes());
+    }
+}
+
+/// A client's name, or none.
+pub(crate) fn decode_client_of(from: &mut Reader<'_>) -> Result<Option<ClientName>, Malformed> {
+    match from.u8()? {
+        0 => Ok(None),
+        1 => decode_client(from).map(Some),
+        _ => Err(Malformed::UnknownCode),
+    }
+}
+
 fn owns<Id: Ord>(owners: &BTreeMap<Id, ClientName>, client: Option<&ClientName>, id: Id) -> bool {
     client.is_some_and(|client| owners.get(&id) == Some(client))
 }

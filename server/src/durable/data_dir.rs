@@ -11,6 +11,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use rhumb_protocol::scene::SceneName;
+use rhumb_transport::DevelopmentPem;
 use ring::hmac;
 use ring::rand::{SecureRandom, SystemRandom};
 
@@ -20,6 +21,8 @@ use super::scene_files::{DELETED, SceneFiles};
 
 const LOCK: &str = "lock";
 const KEY: &str = "key";
+const CERTIFICATE: &str = "certificate.pem";
+const CERTIFICATE_KEY: &str = "certificate-key.pem";
 const SCENES: &str = "scenes";
 const KEY_BYTES: usize = 32;
 
@@ -29,6 +32,7 @@ pub struct DataDir(Arc<Opened>);
 
 struct Opened {
     disk: Arc<dyn Disk>,
+    path: PathBuf,
     scenes: PathBuf,
     key: hmac::Key,
     /// Number of the next creation.
@@ -57,6 +61,7 @@ impl DataDir {
         let newest = names.iter().filter_map(|name| Some(parse(name)?.1)).max();
         Ok(Self(Arc::new(Opened {
             disk,
+            path: path.to_owned(),
             scenes,
             key,
             next: AtomicU64::new(newest.map_or(0, |newest| newest + 1)),
@@ -77,11 +82,31 @@ impl DataDir {
         let bytes = std::fs::read(&file).map_err(DataError::io(&file, "read"))?;
         Ok(Self(Arc::new(Opened {
             disk: Arc::new(SystemDisk),
+            path: path.to_owned(),
             scenes: path.join(SCENES),
             key: key_of(&bytes, &file)?,
             next: AtomicU64::new(0),
             _lock: lock,
         })))
+    }
+
+    /// The files of the directory's own certificate for development and of its key, made at the first call: clients that
+    /// pin the certificate find the server again after a restart.
+    ///
+    /// # Errors
+    ///
+    /// [`DataError::Io`] if they cannot be written.
+    pub fn development_certificate(&self) -> Result<(PathBuf, PathBuf), DataError> {
+        let certificate = self.0.path.join(CERTIFICATE);
+        let key = self.0.path.join(CERTIFICATE_KEY);
+        // The key goes first: a certificate has a key, and one without is made anew.
+        if !certificate.exists() {
+            let made = DevelopmentPem::new(["localhost"]).map_err(DataError::Certificate)?;
+            write_secret(&key, made.key.as_bytes()).map_err(DataError::io(&key, "write"))?;
+            let written = write_secret(&certificate, made.certificate.as_bytes());
+            written.map_err(DataError::io(&certificate, "write"))?;
+        }
+        Ok((certificate, key))
     }
 
     /// The scenes that it has.
@@ -188,6 +213,12 @@ fn key_of(bytes: &[u8], file: &Path) -> Result<hmac::Key, DataError> {
 fn make_key(path: &Path) -> io::Result<[u8; KEY_BYTES]> {
     let mut key = [0; KEY_BYTES];
     (SystemRandom::new().fill(&mut key)).map_err(|_| io::Error::from(io::ErrorKind::Other))?;
+    write_secret(path, &key)?;
+    Ok(key)
+}
+
+/// Writes a file that its owner alone may read, as a whole.
+fn write_secret(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let temporary = path.with_extension("tmp");
     let mut options = OpenOptions::new();
     options.write(true).create(true).truncate(true);
@@ -197,11 +228,10 @@ fn make_key(path: &Path) -> io::Result<[u8; KEY_BYTES]> {
         options.mode(0o600);
     }
     let mut file = options.open(&temporary)?;
-    file.write_all(&key)?;
+    file.write_all(bytes)?;
     file.sync_all()?;
     std::fs::rename(&temporary, path)?;
-    SystemDisk.sync_directory(&parent(path))?;
-    Ok(key)
+    SystemDisk.sync_directory(&parent(path))
 }
 
 #[cfg(test)]
@@ -218,6 +248,23 @@ mod tests {
         }
         assert_eq!(parse("pit"), None);
         assert_eq!(parse("pit.1.deleted"), None);
+    }
+
+    #[test]
+    fn a_directory_keeps_its_certificate_and_only_its_owner_reads_the_key() {
+        let directory = tempfile::tempdir().unwrap();
+        let read = || {
+            let data = DataDir::open(directory.path()).unwrap();
+            let (certificate, key) = data.development_certificate().unwrap();
+            #[cfg(unix)]
+            {
+                use std::os::unix::fs::PermissionsExt;
+                let mode = std::fs::metadata(&key).unwrap().permissions().mode();
+                assert_eq!(mode & 0o777, 0o600);
+            }
+            rhumb_transport::Certificate::from_pem_files(certificate, key).unwrap()
+        };
+        assert_eq!(read().fingerprint(), read().fingerprint());
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //! Knows no format. A name is durable only after its directory was synchronised, and bytes only after their file was.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Read, Write};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// A place for files.
@@ -39,6 +39,9 @@ pub(crate) trait LogFile: Send {
     /// Appends bytes.
     fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
 
+    /// Writes over bytes that exist. Nothing is appended to the file afterwards.
+    fn write_at(&mut self, place: u64, bytes: &[u8]) -> io::Result<()>;
+
     /// Returns when all bytes are durable.
     fn sync(&mut self) -> io::Result<()>;
 }
@@ -69,10 +72,7 @@ impl Disk for SystemDisk {
     }
 
     fn create(&self, path: &Path) -> io::Result<Box<dyn LogFile>> {
-        let file = OpenOptions::new()
-            .append(true)
-            .create_new(true)
-            .open(path)?;
+        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
         Ok(Box::new(file))
     }
 
@@ -99,6 +99,11 @@ impl Disk for SystemDisk {
 
 impl LogFile for File {
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.write_all(bytes)
+    }
+
+    fn write_at(&mut self, place: u64, bytes: &[u8]) -> io::Result<()> {
+        self.seek(SeekFrom::Start(place))?;
         self.write_all(bytes)
     }
 

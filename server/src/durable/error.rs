@@ -7,6 +7,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use rhumb_reckoning::Tick;
+use rhumb_transport::CertificateError;
 
 /// Reason why a data directory or a scene in it cannot be used.
 #[derive(Debug)]
@@ -25,6 +26,8 @@ pub enum DataError {
         /// The directory.
         path: PathBuf,
     },
+    /// No certificate for development can be made.
+    Certificate(CertificateError),
     /// A file of a scene is not what was written.
     Damaged {
         /// The file.
@@ -44,6 +47,19 @@ pub enum Damage {
         /// The newest tick before it.
         after: Tick,
     },
+    /// Bytes that were durable are lost or changed at the end of the newest segment.
+    End {
+        /// The place of the first lost frame.
+        at: u64,
+        /// Bytes that were durable.
+        of: u64,
+        /// The newest tick before it.
+        after: Tick,
+        /// The newest tick that was durable at least.
+        through: Tick,
+    },
+    /// The file that says how far the log is durable is not readable.
+    Head,
     /// The beginning is lost or changed, and with it the whole file.
     Beginning,
     /// The file is missing.
@@ -90,6 +106,7 @@ impl fmt::Display for DataError {
             Self::InUse { path } => {
                 write!(f, "another process uses the directory {}", path.display())
             }
+            Self::Certificate(cause) => cause.fmt(f),
             Self::Damaged { path, damage } => write!(f, "{}: {damage}", path.display()),
         }
     }
@@ -105,6 +122,20 @@ impl fmt::Display for Damage {
                 "damaged at byte {at}; what happened after tick {} is lost",
                 after.value()
             ),
+            Self::End {
+                at,
+                of,
+                after,
+                through,
+            } => write!(
+                f,
+                "damaged or cut at byte {at} of {of}; what happened after tick {} is lost, to tick {} at least",
+                after.value(),
+                through.value()
+            ),
+            Self::Head => {
+                f.write_str("damaged; how far the log beside it was durable is not known")
+            }
             Self::Beginning => {
                 f.write_str("damaged at its beginning; everything recorded in it is lost")
             }

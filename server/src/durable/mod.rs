@@ -7,6 +7,7 @@ mod disk;
 mod error;
 mod examine;
 mod frame;
+mod head;
 mod journal;
 mod record;
 mod recovery;

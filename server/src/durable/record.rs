@@ -8,7 +8,7 @@ use rhumb_protocol::scene::{Command, CommandError, IdRange};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 
-use crate::access::{ClientName, decode_client};
+use crate::access::{ClientName, decode_client, decode_client_of, encode_client_of};
 
 /// Number of a session in the log of its scene; not used again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -23,8 +23,8 @@ pub(crate) enum Record {
     Owned(ClientName),
     /// A step; the digest of all observations after it.
     Stepped(u64),
-    /// A session begins.
-    Opened(SessionNumber, SessionKey),
+    /// A session of a client begins; `None` without a token.
+    Opened(SessionNumber, SessionKey, Option<ClientName>),
     /// A session has more body indices.
     Granted(SessionNumber, IdRange),
     /// A numbered command of a session is done. One that was applied follows its `Applied`.
@@ -85,10 +85,11 @@ impl Wire for Record {
                 to.u8(kind::STEPPED);
                 to.raw(&digest.to_le_bytes());
             }
-            Self::Opened(number, key) => {
+            Self::Opened(number, key, client) => {
                 to.u8(kind::OPENED);
                 number.encode(to);
                 key.encode(to);
+                encode_client_of(client.as_ref(), to);
             }
             Self::Granted(number, range) => {
                 to.u8(kind::GRANTED);
@@ -124,7 +125,11 @@ impl Wire for Record {
                 Self::Applied(command)
             }
             kind::STEPPED => Self::Stepped(decode_u64(from)?),
-            kind::OPENED => Self::Opened(SessionNumber::decode(from)?, SessionKey::decode(from)?),
+            kind::OPENED => {
+                let number = SessionNumber::decode(from)?;
+                let key = SessionKey::decode(from)?;
+                Self::Opened(number, key, decode_client_of(from)?)
+            }
             kind::GRANTED => Self::Granted(SessionNumber::decode(from)?, IdRange::decode(from)?),
             kind::COUNTED => Self::Counted(SessionNumber::decode(from)?, None),
             kind::REFUSED => {

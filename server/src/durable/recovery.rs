@@ -11,6 +11,7 @@ use rhumb_reckoning::Tick;
 
 use super::error::{Damage, DataError};
 use super::frame::{LogFrames, Tail};
+use super::head::Head;
 use super::record::Record;
 use super::scene_files::{LogHeader, SceneFiles};
 use super::snapshot_file::Snapshot;
@@ -89,7 +90,10 @@ impl SceneFiles {
         beat: &mut dyn FnMut(),
     ) -> Result<Option<Restored>, DataError> {
         let (segments, snapshots) = self.numbers()?;
-        let Some(chain) = self.chain(&segments)? else {
+        let Some(head) = self.head_of(&segments)? else {
+            return Ok(None);
+        };
+        let Some(chain) = self.chain(&segments, head)? else {
             return Ok(None);
         };
         let mut report = Report::default();
@@ -118,8 +122,25 @@ impl SceneFiles {
         }))
     }
 
+    /// The durable end of the log; `None` if the scene's creation was never durable.
+    fn head_of(&self, segments: &[u32]) -> Result<Option<Head>, DataError> {
+        let Some(head) = self.read_head()? else {
+            // A first segment precedes its head, and has nothing but its beginning then.
+            return match segments {
+                [] => Ok(None),
+                [0] if LogFrames::read(&self.read_segment(0)?).frames.len() <= 1 => Ok(None),
+                _ => Err(DataError::damaged(&self.head_path(), Damage::Missing)),
+            };
+        };
+        if segments.contains(&head.segment) {
+            return Ok(Some(head));
+        }
+        let path = self.segment_path(head.segment);
+        Err(DataError::damaged(&path, Damage::Missing))
+    }
+
     /// The segments from the oldest that is needed to the newest one, each checked up to where the next one begins.
-    fn chain(&self, segments: &[u32]) -> Result<Option<Vec<Link>>, DataError> {
+    fn chain(&self, segments: &[u32], head: Head) -> Result<Option<Vec<Link>>, DataError> {
         let mut chain: Vec<Link> = Vec::new();
         let mut required: Option<(u32, u64)> = None;
         for number in segments.iter().rev() {
@@ -137,7 +158,7 @@ impl SceneFiles {
                 break;
             }
             let length = required.map(|(_, length)| length);
-            let Some(link) = self.link(*number, length)? else {
+            let Some(link) = self.link(*number, length, head)? else {
                 continue;
             };
             required = link.header.previous;
@@ -148,7 +169,12 @@ impl SceneFiles {
     }
 
     /// A segment; `None` if its beginning was never durable. `required`: the bytes that the next segment says it has.
-    fn link(&self, number: u32, required: Option<u64>) -> Result<Option<Link>, DataError> {
+    fn link(
+        &self,
+        number: u32,
+        required: Option<u64>,
+        head: Head,
+    ) -> Result<Option<Link>, DataError> {
         let path = self.segment_path(number);
         let bytes = self.read_segment(number)?;
         let frames = LogFrames::read(&bytes);
@@ -157,6 +183,15 @@ impl SceneFiles {
             at: frames.length as u64,
             after,
         };
+        if number == head.segment && (frames.length as u64) < head.length {
+            let lost = Damage::End {
+                at: frames.length as u64,
+                of: head.length,
+                after,
+                through: head.tick,
+            };
+            return Err(DataError::damaged(&path, lost));
+        }
         let header = self.header_of(number, &frames)?;
         let Some(header) = header else {
             return match required {

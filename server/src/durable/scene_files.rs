@@ -2,7 +2,7 @@
 //!
 //! Segment n is `n.log`, and the state at its beginning `n.snapshot`; segment 0 begins with an empty scene. A segment
 //! is never appended to by a later process. Its first frame states where the segment before it ends, so that a torn end
-//! of that one differs from damage.
+//! of that one differs from damage; for the newest one, the head does.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -16,6 +16,7 @@ use ring::hmac;
 use super::disk::{Disk, LogFile, parent, write_whole};
 use super::error::{Damage, DataError};
 use super::frame::{LogFrame, LogFrames, Tail};
+use super::head::{Head, HeadFile};
 use super::journal::Batch;
 use super::snapshot_file::Snapshot;
 
@@ -45,12 +46,16 @@ pub(super) struct Segment {
     pub(super) length: u64,
     /// Bytes that are durable.
     synced: u64,
+    /// The scene's tick before the last frame.
+    tick: Tick,
+    /// `None` until the first frame is durable.
+    head: Option<HeadFile>,
 }
 
 /// Ends the name of a directory whose scene was deleted.
 pub(super) const DELETED: &str = "deleted";
 /// Version of the format of headers and records.
-const FORMAT: u8 = 1;
+const FORMAT: u8 = 2;
 
 impl SceneFiles {
     pub(super) fn segment_path(&self, number: u32) -> PathBuf {
@@ -91,6 +96,8 @@ impl SceneFiles {
             number,
             length: 0,
             synced: 0,
+            tick,
+            head: None,
         };
         let mut payload = Writer::new();
         header.encode(&mut payload);
@@ -99,6 +106,8 @@ impl SceneFiles {
         segment.sync()?;
         (self.disk.sync_directory(&self.directory))
             .map_err(DataError::io(&self.directory, "synchronise"))?;
+        // After the names: a head never names a segment that a crash may lose.
+        segment.head = Some(HeadFile::begin(self, segment.durable_end())?);
         Ok(segment)
     }
 
@@ -197,6 +206,7 @@ impl Segment {
                 payload: &batch.records,
             };
             frame.encode(&mut bytes);
+            self.tick = batch.tick;
         }
         (self.file.append(&bytes)).map_err(DataError::io(&self.path, "append to"))?;
         self.length += bytes.len() as u64;
@@ -207,7 +217,16 @@ impl Segment {
     pub(super) fn sync(&mut self) -> Result<(), DataError> {
         (self.file.sync()).map_err(DataError::io(&self.path, "synchronise"))?;
         self.synced = self.length;
-        Ok(())
+        let end = self.durable_end();
+        self.head.as_mut().map_or(Ok(()), |head| head.write(end))
+    }
+
+    const fn durable_end(&self) -> Head {
+        Head {
+            segment: self.number,
+            length: self.synced,
+            tick: self.tick,
+        }
     }
 }
 

@@ -31,11 +31,31 @@ struct State {
 struct Contents {
     durable: Vec<u8>,
     appended: Vec<Vec<u8>>,
+    /// Writes over bytes, each with its place.
+    overwritten: Vec<(usize, Vec<u8>)>,
 }
 
 struct SimFile {
     disk: SimDisk,
     id: u64,
+}
+
+impl Contents {
+    /// Makes everything durable.
+    fn sync(&mut self) {
+        let appended = std::mem::take(&mut self.appended).concat();
+        self.durable.extend(appended);
+        for (place, bytes) in std::mem::take(&mut self.overwritten) {
+            overwrite(&mut self.durable, place, &bytes);
+        }
+    }
+}
+
+/// Writes over bytes, as far as there are any.
+fn overwrite(bytes: &mut [u8], place: usize, with: &[u8]) {
+    for (byte, new) in bytes.iter_mut().skip(place).zip(with) {
+        *byte = *new;
+    }
 }
 
 impl SimDisk {
@@ -53,8 +73,7 @@ impl SimDisk {
         let mut state = self.state();
         let id = state.names[path];
         let contents = state.files.entry(id).or_default();
-        let appended = std::mem::take(&mut contents.appended).concat();
-        contents.durable.extend(appended);
+        contents.sync();
         change(&mut contents.durable);
     }
 
@@ -85,6 +104,14 @@ impl SimDisk {
                     }
                 };
                 contents.durable.extend(kept);
+            }
+            for (place, bytes) in std::mem::take(&mut contents.overwritten) {
+                let kept = match chance(3) {
+                    0 => bytes.len(),
+                    1 => 0,
+                    _ => chance(bytes.len() + 1),
+                };
+                overwrite(&mut contents.durable, place, &bytes[..kept]);
             }
         }
         state.names.clone_from(&names);
@@ -118,6 +145,9 @@ impl Disk for SimDisk {
             .appended
             .iter()
             .for_each(|more| bytes.extend_from_slice(more));
+        for (place, more) in &contents.overwritten {
+            overwrite(&mut bytes, *place, more);
+        }
         Ok(bytes)
     }
 
@@ -205,11 +235,16 @@ impl LogFile for SimFile {
         Ok(())
     }
 
-    fn sync(&mut self) -> io::Result<()> {
+    fn write_at(&mut self, place: u64, bytes: &[u8]) -> io::Result<()> {
         let mut state = self.disk.state();
         let contents = state.files.entry(self.id).or_default();
-        let appended = std::mem::take(&mut contents.appended).concat();
-        contents.durable.extend(appended);
+        contents.overwritten.push((place as usize, bytes.to_vec()));
+        Ok(())
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        let mut state = self.disk.state();
+        state.files.entry(self.id).or_default().sync();
         Ok(())
     }
 }

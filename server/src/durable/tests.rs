@@ -108,7 +108,11 @@ impl Recorded {
             bodies: 0,
             chance: Chance(seed),
         };
-        recorded.note(&Record::Opened(SESSION, SessionKey([1; 16])));
+        recorded.note(&Record::Opened(
+            SESSION,
+            SessionKey([1; 16]),
+            Some("anna".into()),
+        ));
         let boxes = [
             (0, Shape::cuboid(40.0, 1.0, 40.0)),
             (1, Shape::cuboid(1.0, 0.6, 0.8)),
@@ -360,14 +364,14 @@ proptest! {
         });
         match recorded.restore() {
             Ok(Some(restored)) => recorded.check(&restored)?,
-            Ok(None) => prop_assert_eq!(paths.len(), 1),
+            Ok(None) => prop_assert!(false, "a scene that was durable is gone without a word"),
             Err(error) => prop_assert!(error.to_string().contains("scenes/pit.0/"), "{}", error),
         }
     }
 }
 
 #[test]
-fn the_first_log_cut_at_any_byte_gives_the_state_before_the_cut() {
+fn a_log_cut_at_any_byte_is_never_taken_for_a_shorter_run() {
     let mut recorded = Recorded::new(5);
     for _ in 0..3 {
         recorded.tick();
@@ -376,18 +380,45 @@ fn the_first_log_cut_at_any_byte_gives_the_state_before_the_cut() {
     }
     let path = recorded.files.segment_path(0);
     let bytes = recorded.disk.read(&path).unwrap();
-    let mut newest = Tick::ZERO;
-    for cut in 0..=bytes.len() {
+    for cut in 0..bytes.len() {
         recorded
             .disk
             .damage(&path, |now| *now = bytes[..cut].to_vec());
-        if let Some(restored) = recorded.restore().unwrap() {
-            recorded.check(&restored).unwrap();
-            assert!(restored.scene.tick() >= newest);
-            newest = restored.scene.tick();
-        }
+        let lost = recorded.restore().err().map(|error| error.to_string());
+        let lost = lost.unwrap_or_default();
+        assert!(
+            lost.contains("00000000.log: damaged or cut at byte"),
+            "{cut}: {lost}"
+        );
+        assert!(
+            lost.contains(&format!("of {};", bytes.len())),
+            "{cut}: {lost}"
+        );
     }
-    assert_eq!(newest, Tick::new(3));
+    recorded.disk.damage(&path, |now| *now = bytes.clone());
+    let restored = recorded.restore().unwrap().unwrap();
+    assert_eq!(restored.scene.tick(), Tick::new(3));
+}
+
+#[test]
+fn a_lost_head_or_newest_segment_is_named() {
+    for lost in ["00000001.log", "head"] {
+        let mut recorded = Recorded::new(7);
+        while recorded.files.numbers().unwrap().0.len() < 2 {
+            recorded.tick();
+            recorded.snapshot();
+        }
+        let path = recorded.files.directory.join(lost);
+        recorded.disk.remove(&path).unwrap();
+        let error = recorded.restore().err().map(|error| error.to_string());
+        let expected = format!("{}: missing", path.display());
+        assert!(
+            error
+                .as_ref()
+                .is_some_and(|error| error.starts_with(&expected)),
+            "{error:?}"
+        );
+    }
 }
 
 #[test]

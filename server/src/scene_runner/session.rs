@@ -52,7 +52,7 @@ impl SceneRunner {
             None => self.begin_stream(choice),
         };
         let before = self.sessions.next_number();
-        let session = match self.begin_session(now, peer, request, out) {
+        let session = match self.begin_session(now, (peer, &permit), request, out) {
             Ok(session) => session,
             Err(denial) => {
                 self.streams.unsubscribe(stream, peer);
@@ -130,12 +130,13 @@ impl SceneRunner {
     pub(super) fn begin_session(
         &mut self,
         now: Instant,
-        peer: Peer,
+        (peer, permit): (Peer, &Permit),
         request: Option<SessionRequest>,
         out: &mut Outbox,
     ) -> Result<Option<SessionNumber>, Denial> {
         self.close_expired(now);
-        let known = request.and_then(|request| self.sessions.of_key(request.key));
+        let known =
+            request.and_then(|request| self.sessions.of_key(request.key, permit.client.as_ref()));
         if let Some(number) = known {
             if let Some(other) = self.sessions.member_of(number) {
                 tracing::info!(peer = other.0, "another connection takes the session up");
@@ -157,7 +158,7 @@ impl SceneRunner {
             return Ok(None);
         };
         let number = self.sessions.next_number();
-        self.note_session(&Record::Opened(number, request.key));
+        self.note_session(&Record::Opened(number, request.key, permit.client.clone()));
         self.note_session(&Record::Granted(number, range));
         self.sessions.attach(number, peer);
         Ok(Some(number))

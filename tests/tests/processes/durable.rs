@@ -1,7 +1,8 @@
 //! Servers with a data directory that are killed under load.
 //!
-//! A client goes on with its session. Its run is a function of the tick, so that the same run can be made without a server: equal digests mean
-//! that no command was lost, doubled or moved to another tick. `KILLS` sets how often the server is killed.
+//! A client goes on with its session, under the certificate that the directory keeps. Its run is a function of the tick,
+//! so that the same run can be made without a server: equal digests mean that no command was lost, doubled or moved to
+//! another tick. `KILLS` sets how often the server is killed, `BODIES` the size of the scene, `SEED` the moments.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,21 +15,28 @@ use rhumb_client::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, Shape
 use rhumb_client::{Client, ClientError, Event, JoinMode, JoinOptions, PipelineDepth, Tick, Trust};
 use rhumb_reckoning::{BodyId, BodyState};
 use rhumb_server::Scene;
-use rhumb_tests::ServerProcess;
+use rhumb_tests::{Ended, ServerProcess};
 
 use crate::SERVER;
 
 const SCENE: &str = "pit";
-/// Bodies at first; one more every tenth tick.
-const BODIES: u64 = 40;
+/// Bodies that are added one by one, every tenth tick.
+const LATER: u64 = 200;
 
-fn kills() -> u64 {
-    let kills = std::env::var("KILLS").ok();
-    kills.and_then(|kills| kills.parse().ok()).unwrap_or(3)
+/// A number of the environment.
+fn variable(name: &str, default: u64) -> u64 {
+    let text = std::env::var(name).ok();
+    text.and_then(|text| text.parse().ok()).unwrap_or(default)
+}
+
+/// Bodies at first.
+fn bodies() -> u64 {
+    variable("BODIES", 40)
 }
 
 /// The commands before a tick's step.
-fn commands(tick: u64, ids: &[BodyId]) -> Vec<Command> {
+pub(crate) fn commands(tick: u64, ids: &[BodyId]) -> Vec<Command> {
+    let bodies = bodies();
     let mut commands = Vec::new();
     let body = |place: u64, kind, shape| {
         let id = ids[place as usize];
@@ -37,7 +45,12 @@ fn commands(tick: u64, ids: &[BodyId]) -> Vec<Command> {
         } else {
             1.5 + (place % 30) as f32 * 1.1
         };
-        let position = [(place % 3) as f32 * 0.3, height, (place % 2) as f32 * 0.3];
+        let column = place / 30;
+        let position = [
+            (column % 8) as f32 * 1.5 + (place % 3) as f32 * 0.3 - 6.0,
+            height,
+            (column / 8) as f32 * 1.5 + (place % 2) as f32 * 0.3 - 4.0,
+        ];
         let motion = BodyState::new(position, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
         Command::AddBody {
             desc: BodyDesc::plain(id, kind, ShapeId(shape)),
@@ -53,19 +66,19 @@ fn commands(tick: u64, ids: &[BodyId]) -> Vec<Command> {
             commands.push(Command::AddShape { id, shape });
         }
         commands.push(body(0, BodyKind::Static, 0));
-        commands.extend((1..BODIES).map(|place| body(place, BodyKind::Dynamic, 1)));
+        commands.extend((1..bodies).map(|place| body(place, BodyKind::Dynamic, 1)));
     }
-    if tick % 10 == 9 && BODIES + tick / 10 < ids.len() as u64 {
-        commands.push(body(BODIES + tick / 10, BodyKind::Dynamic, 1));
+    if tick % 10 == 9 && tick / 10 < LATER {
+        commands.push(body(bodies + tick / 10, BodyKind::Dynamic, 1));
     }
-    let id = ids[(1 + tick % (BODIES - 1)) as usize];
+    let id = ids[(1 + tick % (bodies - 1)) as usize];
     let impulse = Vec3::new((tick % 7) as f32 - 3.0, 4.0, (tick % 5) as f32 - 2.0) * 90.0;
     commands.push(Command::Impulse { id, impulse });
     commands
 }
 
 /// The digest of the same run without a server.
-fn digest_without_server(ticks: u64, ids: &[BodyId]) -> u64 {
+pub(crate) fn digest_without_server(ticks: u64, ids: &[BodyId]) -> u64 {
     let mut scene = Scene::new(SceneConfig::default()).expect("the default is valid");
     for tick in 0..ticks {
         for command in commands(tick, ids) {
@@ -78,12 +91,13 @@ fn digest_without_server(ticks: u64, ids: &[BodyId]) -> u64 {
 
 /// Answers of the server to a client.
 #[derive(Default)]
-struct Seen {
-    resumed: u64,
-    durable: u64,
+pub(crate) struct Seen {
+    pub(crate) resumed: u64,
+    /// Commands that are durable.
+    pub(crate) durable: u64,
 }
 
-fn take_events(client: &mut Client, seen: &mut Seen) {
+pub(crate) fn take_events(client: &mut Client, seen: &mut Seen) {
     while let Some((_, event)) = client.poll_event() {
         match event {
             Event::Resumed(_) => seen.resumed += 1,
@@ -96,7 +110,7 @@ fn take_events(client: &mut Client, seen: &mut Seen) {
 }
 
 /// Steps once, however often the server is gone meanwhile.
-fn step(client: &mut Client) {
+pub(crate) fn step(client: &mut Client) {
     let mut stepped = client.advance(PipelineDepth::LOCKSTEP);
     while let Err(ClientError::Timeout { .. }) = stepped {
         stepped = client.wait(PipelineDepth::LOCKSTEP);
@@ -104,39 +118,51 @@ fn step(client: &mut Client) {
     stepped.expect("the scene goes on");
 }
 
-fn serve(listen: &str, data: &Path, identity: &Path) -> ServerProcess {
-    let text = |path: &Path| path.to_str().expect("text").to_owned();
-    let (data, cert, key) = (
-        text(data),
-        text(&identity.join("cert.pem")),
-        text(&identity.join("key.pem")),
-    );
-    SERVER.serve_with(listen, &["--data", &data, "--cert", &cert, "--key", &key])
+/// A server with a data directory.
+pub(crate) fn serve(listen: &str, data: &Path) -> ServerProcess {
+    SERVER.serve_with(listen, &["--data", data.to_str().expect("text")])
 }
 
-fn write_identity(directory: &Path) {
-    let made = rcgen::generate_simple_self_signed(["localhost".to_owned()]).expect("a certificate");
-    std::fs::write(directory.join("cert.pem"), made.cert.pem()).expect("a writable directory");
-    let key = made.signing_key.serialize_pem();
-    std::fs::write(directory.join("key.pem"), key).expect("a writable directory");
+/// A client that creates the scene, and the ids of all bodies that it will have.
+pub(crate) fn create(server: &ServerProcess) -> (Client, Vec<BodyId>) {
+    let trust = Trust::Fingerprint(server.fingerprint);
+    let options = JoinOptions {
+        mode: JoinMode::Create(SceneConfig::default()),
+        ..JoinOptions::default()
+    };
+    let connection = Client::connect(&server.address.to_string(), trust);
+    let connection = connection.expect("the server is there");
+    let mut client = connection.join_with(SCENE, options).expect("a new scene");
+    let count = u32::try_from(bodies() + LATER).expect("a number of bodies");
+    let ids = client.new_ids(count).expect("enough indices");
+    (client, ids)
+}
+
+/// Numbers below a limit, from a seed (Knuth's generator).
+fn chance(seed: u64) -> impl FnMut(u64) -> u64 {
+    let mut state = seed;
+    move |below| {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) % below
+    }
+}
+
+/// Verifies a data directory.
+pub(crate) fn check(data: &Path) -> Ended {
+    SERVER.run(&["check", data.to_str().expect("text")])
 }
 
 #[test]
 fn a_server_killed_at_any_moment_loses_and_doubles_no_command() {
     let directory = tempfile::tempdir().expect("a temporary directory");
-    write_identity(directory.path());
     let data = directory.path().join("data");
-    let mut server = serve("127.0.0.1:0", &data, directory.path());
-    let listen = server.address.to_string();
-    let trust = Trust::Fingerprint(server.fingerprint);
-    let options = JoinOptions {
-        mode: JoinMode::Create(SceneConfig::default()),
-        resume_within: Duration::from_secs(60),
-        ..JoinOptions::default()
-    };
-    let connection = Client::connect(&listen, trust).expect("the server is there");
-    let mut client = connection.join_with(SCENE, options).expect("a new scene");
-    let ids = client.new_ids(4_000).expect("enough indices");
+    let (kills, seed) = (variable("KILLS", 3), variable("SEED", 1));
+    let mut chance = chance(seed);
+    let mut server = serve("127.0.0.1:0", &data);
+    let (listen, fingerprint) = (server.address.to_string(), server.fingerprint);
+    let (mut client, ids) = create(&server);
     let (stop, ticks) = (
         Arc::new(AtomicBool::new(false)),
         Arc::new(AtomicU64::new(0)),
@@ -158,16 +184,24 @@ fn a_server_killed_at_any_moment_loses_and_doubles_no_command() {
         (tick, truth, seen)
     });
     let mut slowest = Duration::ZERO;
-    for kill in 0..kills() {
+    for _ in 0..kills {
         let before = ticks.load(Ordering::Relaxed);
-        while ticks.load(Ordering::Relaxed) < before + 20 + kill * 37 % 90 {
+        while ticks.load(Ordering::Relaxed) < before + 1 + chance(100) {
             assert!(!running.is_finished(), "the client failed");
+            thread::yield_now();
+        }
+        // Somewhere within a tick.
+        for _ in 0..chance(2_000) {
             thread::yield_now();
         }
         server.kill();
         let killed = Instant::now();
         let at = ticks.load(Ordering::Relaxed);
-        server = serve(&listen, &data, directory.path());
+        server = serve(&listen, &data);
+        assert_eq!(
+            server.fingerprint, fingerprint,
+            "clients pin the certificate"
+        );
         while ticks.load(Ordering::Relaxed) < at + 2 {
             assert!(!running.is_finished(), "the client failed");
             thread::yield_now();
@@ -177,17 +211,17 @@ fn a_server_killed_at_any_moment_loses_and_doubles_no_command() {
     stop.store(true, Ordering::Relaxed);
     let (tick, truth, seen) = running.join().expect("the client's thread");
     println!(
-        "{tick} ticks, {} resumptions, the slowest after {slowest:?}",
-        seen.resumed
+        "seed {seed}: {tick} ticks, {} bodies, {kills} kills, {} resumptions, the slowest after {slowest:?}",
+        truth.bodies, seen.resumed
     );
     assert_eq!(truth.tick, Tick::new(tick));
     assert_eq!(truth.truth, digest_without_server(tick, &ids));
-    assert!(seen.resumed >= kills().min(1) && seen.durable > 0);
+    assert!(seen.resumed >= kills.min(1) && seen.durable > 0);
     server.kill();
-    let data = data.to_str().expect("text");
-    let checked = SERVER.run(&["check", data]);
+    let checked = check(&data);
     assert_eq!(checked.code, Some(0), "{}{}", checked.out, checked.log);
     assert!(checked.out.starts_with("pit: tick "), "{}", checked.out);
+    let data = data.to_str().expect("text");
     let replayed = SERVER.run(&["replay", data, SCENE]);
     assert_eq!(replayed.code, Some(0), "{}{}", replayed.out, replayed.log);
 }

@@ -9,6 +9,7 @@ mod app_process;
 mod authority_quic;
 mod body_ids;
 mod durable;
+mod durable_disk;
 mod examples;
 mod hostile_load;
 mod public_client;

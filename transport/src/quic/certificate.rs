@@ -70,9 +70,7 @@ impl Certificate {
     pub fn development<N: Into<String>>(
         names: impl IntoIterator<Item = N>,
     ) -> Result<Self, CertificateError> {
-        let names: Vec<String> = names.into_iter().map(Into::into).collect();
-        let made = rcgen::generate_simple_self_signed(names)
-            .map_err(|cause| CertificateError::Development { cause })?;
+        let made = generate(names)?;
         let key = PrivatePkcs8KeyDer::from(made.signing_key.serialize_der());
         let made = Self::new(vec![made.cert.der().clone()], key.into());
         Ok(made.expect("a certificate made with its key belongs to it"))
@@ -137,6 +135,40 @@ impl Certificate {
             reset_key: hmac::Key::new(hmac::HMAC_SHA256, reset_key.as_ref()),
         })
     }
+}
+
+/// A self-signed certificate and its key, as PEM texts to keep in files.
+#[derive(Clone)]
+pub struct DevelopmentPem {
+    /// The certificate.
+    pub certificate: String,
+    /// Its private key, which is secret.
+    pub key: String,
+}
+
+impl DevelopmentPem {
+    /// Makes a certificate for `names` (host names or addresses), new at each call.
+    ///
+    /// # Errors
+    ///
+    /// [`CertificateError::Development`] if a name is invalid.
+    pub fn new<N: Into<String>>(
+        names: impl IntoIterator<Item = N>,
+    ) -> Result<Self, CertificateError> {
+        let made = generate(names)?;
+        Ok(Self {
+            certificate: made.cert.pem(),
+            key: made.signing_key.serialize_pem(),
+        })
+    }
+}
+
+fn generate<N: Into<String>>(
+    names: impl IntoIterator<Item = N>,
+) -> Result<rcgen::CertifiedKey<rcgen::KeyPair>, CertificateError> {
+    let names: Vec<String> = names.into_iter().map(Into::into).collect();
+    rcgen::generate_simple_self_signed(names)
+        .map_err(|cause| CertificateError::Development { cause })
 }
 
 /// All certificates of a PEM file; at least one.

@@ -25,7 +25,7 @@ mod tuning;
 mod waker;
 mod watch;
 
-pub use certificate::{Certificate, CertificateError};
+pub use certificate::{Certificate, CertificateError, DevelopmentPem};
 pub use client::{ClientOptions, QuicClient};
 pub use code::TransportCode;
 pub use connect_error::ConnectError;

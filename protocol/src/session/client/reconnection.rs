@@ -24,6 +24,12 @@ impl ClientSession {
         Ok(())
     }
 
+    /// True if the member has a session in a scene that survives its server.
+    #[must_use]
+    pub const fn is_durable(&self) -> bool {
+        self.resumption.key.is_some() && self.resumption.durable
+    }
+
     /// True if another connection could go on with the session.
     #[must_use]
     pub const fn can_reconnect(&self) -> bool {

@@ -1,0 +1,236 @@
+//! Data directories on real file systems that are full, read-only, cut, or lack a file.
+//!
+//! The full and the read-only one are a small `tmpfs` of their own, which needs the right to mount: without it, those
+//! two tests say so and end. `server/src/durable/tests.rs` tries every byte and every crash on a simulated disk.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use rhumb_client::{Client, Denial, JoinMode, JoinOptions, OpenError, Trust};
+use rhumb_reckoning::BodyId;
+
+use crate::SERVER;
+use crate::durable::{
+    Seen, check, commands, create, digest_without_server, serve, step, take_events,
+};
+
+/// A file system in memory of a few hundred kilobytes; unmounted when dropped.
+struct SmallDisk(tempfile::TempDir);
+
+impl SmallDisk {
+    fn mount() -> Option<Self> {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let at = directory.path().to_owned();
+        let mounted = mount(&["-t", "tmpfs", "-o", "size=900k", "tmpfs"], &at);
+        if !mounted {
+            eprintln!("not tried: this user may not mount a file system");
+        }
+        mounted.then_some(Self(directory))
+    }
+
+    fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    /// Fills it to the last byte; the file to remove for room.
+    fn fill(&self) -> PathBuf {
+        let path = self.path().join("filler");
+        let mut file = fs::File::create(&path).expect("a file");
+        while file.write_all(&[0; 512]).is_ok() {}
+        path
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        // A directory that stays mounted lies among temporary files.
+        let _ = Command::new("umount").arg("-l").arg(self.path()).status();
+    }
+}
+
+fn mount(arguments: &[&str], at: &Path) -> bool {
+    let output = Command::new("mount").args(arguments).arg(at).output();
+    output.is_ok_and(|output| output.status.success())
+}
+
+/// A run that goes on tick by tick.
+struct Run {
+    client: Client,
+    ids: Vec<BodyId>,
+    tick: u64,
+    sent: u64,
+    seen: Seen,
+}
+
+impl Run {
+    fn begin(server: &rhumb_tests::ServerProcess) -> Self {
+        let (client, ids) = create(server);
+        Self {
+            client,
+            ids,
+            tick: 0,
+            sent: 0,
+            seen: Seen::default(),
+        }
+    }
+
+    fn go(&mut self, ticks: u64) {
+        for _ in 0..ticks {
+            for command in commands(self.tick, &self.ids) {
+                self.client.command(command).expect("the session goes on");
+                self.sent += 1;
+            }
+            step(&mut self.client);
+            take_events(&mut self.client, &mut self.seen);
+            self.tick += 1;
+        }
+    }
+
+    /// Goes on until everything sent so far is durable.
+    fn until_durable(&mut self) {
+        let sent = self.sent;
+        let last = self.tick + 2_000;
+        while self.seen.durable < sent {
+            assert!(self.tick < last, "nothing becomes durable");
+            self.go(1);
+        }
+    }
+
+    fn must_be_right(&mut self) {
+        let truth = self.client.inspect().expect("the server answers");
+        assert_eq!(truth.truth, digest_without_server(self.tick, &self.ids));
+    }
+}
+
+#[test]
+fn a_full_disk_costs_acknowledgements_and_no_command() {
+    let Some(disk) = SmallDisk::mount() else {
+        return;
+    };
+    let data = disk.path().join("data");
+    let server = serve("127.0.0.1:0", &data);
+    let mut run = Run::begin(&server);
+    run.go(20);
+    run.until_durable();
+    let filler = disk.fill();
+    run.go(150);
+    assert!(run.seen.durable < run.sent, "a full disk keeps nothing");
+    fs::remove_file(&filler).expect("the filler is there");
+    run.until_durable();
+    disk.fill();
+    run.go(150);
+    assert!(run.seen.durable < run.sent, "a full disk keeps nothing");
+    // The server ends and begins again while the disk is full: the client has what was not durable.
+    let listen = server.address.to_string();
+    server.kill();
+    let checked = check(&data);
+    assert_eq!(checked.code, Some(0), "{}{}", checked.out, checked.log);
+    let server = serve(&listen, &data);
+    run.go(20);
+    assert_eq!(run.seen.resumed, 1);
+    run.must_be_right();
+    fs::remove_file(&filler).expect("the filler is there");
+    run.until_durable();
+    server.kill();
+    let server = serve(&listen, &data);
+    run.go(5);
+    run.must_be_right();
+    drop(server);
+}
+
+#[test]
+fn a_read_only_disk_is_named_and_can_be_checked() {
+    let Some(disk) = SmallDisk::mount() else {
+        return;
+    };
+    let data = disk.path().join("data");
+    let server = serve("127.0.0.1:0", &data);
+    let mut run = Run::begin(&server);
+    run.go(20);
+    run.until_durable();
+    server.kill();
+    assert!(mount(&["-o", "remount,ro"], disk.path()));
+    let path = data.to_str().expect("text");
+    let refused = SERVER.run(&["--open", "--listen", "127.0.0.1:0", "--data", path]);
+    assert_eq!(refused.code, Some(1), "{}", refused.log);
+    assert!(refused.log.contains(path), "{}", refused.log);
+    let checked = check(&data);
+    assert_eq!(checked.code, Some(0), "{}{}", checked.out, checked.log);
+    drop(run);
+}
+
+/// The files of the scene in a data directory, by name.
+fn scene_files(data: &Path) -> Vec<PathBuf> {
+    let files = fs::read_dir(data.join("scenes/pit.0")).expect("a scene");
+    let mut files: Vec<_> = files.map(|entry| entry.expect("an entry").path()).collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn a_file_that_is_cut_or_missing_is_named_with_what_is_lost() {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let data = directory.path().join("data");
+    let server = serve("127.0.0.1:0", &data);
+    let (listen, trust) = (
+        server.address.to_string(),
+        Trust::Fingerprint(server.fingerprint),
+    );
+    let mut run = Run::begin(&server);
+    run.go(30);
+    run.until_durable();
+    server.signal("TERM");
+    assert_eq!(server.wait().code, Some(0));
+    drop(run);
+    let files = scene_files(&data);
+    let log = files
+        .iter()
+        .rfind(|path| path.extension().is_some_and(|end| end == "log"));
+    let log = log.expect("a log");
+    let bytes = fs::read(log).expect("a log");
+    // Between any two frames, and in the midst of the frames.
+    let frames: Vec<_> = (1..bytes.len())
+        .filter(|at| bytes[*at..].starts_with(b"RhF1"))
+        .collect();
+    let cuts = frames.iter().flat_map(|at| [*at, *at + 9]).chain([0, 1]);
+    for cut in cuts {
+        fs::write(log, &bytes[..cut]).expect("a writable file");
+        let checked = check(&data);
+        assert_eq!(checked.code, Some(1), "cut to {cut}: {}", checked.out);
+        let name = log.display().to_string();
+        let named = checked.out.contains(&name) && checked.out.contains("is lost, to tick");
+        assert!(named, "cut to {cut}: {}", checked.out);
+    }
+    // A server does not serve a wrong world.
+    let server = serve(&listen, &data);
+    let options = JoinOptions {
+        mode: JoinMode::Join,
+        ..JoinOptions::default()
+    };
+    let joined = Client::connect(&listen, trust).expect("the server is there");
+    let denied = joined.join_with("pit", options).err();
+    assert!(
+        matches!(
+            denied,
+            Some(OpenError::Denied {
+                denial: Denial::SceneFaulted,
+                ..
+            })
+        ),
+        "{denied:?}"
+    );
+    server.kill();
+    fs::write(log, &bytes).expect("a writable file");
+    for missing in [log.clone(), log.with_file_name("head")] {
+        let kept = fs::read(&missing).expect("a file");
+        fs::remove_file(&missing).expect("a file");
+        let checked = check(&data);
+        assert_eq!(checked.code, Some(1), "{}", checked.out);
+        let expected = format!("{}: missing", missing.display());
+        assert!(checked.out.contains(&expected), "{}", checked.out);
+        fs::write(&missing, kept).expect("a writable file");
+    }
+    assert_eq!(check(&data).code, Some(0));
+}
