@@ -565,7 +565,7 @@ impl Client {
                 return false;
             }
             Event::Denied(denial) => self.denied = Some(denial),
-            Event::SceneFaulted(tick) => self.faulted = Some(tick),
+            Event::SceneFaulted { tick, .. } => self.faulted = Some(tick),
             Event::Deleted => self.deleted = true,
             Event::Ended(ending) => {
                 if self.try_to_resume(ending) {

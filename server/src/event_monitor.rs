@@ -73,7 +73,7 @@ pub struct StepEvents {
 }
 
 impl StepEvents {
-    fn push(&mut self, event: BodyEvent) {
+    pub(crate) fn push(&mut self, event: BodyEvent) {
         if self.events.len() < EVENTS_PER_TICK_MAX {
             self.events.push(event);
         } else {

@@ -65,6 +65,7 @@ mod over_budget;
 mod pulse;
 mod query_budget;
 mod registry;
+mod rewind;
 mod scene;
 mod scene_connection;
 mod scene_runner;

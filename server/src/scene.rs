@@ -3,21 +3,24 @@
 //! Members are not known here; their rights are checked before. Invariants: a refused command changes nothing;
 //! registry and engine have the same bodies; a scene whose engine failed takes no commands and no steps.
 
+mod history;
 mod image;
 
 use core::fmt;
 use std::collections::BTreeMap;
 use std::mem;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::message::{QueryError, RemovalCause};
 use rhumb_protocol::scene::{
-    Answer, BodyDesc, BodyKind, Command, CommandError, Contact, IdRange, Invalid, Joint, JointId,
-    Joints, Query, SceneConfig, Shape, ShapeId,
+    Answer, BodyDesc, BodyEvent, BodyKind, Command, CommandError, Contact, IdRange, Invalid, Joint,
+    JointId, Joints, Query, SceneConfig, Shape, ShapeId,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
 
+pub(crate) use self::history::{Author, Done, History};
 pub(crate) use self::image::FrozenScene;
 use crate::digest::Digest;
 use crate::durable::{Journal, Record};
@@ -40,6 +43,10 @@ pub struct Scene {
     event_monitor: EventMonitor,
     /// Changes of the scene, for its command log; `None` for a scene without one.
     journal: Option<Journal>,
+    /// What was done since its copy, if there is one.
+    history: Option<History>,
+    /// True after a panic outside the engine.
+    broken: bool,
 }
 
 /// Results of a step beside the motion of bodies.
@@ -94,6 +101,8 @@ impl Scene {
             digest: Digest::START,
             event_monitor: EventMonitor::default(),
             journal: None,
+            history: None,
+            broken: false,
         })
     }
 
@@ -106,6 +115,20 @@ impl Scene {
     /// [`CommandError`] names the reason; nothing has changed.
     pub fn apply(&mut self, command: &Command) -> Result<(), CommandError> {
         self.sound()?;
+        let applied = catch_unwind(AssertUnwindSafe(|| self.apply_unguarded(command)));
+        self.broken = applied.is_err();
+        applied.map_err(|_| CommandError::SceneFaulted)??;
+        self.sound()?;
+        if let Some(journal) = &mut self.journal {
+            journal.applied(self.tick, command);
+        }
+        if let Some(history) = &mut self.history {
+            history.push(Done::Applied(Box::new(command.clone()), None));
+        }
+        Ok(())
+    }
+
+    fn apply_unguarded(&mut self, command: &Command) -> Result<(), CommandError> {
         command.check().map_err(CommandError::Invalid)?;
         match *command {
             Command::AddShape { id, ref shape } => self.add_shape(id, shape)?,
@@ -164,10 +187,6 @@ impl Scene {
                 self.event_monitor.set(id, events, &*self.engine);
             }
         }
-        self.sound()?;
-        if let Some(journal) = &mut self.journal {
-            journal.applied(self.tick, command);
-        }
         Ok(())
     }
 
@@ -177,9 +196,25 @@ impl Scene {
     ///
     /// [`SceneFault`] when the engine failed, now or before; the tick stays.
     pub fn step(&mut self) -> Result<Stepped, SceneFault> {
+        if self.broken {
+            return Err(EngineFault::Panicked.into());
+        }
+        let before = self.tick;
+        let stepped = catch_unwind(AssertUnwindSafe(|| self.step_unguarded()));
+        self.broken = stepped.is_err();
+        let stepped = stepped.map_err(|_| EngineFault::Panicked)??;
+        if let Some(journal) = &mut self.journal {
+            journal.push(before, &Record::Stepped(self.digest.value()));
+        }
+        if let Some(history) = &mut self.history {
+            history.push(Done::Stepped);
+        }
+        Ok(stepped)
+    }
+
+    fn step_unguarded(&mut self) -> Result<Stepped, SceneFault> {
         self.observations.clear();
         self.engine.step(&mut self.lost)?;
-        let before = self.tick;
         self.tick = self.tick.next();
         self.displaced.clear();
         for place in 0..self.lost.len() {
@@ -195,11 +230,12 @@ impl Scene {
         self.forget_joints(broken.iter().copied());
         self.engine.observe(&mut self.observations);
         self.digest.fold_tick(self.tick, &self.observations);
-        let happened =
+        let mut happened =
             self.event_monitor
                 .observe(&*self.engine, &self.registry, &self.observations);
-        if let Some(journal) = &mut self.journal {
-            journal.push(before, &Record::Stepped(self.digest.value()));
+        let faults = self.lost.iter();
+        for (id, _) in faults.filter(|(_, cause)| *cause == RemovalCause::NotFinite) {
+            happened.push(BodyEvent::Fault(*id));
         }
         Ok(Stepped {
             happened,
@@ -212,6 +248,23 @@ impl Scene {
     /// Has everything that changes the scene from now on be noted for its command log.
     pub(crate) fn keep_journal(&mut self) {
         self.journal = Some(Journal::default());
+    }
+
+    /// Has everything that is done from now on be added to a history.
+    pub(crate) fn keep_history(&mut self, history: History) {
+        self.history = Some(history);
+    }
+
+    /// The history, if one is kept.
+    pub(crate) const fn history(&self) -> Option<&History> {
+        self.history.as_ref()
+    }
+
+    /// Names the author of the last command in the history.
+    pub(crate) fn attribute(&mut self, author: Author) {
+        if let Some(history) = &mut self.history {
+            history.attribute(author);
+        }
     }
 
     /// The journal, if one is kept.
@@ -337,7 +390,7 @@ impl Scene {
 
     /// True if the engine has not failed.
     pub(crate) fn is_sound(&self) -> bool {
-        self.engine.fault().is_none()
+        !self.broken && self.engine.fault().is_none()
     }
 
     fn sound(&self) -> Result<(), CommandError> {

@@ -13,6 +13,7 @@ mod flow;
 mod owner;
 mod provision;
 mod queries;
+mod restoration;
 mod session;
 mod subscriptions;
 mod weight;
@@ -26,7 +27,9 @@ use rhumb_protocol::message::{
     StreamChoice,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
-use rhumb_protocol::scene::{BodyDesc, Command, CommandError, SceneConfig, ShapeId, Stepping};
+use rhumb_protocol::scene::{
+    BodyDesc, Command, CommandError, SceneConfig, Shape, ShapeId, Stepping,
+};
 use rhumb_protocol::stream::{Activity, StreamStart};
 use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::{BodyState, Tick};
@@ -44,6 +47,7 @@ use crate::grants::Grants;
 use crate::hook::Hook;
 use crate::member::{Member, SnapshotRequest};
 use crate::outbox::Outbox;
+use crate::rewind::Rewind;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
 use crate::snapshot::append_snapshot;
@@ -76,6 +80,10 @@ pub(crate) struct SceneRunner {
     last_step: Instant,
     times: Times,
     faulted: bool,
+    /// The way back if the engine fails.
+    rewind: Rewind,
+    /// When it was restored lately.
+    restored_at: VecDeque<Instant>,
     /// True if the last step of the free-running scene was more than a step late.
     late: bool,
     /// True if a client of another protocol owns the scene: only that client steps and ends it.
@@ -114,6 +122,8 @@ impl SceneRunner {
             last_step: Instant::ZERO,
             times: Times::default(),
             faulted: false,
+            rewind: Rewind::default(),
+            restored_at: VecDeque::new(),
             late: false,
             owned: false,
             provision,
@@ -319,8 +329,12 @@ impl SceneRunner {
         let (number, session) = (member.number_command(), member.session);
         member.charge_command(out.now());
         let unsent = self.unsent.len();
-        let refused = command.and_then(|command| self.apply_of_member(peer, &command));
-        let refused = refused.err();
+        let applied = command.and_then(|command| self.apply_of_member(peer, &command));
+        if applied.is_ok() {
+            self.attribute(peer, number);
+        }
+        let refused = applied.err();
+        let refused = refused.map(|error| self.restore_if_failed(out.now(), error));
         self.provision.meter.count_command(refused.is_some());
         self.note_command(session, refused);
         if let Some(error) = refused {
@@ -353,20 +367,12 @@ impl SceneRunner {
             return Err(CommandError::NotGranted(desc.id));
         }
         self.check_not_under_authority(command)?;
+        self.copy_if_due();
         self.apply_within_load(command)?;
         let tick = self.scene.tick();
         match *command {
-            Command::AddShape { id, ref shape } => {
-                let from = self.unsent.len();
-                let shape = shape.clone();
-                self.record_event(SceneEvent::ShapeAdded { id, shape });
-                let event = Bytes::copy_from_slice(&self.unsent[from..]);
-                self.shape_events.insert(id, event);
-            }
-            Command::RemoveShape { id } => {
-                self.shape_events.remove(&id);
-                self.record_event(SceneEvent::ShapeRemoved { id });
-            }
+            Command::AddShape { id, ref shape } => self.announce_shape(id, shape.clone()),
+            Command::RemoveShape { id } => self.forget_shape(id),
             Command::AddBody { desc, motion } => self.place(desc, motion, Activity::Awake),
             Command::ChangeBody { desc } => {
                 if let Some(there) = self.scene.observation_at_tick(desc.id) {
@@ -394,6 +400,20 @@ impl SceneRunner {
             _ => {}
         }
         Ok(())
+    }
+
+    /// Records that there is a shape, also for later members.
+    fn announce_shape(&mut self, id: ShapeId, shape: Shape) {
+        let from = self.unsent.len();
+        self.record_event(SceneEvent::ShapeAdded { id, shape });
+        let event = Bytes::copy_from_slice(&self.unsent[from..]);
+        self.shape_events.insert(id, event);
+    }
+
+    /// Records that a shape is gone.
+    fn forget_shape(&mut self, id: ShapeId) {
+        self.shape_events.remove(&id);
+        self.record_event(SceneEvent::ShapeRemoved { id });
     }
 
     /// Places a new or changed body in every stream: both ends predict it by its description from the newest tick on.
@@ -478,14 +498,15 @@ impl SceneRunner {
     /// One tick: step, predict, publish.
     fn tick(&mut self, clock: Stopwatch<'_>, out: &mut Outbox) {
         let begun = clock();
+        self.copy_if_due();
         self.authority_table.set_targets(&mut self.scene);
         let hook = self.hook.as_mut();
         let refused = hook.map(|hook| hook.act(&mut self.scene));
-        let stepped = match self.scene.step() {
-            Ok(stepped) => stepped,
-            Err(_) => return self.fault(out),
+        let Some(stepped) = self.step_or_restore(out) else {
+            return;
         };
         let after_step = clock();
+        self.rewind.note_step(after_step.since(begun));
         self.snapshot_if_due(after_step.since(begun));
         for error in refused.into_iter().flatten() {
             tracing::warn!(%error, "the scene continues without the command");
@@ -520,19 +541,6 @@ impl SceneRunner {
             observed,
             published: clock(),
         });
-    }
-
-    /// Informs all members that the engine failed; nothing moves any more.
-    fn fault(&mut self, out: &mut Outbox) {
-        self.faulted = true;
-        self.next_step = None;
-        let tick = self.scene.tick();
-        tracing::error!(
-            tick = tick.value(),
-            "the engine failed; the scene stands still"
-        );
-        self.record_event(SceneEvent::SceneFaulted { tick });
-        self.send_scene_events(out);
     }
 
     pub(crate) fn pong(&mut self, now: Instant, peer: Peer, sent: Instant, out: &mut Outbox) {

@@ -24,7 +24,7 @@ use crate::access::rights::{self, Request};
 use crate::access::{Ownership, Permit};
 use crate::authority_table::UpstreamStatistics;
 use crate::empty_scenes::EmptyScenes;
-use crate::engine::Workers;
+use crate::engine::{Engines, Workers};
 use crate::hook::Hooks;
 use crate::limits::Limits;
 use crate::load::ServerLoad;
@@ -63,6 +63,7 @@ pub struct ServerLoop {
     pub(crate) out: Outbox,
     scenes_begun: u32,
     hooks: Option<Hooks>,
+    engines: Engines,
     workers: Workers,
     largest_packet: LargestPacket,
     stored: StoredScenes,
@@ -91,6 +92,7 @@ impl ServerLoop {
             out: Outbox::default(),
             scenes_begun: 0,
             hooks: None,
+            engines: Engines::default(),
             workers: Workers::default(),
             largest_packet: LargestPacket::DEFAULT,
             stored: StoredScenes::default(),
@@ -101,6 +103,11 @@ impl ServerLoop {
     /// Sets the hooks of later scenes.
     pub fn attach(&mut self, hooks: Hooks) {
         self.hooks = Some(hooks);
+    }
+
+    /// Sets the engines of later scenes.
+    pub fn build_with(&mut self, engines: Engines) {
+        self.engines = engines;
     }
 
     /// Sets the threads that step and publish later scenes.

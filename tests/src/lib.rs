@@ -6,6 +6,7 @@
 mod avatar;
 #[cfg(doctest)]
 mod book;
+mod failing_engine;
 pub mod fuzzing;
 mod observation_history;
 mod plugin;
@@ -19,6 +20,7 @@ pub mod vectors;
 mod walk;
 
 pub use avatar::Avatars;
+pub use failing_engine::{FailingEngine, Fails, failing_body};
 pub use observation_history::{Claim, ObservationHistory, assert_same_copy};
 pub use plugin::{PluginServer, PluginSession, Recording, deliver, falling};
 pub use process::{Ended, Programme, ServerProcess};

@@ -94,7 +94,8 @@ impl ObservationHistory {
                 Event::AuthorityDenied(error) => self.authority_answers.push(Err(error)),
                 Event::Reserved(_)
                 | Event::BodyPlaced(_)
-                | Event::SceneFaulted(_)
+                | Event::SceneFaulted { .. }
+                | Event::SceneRestored(_)
                 | Event::QueryResult(_)
                 | Event::Body { .. }
                 | Event::EventsMissed { .. }

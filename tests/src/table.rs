@@ -9,6 +9,7 @@ use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
+use rhumb_server::engine::Engines;
 use rhumb_server::{Hooks, ServerLoop};
 
 /// One unit of data between the server and a client.
@@ -88,6 +89,14 @@ impl Table {
     pub fn with_hooks(hooks: Hooks) -> Self {
         let mut table = Self::default();
         table.server.attach(hooks);
+        table
+    }
+
+    /// A server whose scenes have these engines.
+    #[must_use]
+    pub fn with_engines(engines: Engines) -> Self {
+        let mut table = Self::default();
+        table.server.build_with(engines);
         table
     }
 

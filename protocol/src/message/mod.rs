@@ -28,7 +28,7 @@ pub use grease::{Grease, is_no_version};
 pub use inspection::{Inspection, StageTimes};
 pub use query_result::{QueryError, QueryResult};
 pub use resync::ResyncCause;
-pub use scene_event::{RemovalCause, SceneEvent};
+pub use scene_event::{FaultCause, RemovalCause, SceneEvent};
 pub use server::{Joined, ServerMessage, Welcome};
 pub use session_key::{SessionKey, SessionRequest, SessionState};
 pub use tick_events::TickEvents;

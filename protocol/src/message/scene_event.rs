@@ -28,6 +28,17 @@ pub enum RemovalCause {
     NotFinite,
 }
 
+/// Reason why a scene does not go on after its engine failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum FaultCause {
+    /// The server keeps no earlier state of the scene.
+    NoWayBack,
+    /// The engine fails again from each earlier state, whatever commands are left out.
+    FailedAgain,
+    /// The scene was restored as often as the server allows.
+    TooOften,
+}
+
 /// One change of a scene, sent to all members.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SceneEvent {
@@ -71,6 +82,13 @@ pub enum SceneEvent {
     /// The engine failed; the scene takes no more steps.
     SceneFaulted {
         /// The last complete tick.
+        tick: Tick,
+        /// The reason why the scene was not restored.
+        cause: FaultCause,
+    },
+    /// The engine failed, and the scene goes on without the commands that are refused for it.
+    SceneRestored {
+        /// The tick from which the scene goes on.
         tick: Tick,
     },
     /// A joint was added.
@@ -134,8 +152,17 @@ impl Wire for SceneEvent {
                 to.varint(since.value());
                 to.f32s(&gravity.to_array());
             }
-            Self::SceneFaulted { tick } => {
+            Self::SceneFaulted { tick, cause } => {
                 to.u8(5);
+                to.varint(tick.value());
+                to.u8(match cause {
+                    FaultCause::NoWayBack => 0,
+                    FaultCause::FailedAgain => 1,
+                    FaultCause::TooOften => 2,
+                });
+            }
+            Self::SceneRestored { tick } => {
+                to.u8(8);
                 to.varint(tick.value());
             }
             Self::JointAdded { id, joint } => {
@@ -198,6 +225,15 @@ impl Wire for SceneEvent {
                 Self::GravityChanged { since, gravity }
             }
             5 => Self::SceneFaulted {
+                tick: Tick::new(from.count()?),
+                cause: match from.u8()? {
+                    0 => FaultCause::NoWayBack,
+                    1 => FaultCause::FailedAgain,
+                    2 => FaultCause::TooOften,
+                    _ => return Err(Malformed::UnknownCode),
+                },
+            },
+            8 => Self::SceneRestored {
                 tick: Tick::new(from.count()?),
             },
             6 => {

@@ -92,6 +92,8 @@ pub enum BodyEvent {
     FellAsleep(BodyId),
     /// A body woke.
     Woke(BodyId),
+    /// The state of a body was not finite, and the body was removed. Reported whether or not its events are on.
+    Fault(BodyId),
 }
 
 /// Bits of active events.
@@ -160,12 +162,13 @@ impl Wire for BodyEvent {
             Self::SensorLeft { sensor, body } => ids(4, &[*sensor, *body]),
             Self::FellAsleep(body) => ids(5, &[*body]),
             Self::Woke(body) => ids(6, &[*body]),
+            Self::Fault(body) => ids(7, &[*body]),
         }
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let code = from.u8()?;
-        if code > 6 {
+        if code > 7 {
             return Err(Malformed::UnknownCode);
         }
         let body = BodyId::decode(from)?;
@@ -191,7 +194,8 @@ impl Wire for BodyEvent {
                 body: BodyId::decode(from)?,
             },
             5 => Self::FellAsleep(body),
-            _ => Self::Woke(body),
+            6 => Self::Woke(body),
+            _ => Self::Fault(body),
         })
     }
 }

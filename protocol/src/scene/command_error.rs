@@ -60,6 +60,8 @@ pub enum CommandError {
         /// When to try again, seconds from now.
         retry_seconds: u8,
     },
+    /// The engine failed on the command, and the scene goes on without it. It may have been applied before.
+    EngineFailed,
     /// The body is disabled and takes neither velocities nor pushes.
     BodyDisabled(BodyId),
     /// The scene has reached its limit of joints, which grows with its bodies.
@@ -106,6 +108,9 @@ impl fmt::Display for CommandError {
                 f,
                 "the server has no time left for it; try again in {retry_seconds} s"
             ),
+            Self::EngineFailed => {
+                f.write_str("the physics engine failed on it, and the scene goes on without it")
+            }
             Self::BodyDisabled(id) => write!(f, "{id} is disabled"),
             Self::TooManyJoints => {
                 f.write_str("the scene has as many joints as its number of bodies allows")
@@ -158,6 +163,7 @@ impl Wire for CommandError {
                 to.u8(34);
                 to.u8(retry_seconds);
             }
+            Self::EngineFailed => to.u8(35),
             Self::Other(code) => to.u8(code),
         }
     }
@@ -194,6 +200,7 @@ impl Wire for CommandError {
             34 => Self::Overloaded {
                 retry_seconds: from.u8()?,
             },
+            35 => Self::EngineFailed,
             code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })

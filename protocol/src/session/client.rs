@@ -469,7 +469,10 @@ impl ClientSession {
                 self.upstream_state.remove(id);
                 self.events.push_back(Event::BodyRemoved { id, cause });
             }
-            SceneEvent::SceneFaulted { tick } => self.events.push_back(Event::SceneFaulted(tick)),
+            SceneEvent::SceneFaulted { tick, cause } => {
+                self.events.push_back(Event::SceneFaulted { tick, cause });
+            }
+            SceneEvent::SceneRestored { tick } => self.events.push_back(Event::SceneRestored(tick)),
             SceneEvent::ShapeAdded { .. }
             | SceneEvent::ShapeRemoved { .. }
             | SceneEvent::JointAdded { .. }

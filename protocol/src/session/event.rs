@@ -8,8 +8,8 @@ use rhumb_reckoning::{BodyId, Tick};
 
 use crate::endpoint::Ending;
 use crate::message::{
-    AuthorityError, Denial, Inspection, QueryResult, RemovalCause, SessionState, StreamChoice,
-    TierChangeCause, Welcome,
+    AuthorityError, Denial, FaultCause, Inspection, QueryResult, RemovalCause, SessionState,
+    StreamChoice, TierChangeCause, Welcome,
 };
 use crate::scene::{BodyEvent, CommandError, IdRange};
 use crate::time::{Instant, Span};
@@ -83,7 +83,15 @@ pub enum Event {
     /// snapshot.
     ChecksumMismatch,
     /// The physics engine failed. The scene does not step past this tick.
-    SceneFaulted(Tick),
+    SceneFaulted {
+        /// The tick.
+        tick: Tick,
+        /// The reason why the scene was not restored.
+        cause: FaultCause,
+    },
+    /// The physics engine failed, and the scene goes on from this tick without the commands that it failed on. A
+    /// `Refused` with `EngineFailed` names each of them to its member, also one that was applied before.
+    SceneRestored(Tick),
     /// The application has authority over these bodies and no others from now on, in rising order.
     AuthorityGrant(Vec<BodyId>),
     /// The server denied the requested authority. Authority granted earlier stays.

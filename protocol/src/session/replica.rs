@@ -167,7 +167,9 @@ impl Replica {
                 self.gravity = *gravity;
                 self.stream_mut().change_gravity(*since, *gravity);
             }
-            SceneEvent::SceneFaulted { .. } | SceneEvent::Unknown { .. } => {}
+            SceneEvent::SceneFaulted { .. }
+            | SceneEvent::SceneRestored { .. }
+            | SceneEvent::Unknown { .. } => {}
             SceneEvent::JointAdded { id, joint } => {
                 let known = joint.bodies.map(|body| self.body(body).is_some());
                 if known != [true; 2] {

@@ -146,6 +146,11 @@ impl SceneLog {
         self.shared.broken.load(Ordering::Relaxed)
     }
 
+    /// Gives the log up until the next snapshot: the scene goes on from another state.
+    pub(crate) fn give_up(&self) {
+        self.shared.broken.store(true, Ordering::Relaxed);
+    }
+
     /// Hands over a snapshot of the scene after all batches so far.
     pub(crate) fn snapshot(&mut self, frozen: Frozen) {
         self.bytes = 0;
@@ -269,7 +274,8 @@ impl LogWriter {
     fn begin_snapshot(&mut self, frozen: Frozen) {
         let tick = frozen.tick;
         let number = self.next;
-        let Some(segment) = self.segment.take() else {
+        let broken = self.shared.broken.load(Ordering::Relaxed);
+        let Some(segment) = self.segment.take().filter(|_| !broken) else {
             let written = write_snapshot(&self.files, number, frozen);
             if written.is_ok() {
                 self.begin_segment(tick, None);

@@ -133,6 +133,12 @@ pub trait Engine: Send {
     /// The fault, if it takes no more steps.
     fn fault(&self) -> Option<EngineFault>;
 
+    /// A copy that steps on to the same bits. `None` while something has changed since the last step, and for an engine
+    /// that cannot be copied: its scenes are not restored after a fault.
+    fn copy(&self) -> Option<Box<dyn Engine>> {
+        None
+    }
+
     /// A copy of the world as it is, to be encoded on another thread. `None` while something has changed since the last
     /// step that the copy would lack, and for an engine without images.
     fn freeze(&self) -> Option<FrozenEngine> {

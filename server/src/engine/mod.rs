@@ -1,5 +1,6 @@
 //! The physics engine behind a trait.
 
+mod engines;
 mod interface;
 mod kinematic_target;
 mod rapier;
@@ -10,6 +11,7 @@ mod rapier_query;
 mod rapier_solid;
 mod rapier_workers;
 
+pub use engines::Engines;
 pub use interface::{
     BodyProperties, Engine, EngineFault, FrozenEngine, Push, UnanswerableQuery, UnusableShape,
 };

@@ -35,6 +35,7 @@ use super::rapier_workers::Workers;
 /// A Rapier world.
 pub struct RapierEngine {
     world: PhysicsWorld,
+    workers: Workers,
     integrator: Integrator,
     sleep: Option<SleepConfig>,
     fault: Option<EngineFault>,
@@ -84,6 +85,7 @@ impl RapierEngine {
         parameters.num_solver_iterations = config.integrator.substeps.get() as usize;
         Self {
             world,
+            workers: workers.clone(),
             integrator: config.integrator,
             sleep: config.sleep,
             fault: None,
@@ -523,6 +525,10 @@ impl Engine for RapierEngine {
 
     fn fault(&self) -> Option<EngineFault> {
         self.fault
+    }
+
+    fn copy(&self) -> Option<Box<dyn Engine>> {
+        Some(Box::new(self.duplicate()?))
     }
 
     fn freeze(&self) -> Option<FrozenEngine> {

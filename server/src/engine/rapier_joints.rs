@@ -16,7 +16,7 @@ use rhumb_protocol::wire::{Malformed, Wire};
 use super::rapier_body::pose;
 
 /// The joints.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct RapierJoints {
     handles: BTreeMap<JointId, ImpulseJointHandle>,
     /// The joints that can break.

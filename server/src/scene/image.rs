@@ -3,6 +3,8 @@
 //! Taken right after a step. A scene from an image, given the same commands before the same ticks, runs to the same
 //! bits as the scene that it is of.
 
+use std::collections::BTreeMap;
+
 use glam::Vec3;
 use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::wire::bytes::{Reader, Writer};
@@ -46,6 +48,26 @@ impl Scene {
             registry: self.registry.clone(),
             event_monitor: self.event_monitor.clone(),
             engine,
+        })
+    }
+
+    /// A copy of the scene, without journal and history, that runs to the same bits. `None` unless a step was the last
+    /// change, and for an engine that cannot be copied.
+    pub(crate) fn copy(&self) -> Option<Self> {
+        Some(Self {
+            config: self.config,
+            gravity: self.gravity,
+            tick: self.tick,
+            registry: self.registry.clone(),
+            engine: self.engine.copy()?,
+            observations: self.observations.clone(),
+            lost: Vec::new(),
+            displaced: BTreeMap::new(),
+            digest: self.digest,
+            event_monitor: self.event_monitor.clone(),
+            journal: None,
+            history: None,
+            broken: false,
         })
     }
 

@@ -30,7 +30,9 @@ impl SceneRunner {
         owner: Peer,
         command: &Command,
     ) -> Result<(), CommandError> {
-        self.apply(owner, command)
+        let applied = self.apply(owner, command);
+        let now = self.last_step;
+        applied.map_err(|error| self.restore_if_failed(now, error))
     }
 
     /// Steps once.

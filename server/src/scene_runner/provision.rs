@@ -3,12 +3,15 @@
 use crate::limits::Limits;
 use crate::load::SceneLoad;
 use crate::metrics::SceneMeter;
+use crate::pulse::Pulse;
 
 /// The provision of one scene, given back when the scene ends.
 pub(crate) struct Provision {
     pub(crate) limits: Limits,
     pub(crate) load: SceneLoad,
     pub(crate) meter: SceneMeter,
+    /// Shows that a long work of the scene makes progress.
+    pub(crate) pulse: Pulse,
 }
 
 #[cfg(test)]
@@ -19,6 +22,7 @@ impl Provision {
             limits: Limits::default(),
             load: crate::load::ServerLoad::default().of_scene(0, u64::MAX, u64::MAX),
             meter: crate::metrics::Metrics::default().begin_scene(name),
+            pulse: Pulse::default(),
         }
     }
 }

@@ -28,7 +28,9 @@ impl ServerLoop {
             let retry_seconds = load::RETRY_SECONDS;
             return Err(Denial::Overloaded { retry_seconds });
         }
-        let scene = Scene::on(config, &self.workers).map_err(Denial::InvalidConfig)?;
+        config.check().map_err(Denial::InvalidConfig)?;
+        let engine = self.engines.make(&config, &self.workers);
+        let scene = Scene::with_engine(config, engine).map_err(Denial::InvalidConfig)?;
         tracing::info!(scene = %name, "scene created");
         Ok(self.run_scene(name, scene, slot, load))
     }
@@ -58,6 +60,7 @@ impl ServerLoop {
             limits: self.limits,
             load,
             meter: self.metrics.begin_scene(name),
+            pulse: self.pulse.clone(),
         };
         let mut runner = SceneRunner::new(scene, names, provision);
         runner.employ(self.workers.clone());

@@ -212,7 +212,7 @@ impl Testee<'_> {
             }
             Event::ChecksumMismatch => report("{\"is\":\"mismatch\"}")?,
             Event::Deleted => report("{\"is\":\"deleted\"}")?,
-            Event::SceneFaulted(_) => report("{\"is\":\"faulted\"}")?,
+            Event::SceneFaulted { .. } => report("{\"is\":\"faulted\"}")?,
             Event::Ended(ending) => {
                 let code = match ending {
                     Ending::Closed(code) => code.to_string(),

@@ -142,17 +142,17 @@ fn tick_events(cases: &mut CaseList) {
         &f(&[1.0, 2.0, 3.0, 0.0, 1.0, 0.0, -0.01, 9_806.5]),
     ]
     .concat();
-    let events: Vec<Vec<u8>> = (0..7)
+    let events: Vec<Vec<u8>> = (0..8)
         .map(|code| match code {
             0 | 2 => [&[code], &contact[..]].concat(),
-            5 | 6 => [&[code], &id(3, 0)[..]].concat(),
+            5..=7 => [&[code], &id(3, 0)[..]].concat(),
             _ => [&[code], &pair[..]].concat(),
         })
         .collect();
     cases.add(
         18,
         "TickEvents, one of each",
-        &[&v(300), &v(0), &[7], &events.concat()],
+        &[&v(300), &v(0), &[8], &events.concat()],
     );
     cases.add(
         18,
@@ -162,7 +162,7 @@ fn tick_events(cases: &mut CaseList) {
     cases.add(
         18,
         "TickEvents, no such event",
-        &[&v(300), &v(0), &[1], &[7], &pair],
+        &[&v(300), &v(0), &[1], &[8], &pair],
     );
     let infinite = [&pair[..], &f(&[f32::INFINITY; 8])].concat();
     cases.add(
@@ -274,6 +274,7 @@ fn errors(cases: &mut CaseList) {
         cases.add(10, format!("Refused, {code}"), &[&v(4), &[code]]);
     }
     cases.add(10, "Refused, 34 for 5 seconds", &[&v(4), &[34, 5]]);
+    cases.add(10, "Refused, 35", &[&v(4), &[35]]);
 }
 
 /// A track encoded as a bit string.
@@ -333,12 +334,19 @@ fn scene_events(cases: &mut CaseList) {
         "GravityChanged",
         &[&[4], &v(300), &f(&[0.0, -1.5, 0.0])],
     );
-    cases.add(11, "SceneFaulted", &[&[5], &v(300)]);
+    for cause in 0..4 {
+        cases.add(
+            11,
+            format!("SceneFaulted, {cause}"),
+            &[&[5], &v(300), &[cause]],
+        );
+    }
+    cases.add(11, "SceneRestored", &[&[8], &v(300)]);
     for (word, joint) in joints() {
         cases.add(11, format!("JointAdded, {word}"), &[&[6], &v(7), &joint]);
     }
     cases.add(11, "JointRemoved", &[&[7], &v(7)]);
-    for code in [8, 0x7f] {
+    for code in [9, 0x7f] {
         cases.add(
             11,
             format!("a critical scene event {code} that is unknown"),

@@ -16,6 +16,7 @@ mod physics;
 mod publish_interval;
 mod queries;
 mod refusals;
+mod restoration;
 mod simulated_network;
 mod tier_policy;
 mod tiers;

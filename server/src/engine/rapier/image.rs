@@ -33,6 +33,32 @@ impl RapierEngine {
         }))
     }
 
+    /// A copy that steps on to the same bits; `None` unless a step was the last change.
+    pub(super) fn duplicate(&self) -> Option<Self> {
+        if self.has_changed || self.fault.is_some() {
+            return None;
+        }
+        let mut world = copy(&self.world);
+        self.workers.employ(&mut world);
+        Some(Self {
+            world,
+            workers: self.workers.clone(),
+            integrator: self.integrator,
+            sleep: self.sleep,
+            fault: None,
+            solids: self.solids.clone(),
+            joints: self.joints.clone(),
+            places: self.places.clone(),
+            kinematic_targets: self.kinematic_targets.clone(),
+            forced: Vec::new(),
+            displaced: Vec::new(),
+            awake: self.awake.clone(),
+            awake_before: self.awake_before.clone(),
+            observed: self.observed.clone(),
+            has_changed: false,
+        })
+    }
+
     /// A world from its image. `shapes`: the scene's.
     ///
     /// # Errors

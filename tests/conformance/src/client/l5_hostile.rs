@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use rhumb_protocol::Instant;
 use rhumb_protocol::limits::{ANGULAR_MAX, COORDINATE_MAX, LINEAR_MAX};
-use rhumb_protocol::message::{SceneEvent, ServerMessage};
+use rhumb_protocol::message::{FaultCause, SceneEvent, ServerMessage};
 use rhumb_protocol::packet::UpdatePayload;
 use rhumb_protocol::packet::{FullPacket, FullRecord, Keyframe, Low16, Update, UpdateWriter};
 use rhumb_protocol::session::CloseCode;
@@ -136,6 +136,7 @@ const CASES: &[CaseRow] = &[
             let tick = Tick::new(hand::TICK + 1);
             server.send(&ServerMessage::SceneEvent(SceneEvent::SceneFaulted {
                 tick,
+                cause: FaultCause::NoWayBack,
             }));
             hand::must_go_on(
                 &mut server,

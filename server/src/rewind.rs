@@ -1,0 +1,308 @@
+//! The way back of a scene whose engine failed, in memory.
+//!
+//! Holds a copy of the scene as it was after an earlier step, and does again what was done since, without the commands
+//! on which the engine fails. A scene that runs the same commands runs to the same bits, so that members notice only
+//! what was left out. Reads no clock: the scene runner adds the time of steps. Invariants: a restored scene is at the
+//! tick of the failed one, and a copy of it has taken the next step.
+
+use rhumb_protocol::Span;
+use rhumb_protocol::scene::Command;
+
+use crate::access::Ownership;
+use crate::scene::{Author, Done, History, Scene};
+
+/// The way back of one scene.
+#[derive(Default)]
+pub(crate) struct Rewind {
+    base: Option<Base>,
+    /// Time of the steps since then: a replay takes about as long.
+    stepped: Span,
+}
+
+/// A scene right after a step, with its owners.
+struct Base {
+    scene: Scene,
+    ownership: Ownership,
+}
+
+/// A scene that goes on, and what it lacks.
+pub(crate) struct Restoration {
+    pub(crate) scene: Scene,
+    pub(crate) ownership: Ownership,
+    /// The authors of the commands that were left out, in the order of the commands.
+    pub(crate) left_out: Vec<Option<Box<Author>>>,
+    /// True if a command was left out that acted in an earlier step: every body may be elsewhere.
+    pub(crate) differs: bool,
+}
+
+/// The call in which an engine failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FailedIn {
+    /// In a command, which the history lacks.
+    Command,
+    /// In a step.
+    Step,
+}
+
+/// Time of steps after which a copy is due, as long as the scene is small: a copy of 1,000 bodies takes a two-hundredth.
+const COPY_AFTER: Span = Span::from_millis(500);
+/// The same for a large scene: together with a search, less than the 3 s that a restoration may take.
+const COPY_AFTER_MAX: Span = Span::from_millis(1_000);
+/// Bodies from which on a scene is large.
+const LARGE: usize = 20_000;
+/// Bytes of history after which a copy is due.
+const HISTORY_BYTES_MAX: usize = 1 << 20;
+/// Commands of one tick that are left out by themselves, before all of them are.
+const CULPRITS_MAX: usize = 3;
+/// Attempts with ever more commands left out, before all since the copy are.
+const ATTEMPTS_MAX: usize = 4;
+
+impl Rewind {
+    /// Adds the time of a step.
+    pub(crate) fn note_step(&mut self, took: Span) {
+        self.stepped = Span::from_nanos(self.stepped.as_nanos() + took.as_nanos());
+    }
+
+    /// Copies the scene if that is due and the scene can be copied now: right after a step. To be called before a
+    /// scene is changed.
+    pub(crate) fn copy_if_due(&mut self, scene: &mut Scene, ownership: &Ownership) {
+        let after = if scene.body_count() < LARGE {
+            COPY_AFTER
+        } else {
+            COPY_AFTER_MAX
+        };
+        let history = scene.history();
+        let is_due = history.is_none_or(|history| history.bytes() >= HISTORY_BYTES_MAX);
+        if !is_due && self.stepped < after {
+            return;
+        }
+        if let Some(copy) = scene.copy() {
+            let ownership = ownership.clone();
+            self.begin(Base {
+                scene: copy,
+                ownership,
+            });
+            scene.keep_history(History::default());
+        }
+    }
+
+    fn begin(&mut self, base: Base) {
+        self.base = Some(base);
+        self.stepped = Span::ZERO;
+    }
+
+    /// Restores a failed scene; `None` if it fails again without any command since the copy. `beat` is called before
+    /// each step.
+    pub(crate) fn restore(
+        &mut self,
+        failed: &Scene,
+        failed_in: FailedIn,
+        beat: &mut dyn FnMut(),
+    ) -> Option<Restoration> {
+        let done = &failed.history()?.done;
+        let newest = done.iter().rposition(|change| *change == Done::Stepped);
+        let (earlier, pending) = done.split_at(newest.map_or(0, |place| place + 1));
+        let attempt = self.leave_out_of_pending(earlier, pending, failed_in, beat);
+        let attempt = attempt.or_else(|| self.leave_out_of_all(earlier, pending, beat))?;
+        self.adopt(attempt)
+    }
+
+    /// Leaves out what fails of the commands since the newest step: single ones if that suffices, otherwise all.
+    fn leave_out_of_pending(
+        &self,
+        earlier: &[Done],
+        pending: &[Done],
+        failed_in: FailedIn,
+        beat: &mut dyn FnMut(),
+    ) -> Option<Attempt> {
+        let base = self.base.as_ref()?.replay(earlier, beat)?;
+        let mut attempt = Attempt {
+            base,
+            kept: pending.to_vec(),
+            left_out: Vec::new(),
+            differs: false,
+        };
+        if failed_in == FailedIn::Command {
+            return Some(attempt);
+        }
+        for _ in 0..CULPRITS_MAX {
+            beat();
+            if attempt.steps(attempt.kept.len()) {
+                return Some(attempt);
+            }
+            let Some(culprit) = attempt.culprit(beat) else {
+                break;
+            };
+            attempt.leave_out(culprit);
+        }
+        while !attempt.kept.is_empty() {
+            attempt.leave_out(0);
+        }
+        attempt.steps(0).then_some(attempt)
+    }
+
+    /// Leaves out ever more of the last commands, at last all since the copy: some act on the engine late.
+    fn leave_out_of_all(
+        &self,
+        earlier: &[Done],
+        pending: &[Done],
+        beat: &mut dyn FnMut(),
+    ) -> Option<Attempt> {
+        let is_command = |change: &&Done| **change != Done::Stepped;
+        let commands = earlier.iter().filter(is_command).count();
+        let mut count = 1;
+        for attempts in 1.. {
+            if commands == 0 {
+                return None;
+            }
+            if count >= commands || attempts > ATTEMPTS_MAX {
+                count = commands;
+            }
+            let mut left = commands - count;
+            let (mut kept, mut left_out) = (Vec::new(), Vec::new());
+            for change in earlier {
+                match change {
+                    Done::Applied(_, author) if left == 0 => left_out.push(author.clone()),
+                    Done::Applied(..) => {
+                        left -= 1;
+                        kept.push(change.clone());
+                    }
+                    Done::Stepped => kept.push(Done::Stepped),
+                }
+            }
+            left_out.extend(pending.iter().filter_map(author_of));
+            if let Some(base) = self.base.as_ref()?.replay(&kept, beat) {
+                let attempt = Attempt {
+                    base,
+                    kept: Vec::new(),
+                    left_out,
+                    differs: true,
+                };
+                if attempt.steps(0) {
+                    return Some(attempt);
+                }
+            }
+            if count == commands {
+                return None;
+            }
+            count *= 8;
+        }
+        None
+    }
+
+    /// Goes on from an attempt that stepped.
+    fn adopt(&mut self, attempt: Attempt) -> Option<Restoration> {
+        let Attempt {
+            base,
+            kept,
+            mut left_out,
+            differs,
+        } = attempt;
+        let mut scene = base.scene.copy()?;
+        let mut ownership = base.ownership.clone();
+        let mut done = Vec::new();
+        for change in kept {
+            if apply(&mut scene, &mut ownership, &change) {
+                done.push(change);
+            } else {
+                left_out.extend(author_of(&change));
+            }
+        }
+        scene.keep_history(History::of(done));
+        self.begin(base);
+        Some(Restoration {
+            scene,
+            ownership,
+            left_out,
+            differs,
+        })
+    }
+}
+
+/// A state at the newest tick, and the commands since then that are kept.
+struct Attempt {
+    base: Base,
+    kept: Vec<Done>,
+    left_out: Vec<Option<Box<Author>>>,
+    differs: bool,
+}
+
+impl Attempt {
+    /// True if the scene takes a step after so many of the commands.
+    fn steps(&self, count: usize) -> bool {
+        let Some(mut scene) = self.base.scene.copy() else {
+            return false;
+        };
+        for change in &self.kept[..count] {
+            // A command that depends on one that was left out is refused, and left out too.
+            if let Done::Applied(command, _) = change {
+                let _ = scene.apply(command);
+            }
+        }
+        scene.step().is_ok()
+    }
+
+    /// The command after which the scene does not step any more; `None` if it does not step without any.
+    fn culprit(&self, beat: &mut dyn FnMut()) -> Option<usize> {
+        if !self.steps(0) {
+            return None;
+        }
+        let (mut good, mut bad) = (0, self.kept.len());
+        while bad - good > 1 {
+            beat();
+            let middle = usize::midpoint(good, bad);
+            if self.steps(middle) {
+                good = middle;
+            } else {
+                bad = middle;
+            }
+        }
+        (bad > 0).then_some(good)
+    }
+
+    fn leave_out(&mut self, place: usize) {
+        let change = self.kept.remove(place);
+        self.left_out.extend(author_of(&change));
+    }
+}
+
+impl Base {
+    /// The state after these changes; `None` if it fails on the way.
+    fn replay(&self, done: &[Done], beat: &mut dyn FnMut()) -> Option<Self> {
+        let mut scene = self.scene.copy()?;
+        let mut ownership = self.ownership.clone();
+        for change in done {
+            if *change == Done::Stepped {
+                beat();
+                let stepped = scene.step().ok()?;
+                (stepped.removed.iter()).for_each(|(id, _)| ownership.remove_body(*id));
+                (stepped.broken.iter()).for_each(|id| ownership.remove_joint(*id));
+            } else if !apply(&mut scene, &mut ownership, change) {
+                return None;
+            }
+        }
+        Some(Self { scene, ownership })
+    }
+}
+
+fn apply(scene: &mut Scene, ownership: &mut Ownership, change: &Done) -> bool {
+    let Done::Applied(command, author) = change else {
+        return true;
+    };
+    if scene.apply(command).is_err() {
+        return false;
+    }
+    if let Command::RemoveBody { id } = **command {
+        ownership.remove_body(id);
+    }
+    let client = author.as_ref().and_then(|author| author.client.as_ref());
+    ownership.note(client, command);
+    true
+}
+
+fn author_of(change: &Done) -> Option<Option<Box<Author>>> {
+    match change {
+        Done::Applied(_, author) => Some(author.clone()),
+        Done::Stepped => None,
+    }
+}
