@@ -40,6 +40,7 @@ use crate::access::rights::Request;
 use crate::authority_table::AuthorityTable;
 use crate::body_placement;
 use crate::engine::Workers;
+use crate::flight::FlightCause;
 use crate::grants::Grants;
 use crate::hook::Hook;
 use crate::member::{Member, SnapshotRequest};
@@ -318,12 +319,16 @@ impl SceneRunner {
         };
         let (number, session) = (member.number_command(), member.session);
         member.charge_command(out.now());
+        if let Ok(command) = &command {
+            self.provision.flight.command(peer, number, command);
+        }
         let unsent = self.unsent.len();
         let refused = command.and_then(|command| self.apply_of_member(peer, &command));
         let refused = refused.err();
         self.provision.meter.count_command(refused.is_some());
         self.note_command(session, refused);
         if let Some(error) = refused {
+            self.provision.flight.refused(&error);
             out.send(peer, &ServerMessage::Refused { number, error });
         }
         let added = self.unsent.len().saturating_sub(unsent);
@@ -478,6 +483,7 @@ impl SceneRunner {
     /// One tick: step, predict, publish.
     fn tick(&mut self, clock: Stopwatch<'_>, out: &mut Outbox) {
         let begun = clock();
+        self.provision.flight.step_began(begun, self.scene.tick());
         self.authority_table.set_targets(&mut self.scene);
         let hook = self.hook.as_mut();
         let refused = hook.map(|hook| hook.act(&mut self.scene));
@@ -491,6 +497,7 @@ impl SceneRunner {
             tracing::warn!(%error, "the scene continues without the command");
         }
         for (id, cause) in stepped.removed {
+            self.note_removal(cause);
             self.streams.remove(id);
             self.authority_table.remove(id);
             self.forget_body(id);
@@ -525,6 +532,7 @@ impl SceneRunner {
     /// Informs all members that the engine failed; nothing moves any more.
     fn fault(&mut self, out: &mut Outbox) {
         self.faulted = true;
+        self.provision.flight.write(FlightCause::EnginePanicked);
         self.next_step = None;
         let tick = self.scene.tick();
         tracing::error!(

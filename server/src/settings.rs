@@ -32,6 +32,7 @@ pub(crate) struct ServerSettings {
     pub(crate) open: bool,
     pub(crate) open_to_network: bool,
     pub(crate) metrics: Option<SocketAddr>,
+    pub(crate) flight: Option<PathBuf>,
     #[serde(deserialize_with = "parsed")]
     pub(crate) log: LevelFilter,
     pub(crate) cores: Vec<usize>,
@@ -75,7 +76,7 @@ impl std::error::Error for SettingsError {}
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
-const ROWS: [(&str, &str, &str); 12] = [
+const ROWS: [(&str, &str, &str); 13] = [
     (
         "listen",
         "\"127.0.0.1:4433\"",
@@ -113,6 +114,11 @@ const ROWS: [(&str, &str, &str); 12] = [
         "TCP address for /metrics and /health; without it there are none.",
     ),
     (
+        "flight",
+        "\"flight\"",
+        "Directory for the flight recorders of scenes that fault; without it nothing is recorded.",
+    ),
+    (
         "log",
         "\"info\"",
         "Log level: off, error, warn, info, debug or trace.",
@@ -131,7 +137,7 @@ const ROWS: [(&str, &str, &str); 12] = [
 ];
 
 /// The settings that a file need not have, and that have no default.
-const OPTIONAL: [&str; 3] = ["cert", "key", "metrics"];
+const OPTIONAL: [&str; 4] = ["cert", "key", "metrics", "flight"];
 
 impl Default for ServerSettings {
     fn default() -> Self {
@@ -144,6 +150,7 @@ impl Default for ServerSettings {
             open: false,
             open_to_network: false,
             metrics: None,
+            flight: None,
             log: LevelFilter::INFO,
             cores: Vec::new(),
             threads: NonZeroU32::MIN,

@@ -1,5 +1,6 @@
 //! A server's provision for one scene: limits, a share of time, and figures.
 
+use crate::flight::FlightRecorder;
 use crate::limits::Limits;
 use crate::load::SceneLoad;
 use crate::metrics::SceneMeter;
@@ -9,6 +10,7 @@ pub(crate) struct Provision {
     pub(crate) limits: Limits,
     pub(crate) load: SceneLoad,
     pub(crate) meter: SceneMeter,
+    pub(crate) flight: FlightRecorder,
 }
 
 #[cfg(test)]
@@ -19,6 +21,7 @@ impl Provision {
             limits: Limits::default(),
             load: crate::load::ServerLoad::default().of_scene(0, u64::MAX, u64::MAX),
             meter: crate::metrics::Metrics::default().begin_scene(name),
+            flight: crate::flight::FlightRecorders::default().begin(name),
         }
     }
 }

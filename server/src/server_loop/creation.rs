@@ -58,6 +58,7 @@ impl ServerLoop {
             limits: self.limits,
             load,
             meter: self.metrics.begin_scene(name),
+            flight: self.flights.begin(name),
         };
         let mut runner = SceneRunner::new(scene, names, provision);
         runner.employ(self.workers.clone());
