@@ -23,6 +23,7 @@ use tracing::level_filters::LevelFilter;
 use crate::access::TokenKeys;
 use crate::durable::{self, DataDir};
 use crate::engine::Workers;
+use crate::flight;
 use crate::hook::Hooks;
 use crate::log;
 use crate::serve::{Access, Identity, RunError, Server, run_on_cores, seconds_since_1970};
@@ -70,6 +71,9 @@ pub struct Arguments {
     /// TCP address for figures (/metrics) and health (/health).
     #[arg(long, value_name = "ADDRESS")]
     metrics: Option<SocketAddr>,
+    /// Directory for the flight recorders of scenes that fault; `rhumb-server flight FILE` prints one.
+    #[arg(long, value_name = "DIR")]
+    flight: Option<PathBuf>,
     /// Log level: off, error, warn, info, debug or trace [default: info].
     #[arg(long)]
     log: Option<LevelFilter>,
@@ -108,6 +112,11 @@ enum Task {
         /// The scene.
         scene: SceneName,
     },
+    /// Prints the last moments of a scene before a fault, from a file that --flight wrote.
+    Flight {
+        /// The file.
+        file: PathBuf,
+    },
     /// Prints a configuration file with every setting at its default, and the reason of each limit.
     Config,
 }
@@ -134,6 +143,7 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
         Some(Task::Token(token)) => token_command::run(token, seconds_since_1970()),
         Some(Task::Check { dir }) => durable::check(dir, &mut std::io::stdout()),
         Some(Task::Replay { dir, scene }) => durable::replay(dir, scene, &mut std::io::stdout()),
+        Some(Task::Flight { file }) => flight::run(file, &mut std::io::stdout()),
         Some(Task::Config) => print(&ServerSettings::file()),
         None => settings_of(&arguments).and_then(|settings| {
             if arguments.check_config {
@@ -170,6 +180,7 @@ fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> 
     set(&mut settings.log, arguments.log);
     set(&mut settings.threads, arguments.threads);
     set(&mut settings.largest_packet, arguments.largest_packet);
+    settings.flight = arguments.flight.clone().or(settings.flight);
     settings.metrics = arguments.metrics.or(settings.metrics);
     settings.data = arguments.data.clone().or(settings.data);
     if arguments.cert.is_some() {
@@ -249,6 +260,9 @@ fn run(
     server.set_limits(settings.limits);
     if let Some(data) = data {
         server.store_in(data);
+    }
+    if let Some(directory) = &settings.flight {
+        server.record_flights(directory.clone());
     }
     if let Some(hooks) = hooks {
         server.attach(hooks);

@@ -52,6 +52,7 @@ mod durable;
 mod empty_scenes;
 pub mod engine;
 mod event_monitor;
+mod flight;
 mod front;
 mod grants;
 mod hook;

@@ -328,6 +328,9 @@ impl SceneRunner {
         };
         let (number, session) = (member.number_command(), member.session);
         member.charge_command(out.now());
+        if let Ok(command) = &command {
+            self.provision.flight.command(peer, number, command);
+        }
         let unsent = self.unsent.len();
         let applied = command.and_then(|command| self.apply_of_member(peer, &command));
         if applied.is_ok() {
@@ -338,6 +341,7 @@ impl SceneRunner {
         self.provision.meter.count_command(refused.is_some());
         self.note_command(session, refused);
         if let Some(error) = refused {
+            self.provision.flight.refused(&error);
             out.send(peer, &ServerMessage::Refused { number, error });
         }
         let added = self.unsent.len().saturating_sub(unsent);
@@ -499,6 +503,7 @@ impl SceneRunner {
     fn tick(&mut self, clock: Stopwatch<'_>, out: &mut Outbox) {
         let begun = clock();
         self.copy_if_due();
+        self.provision.flight.step_began(begun, self.scene.tick());
         self.authority_table.set_targets(&mut self.scene);
         let hook = self.hook.as_mut();
         let refused = hook.map(|hook| hook.act(&mut self.scene));
@@ -512,6 +517,7 @@ impl SceneRunner {
             tracing::warn!(%error, "the scene continues without the command");
         }
         for (id, cause) in stepped.removed {
+            self.note_removal(cause);
             self.streams.remove(id);
             self.authority_table.remove(id);
             self.forget_body(id);

@@ -18,6 +18,7 @@ use rhumb_transport::{
 use crate::access::{Gate, TokenKeys};
 use crate::durable::{DataDir, DataError};
 use crate::engine::{Workers, WorkersError};
+use crate::flight::FlightWriter;
 #[cfg(feature = "app")]
 use crate::front::Adapter;
 use crate::front::Front;
@@ -71,6 +72,7 @@ pub struct Server {
     limits: Limits,
     metrics: Option<TcpListener>,
     data: Option<DataDir>,
+    flight: Option<PathBuf>,
     /// Serves the clients of another protocol.
     #[cfg(feature = "app")]
     adapter: Option<Adapter>,
@@ -87,6 +89,13 @@ pub enum RunError {
     Metrics {
         /// The TCP address.
         address: SocketAddr,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// The directory for flight recorders cannot be used.
+    Flight {
+        /// The directory.
+        directory: PathBuf,
         /// The system's error.
         cause: io::Error,
     },
@@ -119,6 +128,10 @@ impl fmt::Display for RunError {
                     f,
                     "cannot answer requests for figures at {address}: {cause}"
                 )
+            }
+            Self::Flight { directory, cause } => {
+                let directory = directory.display();
+                write!(f, "cannot write flight recorders to {directory}: {cause}")
             }
             Self::OpenToNetwork(address) => write!(
                 f,
@@ -165,6 +178,7 @@ impl Server {
             limits: Limits::default(),
             metrics: None,
             data: None,
+            flight: None,
             #[cfg(feature = "app")]
             adapter: None,
         })
@@ -227,6 +241,11 @@ impl Server {
         self.data = Some(data);
     }
 
+    /// Writes the last moments of a scene that faults to a file of this directory, which is made if it is missing.
+    pub fn record_flights(&mut self, directory: PathBuf) {
+        self.flight = Some(directory);
+    }
+
     /// Serves on the calling thread, and each scene on a thread of its own, until `stop` is requested. Then every
     /// client learns that the server is going away.
     ///
@@ -248,6 +267,17 @@ impl Server {
         if let Some(adapter) = self.adapter {
             front.serve_also(adapter).map_err(RunError::Thread)?;
         }
+        let flight = match self.flight {
+            None => None,
+            Some(directory) => {
+                let started =
+                    FlightWriter::start(directory.clone(), &self.limits, seconds_since_1970);
+                let failed = |cause| RunError::Flight { directory, cause };
+                let (writer, flights) = started.map_err(failed)?;
+                front.record_flights(flights);
+                Some(writer)
+            }
+        };
         let answering = match self.metrics {
             None => None,
             Some(listener) => {
@@ -263,6 +293,7 @@ impl Server {
         let served = self.transport.run(&mut front, stop);
         front.shut_down();
         drop(answering);
+        drop(flight);
         served.map_err(RunError::Serve)
     }
 }

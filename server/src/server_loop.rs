@@ -25,6 +25,7 @@ use crate::access::{Ownership, Permit};
 use crate::authority_table::UpstreamStatistics;
 use crate::empty_scenes::EmptyScenes;
 use crate::engine::{Engines, Workers};
+use crate::flight::FlightRecorders;
 use crate::hook::Hooks;
 use crate::limits::Limits;
 use crate::load::ServerLoad;
@@ -58,6 +59,7 @@ pub struct ServerLoop {
     slots: SceneSlots,
     load: ServerLoad,
     metrics: Metrics,
+    flights: FlightRecorders,
     taken_slots: BTreeMap<SceneName, SceneSlot>,
     pulse: Pulse,
     pub(crate) out: Outbox,
@@ -87,6 +89,7 @@ impl ServerLoop {
             slots: SceneSlots::default(),
             load: ServerLoad::default(),
             metrics: Metrics::default(),
+            flights: FlightRecorders::default(),
             taken_slots: BTreeMap::new(),
             pulse: Pulse::default(),
             out: Outbox::default(),
@@ -138,6 +141,11 @@ impl ServerLoop {
         self.slots = slots;
         self.load = load;
         self.metrics = metrics;
+    }
+
+    /// Has the last moments of later scenes recorded.
+    pub(crate) fn record_flights(&mut self, flights: FlightRecorders) {
+        self.flights = flights;
     }
 
     /// Has each message and each tick show that this loop makes progress.

@@ -33,6 +33,7 @@ pub(crate) struct ServerSettings {
     pub(crate) open_to_network: bool,
     pub(crate) metrics: Option<SocketAddr>,
     pub(crate) data: Option<PathBuf>,
+    pub(crate) flight: Option<PathBuf>,
     #[serde(deserialize_with = "parsed")]
     pub(crate) log: LevelFilter,
     pub(crate) cores: Vec<usize>,
@@ -76,7 +77,7 @@ impl std::error::Error for SettingsError {}
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
-const ROWS: [(&str, &str, &str); 13] = [
+const ROWS: [(&str, &str, &str); 14] = [
     (
         "listen",
         "\"127.0.0.1:4433\"",
@@ -119,6 +120,11 @@ const ROWS: [(&str, &str, &str); 13] = [
         "Directory for command logs and snapshots, from which scenes are restored at start; without it, scenes end with the process.",
     ),
     (
+        "flight",
+        "\"flight\"",
+        "Directory for the flight recorders of scenes that fault; without it nothing is recorded.",
+    ),
+    (
         "log",
         "\"info\"",
         "Log level: off, error, warn, info, debug or trace.",
@@ -137,7 +143,7 @@ const ROWS: [(&str, &str, &str); 13] = [
 ];
 
 /// The settings that a file need not have, and that have no default.
-const OPTIONAL: [&str; 4] = ["cert", "key", "metrics", "data"];
+const OPTIONAL: [&str; 5] = ["cert", "key", "metrics", "data", "flight"];
 
 impl Default for ServerSettings {
     fn default() -> Self {
@@ -151,6 +157,7 @@ impl Default for ServerSettings {
             open_to_network: false,
             metrics: None,
             data: None,
+            flight: None,
             log: LevelFilter::INFO,
             cores: Vec::new(),
             threads: NonZeroU32::MIN,

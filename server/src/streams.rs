@@ -168,6 +168,13 @@ impl Streams {
         stream.flat_map(move |stream| stream.sender.datagrams(peer.0))
     }
 
+    /// The datagrams of the last tick of all streams, without repair symbols.
+    pub(crate) fn all_packets(&self) -> impl Iterator<Item = &Bytes> {
+        self.streams
+            .iter()
+            .flat_map(|stream| stream.sender.packets())
+    }
+
     /// The id of the stream of a choice; `None` if there is no such stream.
     pub(crate) fn of_choice(&self, choice: StreamChoice) -> Option<StreamId> {
         let found = self.streams.iter().find(|stream| stream.choice == choice);

@@ -225,6 +225,12 @@ impl StreamSender {
         Some(checksum)
     }
 
+    /// The datagrams of the last tick that all receivers get.
+    #[must_use]
+    pub fn packets(&self) -> &[Bytes] {
+        &self.packets
+    }
+
     /// The datagrams of the last tick for one receiver: with repair symbols only if it loses packets.
     pub fn datagrams(&self, receiver: u64) -> impl Iterator<Item = &Bytes> {
         let symbols = if self.losses.loses(receiver) {

@@ -39,6 +39,7 @@ use crate::access::Gate;
 use crate::authority_table::UpstreamStatistics;
 use crate::durable::DataDir;
 use crate::engine::Workers;
+use crate::flight::FlightRecorders;
 use crate::hook::Hooks;
 use crate::limits::Limits;
 use crate::load::ServerLoad;
@@ -76,6 +77,7 @@ struct WorkerSettings {
     slots: SceneSlots,
     load: ServerLoad,
     metrics: Metrics,
+    flights: FlightRecorders,
     limits: Limits,
     data: Option<DataDir>,
 }
@@ -135,6 +137,7 @@ impl Front {
                 slots: SceneSlots::default(),
                 load: ServerLoad::default(),
                 metrics: Metrics::default(),
+                flights: FlightRecorders::default(),
                 limits: Limits {
                     empty_scene_seconds: 0,
                     ..Limits::default()
@@ -468,6 +471,7 @@ impl WorkerSettings {
         server_loop.employ(self.engine_threads.clone());
         server_loop.set_largest_packet(self.largest_packet);
         server_loop.share(self.slots.clone(), self.load.clone(), self.metrics.clone());
+        server_loop.record_flights(self.flights.clone());
         server_loop.set_limits(self.limits);
         if let Some(data) = &self.data {
             server_loop.store_in(data.clone());

@@ -6,11 +6,14 @@
 
 use std::time::Duration;
 
+use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Span};
 
 use super::message::{FromWorker, WorkerId};
-use super::{Front, Place, priority};
+use super::parked::Scope;
+use super::{ADAPTER_SCENES, Front, Place, priority};
+use crate::flight::{FlightCause, FlightRecorders};
 use crate::pulse::Pulse;
 
 /// Time between two looks at the workers.
@@ -19,6 +22,11 @@ const INTERVAL: Span = Span::from_millis(250);
 const END: Duration = Duration::from_millis(500);
 
 impl Front {
+    /// Has the last moments of later scenes recorded.
+    pub(crate) fn record_flights(&mut self, flights: FlightRecorders) {
+        self.settings.flights = flights;
+    }
+
     /// The time of the next check of the workers; never if none has a thread.
     pub(super) fn next_watch(&self) -> Option<Instant> {
         let watches = self.threads.is_some() && !self.workers.is_empty();
@@ -51,6 +59,11 @@ impl Front {
         let Some(worker) = self.workers.remove(&id) else {
             return;
         };
+        let is_parked = |name: &SceneName| match &worker.scope {
+            Scope::Scene(scene) => name == scene,
+            Scope::Adapter => name.as_str().starts_with(ADAPTER_SCENES),
+        };
+        (self.settings.flights).write_where(is_parked, FlightCause::Parked);
         if let Place::Thread(thread) = &worker.place {
             priority::lower(&thread.thread_id);
         }

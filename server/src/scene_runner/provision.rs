@@ -1,5 +1,6 @@
 //! A server's provision for one scene: limits, a share of time, and figures.
 
+use crate::flight::FlightRecorder;
 use crate::limits::Limits;
 use crate::load::SceneLoad;
 use crate::metrics::SceneMeter;
@@ -12,6 +13,7 @@ pub(crate) struct Provision {
     pub(crate) meter: SceneMeter,
     /// Shows that a long work of the scene makes progress.
     pub(crate) pulse: Pulse,
+    pub(crate) flight: FlightRecorder,
 }
 
 #[cfg(test)]
@@ -23,6 +25,7 @@ impl Provision {
             load: crate::load::ServerLoad::default().of_scene(0, u64::MAX, u64::MAX),
             meter: crate::metrics::Metrics::default().begin_scene(name),
             pulse: Pulse::default(),
+            flight: crate::flight::FlightRecorders::default().begin(name),
         }
     }
 }

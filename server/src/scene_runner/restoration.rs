@@ -11,6 +11,7 @@ use rhumb_protocol::{Instant, Peer, Span};
 use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
+use crate::flight::FlightCause;
 use crate::outbox::Outbox;
 use crate::rewind::{FailedIn, Restoration};
 use crate::scene::{Author, Scene, Stepped};
@@ -65,6 +66,7 @@ impl SceneRunner {
 
     /// Puts an earlier state in the place of the failed scene; returns the authors of the commands that it lacks.
     fn restore(&mut self, now: Instant, failed_in: FailedIn) -> Result<Vec<Author>, FaultCause> {
+        self.provision.flight.write(FlightCause::EnginePanicked);
         while let Some(first) = self.restored_at.front()
             && now.since(*first) >= PERIOD
         {

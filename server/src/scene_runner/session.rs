@@ -62,6 +62,7 @@ impl SceneRunner {
         self.send_scene_events(out);
         let commands = session.and_then(|number| self.sessions.get(number));
         let commands = commands.map_or(0, |session| session.commands);
+        self.provision.flight.joined(peer, permit.client.as_deref());
         let member = Member::new(permit, (stream, choice), session, commands);
         self.members.insert(peer, member);
         let resumed = session.is_some_and(|number| number < before);
@@ -82,6 +83,7 @@ impl SceneRunner {
         self.waiting.retain(|(sender, _)| *sender != peer);
         self.authority_table.end(peer);
         if let Some(member) = self.members.remove(&peer) {
+            self.provision.flight.left(peer);
             for stream in member.streams() {
                 self.streams.unsubscribe(stream, peer);
             }

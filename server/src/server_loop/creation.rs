@@ -61,6 +61,7 @@ impl ServerLoop {
             load,
             meter: self.metrics.begin_scene(name),
             pulse: self.pulse.clone(),
+            flight: self.flights.begin(name),
         };
         let mut runner = SceneRunner::new(scene, names, provision);
         runner.employ(self.workers.clone());

@@ -6,6 +6,7 @@
 use std::fs::OpenOptions;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
@@ -67,7 +68,11 @@ fn free_address() -> String {
 #[test]
 fn a_step_that_does_not_end_stops_neither_other_scenes_nor_figures_nor_sigterm() {
     let metrics = free_address();
-    let server = SERVER.serve_with("127.0.0.1:0", &["--metrics", &metrics]);
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let flights = directory.path().join("flights");
+    let flight = flights.to_str().expect("text");
+    let more = ["--metrics", &metrics, "--flight", flight];
+    let server = SERVER.serve_with("127.0.0.1:0", &more);
     let mut victim = join(&server, "victim", Stepping::Lockstep);
     advance(&mut victim, 10);
     let mut attacker = join(&server, "attacked", Stepping::FreeRunning);
@@ -110,6 +115,43 @@ fn a_step_that_does_not_end_stops_neither_other_scenes_nor_figures_nor_sigterm()
     let took = signalled.elapsed();
     assert_eq!(ended.code, Some(0), "{}", ended.log);
     assert!(took < Duration::from_secs(2), "{took:?}");
+    assert_flight_ends_in_a_step(&flights);
+}
+
+/// The flight recorder of the parked scene names the cause, the commands, and the step that did not end.
+fn assert_flight_ends_in_a_step(flights: &Path) {
+    let files: Vec<PathBuf> = std::fs::read_dir(flights)
+        .expect("the server made the directory")
+        .map(|entry| entry.expect("an entry").path())
+        .collect();
+    let [file] = &files[..] else {
+        panic!("not one file: {files:?}");
+    };
+    let printed = SERVER.run(&["flight", file.to_str().expect("text")]);
+    assert_eq!(printed.code, Some(0), "{}", printed.log);
+    let lines: Vec<&str> = printed.out.lines().collect();
+    assert_eq!(lines[0], "scene attacked");
+    assert_eq!(lines[1], "cause the scene did not answer and is parked");
+    assert!(lines.iter().any(|line| line.contains("AddBody")));
+    let last_step = lines
+        .iter()
+        .rposition(|line| line.contains("step from tick"));
+    let last_step = last_step.expect("a step began");
+    assert!(
+        !lines[last_step..]
+            .iter()
+            .any(|line| line.contains("  tick"))
+    );
+    // A file that was cut short is refused, and named.
+    let whole = std::fs::read(file).expect("it is there");
+    std::fs::write(file, &whole[..whole.len() / 2]).expect("it can be written");
+    let refused = SERVER.run(&["flight", file.to_str().expect("text")]);
+    assert_eq!(refused.code, Some(1));
+    assert!(
+        refused.log.contains("was cut short or changed"),
+        "{}",
+        refused.log
+    );
 }
 
 #[test]

@@ -8,5 +8,6 @@ mod code;
 mod documents;
 mod house;
 mod imports;
+mod reasons;
 mod rules;
 mod words;

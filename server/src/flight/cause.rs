@@ -1,0 +1,45 @@
+//! The faults after which a flight recorder is written.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// A fault of a scene. The numbers in files are those of the order; new causes are added at the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) enum FlightCause {
+    /// The engine panicked.
+    EnginePanicked,
+    /// The thread of the scene panicked.
+    ThreadPanicked,
+    /// The scene did not answer the watchdog and is parked.
+    Parked,
+    /// The engine removed a body whose state was not finite.
+    Quarantine,
+    /// A checksum of a client's copy differs from that of the stream.
+    ChecksumMismatch,
+}
+
+impl FlightCause {
+    /// The word for the cause in the name of a file.
+    pub(super) const fn word(self) -> &'static str {
+        match self {
+            Self::EnginePanicked => "engine-panicked",
+            Self::ThreadPanicked => "thread-panicked",
+            Self::Parked => "parked",
+            Self::Quarantine => "quarantine",
+            Self::ChecksumMismatch => "checksum-mismatch",
+        }
+    }
+}
+
+impl fmt::Display for FlightCause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::EnginePanicked => "the physics engine panicked",
+            Self::ThreadPanicked => "the thread of the scene panicked",
+            Self::Parked => "the scene did not answer and is parked",
+            Self::Quarantine => "a body's state was not finite",
+            Self::ChecksumMismatch => "a client's copy has another checksum than its stream",
+        })
+    }
+}

@@ -1,0 +1,99 @@
+//! The file of a flight recorder.
+//!
+//! Eight bytes that name the format, the length of the head (two bytes, little-endian), the head in postcard form, the
+//! entries, and the CRC-32 of everything before it.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use super::cause::FlightCause;
+
+/// Names the format and its version.
+const MAGIC: &[u8; 8] = b"RHFLGHT1";
+const CRC_BYTES: usize = 4;
+
+/// What a file says about itself.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct FlightHead {
+    /// The version of the server.
+    pub(super) server: String,
+    pub(super) scene: String,
+    pub(super) cause: FlightCause,
+    /// When it was written, seconds since 1970.
+    pub(super) written: i64,
+    /// Older entries that it no longer had.
+    pub(super) dropped: u64,
+}
+
+/// Reason why a file cannot be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum UnreadableFlight {
+    /// It does not begin as such a file does.
+    NotAFlight,
+    /// It was cut short or changed.
+    Damaged,
+}
+
+impl fmt::Display for UnreadableFlight {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NotAFlight => "is no file of a flight recorder of this version",
+            Self::Damaged => "was cut short or changed",
+        })
+    }
+}
+
+/// The bytes of a file; `None` if the head is too long.
+pub(super) fn encode(head: &FlightHead, entries: &[u8]) -> Option<Vec<u8>> {
+    let encoded = postcard::to_allocvec(head).ok()?;
+    let mut bytes = MAGIC.to_vec();
+    bytes.extend(u16::try_from(encoded.len()).ok()?.to_le_bytes());
+    bytes.extend(encoded);
+    bytes.extend(entries);
+    bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
+    Some(bytes)
+}
+
+/// The head and the entries of a file.
+pub(super) fn decode(bytes: &[u8]) -> Result<(FlightHead, &[u8]), UnreadableFlight> {
+    let rest = bytes.strip_prefix(MAGIC);
+    let rest = rest.ok_or(UnreadableFlight::NotAFlight)?;
+    decode_rest(bytes, rest).ok_or(UnreadableFlight::Damaged)
+}
+
+fn decode_rest<'a>(bytes: &[u8], rest: &'a [u8]) -> Option<(FlightHead, &'a [u8])> {
+    let (rest, crc) = rest.split_at_checked(rest.len().checked_sub(CRC_BYTES)?)?;
+    let body = &bytes[..bytes.len() - CRC_BYTES];
+    if crc32fast::hash(body).to_le_bytes() != crc {
+        return None;
+    }
+    let (length, rest) = rest.split_at_checked(2)?;
+    let length = u16::from_le_bytes(length.try_into().ok()?);
+    let (head, entries) = rest.split_at_checked(usize::from(length))?;
+    Some((postcard::from_bytes(head).ok()?, entries))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_read_back_and_every_cut_or_changed_one_is_refused() {
+        let head = FlightHead {
+            server: "0.1.0".to_owned(),
+            scene: "team/pit".to_owned(),
+            cause: FlightCause::Parked,
+            written: 1_700_000_000,
+            dropped: 3,
+        };
+        let bytes = encode(&head, b"entries").unwrap();
+        assert_eq!(decode(&bytes), Ok((head, &b"entries"[..])));
+        for end in 0..bytes.len() {
+            assert!(decode(&bytes[..end]).is_err(), "cut at {end}");
+            let mut changed = bytes.clone();
+            changed[end] ^= 1;
+            assert!(decode(&changed).is_err(), "changed at {end}");
+        }
+    }
+}

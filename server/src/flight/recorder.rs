@@ -1,0 +1,198 @@
+//! The flight recorder of a scene, and those of all scenes by name.
+//!
+//! A scene locks its own ring for one entry at a time, and not while it steps: the front can copy the ring of a scene
+//! that is stuck.
+
+use std::collections::BTreeMap;
+use std::sync::mpsc::SyncSender;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use bytes::Bytes;
+use rhumb_protocol::scene::{Command, CommandError, SceneName};
+use rhumb_protocol::wire::Wire;
+use rhumb_protocol::wire::bytes::Writer;
+use rhumb_protocol::{Instant, Peer};
+use rhumb_reckoning::Tick;
+
+use super::cause::FlightCause;
+use super::entry::{COMMAND_BYTES_KEPT, FlightEntry, HEAD_BYTES_KEPT};
+use super::ring::FlightRing;
+use super::writer::FlightJob;
+use crate::digest::Digest;
+use crate::metrics::TickFigures;
+
+/// The flight recorders of all scenes; all clones are one. The default records nothing.
+#[derive(Clone, Default)]
+pub(crate) struct FlightRecorders(Option<Arc<Recorders>>);
+
+struct Recorders {
+    rings: Mutex<BTreeMap<SceneName, SharedRing>>,
+    jobs: SyncSender<FlightJob>,
+    /// Bytes of each ring.
+    bytes_max: usize,
+}
+
+type SharedRing = Arc<Mutex<FlightRing>>;
+
+/// The flight recorder of one scene; dropping it ends it. In a thread that panics, it is written first.
+pub(crate) struct FlightRecorder {
+    name: SceneName,
+    ring: Option<SharedRing>,
+    recorders: FlightRecorders,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // An entry is added whole or not at all.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl FlightRecorders {
+    /// Recorders of so many bytes each, which hand what is to be written to a thread.
+    pub(super) fn new(jobs: SyncSender<FlightJob>, bytes_max: usize) -> Self {
+        let rings = Mutex::default();
+        Self(Some(Arc::new(Recorders {
+            rings,
+            jobs,
+            bytes_max,
+        })))
+    }
+
+    /// The recorder of a new scene.
+    pub(crate) fn begin(&self, name: &SceneName) -> FlightRecorder {
+        let ring = self.0.as_ref().map(|recorders| {
+            let ring = Arc::new(Mutex::new(FlightRing::new(recorders.bytes_max)));
+            lock(&recorders.rings).insert(name.clone(), Arc::clone(&ring));
+            ring
+        });
+        FlightRecorder {
+            name: name.clone(),
+            ring,
+            recorders: self.clone(),
+        }
+    }
+
+    /// Has the recorders of some scenes written, whatever their threads do.
+    pub(crate) fn write_where(&self, is_wanted: impl Fn(&SceneName) -> bool, cause: FlightCause) {
+        let Some(recorders) = &self.0 else {
+            return;
+        };
+        let rings = lock(&recorders.rings).clone();
+        for (name, ring) in rings.iter().filter(|(name, _)| is_wanted(name)) {
+            self.write(name, ring, cause);
+        }
+    }
+
+    fn write(&self, scene: &SceneName, ring: &SharedRing, cause: FlightCause) {
+        let Some(recorders) = &self.0 else {
+            return;
+        };
+        let (entries, dropped) = lock(ring).copy();
+        let job = FlightJob::Write {
+            scene: scene.clone(),
+            cause,
+            dropped,
+            entries,
+        };
+        if recorders.jobs.try_send(job).is_err() {
+            tracing::warn!(%scene, %cause, "a flight recorder is not written: too many wait for the disk");
+        }
+    }
+}
+
+impl FlightRecorder {
+    fn push(&self, entry: &FlightEntry<'_>) {
+        if let Some(ring) = &self.ring {
+            lock(ring).push(entry);
+        }
+    }
+
+    pub(crate) fn joined(&self, peer: Peer, client: Option<&str>) {
+        self.push(&FlightEntry::Joined {
+            peer: peer.0,
+            client,
+        });
+    }
+
+    pub(crate) fn left(&self, peer: Peer) {
+        self.push(&FlightEntry::Left { peer: peer.0 });
+    }
+
+    /// A command is about to be checked and applied.
+    pub(crate) fn command(&self, peer: Peer, number: u64, command: &Command) {
+        if self.ring.is_none() {
+            return;
+        }
+        let mut bytes = Writer::new();
+        command.encode(&mut bytes);
+        let bytes = bytes.into_bytes();
+        self.push(&FlightEntry::Command {
+            peer: peer.0,
+            number,
+            length: u32::try_from(bytes.len()).unwrap_or(u32::MAX),
+            bytes: &bytes[..bytes.len().min(COMMAND_BYTES_KEPT)],
+        });
+    }
+
+    /// The last command was refused.
+    pub(crate) fn refused(&self, error: &CommandError) {
+        if self.ring.is_some() {
+            let error = error.to_string();
+            self.push(&FlightEntry::Refused { error: &error });
+        }
+    }
+
+    pub(crate) fn step_began(&self, at: Instant, tick: Tick) {
+        let (at_ns, tick) = (at.as_nanos(), tick.value());
+        self.push(&FlightEntry::StepBegan { at_ns, tick });
+    }
+
+    pub(crate) fn stepped(&self, figures: &TickFigures, digest: Digest) {
+        let count = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
+        self.push(&FlightEntry::Stepped {
+            tick: figures.tick,
+            step_ns: figures.step.as_nanos(),
+            publish_ns: figures.publish.as_nanos(),
+            members: count(figures.members),
+            bodies: count(figures.bodies),
+            awake: count(figures.awake),
+            digest: digest.value(),
+        });
+    }
+
+    /// The packets of a tick.
+    pub(crate) fn packets<'a>(&self, packets: impl Iterator<Item = &'a Bytes>) {
+        let Some(ring) = &self.ring else {
+            return;
+        };
+        let mut ring = lock(ring);
+        for packet in packets {
+            ring.push(&FlightEntry::Packet {
+                length: u32::try_from(packet.len()).unwrap_or(u32::MAX),
+                head: &packet[..packet.len().min(HEAD_BYTES_KEPT)],
+            });
+        }
+    }
+
+    /// Has the recorder written.
+    pub(crate) fn write(&self, cause: FlightCause) {
+        if let Some(ring) = &self.ring {
+            self.recorders.write(&self.name, ring, cause);
+        }
+    }
+}
+
+impl Drop for FlightRecorder {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.write(FlightCause::ThreadPanicked);
+        }
+        let (Some(recorders), Some(ring)) = (&self.recorders.0, &self.ring) else {
+            return;
+        };
+        let mut rings = lock(&recorders.rings);
+        // A parked scene ends late: another one may have its name by then.
+        if (rings.get(&self.name)).is_some_and(|now| Arc::ptr_eq(now, ring)) {
+            rings.remove(&self.name);
+        }
+    }
+}

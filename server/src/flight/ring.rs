@@ -1,0 +1,121 @@
+//! A bounded queue of encoded entries that drops its oldest.
+//!
+//! Each entry is its length, two bytes little-endian, and its postcard form. Invariant: it holds whole entries only.
+
+use std::collections::VecDeque;
+
+use super::entry::FlightEntry;
+
+/// Longest encoded entry.
+const ENTRY_BYTES_MAX: usize = 1_024;
+const LENGTH_BYTES: usize = 2;
+
+/// The newest entries of one scene.
+#[derive(Debug)]
+pub(super) struct FlightRing {
+    bytes: VecDeque<u8>,
+    bytes_max: usize,
+    /// Entries that were dropped for newer ones, or that were too long.
+    dropped: u64,
+}
+
+impl FlightRing {
+    pub(super) const fn new(bytes_max: usize) -> Self {
+        Self {
+            bytes: VecDeque::new(),
+            bytes_max,
+            dropped: 0,
+        }
+    }
+
+    pub(super) fn push(&mut self, entry: &FlightEntry<'_>) {
+        let mut buffer = [0; ENTRY_BYTES_MAX];
+        let Ok(encoded) = postcard::to_slice(entry, &mut buffer) else {
+            self.dropped += 1;
+            return;
+        };
+        let length = encoded.len();
+        while self.bytes.len() + LENGTH_BYTES + length > self.bytes_max {
+            if !self.drop_oldest() {
+                self.dropped += 1;
+                return;
+            }
+        }
+        self.bytes.extend((length as u16).to_le_bytes());
+        self.bytes.extend(&*encoded);
+    }
+
+    /// False if there is none.
+    fn drop_oldest(&mut self) -> bool {
+        let (Some(low), Some(high)) = (self.bytes.pop_front(), self.bytes.pop_front()) else {
+            return false;
+        };
+        let length = usize::from(u16::from_le_bytes([low, high]));
+        self.bytes.drain(..length.min(self.bytes.len()));
+        self.dropped += 1;
+        true
+    }
+
+    /// All entries as bytes, and the number of those that were dropped.
+    pub(super) fn copy(&self) -> (Vec<u8>, u64) {
+        (self.bytes.iter().copied().collect(), self.dropped)
+    }
+}
+
+/// The entries in these bytes, in order; `None` stands for one that cannot be read, and ends them.
+pub(super) fn entries(mut bytes: &[u8]) -> impl Iterator<Item = Option<FlightEntry<'_>>> {
+    std::iter::from_fn(move || {
+        if bytes.is_empty() {
+            return None;
+        }
+        let entry = bytes
+            .split_at_checked(LENGTH_BYTES)
+            .and_then(|(length, rest)| {
+                let length = u16::from_le_bytes(length.try_into().ok()?);
+                let (entry, rest) = rest.split_at_checked(usize::from(length))?;
+                bytes = rest;
+                postcard::from_bytes(entry).ok()
+            });
+        if entry.is_none() {
+            bytes = &[];
+        }
+        Some(entry)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn the_newest_entries_are_kept_whole_within_the_bound(
+            lengths in proptest::collection::vec(0_usize..1_100, 1..200),
+            bytes_max in 0_usize..4_096,
+        ) {
+            let mut ring = FlightRing::new(bytes_max);
+            let content = vec![7; 1_100];
+            for (number, length) in lengths.iter().enumerate() {
+                let (number, bytes) = (number as u64, &content[..*length]);
+                ring.push(&FlightEntry::Command { peer: 1, number, length: 0, bytes });
+            }
+            let (bytes, dropped) = ring.copy();
+            prop_assert!(bytes.len() <= bytes_max);
+            let kept: Vec<u64> = entries(&bytes)
+                .map(|entry| match entry {
+                    Some(FlightEntry::Command { number, .. }) => number,
+                    other => panic!("{other:?}"),
+                })
+                .collect();
+            prop_assert_eq!(kept.len() as u64 + dropped, lengths.len() as u64);
+            prop_assert!(kept.is_sorted());
+        }
+
+        #[test]
+        fn arbitrary_bytes_are_read_without_a_panic(bytes: Vec<u8>) {
+            prop_assert!(entries(&bytes).count() <= bytes.len());
+        }
+    }
+}
