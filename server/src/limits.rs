@@ -98,7 +98,7 @@ limits! {
     /// Parked scenes from which on no scene begins: each may take a core until the server is restarted.
     parked_scenes = 8, 1 to 256;
     /// Times in ten minutes that a scene whose engine failed is restored; 0 keeps no copy of scenes to restore them from.
-    /// Whoever makes the engine fail again and again slows the scene down.
+    /// A client that makes the engine fail again and again slows the scene down.
     restorations = 3, 0 to 1000;
     /// MiB that wait for a client beside its snapshot before it is closed.
     waiting_mib = 12, 1 to (CONTROL_WAITING_BYTES_MAX >> 20) as u64;

@@ -114,9 +114,9 @@ impl Rewind {
         pending: &[Done],
         failed_in: FailedIn,
         beat: &mut dyn FnMut(),
-    ) -> Option<Attempt> {
+    ) -> Option<Continuation> {
         let base = self.base.as_ref()?.replay(earlier, beat)?;
-        let mut attempt = Attempt {
+        let mut attempt = Continuation {
             base,
             kept: pending.to_vec(),
             left_out: Vec::new(),
@@ -147,7 +147,7 @@ impl Rewind {
         earlier: &[Done],
         pending: &[Done],
         beat: &mut dyn FnMut(),
-    ) -> Option<Attempt> {
+    ) -> Option<Continuation> {
         let is_command = |change: &&Done| **change != Done::Stepped;
         let commands = earlier.iter().filter(is_command).count();
         let mut count = 1;
@@ -172,7 +172,7 @@ impl Rewind {
             }
             left_out.extend(pending.iter().filter_map(author_of));
             if let Some(base) = self.base.as_ref()?.replay(&kept, beat) {
-                let attempt = Attempt {
+                let attempt = Continuation {
                     base,
                     kept: Vec::new(),
                     left_out,
@@ -191,8 +191,8 @@ impl Rewind {
     }
 
     /// Goes on from an attempt that stepped.
-    fn adopt(&mut self, attempt: Attempt) -> Option<Restoration> {
-        let Attempt {
+    fn adopt(&mut self, attempt: Continuation) -> Option<Restoration> {
+        let Continuation {
             base,
             kept,
             mut left_out,
@@ -220,14 +220,14 @@ impl Rewind {
 }
 
 /// A state at the newest tick, and the commands since then that are kept.
-struct Attempt {
+struct Continuation {
     base: Base,
     kept: Vec<Done>,
     left_out: Vec<Option<Box<Author>>>,
     differs: bool,
 }
 
-impl Attempt {
+impl Continuation {
     /// True if the scene takes a step after so many of the commands.
     fn steps(&self, count: usize) -> bool {
         let Some(mut scene) = self.base.scene.copy() else {

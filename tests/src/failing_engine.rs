@@ -1,6 +1,6 @@
 //! An engine that panics where a test wants it to.
 //!
-//! Rapier steps the world. Bodies of some collision groups stand for a fault of the engine: one panics when it is
+//! The server's own engine steps the world. Bodies of some collision groups stand for a fault of the engine: one panics when it is
 //! added, others panic in a later step for as long as they are there.
 
 use std::collections::BTreeMap;
@@ -15,8 +15,7 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Twist};
 use rhumb_server::Workers;
 use rhumb_server::engine::{
-    BodyProperties, Engine, EngineFault, Engines, Push, RapierEngine, UnanswerableQuery,
-    UnusableShape,
+    BodyProperties, Engine, EngineFault, Engines, Push, UnanswerableQuery, UnusableShape,
 };
 
 /// When a body makes the engine panic.
@@ -47,9 +46,9 @@ pub fn failing_body(id: BodyId, shape: ShapeId, fails: Fails) -> BodyDesc {
     }
 }
 
-/// Rapier, with faults.
+/// The server's own engine, with faults.
 pub struct FailingEngine {
-    rapier: Box<dyn Engine>,
+    inner: Box<dyn Engine>,
     /// Steps before each body's panic.
     fuses: BTreeMap<BodyId, u32>,
     /// Panics in every step from then on.
@@ -69,7 +68,7 @@ impl FailingEngine {
     pub fn engines_that_fail_after(fails_after: Option<u64>) -> Engines {
         Engines::new(move |config: &SceneConfig, workers: &Workers| {
             Box::new(Self {
-                rapier: Box::new(RapierEngine::on(config, workers)),
+                inner: Engines::default().make(config, workers),
                 fuses: BTreeMap::new(),
                 fails_after,
                 steps: 0,
@@ -80,11 +79,11 @@ impl FailingEngine {
 
 impl Engine for FailingEngine {
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), UnusableShape> {
-        self.rapier.add_shape(id, shape)
+        self.inner.add_shape(id, shape)
     }
 
     fn remove_shape(&mut self, id: ShapeId) {
-        self.rapier.remove_shape(id);
+        self.inner.remove_shape(id);
     }
 
     fn add(&mut self, body: &BodyProperties, motion: BodyState) {
@@ -94,48 +93,48 @@ impl Engine for FailingEngine {
             assert!(steps > 0, "the engine fails on the body");
             self.fuses.insert(body.desc.id, steps);
         }
-        self.rapier.add(body, motion);
+        self.inner.add(body, motion);
     }
 
     fn change(&mut self, before: &BodyDesc, body: &BodyProperties) {
-        self.rapier.change(before, body);
+        self.inner.change(before, body);
     }
 
     fn remove(&mut self, id: BodyId) {
         self.fuses.remove(&id);
-        self.rapier.remove(id);
+        self.inner.remove(id);
     }
 
     fn add_joint(&mut self, id: JointId, joint: &Joint) {
-        self.rapier.add_joint(id, joint);
+        self.inner.add_joint(id, joint);
     }
 
     fn remove_joint(&mut self, id: JointId) {
-        self.rapier.remove_joint(id);
+        self.inner.remove_joint(id);
     }
 
     fn overloaded_joints(&self, out: &mut Vec<JointId>) {
-        self.rapier.overloaded_joints(out);
+        self.inner.overloaded_joints(out);
     }
 
     fn set_pose(&mut self, id: BodyId, position: Vec3, rotation: Quat) {
-        self.rapier.set_pose(id, position, rotation);
+        self.inner.set_pose(id, position, rotation);
     }
 
     fn set_velocity(&mut self, id: BodyId, twist: Twist) {
-        self.rapier.set_velocity(id, twist);
+        self.inner.set_velocity(id, twist);
     }
 
     fn set_activity(&mut self, id: BodyId, activity: Activity) {
-        self.rapier.set_activity(id, activity);
+        self.inner.set_activity(id, activity);
     }
 
     fn push(&mut self, id: BodyId, push: Push) {
-        self.rapier.push(id, push);
+        self.inner.push(id, push);
     }
 
     fn set_gravity(&mut self, gravity: Vec3) {
-        self.rapier.set_gravity(gravity);
+        self.inner.set_gravity(gravity);
     }
 
     fn step(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) -> Result<(), EngineFault> {
@@ -149,44 +148,44 @@ impl Engine for FailingEngine {
             *steps = steps.saturating_sub(1);
             assert!(*steps > 0, "the engine fails in a step");
         }
-        self.rapier.step(lost)
+        self.inner.step(lost)
     }
 
     fn observe(&self, out: &mut Vec<Observation>) {
-        self.rapier.observe(out);
+        self.inner.observe(out);
     }
 
     fn observe_one(&self, id: BodyId) -> Option<Observation> {
-        self.rapier.observe_one(id)
+        self.inner.observe_one(id)
     }
 
     fn inertia(&self, id: BodyId) -> Option<Inertia> {
-        self.rapier.inertia(id)
+        self.inner.inertia(id)
     }
 
     fn contacts(&self, id: BodyId, out: &mut Vec<Contact>) {
-        self.rapier.contacts(id, out);
+        self.inner.contacts(id, out);
     }
 
     fn sensed(&self, id: BodyId, out: &mut Vec<(BodyId, BodyId)>) {
-        self.rapier.sensed(id, out);
+        self.inner.sensed(id, out);
     }
 
     fn query(&self, query: &Query) -> Result<Answer, UnanswerableQuery> {
-        self.rapier.query(query)
+        self.inner.query(query)
     }
 
     fn awake_count(&self) -> usize {
-        self.rapier.awake_count()
+        self.inner.awake_count()
     }
 
     fn fault(&self) -> Option<EngineFault> {
-        self.rapier.fault()
+        self.inner.fault()
     }
 
     fn copy(&self) -> Option<Box<dyn Engine>> {
         Some(Box::new(Self {
-            rapier: self.rapier.copy()?,
+            inner: self.inner.copy()?,
             fuses: self.fuses.clone(),
             fails_after: self.fails_after,
             steps: self.steps,

@@ -112,6 +112,25 @@ pub enum SceneEvent {
     },
 }
 
+impl Wire for FaultCause {
+    fn encode(&self, to: &mut Writer) {
+        to.u8(match self {
+            Self::NoWayBack => 0,
+            Self::FailedAgain => 1,
+            Self::TooOften => 2,
+        });
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        Ok(match from.u8()? {
+            0 => Self::NoWayBack,
+            1 => Self::FailedAgain,
+            2 => Self::TooOften,
+            _ => return Err(Malformed::UnknownCode),
+        })
+    }
+}
+
 impl Wire for SceneEvent {
     fn encode(&self, to: &mut Writer) {
         match self {
@@ -155,11 +174,7 @@ impl Wire for SceneEvent {
             Self::SceneFaulted { tick, cause } => {
                 to.u8(5);
                 to.varint(tick.value());
-                to.u8(match cause {
-                    FaultCause::NoWayBack => 0,
-                    FaultCause::FailedAgain => 1,
-                    FaultCause::TooOften => 2,
-                });
+                cause.encode(to);
             }
             Self::SceneRestored { tick } => {
                 to.u8(8);
@@ -226,12 +241,7 @@ impl Wire for SceneEvent {
             }
             5 => Self::SceneFaulted {
                 tick: Tick::new(from.count()?),
-                cause: match from.u8()? {
-                    0 => FaultCause::NoWayBack,
-                    1 => FaultCause::FailedAgain,
-                    2 => FaultCause::TooOften,
-                    _ => return Err(Malformed::UnknownCode),
-                },
+                cause: FaultCause::decode(from)?,
             },
             8 => Self::SceneRestored {
                 tick: Tick::new(from.count()?),

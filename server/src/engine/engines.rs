@@ -29,7 +29,8 @@ impl Engines {
     }
 
     /// An empty engine for a scene of a checked configuration.
-    pub(crate) fn make(&self, config: &SceneConfig, workers: &Workers) -> Box<dyn Engine> {
+    #[must_use]
+    pub fn make(&self, config: &SceneConfig, workers: &Workers) -> Box<dyn Engine> {
         match &self.0 {
             Some(make) => make(config, workers),
             None => Box::new(RapierEngine::on(config, workers)),

@@ -128,7 +128,7 @@ impl Restored {
         found.expect("the server answers")
     }
 
-    /// The faults and refusals that a member was told since the last call.
+    /// The faults and refusals that a member received since the last call.
     fn events(&mut self, peer: Peer) -> Vec<Event> {
         let mut events = Vec::new();
         if peer == self.first {
@@ -364,7 +364,7 @@ enum Act {
     Step,
 }
 
-/// Sequences that panic in Rapier 0.36.1 with its own joints of a multibody, or with joints between disabled bodies.
+/// Sequences that panic in the engine with its own joints of a multibody, or with joints between disabled bodies.
 fn fatal_sequences() -> [Vec<Act>; 9] {
     use Act::{Disable, Fixed, Free, Join, Kinematic, Remove, Step};
     [

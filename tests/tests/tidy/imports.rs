@@ -119,7 +119,9 @@ fn declared(code: &str) -> (Vec<Use>, String) {
     for (start, _) in code.match_indices("use ") {
         let line = code[..start].rfind('\n').map_or(0, |end| end + 1);
         let before = code[line..start].trim();
-        let is_declaration = before.is_empty() || before.starts_with("pub");
+        // The end of `pub enum RemovalCause` is no declaration.
+        let is_public = before.starts_with("pub") && !before.contains(' ');
+        let is_declaration = before.is_empty() || is_public;
         if let (true, Some(length)) = (is_declaration, code[start..].find(';')) {
             let tree = &code[start + 4..start + length];
             flatten(&[], tree, !before.is_empty(), &mut uses);
