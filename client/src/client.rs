@@ -20,7 +20,7 @@ use rhumb_view::{PipelineDepth, RenderParams, RenderTime, SceneClock, View};
 
 use crate::client_ids::ClientIds;
 use crate::error::ClientError;
-use crate::join_options::{JoinOptions, RESUME_WITHIN};
+use crate::join_options::JoinOptions;
 use crate::pump::{Pump, TapChannel, span};
 use crate::statistics::Statistics;
 
@@ -72,11 +72,7 @@ impl Client {
             .session
             .replica()
             .map_or(Tick::ZERO, |replica| replica.stream().watermark_tick());
-        let resume_within = match options.resume_within {
-            Some(within) => within,
-            None if pump.session.is_durable() => RESUME_WITHIN,
-            None => Duration::ZERO,
-        };
+        let resume_within = options.resumption_time(&pump.session);
         let mut client = Self {
             pump,
             timeout,

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::SceneConfig;
+use rhumb_protocol::session::ClientSession;
 use rhumb_reckoning::Tolerance;
 
 /// The condition under which a client joins: the scene is new, exists already, or either.
@@ -53,6 +54,17 @@ pub struct JoinOptions {
 impl Default for JoinMode {
     fn default() -> Self {
         Self::CreateOrJoin(SceneConfig::default())
+    }
+}
+
+impl JoinOptions {
+    /// Time for attempts to resume.
+    pub(crate) fn resumption_time(&self, session: &ClientSession) -> Duration {
+        let default = match session.is_durable() {
+            true => RESUME_WITHIN,
+            false => Duration::ZERO,
+        };
+        self.resume_within.unwrap_or(default)
     }
 }
 

@@ -1,4 +1,4 @@
-//! The head of a scene's log: how far the log is durable, in a file of its own.
+//! The head of a scene's log: a file that says how far the log is durable.
 //!
 //! A log that is cut between two frames looks whole; its head says what is missing. Two places are written in turn, so
 //! that a torn write leaves the one before. Invariant: the head never says more than the log has, because it is written
@@ -8,11 +8,9 @@ use std::path::PathBuf;
 
 use rhumb_reckoning::Tick;
 
-use super::disk::{LogFile, parent};
-use super::error::{Damage, DataError};
-use super::scene_files::SceneFiles;
+use super::disk::{Disk, LogFile, parent};
+use super::error::DataError;
 
-const NAME: &str = "head";
 /// Begins each place.
 const MAGIC: [u8; 4] = *b"RhH1";
 /// Bytes of a place: magic number, CRC-32 of the rest, segment, length, tick.
@@ -20,7 +18,7 @@ const PLACE_BYTES: usize = 4 + 4 + 4 + 8 + 8;
 
 /// The durable end of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Head {
+pub(super) struct DurableEnd {
     /// Number of the newest segment.
     pub(super) segment: u32,
     /// Its durable bytes.
@@ -37,7 +35,7 @@ pub(super) struct HeadFile {
     place: u64,
 }
 
-impl Head {
+impl DurableEnd {
     fn encode(self) -> Vec<u8> {
         let mut covered = Vec::with_capacity(PLACE_BYTES);
         covered.extend_from_slice(&self.segment.to_le_bytes());
@@ -50,7 +48,7 @@ impl Head {
     }
 
     /// The newer of the two places; `None` if neither is whole.
-    fn decode(bytes: &[u8]) -> Option<Self> {
+    pub(super) fn decode(bytes: &[u8]) -> Option<Self> {
         bytes.chunks(PLACE_BYTES).filter_map(Self::of_place).max()
     }
 
@@ -73,28 +71,31 @@ impl Head {
 
 impl HeadFile {
     /// Replaces the head; it is durable on return, and so are the names of the directory.
-    pub(super) fn begin(files: &SceneFiles, head: Head) -> Result<Self, DataError> {
-        let path = files.head_path();
+    pub(super) fn begin(
+        disk: &dyn Disk,
+        path: PathBuf,
+        head: DurableEnd,
+    ) -> Result<Self, DataError> {
         let failed = |doing| DataError::io(&path, doing);
         let temporary = path.with_extension("tmp");
-        match files.disk.remove(&temporary) {
+        match disk.remove(&temporary) {
             Err(cause) if cause.kind() != std::io::ErrorKind::NotFound => {
                 return Err(failed("replace")(cause));
             }
             _ => {}
         }
-        let mut file = files.disk.create(&temporary).map_err(failed("create"))?;
+        let mut file = disk.create(&temporary).map_err(failed("create"))?;
         let bytes = head.encode().repeat(2);
         file.append(&bytes).map_err(failed("write"))?;
         file.sync().map_err(failed("synchronise"))?;
-        (files.disk.rename(&temporary, &path)).map_err(failed("rename"))?;
-        (files.disk.sync_directory(&parent(&path))).map_err(failed("synchronise"))?;
+        (disk.rename(&temporary, &path)).map_err(failed("rename"))?;
+        (disk.sync_directory(&parent(&path))).map_err(failed("synchronise"))?;
         let place = 0;
         Ok(Self { path, file, place })
     }
 
     /// Advances the head; it is durable on return.
-    pub(super) fn write(&mut self, head: Head) -> Result<(), DataError> {
+    pub(super) fn write(&mut self, head: DurableEnd) -> Result<(), DataError> {
         let at = self.place * PLACE_BYTES as u64;
         (self.file.write_at(at, &head.encode())).map_err(DataError::io(&self.path, "write"))?;
         (self.file.sync()).map_err(DataError::io(&self.path, "synchronise"))?;
@@ -103,30 +104,12 @@ impl HeadFile {
     }
 }
 
-impl SceneFiles {
-    pub(super) fn head_path(&self) -> PathBuf {
-        self.directory.join(NAME)
-    }
-
-    /// The head; `None` if there is none, because no segment was ever durable or because it is lost.
-    pub(super) fn read_head(&self) -> Result<Option<Head>, DataError> {
-        let path = self.head_path();
-        let bytes = match self.disk.read(&path) {
-            Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            read => read.map_err(DataError::io(&path, "read"))?,
-        };
-        let head = Head::decode(&bytes);
-        head.map(Some)
-            .ok_or_else(|| DataError::damaged(&path, Damage::Head))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn head(length: u64) -> Head {
-        Head {
+    fn head(length: u64) -> DurableEnd {
+        DurableEnd {
             segment: 3,
             length,
             tick: Tick::new(length / 2),
@@ -138,15 +121,15 @@ mod tests {
         let (old, new) = (head(70).encode(), head(300).encode());
         for (first, second) in [(&old, &new), (&new, &old)] {
             let both = [first.clone(), second.clone()].concat();
-            assert_eq!(Head::decode(&both), Some(head(300)));
+            assert_eq!(DurableEnd::decode(&both), Some(head(300)));
         }
         for torn in 0..PLACE_BYTES {
             let mut both = [old.clone(), new.clone()].concat();
             both[PLACE_BYTES + torn] ^= 1;
-            assert_eq!(Head::decode(&both), Some(head(70)), "byte {torn}");
+            assert_eq!(DurableEnd::decode(&both), Some(head(70)), "byte {torn}");
             let cut = &[old.clone(), new[..torn].to_vec()].concat();
-            assert_eq!(Head::decode(cut), Some(head(70)), "cut to {torn}");
-            assert_eq!(Head::decode(&old[..torn]), None);
+            assert_eq!(DurableEnd::decode(cut), Some(head(70)), "cut to {torn}");
+            assert_eq!(DurableEnd::decode(&old[..torn]), None);
         }
     }
 }

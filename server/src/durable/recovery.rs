@@ -11,7 +11,7 @@ use rhumb_reckoning::Tick;
 
 use super::error::{Damage, DataError};
 use super::frame::{LogFrames, Tail};
-use super::head::Head;
+use super::head::DurableEnd;
 use super::record::Record;
 use super::scene_files::{LogHeader, SceneFiles};
 use super::snapshot_file::Snapshot;
@@ -123,7 +123,7 @@ impl SceneFiles {
     }
 
     /// The durable end of the log; `None` if the scene's creation was never durable.
-    fn head_of(&self, segments: &[u32]) -> Result<Option<Head>, DataError> {
+    fn head_of(&self, segments: &[u32]) -> Result<Option<DurableEnd>, DataError> {
         let Some(head) = self.read_head()? else {
             // A first segment precedes its head, and has nothing but its beginning then.
             return match segments {
@@ -140,7 +140,7 @@ impl SceneFiles {
     }
 
     /// The segments from the oldest that is needed to the newest one, each checked up to where the next one begins.
-    fn chain(&self, segments: &[u32], head: Head) -> Result<Option<Vec<Link>>, DataError> {
+    fn chain(&self, segments: &[u32], head: DurableEnd) -> Result<Option<Vec<Link>>, DataError> {
         let mut chain: Vec<Link> = Vec::new();
         let mut required: Option<(u32, u64)> = None;
         for number in segments.iter().rev() {
@@ -173,7 +173,7 @@ impl SceneFiles {
         &self,
         number: u32,
         required: Option<u64>,
-        head: Head,
+        head: DurableEnd,
     ) -> Result<Option<Link>, DataError> {
         let path = self.segment_path(number);
         let bytes = self.read_segment(number)?;

@@ -16,7 +16,7 @@ use ring::hmac;
 use super::disk::{Disk, LogFile, parent, write_whole};
 use super::error::{Damage, DataError};
 use super::frame::{LogFrame, LogFrames, Tail};
-use super::head::{Head, HeadFile};
+use super::head::{DurableEnd, HeadFile};
 use super::journal::Batch;
 use super::snapshot_file::Snapshot;
 
@@ -66,6 +66,22 @@ impl SceneFiles {
         self.directory.join(format!("{number:08}.snapshot"))
     }
 
+    pub(super) fn head_path(&self) -> PathBuf {
+        self.directory.join("head")
+    }
+
+    /// The head; `None` if there is none, because no segment was ever durable or because it is lost.
+    pub(super) fn read_head(&self) -> Result<Option<DurableEnd>, DataError> {
+        let path = self.head_path();
+        let bytes = match self.disk.read(&path) {
+            Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            read => read.map_err(DataError::io(&path, "read"))?,
+        };
+        let head = DurableEnd::decode(&bytes);
+        head.map(Some)
+            .ok_or_else(|| DataError::damaged(&path, Damage::Head))
+    }
+
     /// Numbers of the segments and of the snapshots, in rising order.
     pub(super) fn numbers(&self) -> Result<(Vec<u32>, Vec<u32>), DataError> {
         let names =
@@ -107,7 +123,8 @@ impl SceneFiles {
         (self.disk.sync_directory(&self.directory))
             .map_err(DataError::io(&self.directory, "synchronise"))?;
         // After the names: a head never names a segment that a crash may lose.
-        segment.head = Some(HeadFile::begin(self, segment.durable_end())?);
+        let end = segment.durable_end();
+        segment.head = Some(HeadFile::begin(&*self.disk, self.head_path(), end)?);
         Ok(segment)
     }
 
@@ -221,8 +238,8 @@ impl Segment {
         self.head.as_mut().map_or(Ok(()), |head| head.write(end))
     }
 
-    const fn durable_end(&self) -> Head {
-        Head {
+    const fn durable_end(&self) -> DurableEnd {
+        DurableEnd {
             segment: self.number,
             length: self.synced,
             tick: self.tick,

@@ -25,6 +25,8 @@ struct State {
     next: u64,
     /// Bytes that may still be written before the disk is full.
     room: Option<usize>,
+    /// True if no file can be synchronised.
+    is_failing: bool,
 }
 
 #[derive(Default)]
@@ -66,6 +68,11 @@ impl SimDisk {
     /// Has the disk be full after so many more bytes; `None` frees it.
     pub(super) fn set_room(&self, room: Option<usize>) {
         self.state().room = room;
+    }
+
+    /// Has every synchronisation of a file fail, or none.
+    pub(super) fn set_failing(&self, is_failing: bool) {
+        self.state().is_failing = is_failing;
     }
 
     /// Changes the bytes of a file.
@@ -244,6 +251,9 @@ impl LogFile for SimFile {
 
     fn sync(&mut self) -> io::Result<()> {
         let mut state = self.disk.state();
+        if state.is_failing {
+            return Err(io::Error::other("input or output failed"));
+        }
         state.files.entry(self.id).or_default().sync();
         Ok(())
     }

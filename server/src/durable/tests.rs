@@ -453,8 +453,8 @@ fn wait_until(what: &str, is_so: impl Fn() -> bool) {
     }
 }
 
-#[test]
-fn a_full_disk_ends_the_acknowledgements_until_a_snapshot_finds_room() {
+/// A log whose disk breaks and works again: nothing is acknowledged until a snapshot has made it whole.
+fn a_disk_breaks(breaks: impl Fn(&SimDisk), works: impl Fn(&SimDisk)) {
     let mut recorded = Recorded::new(11);
     let disk = SimDisk::default();
     let origin = Origin {
@@ -471,12 +471,12 @@ fn a_full_disk_ends_the_acknowledgements_until_a_snapshot_finds_room() {
     };
     let first = append(&mut recorded, &mut log);
     wait_until("durable at first", || log.durable() == first);
-    disk.set_room(Some(10));
+    breaks(&disk);
     append(&mut recorded, &mut log);
     wait_until("the log breaks", || log.is_broken());
     append(&mut recorded, &mut log);
     assert_eq!(log.durable(), first);
-    disk.set_room(None);
+    works(&disk);
     let frozen = Frozen {
         tick: recorded.scene.tick(),
         digest: recorded.scene.digest(),
@@ -493,4 +493,17 @@ fn a_full_disk_ends_the_acknowledgements_until_a_snapshot_finds_room() {
     let restored = restored.unwrap().unwrap();
     recorded.check(&restored).unwrap();
     assert_eq!(restored.scene.tick(), recorded.scene.tick());
+}
+
+#[test]
+fn a_full_disk_ends_the_acknowledgements_until_a_snapshot_finds_room() {
+    a_disk_breaks(|disk| disk.set_room(Some(10)), |disk| disk.set_room(None));
+}
+
+#[test]
+fn a_file_whose_synchronisation_failed_is_not_trusted_again() {
+    a_disk_breaks(
+        |disk| disk.set_failing(true),
+        |disk| disk.set_failing(false),
+    );
 }

@@ -58,7 +58,7 @@ pub(crate) fn commands(tick: u64, ids: &[BodyId]) -> Vec<Command> {
         }
     };
     if tick == 0 {
-        for (id, shape) in [Shape::cuboid(40.0, 1.0, 40.0), Shape::ball(0.5)]
+        for (id, shape) in [Shape::cuboid(4_000.0, 1.0, 4_000.0), Shape::ball(0.5)]
             .into_iter()
             .enumerate()
         {

@@ -1,4 +1,4 @@
-//! Data directories on real file systems that are full, read-only, cut, or lack a file.
+//! Data directories on real disks: full, read-only, cut, or without a file.
 //!
 //! The full and the read-only one are a small `tmpfs` of their own, which needs the right to mount: without it, those
 //! two tests say so and end. `server/src/durable/tests.rs` tries every byte and every crash on a simulated disk.

@@ -1,9 +1,9 @@
 //! All cases of servers, in order.
 
 use super::{
-    l0_frames, l0_pieces, l0_vectors, l1_features, l1_limits, l1_scenes, l1_session, l1_states,
-    l1_transport, l2_stream, l2_wire, l3_authority, l3_changes, l3_commands, l3_joints, l3_motion,
-    l3_physics, l3_queries, l4_exact, l4_free, l4_tolerance, l5_datagrams, l5_security,
+    l0_frames, l0_pieces, l0_vectors, l1_features, l1_limits, l1_resume, l1_scenes, l1_session,
+    l1_states, l1_transport, l2_stream, l2_wire, l3_authority, l3_changes, l3_commands, l3_joints,
+    l3_motion, l3_physics, l3_queries, l4_exact, l4_free, l4_tolerance, l5_datagrams, l5_security,
 };
 use crate::case::Case;
 
@@ -18,6 +18,7 @@ pub(crate) fn cases() -> Vec<Case> {
         l1_transport::cases(),
         l1_scenes::cases(),
         l1_limits::cases(),
+        l1_resume::cases(),
         l1_features::cases(),
         l2_stream::cases(),
         l2_wire::cases(),

@@ -6,6 +6,7 @@ mod l0_pieces;
 mod l0_vectors;
 mod l1_features;
 mod l1_limits;
+mod l1_resume;
 mod l1_scenes;
 mod l1_session;
 mod l1_states;
