@@ -8,6 +8,7 @@ mod cause;
 mod command;
 mod entry;
 mod file;
+mod job;
 mod recorder;
 mod ring;
 mod writer;

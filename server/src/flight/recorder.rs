@@ -16,8 +16,8 @@ use rhumb_reckoning::Tick;
 
 use super::cause::FlightCause;
 use super::entry::{COMMAND_BYTES_KEPT, FlightEntry, HEAD_BYTES_KEPT};
+use super::job::FlightJob;
 use super::ring::FlightRing;
-use super::writer::FlightJob;
 use crate::digest::Digest;
 use crate::metrics::TickFigures;
 

@@ -11,8 +11,8 @@ use std::thread::{self, JoinHandle};
 
 use rhumb_protocol::scene::SceneName;
 
-use super::cause::FlightCause;
 use super::file::{FlightHead, encode};
+use super::job::FlightJob;
 use super::recorder::FlightRecorders;
 use crate::limits::Limits;
 
@@ -22,17 +22,6 @@ const JOBS_WAITING_MAX: usize = 8;
 const PAUSE_SECONDS: i64 = 10;
 /// The ending of a file's name.
 const ENDING: &str = ".flight";
-
-/// A piece of work for the thread.
-pub(super) enum FlightJob {
-    Write {
-        scene: SceneName,
-        cause: FlightCause,
-        dropped: u64,
-        entries: Vec<u8>,
-    },
-    End,
-}
 
 /// The thread; dropping this ends it once all that waits is written.
 pub(crate) struct FlightWriter {
@@ -158,6 +147,7 @@ fn write(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::flight::FlightCause;
 
     fn head(written: i64) -> FlightHead {
         FlightHead {

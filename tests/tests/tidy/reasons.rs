@@ -1,4 +1,4 @@
-//! Every reason to close a connection stands in the specification and the book.
+//! Every close code stands in the specification and in the book.
 
 use std::fs;
 
