@@ -558,7 +558,12 @@ impl Publisher {
     /// The checksum over all tracks; a converged subscriber has the same.
     #[must_use]
     pub fn state_checksum(&self) -> u64 {
-        self.tracks.state_checksum().value()
+        self.tracks.state_checksum()
+    }
+
+    /// The same, by hashing only the tracks that changed since the last call.
+    pub(super) fn settle_checksum(&mut self) -> u64 {
+        self.tracks.settle_checksum()
     }
 
     /// The datagram with the checksum over all tracks. `scene_events`: the scene's number of events so far.

@@ -212,14 +212,14 @@ impl StreamSender {
         let age = publisher.tick().since(last)?;
         // A checksum carries no error scale, so a silent stream with a budget needs a watermark.
         let states_nothing = publisher.has_budget() && self.packets.is_empty();
-        if age < publisher.second()
-            || publisher.state_checksum() == sum
-            || states_nothing
-            || !publisher.sends_checksums()
-        {
+        if age < publisher.second() || states_nothing || !publisher.sends_checksums() {
             return None;
         }
-        self.checksum = (publisher.tick(), publisher.state_checksum());
+        let present = publisher.settle_checksum();
+        if present == sum {
+            return None;
+        }
+        self.checksum = (publisher.tick(), present);
         let checksum = publisher.checksums(scene_events);
         publisher.pay(checksum.len());
         Some(checksum)

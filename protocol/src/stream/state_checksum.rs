@@ -1,29 +1,55 @@
 //! The checksum over all tracks, which publisher and subscriber compare.
 //!
-//! Kept up to date at the cost of what changes. Does not show which track differs (PROTOCOL 6.12).
+//! Does not show which track differs (PROTOCOL 6.12). A track that changes many times between two readings is hashed
+//! once before and once after. Invariant: `sum` covers exactly the tracks of the bodies that are not in `changed`.
+
+use alloc::vec::Vec;
 
 use rhumb_reckoning::{Anchor, BodyId, Track};
 
+use crate::capacity::{grow_to, push};
 use crate::packet::predictor_code;
 
 /// The sum of the hashes of bodies' tracks, modulo 2⁶⁴; independent of their order.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct StateChecksum(u64);
+#[derive(Clone, Debug, Default)]
+pub(crate) struct StateChecksum {
+    /// Over the bodies whose tracks have not changed since the last call of [`Self::settle`].
+    sum: u64,
+    /// The other bodies, by index, and the same as a flag for each index.
+    changed: Vec<u32>,
+    is_changed: Vec<bool>,
+}
 
 impl StateChecksum {
-    /// The checksum as a number.
-    pub(crate) const fn value(self) -> u64 {
-        self.0
+    /// Notes that the track of an index is about to change, appear or go. `before`: the body and track that it has
+    /// until then, if there is one.
+    pub(crate) fn change(&mut self, index: u32, before: impl FnOnce() -> Option<(BodyId, Track)>) {
+        let place = index as usize;
+        grow_to(&mut self.is_changed, place + 1, || false);
+        if core::mem::replace(&mut self.is_changed[place], true) {
+            return;
+        }
+        push(&mut self.changed, index);
+        if let Some((id, track)) = before() {
+            self.sum = self.sum.wrapping_sub(hash(id, &track));
+        }
     }
 
-    /// Adds the track of a body.
-    pub(crate) fn add(&mut self, id: BodyId, track: &Track) {
-        self.0 = self.0.wrapping_add(checksums(id, track));
+    /// The checksum. `track`: the body and track that an index has now.
+    pub(crate) fn value(&self, track: impl Fn(u32) -> Option<(BodyId, Track)>) -> u64 {
+        let changed = self.changed.iter().filter_map(|index| track(*index));
+        changed.fold(self.sum, |sum, (id, track)| {
+            sum.wrapping_add(hash(id, &track))
+        })
     }
 
-    /// Removes the track of a body.
-    pub(crate) fn take(&mut self, id: BodyId, track: &Track) {
-        self.0 = self.0.wrapping_sub(checksums(id, track));
+    /// The same; the next reading then hashes only what changes from now on.
+    pub(crate) fn settle(&mut self, track: impl Fn(u32) -> Option<(BodyId, Track)>) -> u64 {
+        self.sum = self.value(track);
+        for index in self.changed.drain(..) {
+            self.is_changed[index as usize] = false;
+        }
+        self.sum
     }
 }
 
@@ -43,7 +69,7 @@ const fn pair(low: i32, high: i32) -> u64 {
 }
 
 /// The hash of a body's id and its whole track.
-fn checksums(id: BodyId, track: &Track) -> u64 {
+fn hash(id: BodyId, track: &Track) -> u64 {
     let Track {
         origin,
         predictor,
@@ -88,4 +114,42 @@ fn checksums(id: BodyId, track: &Track) -> u64 {
         sum = mix(mix(sum, pair(x, y)), pair(z, i32::from(push.exponent())));
     }
     sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::collections::BTreeMap;
+    use proptest::prelude::*;
+    use rhumb_reckoning::{BodyState, Tick};
+
+    fn track(origin: u64) -> Track {
+        let rotation = [0.0, 0.0, 0.0, 1.0];
+        let motion = BodyState::new([0.0; 3], rotation, [0.0; 3], [0.0; 3]).unwrap();
+        Track::resting(Tick::new(origin), motion)
+    }
+
+    proptest! {
+        /// Each step gives an index a track or takes it away, and may settle the sum.
+        #[test]
+        fn the_checksum_is_that_of_the_present_tracks_whenever_it_is_settled(
+            steps in proptest::collection::vec((0_u32..5, proptest::option::of(0_u64..9), any::<bool>()), 0..60),
+        ) {
+            let (mut tracks, mut checksum) = (BTreeMap::new(), StateChecksum::default());
+            for (index, origin, settles) in steps {
+                checksum.change(index, || tracks.get(&index).copied());
+                match origin {
+                    Some(origin) => tracks.insert(index, (BodyId::new(index, 0), track(origin))),
+                    None => tracks.remove(&index),
+                };
+                let mut new = StateChecksum::default();
+                tracks.keys().for_each(|index| new.change(*index, || None));
+                let at = |index| tracks.get(&index).copied();
+                prop_assert_eq!(checksum.value(at), new.value(at));
+                if settles {
+                    prop_assert_eq!(checksum.settle(at), new.value(at));
+                }
+            }
+        }
+    }
 }

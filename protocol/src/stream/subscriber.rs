@@ -501,7 +501,7 @@ impl Subscriber {
     /// The checksum over all tracks.
     #[must_use]
     pub fn state_checksum(&self) -> u64 {
-        self.tracks.state_checksum().value()
+        self.tracks.state_checksum()
     }
 
     /// The number of packets that did not arrive since the start, recovered ones included.

@@ -183,9 +183,9 @@ impl Tracks {
         if parameters.inertia.is_some() {
             self.cursors.reach(id.index());
         }
-        self.state_checksum.add(id, &track);
+        self.note_change(id.index());
         if let Some(removed) = self.slots[index].replace(slot) {
-            self.release(id.index(), &removed);
+            self.release(&removed);
         }
         true
     }
@@ -195,10 +195,8 @@ impl Tracks {
         self.interned_parameters.get(slot.interned).label
     }
 
-    /// Releases the track and parameters of a removed body.
-    fn release(&mut self, index: u32, removed: &Slot) {
-        self.state_checksum
-            .take(removed.id(index), &removed.track());
+    /// Releases the parameters of a removed body.
+    fn release(&mut self, removed: &Slot) {
         let flow = self.interned_parameters.get(removed.interned).flow;
         self.flows[usize::from(flow)].users -= 1;
         self.interned_parameters.leave(removed.interned);
@@ -244,14 +242,17 @@ impl Tracks {
 
     /// Removes a body; `false` if there is no such body.
     pub(crate) fn remove(&mut self, id: BodyId) -> bool {
-        let Some(place) = self.slots.get_mut(id.index() as usize) else {
+        let found = self
+            .slot(id.index())
+            .is_some_and(|slot| slot.id(id.index()) == id);
+        if !found {
             return false;
-        };
-        let found = place.as_ref().is_some_and(|slot| slot.id(id.index()) == id);
-        if let Some(removed) = place.take_if(|_| found) {
-            self.release(id.index(), &removed);
         }
-        found
+        self.note_change(id.index());
+        if let Some(removed) = self.slots[id.index() as usize].take() {
+            self.release(&removed);
+        }
+        true
     }
 
     pub(crate) fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
@@ -272,16 +273,28 @@ impl Tracks {
         let Some(Some(slot)) = self.slots.get_mut(index as usize) else {
             return false;
         };
-        let id = slot.id(index);
-        self.state_checksum.take(id, &slot.track());
+        self.state_checksum
+            .change(index, || Some((slot.id(index), slot.track())));
         slot.set_track(&track);
-        self.state_checksum.add(id, &track);
         true
     }
 
+    /// Notes in the checksum that the track of an index is about to change.
+    fn note_change(&mut self, index: u32) {
+        let before = track_at(&self.slots, index);
+        self.state_checksum.change(index, || before);
+    }
+
     /// The checksum over all tracks.
-    pub(crate) const fn state_checksum(&self) -> StateChecksum {
+    pub(crate) fn state_checksum(&self) -> u64 {
         self.state_checksum
+            .value(|index| track_at(&self.slots, index))
+    }
+
+    /// The same, by hashing only the tracks that changed since the last call.
+    pub(crate) fn settle_checksum(&mut self) -> u64 {
+        let slots = &self.slots;
+        self.state_checksum.settle(|index| track_at(slots, index))
     }
 
     /// The slots of all bodies with their indices, in order.
@@ -443,6 +456,12 @@ impl Tracks {
             batch.take(key, track, tick, grid, conditions)
         })
     }
+}
+
+/// The body and track of an index.
+fn track_at(slots: &[Option<Slot>], index: u32) -> Option<(BodyId, Track)> {
+    let slot = slots.get(index as usize)?.as_ref()?;
+    Some((slot.id(index), slot.track()))
 }
 
 #[cfg(test)]

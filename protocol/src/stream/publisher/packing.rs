@@ -1,5 +1,6 @@
 //! Packs the updates of one tick into packets.
 
+use alloc::vec;
 use alloc::vec::Vec;
 
 use bytes::Bytes;
@@ -10,6 +11,8 @@ use crate::packet::{ErrorScale, Update, UpdateWriter};
 
 /// Fewer updates than this usually fit one packet; that is tried first.
 const MANY: usize = 64;
+/// Aliases for each update, beyond which updates are sorted by comparisons instead of by a table of aliases.
+const SPARSE_ALIASES: usize = 16;
 
 impl Publisher {
     /// Splits the updates of one tick into datagrams.
@@ -171,11 +174,30 @@ impl Publisher {
     }
 }
 
-/// Sorts updates by the aliases of their bodies.
+/// Sorts updates by the aliases of their bodies, which differ from update to update.
 fn sort_by_alias(updates: &mut [Update]) {
-    if !updates.is_sorted_by_key(|update| update.alias) {
+    if updates.is_sorted_by_key(|update| update.alias) {
+        return;
+    }
+    let end = updates
+        .iter()
+        .map(|update| update.alias as usize + 1)
+        .max()
+        .unwrap_or_default();
+    if end > updates.len() * SPARSE_ALIASES {
         // Updates are large, so each is moved only once.
         updates.sort_by_cached_key(|update| update.alias);
+        return;
+    }
+    // By alias: one more than the place of its update, 0 for none.
+    let mut places = vec![0; end];
+    for (place, update) in (1_u32..).zip(updates.iter()) {
+        places[update.alias as usize] = place;
+    }
+    let unsorted = updates.to_vec();
+    let sorted = places.into_iter().filter(|place| *place > 0);
+    for (update, place) in updates.iter_mut().zip(sorted) {
+        *update = unsorted[place as usize - 1];
     }
 }
 

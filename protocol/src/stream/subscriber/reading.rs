@@ -261,7 +261,7 @@ impl Subscriber {
             return Ok(());
         }
         self.statistics.compared += 1;
-        if checksums.sum != self.state_checksum() {
+        if checksums.sum != self.tracks.settle_checksum() {
             self.statistics.mismatches += 1;
             (self.mismatched, self.lost_sync) = (true, true);
         }
