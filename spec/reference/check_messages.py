@@ -24,7 +24,7 @@ def outcome(side, kind, body):
     try:
         means = messages.decoded(side, kind, body)
     except Malformed as why:
-        # A command with an invalid motion is refused, not malformed (2.6-9).
+        # A command with an invalid motion is refused, not malformed (2.6-29).
         in_command = side == "client" and kind == 7 and why.args[0] == "NotFinite"
         return ("error", None) if in_command else ("malformed", why.args[0])
     except messages.UnknownCommand:
@@ -59,7 +59,7 @@ def accepted(side, case):
         yield name, "skipped", what
     elif "error" in case:
         yield name, "error", what
-        # The table decodes messages that 2.6-9 and 3.5-13 refuse, and has no quantities.
+        # The table decodes messages that 2.6-29 and 3.5-5 refuse, and has no quantities.
         if means is not None:
             yield name, case["error"], means
     else:

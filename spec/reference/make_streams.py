@@ -46,7 +46,7 @@ def several_packets():
 
 
 def every_third_tick():
-    """5.6-15, 6.2-5, 6.3-1, 6.3-3, 6.4-4, 6.8-4"""
+    """5.6-18, 6.2-5, 6.3-1, 6.3-3, 6.4-4, 6.8-4"""
     events = bodies(4, track="ballistic", linear=[1.0, 2.0, 0.0])
     s = started("every third tick, with lookahead", events, publish_interval=3, lookahead=4)
     s.get(s.packet(3, s.corrected(0, 3), s.corrected(1, 3, "world", 1), kind=0), s.packet(3, s.corrected(2, 3)))
@@ -142,7 +142,7 @@ def wrong_parents():
 
 
 def refreshes():
-    """6.6-3, 6.6-7, 6.6-8, 6.7-3, 6.7-8, 6.7-11, 6.8-1, 6.8-2"""
+    """6.6-3, 6.6-7, 6.6-8, 6.7-3, 6.7-8, 6.7-7, 6.8-1, 6.8-2"""
     s = started("refreshes in several parts", bodies(8))
     s.get(s.packet(1, *[s.corrected(index, 1) for index in range(8)]))
     s.packet(2, *[s.corrected(index, 2, moved=True) for index in range(6)])
@@ -352,7 +352,7 @@ def differing_checksum():
 
 
 def budget():
-    """5.17, 6.16-8 to 6.16-12"""
+    """5.17, 6.16-9 to 6.16-13"""
     s = started("a budget that does not suffice", bodies(4), choice=BUDGET, tick=10)
     s.get(s.watermark(11, kind=12, scale=12))
     s.get(s.packet(12, s.corrected(0, 12), kind=11, scale=9), s.packet(15, s.corrected(1, 15), kind=0), s.packet(15, s.corrected(2, 15), kind=11, scale=16))
@@ -377,7 +377,7 @@ def budget():
 
 
 def no_budget():
-    """5.17-1, 5.8-4, 5.8-7"""
+    """5.17-1, 5.8-8, 5.8-6"""
     s = started("datagrams of other streams and kinds", bodies(2), largest_packet=700)
     s.get(s.packet(1, s.corrected(0, 1)))
     second = s.packet(2, s.corrected(0, 2))
@@ -625,7 +625,7 @@ def replaced_bodies():
 
 
 def unreadable():
-    """6.6-6, 6.6-10, 5.6-15"""
+    """6.6-6, 6.6-10, 5.6-18"""
     s = started("packets that cannot be read", bodies(5))
     s.get(s.packet(1, *[s.corrected(index, 1) for index in range(5)]))
     # Only later packets are missing.
@@ -748,7 +748,7 @@ def rebuilt_ahead_of_events():
 
 
 def equal_origins():
-    """6.2-2, 6.7-11, 6.8-1"""
+    """6.2-2, 6.7-7, 6.8-1"""
     s = started("a refresh of a track that is here, and an attachment to a removed body", bodies(4))
     s.get(s.packet(1, *[s.corrected(index, 1) for index in range(4)]))
     s.packet(2, s.corrected(0, 2), s.corrected(1, 2))
@@ -760,7 +760,7 @@ def equal_origins():
 
 
 def largest_packet():
-    """5.8-7"""
+    """5.8-6"""
 
     def filled(name, size, checked):
         s = started(name, bodies(14), largest_packet=size)

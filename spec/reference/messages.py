@@ -22,7 +22,7 @@ SLACK = 0.001
 
 
 class UnknownCommand(Exception):
-    """An unknown command: it is refused, and is counted (3.5-13)."""
+    """An unknown command: it is refused, and is counted (3.5-5)."""
 
 
 class Refused(Exception):
@@ -110,7 +110,7 @@ def decoded(side, kind, body):
     frm = Body(body)
     msg = {"is": row["name"]} | read_fields(row["fields"], frm)
     frm.finish()
-    # Only the motion makes the command refused; all other errors make it malformed (2.6-9).
+    # Only the motion makes the command refused; all other errors make it malformed (2.6-29).
     for motion in frm.motions:
         check_motion(motion)
     return msg
@@ -462,7 +462,7 @@ def check_limits(axis, locked, msg):
 
 
 def check_motor(axis, locked, motor):
-    """2.6-26, 7. Ropes and springs have no motors."""
+    """2.6-25, 7. Ropes and springs have no motors."""
     if locked >> axis & 1:
         raise Refused("OutOfRange", "motor of a joint")
     fastest = LIMITS["LINEAR_MAX" if axis < 3 else "ANGULAR_MAX"]
@@ -472,7 +472,7 @@ def check_motor(axis, locked, motor):
 
 
 def check_moments(msg):
-    """2.6-22: bounds for each kilogram, each one multiplication in f32."""
+    """2.6-14: bounds for each kilogram, each one multiplication in f32."""
     mass = f32(msg["mass"])
     least, most = (to_f32(mass * to_f32(LIMITS[name])) for name in ("GYRATION_MIN", "GYRATION_MAX"))
     for part in msg.get("moments", ()):
@@ -480,14 +480,14 @@ def check_moments(msg):
 
 
 def check_size(heights):
-    """2.6-15: the size of a height field in each direction, in f32."""
+    """2.6-7: the size of a height field in each direction, in f32."""
     for count, spacing in (("rows", "row spacing"), ("columns", "column spacing")):
         length = to_f32((heights[count] - 1) * f32(heights[spacing]))
         check_scalar(length, to_f32(LIMITS["EXTENT_MIN"]), LIMITS["EXTENT_MAX"], "extent")
 
 
 def check_triangles(mesh):
-    """2.6-16"""
+    """2.6-8"""
     places = [place for triangle in mesh["triangles"] for place in triangle.values()]
     if any(place >= mesh["point count"] for place in places):
         raise Refused("OutOfRange", "point of a triangle")

@@ -616,7 +616,7 @@ class Scene:
         return self.converged_at
 
     def is_within(self, body, tick):
-        """6.8-4, 6.16-10: whether a body is known to be within its tolerance, times the error scale, at a tick."""
+        """6.8-4, 6.16-11: whether a body is known to be within its tolerance, times the error scale, at a tick."""
         interval = self.config["publish interval"]
         if self.lost_sync or tick > self.watermark or (tick != self.watermark and tick % interval):
             return False

@@ -72,9 +72,9 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         ],
         requirements: &[
             "RECKONING 3.9",
-            "PROTOCOL 5.5-6",
+            "PROTOCOL 5.5-3",
+            "PROTOCOL 5.6-16",
             "PROTOCOL 5.6-17",
-            "PROTOCOL 5.6-18",
         ],
     },
     Mechanism {
@@ -91,9 +91,9 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         ],
         requirements: &[
             "RECKONING 3.8",
-            "PROTOCOL 5.6-12",
             "PROTOCOL 5.6-13",
             "PROTOCOL 5.6-14",
+            "PROTOCOL 5.6-15",
             "PROTOCOL 6.2-3",
             "PROTOCOL 6.3-13",
         ],
@@ -103,7 +103,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::Derived),
         feature: None,
         code: &["reckoning/src/predictor.rs#fn divergence_time"],
-        requirements: &["RECKONING 4.4-3", "PROTOCOL 6.2-5"],
+        requirements: &["RECKONING 4.4-6", "PROTOCOL 6.2-5"],
     },
     Mechanism {
         name: "sparse corrections",
@@ -120,7 +120,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
             "protocol/src/stream/features.rs#fn steps",
             "protocol/src/stream/mode_decision/ranking.rs#const VELOCITY_EXPONENTS",
         ],
-        requirements: &["PROTOCOL 5.6-7", "RECKONING 4.4-9"],
+        requirements: &["PROTOCOL 5.6-8", "RECKONING 4.4-3"],
     },
     Mechanism {
         name: "lookahead",
@@ -148,7 +148,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
             "protocol/src/packet/residual_numbers.rs",
             "protocol/src/packet/payload.rs#fn read_residual",
         ],
-        requirements: &["RECKONING 4.4", "PROTOCOL 5.6-8", "PROTOCOL 5.6-9"],
+        requirements: &["RECKONING 4.4", "PROTOCOL 5.6-9", "PROTOCOL 5.6-10"],
     },
     Mechanism {
         name: "rest corrections",
@@ -161,7 +161,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
             "protocol/src/stream/publisher.rs#fn rest_payload",
             "protocol/src/stream/tracks/applying.rs#fn resting",
         ],
-        requirements: &["RECKONING 4.7", "PROTOCOL 5.6-11", "PROTOCOL 6.2-7"],
+        requirements: &["RECKONING 4.7", "PROTOCOL 5.6-12", "PROTOCOL 6.2-7"],
     },
     Mechanism {
         name: "updates only beyond the tolerance",
@@ -178,7 +178,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         switch: Switch::Off(Feature::Aliases),
         feature: None,
         code: &["protocol/src/stream/aliases.rs"],
-        requirements: &["PROTOCOL 6.13", "PROTOCOL 5.6-3"],
+        requirements: &["PROTOCOL 6.13", "PROTOCOL 5.6-2"],
     },
     Mechanism {
         name: "several updates in a packet",
@@ -222,7 +222,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
             "protocol/src/stream/loss_tracker.rs",
             "protocol/src/stream/fec_encoder.rs#fn end_tick",
         ],
-        requirements: &["PROTOCOL 6.15-11", "PROTOCOL 6.15-12", "PROTOCOL 6.15-13"],
+        requirements: &["PROTOCOL 6.15-12", "PROTOCOL 6.15-13", "PROTOCOL 6.15-14"],
     },
     Mechanism {
         name: "large ticks in two packets",

@@ -130,7 +130,7 @@ impl Shape {
         }
     }
 
-    /// Its size for the limits of shapes (PROTOCOL 2.6-18): the same on every machine.
+    /// Its size for the limits of shapes (PROTOCOL 2.6-10): the same on every machine.
     #[must_use]
     pub fn bytes(&self) -> usize {
         let own = match self {

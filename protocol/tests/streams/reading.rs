@@ -117,7 +117,7 @@ fn tracks(subscriber: &Subscriber) -> Vec<Option<Track>> {
         .collect()
 }
 
-/// PROTOCOL 5.8-7: a packet of one byte more than the stream states is refused, one of that size is read.
+/// PROTOCOL 5.8-6: a packet of one byte more than the stream states is refused, one of that size is read.
 #[test]
 fn a_packet_larger_than_the_stream_states_is_refused() {
     let sized = |bytes: usize| {
@@ -214,7 +214,7 @@ fn an_attachment_to_a_removed_parent_is_ignored() {
     assert!(subscriber.is_converged(), "the packet is not missing");
 }
 
-/// PROTOCOL 6.7-11: the record's track is as new as the present one, which stays; the body's past is unknown.
+/// PROTOCOL 6.7-7: the record's track is as new as the present one, which stays; the body's past is unknown.
 #[test]
 fn a_refresh_record_of_equal_origin_keeps_the_track() {
     let mut subscriber = subscriber();

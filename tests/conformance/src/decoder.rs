@@ -75,13 +75,13 @@ fn datagrams(packets: &Value) -> Vec<Case> {
     let sent = grouped(&packets["accepted"], |line| word(&line["means"]["kind"]));
     let sent = sent.into_iter().map(|(kind, lines)| {
         let name = format!("datagrams of kind {kind} are decoded correctly");
-        let cites = "PROTOCOL 2.5-2, 5.6-16, 5.8-1";
+        let cites = "PROTOCOL 2.5-2, 5.6-3, 5.8-1";
         family("L0.84", &name, cites, lines, packet)
     });
     let refused = grouped(&packets["refused"], |line| word(&line["refusal"]));
     let refused = refused.into_iter().map(|(why, lines)| {
         let name = format!("malformed datagrams are refused: {why}");
-        let cites = "PROTOCOL 2.5-1, 2.5-4, 5.8-5";
+        let cites = "PROTOCOL 2.5-1, 2.5-4, 5.8-2";
         family("L0.85", &name, cites, lines, |decoder, line| {
             let answer = decoder.ask(&json!({"packet": line["bytes"]}))?;
             must(answer.get("refused").is_some(), line, &answer)
@@ -110,7 +110,7 @@ fn received(stream: Value) -> Case {
         word(&stream["name"])
     );
     let cites =
-        "PROTOCOL 5.6-15, 6.1-2, 6.2-1, 6.2-2, 6.2-3, 6.6-15, 6.8-2, 6.13-6, 6.13-7, 6.13-11";
+        "PROTOCOL 5.6-18, 6.1-2, 6.2-1, 6.2-2, 6.2-3, 6.6-14, 6.8-2, 6.13-6, 6.13-7, 6.13-11";
     family("L4.81", &name, cites, vec![stream], known)
 }
 

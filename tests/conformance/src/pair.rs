@@ -32,13 +32,13 @@ const CASES: &[CaseRow] = &[
     (
         2,
         "a client follows torque-free rotation bit-exactly",
-        "PROTOCOL 6.1-2, 2.6-6; RECKONING 2.6-1, 3.7-1",
+        "PROTOCOL 6.1-2, 2.6-19; RECKONING 2.6-1, 3.7-1",
         |trial| followed(trial, Setting::of("asteroids", 12)),
     ),
     (
         3,
         "a client follows jointed bodies bit-exactly",
-        "PROTOCOL 6.1-2, 4.8-1; RECKONING 4.4-1",
+        "PROTOCOL 6.1-2, 4.8-1; RECKONING 4.4-4",
         |trial| followed(trial, Setting::of("ragdolls", 3)),
     ),
     (

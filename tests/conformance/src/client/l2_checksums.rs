@@ -69,7 +69,7 @@ const CASES: &[CaseRow] = &[
     (
         14,
         "packets rebuilt from repair symbols are reported as lost on the link",
-        "PROTOCOL 5.13-1, 6.15-5, 6.15-13",
+        "PROTOCOL 5.13-1, 6.15-5, 6.15-14",
         reports_loss,
     ),
     (
@@ -118,7 +118,7 @@ const CASES: &[CaseRow] = &[
     (
         24,
         "a client follows a stream with a budget bit-exactly",
-        "PROTOCOL 5.17-1, 5.17-2, 6.16-8, 6.16-9",
+        "PROTOCOL 5.17-1, 5.17-2, 6.16-9, 6.16-10",
         |trial| {
             let task = "subscribe 1000 budget 2000";
             let mut interceptor = trial.interceptor(Setting::of("ball-pit", 60).with_task(task))?;

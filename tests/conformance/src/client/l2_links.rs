@@ -21,7 +21,7 @@ const LINKS: [LinkRow; 8] = [
     (
         1,
         "each fifth packet is lost",
-        "6.6-2, 6.6-5, 6.7-1, 6.7-8, 6.6-15",
+        "6.6-2, 6.6-5, 6.7-1, 6.7-8, 6.6-14",
         each_fifth_lost,
     ),
     (

@@ -67,7 +67,7 @@ const LOSS_REPORTS: &[CaseRow] = &[
     (
         28,
         "a client that lacks more packets than it can rebuild requests refreshes, not repair symbols",
-        "PROTOCOL 5.13-1, 6.15-14, 7-1",
+        "PROTOCOL 5.13-1, 6.15-10, 7-1",
         wants_no_repair_symbols,
     ),
     (
@@ -104,7 +104,7 @@ const CONCLUSIONS: &[CaseRow] = &[
     (
         40,
         "no tick is complete while a packet before it is missing",
-        "PROTOCOL 6.6-14, 6.8-1, 6.8-2, 6.8-5",
+        "PROTOCOL 6.6-13, 6.8-1, 6.8-2, 6.8-5",
         |trial| no_promise_over_a_gap(trial, 1),
     ),
     (
@@ -116,7 +116,7 @@ const CONCLUSIONS: &[CaseRow] = &[
     (
         42,
         "a lost rest update is refreshed like any other update",
-        "PROTOCOL 5.6-11, 6.3-9, 6.7-3; RECKONING 4.7-1",
+        "PROTOCOL 5.6-12, 6.3-9, 6.7-3; RECKONING 4.7-1",
         rests,
     ),
     (

@@ -69,7 +69,7 @@ const CASES: &[CaseRow] = &[
     (
         3,
         "a motion with NaN is never displayed",
-        "PROTOCOL 5.5-4, 5.12-2; RECKONING 1.6-1",
+        "PROTOCOL 5.5-6, 5.12-2; RECKONING 1.6-1",
         not_a_number,
     ),
     (
@@ -87,7 +87,7 @@ const CASES: &[CaseRow] = &[
     (
         6,
         "nonsensical clock values change nothing in the copy",
-        "PROTOCOL 4.9-5",
+        "PROTOCOL 4.9-6",
         |trial| {
             let mut server = trial.raw_server()?;
             hand::admit(&mut server)?;
@@ -129,7 +129,7 @@ const CASES: &[CaseRow] = &[
     (
         8,
         "a faulted scene is displayed in its last state",
-        "PROTOCOL 3.3-6, 6.3-6",
+        "PROTOCOL 3.3-8, 6.3-6",
         |trial| {
             let mut server = trial.raw_server()?;
             hand::admit(&mut server)?;

@@ -29,7 +29,7 @@ pub(super) fn cases() -> Vec<Case> {
             "L0.1.2",
             "a message of an unknown type from 0x80 on is skipped",
         )
-        .cites("PROTOCOL 4.1-2, 3.5-11, 3.5-1")
+        .cites("PROTOCOL 4.1-2, 3.5-3, 3.5-1")
         .play(optional_types),
         refused(
             "L0.1.3",
@@ -58,7 +58,7 @@ pub(super) fn cases() -> Vec<Case> {
         refused(
             "L0.1.7",
             "a message of an unknown type below 0x80 is malformed",
-            "PROTOCOL 4.1-3, 3.5-11",
+            "PROTOCOL 4.1-3, 3.5-3",
             vec![1, 0x7f],
         ),
     ]

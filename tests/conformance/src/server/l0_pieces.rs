@@ -27,11 +27,11 @@ pub(super) fn cases() -> Vec<Case> {
             "L0.2.1",
             "a height field of a hundred thousand heights is accepted in pieces",
         )
-        .cites("PROTOCOL 4.1-5, 4.1-7, 2.6-15, 2.6-14")
+        .cites("PROTOCOL 4.1-5, 4.1-7, 2.6-7, 2.6-6")
         .needs(&[Feature::Sheets])
         .play(|trial| long(trial, &heights()?)),
         Case::server("L0.2.2", "a mesh of many triangles is accepted in pieces")
-            .cites("PROTOCOL 4.1-5, 2.6-16")
+            .cites("PROTOCOL 4.1-5, 2.6-8")
             .needs(&[Feature::Sheets])
             .play(|trial| long(trial, &mesh()?)),
         refused(

@@ -204,7 +204,7 @@ const COMMAND: u8 = 7;
 /// The requirement about this type of message.
 fn clause(vector: &Vector) -> &'static str {
     match vector.kind {
-        HELLO => "3.5-3",
+        HELLO => "3.5-12",
         CREATE => "3.3-1",
         JOIN | 12 => "4.2-1",
         COMMAND => "4.4-7",

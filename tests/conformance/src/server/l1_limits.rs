@@ -52,7 +52,7 @@ pub(super) fn cases() -> Vec<Case> {
         case(
             "L1.5.5",
             "an advance may be ADVANCE_TICKS_MAX ticks ahead, but not one more",
-            "PROTOCOL 4.9-3",
+            "PROTOCOL 4.9-4",
         )
         .play(advance_most),
         case(
@@ -64,7 +64,7 @@ pub(super) fn cases() -> Vec<Case> {
         case(
             "L1.5.7",
             "members with the same choice share one stream",
-            "PROTOCOL 6.1-1, 5.8-2",
+            "PROTOCOL 6.1-1, 5.8-3",
         )
         .play(one_stream),
         case(

@@ -22,25 +22,25 @@ const ROWS: &[CaseRow] = &[
     (
         1,
         "a session with an unknown key begins, and is announced before joined",
-        "PROTOCOL 4.16-2, 4.16-4",
+        "PROTOCOL 4.16-2, 4.16-5",
         begins,
     ),
     (
         2,
         "a session goes on over another connection, with its numbers and indices",
-        "PROTOCOL 4.16-2, 4.16-4, 4.4-1",
+        "PROTOCOL 4.16-2, 4.16-5, 4.4-1",
         goes_on,
     ),
     (
         3,
         "another connection that takes a session up closes the first one with code 32",
-        "PROTOCOL 4.16-3",
+        "PROTOCOL 4.16-4",
         taken,
     ),
     (
         4,
         "refusals that the client has not seen are repeated after the snapshot",
-        "PROTOCOL 4.16-5",
+        "PROTOCOL 4.16-6",
         repeats,
     ),
     (
@@ -49,17 +49,17 @@ const ROWS: &[CaseRow] = &[
         "PROTOCOL 4.16-1",
         last_counts,
     ),
-    (6, "leaving ends the session", "PROTOCOL 4.16-9", leaving),
+    (6, "leaving ends the session", "PROTOCOL 4.16-10", leaving),
     (
         7,
         "a client without a session gets none",
-        "PROTOCOL 4.16-4",
+        "PROTOCOL 4.16-5",
         without,
     ),
     (
         8,
         "durable counts the commands of a scene with a command log, and comes from no other",
-        "PROTOCOL 4.16-8",
+        "PROTOCOL 4.16-9",
         durable,
     ),
     (

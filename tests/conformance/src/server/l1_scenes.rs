@@ -103,7 +103,7 @@ const CASES: &[CaseRow] = &[
     (
         12,
         "a pong contains the number of its ping and the newest tick",
-        "PROTOCOL 4.9-4",
+        "PROTOCOL 4.9-5",
         pinged,
     ),
     (
@@ -136,7 +136,7 @@ const FREE_RUNNING: &[CaseRow] = &[
     (
         13,
         "a free-running scene keeps the rate of its configuration",
-        "PROTOCOL 4.9-5",
+        "PROTOCOL 4.9-6",
         clock,
     ),
 ];

@@ -17,7 +17,7 @@ pub(super) fn cases() -> Vec<Case> {
             "L1.1.1",
             "a hello is answered by a welcome with an offered version",
         )
-        .cites("PROTOCOL 3.1-4, 3.1-6")
+        .cites("PROTOCOL 3.1-4, 3.1-7")
         .play(|trial| {
             let welcome = trial.client()?.hello()?;
             ensure(welcome.version == 1, "version 1 was offered")?;
@@ -27,7 +27,7 @@ pub(super) fn cases() -> Vec<Case> {
             "L1.1.2",
             "a client that offers only future versions is closed with code 3",
         )
-        .cites("PROTOCOL 3.1-7, 3.5-10")
+        .cites("PROTOCOL 3.1-5, 3.5-2")
         .play(|trial| {
             let mut client = trial.client()?;
             offer(&mut client, &[0x7777, 2], Extensions::NONE);
@@ -37,21 +37,21 @@ pub(super) fn cases() -> Vec<Case> {
             "L1.1.3",
             "a client that offers only greased versions is closed with code 3",
         )
-        .cites("PROTOCOL 3.5-9, 3.5-7")
+        .cites("PROTOCOL 3.5-18, 3.5-16")
         .play(|trial| {
             let mut client = trial.client()?;
             offer(&mut client, &[0x0a0a, 0xfafa], Extensions::NONE);
             client.must_be_closed(CloseCode::VERSION)
         }),
         Case::server("L1.1.4", "an unknown critical extension closes with code 5")
-            .cites("PROTOCOL 3.5-12, 3.5-4")
+            .cites("PROTOCOL 3.5-4, 3.5-13")
             .play(|trial| {
                 let mut client = trial.client()?;
                 offer(&mut client, &[1], extension(62));
                 client.must_be_closed(CloseCode::EXTENSION)
             }),
         Case::server("L1.1.5", "an unknown optional extension is skipped")
-            .cites("PROTOCOL 3.5-12, 3.5-2, 3.5-7")
+            .cites("PROTOCOL 3.5-4, 3.5-11, 3.5-16")
             .play(|trial| {
                 let mut client = trial.client()?;
                 offer(&mut client, &[1], extension(27));

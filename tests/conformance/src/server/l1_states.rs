@@ -74,7 +74,7 @@ pub(super) fn cases() -> Vec<Case> {
             let id = format!("L1.2.{}", place * 20 + usize::from(kind));
             let (cites, words) = match expected {
                 Expected::Handled => ("PROTOCOL 3.2-1", "is allowed"),
-                Expected::Skipped => ("PROTOCOL 3.2-3", "is skipped"),
+                Expected::Skipped => ("PROTOCOL 3.2-2", "is skipped"),
                 Expected::Violation => ("PROTOCOL 3.2-1", "ends the connection with code 2"),
             };
             let name = format!("{name} from a client {} {words}", word(state));

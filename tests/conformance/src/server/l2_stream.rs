@@ -64,7 +64,7 @@ pub(super) fn cases() -> Vec<Case> {
         case(
             "L2.1.4",
             "a stream that begins after another has ended has a new id",
-            "PROTOCOL 5.8-2, 5.8-6, 6.5-3",
+            "PROTOCOL 5.8-3, 5.8-4, 6.5-3",
         )
         .play(begins_anew),
     ]

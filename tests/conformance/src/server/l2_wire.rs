@@ -45,7 +45,7 @@ const CASES: &[CaseRow] = &[
     (
         4,
         "no datagram is longer than 1150 bytes",
-        "PROTOCOL 5.8-3",
+        "PROTOCOL 5.8-5",
         short,
     ),
     (
@@ -63,7 +63,7 @@ const CASES: &[CaseRow] = &[
     (
         7,
         "a loss report for a packet that was never sent is ignored",
-        "PROTOCOL 6.7-7, 5.7-1",
+        "PROTOCOL 6.7-6, 5.7-1",
         never_sent,
     ),
     (

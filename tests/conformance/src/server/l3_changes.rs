@@ -20,7 +20,7 @@ const CASES: &[CaseRow] = &[
     (
         1,
         "a changed gravity scale acts from then on, and members learn of it",
-        "PROTOCOL 4.4-6, 4.6-11",
+        "PROTOCOL 4.4-6, 4.6-8",
         |trial| {
             let mut falling = Falling::new(trial)?;
             falling.to(30)?;
@@ -44,7 +44,7 @@ const CASES: &[CaseRow] = &[
     (
         2,
         "a locked axis takes no motion",
-        "PROTOCOL 2.6-24, 4.6-11",
+        "PROTOCOL 2.6-20, 4.6-8",
         |trial| {
             let mut falling = Falling::new(trial)?;
             let desc = BodyDesc {
@@ -60,7 +60,7 @@ const CASES: &[CaseRow] = &[
     (
         3,
         "a disabled body stands still, and neither an impulse nor its joint moves it",
-        "PROTOCOL 2.6-25, 2.6-28",
+        "PROTOCOL 2.6-21, 2.6-27",
         |trial| {
             let mut falling = Falling::new(trial)?;
             falling.to(30)?;
@@ -110,7 +110,7 @@ const CASES: &[CaseRow] = &[
     (
         5,
         "a rope bounds a distance, and a changed joint acts in its place",
-        "PROTOCOL 2.6-7, 4.6-11",
+        "PROTOCOL 2.6-24, 4.6-8",
         |trial| {
             let mut falling = Falling::new(trial)?;
             falling.join(Joint::plain(JointKind::Rope(2.5), falling.bodies, CENTRES))?;
@@ -132,7 +132,7 @@ const CASES: &[CaseRow] = &[
     (
         6,
         "a joint that bears more than its strength is removed, and members learn of it",
-        "PROTOCOL 2.6-27",
+        "PROTOCOL 2.6-26",
         |trial| {
             let mut falling = Falling::new(trial)?;
             let frames = [JointFrame::at(-POST), JointFrame::at(Vec3::ZERO)];

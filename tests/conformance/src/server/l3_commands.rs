@@ -182,13 +182,13 @@ const CASES: &[CaseRow] = &[
     (
         31,
         "commands in one write are answered by their scene events, then by one Applied",
-        "PROTOCOL 4.6-9, 4.6-10",
+        "PROTOCOL 4.6-10, 4.6-11",
         together,
     ),
     (
         32,
         "an unknown command is refused with 19, and is counted",
-        "PROTOCOL 3.5-13, 4.4-1",
+        "PROTOCOL 3.5-5, 4.4-1",
         future,
     ),
     (
@@ -212,7 +212,7 @@ const CASES: &[CaseRow] = &[
     (
         39,
         "all members receive the same scene events of a command",
-        "PROTOCOL 4.6-5, 4.6-9",
+        "PROTOCOL 4.6-5, 4.6-10",
         notified_alike,
     ),
     (
@@ -233,7 +233,7 @@ const CASES: &[CaseRow] = &[
 const SHEETS: &[CaseRow] = &[(
     36,
     "a dynamic body without a volume is refused with 17",
-    "PROTOCOL 2.6-13",
+    "PROTOCOL 2.6-5",
     |trial| no_inside(trial, sheet()?),
 )];
 
@@ -241,7 +241,7 @@ const SHEETS: &[CaseRow] = &[(
 const COMPOUNDS: &[CaseRow] = &[(
     38,
     "a body with an empty compound shape is valid",
-    "PROTOCOL 2.6-17",
+    "PROTOCOL 2.6-9",
     no_parts,
 )];
 
@@ -249,7 +249,7 @@ const COMPOUNDS: &[CaseRow] = &[(
 const SHEETS_IN_COMPOUNDS: &[CaseRow] = &[(
     37,
     "a dynamic body with a part without a volume is refused with 17",
-    "PROTOCOL 2.6-13",
+    "PROTOCOL 2.6-5",
     |trial| {
         let part = Part {
             position: Vec3::ZERO,
@@ -265,7 +265,7 @@ pub(super) fn cases() -> Vec<Case> {
     let refused = REFUSED.iter().zip(1..).map(|((what, refused), number)| {
         let name = format!("{what} is refused with its own error and has no effect");
         Case::server(&format!("L3.2.{number}"), &name)
-            .cites("PROTOCOL 4.4-7, 4.6-8, 4.4-4")
+            .cites("PROTOCOL 4.4-7, 4.6-9, 4.4-4")
             .needs(&[Feature::Lockstep])
             .play(|trial| is_refused(trial, *refused))
     });

@@ -20,7 +20,7 @@ const CASES: &[CaseRow] = &[
     (
         1,
         "a spherical joint keeps a pendulum's length",
-        "PROTOCOL 2.6-7, 2.6-11",
+        "PROTOCOL 2.6-24, 2.6-23",
         |trial| {
             hangs(trial, JointKind::Spherical(None), |there| {
                 let length = there.pose().position.length();
@@ -32,7 +32,7 @@ const CASES: &[CaseRow] = &[
     (
         2,
         "a spherical joint lets a pendulum swing",
-        "PROTOCOL 2.6-7, 2.6-11",
+        "PROTOCOL 2.6-24, 2.6-23",
         |trial| {
             let mut lowest = 0.0_f64;
             let mut hanging = hang(trial, JointKind::Spherical(None))?;
@@ -49,7 +49,7 @@ const CASES: &[CaseRow] = &[
     (
         3,
         "a fixed joint holds a body up",
-        "PROTOCOL 2.6-7, 2.6-11",
+        "PROTOCOL 2.6-24, 2.6-23",
         |trial| {
             hangs(trial, JointKind::Fixed, |there| {
                 let off = (there.pose().position - DVec3::X * 2.0).length();
@@ -60,7 +60,7 @@ const CASES: &[CaseRow] = &[
     (
         4,
         "a revolute joint turns about its x axis only",
-        "PROTOCOL 2.6-7, 2.6-11",
+        "PROTOCOL 2.6-24, 2.6-23",
         |trial| {
             // Gravity has no torque about x for a body that lies along x, so the body stays in place.
             hangs(trial, JointKind::Revolute(None), |there| {
@@ -72,7 +72,7 @@ const CASES: &[CaseRow] = &[
     (
         5,
         "a prismatic joint slides along its x axis only",
-        "PROTOCOL 2.6-7, 2.6-11",
+        "PROTOCOL 2.6-24, 2.6-23",
         |trial| {
             let mut hanging = hang(trial, JointKind::Prismatic(None))?;
             let id = hanging.body;
@@ -97,7 +97,7 @@ const CASES: &[CaseRow] = &[
     (
         6,
         "a prismatic joint stops at its limits",
-        "PROTOCOL 2.6-7, 2.6-11",
+        "PROTOCOL 2.6-24, 2.6-23",
         |trial| {
             let limits = JointLimits {
                 least: -0.25,
@@ -122,13 +122,13 @@ const CASES: &[CaseRow] = &[
     (
         7,
         "a late joiner receives a joint as it was made",
-        "PROTOCOL 2.6-7, 2.6-11",
+        "PROTOCOL 2.6-24, 2.6-23",
         reported,
     ),
     (
         8,
         "a body is free after its joint is removed",
-        "PROTOCOL 2.6-7, 2.6-11",
+        "PROTOCOL 2.6-24, 2.6-23",
         |trial| {
             let mut hanging = hang(trial, JointKind::Fixed)?;
             hanging.subscriber.advance(Tick::new(10))?;

@@ -60,25 +60,25 @@ const CASES: &[CaseRow] = &[
     (
         7,
         "a kinematic body keeps its velocity, and does not fall",
-        "PROTOCOL 2.6-5",
+        "PROTOCOL 2.6-18",
         kinematic,
     ),
     (
         8,
         "a kinematic body with a new pose moves there during the next tick",
-        "PROTOCOL 2.6-5",
+        "PROTOCOL 2.6-18",
         lifted,
     ),
     (
         9,
         "a kinematic body pushes and is not pushed",
-        "PROTOCOL 2.6-5",
+        "PROTOCOL 2.6-18",
         pushes,
     ),
     (
         10,
         "a body falls by its gravity scale",
-        "PROTOCOL 2.6-10",
+        "PROTOCOL 2.6-12",
         scaled,
     ),
     (
@@ -96,7 +96,7 @@ const CASES: &[CaseRow] = &[
     (
         13,
         "a collision of two balls conserves momentum",
-        "PROTOCOL 2.6-4",
+        "PROTOCOL 2.6-17",
         momentum,
     ),
     (
@@ -108,25 +108,25 @@ const CASES: &[CaseRow] = &[
     (
         15,
         "a body with locked rotations keeps its rotation when it is hit",
-        "PROTOCOL 2.6-6",
+        "PROTOCOL 2.6-19",
         unturned,
     ),
     (
         16,
         "a box that spins about its middle axis flips",
-        "PROTOCOL 2.6-6",
+        "PROTOCOL 2.6-19",
         tumbles,
     ),
     (
         17,
         "a ball does not fall through a floor",
-        "PROTOCOL 2.6-3",
+        "PROTOCOL 2.6-16",
         fast,
     ),
     (
         18,
         "a static body with a new pose stays there",
-        "PROTOCOL 2.6-3, 6.10-2",
+        "PROTOCOL 2.6-16, 6.10-2",
         moved_floor,
     ),
 ];

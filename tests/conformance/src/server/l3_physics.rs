@@ -30,19 +30,19 @@ pub(super) fn cases() -> Vec<Case> {
         case(
             "L3.1.1",
             "a ball falls with the acceleration of gravity",
-            "PROTOCOL 2.6-4, 4.4-6",
+            "PROTOCOL 2.6-17, 4.4-6",
         )
         .play(falls),
         case(
             "L3.1.2",
             "a ball without forces keeps its velocity",
-            "PROTOCOL 2.6-4",
+            "PROTOCOL 2.6-17",
         )
         .play(coasts),
         case(
             "L3.1.3",
             "a ball that falls on a floor comes to rest there",
-            "PROTOCOL 2.6-3, 6.3-9",
+            "PROTOCOL 2.6-16, 6.3-9",
         )
         .play(rests),
     ]

@@ -86,7 +86,7 @@ const LOCKSTEP: &[CaseRow] = &[
     (
         11,
         "the tracks of two members of one stream are bit-identical",
-        "PROTOCOL 6.1-2, 6.6-15, 6.12-1, 6.12-2",
+        "PROTOCOL 6.1-2, 6.6-14, 6.12-1, 6.12-2",
         same,
     ),
 ];
@@ -95,7 +95,7 @@ const LOCKSTEP: &[CaseRow] = &[
 const LOCKSTEP_BUDGETS: &[CaseRow] = &[(
     9,
     "a stream with a budget states its error scale",
-    "PROTOCOL 6.16-1, 6.16-5, 6.16-8, 6.16-10, 5.17-1",
+    "PROTOCOL 6.16-1, 6.16-5, 6.16-9, 6.16-11, 5.17-1",
     budget,
 )];
 

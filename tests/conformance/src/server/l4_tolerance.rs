@@ -66,13 +66,13 @@ pub(super) fn cases() -> Vec<Case> {
     for (script, bodies, cites) in [
         ("ball-pit", 20, "PROTOCOL 6.2-1, 6.2-4"),
         ("cubes", 12, "PROTOCOL 6.2-6"),
-        ("ragdolls", 4, "PROTOCOL 2.6-7"),
+        ("ragdolls", 4, "PROTOCOL 2.6-24"),
         ("stack", 10, "PROTOCOL 6.3-9"),
         ("dominoes", 12, "PROTOCOL 6.3-9"),
         ("tumbler", 12, "PROTOCOL 6.2-3"),
         ("rain", 12, "PROTOCOL 6.13-2, 6.3-5"),
         ("free-fall", 12, "PROTOCOL 6.9-1"),
-        ("asteroids", 8, "PROTOCOL 2.6-6, 4.6-3"),
+        ("asteroids", 8, "PROTOCOL 2.6-19, 4.6-3"),
         ("zoo", 12, "PROTOCOL 6.1-5, 6.2-3"),
     ] {
         for (word, choice) in [("five centimetres", NORMAL), ("five millimetres", EXACT)] {
@@ -95,7 +95,7 @@ fn disturbed(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)>
     vec![
         (
             "a ball pit on a bad lane: complete ticks are within tolerance",
-            "PROTOCOL 6.7-3, 6.6-14, 6.6-15, 6.8-5, 6.7-8",
+            "PROTOCOL 6.7-3, 6.6-13, 6.6-14, 6.8-5, 6.7-8",
             Setup {
                 disturbed: 6,
                 ..pit
@@ -153,7 +153,7 @@ fn otherwise(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)>
         ),
         (
             "a ball pit with tolerance scales: each body is within its own tolerance",
-            "PROTOCOL 2.6-12",
+            "PROTOCOL 2.6-13",
             Setup {
                 tolerance_scales: true,
                 ..pit
@@ -161,7 +161,7 @@ fn otherwise(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)>
         ),
         (
             "a zoo with tolerance scales: each body is within its own tolerance",
-            "PROTOCOL 2.6-12",
+            "PROTOCOL 2.6-13",
             Setup {
                 tolerance_scales: true,
                 ..zoo
@@ -174,7 +174,7 @@ fn otherwise(pit: Setup, zoo: Setup) -> Vec<(&'static str, &'static str, Setup)>
         ),
         (
             "a ball pit that is published every third tick",
-            "PROTOCOL 5.6-15, 6.3-1, 6.3-2, 4.9-6",
+            "PROTOCOL 5.6-18, 6.3-1, 6.3-2, 4.9-3",
             Setup {
                 publish_schedule: (3, 0),
                 depth: 3,
