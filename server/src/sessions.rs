@@ -114,6 +114,18 @@ impl Sessions {
             .collect()
     }
 
+    /// The sessions without a member, the one that left first first.
+    pub(crate) fn absent(&self) -> Vec<SessionNumber> {
+        let mut absent: Vec<_> = (self.sessions.iter())
+            .filter_map(|(number, session)| match session.presence {
+                Presence::Absent(since) => Some((since, *number)),
+                Presence::Member(_) => None,
+            })
+            .collect();
+        absent.sort_unstable();
+        absent.into_iter().map(|(_, number)| number).collect()
+    }
+
     /// All sessions with their numbers.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (SessionNumber, &ResumableSession)> {
         self.sessions

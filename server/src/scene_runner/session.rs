@@ -7,6 +7,7 @@ use rhumb_protocol::limits::GRANT;
 use rhumb_protocol::message::{
     Denial, SceneEvent, ServerMessage, SessionRequest, SessionState, StreamChoice,
 };
+use rhumb_protocol::scene::IdRange;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Peer};
 
@@ -155,7 +156,7 @@ impl SceneRunner {
             self.sessions.attach(number, peer);
             return Ok(known);
         }
-        let range = self.grant(peer, GRANT)?;
+        let range = self.grant_to_new_member(peer)?;
         let Some(request) = request else {
             return Ok(None);
         };
@@ -164,6 +165,25 @@ impl SceneRunner {
         self.note_session(&Record::Granted(number, range));
         self.sessions.attach(number, peer);
         Ok(Some(number))
+    }
+
+    /// Grants a new member its indices. Clients that are away give way to one that is here: their sessions end, the one
+    /// that left first first, until the indices suffice. A session whose indices have bodies would free none.
+    fn grant_to_new_member(&mut self, peer: Peer) -> Result<IdRange, Denial> {
+        let mut granted = self.grant(peer, GRANT);
+        for number in self.sessions.absent() {
+            if granted.is_ok() {
+                break;
+            }
+            let ranges = self.sessions.get(number).map(|session| &session.ranges[..]);
+            let is_vacant = |range: &IdRange| self.scene.vacancy(range).is_some();
+            if ranges.unwrap_or_default().iter().any(is_vacant) {
+                tracing::info!(session = number.0, "a session ends: its indices are needed");
+                self.close_absent(number);
+                granted = self.grant(peer, GRANT);
+            }
+        }
+        granted
     }
 
     /// Tells a new member where its session goes on.
@@ -224,12 +244,15 @@ impl SceneRunner {
 
     fn close_expired(&mut self, now: Instant) {
         for number in self.sessions.expired(now) {
-            let ranges = self
-                .sessions
-                .get(number)
-                .map(|session| session.ranges.clone());
-            self.grants.free(ranges.unwrap_or_default());
-            self.note_session(&Record::Closed(number));
+            self.close_absent(number);
         }
+    }
+
+    /// Ends a session without a member.
+    fn close_absent(&mut self, number: SessionNumber) {
+        let session = self.sessions.get(number);
+        let ranges = session.map(|session| session.ranges.clone());
+        self.grants.free(ranges.unwrap_or_default());
+        self.note_session(&Record::Closed(number));
     }
 }

@@ -17,6 +17,7 @@ mod publish_interval;
 mod queries;
 mod refusals;
 mod restoration;
+mod sessions;
 mod simulated_network;
 mod tier_policy;
 mod tiers;
