@@ -125,7 +125,7 @@ impl LivePair {
             let Some(copy) = leader.copy() else {
                 return false;
             };
-            stream_history.keep(copy);
+            stream_history.keep_in_lockstep(copy);
             copy.stream().complete() >= to
         })?;
         self.read_reports()
@@ -165,7 +165,7 @@ impl LivePair {
                 return Stop::fail(format!("no {what}"));
             }
             let stream_history = &mut self.stream_history;
-            let look = |copy: &_| stream_history.keep(copy);
+            let look = |copy: &_| stream_history.keep_in_lockstep(copy);
             self.leader
                 .turn_for_and_look(Duration::from_millis(5), look);
             self.read_reports()?;
