@@ -43,7 +43,7 @@ pub struct Scene {
     event_monitor: EventMonitor,
     /// Changes of the scene, for its command log; `None` for a scene without one.
     journal: Option<Journal>,
-    /// What was done since its copy, if there is one.
+    /// The commands and steps since its copy, if there is one.
     history: Option<History>,
     /// True after a panic outside the engine.
     broken: bool,

@@ -1,4 +1,4 @@
-//! What a flight recorder keeps of one event.
+//! One event as a flight recorder keeps it.
 
 use serde::{Deserialize, Serialize};
 

@@ -13,7 +13,7 @@ use super::cause::FlightCause;
 const MAGIC: &[u8; 8] = b"RHFLGHT1";
 const CRC_BYTES: usize = 4;
 
-/// What a file says about itself.
+/// The head of a file: its scene, cause and moment.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct FlightHead {
     /// The version of the server.

@@ -432,7 +432,7 @@ fn sequences_that_are_fatal_to_the_engine_are_harmless_from_a_client() {
         let mut joints = 0;
         for act in &sequence {
             for command in commands_of(*act, &restored.truth, &mut joints) {
-                // What the parallel scene refuses, the server refuses too.
+                // The server refuses the same commands as the parallel scene.
                 if restored.truth.apply(&command).is_ok() {
                     restored.command(command);
                 }
