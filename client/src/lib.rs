@@ -80,8 +80,8 @@ pub use rhumb_reckoning::{
     Radians, Rate, Seconds, Tick, Ticks, Tolerance, ToleranceScale, TurnBound,
 };
 pub use rhumb_transport::{
-    CertificateError, ConnectError, Fingerprint, FingerprintError, TransportCode, Trust,
-    WireStatistics,
+    CertificateError, ConnectError, Connection, Fingerprint, FingerprintError, Received,
+    TransportCode, Trust, WireStatistics,
 };
 pub use rhumb_view::{PipelineDepth, RenderParams, RenderTime, View};
 pub use server_connection::ServerConnection;

@@ -2,20 +2,21 @@
 //!
 //! Contains no protocol logic. A wait ends at the given deadline at the latest.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
-use rhumb_transport::{ClientOptions, Clock, QuicClient, Received};
+use rhumb_transport::{Clock, Connection, Received};
 
 use crate::reconnector::{ReconnectProgress, Reconnector};
 
 /// A connection and its session.
 pub(crate) struct Pump {
     pub(crate) session: ClientSession,
-    pub(crate) connection: QuicClient,
-    /// Attempts to reach the server again.
-    options: ClientOptions,
+    pub(crate) connection: BoxedConnection,
+    /// Reaches the server again, if that is possible.
+    redial: Option<Redial>,
     reconnector: Option<Reconnector>,
     clock: Clock,
     /// True if the server could not be reached again.
@@ -23,6 +24,12 @@ pub(crate) struct Pump {
     /// Called with all bytes in both directions, for recording.
     tap: Option<Tap>,
 }
+
+/// A connection, whatever carries its bytes.
+pub(crate) type BoxedConnection = Box<dyn Connection>;
+
+/// Reaches the server of an ended connection again, within some time.
+pub(crate) type Redial = Arc<dyn Fn(Duration) -> Option<BoxedConnection> + Send + Sync>;
 
 /// Callback that receives all bytes between session and connection.
 pub(crate) type Tap = Box<dyn FnMut(TapChannel, &[u8]) + Send>;
@@ -49,13 +56,13 @@ const SERVER: Peer = Peer(0);
 impl Pump {
     pub(crate) fn new(
         session: ClientSession,
-        connection: QuicClient,
-        options: ClientOptions,
+        connection: BoxedConnection,
+        redial: Option<Redial>,
     ) -> Self {
         let mut pump = Self {
             session,
             connection,
-            options,
+            redial,
             reconnector: None,
             gave_up: false,
             clock: Clock::start(),
@@ -122,11 +129,11 @@ impl Pump {
 
     /// Begins to reach the server again, to go on with the session; `false` if it cannot.
     pub(crate) fn reconnect(&mut self, within: Duration) -> bool {
-        if !self.session.can_reconnect() {
+        let Some(redial) = self.redial.clone().filter(|_| self.session.can_reconnect()) else {
             return false;
-        }
+        };
         let until = self.clock.now() + span(within);
-        match Reconnector::start(self.options.clone(), self.clock, until) {
+        match Reconnector::start(redial, self.clock, until) {
             Ok(reconnector) => {
                 self.reconnector = Some(reconnector);
                 self.session.reconnect().is_ok()

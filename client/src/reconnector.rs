@@ -9,7 +9,9 @@ use std::thread;
 use std::time::Duration;
 
 use rhumb_protocol::Instant;
-use rhumb_transport::{ClientOptions, Clock, QuicClient, random_bytes};
+use rhumb_transport::{Clock, random_bytes};
+
+use crate::pump::{BoxedConnection, Redial};
 
 /// First pause.
 const PAUSE_FIRST: Duration = Duration::from_millis(100);
@@ -20,23 +22,23 @@ const ATTEMPT: Duration = Duration::from_secs(3);
 
 /// Attempts that go on until one succeeds or the time is over.
 pub(crate) struct Reconnector {
-    connected: Receiver<Option<QuicClient>>,
+    connected: Receiver<Option<BoxedConnection>>,
 }
 
 /// The state of the attempts.
 pub(crate) enum ReconnectProgress {
-    Connected(QuicClient),
+    Connected(BoxedConnection),
     Trying,
     GaveUp,
 }
 
 impl Reconnector {
     /// Begins the attempts; none begins after a moment of this clock.
-    pub(crate) fn start(options: ClientOptions, clock: Clock, until: Instant) -> io::Result<Self> {
+    pub(crate) fn start(redial: Redial, clock: Clock, until: Instant) -> io::Result<Self> {
         let (to, connected) = sync_channel(1);
         thread::Builder::new()
             .name("rhumb-reconnect".to_owned())
-            .spawn(move || run(&options, clock, until, &to))?;
+            .spawn(move || run(&redial, clock, until, &to))?;
         Ok(Self { connected })
     }
 
@@ -50,14 +52,14 @@ impl Reconnector {
     }
 }
 
-fn run(options: &ClientOptions, clock: Clock, until: Instant, to: &SyncSender<Option<QuicClient>>) {
+fn run(redial: &Redial, clock: Clock, until: Instant, to: &SyncSender<Option<BoxedConnection>>) {
     let mut pause = PAUSE_FIRST;
     let mut connected = None;
     while clock.now() < until {
         thread::sleep(shortened(pause));
         pause = (pause * 2).min(PAUSE_MAX);
-        if let Ok(connection) = QuicClient::connect(options.clone(), ATTEMPT) {
-            connected = Some(connection);
+        connected = redial(ATTEMPT);
+        if connected.is_some() {
             break;
         }
     }

@@ -3,25 +3,26 @@
 //! Joining takes up to three answers: welcome, creation, snapshot. Each must arrive within the connection's timeout.
 
 use std::net::{SocketAddr, ToSocketAddrs};
+use std::sync::Arc;
 use std::time::Duration;
 
 use rhumb_protocol::message::{Denial, SessionKey};
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{ClientSession, Event};
-use rhumb_transport::{ClientOptions, QuicClient, Trust, random_bytes};
+use rhumb_transport::{ClientOptions, Connection, QuicClient, Trust, random_bytes};
 
 use crate::client::Client;
 use crate::error::{ClientError, OpenError};
 use crate::join_options::{JoinMode, JoinOptions};
-use crate::pump::{Pump, span};
+use crate::pump::{BoxedConnection, Pump, Redial, span};
 
 /// Default time limit for an answer of the server.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// A connection to a server that has joined no scene yet.
 pub struct ServerConnection {
-    connection: QuicClient,
-    options: ClientOptions,
+    connection: BoxedConnection,
+    redial: Option<Redial>,
     timeout: Duration,
     token: Option<String>,
 }
@@ -33,12 +34,33 @@ impl ServerConnection {
             ..ClientOptions::new(resolve(address)?, trust)
         };
         let connection = QuicClient::connect(options.clone(), timeout)?;
+        let redial: Redial = Arc::new(move |timeout| {
+            let connection = QuicClient::connect(options.clone(), timeout).ok()?;
+            Some(Box::new(connection))
+        });
         Ok(Self {
-            connection,
-            options,
-            timeout,
+            redial: Some(redial),
+            ..Self::over(connection)
+        }
+        .timeout(timeout))
+    }
+
+    /// A connection that another program carries, such as one to a server in the same process. A client that loses it
+    /// does not reconnect.
+    #[must_use]
+    pub fn over(connection: impl Connection + 'static) -> Self {
+        Self {
+            connection: Box::new(connection),
+            redial: None,
+            timeout: ANSWER_TIMEOUT,
             token: None,
-        })
+        }
+    }
+
+    /// Sets the time limit for each answer of the server; without this, five seconds.
+    #[must_use]
+    pub fn timeout(self, timeout: Duration) -> Self {
+        Self { timeout, ..self }
     }
 
     /// Shows this token, which `rhumb-server token` made, when it joins. Only a server started with `--open` needs none.
@@ -77,7 +99,8 @@ impl ServerConnection {
         if let Some(token) = self.token {
             session.set_token(token.parse().map_err(OpenError::Token)?);
         }
-        let mut pump = Pump::new(session, self.connection, self.options);
+        let can_resume = self.redial.is_some();
+        let mut pump = Pump::new(session, self.connection, self.redial);
         let welcome = await_event(&mut pump, timeout, "welcome", |event| match event {
             Event::Welcomed(welcome) => Some(Ok(welcome)),
             _ => None,
@@ -101,7 +124,7 @@ impl ServerConnection {
                 other => other.map_err(denied)?,
             }
         }
-        if options.resume_within != Some(Duration::ZERO) {
+        if can_resume && options.resume_within != Some(Duration::ZERO) {
             let key = random_bytes().map_err(OpenError::Random)?;
             pump.session
                 .begin_session(SessionKey(key))

@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 mod clock;
+mod connection;
 mod link_meter;
 mod piece;
 mod quic;
@@ -14,12 +15,13 @@ pub mod raw;
 mod socket;
 
 pub use clock::Clock;
+pub use connection::Connection;
 pub use link_meter::LinkMeter;
 pub use piece::{ByteCredit, PIECE_COST_BYTES, Piece};
 pub use quic::{
     BindError, Certificate, CertificateError, ClientOptions, ConnectError, DATAGRAM_BYTES_MIN,
-    DevelopmentPem, Fingerprint, FingerprintError, QuicClient, QuicServer, Received, ServeError,
-    ServerOptions, ServerStatistics, ServerWatch, Stop, TransportCode, Trust, Waker,
+    DevelopmentPem, Fingerprint, FingerprintError, Inbox, QuicClient, QuicServer, Received,
+    ServeError, ServerOptions, ServerStatistics, ServerWatch, Stop, TransportCode, Trust, Waker,
     WireStatistics,
 };
 pub use random::random_bytes;

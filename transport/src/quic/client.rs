@@ -20,6 +20,7 @@ use super::inbox::{Inbox, Received};
 use super::statistics::WireStatistics;
 use super::trust::{self, Trust};
 use super::tuning;
+use crate::connection::Connection;
 use crate::socket::{bind_udp, io_runtime};
 
 /// The server to connect to, and how to authenticate it.
@@ -104,45 +105,6 @@ impl QuicClient {
         }
     }
 
-    /// The next received item, within `timeout`; zero does not wait.
-    ///
-    /// Control bytes come before datagrams that wait at the same time. [`Received::Ended`] comes once, after
-    /// everything else; from then on this returns `None` at once.
-    pub fn recv(&mut self, timeout: Duration) -> Option<Received> {
-        self.inbox.take(timeout)
-    }
-
-    /// Appends bytes to the control stream without waiting.
-    ///
-    /// If the queue is full the connection closes with [`TransportCode::CONTROL_OVERFLOW`].
-    pub fn send_control(&self, bytes: Bytes) {
-        if self.connected.control.send(bytes).is_err() {
-            self.connected
-                .closing
-                .now(TransportCode::CONTROL_OVERFLOW.0);
-        }
-    }
-
-    /// Sends one datagram without waiting. One larger than [`max_datagram_bytes`](Self::max_datagram_bytes) is
-    /// dropped.
-    pub fn send_state(&self, bytes: Bytes) {
-        let bytes_len = bytes.len();
-        if let Err(cause) = self.connected.connection.send_datagram(bytes) {
-            tracing::debug!(bytes_len, %cause, "state datagram not sent");
-        }
-    }
-
-    /// Ends the connection with a code, once the queued bytes have arrived or after a short wait.
-    pub fn close(&self, code: u32) {
-        self.connected.control.close(&self.connected.closing, code);
-    }
-
-    /// The connection's traffic so far.
-    #[must_use]
-    pub fn statistics(&self) -> WireStatistics {
-        WireStatistics::of(&self.connected.connection)
-    }
-
     /// Received datagrams that were dropped because the caller did not take them in time.
     #[must_use]
     pub fn state_dropped(&self) -> u64 {
@@ -162,6 +124,38 @@ impl QuicClient {
     #[must_use]
     pub fn server(&self) -> SocketAddr {
         self.connected.connection.remote_address()
+    }
+}
+
+impl Connection for QuicClient {
+    /// Control bytes come before datagrams that wait at the same time.
+    fn recv(&mut self, timeout: Duration) -> Option<Received> {
+        self.inbox.take(timeout)
+    }
+
+    /// If the queue is full, the connection closes with [`TransportCode::CONTROL_OVERFLOW`].
+    fn send_control(&self, bytes: Bytes) {
+        if self.connected.control.send(bytes).is_err() {
+            self.connected
+                .closing
+                .now(TransportCode::CONTROL_OVERFLOW.0);
+        }
+    }
+
+    /// A datagram larger than [`max_datagram_bytes`](Self::max_datagram_bytes) is dropped.
+    fn send_state(&self, bytes: Bytes) {
+        let bytes_len = bytes.len();
+        if let Err(cause) = self.connected.connection.send_datagram(bytes) {
+            tracing::debug!(bytes_len, %cause, "state datagram not sent");
+        }
+    }
+
+    fn close(&self, code: u32) {
+        self.connected.control.close(&self.connected.closing, code);
+    }
+
+    fn statistics(&self) -> WireStatistics {
+        WireStatistics::of(&self.connected.connection)
     }
 }
 

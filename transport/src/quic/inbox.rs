@@ -1,4 +1,4 @@
-//! Received bytes between a client's I/O thread and its caller.
+//! Received bytes between the thread that receives them for a client, and the client's caller.
 //!
 //! Bounded lane by lane: control stops reading the stream, state drops its oldest. The end comes once, after
 //! everything else.
@@ -25,9 +25,9 @@ pub enum Received {
     Ended(Ending),
 }
 
-/// The queues between the two threads.
+/// The received items of a client that wait for its caller.
 #[derive(Debug, Default)]
-pub(super) struct Inbox {
+pub struct Inbox {
     waiting: Mutex<InboxState>,
     arrival: Condvar,
     space_freed: Notify,
@@ -71,8 +71,17 @@ impl Inbox {
         }
     }
 
+    /// Adds control bytes of a sender that keeps a bound of its own. Without a receiver they are dropped.
+    pub fn put_bounded_control(&self, bytes: &Bytes) {
+        let mut waiting = self.lock();
+        if waiting.receiver == ReceiverState::Here {
+            waiting.control.push(bytes);
+            self.arrival.notify_one();
+        }
+    }
+
     /// Adds a datagram; drops the oldest ones beyond the bound.
-    pub(super) fn put_state(&self, bytes: &Bytes) {
+    pub fn put_state(&self, bytes: &Bytes) {
         let mut waiting = self.lock();
         waiting.state.push(bytes);
         while waiting.state.cost_bytes > STATE_INBOX_BYTES {
@@ -83,13 +92,19 @@ impl Inbox {
     }
 
     /// Adds the end.
-    pub(super) fn put_end(&self, ending: Ending) {
+    pub fn put_end(&self, ending: Ending) {
         self.lock().ending = Some(ending);
         self.arrival.notify_one();
     }
 
-    /// The next item, control first, within `timeout`.
-    pub(super) fn take(&self, timeout: Duration) -> Option<Received> {
+    /// The next item, control first, within `timeout`; zero does not wait.
+    ///
+    /// [`Received::Ended`] comes once, after everything else; from then on this returns `None` at once.
+    ///
+    /// # Panics
+    ///
+    /// If a thread panicked while it held the lock, which none does.
+    pub fn take(&self, timeout: Duration) -> Option<Received> {
         let mut waiting = self.lock();
         if let Some(received) = self.next(&mut waiting) {
             return Some(received);
@@ -115,14 +130,19 @@ impl Inbox {
         }
     }
 
+    /// True once [`Received::Ended`] was taken.
+    pub fn has_ended(&self) -> bool {
+        self.lock().end == End::Delivered
+    }
+
     /// The receiver takes nothing any more.
-    pub(super) fn abandon(&self) {
+    pub fn abandon(&self) {
         self.lock().receiver = ReceiverState::Gone;
         self.space_freed.notify_one();
     }
 
     /// Datagrams dropped so far.
-    pub(super) fn state_dropped(&self) -> u64 {
+    pub fn state_dropped(&self) -> u64 {
         self.lock().state_dropped
     }
 

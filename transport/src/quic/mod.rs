@@ -30,7 +30,7 @@ pub use client::{ClientOptions, QuicClient};
 pub use code::TransportCode;
 pub use connect_error::ConnectError;
 pub use fingerprint::{Fingerprint, FingerprintError};
-pub use inbox::Received;
+pub use inbox::{Inbox, Received};
 pub use server::{BindError, QuicServer, ServerOptions};
 pub use server_loop::ServeError;
 pub use statistics::{ServerStatistics, WireStatistics};

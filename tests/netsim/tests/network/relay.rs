@@ -11,8 +11,8 @@ use bytes::Bytes;
 use rhumb_netsim::{Direction, LinkConfig, Probability, UdpRelay};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit, Wake};
 use rhumb_transport::{
-    Certificate, ClientOptions, ConnectError, QuicClient, QuicServer, Received, ServerOptions,
-    Stop, Trust,
+    Certificate, ClientOptions, ConnectError, Connection, QuicClient, QuicServer, Received,
+    ServerOptions, Stop, Trust,
 };
 
 /// Time limit of every wait; only a failure reaches it.

@@ -1,0 +1,144 @@
+//! The client's side of a connection within the process.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use bytes::Bytes;
+use rhumb_client::{Connection, Ending, Received, TransportCode, WireStatistics};
+use rhumb_protocol::Peer;
+use rhumb_transport::Inbox;
+
+use crate::driver::Input;
+use crate::host::{Host, Lost};
+
+/// Longest sleep of a client whose server runs on the threads of its clients: another client's call may have brought the
+/// server's next moment forward.
+const NAP: Duration = Duration::from_millis(5);
+
+/// An open connection of a client to a server in this process.
+pub(crate) struct LocalConnection {
+    host: Host,
+    peer: Peer,
+    inbox: Arc<Inbox>,
+    sent: Traffic,
+    received: Traffic,
+}
+
+/// Bytes and pieces, without headers: there are none.
+#[derive(Default)]
+struct Traffic {
+    bytes: AtomicU64,
+    pieces: AtomicU64,
+}
+
+impl LocalConnection {
+    pub(crate) fn open(host: Host, peer: Peer) -> Self {
+        let connection = Self {
+            host,
+            peer,
+            inbox: Arc::default(),
+            sent: Traffic::default(),
+            received: Traffic::default(),
+        };
+        connection.send(Input::Opened(Arc::clone(&connection.inbox)));
+        connection
+    }
+
+    /// Hands an input to the server; without one, the connection has ended.
+    fn send(&self, input: Input) {
+        let ending = match self.host.send(self.peer, input) {
+            Ok(()) => return,
+            Err(Lost::Server) => Ending::Broken,
+            Err(Lost::Full) => {
+                let code = TransportCode::CONTROL_OVERFLOW.0;
+                // If the server is gone, the connection ends below all the same.
+                let _ = self.host.send(self.peer, Input::Closed(code));
+                Ending::Closed(code)
+            }
+        };
+        self.inbox.put_end(ending);
+    }
+
+    /// Has a server on this thread do what is due; returns how long a wait may last.
+    fn run_server(&self) -> Duration {
+        let Host::Caller(driver) = &self.host else {
+            return Duration::MAX;
+        };
+        match driver.lock() {
+            Ok(mut driver) => driver.run().map_or(NAP, |left| left.min(NAP)),
+            Err(_) => {
+                self.inbox.put_end(Ending::Broken);
+                Duration::ZERO
+            }
+        }
+    }
+}
+
+impl Connection for LocalConnection {
+    fn send_control(&self, bytes: Bytes) {
+        self.sent.add(bytes.len());
+        self.send(Input::Control(bytes));
+    }
+
+    fn send_state(&self, bytes: Bytes) {
+        self.sent.add(bytes.len());
+        // As on a network, a datagram that cannot be kept is lost.
+        if self.host.send(self.peer, Input::State(bytes)) == Err(Lost::Server) {
+            self.inbox.put_end(Ending::Broken);
+        }
+    }
+
+    fn close(&self, code: u32) {
+        self.send(Input::Closed(code));
+    }
+
+    fn recv(&mut self, timeout: Duration) -> Option<Received> {
+        let until = Instant::now().checked_add(timeout);
+        let received = loop {
+            let pause = self.run_server();
+            let left = until.map_or(Duration::MAX, |until| {
+                until.saturating_duration_since(Instant::now())
+            });
+            match self.inbox.take(pause.min(left)) {
+                Some(received) => break received,
+                None if left.is_zero() || self.inbox.has_ended() => return None,
+                None => {}
+            }
+        };
+        match &received {
+            Received::Control(bytes) => {
+                self.received.add(bytes.len());
+                self.send(Input::Taken(bytes.len()));
+            }
+            Received::State(bytes) => self.received.add(bytes.len()),
+            Received::Ended(_) => {}
+        }
+        Some(received)
+    }
+
+    fn statistics(&self) -> WireStatistics {
+        WireStatistics {
+            sent_bytes: self.sent.bytes.load(Ordering::Relaxed),
+            sent_datagrams: self.sent.pieces.load(Ordering::Relaxed),
+            received_bytes: self.received.bytes.load(Ordering::Relaxed),
+            received_datagrams: self.received.pieces.load(Ordering::Relaxed),
+            ..WireStatistics::default()
+        }
+    }
+}
+
+impl Drop for LocalConnection {
+    fn drop(&mut self) {
+        self.inbox.abandon();
+        // A server that is gone needs no word of it.
+        let _ = (self.host).send(self.peer, Input::Closed(TransportCode::LEFT.0));
+    }
+}
+
+impl Traffic {
+    fn add(&self, bytes: usize) {
+        self.bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+        self.pieces.fetch_add(1, Ordering::Relaxed);
+    }
+}

@@ -1,0 +1,230 @@
+//! Scenes whose server is in the same process: equal to a bare engine, shared by threads, ended without harm.
+
+use std::sync::Arc;
+use std::thread;
+use std::time::Duration;
+
+use rhumb_client::scene::{BodyDesc, Command, SceneConfig, Shape, Stepping};
+use rhumb_client::{
+    BodyId, Client, ClientError, Event, JoinMode, JoinOptions, PipelineDepth, StreamChoice, Tick,
+    Tolerance,
+};
+use rhumb_local::{Local as _, LocalServer};
+use rhumb_server::{Front, Hook, Hooks, Instant, Scene};
+use rhumb_sims::by_name;
+
+/// Both ways to run a server.
+fn servers() -> [LocalServer; 2] {
+    [
+        LocalServer::new(),
+        LocalServer::spawn().expect("a thread can start"),
+    ]
+}
+
+/// The commands of each tick of a script.
+fn commands(bodies: u32, ticks: u64) -> (SceneConfig, Vec<Vec<Command>>) {
+    let mut script = by_name("ball-pit", bodies, 7).expect("an existing script");
+    let commands = (0..ticks).map(|tick| {
+        let mut out = Vec::new();
+        script.commands(Tick::new(tick), &mut out);
+        out
+    });
+    let commands = commands.collect();
+    (script.config(), commands)
+}
+
+/// The digest of a script without client or server.
+fn digest_alone(config: SceneConfig, commands: &[Vec<Command>]) -> u64 {
+    let mut scene = Scene::new(config).expect("a valid config");
+    for tick in commands {
+        for command in tick {
+            scene.apply(command).expect("a valid command");
+        }
+        scene.step().expect("the engine is sound");
+    }
+    scene.digest().value()
+}
+
+#[test]
+fn a_scene_is_equal_to_that_of_a_bare_engine_whichever_thread_steps() {
+    let (config, commands) = commands(100, 240);
+    let alone = digest_alone(config, &commands);
+    for server in servers() {
+        for depth in [PipelineDepth::LOCKSTEP, PipelineDepth::PIPELINED] {
+            let scene = format!("pit/{depth:?}").to_lowercase();
+            let options = JoinOptions {
+                mode: JoinMode::Create(config),
+                ..JoinOptions::default()
+            };
+            let scene: String = scene
+                .chars()
+                .filter(|c| c.is_ascii_alphanumeric())
+                .collect();
+            let mut client = server
+                .connect()
+                .join_with(&scene, options)
+                .expect("a new scene");
+            client.new_ids(101).expect("enough indices");
+            for tick in &commands {
+                for command in tick {
+                    client
+                        .command(command.clone())
+                        .expect("the connection is open");
+                }
+                client.advance(depth).expect("the scene goes on");
+            }
+            client
+                .wait(PipelineDepth::LOCKSTEP)
+                .expect("the scene goes on");
+            let truth = client.inspect().expect("the server answers");
+            assert_eq!((truth.tick, truth.truth), (Tick::new(240), alone));
+            assert_eq!(client.statistics().stream.mismatches, 0);
+            client.delete().expect("the scene is there");
+        }
+    }
+}
+
+#[test]
+fn clients_on_two_threads_share_a_scene() {
+    for server in servers() {
+        let mut driver = server.connect().join("shared").expect("a new scene");
+        let ball = BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 10.0, 0.0);
+        let ball = driver.add_body(ball).expect("room for a body");
+        driver.advance(PipelineDepth::LOCKSTEP).expect("it steps");
+        let observing = thread::spawn(move || {
+            let mut observer = server.connect().join("shared").expect("a scene");
+            while observer
+                .view()
+                .time()
+                .is_none_or(|at| at.tick < Tick::new(60))
+            {
+                observer.idle(Duration::from_millis(1)).expect("it goes on");
+                observer.wait(PipelineDepth::LOCKSTEP).expect("it goes on");
+            }
+            observer.view().position(ball).expect("a body of the scene")
+        });
+        for _ in 1..60 {
+            driver.advance(PipelineDepth::LOCKSTEP).expect("it steps");
+        }
+        let seen = observing.join().expect("the observer ends");
+        assert_eq!(driver.view().position(ball), Some(seen));
+    }
+}
+
+#[test]
+fn a_free_running_scene_steps_in_real_time() {
+    let config = SceneConfig {
+        stepping: Stepping::FreeRunning,
+        ..SceneConfig::default()
+    };
+    let options = JoinOptions {
+        mode: JoinMode::Create(config),
+        ..JoinOptions::default()
+    };
+    for server in servers() {
+        let mut client = server
+            .connect()
+            .join_with("free", options)
+            .expect("a new scene");
+        let ball = BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 10.0, 0.0);
+        let ball = client.add_body(ball).expect("room for a body");
+        client.flush();
+        let falls = |client: &Client| client.view().position(ball).is_some_and(|at| at.y < 9.0);
+        while !falls(&client) {
+            client
+                .idle(Duration::from_millis(5))
+                .expect("the scene goes on");
+            client.poll().expect("the scene goes on");
+        }
+    }
+}
+
+#[test]
+fn a_large_scene_can_be_joined() {
+    for server in servers() {
+        let mut first = server.connect().join("large").expect("a new scene");
+        let at = |place: u32| [(place % 100) as f32 * 3.0, 1.0, (place / 100) as f32 * 3.0];
+        let body = |place| {
+            let [x, y, z] = at(place);
+            BodyDesc::fixed(Shape::ball(0.5)).at(x, y, z)
+        };
+        let ids = first
+            .add_bodies((0..20_000).map(body))
+            .expect("room for bodies");
+        first.advance(PipelineDepth::LOCKSTEP).expect("it steps");
+        let second = server.connect().join("large").expect("the scene is there");
+        for (place, id) in (0..).zip(&ids) {
+            let position = second.view().position(*id).expect("a body of the scene");
+            assert!((position.to_array()[0] - at(place)[0]).abs() < 0.1);
+        }
+    }
+}
+
+#[test]
+fn a_server_that_panics_ends_its_clients_with_an_error() {
+    let hooks = || {
+        Hooks::new(|_, _| {
+            Some(Hook::new(|scene: &Scene, _: &mut Vec<Command>| {
+                assert!(scene.tick() < Tick::new(3), "a hook of the test");
+            }))
+        })
+    };
+    let front = || {
+        let mut front = Front::on_one_thread(|| Instant::ZERO);
+        front.attach(hooks());
+        front
+    };
+    let spawned = LocalServer::spawn_of(front()).expect("a thread can start");
+    for server in [LocalServer::of(front()), spawned] {
+        let mut client = server.connect().join("hooked").expect("a new scene");
+        let failed = (0..10).find_map(|_| client.advance(PipelineDepth::LOCKSTEP).err());
+        assert!(failed.is_some());
+        assert!(client.advance(PipelineDepth::LOCKSTEP).is_err());
+    }
+}
+
+#[test]
+fn the_thread_ends_with_the_last_client() {
+    let (held, gone) = (Arc::new(()), Arc::new(()));
+    let alive = Arc::downgrade(&gone);
+    drop(held);
+    let mut front = Front::on_one_thread(|| Instant::ZERO);
+    front.attach(Hooks::new(move |_, _| {
+        let _kept = &gone;
+        None
+    }));
+    let server = LocalServer::spawn_of(front).expect("a thread can start");
+    let client = server.connect().join("last").expect("a new scene");
+    drop(server);
+    assert!(alive.upgrade().is_some());
+    client.close();
+    while alive.upgrade().is_some() {
+        thread::yield_now();
+    }
+}
+
+#[test]
+fn the_interface_is_that_of_a_remote_client() {
+    let options = JoinOptions {
+        stream: StreamChoice::Within(Tolerance::FINE),
+        ..JoinOptions::default()
+    };
+    let mut client = Client::local()
+        .join_with("own", options)
+        .expect("a new scene");
+    assert_eq!(client.tolerance(), Some(Tolerance::FINE));
+    let error = client.command(Command::RemoveBody {
+        id: BodyId::new(9, 0),
+    });
+    let number = error.expect("it is queued");
+    client.advance(PipelineDepth::LOCKSTEP).expect("it steps");
+    let events = std::iter::from_fn(|| client.poll_event());
+    let refused = |(_, event)| matches!(event, Event::Refused { number: of, .. } if of == number);
+    assert!(events.map(refused).any(|refused| refused));
+    client.delete().expect("the scene is there");
+    let late = client.advance(PipelineDepth::LOCKSTEP);
+    assert!(
+        matches!(late, Err(ClientError::SceneDeleted | ClientError::Ended(_))),
+        "{late:?}"
+    );
+}
