@@ -56,10 +56,7 @@ fn a_scene_is_equal_to_that_of_a_bare_engine_whichever_thread_steps() {
                 mode: JoinMode::Create(config),
                 ..JoinOptions::default()
             };
-            let scene: String = scene
-                .chars()
-                .filter(|c| c.is_ascii_alphanumeric())
-                .collect();
+            let scene: String = scene.chars().filter(char::is_ascii_alphanumeric).collect();
             let mut client = server
                 .connect()
                 .join_with(&scene, options)
@@ -220,7 +217,7 @@ fn the_interface_is_that_of_a_remote_client() {
     client.advance(PipelineDepth::LOCKSTEP).expect("it steps");
     let events = std::iter::from_fn(|| client.poll_event());
     let refused = |(_, event)| matches!(event, Event::Refused { number: of, .. } if of == number);
-    assert!(events.map(refused).any(|refused| refused));
+    assert!(events.into_iter().any(refused));
     client.delete().expect("the scene is there");
     let late = client.advance(PipelineDepth::LOCKSTEP);
     assert!(

@@ -18,7 +18,7 @@ use bytes::Bytes;
 use rhumb_netsim::{LinkConfig, UdpRelay};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake, WakeReason};
 use rhumb_transport::{
-    Certificate, ClientOptions, Connection, QuicClient, QuicServer, ServerOptions, Stop, Trust,
+    Certificate, ClientOptions, QuicClient, QuicServer, ServerOptions, Stop, Trust,
 };
 use ring::aead::{AES_256_GCM, Aad, LessSafeKey, Nonce, UnboundKey};
 use serde::{Deserialize, Serialize};

@@ -6,7 +6,8 @@ use std::sync::mpsc::{Sender, channel};
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit, Wake};
 use rhumb_transport::{
-    Certificate, ClientOptions, DATAGRAM_BYTES_MIN, QuicClient, Received, TransportCode, Trust,
+    Certificate, ClientOptions, Connection as _, DATAGRAM_BYTES_MIN, QuicClient, Received,
+    TransportCode, Trust,
 };
 
 use crate::support::{Event, Running, TIMEOUT, read_control, serve};
