@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::io;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use rhumb_protocol::Ending;
@@ -20,6 +21,13 @@ pub enum OpenError {
         /// The address, as the caller wrote it.
         server: String,
         /// The resolver's error.
+        cause: io::Error,
+    },
+    /// Nothing answers at a Unix socket.
+    Socket {
+        /// The socket.
+        path: PathBuf,
+        /// The system's error.
         cause: io::Error,
     },
     /// The connection was not established.
@@ -77,6 +85,13 @@ impl fmt::Display for OpenError {
                 write!(
                     f,
                     "{server:?} is not a host and port that can be reached: {cause}"
+                )
+            }
+            Self::Socket { path, cause } => {
+                write!(
+                    f,
+                    "no server can be reached at the socket {}: {cause}",
+                    path.display()
                 )
             }
             Self::Connect(cause) => cause.fmt(f),

@@ -3,12 +3,16 @@
 //! Joining takes up to three answers: welcome, creation, snapshot. Each must arrive within the connection's timeout.
 
 use std::net::{SocketAddr, ToSocketAddrs};
+#[cfg(unix)]
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use rhumb_protocol::message::{Denial, SessionKey};
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{ClientSession, Event};
+#[cfg(unix)]
+use rhumb_transport::UnixClient;
 use rhumb_transport::{ClientOptions, Connection, QuicClient, Trust, random_bytes};
 
 use crate::client::Client;
@@ -18,6 +22,10 @@ use crate::pump::{BoxedConnection, Pump, Redial, span};
 
 /// Default time limit for an answer of the server.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// The first characters of the address of a Unix socket.
+#[cfg(unix)]
+const UNIX_PREFIX: &str = "unix:";
 
 /// A connection to a server that has joined no scene yet.
 pub struct ServerConnection {
@@ -29,6 +37,10 @@ pub struct ServerConnection {
 
 impl ServerConnection {
     pub(crate) fn open(address: &str, trust: Trust, timeout: Duration) -> Result<Self, OpenError> {
+        #[cfg(unix)]
+        if let Some(path) = address.strip_prefix(UNIX_PREFIX) {
+            return Self::open_unix(path.into()).map(|opened| opened.timeout(timeout));
+        }
         let options = ClientOptions {
             server_name: host_of(address).to_owned(),
             ..ClientOptions::new(resolve(address)?, trust)
@@ -43,6 +55,19 @@ impl ServerConnection {
             ..Self::over(connection)
         }
         .timeout(timeout))
+    }
+
+    #[cfg(unix)]
+    fn open_unix(path: PathBuf) -> Result<Self, OpenError> {
+        let connection = UnixClient::connect(&path).map_err(|cause| OpenError::Socket {
+            path: path.clone(),
+            cause,
+        })?;
+        let redial: Redial = Arc::new(move |_| Some(Box::new(UnixClient::connect(&path).ok()?)));
+        Ok(Self {
+            redial: Some(redial),
+            ..Self::over(connection)
+        })
     }
 
     /// A connection that another program carries, such as one to a server in the same process. A client that loses it
@@ -146,6 +171,9 @@ impl ServerConnection {
 impl Client {
     /// Connects to the server at `address`, `host:port`, within five seconds. The same timeout holds for every later
     /// call that waits for an answer.
+    ///
+    /// `unix:PATH` reaches a server of this machine by its Unix socket; the trust is then not asked, since only the user
+    /// who runs the server can connect.
     ///
     /// The system resolves the host's name first; this has no time limit.
     ///

@@ -3,7 +3,7 @@
 //! Runs on whichever thread calls it. It neither waits nor sleeps. A panic of the server ends its connections, and
 //! never reaches a caller.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Endpoint, Peer, Transmit};
 use rhumb_server::Front;
-use rhumb_transport::{Clock, Inbox};
+use rhumb_transport::{Clock, HeldBack, Inbox};
 
 /// One input of a client.
 #[derive(Debug)]
@@ -44,23 +44,19 @@ impl Input {
 pub(crate) struct Driver {
     front: Front,
     clock: Clock,
-    peers: BTreeMap<Peer, LocalPeer>,
+    inboxes: BTreeMap<Peer, Arc<Inbox>>,
+    held_back: HeldBack<Bytes>,
     /// True after a panic: the front is in an unknown state, and is not called again.
     broken: bool,
 }
 
-struct LocalPeer {
-    inbox: Arc<Inbox>,
-    /// Control bytes that the server does not want yet.
-    held_back: VecDeque<Bytes>,
-}
-
 impl Driver {
-    pub(crate) const fn new(front: Front, clock: Clock) -> Self {
+    pub(crate) fn new(front: Front, clock: Clock) -> Self {
         Self {
             front,
             clock,
-            peers: BTreeMap::new(),
+            inboxes: BTreeMap::new(),
+            held_back: HeldBack::default(),
             broken: false,
         }
     }
@@ -99,29 +95,19 @@ impl Driver {
         let now = self.clock.now();
         match input {
             Input::Opened(inbox) => {
-                let held_back = VecDeque::new();
-                self.peers.insert(from, LocalPeer { inbox, held_back });
+                self.inboxes.insert(from, inbox);
                 self.front.handle_opened(now, from);
                 self.front.handle_control_taken(now, from, 0);
             }
             Input::Control(bytes) => {
-                let Some(peer) = self.peers.get_mut(&from) else {
-                    return;
-                };
-                if peer.held_back.is_empty() && self.front.wants_control(from) {
-                    self.front.handle_control(now, from, &bytes);
-                } else {
-                    peer.held_back.push_back(bytes);
-                }
+                (self.held_back).handle_control(now, &mut self.front, from, bytes);
             }
             Input::Taken(bytes) => self.front.handle_control_taken(now, from, bytes),
             Input::State(bytes) => self.front.handle_datagram(now, from, &bytes),
             Input::Closed(code) => {
-                if let Some(peer) = self.peers.remove(&from) {
-                    for bytes in peer.held_back {
-                        self.front.handle_control(now, from, &bytes);
-                    }
-                    peer.inbox.put_end(Ending::Closed(code));
+                if let Some(inbox) = self.inboxes.remove(&from) {
+                    (self.held_back).deliver_rest(now, &mut self.front, from);
+                    inbox.put_end(Ending::Closed(code));
                     self.front.handle_ended(now, from, Ending::Closed(code));
                 }
             }
@@ -134,7 +120,7 @@ impl Driver {
             self.front.handle_timeout(now);
         }
         self.transmit();
-        while self.deliver() {
+        while self.held_back.deliver(now, &mut self.front) {
             self.transmit();
         }
         let wake = self.front.poll_timeout()?;
@@ -142,8 +128,8 @@ impl Driver {
     }
 
     fn end(&mut self) {
-        for peer in std::mem::take(&mut self.peers).into_values() {
-            peer.inbox.put_end(Ending::Broken);
+        for inbox in std::mem::take(&mut self.inboxes).into_values() {
+            inbox.put_end(Ending::Broken);
         }
     }
 
@@ -151,38 +137,24 @@ impl Driver {
         while let Some(transmit) = self.front.poll_transmit() {
             match transmit {
                 Transmit::Control { to, bytes } => {
-                    if let Some(peer) = self.peers.get(&to) {
-                        peer.inbox.put_bounded_control(&bytes);
+                    if let Some(inbox) = self.inboxes.get(&to) {
+                        inbox.put_bounded_control(&bytes);
                     }
                 }
                 Transmit::State { to, bytes } => {
-                    if let Some(peer) = self.peers.get(&to) {
-                        peer.inbox.put_state(&bytes);
+                    if let Some(inbox) = self.inboxes.get(&to) {
+                        inbox.put_state(&bytes);
                     }
                 }
                 Transmit::Close { to, code } => {
                     let now = self.clock.now();
-                    if let Some(peer) = self.peers.remove(&to) {
-                        peer.inbox.put_end(Ending::Closed(code));
+                    if let Some(inbox) = self.inboxes.remove(&to) {
+                        self.held_back.forget(to);
+                        inbox.put_end(Ending::Closed(code));
                         self.front.handle_ended(now, to, Ending::Closed(code));
                     }
                 }
             }
         }
-    }
-
-    /// Hands on control bytes that were held back and are wanted now; returns whether there were any.
-    fn deliver(&mut self) -> bool {
-        let mut any = false;
-        let now = self.clock.now();
-        for (from, peer) in &mut self.peers {
-            while self.front.wants_control(*from)
-                && let Some(bytes) = peer.held_back.pop_front()
-            {
-                self.front.handle_control(now, *from, &bytes);
-                any = true;
-            }
-        }
-        any
     }
 }

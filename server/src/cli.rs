@@ -7,7 +7,7 @@ use std::ffi::OsString;
 use std::io::Write;
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -68,6 +68,9 @@ pub struct Arguments {
     /// Lets clients without a token come from other machines too: those of --open and of --app-listen.
     #[arg(long)]
     open_to_network: bool,
+    /// Path of a Unix socket for clients of this machine, beside the address; only this user can connect.
+    #[arg(long, value_name = "PATH")]
+    socket: Option<PathBuf>,
     /// TCP address for figures (/metrics) and health (/health).
     #[arg(long, value_name = "ADDRESS")]
     metrics: Option<SocketAddr>,
@@ -182,6 +185,7 @@ fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> 
     set(&mut settings.largest_packet, arguments.largest_packet);
     settings.flight = arguments.flight.clone().or(settings.flight);
     settings.metrics = arguments.metrics.or(settings.metrics);
+    settings.socket = arguments.socket.clone().or(settings.socket);
     settings.data = arguments.data.clone().or(settings.data);
     if arguments.cert.is_some() {
         settings.cert = arguments.cert.clone();
@@ -261,6 +265,7 @@ fn run(
     if let Some(data) = data {
         server.store_in(data);
     }
+    listen_at(&mut server, settings.socket.as_deref())?;
     if let Some(directory) = &settings.flight {
         server.record_flights(directory.clone());
     }
@@ -310,6 +315,24 @@ fn access(settings: &ServerSettings) -> Result<Access, Box<dyn Error>> {
             let keys = TokenKeys::read(&settings.token_keys, &settings.audience)?;
             Ok(Access::Tokens(keys))
         }
+    }
+}
+
+/// Serves clients of this machine at a Unix socket.
+#[cfg(unix)]
+fn listen_at(server: &mut Server, path: Option<&Path>) -> Result<(), Box<dyn Error>> {
+    if let Some(path) = path {
+        server.listen_at(path)?;
+    }
+    Ok(())
+}
+
+/// This system has no Unix sockets.
+#[cfg(not(unix))]
+fn listen_at(_server: &mut Server, path: Option<&Path>) -> Result<(), Box<dyn Error>> {
+    match path {
+        Some(_) => Err("this system has no Unix sockets: leave out --socket".into()),
+        None => Ok(()),
     }
 }
 

@@ -5,11 +5,13 @@
 use std::fmt;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
 use rhumb_protocol::packet::LargestPacket;
+#[cfg(unix)]
+use rhumb_transport::UnixServer;
 use rhumb_transport::{
     BindError, Certificate, CertificateError, Clock, Fingerprint, QuicServer, ServeError,
     ServerOptions, ServerStatistics, Stop,
@@ -71,6 +73,8 @@ pub struct Server {
     largest_packet: LargestPacket,
     limits: Limits,
     metrics: Option<TcpListener>,
+    #[cfg(unix)]
+    socket: Option<UnixServer>,
     data: Option<DataDir>,
     flight: Option<PathBuf>,
     /// Serves the clients of another protocol.
@@ -89,6 +93,13 @@ pub enum RunError {
     Metrics {
         /// The TCP address.
         address: SocketAddr,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// The Unix socket cannot be used.
+    Socket {
+        /// Its path.
+        path: PathBuf,
         /// The system's error.
         cause: io::Error,
     },
@@ -128,6 +139,9 @@ impl fmt::Display for RunError {
                     f,
                     "cannot answer requests for figures at {address}: {cause}"
                 )
+            }
+            Self::Socket { path, cause } => {
+                write!(f, "cannot listen at the socket {}: {cause}", path.display())
             }
             Self::Flight { directory, cause } => {
                 let directory = directory.display();
@@ -177,6 +191,8 @@ impl Server {
             largest_packet: LargestPacket::DEFAULT,
             limits: Limits::default(),
             metrics: None,
+            #[cfg(unix)]
+            socket: None,
             data: None,
             flight: None,
             #[cfg(feature = "app")]
@@ -229,6 +245,21 @@ impl Server {
         let local = listener.local_addr().map_err(failed)?;
         self.metrics = Some(listener);
         Ok(local)
+    }
+
+    /// Serves clients of this machine at a Unix socket too. Only the user who runs the server can connect.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError::Socket`] if another server listens there or the folder cannot be written.
+    #[cfg(unix)]
+    pub fn listen_at(&mut self, path: &Path) -> Result<(), RunError> {
+        let bound = UnixServer::bind(path).map_err(|cause| RunError::Socket {
+            path: path.to_owned(),
+            cause,
+        })?;
+        self.socket = Some(bound);
+        Ok(())
     }
 
     /// Sets the limits.
@@ -290,6 +321,16 @@ impl Server {
         if let Some(data) = self.data {
             front.store_in(clock.now(), data).map_err(RunError::Data)?;
         }
+        #[cfg(unix)]
+        let served = match self.socket {
+            None => self.transport.run(&mut front, stop),
+            Some(socket) => {
+                let waker = self.transport.waker();
+                let mut all = socket.serve(&mut front, waker).map_err(RunError::Thread)?;
+                self.transport.run(&mut all, stop)
+            }
+        };
+        #[cfg(not(unix))]
         let served = self.transport.run(&mut front, stop);
         front.shut_down();
         drop(answering);

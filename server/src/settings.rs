@@ -31,6 +31,7 @@ pub(crate) struct ServerSettings {
     pub(crate) audience: String,
     pub(crate) open: bool,
     pub(crate) open_to_network: bool,
+    pub(crate) socket: Option<PathBuf>,
     pub(crate) metrics: Option<SocketAddr>,
     pub(crate) data: Option<PathBuf>,
     pub(crate) flight: Option<PathBuf>,
@@ -77,7 +78,7 @@ impl std::error::Error for SettingsError {}
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
-const ROWS: [(&str, &str, &str); 14] = [
+const ROWS: [(&str, &str, &str); 15] = [
     (
         "listen",
         "\"127.0.0.1:4433\"",
@@ -108,6 +109,11 @@ const ROWS: [(&str, &str, &str); 14] = [
         "open_to_network",
         "false",
         "Lets clients without a token come from other machines too.",
+    ),
+    (
+        "socket",
+        "\"rhumb.sock\"",
+        "Path of a Unix socket for clients of this machine, beside the address; only the server's user can connect.",
     ),
     (
         "metrics",
@@ -143,7 +149,7 @@ const ROWS: [(&str, &str, &str); 14] = [
 ];
 
 /// The settings that a file need not have, and that have no default.
-const OPTIONAL: [&str; 5] = ["cert", "key", "metrics", "data", "flight"];
+const OPTIONAL: [&str; 6] = ["cert", "key", "socket", "metrics", "data", "flight"];
 
 impl Default for ServerSettings {
     fn default() -> Self {
@@ -155,6 +161,7 @@ impl Default for ServerSettings {
             audience: DEFAULT_AUDIENCE.to_owned(),
             open: false,
             open_to_network: false,
+            socket: None,
             metrics: None,
             data: None,
             flight: None,

@@ -1,4 +1,4 @@
-//! The sockets and clocks of Rhumb: QUIC for its own protocol.
+//! The sockets and clocks of Rhumb: QUIC, and Unix sockets within one machine.
 //!
 //! Carries bytes between [`rhumb_protocol::Endpoint`]s and interprets none of them. Every queue between threads is
 //! bounded. A listener of another protocol wakes the thread of a server by a [`Waker`].
@@ -6,6 +6,7 @@
 
 mod clock;
 mod connection;
+mod held_back;
 mod link_meter;
 mod piece;
 mod quic;
@@ -13,9 +14,12 @@ mod random;
 #[cfg(feature = "raw")]
 pub mod raw;
 mod socket;
+#[cfg(unix)]
+mod unix;
 
 pub use clock::Clock;
 pub use connection::Connection;
+pub use held_back::HeldBack;
 pub use link_meter::LinkMeter;
 pub use piece::{ByteCredit, PIECE_COST_BYTES, Piece};
 pub use quic::{
@@ -26,3 +30,5 @@ pub use quic::{
 };
 pub use random::random_bytes;
 pub use socket::{bind_udp, io_runtime};
+#[cfg(unix)]
+pub use unix::{UnixClient, UnixServer, WithUnixPeers};

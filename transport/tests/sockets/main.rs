@@ -1,4 +1,4 @@
-//! QUIC end to end on loopback: the promises of both ends.
+//! QUIC on loopback and Unix sockets, end to end: the promises of both ends.
 //!
 //! Real sockets and threads; every wait is for an event, and a time limit only bounds a failure. Proves delivery, not
 //! timing.
@@ -7,3 +7,5 @@ mod closing;
 mod connecting;
 mod lanes;
 mod support;
+#[cfg(unix)]
+mod unix;

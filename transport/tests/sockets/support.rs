@@ -33,6 +33,19 @@ pub(crate) struct Echo {
     open_gate: Option<Receiver<()>>,
 }
 
+impl Echo {
+    /// An endpoint, and its events.
+    pub(crate) fn new() -> (Self, Receiver<Event>) {
+        let (sender, events) = channel();
+        let echo = Self {
+            out: VecDeque::new(),
+            events: sender,
+            open_gate: None,
+        };
+        (echo, events)
+    }
+}
+
 impl Endpoint for Echo {
     fn handle_opened(&mut self, _: Instant, peer: Peer) {
         let _ = self.events.send(Event::Opened(peer));
@@ -92,12 +105,8 @@ impl Running {
     }
 
     pub(crate) fn start(certificate: Certificate, open_gate: Option<Receiver<()>>) -> Self {
-        let (sender, events) = channel();
-        let echo = Echo {
-            out: VecDeque::new(),
-            events: sender,
-            open_gate,
-        };
+        let (mut echo, events) = Echo::new();
+        echo.open_gate = open_gate;
         let (
             Bound {
                 address,

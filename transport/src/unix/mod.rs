@@ -1,0 +1,13 @@
+//! Unix stream sockets for both ends: the packets of the network between two processes of one machine.
+//!
+//! Control and state share the stream, in frames. No bytes are interpreted here. A client reads on its caller's thread;
+//! a server has a thread for the socket, and two for each connection, whose queues are bounded.
+
+mod client;
+mod credit;
+mod frame;
+mod outgoing;
+mod server;
+
+pub use client::UnixClient;
+pub use server::{UnixServer, WithUnixPeers};
