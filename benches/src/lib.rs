@@ -9,6 +9,7 @@ pub mod cost;
 pub mod drive;
 pub mod evaluate;
 pub mod fit;
+pub mod frames;
 pub mod limit;
 pub mod machine;
 pub mod output;

@@ -8,6 +8,7 @@ use rhumb_bench::cost::{CostArguments, cost};
 use rhumb_bench::drive::{Serve, serve};
 use rhumb_bench::evaluate::{Evaluate, evaluate};
 use rhumb_bench::fit::{FitArguments, fit};
+use rhumb_bench::frames::{FramesArguments, frames};
 use rhumb_bench::limit::{LimitArguments, limit};
 use rhumb_bench::replay::{Replay, replay};
 use rhumb_bench::scene_file::{SceneArguments, scene};
@@ -32,6 +33,8 @@ enum Task {
     Limit(LimitArguments),
     /// Measure the processor time of publishing, decoding and one more member.
     Cost(CostArguments),
+    /// Measure a simulator's frame with its physics in process, in another process and behind a socket.
+    Frames(FramesArguments),
     /// Fit the tables of the packet coder to recorded traces.
     Fit(FitArguments),
     /// Write the bodies a scene places as JSON, for engines that are not linked here.
@@ -48,6 +51,7 @@ fn main() -> ExitCode {
         Task::Ablate(arguments) => ablate(&arguments),
         Task::Limit(arguments) => limit(&arguments),
         Task::Cost(arguments) => cost(&arguments),
+        Task::Frames(arguments) => frames(&arguments),
         Task::Fit(arguments) => fit(&arguments),
         Task::Scene(arguments) => scene(&arguments),
         Task::Serve(arguments) => serve(*arguments),
