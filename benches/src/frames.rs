@@ -1,4 +1,4 @@
-//! `rhumb-bench frames`: a simulator's frame by where its physics is, from its own thread to another process.
+//! `rhumb-bench frames`: a simulator's frame by where its physics is.
 //!
 //! Every place steps the same script. At each tick each place has its frame in turn, so that a change of the machine's
 //! speed meets all of them. A frame sends the commands, has the scene step, and reads every pose.

@@ -56,6 +56,7 @@ mod id_allocator;
 mod join_options;
 mod pump;
 mod reconnector;
+mod redial;
 mod server_connection;
 mod shape_numbers;
 mod statistics;
@@ -80,7 +81,7 @@ pub use rhumb_reckoning::{
     Radians, Rate, Seconds, Tick, Ticks, Tolerance, ToleranceScale, TurnBound,
 };
 pub use rhumb_transport::{
-    CertificateError, ConnectError, Connection, Fingerprint, FingerprintError, Received,
+    CertificateError, ClientTransport, ConnectError, Fingerprint, FingerprintError, Received,
     TransportCode, Trust, WireStatistics,
 };
 pub use rhumb_view::{PipelineDepth, RenderParams, RenderTime, View};

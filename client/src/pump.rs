@@ -2,14 +2,14 @@
 //!
 //! Contains no protocol logic. A wait ends at the given deadline at the latest.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
-use rhumb_transport::{Clock, Connection, Received};
+use rhumb_transport::{Clock, Received};
 
 use crate::reconnector::{ReconnectProgress, Reconnector};
+use crate::redial::{BoxedConnection, Redial};
 
 /// A connection and its session.
 pub(crate) struct Pump {
@@ -24,12 +24,6 @@ pub(crate) struct Pump {
     /// Called with all bytes in both directions, for recording.
     tap: Option<Tap>,
 }
-
-/// A connection, whatever carries its bytes.
-pub(crate) type BoxedConnection = Box<dyn Connection>;
-
-/// Reaches the server of an ended connection again, within some time.
-pub(crate) type Redial = Arc<dyn Fn(Duration) -> Option<BoxedConnection> + Send + Sync>;
 
 /// Callback that receives all bytes between session and connection.
 pub(crate) type Tap = Box<dyn FnMut(TapChannel, &[u8]) + Send>;

@@ -11,7 +11,7 @@ use std::time::Duration;
 use rhumb_protocol::Instant;
 use rhumb_transport::{Clock, random_bytes};
 
-use crate::pump::{BoxedConnection, Redial};
+use crate::redial::{BoxedConnection, Redial};
 
 /// First pause.
 const PAUSE_FIRST: Duration = Duration::from_millis(100);

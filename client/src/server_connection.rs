@@ -13,12 +13,13 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::{ClientSession, Event};
 #[cfg(unix)]
 use rhumb_transport::UnixClient;
-use rhumb_transport::{ClientOptions, Connection, QuicClient, Trust, random_bytes};
+use rhumb_transport::{ClientOptions, ClientTransport, QuicClient, Trust, random_bytes};
 
 use crate::client::Client;
 use crate::error::{ClientError, OpenError};
 use crate::join_options::{JoinMode, JoinOptions};
-use crate::pump::{BoxedConnection, Pump, Redial, span};
+use crate::pump::{Pump, span};
+use crate::redial::{BoxedConnection, Redial};
 
 /// Default time limit for an answer of the server.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
@@ -73,7 +74,7 @@ impl ServerConnection {
     /// A connection that another program carries, such as one to a server in the same process. A client that loses it
     /// does not reconnect.
     #[must_use]
-    pub fn over(connection: impl Connection + 'static) -> Self {
+    pub fn over(connection: impl ClientTransport + 'static) -> Self {
         Self {
             connection: Box::new(connection),
             redial: None,

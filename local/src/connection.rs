@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use bytes::Bytes;
-use rhumb_client::{Connection, Ending, Received, TransportCode, WireStatistics};
-use rhumb_protocol::Peer;
-use rhumb_transport::Inbox;
+use rhumb_client::{ClientTransport, Ending, Received, TransportCode, WireStatistics};
+use rhumb_protocol::{Peer, Span};
+use rhumb_transport::{Clock, Inbox};
 
-use crate::driver::Input;
+use crate::driver::LocalInput;
 use crate::host::{Host, Lost};
 
 /// Longest sleep of a client whose server runs on the threads of its clients: another client's call may have brought the
@@ -21,6 +21,7 @@ pub(crate) struct LocalConnection {
     host: Host,
     peer: Peer,
     inbox: Arc<Inbox>,
+    clock: Clock,
     sent: Traffic,
     received: Traffic,
 }
@@ -38,22 +39,23 @@ impl LocalConnection {
             host,
             peer,
             inbox: Arc::default(),
+            clock: Clock::start(),
             sent: Traffic::default(),
             received: Traffic::default(),
         };
-        connection.send(Input::Opened(Arc::clone(&connection.inbox)));
+        connection.send(LocalInput::Opened(Arc::clone(&connection.inbox)));
         connection
     }
 
     /// Hands an input to the server; without one, the connection has ended.
-    fn send(&self, input: Input) {
+    fn send(&self, input: LocalInput) {
         let ending = match self.host.send(self.peer, input) {
             Ok(()) => return,
             Err(Lost::Server) => Ending::Broken,
             Err(Lost::Full) => {
                 let code = TransportCode::CONTROL_OVERFLOW.0;
                 // If the server is gone, the connection ends below all the same.
-                let _ = self.host.send(self.peer, Input::Closed(code));
+                let _ = self.host.send(self.peer, LocalInput::Closed(code));
                 Ending::Closed(code)
             }
         };
@@ -75,31 +77,30 @@ impl LocalConnection {
     }
 }
 
-impl Connection for LocalConnection {
+impl ClientTransport for LocalConnection {
     fn send_control(&self, bytes: Bytes) {
         self.sent.add(bytes.len());
-        self.send(Input::Control(bytes));
+        self.send(LocalInput::Control(bytes));
     }
 
     fn send_state(&self, bytes: Bytes) {
         self.sent.add(bytes.len());
         // As on a network, a datagram that cannot be kept is lost.
-        if self.host.send(self.peer, Input::State(bytes)) == Err(Lost::Server) {
+        if self.host.send(self.peer, LocalInput::State(bytes)) == Err(Lost::Server) {
             self.inbox.put_end(Ending::Broken);
         }
     }
 
     fn close(&self, code: u32) {
-        self.send(Input::Closed(code));
+        self.send(LocalInput::Closed(code));
     }
 
     fn recv(&mut self, timeout: Duration) -> Option<Received> {
-        let until = Instant::now().checked_add(timeout);
+        let timeout = Span::from_nanos(u64::try_from(timeout.as_nanos()).unwrap_or(u64::MAX));
+        let until = self.clock.now() + timeout;
         let received = loop {
             let pause = self.run_server();
-            let left = until.map_or(Duration::MAX, |until| {
-                until.saturating_duration_since(Instant::now())
-            });
+            let left = self.clock.until(until);
             match self.inbox.take(pause.min(left)) {
                 Some(received) => break received,
                 None if left.is_zero() || self.inbox.has_ended() => return None,
@@ -109,7 +110,7 @@ impl Connection for LocalConnection {
         match &received {
             Received::Control(bytes) => {
                 self.received.add(bytes.len());
-                self.send(Input::Taken(bytes.len()));
+                self.send(LocalInput::Taken(bytes.len()));
             }
             Received::State(bytes) => self.received.add(bytes.len()),
             Received::Ended(_) => {}
@@ -132,7 +133,7 @@ impl Drop for LocalConnection {
     fn drop(&mut self) {
         self.inbox.abandon();
         // A server that is gone needs no word of it.
-        let _ = (self.host).send(self.peer, Input::Closed(TransportCode::LEFT.0));
+        let _ = (self.host).send(self.peer, LocalInput::Closed(TransportCode::LEFT.0));
     }
 }
 

@@ -1,4 +1,4 @@
-//! The server side: inputs of the clients, timeouts, transmissions into their inboxes.
+//! The server side: inputs of clients, timeouts, transmissions.
 //!
 //! Runs on whichever thread calls it. It neither waits nor sleeps. A panic of the server ends its connections, and
 //! never reaches a caller.
@@ -15,7 +15,7 @@ use rhumb_transport::{Clock, HeldBack, Inbox};
 
 /// One input of a client.
 #[derive(Debug)]
-pub(crate) enum Input {
+pub(crate) enum LocalInput {
     Opened(Arc<Inbox>),
     Control(Bytes),
     /// The client has taken so many control bytes out of its inbox.
@@ -25,7 +25,7 @@ pub(crate) enum Input {
     Closed(u32),
 }
 
-impl Input {
+impl LocalInput {
     /// Its bytes.
     pub(crate) fn bytes(&self) -> usize {
         match self {
@@ -62,9 +62,9 @@ impl Driver {
     }
 
     /// Hands an input to the server. What it transmits waits for [`Self::run`].
-    pub(crate) fn handle(&mut self, from: Peer, input: Input) {
+    pub(crate) fn handle(&mut self, from: Peer, input: LocalInput) {
         if self.broken
-            && let Input::Opened(inbox) = &input
+            && let LocalInput::Opened(inbox) = &input
         {
             inbox.put_end(Ending::Broken);
         }
@@ -91,20 +91,20 @@ impl Driver {
         called.ok()
     }
 
-    fn take(&mut self, from: Peer, input: Input) {
+    fn take(&mut self, from: Peer, input: LocalInput) {
         let now = self.clock.now();
         match input {
-            Input::Opened(inbox) => {
+            LocalInput::Opened(inbox) => {
                 self.inboxes.insert(from, inbox);
                 self.front.handle_opened(now, from);
                 self.front.handle_control_taken(now, from, 0);
             }
-            Input::Control(bytes) => {
+            LocalInput::Control(bytes) => {
                 (self.held_back).handle_control(now, &mut self.front, from, bytes);
             }
-            Input::Taken(bytes) => self.front.handle_control_taken(now, from, bytes),
-            Input::State(bytes) => self.front.handle_datagram(now, from, &bytes),
-            Input::Closed(code) => {
+            LocalInput::Taken(bytes) => self.front.handle_control_taken(now, from, bytes),
+            LocalInput::State(bytes) => self.front.handle_datagram(now, from, &bytes),
+            LocalInput::Closed(code) => {
                 if let Some(inbox) = self.inboxes.remove(&from) {
                     (self.held_back).deliver_rest(now, &mut self.front, from);
                     inbox.put_end(Ending::Closed(code));

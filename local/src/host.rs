@@ -1,4 +1,4 @@
-//! The way of a client's inputs to the server: a call, or a queue to the server's thread.
+//! The way of a client's inputs to the server: a call or a queue.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::Sender;
@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 
 use rhumb_protocol::Peer;
 
-use crate::driver::{Driver, Input};
+use crate::driver::{Driver, LocalInput};
 
 /// Bytes that may wait for the server's thread, from all clients.
 const WAITING_BYTES_MAX: usize = 64 << 20;
@@ -25,14 +25,14 @@ pub(crate) enum Host {
 /// Inputs that wait for the server's thread.
 #[derive(Clone)]
 pub(crate) struct InputQueue {
-    sender: Sender<Message>,
+    sender: Sender<QueuedInput>,
     waiting: Arc<AtomicUsize>,
 }
 
 /// One waiting input.
-pub(crate) struct Message {
+pub(crate) struct QueuedInput {
     from: Peer,
-    input: Input,
+    input: LocalInput,
     waiting: Arc<AtomicUsize>,
 }
 
@@ -45,7 +45,7 @@ pub(crate) enum Lost {
 
 impl Host {
     /// Hands over an input. A server on the caller's thread has handled it when this returns.
-    pub(crate) fn send(&self, from: Peer, input: Input) -> Result<(), Lost> {
+    pub(crate) fn send(&self, from: Peer, input: LocalInput) -> Result<(), Lost> {
         match self {
             Self::Caller(driver) => {
                 // No panic leaves the driver.
@@ -59,21 +59,21 @@ impl Host {
 }
 
 impl InputQueue {
-    pub(crate) fn new(sender: Sender<Message>) -> Self {
+    pub(crate) fn new(sender: Sender<QueuedInput>) -> Self {
         Self {
             sender,
             waiting: Arc::default(),
         }
     }
 
-    fn send(&self, from: Peer, input: Input) -> Result<(), Lost> {
+    fn send(&self, from: Peer, input: LocalInput) -> Result<(), Lost> {
         let cost = cost(&input);
         if self.waiting.load(Ordering::Relaxed) + cost > WAITING_BYTES_MAX && input.is_refusable() {
             return Err(Lost::Full);
         }
         self.waiting.fetch_add(cost, Ordering::Relaxed);
         let waiting = Arc::clone(&self.waiting);
-        let message = Message {
+        let message = QueuedInput {
             from,
             input,
             waiting,
@@ -82,7 +82,7 @@ impl InputQueue {
     }
 }
 
-impl Message {
+impl QueuedInput {
     /// Has the server handle the input.
     pub(crate) fn handle(self, driver: &mut Driver) {
         self.waiting.fetch_sub(cost(&self.input), Ordering::Relaxed);
@@ -90,6 +90,6 @@ impl Message {
     }
 }
 
-fn cost(input: &Input) -> usize {
+fn cost(input: &LocalInput) -> usize {
     INPUT_COST_BYTES + input.bytes()
 }

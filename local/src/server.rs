@@ -13,7 +13,7 @@ use rhumb_transport::Clock;
 
 use crate::connection::LocalConnection;
 use crate::driver::Driver;
-use crate::host::{Host, InputQueue, Message};
+use crate::host::{Host, InputQueue, QueuedInput};
 
 /// Inputs that the server's thread handles before outputs and ticks get their turn.
 const INPUTS_PER_TURN: usize = 256;
@@ -94,7 +94,7 @@ fn front() -> Front {
 }
 
 /// Runs a server until nothing can reach it any more.
-fn run(driver: &mut Driver, inputs: &Receiver<Message>) {
+fn run(driver: &mut Driver, inputs: &Receiver<QueuedInput>) {
     loop {
         let first = match driver.run() {
             None => inputs.recv().map_err(|_| RecvTimeoutError::Disconnected),

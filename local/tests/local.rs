@@ -1,4 +1,6 @@
-//! Scenes whose server is in the same process: equal to a bare engine, shared by threads, ended without harm.
+//! Scenes whose server is in the same process.
+//!
+//! They are equal to a bare engine's, shared by threads, and end without harm.
 
 use std::sync::Arc;
 use std::thread;

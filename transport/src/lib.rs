@@ -4,8 +4,8 @@
 //! bounded. A listener of another protocol wakes the thread of a server by a [`Waker`].
 #![forbid(unsafe_code)]
 
+mod client_transport;
 mod clock;
-mod connection;
 mod held_back;
 mod link_meter;
 mod piece;
@@ -17,8 +17,8 @@ mod socket;
 #[cfg(unix)]
 mod unix;
 
+pub use client_transport::ClientTransport;
 pub use clock::Clock;
-pub use connection::Connection;
 pub use held_back::HeldBack;
 pub use link_meter::LinkMeter;
 pub use piece::{ByteCredit, PIECE_COST_BYTES, Piece};

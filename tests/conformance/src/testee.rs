@@ -16,7 +16,7 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, IdRange, ShapeId};
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, LengthBound, Tick, Tolerance};
-use rhumb_transport::{ClientOptions, Clock, Connection, QuicClient, Received, Trust};
+use rhumb_transport::{ClientOptions, ClientTransport, Clock, QuicClient, Received, Trust};
 
 pub use lines::{bits, copy_line, moving};
 pub use task::{TesteeEnvironment, TesteeTask};

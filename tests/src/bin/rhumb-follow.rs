@@ -17,7 +17,9 @@ use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{LengthBound, Tick, Tolerance};
 use rhumb_sims::{Script, by_name};
-use rhumb_transport::{ClientOptions, Clock, Connection, Fingerprint, QuicClient, Received, Trust};
+use rhumb_transport::{
+    ClientOptions, ClientTransport, Clock, Fingerprint, QuicClient, Received, Trust,
+};
 
 /// Leads a scene and writes the state of its copy.
 #[derive(Debug, Parser)]

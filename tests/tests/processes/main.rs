@@ -14,5 +14,7 @@ mod examples;
 mod hostile_load;
 mod public_client;
 mod tier_policy_quic;
+#[cfg(unix)]
+mod unix_socket;
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));

@@ -570,34 +570,3 @@ fn a_scene_at_rest_costs_a_member_sixty_bytes_a_second_both_ways_and_all_headers
     }
     assert!(least <= 60.0, "{least} B/s");
 }
-
-#[cfg(unix)]
-#[test]
-fn a_unix_socket_reaches_the_same_scenes() {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let path = folder.path().join("rhumb.sock");
-    let path = path.to_str().expect("text");
-    let server = SERVER.serve_with(ANYWHERE, &["--socket", path]);
-    let address = format!("unix:{path}");
-    let trust = || Trust::Fingerprint(server.fingerprint);
-    let mut near = Client::connect(&address, trust())
-        .and_then(|connection| connection.join("near"))
-        .expect("the server is there");
-    let floor = BodyDesc::fixed(Shape::cuboid(10.0, 0.5, 10.0)).at(0.0, -0.5, 0.0);
-    near.add_body(floor).expect("room for a body");
-    let ball = BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 10.0, 0.0);
-    let ball = near.add_body(ball).expect("room for a body");
-    for _ in 0..180 {
-        near.advance(PipelineDepth::LOCKSTEP)
-            .expect("the scene goes on");
-    }
-    let far = open(&server, "near", JoinMode::Join);
-    let height = |client: &Client| client.view().position(ball).expect("a body").y;
-    assert!((height(&near) - 0.5).abs() < 0.1);
-    assert!((height(&far) - height(&near)).abs() < 0.1);
-    drop(server);
-    let ended = near.advance(PipelineDepth::LOCKSTEP);
-    assert!(matches!(ended, Err(ClientError::Ended(_))), "{ended:?}");
-    let refused = refused(Client::connect(&address, Trust::Roots("none.pem".into())));
-    assert!(matches!(refused, OpenError::Socket { .. }), "{refused}");
-}

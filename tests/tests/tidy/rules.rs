@@ -180,6 +180,7 @@ fn no_library_prints() {
         "server/src/",
         "client/src/",
         "client/view/src/",
+        "local/src/",
         "sims/src/",
     ];
     report(

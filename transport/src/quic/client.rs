@@ -20,7 +20,7 @@ use super::inbox::{Inbox, Received};
 use super::statistics::WireStatistics;
 use super::trust::{self, Trust};
 use super::tuning;
-use crate::connection::Connection;
+use crate::client_transport::ClientTransport;
 use crate::socket::{bind_udp, io_runtime};
 
 /// The server to connect to, and how to authenticate it.
@@ -127,7 +127,7 @@ impl QuicClient {
     }
 }
 
-impl Connection for QuicClient {
+impl ClientTransport for QuicClient {
     /// Control bytes come before datagrams that wait at the same time.
     fn recv(&mut self, timeout: Duration) -> Option<Received> {
         self.inbox.take(timeout)

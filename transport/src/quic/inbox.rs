@@ -1,5 +1,6 @@
-//! Received bytes between the thread that receives them for a client, and the client's caller.
+//! Received bytes that wait for a client's caller.
 //!
+//! Another thread, or a call of the server in this process, puts them there.
 //! Bounded lane by lane: control stops reading the stream, state drops its oldest. The end comes once, after
 //! everything else.
 

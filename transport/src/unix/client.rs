@@ -11,9 +11,9 @@ use bytes::Bytes;
 use rhumb_protocol::Ending;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::frame::{Frame, FrameReader};
+use super::frame::{FrameReader, StreamFrame};
 use super::outgoing::Outgoing;
-use crate::connection::Connection;
+use crate::client_transport::ClientTransport;
 use crate::quic::{Received, TransportCode, WireStatistics};
 
 /// Bytes of one read.
@@ -72,9 +72,9 @@ impl UnixClient {
     fn next(&mut self) -> Option<Received> {
         let received = match self.frames.next() {
             Ok(None) => return None,
-            Ok(Some(Frame::Control(bytes))) => Received::Control(bytes),
-            Ok(Some(Frame::State(bytes))) => Received::State(bytes),
-            Ok(Some(Frame::End(code))) => return Some(self.end(Ending::Closed(code))),
+            Ok(Some(StreamFrame::Control(bytes))) => Received::Control(bytes),
+            Ok(Some(StreamFrame::State(bytes))) => Received::State(bytes),
+            Ok(Some(StreamFrame::End(code))) => return Some(self.end(Ending::Closed(code))),
             Err(_) => return Some(self.end(Ending::Broken)),
         };
         let (Received::Control(bytes) | Received::State(bytes)) = &received else {
@@ -92,7 +92,7 @@ impl UnixClient {
     }
 }
 
-impl Connection for UnixClient {
+impl ClientTransport for UnixClient {
     /// If too much waits for the server, the connection closes with [`TransportCode::CONTROL_OVERFLOW`].
     fn send_control(&self, bytes: Bytes) {
         self.count_sent(bytes.len());

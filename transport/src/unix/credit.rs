@@ -1,4 +1,4 @@
-//! Bound on the control bytes of a connection that wait for the server's thread.
+//! Bound on a connection's control bytes that wait for the server.
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 

@@ -14,7 +14,7 @@ const END: u8 = 2;
 
 /// One frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Frame {
+pub(super) enum StreamFrame {
     /// The next bytes of the control stream.
     Control(Bytes),
     /// One state datagram.
@@ -33,7 +33,7 @@ pub(super) struct FrameReader {
     bytes: BytesMut,
 }
 
-impl Frame {
+impl StreamFrame {
     /// The frame's bytes on the stream.
     pub(super) fn encode(&self) -> Bytes {
         let (lane, payload) = match self {
@@ -56,7 +56,7 @@ impl FrameReader {
     }
 
     /// The next whole frame.
-    pub(super) fn next(&mut self) -> Result<Option<Frame>, InvalidFrame> {
+    pub(super) fn next(&mut self) -> Result<Option<StreamFrame>, InvalidFrame> {
         let Some(head) = self.bytes.get(..HEAD_BYTES) else {
             return Ok(None);
         };
@@ -71,9 +71,9 @@ impl FrameReader {
         self.bytes.advance(HEAD_BYTES);
         let mut payload = self.bytes.split_to(length).freeze();
         match lane {
-            CONTROL => Ok(Some(Frame::Control(payload))),
-            STATE => Ok(Some(Frame::State(payload))),
-            _ if length == size_of::<u32>() => Ok(Some(Frame::End(payload.get_u32_le()))),
+            CONTROL => Ok(Some(StreamFrame::Control(payload))),
+            STATE => Ok(Some(StreamFrame::State(payload))),
+            _ if length == size_of::<u32>() => Ok(Some(StreamFrame::End(payload.get_u32_le()))),
             _ => Err(InvalidFrame),
         }
     }
@@ -86,12 +86,12 @@ mod tests {
     #[test]
     fn a_stream_cut_anywhere_has_the_same_frames() {
         let frames = [
-            Frame::Control(Bytes::from_static(b"hello")),
-            Frame::State(Bytes::new()),
-            Frame::State(Bytes::from(vec![7; FRAME_BYTES_MAX])),
-            Frame::End(0x104),
+            StreamFrame::Control(Bytes::from_static(b"hello")),
+            StreamFrame::State(Bytes::new()),
+            StreamFrame::State(Bytes::from(vec![7; FRAME_BYTES_MAX])),
+            StreamFrame::End(0x104),
         ];
-        let stream: Vec<u8> = frames.iter().flat_map(Frame::encode).collect();
+        let stream: Vec<u8> = frames.iter().flat_map(StreamFrame::encode).collect();
         for step in [1, 2, 7, 4_096, stream.len()] {
             let mut reader = FrameReader::default();
             let mut read = Vec::new();

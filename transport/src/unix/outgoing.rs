@@ -1,4 +1,4 @@
-//! Frames that leave an end: at once if the socket takes them, otherwise by a thread.
+//! Frames that leave an end: at once, or by a thread.
 
 use std::collections::VecDeque;
 use std::io::{self, Write};
@@ -12,7 +12,7 @@ use bytes::Bytes;
 use rustix::io::Errno;
 use rustix::net::{SendFlags, send};
 
-use super::frame::{FRAME_BYTES_MAX, Frame};
+use super::frame::{FRAME_BYTES_MAX, StreamFrame};
 
 /// Waiting bytes beyond which datagrams are dropped.
 const STATE_WAITING_MAX: usize = 1 << 20;
@@ -78,7 +78,7 @@ impl Outgoing {
         while !bytes.is_empty() {
             let piece = bytes.split_to(bytes.len().min(FRAME_BYTES_MAX));
             let control = piece.len();
-            let bytes = Frame::Control(piece).encode();
+            let bytes = StreamFrame::Control(piece).encode();
             self.send(&mut waiting, WaitingFrame { bytes, control })?;
         }
         Ok(())
@@ -90,7 +90,7 @@ impl Outgoing {
         if waiting.bytes > STATE_WAITING_MAX || bytes.len() > FRAME_BYTES_MAX {
             return false;
         }
-        let bytes = Frame::State(bytes).encode();
+        let bytes = StreamFrame::State(bytes).encode();
         self.send(&mut waiting, WaitingFrame { bytes, control: 0 })
             .is_ok()
     }
@@ -99,7 +99,7 @@ impl Outgoing {
     pub(super) fn close(&self, code: u32) {
         let mut waiting = self.lock();
         if !waiting.closed {
-            let bytes = Frame::End(code).encode();
+            let bytes = StreamFrame::End(code).encode();
             waiting.frames.push_back(WaitingFrame { bytes, control: 0 });
             waiting.closed = true;
         }

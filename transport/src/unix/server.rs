@@ -1,4 +1,4 @@
-//! Server over a Unix socket, beside the network's: its peers join those of another driver.
+//! Server over a Unix socket, beside another driver's peers.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
@@ -15,7 +15,7 @@ use bytes::Bytes;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
 
 use super::credit::{Credit, WaitingBytes};
-use super::frame::{Frame, FrameReader};
+use super::frame::{FrameReader, StreamFrame};
 use super::outgoing::Outgoing;
 use crate::clock::Clock;
 use crate::held_back::HeldBack;
@@ -46,7 +46,7 @@ pub struct WithUnixPeers<'a, E> {
     endpoint: &'a mut E,
     clock: Clock,
     waker: Waker,
-    inputs: Receiver<(Peer, Input)>,
+    inputs: Receiver<(Peer, SocketInput)>,
     peers: BTreeMap<Peer, UnixPeer>,
     held_back: HeldBack<WaitingBytes>,
     /// Removes the socket's file when it is dropped.
@@ -54,7 +54,7 @@ pub struct WithUnixPeers<'a, E> {
     stop: Arc<AtomicBool>,
 }
 
-enum Input {
+enum SocketInput {
     Opened(Arc<Outgoing>),
     Control(WaitingBytes),
     State(Bytes),
@@ -133,7 +133,7 @@ fn is_dead(path: &Path) -> bool {
 /// Accepts connections until the server stops.
 fn accept(
     listener: &UnixListener,
-    to: &SyncSender<(Peer, Input)>,
+    to: &SyncSender<(Peer, SocketInput)>,
     waker: &Waker,
     stop: &AtomicBool,
 ) {
@@ -160,20 +160,20 @@ fn accept(
 fn start_peer(
     socket: UnixStream,
     peer: Peer,
-    to: &SyncSender<(Peer, Input)>,
+    to: &SyncSender<(Peer, SocketInput)>,
     waker: &Waker,
     open: &Arc<AtomicUsize>,
 ) -> io::Result<()> {
     let (written, on_writer) = (to.clone(), waker.clone());
     let outgoing = Outgoing::start(socket.try_clone()?, move || {
         // A full queue has the server read what was taken soon enough.
-        if written.try_send((peer, Input::Written)).is_ok() {
+        if written.try_send((peer, SocketInput::Written)).is_ok() {
             on_writer.wake();
         }
     })?;
     let (to, waker, counted) = (to.clone(), waker.clone(), Arc::clone(open));
     open.fetch_add(1, Ordering::Relaxed);
-    let opened = Input::Opened(Arc::clone(&outgoing));
+    let opened = SocketInput::Opened(Arc::clone(&outgoing));
     let started = thread::Builder::new()
         .name("rhumb-unix-in".to_owned())
         .spawn(move || {
@@ -186,7 +186,7 @@ fn start_peer(
             if send(opened) {
                 read(&socket, &send);
             }
-            send(Input::Ended);
+            send(SocketInput::Ended);
             counted.fetch_sub(1, Ordering::Relaxed);
         });
     if started.is_err() {
@@ -197,7 +197,7 @@ fn start_peer(
 }
 
 /// Reads frames until the stream ends.
-fn read(mut socket: &UnixStream, send: &dyn Fn(Input) -> bool) {
+fn read(mut socket: &UnixStream, send: &dyn Fn(SocketInput) -> bool) {
     let credit = Arc::new(Credit::default());
     let mut frames = FrameReader::default();
     let mut buffer = vec![0; READ_BYTES];
@@ -210,10 +210,10 @@ fn read(mut socket: &UnixStream, send: &dyn Fn(Input) -> bool) {
         }
         loop {
             let input = match frames.next() {
-                Ok(Some(Frame::Control(bytes))) => Input::Control(credit.admit(bytes)),
-                Ok(Some(Frame::State(bytes))) => Input::State(bytes),
-                Ok(Some(Frame::End(code))) => {
-                    send(Input::Closed(code));
+                Ok(Some(StreamFrame::Control(bytes))) => SocketInput::Control(credit.admit(bytes)),
+                Ok(Some(StreamFrame::State(bytes))) => SocketInput::State(bytes),
+                Ok(Some(StreamFrame::End(code))) => {
+                    send(SocketInput::Closed(code));
                     return;
                 }
                 Ok(None) => break,
@@ -238,10 +238,10 @@ impl<E: Endpoint> WithUnixPeers<'_, E> {
         self.waker.wake();
     }
 
-    fn handle(&mut self, from: Peer, input: Input) {
+    fn handle(&mut self, from: Peer, input: SocketInput) {
         let now = self.clock.now();
         match input {
-            Input::Opened(outgoing) => {
+            SocketInput::Opened(outgoing) => {
                 let peer = UnixPeer {
                     outgoing,
                     reported: 0,
@@ -251,19 +251,19 @@ impl<E: Endpoint> WithUnixPeers<'_, E> {
                 self.endpoint.handle_opened(now, from);
                 self.endpoint.handle_control_taken(now, from, 0);
             }
-            Input::Control(bytes) => {
+            SocketInput::Control(bytes) => {
                 if self.is_open(from) {
                     (self.held_back).handle_control(now, self.endpoint, from, bytes);
                 }
             }
-            Input::State(bytes) => {
+            SocketInput::State(bytes) => {
                 if self.is_open(from) {
                     self.endpoint.handle_datagram(now, from, &bytes);
                 }
             }
-            Input::Closed(code) => self.end(now, from, Ending::Closed(code)),
-            Input::Written => self.report(from),
-            Input::Ended => self.end(now, from, Ending::Broken),
+            SocketInput::Closed(code) => self.end(now, from, Ending::Closed(code)),
+            SocketInput::Written => self.report(from),
+            SocketInput::Ended => self.end(now, from, Ending::Broken),
         }
     }
 

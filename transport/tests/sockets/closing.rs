@@ -2,7 +2,7 @@
 
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Peer};
-use rhumb_transport::{Connection as _, Received, TransportCode};
+use rhumb_transport::{ClientTransport as _, Received, TransportCode};
 
 use crate::support::{Event, Running, TIMEOUT, read_control};
 

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Sender, channel};
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit, Wake};
 use rhumb_transport::{
-    Certificate, ClientOptions, Connection as _, DATAGRAM_BYTES_MIN, QuicClient, Received,
+    Certificate, ClientOptions, ClientTransport as _, DATAGRAM_BYTES_MIN, QuicClient, Received,
     TransportCode, Trust,
 };
 

@@ -11,8 +11,8 @@ use std::time::Duration;
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit, Wake};
 use rhumb_transport::{
-    Certificate, ClientOptions, Connection as _, Fingerprint, QuicClient, QuicServer, Received,
-    ServerOptions, ServerStatistics, ServerWatch, Stop, Trust,
+    Certificate, ClientOptions, ClientTransport as _, Fingerprint, QuicClient, QuicServer,
+    Received, ServerOptions, ServerStatistics, ServerWatch, Stop, Trust,
 };
 
 /// Longer than any step of these tests; reached only by a failure.

@@ -1,4 +1,4 @@
-//! Unix sockets: the same lanes and ends as over the network, and files that other programs left.
+//! Unix sockets: the lanes and ends of the network, and files left behind.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -10,7 +10,7 @@ use std::thread::{self, JoinHandle};
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Peer};
 use rhumb_transport::{
-    Certificate, Connection as _, QuicServer, Received, ServerOptions, Stop, TransportCode,
+    Certificate, ClientTransport as _, QuicServer, Received, ServerOptions, Stop, TransportCode,
     UnixClient, UnixServer,
 };
 use tempfile::TempDir;

@@ -11,7 +11,7 @@ use bytes::Bytes;
 use rhumb_netsim::{Direction, LinkConfig, Probability, UdpRelay};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit, Wake};
 use rhumb_transport::{
-    Certificate, ClientOptions, ConnectError, Connection, QuicClient, QuicServer, Received,
+    Certificate, ClientOptions, ClientTransport, ConnectError, QuicClient, QuicServer, Received,
     ServerOptions, Stop, Trust,
 };
 

@@ -9,7 +9,7 @@ use crate::quic::{Received, WireStatistics};
 /// An open connection of a client: one reliable stream of control bytes, and state datagrams.
 ///
 /// [`QuicClient`](crate::QuicClient) reaches a server over the network. Other programs may bring their own.
-pub trait Connection: Send {
+pub trait ClientTransport: Send {
     /// Appends bytes to the control stream without waiting. A connection that cannot keep them ends.
     fn send_control(&self, bytes: Bytes);
 
