@@ -17,10 +17,10 @@ pub use clock::Clock;
 pub use link_meter::LinkMeter;
 pub use piece::{ByteCredit, PIECE_COST_BYTES, Piece};
 pub use quic::{
-    BindError, Certificate, CertificateError, ClientOptions, ConnectError, DATAGRAM_BYTES_MIN,
-    DevelopmentPem, Fingerprint, FingerprintError, QuicClient, QuicServer, Received, ServeError,
-    ServerOptions, ServerStatistics, ServerWatch, Stop, TransportCode, Trust, Waker,
-    WireStatistics,
+    BindError, Certificate, CertificateError, CertificateHashes, ClientOptions, ConnectError,
+    DATAGRAM_BYTES_MIN, DevelopmentPem, Fingerprint, FingerprintError, InvalidOrigin, Origin,
+    Origins, QuicClient, QuicServer, Received, ServeError, ServerOptions, ServerStatistics,
+    ServerWatch, Stop, TransportCode, Trust, Waker, WebIdentity, WebOptions, WireStatistics,
 };
 pub use random::random_bytes;
 pub use socket::{bind_udp, io_runtime};

@@ -121,7 +121,7 @@ async fn connect(
             _ => ConnectError::ServerAddress { server, bind },
         })?;
     let connection = connecting.await.map_err(failed)?;
-    let closing = Closing::of(&connection);
+    let closing = Closing::of(&connection, None);
     if connection
         .max_datagram_size()
         .is_none_or(|bytes| bytes < DATAGRAM_BYTES_MIN)
