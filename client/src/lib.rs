@@ -50,20 +50,17 @@
 #![forbid(unsafe_code)]
 
 mod client;
-mod client_ids;
 mod error;
-mod id_allocator;
 mod join_options;
 mod pump;
 mod reconnector;
 mod server_connection;
-mod shape_numbers;
 mod statistics;
 
 pub use client::Client;
 pub use error::{ClientError, OpenError};
 pub use glam;
-pub use join_options::{JoinMode, JoinOptions, RESUME_WITHIN};
+pub use join_options::{JoinOptions, RESUME_WITHIN};
 pub use pump::TapChannel;
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{
@@ -83,6 +80,6 @@ pub use rhumb_transport::{
     CertificateError, ConnectError, Fingerprint, FingerprintError, TransportCode, Trust,
     WireStatistics,
 };
-pub use rhumb_view::{PipelineDepth, RenderParams, RenderTime, View};
+pub use rhumb_view::{JoinMode, PipelineDepth, RenderParams, RenderTime, View};
 pub use server_connection::ServerConnection;
 pub use statistics::Statistics;

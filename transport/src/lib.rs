@@ -20,7 +20,8 @@ pub use quic::{
     BindError, Certificate, CertificateError, CertificateHashes, ClientOptions, ConnectError,
     DATAGRAM_BYTES_MIN, DevelopmentPem, Fingerprint, FingerprintError, InvalidOrigin, Origin,
     Origins, QuicClient, QuicServer, Received, ServeError, ServerOptions, ServerStatistics,
-    ServerWatch, Stop, TransportCode, Trust, Waker, WebIdentity, WebOptions, WireStatistics,
+    ServerWatch, Stop, Trust, Waker, WebIdentity, WebOptions, WireStatistics,
 };
 pub use random::random_bytes;
+pub use rhumb_protocol::session::TransportCode;
 pub use socket::{bind_udp, io_runtime};

@@ -11,10 +11,10 @@ use quinn::{
     ClientConfig, ConnectError as QuinnConnectError, Connection, Endpoint, EndpointConfig,
     ReadError, RecvStream, SendStream, TokioRuntime,
 };
+use rhumb_protocol::session::TransportCode;
 use tokio::time::{self, sleep};
 
 use super::closing::Closing;
-use super::code::TransportCode;
 use super::connect_error::ConnectError;
 use super::connection_id::Unnamed;
 use super::control_queue::{ControlSender, ControlWriter, control_queue};

@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use quinn::{Connection, ConnectionError, TransportErrorCode, VarInt};
 use rhumb_protocol::Ending;
+use rhumb_protocol::session::TransportCode;
 use tokio::sync::Notify;
 
-use super::code::TransportCode;
 use super::web_session::{WebSession, session_code};
 
 /// The end of a connection: requested, performed and named from any thread.

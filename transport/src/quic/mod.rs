@@ -8,7 +8,6 @@ mod certificate;
 mod client;
 mod client_io;
 mod closing;
-mod code;
 mod connect_error;
 mod connection_id;
 mod control_queue;
@@ -16,6 +15,10 @@ mod datagram_lane;
 mod fingerprint;
 mod inbox;
 mod input;
+#[cfg_attr(
+    not(feature = "web"),
+    expect(dead_code, reason = "only sessions of browsers have an origin")
+)]
 mod origins;
 mod server;
 mod server_io;
@@ -33,7 +36,6 @@ mod web_session;
 
 pub use certificate::{Certificate, CertificateError, DevelopmentPem};
 pub use client::{ClientOptions, QuicClient};
-pub use code::TransportCode;
 pub use connect_error::ConnectError;
 pub use fingerprint::{Fingerprint, FingerprintError};
 pub use inbox::Received;

@@ -13,12 +13,12 @@ use quinn::{
 };
 use rhumb_protocol::Peer;
 use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
+use rhumb_protocol::session::TransportCode;
 use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
 use super::addresses::Addresses;
 use super::closing::Closing;
-use super::code::TransportCode;
 use super::control_queue::{ControlWriter, control_queue};
 use super::datagram_lane::DatagramLane;
 use super::input::{Input, PeerHandles};

@@ -10,9 +10,9 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use quinn::SendDatagramError;
+use rhumb_protocol::session::TransportCode;
 use rhumb_protocol::{Endpoint, Peer, Span, Transmit};
 
-use super::code::TransportCode;
 use super::input::{Input, PeerHandles};
 use super::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
 use super::waker::Waker;

@@ -10,13 +10,13 @@ use std::time::Duration;
 
 use bytes::{BufMut, Bytes, BytesMut};
 use quinn::{Connection, RecvStream, SendStream, VarInt};
+use rhumb_protocol::session::TransportCode;
 use tokio::sync::Notify;
 use tokio::time::timeout;
 use web_transport_proto as proto;
 use web_transport_proto::http::StatusCode;
 use web_transport_proto::http::header::ORIGIN;
 
-use super::code::TransportCode;
 use super::origins::Origins;
 
 /// The path that a client requests: it names the protocol, as the ALPN name does elsewhere.

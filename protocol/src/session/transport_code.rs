@@ -1,10 +1,10 @@
 //! Close codes of the transport, above those of the protocol.
 //!
-//! The protocol's own codes pass through as numbers.
+//! Only the names of numbers: the transport decides when to close with them.
 
-use std::fmt;
+use core::fmt;
 
-/// A QUIC application close code of the transport.
+/// A close code of the transport (PROTOCOL 3.4).
 ///
 /// Codes from 0x100 on belong to the transport, those below to the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
