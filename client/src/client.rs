@@ -14,8 +14,7 @@ use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_protocol::{Ending, Instant};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Tolerance};
-use rhumb_transport::TransportCode;
-use rhumb_view::{ClientIds, LiveView, PipelineDepth, RenderTime, UpstreamClock, View};
+use rhumb_view::{ClientIds, LiveView, PipelineDepth, RenderTime, UpstreamClock, View, may_resume};
 
 use crate::error::ClientError;
 use crate::join_options::JoinOptions;
@@ -493,17 +492,11 @@ impl Client {
 
     /// Tries to go on over another connection, unless the server refuses this client or the time is over.
     fn try_to_resume(&mut self, ending: Ending) -> bool {
-        let is_for_good = match ending {
-            Ending::Closed(code) => {
-                code != TransportCode::GOING_AWAY.0 && code != CloseCode::BUSY.0
-            }
-            Ending::TimedOut | Ending::Broken => false,
-        };
         let now = self.pump.now();
         let (since, _) = *self.interrupted.get_or_insert((now, ending));
         let tried = Duration::from_nanos(now.since(since).as_nanos());
         let left = self.resume_within.saturating_sub(tried);
-        !is_for_good && left > Duration::ZERO && self.pump.reconnect(left)
+        may_resume(ending) && left > Duration::ZERO && self.pump.reconnect(left)
     }
 
     /// Updates this client from an event; returns whether the event is passed to the caller.

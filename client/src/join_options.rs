@@ -5,11 +5,7 @@ use std::time::Duration;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::session::ClientSession;
 use rhumb_reckoning::Tolerance;
-use rhumb_view::{JoinMode, ViewOptions};
-
-/// Time for which a client of a durable scene tries to resume by default. A machine starts again within a minute, its
-/// server in seconds, and a client notices within ten; the server keeps the session for five minutes.
-pub const RESUME_WITHIN: Duration = Duration::from_secs(60);
+use rhumb_view::{JoinMode, RESUME_WITHIN, ViewOptions};
 
 /// Options for joining a scene.
 ///

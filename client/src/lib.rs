@@ -60,7 +60,7 @@ mod statistics;
 pub use client::Client;
 pub use error::{ClientError, OpenError};
 pub use glam;
-pub use join_options::{JoinOptions, RESUME_WITHIN};
+pub use join_options::JoinOptions;
 pub use pump::TapChannel;
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{
@@ -80,6 +80,6 @@ pub use rhumb_transport::{
     CertificateError, ConnectError, Fingerprint, FingerprintError, TransportCode, Trust,
     WireStatistics,
 };
-pub use rhumb_view::{JoinMode, PipelineDepth, RenderParams, RenderTime, View};
+pub use rhumb_view::{JoinMode, PipelineDepth, RESUME_WITHIN, RenderParams, RenderTime, View};
 pub use server_connection::ServerConnection;
 pub use statistics::Statistics;
