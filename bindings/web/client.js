@@ -51,6 +51,7 @@ export class Client {
     client.scene = scene;
     client.#connecting = connecting;
     client.#resumeWithin = options.resumeWithin;
+    client.#tap = options.record;
     client.#member = new Member(scene, { token: connecting.token, join: options, seed });
     const joined = new Promise((resolve, reject) => client.#waiting.joined.push({ resolve, reject }));
     client.#attach(connection);
@@ -268,6 +269,10 @@ export class Client {
 
   get view() {
     return this.#member.view;
+  }
+
+  get completeTick() {
+    return this.#member.completeTick;
   }
 
   get stream() {

@@ -62,7 +62,7 @@ export interface ConnectOptions {
   readonly token?: string;
   /** Cancels the attempt to connect or to join; afterwards it has no effect. */
   readonly signal?: AbortSignal;
-  /** Time limit of each step of connecting and joining, milliseconds. Default: 5000. */
+  /** Time limit of connecting, and again of joining, milliseconds. Default: 5000. */
   readonly timeout?: number;
   /** Where `rhumb.wasm` is. Default: beside `rhumb.js`. */
   readonly wasm?: WasmSource;
@@ -78,8 +78,9 @@ export type WasmSource = string | URL | Response | BufferSource | WebAssembly.Mo
  * `url`: `https://host:port` or `https://host:port/path`. Use the address `127.0.0.1` and not the name `localhost` for a
  * server of this machine, which listens at one of the two addresses of that name only.
  *
- * Rejects with a {@link RhumbError}: `unsupported` (this browser has no WebTransport), `connect` (not reached, another
- * certificate, an origin that the server does not allow), `timeout`, `aborted`, `argument`.
+ * Rejects with a {@link RhumbError}: `unsupported` (this browser has no WebTransport), `connect` (not reached, or another
+ * certificate), `timeout`, `aborted`, `argument`. A page whose origin the server does not allow connects, and is closed
+ * with the code 0x105 when it joins.
  */
 export function connect(url: string | URL, options?: ConnectOptions): Promise<ServerConnection>;
 
@@ -116,6 +117,8 @@ export interface JoinOptions {
    * queued meanwhile. Default: 60 if the server keeps the scene over its own end, else 0.
    */
   readonly resumeWithin?: number;
+  /** As {@link Client.record}, from the first byte on, so that the recording can be replayed. */
+  readonly record?: (channel: TapChannel, bytes: Uint8Array) => void;
 }
 
 /** A connection that has joined no scene yet. */
@@ -188,8 +191,14 @@ export class Client {
   poll(now?: number): number;
 
   /**
-   * Computes the view of a moment of the caller's choice, in ticks, without smoothing. A view does not go back: the bodies
-   * of a moment before the last one shown are those of the last one. Two clients that show the same moment can be compared.
+   * Computes the view of a moment of the caller's choice, in ticks, without smoothing. Two clients that show the same
+   * moment can be compared.
+   *
+   * A copy keeps one track of each body before its present one, and none before the moment shown last: a moment some ticks
+   * back is shown truly only for bodies with at most one update since. So compare at the newest tick that both know:
+   * `const tick = Math.min(copy.completeTick, truth.completeTick); copy.show(tick); truth.show(tick);` in each frame, and
+   * skip a full stream's tick if its `completeTick` is already later. {@link View.errorBounds} is infinite where the copy
+   * cannot tell.
    */
   show(ticks: number): void;
 
@@ -198,6 +207,9 @@ export class Client {
 
   /** The view as of the last call that computed it. The same object at all times. */
   readonly view: View;
+
+  /** The newest tick at which every body is within its tolerance; of a full stream, the tick of its states. */
+  readonly completeTick: number;
 
   /** The stream that the copy follows now. */
   readonly stream: StreamChoice;
@@ -268,6 +280,9 @@ export class Client {
 
   readonly statistics: Statistics;
 
+  /** The state of the copy in the words of spec/vectors, for comparison with another client. */
+  readonly digest: Digest | undefined;
+
   /** Calls `tap` with all bytes in both directions, for recording; undefined ends it. The bytes are the callee's. */
   record(tap: ((channel: TapChannel, bytes: Uint8Array) => void) | undefined): void;
 
@@ -275,6 +290,19 @@ export class Client {
   close(): void;
   /** Settles when the client has ended, with the reason. */
   readonly closed: Promise<RhumbError>;
+}
+
+/** spec/vectors/README.md has the words. */
+export interface Digest {
+  readonly watermark: number;
+  readonly complete: number;
+  readonly converged: boolean;
+  readonly next: number;
+  readonly missing: number;
+  /** Over all tracks. */
+  readonly checksum: string;
+  /** Over all predicted motions at the watermark, while nothing is missing. */
+  readonly poses?: string;
 }
 
 export type TapChannel = "controlDown" | "controlUp" | "stateDown" | "stateUp";
@@ -362,8 +390,8 @@ export type Shape =
   /** x, y, z of each point. */
   | { readonly kind: "hull"; readonly points: readonly number[] }
   /**
-   * A height for each post, row by row. A row lies along x, rows follow along z, both centred: post (r, c) is at
-   * x = (c − (columns − 1) / 2) · columnSpacing, y = heights[r · columns + c], z = (r − (rows − 1) / 2) · rowSpacing.
+   * A height for each post, row by row: post (r, c) stands at x = r · rowSpacing, y = heights[r · columns + c],
+   * z = c · columnSpacing from the body's origin.
    */
   | {
       readonly kind: "heights";
@@ -552,7 +580,7 @@ export interface Contact {
 
 export interface QueryHit {
   readonly body: BodyId;
-  /** Of a ray: share of the way. Of a projection: metres. Otherwise undefined. */
+  /** Metres: along the way, or from the point to the surface. Undefined for an overlap. */
   readonly distance?: number;
   readonly point?: Vec3;
   readonly normal?: Vec3;
@@ -580,8 +608,6 @@ export interface Statistics {
   readonly sentDatagrams: number;
   readonly sentDatagramBytes: number;
   readonly sentControlBytes: number;
-  /** Datagrams that the browser dropped because they were not read in time, where it says so. */
-  readonly droppedIncoming?: number;
   /** Milliseconds, as the session measures it. */
   readonly roundTrip: number;
   /** Of the present stream. */
@@ -695,8 +721,8 @@ export class Member {
   shape(id: ShapeId): Shape | undefined;
   track(id: BodyId): Track | undefined;
   errorBound(id: BodyId): number | undefined;
-  /** Digest of all tracks, 16 hexadecimal digits: equal to that of the Rust client that has read the same bytes. */
-  readonly trackDigest: string;
+  /** The state of the copy in the words of spec/vectors: equal to that of every client that has read the same bytes. */
+  readonly digest: Digest | undefined;
   /** Frees the module's memory of this member. */
   free(): void;
 }
