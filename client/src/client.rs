@@ -8,25 +8,19 @@ mod authority;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use rhumb_protocol::limits::SILENCE_MS_MAX;
 use rhumb_protocol::message::{Denial, Inspection, StreamChoice, TierPolicy};
 use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Query, SceneConfig};
 use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::{ErrorBound, Subscriber};
 use rhumb_protocol::{Ending, Instant};
-use rhumb_reckoning::{BodyId, BodyState, Seconds, Tick, Ticks, Tolerance};
-use rhumb_transport::TransportCode;
-use rhumb_view::{PipelineDepth, RenderParams, RenderTime, SceneClock, View};
+use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Tolerance};
+use rhumb_view::{ClientIds, LiveView, PipelineDepth, RenderTime, UpstreamClock, View, may_resume};
 
-use crate::client_ids::ClientIds;
 use crate::error::ClientError;
 use crate::join_options::JoinOptions;
 use crate::pump::{Pump, TapChannel, span};
 use crate::statistics::Statistics;
 
-/// Seconds that a free-running view predicts at most beyond the tick that should have been published by now. Then it
-/// holds.
-const PREDICT_SECONDS: f64 = 0.5;
 /// Limit of queued events. Beyond it, the oldest events are dropped.
 const EVENTS_KEPT: usize = 65_536;
 
@@ -34,16 +28,9 @@ const EVENTS_KEPT: usize = 65_536;
 pub struct Client {
     pump: Pump,
     timeout: Duration,
-    view: View,
+    live_view: LiveView,
     ids: ClientIds,
-    config: SceneConfig,
-    clock: SceneClock,
-    /// A second clock for the upstream, because the delay of the view does not apply to it.
-    upstream_clock: SceneClock,
-    delay_ticks: f64,
-    lead_ticks: f64,
-    whole_ticks: bool,
-    smooth: bool,
+    upstream_clock: UpstreamClock,
     requested: Tick,
     events: VecDeque<(Tick, Event)>,
     inspected: Option<Inspection>,
@@ -76,15 +63,9 @@ impl Client {
         let mut client = Self {
             pump,
             timeout,
-            view: View::default(),
+            live_view: LiveView::new(config, options.view_options()),
             ids: ClientIds::new(granted),
-            config,
-            clock: SceneClock::new(config.integrator.rate),
-            upstream_clock: SceneClock::new(config.integrator.rate),
-            delay_ticks: options.delay_ticks,
-            lead_ticks: options.lead_ticks,
-            whole_ticks: options.whole_ticks,
-            smooth: options.smooth,
+            upstream_clock: UpstreamClock::new(config.integrator.rate, options.lead_ticks),
             requested: watermark_tick,
             events: VecDeque::new(),
             inspected: None,
@@ -95,20 +76,20 @@ impl Client {
             resume_within,
             interrupted: None,
         };
-        client.refresh(RenderTime::at(watermark_tick), false);
+        client.show(watermark_tick);
         client
     }
 
     /// The configuration of the scene since its creation.
     #[must_use]
     pub const fn config(&self) -> &SceneConfig {
-        &self.config
+        self.live_view.config()
     }
 
     /// The view as of the last call that computed it.
     #[must_use]
     pub const fn view(&self) -> &View {
-        &self.view
+        self.live_view.view()
     }
 
     /// The copy of the scene: shapes, bodies, tracks.
@@ -193,7 +174,7 @@ impl Client {
     pub fn add_body(&mut self, body: BodyBuilder) -> Result<BodyId, ClientError> {
         let state = self.check_body(&body)?;
         self.reserve_ids(1)?;
-        self.ids.add_body(&mut self.pump.session, &body, state)
+        Ok(self.ids.add_body(&mut self.pump.session, &body, state)?)
     }
 
     /// Queues the addition of many bodies, and returns their ids in the same order. Equal shapes are sent once.
@@ -305,7 +286,8 @@ impl Client {
     pub fn advance(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
         self.check_open()?;
         self.denied = None;
-        self.requested = self.config.publish_schedule.next_published(self.requested);
+        let publish_schedule = self.config().publish_schedule;
+        self.requested = publish_schedule.next_published(self.requested);
         let now = self.pump.now();
         self.pump.session.advance(now, self.requested)?;
         self.pump.flush();
@@ -333,7 +315,7 @@ impl Client {
             self.turn(deadline, "complete tick")?;
         }
         let tick = self.complete();
-        self.refresh(RenderTime::at(tick), false);
+        self.show(tick);
         Ok(tick)
     }
 
@@ -348,31 +330,14 @@ impl Client {
         self.take_events();
         self.check_open()?;
         let now = self.pump.now();
-        let step = self.config.integrator.rate.step().seconds();
-        let stream = self.replica().map(Replica::stream);
-        let known = stream.map_or(0.0, |stream| stream.watermark_tick().value() as f64);
-        let silent = stream.map_or(0.0, |stream| stream.silent_ticks() as f64);
-        // The next watermark is due at a published tick, when the silence has doubled or has reached the longest
-        // allowed silence.
-        let due = silent.min(f64::from(SILENCE_MS_MAX) / (1e3 * step));
-        let publish_schedule = self.config.publish_schedule;
-        let due = due.max(f64::from(publish_schedule.publish_interval.get()));
-        let limit = known + due + PREDICT_SECONDS / step;
-        let shown = self.clock.show(now, self.delay_ticks(), known, limit);
-        let at = if self.whole_ticks {
-            RenderTime::at(shown.tick)
-        } else {
-            shown
-        };
-        self.refresh(at, self.smooth);
-        Ok(at)
+        Ok(self.live_view.show_present(&mut self.pump.session, now))
     }
 
     /// Ticks by which a free-running view stays behind the server's clock: the delay of its options plus the scene's
     /// lookahead.
     #[must_use]
     pub fn delay_ticks(&self) -> f64 {
-        self.delay_ticks + f64::from(self.config.publish_schedule.lookahead.count())
+        self.live_view.delay_ticks()
     }
 
     /// Handles received data for `duration`, without computing the view.
@@ -447,16 +412,13 @@ impl Client {
     #[must_use]
     pub fn statistics(&self) -> Statistics {
         let stream = self.replica().map(Replica::stream);
-        let server = self.clock.server(self.pump.now());
         Statistics {
             wire: self.pump.connection.statistics(),
             stream: stream.map(Subscriber::statistics).unwrap_or_default(),
             upstream: self.pump.session.upstream().unwrap_or_default(),
             watermark_tick: stream.map(Subscriber::watermark_tick).unwrap_or_default(),
             complete: self.complete(),
-            behind_ticks: server
-                .zip(self.view.time())
-                .map(|(server, shown)| server - shown.ticks()),
+            behind_ticks: self.live_view.behind_ticks(self.pump.now()),
         }
     }
 
@@ -475,7 +437,7 @@ impl Client {
         Ticks::new(
             depth
                 .ticks()
-                .saturating_mul(self.config.publish_schedule.publish_interval.get()),
+                .saturating_mul(self.config().publish_schedule.publish_interval.get()),
         )
     }
 
@@ -530,32 +492,19 @@ impl Client {
 
     /// Tries to go on over another connection, unless the server refuses this client or the time is over.
     fn try_to_resume(&mut self, ending: Ending) -> bool {
-        let is_for_good = match ending {
-            Ending::Closed(code) => {
-                code != TransportCode::GOING_AWAY.0 && code != CloseCode::BUSY.0
-            }
-            Ending::TimedOut | Ending::Broken => false,
-        };
         let now = self.pump.now();
         let (since, _) = *self.interrupted.get_or_insert((now, ending));
         let tried = Duration::from_nanos(now.since(since).as_nanos());
         let left = self.resume_within.saturating_sub(tried);
-        !is_for_good && left > Duration::ZERO && self.pump.reconnect(left)
+        may_resume(ending) && left > Duration::ZERO && self.pump.reconnect(left)
     }
 
     /// Updates this client from an event; returns whether the event is passed to the caller.
     fn note(&mut self, event: &Event) -> bool {
+        self.live_view.note(event);
+        self.upstream_clock.note(event);
         match *event {
-            Event::ClockSeen {
-                at,
-                tick,
-                since_tick,
-                round_trip,
-            } => {
-                self.clock.sample(at, tick, since_tick, round_trip);
-                self.upstream_clock.sample(at, tick, since_tick, round_trip);
-                return false;
-            }
+            Event::ClockSeen { .. } => return false,
             Event::Inspected(inspection) => {
                 self.inspected = Some(inspection);
                 return false;
@@ -571,23 +520,18 @@ impl Client {
                 }
                 self.ended = Some(ending);
             }
-            Event::Resumed(_) => {
-                self.interrupted = None;
-                self.clock = SceneClock::new(self.config.integrator.rate);
-                self.upstream_clock = SceneClock::new(self.config.integrator.rate);
-            }
+            Event::Resumed(_) => self.interrupted = None,
             _ => {}
         }
         self.ids.note(event, self.pump.session.replica())
     }
 
-    fn refresh(&mut self, at: RenderTime, smooth: bool) {
-        let now = Seconds::new(self.pump.now().as_nanos() as f64 / 1e9);
-        let Some(replica) = self.pump.session.replica_mut() else {
-            return;
-        };
-        let render_params = RenderParams { at, now, smooth };
-        self.view.refresh(replica.stream_mut(), &render_params);
+    /// Computes the view of a tick.
+    fn show(&mut self, tick: Tick) {
+        let now = self.pump.now();
+        let session = &mut self.pump.session;
+        self.live_view
+            .show(session, now, RenderTime::at(tick), false);
     }
 }
 

@@ -6,12 +6,12 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use rhumb_protocol::Ending;
-use rhumb_protocol::limits::SHAPES_MAX;
 use rhumb_protocol::message::{Denial, InvalidToken};
 use rhumb_protocol::scene::{InvalidSceneName, SceneName};
 use rhumb_protocol::session::{CloseCode, Misuse};
 use rhumb_reckoning::Tick;
 use rhumb_transport::{ConnectError, TransportCode};
+use rhumb_view::AddError;
 
 /// Reason why a client did not join its scene.
 #[derive(Debug)]
@@ -125,10 +125,7 @@ impl fmt::Display for ClientError {
                 write!(f, "the server gave no {awaited} within {timeout:?}")
             }
             Self::Denied(denial) => denial.fmt(f),
-            Self::TooManyShapes => write!(
-                f,
-                "the scene has {SHAPES_MAX} shapes, as many as it may; remove one that no body has, or use equal shapes"
-            ),
+            Self::TooManyShapes => AddError::TooManyShapes.fmt(f),
             Self::SceneDeleted => f.write_str("another member deleted the scene"),
             Self::SceneFaulted(tick) => {
                 write!(f, "the scene's engine failed; it stands still after {tick}")
@@ -142,6 +139,15 @@ impl std::error::Error for ClientError {}
 impl From<Misuse> for ClientError {
     fn from(misuse: Misuse) -> Self {
         Self::Misuse(misuse)
+    }
+}
+
+impl From<AddError> for ClientError {
+    fn from(error: AddError) -> Self {
+        match error {
+            AddError::Misuse(misuse) => Self::Misuse(misuse),
+            AddError::TooManyShapes => Self::TooManyShapes,
+        }
     }
 }
 

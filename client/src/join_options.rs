@@ -3,24 +3,9 @@
 use std::time::Duration;
 
 use rhumb_protocol::message::StreamChoice;
-use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::ClientSession;
 use rhumb_reckoning::Tolerance;
-
-/// The condition under which a client joins: the scene is new, exists already, or either.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum JoinMode {
-    /// Creates the scene, which must not exist yet.
-    Create(SceneConfig),
-    /// Joins the scene, which must exist.
-    Join,
-    /// Creates the scene unless it exists; an existing scene keeps its config.
-    CreateOrJoin(SceneConfig),
-}
-
-/// Time for which a client of a durable scene tries to resume by default. A machine starts again within a minute, its
-/// server in seconds, and a client notices within ten; the server keeps the session for five minutes.
-pub const RESUME_WITHIN: Duration = Duration::from_secs(60);
+use rhumb_view::{JoinMode, RESUME_WITHIN, ViewOptions};
 
 /// Options for joining a scene.
 ///
@@ -51,13 +36,16 @@ pub struct JoinOptions {
     pub resume_within: Option<Duration>,
 }
 
-impl Default for JoinMode {
-    fn default() -> Self {
-        Self::CreateOrJoin(SceneConfig::default())
-    }
-}
-
 impl JoinOptions {
+    /// How the scene is shown.
+    pub(crate) const fn view_options(&self) -> ViewOptions {
+        ViewOptions {
+            delay_ticks: self.delay_ticks,
+            whole_ticks: self.whole_ticks,
+            smooth: self.smooth,
+        }
+    }
+
     /// Time for attempts to resume.
     pub(crate) fn resumption_time(&self, session: &ClientSession) -> Duration {
         let default = match session.is_durable() {

@@ -50,21 +50,18 @@
 #![forbid(unsafe_code)]
 
 mod client;
-mod client_ids;
 mod error;
-mod id_allocator;
 mod join_options;
 mod pump;
 mod reconnector;
 mod redial;
 mod server_connection;
-mod shape_numbers;
 mod statistics;
 
 pub use client::Client;
 pub use error::{ClientError, OpenError};
 pub use glam;
-pub use join_options::{JoinMode, JoinOptions, RESUME_WITHIN};
+pub use join_options::JoinOptions;
 pub use pump::TapChannel;
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{
@@ -84,6 +81,6 @@ pub use rhumb_transport::{
     CertificateError, ClientTransport, ConnectError, Fingerprint, FingerprintError, Received,
     TransportCode, Trust, WireStatistics,
 };
-pub use rhumb_view::{PipelineDepth, RenderParams, RenderTime, View};
+pub use rhumb_view::{JoinMode, PipelineDepth, RESUME_WITHIN, RenderParams, RenderTime, View};
 pub use server_connection::ServerConnection;
 pub use statistics::Statistics;

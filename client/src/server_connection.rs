@@ -9,15 +9,16 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use rhumb_protocol::message::{Denial, SessionKey};
-use rhumb_protocol::scene::SceneName;
+use rhumb_protocol::scene::{IdRange, SceneName};
 use rhumb_protocol::session::{ClientSession, Event};
 #[cfg(unix)]
 use rhumb_transport::UnixClient;
 use rhumb_transport::{ClientOptions, ClientTransport, QuicClient, Trust, random_bytes};
+use rhumb_view::{JoinError, Joining};
 
 use crate::client::Client;
 use crate::error::{ClientError, OpenError};
-use crate::join_options::{JoinMode, JoinOptions};
+use crate::join_options::JoinOptions;
 use crate::pump::{Pump, span};
 use crate::redial::{BoxedConnection, Redial};
 
@@ -125,46 +126,14 @@ impl ServerConnection {
         if let Some(token) = self.token {
             session.set_token(token.parse().map_err(OpenError::Token)?);
         }
-        let can_resume = self.redial.is_some();
-        let mut pump = Pump::new(session, self.connection, self.redial);
-        let welcome = await_event(&mut pump, timeout, "welcome", |event| match event {
-            Event::Welcomed(welcome) => Some(Ok(welcome)),
-            _ => None,
-        })?
-        .map_err(denied)?;
-        let create = match options.mode {
-            JoinMode::Create(config) => Some(config),
-            JoinMode::CreateOrJoin(config) if welcome.scene.is_none() => Some(config),
-            JoinMode::CreateOrJoin(_) | JoinMode::Join => None,
+        let key = match options.resume_within {
+            _ if self.redial.is_none() => None,
+            Some(Duration::ZERO) => None,
+            _ => Some(SessionKey(random_bytes().map_err(OpenError::Random)?)),
         };
-        if let Some(config) = create {
-            pump.session.create(config).map_err(ClientError::from)?;
-            let created = await_event(&mut pump, timeout, "answer", |event| match event {
-                Event::Created => Some(Ok(())),
-                Event::Denied(denial) => Some(Err(denial)),
-                _ => None,
-            })?;
-            match created {
-                // Another client has created it since the welcome.
-                Err(Denial::SceneExists) if matches!(options.mode, JoinMode::CreateOrJoin(_)) => {}
-                other => other.map_err(denied)?,
-            }
-        }
-        if can_resume && options.resume_within != Some(Duration::ZERO) {
-            let key = random_bytes().map_err(OpenError::Random)?;
-            pump.session
-                .begin_session(SessionKey(key))
-                .map_err(ClientError::from)?;
-        }
-        pump.session
-            .join(options.stream)
-            .map_err(ClientError::from)?;
-        let granted = await_event(&mut pump, timeout, "scene", |event| match event {
-            Event::Joined(granted) => Some(Ok(granted)),
-            Event::Denied(denial) => Some(Err(denial)),
-            _ => None,
-        })?
-        .map_err(denied)?;
+        let mut joining = Joining::new(options.mode, options.stream, key);
+        let mut pump = Pump::new(session, self.connection, self.redial);
+        let granted = await_scene(&mut pump, timeout, &mut joining)?.map_err(denied)?;
         Ok(Client::joined(pump, timeout, &options, granted))
     }
 }
@@ -199,23 +168,30 @@ impl Client {
     }
 }
 
-/// Waits until `wanted` accepts an event; the inner result is the server's answer.
-fn await_event<T>(
+/// Waits until the session has joined; each answer has the whole time limit. The inner error is the server's.
+fn await_scene(
     pump: &mut Pump,
     timeout: Duration,
-    awaited: &'static str,
-    wanted: impl Fn(Event) -> Option<Result<T, Denial>>,
-) -> Result<Result<T, Denial>, ClientError> {
-    let deadline = pump.now() + span(timeout);
+    joining: &mut Joining,
+) -> Result<Result<IdRange, Denial>, ClientError> {
+    let mut awaited = joining.awaited();
+    let mut deadline = pump.now() + span(timeout);
     loop {
         pump.turn(deadline);
         while let Some(event) = pump.session.poll_event() {
             if let Event::Ended(ending) = event {
                 return Err(ClientError::Ended(ending));
             }
-            if let Some(answer) = wanted(event) {
-                return Ok(answer);
+            match joining.handle(&mut pump.session, &event) {
+                Ok(None) => {}
+                Ok(Some(granted)) => return Ok(Ok(granted)),
+                Err(JoinError::Denied(denial)) => return Ok(Err(denial)),
+                Err(JoinError::Misuse(misuse)) => return Err(misuse.into()),
             }
+        }
+        if awaited != joining.awaited() {
+            awaited = joining.awaited();
+            deadline = pump.now() + span(timeout);
         }
         if pump.now() >= deadline {
             return Err(ClientError::Timeout { awaited, timeout });

@@ -17,7 +17,7 @@ use std::time::Duration;
 use clap::{Parser, Subcommand};
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::SceneName;
-use rhumb_transport::Stop;
+use rhumb_transport::{Fingerprint, Origin, Stop};
 use tracing::level_filters::LevelFilter;
 
 use crate::access::TokenKeys;
@@ -93,6 +93,13 @@ pub struct Arguments {
     /// the process.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
+    /// Origin of a web page that may connect, as https://host:port, or * for all; may be repeated. Pages of this machine
+    /// may always.
+    #[arg(long, value_name = "ORIGIN", conflicts_with = "no_web")]
+    web_origin: Vec<Origin>,
+    /// Serves no browsers.
+    #[arg(long)]
+    no_web: bool,
     #[cfg(feature = "app")]
     #[command(flatten)]
     app: crate::app_arguments::AppArguments,
@@ -199,6 +206,10 @@ fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> 
     }
     settings.open |= arguments.open;
     settings.open_to_network |= arguments.open_to_network;
+    settings.web &= !arguments.no_web;
+    if !arguments.web_origin.is_empty() {
+        settings.web_origins = arguments.web_origin.clone();
+    }
     Ok(settings)
 }
 
@@ -230,7 +241,7 @@ fn identity(settings: &ServerSettings, data: Option<&DataDir>) -> Result<Identit
             None => Identity::Development,
             Some(data) => {
                 let (certificate, key) = data.development_certificate()?;
-                Identity::Files { certificate, key }
+                Identity::DevelopmentFiles { certificate, key }
             }
         }),
         _ => Err("a certificate needs its key, and a key its certificate".into()),
@@ -258,7 +269,9 @@ fn run(
     #[cfg(not(feature = "app"))]
     let _ = arguments;
     let stop = Stop::new();
-    let mut server = Server::bind(settings.listen, &identity, access)?;
+    let origins = settings.web_origins.iter().cloned().collect();
+    let origins = settings.web.then_some(origins);
+    let mut server = Server::bind_with_origins(settings.listen, &identity, access, origins)?;
     server.employ(workers);
     server.set_largest_packet(settings.largest_packet);
     server.set_limits(settings.limits);
@@ -294,7 +307,7 @@ fn run(
     if let Err(cause) = ctrlc::set_handler(on_signal) {
         tracing::warn!("signals do not stop this server: {cause}");
     }
-    announce(&server, (settings, &identity), app, metrics);
+    announce(&server, &identity, app, metrics);
     let outcome = server.run(&stop);
     running.store(false, Ordering::Relaxed);
     let statistics = outcome?;
@@ -339,21 +352,24 @@ fn listen_at(_server: &mut Server, path: Option<&Path>) -> Result<(), Box<dyn Er
 /// Prints the address and the fingerprint to pin. A closed standard output does not stop a server.
 fn announce(
     server: &Server,
-    (settings, identity): (&ServerSettings, &Identity),
+    identity: &Identity,
     app: Option<SocketAddr>,
     metrics: Option<SocketAddr>,
 ) {
     let kind = match identity {
         Identity::Development => "development, made at start",
-        Identity::Files { .. } if settings.cert.is_some() => "from files",
-        Identity::Files { .. } => "development, kept in the data directory",
+        Identity::Files { .. } => "from files",
+        Identity::DevelopmentFiles { .. } => "development, kept in the data directory",
     };
     let app = app.map_or_else(String::new, |app| format!("app listening on {app}\n"));
     let metrics = metrics.map_or_else(String::new, |at| {
         format!("metrics at http://{at}/metrics\n")
     });
+    let hashes = server.certificate_hashes().current();
+    let hash = |hash: &Fingerprint| format!("certificate hash for browsers {hash}\n");
+    let hashes: String = hashes.iter().map(hash).collect();
     let lines = format!(
-        "rhumb-server {}\nlistening on {}\ncertificate {kind}\nfingerprint {}\n{app}{metrics}",
+        "rhumb-server {}\nlistening on {}\ncertificate {kind}\nfingerprint {}\n{hashes}{app}{metrics}",
         env!("CARGO_PKG_VERSION"),
         server.address(),
         server.fingerprint(),

@@ -103,7 +103,8 @@ pub use rhumb_protocol::stream::{Activity, Observation, SubscriberStatistics};
 pub use rhumb_protocol::{Instant, Peer, Span};
 pub use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Tolerance};
 pub use rhumb_transport::{
-    BindError, CertificateError, Fingerprint, ServeError, ServerStatistics, Stop,
+    BindError, CertificateError, CertificateHashes, Fingerprint, Origin, Origins, ServeError,
+    ServerStatistics, Stop,
 };
 pub use scene::{Scene, SceneFault, Stepped};
 pub use serve::{Access, Identity, RunError, Server, run_on_cores, usable_cores};

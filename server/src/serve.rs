@@ -13,8 +13,8 @@ use rhumb_protocol::packet::LargestPacket;
 #[cfg(unix)]
 use rhumb_transport::UnixServer;
 use rhumb_transport::{
-    BindError, Certificate, CertificateError, Clock, Fingerprint, QuicServer, ServeError,
-    ServerOptions, ServerStatistics, Stop,
+    BindError, Certificate, CertificateError, CertificateHashes, Clock, Fingerprint, Origins,
+    QuicServer, ServeError, ServerOptions, ServerStatistics, Stop, WebIdentity, WebOptions,
 };
 
 use crate::access::{Gate, TokenKeys};
@@ -33,6 +33,13 @@ use crate::metrics::{Metrics, MetricsListener};
 pub enum Identity {
     /// A certificate made at start; clients pin its fingerprint.
     Development,
+    /// The same, kept in PEM files of a data directory.
+    DevelopmentFiles {
+        /// The certificate.
+        certificate: PathBuf,
+        /// The key.
+        key: PathBuf,
+    },
     /// A certificate chain and its key, as PEM files.
     Files {
         /// The chain, the server's own first.
@@ -47,9 +54,21 @@ impl Identity {
     pub(crate) fn certificate(&self) -> Result<Certificate, RunError> {
         match self {
             Self::Development => Certificate::development(["localhost"]),
-            Self::Files { certificate, key } => Certificate::from_pem_files(certificate, key),
+            Self::Files { certificate, key } | Self::DevelopmentFiles { certificate, key } => {
+                Certificate::from_pem_files(certificate, key)
+            }
         }
         .map_err(RunError::Certificate)
+    }
+
+    /// The certificate for browsers, which accept one for development only if it is short-lived.
+    fn web(&self) -> WebIdentity {
+        match self {
+            Self::Files { .. } => WebIdentity::Own,
+            Self::Development | Self::DevelopmentFiles { .. } => {
+                WebIdentity::Pinned(vec!["localhost".to_owned()])
+            }
+        }
     }
 }
 
@@ -167,20 +186,41 @@ impl fmt::Display for RunError {
 impl std::error::Error for RunError {}
 
 impl Server {
+    /// Listens, for pages of this machine too. Clients that connect wait until [`Self::run`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::bind_with_origins`].
+    pub fn bind(listen: SocketAddr, identity: &Identity, access: Access) -> Result<Self, RunError> {
+        Self::bind_with_origins(listen, identity, access, Some(Origins::loopback()))
+    }
+
     /// Listens. Clients that connect wait until [`Self::run`].
+    ///
+    /// `origins`: the web pages that may connect, by WebTransport on the same address; `None`: no browser.
     ///
     /// # Errors
     ///
     /// [`RunError`] for a certificate or an address that cannot be used, and for an open server at an address that
     /// other machines reach.
-    pub fn bind(listen: SocketAddr, identity: &Identity, access: Access) -> Result<Self, RunError> {
+    pub fn bind_with_origins(
+        listen: SocketAddr,
+        identity: &Identity,
+        access: Access,
+        origins: Option<Origins>,
+    ) -> Result<Self, RunError> {
         if matches!(access, Access::OpenOnLoopback) && !listen.ip().is_loopback() {
             return Err(RunError::OpenToNetwork(listen));
         }
         let certificate = identity.certificate()?;
+        let web = origins.map(|origins| WebOptions {
+            origins,
+            certificate: identity.web(),
+        });
         let options = ServerOptions {
             listen,
             certificate,
+            web,
         };
         let transport = QuicServer::bind(options).map_err(RunError::Bind)?;
         Ok(Self {
@@ -210,6 +250,12 @@ impl Server {
     #[must_use]
     pub fn fingerprint(&self) -> Fingerprint {
         self.transport.fingerprint()
+    }
+
+    /// The hashes of the certificates that browsers are shown, for pages to pin; they change every six days.
+    #[must_use]
+    pub fn certificate_hashes(&self) -> CertificateHashes {
+        self.transport.certificate_hashes()
     }
 
     /// Serves the clients of another protocol too, on a thread with their scenes.

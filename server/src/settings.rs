@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use rhumb_protocol::packet::LargestPacket;
+use rhumb_transport::Origin;
 use serde::{Deserialize, Deserializer};
 use toml::{Table, Value};
 use tracing::level_filters::LevelFilter;
@@ -41,6 +42,9 @@ pub(crate) struct ServerSettings {
     pub(crate) threads: NonZeroU32,
     #[serde(deserialize_with = "parsed")]
     pub(crate) largest_packet: LargestPacket,
+    pub(crate) web: bool,
+    #[serde(deserialize_with = "parsed_list")]
+    pub(crate) web_origins: Vec<Origin>,
     pub(crate) limits: Limits,
 }
 
@@ -78,7 +82,7 @@ impl std::error::Error for SettingsError {}
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
-const ROWS: [(&str, &str, &str); 15] = [
+const ROWS: [(&str, &str, &str); 17] = [
     (
         "listen",
         "\"127.0.0.1:4433\"",
@@ -146,6 +150,16 @@ const ROWS: [(&str, &str, &str); 15] = [
         "1100",
         "Largest packet of a stream, bytes, from 700 to 1150.",
     ),
+    (
+        "web",
+        "true",
+        "Serves browsers too, by WebTransport at the same address.",
+    ),
+    (
+        "web_origins",
+        "[]",
+        "Origins of web pages that may connect, as \"https://host:port\", or \"*\" for all; pages of this machine may always.",
+    ),
 ];
 
 /// The settings that a file need not have, and that have no default.
@@ -169,6 +183,8 @@ impl Default for ServerSettings {
             cores: Vec::new(),
             threads: NonZeroU32::MIN,
             largest_packet: LargestPacket::DEFAULT,
+            web: true,
+            web_origins: Vec::new(),
             limits: Limits::default(),
         }
     }
@@ -240,6 +256,19 @@ where
         _ => return Err(serde::de::Error::custom("neither a text nor a number")),
     };
     text.parse().map_err(serde::de::Error::custom)
+}
+
+/// Several values that have a text form.
+fn parsed_list<'de, T, D>(from: D) -> Result<Vec<T>, D::Error>
+where
+    T: FromStr<Err: fmt::Display>,
+    D: Deserializer<'de>,
+{
+    let texts = Vec::<String>::deserialize(from)?;
+    let parsed = texts.iter().map(|text| text.parse());
+    parsed
+        .collect::<Result<_, _>>()
+        .map_err(serde::de::Error::custom)
 }
 
 fn read_table(path: &Path) -> Result<Table, SettingsError> {
@@ -330,6 +359,7 @@ mod tests {
             ("RHUMB_SERVER_LIMITS_SCENERY", "1", "scenery"),
             ("RHUMB_SERVER_LIMITS_SCENES", "0", "limits.scenes"),
             ("RHUMB_SERVER_THREADS", "many", "many"),
+            ("RHUMB_SERVER_WEB_ORIGINS", "[\"nowhere\"]", "nowhere"),
         ] {
             let error = of_environment(&[(name, text)]).unwrap_err().to_string();
             assert!(error.contains(named), "{error}");

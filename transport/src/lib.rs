@@ -23,12 +23,13 @@ pub use held_back::HeldBack;
 pub use link_meter::LinkMeter;
 pub use piece::{ByteCredit, PIECE_COST_BYTES, Piece};
 pub use quic::{
-    BindError, Certificate, CertificateError, ClientOptions, ConnectError, DATAGRAM_BYTES_MIN,
-    DevelopmentPem, Fingerprint, FingerprintError, Inbox, QuicClient, QuicServer, Received,
-    ServeError, ServerOptions, ServerStatistics, ServerWatch, Stop, TransportCode, Trust, Waker,
-    WireStatistics,
+    BindError, Certificate, CertificateError, CertificateHashes, ClientOptions, ConnectError,
+    DATAGRAM_BYTES_MIN, DevelopmentPem, Fingerprint, FingerprintError, Inbox, InvalidOrigin,
+    Origin, Origins, QuicClient, QuicServer, Received, ServeError, ServerOptions, ServerStatistics,
+    ServerWatch, Stop, Trust, Waker, WebIdentity, WebOptions, WireStatistics,
 };
 pub use random::random_bytes;
+pub use rhumb_protocol::session::TransportCode;
 pub use socket::{bind_udp, io_runtime};
 #[cfg(unix)]
 pub use unix::{UnixClient, UnixServer, WithUnixPeers};

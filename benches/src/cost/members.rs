@@ -102,10 +102,7 @@ fn measure(members: usize, away: Option<Span>, long: Duration) -> Result<MemberC
     let wrong = |what: &dyn std::fmt::Display| format!("a stream's members: {what}");
     let certificate = Certificate::development(["localhost"]).map_err(|error| wrong(&error))?;
     let listen = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
-    let options = ServerOptions {
-        listen,
-        certificate,
-    };
+    let options = ServerOptions::new(listen, certificate);
     let server = QuicServer::bind(options).map_err(|error| wrong(&error))?;
     let trust = Trust::Fingerprint(server.fingerprint());
     let address = server.local_addr();

@@ -2,7 +2,6 @@
 //!
 //! The caller publishes their states once per frame. States that the server predicts within tolerance are not sent.
 
-use glam::DQuat;
 use rhumb_protocol::Instant;
 use rhumb_protocol::scene::Stepping;
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
@@ -60,30 +59,24 @@ impl Client {
         motions: &[(BodyId, BodyState)],
     ) -> Result<Option<Tick>, ClientError> {
         self.check_open()?;
-        let (tick, published) = match self.config.stepping {
+        let config = *self.config();
+        let published = match config.stepping {
             Stepping::Lockstep => {
                 let newest = self.requested.max(self.watermark_tick());
-                let tick = self.config.publish_schedule.next_published(newest);
-                (tick, self.pump.session.publish(tick, motions)?)
+                let tick = config.publish_schedule.next_published(newest);
+                (self.pump.session.publish(tick, motions)?).then_some(tick)
             }
             Stepping::FreeRunning => {
                 self.pump.turn(Instant::ZERO);
                 self.take_events();
                 self.check_open()?;
-                let Some(present) = self.present() else {
-                    return Ok(None);
-                };
-                let tick = Tick::new((present + 0.5) as u64);
-                let seconds = (tick.value() as f64 - present) * self.step_seconds();
-                let extrapolated: Vec<(BodyId, BodyState)> = motions
-                    .iter()
-                    .map(|(id, motion)| (*id, extrapolate(motion, seconds)))
-                    .collect();
-                (tick, self.pump.session.publish(tick, &extrapolated)?)
+                let now = self.pump.now();
+                self.upstream_clock
+                    .publish(&mut self.pump.session, now, motions)?
             }
         };
         self.pump.flush();
-        Ok(published.then_some(tick))
+        Ok(published)
     }
 
     /// Changes [`JoinOptions::lead_ticks`](crate::JoinOptions::lead_ticks): how many ticks ahead of the server's clock
@@ -91,7 +84,7 @@ impl Client {
     ///
     /// With half of the round trip of [`Self::statistics`], plus a tick or two for jitter, the server need not predict.
     pub const fn set_lead_ticks(&mut self, ticks: f64) {
-        self.lead_ticks = ticks;
+        self.upstream_clock.lead_ticks = ticks;
     }
 
     /// The bodies under this client's authority, in rising order.
@@ -99,59 +92,8 @@ impl Client {
         self.pump.session.authority_bodies()
     }
 
-    /// The moment of the scene that is published now, in ticks; `None` before the server's clock is known.
-    fn present(&mut self) -> Option<f64> {
-        let now = self.pump.now();
-        self.upstream_clock.server(now)?;
-        let shown = self
-            .upstream_clock
-            .show(now, -self.lead_ticks, 0.0, f64::INFINITY);
-        Some(shown.ticks())
-    }
-
-    fn step_seconds(&self) -> f64 {
-        self.config.integrator.rate.step().seconds()
-    }
-
     fn watermark_tick(&self) -> Tick {
         self.replica()
             .map_or(Tick::ZERO, |replica| replica.stream().watermark_tick())
-    }
-}
-
-/// A state extrapolated by its velocities over `seconds`, which may be negative; unchanged if it does not move.
-fn extrapolate(motion: &BodyState, seconds: f64) -> BodyState {
-    if *motion == motion.stilled() {
-        return *motion;
-    }
-    let (pose, twist) = (motion.motion().pose(), motion.motion().twist());
-    let position = pose.position + twist.linear * seconds;
-    let turn = DQuat::from_scaled_axis(twist.angular * seconds);
-    let rotation = (turn * pose.rotation).normalize();
-    let later = BodyState::new(
-        position.as_vec3().to_array(),
-        rotation.as_quat().to_array(),
-        twist.linear.as_vec3().to_array(),
-        twist.angular.as_vec3().to_array(),
-    );
-    // Only an invalid state overflows here. The session refuses it as it is.
-    later.unwrap_or(*motion)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_state_is_extrapolated_by_its_velocities_and_a_still_one_keeps_every_bit() {
-        let upright = [0.0, 0.0, 0.0, 1.0];
-        let still = BodyState::new([0.1, 0.2, 0.3], upright, [0.0; 3], [0.0; 3]).unwrap();
-        assert_eq!(extrapolate(&still, 0.5), still);
-        let moving = BodyState::new([1.0, 0.0, 0.0], upright, [0.0, 2.0, 0.0], [0.0, 0.0, 4.0]);
-        let later = extrapolate(&moving.unwrap(), -0.25);
-        assert_eq!(later.position(), [1.0, -0.5, 0.0]);
-        let [_, _, z, w] = later.rotation();
-        assert!((2.0 * z.atan2(w) + 1.0).abs() < 1e-6, "{z} {w}");
-        assert_eq!(later.parts()[7..], moving.unwrap().parts()[7..]);
     }
 }

@@ -1,17 +1,31 @@
-//! The poses of a remote scene, and the clock that chooses the moment.
+//! What a member of a remote scene has without sockets: poses, clocks, body ids, the way into the scene.
 //!
 //! Reads no system clock and opens no socket: time is an argument, and the tracks come from a
-//! [`rhumb_protocol::stream::Subscriber`]. `rhumb-client` uses it.
+//! [`rhumb_protocol::stream::Subscriber`]. `rhumb-client` and the client of browsers use it.
 #![forbid(unsafe_code)]
 
+mod add_error;
+mod client_ids;
+mod id_allocator;
+mod joining;
+mod live_view;
 mod pipeline_depth;
 mod render_params;
 mod render_time;
+mod resumption;
 mod scene_clock;
+mod shape_numbers;
+mod upstream_clock;
 mod view;
 
+pub use add_error::AddError;
+pub use client_ids::ClientIds;
+pub use joining::{JoinError, JoinMode, Joining};
+pub use live_view::{LiveView, ViewOptions};
 pub use pipeline_depth::PipelineDepth;
 pub use render_params::RenderParams;
 pub use render_time::RenderTime;
+pub use resumption::{RESUME_WITHIN, may_resume};
 pub use scene_clock::SceneClock;
+pub use upstream_clock::UpstreamClock;
 pub use view::View;

@@ -52,8 +52,14 @@ impl BodyDesc {
 
 impl BodyBuilder {
     const fn new(kind: BodyKind, shape: Shape) -> Self {
+        Self::of(BodyDesc::plain(BodyId::new(0, 0), kind, ShapeId(0)), shape)
+    }
+
+    /// A body of this description, whose ids mean nothing, at rest at the origin.
+    #[must_use]
+    pub const fn of(desc: BodyDesc, shape: Shape) -> Self {
         Self {
-            desc: BodyDesc::plain(BodyId::new(0, 0), kind, ShapeId(0)),
+            desc,
             shape,
             position: Vec3::ZERO,
             rotation: Quat::IDENTITY,

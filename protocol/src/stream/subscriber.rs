@@ -251,6 +251,13 @@ impl Subscriber {
         (slot.id(id.index()) == id).then(|| slot.track())
     }
 
+    /// The published motion of a body's track at its origin; in the frame of its parent if it has one.
+    #[must_use]
+    pub fn published_motion(&self, id: BodyId) -> Option<Motion> {
+        let slot = self.tracks.slot(id.index())?;
+        (slot.id(id.index()) == id).then(|| slot.track().start(self.tracks.grid(slot)))
+    }
+
     /// True if a body's track lies still in the world frame: see [`Track::is_resting`].
     #[must_use]
     pub fn is_resting(&self, id: BodyId) -> Option<bool> {

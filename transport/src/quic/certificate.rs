@@ -11,6 +11,8 @@ use ring::hmac;
 use rustls::crypto::ring::default_provider;
 use rustls::pki_types::pem::{Error as PemError, PemObject};
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer};
+use rustls::server::ResolvesServerCert;
+use rustls::sign::{CertifiedKey, SingleCertAndKey};
 
 use super::fingerprint::Fingerprint;
 use super::tuning::ALPN;
@@ -18,7 +20,7 @@ use super::tuning::ALPN;
 /// A server's certificate with its key, ready to serve.
 #[derive(Clone, Debug)]
 pub struct Certificate {
-    tls: Arc<rustls::ServerConfig>,
+    key: Arc<CertifiedKey>,
     fingerprint: Fingerprint,
     reset_key: hmac::Key,
 }
@@ -107,8 +109,13 @@ impl Certificate {
         self.reset_key.clone()
     }
 
+    /// The TLS configuration of a server of plain clients alone.
     pub(crate) fn tls(&self) -> Arc<rustls::ServerConfig> {
-        Arc::clone(&self.tls)
+        server_tls(Arc::new(SingleCertAndKey::from(self.key())), &[ALPN])
+    }
+
+    pub(super) fn key(&self) -> Arc<CertifiedKey> {
+        Arc::clone(&self.key)
     }
 
     fn new(
@@ -122,19 +129,28 @@ impl Certificate {
         );
         let secret = hmac::Key::new(hmac::HMAC_SHA256, key.secret_der());
         let reset_key = hmac::sign(&secret, b"rhumb stateless reset");
-        let mut tls = rustls::ServerConfig::builder_with_provider(Arc::new(default_provider()))
-            .with_protocol_versions(&[&rustls::version::TLS13])?
-            .with_no_client_auth()
-            .with_single_cert(chain, key)?;
-        tls.alpn_protocols = vec![ALPN.to_vec()];
-        // No session is resumed: commands must not ride on replayable data, and tickets cost bytes at each join.
-        tls.send_tls13_tickets = 0;
         Ok(Self {
-            tls: Arc::new(tls),
+            key: Arc::new(CertifiedKey::from_der(chain, key, &default_provider())?),
             fingerprint,
             reset_key: hmac::Key::new(hmac::HMAC_SHA256, reset_key.as_ref()),
         })
     }
+}
+
+/// The TLS configuration of a server that serves these protocols.
+pub(super) fn server_tls(
+    certificates: Arc<dyn ResolvesServerCert>,
+    protocols: &[&[u8]],
+) -> Arc<rustls::ServerConfig> {
+    let mut tls = rustls::ServerConfig::builder_with_provider(Arc::new(default_provider()))
+        .with_protocol_versions(&[&rustls::version::TLS13])
+        .expect("the ring provider speaks TLS 1.3")
+        .with_no_client_auth()
+        .with_cert_resolver(certificates);
+    tls.alpn_protocols = protocols.iter().map(|name| name.to_vec()).collect();
+    // No session is resumed: commands must not ride on replayable data, and tickets cost bytes at each join.
+    tls.send_tls13_tickets = 0;
+    Arc::new(tls)
 }
 
 /// A self-signed certificate and its key, as PEM texts to keep in files.

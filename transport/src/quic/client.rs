@@ -12,9 +12,9 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use bytes::Bytes;
+use rhumb_protocol::session::TransportCode;
 
 use super::client_io::{self, Attempt, EstablishedConnection};
-use super::code::TransportCode;
 use super::connect_error::ConnectError;
 use super::inbox::{Inbox, Received};
 use super::statistics::WireStatistics;

@@ -11,10 +11,10 @@ use quinn::{
     ClientConfig, ConnectError as QuinnConnectError, Connection, Endpoint, EndpointConfig,
     ReadError, RecvStream, SendStream, TokioRuntime,
 };
+use rhumb_protocol::session::TransportCode;
 use tokio::time::{self, sleep};
 
 use super::closing::Closing;
-use super::code::TransportCode;
 use super::connect_error::ConnectError;
 use super::connection_id::Unnamed;
 use super::control_queue::{ControlSender, ControlWriter, control_queue};
@@ -121,7 +121,7 @@ async fn connect(
             _ => ConnectError::ServerAddress { server, bind },
         })?;
     let connection = connecting.await.map_err(failed)?;
-    let closing = Closing::of(&connection);
+    let closing = Closing::of(&connection, None);
     if connection
         .max_datagram_size()
         .is_none_or(|bytes| bytes < DATAGRAM_BYTES_MIN)

@@ -5,16 +5,19 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use quinn::{Connection, ConnectionError, VarInt};
+use quinn::{Connection, ConnectionError, TransportErrorCode, VarInt};
 use rhumb_protocol::Ending;
+use rhumb_protocol::session::TransportCode;
 use tokio::sync::Notify;
 
-use super::code::TransportCode;
+use super::web_session::{WebSession, session_code};
 
 /// The end of a connection: requested, performed and named from any thread.
 #[derive(Debug)]
 pub(super) struct Closing {
     connection: Connection,
+    /// The session of a browser, which takes its code before the connection ends.
+    web: Option<Arc<WebSession>>,
     own_code: AtomicU64,
     /// UDP datagrams sent before this end closed: the next one carries the close frame.
     sent_before: AtomicU64,
@@ -25,9 +28,10 @@ pub(super) struct Closing {
 const NOT_CLOSED: u64 = u64::MAX;
 
 impl Closing {
-    pub(super) fn of(connection: &Connection) -> Arc<Self> {
+    pub(super) fn of(connection: &Connection, web: Option<Arc<WebSession>>) -> Arc<Self> {
         Arc::new(Self {
             connection: connection.clone(),
+            web,
             own_code: AtomicU64::new(NOT_CLOSED),
             sent_before: AtomicU64::new(0),
             flush_requested: Notify::new(),
@@ -55,11 +59,19 @@ impl Closing {
     pub(super) fn finish(&self) {
         let code = self.own_code().unwrap_or(TransportCode::LEFT.0);
         self.note(code);
+        match &self.web {
+            None => self.close_connection(VarInt::from_u32(code)),
+            Some(web) => web.close(code),
+        }
+    }
+
+    /// Closes the connection itself, by a code of its own.
+    pub(super) fn close_connection(&self, code: VarInt) {
         // Closing again would overwrite quinn's reason.
         if self.connection.close_reason().is_none() {
             self.sent_before
                 .store(self.sent_datagrams(), Ordering::Relaxed);
-            self.connection.close(VarInt::from_u32(code), b"");
+            self.connection.close(code, b"");
         }
     }
 
@@ -67,10 +79,22 @@ impl Closing {
     pub(super) async fn ended(&self) -> Ending {
         match self.connection.closed().await {
             ConnectionError::ApplicationClosed(close) => {
-                u32::try_from(close.error_code.into_inner()).map_or(Ending::Broken, Ending::Closed)
+                let code = match self.web {
+                    None => u32::try_from(close.error_code.into_inner()).ok(),
+                    Some(_) => session_code(close.error_code),
+                };
+                code.map_or(Ending::Broken, Ending::Closed)
             }
             ConnectionError::LocallyClosed => {
-                self.own_code().map_or(Ending::Broken, Ending::Closed)
+                let peer_code = self.web.as_ref().and_then(|web| web.peer_code());
+                let code = peer_code.or_else(|| self.own_code());
+                code.map_or(Ending::Broken, Ending::Closed)
+            }
+            // A browser closes so when a page is gone.
+            ConnectionError::ConnectionClosed(close)
+                if self.web.is_some() && close.error_code == TransportErrorCode::NO_ERROR =>
+            {
+                Ending::Closed(TransportCode::LEFT.0)
             }
             ConnectionError::TimedOut => Ending::TimedOut,
             ConnectionError::VersionMismatch

@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
 use bytes::Bytes;
 use quinn::{SendStream, WriteError};
+use rhumb_protocol::session::TransportCode;
 use tokio::sync::mpsc;
 use tokio::time::sleep;
 
 use super::closing::Closing;
-use super::code::TransportCode;
 use super::tuning::{CONTROL_QUEUE_BYTES, FLUSH};
 use crate::piece::PIECE_COST_BYTES;
 

@@ -4,11 +4,11 @@
 
 use std::sync::Arc;
 
-use quinn::Connection;
 use rhumb_protocol::{Ending, Peer};
 
 use super::closing::Closing;
 use super::control_queue::ControlSender;
+use super::datagram_lane::DatagramLane;
 use crate::piece::Piece;
 
 /// One input for the server thread.
@@ -35,7 +35,7 @@ pub(crate) enum Input {
 /// The server thread's handles of one connection.
 #[derive(Debug)]
 pub(crate) struct PeerHandles {
-    pub(super) connection: Connection,
+    pub(super) datagrams: DatagramLane,
     pub(super) control: ControlSender,
     pub(super) closing: Arc<Closing>,
 }

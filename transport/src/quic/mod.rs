@@ -8,13 +8,18 @@ mod certificate;
 mod client;
 mod client_io;
 mod closing;
-mod code;
 mod connect_error;
 mod connection_id;
 mod control_queue;
+mod datagram_lane;
 mod fingerprint;
 mod inbox;
 mod input;
+#[cfg_attr(
+    not(feature = "web"),
+    expect(dead_code, reason = "only sessions of browsers have an origin")
+)]
+mod origins;
 mod server;
 mod server_io;
 mod server_loop;
@@ -24,13 +29,17 @@ mod trust;
 mod tuning;
 mod waker;
 mod watch;
+mod web_certificate;
+mod web_options;
+#[cfg_attr(not(feature = "web"), path = "no_web_session.rs")]
+mod web_session;
 
 pub use certificate::{Certificate, CertificateError, DevelopmentPem};
 pub use client::{ClientOptions, QuicClient};
-pub use code::TransportCode;
 pub use connect_error::ConnectError;
 pub use fingerprint::{Fingerprint, FingerprintError};
 pub use inbox::{Inbox, Received};
+pub use origins::{InvalidOrigin, Origin, Origins};
 pub use server::{BindError, QuicServer, ServerOptions};
 pub use server_loop::ServeError;
 pub use statistics::{ServerStatistics, WireStatistics};
@@ -43,3 +52,5 @@ pub(crate) use tuning::ALPN;
 pub use tuning::DATAGRAM_BYTES_MIN;
 pub use waker::Waker;
 pub use watch::ServerWatch;
+pub use web_certificate::CertificateHashes;
+pub use web_options::{WebIdentity, WebOptions};

@@ -11,30 +11,72 @@ use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 
 use quinn::crypto::rustls::NoInitialCipherSuite;
-use quinn::{EndpointConfig, TokioRuntime};
+use quinn::{EndpointConfig, TokioRuntime, rustls};
 use rhumb_protocol::Endpoint;
 use tokio::sync::oneshot;
 
-use super::certificate::Certificate;
+use super::certificate::{Certificate, CertificateError, server_tls};
 use super::connection_id::Short;
 use super::fingerprint::Fingerprint;
+
 use super::input::Input;
 use super::server_io;
 use super::server_loop::{EndpointLoop, ServeError};
 use super::statistics::ServerStatistics;
 use super::stop::Stop;
-use super::tuning;
+use super::tuning::{self, ClientStreams};
 use super::waker::Waker;
 use super::watch::ServerWatch;
+use super::web_certificate::{CertificateHashes, HandshakeCertificate};
+use super::web_options::WebOptions;
 use crate::socket::{bind_udp, io_runtime};
 
-/// Address and certificate of a server.
+/// Address and certificate of a server, and what it has for browsers.
 #[derive(Clone, Debug)]
 pub struct ServerOptions {
     /// The UDP address; port 0 picks a free one.
     pub listen: SocketAddr,
     /// The server's certificate.
     pub certificate: Certificate,
+    /// What it has for browsers, with the feature `web`; `None`: they find no server.
+    pub web: Option<WebOptions>,
+}
+
+impl ServerOptions {
+    /// A server without anything for browsers.
+    #[must_use]
+    pub const fn new(listen: SocketAddr, certificate: Certificate) -> Self {
+        Self {
+            listen,
+            certificate,
+            web: None,
+        }
+    }
+
+    /// The certificates to serve with, the protocols, and what else a browser needs.
+    fn tls(&self) -> Result<TlsSide, CertificateError> {
+        let Some(web) = &self.web else {
+            return Ok(TlsSide {
+                config: self.certificate.tls(),
+                streams: ClientStreams::PLAIN,
+                hashes: CertificateHashes::none(),
+            });
+        };
+        let hashes = web.certificate.hashes()?;
+        let resolver = HandshakeCertificate::new(self.certificate.key(), hashes.clone());
+        Ok(TlsSide {
+            config: server_tls(Arc::new(resolver), &[tuning::ALPN, tuning::WEB_ALPN]),
+            streams: ClientStreams::WEB,
+            hashes,
+        })
+    }
+}
+
+/// The TLS configuration of a server, and what follows from it.
+struct TlsSide {
+    config: Arc<rustls::ServerConfig>,
+    streams: ClientStreams,
+    hashes: CertificateHashes,
 }
 
 /// A server that is bound but not yet running. Clients can connect already; they wait.
@@ -42,6 +84,7 @@ pub struct ServerOptions {
 pub struct QuicServer {
     local_addr: SocketAddr,
     fingerprint: Fingerprint,
+    hashes: CertificateHashes,
     inputs: mpsc::Receiver<Input>,
     wake: mpsc::Sender<Input>,
     waker: Waker,
@@ -61,6 +104,8 @@ pub enum BindError {
     },
     /// The certificate's TLS configuration has no cipher suite that QUIC starts with.
     Tls(NoInitialCipherSuite),
+    /// No certificate can be made for browsers.
+    Certificate(CertificateError),
     /// The I/O thread cannot start.
     Thread(io::Error),
 }
@@ -83,15 +128,18 @@ impl QuicServer {
     ///
     /// [`BindError`] names the address or the thread that failed.
     pub fn bind(options: ServerOptions) -> Result<Self, BindError> {
+        let tls = options.tls().map_err(BindError::Certificate)?;
         let ServerOptions {
             listen,
             certificate,
+            web,
         } = options;
+        let origins = web.map(|web| Arc::new(web.origins));
         let address = |cause| BindError::Address { listen, cause };
-        let provider = Arc::clone(certificate.tls().crypto_provider());
+        let provider = Arc::clone(tls.config.crypto_provider());
         let mut local = EndpointConfig::new(Arc::new(certificate.reset_key()));
         local.cid_generator(move || Box::new(Short::new(Arc::clone(&provider))));
-        let config = tuning::server(certificate.tls()).map_err(BindError::Tls)?;
+        let config = tuning::server(tls.config, tls.streams).map_err(BindError::Tls)?;
         let socket = bind_udp(listen).map_err(address)?;
         let runtime = io_runtime().map_err(BindError::Thread)?;
         let endpoint = {
@@ -109,13 +157,20 @@ impl QuicServer {
                 let (server_loop, watch) = (wake.clone(), watch.clone());
                 move || {
                     let _last_word = CloseOnDrop(server_loop.clone());
-                    runtime.block_on(server_io::accept(endpoint, server_loop, watch, ended));
+                    runtime.block_on(server_io::accept(
+                        endpoint,
+                        origins,
+                        server_loop,
+                        watch,
+                        ended,
+                    ));
                 }
             })
             .map_err(BindError::Thread)?;
         Ok(Self {
             local_addr,
             fingerprint: certificate.fingerprint(),
+            hashes: tls.hashes,
             inputs,
             waker: Waker::new(wake.clone()),
             wake,
@@ -137,6 +192,12 @@ impl QuicServer {
     #[must_use]
     pub fn fingerprint(&self) -> Fingerprint {
         self.fingerprint
+    }
+
+    /// The hashes of the certificates that browsers are shown, for pages to pin.
+    #[must_use]
+    pub fn certificate_hashes(&self) -> CertificateHashes {
+        self.hashes.clone()
     }
 
     /// Counters of the server that outlive the call of [`run`](Self::run).
@@ -210,6 +271,7 @@ impl fmt::Display for BindError {
                 )
             }
             Self::Tls(cause) => write!(f, "cannot serve quic with this tls configuration: {cause}"),
+            Self::Certificate(cause) => cause.fmt(f),
             Self::Thread(cause) => write!(f, "cannot start the server's i/o thread: {cause}"),
         }
     }
@@ -220,6 +282,7 @@ impl std::error::Error for BindError {
         match self {
             Self::Address { cause, .. } | Self::Thread(cause) => Some(cause),
             Self::Tls(cause) => Some(cause),
+            Self::Certificate(cause) => Some(cause),
         }
     }
 }

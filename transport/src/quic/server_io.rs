@@ -7,26 +7,36 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
-use quinn::{Connecting, Connection, Endpoint, Incoming, ReadError, RecvStream, VarInt};
+use quinn::crypto::rustls::HandshakeData;
+use quinn::{
+    Connecting, Connection, Endpoint, Incoming, ReadError, RecvStream, SendStream, VarInt,
+};
 use rhumb_protocol::Peer;
+use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
+use rhumb_protocol::session::TransportCode;
 use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
 use super::addresses::Addresses;
 use super::closing::Closing;
-use super::code::TransportCode;
 use super::control_queue::{ControlWriter, control_queue};
+use super::datagram_lane::DatagramLane;
 use super::input::{Input, PeerHandles};
+use super::origins::Origins;
 use super::tuning::{
     CONNECTIONS_MAX, CONTROL_IN_FLIGHT_BYTES, DATAGRAM_BYTES_MIN, HANDSHAKES_UNPROVEN_MAX, SETUP,
-    STATE_IN_FLIGHT_BYTES,
+    STATE_IN_FLIGHT_BYTES, WEB_ALPN,
 };
 use super::watch::ServerWatch;
+use super::web_session::WebSession;
 use crate::piece::ByteCredit;
 
 /// Accepts until its end is requested, then refuses the attempts that still arrive.
+///
+/// `origins`: the pages that may connect; `None`: no browser.
 pub(super) async fn accept(
     endpoint: Endpoint,
+    origins: Option<Arc<Origins>>,
     inputs: Sender<Input>,
     watch: ServerWatch,
     mut ended: oneshot::Receiver<()>,
@@ -52,11 +62,12 @@ pub(super) async fn accept(
         peers += 1;
         handshakes.fetch_add(1, Ordering::Relaxed);
         let (inputs, watch, handshakes) = (inputs.clone(), watch.clone(), Arc::clone(&handshakes));
+        let origins = origins.clone();
         tokio::spawn(async move {
             let connected = timeout(SETUP, connecting).await;
             handshakes.fetch_sub(1, Ordering::Relaxed);
             match connected {
-                Ok(Ok(connection)) => serve(connection, peer, inputs, watch).await,
+                Ok(Ok(connection)) => greet(connection, origins, peer, inputs, watch).await,
                 Ok(Err(cause)) => tracing::debug!(peer = peer.0, %cause, "handshake failed"),
                 Err(_) => tracing::debug!(peer = peer.0, "handshake took too long"),
             }
@@ -97,29 +108,92 @@ fn admit(
     }
 }
 
-/// Carries one connection from start to end.
-async fn serve(connection: Connection, peer: Peer, inputs: Sender<Input>, watch: ServerWatch) {
-    let closing = Closing::of(&connection);
-    if connection
-        .max_datagram_size()
-        .is_none_or(|bytes| bytes < DATAGRAM_BYTES_MIN)
-    {
-        closing.now(TransportCode::NO_DATAGRAMS.0);
-        return;
+/// Serves a plain client at once, and a browser once its page has a session.
+async fn greet(
+    connection: Connection,
+    origins: Option<Arc<Origins>>,
+    peer: Peer,
+    inputs: Sender<Input>,
+    watch: ServerWatch,
+) {
+    let Some(origins) = origins.filter(|_| is_web(&connection)) else {
+        return serve(connection, None, peer, inputs, watch).await;
+    };
+    match timeout(SETUP, WebSession::accept(&connection, &origins)).await {
+        Ok(Ok((session, Ok(())))) => {
+            serve(connection, Some(Arc::new(session)), peer, inputs, watch).await;
+        }
+        Ok(Ok((session, Err(origin)))) => {
+            tracing::info!(
+                peer = peer.0,
+                origin,
+                "refused a page: its origin is not allowed"
+            );
+            watch.count(|counters| &counters.refused);
+            let session = Arc::new(session);
+            let closing = Closing::of(&connection, Some(Arc::clone(&session)));
+            closing.now(TransportCode::ORIGIN.0);
+            session.run(|code| closing.close_connection(code)).await;
+        }
+        Ok(Err(cause)) => {
+            tracing::debug!(peer = peer.0, %cause, "no webtransport session");
+            connection.close(VarInt::from_u32(TransportCode::LEFT.0), b"");
+        }
+        Err(_) => {
+            tracing::debug!(peer = peer.0, "the webtransport session took too long");
+            connection.close(VarInt::from_u32(TransportCode::NO_CONTROL_STREAM.0), b"");
+        }
     }
-    tracing::debug!(peer = peer.0, address = %connection.remote_address(), "opened");
+}
+
+/// True for a connection of HTTP/3.
+fn is_web(connection: &Connection) -> bool {
+    let data = connection.handshake_data();
+    let data = data.and_then(|data| data.downcast::<HandshakeData>().ok());
+    data.is_some_and(|data| data.protocol.as_deref() == Some(WEB_ALPN))
+}
+
+/// Carries one connection from start to end.
+async fn serve(
+    connection: Connection,
+    web: Option<Arc<WebSession>>,
+    peer: Peer,
+    inputs: Sender<Input>,
+    watch: ServerWatch,
+) {
+    let closing = Closing::of(&connection, web.clone());
+    let datagrams = DatagramLane::new(connection.clone(), web.clone());
+    let least = match web {
+        None => DATAGRAM_BYTES_MIN,
+        Some(_) => DATAGRAM_BYTES_MAX,
+    };
+    if datagrams.largest().is_none_or(|bytes| bytes < least) {
+        closing.now(TransportCode::NO_DATAGRAMS.0);
+        return run_session(web.as_deref(), &closing).await;
+    }
+    let is_web = web.is_some();
+    tracing::debug!(peer = peer.0, address = %connection.remote_address(), is_web, "opened");
     watch.opened(peer, connection.clone());
     let (control, writer) = control_queue();
     let handles = PeerHandles {
-        connection: connection.clone(),
+        datagrams: datagrams.clone(),
         control,
         closing: Arc::clone(&closing),
     };
     // If the server thread has ended, this thread ends soon too.
     let _ = inputs.send(Input::Opened { peer, handles });
+    let streams = PeerStreams {
+        connection: &connection,
+        web: web.as_deref(),
+        peer,
+        inputs: &inputs,
+        closing: &closing,
+    };
     tokio::join!(
-        carry_control(&connection, peer, &inputs, &closing, writer),
-        carry_state(&connection, peer, &inputs, &watch),
+        streams.carry_control(writer),
+        streams.refuse_unidirectional(),
+        carry_state(&datagrams, peer, &inputs, &watch),
+        run_session(web.as_deref(), &closing),
     );
     let ending = closing.ended().await;
     tracing::debug!(peer = peer.0, ?ending, "ended");
@@ -127,64 +201,92 @@ async fn serve(connection: Connection, peer: Peer, inputs: Sender<Input>, watch:
     let _ = inputs.send(Input::Ended { peer, ending });
 }
 
-/// Both directions of the control stream, from its opening.
-async fn carry_control(
-    connection: &Connection,
-    peer: Peer,
-    inputs: &Sender<Input>,
-    closing: &Closing,
-    mut writer: ControlWriter,
-) {
-    let opened = tokio::select! {
-        opened = timeout(SETUP, connection.accept_bi()) => opened,
-        () = closing.flush_requested() => return closing.finish(),
-    };
-    match opened {
-        Ok(Ok((mut send, recv))) => {
-            tokio::join!(
-                writer.run(closing, &mut send, || {
-                    // If the server thread has ended, this thread ends soon too.
-                    let _ = inputs.send(Input::ControlTaken { peer });
-                }),
-                read_control(peer, inputs, closing, recv)
-            );
-        }
-        Ok(Err(_)) => {}
-        Err(_) => closing.now(TransportCode::NO_CONTROL_STREAM.0),
+/// Ends the session of a browser, if the connection has one, when either end closes it.
+async fn run_session(web: Option<&WebSession>, closing: &Closing) {
+    if let Some(web) = web {
+        web.run(|code| closing.close_connection(code)).await;
     }
 }
 
-/// Reads no further than the server thread keeps up: QUIC's flow control then slows the client down.
-async fn read_control(
+/// The streams of one connection.
+struct PeerStreams<'a> {
+    connection: &'a Connection,
+    web: Option<&'a WebSession>,
     peer: Peer,
-    inputs: &Sender<Input>,
-    closing: &Closing,
-    mut stream: RecvStream,
-) {
-    let credit = ByteCredit::new(CONTROL_IN_FLIGHT_BYTES);
-    loop {
-        match stream.read_chunk(READ_BYTES_MAX, true).await {
-            Ok(Some(chunk)) => {
-                let piece = credit.admit(&chunk.bytes).await;
-                if inputs.send(Input::Control { peer, piece }).is_err() {
-                    return;
-                }
+    inputs: &'a Sender<Input>,
+    closing: &'a Closing,
+}
+
+impl PeerStreams<'_> {
+    /// Both directions of the control stream, from its opening.
+    async fn carry_control(&self, mut writer: ControlWriter) {
+        let opened = tokio::select! {
+            opened = timeout(SETUP, self.next()) => opened,
+            () = self.closing.flush_requested() => return self.closing.finish(),
+        };
+        match opened {
+            Ok(Some((mut send, recv))) => {
+                tokio::join!(
+                    writer.run(self.closing, &mut send, || {
+                        // If the server thread has ended, this thread ends soon too.
+                        let _ = self.inputs.send(Input::ControlTaken { peer: self.peer });
+                    }),
+                    self.read_control(recv),
+                    async {
+                        if self.next().await.is_some() {
+                            self.closing.now(TransportCode::STRAY_STREAM.0);
+                        }
+                    }
+                );
             }
-            // The client has finished its stream; its close follows.
-            Ok(None) | Err(ReadError::ConnectionLost(_)) => return,
-            Err(_) => return closing.now(TransportCode::NO_CONTROL_STREAM.0),
+            Ok(None) => {}
+            Err(_) => self.closing.now(TransportCode::NO_CONTROL_STREAM.0),
+        }
+    }
+
+    /// The next bidirectional stream of the client; `None` after the end of the connection.
+    async fn next(&self) -> Option<(SendStream, RecvStream)> {
+        match self.web {
+            None => self.connection.accept_bi().await.ok(),
+            Some(web) => web.accept_bi().await,
+        }
+    }
+
+    /// A plain client has no unidirectional stream; those of a browser belong to its session.
+    async fn refuse_unidirectional(&self) {
+        if self.web.is_none() && self.connection.accept_uni().await.is_ok() {
+            self.closing.now(TransportCode::STRAY_STREAM.0);
+        }
+    }
+
+    /// Reads no further than the server thread keeps up: QUIC's flow control then slows the client down.
+    async fn read_control(&self, mut stream: RecvStream) {
+        let credit = ByteCredit::new(CONTROL_IN_FLIGHT_BYTES);
+        let peer = self.peer;
+        loop {
+            match stream.read_chunk(READ_BYTES_MAX, true).await {
+                Ok(Some(chunk)) => {
+                    let piece = credit.admit(&chunk.bytes).await;
+                    if self.inputs.send(Input::Control { peer, piece }).is_err() {
+                        return;
+                    }
+                }
+                // The client has finished its stream; its close follows.
+                Ok(None) | Err(ReadError::ConnectionLost(_)) => return,
+                Err(_) => return self.closing.now(TransportCode::NO_CONTROL_STREAM.0),
+            }
         }
     }
 }
 
 async fn carry_state(
-    connection: &Connection,
+    datagrams: &DatagramLane,
     peer: Peer,
     inputs: &Sender<Input>,
     watch: &ServerWatch,
 ) {
     let credit = ByteCredit::new(STATE_IN_FLIGHT_BYTES);
-    while let Ok(bytes) = connection.read_datagram().await {
+    while let Some(bytes) = datagrams.read().await {
         match credit.try_admit(&bytes) {
             Some(piece) => {
                 if inputs.send(Input::State { peer, piece }).is_err() {

@@ -10,9 +10,9 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use quinn::SendDatagramError;
+use rhumb_protocol::session::TransportCode;
 use rhumb_protocol::{Endpoint, Peer, Span, Transmit};
 
-use super::code::TransportCode;
 use super::input::{Input, PeerHandles};
 use super::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
 use super::waker::Waker;
@@ -244,7 +244,7 @@ impl EndpointLoop {
             {
                 continue;
             }
-            let connection = &standing.handles.connection;
+            let connection = standing.handles.datagrams.connection();
             let free = connection.datagram_send_buffer_space();
             let waiting = DATAGRAM_SEND_BYTES.saturating_sub(free) as u64;
             let round_trip = u64::try_from(connection.rtt().as_nanos()).unwrap_or(u64::MAX);
@@ -320,7 +320,7 @@ impl EndpointLoop {
             };
             let bytes_len = bytes.len();
             standing.handed_bytes += bytes_len as u64;
-            match standing.handles.connection.send_datagram(bytes) {
+            match standing.handles.datagrams.send(bytes) {
                 Ok(()) | Err(SendDatagramError::ConnectionLost(_)) => {}
                 Err(cause) => {
                     self.watch.count(|counters| &counters.state_oversized);

@@ -14,6 +14,9 @@ use crate::piece::PIECE_COST_BYTES;
 /// The application protocol, by its TLS name.
 pub(crate) const ALPN: &[u8] = b"rhumb/1";
 
+/// HTTP/3, on which browsers open sessions.
+pub(super) const WEB_ALPN: &[u8] = b"h3";
+
 /// Bytes of a state datagram that each connection can carry from its start (PROTOCOL 1.1-4).
 ///
 /// Derived: a UDP payload of 1,200, less 38 for QUIC (flags 1, connection id 8 at most, packet number 4,
@@ -80,16 +83,43 @@ const INCOMING_BYTES_TOTAL: u64 = 4 << 20;
 const _: () = assert!(500 * (1_200 + PIECE_COST_BYTES) < DATAGRAM_SEND_BYTES);
 const _: () = assert!(CONTROL_QUEUE_BYTES + DATAGRAM_SEND_BYTES + SEND_WINDOW as usize <= 16 << 20);
 
+/// Streams that a client may have open at a time.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ClientStreams {
+    bidirectional: VarInt,
+    unidirectional: VarInt,
+}
+
+impl ClientStreams {
+    /// The control stream alone.
+    pub(super) const PLAIN: Self = Self {
+        bidirectional: VarInt::from_u32(1),
+        unidirectional: VarInt::from_u32(0),
+    };
+    /// Also those of HTTP/3: the request, settings, and two of header compression. Browsers give up a handshake that
+    /// does not grant them, before a server knows who asks; so a server closes a plain client that opens them.
+    pub(super) const WEB: Self = Self {
+        bidirectional: VarInt::from_u32(2),
+        unidirectional: VarInt::from_u32(3),
+    };
+}
+
 /// A server's configuration from its TLS configuration.
 ///
 /// # Errors
 ///
 /// The provider has no initial cipher suite.
-pub(super) fn server(tls: Arc<rustls::ServerConfig>) -> Result<ServerConfig, NoInitialCipherSuite> {
+///
+/// `streams`: those that a client may open.
+pub(super) fn server(
+    tls: Arc<rustls::ServerConfig>,
+    streams: ClientStreams,
+) -> Result<ServerConfig, NoInitialCipherSuite> {
     let mut config = ServerConfig::with_crypto(Arc::new(QuicServerConfig::try_from(tls)?));
     let mut transport = common();
     transport
-        .max_concurrent_bidi_streams(VarInt::from_u32(1))
+        .max_concurrent_bidi_streams(streams.bidirectional)
+        .max_concurrent_uni_streams(streams.unidirectional)
         .stream_receive_window(SERVER_STREAM_WINDOW)
         .receive_window(SERVER_STREAM_WINDOW);
     config

@@ -9,12 +9,13 @@ use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use rhumb_protocol::Ending;
+use rhumb_protocol::session::TransportCode;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::frame::{FrameReader, StreamFrame};
 use super::outgoing::Outgoing;
 use crate::client_transport::ClientTransport;
-use crate::quic::{Received, TransportCode, WireStatistics};
+use crate::quic::{Received, WireStatistics};
 
 /// Bytes of one read.
 const READ_BYTES: usize = 64 << 10;

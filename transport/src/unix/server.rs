@@ -12,6 +12,7 @@ use std::time::Duration;
 use std::{fs, thread};
 
 use bytes::Bytes;
+use rhumb_protocol::session::TransportCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
 
 use super::credit::{Credit, WaitingBytes};
@@ -19,7 +20,7 @@ use super::frame::{FrameReader, StreamFrame};
 use super::outgoing::Outgoing;
 use crate::clock::Clock;
 use crate::held_back::HeldBack;
-use crate::quic::{TransportCode, Waker};
+use crate::quic::Waker;
 
 /// The first number of peers of a Unix socket, above those of the network.
 const FIRST_PEER: u64 = 1 << 63;

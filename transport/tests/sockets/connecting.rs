@@ -150,11 +150,7 @@ fn a_taken_address_is_named() {
     let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
     let listen = taken.local_addr().unwrap();
     let certificate = Certificate::development(["localhost"]).unwrap();
-    let error = QuicServer::bind(ServerOptions {
-        listen,
-        certificate,
-    })
-    .unwrap_err();
+    let error = QuicServer::bind(ServerOptions::new(listen, certificate)).unwrap_err();
     assert!(error.to_string().contains(&listen.to_string()), "{error}");
     assert!(matches!(error, BindError::Address { .. }));
 }

@@ -163,11 +163,8 @@ pub(crate) fn serve<E: Endpoint + Send + 'static>(
     mut endpoint: E,
 ) -> (Bound, Stop, JoinHandle<ServerStatistics>) {
     let listen = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
-    let server = QuicServer::bind(ServerOptions {
-        listen,
-        certificate,
-    })
-    .expect("a free port is bound");
+    let server =
+        QuicServer::bind(ServerOptions::new(listen, certificate)).expect("a free port is bound");
     let bound = Bound {
         address: server.local_addr(),
         fingerprint: server.fingerprint(),

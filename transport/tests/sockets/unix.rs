@@ -32,6 +32,7 @@ impl Running {
         let network = QuicServer::bind(ServerOptions {
             listen: "127.0.0.1:0".parse().expect("an address"),
             certificate: Certificate::development(["localhost"]).expect("localhost is a name"),
+            web: None,
         });
         let network = network.expect("a free port is bound");
         let (mut echo, events) = Echo::new();

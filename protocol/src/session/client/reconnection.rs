@@ -64,6 +64,7 @@ impl ClientSession {
         let fresh = Self::new(self.scene.clone());
         let before = core::mem::replace(self, fresh);
         self.token = before.token;
+        self.set_largest_packet(before.upstream_state.largest_packet);
         self.resumption = before.resumption;
         self.commands = before.commands;
         self.config = before.config;

@@ -20,6 +20,11 @@ use crate::stream::{PredictionParameters, PublisherStatistics};
 use crate::time::Instant;
 
 impl ClientSession {
+    /// Bounds the packets of later upstreams. A transport that takes only smaller datagrams needs it.
+    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.upstream_state.largest_packet = largest_packet;
+    }
+
     /// Takes authority over these kinematic bodies in place of the earlier ones; an empty list ends it. Answered by
     /// `AuthorityGrant` or `AuthorityDenied`.
     ///
@@ -43,7 +48,7 @@ impl ClientSession {
         }
         let authority = TakeAuthority {
             tolerance,
-            largest_packet: LargestPacket::DEFAULT,
+            largest_packet: self.upstream_state.largest_packet,
             bodies,
         };
         self.as_member(&ClientMessage::TakeAuthority(authority.clone()))?;

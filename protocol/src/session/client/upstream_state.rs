@@ -3,6 +3,7 @@
 use rhumb_reckoning::BodyId;
 
 use crate::message::TakeAuthority;
+use crate::packet::LargestPacket;
 use crate::session::upstream_sender::UpstreamSender;
 
 /// The authority of a member and its upstream.
@@ -13,6 +14,8 @@ pub(super) struct UpstreamState {
     pub(super) requested_authority: Option<TakeAuthority>,
     /// The authority granted last.
     pub(super) granted: Option<TakeAuthority>,
+    /// Bound on the upstream's packets.
+    pub(super) largest_packet: LargestPacket,
 }
 
 impl UpstreamState {
@@ -21,6 +24,7 @@ impl UpstreamState {
             upstream_sender: None,
             requested_authority: None,
             granted: None,
+            largest_packet: LargestPacket::DEFAULT,
         }
     }
 

@@ -78,10 +78,10 @@ impl ServerMutant {
     #[must_use]
     pub fn serve(self) -> MutantServer {
         let certificate = Certificate::development(["localhost", "127.0.0.1"]);
-        let server = QuicServer::bind(ServerOptions {
-            listen: SocketAddr::from(([127, 0, 0, 1], 0)),
-            certificate: certificate.expect("making a certificate"),
-        });
+        let server = QuicServer::bind(ServerOptions::new(
+            SocketAddr::from(([127, 0, 0, 1], 0)),
+            certificate.expect("making a certificate"),
+        ));
         let server = server.expect("listening on loopback");
         let (address, fingerprint) = (server.local_addr(), server.fingerprint());
         let stop = Stop::new();

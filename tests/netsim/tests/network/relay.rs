@@ -70,11 +70,7 @@ fn answers_arrive_at_the_sender_of_the_request() {
 #[test]
 fn quic_connects_through_a_bad_link_and_not_through_a_dead_one() {
     let certificate = Certificate::development(["localhost"]).unwrap();
-    let server = QuicServer::bind(ServerOptions {
-        listen: free(),
-        certificate,
-    })
-    .unwrap();
+    let server = QuicServer::bind(ServerOptions::new(free(), certificate)).unwrap();
     let config: LinkConfig = "rtt=4ms,loss=10%,reorder=5%,dup=5%".parse().unwrap();
     let relay = UdpRelay::start(free(), server.local_addr(), config, 2).unwrap();
     let options = ClientOptions::new(relay.local_addr(), Trust::Fingerprint(server.fingerprint()));
@@ -129,11 +125,7 @@ impl Endpoint for Echo {
 #[test]
 fn a_burst_of_control_bytes_crosses_a_relay() {
     let certificate = Certificate::development(["localhost"]).unwrap();
-    let server = QuicServer::bind(ServerOptions {
-        listen: free(),
-        certificate,
-    })
-    .unwrap();
+    let server = QuicServer::bind(ServerOptions::new(free(), certificate)).unwrap();
     let (address, fingerprint) = (server.local_addr(), server.fingerprint());
     let stop = Stop::new();
     thread::scope(|scope| {

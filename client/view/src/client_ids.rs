@@ -7,20 +7,21 @@ use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Shape, ShapeId};
 use rhumb_protocol::session::{ClientSession, Event, Misuse, Replica};
 use rhumb_reckoning::{BodyId, BodyState};
 
-use crate::error::ClientError;
+use crate::add_error::AddError;
 use crate::id_allocator::IdAllocator;
 use crate::shape_numbers::{ShapeNumbers, ShapeSlot};
 
 /// The ids and numbers of one client in one scene.
 #[derive(Debug)]
-pub(crate) struct ClientIds {
+pub struct ClientIds {
     ids: IdAllocator,
     shapes: ShapeNumbers,
 }
 
 impl ClientIds {
     /// `granted`: the ids that the server granted when the client joined.
-    pub(crate) fn new(granted: IdRange) -> Self {
+    #[must_use]
+    pub fn new(granted: IdRange) -> Self {
         Self {
             ids: IdAllocator::new(granted),
             shapes: ShapeNumbers::default(),
@@ -30,7 +31,8 @@ impl ClientIds {
     /// The number of ids to request from the server before `count` ids are available; zero when enough are available.
     ///
     /// A client has a limited number of ranges, so it requests a large range whenever the limit allows.
-    pub(crate) fn missing_ids(&self, count: u32) -> u32 {
+    #[must_use]
+    pub fn missing_ids(&self, count: u32) -> u32 {
         match count.saturating_sub(self.ids.available()) {
             0 => 0,
             missing => {
@@ -41,12 +43,16 @@ impl ClientIds {
     }
 
     /// Takes `count` ids, or fewer when fewer are granted.
-    pub(crate) fn take_ids(&mut self, count: u32) -> Vec<BodyId> {
+    pub fn take_ids(&mut self, count: u32) -> Vec<BodyId> {
         (0..count).map_while(|_| self.ids.take()).collect()
     }
 
     /// Queues a command; returns its number.
-    pub(crate) fn command(
+    ///
+    /// # Errors
+    ///
+    /// As [`ClientSession::command`].
+    pub fn command(
         &mut self,
         session: &mut ClientSession,
         command: Command,
@@ -63,12 +69,16 @@ impl ClientIds {
     }
 
     /// Queues a body under a new id, and its shape unless the scene has an equal one.
-    pub(crate) fn add_body(
+    ///
+    /// # Errors
+    ///
+    /// [`AddError`] when no id or no number of a shape is left, or a number is invalid.
+    pub fn add_body(
         &mut self,
         session: &mut ClientSession,
         body: &BodyBuilder,
         motion: BodyState,
-    ) -> Result<BodyId, ClientError> {
+    ) -> Result<BodyId, AddError> {
         let shape = self.shape_number(session, body.shape())?;
         let id = self.ids.take().ok_or(Misuse::Indices(1))?;
         let desc = body.desc(id, shape);
@@ -80,7 +90,7 @@ impl ClientIds {
         &mut self,
         session: &mut ClientSession,
         shape: &Shape,
-    ) -> Result<ShapeId, ClientError> {
+    ) -> Result<ShapeId, AddError> {
         let replica = session.replica();
         let known = |id| replica.and_then(|replica| replica.shape(id));
         match self.shapes.find(shape, known) {
@@ -90,12 +100,12 @@ impl ClientIds {
                 self.command(session, Command::AddShape { id, shape })?;
                 Ok(id)
             }
-            None => Err(ClientError::TooManyShapes),
+            None => Err(AddError::TooManyShapes),
         }
     }
 
     /// Updates ids and shape numbers from an event; returns whether the event is passed to the caller.
-    pub(crate) fn note(&mut self, event: &Event, replica: Option<&Replica>) -> bool {
+    pub fn note(&mut self, event: &Event, replica: Option<&Replica>) -> bool {
         match *event {
             Event::Reserved(range) => {
                 self.ids.grant(range);

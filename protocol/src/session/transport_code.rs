@@ -1,10 +1,10 @@
 //! Close codes of the transport, above those of the protocol.
 //!
-//! The protocol's own codes pass through as numbers.
+//! Only the names of numbers: the transport decides when to close with them.
 
-use std::fmt;
+use core::fmt;
 
-/// A QUIC application close code of the transport.
+/// A close code of the transport (PROTOCOL 3.4).
 ///
 /// Codes from 0x100 on belong to the transport, those below to the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -23,6 +23,10 @@ impl TransportCode {
     pub const NO_CONTROL_STREAM: Self = Self(0x103);
     /// The peer's datagrams are disabled or too small for the protocol.
     pub const NO_DATAGRAMS: Self = Self(0x104);
+    /// The page's origin may not connect to this server.
+    pub const ORIGIN: Self = Self(0x105);
+    /// The client opened a stream that the protocol does not have.
+    pub const STRAY_STREAM: Self = Self(0x106);
 }
 
 impl fmt::Display for TransportCode {
@@ -33,6 +37,10 @@ impl fmt::Display for TransportCode {
             Self::CONTROL_OVERFLOW => f.write_str("control lane too slow"),
             Self::NO_CONTROL_STREAM => f.write_str("no control stream"),
             Self::NO_DATAGRAMS => f.write_str("datagrams absent or too small"),
+            Self::ORIGIN => f.write_str(
+                "the page's origin may not connect: its operator may allow it by --web-origin",
+            ),
+            Self::STRAY_STREAM => f.write_str("a stream that the protocol does not have"),
             Self(code) => write!(f, "close code {code:#x}"),
         }
     }

@@ -1,0 +1,397 @@
+// A member of a scene over a connection: moves bytes between the two, and goes on over another connection when one ends.
+
+import { Connection, within } from "./connection.js";
+import { RhumbError } from "./error.js";
+import { Member } from "./member.js";
+
+/** Events kept until they are read; beyond them the oldest are dropped. */
+const EVENTS_KEPT = 65536;
+/** First and longest pause between attempts to reach the server again, and the time of one, milliseconds. */
+const PAUSE_FIRST = 100;
+const PAUSE_MAX = 5000;
+const ATTEMPT = 3000;
+
+const COUNTERS = [
+  "receivedDatagrams",
+  "receivedDatagramBytes",
+  "receivedControlBytes",
+  "sentDatagrams",
+  "sentDatagramBytes",
+  "sentControlBytes",
+];
+
+const now = () => performance.now();
+
+const pause = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
+
+export class Client {
+  #member;
+  #connection;
+  #connecting;
+  #events = [];
+  #timer;
+  #flushing = false;
+  #state = "open";
+  #ending;
+  #interruptedAt;
+  #resumeWithin;
+  #tap;
+  #counted = Object.fromEntries(COUNTERS.map((counter) => [counter, 0]));
+  /** Calls that wait: for `joined`, `inspected`, `deleted`, and ticks. */
+  #waiting = { joined: [], inspected: [], deleted: [], ticks: [] };
+  #settleClosed;
+  scene;
+  config;
+  closed = new Promise((resolve) => (this.#settleClosed = resolve));
+
+  /** Joins over an open connection. `connecting` opens another one. */
+  static async join(connection, connecting, scene, options) {
+    const client = new Client();
+    const seed = options.resumeWithin === 0 ? undefined : crypto.getRandomValues(new Uint8Array(16));
+    client.scene = scene;
+    client.#connecting = connecting;
+    client.#resumeWithin = options.resumeWithin;
+    client.#tap = options.record;
+    client.#member = new Member(scene, { token: connecting.token, join: options, seed });
+    const joined = new Promise((resolve, reject) => client.#waiting.joined.push({ resolve, reject }));
+    client.#attach(connection);
+    try {
+      await within(joined, connecting.timeout, "scene", connecting.signal);
+    } catch (cause) {
+      client.close();
+      throw cause;
+    }
+    client.config = client.#member.config;
+    return client;
+  }
+
+  #attach(connection) {
+    this.#connection = connection;
+    this.#member.handleOpened(now());
+    this.#drain();
+    connection.start({
+      control: (bytes) => {
+        this.#tap?.("controlDown", bytes);
+        this.#member.handleControl(now(), bytes);
+        this.#drain();
+      },
+      datagram: (bytes) => {
+        this.#tap?.("stateDown", bytes);
+        this.#member.handleDatagram(now(), bytes);
+        this.#drain();
+      },
+      ended: (closeCode) => {
+        this.#member.handleEnded(now(), closeCode);
+        this.#drain();
+      },
+    });
+  }
+
+  /** Sends what the session has queued, takes its events, and sets its timer. */
+  #drain() {
+    if (this.#state === "ended") return;
+    for (let sent = this.#member.pollTransmit(); sent !== undefined; sent = this.#member.pollTransmit()) {
+      if (sent.kind === "control") {
+        this.#tap?.("controlUp", sent.bytes);
+        this.#connection?.sendControl(sent.bytes);
+      } else if (sent.kind === "state") {
+        this.#tap?.("stateUp", sent.bytes);
+        this.#connection?.sendDatagram(sent.bytes);
+      } else {
+        this.#connection?.close(sent.code);
+      }
+    }
+    for (let event = this.#member.pollEvent(); event !== undefined; event = this.#member.pollEvent()) {
+      this.#take(event);
+    }
+    this.#settleTicks();
+    this.#setTimer();
+  }
+
+  #setTimer() {
+    clearTimeout(this.#timer);
+    if (this.#state !== "open") return;
+    const at = this.#member.pollTimeout();
+    if (at === undefined) return;
+    this.#timer = setTimeout(
+      () => {
+        this.#member.handleTimeout(now());
+        this.#drain();
+      },
+      Math.max(0, at - now()),
+    );
+  }
+
+  #take(event) {
+    switch (event.kind) {
+      case "joined":
+        return this.#resolve("joined");
+      case "joinFailed":
+        return this.#reject("joined", new RhumbError(event.error));
+      case "inspected":
+        return this.#resolve("inspected", event.inspection);
+      case "deleted":
+        this.#resolve("deleted");
+        break;
+      case "denied":
+        this.#deny(event);
+        break;
+      case "resumed":
+        this.#state = "open";
+        this.#interruptedAt = undefined;
+        break;
+      case "ended":
+        return this.#handleEnded(event);
+    }
+    this.#push(event);
+  }
+
+  #push(event) {
+    if (this.#events.length === EVENTS_KEPT) this.#events.shift();
+    this.#events.push(event);
+  }
+
+  #handleEnded({ code, message, closeCode, mayResume, complete }) {
+    this.#count();
+    this.#connection = undefined;
+    const error = new RhumbError({ code, message, closeCode });
+    this.#interruptedAt ??= now();
+    const within = this.#resumeWithin === undefined ? this.#member.resumeWithin : this.#resumeWithin * 1000;
+    const until = this.#interruptedAt + within;
+    if (this.#state !== "ended" && mayResume && now() < until) {
+      if (this.#state === "open") this.#push({ kind: "interrupted", message, complete });
+      this.#state = "resuming";
+      this.#member.reconnect();
+      this.#resume(until, error);
+    } else {
+      this.#end(error);
+    }
+  }
+
+  /** Tries to reach the server again; the pause before each attempt doubles, and is shortened at random. */
+  async #resume(until, error) {
+    for (let longest = PAUSE_FIRST; now() < until; longest = Math.min(2 * longest, PAUSE_MAX)) {
+      await pause(longest * (0.5 + Math.random() / 2));
+      if (this.#state !== "resuming") return;
+      const { url, options } = this.#connecting;
+      try {
+        const connection = await Connection.open(url, { ...options, timeout: ATTEMPT, signal: undefined });
+        if (this.#state !== "resuming") return connection.close(0);
+        return this.#attach(connection);
+      } catch {
+        // The next attempt may find the server; the last one's end is reported below.
+      }
+    }
+    if (this.#state === "resuming") this.#end(error);
+  }
+
+  #end(error) {
+    if (this.#state === "ended") return;
+    this.#state = "ended";
+    this.#ending = error;
+    clearTimeout(this.#timer);
+    this.#push({ kind: "ended", error, complete: this.#member.completeTick });
+    for (const waiting of Object.keys(this.#waiting)) this.#reject(waiting, error);
+    this.#settleClosed(error);
+  }
+
+  #resolve(waiting, value) {
+    for (const { resolve } of this.#waiting[waiting].splice(0)) resolve(value);
+  }
+
+  #reject(waiting, error) {
+    for (const { reject } of this.#waiting[waiting].splice(0)) reject(error);
+  }
+
+  /** A denial answers the calls that wait. */
+  #deny({ denial, message }) {
+    const error = new RhumbError({ code: "denied", message, denial });
+    if (this.#waiting.ticks.length > 0) this.#member.giveUpAdvance();
+    for (const waiting of ["inspected", "deleted", "ticks"]) this.#reject(waiting, error);
+  }
+
+  #settleTicks() {
+    if (this.#waiting.ticks.length === 0) return;
+    const complete = this.#member.completeTick;
+    const { ticks } = this.#waiting;
+    this.#waiting.ticks = ticks.filter(({ wanted }) => wanted > complete);
+    for (const { wanted, resolve } of ticks) if (wanted <= complete) resolve(complete);
+  }
+
+  #wait(waiting, more) {
+    return new Promise((resolve, reject) => this.#waiting[waiting].push({ resolve, reject, ...more }));
+  }
+
+  /** Sends what a call has queued, once the calls of this task are over. */
+  #flushSoon() {
+    if (this.#flushing) return;
+    this.#flushing = true;
+    queueMicrotask(() => {
+      this.#flushing = false;
+      this.#drain();
+    });
+  }
+
+  #open() {
+    if (this.#state === "ended") throw this.#ending;
+    this.#flushSoon();
+    return this.#member;
+  }
+
+  #count() {
+    const counters = this.#connection?.counters;
+    if (counters === undefined) return;
+    for (const counter of COUNTERS) this.#counted[counter] += counters[counter];
+  }
+
+  get state() {
+    return this.#state;
+  }
+
+  get ending() {
+    return this.#ending;
+  }
+
+  poll(at = now()) {
+    return this.#member.poll(at);
+  }
+
+  show(ticks) {
+    this.#member.show(ticks, now());
+  }
+
+  async advance() {
+    const wanted = this.#open().advance(now());
+    const tick = await this.#wait("ticks", { wanted });
+    this.show(tick);
+    return tick;
+  }
+
+  get view() {
+    return this.#member.view;
+  }
+
+  get completeTick() {
+    return this.#member.completeTick;
+  }
+
+  get stream() {
+    return this.#member.stream;
+  }
+
+  get tolerance() {
+    return this.stream?.within;
+  }
+
+  changeStream(choice) {
+    this.#open().changeStream(choice);
+  }
+
+  setTierPolicy(policy) {
+    this.#open().setTierPolicy(policy);
+  }
+
+  setDelayTicks(ticks) {
+    this.#member.setDelayTicks(ticks);
+  }
+
+  setLeadTicks(ticks) {
+    this.#member.setLeadTicks(ticks);
+  }
+
+  setSmooth(smooth) {
+    this.#member.setSmooth(smooth);
+  }
+
+  pollEvent() {
+    return this.#events.shift();
+  }
+
+  get gravity() {
+    return this.#member.gravity;
+  }
+
+  body(id) {
+    return this.#member.body(id);
+  }
+
+  shape(id) {
+    return this.#member.shape(id);
+  }
+
+  joints() {
+    return this.#member.joints();
+  }
+
+  track(id) {
+    return this.#member.track(id);
+  }
+
+  errorBound(id) {
+    return this.#member.errorBound(id);
+  }
+
+  get digest() {
+    return this.#member.digest;
+  }
+
+  addBody(body) {
+    return this.addBodies([body])[0];
+  }
+
+  addBodies(bodies) {
+    return this.#open().addBodies(bodies);
+  }
+
+  command(command) {
+    return this.#open().command(command);
+  }
+
+  query(queries) {
+    return this.#open().query(queries);
+  }
+
+  flush() {
+    this.#drain();
+  }
+
+  takeAuthority(bodies, tolerance) {
+    this.#open().takeAuthority(bodies, tolerance);
+  }
+
+  get authorityBodies() {
+    return this.#member.authorityBodies;
+  }
+
+  publish(states) {
+    return this.#open().publish(now(), states);
+  }
+
+  async inspect() {
+    this.#open().inspect();
+    return this.#wait("inspected");
+  }
+
+  async delete() {
+    this.#open().delete();
+    return this.#wait("deleted");
+  }
+
+  get statistics() {
+    const counters = this.#connection?.counters ?? {};
+    const sums = COUNTERS.map((counter) => [counter, this.#counted[counter] + (counters[counter] ?? 0)]);
+    return { ...Object.fromEntries(sums), ...this.#member.statistics(now()) };
+  }
+
+  record(tap) {
+    this.#tap = tap;
+  }
+
+  close() {
+    if (this.#state === "ended") return;
+    this.#member.close();
+    this.#drain();
+    const error = new RhumbError({ code: "closed", message: "this client has left", closeCode: 0 });
+    this.#end(error);
+  }
+}

@@ -1,0 +1,322 @@
+// A member of a scene without socket or clock, and its view: a thin cover of the module's functions.
+
+import { answer, found, give, giveBytes, module, numbers, output, outputBytes } from "./module.js";
+import { RhumbError } from "./error.js";
+
+const IDS = 0;
+const SHAPES = 1;
+const KINDS = 2;
+const RESTING = 3;
+const CHANGED = 4;
+const REMOVED = 5;
+const UPDATE_TICKS = 6;
+const ERROR_BOUNDS = 7;
+const TOLERANCES = 8;
+const POSITIONS = 9;
+const ROTATIONS = 10;
+const LINEAR_VELOCITIES = 11;
+const ANGULAR_VELOCITIES = 12;
+
+const JOINTS = 0;
+const CONFIG = 1;
+const STREAM = 2;
+const GRAVITY = 3;
+const DIGEST = 4;
+const AUTHORITY = 5;
+
+const DELAY = 0;
+const LEAD = 1;
+const SMOOTH = 2;
+
+/** The poses of all bodies at one moment. Its arrays are valid until the next call of the member. */
+class View {
+  #handle;
+  time = 0;
+
+  constructor(handle) {
+    this.#handle = handle;
+  }
+
+  get count() {
+    return module().count(this.#handle);
+  }
+
+  get generation() {
+    return module().generation(this.#handle);
+  }
+
+  #column(column, Type, each = 1) {
+    // The call may compute the column, so the place is asked for first.
+    const place = module().column(this.#handle, column);
+    return numbers(Type, place, module().column_entries(this.#handle, column) * each);
+  }
+
+  get ids() {
+    return this.#column(IDS, Float64Array);
+  }
+
+  get shapes() {
+    return this.#column(SHAPES, Uint32Array);
+  }
+
+  get kinds() {
+    return this.#column(KINDS, Uint8Array);
+  }
+
+  get positions() {
+    return this.#column(POSITIONS, Float32Array, 3);
+  }
+
+  get rotations() {
+    return this.#column(ROTATIONS, Float32Array, 4);
+  }
+
+  get linearVelocities() {
+    return this.#column(LINEAR_VELOCITIES, Float32Array, 3);
+  }
+
+  get angularVelocities() {
+    return this.#column(ANGULAR_VELOCITIES, Float32Array, 3);
+  }
+
+  get resting() {
+    return this.#column(RESTING, Uint8Array);
+  }
+
+  get changed() {
+    return this.#column(CHANGED, Uint32Array);
+  }
+
+  get removed() {
+    return this.#column(REMOVED, Float64Array);
+  }
+
+  get updateTicks() {
+    return this.#column(UPDATE_TICKS, Float64Array);
+  }
+
+  get errorBounds() {
+    return this.#column(ERROR_BOUNDS, Float32Array);
+  }
+
+  get tolerances() {
+    return this.#column(TOLERANCES, Float32Array);
+  }
+
+  place(id) {
+    return module().place(this.#handle, id);
+  }
+}
+
+function hexadecimal(bytes) {
+  return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+/** What `rhumb.d.ts` names Member, and what a client needs beside it. */
+export class Member {
+  #handle;
+  #events = [];
+  #joined = false;
+  view;
+
+  constructor(scene, { token, join = {}, seed } = {}) {
+    const key = seed === undefined ? undefined : hexadecimal(seed);
+    give({ scene, token, key, join });
+    this.#handle = module().member_new();
+    if (this.#handle === 0) throw new RhumbError(output());
+    this.view = new View(this.#handle);
+  }
+
+  handleOpened(now) {
+    module().handle_opened(this.#handle, now);
+  }
+
+  handleControl(now, bytes) {
+    giveBytes(bytes);
+    module().handle_control(this.#handle, now);
+  }
+
+  handleDatagram(now, bytes) {
+    giveBytes(bytes);
+    module().handle_datagram(this.#handle, now);
+  }
+
+  handleTimeout(now) {
+    module().handle_timeout(this.#handle, now);
+  }
+
+  handleEnded(now, closeCode) {
+    module().handle_ended(this.#handle, now, closeCode ?? -1);
+  }
+
+  pollTransmit() {
+    switch (module().poll_transmit(this.#handle)) {
+      case 1:
+        return { kind: "control", bytes: outputBytes() };
+      case 2:
+        return { kind: "state", bytes: outputBytes() };
+      case 3:
+        return { kind: "close", code: output() };
+      default:
+        return undefined;
+    }
+  }
+
+  pollTimeout() {
+    const at = module().poll_timeout(this.#handle);
+    return at < 0 ? undefined : at;
+  }
+
+  pollEvent() {
+    if (this.#events.length === 0) this.#events = found(module().poll_events(this.#handle)) ?? [];
+    const event = this.#events.shift();
+    if (event?.kind === "joined") this.#joined = true;
+    return event;
+  }
+
+  get joined() {
+    return this.#joined;
+  }
+
+  poll(now) {
+    const ticks = module().poll_view(this.#handle, now);
+    if (ticks >= 0) this.view.time = ticks;
+    return this.view.time;
+  }
+
+  show(ticks, now = 0) {
+    module().show(this.#handle, now, ticks);
+    this.view.time = ticks;
+  }
+
+  body(id) {
+    return found(module().body(this.#handle, id));
+  }
+
+  shape(id) {
+    return found(module().shape(this.#handle, id));
+  }
+
+  track(id) {
+    return found(module().track(this.#handle, id));
+  }
+
+  errorBound(id) {
+    const bound = module().error_bound(this.#handle, id);
+    return bound >= 0 && bound < Infinity ? bound : undefined;
+  }
+
+  get completeTick() {
+    return module().complete_tick(this.#handle);
+  }
+
+  joints() {
+    return new Map(found(module().state(this.#handle, JOINTS)));
+  }
+
+  get config() {
+    return found(module().state(this.#handle, CONFIG));
+  }
+
+  get stream() {
+    return found(module().state(this.#handle, STREAM));
+  }
+
+  get gravity() {
+    return found(module().state(this.#handle, GRAVITY));
+  }
+
+  /** The state of the copy in the words of spec/vectors: equal for all implementations that have read the same bytes. */
+  get digest() {
+    return found(module().state(this.#handle, DIGEST));
+  }
+
+  get authorityBodies() {
+    return found(module().state(this.#handle, AUTHORITY));
+  }
+
+  statistics(now) {
+    return found(module().statistics(this.#handle, now));
+  }
+
+  /** Milliseconds for which a client of this scene tries to resume unless it is told otherwise. */
+  get resumeWithin() {
+    return module().resume_within(this.#handle);
+  }
+
+  reconnect() {
+    answer(module().reconnect(this.#handle));
+  }
+
+  close() {
+    module().close(this.#handle);
+  }
+
+  changeStream(choice) {
+    give(choice);
+    answer(module().change_stream(this.#handle));
+  }
+
+  setTierPolicy(policy) {
+    give(policy);
+    answer(module().set_tier_policy(this.#handle));
+  }
+
+  setDelayTicks(ticks) {
+    module().set_option(this.#handle, DELAY, ticks);
+  }
+
+  setLeadTicks(ticks) {
+    module().set_option(this.#handle, LEAD, ticks);
+  }
+
+  setSmooth(smooth) {
+    module().set_option(this.#handle, SMOOTH, smooth ? 1 : 0);
+  }
+
+  addBodies(bodies) {
+    give(bodies);
+    return answer(module().add_bodies(this.#handle));
+  }
+
+  command(command) {
+    give(command);
+    return answer(module().command(this.#handle));
+  }
+
+  query(queries) {
+    give(queries);
+    return answer(module().query(this.#handle));
+  }
+
+  takeAuthority(bodies, tolerance) {
+    give({ bodies, tolerance });
+    answer(module().take_authority(this.#handle));
+  }
+
+  publish(now, states) {
+    give(states.map(([id, state]) => ({ id, state })));
+    return answer(module().publish(this.#handle, now)) ?? undefined;
+  }
+
+  advance(now) {
+    return answer(module().advance(this.#handle, now));
+  }
+
+  giveUpAdvance() {
+    module().give_up_advance(this.#handle);
+  }
+
+  inspect() {
+    answer(module().inspect(this.#handle));
+  }
+
+  delete() {
+    answer(module().delete(this.#handle));
+  }
+
+  free() {
+    module().member_free(this.#handle);
+    this.#handle = 0;
+  }
+}

@@ -1,0 +1,728 @@
+/**
+ * Client of a remote physics scene in a browser: the session, the subscriber and the view of the Rust client, compiled
+ * to WebAssembly, over WebTransport.
+ *
+ * A {@link Client} is a member of one scene and follows one stream of it; connect again for another scene or stream.
+ * Only connecting and joining wait, and return promises. All other calls return at once; an answer arrives as an event.
+ *
+ * Frames and units: world frame, right-handed, SI. A rotation is a unit quaternion x, y, z, w, body → world.
+ * A position is that of the centre of mass. Velocities are those of the centre of mass. Ticks are numbers.
+ *
+ * Every error of this module is a {@link RhumbError} with a code and a sentence that says what to do.
+ */
+
+/** A body's id, opaque: its index plus 2³² times its generation. Usable as a key of a `Map`. */
+export type BodyId = number;
+/** A shape's number in its scene. */
+export type ShapeId = number;
+/** A joint's number in its scene. */
+export type JointId = number;
+/** x, y, z. */
+export type Vec3 = readonly [number, number, number];
+/** x, y, z, w. */
+export type Quat = readonly [number, number, number, number];
+
+/**
+ * Greatest error of a copy. A number: metres, for every point of a body, from 0.001 to 10. An object: bounds of their own
+ * on the centre of mass (metres) and on the rotation (radians).
+ */
+export type Tolerance = number | { readonly position: number; readonly turn: number };
+
+/** The named tiers of the Rust crates, in metres: 5 mm, 2 cm, 5 cm, 20 cm. */
+export const TOLERANCE: { readonly exact: 0.005; readonly fine: 0.02; readonly normal: 0.05; readonly coarse: 0.2 };
+
+/**
+ * The stream that a client follows.
+ *
+ * `"full"`: every state at every tick, exact; the truth for a comparison. `within`: predicted, within a tolerance.
+ * With a `budget`, the stream takes no more bytes per second of the scene's time, and states an error scale instead.
+ */
+export type StreamChoice =
+  | "full"
+  | { readonly within: Tolerance; readonly budget?: number | { readonly bytesPerSecond: number; readonly burst: number } };
+
+/** The streams that the server may move this client to when its link is congested: none, or tolerances up to a length. */
+export type TierPolicy = "never" | { readonly upTo: number };
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Connecting and joining
+
+/** Options of {@link connect}. */
+export interface ConnectOptions {
+  /**
+   * SHA-256 hashes of certificates that are accepted beside those of the browser's authorities: 64 hexadecimal digits, or
+   * 32 bytes. The server prints them when it starts. The certificate must be short-lived, as the server's own is.
+   *
+   * A function is called before each attempt, so that a client that reconnects gets the hashes of the present moment.
+   */
+  readonly certificateHashes?:
+    | readonly (string | BufferSource)[]
+    | (() => Promise<readonly (string | BufferSource)[]>);
+  /** The token that `rhumb-server token` made. Only a server started with `--open` needs none. */
+  readonly token?: string;
+  /** Cancels the attempt to connect or to join; afterwards it has no effect. */
+  readonly signal?: AbortSignal;
+  /** Time limit of connecting, and again of joining, milliseconds. Default: 5000. */
+  readonly timeout?: number;
+  /** Where `rhumb.wasm` is. Default: beside `rhumb.js`. */
+  readonly wasm?: WasmSource;
+  /** The constructor of the transport. Default: `globalThis.WebTransport`. */
+  readonly transport?: typeof WebTransport;
+}
+
+export type WasmSource = string | URL | Response | BufferSource | WebAssembly.Module;
+
+/**
+ * Connects to a server.
+ *
+ * `url`: `https://host:port` or `https://host:port/path`. Use the address `127.0.0.1` and not the name `localhost` for a
+ * server of this machine, which listens at one of the two addresses of that name only.
+ *
+ * Rejects with a {@link RhumbError}: `unsupported` (this browser has no WebTransport), `connect` (not reached, or another
+ * certificate), `timeout`, `aborted`, `argument`. A page whose origin the server does not allow connects, and is closed
+ * with the code 0x105 when it joins.
+ */
+export function connect(url: string | URL, options?: ConnectOptions): Promise<ServerConnection>;
+
+/** Compiles the module before it is needed; {@link connect} does it otherwise. */
+export function load(wasm?: WasmSource): Promise<void>;
+
+/** True if this browser can connect. */
+export const isSupported: boolean;
+
+/** The condition under which a client joins. */
+export type JoinMode =
+  /** The scene must exist. */
+  | "join"
+  /** The scene must not exist yet, and is created. */
+  | { readonly create: SceneConfigOptions }
+  /** An existing scene keeps its config. */
+  | { readonly createOrJoin: SceneConfigOptions };
+
+export interface JoinOptions {
+  /** Default: `"join"`. */
+  readonly mode?: JoinMode;
+  /** Default: within 5 cm. */
+  readonly stream?: StreamChoice;
+  /** Free running only: ticks that the view stays behind the server's clock. Default: 0, prediction covers the network's delay. */
+  readonly delayTicks?: number;
+  /** Free running only: ticks ahead of the server's clock at which bodies under authority are published. Default: 0. */
+  readonly leadTicks?: number;
+  /** Free running only: show whole ticks only. Default: false. */
+  readonly wholeTicks?: boolean;
+  /** Free running only: show corrections as short glides. Default: true. Off for a view that is compared with a truth. */
+  readonly smooth?: boolean;
+  /**
+   * Seconds for which the client tries to go on over another connection when one ends without its doing; commands are
+   * queued meanwhile. Default: 60 if the server keeps the scene over its own end, else 0.
+   */
+  readonly resumeWithin?: number;
+  /** As {@link Client.record}, from the first byte on, so that the recording can be replayed. */
+  readonly record?: (channel: TapChannel, bytes: Uint8Array) => void;
+}
+
+/** A connection that has joined no scene yet. */
+export class ServerConnection {
+  /**
+   * Joins a scene, and resolves when the copy of the scene is complete. A connection joins one scene, once.
+   *
+   * Rejects with a {@link RhumbError}: `denied` (with `denial`), `closed` (with `closeCode`), `timeout`, `argument`.
+   */
+  join(scene: string, options?: JoinOptions): Promise<Client>;
+  /** Closes a connection that has not joined. */
+  close(): void;
+}
+
+/** The config of a scene as the server has it. */
+export interface SceneConfig {
+  readonly stepping: "lockstep" | "freeRunning";
+  /** Ticks per `seconds` seconds. */
+  readonly rate: { readonly ticks: number; readonly seconds: number };
+  /** Seconds of one tick. */
+  readonly step: number;
+  readonly substeps: number;
+  /** At the start, m/s². */
+  readonly gravity: Vec3;
+  readonly material: Material;
+  readonly damping: Damping;
+  readonly sleep?: { readonly speed: number; readonly seconds: number };
+  /** Ticks between published ticks. */
+  readonly publishInterval: number;
+  /** Ticks by which every copy is later, for a publisher that looks ahead. */
+  readonly lookahead: number;
+}
+
+/** The config of a scene to create; what is left out has the default of the Rust crates (60 Hz, lockstep). */
+export type SceneConfigOptions = Partial<Omit<SceneConfig, "step">>;
+
+export interface Material {
+  readonly friction: number;
+  readonly restitution: number;
+  /** kg/m³. */
+  readonly density: number;
+}
+
+/** 1/s. */
+export interface Damping {
+  readonly linear: number;
+  readonly angular: number;
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// A member of a scene
+
+/** A member of one scene. */
+export class Client {
+  readonly scene: string;
+  readonly config: SceneConfig;
+  /** `"open"`; `"resuming"` while it tries to go on over another connection; `"ended"`. */
+  readonly state: "open" | "resuming" | "ended";
+  /** Why it ended; undefined before. */
+  readonly ending?: RhumbError;
+
+  /**
+   * Handles what has arrived, and computes the view of the present moment. Call it once per frame.
+   *
+   * `now`: milliseconds of `performance.now()`, such as the argument of a `requestAnimationFrame` callback. Default: the
+   * present moment. Returns the moment shown, in ticks; its fraction lies between two ticks.
+   *
+   * Free-running scenes only; in lockstep {@link advance} computes the view.
+   */
+  poll(now?: number): number;
+
+  /**
+   * Computes the view of a moment of the caller's choice, in ticks, without smoothing. Two clients that show the same
+   * moment can be compared.
+   *
+   * A copy keeps one track of each body before its present one, and none before the moment shown last: a moment some ticks
+   * back is shown truly only for bodies with at most one update since. So compare at the newest tick that both know:
+   * `const tick = Math.min(copy.completeTick, truth.completeTick); copy.show(tick); truth.show(tick);` in each frame, and
+   * skip a full stream's tick if its `completeTick` is already later. {@link View.errorBounds} is infinite where the copy
+   * cannot tell.
+   */
+  show(ticks: number): void;
+
+  /** Steps a lockstep scene once; resolves with the tick of the view, as `Client::advance` of the Rust crate does. */
+  advance(): Promise<number>;
+
+  /** The view as of the last call that computed it. The same object at all times. */
+  readonly view: View;
+
+  /** The newest tick at which every body is within its tolerance; of a full stream, the tick of its states. */
+  readonly completeTick: number;
+
+  /** The stream that the copy follows now. */
+  readonly stream: StreamChoice;
+  /** Tolerance of that stream; undefined for a full stream, whose states are exact. */
+  readonly tolerance: Tolerance | undefined;
+  /**
+   * Requests another stream. The event `subscriptionChanged` reports when the copy follows it; until then it follows the
+   * present one, and no tick is missed.
+   */
+  changeStream(choice: StreamChoice): void;
+  /** Sets the tiers that the server may choose for this client. Default of a server: up to 0.2 m. */
+  setTierPolicy(policy: TierPolicy): void;
+  /** Changes {@link JoinOptions.delayTicks}. */
+  setDelayTicks(ticks: number): void;
+  /** Changes {@link JoinOptions.leadTicks}. */
+  setLeadTicks(ticks: number): void;
+  /** Changes {@link JoinOptions.smooth}. */
+  setSmooth(smooth: boolean): void;
+
+  /** The oldest unread event; undefined when there is none. */
+  pollEvent(): Event | undefined;
+
+  /** Present gravity, m/s². */
+  readonly gravity: Vec3;
+  /** A body's description; undefined for a body that the copy does not have. */
+  body(id: BodyId): BodyDesc | undefined;
+  /** A shape of the scene; undefined for an unknown number. */
+  shape(id: ShapeId): Shape | undefined;
+  /** The joints of the scene. */
+  joints(): ReadonlyMap<JointId, Joint>;
+  /** What the copy predicts a body from; undefined for a body that the copy does not have. */
+  track(id: BodyId): Track | undefined;
+  /** Bound on a body's error at the moment shown, metres; `undefined` while a packet that may concern it is missing. */
+  errorBound(id: BodyId): number | undefined;
+
+  /**
+   * Queues the addition of a body, and of its shape unless the scene has an equal one; returns the body's id. The event
+   * `bodyPlaced` or `refused` reports the result. Throws `noIds` if the server must grant more ids first, which this call
+   * requests: repeat it after the event `reserved`.
+   */
+  addBody(body: BodyOptions): BodyId;
+  /** As {@link addBody}, for many bodies. If one of them is invalid, none is queued. */
+  addBodies(bodies: readonly BodyOptions[]): BodyId[];
+  /** Queues a command, which is applied before the next tick; returns the number that its answer names. */
+  command(command: Command): number;
+  /** Queues queries in one message; returns the number that the event `queryResult` names. */
+  query(queries: readonly Query[]): number;
+  /** Sends what is queued. Otherwise it is sent before the next task of the event loop. */
+  flush(): void;
+
+  /**
+   * Requests authority over these kinematic bodies, in place of those that this client has authority over now. The event
+   * `authorityGrant` or `authorityDenied` reports the result. An empty list ends the authority.
+   */
+  takeAuthority(bodies: readonly BodyId[], tolerance: Tolerance): void;
+  /** The bodies under this client's authority. */
+  readonly authorityBodies: readonly BodyId[];
+  /**
+   * Publishes the present states of bodies under this client's authority; call it once per frame. Returns the tick of the
+   * states, or undefined if nothing was published: before the grant, before the clock is known, twice in one tick.
+   */
+  publish(states: readonly (readonly [BodyId, BodyState])[]): number | undefined;
+
+  /** Requests an inspection; resolves with the server's answer. */
+  inspect(): Promise<Inspection>;
+  /** Deletes the scene for all members; resolves when it is done. */
+  delete(): Promise<void>;
+
+  readonly statistics: Statistics;
+
+  /** The state of the copy in the words of spec/vectors, for comparison with another client. */
+  readonly digest: Digest | undefined;
+
+  /** Calls `tap` with all bytes in both directions, for recording; undefined ends it. The bytes are the callee's. */
+  record(tap: ((channel: TapChannel, bytes: Uint8Array) => void) | undefined): void;
+
+  /** Leaves the scene and closes the connection; commands sent before are delivered first. */
+  close(): void;
+  /** Settles when the client has ended, with the reason. */
+  readonly closed: Promise<RhumbError>;
+}
+
+/** spec/vectors/README.md has the words. */
+export interface Digest {
+  readonly watermark: number;
+  readonly complete: number;
+  readonly converged: boolean;
+  readonly next: number;
+  readonly missing: number;
+  /** Over all tracks. */
+  readonly checksum: string;
+  /** Over all predicted motions at the watermark, while nothing is missing. */
+  readonly poses?: string;
+}
+
+export type TapChannel = "controlDown" | "controlUp" | "stateDown" | "stateUp";
+
+/**
+ * The poses of all bodies at one moment, in parallel arrays.
+ *
+ * The arrays are views of the module's memory: nothing is copied. They are valid until the next call of any method of the
+ * client, so read the property in each frame and do not keep it. The place of a body changes only when bodies are added
+ * or removed; `generation` tells.
+ */
+export interface View {
+  /** Number of bodies. */
+  readonly count: number;
+  /** The moment shown, ticks. */
+  readonly time: number;
+  /** Grows whenever a body is added, removed or described anew, that is whenever `ids`, `shapes` or `kinds` change. */
+  readonly generation: number;
+  /** Body ids, one per place. */
+  readonly ids: Float64Array;
+  /** Shape of each body. */
+  readonly shapes: Uint32Array;
+  /** Kind of each body: 0 static, 1 dynamic, 2 kinematic. */
+  readonly kinds: Uint8Array;
+  /** x, y, z of each body's centre of mass, metres. */
+  readonly positions: Float32Array;
+  /** x, y, z, w of each body's rotation. */
+  readonly rotations: Float32Array;
+  /** As shown, m/s; zero at rest. */
+  readonly linearVelocities: Float32Array;
+  /** As shown, rad/s; zero at rest. */
+  readonly angularVelocities: Float32Array;
+  /** 1 for each body at rest: its pose does not change until its next update or event. */
+  readonly resting: Uint8Array;
+  /** Places whose pose differs from that of the view before, each once. */
+  readonly changed: Uint32Array;
+  /** Bodies that were removed since the view before. */
+  readonly removed: Float64Array;
+  /** Tick of each body's last update. Computed when read. */
+  readonly updateTicks: Float64Array;
+  /** Bound on each body's error at `time`, metres; infinite while it is unknown. Computed when read. */
+  readonly errorBounds: Float32Array;
+  /** Tolerance of each body in this stream, metres; zero for a full stream. Computed when read. */
+  readonly tolerances: Float32Array;
+  /** Place of a body; -1 if it is not in this view. */
+  place(id: BodyId): number;
+}
+
+/** What a copy predicts a body from: its last published state and the predictor that continues it. */
+export interface Track {
+  /** Tick of the state. */
+  readonly origin: number;
+  readonly predictor: "rest" | "uniform" | "ballistic" | "torqueFree" | "ballisticTorqueFree" | "accelerated";
+  /** Of the predictor `accelerated`, m/s². */
+  readonly acceleration?: Vec3;
+  /** True if the state has the engine's exact bits; false if it is quantised. */
+  readonly exact: boolean;
+  /** The state, in the frame of the parent if there is one. */
+  readonly state: BodyState;
+  /** The body that moves this one. */
+  readonly parent?: BodyId;
+}
+
+export interface BodyState {
+  readonly position: Vec3;
+  readonly rotation?: Quat;
+  readonly linearVelocity?: Vec3;
+  readonly angularVelocity?: Vec3;
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// What a scene is made of
+
+/** Lengths in metres, from the body's centre of mass; long axes along the body's y. */
+export type Shape =
+  | { readonly kind: "ball"; readonly radius: number }
+  | { readonly kind: "cuboid"; readonly halfExtents: Vec3 }
+  | { readonly kind: "roundedCuboid"; readonly halfExtents: Vec3; readonly radius: number }
+  | { readonly kind: "capsule"; readonly halfHeight: number; readonly radius: number }
+  | { readonly kind: "cylinder"; readonly halfHeight: number; readonly radius: number }
+  /** Its tip points along y; its base is half of `halfHeight` below the centre of mass. */
+  | { readonly kind: "cone"; readonly halfHeight: number; readonly radius: number }
+  /** Everything behind a plane through the body's origin. */
+  | { readonly kind: "halfSpace"; readonly normal: Vec3 }
+  /** x, y, z of each point. */
+  | { readonly kind: "hull"; readonly points: readonly number[] }
+  /**
+   * A height for each post, row by row: post (r, c) stands at x = r · rowSpacing, y = heights[r · columns + c],
+   * z = c · columnSpacing from the body's origin.
+   */
+  | {
+      readonly kind: "heights";
+      readonly rows: number;
+      readonly columns: number;
+      readonly rowSpacing: number;
+      readonly columnSpacing: number;
+      readonly heights: readonly number[];
+    }
+  /** x, y, z of each point; three point numbers of each triangle. */
+  | { readonly kind: "mesh"; readonly points: readonly number[]; readonly triangles: readonly number[] }
+  | { readonly kind: "compound"; readonly parts: readonly Part[] };
+
+export interface Part {
+  readonly position: Vec3;
+  readonly rotation: Quat;
+  readonly shape: Exclude<Shape, { kind: "compound" }>;
+}
+
+export type BodyKind = "static" | "dynamic" | "kinematic";
+
+/** Everything constant of a body but its id and shape. What is left out has the scene's or the protocol's default. */
+export interface BodyProperties {
+  readonly kind: BodyKind;
+  readonly material?: Material;
+  readonly damping?: Damping;
+  /** Factor on the scene's gravity. Default: 1. */
+  readonly gravityScale?: number;
+  /** Default: true. */
+  readonly gyroscopic?: boolean;
+  /** Power of two by which its tolerance differs from the stream's. Default: 0. */
+  readonly toleranceScale?: number;
+  /** Bits of the locked axes: translations along x, y, z (1, 2, 4), rotations about x, y, z (8, 16, 32). Default: 0. */
+  readonly lockedAxes?: number;
+  /** kg, and moments of inertia, kg·m². Default: from the shape and the density. */
+  readonly mass?: { readonly mass: number; readonly moments?: Vec3 };
+  readonly groups?: { readonly members: number; readonly touches: number };
+  readonly dominance?: number;
+  readonly sensor?: boolean;
+  readonly swept?: boolean;
+  /** Default: true. */
+  readonly enabled?: boolean;
+}
+
+/** A body as the copy has it. */
+export interface BodyDesc extends BodyProperties {
+  readonly id: BodyId;
+  readonly shape: ShapeId;
+}
+
+/** A body to add. */
+export interface BodyOptions extends BodyProperties, Partial<BodyState> {
+  readonly shape: Shape;
+}
+
+export interface JointFrame {
+  /** From the body's centre of mass, along its axes, metres. */
+  readonly anchor: Vec3;
+  /** Frame → body. Default: the axes of the body. */
+  readonly rotation?: Quat;
+}
+
+/** Radians or metres, inclusive. */
+export interface JointLimits {
+  readonly least: number;
+  readonly most: number;
+}
+
+export interface Motor {
+  readonly position: number;
+  readonly velocity: number;
+  readonly stiffness: number;
+  readonly damping: number;
+  readonly force: number;
+}
+
+export type JointKind =
+  | { readonly kind: "fixed" }
+  | { readonly kind: "spherical"; readonly limits?: readonly [JointLimits, JointLimits, JointLimits] }
+  | { readonly kind: "revolute"; readonly limits?: JointLimits }
+  | { readonly kind: "prismatic"; readonly limits?: JointLimits }
+  | { readonly kind: "rope"; readonly length: number }
+  | { readonly kind: "spring"; readonly length: number; readonly stiffness: number; readonly damping: number }
+  /** `limits`: six, null for an axis without. */
+  | { readonly kind: "generic"; readonly lockedAxes: number; readonly limits: readonly (JointLimits | null)[] };
+
+export type Joint = JointKind & {
+  readonly bodies: readonly [BodyId, BodyId];
+  readonly frames: readonly [JointFrame, JointFrame];
+  /** Default: false. */
+  readonly collide?: boolean;
+  /** Six, null for an axis without: translations along x, y, z, rotations about x, y, z. Default: none. */
+  readonly motors?: readonly (Motor | null)[];
+  /** N and N·m. Default: it never breaks. */
+  readonly strength?: { readonly force: number; readonly torque: number };
+};
+
+/** Events that a body reports. */
+export interface ActiveEvents {
+  readonly contacts?: boolean;
+  /** Newtons from which a contact's force is reported. */
+  readonly force?: number;
+  readonly sensors?: boolean;
+  readonly sleep?: boolean;
+}
+
+/** One command. Forces act during the next tick, impulses at once. N, N·m, N·s, N·m·s; points in metres, world frame. */
+export type Command =
+  | { readonly kind: "removeBody"; readonly id: BodyId }
+  | { readonly kind: "changeBody"; readonly desc: BodyDesc }
+  | { readonly kind: "setPose"; readonly id: BodyId; readonly position: Vec3; readonly rotation: Quat }
+  | { readonly kind: "setVelocity"; readonly id: BodyId; readonly linear: Vec3; readonly angular: Vec3 }
+  | { readonly kind: "force"; readonly id: BodyId; readonly force: Vec3; readonly point?: Vec3 }
+  | { readonly kind: "torque"; readonly id: BodyId; readonly torque: Vec3 }
+  | { readonly kind: "impulse"; readonly id: BodyId; readonly impulse: Vec3; readonly point?: Vec3 }
+  | { readonly kind: "torqueImpulse"; readonly id: BodyId; readonly impulse: Vec3 }
+  | { readonly kind: "sleep" | "wake"; readonly id: BodyId }
+  | { readonly kind: "setEvents"; readonly id: BodyId; readonly events: ActiveEvents }
+  | { readonly kind: "setGravity"; readonly gravity: Vec3 }
+  | { readonly kind: "addShape"; readonly id: ShapeId; readonly shape: Shape }
+  | { readonly kind: "removeShape"; readonly id: ShapeId }
+  | { readonly kind: "addJoint" | "changeJoint"; readonly id: JointId; readonly joint: Joint }
+  | { readonly kind: "removeJoint"; readonly id: JointId };
+
+/** Which bodies a query considers. Default: all but sensors. */
+export interface QueryFilter {
+  readonly withStatic?: boolean;
+  readonly withDynamic?: boolean;
+  readonly withKinematic?: boolean;
+  readonly withSensors?: boolean;
+  readonly except?: BodyId;
+  readonly groups?: number;
+}
+
+export type Query = (
+  | { readonly kind: "ray"; readonly origin: Vec3; readonly translation: Vec3 }
+  | { readonly kind: "shapeCast"; readonly shape: Shape; readonly position: Vec3; readonly rotation?: Quat; readonly translation: Vec3 }
+  | { readonly kind: "projection"; readonly point: Vec3; readonly distance: number }
+  | { readonly kind: "overlap"; readonly shape: Shape; readonly position: Vec3; readonly rotation?: Quat }
+) & {
+  readonly filter?: QueryFilter;
+  /** Most bodies in its answer, 1 to 64. Default: 1. */
+  readonly hits?: number;
+};
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Events
+
+/** `complete`: the newest complete tick when the data with which the event arrived was read. */
+export type Event = { readonly complete: number } & (
+  | { readonly kind: "bodyPlaced"; readonly id: BodyId }
+  | { readonly kind: "bodyRemoved"; readonly id: BodyId; readonly cause: string }
+  | { readonly kind: "applied"; readonly through: number; readonly tick: number }
+  | { readonly kind: "refused"; readonly number: number; readonly message: string }
+  | { readonly kind: "durable"; readonly commands: number; readonly tick: number }
+  | { readonly kind: "reserved" }
+  | { readonly kind: "denied"; readonly denial: DenialCode; readonly message: string }
+  | { readonly kind: "subscriptionChanged"; readonly stream: StreamChoice }
+  | { readonly kind: "tierChanged"; readonly to: StreamChoice; readonly cause: "linkCongested" | "linkRecovered" }
+  | { readonly kind: "authorityGrant"; readonly bodies: readonly BodyId[] }
+  | { readonly kind: "authorityDenied"; readonly message: string }
+  | { readonly kind: "queryResult"; readonly number: number; readonly tick: number; readonly answers: readonly QueryHit[][] }
+  | { readonly kind: "queryFailed"; readonly number: number; readonly tick: number; readonly message: string }
+  | { readonly kind: "contactBegan" | "contactForce"; readonly tick: number; readonly body: BodyId; readonly contact: Contact }
+  | { readonly kind: "contactEnded"; readonly tick: number; readonly body: BodyId; readonly with: BodyId }
+  | { readonly kind: "sensorEntered" | "sensorLeft"; readonly tick: number; readonly sensor: BodyId; readonly body: BodyId }
+  | { readonly kind: "fellAsleep" | "woke" | "bodyFault"; readonly tick: number; readonly body: BodyId }
+  | { readonly kind: "eventsMissed"; readonly tick: number; readonly count: number }
+  | { readonly kind: "checksumMismatch" }
+  | { readonly kind: "sceneFaulted"; readonly tick: number }
+  | { readonly kind: "sceneRestored"; readonly tick: number }
+  | { readonly kind: "interrupted"; readonly message: string }
+  | { readonly kind: "resumed" }
+  | { readonly kind: "sessionLost" }
+  | { readonly kind: "left" | "deleted" }
+  | { readonly kind: "ended"; readonly error: RhumbError }
+);
+
+export interface Contact {
+  readonly with: BodyId;
+  readonly point: Vec3;
+  readonly normal: Vec3;
+  readonly separation: number;
+  readonly force: number;
+}
+
+export interface QueryHit {
+  readonly body: BodyId;
+  /** Metres: along the way, or from the point to the surface. Undefined for an overlap. */
+  readonly distance?: number;
+  readonly point?: Vec3;
+  readonly normal?: Vec3;
+}
+
+export interface Inspection {
+  readonly tick: number;
+  readonly bodies: number;
+  readonly awake: number;
+  readonly updates: number;
+  readonly packets: number;
+  readonly packetBytes: number;
+  readonly mismatches: number;
+  readonly overBudget: number;
+  /** Nanoseconds of the engine's steps: the median and the 99th percentile. */
+  readonly stepMedian: number;
+  readonly stepP99: number;
+}
+
+/** Counters since the client connected, over all its connections. Bytes are payloads of datagrams and of the stream. */
+export interface Statistics {
+  readonly receivedDatagrams: number;
+  readonly receivedDatagramBytes: number;
+  readonly receivedControlBytes: number;
+  readonly sentDatagrams: number;
+  readonly sentDatagramBytes: number;
+  readonly sentControlBytes: number;
+  /** Milliseconds, as the session measures it. */
+  readonly roundTrip: number;
+  /** Of the present stream. */
+  readonly packets: number;
+  readonly updates: number;
+  /** Packets found missing. */
+  readonly missed: number;
+  /** Packets recovered from repair symbols. */
+  readonly rebuilt: number;
+  readonly repairSymbols: number;
+  /** Parts of refreshes applied. */
+  readonly refreshes: number;
+  readonly disordered: number;
+  readonly duplicates: number;
+  readonly malformed: number;
+  readonly checksumsCompared: number;
+  readonly checksumMismatches: number;
+  /** Packets missing now. */
+  readonly missing: number;
+  /** The newest tick up to which everything published is known. */
+  readonly watermarkTick: number;
+  /** The newest tick at which every body is within its tolerance. */
+  readonly completeTick: number;
+  /** Present factor on the tolerances of a stream with a budget; 1 otherwise. */
+  readonly errorScale: number;
+  /** Ticks by which the view lies behind the server's clock; undefined before the clock is known. */
+  readonly behindTicks?: number;
+  /** Updates and bytes of the upstream since the last authority grant. */
+  readonly upstream: { readonly updates: number; readonly packets: number; readonly bytes: number };
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Errors
+
+export type ErrorCode =
+  /** This browser has no WebTransport. */
+  | "unsupported"
+  /** The server was not reached, has another certificate, or does not allow the page's origin. */
+  | "connect"
+  | "timeout"
+  | "aborted"
+  /** An argument is not what this call takes; the sentence names it. Nothing was sent. */
+  | "argument"
+  /** The call is not possible in the present state. */
+  | "notNow"
+  /** The server has granted no more body ids yet; see {@link Client.addBody}. */
+  | "noIds"
+  | "tooManyShapes"
+  /** The server denied the request; `denial` has the reason. */
+  | "denied"
+  /** The connection was closed; `closeCode` has the reason. */
+  | "closed"
+  /** The connection broke or timed out. */
+  | "broken"
+  | "sceneDeleted"
+  | "sceneFaulted";
+
+export type DenialCode =
+  | "noSuchScene"
+  | "sceneExists"
+  | "invalidConfig"
+  | "tooManyScenes"
+  | "tooManyMembers"
+  | "tooManyStreams"
+  | "noIndicesLeft"
+  | "notLockstep"
+  | "tooFarAhead"
+  | "sceneFaulted"
+  | "owned"
+  | "notAllowed"
+  | "advanceNotAllowed"
+  | "overQuota"
+  | "overloaded"
+  | "other";
+
+/** An error of this module. `message` is a sentence for people. */
+export class RhumbError extends Error {
+  readonly code: ErrorCode;
+  readonly denial?: DenialCode;
+  /** Code with which the server closed the connection (PROTOCOL 3.4). */
+  readonly closeCode?: number;
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Without a network
+
+/**
+ * A member of a scene without socket or clock: bytes in, bytes out. {@link Client} drives one; a player of recorded bytes
+ * drives another. `now`: milliseconds of a clock that does not go back.
+ */
+export class Member {
+  /** `load` must have resolved before. `seed`: 16 random bytes, the key of a session that may resume; without it, none may. */
+  constructor(scene: string, options?: { readonly token?: string; readonly join?: JoinOptions; readonly seed?: Uint8Array });
+  handleOpened(now: number): void;
+  handleControl(now: number, bytes: Uint8Array): void;
+  handleDatagram(now: number, bytes: Uint8Array): void;
+  handleTimeout(now: number): void;
+  /** `closeCode`: that of a peer that closed; undefined for a connection that broke. */
+  handleEnded(now: number, closeCode?: number): void;
+  /** The next transmission; undefined when there is none. The bytes are the caller's. */
+  pollTransmit(): { readonly kind: "control" | "state"; readonly bytes: Uint8Array } | { readonly kind: "close"; readonly code: number } | undefined;
+  /** The moment of the next `handleTimeout`; undefined if none is needed. */
+  pollTimeout(): number | undefined;
+  pollEvent(): Event | undefined;
+  /** True once the copy of the scene is complete. */
+  readonly joined: boolean;
+  readonly view: View;
+  poll(now: number): number;
+  show(ticks: number): void;
+  body(id: BodyId): BodyDesc | undefined;
+  shape(id: ShapeId): Shape | undefined;
+  track(id: BodyId): Track | undefined;
+  errorBound(id: BodyId): number | undefined;
+  /** The state of the copy in the words of spec/vectors: equal to that of every client that has read the same bytes. */
+  readonly digest: Digest | undefined;
+  /** Frees the module's memory of this member. */
+  free(): void;
+}

@@ -1,0 +1,150 @@
+//! One argument of a call: a part of a JSON value that knows its place in the whole.
+//!
+//! A wrong argument is named by its place, as in `body.shape.radius`.
+
+use glam::{Quat, Vec3};
+use rhumb_reckoning::BodyId;
+use serde_json::Value;
+
+use crate::failure::Failure;
+
+/// A part of a JSON value, and its place.
+#[derive(Clone, Debug)]
+pub(crate) struct Argument<'a> {
+    value: &'a Value,
+    place: String,
+}
+
+impl<'a> Argument<'a> {
+    pub(crate) fn new(value: &'a Value, place: &str) -> Self {
+        Self {
+            value,
+            place: place.to_owned(),
+        }
+    }
+
+    /// The error that this argument is not what is wanted.
+    pub(crate) fn wrong(&self, wanted: &str) -> Failure {
+        Failure::argument(&self.place, format_args!("must be {wanted}"))
+    }
+
+    /// The error of a check that this argument does not pass.
+    pub(crate) fn refused(&self, why: impl std::fmt::Display) -> Failure {
+        Failure::argument(&self.place, why)
+    }
+
+    /// A field; null and an absent one are none.
+    pub(crate) fn optional(&self, field: &str) -> Option<Self> {
+        let value = self.value.get(field).filter(|value| !value.is_null())?;
+        Some(Self {
+            value,
+            place: format!("{}.{field}", self.place),
+        })
+    }
+
+    /// A field that must be there.
+    pub(crate) fn field(&self, field: &str) -> Result<Self, Failure> {
+        self.optional(field)
+            .ok_or_else(|| Failure::argument(&format!("{}.{field}", self.place), "is missing"))
+    }
+
+    /// The elements of a list.
+    pub(crate) fn items(&self) -> Result<impl Iterator<Item = Self> + use<'a>, Failure> {
+        let items = self.value.as_array().ok_or_else(|| self.wrong("a list"))?;
+        let place = self.place.clone();
+        Ok(items
+            .iter()
+            .enumerate()
+            .map(move |(index, value)| Argument {
+                value,
+                place: format!("{place}[{index}]"),
+            }))
+    }
+
+    pub(crate) fn text(&self) -> Result<&'a str, Failure> {
+        self.value.as_str().ok_or_else(|| self.wrong("a text"))
+    }
+
+    /// The text, if it is one.
+    pub(crate) fn as_text(&self) -> Option<&'a str> {
+        self.value.as_str()
+    }
+
+    /// The number, if it is one.
+    pub(crate) fn as_number(&self) -> Option<f64> {
+        self.value.as_f64()
+    }
+
+    pub(crate) fn is_null(&self) -> bool {
+        self.value.is_null()
+    }
+
+    pub(crate) fn flag(&self) -> Result<bool, Failure> {
+        self.value
+            .as_bool()
+            .ok_or_else(|| self.wrong("true or false"))
+    }
+
+    pub(crate) fn number(&self) -> Result<f64, Failure> {
+        self.as_number().ok_or_else(|| self.wrong("a number"))
+    }
+
+    pub(crate) fn single(&self) -> Result<f32, Failure> {
+        Ok(self.number()? as f32)
+    }
+
+    /// A whole number within bounds, both inclusive.
+    pub(crate) fn whole(&self, least: i64, most: i64) -> Result<i64, Failure> {
+        let number = self.as_number();
+        let whole = number.filter(|number| number.fract() == 0.0);
+        let within = whole.filter(|number| (least as f64..=most as f64).contains(number));
+        let number =
+            within.ok_or_else(|| self.wrong(&format!("a whole number from {least} to {most}")))?;
+        Ok(number as i64)
+    }
+
+    pub(crate) fn u32(&self) -> Result<u32, Failure> {
+        Ok(self.whole(0, i64::from(u32::MAX))? as u32)
+    }
+
+    pub(crate) fn singles<const N: usize>(&self) -> Result<[f32; N], Failure> {
+        let wanted = || self.wrong(&format!("a list of {N} numbers"));
+        let items = self.value.as_array().filter(|items| items.len() == N);
+        let mut singles = [0.0; N];
+        for (single, item) in singles.iter_mut().zip(items.ok_or_else(wanted)?) {
+            *single = item.as_f64().ok_or_else(wanted)? as f32;
+        }
+        Ok(singles)
+    }
+
+    pub(crate) fn vector(&self) -> Result<Vec3, Failure> {
+        Ok(Vec3::from_array(self.singles()?))
+    }
+
+    pub(crate) fn rotation(&self) -> Result<Quat, Failure> {
+        Ok(Quat::from_array(self.singles()?))
+    }
+
+    /// Numbers, as many as there are.
+    pub(crate) fn all_singles(&self) -> Result<Vec<f32>, Failure> {
+        self.items()?.map(|item| item.single()).collect()
+    }
+
+    pub(crate) fn body(&self) -> Result<BodyId, Failure> {
+        let most = (i64::from(u16::MAX) << 32) | i64::from(u32::MAX);
+        let number = self.whole(0, most)?;
+        Ok(BodyId::new(number as u32, (number >> 32) as u16))
+    }
+}
+
+/// A body's id as a number of JavaScript: its index plus 2³² times its generation.
+pub(crate) fn id_number(id: BodyId) -> f64 {
+    f64::from(id.generation()) * 4_294_967_296.0 + f64::from(id.index())
+}
+
+/// The id of a number of JavaScript; `None` for a number that is none.
+pub(crate) fn body_of(number: f64) -> Option<BodyId> {
+    let most = f64::from(u16::MAX) * 4_294_967_296.0 + f64::from(u32::MAX);
+    let fits = (0.0..=most).contains(&number) && number.fract() == 0.0;
+    fits.then(|| BodyId::new(number as u64 as u32, (number as u64 >> 32) as u16))
+}

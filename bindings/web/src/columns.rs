@@ -1,0 +1,115 @@
+//! Columns beside those of the view, in the form that JavaScript reads: numbers in parallel arrays.
+//!
+//! Invariant: after an update, each column has one entry per body of the view, in its order.
+
+use rhumb_protocol::scene::BodyKind;
+use rhumb_protocol::session::Replica;
+use rhumb_protocol::stream::ErrorBound;
+use rhumb_reckoning::{BodyId, Ticks, Tolerance};
+use rhumb_view::{RenderTime, View};
+
+use crate::argument::id_number;
+
+/// Columns of one view.
+#[derive(Debug, Default)]
+pub(crate) struct Columns {
+    known: Vec<BodyId>,
+    pub(crate) ids: Vec<f64>,
+    pub(crate) shapes: Vec<u32>,
+    pub(crate) kinds: Vec<u8>,
+    pub(crate) resting: Vec<u8>,
+    pub(crate) changed: Vec<u32>,
+    pub(crate) removed: Vec<f64>,
+    pub(crate) update_ticks: Vec<f64>,
+    pub(crate) error_bounds: Vec<f32>,
+    pub(crate) tolerances: Vec<f32>,
+    pub(crate) generation: u32,
+    /// True if the description of a body may have changed since the last update.
+    pub(crate) described_anew: bool,
+}
+
+impl Columns {
+    /// Follows the view; costs little unless bodies came or went.
+    pub(crate) fn update(&mut self, view: &View, replica: Option<&Replica>) {
+        self.resting.clear();
+        self.resting
+            .extend(view.resting().iter().map(|rests| u8::from(*rests)));
+        self.changed.clear();
+        self.changed
+            .extend(view.changed().map(|place| place as u32));
+        self.removed.clear();
+        self.removed
+            .extend(view.removed().iter().map(|id| id_number(*id)));
+        if self.known == view.ids() && !std::mem::take(&mut self.described_anew) {
+            return;
+        }
+        self.generation = self.generation.wrapping_add(1);
+        self.known.clear();
+        self.known.extend_from_slice(view.ids());
+        self.ids.clear();
+        self.ids.extend(self.known.iter().map(|id| id_number(*id)));
+        self.shapes.clear();
+        self.kinds.clear();
+        for id in &self.known {
+            // A body that is shown but has just been removed has no description any more.
+            let desc = replica.and_then(|replica| replica.body(*id));
+            self.shapes.push(desc.map_or(u32::MAX, |desc| desc.shape.0));
+            self.kinds.push(match desc.map(|desc| desc.kind) {
+                Some(BodyKind::Dynamic) => 1,
+                Some(BodyKind::Kinematic) => 2,
+                Some(BodyKind::Static) | None => 0,
+            });
+        }
+    }
+
+    pub(crate) fn compute_update_ticks(&mut self, replica: &Replica) {
+        let stream = replica.stream();
+        self.update_ticks.clear();
+        self.update_ticks.extend(self.known.iter().map(|id| {
+            let track = stream.track(*id);
+            track.map_or(0.0, |track| track.origin.value() as f64)
+        }));
+    }
+
+    pub(crate) fn compute_error_bounds(&mut self, replica: &Replica, at: RenderTime) {
+        self.error_bounds.clear();
+        let bound = |id: &BodyId| error_bound(replica, *id, at).unwrap_or(f64::INFINITY) as f32;
+        self.error_bounds.extend(self.known.iter().map(bound));
+    }
+
+    pub(crate) fn compute_tolerances(&mut self, replica: &Replica) {
+        let stream = replica.stream();
+        let is_full = matches!(
+            replica.choice(),
+            rhumb_protocol::message::StreamChoice::Full
+        );
+        self.tolerances.clear();
+        self.tolerances.extend(self.known.iter().map(|id| {
+            let metres = match stream.tolerance_of(*id).filter(|_| !is_full) {
+                Some(
+                    Tolerance::Surface(length)
+                    | Tolerance::Parts {
+                        position: length, ..
+                    },
+                ) => length.metres().metres(),
+                None => 0.0,
+            };
+            metres as f32
+        }));
+    }
+}
+
+/// Bound on a body's error at a moment, metres: the greater of those of the ticks around it; infinite if it is not
+/// known. `None` for a body that the replica does not have.
+pub(crate) fn error_bound(replica: &Replica, id: BodyId, at: RenderTime) -> Option<f64> {
+    let stream = replica.stream();
+    let at_tick = |tick| match stream.bound_at(id, tick)? {
+        ErrorBound::Within(distance) => Some(distance.metres()),
+        ErrorBound::Unknown { .. } => Some(f64::INFINITY),
+    };
+    let first = at_tick(at.tick)?;
+    if at.fraction == 0.0 {
+        return Some(first);
+    }
+    Some(first.max(at_tick(at.tick + Ticks::new(1))?))
+}

@@ -1,0 +1,455 @@
+//! A member of a scene, driven by JavaScript: bytes and moments in, bytes and JSON out.
+//!
+//! Opens no socket and reads no clock. The session, the subscriber and the view are those of the Rust client.
+
+use rhumb_protocol::message::{StreamChoice, TierPolicy};
+use rhumb_protocol::packet::LargestPacket;
+use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Query, Stepping};
+use rhumb_protocol::session::{ClientSession, CloseCode, Event, Misuse, Replica};
+use rhumb_protocol::stream::Subscriber;
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
+use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
+use rhumb_view::{
+    ClientIds, JoinError, Joining, LiveView, RESUME_WITHIN, RenderTime, UpstreamClock, may_resume,
+};
+use serde_json::{Value, json};
+
+use crate::columns::{Columns, error_bound};
+use crate::digest::digest;
+use crate::event_json;
+use crate::failure::Failure;
+use crate::join_argument::JoinOptions;
+use crate::member_argument::MemberOptions;
+use crate::scene_json;
+
+/// The one peer of a client.
+const SERVER: Peer = Peer(0);
+
+/// Largest packet of an upstream. Browsers take datagrams of 1,024 bytes at least, header included.
+const LARGEST_PACKET: Option<LargestPacket> = LargestPacket::new(1_000);
+
+/// A member, or a session that is to become one.
+#[derive(Debug)]
+pub(crate) struct Member {
+    session: ClientSession,
+    options: JoinOptions,
+    joining: Option<Joining>,
+    joined: Option<Membership>,
+    events: Vec<Value>,
+}
+
+/// What a member has.
+#[derive(Debug)]
+struct Membership {
+    live_view: LiveView,
+    ids: ClientIds,
+    upstream_clock: UpstreamClock,
+    columns: Columns,
+    /// The tick up to which a lockstep scene is to step.
+    requested: Tick,
+}
+
+impl Member {
+    pub(crate) fn new(options: MemberOptions) -> Self {
+        let MemberOptions {
+            scene,
+            token,
+            key,
+            join,
+        } = options;
+        let mut session = ClientSession::new(scene);
+        if let Some(token) = token {
+            session.set_token(token);
+        }
+        if let Some(largest_packet) = LARGEST_PACKET {
+            session.set_largest_packet(largest_packet);
+        }
+        Self {
+            session,
+            joining: Some(Joining::new(join.mode, join.stream, key)),
+            options: join,
+            joined: None,
+            events: Vec::new(),
+        }
+    }
+
+    pub(crate) fn handle_opened(&mut self, now: Instant) {
+        self.session.handle_opened(now, SERVER);
+        self.take_events();
+    }
+
+    pub(crate) fn handle_control(&mut self, now: Instant, bytes: &[u8]) {
+        self.session.handle_control(now, SERVER, bytes);
+        self.take_events();
+    }
+
+    pub(crate) fn handle_datagram(&mut self, now: Instant, bytes: &[u8]) {
+        self.session.handle_datagram(now, SERVER, bytes);
+        self.take_events();
+    }
+
+    pub(crate) fn handle_timeout(&mut self, now: Instant) {
+        self.session.handle_timeout(now);
+        self.take_events();
+    }
+
+    pub(crate) fn handle_ended(&mut self, now: Instant, ending: Ending) {
+        self.session.handle_ended(now, SERVER, ending);
+        self.take_events();
+    }
+
+    pub(crate) fn poll_transmit(&mut self) -> Option<Transmit> {
+        self.session.poll_transmit()
+    }
+
+    pub(crate) fn poll_timeout(&self) -> Option<Instant> {
+        self.session.poll_timeout().map(|wake| wake.at)
+    }
+
+    /// All events since the last call, as a list.
+    pub(crate) fn poll_events(&mut self) -> Option<Value> {
+        self.take_events();
+        let events = std::mem::take(&mut self.events);
+        (!events.is_empty()).then_some(Value::Array(events))
+    }
+
+    /// Makes the session ready for another connection.
+    pub(crate) fn reconnect(&mut self) -> Result<(), Failure> {
+        Ok(self.session.reconnect()?)
+    }
+
+    /// Leaves the scene and closes the connection.
+    pub(crate) fn close(&mut self) {
+        self.session.close(CloseCode::DONE);
+        self.take_events();
+    }
+
+    fn take_events(&mut self) {
+        while let Some(event) = self.session.poll_event() {
+            self.take_event(&event);
+        }
+    }
+
+    fn take_event(&mut self, event: &Event) {
+        if let Some(mut joining) = self.joining.take() {
+            match joining.handle(&mut self.session, event) {
+                Ok(None) => self.joining = Some(joining),
+                Ok(Some(granted)) => self.begin(granted),
+                Err(error) => {
+                    let failure = match error {
+                        JoinError::Denied(denial) => Failure::denied(denial),
+                        JoinError::Misuse(misuse) => misuse.into(),
+                    };
+                    let failed = json!({"kind": "joinFailed", "error": failure.to_json()});
+                    self.events.push(failed);
+                }
+            }
+        }
+        if let Some(joined) = &mut self.joined {
+            joined.live_view.note(event);
+            joined.upstream_clock.note(event);
+            joined.columns.described_anew |= matches!(
+                event,
+                Event::BodyPlaced(_) | Event::SubscriptionChanged(_) | Event::Resumed(_)
+            );
+            if !joined.ids.note(event, self.session.replica()) {
+                // Ids that a call asked for have arrived.
+                if matches!(event, Event::Reserved(_)) {
+                    self.events.push(json!({"kind": "reserved"}));
+                }
+                return;
+            }
+        }
+        if let Some(mut json) = event_json::event(event) {
+            json["complete"] = json!(self.complete().value());
+            if let Event::Ended(ending) = event {
+                let resumes = may_resume(*ending) && self.session.can_reconnect();
+                json["mayResume"] = json!(resumes);
+                json["message"] = json!(event_json::sentence(*ending));
+            }
+            self.events.push(json);
+        }
+    }
+
+    /// The session has joined.
+    fn begin(&mut self, granted: IdRange) {
+        let Some(config) = self.session.config().copied() else {
+            return;
+        };
+        let watermark_tick = self.stream().map_or(Tick::ZERO, Subscriber::watermark_tick);
+        let rate = config.integrator.rate;
+        let mut joined = Membership {
+            live_view: LiveView::new(config, self.options.view),
+            ids: ClientIds::new(granted),
+            upstream_clock: UpstreamClock::new(rate, self.options.lead_ticks),
+            columns: Columns::default(),
+            requested: watermark_tick,
+        };
+        let at = RenderTime::at(watermark_tick);
+        joined.show(&mut self.session, Instant::ZERO, at, false);
+        self.joined = Some(joined);
+    }
+
+    fn joined(&mut self) -> Result<(&mut Membership, &mut ClientSession), Failure> {
+        let joined = self.joined.as_mut().ok_or(Failure::from(Misuse::NotNow))?;
+        Ok((joined, &mut self.session))
+    }
+
+    fn replica(&self) -> Option<&Replica> {
+        self.session.replica()
+    }
+
+    fn stream(&self) -> Option<&Subscriber> {
+        self.replica().map(Replica::stream)
+    }
+
+    fn complete(&self) -> Tick {
+        self.stream().map_or(Tick::ZERO, Subscriber::complete)
+    }
+
+    pub(crate) fn complete_tick(&self) -> f64 {
+        self.complete().value() as f64
+    }
+
+    /// Computes the view of the present moment; returns it in ticks.
+    pub(crate) fn poll(&mut self, now: Instant) -> Option<f64> {
+        let (joined, session) = self.joined().ok()?;
+        let at = joined.live_view.show_present(session, now);
+        joined
+            .columns
+            .update(joined.live_view.view(), session.replica());
+        Some(at.ticks())
+    }
+
+    /// Computes the view of a moment in ticks, unsmoothed.
+    pub(crate) fn show(&mut self, now: Instant, at: RenderTime) {
+        if let Ok((joined, session)) = self.joined() {
+            joined.show(session, now, at, false);
+        }
+    }
+
+    pub(crate) fn live_view(&self) -> Option<&LiveView> {
+        self.joined.as_ref().map(|joined| &joined.live_view)
+    }
+
+    pub(crate) fn live_view_mut(&mut self) -> Option<&mut LiveView> {
+        self.joined.as_mut().map(|joined| &mut joined.live_view)
+    }
+
+    pub(crate) fn set_lead_ticks(&mut self, ticks: f64) {
+        if let Some(joined) = &mut self.joined {
+            joined.upstream_clock.lead_ticks = ticks;
+        }
+    }
+
+    pub(crate) fn columns(&self) -> Option<&Columns> {
+        self.joined.as_ref().map(|joined| &joined.columns)
+    }
+
+    /// Computes the columns that are not computed with each view.
+    pub(crate) fn compute(&mut self, column: fn(&mut Columns, &Replica, RenderTime)) {
+        let Some(joined) = &mut self.joined else {
+            return;
+        };
+        let at = joined.live_view.view().time();
+        if let (Some(replica), Some(at)) = (self.session.replica(), at) {
+            column(&mut joined.columns, replica, at);
+        }
+    }
+
+    pub(crate) fn error_bound(&self, id: BodyId) -> Option<f64> {
+        let at = self.live_view()?.view().time()?;
+        error_bound(self.replica()?, id, at)
+    }
+
+    pub(crate) fn body_json(&self, id: BodyId) -> Option<Value> {
+        Some(scene_json::body(&self.replica()?.body(id)?))
+    }
+
+    pub(crate) fn shape_json(&self, number: u32) -> Option<Value> {
+        let shape = self
+            .replica()?
+            .shape(rhumb_protocol::scene::ShapeId(number))?;
+        Some(scene_json::shape(shape))
+    }
+
+    pub(crate) fn track_json(&self, id: BodyId) -> Option<Value> {
+        let stream = self.stream()?;
+        let track = stream.track(id)?;
+        // At its origin the prediction is the published state.
+        let state = stream.published_motion(id)?;
+        Some(scene_json::track(&track, &state))
+    }
+
+    pub(crate) fn joints_json(&self) -> Option<Value> {
+        let joints = self.replica()?.joints().iter();
+        let pairs = joints.map(|(id, joint)| json!([id.0, scene_json::joint(joint)]));
+        Some(pairs.collect())
+    }
+
+    pub(crate) fn config_json(&self) -> Option<Value> {
+        Some(scene_json::config(self.session.config()?))
+    }
+
+    pub(crate) fn stream_json(&self) -> Option<Value> {
+        Some(scene_json::stream(self.replica()?.choice()))
+    }
+
+    pub(crate) fn gravity_json(&self) -> Option<Value> {
+        Some(scene_json::vector(self.replica()?.gravity()))
+    }
+
+    pub(crate) fn digest_json(&self) -> Option<Value> {
+        Some(digest(self.replica()?))
+    }
+
+    pub(crate) fn authority_json(&self) -> Value {
+        let bodies = self.session.authority_bodies();
+        bodies.map(crate::argument::id_number).collect()
+    }
+
+    /// Milliseconds for which the client tries to resume unless it is told otherwise.
+    pub(crate) fn resume_within(&self) -> f64 {
+        match self.session.is_durable() {
+            true => RESUME_WITHIN.as_secs_f64() * 1e3,
+            false => 0.0,
+        }
+    }
+
+    pub(crate) fn statistics_json(&self, now: Instant) -> Value {
+        let stream = self.stream();
+        let counted = stream.map(Subscriber::statistics).unwrap_or_default();
+        let upstream = self.session.upstream().unwrap_or_default();
+        let watermark_tick = stream.map(Subscriber::watermark_tick).unwrap_or_default();
+        let scale = stream.and_then(|stream| stream.error_scale_at(watermark_tick));
+        json!({
+            "roundTrip": self.session.round_trip().as_nanos() as f64 / 1e6,
+            "packets": counted.packets,
+            "updates": counted.updates,
+            "missed": counted.missed,
+            "rebuilt": counted.rebuilt,
+            "repairSymbols": counted.repair_symbols,
+            "refreshes": counted.refreshes,
+            "disordered": counted.disordered,
+            "duplicates": counted.duplicates,
+            "malformed": counted.malformed,
+            "checksumsCompared": counted.compared,
+            "checksumMismatches": counted.mismatches,
+            "missing": stream.map_or(0, Subscriber::missing),
+            "watermarkTick": watermark_tick.value(),
+            "completeTick": self.complete().value(),
+            "errorScale": scale,
+            "behindTicks": self.live_view().and_then(|view| view.behind_ticks(now)),
+            "upstream": {
+                "updates": upstream.updates, "packets": upstream.packets, "bytes": upstream.bytes
+            },
+        })
+    }
+
+    pub(crate) fn change_stream(&mut self, choice: StreamChoice) -> Result<(), Failure> {
+        Ok(self.session.subscribe(choice)?)
+    }
+
+    pub(crate) fn set_tier_policy(&mut self, policy: TierPolicy) -> Result<(), Failure> {
+        Ok(self.session.set_tier_policy(policy)?)
+    }
+
+    pub(crate) fn command(&mut self, command: Command) -> Result<u64, Failure> {
+        let (joined, session) = self.joined()?;
+        Ok(joined.ids.command(session, command)?)
+    }
+
+    pub(crate) fn query(&mut self, queries: Vec<Query>) -> Result<u64, Failure> {
+        Ok(self.session.query(queries)?)
+    }
+
+    /// Queues bodies, all or none; fails with `noIds` after it has requested more ids.
+    pub(crate) fn add_bodies(&mut self, bodies: &[BodyBuilder]) -> Result<Vec<BodyId>, Failure> {
+        let mut states = Vec::with_capacity(bodies.len());
+        for body in bodies {
+            body.check().map_err(Misuse::Invalid)?;
+            states.push(body.state().map_err(Misuse::Invalid)?);
+        }
+        let (joined, session) = self.joined()?;
+        let count = u32::try_from(bodies.len()).unwrap_or(u32::MAX);
+        let missing = joined.ids.missing_ids(count);
+        if missing > 0 {
+            session.reserve(missing)?;
+            let why = "the server must grant more body ids first: repeat the call after the event reserved";
+            return Err(Failure::of("noIds", why));
+        }
+        let mut ids = Vec::with_capacity(bodies.len());
+        for (body, state) in bodies.iter().zip(states) {
+            ids.push(joined.ids.add_body(session, body, state)?);
+        }
+        Ok(ids)
+    }
+
+    pub(crate) fn take_authority(
+        &mut self,
+        tolerance: Tolerance,
+        bodies: &[BodyId],
+    ) -> Result<(), Failure> {
+        Ok(self.session.take_authority(tolerance, bodies)?)
+    }
+
+    /// Publishes states of bodies under authority; returns their tick, if they were published.
+    pub(crate) fn publish(
+        &mut self,
+        now: Instant,
+        states: &[(BodyId, BodyState)],
+    ) -> Result<Option<Tick>, Failure> {
+        let (joined, session) = self.joined()?;
+        let config = *joined.live_view.config();
+        match config.stepping {
+            Stepping::FreeRunning => Ok(joined.upstream_clock.publish(session, now, states)?),
+            Stepping::Lockstep => {
+                let watermark = session
+                    .replica()
+                    .map(|replica| replica.stream().watermark_tick());
+                let newest = joined.requested.max(watermark.unwrap_or_default());
+                let tick = config.publish_schedule.next_published(newest);
+                Ok(session.publish(tick, states)?.then_some(tick))
+            }
+        }
+    }
+
+    /// Lets a lockstep scene step to its next published tick, which is returned.
+    pub(crate) fn advance(&mut self, now: Instant) -> Result<Tick, Failure> {
+        let (joined, session) = self.joined()?;
+        let schedule = joined.live_view.config().publish_schedule;
+        let next = schedule.next_published(joined.requested);
+        session.advance(now, next)?;
+        joined.requested = next;
+        Ok(next)
+    }
+
+    /// The scene will not step as far as was requested.
+    pub(crate) fn give_up_advance(&mut self) {
+        let complete = self.complete();
+        if let Some(joined) = &mut self.joined {
+            joined.requested = complete;
+        }
+    }
+
+    pub(crate) fn inspect(&mut self) -> Result<(), Failure> {
+        Ok(self.session.inspect()?)
+    }
+
+    pub(crate) fn delete(&mut self) -> Result<(), Failure> {
+        Ok(self.session.delete()?)
+    }
+}
+
+impl Membership {
+    fn show(&mut self, session: &mut ClientSession, now: Instant, at: RenderTime, smooth: bool) {
+        self.live_view.show(session, now, at, smooth);
+        self.columns
+            .update(self.live_view.view(), session.replica());
+    }
+}
+
+/// A moment of JavaScript's clock, milliseconds.
+pub(crate) fn moment(milliseconds: f64) -> Instant {
+    Instant::ZERO + Span::from_nanos((milliseconds * 1e6) as u64)
+}

@@ -1,0 +1,35 @@
+//! What a member begins with, out of JSON.
+
+use rhumb_protocol::message::{SessionKey, Token};
+use rhumb_protocol::scene::SceneName;
+
+use crate::argument::Argument;
+use crate::failure::Failure;
+use crate::join_argument::{JoinOptions, session_key};
+
+/// What a member begins with.
+#[derive(Debug)]
+pub(crate) struct MemberOptions {
+    pub(crate) scene: SceneName,
+    pub(crate) token: Option<Token>,
+    /// The key of a session that may resume.
+    pub(crate) key: Option<SessionKey>,
+    pub(crate) join: JoinOptions,
+}
+
+impl MemberOptions {
+    pub(crate) fn read(from: &Argument<'_>) -> Result<Self, Failure> {
+        let scene = from.field("scene")?;
+        let token = from.optional("token").map(|from| {
+            let token = from.text()?.parse();
+            token.map_err(|why| from.refused(why))
+        });
+        let key = from.optional("key").map(|from| session_key(&from));
+        Ok(Self {
+            scene: scene.text()?.parse().map_err(|why| scene.refused(why))?,
+            token: token.transpose()?,
+            key: key.transpose()?,
+            join: JoinOptions::read(&from.field("join")?)?,
+        })
+    }
+}

@@ -1,0 +1,460 @@
+//! Shapes, bodies, joints, commands and queries out of JSON.
+//!
+//! The words are those of `rhumb.d.ts`. Numbers are checked by the protocol when a command is queued.
+
+use rhumb_protocol::limits::{HITS_MAX, JOINTS_MAX, SHAPES_MAX};
+use rhumb_protocol::scene::{
+    ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Compound, Heights,
+    Hull, Joint, JointFrame, JointId, JointKind, JointLimits, JointStrength, LockedAxes, Mass,
+    Material, Mesh, Motor, Part, Query, QueryFilter, QueryKind, Shape, ShapeId, Spring,
+};
+use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
+
+use glam::{Quat, Vec3};
+
+use crate::argument::Argument;
+use crate::failure::Failure;
+
+pub(crate) fn shape(from: &Argument<'_>) -> Result<Shape, Failure> {
+    let number = |field| from.field(field).and_then(|field| field.single());
+    let half_extents = || from.field("halfExtents").and_then(|field| field.vector());
+    let points = || {
+        let numbers = from.field("points")?.all_singles()?;
+        let (points, rest) = numbers.as_chunks::<3>();
+        if rest.is_empty() {
+            Ok(points
+                .iter()
+                .copied()
+                .map(Vec3::from_array)
+                .collect::<Vec<_>>())
+        } else {
+            Err(from.wrong("a shape with three numbers for each point"))
+        }
+    };
+    let kind = from.field("kind")?;
+    Ok(match kind.text()? {
+        "ball" => Shape::Ball {
+            radius: number("radius")?,
+        },
+        "cuboid" => Shape::Cuboid {
+            half_extents: half_extents()?,
+        },
+        "roundedCuboid" => Shape::RoundedCuboid {
+            half_extents: half_extents()?,
+            radius: number("radius")?,
+        },
+        "capsule" => Shape::capsule(number("halfHeight")?, number("radius")?),
+        "cylinder" => Shape::cylinder(number("halfHeight")?, number("radius")?),
+        "cone" => Shape::cone(number("halfHeight")?, number("radius")?),
+        "halfSpace" => Shape::HalfSpace {
+            normal: from.field("normal")?.vector()?,
+        },
+        "hull" => Shape::Hull(Hull::new(&points()?).map_err(|why| from.refused(why))?),
+        "heights" => {
+            let rows = from.field("rows")?.u32()?;
+            let heights = from.field("heights")?.all_singles()?;
+            let spacing = [number("rowSpacing")?, number("columnSpacing")?];
+            let field = Heights::new(rows, spacing[0], spacing[1], &heights);
+            Shape::Heights(field.map_err(|why| from.refused(why))?)
+        }
+        "mesh" => {
+            let numbers = from.field("triangles")?;
+            let numbers: Vec<u32> = numbers
+                .items()?
+                .map(|item| item.u32())
+                .collect::<Result<_, _>>()?;
+            let (triangles, rest) = numbers.as_chunks::<3>();
+            if !rest.is_empty() {
+                return Err(from.wrong("a mesh with three points for each triangle"));
+            }
+            let mesh = Mesh::new(&points()?, triangles);
+            Shape::Mesh(mesh.map_err(|why| from.refused(why))?)
+        }
+        "compound" => {
+            let parts = from.field("parts")?;
+            let parts = parts.items()?.map(|part| part_of(&part));
+            let compound = Compound::new(parts.collect::<Result<_, _>>()?);
+            Shape::Compound(compound.map_err(|why| from.refused(why))?)
+        }
+        _ => return Err(kind.wrong("a kind of shape")),
+    })
+}
+
+fn part_of(from: &Argument<'_>) -> Result<Part, Failure> {
+    Ok(Part {
+        position: from.field("position")?.vector()?,
+        rotation: from.field("rotation")?.rotation()?,
+        shape: shape(&from.field("shape")?)?,
+    })
+}
+
+/// The state of a body; what is left out is the identity or zero.
+pub(crate) fn body_state(from: &Argument<'_>) -> Result<BodyState, Failure> {
+    let vector = |field| from.optional(field).map(|field| field.singles());
+    let position = vector("position").transpose()?.unwrap_or_default();
+    let rotation = (from.optional("rotation")).map(|field| field.singles());
+    let rotation = rotation.transpose()?.unwrap_or([0.0, 0.0, 0.0, 1.0]);
+    let linear = vector("linearVelocity").transpose()?.unwrap_or_default();
+    let angular = vector("angularVelocity").transpose()?.unwrap_or_default();
+    BodyState::new(position, rotation, linear, angular).map_err(|why| from.refused(why))
+}
+
+/// A body to add.
+pub(crate) fn body(from: &Argument<'_>) -> Result<BodyBuilder, Failure> {
+    let desc = properties(from, BodyId::new(0, 0), ShapeId(0))?;
+    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = body_state(from)?.parts();
+    Ok(BodyBuilder::of(desc, shape(&from.field("shape")?)?)
+        .at(px, py, pz)
+        .rotation(Quat::from_xyzw(x, y, z, w))
+        .linear_velocity(Vec3::new(vx, vy, vz))
+        .angular_velocity(Vec3::new(wx, wy, wz)))
+}
+
+fn shape_id(from: &Argument<'_>) -> Result<ShapeId, Failure> {
+    Ok(ShapeId(from.whole(0, i64::from(SHAPES_MAX) - 1)? as u32))
+}
+
+fn desc(from: &Argument<'_>) -> Result<BodyDesc, Failure> {
+    let shape = shape_id(&from.field("shape")?)?;
+    properties(from, from.field("id")?.body()?, shape)
+}
+
+fn properties(from: &Argument<'_>, id: BodyId, shape: ShapeId) -> Result<BodyDesc, Failure> {
+    let kind = from.field("kind")?;
+    let kind = match kind.text()? {
+        "static" => BodyKind::Static,
+        "dynamic" => BodyKind::Dynamic,
+        "kinematic" => BodyKind::Kinematic,
+        _ => return Err(kind.wrong("static, dynamic or kinematic")),
+    };
+    let mut desc = BodyDesc::plain(id, kind, shape);
+    if let Some(from) = from.optional("material") {
+        desc.material = Some(material(&from)?);
+    }
+    if let Some(from) = from.optional("damping") {
+        desc.damping = Some(damping(&from)?);
+    }
+    if let Some(from) = from.optional("gravityScale") {
+        desc.gravity_scale = from.single()?;
+    }
+    if let Some(from) = from.optional("gyroscopic") {
+        desc.gyroscopic = from.flag()?;
+    }
+    if let Some(from) = from.optional("toleranceScale") {
+        let exponent = from.whole(-3, 3)? as i8;
+        desc.tolerance_scale = ToleranceScale::new(exponent).unwrap_or_default();
+    }
+    if let Some(from) = from.optional("lockedAxes") {
+        desc.locked = locked_axes(&from)?;
+    }
+    if let Some(from) = from.optional("mass") {
+        let moments = from.optional("moments").map(|from| from.vector());
+        desc.mass = Some(Mass {
+            mass: from.field("mass")?.single()?,
+            moments: moments.transpose()?,
+        });
+    }
+    if let Some(from) = from.optional("groups") {
+        desc.groups = CollisionGroups {
+            members: from.field("members")?.u32()?,
+            touches: from.field("touches")?.u32()?,
+        };
+    }
+    if let Some(from) = from.optional("dominance") {
+        desc.dominance = from.whole(i64::from(i8::MIN), i64::from(i8::MAX))? as i8;
+    }
+    for (field, flag) in [
+        ("sensor", &mut desc.sensor),
+        ("swept", &mut desc.swept),
+        ("enabled", &mut desc.enabled),
+    ] {
+        if let Some(from) = from.optional(field) {
+            *flag = from.flag()?;
+        }
+    }
+    Ok(desc)
+}
+
+fn locked_axes(from: &Argument<'_>) -> Result<LockedAxes, Failure> {
+    let bits = from.whole(0, 0b11_1111)? as u8;
+    LockedAxes::new(bits).ok_or_else(|| from.wrong("bits of six axes"))
+}
+
+pub(crate) fn material(from: &Argument<'_>) -> Result<Material, Failure> {
+    Ok(Material {
+        friction: from.field("friction")?.single()?,
+        restitution: from.field("restitution")?.single()?,
+        density: from.field("density")?.single()?,
+    })
+}
+
+pub(crate) fn damping(from: &Argument<'_>) -> Result<Damping, Failure> {
+    Ok(Damping {
+        linear: from.field("linear")?.single()?,
+        angular: from.field("angular")?.single()?,
+    })
+}
+
+fn limits(from: &Argument<'_>) -> Result<JointLimits, Failure> {
+    Ok(JointLimits {
+        least: from.field("least")?.single()?,
+        most: from.field("most")?.single()?,
+    })
+}
+
+/// A list of as many elements, each of which may be null.
+fn each<T, const N: usize>(
+    from: &Argument<'_>,
+    read: impl Fn(&Argument<'_>) -> Result<T, Failure>,
+) -> Result<[Option<T>; N], Failure> {
+    let items = from.items()?.map(|item| match item.is_null() {
+        true => Ok(None),
+        false => read(&item).map(Some),
+    });
+    let items: Vec<Option<T>> = items.collect::<Result<_, _>>()?;
+    items
+        .try_into()
+        .map_err(|_| from.wrong(&format!("a list of {N} elements")))
+}
+
+fn joint_kind(from: &Argument<'_>) -> Result<JointKind, Failure> {
+    let number = |field| from.field(field).and_then(|field| field.single());
+    let one = || {
+        (from.optional("limits"))
+            .map(|from| limits(&from))
+            .transpose()
+    };
+    let kind = from.field("kind")?;
+    Ok(match kind.text()? {
+        "fixed" => JointKind::Fixed,
+        "spherical" => JointKind::Spherical(match from.optional("limits") {
+            None => None,
+            Some(from) => match each(&from, limits)? {
+                [Some(x), Some(y), Some(z)] => Some([x, y, z]),
+                _ => return Err(from.wrong("a list of three limits")),
+            },
+        }),
+        "revolute" => JointKind::Revolute(one()?),
+        "prismatic" => JointKind::Prismatic(one()?),
+        "rope" => JointKind::Rope(number("length")?),
+        "spring" => JointKind::Spring(Spring {
+            length: number("length")?,
+            stiffness: number("stiffness")?,
+            damping: number("damping")?,
+        }),
+        "generic" => JointKind::Generic(
+            locked_axes(&from.field("lockedAxes")?)?,
+            each(&from.field("limits")?, limits)?,
+        ),
+        _ => return Err(kind.wrong("a kind of joint")),
+    })
+}
+
+fn motor(from: &Argument<'_>) -> Result<Motor, Failure> {
+    let number = |field| from.field(field).and_then(|field| field.single());
+    Ok(Motor {
+        position: number("position")?,
+        velocity: number("velocity")?,
+        stiffness: number("stiffness")?,
+        damping: number("damping")?,
+        force: number("force")?,
+    })
+}
+
+fn joint_frame(from: &Argument<'_>) -> Result<JointFrame, Failure> {
+    let rotation = from.optional("rotation").map(|from| from.rotation());
+    Ok(JointFrame {
+        anchor: from.field("anchor")?.vector()?,
+        rotation: rotation.transpose()?.unwrap_or(Quat::IDENTITY),
+    })
+}
+
+fn joint(from: &Argument<'_>) -> Result<Box<Joint>, Failure> {
+    let (bodies, frames) = (from.field("bodies")?, from.field("frames")?);
+    let [Some(first), Some(second)] = each(&bodies, |from| from.body())? else {
+        return Err(bodies.wrong("a list of two bodies"));
+    };
+    let [Some(of_first), Some(of_second)] = each(&frames, joint_frame)? else {
+        return Err(frames.wrong("a list of two frames"));
+    };
+    let mut joint = Joint::plain(joint_kind(from)?, [first, second], [of_first, of_second]);
+    if let Some(from) = from.optional("collide") {
+        joint.collide = from.flag()?;
+    }
+    if let Some(from) = from.optional("motors") {
+        joint.motors = each(&from, motor)?;
+    }
+    if let Some(from) = from.optional("strength") {
+        joint.strength = Some(JointStrength {
+            force: from.field("force")?.single()?,
+            torque: from.field("torque")?.single()?,
+        });
+    }
+    Ok(Box::new(joint))
+}
+
+fn events(from: &Argument<'_>) -> Result<ActiveEvents, Failure> {
+    let flag = |field| from.optional(field).map(|from| from.flag()).transpose();
+    Ok(ActiveEvents {
+        contacts: flag("contacts")?.unwrap_or_default(),
+        force: from
+            .optional("force")
+            .map(|from| from.single())
+            .transpose()?,
+        sensors: flag("sensors")?.unwrap_or_default(),
+        sleep: flag("sleep")?.unwrap_or_default(),
+    })
+}
+
+pub(crate) fn command(from: &Argument<'_>) -> Result<Command, Failure> {
+    let id = || from.field("id").and_then(|id| id.body());
+    let vector = |field| from.field(field).and_then(|field| field.vector());
+    let shape_number = || from.field("id").and_then(|id| shape_id(&id));
+    let joint_id = || {
+        let id = from.field("id")?;
+        Ok::<_, Failure>(JointId(id.whole(0, i64::from(JOINTS_MAX) - 1)? as u32))
+    };
+    let joint = || joint(&from.field("joint")?);
+    let point = from
+        .optional("point")
+        .map(|from| from.vector())
+        .transpose()?;
+    let kind = from.field("kind")?;
+    Ok(match (kind.text()?, point) {
+        ("removeBody", _) => Command::RemoveBody { id: id()? },
+        ("changeBody", _) => Command::ChangeBody {
+            desc: desc(&from.field("desc")?)?,
+        },
+        ("setPose", _) => Command::SetPose {
+            id: id()?,
+            position: vector("position")?,
+            rotation: from.field("rotation")?.rotation()?,
+        },
+        ("setVelocity", _) => Command::SetVelocity {
+            id: id()?,
+            linear: vector("linear")?,
+            angular: vector("angular")?,
+        },
+        ("force", None) => Command::Force {
+            id: id()?,
+            force: vector("force")?,
+        },
+        ("force", Some(point)) => Command::ForceAt {
+            id: id()?,
+            force: vector("force")?,
+            point,
+        },
+        ("torque", _) => Command::Torque {
+            id: id()?,
+            torque: vector("torque")?,
+        },
+        ("impulse", None) => Command::Impulse {
+            id: id()?,
+            impulse: vector("impulse")?,
+        },
+        ("impulse", Some(point)) => Command::ImpulseAt {
+            id: id()?,
+            impulse: vector("impulse")?,
+            point,
+        },
+        ("torqueImpulse", _) => Command::TorqueImpulse {
+            id: id()?,
+            impulse: vector("impulse")?,
+        },
+        ("sleep", _) => Command::Sleep { id: id()? },
+        ("wake", _) => Command::Wake { id: id()? },
+        ("setEvents", _) => Command::SetEvents {
+            id: id()?,
+            events: events(&from.field("events")?)?,
+        },
+        ("setGravity", _) => Command::SetGravity {
+            gravity: vector("gravity")?,
+        },
+        ("addShape", _) => Command::AddShape {
+            id: shape_number()?,
+            shape: shape(&from.field("shape")?)?,
+        },
+        ("removeShape", _) => Command::RemoveShape {
+            id: shape_number()?,
+        },
+        ("addJoint", _) => Command::AddJoint {
+            id: joint_id()?,
+            joint: joint()?,
+        },
+        ("changeJoint", _) => Command::ChangeJoint {
+            id: joint_id()?,
+            joint: joint()?,
+        },
+        ("removeJoint", _) => Command::RemoveJoint { id: joint_id()? },
+        _ => return Err(kind.wrong("a kind of command")),
+    })
+}
+
+pub(crate) fn query(from: &Argument<'_>) -> Result<Query, Failure> {
+    let vector = |field| from.field(field).and_then(|field| field.vector());
+    let cast = || {
+        let rotation = from.optional("rotation").map(|from| from.rotation());
+        let shape = shape(&from.field("shape")?)?;
+        let rotation = rotation.transpose()?.unwrap_or(Quat::IDENTITY);
+        Ok::<_, Failure>((shape, vector("position")?, rotation))
+    };
+    let kind = from.field("kind")?;
+    let mut query = Query::ray(Vec3::ZERO, Vec3::ZERO);
+    query.kind = match kind.text()? {
+        "ray" => QueryKind::Ray {
+            origin: vector("origin")?,
+            translation: vector("translation")?,
+        },
+        "shapeCast" => {
+            let (shape, position, rotation) = cast()?;
+            QueryKind::ShapeCast {
+                shape,
+                position,
+                rotation,
+                translation: vector("translation")?,
+            }
+        }
+        "projection" => QueryKind::Projection {
+            point: vector("point")?,
+            distance: from.field("distance")?.single()?,
+        },
+        "overlap" => {
+            let (shape, position, rotation) = cast()?;
+            QueryKind::Overlap {
+                shape,
+                position,
+                rotation,
+            }
+        }
+        _ => return Err(kind.wrong("a kind of query")),
+    };
+    if let Some(from) = from.optional("hits") {
+        query.hits = from.whole(1, i64::from(HITS_MAX))? as u8;
+    }
+    if let Some(from) = from.optional("filter") {
+        query.filter = filter(&from)?;
+    }
+    Ok(query)
+}
+
+fn filter(from: &Argument<'_>) -> Result<QueryFilter, Failure> {
+    let mut filter = QueryFilter::DEFAULT;
+    for (field, flag) in [
+        ("withStatic", &mut filter.with_static),
+        ("withDynamic", &mut filter.with_dynamic),
+        ("withKinematic", &mut filter.with_kinematic),
+        ("withSensors", &mut filter.with_sensors),
+    ] {
+        if let Some(from) = from.optional(field) {
+            *flag = from.flag()?;
+        }
+    }
+    filter.except = from
+        .optional("except")
+        .map(|from| from.body())
+        .transpose()?;
+    if let Some(from) = from.optional("groups") {
+        filter.groups = from.u32()?;
+    }
+    Ok(filter)
+}

@@ -1,0 +1,60 @@
+// A client in a worker: `new Worker(new URL("worker.js", ...), { type: "module" })`.
+//
+// Messages to it: { kind: "connect", url, options, scene, join }, once; { kind: "frame" }, for each frame that the page
+// draws; { kind: "call", id, name, arguments }, any method of Client. Messages from it: { kind: "joined", config };
+// { kind: "frame", time, generation, positions, rotations, changed, events } with arrays that are the page's own, and with
+// ids, shapes and kinds when these changed; { kind: "answer", id, value }; { kind: "error", id, error }.
+
+import { connect } from "./rhumb.js";
+
+let client;
+let generation = -1;
+
+function plain({ code, message, denial, closeCode }) {
+  return { code: code ?? "argument", message, denial, closeCode };
+}
+
+function events() {
+  const found = [];
+  for (let event = client.pollEvent(); event !== undefined; event = client.pollEvent()) {
+    found.push(event.error === undefined ? event : { ...event, error: plain(event.error) });
+  }
+  return found;
+}
+
+function frame() {
+  const time = client.poll();
+  const { view } = client;
+  const message = {
+    kind: "frame",
+    time,
+    generation: view.generation,
+    positions: view.positions.slice(),
+    rotations: view.rotations.slice(),
+    changed: view.changed.slice(),
+    events: events(),
+  };
+  if (view.generation !== generation) {
+    generation = view.generation;
+    Object.assign(message, { ids: view.ids.slice(), shapes: view.shapes.slice(), kinds: view.kinds.slice() });
+  }
+  const { positions, rotations, changed, ids, shapes, kinds } = message;
+  const arrays = [positions, rotations, changed, ids, shapes, kinds].filter((array) => array !== undefined);
+  postMessage(message, arrays.map((array) => array.buffer));
+}
+
+async function perform({ kind, id, url, options, scene, join, name, arguments: given = [] }) {
+  switch (kind) {
+    case "connect":
+      client = await (await connect(url, options)).join(scene, join);
+      return postMessage({ kind: "joined", config: client.config });
+    case "frame":
+      return frame();
+    case "call":
+      return postMessage({ kind: "answer", id, value: await client[name](...given) });
+  }
+}
+
+addEventListener("message", ({ data }) => {
+  perform(data).catch((error) => postMessage({ kind: "error", id: data.id, error: plain(error) }));
+});

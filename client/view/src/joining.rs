@@ -1,0 +1,130 @@
+//! The way of a session from its welcome into a scene.
+//!
+//! A function of the session's events: their arrival and the time limits are the caller's.
+
+use rhumb_protocol::message::{Denial, SessionKey, StreamChoice};
+use rhumb_protocol::scene::{IdRange, SceneConfig};
+use rhumb_protocol::session::{ClientSession, Event, Misuse};
+
+/// The condition under which a client joins: the scene is new, exists already, or either.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum JoinMode {
+    /// Creates the scene, which must not exist yet.
+    Create(SceneConfig),
+    /// Joins the scene, which must exist.
+    Join,
+    /// Creates the scene unless it exists; an existing scene keeps its config.
+    CreateOrJoin(SceneConfig),
+}
+
+impl Default for JoinMode {
+    fn default() -> Self {
+        Self::CreateOrJoin(SceneConfig::default())
+    }
+}
+
+/// A session that is about to join its scene.
+#[derive(Debug)]
+pub struct Joining {
+    mode: JoinMode,
+    stream: StreamChoice,
+    key: Option<SessionKey>,
+    step: Step,
+}
+
+/// The answer that the server owes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    Welcome,
+    Creation,
+    Scene,
+}
+
+/// Reason why a session does not join.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JoinError {
+    /// The server denied it.
+    Denied(Denial),
+    /// The config or the stream is not one that the session may ask for.
+    Misuse(Misuse),
+}
+
+impl From<Misuse> for JoinError {
+    fn from(misuse: Misuse) -> Self {
+        Self::Misuse(misuse)
+    }
+}
+
+impl Joining {
+    /// Before the welcome. `key`: that of a session that may go on over another connection; `None`: it may not.
+    #[must_use]
+    pub const fn new(mode: JoinMode, stream: StreamChoice, key: Option<SessionKey>) -> Self {
+        Self {
+            mode,
+            stream,
+            key,
+            step: Step::Welcome,
+        }
+    }
+
+    /// What the server owes now, in words.
+    #[must_use]
+    pub const fn awaited(&self) -> &'static str {
+        match self.step {
+            Step::Welcome => "welcome",
+            Step::Creation => "answer",
+            Step::Scene => "scene",
+        }
+    }
+
+    /// Takes the next step if the event allows it. Returns the body indices that the application may assign, once it
+    /// has joined.
+    ///
+    /// # Errors
+    ///
+    /// [`JoinError`] when it will not join.
+    pub fn handle(
+        &mut self,
+        session: &mut ClientSession,
+        event: &Event,
+    ) -> Result<Option<IdRange>, JoinError> {
+        match (self.step, event) {
+            (Step::Welcome, Event::Welcomed(welcome)) => {
+                let create = match self.mode {
+                    JoinMode::Create(config) => Some(config),
+                    JoinMode::CreateOrJoin(config) if welcome.scene.is_none() => Some(config),
+                    JoinMode::CreateOrJoin(_) | JoinMode::Join => None,
+                };
+                match create {
+                    Some(config) => {
+                        session.create(config)?;
+                        self.step = Step::Creation;
+                    }
+                    None => self.join(session)?,
+                }
+            }
+            (Step::Creation, Event::Created) => self.join(session)?,
+            // Another client has created it since the welcome.
+            (Step::Creation, Event::Denied(Denial::SceneExists))
+                if matches!(self.mode, JoinMode::CreateOrJoin(_)) =>
+            {
+                self.join(session)?;
+            }
+            (Step::Creation | Step::Scene, Event::Denied(denial)) => {
+                return Err(JoinError::Denied(*denial));
+            }
+            (Step::Scene, Event::Joined(granted)) => return Ok(Some(*granted)),
+            _ => {}
+        }
+        Ok(None)
+    }
+
+    fn join(&mut self, session: &mut ClientSession) -> Result<(), Misuse> {
+        if let Some(key) = self.key.take() {
+            session.begin_session(key)?;
+        }
+        session.join(self.stream)?;
+        self.step = Step::Scene;
+        Ok(())
+    }
+}

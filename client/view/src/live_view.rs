@@ -1,0 +1,130 @@
+//! The view of a scene as its member's frames show it: which moment, smoothed or not.
+//!
+//! Time is an argument. The session beside it is the caller's.
+
+use rhumb_protocol::Instant;
+use rhumb_protocol::limits::SILENCE_MS_MAX;
+use rhumb_protocol::scene::SceneConfig;
+use rhumb_protocol::session::{ClientSession, Event, Replica};
+use rhumb_reckoning::Seconds;
+
+use crate::render_params::RenderParams;
+use crate::render_time::RenderTime;
+use crate::scene_clock::SceneClock;
+use crate::view::View;
+
+/// Seconds that a free-running view predicts at most beyond the tick that should have been published by now. Then it
+/// holds.
+const PREDICT_SECONDS: f64 = 0.5;
+
+/// How a free-running scene is shown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewOptions {
+    /// Ticks that the view stays behind the newest tick that the server can have published.
+    pub delay_ticks: f64,
+    /// Whether only whole ticks are shown.
+    pub whole_ticks: bool,
+    /// Whether corrections are shown as short glides.
+    pub smooth: bool,
+}
+
+/// A view, and the clock that chooses its moment.
+#[derive(Debug)]
+pub struct LiveView {
+    view: View,
+    clock: SceneClock,
+    config: SceneConfig,
+    /// How it is shown; a change takes effect at the next view.
+    pub options: ViewOptions,
+}
+
+impl LiveView {
+    /// An empty view of a scene of this config.
+    #[must_use]
+    pub fn new(config: SceneConfig, options: ViewOptions) -> Self {
+        Self {
+            view: View::default(),
+            clock: SceneClock::new(config.integrator.rate),
+            config,
+            options,
+        }
+    }
+
+    /// The config of the scene since its creation.
+    #[must_use]
+    pub const fn config(&self) -> &SceneConfig {
+        &self.config
+    }
+
+    /// The view as of the last call that computed it.
+    #[must_use]
+    pub const fn view(&self) -> &View {
+        &self.view
+    }
+
+    /// Learns of the server's clock from the events of the session.
+    pub fn note(&mut self, event: &Event) {
+        match *event {
+            Event::ClockSeen {
+                at,
+                tick,
+                since_tick,
+                round_trip,
+            } => self.clock.sample(at, tick, since_tick, round_trip),
+            Event::Resumed(_) => self.clock = SceneClock::new(self.config.integrator.rate),
+            _ => {}
+        }
+    }
+
+    /// Computes the view of the present moment of a free-running scene.
+    pub fn show_present(&mut self, session: &mut ClientSession, now: Instant) -> RenderTime {
+        let step = self.config.integrator.rate.step().seconds();
+        let stream = session.replica().map(Replica::stream);
+        let known = stream.map_or(0.0, |stream| stream.watermark_tick().value() as f64);
+        let silent = stream.map_or(0.0, |stream| stream.silent_ticks() as f64);
+        // The next watermark is due at a published tick, when the silence has doubled or has reached the longest
+        // allowed silence.
+        let due = silent.min(f64::from(SILENCE_MS_MAX) / (1e3 * step));
+        let publish_schedule = self.config.publish_schedule;
+        let due = due.max(f64::from(publish_schedule.publish_interval.get()));
+        let limit = known + due + PREDICT_SECONDS / step;
+        let shown = self.clock.show(now, self.delay_ticks(), known, limit);
+        let at = if self.options.whole_ticks {
+            RenderTime::at(shown.tick)
+        } else {
+            shown
+        };
+        self.show(session, now, at, self.options.smooth);
+        at
+    }
+
+    /// Computes the view of a moment.
+    pub fn show(
+        &mut self,
+        session: &mut ClientSession,
+        now: Instant,
+        at: RenderTime,
+        smooth: bool,
+    ) {
+        let now = Seconds::new(now.as_nanos() as f64 / 1e9);
+        let Some(replica) = session.replica_mut() else {
+            return;
+        };
+        let render_params = RenderParams { at, now, smooth };
+        self.view.refresh(replica.stream_mut(), &render_params);
+    }
+
+    /// Ticks by which a free-running view stays behind the server's clock: the delay of its options plus the scene's
+    /// lookahead.
+    #[must_use]
+    pub fn delay_ticks(&self) -> f64 {
+        self.options.delay_ticks + f64::from(self.config.publish_schedule.lookahead.count())
+    }
+
+    /// Ticks by which the view lies behind the server's clock; `None` before the clock is known.
+    #[must_use]
+    pub fn behind_ticks(&self, now: Instant) -> Option<f64> {
+        let shown = self.view.time()?;
+        Some(self.clock.server(now)? - shown.ticks())
+    }
+}

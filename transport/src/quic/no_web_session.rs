@@ -1,0 +1,69 @@
+//! No WebTransport: a session of a browser does not exist without the feature `web`.
+
+use std::fmt;
+
+use bytes::Bytes;
+use quinn::{Connection, RecvStream, SendStream, VarInt};
+
+use super::origins::Origins;
+
+/// A session that no connection has.
+#[derive(Debug)]
+pub(super) enum WebSession {}
+
+/// Reason why a connection with HTTP/3 has no session.
+#[derive(Debug)]
+pub(super) enum WebRefusal {
+    /// The server was built without the feature `web`.
+    Absent,
+}
+
+impl fmt::Display for WebRefusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Absent => f.write_str("this server was built without the feature web"),
+        }
+    }
+}
+
+impl WebSession {
+    pub(super) async fn accept(
+        _connection: &Connection,
+        _origins: &Origins,
+    ) -> Result<(Self, Result<(), String>), WebRefusal> {
+        Err(WebRefusal::Absent)
+    }
+
+    pub(super) async fn run(&self, _close: impl Fn(VarInt)) {
+        match *self {}
+    }
+
+    pub(super) async fn accept_bi(&self) -> Option<(SendStream, RecvStream)> {
+        match *self {}
+    }
+
+    pub(super) fn wrap(&self, _bytes: &[u8]) -> Bytes {
+        match *self {}
+    }
+
+    pub(super) fn unwrap(&self, _datagram: Bytes) -> Option<Bytes> {
+        match *self {}
+    }
+
+    pub(super) const fn overhead(&self) -> usize {
+        match *self {}
+    }
+
+    pub(super) fn close(&self, _code: u32) {
+        match *self {}
+    }
+
+    pub(super) fn peer_code(&self) -> Option<u32> {
+        match *self {}
+    }
+}
+
+/// No code belongs to a session.
+pub(super) fn session_code(_code: VarInt) -> Option<u32> {
+    None
+}
