@@ -17,7 +17,7 @@ import { fileURLToPath } from "node:url";
 const [serverPath, replayPath] = process.argv.slice(2);
 const root = fileURLToPath(new URL("..", import.meta.url));
 const TYPES = { ".js": "text/javascript", ".wasm": "application/wasm", ".html": "text/html" };
-const PAGE = "<!doctype html><title>rhumb</title>";
+const PAGE = '<!doctype html><title>rhumb</title><link rel="icon" href="data:,">';
 
 const chromium = [process.env.RHUMB_CHROMIUM, "/usr/bin/chromium", "/usr/bin/chromium-browser"].find(
   (path) => path && existsSync(path),
@@ -242,7 +242,9 @@ async function run(page, context, folder) {
 
 const folder = await mkdtemp(join(tmpdir(), "rhumb-browser-"));
 const files = await serveFiles();
-const browser = await playwright.chromium.launch({ executablePath: chromium, args: ["--no-sandbox"] });
+// A page of another site may not reach this machine without a permission of its user, which a script cannot give.
+const args = ["--no-sandbox", "--disable-features=LocalNetworkAccessChecks,LocalNetworkAccessChecksWebTransport"];
+const browser = await playwright.chromium.launch({ executablePath: chromium, args });
 try {
   console.log(`Chromium ${browser.version()}`);
   const context = await browser.newContext();

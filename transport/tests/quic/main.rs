@@ -7,3 +7,5 @@ mod closing;
 mod connecting;
 mod lanes;
 mod support;
+#[cfg(all(feature = "web", feature = "raw"))]
+mod web;
