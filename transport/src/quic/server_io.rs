@@ -132,7 +132,7 @@ async fn greet(
             watch.count(|counters| &counters.refused);
             let session = Arc::new(session);
             // A browser reports the code only of a session that its page has begun to use.
-            let _ = timeout(SETUP, session.accept_bi()).await;
+            let _unread = timeout(SETUP, session.accept_bi()).await;
             let closing = Closing::of(&connection, Some(Arc::clone(&session)));
             closing.now(TransportCode::ORIGIN.0);
             session.run(|code| closing.close_connection(code)).await;
