@@ -5,5 +5,8 @@
 #[doc = include_str!("../../README.md")]
 pub struct Readme;
 
+#[doc = include_str!("../../docs/book/src/local.md")]
+pub struct Local;
+
 #[doc = include_str!("../../docs/book/src/tutorial.md")]
 pub struct Tutorial;

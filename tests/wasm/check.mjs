@@ -1,4 +1,4 @@
-// Checks the predictors, compiled to WebAssembly, against the golden vectors, bit for bit.
+// Checks predictors and codec, compiled to WebAssembly, against the golden vectors, bit for bit.
 //
 // Usage: node check.mjs MODULE.wasm. Prints failures, then a count; the exit code is 1 after a failure.
 
@@ -66,6 +66,48 @@ for (const section of ["predictions", "torque_free_rotations"]) {
       console.log(`${section} ${index}: expected ${testCase.end}, got ${end}`);
     }
   });
+}
+
+/** The outcomes of the codec, in the order of their numbers. */
+const OUTCOMES = ["refused", "accepted", "skipped", "answered by an error", "accepted, but changed"];
+
+function given(digits) {
+  const bytes = Buffer.from(digits, "hex");
+  const { buffer, memory } = instance.exports;
+  const place = buffer(bytes.length);
+  new Uint8Array(memory.buffer, place, bytes.length).set(bytes);
+}
+
+function expect(name, expected, outcome) {
+  if (expected.includes(OUTCOMES[outcome])) {
+    passed += 1;
+  } else {
+    failed += 1;
+    console.log(`${name}: ${OUTCOMES[outcome]}, expected ${expected.join(" or ")}`);
+  }
+}
+
+const read = async (name) => JSON.parse(await readFile(new URL(`../../spec/vectors/${name}.json`, import.meta.url)));
+const { message, packet } = instance.exports;
+const control = await read("control");
+for (const [side, name] of ["client", "server"].entries()) {
+  for (const line of control[`${name} messages`]) {
+    given(line.bytes);
+    // A number out of range is found when the command is checked, or when it is decoded.
+    const error = line.error === undefined ? ["accepted"] : ["accepted", "answered by an error"];
+    expect(line.name, line.skipped === undefined ? error : ["skipped"], message(side));
+  }
+  for (const line of control[`refused ${name} messages`]) {
+    given(line.bytes);
+    expect(line.name, ["refused"], message(side));
+  }
+}
+const [packets, scripted] = [await read("packets"), await read("scripted")];
+for (const [lines, expected] of [[packets.accepted, "accepted"], [packets.refused, "refused"], [scripted.refused, "refused"]]) {
+  for (const line of lines) {
+    given(line.bytes);
+    expect(line.name, [expected], packet());
+  }
 }
 console.log(`${passed} passed, ${failed} failed`);
 process.exitCode = failed === 0 ? 0 : 1;

@@ -1,8 +1,9 @@
 // The client in a real browser against a real server: connects, balls fall within the tolerance, tracks equal Rust's.
 //
-// Usage: node browser.mjs SERVER REPLAY. Both are binaries of rhumb-tests. Needs rhumb.wasm, the package playwright-core
-// (its folder's parent in RHUMB_NODE_MODULES, or found from here), and Chromium (RHUMB_CHROMIUM, or of the system). Where
-// one of the two is missing it prints so, and passes. No figure of time is asserted.
+// Usage: node browser.mjs SERVER REPLAY. Both are binaries of rhumb-tests. Needs rhumb.wasm, and for each browser its driver:
+// Chromium with the package playwright-core, Firefox with puppeteer-core (in node_modules of RHUMB_NODE_MODULES, or found
+// from here). A browser that is missing, or its driver, is printed as skipped; without any the test passes. No figure of
+// time is asserted.
 
 import { spawn, spawnSync } from "node:child_process";
 import { existsSync } from "node:fs";
@@ -12,30 +13,42 @@ import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { extname, join } from "node:path";
 import { createInterface } from "node:readline";
-import { fileURLToPath } from "node:url";
+import { fileURLToPath, pathToFileURL } from "node:url";
 
 const [serverPath, replayPath] = process.argv.slice(2);
 const root = fileURLToPath(new URL("..", import.meta.url));
 const TYPES = { ".js": "text/javascript", ".wasm": "application/wasm", ".html": "text/html" };
-const PAGE = "<!doctype html><title>rhumb</title>";
+const PAGE = '<!doctype html><title>rhumb</title><link rel="icon" href="data:,">';
 
-const chromium = [process.env.RHUMB_CHROMIUM, "/usr/bin/chromium", "/usr/bin/chromium-browser"].find(
-  (path) => path && existsSync(path),
-);
-const playwright = await playwrightCore();
-if (chromium === undefined || playwright === undefined) {
-  console.log(`skipped: ${chromium === undefined ? "no Chromium" : "no playwright-core"} is installed`);
-  process.exit(0);
-}
-
-async function playwrightCore() {
+/** A package, if it is installed. */
+async function installed(name) {
   const paths = [process.env.RHUMB_NODE_MODULES, root].filter((path) => path);
   try {
-    return createRequire(import.meta.url)(createRequire(import.meta.url).resolve("playwright-core", { paths }));
+    const found = await import(pathToFileURL(createRequire(import.meta.url).resolve(name, { paths })));
+    return found.default;
   } catch {
     return undefined;
   }
 }
+
+// A page of another site may not reach this machine without a permission of its user, which a script cannot give.
+const CHROMIUM_FLAGS = ["--no-sandbox", "--disable-features=LocalNetworkAccessChecks,LocalNetworkAccessChecksWebTransport"];
+
+/** Each browser: its name, its places, the package that drives it, and how that launches it. */
+const BROWSERS = [
+  {
+    name: "Chromium",
+    places: [process.env.RHUMB_CHROMIUM, "/usr/bin/chromium", "/usr/bin/chromium-browser"],
+    driver: "playwright-core",
+    launch: (playwright, executablePath) => playwright.chromium.launch({ executablePath, args: CHROMIUM_FLAGS }),
+  },
+  {
+    name: "Firefox",
+    places: [process.env.RHUMB_FIREFOX, "/usr/bin/firefox-esr", "/usr/bin/firefox"],
+    driver: "puppeteer-core",
+    launch: (puppeteer, executablePath) => puppeteer.launch({ browser: "firefox", executablePath, headless: true }),
+  },
+];
 
 /** A file of the package, or the empty page. */
 async function file(path) {
@@ -190,7 +203,7 @@ async function goesOn(url) {
   return { kinds, before, after, place, ending: client.ending?.message };
 }
 
-async function run(page, context, folder) {
+async function run(page, browser, folder) {
   let server = await startServer("127.0.0.1:0", ["--data", join(folder, "data")]);
   const { address, hashes } = server;
   const url = `https://${address}`;
@@ -217,14 +230,18 @@ async function run(page, context, folder) {
     const wrong = await page.evaluate(refusal, { url, hashes: ["00".repeat(32)] });
     check(wrong.code === "connect" && wrong.message.includes("certificateHashes"), `another certificate: ${wrong.message}`);
 
-    const foreign = await context.newPage();
-    await foreign.route("https://pages.example/**", async (route) => {
-      const { body, type } = await file(new URL(route.request().url()).pathname);
-      await route.fulfill({ body, contentType: type });
-    });
-    await foreign.goto("https://pages.example/");
-    const other = await foreign.evaluate(refusal, { url, hashes });
-    check(other.closeCode === 0x105 && other.message.includes("--web-origin"), `another origin: ${other.message}`);
+    const foreign = await browser.newPage();
+    if (foreign.route !== undefined) {
+      await foreign.route("https://pages.example/**", async (route) => {
+        const { body, type } = await file(new URL(route.request().url()).pathname);
+        await route.fulfill({ body, contentType: type });
+      });
+      await foreign.goto("https://pages.example/");
+      const other = await foreign.evaluate(refusal, { url, hashes });
+      check(other.closeCode === 0x105 && other.message.includes("--web-origin"), `another origin: ${other.message}`);
+    } else {
+      console.log("not tried: a page of another origin, which this driver cannot serve");
+    }
 
     await page.exposeFunction("presentHashes", () => server.hashes);
     await page.exposeFunction("killServer", async () => {
@@ -240,22 +257,29 @@ async function run(page, context, folder) {
   }
 }
 
-const folder = await mkdtemp(join(tmpdir(), "rhumb-browser-"));
 const files = await serveFiles();
-const browser = await playwright.chromium.launch({ executablePath: chromium, args: ["--no-sandbox"] });
-try {
-  console.log(`Chromium ${browser.version()}`);
-  const context = await browser.newContext();
-  const page = await context.newPage();
-  page.on("console", (line) => console.log(`page: ${line.text()}`));
-  page.on("pageerror", (error) => console.log(`page: ${error.message}`));
-  await page.goto(`http://127.0.0.1:${files.address().port}/`);
-  await run(page, context, folder);
-} catch (error) {
-  console.log(`FAILED: ${error.message}`);
-  process.exitCode = 1;
-} finally {
-  await browser.close();
-  files.close();
-  await rm(folder, { recursive: true, force: true });
+for (const { name, places, driver, launch } of BROWSERS) {
+  const place = places.find((path) => path && existsSync(path));
+  const library = await installed(driver);
+  if (place === undefined || library === undefined) {
+    console.log(`${name} skipped: ${place === undefined ? name : driver} is not installed`);
+    continue;
+  }
+  const folder = await mkdtemp(join(tmpdir(), "rhumb-browser-"));
+  const browser = await launch(library, place);
+  try {
+    console.log(`${name}: ${await browser.version()}`);
+    const page = await browser.newPage();
+    page.on("console", (line) => console.log(`page: ${line.text()}`));
+    page.on("pageerror", (error) => console.log(`page: ${error.message}`));
+    await page.goto(`http://127.0.0.1:${files.address().port}/`);
+    await run(page, browser, folder);
+  } catch (error) {
+    console.log(`FAILED in ${name}: ${error.message}`);
+    process.exitCode = 1;
+  } finally {
+    await browser.close();
+    await rm(folder, { recursive: true, force: true });
+  }
 }
+files.close();

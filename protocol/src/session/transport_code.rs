@@ -25,8 +25,6 @@ impl TransportCode {
     pub const NO_DATAGRAMS: Self = Self(0x104);
     /// The page's origin may not connect to this server.
     pub const ORIGIN: Self = Self(0x105);
-    /// The client opened a stream that the protocol does not have.
-    pub const STRAY_STREAM: Self = Self(0x106);
 }
 
 impl fmt::Display for TransportCode {
@@ -40,7 +38,6 @@ impl fmt::Display for TransportCode {
             Self::ORIGIN => f.write_str(
                 "the page's origin may not connect: its operator may allow it by --web-origin",
             ),
-            Self::STRAY_STREAM => f.write_str("a stream that the protocol does not have"),
             Self(code) => write!(f, "close code {code:#x}"),
         }
     }

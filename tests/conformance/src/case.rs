@@ -4,6 +4,8 @@
 
 use std::fmt;
 
+use rhumb_netsim::Carrier;
+
 use super::feature::Feature;
 use super::outcome::CaseResult;
 use super::role::Role;
@@ -37,6 +39,8 @@ pub struct Case {
     pub profile: Profile,
     /// When it runs relative to the others.
     pub turn: Schedule,
+    /// What it is about, if it runs over that alone.
+    pub only_over: Option<Carrier>,
     played: Option<CaseFn>,
 }
 
@@ -74,6 +78,7 @@ impl Case {
             needs: Vec::new(),
             profile: Profile::Core,
             turn: Schedule::Any,
+            only_over: None,
             played: None,
         }
     }
@@ -109,6 +114,13 @@ impl Case {
     #[must_use]
     pub fn needs(mut self, features: &[Feature]) -> Self {
         self.needs.extend_from_slice(features);
+        self
+    }
+
+    /// Limits the case to one carrier.
+    #[must_use]
+    pub fn only_over(mut self, carrier: Carrier) -> Self {
+        self.only_over = Some(carrier);
         self
     }
 

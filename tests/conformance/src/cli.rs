@@ -13,7 +13,7 @@ use std::process::{Command, ExitCode};
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
-use rhumb_netsim::{LinkConfig, RawConnection, RawPeerConfig};
+use rhumb_netsim::{Carrier, LinkConfig, RawConnection, RawPeerConfig};
 use rhumb_transport::{Fingerprint, Trust};
 
 use super::case::Case;
@@ -65,8 +65,28 @@ struct ServerTask {
     /// PEM file with the root certificates that the server's certificate must chain to.
     #[arg(long)]
     roots: Option<PathBuf>,
+    /// What carries the suite's clients. Over WebTransport the fingerprint is that of the certificate for browsers.
+    #[arg(long, value_enum, default_value = "quic")]
+    transport: Transport,
     #[command(flatten)]
     common: Common,
+}
+
+/// What carries the suite's clients to a server.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Transport {
+    Quic,
+    #[value(name = "webtransport")]
+    WebTransport,
+}
+
+impl Transport {
+    const fn carrier(self) -> Carrier {
+        match self {
+            Self::Quic => Carrier::Quic,
+            Self::WebTransport => Carrier::WebTransport,
+        }
+    }
 }
 
 #[derive(Debug, Args)]
@@ -223,7 +243,8 @@ impl ServerTask {
             name,
             trust,
         };
-        self.common.run(given, subject, cases)
+        self.common
+            .run(given, subject, cases, self.transport.carrier())
     }
 }
 
@@ -245,7 +266,7 @@ impl ClientTask {
             listen: self.listen,
             exec: exec.clone(),
         };
-        self.common.run(exec, subject, cases)
+        self.common.run(exec, subject, cases, Carrier::Quic)
     }
 }
 
@@ -292,7 +313,8 @@ impl VectorsTask {
             .clone()
             .unwrap_or_else(|| "built-in decoder".into());
         let exec = self.exec;
-        self.common.run(name, Subject::Decoder { exec }, cases)
+        self.common
+            .run(name, Subject::Decoder { exec }, cases, Carrier::Quic)
     }
 }
 
@@ -308,7 +330,13 @@ impl MatrixTask {
         for server in &self.servers {
             let trust = Trust::Fingerprint(server.fingerprint);
             let common = &self.common;
-            common.must_listen(&server.name, server.target, &server.host, &trust)?;
+            common.must_listen(
+                &server.name,
+                server.target,
+                &server.host,
+                &trust,
+                Carrier::Quic,
+            )?;
         }
         for client in &self.clients {
             must_be_there(&client.exec)?;
@@ -321,7 +349,9 @@ impl MatrixTask {
         }
         self.common.must_mean(&cases)?;
         // The subject is replaced for each pair.
-        let conditions = self.common.conditions(Subject::Decoder { exec: None });
+        let conditions = self
+            .common
+            .conditions(Subject::Decoder { exec: None }, Carrier::Quic);
         let (pairs, results) = matrix::run(
             &self.servers,
             &self.clients,
@@ -395,8 +425,9 @@ impl Common {
         target: SocketAddr,
         name: &str,
         trust: &Trust,
+        carrier: Carrier,
     ) -> Result<(), BoxError> {
-        let config = RawPeerConfig::default();
+        let config = RawPeerConfig::over(carrier);
         let line = RawConnection::connect(target, name, trust, &config, self.timeout * 2);
         let line = line.map_err(|error| format!("the server {sent} cannot be reached: {error}"))?;
         line.close(0);
@@ -413,9 +444,10 @@ impl Common {
         Ok(true)
     }
 
-    fn conditions(&self, subject: Subject) -> Conditions {
+    fn conditions(&self, subject: Subject, carrier: Carrier) -> Conditions {
         Conditions {
             subject,
+            carrier,
             timeout: self.timeout,
             seed: self.seed,
             link: self.link,
@@ -433,7 +465,13 @@ impl Common {
         }
     }
 
-    fn run(self, name: String, subject: Subject, cases: Vec<Case>) -> Result<bool, BoxError> {
+    fn run(
+        self,
+        name: String,
+        subject: Subject,
+        cases: Vec<Case>,
+        carrier: Carrier,
+    ) -> Result<bool, BoxError> {
         self.must_mean(&cases)?;
         self.reports.must_have_folders()?;
         if let Subject::Server {
@@ -442,9 +480,9 @@ impl Common {
             trust,
         } = &subject
         {
-            self.must_listen(&name, *target, host, trust)?;
+            self.must_listen(&name, *target, host, trust, carrier)?;
         }
-        let (conditions, selection) = (self.conditions(subject), self.selection());
+        let (conditions, selection) = (self.conditions(subject, carrier), self.selection());
         let (at_a_time, mut out) = (self.side_by_side.get(), std::io::stdout());
         let results = run::run(cases, &selection, &conditions, at_a_time, &mut out);
         self.conclude(name, results, Vec::new())

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use rhumb_netsim::{LinkConfig, UdpRelay};
+use rhumb_netsim::{Carrier, LinkConfig, UdpRelay};
 use rhumb_transport::Trust;
 
 use super::feature::Feature;
@@ -19,6 +19,8 @@ pub struct Conditions {
     pub seed: u64,
     /// Simulated network between suite and peer, if not ideal.
     pub link: LinkConfig,
+    /// What carries the suite's own clients.
+    pub carrier: Carrier,
     /// Features that the peer is declared to lack.
     pub without: Vec<Feature>,
 }

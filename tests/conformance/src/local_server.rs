@@ -13,6 +13,8 @@ pub struct LocalServer {
     pub address: SocketAddr,
     /// The fingerprint that clients pin.
     pub fingerprint: Fingerprint,
+    /// The fingerprint of the certificate that browsers are shown.
+    pub certificate_hash: Fingerprint,
     stop: Stop,
     thread: Option<JoinHandle<Result<ServerStatistics, RunError>>>,
 }
@@ -27,6 +29,8 @@ impl LocalServer {
         let loopback = SocketAddr::from(([127, 0, 0, 1], 0));
         let server = Server::bind(loopback, &Identity::Development, Access::OpenOnLoopback)?;
         let (address, fingerprint) = (server.address(), server.fingerprint());
+        let hashes = server.certificate_hashes().current();
+        let certificate_hash = *hashes.first().unwrap_or(&fingerprint);
         let stop = Stop::new();
         let thread = thread::spawn({
             let stop = stop.clone();
@@ -35,6 +39,7 @@ impl LocalServer {
         Ok(Self {
             address,
             fingerprint,
+            certificate_hash,
             stop,
             thread: Some(thread),
         })

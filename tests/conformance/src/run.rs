@@ -36,6 +36,7 @@ pub fn run(
     let mut wanted: Vec<_> = cases
         .into_iter()
         .filter(|case| selection.wants(case))
+        .filter(|case| case.only_over.is_none_or(|only| only == conditions.carrier))
         .collect();
     let places: BTreeMap<_, _> = (wanted.iter().enumerate())
         .map(|(place, case)| (case.id.clone(), place))

@@ -8,7 +8,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 use std::time::Duration;
 
-use rhumb_netsim::{RawConnection, RawPeerConfig, UdpRelay};
+use rhumb_netsim::{Carrier, RawConnection, RawPeerConfig, UdpRelay};
 use rhumb_protocol::scene::SceneName;
 use rhumb_transport::{Fingerprint, Trust};
 
@@ -277,7 +277,15 @@ impl<'a> Trial<'a> {
         };
         let address = relay.as_ref().map_or(target, UdpRelay::local_addr);
         let time_limit = self.timeout() * 2;
-        let connection = RawConnection::connect(address, name, trust, config, time_limit);
+        let config = match self.conditions.carrier {
+            Carrier::Quic => config.clone(),
+            carrier @ Carrier::WebTransport => RawPeerConfig {
+                carrier,
+                alpn: RawPeerConfig::over(carrier).alpn,
+                ..config.clone()
+            },
+        };
+        let connection = RawConnection::connect(address, name, trust, &config, time_limit);
         let connection =
             connection.map_err(|error| Stop::Fail(format!("no connection: {error}")))?;
         Ok((connection, relay))

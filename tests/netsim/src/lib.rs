@@ -19,7 +19,7 @@ pub use counts::{LinkCounts, Tally};
 pub use link::{Lane, Link};
 pub use probability::Probability;
 pub use raw_peer::{
-    RawConnection, RawEvent, RawPeerConfig, RawPeerEnd, RawPeerError, RawPeerServer,
+    Carrier, RawConnection, RawEvent, RawPeerConfig, RawPeerEnd, RawPeerError, RawPeerServer,
 };
 pub use relay::{RelayError, UdpRelay};
 pub use sim_network::{Direction, RunStop, SimNetwork};

@@ -4,7 +4,7 @@
 //! waits for a line of input. Then it leads on, prints `done` and waits for the end of its input. The file has one
 //! line for each complete tick.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, BufRead, BufWriter, Write};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use clap::Parser;
 use rhumb_conformance::testee::copy_line;
+use rhumb_conformance::vectors::known;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
@@ -20,6 +21,7 @@ use rhumb_sims::{Script, by_name};
 use rhumb_transport::{
     ClientOptions, ClientTransport, Clock, Fingerprint, QuicClient, Received, Trust,
 };
+use serde_json::{Value, json};
 
 /// Leads a scene and writes the state of its copy.
 #[derive(Debug, Parser)]
@@ -48,6 +50,9 @@ struct Arguments {
     /// File to write.
     #[arg(long)]
     out: PathBuf,
+    /// File for the received bytes, in the form of spec/vectors/streams.json.
+    #[arg(long)]
+    record: Option<PathBuf>,
 }
 
 const SERVER: Peer = Peer(0);
@@ -64,6 +69,12 @@ struct Leader {
     clock: Clock,
     out: BufWriter<File>,
     written: Option<Tick>,
+    /// What was received, with the state of the copy after each complete tick.
+    recorded: Vec<Value>,
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn failed(what: &str) -> io::Error {
@@ -86,6 +97,7 @@ impl Leader {
             clock,
             out: BufWriter::new(File::create(&arguments.out)?),
             written: None,
+            recorded: Vec::new(),
         })
     }
 
@@ -99,8 +111,14 @@ impl Leader {
         if let Some(received) = self.connection.recv(self.clock.until(wake)) {
             let now = self.clock.now();
             match received {
-                Received::Control(bytes) => self.session.handle_control(now, SERVER, &bytes),
-                Received::State(bytes) => self.session.handle_datagram(now, SERVER, &bytes),
+                Received::Control(bytes) => {
+                    self.recorded.push(json!(["control", hex(&bytes)]));
+                    self.session.handle_control(now, SERVER, &bytes);
+                }
+                Received::State(bytes) => {
+                    self.recorded.push(json!(["datagram", hex(&bytes)]));
+                    self.session.handle_datagram(now, SERVER, &bytes);
+                }
                 Received::Ended(ending) => return Err(failed(&format!("ended: {ending:?}"))),
             }
             self.write()?;
@@ -129,6 +147,7 @@ impl Leader {
             return Ok(());
         }
         self.written = Some(tick);
+        self.recorded.push(json!(["known", known(replica)]));
         writeln!(self.out, "{}", copy_line(replica, tick))
     }
 
@@ -205,6 +224,10 @@ fn main() -> io::Result<()> {
         leader.lead(script.as_mut(), tick)?;
     }
     leader.out.flush()?;
+    if let Some(record) = &arguments.record {
+        let stream = json!({"name": "a recorded session", "events": leader.recorded});
+        fs::write(record, json!({"streams": [stream]}).to_string())?;
+    }
     write_line("done")?;
     while answers.next().transpose()?.is_some() {}
     Ok(())

@@ -1,7 +1,8 @@
 //! The predictors as plain functions for a check in JavaScript.
 //!
-//! No memory or pointer is shared: the caller sets numbers by index, requests one prediction, and reads the result by
-//! index. Invariant: the result is the last prediction, or all zeros if the inputs were refused.
+//! The caller sets numbers by index, requests one prediction, and reads the result by index. Invariant: the result is the last prediction, or all zeros if the inputs were refused.
+
+mod codec;
 
 use core::num::NonZeroU32;
 use core::sync::atomic::{AtomicU64, Ordering};

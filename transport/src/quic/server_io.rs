@@ -131,6 +131,8 @@ async fn greet(
             );
             watch.count(|counters| &counters.refused);
             let session = Arc::new(session);
+            // A browser reports the code only of a session that its page has begun to use.
+            let _unread = timeout(SETUP, session.accept_bi()).await;
             let closing = Closing::of(&connection, Some(Arc::clone(&session)));
             closing.now(TransportCode::ORIGIN.0);
             session.run(|code| closing.close_connection(code)).await;
@@ -232,11 +234,7 @@ impl PeerStreams<'_> {
                         let _ = self.inputs.send(Input::ControlTaken { peer: self.peer });
                     }),
                     self.read_control(recv),
-                    async {
-                        if self.next().await.is_some() {
-                            self.closing.now(TransportCode::STRAY_STREAM.0);
-                        }
-                    }
+                    self.refuse_streams(),
                 );
             }
             Ok(None) => {}
@@ -252,10 +250,19 @@ impl PeerStreams<'_> {
         }
     }
 
-    /// A plain client has no unidirectional stream; those of a browser belong to its session.
+    /// Stops each further stream of the client: the protocol has none.
+    async fn refuse_streams(&self) {
+        while let Some(stray) = self.next().await {
+            drop(stray);
+        }
+    }
+
+    /// Stops unidirectional streams of a plain client; those of a browser belong to its session.
     async fn refuse_unidirectional(&self) {
-        if self.web.is_none() && self.connection.accept_uni().await.is_ok() {
-            self.closing.now(TransportCode::STRAY_STREAM.0);
+        if self.web.is_none() {
+            while let Ok(stray) = self.connection.accept_uni().await {
+                drop(stray);
+            }
         }
     }
 

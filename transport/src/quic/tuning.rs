@@ -97,7 +97,7 @@ impl ClientStreams {
         unidirectional: VarInt::from_u32(0),
     };
     /// Also those of HTTP/3: the request, settings, and two of header compression. Browsers give up a handshake that
-    /// does not grant them, before a server knows who asks; so a server closes a plain client that opens them.
+    /// does not grant them, before a server knows who asks; so a server stops them where a plain client opens them.
     pub(super) const WEB: Self = Self {
         bidirectional: VarInt::from_u32(2),
         unidirectional: VarInt::from_u32(3),

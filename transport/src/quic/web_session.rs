@@ -160,7 +160,7 @@ impl WebSession {
     pub(super) async fn run(&self, close: impl Fn(VarInt)) {
         let request = self.request.lock();
         let request = request.unwrap_or_else(PoisonError::into_inner).take();
-        let Some((mut send, recv)) = request else {
+        let Some((mut send, mut recv)) = request else {
             return;
         };
         let strays = async {
@@ -170,7 +170,8 @@ impl WebSession {
             }
         };
         tokio::select! {
-            code = read_close(recv) => {
+            // The stream is only borrowed: to drop it would stop the peer's end, and its session, before it has the code.
+            code = read_close(&mut recv) => {
                 // A page that leaves says nothing.
                 self.peer_code.store(code.unwrap_or(TransportCode::LEFT.0).into(), Ordering::Relaxed);
                 close(VarInt::from_u32(H3_NO_ERROR));
@@ -226,7 +227,7 @@ fn broken(cause: impl fmt::Display) -> WebRefusal {
 }
 
 /// Reads the request's stream to its end; `None` if that comes without a code.
-async fn read_close(stream: RecvStream) -> Option<u32> {
+async fn read_close(stream: &mut RecvStream) -> Option<u32> {
     let mut capsules = proto::Http3CapsuleReader::new(stream);
     loop {
         match capsules.read().await {

@@ -9,3 +9,5 @@ mod lanes;
 mod support;
 #[cfg(unix)]
 mod unix;
+#[cfg(all(feature = "web", feature = "raw"))]
+mod web;

@@ -87,6 +87,17 @@ impl Endpoint for Echo {
     }
 }
 
+impl Echo {
+    /// An echo that blocks nobody.
+    pub(crate) const fn new(events: Sender<Event>) -> Self {
+        Self {
+            out: VecDeque::new(),
+            events,
+            open_gate: None,
+        }
+    }
+}
+
 pub(crate) struct Running {
     pub(crate) address: SocketAddr,
     pub(crate) fingerprint: Fingerprint,

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use rhumb_netsim::{RawPeerConfig, RawPeerEnd};
+use rhumb_netsim::{Carrier, RawPeerConfig, RawPeerEnd};
 use rhumb_protocol::limits::DATAGRAM_BYTES_MAX;
 use rhumb_protocol::message::{ClientMessage, ServerMessage, StreamChoice};
 use rhumb_protocol::session::CloseCode;
@@ -17,9 +17,10 @@ use crate::trial::Trial;
 /// Close codes of the transport.
 const NO_CONTROL_STREAM: u64 = 0x103;
 const NO_DATAGRAMS: u64 = 0x104;
+const ORIGIN: u64 = 0x105;
 
-/// The cases of the group: promise, citations, test function.
-const CASES: &[CaseRow] = &[
+/// The cases of plain connections: promise, citations, test function.
+const QUIC: &[CaseRow] = &[
     (
         1,
         "a connection negotiates the ALPN name rhumb/1",
@@ -36,7 +37,7 @@ const CASES: &[CaseRow] = &[
         2,
         "a client with another ALPN protocol is refused",
         "PROTOCOL 1.1-1",
-        |trial| refused_alpn(trial, b"h3"),
+        |trial| refused_alpn(trial, b"h2"),
     ),
     (
         3,
@@ -44,6 +45,65 @@ const CASES: &[CaseRow] = &[
         "PROTOCOL 1.1-1",
         |trial| refused_alpn(trial, b"rhumb/2"),
     ),
+];
+
+/// The cases of sessions of browsers.
+const WEB: &[CaseRow] = &[
+    (
+        13,
+        "a session carries the protocol as a connection does",
+        "PROTOCOL 1.5-1, 1.5-3, 1.5-4",
+        |trial| {
+            let mut client = trial.client()?;
+            client.enter(lockstep(), StreamChoice::Full)?;
+            client.barrier().map(drop)
+        },
+    ),
+    (
+        14,
+        "a request for another path is refused",
+        "PROTOCOL 1.5-2",
+        |trial| {
+            let config = RawPeerConfig {
+                path: "/rhumb/2".to_owned(),
+                ..RawPeerConfig::over(Carrier::WebTransport)
+            };
+            match trial.try_connect(&config) {
+                Ok(_) => Stop::fail("it is accepted"),
+                Err(_) => Ok(()),
+            }
+        },
+    ),
+    (
+        15,
+        "a page of another origin is closed with code 0x105",
+        "PROTOCOL 1.5-6",
+        |trial| {
+            let scene = trial.scene();
+            let config = RawPeerConfig {
+                origin: Some("https://pages.example".to_owned()),
+                ..RawPeerConfig::over(Carrier::WebTransport)
+            };
+            let mut client = trial.bare_client(&scene, &config)?;
+            client.connection.open_control();
+            client.must_be_closed_with(&[ORIGIN])
+        },
+    ),
+    (
+        16,
+        "a close code is that of the session",
+        "PROTOCOL 1.5-5",
+        |trial| {
+            let mut client = trial.client()?;
+            client.hello()?;
+            client.send_bytes(&[1, 0x7d]);
+            client.must_be_closed(CloseCode::MALFORMED)
+        },
+    ),
+];
+
+/// The cases of both.
+const CASES: &[CaseRow] = &[
     (
         4,
         "a server accepts the longest datagrams",
@@ -101,25 +161,32 @@ const CASES: &[CaseRow] = &[
 ];
 
 /// Cases that wait for a timer of the server.
-const SLOW: &[CaseRow] = &[
-    (
-        7,
-        "a client without a control stream is closed after five seconds",
-        "PROTOCOL 1.4-3",
-        no_control_stream,
-    ),
-    (
-        8,
-        "a silent connection times out after ten seconds",
-        "PROTOCOL 1.4-1",
-        silent,
-    ),
-];
+const SLOW: &[CaseRow] = &[(
+    7,
+    "a client without a control stream is closed after five seconds",
+    "PROTOCOL 1.4-3",
+    no_control_stream,
+)];
+
+/// The same, of plain connections: of a session's end the suite's client tells no reason.
+const SLOW_QUIC: &[CaseRow] = &[(
+    8,
+    "a silent connection times out after ten seconds",
+    "PROTOCOL 1.4-1",
+    silent,
+)];
 
 pub(super) fn cases() -> Vec<Case> {
-    let cases = table("L1.3", &[], CASES);
-    cases
+    let quic = table("L1.3", &[], QUIC).map(|case| case.only_over(Carrier::Quic));
+    let web = table("L1.3", &[], WEB).map(|case| case.only_over(Carrier::WebTransport));
+    quic.chain(web)
+        .chain(table("L1.3", &[], CASES))
         .chain(table("L1.3", &[], SLOW).map(Case::slow))
+        .chain(
+            table("L1.3", &[], SLOW_QUIC)
+                .map(Case::slow)
+                .map(|case| case.only_over(Carrier::Quic)),
+        )
         .collect()
 }
 

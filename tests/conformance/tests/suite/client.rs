@@ -12,7 +12,7 @@ use rhumb_conformance::mutants::ClientMutant;
 use rhumb_conformance::run::run;
 use rhumb_conformance::suite::{self, Selection};
 use rhumb_conformance::{Role, Verdict};
-use rhumb_netsim::LinkConfig;
+use rhumb_netsim::{Carrier, LinkConfig};
 
 const TESTEE: &str = env!("CARGO_BIN_EXE_rhumb-testee");
 
@@ -89,6 +89,7 @@ fn conditions(exec: String) -> Conditions {
         timeout: Duration::from_secs(20),
         seed: 1,
         link: LinkConfig::PERFECT,
+        carrier: Carrier::Quic,
         without: Vec::new(),
     }
 }

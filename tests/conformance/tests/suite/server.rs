@@ -13,33 +13,41 @@ use rhumb_conformance::report::{Report, RunSettings, html, json, junit};
 use rhumb_conformance::schedule::Profile;
 use rhumb_conformance::suite::{Selection, cases};
 use rhumb_conformance::{Role, Verdict, coverage, run};
-use rhumb_netsim::LinkConfig;
+use rhumb_netsim::{Carrier, LinkConfig};
 use rhumb_transport::Trust;
 use serde_json::{Value, json as value_of};
 
 /// Conditions with a time limit that a busy machine meets.
-fn conditions(server: &LocalServer, link: LinkConfig) -> Conditions {
+fn conditions(server: &LocalServer, link: LinkConfig, carrier: Carrier) -> Conditions {
     Conditions {
         subject: Subject::Server {
             target: server.address,
             name: "localhost".into(),
-            trust: Trust::Fingerprint(server.fingerprint),
+            trust: Trust::Fingerprint(match carrier {
+                Carrier::Quic => server.fingerprint,
+                Carrier::WebTransport => server.certificate_hash,
+            }),
         },
         timeout: Duration::from_secs(10),
         seed: 1,
         link,
+        carrier,
         without: Vec::new(),
     }
 }
 
 fn tried(patterns: &[&str], link: LinkConfig) -> Report {
+    tried_over(Carrier::Quic, patterns, link)
+}
+
+fn tried_over(carrier: Carrier, patterns: &[&str], link: LinkConfig) -> Report {
     let server = LocalServer::start().expect("loopback has a free port");
     let selection = Selection {
         patterns: patterns.iter().map(|&pattern| pattern.to_owned()).collect(),
         profile: Profile::BitExact,
         without: Vec::new(),
     };
-    let conditions = conditions(&server, link);
+    let conditions = conditions(&server, link, carrier);
     let mut progress = Vec::new();
     let results = run::run(
         cases(Role::Server),
@@ -99,6 +107,13 @@ fn this_server_passes_every_case() {
 }
 
 #[test]
+fn this_server_passes_over_webtransport() {
+    let levels = ["L1", "L2.1", "L3.1", "L4.1.1", "L5.2"];
+    let report = tried_over(Carrier::WebTransport, &levels, LinkConfig::PERFECT);
+    assert!(report.results.len() >= 60, "{}", report.summary());
+}
+
+#[test]
 fn this_server_passes_behind_a_bad_link() {
     let link = "rtt=20ms,loss=3%,reorder=2%,dup=1%"
         .parse()
@@ -149,6 +164,7 @@ fn tried_mutant(
         timeout: Duration::from_secs(2 * side_by_side as u64),
         seed: 1,
         link: LinkConfig::PERFECT,
+        carrier: Carrier::Quic,
         without: Vec::new(),
     };
     let selection = Selection {

@@ -8,10 +8,15 @@ use std::thread;
 use std::time::Duration;
 
 use quinn::crypto::rustls::QuicClientConfig;
-use quinn::{ClientConfig, Endpoint, EndpointConfig, TokioRuntime};
+use quinn::{ClientConfig, Connecting, ConnectionError, Endpoint, EndpointConfig, TokioRuntime};
 use rhumb_transport::{Trust, bind_udp, io_runtime, raw};
+use url::Url;
+use web_transport_quinn::Session;
+use web_transport_quinn::http::HeaderValue;
+use web_transport_quinn::http::header::ORIGIN;
+use web_transport_quinn::proto::ConnectRequest;
 
-use super::config::{RawPeerConfig, RawPeerError};
+use super::config::{Carrier, RawPeerConfig, RawPeerError};
 use super::connection::{RawConnection, RawPeerEnd};
 
 /// Time limit for the transmission of a close frame.
@@ -45,6 +50,7 @@ impl RawConnection {
         let runtime = io_runtime().map_err(RawPeerError::Host)?;
         let (ready, connected) = mpsc::sync_channel(1);
         let name = server_name.to_owned();
+        let raw_config = raw_config.clone();
         thread::Builder::new()
             .name("rhumb-raw-client".into())
             .spawn(move || {
@@ -60,7 +66,15 @@ impl RawConnection {
                         // The caller waits for the result; without a caller there is nothing to report.
                         Err(cause) => return drop(ready.send(Err(RawPeerError::Host(cause)))),
                     };
-                    carry(&endpoint, config, server, &name, timeout, &ready).await;
+                    let connecting = async {
+                        let connecting = endpoint.connect_with(config, server, &name);
+                        let connecting =
+                            connecting.map_err(|cause| RawPeerError::Tls(cause.to_string()))?;
+                        open(connecting, &raw_config).await
+                    };
+                    let late = RawPeerError::Handshake(RawPeerEnd::TimedOut);
+                    let opened = tokio::time::timeout(timeout, connecting).await;
+                    carry(&endpoint, opened.unwrap_or(Err(late)), &ready).await;
                 });
             })
             .map_err(RawPeerError::Host)?;
@@ -69,31 +83,47 @@ impl RawConnection {
     }
 }
 
-/// Connects, hands the connection over, and stays until it has ended.
+/// Opens what carries the control stream and the datagrams.
+async fn open(connecting: Connecting, raw_config: &RawPeerConfig) -> Result<Session, RawPeerError> {
+    let ended = |error: ConnectionError| RawPeerError::Handshake(RawPeerEnd::from(error));
+    let connection = connecting.await.map_err(ended)?;
+    match raw_config.carrier {
+        Carrier::Quic => Ok(Session::raw(connection)),
+        Carrier::WebTransport => {
+            let url = format!("https://{}{}", connection.remote_address(), raw_config.path);
+            let url = Url::parse(&url).map_err(|cause| RawPeerError::Tls(cause.to_string()))?;
+            let mut request = ConnectRequest::new(url);
+            if let Some(origin) = &raw_config.origin {
+                let origin = HeaderValue::from_str(origin);
+                let origin = origin.map_err(|cause| RawPeerError::Tls(cause.to_string()))?;
+                request = request.with_header(ORIGIN, origin);
+            }
+            let session = Session::connect(connection.clone(), request).await;
+            session.map_err(|cause| match connection.close_reason() {
+                Some(reason) => ended(reason),
+                None => RawPeerError::Handshake(RawPeerEnd::Fault(cause.to_string())),
+            })
+        }
+    }
+}
+
+/// Hands an opened connection over, and stays until it has ended.
 async fn carry(
     endpoint: &Endpoint,
-    config: ClientConfig,
-    server: SocketAddr,
-    name: &str,
-    timeout: Duration,
+    opened: Result<Session, RawPeerError>,
     ready: &mpsc::SyncSender<Result<RawConnection, RawPeerError>>,
 ) {
-    let connecting = match endpoint.connect_with(config, server, name) {
-        Ok(connecting) => connecting,
-        Err(cause) => return drop(ready.send(Err(RawPeerError::Tls(cause.to_string())))),
-    };
-    let connection = match tokio::time::timeout(timeout, connecting).await {
-        Ok(Ok(connection)) => connection,
-        Ok(Err(error)) => return drop(ready.send(Err(RawPeerError::Handshake(error.into())))),
-        Err(_) => return drop(ready.send(Err(RawPeerError::Handshake(RawPeerEnd::TimedOut)))),
+    let session = match opened {
+        Ok(session) => session,
+        Err(error) => return drop(ready.send(Err(error))),
     };
     if ready
-        .send(Ok(RawConnection::over(connection.clone())))
+        .send(Ok(RawConnection::over(session.clone())))
         .is_err()
     {
         return;
     }
-    connection.closed().await;
+    session.closed().await;
     // If the frame does not leave in time, the server's idle timeout ends the connection.
     let _ = tokio::time::timeout(CLOSE_TIMEOUT, endpoint.wait_idle()).await;
 }

@@ -14,6 +14,12 @@ use rhumb_transport::CertificateError;
 /// Handshake parameters of one end.
 #[derive(Clone, Debug)]
 pub struct RawPeerConfig {
+    /// What carries the control stream and the datagrams.
+    pub carrier: Carrier,
+    /// The path that a session requests.
+    pub path: String,
+    /// The origin of the page that requests it; `None`: it is no browser.
+    pub origin: Option<String>,
     /// The application protocols that it offers, by their TLS names.
     pub alpn: Vec<Vec<u8>>,
     /// The longest datagram that it accepts; `None` disables datagrams.
@@ -26,6 +32,16 @@ pub struct RawPeerConfig {
     pub streams: u32,
     /// Bytes that the peer may send on a stream before this end reads them.
     pub window_bytes: u32,
+}
+
+/// What carries the control stream and the datagrams.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Carrier {
+    /// The connection itself.
+    #[default]
+    Quic,
+    /// A session of WebTransport on it, as a browser has one (PROTOCOL 1.5).
+    WebTransport,
 }
 
 /// Reason why there is no connection.
@@ -44,6 +60,9 @@ pub enum RawPeerError {
 impl Default for RawPeerConfig {
     fn default() -> Self {
         Self {
+            carrier: Carrier::Quic,
+            path: "/rhumb/1".to_owned(),
+            origin: None,
             alpn: vec![rhumb_transport::raw::ALPN.to_vec()],
             datagram_bytes: Some(u16::MAX),
             idle: Duration::from_secs(10),
@@ -55,6 +74,19 @@ impl Default for RawPeerConfig {
 }
 
 impl RawPeerConfig {
+    /// The default, over this carrier.
+    #[must_use]
+    pub fn over(carrier: Carrier) -> Self {
+        match carrier {
+            Carrier::Quic => Self::default(),
+            Carrier::WebTransport => Self {
+                carrier,
+                alpn: vec![web_transport_quinn::ALPN.as_bytes().to_vec()],
+                ..Self::default()
+            },
+        }
+    }
+
     pub(super) fn transport(&self) -> TransportConfig {
         let mut transport = TransportConfig::default();
         let idle_ms = u32::try_from(self.idle.as_millis()).unwrap_or(u32::MAX);

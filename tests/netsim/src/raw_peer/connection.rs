@@ -8,9 +8,12 @@ use std::sync::mpsc::{self, Receiver, Sender};
 use std::time::Duration;
 
 use bytes::Bytes;
-use quinn::{Connection, ConnectionError, ReadError, RecvStream, SendStream, VarInt};
+use quinn::ConnectionError;
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::sync::watch;
+use web_transport_quinn::{
+    ReadError, RecvStream, SendStream, Session, SessionError, WebTransportError,
+};
 
 /// An event of a connection.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -55,14 +58,14 @@ enum Op {
     OpenAnother { both_ways: bool },
     Control(Bytes),
     Finish,
-    Break(u64),
+    Break(u32),
 }
 
 /// A connection without a protocol: its owner decides every byte. It ends when either end closes it, or when it is
 /// dropped.
 #[derive(Debug)]
 pub struct RawConnection {
-    connection: Connection,
+    session: Session,
     ops: UnboundedSender<Op>,
     events: Receiver<RawEvent>,
     reads: watch::Sender<bool>,
@@ -70,19 +73,19 @@ pub struct RawConnection {
 
 /// The I/O thread's side.
 struct ConnectionTask {
-    connection: Connection,
+    session: Session,
     events: Sender<RawEvent>,
     reads: watch::Receiver<bool>,
 }
 
 impl RawConnection {
     /// Wraps an open connection; must be called inside the runtime that drives it.
-    pub(super) fn over(connection: Connection) -> Self {
+    pub(super) fn over(session: Session) -> Self {
         let (ops, wanted) = unbounded_channel();
         let (events, receiver) = mpsc::channel();
         let (reads, may_read) = watch::channel(true);
         let task = |events: &Sender<RawEvent>| ConnectionTask {
-            connection: connection.clone(),
+            session: session.clone(),
             events: events.clone(),
             reads: may_read.clone(),
         };
@@ -91,7 +94,7 @@ impl RawConnection {
         tokio::spawn(streams_one_way(task(&events)));
         tokio::spawn(end(task(&events)));
         Self {
-            connection,
+            session,
             ops,
             events: receiver,
             reads,
@@ -119,20 +122,20 @@ impl RawConnection {
     }
 
     /// Resets the control stream in both directions.
-    pub fn reset_control(&self, code: u64) {
+    pub fn reset_control(&self, code: u32) {
         self.request(Op::Break(code));
     }
 
     /// Sends one datagram; `false` when QUIC cannot.
     #[must_use]
     pub fn send_datagram(&self, bytes: impl Into<Bytes>) -> bool {
-        self.connection.send_datagram(bytes.into()).is_ok()
+        self.session.send_datagram(bytes.into()).is_ok()
     }
 
     /// The longest datagram that the peer accepts now.
     #[must_use]
     pub fn datagram_bytes_max(&self) -> Option<usize> {
-        self.connection.max_datagram_size()
+        Some(self.session.max_datagram_size()).filter(|bytes| *bytes > 0)
     }
 
     /// Starts or stops reading the control stream; unread bytes wait at the peer.
@@ -142,7 +145,7 @@ impl RawConnection {
 
     /// Closes at once.
     pub fn close(&self, code: u32) {
-        self.connection.close(VarInt::from_u32(code), b"");
+        self.session.close(code, b"");
     }
 
     /// The next event, within `timeout`.
@@ -154,13 +157,13 @@ impl RawConnection {
     /// Address of the peer.
     #[must_use]
     pub fn peer(&self) -> SocketAddr {
-        self.connection.remote_address()
+        self.session.remote_address()
     }
 
     /// The negotiated application protocol, by its TLS name.
     #[must_use]
     pub fn alpn(&self) -> Option<Vec<u8>> {
-        let data = self.connection.handshake_data()?;
+        let data = self.session.handshake_data()?;
         let data = data.downcast::<quinn::crypto::rustls::HandshakeData>();
         data.ok()?.protocol
     }
@@ -168,7 +171,8 @@ impl RawConnection {
     /// Bytes of UDP payload that this end sent and received.
     #[must_use]
     pub fn udp_bytes(&self) -> (u64, u64) {
-        let stats = self.connection.stats();
+        let connection: &quinn::Connection = &self.session;
+        let stats = connection.stats();
         (stats.udp_tx.bytes, stats.udp_rx.bytes)
     }
 
@@ -180,7 +184,7 @@ impl RawConnection {
 
 impl Drop for RawConnection {
     fn drop(&mut self) {
-        if self.connection.close_reason().is_none() {
+        if self.session.close_reason().is_none() {
             self.close(rhumb_transport::TransportCode::LEFT.0);
         }
     }
@@ -201,7 +205,7 @@ impl ConnectionTask {
                 Ok(Some(chunk)) => self.report(RawEvent::Control(chunk.bytes)),
                 Ok(None) => return self.report(RawEvent::ControlFinished),
                 Err(ReadError::Reset(code)) => {
-                    return self.report(RawEvent::ControlReset(code.into_inner()));
+                    return self.report(RawEvent::ControlReset(code.into()));
                 }
                 Err(_) => return,
             }
@@ -210,14 +214,14 @@ impl ConnectionTask {
 }
 
 async fn datagrams(task: ConnectionTask) {
-    while let Ok(bytes) = task.connection.read_datagram().await {
+    while let Ok(bytes) = task.session.read_datagram().await {
         task.report(RawEvent::Datagram(bytes));
     }
 }
 
 async fn streams_one_way(task: ConnectionTask) {
     let mut kept = Vec::new();
-    while let Ok(stream) = task.connection.accept_uni().await {
+    while let Ok(stream) = task.session.accept_uni().await {
         task.report(RawEvent::Opened { both_ways: false });
         kept.push(stream);
     }
@@ -225,12 +229,12 @@ async fn streams_one_way(task: ConnectionTask) {
 
 /// Carries the control stream, whichever end opens it, and performs the caller's operations.
 async fn streams_both_ways(task: ConnectionTask, mut wanted: UnboundedReceiver<Op>) {
-    let connection = task.connection.clone();
+    let session = task.session.clone();
     let mut control: Option<SendStream> = None;
     let mut others = Vec::new();
     loop {
         tokio::select! {
-            opened = connection.accept_bi() => {
+            opened = session.accept_bi() => {
                 let Ok((send, recv)) = opened else { return };
                 task.report(RawEvent::Opened { both_ways: true });
                 if control.is_none() {
@@ -243,7 +247,7 @@ async fn streams_both_ways(task: ConnectionTask, mut wanted: UnboundedReceiver<O
             op = wanted.recv() => {
                 let done = match op {
                     None => return,
-                    Some(Op::OpenControl) => match connection.open_bi().await {
+                    Some(Op::OpenControl) => match session.open_bi().await {
                         Ok((send, recv)) => {
                             read(&task, recv);
                             control = Some(send);
@@ -252,11 +256,11 @@ async fn streams_both_ways(task: ConnectionTask, mut wanted: UnboundedReceiver<O
                         Err(_) => false,
                     },
                     Some(Op::OpenAnother { both_ways }) => {
-                        open_another(&connection, both_ways, &mut others).await
+                        open_another(&session, both_ways, &mut others).await
                     }
                     Some(op) => perform(&mut control, op).await,
                 };
-                if !done && connection.close_reason().is_some() {
+                if !done && session.close_reason().is_some() {
                     return;
                 }
             }
@@ -266,7 +270,7 @@ async fn streams_both_ways(task: ConnectionTask, mut wanted: UnboundedReceiver<O
 
 fn read(task: &ConnectionTask, recv: RecvStream) {
     let reader = ConnectionTask {
-        connection: task.connection.clone(),
+        session: task.session.clone(),
         events: task.events.clone(),
         reads: task.reads.clone(),
     };
@@ -277,17 +281,17 @@ fn read(task: &ConnectionTask, recv: RecvStream) {
 const OPEN_TIMEOUT: Duration = Duration::from_millis(200);
 
 async fn open_another(
-    connection: &Connection,
+    session: &Session,
     both_ways: bool,
     others: &mut Vec<(Option<SendStream>, Option<RecvStream>)>,
 ) -> bool {
     // Without a time limit, the wait for a peer that allows no more streams would not end.
     let opened = tokio::time::timeout(OPEN_TIMEOUT, async {
         if both_ways {
-            let (send, recv) = connection.open_bi().await.ok()?;
+            let (send, recv) = session.open_bi().await.ok()?;
             Some((send, Some(recv)))
         } else {
-            Some((connection.open_uni().await.ok()?, None))
+            Some((session.open_uni().await.ok()?, None))
         }
     });
     let Ok(Some((mut send, recv))) = opened.await else {
@@ -306,14 +310,26 @@ async fn perform(control: &mut Option<SendStream>, op: Op) -> bool {
     match op {
         Op::Control(bytes) => stream.write_all(&bytes).await.is_ok(),
         Op::Finish => stream.finish().is_ok(),
-        Op::Break(code) => VarInt::from_u64(code).is_ok_and(|code| stream.reset(code).is_ok()),
+        Op::Break(code) => stream.reset(code).is_ok(),
         Op::OpenControl | Op::OpenAnother { .. } => false,
     }
 }
 
 async fn end(task: ConnectionTask) {
-    let end = RawPeerEnd::from(task.connection.closed().await);
+    let end = RawPeerEnd::from(task.session.closed().await);
     task.report(RawEvent::Ended(end));
+}
+
+impl From<SessionError> for RawPeerEnd {
+    fn from(error: SessionError) -> Self {
+        match error {
+            SessionError::ConnectionError(error) => error.into(),
+            SessionError::WebTransportError(WebTransportError::Closed(code, _)) => {
+                Self::Closed(code.into())
+            }
+            other => Self::Fault(other.to_string()),
+        }
+    }
 }
 
 impl From<ConnectionError> for RawPeerEnd {

@@ -8,6 +8,6 @@ mod config;
 mod connection;
 mod server;
 
-pub use config::{RawPeerConfig, RawPeerError};
+pub use config::{Carrier, RawPeerConfig, RawPeerError};
 pub use connection::{RawConnection, RawEvent, RawPeerEnd};
 pub use server::RawPeerServer;

@@ -12,6 +12,7 @@ use quinn::crypto::rustls::QuicServerConfig;
 use quinn::{Endpoint, EndpointConfig, ServerConfig, TokioRuntime};
 use rhumb_transport::{Certificate, Fingerprint, TransportCode, bind_udp, io_runtime, raw};
 use tokio::sync::oneshot;
+use web_transport_quinn::Session;
 
 use super::config::{RawPeerConfig, RawPeerError};
 use super::connection::RawConnection;
@@ -113,7 +114,7 @@ async fn accept(
                 let arrived = arrived.clone();
                 tokio::spawn(async move {
                     let connection = match incoming.await {
-                        Ok(connection) => Ok(RawConnection::over(connection)),
+                        Ok(connection) => Ok(RawConnection::over(Session::raw(connection))),
                         Err(error) => Err(RawPeerError::Handshake(error.into())),
                     };
                     // A dropped server takes no connections.
