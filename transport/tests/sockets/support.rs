@@ -33,19 +33,6 @@ pub(crate) struct Echo {
     open_gate: Option<Receiver<()>>,
 }
 
-impl Echo {
-    /// An endpoint, and its events.
-    pub(crate) fn new() -> (Self, Receiver<Event>) {
-        let (sender, events) = channel();
-        let echo = Self {
-            out: VecDeque::new(),
-            events: sender,
-            open_gate: None,
-        };
-        (echo, events)
-    }
-}
-
 impl Endpoint for Echo {
     fn handle_opened(&mut self, _: Instant, peer: Peer) {
         let _ = self.events.send(Event::Opened(peer));
@@ -116,7 +103,8 @@ impl Running {
     }
 
     pub(crate) fn start(certificate: Certificate, open_gate: Option<Receiver<()>>) -> Self {
-        let (mut echo, events) = Echo::new();
+        let (sender, events) = channel();
+        let mut echo = Echo::new(sender);
         echo.open_gate = open_gate;
         let (
             Bound {

@@ -5,6 +5,7 @@ use std::io::{Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, channel};
 use std::thread::{self, JoinHandle};
 
 use bytes::Bytes;
@@ -20,7 +21,7 @@ use crate::support::{Echo, Event, TIMEOUT};
 /// An echo server with a Unix socket.
 struct Running {
     folder: TempDir,
-    events: std::sync::mpsc::Receiver<Event>,
+    events: Receiver<Event>,
     stop: Stop,
     thread: Option<JoinHandle<()>>,
 }
@@ -29,13 +30,13 @@ impl Running {
     fn start() -> Self {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let socket = UnixServer::bind(&folder.path().join("socket")).expect("a free path");
-        let network = QuicServer::bind(ServerOptions {
-            listen: "127.0.0.1:0".parse().expect("an address"),
-            certificate: Certificate::development(["localhost"]).expect("localhost is a name"),
-            web: None,
-        });
+        let network = QuicServer::bind(ServerOptions::new(
+            "127.0.0.1:0".parse().expect("an address"),
+            Certificate::development(["localhost"]).expect("localhost is a name"),
+        ));
         let network = network.expect("a free port is bound");
-        let (mut echo, events) = Echo::new();
+        let (sender, events) = channel();
+        let mut echo = Echo::new(sender);
         let stop = Stop::new();
         let stopped = stop.clone();
         let thread = thread::spawn(move || {
