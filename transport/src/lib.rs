@@ -18,8 +18,8 @@ pub use link_meter::LinkMeter;
 pub use piece::{ByteCredit, PIECE_COST_BYTES, Piece};
 pub use quic::{
     BindError, Certificate, CertificateError, CertificateHashes, ClientOptions, ConnectError,
-    DATAGRAM_BYTES_MIN, DevelopmentPem, Fingerprint, FingerprintError, InvalidOrigin, Origin,
-    Origins, QuicClient, QuicServer, Received, ServeError, ServerOptions, ServerStatistics,
+    DATAGRAM_BYTES_MIN, DevelopmentPem, Fingerprint, FingerprintError, InvalidPageOrigin, Origins,
+    PageOrigin, QuicClient, QuicServer, Received, ServeError, ServerOptions, ServerStatistics,
     ServerWatch, Stop, Trust, Waker, WebIdentity, WebOptions, WireStatistics,
 };
 pub use random::random_bytes;

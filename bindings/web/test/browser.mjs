@@ -217,7 +217,7 @@ async function run(page, browser, folder) {
     check(failed.length === 0, `every copy is within its bound ${failed}`);
     check(fell.count === 501 && fell.bodies === 501 && fell.isError, "all 501 bodies are shown");
     check(compared > 10_000 && statistics.updates > 500, "enough was compared");
-    check(fell.track.state.position.length === 3 && fell.stream.within === 0.05, "a track and the stream are told");
+    check(fell.track.state.position.length === 3 && fell.stream.within === 0.05, "a track and the stream are described");
 
     const path = join(folder, "recording.json");
     await writeFile(path, JSON.stringify({ streams: [{ name: "a browser", events: recording }] }));
