@@ -113,13 +113,14 @@ impl WebSession {
         Ok((session, verdict))
     }
 
-    /// The session's next bidirectional stream, behind its header. Others are ignored.
+    /// The session's next bidirectional stream, behind its header; `None` after the end of the connection. Streams of no
+    /// session, and those that end before their header, are ignored.
     pub(super) async fn accept_bi(&self) -> Option<(SendStream, RecvStream)> {
         loop {
             let (send, mut recv) = self.connection.accept_bi().await.ok()?;
-            let frame = read_number(&mut recv).await?;
-            if frame == proto::Frame::WEBTRANSPORT.0
-                && read_number(&mut recv).await? == self.session_id
+            let frame = read_number(&mut recv).await;
+            if frame == Some(proto::Frame::WEBTRANSPORT.0)
+                && read_number(&mut recv).await == Some(self.session_id)
             {
                 return Some((send, recv));
             }
