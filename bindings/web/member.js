@@ -239,7 +239,7 @@ export class Member {
     return found(module().statistics(this.#handle, now));
   }
 
-  /** Milliseconds for which a client of this scene tries to resume unless it is told otherwise. */
+  /** Milliseconds for which a client of this scene tries to resume by default. */
   get resumeWithin() {
     return module().resume_within(this.#handle);
   }

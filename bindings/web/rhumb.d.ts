@@ -694,6 +694,15 @@ export class RhumbError extends Error {
 // ---------------------------------------------------------------------------------------------------------------------
 // Without a network
 
+/** Events of a {@link Member}: those of a client, and those that a client handles itself. */
+export type MemberEvent =
+  | Exclude<Event, { readonly kind: "ended" | "interrupted" }>
+  | { readonly kind: "joined" }
+  | { readonly kind: "joinFailed"; readonly error: { readonly code: ErrorCode; readonly message: string; readonly denial?: DenialCode } }
+  | { readonly kind: "inspected"; readonly inspection: Inspection }
+  /** `mayResume`: another connection may go on with the session. */
+  | { readonly kind: "ended"; readonly code: ErrorCode; readonly message: string; readonly closeCode?: number; readonly mayResume: boolean };
+
 /**
  * A member of a scene without socket or clock: bytes in, bytes out. {@link Client} drives one; a player of recorded bytes
  * drives another. `now`: milliseconds of a clock that does not go back.
@@ -711,9 +720,11 @@ export class Member {
   pollTransmit(): { readonly kind: "control" | "state"; readonly bytes: Uint8Array } | { readonly kind: "close"; readonly code: number } | undefined;
   /** The moment of the next `handleTimeout`; undefined if none is needed. */
   pollTimeout(): number | undefined;
-  pollEvent(): Event | undefined;
-  /** True once the copy of the scene is complete. */
+  pollEvent(): MemberEvent | undefined;
+  /** True once the event `joined` was read: the copy of the scene is complete. */
   readonly joined: boolean;
+  readonly config: SceneConfig | undefined;
+  readonly completeTick: number;
   readonly view: View;
   poll(now: number): number;
   show(ticks: number): void;

@@ -17,7 +17,7 @@ use std::time::Duration;
 use clap::{Parser, Subcommand};
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::SceneName;
-use rhumb_transport::{Fingerprint, Origin, Stop};
+use rhumb_transport::{Fingerprint, PageOrigin, Stop};
 use tracing::level_filters::LevelFilter;
 
 use crate::access::TokenKeys;
@@ -93,10 +93,10 @@ pub struct Arguments {
     /// the process.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
-    /// Origin of a web page that may connect, as https://host:port, or * for all; may be repeated. Pages of this machine
+    /// PageOrigin of a web page that may connect, as https://host:port, or * for all; may be repeated. Pages of this machine
     /// may always.
     #[arg(long, value_name = "ORIGIN", conflicts_with = "no_web")]
-    web_origin: Vec<Origin>,
+    web_origin: Vec<PageOrigin>,
     /// Serves no browsers.
     #[arg(long)]
     no_web: bool,

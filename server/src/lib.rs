@@ -103,7 +103,7 @@ pub use rhumb_protocol::stream::{Activity, Observation, SubscriberStatistics};
 pub use rhumb_protocol::{Instant, Peer, Span};
 pub use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Tolerance};
 pub use rhumb_transport::{
-    BindError, CertificateError, CertificateHashes, Fingerprint, Origin, Origins, ServeError,
+    BindError, CertificateError, CertificateHashes, Fingerprint, Origins, PageOrigin, ServeError,
     ServerStatistics, Stop,
 };
 pub use scene::{Scene, SceneFault, Stepped};

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use rhumb_protocol::packet::LargestPacket;
-use rhumb_transport::Origin;
+use rhumb_transport::PageOrigin;
 use serde::{Deserialize, Deserializer};
 use toml::{Table, Value};
 use tracing::level_filters::LevelFilter;
@@ -44,7 +44,7 @@ pub(crate) struct ServerSettings {
     pub(crate) largest_packet: LargestPacket,
     pub(crate) web: bool,
     #[serde(deserialize_with = "parsed_list")]
-    pub(crate) web_origins: Vec<Origin>,
+    pub(crate) web_origins: Vec<PageOrigin>,
     pub(crate) limits: Limits,
 }
 

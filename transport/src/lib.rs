@@ -24,9 +24,9 @@ pub use link_meter::LinkMeter;
 pub use piece::{ByteCredit, PIECE_COST_BYTES, Piece};
 pub use quic::{
     BindError, Certificate, CertificateError, CertificateHashes, ClientOptions, ConnectError,
-    DATAGRAM_BYTES_MIN, DevelopmentPem, Fingerprint, FingerprintError, Inbox, InvalidOrigin,
-    Origin, Origins, QuicClient, QuicServer, Received, ServeError, ServerOptions, ServerStatistics,
-    ServerWatch, Stop, Trust, Waker, WebIdentity, WebOptions, WireStatistics,
+    DATAGRAM_BYTES_MIN, DevelopmentPem, Fingerprint, FingerprintError, Inbox, InvalidPageOrigin,
+    Origins, PageOrigin, QuicClient, QuicServer, Received, ServeError, ServerOptions,
+    ServerStatistics, ServerWatch, Stop, Trust, Waker, WebIdentity, WebOptions, WireStatistics,
 };
 pub use random::random_bytes;
 pub use rhumb_protocol::session::TransportCode;

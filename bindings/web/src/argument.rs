@@ -1,4 +1,4 @@
-//! One argument of a call: a part of a JSON value that knows its place in the whole.
+//! One argument of a call: a part of a JSON value that knows its place.
 //!
 //! A wrong argument is named by its place, as in `body.shape.radius`.
 

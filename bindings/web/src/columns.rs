@@ -1,4 +1,4 @@
-//! Columns beside those of the view, in the form that JavaScript reads: numbers in parallel arrays.
+//! Columns beside those of the view: numbers that JavaScript reads in place.
 //!
 //! Invariant: after an update, each column has one entry per body of the view, in its order.
 

@@ -1,4 +1,4 @@
-//! The state of a copy as digits, to compare with that of another implementation.
+//! The state of a copy as digits, for comparison with another client.
 //!
 //! The words are those of `spec/vectors/README.md`.
 

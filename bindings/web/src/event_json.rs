@@ -4,6 +4,7 @@ use rhumb_protocol::Ending;
 use rhumb_protocol::message::{Inspection, QueryResult, RemovalCause, TierChangeCause};
 use rhumb_protocol::scene::{Answer, BodyEvent, Contact};
 use rhumb_protocol::session::{CloseCode, Event, TransportCode};
+use rhumb_reckoning::BodyId;
 use serde_json::{Value, json};
 
 use crate::argument::id_number;
@@ -58,10 +59,7 @@ pub(crate) fn event(event: &Event) -> Option<Value> {
         Event::ChecksumMismatch => json!({"kind": "checksumMismatch"}),
         Event::SceneFaulted { tick, .. } => json!({"kind": "sceneFaulted", "tick": tick.value()}),
         Event::SceneRestored(tick) => json!({"kind": "sceneRestored", "tick": tick.value()}),
-        Event::AuthorityGrant(bodies) => {
-            let bodies: Vec<_> = bodies.iter().map(|id| id_number(*id)).collect();
-            json!({"kind": "authorityGrant", "bodies": bodies})
-        }
+        Event::AuthorityGrant(bodies) => authority_grant(bodies),
         Event::AuthorityDenied(error) => {
             json!({"kind": "authorityDenied", "message": error.to_string()})
         }
@@ -74,13 +72,23 @@ pub(crate) fn event(event: &Event) -> Option<Value> {
         Event::EventsMissed { tick, count } => {
             json!({"kind": "eventsMissed", "tick": tick.value(), "count": count})
         }
-        Event::Ended(ending) => json!({
-            "kind": "ended", "code": ending_code(*ending), "message": sentence(*ending),
-            "closeCode": match ending {
-                Ending::Closed(code) => Some(code),
-                Ending::TimedOut | Ending::Broken => None,
-            }
-        }),
+        Event::Ended(ending) => ended(*ending),
+    })
+}
+
+fn authority_grant(bodies: &[BodyId]) -> Value {
+    let bodies: Vec<_> = bodies.iter().map(|id| id_number(*id)).collect();
+    json!({"kind": "authorityGrant", "bodies": bodies})
+}
+
+fn ended(ending: Ending) -> Value {
+    let close_code = match ending {
+        Ending::Closed(code) => Some(code),
+        Ending::TimedOut | Ending::Broken => None,
+    };
+    json!({
+        "kind": "ended", "code": ending_code(ending), "message": sentence(ending),
+        "closeCode": close_code
     })
 }
 
@@ -155,7 +163,7 @@ fn query_result(result: &QueryResult) -> Value {
                 hits.iter().map(hit).collect()
             }
             Answer::Bodies(bodies) => {
-                let body = |id: &rhumb_reckoning::BodyId| json!({"body": id_number(*id)});
+                let body = |id: &BodyId| json!({"body": id_number(*id)});
                 bodies.iter().map(body).collect()
             }
         }

@@ -1,4 +1,4 @@
-//! Errors that the caller in JavaScript sees: a code for programs, a sentence for people.
+//! Errors for JavaScript: a code for programs, a sentence for people.
 
 use std::fmt;
 

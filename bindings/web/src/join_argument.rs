@@ -1,4 +1,4 @@
-//! What a member asks for when it joins, out of JSON: mode, config, stream, view.
+//! What a member asks for when it joins, out of JSON.
 
 use core::num::NonZeroU32;
 

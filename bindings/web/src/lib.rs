@@ -1,4 +1,4 @@
-//! The client of a remote scene as functions of a WebAssembly module, for `rhumb.js`.
+//! The client of a remote scene as functions of a WebAssembly module.
 //!
 //! No pointer of the caller is dereferenced. Bytes and JSON go in through a buffer of this module ([`input`]) and come out
 //! through another ([`output`]); columns of numbers are read in place. A member is named by a number. Functions that can

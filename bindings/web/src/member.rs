@@ -1,4 +1,4 @@
-//! A member of a scene, driven by JavaScript: bytes and moments in, bytes and JSON out.
+//! A member of a scene: bytes and moments in, bytes and JSON out.
 //!
 //! Opens no socket and reads no clock. The session, the subscriber and the view are those of the Rust client.
 
@@ -308,7 +308,7 @@ impl Member {
         bodies.map(crate::argument::id_number).collect()
     }
 
-    /// Milliseconds for which the client tries to resume unless it is told otherwise.
+    /// Milliseconds for which the client tries to resume by default.
     pub(crate) fn resume_within(&self) -> f64 {
         match self.session.is_durable() {
             true => RESUME_WITHIN.as_secs_f64() * 1e3,

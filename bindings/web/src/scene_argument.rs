@@ -307,6 +307,11 @@ fn events(from: &Argument<'_>) -> Result<ActiveEvents, Failure> {
 }
 
 pub(crate) fn command(from: &Argument<'_>) -> Result<Command, Failure> {
+    let kind = from.field("kind")?;
+    let kind_text = kind.text()?;
+    if let Some(pushed) = push(from, kind_text)? {
+        return Ok(pushed);
+    }
     let id = || from.field("id").and_then(|id| id.body());
     let vector = |field| from.field(field).and_then(|field| field.vector());
     let shape_number = || from.field("id").and_then(|id| shape_id(&id));
@@ -315,26 +320,56 @@ pub(crate) fn command(from: &Argument<'_>) -> Result<Command, Failure> {
         Ok::<_, Failure>(JointId(id.whole(0, i64::from(JOINTS_MAX) - 1)? as u32))
     };
     let joint = || joint(&from.field("joint")?);
-    let point = from
-        .optional("point")
-        .map(|from| from.vector())
-        .transpose()?;
-    let kind = from.field("kind")?;
-    Ok(match (kind.text()?, point) {
-        ("removeBody", _) => Command::RemoveBody { id: id()? },
-        ("changeBody", _) => Command::ChangeBody {
+    Ok(match kind_text {
+        "removeBody" => Command::RemoveBody { id: id()? },
+        "changeBody" => Command::ChangeBody {
             desc: desc(&from.field("desc")?)?,
         },
-        ("setPose", _) => Command::SetPose {
+        "setPose" => Command::SetPose {
             id: id()?,
             position: vector("position")?,
             rotation: from.field("rotation")?.rotation()?,
         },
-        ("setVelocity", _) => Command::SetVelocity {
+        "setVelocity" => Command::SetVelocity {
             id: id()?,
             linear: vector("linear")?,
             angular: vector("angular")?,
         },
+        "sleep" => Command::Sleep { id: id()? },
+        "wake" => Command::Wake { id: id()? },
+        "setEvents" => Command::SetEvents {
+            id: id()?,
+            events: events(&from.field("events")?)?,
+        },
+        "setGravity" => Command::SetGravity {
+            gravity: vector("gravity")?,
+        },
+        "addShape" => Command::AddShape {
+            id: shape_number()?,
+            shape: shape(&from.field("shape")?)?,
+        },
+        "removeShape" => Command::RemoveShape {
+            id: shape_number()?,
+        },
+        "addJoint" => Command::AddJoint {
+            id: joint_id()?,
+            joint: joint()?,
+        },
+        "changeJoint" => Command::ChangeJoint {
+            id: joint_id()?,
+            joint: joint()?,
+        },
+        "removeJoint" => Command::RemoveJoint { id: joint_id()? },
+        _ => return Err(kind.wrong("a kind of command")),
+    })
+}
+
+/// A force or an impulse; `None` for another kind of command.
+fn push(from: &Argument<'_>, kind: &str) -> Result<Option<Command>, Failure> {
+    let id = || from.field("id").and_then(|id| id.body());
+    let vector = |field| from.field(field).and_then(|field| field.vector());
+    let point = from.optional("point").map(|from| from.vector());
+    let command = match (kind, point.transpose()?) {
         ("force", None) => Command::Force {
             id: id()?,
             force: vector("force")?,
@@ -361,33 +396,9 @@ pub(crate) fn command(from: &Argument<'_>) -> Result<Command, Failure> {
             id: id()?,
             impulse: vector("impulse")?,
         },
-        ("sleep", _) => Command::Sleep { id: id()? },
-        ("wake", _) => Command::Wake { id: id()? },
-        ("setEvents", _) => Command::SetEvents {
-            id: id()?,
-            events: events(&from.field("events")?)?,
-        },
-        ("setGravity", _) => Command::SetGravity {
-            gravity: vector("gravity")?,
-        },
-        ("addShape", _) => Command::AddShape {
-            id: shape_number()?,
-            shape: shape(&from.field("shape")?)?,
-        },
-        ("removeShape", _) => Command::RemoveShape {
-            id: shape_number()?,
-        },
-        ("addJoint", _) => Command::AddJoint {
-            id: joint_id()?,
-            joint: joint()?,
-        },
-        ("changeJoint", _) => Command::ChangeJoint {
-            id: joint_id()?,
-            joint: joint()?,
-        },
-        ("removeJoint", _) => Command::RemoveJoint { id: joint_id()? },
-        _ => return Err(kind.wrong("a kind of command")),
-    })
+        _ => return Ok(None),
+    };
+    Ok(Some(command))
 }
 
 pub(crate) fn query(from: &Argument<'_>) -> Result<Query, Failure> {

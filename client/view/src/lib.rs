@@ -1,6 +1,7 @@
-//! What a member of a remote scene has without sockets: poses, clocks, body ids, the way into the scene.
+//! What a member of a remote scene has without sockets.
 //!
-//! Reads no system clock and opens no socket: time is an argument, and the tracks come from a
+//! The poses of the scene at any moment, clocks, body ids, and the way into the scene. Reads no system clock and opens
+//! no socket: time is an argument, and the tracks come from a
 //! [`rhumb_protocol::stream::Subscriber`]. `rhumb-client` and the client of browsers use it.
 #![forbid(unsafe_code)]
 

@@ -1,6 +1,6 @@
-//! The view of a scene as its member's frames show it: which moment, smoothed or not.
+//! The view of a scene as the frames of its member show it.
 //!
-//! Time is an argument. The session beside it is the caller's.
+//! Chooses the moment, and whether corrections are smoothed. Time is an argument; the session beside it is the caller's.
 
 use rhumb_protocol::Instant;
 use rhumb_protocol::limits::SILENCE_MS_MAX;

@@ -1,6 +1,6 @@
-//! The clock by which a member of a free-running scene publishes the bodies under its authority.
+//! The clock by which a member publishes the bodies under its authority.
 //!
-//! Its own, because the delay of the view does not apply to it.
+//! For free-running scenes. It is not that of the view, whose delay does not apply to it.
 
 use glam::DQuat;
 use rhumb_protocol::Instant;

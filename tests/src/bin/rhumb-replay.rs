@@ -1,4 +1,4 @@
-//! Replays a recorded session to the Rust client, and compares its state with the recorded one, bit for bit.
+//! Replays a recorded session to the Rust client, and compares each state.
 //!
 //! The recording has the form of spec/vectors/streams.json, as another client wrote it. The exit code is 1 after a
 //! difference.

@@ -7,7 +7,7 @@ use crate::house::{report, root};
 /// The files that define close codes: of the session, and of the transport.
 const SOURCES: [&str; 2] = [
     "protocol/src/session/close.rs",
-    "transport/src/quic/code.rs",
+    "protocol/src/session/transport_code.rs",
 ];
 
 /// The documents with a table of all of them.

@@ -1,4 +1,4 @@
-//! State datagrams of one connection, with the header that a browser's session puts before them.
+//! State datagrams of one connection, with the header of a browser's session.
 //!
 //! Neither queues nor interprets them.
 

@@ -15,6 +15,8 @@ mod datagram_lane;
 mod fingerprint;
 mod inbox;
 mod input;
+#[cfg(not(feature = "web"))]
+mod no_web_session;
 #[cfg_attr(
     not(feature = "web"),
     expect(dead_code, reason = "only sessions of browsers have an origin")
@@ -31,15 +33,18 @@ mod waker;
 mod watch;
 mod web_certificate;
 mod web_options;
-#[cfg_attr(not(feature = "web"), path = "no_web_session.rs")]
+#[cfg(feature = "web")]
 mod web_session;
+
+#[cfg(not(feature = "web"))]
+use self::no_web_session as web_session;
 
 pub use certificate::{Certificate, CertificateError, DevelopmentPem};
 pub use client::{ClientOptions, QuicClient};
 pub use connect_error::ConnectError;
 pub use fingerprint::{Fingerprint, FingerprintError};
 pub use inbox::{Inbox, Received};
-pub use origins::{InvalidOrigin, Origin, Origins};
+pub use origins::{InvalidPageOrigin, Origins, PageOrigin};
 pub use server::{BindError, QuicServer, ServerOptions};
 pub use server_loop::ServeError;
 pub use statistics::{ServerStatistics, WireStatistics};

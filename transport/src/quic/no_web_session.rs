@@ -1,24 +1,25 @@
-//! No WebTransport: a session of a browser does not exist without the feature `web`.
+//! The session of a browser where there is none: without the feature `web`.
 
 use std::fmt;
 
 use bytes::Bytes;
 use quinn::{Connection, RecvStream, SendStream, VarInt};
 
+pub(super) use self::NoSession as WebSession;
 use super::origins::Origins;
 
 /// A session that no connection has.
 #[derive(Debug)]
-pub(super) enum WebSession {}
+pub(super) enum NoSession {}
 
 /// Reason why a connection with HTTP/3 has no session.
 #[derive(Debug)]
-pub(super) enum WebRefusal {
+pub(super) enum NoWeb {
     /// The server was built without the feature `web`.
     Absent,
 }
 
-impl fmt::Display for WebRefusal {
+impl fmt::Display for NoWeb {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Absent => f.write_str("this server was built without the feature web"),
@@ -26,12 +27,12 @@ impl fmt::Display for WebRefusal {
     }
 }
 
-impl WebSession {
+impl NoSession {
     pub(super) async fn accept(
         _connection: &Connection,
         _origins: &Origins,
-    ) -> Result<(Self, Result<(), String>), WebRefusal> {
-        Err(WebRefusal::Absent)
+    ) -> Result<(Self, Result<(), String>), NoWeb> {
+        Err(NoWeb::Absent)
     }
 
     pub(super) async fn run(&self, _close: impl Fn(VarInt)) {

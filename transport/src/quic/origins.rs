@@ -12,18 +12,18 @@ use std::str::FromStr;
 /// Pages of this machine may always: their origin is `localhost` or a loopback address.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Origins {
-    allowed: Vec<Origin>,
+    allowed: Vec<PageOrigin>,
 }
 
 /// The origin of a page, as a browser writes it: scheme, host, and port unless it is the scheme's own.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Origin {
+pub struct PageOrigin {
     text: String,
 }
 
 /// A text that is neither an origin nor `*`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct InvalidOrigin {
+pub struct InvalidPageOrigin {
     text: String,
 }
 
@@ -37,7 +37,7 @@ impl Origins {
     }
 
     /// Lets pages of one more origin connect.
-    pub fn allow(&mut self, origin: Origin) {
+    pub fn allow(&mut self, origin: PageOrigin) {
         self.allowed.push(origin);
     }
 
@@ -49,19 +49,19 @@ impl Origins {
         let origin = origin.to_ascii_lowercase();
         is_loopback(&origin)
             || (self.allowed.iter())
-                .any(|allowed| allowed.text == Origin::ANY || allowed.text == origin)
+                .any(|allowed| allowed.text == PageOrigin::ANY || allowed.text == origin)
     }
 }
 
-impl FromIterator<Origin> for Origins {
-    fn from_iter<T: IntoIterator<Item = Origin>>(origins: T) -> Self {
+impl FromIterator<PageOrigin> for Origins {
+    fn from_iter<T: IntoIterator<Item = PageOrigin>>(origins: T) -> Self {
         Self {
             allowed: origins.into_iter().collect(),
         }
     }
 }
 
-impl Origin {
+impl PageOrigin {
     /// The text that stands for every origin.
     const ANY: &str = "*";
 }
@@ -97,25 +97,25 @@ fn is_loopback(origin: &str) -> bool {
     })
 }
 
-impl FromStr for Origin {
-    type Err = InvalidOrigin;
+impl FromStr for PageOrigin {
+    type Err = InvalidPageOrigin;
 
-    fn from_str(text: &str) -> Result<Self, InvalidOrigin> {
+    fn from_str(text: &str) -> Result<Self, InvalidPageOrigin> {
         let lower = text.to_ascii_lowercase();
         if lower != Self::ANY && host(&lower).is_none() {
-            return Err(InvalidOrigin { text: text.into() });
+            return Err(InvalidPageOrigin { text: text.into() });
         }
         Ok(Self { text: lower })
     }
 }
 
-impl fmt::Display for Origin {
+impl fmt::Display for PageOrigin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.text.fmt(f)
     }
 }
 
-impl fmt::Display for InvalidOrigin {
+impl fmt::Display for InvalidPageOrigin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
@@ -125,7 +125,7 @@ impl fmt::Display for InvalidOrigin {
     }
 }
 
-impl std::error::Error for InvalidOrigin {}
+impl std::error::Error for InvalidPageOrigin {}
 
 #[cfg(test)]
 mod tests {
@@ -182,7 +182,7 @@ mod tests {
             "https://a/b",
             "https://a:b",
         ] {
-            let error = text.parse::<Origin>().unwrap_err().to_string();
+            let error = text.parse::<PageOrigin>().unwrap_err().to_string();
             assert!(error.contains("https://host"), "{error}");
         }
     }

@@ -1,4 +1,4 @@
-//! What a server has for browsers: the pages that may connect, and the certificate that they are shown.
+//! What a server has for browsers: origins of pages, and a certificate.
 
 use super::certificate::CertificateError;
 use super::origins::Origins;

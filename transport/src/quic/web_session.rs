@@ -1,6 +1,6 @@
-//! A WebTransport session on a connection of HTTP/3: its setup, its frames, its end.
+//! A WebTransport session on a connection of HTTP/3.
 //!
-//! The kept crate `web-transport-proto` encodes and decodes; this file moves the bytes. A connection carries one session.
+//! Its setup, its frames, its end. The kept crate `web-transport-proto` encodes and decodes; this file moves the bytes. A connection carries one session.
 //! Every frame of a peer is bounded by that crate, and streams that no session has are not read.
 
 use std::fmt;
@@ -68,7 +68,7 @@ impl fmt::Display for WebRefusal {
 }
 
 impl WebSession {
-    /// Answers the settings and the request of a client; whether its page may connect is told beside it.
+    /// Answers the settings and the request of a client. The second result is the page's origin if it may not connect.
     pub(super) async fn accept(
         connection: &Connection,
         origins: &Origins,
@@ -113,13 +113,14 @@ impl WebSession {
         Ok((session, verdict))
     }
 
-    /// The session's next bidirectional stream, behind its header. Others are ignored.
+    /// The session's next bidirectional stream, behind its header; `None` after the end of the connection. Streams of no
+    /// session, and those that end before their header, are ignored.
     pub(super) async fn accept_bi(&self) -> Option<(SendStream, RecvStream)> {
         loop {
             let (send, mut recv) = self.connection.accept_bi().await.ok()?;
-            let frame = read_number(&mut recv).await?;
-            if frame == proto::Frame::WEBTRANSPORT.0
-                && read_number(&mut recv).await? == self.session_id
+            let frame = read_number(&mut recv).await;
+            if frame == Some(proto::Frame::WEBTRANSPORT.0)
+                && read_number(&mut recv).await == Some(self.session_id)
             {
                 return Some((send, recv));
             }
@@ -179,14 +180,14 @@ impl WebSession {
             () = self.close_requested.notified() => {
                 let code = self.own_code.load(Ordering::Relaxed);
                 let code = u32::try_from(code).unwrap_or(TransportCode::LEFT.0);
-                let told = async {
+                let delivered = async {
                     let capsule = close_capsule(code);
                     if send.write_all(&capsule).await.is_ok() && send.finish().is_ok() {
                         self.connection.closed().await;
                     }
                 };
                 // If the peer does not take it in time, the connection's own end has the code too.
-                let _ = timeout(CODE_TAKEN, told).await;
+                let _ = timeout(CODE_TAKEN, delivered).await;
                 let code = proto::error_to_http3(code);
                 close(VarInt::from_u64(code).expect("a code of http/3 fits"));
             }

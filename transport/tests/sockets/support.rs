@@ -75,7 +75,7 @@ impl Endpoint for Echo {
 }
 
 impl Echo {
-    /// An echo that blocks nobody.
+    /// An echo that does not block the server thread.
     pub(crate) const fn new(events: Sender<Event>) -> Self {
         Self {
             out: VecDeque::new(),

@@ -1,4 +1,6 @@
-//! Sessions of WebTransport on the server's own port, by a client that shares no code with it but the frames' codec.
+//! Sessions of WebTransport on the server's own port.
+//!
+//! The client's end shares no code with the server's but the codec of frames.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
@@ -173,11 +175,11 @@ fn a_close_code_of_a_page_arrives_and_a_page_that_leaves_has_left() {
 }
 
 #[test]
-fn another_origin_is_told_and_another_path_is_refused() {
+fn another_origin_gets_a_code_and_another_path_is_refused() {
     let server = serve(Origins::loopback());
     runtime().block_on(async {
         let session = server.connect(PATH, Some("https://example.org")).await;
-        let session = session.expect("it is told so");
+        let session = session.expect("it gets a session that ends");
         let _control = session.open_bi().await.expect("the control stream");
         assert_eq!(code(&session).await, Some(0x105));
         assert!(server.connect("/", None).await.is_none());
