@@ -1,4 +1,4 @@
-//! The border between C and Rust: panics stop here, and pointers become references.
+//! The border between C and Rust: panics stop, pointers become references.
 //!
 //! Every function that C calls goes through [`guard`]. All other files take pointers only by the functions of this one.
 

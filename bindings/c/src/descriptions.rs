@@ -93,7 +93,7 @@ pub struct RhumbBodyDesc {
     pub group_members: u32,
     /// One bit for each collision group that the body touches.
     pub group_touches: u32,
-    /// Power of two on the tolerance of its copies, -8 to 8.
+    /// Power of two on the tolerance of its copies, -3 to 3.
     pub tolerance_exponent: i32,
 }
 

@@ -1,4 +1,4 @@
-//! The arrays of a view: borrowed without a copy, or written to buffers of the caller.
+//! The arrays of a view, lent or written to buffers of the caller.
 
 use rhumb_bindings::{BindingError, RemoteScene, parse_body_word};
 

@@ -1,7 +1,8 @@
 //! Conversion between the coordinates of other engines and those of Rhumb.
 //!
 //! Rhumb's own are right-handed, y up, in metres. Each conversion is a signed permutation of axes and a scale, so it
-//! rounds only by the scale. Up is Rhumb's y in all of them: a capsule stands upright in each.
+//! rounds only by the scale. Up is Rhumb's y in all of them: a capsule stands upright in each. A zero stays without a
+//! sign, so that an application whose numbers are mirrored gets the same scene to the bit.
 //!
 //! Angles are radians and masses are kilograms everywhere. Densities are kg/m³ everywhere.
 
@@ -56,9 +57,9 @@ impl Coordinates {
     const fn turned_in(self, v: Vec3) -> Vec3 {
         match self {
             Self::Rhumb => v,
-            Self::Unity => Vec3::new(v.x, v.y, -v.z),
+            Self::Unity => Vec3::new(v.x, v.y, 0.0 - v.z),
             Self::Unreal => Vec3::new(v.x, v.z, v.y),
-            Self::ZUp => Vec3::new(v.x, v.z, -v.y),
+            Self::ZUp => Vec3::new(v.x, v.z, 0.0 - v.y),
         }
     }
 
@@ -66,9 +67,9 @@ impl Coordinates {
     const fn turned_out(self, v: Vec3) -> Vec3 {
         match self {
             Self::Rhumb => v,
-            Self::Unity => Vec3::new(v.x, v.y, -v.z),
+            Self::Unity => Vec3::new(v.x, v.y, 0.0 - v.z),
             Self::Unreal => Vec3::new(v.x, v.z, v.y),
-            Self::ZUp => Vec3::new(v.x, -v.z, v.y),
+            Self::ZUp => Vec3::new(v.x, 0.0 - v.z, v.y),
         }
     }
 
@@ -100,7 +101,7 @@ impl Coordinates {
     #[must_use]
     pub fn angular_in(self, angular: Vec3) -> Vec3 {
         match self.is_left_handed() {
-            true => -self.turned_in(angular),
+            true => Vec3::ZERO - self.turned_in(angular),
             false => self.turned_in(angular),
         }
     }
@@ -109,7 +110,7 @@ impl Coordinates {
     #[must_use]
     pub fn angular_out(self, angular: Vec3) -> Vec3 {
         match self.is_left_handed() {
-            true => -self.turned_out(angular),
+            true => Vec3::ZERO - self.turned_out(angular),
             false => self.turned_out(angular),
         }
     }

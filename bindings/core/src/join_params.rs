@@ -1,4 +1,4 @@
-//! Parameters for joining a scene, as plain fields in the coordinates of the application.
+//! Parameters for joining a scene, in the coordinates of the application.
 
 use std::num::NonZeroU32;
 use std::time::Duration;
