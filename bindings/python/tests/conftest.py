@@ -50,5 +50,5 @@ def own_server():
 @pytest.fixture
 def scene(server, request):
     """A new scene under the name of the test."""
-    with server.connect().join(request.node.name, condition="create") as one:
+    with server.connect().join(request.node.name[:64], condition="create") as one:
         yield one

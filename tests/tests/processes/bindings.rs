@@ -4,6 +4,7 @@
 //! whose tools the system lacks is left out with a line that says so, unless `RHUMB_TEST_LANGUAGES` is `all`.
 
 mod c;
+mod python;
 mod script;
 
 use std::path::{Path, PathBuf};
@@ -47,13 +48,17 @@ fn run_well(command: &mut Command) -> String {
     ended.out
 }
 
-/// True if the system has a tool. If it has not, a line says so, or the test fails where all tools must be there.
+/// True if the system has a tool.
 fn has(tool: &str) -> bool {
-    let is_there = Command::new(tool).arg("--version").output().is_ok();
-    if !is_there {
+    has_all(tool, Command::new(tool).arg("--version").output().is_ok())
+}
+
+/// The same for several things. If they are not there, a line says so, or the test fails where all must be there.
+fn has_all(what: &str, are_there: bool) -> bool {
+    if !are_there {
         let all = std::env::var("RHUMB_TEST_LANGUAGES").is_ok_and(|which| which == "all");
-        assert!(!all, "{tool} is needed and not installed");
-        println!("{tool} is not installed: left out");
+        assert!(!all, "{what}: needed and not installed");
+        println!("{what}: not installed, left out");
     }
-    is_there
+    are_there
 }
