@@ -4,6 +4,7 @@
 //! whose tools the system lacks is left out with a line that says so, unless `RHUMB_TEST_LANGUAGES` is `all`.
 
 mod c;
+mod csharp;
 mod python;
 mod script;
 
