@@ -219,7 +219,7 @@ internal static class Misuse
     private static void Closed()
     {
         Scene scene = Joined("closed", 5);
-        scene.Add(BodyDesc.Dynamic(Shape.Ball(0.5f)));
+        Body body = scene.Add(BodyDesc.Dynamic(Shape.Ball(0.5f)));
         scene.Advance();
         Expect(scene.Positions.Length == 1, "one body");
         scene.Dispose();
@@ -234,8 +234,8 @@ internal static class Misuse
         ExpectError(RhumbCode.Closed, "rotations", () => { ReadOnlySpan<Quat> unused = scene.Rotations; });
         ExpectError(RhumbCode.Closed, "add", () => scene.Add(BodyDesc.Dynamic(Shape.Ball(1))));
         ExpectError(RhumbCode.Closed, "send", () => scene.Send(Command.SetGravity(default(Vec3))));
-        ExpectError(RhumbCode.Closed, "place", () => scene.Place(default(Body)));
-        ExpectError(RhumbCode.Closed, "bound", () => scene.ErrorBound(default(Body)));
+        ExpectError(RhumbCode.Closed, "place", () => scene.Place(body));
+        ExpectError(RhumbCode.Closed, "bound", () => scene.ErrorBound(body));
         ExpectError(RhumbCode.Closed, "events", () => scene.TryNextEvent(out Event unused));
         ExpectError(RhumbCode.Closed, "ask", () => scene.Ask(Query.Ray(default(Vec3), new Vec3(0, 1, 0))));
         // One that is forgotten is closed by its handle.
