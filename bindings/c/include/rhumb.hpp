@@ -1,4 +1,6 @@
-// Rhumb for C++17: handles that close themselves, errors as exceptions, arrays as ranges. Header only, over rhumb.h.
+// Rhumb for C++17, header only, over rhumb.h.
+//
+// Handles close themselves, errors are exceptions, arrays are ranges.
 //
 // What rhumb.h says of threads and units holds here too. Every call throws rhumb::Error when it fails; using a scene that
 // was closed or moved from is an error too.

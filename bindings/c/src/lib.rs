@@ -7,6 +7,7 @@
 //! - A null pointer, a wrong size, a text that is not UTF-8 or an unknown kind is an error, and nothing is done.
 //! - A pointer that is not null must point to what the function says. No library can check that.
 #![deny(unsafe_op_in_unsafe_fn)]
+#![warn(clippy::undocumented_unsafe_blocks)]
 
 mod border;
 mod commands;

@@ -1,4 +1,6 @@
-// Everything that a caller can do wrong without lying about memory is an error, and no error does harm.
+// Misuse of the C interface: each is an error, and none does harm.
+//
+// Left out is what no library can check: pointers that lie about memory.
 //
 // Arguments: the server's address, its fingerprint, and its process id. The program ends the server's process.
 

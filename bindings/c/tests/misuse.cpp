@@ -1,4 +1,4 @@
-// What the C++ header adds to rhumb.h holds under misuse: errors are exceptions, and handles close themselves once.
+// Misuse of the C++ header: errors are exceptions, handles close once.
 //
 // Arguments: the server's address and fingerprint.
 

@@ -1,4 +1,4 @@
-// The script that every language runs: it prints the hash of all poses at its end.
+// The script that every language runs; it prints the hash of all poses.
 //
 // Arguments: the server's address and fingerprint. tests/tests/processes/bindings/script.rs is the same script in Rust.
 

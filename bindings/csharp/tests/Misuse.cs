@@ -1,4 +1,4 @@
-// Everything that a caller can do wrong is an exception with a code, and does no harm.
+// Misuse in C#: each is an exception with a code, and none does harm.
 //
 // Arguments: the server's address, its fingerprint, and its process id. The program ends the server's process.
 

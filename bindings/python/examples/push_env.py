@@ -1,4 +1,4 @@
-"""A reinforcement-learning environment whose physics is remote: push a box onto a mark.
+"""An environment for reinforcement learning: push a box onto a mark, remotely.
 
 The environment has the interface of Gymnasium's `Env`, and needs only NumPy. If gymnasium is installed, it is a
 `gymnasium.Env` with spaces, and `gymnasium.utils.env_checker.check_env` passes. One environment is one scene of a server; as

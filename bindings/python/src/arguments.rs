@@ -1,4 +1,4 @@
-//! Arguments of Python as numbers of Rust: anything that NumPy takes as an array.
+//! Arguments of Python: anything that NumPy takes as an array.
 
 use std::time::Duration;
 

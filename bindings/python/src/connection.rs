@@ -10,7 +10,7 @@ use rhumb_bindings::{BindingError, Coordinates, JoinCondition, JoinParams, Remot
 
 use crate::arguments::{one_of, seconds, vector};
 use crate::errors::{exception, wrong};
-use crate::scene::Scene;
+use crate::scene::PyScene;
 
 const COORDINATES: [(&str, Coordinates); 4] = [
     ("rhumb", Coordinates::Rhumb),
@@ -31,8 +31,8 @@ const STEPPINGS: [(&str, Stepping); 2] = [
 ];
 
 /// A connection to a server that has joined no scene.
-#[pyclass(frozen, module = "rhumb")]
-pub(crate) struct Connection {
+#[pyclass(frozen, name = "Connection", module = "rhumb")]
+pub(crate) struct PyConnection {
     /// `None` once it has joined or is closed.
     connection: Mutex<Option<ServerConnection>>,
 }
@@ -47,7 +47,7 @@ pub(crate) fn connect(
     roots: Option<PathBuf>,
     token: Option<&str>,
     timeout: f64,
-) -> PyResult<Connection> {
+) -> PyResult<PyConnection> {
     let trust = match (fingerprint, roots) {
         (Some(fingerprint), None) => Trust::Fingerprint(
             fingerprint
@@ -65,13 +65,13 @@ pub(crate) fn connect(
     if let Some(token) = token {
         opened = opened.token(token);
     }
-    Ok(Connection {
+    Ok(PyConnection {
         connection: Mutex::new(Some(opened)),
     })
 }
 
 #[pymethods]
-impl Connection {
+impl PyConnection {
     #[pyo3(signature = (
         scene, *, coordinates = "rhumb", condition = "create or join", tolerance = 0.05,
         stepping = "lockstep", ticks_per_second = 60, substeps = 4, gravity = None,
@@ -93,7 +93,7 @@ impl Connection {
         delay_ticks: f64,
         smooth: bool,
         resume_within: Option<f64>,
-    ) -> PyResult<Scene> {
+    ) -> PyResult<PyScene> {
         let gravity = gravity.map(|gravity| vector(gravity, "gravity"));
         let resume_within = resume_within.map(|within| seconds(py, within, "resume_within"));
         let params = JoinParams {
@@ -112,7 +112,7 @@ impl Connection {
         let connection = self.take();
         let connection = connection.ok_or_else(|| exception(py, &BindingError::Closed))?;
         let joined = py.detach(|| RemoteScene::join(connection, scene, &params));
-        Ok(Scene::new(joined.map_err(|error| exception(py, &error))?))
+        Ok(PyScene::new(joined.map_err(|error| exception(py, &error))?))
     }
 
     fn close(&self, py: Python<'_>) {
@@ -136,7 +136,7 @@ impl Connection {
     }
 }
 
-impl Connection {
+impl PyConnection {
     /// The connection, which is closed for Python from now on. The lock is held for no longer than that.
     fn take(&self) -> Option<ServerConnection> {
         let mut connection = self

@@ -5,8 +5,8 @@ use rhumb_bindings::rhumb_client::BodyId;
 use rhumb_bindings::{EventKind, EventRecord, body_word};
 
 /// Something that happened, or the answer to a command.
-#[pyclass(frozen, get_all, module = "rhumb")]
-pub(crate) struct Event {
+#[pyclass(frozen, get_all, name = "Event", module = "rhumb")]
+pub(crate) struct PyEvent {
     kind: &'static str,
     after: u64,
     tick: u64,
@@ -20,7 +20,7 @@ pub(crate) struct Event {
     text: String,
 }
 
-impl Event {
+impl PyEvent {
     pub(crate) fn new(record: EventRecord) -> Self {
         let word = |id: Option<BodyId>| id.map(body_word);
         Self {
@@ -40,7 +40,7 @@ impl Event {
 }
 
 #[pymethods]
-impl Event {
+impl PyEvent {
     fn __repr__(&self) -> String {
         let Self {
             kind,

@@ -7,16 +7,16 @@ use rhumb_bindings::{HitRecord, body_word};
 
 use crate::arguments::{bodies, rotation, vector};
 use crate::errors::wrong;
-use crate::shape::Shape;
+use crate::shape::PyShape;
 
 /// A question about where the bodies are.
-#[pyclass(frozen, module = "rhumb")]
-pub(crate) struct Query {
+#[pyclass(frozen, name = "Query", module = "rhumb")]
+pub(crate) struct PyQuery {
     pub(crate) query: scene::Query,
 }
 
 #[pymethods]
-impl Query {
+impl PyQuery {
     #[staticmethod]
     #[pyo3(signature = (origin, translation, *, hits = 1))]
     fn ray(origin: &Bound<'_, PyAny>, translation: &Bound<'_, PyAny>, hits: u8) -> PyResult<Self> {
@@ -31,7 +31,7 @@ impl Query {
     #[staticmethod]
     #[pyo3(signature = (shape, position, translation, *, rotation = None, hits = 1))]
     fn shape_cast(
-        shape: &Bound<'_, Shape>,
+        shape: &Bound<'_, PyShape>,
         position: &Bound<'_, PyAny>,
         translation: &Bound<'_, PyAny>,
         rotation: Option<&Bound<'_, PyAny>>,
@@ -55,7 +55,7 @@ impl Query {
     #[staticmethod]
     #[pyo3(signature = (shape, position, *, rotation = None, hits = 64))]
     fn overlap(
-        shape: &Bound<'_, Shape>,
+        shape: &Bound<'_, PyShape>,
         position: &Bound<'_, PyAny>,
         rotation: Option<&Bound<'_, PyAny>>,
         hits: u8,
@@ -106,7 +106,7 @@ fn turned(rotation: Option<&Bound<'_, PyAny>>) -> PyResult<Quat> {
     })
 }
 
-fn simple(shape: &Bound<'_, Shape>) -> PyResult<scene::Shape> {
+fn simple(shape: &Bound<'_, PyShape>) -> PyResult<scene::Shape> {
     let simple = &shape.get().shape;
     match scene::Query::allows(simple) {
         true => Ok(simple.clone()),
@@ -115,15 +115,15 @@ fn simple(shape: &Bound<'_, Shape>) -> PyResult<scene::Shape> {
 }
 
 /// A body that a query found.
-#[pyclass(frozen, get_all, module = "rhumb")]
-pub(crate) struct Hit {
+#[pyclass(frozen, get_all, name = "Hit", module = "rhumb")]
+pub(crate) struct PyHit {
     body: u64,
     distance: f32,
     point: (f32, f32, f32),
     normal: (f32, f32, f32),
 }
 
-impl Hit {
+impl PyHit {
     pub(crate) fn new(record: &HitRecord) -> Self {
         Self {
             body: body_word(record.body),
@@ -135,7 +135,7 @@ impl Hit {
 }
 
 #[pymethods]
-impl Hit {
+impl PyHit {
     fn __repr__(&self) -> String {
         let Self {
             body,

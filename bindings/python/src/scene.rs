@@ -3,51 +3,43 @@
 use std::sync::{Mutex, TryLockError};
 
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn};
-use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use rhumb_bindings::rhumb_client::BodyId;
 use rhumb_bindings::rhumb_client::PipelineDepth;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
-use rhumb_bindings::rhumb_client::scene::{
-    ActiveEvents, BodyKind, CollisionGroups, Command, LockedAxes, Material,
-};
-use rhumb_bindings::rhumb_client::{BodyId, Damping, ToleranceScale};
+use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command};
 use rhumb_bindings::{BindingError, BodyParams, RemoteScene, body_word};
 
-use crate::arguments::{Bodies, bodies, one_of, rows, seconds, vector};
+use crate::arguments::{Bodies, bodies, rows, seconds, vector};
+use crate::body::plain_body;
 use crate::errors::{exception, wrong};
-use crate::event::Event;
-use crate::query::{Hit, Query};
-use crate::shape::Shape;
-use crate::snapshot::Snapshot;
-
-const KINDS: [(&str, BodyKind); 3] = [
-    ("dynamic", BodyKind::Dynamic),
-    ("fixed", BodyKind::Static),
-    ("kinematic", BodyKind::Kinematic),
-];
+use crate::event::PyEvent;
+use crate::query::{PyHit, PyQuery};
+use crate::shape::PyShape;
+use crate::view_array::{ViewArray, floats};
 
 /// A client of one scene.
-#[pyclass(frozen, module = "rhumb")]
-pub(crate) struct Scene {
+#[pyclass(frozen, name = "Scene", module = "rhumb")]
+pub(crate) struct PyScene {
     /// `None` once it is closed.
-    opened: Mutex<Option<Opened>>,
+    opened: Mutex<Option<OpenScene>>,
 }
 
 /// A scene that is open, and its arrays.
-struct Opened {
+struct OpenScene {
     scene: RemoteScene,
-    bodies: Snapshot<u64>,
-    changed: Snapshot<u32>,
-    removed: Snapshot<u64>,
-    positions: Snapshot<f32>,
-    rotations: Snapshot<f32>,
-    linear: Snapshot<f32>,
-    angular: Snapshot<f32>,
-    resting: Snapshot<bool>,
+    bodies: ViewArray<u64>,
+    changed: ViewArray<u32>,
+    removed: ViewArray<u64>,
+    positions: ViewArray<f32>,
+    rotations: ViewArray<f32>,
+    linear: ViewArray<f32>,
+    angular: ViewArray<f32>,
+    resting: ViewArray<bool>,
 }
 
-impl Opened {
+impl OpenScene {
     /// Tells the arrays that the view is about to be computed anew.
     const fn expire(&mut self) {
         self.bodies.expire();
@@ -61,18 +53,18 @@ impl Opened {
     }
 }
 
-impl Scene {
+impl PyScene {
     pub(crate) const fn new(scene: RemoteScene) -> Self {
-        let opened = Opened {
+        let opened = OpenScene {
             scene,
-            bodies: Snapshot::new(),
-            changed: Snapshot::new(),
-            removed: Snapshot::new(),
-            positions: Snapshot::new(),
-            rotations: Snapshot::new(),
-            linear: Snapshot::new(),
-            angular: Snapshot::new(),
-            resting: Snapshot::new(),
+            bodies: ViewArray::new(),
+            changed: ViewArray::new(),
+            removed: ViewArray::new(),
+            positions: ViewArray::new(),
+            rotations: ViewArray::new(),
+            linear: ViewArray::new(),
+            angular: ViewArray::new(),
+            resting: ViewArray::new(),
         };
         Self {
             opened: Mutex::new(Some(opened)),
@@ -83,7 +75,7 @@ impl Scene {
     fn with<R>(
         &self,
         py: Python<'_>,
-        call: impl FnOnce(&mut Opened) -> Result<R, BindingError>,
+        call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError>,
     ) -> PyResult<R> {
         self.locked(call).map_err(|error| exception(py, &error))
     }
@@ -92,7 +84,7 @@ impl Scene {
     fn waiting<R: Send>(
         &self,
         py: Python<'_>,
-        call: impl FnOnce(&mut Opened) -> Result<R, BindingError> + Send,
+        call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError> + Send,
     ) -> PyResult<R> {
         let result = py.detach(|| self.locked(call));
         result.map_err(|error| exception(py, &error))
@@ -100,7 +92,7 @@ impl Scene {
 
     fn locked<R>(
         &self,
-        call: impl FnOnce(&mut Opened) -> Result<R, BindingError>,
+        call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError>,
     ) -> Result<R, BindingError> {
         let mut opened = self.opened.try_lock().map_err(|error| match error {
             TryLockError::WouldBlock => BindingError::Busy,
@@ -140,61 +132,8 @@ impl Scene {
     }
 }
 
-/// A body at the origin with the fields of keywords.
-fn plain_body(
-    shape: &Bound<'_, Shape>,
-    kind: &str,
-    keywords: Option<&Bound<'_, PyDict>>,
-) -> PyResult<BodyParams> {
-    let py = shape.py();
-    let kind = one_of(py, &KINDS, kind, "kind")?;
-    let mut body = BodyParams::new(kind, shape.get().shape.clone());
-    let Some(keywords) = keywords else {
-        return Ok(body);
-    };
-    for (key, value) in keywords {
-        let key: String = key.extract()?;
-        match key.as_str() {
-            "mass" => body.mass = value.extract()?,
-            "material" => {
-                let numbers: Option<(f32, f32, f32)> = value.extract()?;
-                body.material = numbers.map(|(friction, restitution, density)| Material {
-                    friction,
-                    restitution,
-                    density,
-                });
-            }
-            "damping" => {
-                let numbers: Option<(f32, f32)> = value.extract()?;
-                body.damping = numbers.map(|(linear, angular)| Damping { linear, angular });
-            }
-            "gravity_scale" => body.gravity_scale = value.extract()?,
-            "locked_axes" => {
-                let locked = LockedAxes::new(value.extract()?);
-                body.locked_axes = locked.ok_or_else(|| wrong(py, "locked_axes", "six bits"))?;
-            }
-            "groups" => {
-                let (members, touches) = value.extract()?;
-                body.groups = CollisionGroups { members, touches };
-            }
-            "tolerance_exponent" => {
-                let scale = ToleranceScale::new(value.extract()?);
-                body.tolerance_scale =
-                    scale.ok_or_else(|| wrong(py, "tolerance_exponent", "-3 to 3"))?;
-            }
-            "sensor" => body.sensor = value.extract()?,
-            "swept" => body.swept = value.extract()?,
-            _ => {
-                let text = format!("{key} is no keyword of a body");
-                return Err(PyTypeError::new_err(text));
-            }
-        }
-    }
-    Ok(body)
-}
-
 #[pymethods]
-impl Scene {
+impl PyScene {
     #[pyo3(signature = (
         shape, position = None, kind = "dynamic", *, rotation = None, linear_velocity = None,
         angular_velocity = None, **keywords,
@@ -204,7 +143,7 @@ impl Scene {
     fn add_body(
         &self,
         py: Python<'_>,
-        shape: &Bound<'_, Shape>,
+        shape: &Bound<'_, PyShape>,
         position: Option<&Bound<'_, PyAny>>,
         kind: &str,
         rotation: Option<&Bound<'_, PyAny>>,
@@ -237,7 +176,7 @@ impl Scene {
     fn add_bodies<'py>(
         &self,
         py: Python<'py>,
-        shape: &Bound<'py, Shape>,
+        shape: &Bound<'py, PyShape>,
         positions: &Bound<'py, PyAny>,
         kind: &str,
         rotations: Option<&Bound<'py, PyAny>>,
@@ -568,24 +507,24 @@ impl Scene {
         }
     }
 
-    fn events(&self, py: Python<'_>) -> PyResult<Vec<Event>> {
+    fn events(&self, py: Python<'_>) -> PyResult<Vec<PyEvent>> {
         self.with(py, |opened| {
             let events = std::iter::from_fn(|| opened.scene.poll_event());
-            Ok(events.map(Event::new).collect())
+            Ok(events.map(PyEvent::new).collect())
         })
     }
 
     fn query(
         &self,
         py: Python<'_>,
-        queries: Vec<PyRef<'_, Query>>,
-    ) -> PyResult<(u64, Vec<Vec<Hit>>)> {
+        queries: Vec<PyRef<'_, PyQuery>>,
+    ) -> PyResult<(u64, Vec<Vec<PyHit>>)> {
         let queries: Vec<_> = queries.iter().map(|query| query.query.clone()).collect();
         let count = queries.len();
         let (tick, records) = self.waiting(py, |opened| opened.scene.query(queries))?;
-        let mut hits: Vec<Vec<Hit>> = (0..count).map(|_| Vec::new()).collect();
+        let mut hits: Vec<Vec<PyHit>> = (0..count).map(|_| Vec::new()).collect();
         for record in &records {
-            hits[record.query as usize].push(Hit::new(record));
+            hits[record.query as usize].push(PyHit::new(record));
         }
         Ok((tick.value(), hits))
     }
@@ -612,7 +551,7 @@ impl Scene {
             Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner().take(),
             Err(TryLockError::WouldBlock) => return Err(exception(py, &BindingError::Busy)),
         };
-        if let Some(Opened { scene, .. }) = opened {
+        if let Some(OpenScene { scene, .. }) = opened {
             py.detach(|| scene.close());
         }
         Ok(())
@@ -643,16 +582,3 @@ const UNKNOWN_BODY: BindingError = BindingError::Argument {
     argument: "body",
     needed: "in the copy of the scene; it is not there yet, or was removed",
 };
-
-/// Vectors or quaternions as floats.
-fn floats<T: Floats>(values: &[T]) -> &[f32] {
-    let count = size_of_val(values) / size_of::<f32>();
-    // SAFETY: glam's vectors and quaternions are three or four floats in memory, without a gap and initialised.
-    unsafe { std::slice::from_raw_parts(values.as_ptr().cast::<f32>(), count) }
-}
-
-/// Types that are nothing but floats in memory.
-trait Floats {}
-
-impl Floats for Vec3 {}
-impl Floats for Quat {}

@@ -7,12 +7,12 @@ use crate::arguments::{heights, points, triangles, vector};
 use crate::errors::exception;
 
 /// A shape, centred on its body's centre of mass; long axes point up.
-#[pyclass(frozen, module = "rhumb")]
-pub(crate) struct Shape {
+#[pyclass(frozen, name = "Shape", module = "rhumb")]
+pub(crate) struct PyShape {
     pub(crate) shape: scene::Shape,
 }
 
-impl Shape {
+impl PyShape {
     fn checked(py: Python<'_>, shape: Result<scene::Shape, Invalid>) -> PyResult<Self> {
         let shape = shape.map_err(|invalid| exception(py, &invalid.into()))?;
         Ok(Self { shape })
@@ -20,7 +20,7 @@ impl Shape {
 }
 
 #[pymethods]
-impl Shape {
+impl PyShape {
     #[staticmethod]
     const fn ball(radius: f32) -> Self {
         let shape = scene::Shape::ball(radius);

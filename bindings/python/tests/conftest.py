@@ -1,4 +1,7 @@
-"""Servers for the tests: the program that RHUMB_TEST_SERVER names, which the tests of the workspace set."""
+"""Servers for the tests.
+
+RHUMB_TEST_SERVER names the program; the tests of the workspace set it.
+"""
 
 import os
 import subprocess

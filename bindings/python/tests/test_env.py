@@ -1,4 +1,7 @@
-"""The example environment: episodes repeat to the bit, and Gymnasium's own check passes if it is installed."""
+"""The example environment: episodes repeat to the bit.
+
+Gymnasium's own check passes, if it is installed.
+"""
 
 import pathlib
 import sys

@@ -1,4 +1,4 @@
-"""Everything that a caller can do wrong is an exception of its kind, and does no harm."""
+"""Misuse in Python: each is an exception of its kind, and none does harm."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-//! Writes the generated sources anew: the header of C and the imports of C#.
+//! Writes the header of C and the imports of C# anew.
 
 mod generators;
 

@@ -1,4 +1,4 @@
-"""Remote rigid-body physics: copies of bodies within a tolerance that you choose.
+"""Remote rigid-body physics: copies of bodies within a chosen tolerance.
 
 Connect to a server, join a scene, add bodies, and step it; the poses of all bodies are NumPy arrays:
 

@@ -1,4 +1,7 @@
-"""Types of the native module. Every array that is returned is read-only or the caller's own, and never changes."""
+"""Types of the native module.
+
+Every array that is returned is read-only or the caller's own, and never changes.
+"""
 
 import os
 from types import TracebackType

@@ -1,4 +1,7 @@
-"""Exceptions of this package, one for each kind of error. Each says in a sentence what was wrong and what to do."""
+"""Exceptions of this package, one for each kind of error.
+
+Each says in a sentence what was wrong and what to do.
+"""
 
 
 class Error(Exception):

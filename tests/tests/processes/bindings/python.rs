@@ -1,4 +1,4 @@
-//! The Python package: its example, the script of all languages, its own tests.
+//! The Python package: its examples, the common script, its own tests.
 //!
 //! `RHUMB_TEST_PYTHON` names an interpreter that has NumPy and pytest; `python3` otherwise.
 

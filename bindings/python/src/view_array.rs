@@ -5,9 +5,10 @@
 
 use numpy::{Element, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 
 /// Arrays of one kind: the newest first.
-pub(crate) struct Snapshot<T> {
+pub(crate) struct ViewArray<T> {
     kept: Vec<Py<PyArrayDyn<T>>>,
     /// True if the first array is that of the present view.
     is_current: bool,
@@ -16,7 +17,7 @@ pub(crate) struct Snapshot<T> {
 /// One array is being read while the one before is still held: `positions` of a loop's last round.
 const KEPT: usize = 2;
 
-impl<T: Element + Copy> Snapshot<T> {
+impl<T: Element + Copy> ViewArray<T> {
     pub(crate) const fn new() -> Self {
         Self {
             kept: Vec::new(),
@@ -65,3 +66,16 @@ impl<T: Element + Copy> Snapshot<T> {
         Ok(array)
     }
 }
+
+/// Vectors or quaternions as floats.
+pub(crate) fn floats<T: Floats>(values: &[T]) -> &[f32] {
+    let count = size_of_val(values) / size_of::<f32>();
+    // SAFETY: glam's vectors and quaternions are three or four floats in memory, without a gap and initialised.
+    unsafe { std::slice::from_raw_parts(values.as_ptr().cast::<f32>(), count) }
+}
+
+/// Types that are nothing but floats in memory.
+pub(crate) trait Floats {}
+
+impl Floats for Vec3 {}
+impl Floats for Quat {}
