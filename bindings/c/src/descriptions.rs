@@ -313,11 +313,19 @@ mod tests {
             ..shape(RhumbShapeKind::Mesh)
         };
         assert!(error(desc(endless)).starts_with("shape.points must be shorter"));
-        assert!(error(desc(shape(RhumbShapeKind::Heights))).contains("heights"));
     }
 
     #[test]
     fn points_and_triangles_are_read_as_the_counts_say() {
+        let none = RhumbShape {
+            kind: RhumbShapeKind::Heights as u32,
+            ..RhumbShape::PLAIN
+        };
+        let none = RhumbBodyDesc {
+            shape: none,
+            ..RhumbBodyDesc::PLAIN
+        };
+        assert!(error(none).contains("heights"));
         let points: [f32; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
         let triangles = [0_u32, 1, 2, 0, 2, 3];
         let of_kind = |kind: RhumbShapeKind| RhumbShape {
