@@ -66,7 +66,7 @@ impl PyQuery {
     }
 
     /// The same question about other bodies.
-    #[pyo3(signature = (*, fixed = true, dynamic = true, kinematic = true, sensors = false, groups = u32::MAX, excluding = None))]
+    #[pyo3(signature = (*, fixed = true, dynamic = true, kinematic = true, sensors = false, groups = 4_294_967_295, excluding = None))]
     fn among(
         &self,
         fixed: bool,

@@ -5,7 +5,7 @@ Every array that is returned is read-only or the caller's own, and never changes
 
 import os
 from types import TracebackType
-from typing import Literal, Optional, Sequence, Tuple, Type, TypedDict, Union
+from typing import Literal, Optional, Sequence, Tuple, Type, TypedDict, Union, final
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,7 @@ def connect(
     limit, in seconds, holds for every later call that waits.
     """
 
+@final
 class Connection:
     """A connection to a server that has joined no scene."""
 
@@ -69,6 +70,7 @@ class Connection:
         traceback: Optional[TracebackType],
     ) -> None: ...
 
+@final
 class Shape:
     """A shape, centred on its body's centre of mass. Long axes point up. Lengths are in the scene's unit."""
 
@@ -98,6 +100,7 @@ class Shape:
     def heights(heights: npt.ArrayLike, row_spacing: float = 1.0, column_spacing: float = 1.0) -> Shape:
         """A field of rows of heights. For fixed bodies."""
 
+@final
 class Query:
     """A question about where the bodies are."""
 
@@ -127,6 +130,7 @@ class Query:
     ) -> Query:
         """The same question about other bodies."""
 
+@final
 class Hit:
     """A body that a query found."""
 
@@ -139,6 +143,7 @@ class Hit:
     @property
     def normal(self) -> Tuple[float, float, float]: ...
 
+@final
 class Event:
     """Something that happened, or the answer to a command. What its kind does not name is zero, None or empty."""
 
@@ -168,12 +173,13 @@ class Event:
     @property
     def text(self) -> str: ...
 
-class Statistics(TypedDict):
+class _Statistics(TypedDict):
     sent_bytes: int
     received_bytes: int
     updates: int
     complete_tick: int
 
+@final
 class Scene:
     """A client of one scene. One thread at a time may be inside a call; a second one raises BusyError at once.
 
@@ -296,7 +302,7 @@ class Scene:
     def query(self, queries: Sequence[Query]) -> Tuple[int, list[list[Hit]]]:
         """Asks the server, and waits: the tick whose scene was asked, and what each query found."""
     @property
-    def statistics(self) -> Statistics: ...
+    def statistics(self) -> _Statistics: ...
     def delete(self) -> None:
         """Deletes the scene for all of its clients."""
     def close(self) -> None:
