@@ -4,6 +4,7 @@
 //! next call that handles received data. Every other request is sent at once.
 
 mod authority;
+mod queries;
 
 use std::collections::VecDeque;
 use std::time::Duration;

@@ -7,6 +7,7 @@ use rhumb_tests::Programme;
 mod access;
 mod app_process;
 mod authority_quic;
+mod bindings;
 mod body_ids;
 mod durable;
 mod durable_disk;

@@ -3,7 +3,7 @@
 //! Each exception is listed beside its rule.
 
 use crate::code::functions;
-use crate::house::{File, report, sources};
+use crate::house::{File, files, report, sources};
 
 /// Longest first line, including `//! `.
 const FIRST_LINE_MAX: usize = 79;
@@ -26,6 +26,37 @@ fn every_file_begins_with_its_purpose() {
     }
     report(
         "a file begins with a line that says its purpose",
+        &violations,
+    );
+}
+
+#[test]
+fn every_file_of_a_binding_begins_with_its_purpose() {
+    let marks = [
+        (".c", "// "),
+        (".cpp", "// "),
+        (".h", "// "),
+        (".hpp", "// "),
+        (".cs", "// "),
+        (".py", "\"\"\""),
+        (".pyi", "\"\"\""),
+    ];
+    let mut violations = Vec::new();
+    for File { path, text } in files()
+        .into_iter()
+        .filter(|file| file.is_in(&["bindings/"]))
+    {
+        let mark = marks.iter().find(|(ending, _)| path.ends_with(ending));
+        let first = text.lines().next().unwrap_or_default();
+        let length = first.chars().count();
+        if let Some((_, mark)) = mark
+            && (!first.starts_with(mark) || length > FIRST_LINE_MAX)
+        {
+            violations.push(format!("{path}: {length} characters: {first:?}"));
+        }
+    }
+    report(
+        "a file in another language begins with a line that says its purpose",
         &violations,
     );
 }
@@ -181,6 +212,9 @@ fn no_library_prints() {
         "client/src/",
         "client/view/src/",
         "local/src/",
+        "bindings/core/src/",
+        "bindings/c/src/",
+        "bindings/python/src/",
         "sims/src/",
     ];
     report(

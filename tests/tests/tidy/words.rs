@@ -105,7 +105,10 @@ fn no_retired_word_stands_anywhere() {
         word == "witness" && file.is_in(&["server/src/engine/rapier_query.rs"])
     };
     let is_read = |file: &File| {
-        let endings = [".rs", ".py", ".md", ".json", ".proto", ".mjs", ".toml"];
+        let endings = [
+            ".rs", ".py", ".pyi", ".md", ".json", ".proto", ".mjs", ".toml", ".c", ".cpp", ".h",
+            ".hpp", ".cs",
+        ];
         endings.iter().any(|ending| file.path.ends_with(ending)) && !file.is_in(&HISTORY)
     };
     let mut violations = Vec::new();
@@ -151,6 +154,7 @@ fn a_type_name_has_one_definition_in_the_product() {
         "server/src/",
         "client/",
         "app/src/",
+        "bindings/",
     ];
     let mut places: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for file in sources()

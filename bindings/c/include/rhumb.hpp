@@ -1,0 +1,666 @@
+// Rhumb for C++17, header only, over rhumb.h.
+//
+// Handles close themselves, errors are exceptions, arrays are ranges.
+//
+// What rhumb.h says of threads and units holds here too. Every call throws rhumb::Error when it fails; using a scene that
+// was closed or moved from is an error too.
+
+#ifndef RHUMB_HPP
+#define RHUMB_HPP
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "rhumb.h"
+
+namespace rhumb {
+
+/// A call failed: the code says which kind of error it is, what() says it in a sentence.
+class Error : public std::runtime_error {
+public:
+    Error(RhumbCode code, const std::string& sentence) : std::runtime_error(sentence), code_(code) {}
+
+    RhumbCode code() const noexcept { return code_; }
+
+private:
+    RhumbCode code_;
+};
+
+/// Throws unless the call did what it says.
+inline void check(RhumbCode code) {
+    if (code != RHUMB_CODE_OK) {
+        throw Error(code, rhumb_last_error());
+    }
+}
+
+using Body = RhumbBody;
+using Hit = RhumbHit;
+using Event = RhumbEvent;
+using Statistics = RhumbStatistics;
+using Time = RhumbTime;
+
+struct Vec3 {
+    float x, y, z;
+};
+
+/// A unit quaternion.
+struct Quat {
+    float x, y, z, w;
+};
+
+static_assert(sizeof(Vec3) == 3 * sizeof(float) && sizeof(Quat) == 4 * sizeof(float), "arrays of floats are read as such");
+
+/// Elements that something else owns.
+template <typename T>
+class Slice {
+public:
+    Slice(const T* data, std::size_t size) noexcept : data_(data), size_(size) {}
+
+    const T* data() const noexcept { return data_; }
+    std::size_t size() const noexcept { return size_; }
+    bool empty() const noexcept { return size_ == 0; }
+    const T* begin() const noexcept { return data_; }
+    const T* end() const noexcept { return data_ + size_; }
+
+    /// Throws std::out_of_range for a place that is not there.
+    const T& operator[](std::size_t place) const {
+        if (place >= size_) {
+            throw std::out_of_range("place " + std::to_string(place) + " of " + std::to_string(size_));
+        }
+        return data_[place];
+    }
+
+private:
+    const T* data_;
+    std::size_t size_;
+};
+
+/// A shape, centred on its body's centre of mass; long axes point up. Lengths in the scene's unit.
+class Shape {
+public:
+    static Shape ball(float radius) {
+        Shape shape(RHUMB_SHAPE_KIND_BALL);
+        shape.raw_.radius = radius;
+        return shape;
+    }
+
+    /// By half the edge lengths.
+    static Shape cuboid(float x, float y, float z) {
+        Shape shape(RHUMB_SHAPE_KIND_CUBOID);
+        shape.set_half_extents(x, y, z);
+        return shape;
+    }
+
+    static Shape rounded_cuboid(float x, float y, float z, float radius) {
+        Shape shape(RHUMB_SHAPE_KIND_ROUNDED_CUBOID);
+        shape.set_half_extents(x, y, z);
+        shape.raw_.radius = radius;
+        return shape;
+    }
+
+    static Shape capsule(float half_height, float radius) { return round(RHUMB_SHAPE_KIND_CAPSULE, half_height, radius); }
+
+    static Shape cylinder(float half_height, float radius) { return round(RHUMB_SHAPE_KIND_CYLINDER, half_height, radius); }
+
+    static Shape cone(float half_height, float radius) { return round(RHUMB_SHAPE_KIND_CONE, half_height, radius); }
+
+    /// Everything behind a plane; the normal points out of it.
+    static Shape half_space(Vec3 normal) {
+        Shape shape(RHUMB_SHAPE_KIND_HALF_SPACE);
+        shape.raw_.normal[0] = normal.x;
+        shape.raw_.normal[1] = normal.y;
+        shape.raw_.normal[2] = normal.z;
+        return shape;
+    }
+
+    static Shape hull(const std::vector<Vec3>& points) {
+        Shape shape(RHUMB_SHAPE_KIND_HULL);
+        shape.set_points(points);
+        return shape;
+    }
+
+    /// Three places of points for each triangle.
+    static Shape mesh(const std::vector<Vec3>& points, std::vector<std::uint32_t> corners) {
+        Shape shape(RHUMB_SHAPE_KIND_MESH);
+        shape.set_points(points);
+        if (corners.size() % 3 != 0) {
+            throw Error(RHUMB_CODE_INVALID, "the corners of a mesh must be three for each triangle");
+        }
+        shape.corners_ = std::move(corners);
+        return shape;
+    }
+
+    /// Rows of heights, one row after the other.
+    static Shape heights(std::uint32_t rows, float row_spacing, float column_spacing, std::vector<float> heights) {
+        Shape shape(RHUMB_SHAPE_KIND_HEIGHTS);
+        shape.raw_.rows = rows;
+        shape.raw_.row_spacing = row_spacing;
+        shape.raw_.column_spacing = column_spacing;
+        shape.raw_.point_count = heights.size();
+        shape.points_ = std::move(heights);
+        return shape;
+    }
+
+    /// The struct of rhumb.h; valid as long as this shape.
+    RhumbShape raw() const noexcept {
+        RhumbShape raw = raw_;
+        raw.points = points_.data();
+        raw.triangles = corners_.data();
+        raw.triangle_count = corners_.size() / 3;
+        return raw;
+    }
+
+private:
+    explicit Shape(RhumbShapeKind kind) {
+        RhumbBodyDesc plain;
+        check(rhumb_body_desc_init(&plain));
+        raw_ = plain.shape;
+        raw_.kind = static_cast<std::uint32_t>(kind);
+    }
+
+    static Shape round(RhumbShapeKind kind, float half_height, float radius) {
+        Shape shape(kind);
+        shape.raw_.half_height = half_height;
+        shape.raw_.radius = radius;
+        return shape;
+    }
+
+    void set_half_extents(float x, float y, float z) {
+        raw_.half_extents[0] = x;
+        raw_.half_extents[1] = y;
+        raw_.half_extents[2] = z;
+    }
+
+    void set_points(const std::vector<Vec3>& points) {
+        for (const Vec3& point : points) {
+            points_.insert(points_.end(), {point.x, point.y, point.z});
+        }
+        raw_.point_count = points.size();
+    }
+
+    RhumbShape raw_;
+    std::vector<float> points_;
+    std::vector<std::uint32_t> corners_;
+};
+
+/// A body to add.
+class BodyDesc {
+public:
+    /// A body that the engine moves.
+    static BodyDesc dynamic(Shape shape) { return BodyDesc(RHUMB_BODY_KIND_DYNAMIC, std::move(shape)); }
+
+    /// A body that nothing moves, such as a floor.
+    static BodyDesc fixed(Shape shape) { return BodyDesc(RHUMB_BODY_KIND_FIXED, std::move(shape)); }
+
+    /// A body that commands move; it pushes others and is not pushed.
+    static BodyDesc kinematic(Shape shape) { return BodyDesc(RHUMB_BODY_KIND_KINEMATIC, std::move(shape)); }
+
+    BodyDesc& at(float x, float y, float z) {
+        set(raw_.position, Vec3{x, y, z});
+        return *this;
+    }
+
+    BodyDesc& rotation(Quat rotation) {
+        const float numbers[] = {rotation.x, rotation.y, rotation.z, rotation.w};
+        for (std::size_t i = 0; i < 4; ++i) {
+            raw_.rotation[i] = numbers[i];
+        }
+        return *this;
+    }
+
+    BodyDesc& linear_velocity(Vec3 velocity) {
+        set(raw_.linear_velocity, velocity);
+        return *this;
+    }
+
+    /// rad/s about world axes.
+    BodyDesc& angular_velocity(Vec3 velocity) {
+        set(raw_.angular_velocity, velocity);
+        return *this;
+    }
+
+    /// Density in kg/m³.
+    BodyDesc& material(float friction, float restitution, float density) {
+        raw_.has_material = 1;
+        raw_.friction = friction;
+        raw_.restitution = restitution;
+        raw_.density = density;
+        return *this;
+    }
+
+    BodyDesc& mass(float kilograms) {
+        raw_.has_mass = 1;
+        raw_.mass = kilograms;
+        return *this;
+    }
+
+    BodyDesc& gravity_scale(float factor) {
+        raw_.gravity_scale = factor;
+        return *this;
+    }
+
+    BodyDesc& sensor() {
+        raw_.sensor = 1;
+        return *this;
+    }
+
+    /// Every other field, as rhumb.h names it. Its shape is replaced by this body's.
+    RhumbBodyDesc& fields() noexcept { return raw_; }
+
+    /// The struct of rhumb.h; valid as long as this body.
+    RhumbBodyDesc raw() const noexcept {
+        RhumbBodyDesc raw = raw_;
+        raw.shape = shape_.raw();
+        return raw;
+    }
+
+private:
+    BodyDesc(RhumbBodyKind kind, Shape shape) : shape_(std::move(shape)) {
+        check(rhumb_body_desc_init(&raw_));
+        raw_.kind = static_cast<std::uint32_t>(kind);
+    }
+
+    static void set(float (&to)[3], Vec3 from) {
+        to[0] = from.x;
+        to[1] = from.y;
+        to[2] = from.z;
+    }
+
+    RhumbBodyDesc raw_;
+    Shape shape_;
+};
+
+/// Commands, for Scene::command.
+namespace command {
+
+inline RhumbCommand make(RhumbCommandKind kind, Body body, Vec3 vector = {}) {
+    RhumbCommand command = {};
+    command.kind = static_cast<std::uint32_t>(kind);
+    command.body = body;
+    command.vector[0] = vector.x;
+    command.vector[1] = vector.y;
+    command.vector[2] = vector.z;
+    command.rotation[3] = 1.0F;
+    return command;
+}
+
+inline RhumbCommand make_at(RhumbCommandKind kind, Body body, Vec3 vector, Vec3 point) {
+    RhumbCommand command = make(kind, body, vector);
+    command.point[0] = point.x;
+    command.point[1] = point.y;
+    command.point[2] = point.z;
+    return command;
+}
+
+inline RhumbCommand remove_body(Body body) { return make(RHUMB_COMMAND_KIND_REMOVE_BODY, body); }
+
+inline RhumbCommand set_pose(Body body, Vec3 position, Quat rotation) {
+    RhumbCommand command = make(RHUMB_COMMAND_KIND_SET_POSE, body, position);
+    command.rotation[0] = rotation.x;
+    command.rotation[1] = rotation.y;
+    command.rotation[2] = rotation.z;
+    command.rotation[3] = rotation.w;
+    return command;
+}
+
+inline RhumbCommand set_velocity(Body body, Vec3 linear, Vec3 angular) {
+    RhumbCommand command = make(RHUMB_COMMAND_KIND_SET_VELOCITY, body, linear);
+    command.angular[0] = angular.x;
+    command.angular[1] = angular.y;
+    command.angular[2] = angular.z;
+    return command;
+}
+
+inline RhumbCommand force(Body body, Vec3 force) { return make(RHUMB_COMMAND_KIND_FORCE, body, force); }
+inline RhumbCommand torque(Body body, Vec3 torque) { return make(RHUMB_COMMAND_KIND_TORQUE, body, torque); }
+inline RhumbCommand impulse(Body body, Vec3 impulse) { return make(RHUMB_COMMAND_KIND_IMPULSE, body, impulse); }
+
+inline RhumbCommand torque_impulse(Body body, Vec3 impulse) {
+    return make(RHUMB_COMMAND_KIND_TORQUE_IMPULSE, body, impulse);
+}
+
+inline RhumbCommand force_at(Body body, Vec3 force, Vec3 point) {
+    return make_at(RHUMB_COMMAND_KIND_FORCE_AT, body, force, point);
+}
+
+inline RhumbCommand impulse_at(Body body, Vec3 impulse, Vec3 point) {
+    return make_at(RHUMB_COMMAND_KIND_IMPULSE_AT, body, impulse, point);
+}
+
+inline RhumbCommand set_gravity(Vec3 gravity) { return make(RHUMB_COMMAND_KIND_SET_GRAVITY, 0, gravity); }
+inline RhumbCommand sleep(Body body) { return make(RHUMB_COMMAND_KIND_SLEEP, body); }
+inline RhumbCommand wake(Body body) { return make(RHUMB_COMMAND_KIND_WAKE, body); }
+
+/// RHUMB_EVENTS_ bits; contacts are reported from the force on, if that bit is set.
+inline RhumbCommand set_events(Body body, std::uint32_t events, float force = 0.0F) {
+    RhumbCommand command = make(RHUMB_COMMAND_KIND_SET_EVENTS, body);
+    command.events = events;
+    command.event_force = force;
+    return command;
+}
+
+}  // namespace command
+
+/// Queries, for Scene::query.
+namespace query {
+
+inline RhumbQuery make(RhumbQueryKind kind, Vec3 position, Vec3 translation = {}) {
+    RhumbQuery query;
+    check(rhumb_query_init(&query));
+    query.kind = static_cast<std::uint32_t>(kind);
+    const float place[] = {position.x, position.y, position.z};
+    const float way[] = {translation.x, translation.y, translation.z};
+    for (std::size_t i = 0; i < 3; ++i) {
+        query.position[i] = place[i];
+        query.translation[i] = way[i];
+    }
+    return query;
+}
+
+/// The nearest bodies along a line.
+inline RhumbQuery ray(Vec3 origin, Vec3 translation, std::uint32_t hits = 1) {
+    RhumbQuery query = make(RHUMB_QUERY_KIND_RAY, origin, translation);
+    query.hits = hits;
+    return query;
+}
+
+/// The nearest bodies that a shape touches on its way. Simple shapes only, which point to nothing.
+inline RhumbQuery shape_cast(const Shape& shape, Vec3 position, Vec3 translation, std::uint32_t hits = 1) {
+    RhumbQuery query = make(RHUMB_QUERY_KIND_SHAPE_CAST, position, translation);
+    query.shape = shape.raw();
+    query.hits = hits;
+    return query;
+}
+
+/// The bodies whose surfaces are nearest to a point.
+inline RhumbQuery projection(Vec3 point, float distance, std::uint32_t hits = 1) {
+    RhumbQuery query = make(RHUMB_QUERY_KIND_PROJECTION, point);
+    query.distance = distance;
+    query.hits = hits;
+    return query;
+}
+
+/// The bodies that a shape overlaps. Simple shapes only.
+inline RhumbQuery overlap(const Shape& shape, Vec3 position, std::uint32_t hits = 64) {
+    RhumbQuery query = make(RHUMB_QUERY_KIND_OVERLAP, position);
+    query.shape = shape.raw();
+    query.hits = hits;
+    return query;
+}
+
+}  // namespace query
+
+/// The arrays of a view, valid until the scene computes the next one or closes. See RhumbPoses.
+class Poses {
+public:
+    explicit Poses(const RhumbPoses& raw) noexcept : raw_(raw) {}
+
+    std::uint64_t tick() const noexcept { return raw_.tick; }
+    double fraction() const noexcept { return raw_.fraction; }
+    std::size_t size() const noexcept { return raw_.count; }
+    Slice<Body> bodies() const noexcept { return {raw_.bodies, raw_.count}; }
+    Slice<Vec3> positions() const noexcept { return vectors(raw_.positions); }
+    Slice<Quat> rotations() const noexcept { return {reinterpret_cast<const Quat*>(raw_.rotations), raw_.count}; }
+    Slice<Vec3> linear_velocities() const noexcept { return vectors(raw_.linear_velocities); }
+    Slice<Vec3> angular_velocities() const noexcept { return vectors(raw_.angular_velocities); }
+    Slice<std::uint8_t> resting() const noexcept { return {raw_.resting, raw_.count}; }
+    Slice<std::uint32_t> changed() const noexcept { return {raw_.changed, raw_.changed_count}; }
+    Slice<Body> removed() const noexcept { return {raw_.removed, raw_.removed_count}; }
+
+private:
+    Slice<Vec3> vectors(const float* numbers) const noexcept { return {reinterpret_cast<const Vec3*>(numbers), raw_.count}; }
+
+    RhumbPoses raw_;
+};
+
+/// Bodies that queries found, and the tick whose scene was asked.
+struct Hits {
+    std::uint64_t tick;
+    std::vector<Hit> hits;
+};
+
+/// How to join a scene; plain when made.
+struct JoinOptions : RhumbJoinOptions {
+    JoinOptions() : RhumbJoinOptions() { check(rhumb_join_options_init(this)); }
+
+    JoinOptions& with_coordinates(RhumbCoordinates choice) {
+        coordinates = static_cast<std::uint32_t>(choice);
+        return *this;
+    }
+
+    JoinOptions& with_condition(RhumbJoinCondition choice) {
+        condition = static_cast<std::uint32_t>(choice);
+        return *this;
+    }
+
+    JoinOptions& with_stepping(RhumbStepping choice) {
+        stepping = static_cast<std::uint32_t>(choice);
+        return *this;
+    }
+};
+
+/// A client of one scene. Closes when it is destroyed. One thread at a time.
+class Scene {
+public:
+    explicit Scene(RhumbScene raw) noexcept : raw_(raw) {}
+    Scene(Scene&& other) noexcept : raw_(std::exchange(other.raw_, RhumbScene{0})) {}
+
+    Scene& operator=(Scene&& other) noexcept {
+        if (this != &other) {
+            close();
+            raw_ = std::exchange(other.raw_, RhumbScene{0});
+        }
+        return *this;
+    }
+
+    Scene(const Scene&) = delete;
+    Scene& operator=(const Scene&) = delete;
+    ~Scene() { close(); }
+
+    Body add_body(const BodyDesc& body) {
+        const RhumbBodyDesc raw = body.raw();
+        Body id = 0;
+        check(rhumb_scene_add_bodies(raw_, &raw, 1, &id));
+        return id;
+    }
+
+    /// In one call; ids in the same order.
+    std::vector<Body> add_bodies(const std::vector<BodyDesc>& bodies) {
+        std::vector<RhumbBodyDesc> raw;
+        raw.reserve(bodies.size());
+        for (const BodyDesc& body : bodies) {
+            raw.push_back(body.raw());
+        }
+        std::vector<Body> ids(bodies.size());
+        check(rhumb_scene_add_bodies(raw_, raw.data(), raw.size(), ids.data()));
+        return ids;
+    }
+
+    /// Queues a command; its number is what events name.
+    std::uint64_t command(const RhumbCommand& command) {
+        std::uint64_t number = 0;
+        check(rhumb_scene_command(raw_, &command, 1, &number));
+        return number;
+    }
+
+    /// Queues commands in one call. If one is wrong, none is queued. No number for no commands.
+    std::optional<std::uint64_t> command(const std::vector<RhumbCommand>& commands) {
+        std::uint64_t number = 0;
+        check(rhumb_scene_command(raw_, commands.data(), commands.size(), &number));
+        return commands.empty() ? std::nullopt : std::optional<std::uint64_t>(number);
+    }
+
+    void flush() { check(rhumb_scene_flush(raw_)); }
+
+    /// Steps a lockstep scene once; returns the tick of the view.
+    std::uint64_t advance(std::uint32_t depth = 0) {
+        std::uint64_t tick = 0;
+        check(rhumb_scene_advance(raw_, depth, &tick));
+        return tick;
+    }
+
+    /// Waits for the tick of an advance that timed out.
+    std::uint64_t wait(std::uint32_t depth = 0) {
+        std::uint64_t tick = 0;
+        check(rhumb_scene_wait(raw_, depth, &tick));
+        return tick;
+    }
+
+    /// Computes the view of a free-running scene for now.
+    Time poll() {
+        Time time = {};
+        check(rhumb_scene_poll(raw_, &time));
+        return time;
+    }
+
+    void idle(double seconds) { check(rhumb_scene_idle(raw_, seconds)); }
+
+    Poses poses() {
+        RhumbPoses poses = {};
+        check(rhumb_scene_poses(raw_, &poses));
+        return Poses(poses);
+    }
+
+    /// Place of a body in the arrays of poses(); none for a body that is not in the view.
+    std::optional<std::size_t> place(Body body) {
+        std::size_t place = 0;
+        const RhumbCode code = rhumb_scene_place(raw_, body, &place);
+        if (code == RHUMB_CODE_INVALID) {
+            return std::nullopt;
+        }
+        check(code);
+        return place;
+    }
+
+    /// How far any point of a body may be off; infinite while that is not known.
+    float error_bound(Body body) {
+        float bound = 0.0F;
+        check(rhumb_scene_error_bounds(raw_, &body, 1, &bound));
+        return bound;
+    }
+
+    std::vector<float> error_bounds(const std::vector<Body>& bodies) {
+        std::vector<float> bounds(bodies.size());
+        check(rhumb_scene_error_bounds(raw_, bodies.data(), bodies.size(), bounds.data()));
+        return bounds;
+    }
+
+    /// The oldest unread event.
+    std::optional<Event> poll_event() {
+        Event event;
+        check(rhumb_scene_poll_event(raw_, &event));
+        const bool none = event.kind == static_cast<std::uint32_t>(RHUMB_EVENT_KIND_NONE);
+        return none ? std::nullopt : std::optional<Event>(event);
+    }
+
+    Hits query(const std::vector<RhumbQuery>& queries) {
+        std::size_t capacity = 0;
+        for (const RhumbQuery& query : queries) {
+            // A query of more is an error of the call.
+            capacity += query.hits < 65 ? query.hits : 65;
+        }
+        Hits found = {0, std::vector<Hit>(capacity)};
+        std::size_t count = 0;
+        check(rhumb_scene_query(raw_, queries.data(), queries.size(), found.hits.data(), capacity, &count, &found.tick));
+        found.hits.resize(count);
+        return found;
+    }
+
+    Statistics statistics() {
+        Statistics statistics = {};
+        check(rhumb_scene_statistics(raw_, &statistics));
+        return statistics;
+    }
+
+    /// Deletes the scene for all of its clients.
+    void delete_scene() { check(rhumb_scene_delete(raw_)); }
+
+    /// Leaves the scene. A second time does nothing.
+    void close() noexcept {
+        // Only a handle that is closed already can fail here.
+        static_cast<void>(rhumb_scene_close(std::exchange(raw_, RhumbScene{0})));
+    }
+
+    /// The handle of rhumb.h, which this object goes on owning.
+    RhumbScene raw() const noexcept { return raw_; }
+
+private:
+    RhumbScene raw_;
+};
+
+/// Which server to trust.
+class Trust {
+public:
+    /// The server whose certificate has this SHA-256, as the server prints it.
+    static Trust fingerprint(std::string fingerprint) { return Trust(std::move(fingerprint), std::string()); }
+
+    /// A server whose certificate one of the roots in this PEM file signed.
+    static Trust roots(std::string path) { return Trust(std::string(), std::move(path)); }
+
+private:
+    friend class Connection;
+    Trust(std::string fingerprint, std::string roots) : fingerprint_(std::move(fingerprint)), roots_(std::move(roots)) {}
+
+    std::string fingerprint_;
+    std::string roots_;
+};
+
+/// A connection to a server that has joined no scene. Closes when it is destroyed.
+class Connection {
+public:
+    /// Connects within the time limit, which holds for every later call that waits. No token for a server without.
+    static Connection connect(
+        const std::string& address, const Trust& trust, const std::string& token = std::string(), double timeout_s = 5.0) {
+        RhumbConnectOptions options = {};
+        options.address = address.c_str();
+        options.fingerprint = trust.fingerprint_.empty() ? nullptr : trust.fingerprint_.c_str();
+        options.roots = trust.roots_.empty() ? nullptr : trust.roots_.c_str();
+        options.token = token.empty() ? nullptr : token.c_str();
+        options.timeout_s = timeout_s;
+        RhumbConnection raw = {0};
+        check(rhumb_connect(&options, &raw));
+        return Connection(raw);
+    }
+
+    Connection(Connection&& other) noexcept : raw_(std::exchange(other.raw_, RhumbConnection{0})) {}
+
+    Connection& operator=(Connection&& other) noexcept {
+        if (this != &other) {
+            close();
+            raw_ = std::exchange(other.raw_, RhumbConnection{0});
+        }
+        return *this;
+    }
+
+    Connection(const Connection&) = delete;
+    Connection& operator=(const Connection&) = delete;
+    ~Connection() { close(); }
+
+    /// Joins a scene, and uses the connection up.
+    Scene join(const std::string& name, const JoinOptions& options = JoinOptions()) {
+        RhumbScene scene = {0};
+        check(rhumb_join(raw_, name.c_str(), &options, &scene));
+        raw_ = RhumbConnection{0};
+        return Scene(scene);
+    }
+
+    /// A second time does nothing.
+    void close() noexcept {
+        // Only a handle that is closed already can fail here.
+        static_cast<void>(rhumb_connection_close(std::exchange(raw_, RhumbConnection{0})));
+    }
+
+private:
+    explicit Connection(RhumbConnection raw) noexcept : raw_(raw) {}
+
+    RhumbConnection raw_;
+};
+
+}  // namespace rhumb
+
+#endif  // RHUMB_HPP

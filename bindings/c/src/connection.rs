@@ -1,0 +1,119 @@
+//! Connections, before they join a scene.
+
+use std::ffi::c_char;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use rhumb_bindings::BindingError;
+use rhumb_bindings::rhumb_client::{Client, ServerConnection, Trust};
+
+use crate::border::{check_out, guard, optional_text, text, value, write};
+use crate::handles::HandleTable;
+use crate::status::RhumbCode;
+
+/// A connection to a server that has joined no scene. All zeros is none.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbConnection {
+    /// Its number.
+    pub id: u64,
+}
+
+/// How to reach a server, and which one to trust: by `fingerprint` or by `roots`, one of the two.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbConnectOptions {
+    /// Host and port.
+    pub address: *const c_char,
+    /// SHA-256 of the server's certificate, as the server prints it; or null.
+    pub fingerprint: *const c_char,
+    /// Path of a PEM file with the roots that sign the server's certificate; or null.
+    pub roots: *const c_char,
+    /// Token of access; null for a server that needs none.
+    pub token: *const c_char,
+    /// Time limit of every call that waits for the server, seconds; zero for five.
+    pub timeout_s: f64,
+}
+
+static CONNECTIONS: HandleTable<ServerConnection> = HandleTable::new();
+
+/// Connects to a server. Join a scene with the connection, or close it.
+///
+/// Every text ends with a zero byte and is UTF-8. All are copied.
+///
+/// # Safety
+///
+/// `options` and its texts, and `connection`, point to what their types say.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_connect(
+    options: *const RhumbConnectOptions,
+    connection: *mut RhumbConnection,
+) -> RhumbCode {
+    guard(|| {
+        check_out(connection, "connection")?;
+        // SAFETY: the caller promises what the pointers point to.
+        let (address, trust, token, timeout) = unsafe {
+            let options = value(options, "options")?;
+            (
+                text(options.address, "options.address")?,
+                trust(options)?,
+                optional_text(options.token, "options.token")?,
+                seconds(options.timeout_s, "options.timeout_s")?,
+            )
+        };
+        let timeout = match timeout.is_zero() {
+            true => DEFAULT_TIMEOUT,
+            false => timeout,
+        };
+        let mut opened = Client::connect_within(address, trust, timeout)?;
+        if let Some(token) = token {
+            opened = opened.token(token);
+        }
+        let id = CONNECTIONS.insert(opened);
+        // SAFETY: the caller promises the memory.
+        unsafe { write(connection, RhumbConnection { id }, "connection") }
+    })
+}
+
+/// Closes a connection that has joined no scene.
+#[unsafe(no_mangle)]
+pub extern "C" fn rhumb_connection_close(connection: RhumbConnection) -> RhumbCode {
+    guard(|| take(connection).map(drop))
+}
+
+/// The connection of a handle, which is closed from now on.
+pub(crate) fn take(connection: RhumbConnection) -> Result<ServerConnection, BindingError> {
+    let entry = CONNECTIONS.remove(connection.id)?;
+    let entry = std::sync::Arc::into_inner(entry).ok_or(BindingError::Busy)?;
+    entry.into_inner().map_err(|_| BindingError::Closed)
+}
+
+/// The same as [`Client::connect`]'s.
+const DEFAULT_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// # Safety
+///
+/// The texts of `options` end with a zero byte.
+unsafe fn trust(options: &RhumbConnectOptions) -> Result<Trust, BindingError> {
+    // SAFETY: the caller promises the texts.
+    let (fingerprint, roots) = unsafe {
+        (
+            optional_text(options.fingerprint, "options.fingerprint")?,
+            optional_text(options.roots, "options.roots")?,
+        )
+    };
+    match (fingerprint, roots) {
+        (Some(fingerprint), None) => Ok(Trust::Fingerprint(fingerprint.parse()?)),
+        (None, Some(roots)) => Ok(Trust::Roots(PathBuf::from(roots))),
+        (Some(_), Some(_)) | (None, None) => Err(BindingError::Argument {
+            argument: "options",
+            needed: "with a fingerprint or with roots, and not with both",
+        }),
+    }
+}
+
+/// A time that a caller gives in seconds.
+pub(crate) fn seconds(seconds: f64, argument: &'static str) -> Result<Duration, BindingError> {
+    let needed = "seconds: finite and not negative";
+    Duration::try_from_secs_f64(seconds).map_err(|_| BindingError::Argument { argument, needed })
+}

@@ -1,0 +1,353 @@
+//! Shapes and bodies as flat structs of C.
+
+use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
+use rhumb_bindings::rhumb_client::scene::{
+    BodyKind, CollisionGroups, Heights, Hull, LockedAxes, Material, Mesh, Shape,
+};
+use rhumb_bindings::rhumb_client::{Damping, ToleranceScale};
+use rhumb_bindings::{BindingError, BodyParams};
+
+use crate::border::{elements, guard, one_of, write};
+use crate::kinds::{BODY_KINDS, RhumbShapeKind};
+use crate::status::RhumbCode;
+
+/// A body of a scene, for as long as the scene lives. Zero is no body.
+#[repr(transparent)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RhumbBody(pub u64);
+
+/// A shape. Fields that its kind does not name are ignored. Lengths are in the scene's unit.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbShape {
+    /// A `RhumbShapeKind`.
+    pub kind: u32,
+    /// Half the edge lengths along the axes.
+    pub half_extents: [f32; 3],
+    /// Half the length along the axis that points up.
+    pub half_height: f32,
+    /// Radius.
+    pub radius: f32,
+    /// Unit vector out of a half-space.
+    pub normal: [f32; 3],
+    /// Three coordinates for each point, or one height for each post.
+    pub points: *const f32,
+    /// Number of points or posts, not of floats.
+    pub point_count: usize,
+    /// Three places of points for each triangle.
+    pub triangles: *const u32,
+    /// Number of triangles.
+    pub triangle_count: usize,
+    /// Rows of posts.
+    pub rows: u32,
+    /// Distance between rows.
+    pub row_spacing: f32,
+    /// Distance between the posts of a row.
+    pub column_spacing: f32,
+}
+
+/// A body to add. Begin with `rhumb_body_desc_init`, which makes a plain one.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbBodyDesc {
+    /// A `RhumbBodyKind`.
+    pub kind: u32,
+    /// Its shape.
+    pub shape: RhumbShape,
+    /// Centre of mass, in the scene's unit of length.
+    pub position: [f32; 3],
+    /// Unit quaternion x, y, z, w: body to world.
+    pub rotation: [f32; 4],
+    /// Velocity of the centre of mass, units of length per second.
+    pub linear_velocity: [f32; 3],
+    /// Spin about world axes, rad/s.
+    pub angular_velocity: [f32; 3],
+    /// Not zero: `friction`, `restitution` and `density` replace those of the scene.
+    pub has_material: u8,
+    /// Not zero: `linear_damping` and `angular_damping` replace those of the scene.
+    pub has_damping: u8,
+    /// Not zero: `mass` replaces volume times density.
+    pub has_mass: u8,
+    /// Not zero: bodies pass through it.
+    pub sensor: u8,
+    /// Not zero: it is swept against moving bodies, so that it does not pass through them.
+    pub swept: u8,
+    /// Coulomb coefficient.
+    pub friction: f32,
+    /// Share of the closing speed that is returned, 0 to 1.
+    pub restitution: f32,
+    /// kg/m³, whatever the scene's unit of length.
+    pub density: f32,
+    /// 1/s.
+    pub linear_damping: f32,
+    /// 1/s.
+    pub angular_damping: f32,
+    /// Kilograms.
+    pub mass: f32,
+    /// Factor on the scene's gravity.
+    pub gravity_scale: f32,
+    /// World axes along or about which the engine does not move it: bits 0 to 2 for translations along x, y, z, bits 3 to 5
+    /// for rotations about them.
+    pub locked_axes: u32,
+    /// One bit for each collision group of the body.
+    pub group_members: u32,
+    /// One bit for each collision group that the body touches.
+    pub group_touches: u32,
+    /// Power of two on the tolerance of its copies, -3 to 3.
+    pub tolerance_exponent: i32,
+}
+
+/// Makes a plain description: a dynamic ball of radius one half, at rest at the origin.
+///
+/// # Safety
+///
+/// `desc` points to memory for a `RhumbBodyDesc`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_body_desc_init(desc: *mut RhumbBodyDesc) -> RhumbCode {
+    // SAFETY: the caller promises the memory.
+    guard(|| unsafe { write(desc, RhumbBodyDesc::PLAIN, "desc") })
+}
+
+impl RhumbShape {
+    pub(crate) const PLAIN: Self = Self {
+        kind: RhumbShapeKind::Ball as u32,
+        half_extents: [0.5; 3],
+        half_height: 0.5,
+        radius: 0.5,
+        normal: [0.0, 1.0, 0.0],
+        points: std::ptr::null(),
+        point_count: 0,
+        triangles: std::ptr::null(),
+        triangle_count: 0,
+        rows: 0,
+        row_spacing: 1.0,
+        column_spacing: 1.0,
+    };
+
+    /// The shape that the fields describe.
+    ///
+    /// # Safety
+    ///
+    /// `points` and `triangles` point to as many numbers as the fields say, if the kind needs them.
+    pub(crate) unsafe fn shape(&self) -> Result<Shape, BindingError> {
+        let half_extents = Vec3::from_array(self.half_extents);
+        let (half_height, radius) = (self.half_height, self.radius);
+        Ok(
+            match one_of(&RhumbShapeKind::EACH, self.kind, "shape.kind")? {
+                RhumbShapeKind::Ball => Shape::ball(radius),
+                RhumbShapeKind::Cuboid => Shape::Cuboid { half_extents },
+                RhumbShapeKind::Capsule => Shape::capsule(half_height, radius),
+                RhumbShapeKind::Cylinder => Shape::cylinder(half_height, radius),
+                RhumbShapeKind::Cone => Shape::cone(half_height, radius),
+                RhumbShapeKind::RoundedCuboid => Shape::RoundedCuboid {
+                    half_extents,
+                    radius,
+                },
+                RhumbShapeKind::HalfSpace => Shape::HalfSpace {
+                    normal: Vec3::from_array(self.normal),
+                },
+                // SAFETY: the caller promises the points.
+                RhumbShapeKind::Hull => Shape::Hull(Hull::new(&unsafe { self.points() }?)?),
+                RhumbShapeKind::Mesh => {
+                    let corners = self.triangle_count.saturating_mul(3);
+                    // SAFETY: the caller promises the points and the triangles.
+                    let (points, corners) = unsafe {
+                        (
+                            self.points()?,
+                            elements(self.triangles, corners, "shape.triangles")?,
+                        )
+                    };
+                    let triangles: Vec<[u32; 3]> = corners.as_chunks().0.to_vec();
+                    Shape::Mesh(Mesh::new(&points, &triangles)?)
+                }
+                RhumbShapeKind::Heights => {
+                    // SAFETY: the caller promises one number for each post.
+                    let heights =
+                        unsafe { elements(self.points, self.point_count, "shape.points") }?;
+                    let field =
+                        Heights::new(self.rows, self.row_spacing, self.column_spacing, heights);
+                    Shape::Heights(field?)
+                }
+            },
+        )
+    }
+
+    /// The points of a hull or mesh.
+    ///
+    /// # Safety
+    ///
+    /// `points` points to three numbers for each point.
+    unsafe fn points(&self) -> Result<Vec<Vec3>, BindingError> {
+        let numbers = self.point_count.saturating_mul(3);
+        // SAFETY: the caller promises the numbers.
+        let numbers = unsafe { elements(self.points, numbers, "shape.points") }?;
+        let points = numbers.as_chunks().0.iter();
+        Ok(points.copied().map(Vec3::from_array).collect())
+    }
+}
+
+impl RhumbBodyDesc {
+    const PLAIN: Self = Self {
+        kind: 0,
+        shape: RhumbShape::PLAIN,
+        position: [0.0; 3],
+        rotation: [0.0, 0.0, 0.0, 1.0],
+        linear_velocity: [0.0; 3],
+        angular_velocity: [0.0; 3],
+        has_material: 0,
+        has_damping: 0,
+        has_mass: 0,
+        sensor: 0,
+        swept: 0,
+        friction: 0.5,
+        restitution: 0.0,
+        density: 1_000.0,
+        linear_damping: 0.0,
+        angular_damping: 0.0,
+        mass: 1.0,
+        gravity_scale: 1.0,
+        locked_axes: 0,
+        group_members: u32::MAX,
+        group_touches: u32::MAX,
+        tolerance_exponent: 0,
+    };
+
+    /// The body that the fields describe.
+    ///
+    /// # Safety
+    ///
+    /// As [`RhumbShape::shape`].
+    pub(crate) unsafe fn params(&self) -> Result<BodyParams, BindingError> {
+        let argument = |argument, needed| BindingError::Argument { argument, needed };
+        let kind: BodyKind = one_of(&BODY_KINDS, self.kind, "kind")?;
+        // SAFETY: the caller promises what the shape points to.
+        let shape = unsafe { self.shape.shape() }?;
+        let locked = u8::try_from(self.locked_axes)
+            .ok()
+            .and_then(LockedAxes::new);
+        let exponent = i8::try_from(self.tolerance_exponent).ok();
+        Ok(BodyParams {
+            position: Vec3::from_array(self.position),
+            rotation: Quat::from_array(self.rotation),
+            linear_velocity: Vec3::from_array(self.linear_velocity),
+            angular_velocity: Vec3::from_array(self.angular_velocity),
+            material: (self.has_material != 0).then_some(Material {
+                friction: self.friction,
+                restitution: self.restitution,
+                density: self.density,
+            }),
+            damping: (self.has_damping != 0).then_some(Damping {
+                linear: self.linear_damping,
+                angular: self.angular_damping,
+            }),
+            mass: (self.has_mass != 0).then_some(self.mass),
+            gravity_scale: self.gravity_scale,
+            locked_axes: locked.ok_or_else(|| argument("locked_axes", "six bits"))?,
+            groups: CollisionGroups {
+                members: self.group_members,
+                touches: self.group_touches,
+            },
+            tolerance_scale: exponent
+                .and_then(ToleranceScale::new)
+                .ok_or_else(|| argument("tolerance_exponent", "within the range of the header"))?,
+            sensor: self.sensor != 0,
+            swept: self.swept != 0,
+            ..BodyParams::new(kind, shape)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The error of a description, as text.
+    fn error(desc: RhumbBodyDesc) -> String {
+        // SAFETY: no description of these tests points to less than it says.
+        let params = unsafe { desc.params() };
+        params.expect_err("the description is wrong").to_string()
+    }
+
+    #[test]
+    fn a_plain_description_is_a_plain_body() {
+        // SAFETY: a ball points to nothing.
+        let params = unsafe { RhumbBodyDesc::PLAIN.params() }.unwrap();
+        assert_eq!(params, BodyParams::new(BodyKind::Dynamic, Shape::ball(0.5)));
+    }
+
+    #[test]
+    fn wrong_descriptions_are_errors_that_name_the_field() {
+        let plain = RhumbBodyDesc::PLAIN;
+        let shape = |kind: RhumbShapeKind| RhumbShape {
+            kind: kind as u32,
+            ..RhumbShape::PLAIN
+        };
+        let desc = |shape| RhumbBodyDesc { shape, ..plain };
+        assert!(error(RhumbBodyDesc { kind: 3, ..plain }).starts_with("kind must be"));
+        assert!(
+            error(RhumbBodyDesc {
+                locked_axes: 64,
+                ..plain
+            })
+            .starts_with("locked_axes")
+        );
+        assert!(
+            error(RhumbBodyDesc {
+                tolerance_exponent: 99,
+                ..plain
+            })
+            .starts_with("tolerance")
+        );
+        let unknown = RhumbShape {
+            kind: 77,
+            ..RhumbShape::PLAIN
+        };
+        assert!(error(desc(unknown)).starts_with("shape.kind"));
+        let hull = RhumbShape {
+            point_count: 4,
+            ..shape(RhumbShapeKind::Hull)
+        };
+        assert_eq!(error(desc(hull)), "shape.points must not be null");
+        let endless = RhumbShape {
+            point_count: usize::MAX,
+            ..shape(RhumbShapeKind::Mesh)
+        };
+        assert!(error(desc(endless)).starts_with("shape.points must be shorter"));
+    }
+
+    #[test]
+    fn points_and_triangles_are_read_as_the_counts_say() {
+        let none = RhumbShape {
+            kind: RhumbShapeKind::Heights as u32,
+            ..RhumbShape::PLAIN
+        };
+        let none = RhumbBodyDesc {
+            shape: none,
+            ..RhumbBodyDesc::PLAIN
+        };
+        assert!(error(none).contains("heights"));
+        let points: [f32; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        let triangles = [0_u32, 1, 2, 0, 2, 3];
+        let of_kind = |kind: RhumbShapeKind| RhumbShape {
+            kind: kind as u32,
+            points: points.as_ptr(),
+            point_count: 4,
+            triangles: triangles.as_ptr(),
+            triangle_count: 2,
+            rows: 2,
+            ..RhumbShape::PLAIN
+        };
+        // SAFETY: the arrays have as many numbers as the counts say; heights are the first four.
+        let [hull, mesh, heights] = [
+            RhumbShapeKind::Hull,
+            RhumbShapeKind::Mesh,
+            RhumbShapeKind::Heights,
+        ]
+        .map(|kind| unsafe { of_kind(kind).shape() }.unwrap());
+        assert!(matches!(hull, Shape::Hull(hull) if hull.points().len() == 4));
+        assert!(matches!(mesh, Shape::Mesh(mesh) if mesh.triangles() == [[0, 1, 2], [0, 2, 3]]));
+        assert!(
+            matches!(heights, Shape::Heights(field) if field.heights() == [0.0, 0.0, 0.0, 1.0])
+        );
+    }
+}

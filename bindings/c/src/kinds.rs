@@ -1,0 +1,312 @@
+//! Enumerations of the C interface.
+//!
+//! A struct of C holds their numbers as `uint32_t`, because C does not keep a number within its enumeration.
+
+use rhumb_bindings::rhumb_client::scene::{BodyKind, Stepping};
+use rhumb_bindings::{Coordinates, EventKind, JoinCondition};
+
+/// Axes and unit of length of an application. Up is the same direction in all of them.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbCoordinates {
+    /// Right-handed, y up, metres: Rhumb's own, Godot's and Bevy's. Pose arrays are not even copied.
+    Rhumb,
+    /// Left-handed, y up, z forward, metres.
+    Unity,
+    /// Left-handed, z up, x forward, y to the right, centimetres.
+    Unreal,
+    /// Right-handed, z up, metres: of ROS, Blender and OpenSimulator.
+    ZUp,
+}
+
+/// Whether a scene is new, exists already, or either.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbJoinCondition {
+    /// Creates the scene unless it exists.
+    CreateOrJoin,
+    /// Creates the scene, which must not exist.
+    Create,
+    /// Joins the scene, which must exist.
+    Join,
+}
+
+/// Source of a scene's ticks.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbStepping {
+    /// The scene steps when a client advances it: `rhumb_scene_advance`.
+    Lockstep,
+    /// The scene steps by the server's clock: `rhumb_scene_poll`.
+    FreeRunning,
+}
+
+/// Kind of a body's motion.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbBodyKind {
+    /// The engine moves it.
+    Dynamic,
+    /// It does not move.
+    Fixed,
+    /// Commands move it; it pushes others and is not pushed.
+    Kinematic,
+}
+
+/// Kind of a shape, centred on its body's centre of mass. Long axes point up.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbShapeKind {
+    /// A sphere: `radius`.
+    Ball,
+    /// A box: `half_extents`.
+    Cuboid,
+    /// A cylinder with half balls on its ends: `half_height` of its straight part, `radius`.
+    Capsule,
+    /// A cylinder: `half_height`, `radius`.
+    Cylinder,
+    /// A cone whose tip points up: `half_height`, `radius` of its base.
+    Cone,
+    /// A box with round edges: `half_extents` of the box inside, `radius`.
+    RoundedCuboid,
+    /// Everything behind a plane through the body's origin: `normal`. For fixed bodies.
+    HalfSpace,
+    /// The convex hull of `points`.
+    Hull,
+    /// A mesh of `points` and `triangles`. For fixed bodies.
+    Mesh,
+    /// A height field: `points` holds one height for each post, `rows` rows of them. For fixed bodies.
+    Heights,
+}
+
+/// Kind of a command.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbCommandKind {
+    /// Removes `body`.
+    RemoveBody,
+    /// Moves `body` to the position `vector` and to `rotation`.
+    SetPose,
+    /// Gives `body` the velocity `vector` and the angular velocity `angular`.
+    SetVelocity,
+    /// Applies the force `vector` at the centre of mass of `body` during the next tick.
+    Force,
+    /// Applies the torque `vector` to `body` during the next tick.
+    Torque,
+    /// Applies the impulse `vector` at the centre of mass of `body`.
+    Impulse,
+    /// Applies the angular impulse `vector` to `body`.
+    TorqueImpulse,
+    /// Applies the force `vector` to `body` at `point` during the next tick.
+    ForceAt,
+    /// Applies the impulse `vector` to `body` at `point`.
+    ImpulseAt,
+    /// Makes `vector` the gravity of the scene.
+    SetGravity,
+    /// Puts `body` to sleep.
+    Sleep,
+    /// Wakes `body`.
+    Wake,
+    /// Has `body` report the events that `events` names, and contacts from the force `event_force` on.
+    SetEvents,
+}
+
+/// Kind of a query.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbQueryKind {
+    /// The nearest bodies along the line from `position` by `translation`.
+    Ray,
+    /// The nearest bodies that `shape`, at `position` and `rotation`, touches on its way by `translation`.
+    ShapeCast,
+    /// The bodies whose surfaces are nearest to `position`, within `distance`.
+    Projection,
+    /// The bodies that `shape` overlaps at `position` and `rotation`.
+    Overlap,
+}
+
+/// What an event reports.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbEventKind {
+    /// There was no event.
+    None,
+    /// All commands up to `number` were applied or refused, before the step to `tick`.
+    CommandsApplied,
+    /// The command `number` was refused; `text` says why.
+    CommandRefused,
+    /// `body` was placed in the scene.
+    BodyPlaced,
+    /// `body` was removed; `text` says why.
+    BodyRemoved,
+    /// `body` and `other` began to touch.
+    ContactBegan,
+    /// `body` and `other` ceased to touch, or one of them was removed.
+    ContactEnded,
+    /// The force between `body` and `other` reached the threshold of one of them.
+    ContactForce,
+    /// `other` entered the sensor `body`.
+    SensorEntered,
+    /// `other` left the sensor `body`.
+    SensorLeft,
+    /// `body` fell asleep.
+    FellAsleep,
+    /// `body` woke.
+    Woke,
+    /// The state of `body` was not finite, and it was removed.
+    BodyFault,
+    /// So many events of bodies as `number` says were not kept.
+    EventsMissed,
+    /// The stream changed because of the link.
+    StreamChanged,
+    /// The engine failed, and the scene goes on from `tick` without the commands that it failed on.
+    SceneRestored,
+    /// The engine failed, and the scene stands still after `tick`.
+    SceneFaulted,
+    /// The scene was deleted.
+    SceneDeleted,
+    /// The connection ended, and the client tries to resume.
+    Interrupted,
+    /// The client goes on with its session over another connection.
+    Resumed,
+    /// The server does not know the session any more.
+    SessionLost,
+    /// The scene up to `tick` survives a crash of the server.
+    Durable,
+    /// The server denied a request; `text` says why.
+    Denied,
+    /// The connection ended; `text` says why.
+    Ended,
+    /// Any other event; `text` names it.
+    Other,
+}
+
+/// The coordinates in the order of their numbers.
+pub(crate) const COORDINATES: [Coordinates; 4] = Coordinates::EACH;
+
+pub(crate) const CONDITIONS: [JoinCondition; 3] = [
+    JoinCondition::CreateOrJoin,
+    JoinCondition::Create,
+    JoinCondition::Join,
+];
+
+pub(crate) const STEPPINGS: [Stepping; 2] = [Stepping::Lockstep, Stepping::FreeRunning];
+
+pub(crate) const BODY_KINDS: [BodyKind; 3] =
+    [BodyKind::Dynamic, BodyKind::Static, BodyKind::Kinematic];
+
+impl RhumbShapeKind {
+    /// In the order of their numbers.
+    pub(crate) const EACH: [Self; 10] = [
+        Self::Ball,
+        Self::Cuboid,
+        Self::Capsule,
+        Self::Cylinder,
+        Self::Cone,
+        Self::RoundedCuboid,
+        Self::HalfSpace,
+        Self::Hull,
+        Self::Mesh,
+        Self::Heights,
+    ];
+}
+
+impl RhumbCommandKind {
+    /// In the order of their numbers.
+    pub(crate) const EACH: [Self; 13] = [
+        Self::RemoveBody,
+        Self::SetPose,
+        Self::SetVelocity,
+        Self::Force,
+        Self::Torque,
+        Self::Impulse,
+        Self::TorqueImpulse,
+        Self::ForceAt,
+        Self::ImpulseAt,
+        Self::SetGravity,
+        Self::Sleep,
+        Self::Wake,
+        Self::SetEvents,
+    ];
+}
+
+impl RhumbQueryKind {
+    /// In the order of their numbers.
+    pub(crate) const EACH: [Self; 4] =
+        [Self::Ray, Self::ShapeCast, Self::Projection, Self::Overlap];
+}
+
+impl RhumbEventKind {
+    pub(crate) const fn of(kind: EventKind) -> Self {
+        match kind {
+            EventKind::CommandsApplied => Self::CommandsApplied,
+            EventKind::CommandRefused => Self::CommandRefused,
+            EventKind::BodyPlaced => Self::BodyPlaced,
+            EventKind::BodyRemoved => Self::BodyRemoved,
+            EventKind::ContactBegan => Self::ContactBegan,
+            EventKind::ContactEnded => Self::ContactEnded,
+            EventKind::ContactForce => Self::ContactForce,
+            EventKind::SensorEntered => Self::SensorEntered,
+            EventKind::SensorLeft => Self::SensorLeft,
+            EventKind::FellAsleep => Self::FellAsleep,
+            EventKind::Woke => Self::Woke,
+            EventKind::BodyFault => Self::BodyFault,
+            EventKind::EventsMissed => Self::EventsMissed,
+            EventKind::StreamChanged => Self::StreamChanged,
+            EventKind::SceneRestored => Self::SceneRestored,
+            EventKind::SceneFaulted => Self::SceneFaulted,
+            EventKind::SceneDeleted => Self::SceneDeleted,
+            EventKind::Interrupted => Self::Interrupted,
+            EventKind::Resumed => Self::Resumed,
+            EventKind::SessionLost => Self::SessionLost,
+            EventKind::Durable => Self::Durable,
+            EventKind::Denied => Self::Denied,
+            EventKind::Ended => Self::Ended,
+            EventKind::Other => Self::Other,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_numbers_of_the_header_are_places_in_the_lists() {
+        for (place, kind) in RhumbShapeKind::EACH.into_iter().enumerate() {
+            assert_eq!(kind as usize, place);
+        }
+        for (place, kind) in RhumbCommandKind::EACH.into_iter().enumerate() {
+            assert_eq!(kind as usize, place);
+        }
+        for (place, kind) in RhumbQueryKind::EACH.into_iter().enumerate() {
+            assert_eq!(kind as usize, place);
+        }
+        let coordinates = |kind: RhumbCoordinates| COORDINATES[kind as usize];
+        assert_eq!(coordinates(RhumbCoordinates::Rhumb), Coordinates::Rhumb);
+        assert_eq!(coordinates(RhumbCoordinates::Unity), Coordinates::Unity);
+        assert_eq!(coordinates(RhumbCoordinates::Unreal), Coordinates::Unreal);
+        assert_eq!(coordinates(RhumbCoordinates::ZUp), Coordinates::ZUp);
+        assert_eq!(
+            BODY_KINDS[RhumbBodyKind::Dynamic as usize],
+            BodyKind::Dynamic
+        );
+        assert_eq!(BODY_KINDS[RhumbBodyKind::Fixed as usize], BodyKind::Static);
+        assert_eq!(
+            BODY_KINDS[RhumbBodyKind::Kinematic as usize],
+            BodyKind::Kinematic
+        );
+        assert_eq!(
+            STEPPINGS[RhumbStepping::FreeRunning as usize],
+            Stepping::FreeRunning
+        );
+        assert_eq!(
+            CONDITIONS[RhumbJoinCondition::Create as usize],
+            JoinCondition::Create
+        );
+        assert_eq!(
+            CONDITIONS[RhumbJoinCondition::Join as usize],
+            JoinCondition::Join
+        );
+    }
+}

@@ -1,0 +1,32 @@
+//! C interface of the Rhumb client: functions, flat structs, opaque handles.
+//!
+//! `include/rhumb.h` is generated from this crate, and is its documentation. What holds for every function:
+//!
+//! - A handle is a number. After it is closed, each call with it is the error `RHUMB_CODE_CLOSED`, for ever.
+//! - A panic does not cross the border: it is `RHUMB_CODE_FAULT`.
+//! - A null pointer, a wrong size, a text that is not UTF-8 or an unknown kind is an error, and nothing is done.
+//! - A pointer that is not null must point to what the function says. No library can check that.
+#![deny(unsafe_op_in_unsafe_fn)]
+#![warn(clippy::undocumented_unsafe_blocks)]
+
+mod border;
+mod commands;
+mod connection;
+mod descriptions;
+mod events;
+mod handles;
+mod kinds;
+mod poses;
+mod queries;
+mod scene;
+mod status;
+
+pub use commands::*;
+pub use connection::*;
+pub use descriptions::*;
+pub use events::*;
+pub use kinds::*;
+pub use poses::*;
+pub use queries::*;
+pub use scene::*;
+pub use status::*;

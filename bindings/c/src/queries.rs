@@ -1,0 +1,248 @@
+//! Queries and hits as flat structs of C.
+
+use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
+use rhumb_bindings::rhumb_client::scene::{Query, QueryFilter, QueryKind};
+use rhumb_bindings::{BindingError, HitRecord, body_word, parse_body_word};
+
+use crate::border::{check_out, copy_out, elements, guard, one_of, write, write_if_wanted};
+use crate::descriptions::{RhumbBody, RhumbShape};
+use crate::kinds::RhumbQueryKind;
+use crate::scene::{RhumbScene, with};
+use crate::status::RhumbCode;
+
+/// A question about where the bodies are. Begin with `rhumb_query_init`. Fields that its kind does not name are ignored.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbQuery {
+    /// A `RhumbQueryKind`.
+    pub kind: u32,
+    /// Most bodies in its answer, 1 to 64.
+    pub hits: u32,
+    /// Beginning of a line or way, or the point.
+    pub position: [f32; 3],
+    /// Unit quaternion x, y, z, w: of the shape.
+    pub rotation: [f32; 4],
+    /// From the beginning to the end of the line or way.
+    pub translation: [f32; 3],
+    /// Units of length.
+    pub distance: f32,
+    /// Ball, cuboid, rounded cuboid, capsule, cylinder or cone.
+    pub shape: RhumbShape,
+    /// Not zero: fixed bodies do not count.
+    pub without_fixed: u8,
+    /// Not zero: dynamic bodies do not count.
+    pub without_dynamic: u8,
+    /// Not zero: kinematic bodies do not count.
+    pub without_kinematic: u8,
+    /// Not zero: sensors count.
+    pub with_sensors: u8,
+    /// Only bodies in one of these collision groups count.
+    pub groups: u32,
+    /// A body that does not count; zero for none.
+    pub except: RhumbBody,
+}
+
+/// A body that a query found.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbHit {
+    /// The body.
+    pub body: RhumbBody,
+    /// Place of the query in the call.
+    pub query: u32,
+    /// Units of length along the way, or from the point to the surface, negative inside; zero for an overlap.
+    pub distance: f32,
+    /// On the body's surface; zero for an overlap.
+    pub point: [f32; 3],
+    /// Outward from the surface, unit; zero where there is none.
+    pub normal: [f32; 3],
+}
+
+/// Makes a plain query: a ray downwards of length zero that finds one body of any kind.
+///
+/// # Safety
+///
+/// `query` points to memory for a `RhumbQuery`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_query_init(query: *mut RhumbQuery) -> RhumbCode {
+    // SAFETY: the caller promises the memory.
+    guard(|| unsafe { write(query, RhumbQuery::PLAIN, "query") })
+}
+
+/// Sends `count` queries with all queued commands, waits for the answer, and writes what was found to `hits`, in the order
+/// of the queries; the nearest of each comes first.
+///
+/// `hit_count` receives the number of hits, also if `capacity` is too small for them. The sum of the queries' `hits` is
+/// always enough. `tick` may be null; otherwise it receives the tick whose scene was asked.
+///
+/// # Safety
+///
+/// `queries` points to `count` queries, `hits` to memory for `capacity` hits, `hit_count` to memory for a number; `tick` is
+/// null or points to memory for a number.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_query(
+    scene: RhumbScene,
+    queries: *const RhumbQuery,
+    count: usize,
+    hits: *mut RhumbHit,
+    capacity: usize,
+    hit_count: *mut usize,
+    tick: *mut u64,
+) -> RhumbCode {
+    guard(|| {
+        check_out(hit_count, "hit_count")?;
+        if capacity > 0 {
+            check_out(hits, "hits")?;
+        }
+        // SAFETY: the caller promises the queries; the shapes that a query may have point to nothing.
+        let queries = unsafe {
+            let queries = elements(queries, count, "queries")?.iter();
+            queries
+                .map(|query| query.query())
+                .collect::<Result<Vec<_>, _>>()?
+        };
+        let (asked, found) = with(scene, |scene| scene.query(queries))?;
+        let found: Vec<_> = found.iter().map(RhumbHit::of).collect();
+        // SAFETY: the caller promises the memory.
+        unsafe {
+            write(hit_count, found.len(), "hit_count")?;
+            write_if_wanted(tick, asked.value(), "tick")?;
+            copy_out(hits, capacity, &found, "hits")
+        }
+    })
+}
+
+impl RhumbQuery {
+    const PLAIN: Self = Self {
+        kind: RhumbQueryKind::Ray as u32,
+        hits: 1,
+        position: [0.0; 3],
+        rotation: [0.0, 0.0, 0.0, 1.0],
+        translation: [0.0; 3],
+        distance: 0.0,
+        shape: RhumbShape::PLAIN,
+        without_fixed: 0,
+        without_dynamic: 0,
+        without_kinematic: 0,
+        with_sensors: 0,
+        groups: u32::MAX,
+        except: RhumbBody(0),
+    };
+
+    /// # Safety
+    ///
+    /// As [`RhumbShape::shape`].
+    unsafe fn query(&self) -> Result<Query, BindingError> {
+        let argument = |argument, needed| BindingError::Argument { argument, needed };
+        let position = Vec3::from_array(self.position);
+        let rotation = Quat::from_array(self.rotation);
+        let translation = Vec3::from_array(self.translation);
+        let shape = || {
+            // SAFETY: the caller promises what the shape points to.
+            let shape = unsafe { self.shape.shape() }?;
+            match Query::allows(&shape) {
+                true => Ok(shape),
+                false => Err(argument("query.shape", "of a simple kind")),
+            }
+        };
+        let kind = match one_of(&RhumbQueryKind::EACH, self.kind, "query.kind")? {
+            RhumbQueryKind::Ray => QueryKind::Ray {
+                origin: position,
+                translation,
+            },
+            RhumbQueryKind::ShapeCast => QueryKind::ShapeCast {
+                shape: shape()?,
+                position,
+                rotation,
+                translation,
+            },
+            RhumbQueryKind::Projection => QueryKind::Projection {
+                point: position,
+                distance: self.distance,
+            },
+            RhumbQueryKind::Overlap => QueryKind::Overlap {
+                shape: shape()?,
+                position,
+                rotation,
+            },
+        };
+        let except = match self.except {
+            RhumbBody(0) => None,
+            RhumbBody(word) => Some(parse_body_word(word)?),
+        };
+        let hits = u8::try_from(self.hits).map_err(|_| argument("query.hits", "1 to 64"))?;
+        Ok(Query {
+            kind,
+            filter: QueryFilter {
+                with_static: self.without_fixed == 0,
+                with_dynamic: self.without_dynamic == 0,
+                with_kinematic: self.without_kinematic == 0,
+                with_sensors: self.with_sensors != 0,
+                except,
+                groups: self.groups,
+            },
+            hits,
+        })
+    }
+}
+
+impl RhumbHit {
+    fn of(record: &HitRecord) -> Self {
+        Self {
+            body: RhumbBody(body_word(record.body)),
+            query: record.query,
+            distance: record.distance,
+            point: record.point.to_array(),
+            normal: record.normal.to_array(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn query(query: RhumbQuery) -> Result<Query, BindingError> {
+        // SAFETY: no query of these tests has a shape that points to anything.
+        unsafe { query.query() }
+    }
+
+    #[test]
+    fn a_plain_query_is_a_ray_among_all_but_sensors() {
+        let expected = Query::ray(Vec3::ZERO, Vec3::ZERO);
+        assert_eq!(query(RhumbQuery::PLAIN).unwrap(), expected);
+    }
+
+    #[test]
+    fn a_filter_and_a_shape_are_read() {
+        let overlap = RhumbQuery {
+            kind: RhumbQueryKind::Overlap as u32,
+            hits: 64,
+            without_fixed: 1,
+            with_sensors: 1,
+            except: RhumbBody(3),
+            ..RhumbQuery::PLAIN
+        };
+        let read = query(overlap).unwrap();
+        assert!(matches!(read.kind, QueryKind::Overlap { .. }));
+        assert!(!read.filter.with_static && read.filter.with_sensors);
+        assert_eq!(read.filter.except.map(body_word), Some(3));
+        assert_eq!(read.hits, 64);
+    }
+
+    #[test]
+    fn wrong_queries_are_errors_that_name_the_field() {
+        let error = |wrong| query(wrong).expect_err("the query is wrong").to_string();
+        let plain = RhumbQuery::PLAIN;
+        assert!(error(RhumbQuery { kind: 4, ..plain }).starts_with("query.kind"));
+        assert!(error(RhumbQuery { hits: 256, ..plain }).starts_with("query.hits"));
+        let except = RhumbBody(1 << 33);
+        assert!(error(RhumbQuery { except, ..plain }).contains("id of no body"));
+        let mut cast = RhumbQuery {
+            kind: RhumbQueryKind::ShapeCast as u32,
+            ..plain
+        };
+        cast.shape.kind = crate::kinds::RhumbShapeKind::HalfSpace as u32;
+        assert!(error(cast).starts_with("query.shape must be"));
+    }
+}

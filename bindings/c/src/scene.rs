@@ -1,0 +1,357 @@
+//! Scenes: joining, adding bodies, time, closing.
+
+use std::ffi::c_char;
+
+use rhumb_bindings::rhumb_client::PipelineDepth;
+use rhumb_bindings::rhumb_client::glam::Vec3;
+use rhumb_bindings::{BindingError, JoinParams, RemoteScene, body_word, parse_body_word};
+
+use crate::border::{
+    check_out, copy_out, elements, guard, one_of, text, value, write, write_if_wanted,
+};
+use crate::connection::{RhumbConnection, seconds, take};
+use crate::descriptions::{RhumbBody, RhumbBodyDesc};
+use crate::handles::HandleTable;
+use crate::kinds::{CONDITIONS, COORDINATES, STEPPINGS};
+use crate::status::RhumbCode;
+
+/// A client of one scene. All zeros is none.
+///
+/// One thread at a time may use it, any thread; a call beside another one is `RHUMB_CODE_BUSY`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbScene {
+    /// Its number.
+    pub id: u64,
+}
+
+/// How to join a scene. Begin with `rhumb_join_options_init`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbJoinOptions {
+    /// A `RhumbCoordinates`: of every position, velocity, length and force of this client.
+    pub coordinates: u32,
+    /// A `RhumbJoinCondition`.
+    pub condition: u32,
+    /// How far any point of a copied body may be off, metres in any coordinates: 0.001 to 10.
+    pub tolerance_m: f64,
+    /// A `RhumbStepping`, for a new scene.
+    pub stepping: u32,
+    /// Ticks per second of a new scene.
+    pub ticks_per_second: u32,
+    /// Substeps in each tick of a new scene.
+    pub substeps: u32,
+    /// Not zero: `gravity` replaces the earth's in a new scene.
+    pub has_gravity: u8,
+    /// Free running only. Not zero: corrections are shown as short glides.
+    pub smooth: u8,
+    /// Not zero: `resume_within_s` replaces what the scene suggests.
+    pub has_resume_within: u8,
+    /// Units of length per s².
+    pub gravity: [f32; 3],
+    /// Free running only: ticks by which the view stays behind the server's clock.
+    pub delay_ticks: f64,
+    /// Seconds for which a client tries to go on over another connection.
+    pub resume_within_s: f64,
+}
+
+/// A moment of a scene between two ticks.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbTime {
+    /// The tick at or before the moment.
+    pub tick: u64,
+    /// Part of the step to the next tick, 0 to 1.
+    pub fraction: f64,
+}
+
+/// Statistics of a client since it connected.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbStatistics {
+    /// Bytes in UDP datagrams to the server.
+    pub sent_bytes: u64,
+    /// Bytes in UDP datagrams from the server.
+    pub received_bytes: u64,
+    /// Updates of bodies that the stream carried.
+    pub updates: u64,
+    /// The newest tick at which every copy is within its tolerance.
+    pub complete_tick: u64,
+}
+
+static SCENES: HandleTable<RemoteScene> = HandleTable::new();
+
+/// Calls with a scene.
+pub(crate) fn with<R>(
+    scene: RhumbScene,
+    call: impl FnOnce(&mut RemoteScene) -> Result<R, BindingError>,
+) -> Result<R, BindingError> {
+    SCENES.with(scene.id, call)
+}
+
+/// Makes plain options: the scene is created unless it exists, with 60 ticks a second in lockstep, under the earth's
+/// gravity; copies are within 5 cm; coordinates are Rhumb's.
+///
+/// # Safety
+///
+/// `options` points to memory for a `RhumbJoinOptions`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_join_options_init(options: *mut RhumbJoinOptions) -> RhumbCode {
+    let plain = JoinParams::default();
+    let plain = RhumbJoinOptions {
+        coordinates: 0,
+        condition: 0,
+        tolerance_m: plain.tolerance_m,
+        stepping: 0,
+        ticks_per_second: plain.ticks_per_second,
+        substeps: plain.substeps,
+        has_gravity: 0,
+        smooth: u8::from(plain.smooth),
+        has_resume_within: 0,
+        gravity: [0.0; 3],
+        delay_ticks: plain.delay_ticks,
+        resume_within_s: 0.0,
+    };
+    // SAFETY: the caller promises the memory.
+    guard(|| unsafe { write(options, plain, "options") })
+}
+
+impl RhumbJoinOptions {
+    fn params(&self) -> Result<JoinParams, BindingError> {
+        let resume_within = match self.has_resume_within {
+            0 => None,
+            _ => Some(seconds(self.resume_within_s, "options.resume_within_s")?),
+        };
+        Ok(JoinParams {
+            coordinates: one_of(&COORDINATES, self.coordinates, "options.coordinates")?,
+            condition: one_of(&CONDITIONS, self.condition, "options.condition")?,
+            tolerance_m: self.tolerance_m,
+            stepping: one_of(&STEPPINGS, self.stepping, "options.stepping")?,
+            ticks_per_second: self.ticks_per_second,
+            substeps: self.substeps,
+            gravity: (self.has_gravity != 0).then_some(Vec3::from_array(self.gravity)),
+            delay_ticks: self.delay_ticks,
+            smooth: self.smooth != 0,
+            resume_within,
+        })
+    }
+}
+
+/// Joins a scene, and returns when the copy of the scene is complete. The connection's handle is closed from then on, also
+/// after an error of the server; wrong arguments leave it open.
+///
+/// `options` may be null: then they are as from `rhumb_join_options_init`.
+///
+/// # Safety
+///
+/// `name` is a text that ends with a zero byte; `options` and `scene` point to what their types say.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_join(
+    connection: RhumbConnection,
+    name: *const c_char,
+    options: *const RhumbJoinOptions,
+    scene: *mut RhumbScene,
+) -> RhumbCode {
+    guard(|| {
+        check_out(scene, "scene")?;
+        // SAFETY: the caller promises what the pointers point to.
+        let name = unsafe { text(name, "name") }?;
+        let params = match options.is_null() {
+            true => JoinParams::default(),
+            // SAFETY: as above.
+            false => unsafe { value(options, "options") }?.params()?,
+        };
+        params.options()?;
+        let joined = RemoteScene::join(take(connection)?, name, &params)?;
+        let id = SCENES.insert(joined);
+        // SAFETY: as above.
+        unsafe { write(scene, RhumbScene { id }, "scene") }
+    })
+}
+
+/// Leaves the scene and closes its connection and handle. Commands that were sent before are delivered.
+///
+/// A call of another thread with the same handle ends as if nothing had happened.
+#[unsafe(no_mangle)]
+pub extern "C" fn rhumb_scene_close(scene: RhumbScene) -> RhumbCode {
+    guard(|| SCENES.remove(scene.id).map(drop))
+}
+
+/// Deletes the scene for all of its clients, and waits for the answer. The handle stays open until it is closed.
+#[unsafe(no_mangle)]
+pub extern "C" fn rhumb_scene_delete(scene: RhumbScene) -> RhumbCode {
+    guard(|| with(scene, RemoteScene::delete))
+}
+
+/// Queues the addition of `count` bodies, and writes their ids to `bodies` in the same order. If one is wrong, none is
+/// added.
+///
+/// Queued commands are sent together, by the next call that waits or by `rhumb_scene_flush`. An event reports what became
+/// of each. Equal shapes are sent once.
+///
+/// # Safety
+///
+/// `descs` points to `count` descriptions, each with the points and triangles that its shape names; `bodies` points to
+/// memory for `count` ids.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_add_bodies(
+    scene: RhumbScene,
+    descs: *const RhumbBodyDesc,
+    count: usize,
+    bodies: *mut RhumbBody,
+) -> RhumbCode {
+    guard(|| {
+        if count > 0 {
+            check_out(bodies, "bodies")?;
+        }
+        // SAFETY: the caller promises the descriptions, and what their shapes point to.
+        let params = unsafe {
+            let descs = elements(descs, count, "descs")?;
+            let params = descs.iter().map(|desc| desc.params());
+            params.collect::<Result<Vec<_>, _>>()?
+        };
+        let ids = with(scene, |scene| scene.add_bodies(&params))?;
+        let words: Vec<_> = ids.into_iter().map(|id| RhumbBody(body_word(id))).collect();
+        // SAFETY: the caller promises memory for `count` ids.
+        unsafe { copy_out(bodies, count, &words, "bodies") }
+    })
+}
+
+/// Sends all queued commands at once.
+#[unsafe(no_mangle)]
+pub extern "C" fn rhumb_scene_flush(scene: RhumbScene) -> RhumbCode {
+    guard(|| {
+        with(scene, |scene| {
+            scene.flush();
+            Ok(())
+        })
+    })
+}
+
+/// Steps a lockstep scene once, and computes the view.
+///
+/// At depth 0, the view is of the tick that this call requests. At depth 1, it is of the tick before, and the server
+/// computes the requested one meanwhile. `tick` may be null; otherwise it receives the tick of the view.
+///
+/// After `RHUMB_CODE_TIMEOUT`, `rhumb_scene_wait` continues to wait for the same tick.
+///
+/// # Safety
+///
+/// `tick` is null or points to memory for a number.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_advance(
+    scene: RhumbScene,
+    depth: u32,
+    tick: *mut u64,
+) -> RhumbCode {
+    guard(|| {
+        let shown = with(scene, |scene| scene.advance(PipelineDepth::new(depth)))?;
+        // SAFETY: the caller promises the memory.
+        unsafe { write_if_wanted(tick, shown.value(), "tick") }
+    })
+}
+
+/// Waits for the tick that the last `rhumb_scene_advance` requested, and computes the view.
+///
+/// # Safety
+///
+/// `tick` is null or points to memory for a number.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_wait(
+    scene: RhumbScene,
+    depth: u32,
+    tick: *mut u64,
+) -> RhumbCode {
+    guard(|| {
+        let shown = with(scene, |scene| scene.wait(PipelineDepth::new(depth)))?;
+        // SAFETY: the caller promises the memory.
+        unsafe { write_if_wanted(tick, shown.value(), "tick") }
+    })
+}
+
+/// Computes the view of a free-running scene for the present moment, and does not wait. `time` may be null.
+///
+/// # Safety
+///
+/// `time` is null or points to memory for a `RhumbTime`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_poll(scene: RhumbScene, time: *mut RhumbTime) -> RhumbCode {
+    guard(|| {
+        let shown = with(scene, RemoteScene::poll)?;
+        let shown = RhumbTime {
+            tick: shown.tick.value(),
+            fraction: shown.fraction,
+        };
+        // SAFETY: the caller promises the memory.
+        unsafe { write_if_wanted(time, shown, "time") }
+    })
+}
+
+/// Handles what arrives for a time in seconds, without computing the view.
+#[unsafe(no_mangle)]
+pub extern "C" fn rhumb_scene_idle(scene: RhumbScene, duration_s: f64) -> RhumbCode {
+    guard(|| {
+        let duration = seconds(duration_s, "duration_s")?;
+        with(scene, |scene| scene.idle(duration))
+    })
+}
+
+/// Writes how far any point of each of `count` bodies may be off at the newest tick of the stream, in the scene's unit of
+/// length.
+///
+/// A bound is infinite while a packet that may hold an update of the body is missing. A body that the copy does not have is
+/// `RHUMB_CODE_INVALID`.
+///
+/// # Safety
+///
+/// `bodies` points to `count` ids, `bounds` to memory for `count` numbers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_error_bounds(
+    scene: RhumbScene,
+    bodies: *const RhumbBody,
+    count: usize,
+    bounds: *mut f32,
+) -> RhumbCode {
+    guard(|| {
+        // SAFETY: the caller promises the ids.
+        let bodies = unsafe { elements(bodies, count, "bodies") }?;
+        let values = with(scene, |scene| {
+            let bound = |body: &RhumbBody| {
+                let id = parse_body_word(body.0)?;
+                scene.error_bound(id).ok_or(UNKNOWN_BODY)
+            };
+            bodies.iter().map(bound).collect::<Result<Vec<_>, _>>()
+        })?;
+        // SAFETY: the caller promises memory for `count` numbers.
+        unsafe { copy_out(bounds, count, &values, "bounds") }
+    })
+}
+
+/// Error for a body that is not in the copy of the scene.
+pub(crate) const UNKNOWN_BODY: BindingError = BindingError::Argument {
+    argument: "body",
+    needed: "in the copy of the scene; it is not there yet, or was removed",
+};
+
+/// Writes the statistics of the client.
+///
+/// # Safety
+///
+/// `statistics` points to memory for a `RhumbStatistics`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_statistics(
+    scene: RhumbScene,
+    statistics: *mut RhumbStatistics,
+) -> RhumbCode {
+    guard(|| {
+        let now = with(scene, |scene| Ok(scene.statistics()))?;
+        let now = RhumbStatistics {
+            sent_bytes: now.wire.sent_bytes,
+            received_bytes: now.wire.received_bytes,
+            updates: now.stream.updates,
+            complete_tick: now.complete.value(),
+        };
+        // SAFETY: the caller promises the memory.
+        unsafe { write(statistics, now, "statistics") }
+    })
+}

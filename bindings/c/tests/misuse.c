@@ -1,0 +1,349 @@
+// Misuse of the C interface: each is an error, and none does harm.
+//
+// Left out is what no library can check: pointers that lie about memory.
+//
+// Arguments: the server's address, its fingerprint, and its process id. The program ends the server's process.
+
+#include <float.h>
+#include <math.h>
+#include <pthread.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/types.h>
+
+#include "rhumb.h"
+
+// The call returns this code, and an error leaves a sentence.
+#define EXPECT(code, call) expect((code), (call), #call, __LINE__)
+
+static void expect(RhumbCode code, RhumbCode got, const char *call, int line) {
+    if (got != code) {
+        fprintf(stderr, "line %d: %s is %u instead of %u: %s\n", line, call, (unsigned)got, (unsigned)code, rhumb_last_error());
+        exit(1);
+    }
+    if (code != RHUMB_CODE_OK && strlen(rhumb_last_error()) == 0) {
+        fprintf(stderr, "line %d: %s says nothing\n", line, call);
+        exit(1);
+    }
+}
+
+static const char *address, *fingerprint;
+
+static RhumbConnection connected(double timeout_s) {
+    RhumbConnectOptions server = {.address = address, .fingerprint = fingerprint, .timeout_s = timeout_s};
+    RhumbConnection connection;
+    EXPECT(RHUMB_CODE_OK, rhumb_connect(&server, &connection));
+    return connection;
+}
+
+static RhumbScene joined(const char *name, double timeout_s) {
+    RhumbScene scene;
+    EXPECT(RHUMB_CODE_OK, rhumb_join(connected(timeout_s), name, NULL, &scene));
+    return scene;
+}
+
+static RhumbBody added(RhumbScene scene) {
+    RhumbBodyDesc desc;
+    RhumbBody body;
+    EXPECT(RHUMB_CODE_OK, rhumb_body_desc_init(&desc));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_add_bodies(scene, &desc, 1, &body));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_advance(scene, 0, NULL));
+    return body;
+}
+
+static void connecting(void) {
+    RhumbConnection connection;
+    RhumbConnectOptions server = {.address = address, .fingerprint = fingerprint};
+    EXPECT(RHUMB_CODE_NULL, rhumb_connect(NULL, &connection));
+    EXPECT(RHUMB_CODE_NULL, rhumb_connect(&server, NULL));
+    server.address = NULL;
+    EXPECT(RHUMB_CODE_NULL, rhumb_connect(&server, &connection));
+    server.address = "no port";
+    EXPECT(RHUMB_CODE_CONNECT, rhumb_connect(&server, &connection));
+    server.address = "\xff\xfe";
+    EXPECT(RHUMB_CODE_INVALID, rhumb_connect(&server, &connection));
+    server.address = address;
+    server.fingerprint = "17";
+    EXPECT(RHUMB_CODE_INVALID, rhumb_connect(&server, &connection));
+    server.fingerprint = NULL;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_connect(&server, &connection));
+    server.fingerprint = fingerprint;
+    server.roots = "roots.pem";
+    EXPECT(RHUMB_CODE_INVALID, rhumb_connect(&server, &connection));
+    server.fingerprint = NULL;
+    server.roots = "/there/is/no/such/file.pem";
+    EXPECT(RHUMB_CODE_CONNECT, rhumb_connect(&server, &connection));
+    server.fingerprint = fingerprint;
+    server.roots = NULL;
+    const double wrong_times[] = {-1, NAN, INFINITY, DBL_MAX};
+    for (size_t i = 0; i < sizeof wrong_times / sizeof *wrong_times; i++) {
+        server.timeout_s = wrong_times[i];
+        EXPECT(RHUMB_CODE_INVALID, rhumb_connect(&server, &connection));
+    }
+    // Another server's fingerprint: the trusted one is not there.
+    char other[128];
+    snprintf(other, sizeof other, "%s", fingerprint);
+    other[0] = other[0] == 'a' ? 'b' : 'a';
+    server.fingerprint = other;
+    server.timeout_s = 5;
+    EXPECT(RHUMB_CODE_CONNECT, rhumb_connect(&server, &connection));
+
+    RhumbScene scene;
+    RhumbJoinOptions options;
+    EXPECT(RHUMB_CODE_NULL, rhumb_join_options_init(NULL));
+    EXPECT(RHUMB_CODE_OK, rhumb_join_options_init(&options));
+    connection = connected(5);
+    EXPECT(RHUMB_CODE_NULL, rhumb_join(connection, NULL, NULL, &scene));
+    EXPECT(RHUMB_CODE_NULL, rhumb_join(connection, "misuse", NULL, NULL));
+    options.coordinates = 4;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_join(connection, "misuse", &options, &scene));
+    options.coordinates = 0;
+    options.tolerance_m = NAN;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_join(connection, "misuse", &options, &scene));
+    options.tolerance_m = 0.05;
+    options.condition = RHUMB_JOIN_CONDITION_JOIN;
+    EXPECT(RHUMB_CODE_DENIED, rhumb_join(connection, "nowhere", &options, &scene));
+    // An error of the server has used the connection up.
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_join(connection, "misuse", NULL, &scene));
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_connection_close(connection));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_join(connected(5), "", NULL, &scene));
+    connection = connected(5);
+    EXPECT(RHUMB_CODE_OK, rhumb_connection_close(connection));
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_connection_close(connection));
+}
+
+// Every call of a scene, with a handle that is not open.
+static void calls_that_need(RhumbScene scene, RhumbCode code) {
+    RhumbBodyDesc desc;
+    RhumbCommand command = {.kind = RHUMB_COMMAND_KIND_SET_GRAVITY};
+    RhumbQuery query;
+    RhumbBody body = 1;
+    RhumbPoses poses;
+    RhumbPoseBuffers buffers = {0};
+    RhumbEvent event;
+    RhumbHit hit;
+    RhumbStatistics statistics;
+    size_t count;
+    float bound;
+    EXPECT(RHUMB_CODE_OK, rhumb_body_desc_init(&desc));
+    EXPECT(RHUMB_CODE_OK, rhumb_query_init(&query));
+    EXPECT(code, rhumb_scene_add_bodies(scene, &desc, 1, &body));
+    EXPECT(code, rhumb_scene_command(scene, &command, 1, NULL));
+    EXPECT(code, rhumb_scene_flush(scene));
+    EXPECT(code, rhumb_scene_advance(scene, 0, NULL));
+    EXPECT(code, rhumb_scene_wait(scene, 0, NULL));
+    EXPECT(code, rhumb_scene_poll(scene, NULL));
+    EXPECT(code, rhumb_scene_idle(scene, 0));
+    EXPECT(code, rhumb_scene_poses(scene, &poses));
+    EXPECT(code, rhumb_scene_copy_poses(scene, &buffers, &count));
+    EXPECT(code, rhumb_scene_place(scene, body, &count));
+    EXPECT(code, rhumb_scene_error_bounds(scene, &body, 1, &bound));
+    EXPECT(code, rhumb_scene_poll_event(scene, &event));
+    EXPECT(code, rhumb_scene_query(scene, &query, 1, &hit, 1, &count, NULL));
+    EXPECT(code, rhumb_scene_statistics(scene, &statistics));
+    EXPECT(code, rhumb_scene_delete(scene));
+}
+
+static void handles(void) {
+    RhumbScene none = {0}, other = {UINT64_MAX};
+    calls_that_need(none, RHUMB_CODE_CLOSED);
+    calls_that_need(other, RHUMB_CODE_CLOSED);
+    // A handle of another kind is none.
+    RhumbConnection connection = connected(5);
+    RhumbScene mistaken = {connection.id};
+    calls_that_need(mistaken, RHUMB_CODE_CLOSED);
+    EXPECT(RHUMB_CODE_OK, rhumb_connection_close(connection));
+    RhumbScene scene = joined("handles", 5);
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_close(scene));
+    calls_that_need(scene, RHUMB_CODE_CLOSED);
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_scene_close(scene));
+}
+
+static void pointers_and_sizes(RhumbScene scene, RhumbBody body) {
+    RhumbBodyDesc desc;
+    RhumbQuery query;
+    RhumbHit hit;
+    RhumbPoseBuffers buffers = {0};
+    size_t count = 77;
+    float bounds[2];
+    EXPECT(RHUMB_CODE_NULL, rhumb_body_desc_init(NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_query_init(NULL));
+    EXPECT(RHUMB_CODE_OK, rhumb_body_desc_init(&desc));
+    EXPECT(RHUMB_CODE_OK, rhumb_query_init(&query));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_add_bodies(scene, NULL, 1, &body));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_add_bodies(scene, &desc, 1, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_bodies(scene, &desc, SIZE_MAX, &body));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_add_bodies(scene, NULL, 0, NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_command(scene, NULL, 1, NULL));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_command(scene, NULL, 0, NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_poses(scene, NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_copy_poses(scene, NULL, &count));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_copy_poses(scene, &buffers, NULL));
+    EXPECT(RHUMB_CODE_TOO_SMALL, rhumb_scene_copy_poses(scene, &buffers, &count));
+    if (count != 1) abort();
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_place(scene, body, NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_error_bounds(scene, NULL, 2, bounds));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_error_bounds(scene, &body, 1, NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_poll_event(scene, NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_statistics(scene, NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_query(scene, &query, 1, NULL, 1, &count, NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_query(scene, &query, 1, &hit, 1, NULL, NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_query(scene, NULL, 1, &hit, 1, &count, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_query(scene, NULL, 0, &hit, 1, &count, NULL));
+    // The ball is where it was added.
+    query.kind = RHUMB_QUERY_KIND_PROJECTION;
+    query.distance = 1000;
+    EXPECT(RHUMB_CODE_TOO_SMALL, rhumb_scene_query(scene, &query, 1, NULL, 0, &count, NULL));
+    if (count != 1) abort();
+    // A pointer that is not aligned for what it points to.
+    unsigned char bytes[2 * sizeof(uint64_t)];
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_advance(scene, 0, (uint64_t *)(void *)(bytes + 1)));
+}
+
+static void numbers(RhumbScene scene, RhumbBody body) {
+    RhumbBodyDesc desc;
+    RhumbBody ignored;
+    float bound;
+    size_t place;
+    const float wrong[] = {NAN, INFINITY, FLT_MAX};
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        EXPECT(RHUMB_CODE_OK, rhumb_body_desc_init(&desc));
+        desc.position[1] = wrong[i];
+        EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_bodies(scene, &desc, 1, &ignored));
+        RhumbCommand impulse = {.kind = RHUMB_COMMAND_KIND_IMPULSE, .body = body, .vector = {0, wrong[i], 0}};
+        EXPECT(RHUMB_CODE_INVALID, rhumb_scene_command(scene, &impulse, 1, NULL));
+        EXPECT(RHUMB_CODE_INVALID, rhumb_scene_idle(scene, i == 2 ? -1 : wrong[i]));
+    }
+    EXPECT(RHUMB_CODE_OK, rhumb_body_desc_init(&desc));
+    desc.shape.radius = -1;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_bodies(scene, &desc, 1, &ignored));
+    desc.shape.kind = 99;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_bodies(scene, &desc, 1, &ignored));
+    desc.shape.kind = RHUMB_SHAPE_KIND_HULL;
+    desc.shape.point_count = 4;
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_add_bodies(scene, &desc, 1, &ignored));
+    // One wrong command of two: neither is queued.
+    RhumbCommand commands[2] = {
+        {.kind = RHUMB_COMMAND_KIND_REMOVE_BODY, .body = body},
+        {.kind = RHUMB_COMMAND_KIND_REMOVE_BODY, .body = 0},
+    };
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_command(scene, commands, 2, NULL));
+    commands[1].kind = 1000;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_command(scene, commands, 2, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_error_bounds(scene, &(RhumbBody){body + 1}, 1, &bound));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_place(scene, UINT64_MAX, &place));
+    // After all these errors the scene goes on, and the body is there.
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_advance(scene, 0, NULL));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_place(scene, body, &place));
+}
+
+// A call of another thread, and what came of it.
+typedef struct Beside {
+    RhumbScene scene;
+    RhumbCode (*call)(RhumbScene scene);
+    pthread_t thread;
+    RhumbCode code;
+    atomic_bool is_over;
+} Beside;
+
+static RhumbCode idle_long(RhumbScene scene) { return rhumb_scene_idle(scene, 1); }
+
+static RhumbCode advance_one(RhumbScene scene) { return rhumb_scene_advance(scene, 0, NULL); }
+
+static void *call_beside(void *argument) {
+    Beside *beside = argument;
+    // This thread may be the one that is refused, while the other one looks whether it is inside.
+    do {
+        beside->code = beside->call(beside->scene);
+    } while (beside->code == RHUMB_CODE_BUSY);
+    atomic_store(&beside->is_over, true);
+    return NULL;
+}
+
+static void end(Beside *beside) {
+    if (pthread_join(beside->thread, NULL) != 0) abort();
+}
+
+// Begins a call in another thread, and returns when that thread is inside it.
+static void begin(Beside *beside) {
+    for (;;) {
+        RhumbCode seen = RHUMB_CODE_OK;
+        atomic_store(&beside->is_over, false);
+        if (pthread_create(&beside->thread, NULL, call_beside, beside) != 0) abort();
+        while (seen == RHUMB_CODE_OK && !atomic_load(&beside->is_over)) {
+            sched_yield();
+            seen = rhumb_scene_flush(beside->scene);
+        }
+        if (seen != RHUMB_CODE_OK) {
+            EXPECT(RHUMB_CODE_BUSY, seen);
+            return;
+        }
+        // On a machine so busy that this thread did not run meanwhile.
+        end(beside);
+    }
+}
+
+static void two_threads(RhumbScene scene) {
+    Beside beside = {.scene = scene, .call = idle_long};
+    begin(&beside);
+    calls_that_need(scene, RHUMB_CODE_BUSY);
+    end(&beside);
+    EXPECT(RHUMB_CODE_OK, beside.code);
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_advance(scene, 0, NULL));
+    // A close beside a call lets the call end.
+    begin(&beside);
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_close(scene));
+    end(&beside);
+    EXPECT(RHUMB_CODE_OK, beside.code);
+    EXPECT(RHUMB_CODE_CLOSED, rhumb_scene_advance(scene, 0, NULL));
+}
+
+static void server_gone(pid_t server) {
+    RhumbScene scene = joined("gone", 1);
+    RhumbBody body = added(scene);
+    RhumbPoses poses;
+    // The server stands still, so that the call waits; then it is gone.
+    if (kill(server, SIGSTOP) != 0) abort();
+    Beside beside = {.scene = scene, .call = advance_one};
+    begin(&beside);
+    if (kill(server, SIGKILL) != 0) abort();
+    end(&beside);
+    if (beside.code != RHUMB_CODE_TIMEOUT && beside.code != RHUMB_CODE_ENDED) {
+        fprintf(stderr, "a call without a server returned %u\n", (unsigned)beside.code);
+        exit(1);
+    }
+    // What was copied is there still.
+    size_t place;
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_poses(scene, &poses));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_place(scene, body, &place));
+    if (poses.count != 1 || !isfinite(poses.positions[3 * place + 1])) abort();
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_close(scene));
+    RhumbConnectOptions options = {.address = address, .fingerprint = fingerprint, .timeout_s = 0.25};
+    RhumbConnection connection;
+    const RhumbCode again = rhumb_connect(&options, &connection);
+    if (again != RHUMB_CODE_CONNECT) EXPECT(RHUMB_CODE_TIMEOUT, again);
+}
+
+int main(int count, char **arguments) {
+    if (count != 4) return 2;
+    address = arguments[1];
+    fingerprint = arguments[2];
+    if (strlen(rhumb_last_error()) != 0) abort();
+    if (rhumb_version() >> 24 != 0) abort();
+    connecting();
+    handles();
+    RhumbScene scene = joined("misuse", 5);
+    RhumbBody body = added(scene);
+    pointers_and_sizes(scene, body);
+    numbers(scene, body);
+    two_threads(scene);
+    server_gone((pid_t)atoi(arguments[3]));
+    puts("every misuse was an error");
+    return 0;
+}

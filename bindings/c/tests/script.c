@@ -1,0 +1,122 @@
+// The script that every language runs; it prints the hash of all poses.
+//
+// Arguments: the server's address and fingerprint. tests/tests/processes/bindings/script.rs is the same script in Rust.
+
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "rhumb.h"
+
+enum { PILED = 60, TICKS = 150 };
+
+static void check(RhumbCode code, const char *what) {
+    if (code != RHUMB_CODE_OK) {
+        fprintf(stderr, "%s: code %u: %s\n", what, (unsigned)code, rhumb_last_error());
+        exit(1);
+    }
+}
+
+// FNV-1a of 64 bits.
+static uint64_t fold(uint64_t hash, const float *numbers, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        uint32_t bits;
+        memcpy(&bits, &numbers[i], sizeof bits);
+        for (int byte = 0; byte < 4; byte++) {
+            hash = (hash ^ ((bits >> (8 * byte)) & 0xff)) * 0x100000001b3u;
+        }
+    }
+    return hash;
+}
+
+static RhumbBodyDesc piled(int i) {
+    RhumbBodyDesc desc;
+    check(rhumb_body_desc_init(&desc), "init");
+    const RhumbShapeKind kinds[] = {
+        RHUMB_SHAPE_KIND_BALL, RHUMB_SHAPE_KIND_CUBOID, RHUMB_SHAPE_KIND_CAPSULE, RHUMB_SHAPE_KIND_CYLINDER, RHUMB_SHAPE_KIND_CONE,
+    };
+    desc.shape.kind = kinds[i % 5];
+    desc.shape.radius = 0.25f;
+    desc.shape.half_height = 0.5f;
+    desc.shape.half_extents[1] = 0.25f;
+    desc.position[0] = (float)(i % 2) * 1.25f - 0.625f;
+    desc.position[1] = 1.0f + 1.5f * (float)(i / 4);
+    desc.position[2] = (float)(i / 2 % 2) * 1.25f - 0.625f;
+    desc.angular_velocity[1] = 0.5f * (float)(i % 3);
+    return desc;
+}
+
+static RhumbCommand command(RhumbCommandKind kind, RhumbBody body, float x, float y, float z) {
+    RhumbCommand command = {.kind = kind, .body = body, .vector = {x, y, z}, .rotation = {0, 0, 0, 1}};
+    return command;
+}
+
+static void interfere(RhumbScene scene, int tick, const RhumbBody *bodies) {
+    if (tick == 30) {
+        RhumbCommand commands[] = {
+            command(RHUMB_COMMAND_KIND_IMPULSE, bodies[1], 200, 100, 0),
+            command(RHUMB_COMMAND_KIND_SET_VELOCITY, bodies[6], 0, 4, 1),
+        };
+        commands[1].angular[0] = 1;
+        check(rhumb_scene_command(scene, commands, 2, NULL), "commands");
+    } else if (tick == 60) {
+        RhumbCommand removal = command(RHUMB_COMMAND_KIND_REMOVE_BODY, bodies[4], 0, 0, 0);
+        check(rhumb_scene_command(scene, &removal, 1, NULL), "removal");
+    } else if (tick == 90) {
+        RhumbCommand gravity = command(RHUMB_COMMAND_KIND_SET_GRAVITY, 0, 1, -9.75f, 0);
+        check(rhumb_scene_command(scene, &gravity, 1, NULL), "gravity");
+    }
+}
+
+int main(int count, char **arguments) {
+    if (count != 3) return 2;
+    RhumbConnectOptions server = {.address = arguments[1], .fingerprint = arguments[2], .timeout_s = 30};
+    RhumbConnection connection;
+    RhumbScene scene;
+    check(rhumb_connect(&server, &connection), "connect");
+    RhumbJoinOptions options;
+    check(rhumb_join_options_init(&options), "options");
+    options.condition = RHUMB_JOIN_CONDITION_CREATE;
+    check(rhumb_join(connection, "script", &options, &scene), "join");
+
+    RhumbBodyDesc descs[1 + PILED];
+    RhumbBody bodies[1 + PILED];
+    check(rhumb_body_desc_init(&descs[0]), "init");
+    descs[0].kind = RHUMB_BODY_KIND_FIXED;
+    descs[0].shape.kind = RHUMB_SHAPE_KIND_CUBOID;
+    descs[0].shape.half_extents[0] = 10;
+    descs[0].shape.half_extents[2] = 10;
+    descs[0].position[1] = -0.5f;
+    for (int i = 0; i < PILED; i++) descs[1 + i] = piled(i);
+    check(rhumb_scene_add_bodies(scene, descs, 1 + PILED, bodies), "add");
+
+    for (int tick = 0; tick < TICKS; tick++) {
+        interfere(scene, tick, bodies);
+        check(rhumb_scene_advance(scene, 0, NULL), "advance");
+    }
+
+    RhumbPoses poses;
+    check(rhumb_scene_poses(scene, &poses), "poses");
+    uint64_t hash = 0xcbf29ce484222325u;
+    for (int i = 0; i <= PILED; i++) {
+        size_t place;
+        if (rhumb_scene_place(scene, bodies[i], &place) == RHUMB_CODE_INVALID) continue;
+        hash = fold(hash, poses.positions + 3 * place, 3);
+        hash = fold(hash, poses.rotations + 4 * place, 4);
+    }
+    RhumbQuery query;
+    check(rhumb_query_init(&query), "query");
+    query.hits = 8;
+    query.position[0] = query.position[2] = -0.625f;
+    query.position[1] = 50;
+    query.translation[1] = -100;
+    RhumbHit hits[8];
+    size_t found;
+    check(rhumb_scene_query(scene, &query, 1, hits, 8, &found, NULL), "query");
+    for (size_t i = 0; i < found; i++) hash = fold(hash, &hits[i].distance, 1);
+    printf("%zu bodies, %zu hits, hash %016llx\n", poses.count, found, (unsigned long long)hash);
+    check(rhumb_scene_delete(scene), "delete");
+    check(rhumb_scene_close(scene), "close");
+    return 0;
+}

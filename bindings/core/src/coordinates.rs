@@ -1,0 +1,393 @@
+//! Conversion between the coordinates of other engines and those of Rhumb.
+//!
+//! Rhumb's own are right-handed, y up, in metres. Each conversion is a signed permutation of axes and a scale, so it
+//! rounds only by the scale. Up is Rhumb's y in all of them: a capsule stands upright in each. A zero stays without a
+//! sign, so that an application whose numbers are mirrored gets the same scene to the bit.
+//!
+//! Angles are radians and masses are kilograms everywhere. Densities are kg/m³ everywhere.
+
+use glam::{Quat, Vec3};
+use rhumb_client::scene::{
+    Command, Compound, Contact, Heights, Hit, Hull, Invalid, LockedAxes, Mesh, Part, Query,
+    QueryKind, Shape,
+};
+
+/// Axes and unit of length that an application uses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Coordinates {
+    /// Right-handed, y up, metres: Rhumb's own, Godot's and Bevy's.
+    #[default]
+    Rhumb,
+    /// Left-handed, y up, z forward, metres.
+    Unity,
+    /// Left-handed, z up, x forward, y to the right, centimetres.
+    Unreal,
+    /// Right-handed, z up, metres: of ROS, Blender and OpenSimulator.
+    ZUp,
+}
+
+impl Coordinates {
+    /// Each of them.
+    pub const EACH: [Self; 4] = [Self::Rhumb, Self::Unity, Self::Unreal, Self::ZUp];
+
+    /// Rhumb's metres in one unit of length.
+    #[must_use]
+    pub const fn metres_per_unit(self) -> f32 {
+        match self {
+            Self::Rhumb | Self::Unity | Self::ZUp => 1.0,
+            Self::Unreal => 0.01,
+        }
+    }
+
+    /// Units of length in a metre.
+    const fn units_per_metre(self) -> f32 {
+        match self {
+            Self::Rhumb | Self::Unity | Self::ZUp => 1.0,
+            Self::Unreal => 100.0,
+        }
+    }
+
+    /// True if the axes are left-handed.
+    #[must_use]
+    pub const fn is_left_handed(self) -> bool {
+        matches!(self, Self::Unity | Self::Unreal)
+    }
+
+    /// The axes of a vector in Rhumb's order; its length stays.
+    const fn turned_in(self, v: Vec3) -> Vec3 {
+        match self {
+            Self::Rhumb => v,
+            Self::Unity => Vec3::new(v.x, v.y, 0.0 - v.z),
+            Self::Unreal => Vec3::new(v.x, v.z, v.y),
+            Self::ZUp => Vec3::new(v.x, v.z, 0.0 - v.y),
+        }
+    }
+
+    /// The axes of one of Rhumb's vectors in this order; its length stays.
+    const fn turned_out(self, v: Vec3) -> Vec3 {
+        match self {
+            Self::Rhumb => v,
+            Self::Unity => Vec3::new(v.x, v.y, 0.0 - v.z),
+            Self::Unreal => Vec3::new(v.x, v.z, v.y),
+            Self::ZUp => Vec3::new(v.x, 0.0 - v.z, v.y),
+        }
+    }
+
+    /// A direction, in Rhumb's axes.
+    #[must_use]
+    pub const fn direction_in(self, direction: Vec3) -> Vec3 {
+        self.turned_in(direction)
+    }
+
+    /// One of Rhumb's directions.
+    #[must_use]
+    pub const fn direction_out(self, direction: Vec3) -> Vec3 {
+        self.turned_out(direction)
+    }
+
+    /// A position, velocity, acceleration, force or impulse: metres in it, and Rhumb's axes.
+    #[must_use]
+    pub fn vector_in(self, vector: Vec3) -> Vec3 {
+        self.turned_in(vector) * self.metres_per_unit()
+    }
+
+    /// One of Rhumb's positions or velocities.
+    #[must_use]
+    pub fn vector_out(self, vector: Vec3) -> Vec3 {
+        self.turned_out(vector) * self.units_per_metre()
+    }
+
+    /// An angular velocity, rad/s. In left-handed axes a positive turn is the other way round.
+    #[must_use]
+    pub fn angular_in(self, angular: Vec3) -> Vec3 {
+        match self.is_left_handed() {
+            true => Vec3::ZERO - self.turned_in(angular),
+            false => self.turned_in(angular),
+        }
+    }
+
+    /// One of Rhumb's angular velocities.
+    #[must_use]
+    pub fn angular_out(self, angular: Vec3) -> Vec3 {
+        match self.is_left_handed() {
+            true => Vec3::ZERO - self.turned_out(angular),
+            false => self.turned_out(angular),
+        }
+    }
+
+    /// A torque or angular impulse. Its unit has the unit of length twice.
+    #[must_use]
+    pub fn torque_in(self, torque: Vec3) -> Vec3 {
+        self.angular_in(torque) * (self.metres_per_unit() * self.metres_per_unit())
+    }
+
+    /// A rotation body → world, for a body whose own axes are in the same coordinates.
+    #[must_use]
+    pub fn rotation_in(self, rotation: Quat) -> Quat {
+        let axis = self.angular_in(Vec3::new(rotation.x, rotation.y, rotation.z));
+        Quat::from_xyzw(axis.x, axis.y, axis.z, rotation.w)
+    }
+
+    /// One of Rhumb's rotations.
+    #[must_use]
+    pub fn rotation_out(self, rotation: Quat) -> Quat {
+        let axis = self.angular_out(Vec3::new(rotation.x, rotation.y, rotation.z));
+        Quat::from_xyzw(axis.x, axis.y, axis.z, rotation.w)
+    }
+
+    /// A length, in metres.
+    #[must_use]
+    pub fn length_in(self, length: f32) -> f32 {
+        length * self.metres_per_unit()
+    }
+
+    /// A length of Rhumb's, in metres.
+    #[must_use]
+    pub fn length_out(self, metres: f32) -> f32 {
+        metres * self.units_per_metre()
+    }
+
+    /// Half edge lengths along the axes.
+    fn extents_in(self, extents: Vec3) -> Vec3 {
+        // A negative extent keeps its sign, so that the check of the shape refuses it.
+        let turned = match self {
+            Self::Rhumb | Self::Unity => extents,
+            Self::Unreal | Self::ZUp => Vec3::new(extents.x, extents.z, extents.y),
+        };
+        turned * self.metres_per_unit()
+    }
+
+    /// A set of axes without motion.
+    #[must_use]
+    pub fn locked_axes_in(self, locked: LockedAxes) -> LockedAxes {
+        let order = match self {
+            Self::Rhumb | Self::Unity => [0, 1, 2],
+            Self::Unreal | Self::ZUp => [0, 2, 1],
+        };
+        let mut turned = LockedAxes::NONE;
+        for (to, from) in order.into_iter().enumerate() {
+            for first in [0, 3] {
+                if locked.locks(first + from) {
+                    turned = turned | LockedAxes::EACH[first + to];
+                }
+            }
+        }
+        turned
+    }
+
+    /// A shape in Rhumb's coordinates.
+    ///
+    /// The rows of a height field run along the third of Rhumb's axes, in the direction of the application's.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] for a number that is not finite or outside the limits.
+    pub fn shape_in(self, shape: Shape) -> Result<Shape, Invalid> {
+        let length = |length| self.length_in(length);
+        Ok(match shape {
+            Shape::Ball { radius } => Shape::ball(length(radius)),
+            Shape::Cuboid { half_extents } => Shape::Cuboid {
+                half_extents: self.extents_in(half_extents),
+            },
+            Shape::RoundedCuboid {
+                half_extents,
+                radius,
+            } => Shape::RoundedCuboid {
+                half_extents: self.extents_in(half_extents),
+                radius: length(radius),
+            },
+            Shape::Capsule {
+                half_height,
+                radius,
+            } => Shape::capsule(length(half_height), length(radius)),
+            Shape::Cylinder {
+                half_height,
+                radius,
+            } => Shape::cylinder(length(half_height), length(radius)),
+            Shape::Cone {
+                half_height,
+                radius,
+            } => Shape::cone(length(half_height), length(radius)),
+            Shape::HalfSpace { normal } => Shape::HalfSpace {
+                normal: self.direction_in(normal),
+            },
+            Shape::Hull(hull) => Shape::Hull(Hull::new(&self.points_in(hull.points()))?),
+            Shape::Mesh(mesh) => Shape::Mesh(self.mesh_in(&mesh)?),
+            Shape::Heights(heights) => Shape::Heights(self.heights_in(&heights)?),
+            Shape::Compound(compound) => {
+                let parts = compound.parts().iter().map(|part| {
+                    Ok(Part {
+                        position: self.vector_in(part.position),
+                        rotation: self.rotation_in(part.rotation),
+                        shape: self.shape_in(part.shape.clone())?,
+                    })
+                });
+                Shape::Compound(Compound::new(parts.collect::<Result<_, Invalid>>()?)?)
+            }
+        })
+    }
+
+    fn points_in(self, points: &[Vec3]) -> Vec<Vec3> {
+        points.iter().map(|point| self.vector_in(*point)).collect()
+    }
+
+    /// A mesh; its triangles keep their front in mirrored axes.
+    fn mesh_in(self, mesh: &Mesh) -> Result<Mesh, Invalid> {
+        let turned = |&[a, b, c]: &[u32; 3]| match self.is_left_handed() {
+            true => [a, c, b],
+            false => [a, b, c],
+        };
+        let triangles: Vec<_> = mesh.triangles().iter().map(turned).collect();
+        Mesh::new(&self.points_in(mesh.points()), &triangles)
+    }
+
+    fn heights_in(self, heights: &Heights) -> Result<Heights, Invalid> {
+        let rows = heights.heights().chunks(heights.columns().max(1) as usize);
+        let scaled = |row: &[f32]| row.iter().map(|h| self.length_in(*h)).collect::<Vec<_>>();
+        let values: Vec<f32> = match self {
+            Self::Rhumb | Self::Unreal => rows.flat_map(scaled).collect(),
+            Self::Unity | Self::ZUp => rows.rev().flat_map(scaled).collect(),
+        };
+        let (row, column) = (heights.row_spacing(), heights.column_spacing());
+        let (row, column) = (self.length_in(row), self.length_in(column));
+        Heights::new(heights.rows(), row, column, &values)
+    }
+
+    /// A command in Rhumb's coordinates.
+    ///
+    /// Joints and descriptions of bodies pass as they are: no binding offers them.
+    #[must_use]
+    pub fn command_in(self, command: Command) -> Command {
+        match command {
+            Command::SetPose {
+                id,
+                position,
+                rotation,
+            } => Command::SetPose {
+                id,
+                position: self.vector_in(position),
+                rotation: self.rotation_in(rotation),
+            },
+            Command::SetVelocity {
+                id,
+                linear,
+                angular,
+            } => Command::SetVelocity {
+                id,
+                linear: self.vector_in(linear),
+                angular: self.angular_in(angular),
+            },
+            Command::Force { id, force } => Command::Force {
+                id,
+                force: self.vector_in(force),
+            },
+            Command::Torque { id, torque } => Command::Torque {
+                id,
+                torque: self.torque_in(torque),
+            },
+            Command::Impulse { id, impulse } => Command::Impulse {
+                id,
+                impulse: self.vector_in(impulse),
+            },
+            Command::TorqueImpulse { id, impulse } => Command::TorqueImpulse {
+                id,
+                impulse: self.torque_in(impulse),
+            },
+            Command::ForceAt { id, force, point } => Command::ForceAt {
+                id,
+                force: self.vector_in(force),
+                point: self.vector_in(point),
+            },
+            Command::ImpulseAt { id, impulse, point } => Command::ImpulseAt {
+                id,
+                impulse: self.vector_in(impulse),
+                point: self.vector_in(point),
+            },
+            Command::SetGravity { gravity } => Command::SetGravity {
+                gravity: self.vector_in(gravity),
+            },
+            Command::SetEvents { id, mut events } => {
+                events.force = events.force.map(|force| self.length_in(force));
+                Command::SetEvents { id, events }
+            }
+            Command::AddShape { .. }
+            | Command::RemoveShape { .. }
+            | Command::AddBody { .. }
+            | Command::RemoveBody { .. }
+            | Command::AddJoint { .. }
+            | Command::RemoveJoint { .. }
+            | Command::ChangeBody { .. }
+            | Command::ChangeJoint { .. }
+            | Command::Sleep { .. }
+            | Command::Wake { .. } => command,
+        }
+    }
+
+    /// A query in Rhumb's coordinates.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] for a shape with a number that is not finite or outside the limits.
+    pub fn query_in(self, query: Query) -> Result<Query, Invalid> {
+        let kind = match query.kind {
+            QueryKind::Ray {
+                origin,
+                translation,
+            } => QueryKind::Ray {
+                origin: self.vector_in(origin),
+                translation: self.vector_in(translation),
+            },
+            QueryKind::ShapeCast {
+                shape,
+                position,
+                rotation,
+                translation,
+            } => QueryKind::ShapeCast {
+                shape: self.shape_in(shape)?,
+                position: self.vector_in(position),
+                rotation: self.rotation_in(rotation),
+                translation: self.vector_in(translation),
+            },
+            QueryKind::Projection { point, distance } => QueryKind::Projection {
+                point: self.vector_in(point),
+                distance: self.length_in(distance),
+            },
+            QueryKind::Overlap {
+                shape,
+                position,
+                rotation,
+            } => QueryKind::Overlap {
+                shape: self.shape_in(shape)?,
+                position: self.vector_in(position),
+                rotation: self.rotation_in(rotation),
+            },
+        };
+        Ok(Query { kind, ..query })
+    }
+
+    /// A hit of one of Rhumb's queries.
+    #[must_use]
+    pub fn hit_out(self, hit: Hit) -> Hit {
+        Hit {
+            body: hit.body,
+            distance: self.length_out(hit.distance),
+            point: self.vector_out(hit.point),
+            normal: self.direction_out(hit.normal),
+        }
+    }
+
+    /// One of Rhumb's contacts.
+    #[must_use]
+    pub fn contact_out(self, contact: Contact) -> Contact {
+        Contact {
+            with: contact.with,
+            point: self.vector_out(contact.point),
+            normal: self.direction_out(contact.normal),
+            separation: self.length_out(contact.separation),
+            force: self.length_out(contact.force),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

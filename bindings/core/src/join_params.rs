@@ -1,0 +1,178 @@
+//! Parameters for joining a scene, in the coordinates of the application.
+
+use std::num::NonZeroU32;
+use std::time::Duration;
+
+use glam::Vec3;
+use rhumb_client::scene::{SceneConfig, Stepping};
+use rhumb_client::{JoinMode, JoinOptions, Metres, Rate, StreamChoice, Tolerance};
+
+use crate::coordinates::Coordinates;
+use crate::error::BindingError;
+
+/// Whether the scene is new, exists already, or either.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum JoinCondition {
+    /// Creates the scene unless it exists.
+    #[default]
+    CreateOrJoin,
+    /// Creates the scene, which must not exist.
+    Create,
+    /// Joins the scene, which must exist.
+    Join,
+}
+
+/// Parameters for joining a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JoinParams {
+    /// Coordinates of every position, length and force of this client.
+    pub coordinates: Coordinates,
+    /// Whether the scene is new, exists already, or either.
+    pub condition: JoinCondition,
+    /// How far any point of a copied body may be off, metres in any coordinates.
+    pub tolerance_m: f64,
+    /// Source of the ticks of a new scene.
+    pub stepping: Stepping,
+    /// Ticks of a new scene in a second.
+    pub ticks_per_second: u32,
+    /// Substeps of each tick of a new scene.
+    pub substeps: u32,
+    /// Gravity of a new scene, units of length per s²; `None`: the earth's, downwards.
+    pub gravity: Option<Vec3>,
+    /// Free running only: ticks by which the view stays behind the server's clock.
+    pub delay_ticks: f64,
+    /// Free running only: whether corrections are shown as short glides.
+    pub smooth: bool,
+    /// Time for which the client tries to resume over another connection; `None`: as the scene suggests.
+    pub resume_within: Option<Duration>,
+}
+
+impl Default for JoinParams {
+    fn default() -> Self {
+        let config = SceneConfig::default();
+        Self {
+            coordinates: Coordinates::Rhumb,
+            condition: JoinCondition::CreateOrJoin,
+            tolerance_m: 0.05,
+            stepping: config.stepping,
+            ticks_per_second: config.integrator.rate.ticks(),
+            substeps: config.integrator.substeps.get(),
+            gravity: None,
+            delay_ticks: 0.0,
+            smooth: true,
+            resume_within: None,
+        }
+    }
+}
+
+impl JoinParams {
+    /// The options of the client.
+    ///
+    /// # Errors
+    ///
+    /// [`BindingError`] for a tolerance that no stream can have, and for zero ticks or substeps.
+    pub fn options(&self) -> Result<JoinOptions, BindingError> {
+        let argument = |argument, needed| BindingError::Argument { argument, needed };
+        let mut config = SceneConfig {
+            stepping: self.stepping,
+            ..SceneConfig::default()
+        };
+        config.integrator.rate = Rate::new(self.ticks_per_second, 1)
+            .ok_or_else(|| argument("ticks_per_second", "at least 1"))?;
+        config.integrator.substeps =
+            NonZeroU32::new(self.substeps).ok_or_else(|| argument("substeps", "at least 1"))?;
+        if let Some(gravity) = self.gravity {
+            config.gravity = self.coordinates.vector_in(gravity);
+        }
+        config.check()?;
+        if !(self.delay_ticks >= 0.0 && self.delay_ticks.is_finite()) {
+            return Err(argument("delay_ticks", "finite and not negative"));
+        }
+        let tolerance = Tolerance::from_metres(Metres::new(self.tolerance_m))?;
+        Ok(JoinOptions {
+            mode: match self.condition {
+                JoinCondition::CreateOrJoin => JoinMode::CreateOrJoin(config),
+                JoinCondition::Create => JoinMode::Create(config),
+                JoinCondition::Join => JoinMode::Join,
+            },
+            stream: StreamChoice::Within(tolerance),
+            delay_ticks: self.delay_ticks,
+            smooth: self.smooth,
+            resume_within: self.resume_within,
+            ..JoinOptions::default()
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::error::ErrorKind;
+
+    #[test]
+    fn plain_parameters_are_the_clients_defaults() {
+        let options = JoinParams::default().options().unwrap();
+        let default = JoinOptions::default();
+        assert_eq!(options.mode, default.mode);
+        assert_eq!(options.stream, default.stream);
+        assert_eq!(options.delay_ticks, default.delay_ticks);
+        assert_eq!(options.smooth, default.smooth);
+        assert_eq!(options.resume_within, default.resume_within);
+    }
+
+    #[test]
+    fn wrong_parameters_are_errors() {
+        let default = JoinParams::default();
+        let wrong = [
+            JoinParams {
+                tolerance_m: 0.0,
+                ..default
+            },
+            JoinParams {
+                tolerance_m: f64::NAN,
+                ..default
+            },
+            JoinParams {
+                ticks_per_second: 0,
+                ..default
+            },
+            JoinParams {
+                ticks_per_second: u32::MAX,
+                ..default
+            },
+            JoinParams {
+                substeps: 0,
+                ..default
+            },
+            JoinParams {
+                gravity: Some(Vec3::NAN),
+                ..default
+            },
+            JoinParams {
+                delay_ticks: -1.0,
+                ..default
+            },
+            JoinParams {
+                delay_ticks: f64::NAN,
+                ..default
+            },
+        ];
+        for params in wrong {
+            let error = params.options().expect_err("a wrong parameter");
+            assert_eq!(error.kind(), ErrorKind::Invalid, "{params:?}: {error}");
+        }
+    }
+
+    #[test]
+    fn gravity_is_in_the_coordinates_of_the_application() {
+        let params = JoinParams {
+            coordinates: Coordinates::Unreal,
+            gravity: Some(Vec3::new(0.0, 0.0, -981.0)),
+            ..JoinParams::default()
+        };
+        let JoinMode::CreateOrJoin(config) = params.options().unwrap().mode else {
+            panic!("the default condition accepts both");
+        };
+        assert!(config.gravity.distance(Vec3::new(0.0, -9.81, 0.0)) < 1e-5);
+    }
+}

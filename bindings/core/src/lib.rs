@@ -1,0 +1,26 @@
+//! What the bindings of all languages share: coordinates, bodies, a scene.
+//!
+//! A binding turns the values of its language into the types of this crate and back. Nothing here knows a language, and
+//! nothing here is `unsafe`.
+//!
+//! Every position, velocity, force and length of this crate is in the [`Coordinates`] of its scene. This crate alone
+//! converts between them and Rhumb's own: right-handed, y up, metres.
+#![forbid(unsafe_code)]
+
+mod body_params;
+mod body_word;
+mod converted_view;
+mod coordinates;
+mod error;
+mod event_record;
+mod join_params;
+mod remote_scene;
+
+pub use body_params::BodyParams;
+pub use body_word::{InvalidBodyWord, body_word, parse_body_word};
+pub use coordinates::Coordinates;
+pub use error::{BindingError, ErrorKind};
+pub use event_record::{EventKind, EventRecord};
+pub use join_params::{JoinCondition, JoinParams};
+pub use remote_scene::{HitRecord, RemoteScene};
+pub use rhumb_client;

@@ -1,0 +1,286 @@
+//! A client of one scene that speaks the coordinates of its application.
+//!
+//! It adds nothing to the client but conversions, whole batches, and arrays that stay until the next view.
+
+use std::time::Duration;
+
+use glam::{Quat, Vec3};
+use rhumb_client::scene::{Answer, Command, Query};
+use rhumb_client::{
+    BodyId, Client, ErrorBound, PipelineDepth, RenderTime, ServerConnection, Statistics, Tick,
+};
+
+use crate::body_params::BodyParams;
+use crate::converted_view::ConvertedView;
+use crate::coordinates::Coordinates;
+use crate::error::BindingError;
+use crate::event_record::EventRecord;
+use crate::join_params::JoinParams;
+
+/// A body that a query found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HitRecord {
+    /// Place of the query in its batch.
+    pub query: u32,
+    /// The body.
+    pub body: BodyId,
+    /// Units of length along the way, or from the point to the surface; zero for an overlap.
+    pub distance: f32,
+    /// On the body's surface; zero for an overlap.
+    pub point: Vec3,
+    /// Outward from the surface, of unit length, or zero where there is none.
+    pub normal: Vec3,
+}
+
+/// A client of one scene.
+pub struct RemoteScene {
+    client: Client,
+    view: ConvertedView,
+}
+
+impl RemoteScene {
+    /// Joins a scene, and returns when the copy of the scene is complete.
+    ///
+    /// # Errors
+    ///
+    /// [`BindingError`] for wrong parameters, a request that the server denies, and an answer that does not arrive in
+    /// time.
+    pub fn join(
+        connection: ServerConnection,
+        scene: &str,
+        params: &JoinParams,
+    ) -> Result<Self, BindingError> {
+        let client = connection.join_with(scene, params.options()?)?;
+        Ok(Self {
+            client,
+            view: ConvertedView::new(params.coordinates),
+        })
+    }
+
+    /// The coordinates that it was joined with.
+    #[must_use]
+    pub const fn coordinates(&self) -> Coordinates {
+        self.view.coordinates()
+    }
+
+    /// Queues the addition of bodies, and returns their ids in the same order. If one is wrong, none is added.
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::add_bodies`].
+    pub fn add_bodies(&mut self, bodies: &[BodyParams]) -> Result<Vec<BodyId>, BindingError> {
+        let coordinates = self.coordinates();
+        let builders = bodies.iter().map(|body| body.builder(coordinates));
+        let builders: Vec<_> = builders.collect::<Result<_, _>>()?;
+        Ok(self.client.add_bodies(builders)?)
+    }
+
+    /// Queues commands, and returns the number of the last one; `None` for no commands. If one is wrong, none is queued.
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::command`].
+    pub fn command(&mut self, commands: Vec<Command>) -> Result<Option<u64>, BindingError> {
+        let coordinates = self.coordinates();
+        let converted: Vec<_> = commands
+            .into_iter()
+            .map(|command| coordinates.command_in(command))
+            .collect();
+        for command in &converted {
+            command.check()?;
+        }
+        let mut last = None;
+        for command in converted {
+            last = Some(self.client.command(command)?);
+        }
+        Ok(last)
+    }
+
+    /// Sends the queued commands at once.
+    pub fn flush(&mut self) {
+        self.client.flush();
+    }
+
+    /// Steps a lockstep scene once, and computes the view: as [`Client::advance`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::advance`].
+    pub fn advance(&mut self, depth: PipelineDepth) -> Result<Tick, BindingError> {
+        self.view.expire();
+        Ok(self.client.advance(depth)?)
+    }
+
+    /// Waits for the tick of the last advance that timed out, and computes the view.
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::wait`].
+    pub fn wait(&mut self, depth: PipelineDepth) -> Result<Tick, BindingError> {
+        self.view.expire();
+        Ok(self.client.wait(depth)?)
+    }
+
+    /// Computes the view of a free-running scene for the present moment. Does not wait.
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::poll`].
+    pub fn poll(&mut self) -> Result<RenderTime, BindingError> {
+        self.view.expire();
+        Ok(self.client.poll()?)
+    }
+
+    /// Handles received data for a time, without computing the view.
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::idle`].
+    pub fn idle(&mut self, duration: Duration) -> Result<(), BindingError> {
+        Ok(self.client.idle(duration)?)
+    }
+
+    /// Sends queries and waits for their answers; returns the tick whose scene was asked, and the hits in the order of the
+    /// queries.
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::ask`], and [`BindingError::Query`] when the server does not answer them.
+    pub fn query(&mut self, queries: Vec<Query>) -> Result<(Tick, Vec<HitRecord>), BindingError> {
+        let coordinates = self.coordinates();
+        let converted = queries.into_iter().map(|query| coordinates.query_in(query));
+        let converted = converted.collect::<Result<Vec<_>, _>>()?;
+        let result = self.client.ask(converted)?;
+        let answers = result.answers.map_err(BindingError::Query)?;
+        let mut hits = Vec::new();
+        for (query, answer) in (0..).zip(answers) {
+            match answer {
+                Answer::Hits(found) => hits.extend(found.into_iter().map(|hit| {
+                    let hit = coordinates.hit_out(hit);
+                    HitRecord {
+                        query,
+                        body: hit.body,
+                        distance: hit.distance,
+                        point: hit.point,
+                        normal: hit.normal,
+                    }
+                })),
+                Answer::Bodies(found) => hits.extend(found.into_iter().map(|body| HitRecord {
+                    query,
+                    body,
+                    distance: 0.0,
+                    point: Vec3::ZERO,
+                    normal: Vec3::ZERO,
+                })),
+            }
+        }
+        Ok((result.tick, hits))
+    }
+
+    /// The oldest unread event.
+    pub fn poll_event(&mut self) -> Option<EventRecord> {
+        let (after, event) = self.client.poll_event()?;
+        Some(EventRecord::new(after, event, self.coordinates()))
+    }
+
+    /// The moment of the view.
+    #[must_use]
+    pub fn time(&self) -> RenderTime {
+        let time = self.client.view().time();
+        time.unwrap_or_else(|| RenderTime::at(Tick::ZERO))
+    }
+
+    /// Number of bodies in the view.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.client.view().ids().len()
+    }
+
+    /// Place of a body in the arrays.
+    #[must_use]
+    pub fn place(&self, body: BodyId) -> Option<usize> {
+        self.client.view().place(body)
+    }
+
+    /// Words of the bodies of the view. The other arrays have the same order.
+    pub fn bodies(&mut self) -> &[u64] {
+        self.view.bodies(self.client.view())
+    }
+
+    /// Centres of mass.
+    pub fn positions(&mut self) -> &[Vec3] {
+        self.view.positions(self.client.view())
+    }
+
+    /// Rotations body → world.
+    pub fn rotations(&mut self) -> &[Quat] {
+        self.view.rotations(self.client.view())
+    }
+
+    /// Velocities of centres of mass, units of length per second.
+    pub fn linear_velocities(&mut self) -> &[Vec3] {
+        self.view.linear(self.client.view())
+    }
+
+    /// Angular velocities, rad/s.
+    pub fn angular_velocities(&mut self) -> &[Vec3] {
+        self.view.angular(self.client.view())
+    }
+
+    /// True for each body that rests.
+    #[must_use]
+    pub fn resting(&self) -> &[bool] {
+        self.client.view().resting()
+    }
+
+    /// Places whose pose differs from that of the last view.
+    pub fn changed(&mut self) -> &[u32] {
+        self.view.changed(self.client.view())
+    }
+
+    /// Words of bodies that were removed since the last view.
+    pub fn removed(&mut self) -> &[u64] {
+        self.view.removed(self.client.view())
+    }
+
+    /// How far any point of a body may be off at the newest tick of the stream, in units of length.
+    ///
+    /// Infinite while a packet that may hold an update of the body is missing. `None` for a body that the copy does not
+    /// have.
+    #[must_use]
+    pub fn error_bound(&self, body: BodyId) -> Option<f32> {
+        Some(match self.client.error_bound(body)? {
+            ErrorBound::Within(distance) => {
+                let unit = f64::from(self.coordinates().metres_per_unit());
+                let exact = distance.metres() / unit;
+                let near = exact as f32;
+                // Rounded up, so that it stays a bound.
+                match f64::from(near) < exact {
+                    true => near.next_up(),
+                    false => near,
+                }
+            }
+            ErrorBound::Unknown { .. } => f32::INFINITY,
+        })
+    }
+
+    /// Statistics of the connection and of the stream.
+    #[must_use]
+    pub fn statistics(&self) -> Statistics {
+        self.client.statistics()
+    }
+
+    /// Deletes the scene for all members, and waits for the answer.
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::delete`].
+    pub fn delete(&mut self) -> Result<(), BindingError> {
+        Ok(self.client.delete()?)
+    }
+
+    /// Leaves the scene and closes the connection.
+    pub fn close(self) {
+        self.client.close();
+    }
+}

@@ -1,0 +1,113 @@
+// Connections, before they join a scene.
+
+using System;
+using Microsoft.Win32.SafeHandles;
+
+namespace Rhumb
+{
+    /// <summary>Which server to trust.</summary>
+    public sealed class Trust
+    {
+        private Trust()
+        {
+        }
+
+        internal string Sha256 { get; private set; }
+
+        internal string RootsPath { get; private set; }
+
+        /// <summary>The server whose certificate has this SHA-256, as the server prints it.</summary>
+        public static Trust Fingerprint(string fingerprint)
+        {
+            return new Trust { Sha256 = fingerprint };
+        }
+
+        /// <summary>A server whose certificate one of the roots in this PEM file signed.</summary>
+        public static Trust Roots(string path)
+        {
+            return new Trust { RootsPath = path };
+        }
+    }
+
+    /// <summary>A connection to a server that has joined no scene.</summary>
+    public sealed class Connection : IDisposable
+    {
+        private readonly ConnectionHandle handle;
+
+        private Connection(ulong id)
+        {
+            handle = new ConnectionHandle(id);
+        }
+
+        /// <summary>
+        /// Connects within the time limit in seconds, which holds for every later call that waits. No token for a server
+        /// that needs none.
+        /// </summary>
+        public static unsafe Connection Open(string address, Trust trust, string token = null, double timeout = 5.0)
+        {
+            if (trust == null)
+            {
+                throw new RhumbException(RhumbCode.Null, "trust must not be null");
+            }
+            RhumbConnection connection;
+            fixed (byte* host = Utf8.Bytes(address))
+            fixed (byte* fingerprint = Utf8.Bytes(trust.Sha256))
+            fixed (byte* roots = Utf8.Bytes(trust.RootsPath))
+            fixed (byte* shown = Utf8.Bytes(token))
+            {
+                var options = new RhumbConnectOptions
+                {
+                    address = host,
+                    fingerprint = fingerprint,
+                    roots = roots,
+                    token = shown,
+                    timeout_s = timeout,
+                };
+                RhumbException.Check(Native.rhumb_connect(&options, &connection));
+            }
+            return new Connection(connection.id);
+        }
+
+        /// <summary>Joins a scene, and uses the connection up.</summary>
+        public unsafe Scene Join(string name, JoinOptions options = null)
+        {
+            RhumbJoinOptions raw = (options ?? new JoinOptions()).Raw();
+            RhumbScene scene;
+            fixed (byte* text = Utf8.Bytes(name))
+            {
+                RhumbException.Check(Native.rhumb_join(new RhumbConnection { id = handle.Id }, text, &raw, &scene));
+            }
+            handle.Dispose();
+            return new Scene(scene.id);
+        }
+
+        /// <summary>Closes the connection, unless it has joined. A second time does nothing.</summary>
+        public void Dispose()
+        {
+            handle.Dispose();
+        }
+
+        /// <summary>The number of a connection, which is closed with it.</summary>
+        private sealed class ConnectionHandle : SafeHandleZeroOrMinusOneIsInvalid
+        {
+            internal ConnectionHandle(ulong id)
+                : base(true)
+            {
+                SetHandle((IntPtr)(long)id);
+            }
+
+            /// <summary>Zero, which no connection has, once it is closed.</summary>
+            internal ulong Id
+            {
+                get { return IsClosed ? 0 : (ulong)(long)handle; }
+            }
+
+            protected override bool ReleaseHandle()
+            {
+                // A connection that has joined is closed already.
+                RhumbCode code = Native.rhumb_connection_close(new RhumbConnection { id = (ulong)(long)handle });
+                return code == RhumbCode.Ok || code == RhumbCode.Closed;
+            }
+        }
+    }
+}

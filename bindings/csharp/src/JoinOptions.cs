@@ -1,0 +1,77 @@
+// How to join a scene.
+
+namespace Rhumb
+{
+    /// <summary>How to join a scene; plain when made.</summary>
+    public sealed class JoinOptions
+    {
+        private RhumbJoinOptions raw;
+
+        public unsafe JoinOptions()
+        {
+            RhumbJoinOptions plain;
+            RhumbException.Check(Native.rhumb_join_options_init(&plain));
+            raw = plain;
+        }
+
+        /// <summary>
+        /// Options for Unity: left-handed, y up, z forward, metres. Positions, rotations, velocities and forces then go in
+        /// and out as they are; up and forward are Vector3.up and Vector3.forward. Angles are radians, where Unity's
+        /// inspector shows degrees.
+        /// </summary>
+        public static JoinOptions ForUnity()
+        {
+            return new JoinOptions { Coordinates = RhumbCoordinates.Unity };
+        }
+
+        /// <summary>Axes and unit of every position, velocity, length and force of this client.</summary>
+        public RhumbCoordinates Coordinates
+        {
+            get { return (RhumbCoordinates)raw.coordinates; }
+            set { raw.coordinates = (uint)value; }
+        }
+
+        public RhumbJoinCondition Condition
+        {
+            get { return (RhumbJoinCondition)raw.condition; }
+            set { raw.condition = (uint)value; }
+        }
+
+        /// <summary>How far any point of a copied body may be off, metres in any coordinates.</summary>
+        public double ToleranceInMetres
+        {
+            get { return raw.tolerance_m; }
+            set { raw.tolerance_m = value; }
+        }
+
+        public RhumbStepping Stepping
+        {
+            get { return (RhumbStepping)raw.stepping; }
+            set { raw.stepping = (uint)value; }
+        }
+
+        public uint TicksPerSecond
+        {
+            get { return raw.ticks_per_second; }
+            set { raw.ticks_per_second = value; }
+        }
+
+        /// <summary>Gravity of a new scene; the earth's if it is not set.</summary>
+        public unsafe Vec3 Gravity
+        {
+            set
+            {
+                raw.has_gravity = 1;
+                fixed (float* to = raw.gravity)
+                {
+                    value.CopyTo(to);
+                }
+            }
+        }
+
+        internal RhumbJoinOptions Raw()
+        {
+            return raw;
+        }
+    }
+}

@@ -1,0 +1,141 @@
+// Vectors, rotations and bodies.
+
+using System;
+using System.Runtime.InteropServices;
+
+namespace Rhumb
+{
+    /// <summary>
+    /// A vector, laid out as UnityEngine.Vector3 and System.Numerics.Vector3 are: MemoryMarshal.Cast turns a span of one
+    /// into a span of the other without a copy.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Vec3 : IEquatable<Vec3>
+    {
+        public float X;
+        public float Y;
+        public float Z;
+
+        public Vec3(float x, float y, float z)
+        {
+            X = x;
+            Y = y;
+            Z = z;
+        }
+
+        public bool Equals(Vec3 other)
+        {
+            return X.Equals(other.X) && Y.Equals(other.Y) && Z.Equals(other.Z);
+        }
+
+        public override bool Equals(object other)
+        {
+            return other is Vec3 vector && Equals(vector);
+        }
+
+        public override int GetHashCode()
+        {
+            return X.GetHashCode() ^ (Y.GetHashCode() << 8) ^ (Z.GetHashCode() << 16);
+        }
+
+        public override string ToString()
+        {
+            return FormattableString.Invariant($"({X}, {Y}, {Z})");
+        }
+
+        internal unsafe void CopyTo(float* to)
+        {
+            to[0] = X;
+            to[1] = Y;
+            to[2] = Z;
+        }
+    }
+
+    /// <summary>A unit quaternion, laid out as UnityEngine.Quaternion and System.Numerics.Quaternion are.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Quat : IEquatable<Quat>
+    {
+        public float X;
+        public float Y;
+        public float Z;
+        public float W;
+
+        public Quat(float x, float y, float z, float w)
+        {
+            X = x;
+            Y = y;
+            Z = z;
+            W = w;
+        }
+
+        public static Quat Identity
+        {
+            get { return new Quat(0, 0, 0, 1); }
+        }
+
+        public bool Equals(Quat other)
+        {
+            return X.Equals(other.X) && Y.Equals(other.Y) && Z.Equals(other.Z) && W.Equals(other.W);
+        }
+
+        public override bool Equals(object other)
+        {
+            return other is Quat rotation && Equals(rotation);
+        }
+
+        public override int GetHashCode()
+        {
+            return X.GetHashCode() ^ (Y.GetHashCode() << 8) ^ (Z.GetHashCode() << 16) ^ (W.GetHashCode() << 24);
+        }
+
+        public override string ToString()
+        {
+            return FormattableString.Invariant($"({X}, {Y}, {Z}, {W})");
+        }
+
+        internal unsafe void CopyTo(float* to)
+        {
+            to[0] = X;
+            to[1] = Y;
+            to[2] = Z;
+            to[3] = W;
+        }
+    }
+
+    /// <summary>A body of a scene, for as long as the scene lives. The default value is no body.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct Body : IEquatable<Body>
+    {
+        internal ulong Word;
+
+        internal Body(ulong word)
+        {
+            Word = word;
+        }
+
+        public bool IsNone
+        {
+            get { return Word == 0; }
+        }
+
+        public bool Equals(Body other)
+        {
+            return Word == other.Word;
+        }
+
+        public override bool Equals(object other)
+        {
+            return other is Body body && Equals(body);
+        }
+
+        public override int GetHashCode()
+        {
+            return Word.GetHashCode();
+        }
+
+        public override string ToString()
+        {
+            return IsNone ? "no body" : "body " + Word;
+        }
+    }
+}

@@ -1,0 +1,100 @@
+// The script that every language runs; it prints the hash of all poses.
+//
+// Arguments: the server's address and fingerprint. tests/tests/processes/bindings/script.rs is the same script in Rust.
+
+using System;
+using System.Linq;
+using Rhumb;
+
+internal static class Script
+{
+    private const int Piled = 60;
+    private const int Ticks = 150;
+
+    private static int Main(string[] arguments)
+    {
+        using (Connection connection = Connection.Open(arguments[0], Trust.Fingerprint(arguments[1]), null, 30))
+        using (Scene scene = connection.Join("script", new JoinOptions { Condition = RhumbJoinCondition.Create }))
+        {
+            BodyDesc floor = BodyDesc.Fixed(Shape.Cuboid(10, 0.5f, 10)).At(0, -0.5f, 0);
+            Body[] bodies = scene.Add(new[] { floor }.Concat(Enumerable.Range(0, Piled).Select(PiledBody)).ToArray());
+            for (int tick = 0; tick < Ticks; tick++)
+            {
+                Interfere(scene, tick, bodies);
+                scene.Advance();
+            }
+            ulong hash = 0xcbf29ce484222325;
+            foreach (Body body in bodies)
+            {
+                int place = scene.Place(body);
+                if (place >= 0)
+                {
+                    Vec3 at = scene.Positions[place];
+                    Quat turned = scene.Rotations[place];
+                    hash = Fold(hash, at.X, at.Y, at.Z, turned.X, turned.Y, turned.Z, turned.W);
+                }
+            }
+            Hit[] hits = scene.Ask(Query.Ray(new Vec3(-0.625f, 50, -0.625f), new Vec3(0, -100, 0), 8));
+            hash = Fold(hash, hits.Select(hit => hit.Distance).ToArray());
+            Console.WriteLine("{0} bodies, {1} hits, hash {2:x16}", scene.Bodies.Length, hits.Length, hash);
+            scene.Delete();
+        }
+        return 0;
+    }
+
+    private static BodyDesc PiledBody(int i)
+    {
+        float x = i % 2 * 1.25f - 0.625f;
+        float y = 1 + 1.5f * (i / 4);
+        float z = i / 2 % 2 * 1.25f - 0.625f;
+        return BodyDesc.Dynamic(ShapeOf(i)).At(x, y, z).AngularVelocity(new Vec3(0, 0.5f * (i % 3), 0));
+    }
+
+    private static Shape ShapeOf(int i)
+    {
+        switch (i % 5)
+        {
+            case 0:
+                return Shape.Ball(0.25f);
+            case 1:
+                return Shape.Cuboid(0.5f, 0.25f, 0.5f);
+            case 2:
+                return Shape.Capsule(0.5f, 0.25f);
+            case 3:
+                return Shape.Cylinder(0.5f, 0.25f);
+            default:
+                return Shape.Cone(0.5f, 0.25f);
+        }
+    }
+
+    private static void Interfere(Scene scene, int tick, Body[] bodies)
+    {
+        if (tick == 30)
+        {
+            scene.Send(
+                Command.Impulse(bodies[1], new Vec3(200, 100, 0)),
+                Command.SetVelocity(bodies[6], new Vec3(0, 4, 1), new Vec3(1, 0, 0)));
+        }
+        else if (tick == 60)
+        {
+            scene.Send(Command.RemoveBody(bodies[4]));
+        }
+        else if (tick == 90)
+        {
+            scene.Send(Command.SetGravity(new Vec3(1, -9.75f, 0)));
+        }
+    }
+
+    /// <summary>FNV-1a of 64 bits.</summary>
+    private static ulong Fold(ulong hash, params float[] numbers)
+    {
+        foreach (float number in numbers)
+        {
+            foreach (byte part in BitConverter.GetBytes(number))
+            {
+                hash = unchecked((hash ^ part) * 0x100000001b3);
+            }
+        }
+        return hash;
+    }
+}

@@ -1,0 +1,50 @@
+"""Remote rigid-body physics: copies of bodies within a chosen tolerance.
+
+Connect to a server, join a scene, add bodies, and step it; the poses of all bodies are NumPy arrays:
+
+    with rhumb.connect(address, fingerprint=fingerprint).join("drop") as scene:
+        scene.add_body(rhumb.Shape.cuboid(10, 0.5, 10), (0, -0.5, 0), "fixed")
+        ball = scene.add_body(rhumb.Shape.ball(0.5), (0, 10, 0))
+        for _ in range(180):
+            tick = scene.advance()
+            print(tick, scene.positions[scene.place(ball)], scene.error_bound(ball))
+
+Units are kilograms, seconds, radians, and the unit of length of the scene's coordinates. Quaternions are x, y, z, w.
+"""
+
+from . import errors
+from ._native import Connection, Event, Hit, Query, Scene, Shape, __version__, connect
+from .errors import (
+    BusyError,
+    ClosedError,
+    ConnectError,
+    DeniedError,
+    EndedError,
+    Error,
+    FaultError,
+    InvalidError,
+    SceneGoneError,
+    Timeout,
+)
+
+__all__ = [
+    "BusyError",
+    "ClosedError",
+    "ConnectError",
+    "Connection",
+    "DeniedError",
+    "EndedError",
+    "Error",
+    "Event",
+    "FaultError",
+    "Hit",
+    "InvalidError",
+    "Query",
+    "Scene",
+    "SceneGoneError",
+    "Shape",
+    "Timeout",
+    "__version__",
+    "connect",
+    "errors",
+]

@@ -1,0 +1,152 @@
+//! Arguments of Python: anything that NumPy takes as an array.
+
+use std::time::Duration;
+
+use numpy::{Element, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods, get_array_module};
+use pyo3::prelude::*;
+use rhumb_bindings::parse_body_word;
+use rhumb_bindings::rhumb_client::BodyId;
+use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
+
+use crate::errors::{exception, wrong};
+
+/// Numbers of an argument, with the shape of their array.
+struct Numbers<T> {
+    shape: Vec<usize>,
+    values: Vec<T>,
+}
+
+fn numbers<T: Element + Copy>(argument: &Bound<'_, PyAny>) -> PyResult<Numbers<T>> {
+    let py = argument.py();
+    let dtype = numpy::dtype::<T>(py);
+    let array = get_array_module(py)?.call_method1("ascontiguousarray", (argument, dtype))?;
+    let scalar = argument
+        .getattr_opt("ndim")?
+        .is_some_and(|ndim| ndim.eq(0).unwrap_or(false));
+    let scalar = scalar || argument.extract::<f64>().is_ok();
+    let array = array.cast_into::<PyArrayDyn<T>>()?;
+    let values = array.readonly().as_slice()?.to_vec();
+    // `ascontiguousarray` makes a row of one number.
+    let shape = match scalar {
+        true => Vec::new(),
+        false => array.shape().to_vec(),
+    };
+    Ok(Numbers { shape, values })
+}
+
+/// Rows of `W` numbers: `count` of them, or one that stands for all.
+pub(crate) fn rows<const W: usize>(
+    argument: &Bound<'_, PyAny>,
+    count: usize,
+    name: &'static str,
+) -> PyResult<Vec<[f32; W]>> {
+    let numbers = numbers::<f32>(argument)?;
+    let (rows, _) = numbers.values.as_chunks::<W>();
+    match *numbers.shape.as_slice() {
+        [width] if width == W => Ok(vec![rows[0]; count]),
+        [rows_given, width] if width == W && rows_given == count => Ok(rows.to_vec()),
+        _ => Err(wrong(
+            argument.py(),
+            name,
+            "one row of numbers, or as many rows as there are bodies",
+        )),
+    }
+}
+
+/// Any number of rows of three numbers.
+pub(crate) fn points(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec<Vec3>> {
+    let numbers = numbers::<f32>(argument)?;
+    match *numbers.shape.as_slice() {
+        [_, 3] => Ok(numbers
+            .values
+            .as_chunks()
+            .0
+            .iter()
+            .copied()
+            .map(Vec3::from_array)
+            .collect()),
+        _ => Err(wrong(argument.py(), name, "rows of three numbers")),
+    }
+}
+
+/// Any number of rows of three places.
+pub(crate) fn triangles(argument: &Bound<'_, PyAny>) -> PyResult<Vec<[u32; 3]>> {
+    let numbers = numbers::<u32>(argument)?;
+    match *numbers.shape.as_slice() {
+        [_, 3] => Ok(numbers.values.as_chunks().0.to_vec()),
+        _ => Err(wrong(
+            argument.py(),
+            "triangles",
+            "rows of three places of points",
+        )),
+    }
+}
+
+/// Rows of heights: their number, and all of them.
+pub(crate) fn heights(argument: &Bound<'_, PyAny>) -> PyResult<(u32, Vec<f32>)> {
+    let numbers = numbers::<f32>(argument)?;
+    match *numbers.shape.as_slice() {
+        [rows, _] if u32::try_from(rows).is_ok() => Ok((rows as u32, numbers.values)),
+        _ => Err(wrong(argument.py(), "heights", "rows of heights")),
+    }
+}
+
+/// One vector.
+pub(crate) fn vector(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec3> {
+    let row = single::<3>(argument);
+    row?.map(Vec3::from_array)
+        .ok_or_else(|| wrong(argument.py(), name, "three numbers"))
+}
+
+/// One quaternion x, y, z, w.
+pub(crate) fn rotation(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Quat> {
+    let row = single::<4>(argument);
+    row?.map(Quat::from_array)
+        .ok_or_else(|| wrong(argument.py(), name, "four numbers: x, y, z, w"))
+}
+
+fn single<const W: usize>(argument: &Bound<'_, PyAny>) -> PyResult<Option<[f32; W]>> {
+    let numbers = numbers::<f32>(argument)?;
+    let row = numbers.values.as_slice().try_into().ok();
+    Ok(row.filter(|_| numbers.shape == [W]))
+}
+
+/// One body, or a row of bodies.
+pub(crate) struct Bodies {
+    pub(crate) ids: Vec<BodyId>,
+    /// True if the argument was one number.
+    pub(crate) is_single: bool,
+}
+
+pub(crate) fn bodies(argument: &Bound<'_, PyAny>) -> PyResult<Bodies> {
+    let py = argument.py();
+    let numbers = numbers::<u64>(argument)?;
+    if numbers.shape.len() > 1 {
+        return Err(wrong(py, "body", "an id of a body, or a row of ids"));
+    }
+    let ids = numbers.values.iter().map(|word| parse_body_word(*word));
+    let ids: Result<Vec<_>, _> = ids.collect();
+    Ok(Bodies {
+        ids: ids.map_err(|error| exception(py, &error.into()))?,
+        is_single: numbers.shape.is_empty(),
+    })
+}
+
+/// One of several words.
+pub(crate) fn one_of<T: Copy>(
+    py: Python<'_>,
+    words: &[(&str, T)],
+    word: &str,
+    name: &'static str,
+) -> PyResult<T> {
+    let found = words.iter().find(|(known, _)| *known == word);
+    found
+        .map(|(_, value)| *value)
+        .ok_or_else(|| wrong(py, name, "one of the words that its documentation names"))
+}
+
+/// A time in seconds.
+pub(crate) fn seconds(py: Python<'_>, seconds: f64, name: &'static str) -> PyResult<Duration> {
+    Duration::try_from_secs_f64(seconds)
+        .map_err(|_| wrong(py, name, "seconds: finite and not negative"))
+}

@@ -1,0 +1,148 @@
+//! Connections, before they join a scene.
+
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+
+use pyo3::prelude::*;
+use rhumb_bindings::rhumb_client::scene::Stepping;
+use rhumb_bindings::rhumb_client::{Client, ServerConnection, Trust};
+use rhumb_bindings::{BindingError, Coordinates, JoinCondition, JoinParams, RemoteScene};
+
+use crate::arguments::{one_of, seconds, vector};
+use crate::errors::{exception, wrong};
+use crate::scene::PyScene;
+
+const COORDINATES: [(&str, Coordinates); 4] = [
+    ("rhumb", Coordinates::Rhumb),
+    ("unity", Coordinates::Unity),
+    ("unreal", Coordinates::Unreal),
+    ("z-up", Coordinates::ZUp),
+];
+
+const CONDITIONS: [(&str, JoinCondition); 3] = [
+    ("create or join", JoinCondition::CreateOrJoin),
+    ("create", JoinCondition::Create),
+    ("join", JoinCondition::Join),
+];
+
+const STEPPINGS: [(&str, Stepping); 2] = [
+    ("lockstep", Stepping::Lockstep),
+    ("free running", Stepping::FreeRunning),
+];
+
+/// A connection to a server that has joined no scene.
+#[pyclass(frozen, name = "Connection", module = "rhumb")]
+pub(crate) struct PyConnection {
+    /// `None` once it has joined or is closed.
+    connection: Mutex<Option<ServerConnection>>,
+}
+
+/// Connects to a server.
+#[pyfunction]
+#[pyo3(signature = (address, *, fingerprint = None, roots = None, token = None, timeout = 5.0))]
+pub(crate) fn connect(
+    py: Python<'_>,
+    address: &str,
+    fingerprint: Option<&str>,
+    roots: Option<PathBuf>,
+    token: Option<&str>,
+    timeout: f64,
+) -> PyResult<PyConnection> {
+    let trust = match (fingerprint, roots) {
+        (Some(fingerprint), None) => Trust::Fingerprint(
+            fingerprint
+                .parse()
+                .map_err(|error| exception(py, &BindingError::Fingerprint(error)))?,
+        ),
+        (None, Some(roots)) => Trust::Roots(roots),
+        (Some(_), Some(_)) | (None, None) => {
+            return Err(wrong(py, "trust", "a fingerprint or roots, and not both"));
+        }
+    };
+    let timeout = seconds(py, timeout, "timeout")?;
+    let opened = py.detach(|| Client::connect_within(address, trust, timeout));
+    let mut opened = opened.map_err(|error| exception(py, &error.into()))?;
+    if let Some(token) = token {
+        opened = opened.token(token);
+    }
+    Ok(PyConnection {
+        connection: Mutex::new(Some(opened)),
+    })
+}
+
+#[pymethods]
+impl PyConnection {
+    #[pyo3(signature = (
+        scene, *, coordinates = "rhumb", condition = "create or join", tolerance = 0.05,
+        stepping = "lockstep", ticks_per_second = 60, substeps = 4, gravity = None,
+        delay_ticks = 0.0, smooth = true, resume_within = None,
+    ))]
+    // Named parameters are the interface of Python.
+    #[expect(clippy::too_many_arguments)]
+    fn join(
+        &self,
+        py: Python<'_>,
+        scene: &str,
+        coordinates: &str,
+        condition: &str,
+        tolerance: f64,
+        stepping: &str,
+        ticks_per_second: u32,
+        substeps: u32,
+        gravity: Option<&Bound<'_, PyAny>>,
+        delay_ticks: f64,
+        smooth: bool,
+        resume_within: Option<f64>,
+    ) -> PyResult<PyScene> {
+        let gravity = gravity.map(|gravity| vector(gravity, "gravity"));
+        let resume_within = resume_within.map(|within| seconds(py, within, "resume_within"));
+        let params = JoinParams {
+            coordinates: one_of(py, &COORDINATES, coordinates, "coordinates")?,
+            condition: one_of(py, &CONDITIONS, condition, "condition")?,
+            tolerance_m: tolerance,
+            stepping: one_of(py, &STEPPINGS, stepping, "stepping")?,
+            ticks_per_second,
+            substeps,
+            gravity: gravity.transpose()?,
+            delay_ticks,
+            smooth,
+            resume_within: resume_within.transpose()?,
+        };
+        params.options().map_err(|error| exception(py, &error))?;
+        let connection = self.take();
+        let connection = connection.ok_or_else(|| exception(py, &BindingError::Closed))?;
+        let joined = py.detach(|| RemoteScene::join(connection, scene, &params));
+        Ok(PyScene::new(joined.map_err(|error| exception(py, &error))?))
+    }
+
+    fn close(&self, py: Python<'_>) {
+        let connection = self.take();
+        py.detach(|| drop(connection));
+    }
+
+    #[getter]
+    fn closed(&self) -> bool {
+        let connection = self.connection.lock();
+        connection.unwrap_or_else(PoisonError::into_inner).is_none()
+    }
+
+    const fn __enter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        this
+    }
+
+    #[pyo3(signature = (*_error))]
+    fn __exit__(&self, py: Python<'_>, _error: &Bound<'_, PyAny>) {
+        self.close(py);
+    }
+}
+
+impl PyConnection {
+    /// The connection, which is closed for Python from now on. The lock is held for no longer than that.
+    fn take(&self) -> Option<ServerConnection> {
+        let mut connection = self
+            .connection
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        connection.take()
+    }
+}

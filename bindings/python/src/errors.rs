@@ -1,0 +1,37 @@
+//! Errors as exceptions of `rhumb.errors`, one class for each kind.
+
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyType;
+use rhumb_bindings::{BindingError, ErrorKind};
+
+/// The exception of an error.
+pub(crate) fn exception(py: Python<'_>, error: &BindingError) -> PyErr {
+    let text = error.to_string();
+    match class(py, error.kind()) {
+        Ok(class) => PyErr::from_type(class, text),
+        Err(missing) => missing,
+    }
+}
+
+/// The exception of a wrong argument.
+pub(crate) fn wrong(py: Python<'_>, argument: &'static str, needed: &'static str) -> PyErr {
+    exception(py, &BindingError::Argument { argument, needed })
+}
+
+fn class(py: Python<'_>, kind: ErrorKind) -> PyResult<Bound<'_, PyType>> {
+    static MODULE: PyOnceLock<Py<PyModule>> = PyOnceLock::new();
+    let module = MODULE.get_or_try_init(py, || py.import("rhumb.errors").map(Bound::unbind))?;
+    let name = match kind {
+        ErrorKind::Invalid | ErrorKind::Null | ErrorKind::TooSmall => "InvalidError",
+        ErrorKind::Closed => "ClosedError",
+        ErrorKind::Busy => "BusyError",
+        ErrorKind::Connect => "ConnectError",
+        ErrorKind::Denied => "DeniedError",
+        ErrorKind::Timeout => "Timeout",
+        ErrorKind::Ended => "EndedError",
+        ErrorKind::SceneGone => "SceneGoneError",
+        ErrorKind::Fault => "FaultError",
+    };
+    Ok(module.bind(py).getattr(name)?.cast_into::<PyType>()?)
+}

@@ -1,0 +1,32 @@
+//! Native module of the Python package `rhumb`: classes over the shared scene.
+//!
+//! The stubs in `python/rhumb/_native.pyi` are its documentation. Invariants:
+//!
+//! - A call that waits for the server releases the interpreter's lock.
+//! - An array that was given out never changes: a later frame fills another one, or one that is out of use.
+//! - Two threads in calls of one scene are an error of the second one, at once.
+#![warn(clippy::undocumented_unsafe_blocks)]
+
+mod arguments;
+mod body;
+mod connection;
+mod errors;
+mod event;
+mod query;
+mod scene;
+mod shape;
+mod view_array;
+
+use pyo3::prelude::*;
+
+#[pymodule(name = "_native")]
+fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<connection::PyConnection>()?;
+    module.add_class::<scene::PyScene>()?;
+    module.add_class::<shape::PyShape>()?;
+    module.add_class::<event::PyEvent>()?;
+    module.add_class::<query::PyQuery>()?;
+    module.add_class::<query::PyHit>()?;
+    module.add_function(wrap_pyfunction!(connection::connect, module)?)
+}

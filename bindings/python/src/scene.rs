@@ -1,0 +1,584 @@
+//! Scenes: bodies, commands, time, arrays, events, queries.
+
+use std::sync::{Mutex, TryLockError};
+
+use numpy::{IntoPyArray, PyArray1, PyArrayDyn};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rhumb_bindings::rhumb_client::BodyId;
+use rhumb_bindings::rhumb_client::PipelineDepth;
+use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
+use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command};
+use rhumb_bindings::{BindingError, BodyParams, RemoteScene, body_word};
+
+use crate::arguments::{Bodies, bodies, rows, seconds, vector};
+use crate::body::plain_body;
+use crate::errors::{exception, wrong};
+use crate::event::PyEvent;
+use crate::query::{PyHit, PyQuery};
+use crate::shape::PyShape;
+use crate::view_array::{ViewArray, floats};
+
+/// A client of one scene.
+#[pyclass(frozen, name = "Scene", module = "rhumb")]
+pub(crate) struct PyScene {
+    /// `None` once it is closed.
+    opened: Mutex<Option<OpenScene>>,
+}
+
+/// A scene that is open, and its arrays.
+struct OpenScene {
+    scene: RemoteScene,
+    bodies: ViewArray<u64>,
+    changed: ViewArray<u32>,
+    removed: ViewArray<u64>,
+    positions: ViewArray<f32>,
+    rotations: ViewArray<f32>,
+    linear: ViewArray<f32>,
+    angular: ViewArray<f32>,
+    resting: ViewArray<bool>,
+}
+
+impl OpenScene {
+    /// Tells the arrays that the view is about to be computed anew.
+    const fn expire(&mut self) {
+        self.bodies.expire();
+        self.changed.expire();
+        self.removed.expire();
+        self.positions.expire();
+        self.rotations.expire();
+        self.linear.expire();
+        self.angular.expire();
+        self.resting.expire();
+    }
+}
+
+impl PyScene {
+    pub(crate) const fn new(scene: RemoteScene) -> Self {
+        let opened = OpenScene {
+            scene,
+            bodies: ViewArray::new(),
+            changed: ViewArray::new(),
+            removed: ViewArray::new(),
+            positions: ViewArray::new(),
+            rotations: ViewArray::new(),
+            linear: ViewArray::new(),
+            angular: ViewArray::new(),
+            resting: ViewArray::new(),
+        };
+        Self {
+            opened: Mutex::new(Some(opened)),
+        }
+    }
+
+    /// Calls with the scene. A second thread does not wait.
+    fn with<R>(
+        &self,
+        py: Python<'_>,
+        call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError>,
+    ) -> PyResult<R> {
+        self.locked(call).map_err(|error| exception(py, &error))
+    }
+
+    /// The same without the interpreter's lock, for a call that waits.
+    fn waiting<R: Send>(
+        &self,
+        py: Python<'_>,
+        call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError> + Send,
+    ) -> PyResult<R> {
+        let result = py.detach(|| self.locked(call));
+        result.map_err(|error| exception(py, &error))
+    }
+
+    fn locked<R>(
+        &self,
+        call: impl FnOnce(&mut OpenScene) -> Result<R, BindingError>,
+    ) -> Result<R, BindingError> {
+        let mut opened = self.opened.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => BindingError::Busy,
+            TryLockError::Poisoned(_) => {
+                BindingError::Fault("an earlier call of this scene panicked".into())
+            }
+        })?;
+        call(opened.as_mut().ok_or(BindingError::Closed)?)
+    }
+
+    /// Queues a command for each body, made of its row of numbers.
+    fn push(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        numbers: &Bound<'_, PyAny>,
+        name: &'static str,
+        command: impl Fn(BodyId, Vec3) -> Command,
+    ) -> PyResult<Option<u64>> {
+        let Bodies { ids, .. } = bodies(body)?;
+        let vectors = rows::<3>(numbers, ids.len(), name)?;
+        let vectors = vectors.into_iter().map(Vec3::from_array);
+        let commands = ids.into_iter().zip(vectors);
+        let commands = commands.map(|(id, vector)| command(id, vector)).collect();
+        self.with(py, |opened| opened.scene.command(commands))
+    }
+
+    /// Queues a command for each body.
+    fn each(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        command: impl Fn(BodyId) -> Command,
+    ) -> PyResult<Option<u64>> {
+        let commands = bodies(body)?.ids.into_iter().map(command).collect();
+        self.with(py, |opened| opened.scene.command(commands))
+    }
+}
+
+#[pymethods]
+impl PyScene {
+    #[pyo3(signature = (
+        shape, position = None, kind = "dynamic", *, rotation = None, linear_velocity = None,
+        angular_velocity = None, **keywords,
+    ))]
+    // Named parameters are the interface of Python.
+    #[expect(clippy::too_many_arguments)]
+    fn add_body(
+        &self,
+        py: Python<'_>,
+        shape: &Bound<'_, PyShape>,
+        position: Option<&Bound<'_, PyAny>>,
+        kind: &str,
+        rotation: Option<&Bound<'_, PyAny>>,
+        linear_velocity: Option<&Bound<'_, PyAny>>,
+        angular_velocity: Option<&Bound<'_, PyAny>>,
+        keywords: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<u64> {
+        let mut body = plain_body(shape, kind, keywords)?;
+        let vector = |argument: Option<&Bound<'_, PyAny>>, name| {
+            argument.map_or(Ok(Vec3::ZERO), |argument| vector(argument, name))
+        };
+        body.position = vector(position, "position")?;
+        body.linear_velocity = vector(linear_velocity, "linear_velocity")?;
+        body.angular_velocity = vector(angular_velocity, "angular_velocity")?;
+        if let Some(rotation) = rotation {
+            body.rotation = crate::arguments::rotation(rotation, "rotation")?;
+        }
+        let ids = self.waiting(py, |opened| opened.scene.add_bodies(&[body]))?;
+        let id = ids.first().copied();
+        id.map(body_word)
+            .ok_or_else(|| exception(py, &BindingError::Fault("no id for a body".into())))
+    }
+
+    #[pyo3(signature = (
+        shape, positions, kind = "dynamic", *, rotations = None, linear_velocities = None,
+        angular_velocities = None, **keywords,
+    ))]
+    // Named parameters are the interface of Python.
+    #[expect(clippy::too_many_arguments)]
+    fn add_bodies<'py>(
+        &self,
+        py: Python<'py>,
+        shape: &Bound<'py, PyShape>,
+        positions: &Bound<'py, PyAny>,
+        kind: &str,
+        rotations: Option<&Bound<'py, PyAny>>,
+        linear_velocities: Option<&Bound<'py, PyAny>>,
+        angular_velocities: Option<&Bound<'py, PyAny>>,
+        keywords: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyArray1<u64>>> {
+        let plain = plain_body(shape, kind, keywords)?;
+        let positions = crate::arguments::points(positions, "positions")?;
+        let count = positions.len();
+        let vectors = |argument: Option<&Bound<'py, PyAny>>, name| {
+            argument
+                .map(|argument| rows::<3>(argument, count, name))
+                .transpose()
+        };
+        let linear = vectors(linear_velocities, "linear_velocities")?;
+        let angular = vectors(angular_velocities, "angular_velocities")?;
+        let turned = rotations.map(|argument| rows::<4>(argument, count, "rotations"));
+        let turned = turned.transpose()?;
+        let at = |rows: &Option<Vec<[f32; 3]>>, place: usize| {
+            rows.as_ref()
+                .map_or(Vec3::ZERO, |rows| Vec3::from_array(rows[place]))
+        };
+        let all: Vec<_> = positions
+            .into_iter()
+            .enumerate()
+            .map(|(place, position)| BodyParams {
+                position,
+                rotation: turned
+                    .as_ref()
+                    .map_or(Quat::IDENTITY, |rows| Quat::from_array(rows[place])),
+                linear_velocity: at(&linear, place),
+                angular_velocity: at(&angular, place),
+                ..plain.clone()
+            })
+            .collect();
+        let ids = self.waiting(py, |opened| opened.scene.add_bodies(&all))?;
+        let words: Vec<u64> = ids.into_iter().map(body_word).collect();
+        Ok(words.into_pyarray(py))
+    }
+
+    fn remove(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+        self.each(py, body, |id| Command::RemoveBody { id })
+    }
+
+    #[pyo3(signature = (body, position, rotation = None))]
+    fn set_pose(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        position: &Bound<'_, PyAny>,
+        rotation: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        let positions = rows::<3>(position, ids.len(), "position")?;
+        let rotations = match rotation {
+            Some(rotation) => rows::<4>(rotation, ids.len(), "rotation")?,
+            None => vec![[0.0, 0.0, 0.0, 1.0]; ids.len()],
+        };
+        let poses = positions.into_iter().zip(rotations);
+        let commands = ids
+            .into_iter()
+            .zip(poses)
+            .map(|(id, (at, turned))| Command::SetPose {
+                id,
+                position: Vec3::from_array(at),
+                rotation: Quat::from_array(turned),
+            });
+        let commands = commands.collect();
+        self.with(py, |opened| opened.scene.command(commands))
+    }
+
+    #[pyo3(signature = (body, linear, angular = None))]
+    fn set_velocity(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        linear: &Bound<'_, PyAny>,
+        angular: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        let linears = rows::<3>(linear, ids.len(), "linear")?;
+        let angulars = match angular {
+            Some(angular) => rows::<3>(angular, ids.len(), "angular")?,
+            None => vec![[0.0; 3]; ids.len()],
+        };
+        let twists = linears.into_iter().zip(angulars);
+        let commands = ids.into_iter().zip(twists);
+        let commands = commands.map(|(id, (linear, angular))| Command::SetVelocity {
+            id,
+            linear: Vec3::from_array(linear),
+            angular: Vec3::from_array(angular),
+        });
+        let commands = commands.collect();
+        self.with(py, |opened| opened.scene.command(commands))
+    }
+
+    #[pyo3(signature = (body, force, point = None))]
+    fn apply_force(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        force: &Bound<'_, PyAny>,
+        point: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Option<u64>> {
+        let point = point.map(|point| vector(point, "point")).transpose()?;
+        self.push(py, body, force, "force", |id, force| match point {
+            Some(point) => Command::ForceAt { id, force, point },
+            None => Command::Force { id, force },
+        })
+    }
+
+    fn apply_torque(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        torque: &Bound<'_, PyAny>,
+    ) -> PyResult<Option<u64>> {
+        self.push(py, body, torque, "torque", |id, torque| Command::Torque {
+            id,
+            torque,
+        })
+    }
+
+    #[pyo3(signature = (body, impulse, point = None))]
+    fn apply_impulse(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        impulse: &Bound<'_, PyAny>,
+        point: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Option<u64>> {
+        let point = point.map(|point| vector(point, "point")).transpose()?;
+        self.push(py, body, impulse, "impulse", |id, impulse| match point {
+            Some(point) => Command::ImpulseAt { id, impulse, point },
+            None => Command::Impulse { id, impulse },
+        })
+    }
+
+    fn apply_torque_impulse(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        impulse: &Bound<'_, PyAny>,
+    ) -> PyResult<Option<u64>> {
+        self.push(py, body, impulse, "impulse", |id, impulse| {
+            Command::TorqueImpulse { id, impulse }
+        })
+    }
+
+    fn set_gravity(&self, py: Python<'_>, gravity: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+        let gravity = vector(gravity, "gravity")?;
+        let commands = vec![Command::SetGravity { gravity }];
+        self.with(py, |opened| opened.scene.command(commands))
+    }
+
+    fn sleep(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+        self.each(py, body, |id| Command::Sleep { id })
+    }
+
+    fn wake(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+        self.each(py, body, |id| Command::Wake { id })
+    }
+
+    #[pyo3(signature = (body, *, contacts = false, force = None, sensors = false, sleep = false))]
+    fn report_events(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        contacts: bool,
+        force: Option<f32>,
+        sensors: bool,
+        sleep: bool,
+    ) -> PyResult<Option<u64>> {
+        let events = ActiveEvents {
+            contacts,
+            force,
+            sensors,
+            sleep,
+        };
+        self.each(py, body, |id| Command::SetEvents { id, events })
+    }
+
+    fn flush(&self, py: Python<'_>) -> PyResult<()> {
+        self.with(py, |opened| {
+            opened.scene.flush();
+            Ok(())
+        })
+    }
+
+    #[pyo3(signature = (ticks = 1, depth = 0))]
+    fn advance(&self, py: Python<'_>, ticks: u32, depth: u32) -> PyResult<u64> {
+        if ticks == 0 {
+            return Err(wrong(py, "ticks", "at least 1"));
+        }
+        let depth = PipelineDepth::new(depth);
+        let mut shown = 0;
+        for _ in 0..ticks {
+            // Between two ticks, Python may raise what a signal asks for.
+            py.check_signals()?;
+            shown = self.waiting(py, |opened| {
+                opened.expire();
+                Ok(opened.scene.advance(depth)?.value())
+            })?;
+        }
+        Ok(shown)
+    }
+
+    #[pyo3(signature = (depth = 0))]
+    fn wait(&self, py: Python<'_>, depth: u32) -> PyResult<u64> {
+        self.waiting(py, |opened| {
+            opened.expire();
+            Ok(opened.scene.wait(PipelineDepth::new(depth))?.value())
+        })
+    }
+
+    fn poll(&self, py: Python<'_>) -> PyResult<(u64, f64)> {
+        self.waiting(py, |opened| {
+            opened.expire();
+            let time = opened.scene.poll()?;
+            Ok((time.tick.value(), time.fraction))
+        })
+    }
+
+    fn idle(&self, py: Python<'_>, duration: f64) -> PyResult<()> {
+        let duration = seconds(py, duration, "duration")?;
+        self.waiting(py, |opened| opened.scene.idle(duration))
+    }
+
+    #[getter]
+    fn time(&self, py: Python<'_>) -> PyResult<(u64, f64)> {
+        self.with(py, |opened| {
+            let time = opened.scene.time();
+            Ok((time.tick.value(), time.fraction))
+        })
+    }
+
+    #[getter]
+    fn bodies<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u64>>> {
+        self.with(py, |opened| {
+            Ok(opened.bodies.get(py, None, opened.scene.bodies()))
+        })?
+    }
+
+    #[getter]
+    fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.with(py, |opened| {
+            let values = floats(opened.scene.positions());
+            Ok(opened.positions.get(py, Some(3), values))
+        })?
+    }
+
+    #[getter]
+    fn rotations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.with(py, |opened| {
+            let values = floats(opened.scene.rotations());
+            Ok(opened.rotations.get(py, Some(4), values))
+        })?
+    }
+
+    #[getter]
+    fn linear_velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.with(py, |opened| {
+            let values = floats(opened.scene.linear_velocities());
+            Ok(opened.linear.get(py, Some(3), values))
+        })?
+    }
+
+    #[getter]
+    fn angular_velocities<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        self.with(py, |opened| {
+            let values = floats(opened.scene.angular_velocities());
+            Ok(opened.angular.get(py, Some(3), values))
+        })?
+    }
+
+    #[getter]
+    fn resting<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
+        self.with(py, |opened| {
+            Ok(opened.resting.get(py, None, opened.scene.resting()))
+        })?
+    }
+
+    #[getter]
+    fn changed<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u32>>> {
+        self.with(py, |opened| {
+            Ok(opened.changed.get(py, None, opened.scene.changed()))
+        })?
+    }
+
+    #[getter]
+    fn removed<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u64>>> {
+        self.with(py, |opened| {
+            Ok(opened.removed.get(py, None, opened.scene.removed()))
+        })?
+    }
+
+    fn place(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
+        let ids = bodies(body)?.ids;
+        let [id] = ids.as_slice() else {
+            return Err(wrong(py, "body", "one body"));
+        };
+        self.with(py, |opened| Ok(opened.scene.place(*id)))
+    }
+
+    fn places<'py>(
+        &self,
+        py: Python<'py>,
+        body: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<usize>>> {
+        let ids = bodies(body)?.ids;
+        let places = self.with(py, |opened| {
+            let place = |id: &BodyId| opened.scene.place(*id).ok_or(UNKNOWN_BODY);
+            ids.iter().map(place).collect::<Result<Vec<_>, _>>()
+        })?;
+        Ok(places.into_pyarray(py))
+    }
+
+    fn error_bound(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Py<PyAny>> {
+        let Bodies { ids, is_single } = bodies(body)?;
+        let bounds = self.with(py, |opened| {
+            let bound = |id: &BodyId| opened.scene.error_bound(*id).ok_or(UNKNOWN_BODY);
+            ids.iter().map(bound).collect::<Result<Vec<_>, _>>()
+        })?;
+        match (is_single, bounds.as_slice()) {
+            (true, [bound]) => Ok(bound.into_pyobject(py)?.into_any().unbind()),
+            _ => Ok(bounds.into_pyarray(py).into_any().unbind()),
+        }
+    }
+
+    fn events(&self, py: Python<'_>) -> PyResult<Vec<PyEvent>> {
+        self.with(py, |opened| {
+            let events = std::iter::from_fn(|| opened.scene.poll_event());
+            Ok(events.map(PyEvent::new).collect())
+        })
+    }
+
+    fn query(
+        &self,
+        py: Python<'_>,
+        queries: Vec<PyRef<'_, PyQuery>>,
+    ) -> PyResult<(u64, Vec<Vec<PyHit>>)> {
+        let queries: Vec<_> = queries.iter().map(|query| query.query.clone()).collect();
+        let count = queries.len();
+        let (tick, records) = self.waiting(py, |opened| opened.scene.query(queries))?;
+        let mut hits: Vec<Vec<PyHit>> = (0..count).map(|_| Vec::new()).collect();
+        for record in &records {
+            hits[record.query as usize].push(PyHit::new(record));
+        }
+        Ok((tick.value(), hits))
+    }
+
+    #[getter]
+    fn statistics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let now = self.with(py, |opened| Ok(opened.scene.statistics()))?;
+        let statistics = PyDict::new(py);
+        statistics.set_item("sent_bytes", now.wire.sent_bytes)?;
+        statistics.set_item("received_bytes", now.wire.received_bytes)?;
+        statistics.set_item("updates", now.stream.updates)?;
+        statistics.set_item("complete_tick", now.complete.value())?;
+        Ok(statistics)
+    }
+
+    fn delete(&self, py: Python<'_>) -> PyResult<()> {
+        self.waiting(py, |opened| opened.scene.delete())
+    }
+
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        let opened = match self.opened.try_lock() {
+            Ok(mut opened) => opened.take(),
+            // Half of a change may be there, and is only dropped.
+            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner().take(),
+            Err(TryLockError::WouldBlock) => return Err(exception(py, &BindingError::Busy)),
+        };
+        if let Some(OpenScene { scene, .. }) = opened {
+            py.detach(|| scene.close());
+        }
+        Ok(())
+    }
+
+    #[getter]
+    fn closed(&self) -> bool {
+        // A scene that is in use by another thread is open.
+        (self.opened.try_lock()).is_ok_and(|opened| opened.is_none())
+    }
+
+    fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
+        self.with(py, |opened| Ok(opened.scene.count()))
+    }
+
+    const fn __enter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        this
+    }
+
+    #[pyo3(signature = (*_error))]
+    fn __exit__(&self, py: Python<'_>, _error: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.close(py)
+    }
+}
+
+/// Error for a body that is not in the copy of the scene.
+const UNKNOWN_BODY: BindingError = BindingError::Argument {
+    argument: "body",
+    needed: "in the copy of the scene; it is not there yet, or was removed",
+};

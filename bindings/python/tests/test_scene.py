@@ -1,0 +1,168 @@
+"""What a scene promises: bodies, commands, arrays, events, queries."""
+
+import gc
+import math
+
+import numpy as np
+import pytest
+
+import rhumb
+
+
+def ball_on_floor(scene):
+    scene.add_body(rhumb.Shape.cuboid(10, 0.5, 10), (0, -0.5, 0), "fixed")
+    return scene.add_body(rhumb.Shape.ball(0.5), (0, 2, 0))
+
+
+def test_a_ball_falls_on_the_floor_and_rests_there_within_its_bound(scene):
+    ball = ball_on_floor(scene)
+    assert scene.advance() == 1
+    assert scene.advance(ticks=179) == 180
+    at = scene.positions[scene.place(ball)]
+    assert np.allclose(at, (0, 0.5, 0), atol=0.05)
+    assert scene.error_bound(ball) == pytest.approx(0.05)
+    assert scene.time == (180, 0.0)
+    assert len(scene) == 2
+
+
+def test_arrays_have_one_order_and_their_types(scene):
+    bodies = scene.add_bodies(rhumb.Shape.ball(0.5), [(x * 2, 0, 0) for x in range(5)], mass=2.0)
+    scene.set_gravity((0, 0, 0))
+    scene.set_velocity(bodies, [(x, 1, 0) for x in range(5)], (0, 2, 0))
+    # A copy begins to move once it would be off by more than the tolerance.
+    scene.advance(ticks=10)
+    assert scene.bodies.dtype == np.uint64 and scene.bodies.shape == (5,)
+    assert scene.positions.dtype == np.float32 and scene.positions.shape == (5, 3)
+    assert scene.rotations.shape == (5, 4) and scene.resting.dtype == np.bool_
+    places = scene.places(bodies)
+    assert np.array_equal(scene.bodies[places], bodies)
+    assert np.allclose(scene.linear_velocities[places], [(x, 1, 0) for x in range(5)], atol=0.1)
+    assert np.allclose(scene.angular_velocities, (0, 2, 0), atol=0.1)
+    assert set(scene.changed) <= set(range(5)) and len(scene.changed) >= 4
+    assert scene.error_bound(bodies).shape == (5,)
+    scene.remove(bodies[:2])
+    scene.advance()
+    assert len(scene) == 3 and set(scene.removed) == set(bodies[:2])
+    assert scene.place(bodies[0]) is None
+
+
+def test_an_array_is_read_only_the_same_when_read_again_and_keeps_its_frame(scene):
+    ball = ball_on_floor(scene)
+    scene.advance()
+    first = scene.positions
+    assert first is scene.positions
+    assert not first.flags.writeable
+    with pytest.raises(ValueError):
+        first[0, 0] = 1
+    row, kept = first[scene.place(ball)], first.copy()
+    for _ in range(60):
+        scene.advance()
+        assert scene.positions is not first
+    assert np.array_equal(first, kept)
+    assert row[1] == pytest.approx(2.0, abs=0.01)
+    assert scene.positions[scene.place(ball)][1] < 1.5
+
+
+def test_a_loop_uses_two_arrays_again_and_again(scene):
+    ball_on_floor(scene)
+    scene.advance()
+    seen = set()
+    for _ in range(20):
+        scene.advance()
+        seen.add(scene.positions.__array_interface__["data"][0])
+    assert len(seen) <= 2
+
+
+def test_arrays_outlive_their_scene(server):
+    with server.connect().join("outlive", condition="create") as scene:
+        ball_on_floor(scene)
+        scene.advance()
+        positions, part = scene.positions, scene.rotations[:1]
+    del scene
+    gc.collect()
+    assert positions.shape == (2, 3) and np.isfinite(positions).all()
+    assert np.allclose(part, (0, 0, 0, 1))
+
+
+def test_more_bodies_make_larger_arrays(scene):
+    scene.set_gravity((0, 0, 0))
+    for count in (1, 3, 300):
+        before = len(scene)
+        grid = [(x % 20 * 2, x // 20 * 2, before) for x in range(count)]
+        scene.add_bodies(rhumb.Shape.ball(0.25), grid)
+        scene.advance()
+        assert scene.positions.shape == (before + count, 3)
+
+
+def test_events_say_what_became_of_commands(scene):
+    ball = ball_on_floor(scene)
+    scene.report_events(ball, contacts=True, sleep=True)
+    removal = scene.remove(12_345)
+    scene.advance(ticks=60)
+    events = {event.kind: event for event in scene.events()}
+    assert events["body placed"].body == ball
+    refused = events["command refused"]
+    assert refused.number == removal and "no body" in refused.text
+    contact = events["contact began"]
+    assert ball in (contact.body, contact.other) and 30 < contact.tick <= 60
+    assert abs(contact.normal[1]) == pytest.approx(1, abs=1e-3)
+    assert scene.events() == []
+
+
+def test_queries_find_bodies(scene):
+    ball = ball_on_floor(scene)
+    scene.advance()
+    up = rhumb.Query.ray((0, 10, 0), (0, -20, 0), hits=4)
+    near = rhumb.Query.overlap(rhumb.Shape.ball(1), (0, 2, 0))
+    cast = rhumb.Query.shape_cast(rhumb.Shape.cuboid(0.1, 0.1, 0.1), (5, 5, 5), (0, -10, 0))
+    tick, [first, second, third, fourth] = scene.query([up, near, cast, up.among(dynamic=False)])
+    assert tick == 1
+    assert [hit.body for hit in first][0] == ball and first[0].distance == pytest.approx(7.5, abs=0.01)
+    assert first[0].normal == pytest.approx((0, 1, 0), abs=1e-3)
+    assert [hit.body for hit in second] == [ball]
+    assert third[0].distance == pytest.approx(4.9, abs=0.01)
+    assert ball not in [hit.body for hit in fourth] and len(fourth) == 1
+
+
+def test_every_shape_can_be_added(scene):
+    corner = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    for x, shape in enumerate(
+        [
+            rhumb.Shape.rounded_cuboid(0.5, 0.5, 0.5, 0.1),
+            rhumb.Shape.capsule(0.5, 0.25),
+            rhumb.Shape.cylinder(0.5, 0.25),
+            rhumb.Shape.cone(0.5, 0.25),
+            rhumb.Shape.hull(corner),
+        ]
+    ):
+        scene.add_body(shape, (x * 3, 5, 0), material=(0.5, 0.1, 500), damping=(0.1, 0.1), swept=True)
+    scene.add_body(rhumb.Shape.half_space((0, 1, 0)), kind="fixed", groups=(1, 1))
+    scene.add_body(rhumb.Shape.mesh(corner[:3], [(0, 1, 2)]), (0, -9, 0), "fixed", tolerance_exponent=1)
+    scene.add_body(rhumb.Shape.heights(np.zeros((3, 4)), 2, 2), (50, -9, 0), "fixed", sensor=True)
+    scene.advance()
+    assert len(scene) == 8
+    assert [event for event in scene.events() if event.kind == "command refused"] == []
+
+
+def test_coordinates_are_those_of_the_application(server):
+    with server.connect().join("axes", condition="create", coordinates="unreal") as scene:
+        ball = scene.add_body(rhumb.Shape.ball(50), (100, 200, 300))
+        scene.advance(ticks=60)
+        x, y, z = scene.positions[scene.place(ball)]
+        assert (x, y) == pytest.approx((100, 200), abs=0.1)
+        # A second of free fall, in centimetres, and the tolerance of 5 cm.
+        assert z == pytest.approx(300 - 490 - 8, abs=6)
+        assert scene.error_bound(ball) == pytest.approx(5)
+
+
+def test_a_free_running_scene_is_polled(server):
+    with server.connect().join("free", condition="create", stepping="free running") as scene:
+        ball = scene.add_body(rhumb.Shape.ball(0.5), (0, 50, 0))
+        tick, fraction = scene.poll()
+        while tick < 20:
+            scene.idle(0.02)
+            tick, fraction = scene.poll()
+        assert 0 <= fraction < 1
+        assert scene.positions[scene.place(ball)][1] < 50
+        assert scene.statistics["received_bytes"] > 0
+        assert math.isfinite(scene.error_bound(ball))

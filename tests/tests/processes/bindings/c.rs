@@ -1,0 +1,166 @@
+//! Programs in C and C++ under AddressSanitizer.
+//!
+//! Warnings are errors.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use rhumb_tests::ServerProcess;
+use tempfile::TempDir;
+
+use super::{has, libraries, root, run_well};
+use crate::SERVER;
+
+/// Which library a program is linked with.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Linked {
+    Shared,
+    Static,
+}
+
+/// A compiled program of `bindings/c`.
+pub(super) struct Compiled {
+    path: PathBuf,
+    ends_server: bool,
+    _folder: TempDir,
+}
+
+impl Compiled {
+    /// Compiles `bindings/c/SOURCE`, in C or C++ by its ending; `None`, with a line that says so, without a compiler.
+    pub(super) fn new(source: &str, linked: Linked) -> Option<Self> {
+        let folder = TempDir::new().expect("a folder for the program");
+        let path = folder.path().join("program");
+        let c = root().join("bindings/c");
+        let (compiler, standard) = match source.ends_with(".cpp") {
+            true => ("c++", "-std=c++17"),
+            false => ("cc", "-std=c11"),
+        };
+        if !has(compiler) {
+            return None;
+        }
+        let mut command = Command::new(compiler);
+        command
+            .args([standard, "-Wall", "-Wextra", "-Werror", "-pedantic", "-g"])
+            .args(["-fsanitize=address,undefined", "-fno-sanitize-recover=all"])
+            .args(["-D_POSIX_C_SOURCE=200809L", "-pthread", "-I"])
+            .arg(c.join("include"))
+            .arg(c.join(source))
+            .arg("-o")
+            .arg(&path);
+        link(&mut command, linked);
+        run_well(&mut command);
+        Some(Self {
+            path,
+            ends_server: source == "tests/misuse.c",
+            _folder: folder,
+        })
+    }
+
+    /// Runs it with a server's address and fingerprint, and its process id where it ends the server; returns what it
+    /// wrote.
+    pub(super) fn run_with(&self, server: &ServerProcess) -> String {
+        let mut command = Command::new(&self.path);
+        let asan = "detect_leaks=1:detect_stack_use_after_return=1";
+        command.env("ASAN_OPTIONS", asan);
+        command.args([server.address.to_string(), server.fingerprint.to_string()]);
+        if self.ends_server {
+            command.arg(server.id().to_string());
+        }
+        run_well(&mut command)
+    }
+}
+
+fn link(command: &mut Command, linked: Linked) {
+    let folder = libraries();
+    match linked {
+        Linked::Shared => {
+            let rpath = format!("-Wl,-rpath,{}", folder.display());
+            command.arg("-L").arg(&folder).arg("-lrhumb").arg(rpath);
+        }
+        Linked::Static => {
+            // What the system's own library for threads and numbers needs, as the install script says too.
+            command.arg(folder.join("librhumb.a")).args(["-ldl", "-lm"]);
+        }
+    }
+}
+
+#[test]
+fn the_examples_in_c_and_cpp_drop_a_ball_on_the_floor() {
+    for source in ["examples/drop.c", "examples/drop.cpp"] {
+        let Some(program) = Compiled::new(source, Linked::Shared) else {
+            continue;
+        };
+        let server = SERVER.serve("127.0.0.1:0");
+        let out = program.run_with(&server);
+        let lines: Vec<_> = out.lines().collect();
+        assert_eq!(lines.len(), 180, "{out}");
+        assert!(
+            lines[0].starts_with("tick 1: 0.000 9.99"),
+            "{source}: {}",
+            lines[0]
+        );
+        assert!(
+            lines[179].starts_with("tick 180: 0.000 0.5"),
+            "{source}: {}",
+            lines[179]
+        );
+        assert!(
+            lines[179].ends_with("within 0.050 m"),
+            "{source}: {}",
+            lines[179]
+        );
+    }
+}
+
+#[test]
+fn every_misuse_of_the_c_interface_is_an_error_and_none_does_harm() {
+    if let Some(program) = Compiled::new("tests/misuse.c", Linked::Shared) {
+        let server = SERVER.serve_without_log("127.0.0.1:0");
+        let out = program.run_with(&server);
+        assert_eq!(out, "every misuse was an error\n");
+    }
+}
+
+#[test]
+fn every_misuse_of_the_cpp_interface_is_an_exception() {
+    if let Some(program) = Compiled::new("tests/misuse.cpp", Linked::Shared) {
+        let server = SERVER.serve_without_log("127.0.0.1:0");
+        let out = program.run_with(&server);
+        assert_eq!(out, "every misuse was an exception\n");
+    }
+}
+
+#[test]
+fn an_installed_library_is_found_by_pkg_config_and_by_cmake() {
+    let folder = TempDir::new().expect("a folder to install in");
+    let (prefix, examples) = (folder.path(), root().join("bindings/c/examples"));
+    let mut install = Command::new(root().join("bindings/c/install"));
+    run_well(install.arg(prefix).arg("--from").arg(libraries()));
+    let server = SERVER.serve("127.0.0.1:0");
+    let drop_with = |program: &Path| {
+        let mut command = Command::new(program);
+        command.env("LD_LIBRARY_PATH", prefix.join("lib"));
+        let out =
+            run_well(command.args([server.address.to_string(), server.fingerprint.to_string()]));
+        assert_eq!(out.lines().count(), 180, "{out}");
+    };
+    if has("pkg-config") {
+        let mut flags = Command::new("pkg-config");
+        flags.env("PKG_CONFIG_PATH", prefix.join("lib/pkgconfig"));
+        let flags = run_well(flags.args(["--cflags", "--libs", "rhumb"]));
+        let program = prefix.join("by-pkg-config");
+        let mut compile = Command::new("cc");
+        compile.arg(examples.join("drop.c")).arg("-o").arg(&program);
+        run_well(compile.args(flags.split_whitespace()));
+        drop_with(&program);
+    }
+    if has("cmake") {
+        let build = prefix.join("build");
+        let mut configure = Command::new("cmake");
+        configure.arg("-S").arg(&examples).arg("-B").arg(&build);
+        run_well(configure.arg(format!("-DCMAKE_PREFIX_PATH={}", prefix.display())));
+        run_well(Command::new("cmake").arg("--build").arg(&build));
+        drop_with(&build.join("drop_c"));
+        drop_with(&build.join("drop_cpp"));
+    }
+}

@@ -1,0 +1,89 @@
+//! Programs in C#, compiled and run by Mono.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use rhumb_tests::ServerProcess;
+use tempfile::TempDir;
+
+use super::script::expected;
+use super::{has, libraries, root, run_well};
+use crate::SERVER;
+
+/// The sources of a folder.
+fn sources(folder: &str) -> impl Iterator<Item = PathBuf> {
+    let entries = std::fs::read_dir(root().join("bindings/csharp").join(folder));
+    let paths = entries
+        .expect("the sources")
+        .map(|entry| entry.expect("a source").path());
+    paths.filter(|path| path.extension().is_some_and(|end| end == "cs"))
+}
+
+/// A compiled program.
+struct Assembly {
+    folder: TempDir,
+}
+
+impl Assembly {
+    /// Compiles the library with one program; `None`, with a line that says so, without a compiler.
+    fn new(program: &str) -> Option<Self> {
+        if !has("mcs") || !has("mono") {
+            return None;
+        }
+        let folder = TempDir::new().expect("a folder for the program");
+        let mut out = std::ffi::OsString::from("-out:");
+        out.push(folder.path().join("program.exe"));
+        let mut command = Command::new("mcs");
+        command.args(["-unsafe", "-langversion:latest", "-warnaserror", "-warn:4"]);
+        // Fields of C that no C# code names, and the header's documentation, which is not XML.
+        command
+            .args(["-nowarn:169,649,1591", "-r:System.Core"])
+            .arg(out);
+        command
+            .args(sources("src"))
+            .arg(root().join("bindings/csharp").join(program));
+        run_well(&mut command);
+        Some(Self { folder })
+    }
+
+    fn run_with(&self, server: &ServerProcess, more: &[String]) -> String {
+        let mut command = Command::new("mono");
+        command
+            .arg("--debug")
+            .arg(self.folder.path().join("program.exe"));
+        command.env("LD_LIBRARY_PATH", libraries());
+        let arguments = [server.address.to_string(), server.fingerprint.to_string()];
+        run_well(command.args(arguments).args(more))
+    }
+}
+
+#[test]
+fn the_example_in_csharp_drops_a_ball_on_the_floor() {
+    if let Some(program) = Assembly::new("examples/Drop.cs") {
+        let server = SERVER.serve_without_log("127.0.0.1:0");
+        let out = program.run_with(&server, &[]);
+        assert_eq!(out.lines().count(), 180, "{out}");
+        assert!(out.contains("\ntick 180: 0.000 0.5"), "{out}");
+    }
+}
+
+#[test]
+fn every_misuse_in_csharp_is_an_exception() {
+    if let Some(program) = Assembly::new("tests/Misuse.cs") {
+        let server = SERVER.serve_without_log("127.0.0.1:0");
+        let process = server.id().to_string();
+        assert_eq!(
+            program.run_with(&server, &[process]),
+            "every misuse was an exception\n"
+        );
+    }
+}
+
+#[test]
+fn the_script_in_csharp_ends_with_the_hash_of_the_script_in_rust() {
+    if let Some(program) = Assembly::new("tests/Script.cs") {
+        let server = SERVER.serve_without_log("127.0.0.1:0");
+        let expected = expected(&server).line();
+        assert_eq!(program.run_with(&server, &[]), expected);
+    }
+}

@@ -1,0 +1,268 @@
+//! One script in every language ends with one hash of poses.
+//!
+//! The script piles up bodies of five shapes, disturbs them, and asks one query. This file has it in Rust, over the client
+//! itself, and in each of the coordinates that do not round.
+
+use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
+use rhumb_bindings::{BodyParams, Coordinates, JoinCondition, JoinParams, RemoteScene};
+use rhumb_client::scene::{Answer, BodyBuilder, BodyDesc, BodyKind, Command, Query, Shape};
+use rhumb_client::{BodyId, Client, JoinMode, JoinOptions, PipelineDepth, Trust};
+use rhumb_conformance::fnv::Fnv;
+use rhumb_tests::ServerProcess;
+
+use super::c::{Compiled, Linked};
+use crate::SERVER;
+
+const PILED: u16 = 60;
+const TICKS: u16 = 150;
+/// Beginning and way of the query's ray.
+const RAY: [Vec3; 2] = [Vec3::new(-0.625, 50.0, -0.625), Vec3::new(0.0, -100.0, 0.0)];
+
+fn shape(i: u16) -> Shape {
+    match i % 5 {
+        0 => Shape::ball(0.25),
+        1 => Shape::cuboid(0.5, 0.25, 0.5),
+        2 => Shape::capsule(0.5, 0.25),
+        3 => Shape::cylinder(0.5, 0.25),
+        _ => Shape::cone(0.5, 0.25),
+    }
+}
+
+fn position(i: u16) -> Vec3 {
+    let place = |place: u16| f32::from(place % 2) * 1.25 - 0.625;
+    Vec3::new(place(i), 1.0 + 1.5 * f32::from(i / 4), place(i / 2))
+}
+
+fn spin(i: u16) -> Vec3 {
+    Vec3::new(0.0, 0.5 * f32::from(i % 3), 0.0)
+}
+
+fn commands(tick: u16, bodies: &[BodyId]) -> Vec<Command> {
+    match tick {
+        30 => vec![
+            Command::Impulse {
+                id: bodies[1],
+                impulse: Vec3::new(200.0, 100.0, 0.0),
+            },
+            Command::SetVelocity {
+                id: bodies[6],
+                linear: Vec3::new(0.0, 4.0, 1.0),
+                angular: Vec3::X,
+            },
+        ],
+        60 => vec![Command::RemoveBody { id: bodies[4] }],
+        90 => vec![Command::SetGravity {
+            gravity: Vec3::new(1.0, -9.75, 0.0),
+        }],
+        _ => Vec::new(),
+    }
+}
+
+/// All poses at the end of the script, and what its query found.
+#[derive(Debug, PartialEq)]
+pub(super) struct Outcome {
+    poses: Vec<(Vec3, Quat)>,
+    distances: Vec<f32>,
+}
+
+impl Outcome {
+    /// The line that each program prints.
+    pub(super) fn line(&self) -> String {
+        let mut hash = Fnv::START;
+        let poses = self.poses.iter().flat_map(|(at, turned)| {
+            let numbers = at.to_array().into_iter();
+            numbers.chain(turned.to_array())
+        });
+        for number in poses.chain(self.distances.iter().copied()) {
+            hash.fold(&number.to_le_bytes());
+        }
+        let (hits, hash) = (self.distances.len(), hash.value());
+        format!("{PILED} bodies, {hits} hits, hash {hash:016x}\n")
+    }
+}
+
+fn floor() -> BodyBuilder {
+    BodyDesc::fixed(Shape::cuboid(10.0, 0.5, 10.0)).at(0.0, -0.5, 0.0)
+}
+
+/// The script over the client itself.
+pub(super) fn expected(server: &ServerProcess) -> Outcome {
+    let trust = Trust::Fingerprint(server.fingerprint);
+    let options = JoinOptions {
+        mode: JoinMode::Create(Default::default()),
+        ..JoinOptions::default()
+    };
+    let connection = Client::connect(&server.address.to_string(), trust).unwrap();
+    let mut client = connection.join_with("script", options).unwrap();
+    let piled = (0..PILED).map(|i| {
+        let body = BodyDesc::dynamic(shape(i)).position(position(i));
+        body.angular_velocity(spin(i))
+    });
+    let bodies = client
+        .add_bodies(std::iter::once(floor()).chain(piled))
+        .unwrap();
+    for tick in 0..TICKS {
+        for command in commands(tick, &bodies) {
+            client.command(command).unwrap();
+        }
+        client.advance(PipelineDepth::LOCKSTEP).unwrap();
+    }
+    let view = client.view();
+    let pose = |id: &BodyId| Some((view.position(*id)?, view.rotation(*id)?));
+    let poses: Vec<_> = bodies.iter().filter_map(pose).collect();
+    let query = Query::ray(RAY[0], RAY[1]).finding(8);
+    let answers = client.ask(vec![query]).unwrap().answers.unwrap();
+    let [Answer::Hits(hits)] = answers.as_slice() else {
+        panic!("one ray has one answer");
+    };
+    let distances: Vec<_> = hits.iter().map(|hit| hit.distance).collect();
+    client.delete().unwrap();
+    assert_eq!(poses.len(), usize::from(PILED));
+    assert!(!distances.is_empty(), "the ray hits the pile");
+    Outcome { poses, distances }
+}
+
+#[test]
+fn the_script_in_c_and_cpp_ends_with_the_hash_of_the_script_in_rust() {
+    let server = SERVER.serve_without_log("127.0.0.1:0");
+    let expected = expected(&server);
+    for (source, linked) in [
+        ("tests/script.c", Linked::Shared),
+        ("tests/script.c", Linked::Static),
+        ("tests/script.cpp", Linked::Shared),
+    ] {
+        if let Some(program) = Compiled::new(source, linked) {
+            let out = program.run_with(&server);
+            assert_eq!(out, expected.line(), "{source}, {linked:?}");
+        }
+    }
+}
+
+/// Other axes, turned here by hand.
+#[derive(Clone, Copy)]
+enum Axes {
+    Mirrored,
+    Turned,
+}
+
+impl Axes {
+    const fn coordinates(self) -> Coordinates {
+        match self {
+            Self::Mirrored => Coordinates::Unity,
+            Self::Turned => Coordinates::ZUp,
+        }
+    }
+
+    fn vector(self, v: Vec3) -> Vec3 {
+        match self {
+            Self::Mirrored => Vec3::new(v.x, v.y, -v.z),
+            Self::Turned => Vec3::new(v.x, -v.z, v.y),
+        }
+    }
+
+    /// A mirror turns a spin the other way.
+    fn spin(self, v: Vec3) -> Vec3 {
+        match self {
+            Self::Mirrored => -self.vector(v),
+            Self::Turned => self.vector(v),
+        }
+    }
+
+    fn extents(self, x: f32, y: f32, z: f32) -> Shape {
+        match self {
+            Self::Mirrored => Shape::cuboid(x, y, z),
+            Self::Turned => Shape::cuboid(x, z, y),
+        }
+    }
+
+    fn command(self, command: Command) -> Command {
+        match command {
+            Command::Impulse { id, impulse } => Command::Impulse {
+                id,
+                impulse: self.vector(impulse),
+            },
+            Command::SetVelocity {
+                id,
+                linear,
+                angular,
+            } => Command::SetVelocity {
+                id,
+                linear: self.vector(linear),
+                angular: self.spin(angular),
+            },
+            Command::SetGravity { gravity } => Command::SetGravity {
+                gravity: self.vector(gravity),
+            },
+            other => other,
+        }
+    }
+
+    /// A pose in Rhumb's axes.
+    fn pose_back(self, at: Vec3, q: Quat) -> (Vec3, Quat) {
+        let back = |v: Vec3| match self {
+            Self::Mirrored => Vec3::new(v.x, v.y, -v.z),
+            Self::Turned => Vec3::new(v.x, v.z, -v.y),
+        };
+        let axis = back(Vec3::new(q.x, q.y, q.z));
+        let axis = match self {
+            Self::Mirrored => -axis,
+            Self::Turned => axis,
+        };
+        (back(at), Quat::from_xyzw(axis.x, axis.y, axis.z, q.w))
+    }
+}
+
+/// The script in other coordinates.
+fn in_axes(server: &ServerProcess, axes: Axes) -> Outcome {
+    let params = JoinParams {
+        coordinates: axes.coordinates(),
+        condition: JoinCondition::Create,
+        ..JoinParams::default()
+    };
+    let trust = Trust::Fingerprint(server.fingerprint);
+    let connection = Client::connect(&server.address.to_string(), trust).unwrap();
+    let mut scene = RemoteScene::join(connection, "script", &params).unwrap();
+    let mut all = vec![BodyParams {
+        position: axes.vector(Vec3::new(0.0, -0.5, 0.0)),
+        ..BodyParams::new(BodyKind::Static, axes.extents(10.0, 0.5, 10.0))
+    }];
+    all.extend((0..PILED).map(|i| BodyParams {
+        position: axes.vector(position(i)),
+        angular_velocity: axes.spin(spin(i)),
+        ..BodyParams::new(
+            BodyKind::Dynamic,
+            match shape(i) {
+                Shape::Cuboid { half_extents: h } => axes.extents(h.x, h.y, h.z),
+                other => other,
+            },
+        )
+    }));
+    let bodies = scene.add_bodies(&all).unwrap();
+    for tick in 0..TICKS {
+        let turned = commands(tick, &bodies).into_iter();
+        let turned = turned.map(|command| axes.command(command));
+        scene.command(turned.collect()).unwrap();
+        scene.advance(PipelineDepth::LOCKSTEP).unwrap();
+    }
+    let poses: Vec<_> = bodies
+        .iter()
+        .filter_map(|body| {
+            let place = scene.place(*body)?;
+            Some(axes.pose_back(scene.positions()[place], scene.rotations()[place]))
+        })
+        .collect();
+    let query = Query::ray(axes.vector(RAY[0]), axes.vector(RAY[1])).finding(8);
+    let (_, hits) = scene.query(vec![query]).unwrap();
+    let distances: Vec<_> = hits.iter().map(|hit| hit.distance).collect();
+    scene.delete().unwrap();
+    Outcome { poses, distances }
+}
+
+#[test]
+fn the_script_in_mirrored_and_in_turned_axes_ends_with_the_same_poses() {
+    // Equal numbers, but for the signs of zeros.
+    let server = SERVER.serve_without_log("127.0.0.1:0");
+    let expected = expected(&server);
+    assert_eq!(in_axes(&server, Axes::Mirrored), expected);
+    assert_eq!(in_axes(&server, Axes::Turned), expected);
+}
