@@ -9,7 +9,7 @@ use rhumb_reckoning::{
 };
 
 use super::acceleration::{ACCELERATIONS, accelerations};
-use super::errors::{Errors, Units, apart};
+use super::errors::{Errors, Units, apart, observed_pose, observed_twist};
 use super::forecast::{ErrorForecast, Known, ParentPull};
 use super::subject::{Context, Parent, Subject, share};
 use crate::packet::{Age, PredictionMode};
@@ -427,13 +427,13 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
             let ticks = Ticks::new(strides as u32 * subject.stride.count());
             let unforced = tracks.unforced(subject.slot, ticks);
             if predictor.is_torque_free() {
-                let expected = tracks.continued(subject.slot, predictor, past, ticks);
+                let expected = tracks.continued(subject.slot, predictor, &past.motion(), ticks);
                 return Some((
                     apart(&subject.truth.pose(), &expected.pose()),
                     unforced.fall,
                 ));
             }
-            let (twist, [moved, turned]) = (past.twist(), self.moved[strides - 1]);
+            let (twist, [moved, turned]) = (observed_twist(past), self.moved[strides - 1]);
             let diverged = [
                 moved - twist.linear * unforced.reach,
                 turned - twist.angular * unforced.turn,
@@ -471,7 +471,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
         let now = relative_to(&parent.truth.pose(), &subject.truth.pose());
         let moved = |stride: usize| {
             let (own, of) = (subject.past[stride].as_ref()?, past[stride].as_ref()?);
-            let past = relative_to(&of.pose(), &own.pose());
+            let past = relative_to(&observed_pose(of), &observed_pose(own));
             Some(apart(&now.pose(), &past.pose()))
         };
         let one = moved(0)?;
@@ -511,7 +511,7 @@ impl<'a, const N: usize> Sources<'_, 'a, N> {
 /// Displacement of a body in its last strides, from its velocities if it has no past observation.
 fn moved(subject: &Subject<'_>, strides: usize, step_s: f64) -> [DVec3; 2] {
     match &subject.past[strides - 1] {
-        Some(past) => apart(&subject.truth.pose(), &past.pose()),
+        Some(past) => apart(&subject.truth.pose(), &observed_pose(past)),
         None => {
             let twist = subject.truth.twist();
             let seconds = step_s * f64::from(subject.stride.count()) * strides as f64;

@@ -5,10 +5,10 @@
 
 use core::ops::{Add, Mul, Sub};
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use rhumb_reckoning::{
-    Grid, Metres, Pose, RESIDUAL_LIMIT, Residual, TURN_LIMIT, Tolerance, VELOCITY_EXPONENT_MAX,
-    VelocityResidual,
+    BodyState, Grid, Metres, Pose, RESIDUAL_LIMIT, Residual, TURN_LIMIT, Tolerance, Twist,
+    VELOCITY_EXPONENT_MAX, VelocityResidual,
 };
 use wide::f64x2;
 
@@ -20,6 +20,24 @@ pub(super) fn apart(to: &Pose, from: &Pose) -> [DVec3; 2] {
     // The angle is twice the arcsine of half the chord: the first two terms of its series.
     let turn = chord * (1.0 + chord.length_squared() * (1.0 / 24.0));
     [to.position - from.position, turn]
+}
+
+/// The pose of an observed state. Its rotation is of unit length up to f32 rounding, which suffices to compare.
+pub(super) fn observed_pose(state: &BodyState) -> Pose {
+    let [x, y, z, a, b, c, d, ..] = state.parts().map(f64::from);
+    Pose {
+        position: DVec3::new(x, y, z),
+        rotation: DQuat::from_xyzw(a, b, c, d),
+    }
+}
+
+/// The velocities of an observed state.
+pub(super) fn observed_twist(state: &BodyState) -> Twist {
+    let [.., u, v, w, p, q, r] = state.parts().map(f64::from);
+    Twist {
+        linear: DVec3::new(u, v, w),
+        angular: DVec3::new(p, q, r),
+    }
 }
 
 /// An error of position and turn by axis, or its change per tick.

@@ -3,7 +3,7 @@
 //! Contains data alone, no decision.
 
 use glam::DVec3;
-use rhumb_reckoning::{Divergence, Metres, Motion, Pose, Tick, Ticks, Tolerance, Track};
+use rhumb_reckoning::{BodyState, Divergence, Metres, Motion, Pose, Tick, Ticks, Tolerance, Track};
 
 use crate::stream::features::Features;
 use crate::stream::tracks::{Slot, Tracks};
@@ -25,8 +25,8 @@ pub(crate) struct Subject<'a> {
     pub(crate) framed: &'a Motion,
     /// The true linear velocities one and two ticks before, m/s.
     pub(crate) velocities: Option<[DVec3; 2]>,
-    /// The true motions one and two strides before.
-    pub(crate) past: &'a [Option<Motion>; 2],
+    /// The observed states one and two strides before.
+    pub(crate) past: &'a [Option<&'a BodyState>; 2],
     /// Ticks between two observations before the published tick.
     pub(crate) stride: Ticks,
     /// The true motions of the next ticks, as far as the lookahead reaches.
@@ -46,8 +46,8 @@ pub(crate) struct Parent<'a> {
     pub(crate) truth: &'a Motion,
     /// The predicted motion in the frame of its track.
     pub(crate) predicted_motion: &'a Motion,
-    /// The true motions one and two strides of the child before.
-    pub(crate) past: Option<&'a [Option<Motion>; 2]>,
+    /// The observed states one and two strides of the child before.
+    pub(crate) past: Option<&'a [Option<BodyState>; 2]>,
     /// The true motions of the next ticks.
     pub(crate) ahead: &'a [Motion],
 }

@@ -203,6 +203,11 @@ fn sort_by_alias(updates: &mut [Update]) {
 
 /// Sorts updates by alias, those that build on another body's track last. Returns the number of the others.
 fn sort_parents_first(updates: &mut [Update]) -> usize {
+    let mut free = updates.iter().all(|update| !update.payload.names_parent());
+    free &= updates.is_sorted_by_key(|update| update.alias);
+    if free {
+        return updates.len();
+    }
     updates.sort_unstable_by_key(|update| (update.payload.names_parent(), update.alias));
     updates.partition_point(|update| !update.payload.names_parent())
 }
