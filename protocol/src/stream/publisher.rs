@@ -458,6 +458,7 @@ impl Publisher {
             return None;
         }
         let observed = ObservationWindow::of(ticks, observation.id, place);
+        let ahead = Ahead::of(ticks, observation.id, place);
         let decision = ModeDecision::new(Context {
             tracks: &self.tracks,
             features: self.features,
@@ -475,8 +476,8 @@ impl Publisher {
             velocities: observed.velocities,
             past: &observed.past,
             stride,
-            ahead: observed.ahead(),
-            ends: observed.ends(),
+            ahead: ahead.as_ref().map_or(&[], Ahead::motions),
+            ends: ahead.as_ref().is_some_and(|ahead| ahead.ends),
             parent: parent_candidate.and_then(|observed| self.parent(observed, stride)),
         };
         let chosen = decision.decide(&subject);

@@ -5,6 +5,7 @@
 use glam::DVec3;
 use rhumb_reckoning::{BodyState, Divergence, Metres, Motion, Pose, Tick, Ticks, Tolerance, Track};
 
+use super::errors::Errors;
 use crate::stream::features::Features;
 use crate::stream::tracks::{Slot, Tracks};
 
@@ -35,6 +36,17 @@ pub(crate) struct Subject<'a> {
     pub(crate) ends: bool,
     /// A body that this body may be attached to.
     pub(crate) parent: Option<Parent<'a>>,
+}
+
+impl Subject<'_> {
+    /// Difference of the true and the predicted velocities, in m/s and rad/s.
+    pub(super) fn velocity_error(&self) -> Errors {
+        let (truth, predicted) = (self.truth.twist(), self.predicted_motion.twist());
+        Errors::of([
+            truth.linear - predicted.linear,
+            truth.angular - predicted.angular,
+        ])
+    }
 }
 
 /// A possible parent, with its observations.

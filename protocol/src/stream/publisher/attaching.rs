@@ -6,7 +6,7 @@ use rhumb_reckoning::{BodyId, Ticks};
 use super::Publisher;
 use super::large_body::{LargeBody, ObservedParent, PARENT_SIZE_RATIO};
 use super::observation_scan::ObservationScan;
-use super::window::{ObservationWindow, ObservedTicks};
+use super::window::{Ahead, ObservationWindow, ObservedTicks};
 use crate::stream::observation::Observation;
 use crate::stream::observation_history::ObservationHistory;
 
@@ -41,7 +41,7 @@ impl Publisher {
                 predicted_motion: self.tracks.framed((id.index(), slot), &slot.track(), tick),
                 past: window.past.map(Option::<&_>::copied),
                 stride: window.stride,
-                ahead: window.ahead,
+                ahead: Ahead::of(ticks, id, *place),
             })
         };
         scan.observed_parents.clear();

@@ -34,7 +34,7 @@ impl<'h> ObservedTicks<'h> {
     }
 }
 
-/// The observations of a body around a tick.
+/// The observations of a body before a tick.
 #[derive(Clone, Debug)]
 pub(super) struct ObservationWindow<'h> {
     /// Its linear velocities one and two ticks before, m/s.
@@ -42,8 +42,6 @@ pub(super) struct ObservationWindow<'h> {
     /// Its states one and two strides before, or ticks if it was not observed that long.
     pub(super) past: [Option<&'h BodyState>; 2],
     pub(super) stride: Ticks,
-    /// None without lookahead.
-    pub(super) ahead: Option<Ahead>,
 }
 
 /// The motions of a body after the tick, within the lookahead.
@@ -53,7 +51,7 @@ pub(super) struct Ahead {
     motions: [Motion; LOOKAHEAD_MAX.count() as usize],
     known: usize,
     /// True if it is certain that no observation follows the last motion.
-    ends: bool,
+    pub(super) ends: bool,
 }
 
 impl<'h> ObservationWindow<'h> {
@@ -74,23 +72,11 @@ impl<'h> ObservationWindow<'h> {
             states(observed.ticks)
         };
         let velocities = one.zip(two);
-        let has_lookahead = observed.history.lookahead() > Ticks::ZERO;
         Self {
             velocities: velocities.map(|(one, two)| [linear(one), linear(two)]),
             past,
             stride: Ticks::new(stride),
-            ahead: has_lookahead.then(|| Ahead::of(observed, id, place)),
         }
-    }
-
-    /// The motions after the tick.
-    pub(super) fn ahead(&self) -> &[Motion] {
-        self.ahead.as_ref().map_or(&[], Ahead::motions)
-    }
-
-    /// True if it is certain that no observation follows the last motion of `ahead`.
-    pub(super) fn ends(&self) -> bool {
-        self.ahead.as_ref().is_some_and(|ahead| ahead.ends)
     }
 }
 
@@ -100,7 +86,11 @@ impl Ahead {
         &self.motions[..self.known]
     }
 
-    fn of(observed: &ObservedTicks<'_>, id: BodyId, place: usize) -> Self {
+    /// `None` without lookahead.
+    pub(super) fn of(observed: &ObservedTicks<'_>, id: BodyId, place: usize) -> Option<Self> {
+        if observed.history.lookahead() == Ticks::ZERO {
+            return None;
+        }
         let mut ahead = Self {
             motions: [Motion::IDENTITY; LOOKAHEAD_MAX.count() as usize],
             known: 0,
@@ -115,7 +105,7 @@ impl Ahead {
             *motion = observed.motion.motion();
             ahead.known += 1;
         }
-        ahead
+        Some(ahead)
     }
 }
 
