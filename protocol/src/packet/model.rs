@@ -127,19 +127,24 @@ impl Model {
     }
 
     /// Reads a number and adapts its context.
+    #[inline]
     pub(crate) fn read(
         &mut self,
         context: usize,
         from: &mut RangeReader<'_>,
     ) -> Result<u32, Malformed> {
-        let CodeChoice { raw, shape } = self.code_choice(context);
-        let symbol = from.symbol(&ALPHABETS[shape / CLASSES][shape % CLASSES])? as u32;
+        let expected = self.expected[context];
+        let (raw, class) = match CLOSE.get((expected / (ONE / 16)) as usize) {
+            Some(class) => (0, usize::from(*class)),
+            None => class_of(expected),
+        };
+        let symbol = from.symbol(&ALPHABETS[contexts::group(context)][class])? as u32;
         let number = if symbol == ESCAPE || raw > 0 {
             read_large(symbol, raw, from)?
         } else {
             symbol
         };
-        self.learn(context, number);
+        self.expected[context] = learnt(expected, number);
         Ok(number)
     }
 

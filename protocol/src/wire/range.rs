@@ -14,6 +14,7 @@ use super::bits::{PutBits, TakeBits};
 const RANGE_MIN: u32 = 1 << 24;
 /// Most raw bits that one step takes.
 const RAW_BITS_STEP: u32 = 16;
+const _: () = assert!(RAW_BITS_STEP <= 16 && TOTAL_BITS < 16);
 
 /// Encodes symbols.
 #[derive(Clone, Debug)]
@@ -83,7 +84,7 @@ impl RangeWriter {
         if ((low >> 32) as u32) < self.low {
             self.carry();
         }
-        let bits = range.leading_zeros() & 56;
+        let bits = missing_bits(range);
         let four = ((low >> 32) as u32).to_be_bytes();
         match self.bytes.get_mut(self.len..self.len + 4) {
             Some(space) => space.copy_from_slice(&four),
@@ -142,6 +143,16 @@ impl RangeWriter {
         }
         self.bytes
     }
+}
+
+/// Bits of the whole bytes by which a range, with 32 bits below, must be widened: none, eight or sixteen.
+///
+/// A symbol takes at most [`RAW_BITS_STEP`] bits, and so no more bytes than two. Two comparisons are faster than to
+/// count leading zeros on processors without an instruction for it.
+#[inline(always)]
+fn missing_bits(range: u64) -> u32 {
+    let below = |bits: u32| u32::from(range < u64::from(RANGE_MIN) << 32 >> bits);
+    8 * (below(0) + below(8))
 }
 
 impl PutBits for RangeWriter {
@@ -266,8 +277,7 @@ impl<'a> RangeReader<'a> {
     /// Continues with a window and a range, each with 32 bits below, once they are wide enough.
     #[inline(always)]
     fn widen(&mut self, window: u64, range: u64) {
-        // Whole bytes; none if the range is wide enough.
-        let bits = range.leading_zeros() & 56;
+        let bits = missing_bits(range);
         self.offset = ((window << bits) >> 32) as u32;
         self.range = ((range << bits) >> 32) as u32;
         self.taken += bits / 8;
@@ -278,16 +288,14 @@ impl<'a> RangeReader<'a> {
     /// # Errors
     ///
     /// [`Malformed`] when more was read beyond the end than any writer omits.
+    #[inline]
     pub(crate) fn raw(&mut self, count: u32) -> Result<u32, Malformed> {
-        let low_count = count.min(RAW_BITS_STEP);
-        let mut value = 0;
         if count > RAW_BITS_STEP {
-            value = self.step(count - RAW_BITS_STEP)? << RAW_BITS_STEP;
+            let high = self.step(count - RAW_BITS_STEP)? << RAW_BITS_STEP;
+            return Ok(high | self.step(RAW_BITS_STEP)?);
         }
-        if low_count > 0 {
-            value |= self.step(low_count)?;
-        }
-        Ok(value)
+        // No bits are a step too, which changes nothing.
+        self.step(count)
     }
 
     /// The next raw bit: two equally likely values.
@@ -300,6 +308,7 @@ impl<'a> RangeReader<'a> {
         self.fill_with_bit(true)
     }
 
+    #[inline]
     fn step(&mut self, bits: u32) -> Result<u32, Malformed> {
         let unit = self.range >> bits;
         let value = self.offset / unit;
