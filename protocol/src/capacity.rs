@@ -5,14 +5,20 @@
 use alloc::vec::Vec;
 
 /// Extends a table to a length. Its capacity grows by a thirty-second, so that little is unused.
+#[inline]
 pub(crate) fn grow_to<T>(table: &mut Vec<T>, len: usize, fill: impl FnMut() -> T) {
+    if len > table.len() {
+        extend(table, len, fill);
+    }
+}
+
+#[cold]
+fn extend<T>(table: &mut Vec<T>, len: usize, fill: impl FnMut() -> T) {
     if len > table.capacity() {
         let capacity = len.max(table.len() + table.len() / 32);
         table.reserve_exact(capacity - table.len());
     }
-    if len > table.len() {
-        table.resize_with(len, fill);
-    }
+    table.resize_with(len, fill);
 }
 
 /// Appends to a list that is refilled again and again. Its capacity grows by an eighth once it exceeds [`SHORT`].

@@ -59,12 +59,21 @@ impl ErrorPrefilter {
         }
     }
 
-    /// Tests a track and adds its place to `undecided` unless it surely holds: at once, or in a later call.
-    pub fn test(&mut self, place: u32, case: &PrefilterInput<'_>, undecided: &mut Vec<u32>) {
+    /// Tests a track. Returns true if it is undecided at once.
+    ///
+    /// A moving body is tested with others, in this call or in a later one. The places of those that are undecided then
+    /// are added to `undecided`, in the order of the calls.
+    #[must_use]
+    pub fn test(
+        &mut self,
+        place: u32,
+        case: &PrefilterInput<'_>,
+        undecided: &mut Vec<u32>,
+    ) -> bool {
         let track = case.track;
         let elapsed = case.tick.since(track.origin());
         let (Some(elapsed), None) = (elapsed, track.parent()) else {
-            return undecided.push(place);
+            return true;
         };
         let truth = case.truth.parts();
         let start = AnchorF32::of(&track.anchor(), case.grid);
@@ -72,18 +81,15 @@ impl ErrorPrefilter {
         if track.is_resting() {
             let apart = |i: usize| (f64::from(truth[i]) - start.position[i]) as f32;
             let apart = [apart(0), apart(1), apart(2)];
-            if !self
+            let holds = self
                 .bounds
-                .hold_still(apart, &truth, &start.rotation, diameter)
-            {
-                undecided.push(place);
-            }
-            return;
+                .hold_still(apart, &truth, &start.rotation, diameter);
+            return !holds;
         }
         let is_torque_free =
             track.predictor().is_torque_free() && case.conditions.inertia.is_some();
         if is_torque_free || elapsed > TRACK_AGE_MAX {
-            return undecided.push(place);
+            return true;
         }
         let (row, _) = case.conditions.flow.row(elapsed);
         let pull = track.predictor().pull(elapsed, case.conditions);
@@ -110,6 +116,7 @@ impl ErrorPrefilter {
         if batch.len == LANES {
             self.finish(undecided);
         }
+        false
     }
 
     /// Finishes the batch that waits, and adds its undecided places.
@@ -488,10 +495,10 @@ mod tests {
         };
         let mut undecided = Vec::new();
         let mut prefilter = ErrorPrefilter::new(tolerance, INTEGRATOR);
-        prefilter.test(7, &case, &mut undecided);
+        let at_once = prefilter.test(7, &case, &mut undecided);
         prefilter.finish(&mut undecided);
         PrefilterAnswer {
-            undecided: undecided == [7],
+            undecided: at_once || undecided == [7],
             share: tolerance.share(&apart, radius),
         }
     }

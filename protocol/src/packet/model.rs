@@ -74,6 +74,41 @@ impl Model {
 
     /// Writes a number and adapts its context.
     pub(crate) fn write(&mut self, context: usize, number: u32, to: &mut RangeWriter) {
+        self.write_with(context, number, None, to);
+    }
+
+    /// Writes a number with its sign; zero has none.
+    #[inline]
+    pub(crate) fn write_signed(&mut self, context: usize, number: i32, to: &mut RangeWriter) {
+        let sign = (number != 0).then_some(number < 0);
+        self.write_with(context, number.unsigned_abs(), sign, to);
+    }
+
+    #[inline(always)]
+    fn write_with(
+        &mut self,
+        context: usize,
+        number: u32,
+        sign: Option<bool>,
+        to: &mut RangeWriter,
+    ) {
+        let expected = self.expected[context];
+        let close = CLOSE.get((expected / (ONE / 16)) as usize);
+        match close {
+            Some(class) if number < ESCAPE => {
+                let shape = usize::from(FIRST_SHAPES[context]) + usize::from(*class);
+                let starts = &SHAPES[shape][number as usize..number as usize + 2];
+                let size = starts[1] - starts[0];
+                to.symbol_and_bit(u32::from(starts[0]), u32::from(size), sign);
+            }
+            _ => self.write_large(context, number, sign, to),
+        }
+        self.learn(context, number);
+    }
+
+    /// As [`Self::write_with`] before the adaption, for a number with raw bits or beyond the symbols.
+    #[inline(never)]
+    fn write_large(&self, context: usize, number: u32, sign: Option<bool>, to: &mut RangeWriter) {
         let CodeChoice { raw, shape } = self.code_choice(context);
         let high = number >> raw;
         let symbol = high.min(ESCAPE) as usize;
@@ -86,23 +121,30 @@ impl Model {
         if raw > 0 {
             to.raw(number & ((1 << raw) - 1), raw);
         }
-        self.learn(context, number);
+        if let Some(negative) = sign {
+            to.raw(u32::from(negative), 1);
+        }
     }
 
     /// Reads a number and adapts its context.
+    #[inline]
     pub(crate) fn read(
         &mut self,
         context: usize,
         from: &mut RangeReader<'_>,
     ) -> Result<u32, Malformed> {
-        let CodeChoice { raw, shape } = self.code_choice(context);
-        let symbol = from.symbol(&ALPHABETS[shape / CLASSES][shape % CLASSES])? as u32;
+        let expected = self.expected[context];
+        let (raw, class) = match CLOSE.get((expected / (ONE / 16)) as usize) {
+            Some(class) => (0, usize::from(*class)),
+            None => class_of(expected),
+        };
+        let symbol = from.symbol(&ALPHABETS[contexts::group(context)][class])? as u32;
         let number = if symbol == ESCAPE || raw > 0 {
             read_large(symbol, raw, from)?
         } else {
             symbol
         };
-        self.learn(context, number);
+        self.expected[context] = learnt(expected, number);
         Ok(number)
     }
 

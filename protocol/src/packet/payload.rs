@@ -263,10 +263,7 @@ impl UpdateCoder {
                     self.model.write(context, velocity.velocity_exponent, to);
                 }
                 numbers(kind, *age, residual, |context, number| {
-                    self.model.write(context, number.unsigned_abs(), to);
-                    if number != 0 {
-                        to.raw(u32::from(number < 0), 1);
-                    }
+                    self.model.write_signed(context, number, to);
                 });
             }
         }

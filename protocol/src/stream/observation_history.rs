@@ -158,15 +158,18 @@ impl ObservationHistory {
         let observed = self.at(tick)?;
         // If all bodies are awake, the position of a body is the difference of its index and the first one.
         let first = observed.first()?.id.index();
-        self.near(id, tick, id.index().saturating_sub(first) as usize)
+        near(observed, id, id.index().saturating_sub(first) as usize)
     }
+}
 
-    /// The observation of a body whose position is near `place`.
-    pub(super) fn near(&self, id: BodyId, tick: Tick, place: usize) -> Option<&Observation> {
-        let observed = self.at(tick)?;
-        let place = find(observed, id.index(), place)?;
-        Some(&observed[place]).filter(|observation| observation.id == id)
-    }
+/// The observation of a body whose position is near `place`.
+#[inline]
+pub(super) fn near(observed: &[Observation], id: BodyId, place: usize) -> Option<&Observation> {
+    let place = match observed.get(place) {
+        Some(observation) if observation.id == id => return Some(observation),
+        _ => find(observed, id.index(), place)?,
+    };
+    Some(&observed[place]).filter(|observation| observation.id == id)
 }
 
 /// Searches for the position of a body from a start position outwards, in growing steps.

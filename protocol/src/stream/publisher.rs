@@ -44,7 +44,7 @@ use budget_state::BudgetState;
 pub use budget_state::OverBudget;
 use large_body::{LargeBody, ObservedParent};
 use observation_scan::ObservationScan;
-use window::ObservationWindow;
+use window::{Ahead, ObservationWindow, ObservedTicks};
 
 /// Counters of a publisher.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -269,6 +269,7 @@ impl Publisher {
             );
         }
         let observations = observation_history.at(tick).unwrap_or_default();
+        let ticks = ObservedTicks::around(observation_history, tick);
         let mut updates = core::mem::take(&mut self.updates);
         updates.clear();
         self.alias_table.begin_tick();
@@ -281,20 +282,15 @@ impl Publisher {
             }
         };
         for LargeBody { place, .. } in &scan.parent_candidates {
-            emit(self.check(
-                observation_history,
-                tick,
-                (*place, &observations[*place]),
-                None,
-            ));
+            emit(self.check(&ticks, (*place, &observations[*place]), None));
         }
         self.scan_other_parents(observations, &mut scan);
         for place in &scan.other_parents {
             let place = *place as usize;
             let observed = (place, &observations[place]);
-            emit(self.check(observation_history, tick, observed, None));
+            emit(self.check(&ticks, observed, None));
         }
-        self.observe_parents(observation_history, tick, &mut scan);
+        self.observe_parents(&ticks, &mut scan);
         for place in &scan.undecided {
             if scan.is_before(*place) {
                 continue;
@@ -302,7 +298,7 @@ impl Publisher {
             let place = *place as usize;
             let observed = (place, &observations[place]);
             let parent_candidate = self.parent_candidate_of(observed.1, &scan);
-            emit(self.check(observation_history, tick, observed, parent_candidate));
+            emit(self.check(&ticks, observed, parent_candidate));
         }
         self.scan = Some(scan);
         self.encode_updates(tick, &mut updates, scene_events, out);
@@ -337,12 +333,11 @@ impl Publisher {
     /// `observed`: the position of the body among the observations, and its observation.
     fn check(
         &mut self,
-        observation_history: &ObservationHistory,
-        tick: Tick,
+        ticks: &ObservedTicks<'_>,
         observed: (usize, &Observation),
         parent_candidate: Option<&ObservedParent>,
     ) -> Option<Update> {
-        let (_, observation) = observed;
+        let (tick, (_, observation)) = (ticks.tick, observed);
         let index = observation.id.index();
         let slot = self.observed_slot(observation)?;
         let (payload, track) = match observation.activity {
@@ -350,16 +345,14 @@ impl Publisher {
                 // If a woken body is still within tolerance of its rest pose, nothing is sent: subscribers see no
                 // difference.
                 if slot.is_exact_rest()
-                    && self.is_within_rest(observation_history, tick, slot, observation)
+                    && self.is_within_rest(ticks.history, tick, slot, observation)
                 {
                     return None;
                 }
                 let resting = Track::resting(tick, observation.motion);
                 (self.rest_payload(tick, slot, observation), resting)
             }
-            Activity::Awake => {
-                self.correct(observation_history, tick, slot, observed, parent_candidate)?
-            }
+            Activity::Awake => self.correct(ticks, slot, observed, parent_candidate)?,
         };
         let before = slot.parent();
         self.tracks.set_track(index, track);
@@ -428,12 +421,12 @@ impl Publisher {
     /// The update of an awake body, or `None` while its track holds.
     fn correct(
         &self,
-        observation_history: &ObservationHistory,
-        tick: Tick,
+        ticks: &ObservedTicks<'_>,
         slot: &Slot,
         (place, observation): (usize, &Observation),
         parent_candidate: Option<&ObservedParent>,
     ) -> Option<(UpdatePayload, Track)> {
+        let tick = ticks.tick;
         let truth = observation.motion.motion();
         let track = slot.track();
         let body = (observation.id.index(), slot);
@@ -460,11 +453,12 @@ impl Publisher {
             tolerance,
             self.tracks.radius(slot),
         );
-        let closeness = self.closeness(observation_history, observation.id.index());
+        let closeness = self.closeness(ticks.history, observation.id.index());
         if !expired && used <= closeness {
             return None;
         }
-        let observed = ObservationWindow::of(observation_history, observation.id, tick, place);
+        let observed = ObservationWindow::of(ticks, observation.id, place);
+        let ahead = Ahead::of(ticks, observation.id, place);
         let decision = ModeDecision::new(Context {
             tracks: &self.tracks,
             features: self.features,
@@ -482,8 +476,8 @@ impl Publisher {
             velocities: observed.velocities,
             past: &observed.past,
             stride,
-            ahead: observed.ahead(),
-            ends: observed.ends(),
+            ahead: ahead.as_ref().map_or(&[], Ahead::motions),
+            ends: ahead.as_ref().is_some_and(|ahead| ahead.ends),
             parent: parent_candidate.and_then(|observed| self.parent(observed, stride)),
         };
         let chosen = decision.decide(&subject);
@@ -501,15 +495,17 @@ impl Publisher {
             index,
             truth,
             predicted_motion,
-            window,
+            past,
+            stride: of_parent,
+            ahead,
         } = observed;
         Some(Parent {
             index: *index,
             slot: self.tracks.slot(*index)?,
             truth,
             predicted_motion,
-            past: (window.stride == stride).then_some(&window.past),
-            ahead: window.ahead(),
+            past: (*of_parent == stride).then_some(past),
+            ahead: ahead.as_ref().map_or(&[], Ahead::motions),
         })
     }
 

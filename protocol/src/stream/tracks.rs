@@ -418,20 +418,21 @@ impl Tracks {
         })
     }
 
-    /// Tests a body's track with the prefilter.
+    /// Tests a body's track with the prefilter; see [`ErrorPrefilter::test`].
+    #[must_use]
     pub(crate) fn prefilter(
         &self,
         slot: &Slot,
         tick: Tick,
         observed: (u32, &BodyState),
         prefilter: &mut ErrorPrefilter,
-        undecided: &mut Vec<u32>,
-    ) {
+        tested: &mut Vec<u32>,
+    ) -> bool {
         let (place, truth) = observed;
         let interned = self.interned_parameters.get(slot.interned);
         // A prefilter is made for one tolerance.
         if interned.tolerance_scale != ToleranceScale::USUAL {
-            return undecided.push(place);
+            return true;
         }
         let track = slot.dense();
         self.with_conditions(slot, track.predictor(), track.origin(), |conditions| {
@@ -443,8 +444,8 @@ impl Tracks {
                 radius: interned.radius,
                 conditions,
             };
-            prefilter.test(place, &case, undecided);
-        });
+            prefilter.test(place, &case, tested)
+        })
     }
 
     /// Adds a body's own track to a batch; returns whether the batch takes such tracks.

@@ -5,13 +5,18 @@
 /// The frequencies of an alphabet add up to two to this power.
 pub(crate) const TOTAL_BITS: u32 = 12;
 
-/// The start of each symbol's parts, and for each stretch of parts the symbol that covers its first part.
+/// The start of each symbol's parts, and for each stretch of parts the symbols near its first part.
 #[derive(Clone, Debug)]
 pub(crate) struct Alphabet {
     /// After the last symbol, the end of all parts, repeated.
     starts: [u16; STARTS],
-    near: [u8; STRETCHES],
+    near: [NearSymbols; STRETCHES],
 }
+
+/// The symbol that covers the first part of a stretch, in the highest sixteen bits. Below are the start of the second
+/// symbol after it, that of the next one, and its own. One load gives all of them.
+#[derive(Clone, Copy, Debug)]
+struct NearSymbols(u64);
 
 /// A symbol and the parts that it covers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,13 +46,15 @@ impl Alphabet {
             starts[place] = of[place];
             place += 1;
         }
-        let mut near = [0; STRETCHES];
+        let mut near = [NearSymbols(0); STRETCHES];
         let (mut stretch, mut symbol) = (0, 0);
         while stretch < STRETCHES {
-            while starts[symbol as usize + 1] as usize <= stretch << STRETCH_BITS {
+            while starts[symbol + 1] as usize <= stretch << STRETCH_BITS {
                 symbol += 1;
             }
-            near[stretch] = symbol;
+            let (first, second) = (starts[symbol] as u64, starts[symbol + 1] as u64);
+            let third = starts[symbol + 2] as u64;
+            near[stretch] = NearSymbols(first | second << 16 | third << 32 | (symbol as u64) << 48);
             stretch += 1;
         }
         Self { starts, near }
@@ -57,9 +64,10 @@ impl Alphabet {
     #[inline(always)]
     pub(crate) fn at(&self, part: u32) -> SymbolSpan {
         let stretch = (part >> STRETCH_BITS) as usize % STRETCHES;
-        let symbol = usize::from(self.near[stretch]) % SYMBOLS_MAX;
-        let start = |more: usize| u32::from(self.starts[symbol + more]);
-        let (first, second, third) = (start(0), start(1), start(2));
+        let NearSymbols(near) = self.near[stretch];
+        let sixteen = |place: u32| (near >> (16 * place)) as u16;
+        let [first, second, third] = [0, 1, 2].map(|place| u32::from(sixteen(place)));
+        let symbol = usize::from(sixteen(3));
         if third <= part {
             return self.beyond(symbol, part);
         }

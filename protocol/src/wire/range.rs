@@ -3,6 +3,7 @@
 //! Thirty-two bits wide, most significant byte first. Writing asserts; reading never does, and refuses every string
 //! that writing does not give (PROTOCOL 5.3).
 
+use alloc::vec;
 use alloc::vec::Vec;
 
 use super::Malformed;
@@ -13,23 +14,22 @@ use super::bits::{PutBits, TakeBits};
 const RANGE_MIN: u32 = 1 << 24;
 /// Most raw bits that one step takes.
 const RAW_BITS_STEP: u32 = 16;
+const _: () = assert!(RAW_BITS_STEP <= 16 && TOTAL_BITS < 16);
 
 /// Encodes symbols.
 #[derive(Clone, Debug)]
 pub(crate) struct RangeWriter {
+    /// Only the first `len` bytes are written; the rest is space, so that a symbol stores four bytes at once.
     bytes: Vec<u8>,
-    /// Below 2³²; the carry beyond it has been added to `bytes`.
-    low: u64,
+    len: usize,
+    /// The carry beyond it has been added to `bytes`.
+    low: u32,
     range: u32,
 }
 
 impl Default for RangeWriter {
     fn default() -> Self {
-        Self {
-            bytes: Vec::new(),
-            low: 0,
-            range: u32::MAX,
-        }
+        Self::with_capacity(0)
     }
 }
 
@@ -37,8 +37,10 @@ impl RangeWriter {
     /// A writer with capacity for so many bytes.
     pub(crate) fn with_capacity(bytes: usize) -> Self {
         Self {
-            bytes: Vec::with_capacity(bytes),
-            ..Self::default()
+            bytes: vec![0; bytes],
+            len: 0,
+            low: 0,
+            range: u32::MAX,
         }
     }
 
@@ -51,17 +53,54 @@ impl RangeWriter {
     pub(crate) fn symbol(&mut self, start: u32, size: u32, bits: u32) {
         assert!(size > 0, "a symbol without probability cannot be coded");
         let part = self.range >> bits;
-        self.low += u64::from(part) * u64::from(start);
-        self.range = part * size;
-        if self.low >> 32 != 0 {
-            self.low &= u64::from(u32::MAX);
+        let low = self.low.wrapping_add(part * start);
+        self.widen(u64::from(low) << 32, u64::from(part * size) << 32);
+    }
+
+    /// The same for an alphabet of 2^[`TOTAL_BITS`] parts, then a raw bit if there is one.
+    #[inline(always)]
+    pub(crate) fn symbol_and_bit(&mut self, start: u32, size: u32, bit: Option<bool>) {
+        assert!(size > 0, "a symbol without probability cannot be coded");
+        let part = self.range >> TOTAL_BITS;
+        let (low, range) = (self.low.wrapping_add(part * start), part * size);
+        // As in `RangeReader::fill_with_bit`.
+        let rounded = u64::from(range >= RANGE_MIN) << 31;
+        let range = u64::from(range) << 32;
+        let part = match bit {
+            Some(_) => (range >> 1) & !rounded,
+            None => range,
+        };
+        let upper = if bit == Some(true) { part } else { 0 };
+        self.widen((u64::from(low) << 32).wrapping_add(upper), part);
+    }
+
+    /// Continues with an end of the range and a range, each with 32 bits below, once they are wide enough. Writes the
+    /// bytes above.
+    ///
+    /// Without a branch on their number, which is unpredictable.
+    #[inline(always)]
+    fn widen(&mut self, low: u64, range: u64) {
+        // The range shrinks from its low end only: a lower end is one that has passed 2⁶⁴.
+        if ((low >> 32) as u32) < self.low {
             self.carry();
         }
-        while self.range < RANGE_MIN {
-            self.bytes.push((self.low >> 24) as u8);
-            self.low = (self.low << 8) & u64::from(u32::MAX);
-            self.range <<= 8;
+        let bits = missing_bits(range);
+        let four = ((low >> 32) as u32).to_be_bytes();
+        match self.bytes.get_mut(self.len..self.len + 4) {
+            Some(space) => space.copy_from_slice(&four),
+            None => self.extend(four),
         }
+        self.len += bits as usize / 8;
+        self.low = ((low << bits) >> 32) as u32;
+        self.range = ((range << bits) >> 32) as u32;
+    }
+
+    /// The same store where space is short.
+    #[cold]
+    fn extend(&mut self, four: [u8; 4]) {
+        self.bytes.truncate(self.len);
+        self.bytes.extend_from_slice(&four);
+        self.bytes.resize(2 * self.len + 64, 0);
     }
 
     /// The low `count` bits of `value`, all equally likely; `count` is at most 32.
@@ -76,8 +115,9 @@ impl RangeWriter {
         }
     }
 
+    #[cold]
     fn carry(&mut self) {
-        for byte in self.bytes.iter_mut().rev() {
+        for byte in self.bytes[..self.len].iter_mut().rev() {
             *byte = byte.wrapping_add(1);
             if *byte != 0 {
                 return;
@@ -87,21 +127,32 @@ impl RangeWriter {
 
     /// Greatest length of [`Self::into_bytes`].
     pub(crate) fn byte_len_max(&self) -> usize {
-        self.bytes.len() + 4
+        self.len + 4
     }
 
     /// Ends with the fewest bytes that determine all symbols; trailing zeros are omitted.
     pub(crate) fn into_bytes(mut self) -> Vec<u8> {
-        let tail = shortest_tail(self.low as i64, self.range);
+        let tail = shortest_tail(i64::from(self.low), self.range);
         if tail >> 32 != 0 {
             self.carry();
         }
+        self.bytes.truncate(self.len);
         self.bytes.extend_from_slice(&(tail as u32).to_be_bytes());
         while self.bytes.last() == Some(&0) {
             self.bytes.pop();
         }
         self.bytes
     }
+}
+
+/// Bits of the whole bytes by which a range, with 32 bits below, must be widened: none, eight or sixteen.
+///
+/// A symbol takes at most [`RAW_BITS_STEP`] bits, and so no more bytes than two. Two comparisons are faster than to
+/// count leading zeros on processors without an instruction for it.
+#[inline(always)]
+fn missing_bits(range: u64) -> u32 {
+    let below = |bits: u32| u32::from(range < u64::from(RANGE_MIN) << 32 >> bits);
+    8 * (below(0) + below(8))
 }
 
 impl PutBits for RangeWriter {
@@ -226,8 +277,7 @@ impl<'a> RangeReader<'a> {
     /// Continues with a window and a range, each with 32 bits below, once they are wide enough.
     #[inline(always)]
     fn widen(&mut self, window: u64, range: u64) {
-        // Whole bytes; none if the range is wide enough.
-        let bits = range.leading_zeros() & 56;
+        let bits = missing_bits(range);
         self.offset = ((window << bits) >> 32) as u32;
         self.range = ((range << bits) >> 32) as u32;
         self.taken += bits / 8;
@@ -238,16 +288,14 @@ impl<'a> RangeReader<'a> {
     /// # Errors
     ///
     /// [`Malformed`] when more was read beyond the end than any writer omits.
+    #[inline]
     pub(crate) fn raw(&mut self, count: u32) -> Result<u32, Malformed> {
-        let low_count = count.min(RAW_BITS_STEP);
-        let mut value = 0;
         if count > RAW_BITS_STEP {
-            value = self.step(count - RAW_BITS_STEP)? << RAW_BITS_STEP;
+            let high = self.step(count - RAW_BITS_STEP)? << RAW_BITS_STEP;
+            return Ok(high | self.step(RAW_BITS_STEP)?);
         }
-        if low_count > 0 {
-            value |= self.step(low_count)?;
-        }
-        Ok(value)
+        // No bits are a step too, which changes nothing.
+        self.step(count)
     }
 
     /// The next raw bit: two equally likely values.
@@ -260,6 +308,7 @@ impl<'a> RangeReader<'a> {
         self.fill_with_bit(true)
     }
 
+    #[inline]
     fn step(&mut self, bits: u32) -> Result<u32, Malformed> {
         let unit = self.range >> bits;
         let value = self.offset / unit;
@@ -325,6 +374,7 @@ mod tests {
     #[derive(Clone, Copy, Debug, PartialEq)]
     enum CodedItem {
         Symbol(usize),
+        SymbolAndBit(usize, Option<bool>),
         Raw(u32, u32),
     }
 
@@ -335,6 +385,8 @@ mod tests {
         prop_oneof![
             (0_usize..5).prop_map(CodedItem::Symbol),
             Just(CodedItem::Symbol(0)),
+            (0_usize..5, any::<Option<bool>>())
+                .prop_map(|(s, bit)| CodedItem::SymbolAndBit(s, bit)),
             (0_u32..=32, any::<u32>()).prop_map(|(count, value)| CodedItem::Raw(
                 if count == 32 {
                     value
@@ -349,10 +401,18 @@ mod tests {
     fn written(all: &[CodedItem]) -> Vec<u8> {
         let mut writer = RangeWriter::default();
         for coded_item in all {
+            let span = |s: usize| {
+                let (start, end) = (u32::from(STARTS[s]), u32::from(STARTS[s + 1]));
+                (start, end - start)
+            };
             match *coded_item {
                 CodedItem::Symbol(s) => {
-                    let (start, end) = (u32::from(STARTS[s]), u32::from(STARTS[s + 1]));
-                    writer.symbol(start, end - start, TOTAL_BITS);
+                    let (start, size) = span(s);
+                    writer.symbol(start, size, TOTAL_BITS);
+                }
+                CodedItem::SymbolAndBit(s, bit) => {
+                    let (start, size) = span(s);
+                    writer.symbol_and_bit(start, size, bit);
                 }
                 CodedItem::Raw(value, count) => writer.raw(value, count),
             }
@@ -367,6 +427,11 @@ mod tests {
         for coded_item in like {
             all.push(match *coded_item {
                 CodedItem::Symbol(_) => CodedItem::Symbol(reader.symbol(&ALPHABET)?),
+                CodedItem::SymbolAndBit(_, bit) => {
+                    let symbol = reader.symbol(&ALPHABET)?;
+                    let bit = bit.map(|_| reader.bit()).transpose()?;
+                    CodedItem::SymbolAndBit(symbol, bit)
+                }
                 CodedItem::Raw(_, count) => CodedItem::Raw(reader.raw(count)?, count),
             });
         }

@@ -5,37 +5,56 @@
 
 use core::ops::{Add, Mul, Sub};
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use rhumb_reckoning::{
-    Grid, Metres, Pose, RESIDUAL_LIMIT, Residual, TURN_LIMIT, Tolerance, VELOCITY_EXPONENT_MAX,
-    VelocityResidual,
+    BodyState, Grid, Metres, Pose, RESIDUAL_LIMIT, Residual, TURN_LIMIT, Tolerance, Twist,
+    VELOCITY_EXPONENT_MAX, VelocityResidual,
 };
 use wide::f64x2;
 
 /// Difference of two poses: metres, and a rotation vector in radians.
-pub(super) fn apart(to: &Pose, from: &Pose) -> [DVec3; 2] {
+#[inline]
+pub(super) fn apart(to: &Pose, from: &Pose) -> Errors {
     let turn = to.rotation * from.rotation.conjugate();
     let sign = if turn.w < 0.0 { -2.0 } else { 2.0 };
     let chord = DVec3::new(turn.x, turn.y, turn.z) * sign;
     // The angle is twice the arcsine of half the chord: the first two terms of its series.
     let turn = chord * (1.0 + chord.length_squared() * (1.0 / 24.0));
-    [to.position - from.position, turn]
+    Errors::of([to.position - from.position, turn])
 }
 
-/// An error of position and turn by axis, or its change per tick.
+/// The pose of an observed state. Its rotation is of unit length up to f32 rounding, which suffices to compare.
+pub(super) fn observed_pose(state: &BodyState) -> Pose {
+    let [x, y, z, a, b, c, d, ..] = state.parts().map(f64::from);
+    Pose {
+        position: DVec3::new(x, y, z),
+        rotation: DQuat::from_xyzw(a, b, c, d),
+    }
+}
+
+/// The velocities of an observed state.
+pub(super) fn observed_twist(state: &BodyState) -> Twist {
+    let [.., u, v, w, p, q, r] = state.parts().map(f64::from);
+    Twist {
+        linear: DVec3::new(u, v, w),
+        angular: DVec3::new(p, q, r),
+    }
+}
+
+/// An error of position and turn by axis, or its change per tick. In metres and radians, or as shares of a tolerance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Errors([f64x2; 3]);
 
 impl Errors {
     pub(super) const ZERO: Self = Self([f64x2::ZERO; 3]);
 
-    /// Errors from metres and radians, or from other numbers, with `unit` as the value of one.
+    /// Errors of position and of turn, or their changes.
     #[inline]
-    pub(super) fn of([position, turn]: [DVec3; 2], unit: f64x2) -> Self {
+    pub(super) fn of([position, turn]: [DVec3; 2]) -> Self {
         Self([
-            f64x2::new([position.x, turn.x]) * unit,
-            f64x2::new([position.y, turn.y]) * unit,
-            f64x2::new([position.z, turn.z]) * unit,
+            f64x2::new([position.x, turn.x]),
+            f64x2::new([position.y, turn.y]),
+            f64x2::new([position.z, turn.z]),
         ])
     }
 
@@ -46,9 +65,10 @@ impl Errors {
         Self([pair(a, p), pair(b, q), pair(c, r)])
     }
 
-    /// Errors of position alone.
+    /// Errors of position alone, with `unit` as the value of one metre.
+    #[inline]
     pub(super) fn of_position(metres: DVec3, unit: f64x2) -> Self {
-        Self::of([metres, DVec3::ZERO], unit)
+        Self::of([metres, DVec3::ZERO]) * unit
     }
 
     /// Dot products of the position errors and of the turn errors.
@@ -86,6 +106,17 @@ impl Mul<f64> for Errors {
     fn mul(self, factor: f64) -> Self {
         let ([a, b, c], factor) = (self.0, f64x2::splat(factor));
         Self([a * factor, b * factor, c * factor])
+    }
+}
+
+impl Mul<f64x2> for Errors {
+    type Output = Self;
+
+    /// The same errors in other units: one factor for positions, and one for turns.
+    #[inline]
+    fn mul(self, unit: f64x2) -> Self {
+        let [a, b, c] = self.0;
+        Self([a * unit, b * unit, c * unit])
     }
 }
 
@@ -242,7 +273,7 @@ mod tests {
         #[test]
         fn the_nearest_residual_leaves_at_most_half_a_step_per_axis(position in vector(), turn in vector()) {
             let units = units();
-            let errors = Errors::of([position, turn], units.still);
+            let errors = Errors::of([position, turn]) * units.still;
             let left = errors - units.of_residual(&units.residual(&errors, [0.5; 2]));
             for (lanes, steps) in left.0.iter().zip([units.steps; 3]) {
                 let ([x, p], [a, b]) = (lanes.to_array(), steps.to_array());
@@ -255,7 +286,7 @@ mod tests {
             error in prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(1e300), -1e9..1e9],
         ) {
             let units = units();
-            let errors = Errors::of([DVec3::splat(error); 2], units.still);
+            let errors = Errors::of([DVec3::splat(error); 2]) * units.still;
             prop_assert!(units.residual(&errors, [0.5; 2]).is_within_limits());
         }
     }

@@ -20,16 +20,16 @@ pub(super) struct Effect {
     pub(super) each_tick: Errors,
 }
 
-/// Errors at the published tick and at the known ticks after it, at most `N` in all.
+/// Errors at the published tick and at the known ticks after it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Known<const N: usize> {
-    errors: [Errors; N],
+pub(super) struct Known {
+    errors: [Errors; SPAN],
     count: usize,
 }
 
-impl<const N: usize> Known<N> {
+impl Known {
     pub(super) const fn new(now: Errors) -> Self {
-        let mut errors = [Errors::ZERO; N];
+        let mut errors = [Errors::ZERO; SPAN];
         errors[0] = now;
         Self { errors, count: 1 }
     }
@@ -46,7 +46,7 @@ impl<const N: usize> Known<N> {
 
 /// Effect of a constant acceleration on the known errors: its unit reduction, and the factor at each tick.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ParentPull<'a> {
+pub(super) struct Acceleration<'a> {
     pub(super) each: Errors,
     pub(super) falls: &'a [f64],
 }
@@ -56,7 +56,7 @@ pub(super) struct ParentPull<'a> {
 pub(super) struct ErrorForecast<'a> {
     /// Errors at the published tick and at the known ticks after it.
     pub(super) known: &'a [Errors],
-    pub(super) pull: Option<ParentPull<'a>>,
+    pub(super) acceleration: Option<Acceleration<'a>>,
     /// Expected growth beyond the known ticks, per tick.
     pub(super) slope: Errors,
     /// Expected growth beyond the known ticks, per tick squared.
@@ -78,6 +78,38 @@ pub(super) struct Expectation {
 }
 
 impl Expectation {
+    /// Ticks for which an error that begins and grows like this is expected to stay within the tolerance; `None` if it
+    /// begins beyond.
+    #[inline]
+    pub(super) fn ticks_within(&self, begin: Errors, slope: Errors, curve: &Errors) -> Option<f64> {
+        let Self { units, growth, .. } = self;
+        // The square of the error is a polynomial of the time in ticks.
+        let squares = [
+            begin.dot(&begin),
+            begin.dot(&slope) * 2.0,
+            slope.dot(&slope) + begin.dot(curve) * 2.0,
+            slope.dot(curve) * 2.0,
+            curve.dot(curve),
+        ];
+        let (mut at, mut before) = (0.0, units.share_of_squares(squares[0]));
+        let holds = before <= 1.0;
+        if !holds {
+            return None;
+        }
+        for ticks in SAMPLED_TICKS {
+            let [zeroth, first, second, third, fourth] = squares;
+            let square =
+                (((fourth * ticks + third) * ticks + second) * ticks + first) * ticks + zeroth;
+            let share = units.share_of_squares(square) + growth * ticks;
+            if share > 1.0 {
+                let part = ((1.0 - before) / (share - before)).clamp(0.0, 1.0);
+                return Some(at + part * (ticks - at));
+            }
+            (at, before) = (ticks, share);
+        }
+        Some(at)
+    }
+
     /// Ticks of a lifetime before the stream is published again.
     pub(super) fn unobserved(&self) -> f64 {
         self.interval.saturating_sub(2) as f64
@@ -103,8 +135,8 @@ impl ErrorForecast<'_> {
     #[inline]
     fn error(&self, tick: usize) -> Errors {
         let error = self.known[tick];
-        match &self.pull {
-            Some(pull) if tick > 0 => error - pull.each * pull.falls[tick],
+        match &self.acceleration {
+            Some(by) if tick > 0 => error - by.each * by.falls[tick],
             _ => error,
         }
     }
@@ -147,40 +179,13 @@ impl ErrorForecast<'_> {
     }
 
     /// Ticks for which the correction holds beyond the known ones; `None` if it does not hold at the last known tick.
-    #[inline]
     fn beyond(&self, by: &Effect, expectation: &Expectation) -> Option<f64> {
-        let Expectation { units, growth, .. } = expectation;
         let begin = self.left(self.last(), by);
-        let slope = self.slope - by.each_tick;
-        // The square of the error is a polynomial of the time in ticks.
-        let squares = [
-            begin.dot(&begin),
-            begin.dot(&slope) * 2.0,
-            slope.dot(&slope) + begin.dot(&self.curve) * 2.0,
-            slope.dot(&self.curve) * 2.0,
-            self.curve.dot(&self.curve),
-        ];
-        let (mut at, mut before) = (0.0, units.share_of_squares(squares[0]));
-        let holds = before <= 1.0;
-        if !holds {
-            return None;
-        }
-        for ticks in SAMPLED_TICKS {
-            let [zeroth, first, second, third, fourth] = squares;
-            let square =
-                (((fourth * ticks + third) * ticks + second) * ticks + first) * ticks + zeroth;
-            let share = units.share_of_squares(square) + growth * ticks;
-            if share > 1.0 {
-                let part = ((1.0 - before) / (share - before)).clamp(0.0, 1.0);
-                return Some(at + part * (ticks - at));
-            }
-            (at, before) = (ticks, share);
-        }
-        Some(at)
+        expectation.ticks_within(begin, self.slope - by.each_tick, &self.curve)
     }
 
     /// The known errors from a later tick on, after a correction.
-    pub(super) fn known_after(&self, tick: usize, by: &Effect) -> Known<SPAN> {
+    pub(super) fn known_after(&self, tick: usize, by: &Effect) -> Known {
         let mut known = Known::new(self.left(tick, by));
         for later in tick + 1..=self.last() {
             known.push(self.left(later, by));
@@ -251,21 +256,21 @@ mod tests {
     }
 
     /// The known errors of a body with these uncorrected errors along x, in metres.
-    fn known(errors: &[f64]) -> Known<SPAN> {
+    fn known(errors: &[f64]) -> Known {
         let of = |x: &f64| Errors::of_position(DVec3::X * *x, expectation().units.still);
         let mut known = Known::new(of(&errors[0]));
         errors[1..].iter().for_each(|x| known.push(of(x)));
         known
     }
 
-    fn forecast(known: &Known<SPAN>) -> ErrorForecast<'_> {
+    fn forecast(known: &Known) -> ErrorForecast<'_> {
         let slope = match known.errors() {
             [.., before, last] => *last - *before,
             _ => Errors::ZERO,
         };
         ErrorForecast {
             known: known.errors(),
-            pull: None,
+            acceleration: None,
             slope,
             curve: Errors::ZERO,
             ends: false,

@@ -4,17 +4,19 @@
 //! needs fewer bytes. Three stages:
 //!
 //! 1. *Candidates*: the prediction modes that apply (rest, uniform, falling, attached, accelerated), each with its
-//!    error
-//!    forecast. The forecast of the uncorrected prediction comes from the lookahead or from recent prediction errors.
+//!    error forecast. The forecast of the uncorrected prediction comes from the lookahead or from recent prediction errors.
 //! 2. *Cost*: bits of a correction per tick of its expected lifetime.
 //! 3. *Refinement*: the residual of least cost. The result is then quantised and checked as a subscriber computes it.
 
 mod acceleration;
+mod attached;
 mod candidates;
 mod cost;
 mod errors;
 mod forecast;
+mod modes;
 mod ranking;
+mod recent;
 mod refinement;
 mod shortlist;
 mod single_pass;
@@ -24,9 +26,10 @@ use rhumb_reckoning::{Anchor, Predictor, Residual, Seconds, TRACK_AGE_MAX, Ticks
 
 use super::features::Features;
 use crate::packet::{Age, UpdatePayload};
-use candidates::{Candidates, Prediction};
+use candidates::Candidates;
 use errors::Units;
-use forecast::{Expectation, SPAN};
+use forecast::Expectation;
+use modes::Prediction;
 use ranking::Settings;
 use refinement::refined;
 use single_pass::cheapest;
@@ -70,12 +73,17 @@ impl<'a> ModeDecision<'a> {
             age,
             over,
         };
+        let settings = self.settings(subject, ticks, &update);
         let is_long_lived = ticks >= LONG_LIVED && track.predictor != Predictor::Rest;
         if subject.ahead.is_empty() || is_long_lived || !self.context.features.mode_decision {
-            self.decide_within::<1>(&update, ticks)
-        } else {
-            self.decide_within::<SPAN>(&update, ticks)
+            let update_of =
+                |prediction: &Prediction<'_>, residual: &Residual| update.of(prediction, residual);
+            return cheapest(&self.context, subject, &settings, update_of);
         }
+        let candidates = Candidates::new(&self.context, subject, &settings.expectation.units);
+        let best = refined(&settings, &candidates);
+        best.iter()
+            .find_map(|choice| update.of(&candidates.prediction(choice.mode)?, &choice.residual))
     }
 
     /// The decision without lookahead, and with the full tolerance where that is tightened.
@@ -90,49 +98,32 @@ impl<'a> ModeDecision<'a> {
         })
     }
 
-    /// The decision with at most `N` known ticks, the published one included.
-    fn decide_within<const N: usize>(
+    /// The parameters of the search for a body whose track has this age.
+    fn settings(
         &self,
-        update: &UpdateConditions<'_>,
+        subject: &Subject<'_>,
         ticks: Ticks,
-    ) -> Option<(UpdatePayload, Track)> {
-        let (subject, age) = (update.subject, update.age);
-        let rate = self.context.tracks.integrator().rate;
-        let (tolerance, radius) = (
-            self.context.tracks.tolerance_of(subject.slot),
-            self.context.tracks.radius(subject.slot),
-        );
-        let step = rate.step().seconds();
-        let units = Units::new(
-            tolerance,
-            radius,
-            self.context.slack,
-            self.context.tracks.grid(subject.slot),
-            step,
-        );
-        let candidates = Candidates::<N>::new(&self.context, subject, &units);
-        let interval = self.context.tracks.publish_interval().get();
+        update: &UpdateConditions<'_>,
+    ) -> Settings {
+        let tracks = self.context.tracks;
+        let step = tracks.integrator().rate.step().seconds();
         let [least, most] = ERROR_GROWTH;
-        let settings = Settings {
+        Settings {
             expectation: Expectation {
-                units,
+                units: Units::new(
+                    tracks.tolerance_of(subject.slot),
+                    tracks.radius(subject.slot),
+                    self.context.slack,
+                    tracks.grid(subject.slot),
+                    step,
+                ),
                 // The error of a body with a long-lived track, such as a flying body, is expected to grow slowly.
                 growth: (ERROR_GROWTH_PER_LIFETIME / f64::from(ticks.count())).clamp(least, most),
-                interval: interval as usize,
+                interval: tracks.publish_interval().get() as usize,
             },
             features: self.context.features,
-            age,
+            age: update.age,
             rate: step / update.over.seconds(),
-            looks_ahead: N > 1,
-        };
-        let update_of =
-            |mode, residual: &Residual| update.of(&candidates.prediction(mode)?, residual);
-        if N == 1 {
-            cheapest(&settings, &candidates, update_of)
-        } else {
-            let best = refined(&settings, &candidates);
-            best.iter()
-                .find_map(|choice| update_of(choice.mode, &choice.residual))
         }
     }
 }

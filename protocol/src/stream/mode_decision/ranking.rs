@@ -13,12 +13,8 @@ use crate::stream::features::Features;
 
 /// Rounding to the nearest step, of position and of turn.
 pub(super) const NEAREST: [f64; 2] = [0.5; 2];
-/// Hardly any velocities cost less than this, in 1/256 bits.
-const VELOCITY_BITS: u32 = 8 * 256;
-/// Share of the tolerance that rounded velocities may add to a component of the error within a lifetime.
-const ROUNDING: f64 = 0.5;
 /// Candidate exponents of velocities: their steps are doubled so often.
-const VELOCITY_EXPONENTS: [u32; 6] = [9, 7, 5, 3, 1, 0];
+pub(super) const VELOCITY_EXPONENTS: [u32; 6] = [9, 7, 5, 3, 1, 0];
 /// Numbers of known ticks that the next correction is fitted to.
 const FITS_AFTER: [usize; 2] = [0, 3];
 
@@ -31,8 +27,6 @@ pub(super) struct Settings {
     pub(super) age: Age,
     /// The share of a correction that a moving mode adds to it in each tick.
     pub(super) rate: f64,
-    /// True if the next correction is priced too.
-    pub(super) looks_ahead: bool,
 }
 
 /// Prices the corrections of one candidate.
@@ -47,22 +41,16 @@ pub(super) struct CorrectionRanker<'s> {
 
 impl<'s> CorrectionRanker<'s> {
     /// The ranker of a mode's corrections; `None` if the mode does not apply.
-    #[inline]
-    pub(super) fn new<const N: usize>(
+    pub(super) fn new(
         settings: &'s Settings,
-        candidates: &'s Candidates<'_, N>,
+        candidates: &'s Candidates<'_>,
         mode: usize,
     ) -> Option<Self> {
-        let beside = if settings.looks_ahead {
-            Beside::NEXT
-        } else {
-            Beside::default()
-        };
         let prediction = candidates.prediction(mode)?;
         Some(Self {
             forecast: candidates.error_forecast(mode)?,
             expectation: &settings.expectation,
-            cost: Cost::new(prediction.mode, settings.age, beside),
+            cost: Cost::new(prediction.mode, settings.age, Beside::NEXT),
             rate: if prediction.moves() {
                 settings.rate
             } else {
@@ -123,41 +111,19 @@ impl<'s> CorrectionRanker<'s> {
         (best, least)
     }
 
-    /// The lifetime of a correction with the true velocities, in ticks: no correction with velocities outlives it.
-    pub(super) fn longest(&self, at_once: Errors, slope: &Errors) -> f64 {
-        let exact = Effect {
-            at_once,
-            each_tick: *slope,
-        };
-        self.lifetime(&exact).ticks
-    }
-
-    /// The least price of a correction with velocities whose place has this cost, and that lives so long.
-    pub(super) fn least_price(&self, place: u32, longest: f64) -> f64 {
-        let bits = self.cost.of_form(true) + place + VELOCITY_BITS;
-        self.cost.price(bits, longest)
-    }
-
     /// Prices the corrections with velocities that reduce the error by `slope` per tick, and calls `note` for each.
-    ///
-    /// `longest`: see [`Self::longest`].
     pub(super) fn with_velocities(
         &self,
         settings: &Settings,
         residual: &Residual,
-        (slope, longest): (&Errors, f64),
+        slope: &Errors,
         note: &mut impl FnMut(Residual, f64),
     ) {
         let units = &self.expectation.units;
         let effect = self.effect(residual);
         let place = self.cost.of_form(true) + Cost::of_place(settings.age, residual);
         let lacking = *slope - effect.each_tick;
-        let too_coarse = |exponent: &u32| {
-            !settings.looks_ahead && *exponent > 0 && units.rounding(*exponent) * longest > ROUNDING
-        };
-        let exponents = settings.features.steps(VELOCITY_EXPONENTS);
-        let tried = if settings.looks_ahead { usize::MAX } else { 1 };
-        for velocity_exponent in exponents.skip_while(too_coarse).take(tried) {
+        for velocity_exponent in settings.features.steps(VELOCITY_EXPONENTS) {
             let velocity = units.velocity(&lacking, velocity_exponent);
             let bits = place + self.cost.of_velocity(&velocity);
             let residual = Residual {
@@ -185,7 +151,7 @@ impl<'s> CorrectionRanker<'s> {
         let later = CorrectionRanker {
             forecast: ErrorForecast {
                 known: known.errors(),
-                pull: None,
+                acceleration: None,
                 slope: self.forecast.slope - effect.each_tick,
                 ..self.forecast
             },

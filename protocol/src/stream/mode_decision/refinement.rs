@@ -13,10 +13,7 @@ const FITS: [usize; 5] = [0, 1, 2, 4, 6];
 const LINES: [usize; 3] = [2, 4, 6];
 
 /// The best corrections of a body, the cheapest first.
-pub(super) fn refined<const N: usize>(
-    settings: &Settings,
-    candidates: &Candidates<'_, N>,
-) -> BestCorrections {
+pub(super) fn refined(settings: &Settings, candidates: &Candidates<'_>) -> BestCorrections {
     let mut all = BestCorrections::default();
     for mode in candidates.modes() {
         let Some(ranker) = CorrectionRanker::new(settings, candidates, mode) else {
@@ -63,8 +60,7 @@ fn best_of(settings: &Settings, mode: usize, ranker: &CorrectionRanker<'_>) -> B
         let at_once = units.of_residual(&residual);
         let nearest = forecast.slope_from(line, &at_once);
         for slope in [slope, nearest] {
-            let longest = ranker.longest(at_once, &slope);
-            ranker.with_velocities(settings, &residual, (&slope, longest), &mut note);
+            ranker.with_velocities(settings, &residual, &slope, &mut note);
         }
     }
     best

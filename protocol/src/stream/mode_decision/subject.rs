@@ -3,8 +3,9 @@
 //! Contains data alone, no decision.
 
 use glam::DVec3;
-use rhumb_reckoning::{Divergence, Metres, Motion, Pose, Tick, Ticks, Tolerance, Track};
+use rhumb_reckoning::{BodyState, Divergence, Metres, Motion, Pose, Tick, Ticks, Tolerance, Track};
 
+use super::errors::Errors;
 use crate::stream::features::Features;
 use crate::stream::tracks::{Slot, Tracks};
 
@@ -25,8 +26,8 @@ pub(crate) struct Subject<'a> {
     pub(crate) framed: &'a Motion,
     /// The true linear velocities one and two ticks before, m/s.
     pub(crate) velocities: Option<[DVec3; 2]>,
-    /// The true motions one and two strides before.
-    pub(crate) past: &'a [Option<Motion>; 2],
+    /// The observed states one and two strides before.
+    pub(crate) past: &'a [Option<&'a BodyState>; 2],
     /// Ticks between two observations before the published tick.
     pub(crate) stride: Ticks,
     /// The true motions of the next ticks, as far as the lookahead reaches.
@@ -35,6 +36,17 @@ pub(crate) struct Subject<'a> {
     pub(crate) ends: bool,
     /// A body that this body may be attached to.
     pub(crate) parent: Option<Parent<'a>>,
+}
+
+impl Subject<'_> {
+    /// Difference of the true and the predicted velocities, in m/s and rad/s.
+    pub(super) fn velocity_error(&self) -> Errors {
+        let (truth, predicted) = (self.truth.twist(), self.predicted_motion.twist());
+        Errors::of([
+            truth.linear - predicted.linear,
+            truth.angular - predicted.angular,
+        ])
+    }
 }
 
 /// A possible parent, with its observations.
@@ -46,8 +58,8 @@ pub(crate) struct Parent<'a> {
     pub(crate) truth: &'a Motion,
     /// The predicted motion in the frame of its track.
     pub(crate) predicted_motion: &'a Motion,
-    /// The true motions one and two strides of the child before.
-    pub(crate) past: Option<&'a [Option<Motion>; 2]>,
+    /// The observed states one and two strides of the child before.
+    pub(crate) past: Option<&'a [Option<BodyState>; 2]>,
     /// The true motions of the next ticks.
     pub(crate) ahead: &'a [Motion],
 }

@@ -1,12 +1,12 @@
 //! The bodies that can be parents of others, and the number of their children.
 
 use glam::Vec3;
-use rhumb_reckoning::{BodyId, Tick, Ticks};
+use rhumb_reckoning::{BodyId, Ticks};
 
 use super::Publisher;
 use super::large_body::{LargeBody, ObservedParent, PARENT_SIZE_RATIO};
 use super::observation_scan::ObservationScan;
-use super::window::ObservationWindow;
+use super::window::{Ahead, ObservationWindow, ObservedTicks};
 use crate::stream::observation::Observation;
 use crate::stream::observation_history::ObservationHistory;
 
@@ -28,21 +28,20 @@ impl Publisher {
     }
 
     /// Collects the observations of the parent candidates.
-    pub(super) fn observe_parents(
-        &self,
-        observation_history: &ObservationHistory,
-        tick: Tick,
-        scan: &mut ObservationScan,
-    ) {
-        let observations = observation_history.at(tick).unwrap_or_default();
+    pub(super) fn observe_parents(&self, ticks: &ObservedTicks<'_>, scan: &mut ObservationScan) {
+        let tick = ticks.tick;
+        let observations = ticks.history.at(tick).unwrap_or_default();
         let observed = |LargeBody { place, .. }: &LargeBody| {
             let Observation { id, motion, .. } = observations[*place];
             let slot = self.tracks.slot(id.index())?;
+            let window = ObservationWindow::of(ticks, id, *place);
             Some(ObservedParent {
                 index: id.index(),
                 truth: motion.motion(),
                 predicted_motion: self.tracks.framed((id.index(), slot), &slot.track(), tick),
-                window: ObservationWindow::of(observation_history, id, tick, *place),
+                past: window.past.map(Option::<&_>::copied),
+                stride: window.stride,
+                ahead: Ahead::of(ticks, id, *place),
             })
         };
         scan.observed_parents.clear();

@@ -12,6 +12,7 @@ use rhumb_reckoning::{Predictor, TRACK_AGE_MAX, Tick};
 
 use super::Publisher;
 use super::budget_state::{BudgetState, DueUpdate, OverBudget, Pick, PickOrder, WaitingBody};
+use super::window::ObservedTicks;
 use crate::packet::{CostModel, ErrorScale, InitialCostModel, Keyframe, Update};
 use crate::stream::budget::{Budget, TokenBucket};
 use crate::stream::mode_decision::share;
@@ -206,6 +207,7 @@ impl Publisher {
         updates: &mut Vec<Update>,
     ) {
         let tick = self.tick;
+        let ticks = ObservedTicks::around(observation_history, tick);
         let allowed = budget_state.token_bucket.left();
         let allowed = if allowed < PACKET_BYTES_MIN {
             0
@@ -228,7 +230,7 @@ impl Publisher {
         };
         for (pick, due) in order {
             if due.urgent || all || spent < allowed * 8 * 256 {
-                let update = self.check(observation_history, tick, (0, &due.observation), None);
+                let update = self.check(&ticks, (0, &due.observation), None);
                 spent += update.as_ref().map_or(0, Self::bits_of);
                 updates.extend(update);
                 budget_state.pick_order.pass(pick);

@@ -1,9 +1,9 @@
 //! Parent candidates: the largest moving bodies of a tick.
 
 use glam::Vec3;
-use rhumb_reckoning::Motion;
+use rhumb_reckoning::{BodyState, Motion, Ticks};
 
-use super::window::ObservationWindow;
+use super::window::Ahead;
 
 /// The number of parent candidates at one tick: the largest moving bodies.
 pub(super) const PARENT_CANDIDATES_MAX: usize = 16;
@@ -27,5 +27,8 @@ pub(super) struct ObservedParent {
     pub(super) truth: Motion,
     /// The motion in the frame of its track, after its own update of the tick.
     pub(super) predicted_motion: Motion,
-    pub(super) window: ObservationWindow,
+    /// Its states one and two strides before.
+    pub(super) past: [Option<BodyState>; 2],
+    pub(super) stride: Ticks,
+    pub(super) ahead: Option<Ahead>,
 }

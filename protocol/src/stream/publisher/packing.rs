@@ -189,20 +189,34 @@ fn sort_by_alias(updates: &mut [Update]) {
         updates.sort_by_cached_key(|update| update.alias);
         return;
     }
-    // By alias: one more than the place of its update, 0 for none.
-    let mut places = vec![0; end];
-    for (place, update) in (1_u32..).zip(updates.iter()) {
-        places[update.alias as usize] = place;
+    // By alias: the rank of its update.
+    let mut ranks = vec![0_u32; end];
+    for update in updates.iter() {
+        ranks[update.alias as usize] = 1;
     }
-    let unsorted = updates.to_vec();
-    let sorted = places.into_iter().filter(|place| *place > 0);
-    for (update, place) in updates.iter_mut().zip(sorted) {
-        *update = unsorted[place as usize - 1];
+    let mut next = 0;
+    for rank in &mut ranks {
+        next += core::mem::replace(rank, next);
+    }
+    // Each exchange brings an update to its place.
+    for place in 0..updates.len() {
+        loop {
+            let rank = ranks[updates[place].alias as usize] as usize;
+            if rank == place {
+                break;
+            }
+            updates.swap(place, rank);
+        }
     }
 }
 
 /// Sorts updates by alias, those that build on another body's track last. Returns the number of the others.
 fn sort_parents_first(updates: &mut [Update]) -> usize {
+    let mut free = updates.iter().all(|update| !update.payload.names_parent());
+    free &= updates.is_sorted_by_key(|update| update.alias);
+    if free {
+        return updates.len();
+    }
     updates.sort_unstable_by_key(|update| (update.payload.names_parent(), update.alias));
     updates.partition_point(|update| !update.payload.names_parent())
 }

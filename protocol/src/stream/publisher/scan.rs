@@ -37,18 +37,19 @@ impl Publisher {
                 scan.undecided.push(place);
                 continue;
             }
-            let ObservationScan {
-                prefilter,
-                undecided,
-                ..
-            } = scan;
             let observed = (place, &observation.motion);
-            self.tracks
-                .prefilter(slot, tick, observed, prefilter, undecided);
+            let ObservationScan {
+                prefilter, tested, ..
+            } = scan;
+            let undecided = self
+                .tracks
+                .prefilter(slot, tick, observed, prefilter, tested);
+            if undecided {
+                scan.undecided.push(place);
+            }
         }
-        scan.prefilter.finish(&mut scan.undecided);
-        // Moving bodies are tested four at a time, so their results come late.
-        scan.undecided.sort_unstable();
+        scan.prefilter.finish(&mut scan.tested);
+        scan.merge_tested();
         let large = |(radius, _): &&(f64, usize)| *radius >= least * PARENT_SIZE_RATIO;
         let largest = scan.largest.iter().take_while(large);
         scan.parent_candidates

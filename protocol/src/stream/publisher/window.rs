@@ -1,96 +1,116 @@
 //! The observations of one body around a published tick.
 //!
-//! Motions only, converted once for all users. The mode decision interprets them.
+//! States and motions only. The mode decision interprets them.
 
 use glam::DVec3;
-use rhumb_reckoning::{BodyId, Motion, Tick, Ticks};
+use rhumb_reckoning::{BodyId, BodyState, Motion, Tick, Ticks};
 
-use crate::stream::observation_history::{LOOKAHEAD_MAX, ObservationHistory};
+use crate::stream::observation::Observation;
+use crate::stream::observation_history::{LOOKAHEAD_MAX, ObservationHistory, near};
 
-/// The observations of a body around a tick.
+/// The observations of all bodies around a tick, looked up once for all windows.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ObservedTicks<'h> {
+    pub(super) history: &'h ObservationHistory,
+    pub(super) tick: Tick,
+    /// One and two strides before, and one and two ticks before. Empty for ticks without observations.
+    strides: [&'h [Observation]; 2],
+    ticks: [&'h [Observation]; 2],
+}
+
+impl<'h> ObservedTicks<'h> {
+    pub(super) fn around(history: &'h ObservationHistory, tick: Tick) -> Self {
+        let before = |ticks: u32| {
+            let tick = tick.before(Ticks::new(ticks));
+            tick.and_then(|tick| history.at(tick)).unwrap_or_default()
+        };
+        let stride = history.stride().count();
+        Self {
+            history,
+            tick,
+            strides: [before(stride), before(2 * stride)],
+            ticks: [before(1), before(2)],
+        }
+    }
+}
+
+/// The observations of a body before a tick.
 #[derive(Clone, Debug)]
-pub(super) struct ObservationWindow {
+pub(super) struct ObservationWindow<'h> {
     /// Its linear velocities one and two ticks before, m/s.
     pub(super) velocities: Option<[DVec3; 2]>,
-    /// Its motions one and two strides before, or ticks if it was not observed that long.
-    pub(super) past: [Option<Motion>; 2],
+    /// Its states one and two strides before, or ticks if it was not observed that long.
+    pub(super) past: [Option<&'h BodyState>; 2],
     pub(super) stride: Ticks,
-    /// None without lookahead.
-    ahead: Option<Ahead>,
 }
 
 /// The motions of a body after the tick, within the lookahead.
 #[derive(Clone, Debug)]
-struct Ahead {
+pub(super) struct Ahead {
     /// Only the first `known` entries are valid.
     motions: [Motion; LOOKAHEAD_MAX.count() as usize],
     known: usize,
     /// True if it is certain that no observation follows the last motion.
-    ends: bool,
+    pub(super) ends: bool,
 }
 
-impl ObservationWindow {
+impl<'h> ObservationWindow<'h> {
     /// The window of a body whose position among the observations is near `place`.
-    pub(super) fn of(
-        observation_history: &ObservationHistory,
-        id: BodyId,
-        tick: Tick,
-        place: usize,
-    ) -> Self {
-        let motion = |tick: Tick| {
-            let observed = observation_history.near(id, tick, place);
-            observed.map(|observed| observed.motion.motion())
+    pub(super) fn of(observed: &ObservedTicks<'h>, id: BodyId, place: usize) -> Self {
+        let states = |[one, two]: [&'h [Observation]; 2]| {
+            let state = |observed| near(observed, id, place).map(|observed| &observed.motion);
+            [state(one), state(two)]
         };
-        let before = |ticks| tick.before(Ticks::new(ticks)).and_then(motion);
-        let mut stride = observation_history.stride().count();
-        let mut past = [before(stride), before(2 * stride)];
+        let mut stride = observed.history.stride().count();
+        let mut past = states(observed.strides);
         if stride > 1 && past[0].is_none() {
-            (past, stride) = ([before(1), before(2)], 1);
+            (past, stride) = (states(observed.ticks), 1);
         }
-        let linear = |motion: &Option<Motion>| motion.as_ref().map(|motion| motion.twist().linear);
-        let velocities = if stride == 1 {
-            [linear(&past[0]), linear(&past[1])]
+        let [one, two] = if stride == 1 {
+            past
         } else {
-            [linear(&before(1)), linear(&before(2))]
+            states(observed.ticks)
         };
-        let has_lookahead = observation_history.lookahead() > Ticks::ZERO;
+        let velocities = one.zip(two);
         Self {
-            velocities: velocities[0].zip(velocities[1]).map(<[DVec3; 2]>::from),
+            velocities: velocities.map(|(one, two)| [linear(one), linear(two)]),
             past,
             stride: Ticks::new(stride),
-            ahead: has_lookahead.then(|| Ahead::of(observation_history, id, tick, place)),
         }
-    }
-
-    /// The motions after the tick.
-    pub(super) fn ahead(&self) -> &[Motion] {
-        self.ahead
-            .as_ref()
-            .map_or(&[], |ahead| &ahead.motions[..ahead.known])
-    }
-
-    /// True if it is certain that no observation follows the last motion of `ahead`.
-    pub(super) fn ends(&self) -> bool {
-        self.ahead.as_ref().is_some_and(|ahead| ahead.ends)
     }
 }
 
 impl Ahead {
-    fn of(observation_history: &ObservationHistory, id: BodyId, tick: Tick, place: usize) -> Self {
+    /// The known motions.
+    pub(super) fn motions(&self) -> &[Motion] {
+        &self.motions[..self.known]
+    }
+
+    /// `None` without lookahead.
+    pub(super) fn of(observed: &ObservedTicks<'_>, id: BodyId, place: usize) -> Option<Self> {
+        if observed.history.lookahead() == Ticks::ZERO {
+            return None;
+        }
         let mut ahead = Self {
             motions: [Motion::IDENTITY; LOOKAHEAD_MAX.count() as usize],
             known: 0,
             ends: false,
         };
         for (ticks, motion) in (1..).zip(&mut ahead.motions) {
-            let then = tick + Ticks::new(ticks);
-            let Some(observed) = observation_history.near(id, then, place) else {
-                ahead.ends = observation_history.at(then).is_some();
+            let then = observed.history.at(observed.tick + Ticks::new(ticks));
+            let Some(observed) = then.and_then(|then| near(then, id, place)) else {
+                ahead.ends = then.is_some();
                 break;
             };
             *motion = observed.motion.motion();
             ahead.known += 1;
         }
-        ahead
+        Some(ahead)
     }
+}
+
+/// The linear velocity of a state, m/s.
+fn linear(state: &BodyState) -> DVec3 {
+    let [.., x, y, z, _, _, _] = state.parts();
+    DVec3::new(x.into(), y.into(), z.into())
 }
