@@ -5,6 +5,8 @@
 #![forbid(unsafe_code)]
 
 mod clock;
+#[cfg(feature = "conditioner")]
+pub mod conditioner;
 mod link_meter;
 mod piece;
 mod quic;
