@@ -33,6 +33,7 @@ pub(crate) struct ServerSettings {
     pub(crate) open: bool,
     pub(crate) open_to_network: bool,
     pub(crate) metrics: Option<SocketAddr>,
+    pub(crate) view: Option<SocketAddr>,
     pub(crate) data: Option<PathBuf>,
     pub(crate) flight: Option<PathBuf>,
     #[serde(deserialize_with = "parsed")]
@@ -81,7 +82,7 @@ impl std::error::Error for SettingsError {}
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
-const ROWS: [(&str, &str, &str); 16] = [
+const ROWS: [(&str, &str, &str); 17] = [
     (
         "listen",
         "\"127.0.0.1:4433\"",
@@ -117,6 +118,11 @@ const ROWS: [(&str, &str, &str); 16] = [
         "metrics",
         "\"127.0.0.1:9464\"",
         "TCP address for /metrics and /health; without it there are none.",
+    ),
+    (
+        "view",
+        "\"127.0.0.1:8433\"",
+        "TCP address of the page in which scenes are seen; without it there is none. Needs the feature `view`.",
     ),
     (
         "data",
@@ -157,7 +163,7 @@ const ROWS: [(&str, &str, &str); 16] = [
 ];
 
 /// The settings that a file need not have, and that have no default.
-const OPTIONAL: [&str; 5] = ["cert", "key", "metrics", "data", "flight"];
+const OPTIONAL: [&str; 6] = ["cert", "key", "metrics", "view", "data", "flight"];
 
 impl Default for ServerSettings {
     fn default() -> Self {
@@ -170,6 +176,7 @@ impl Default for ServerSettings {
             open: false,
             open_to_network: false,
             metrics: None,
+            view: None,
             data: None,
             flight: None,
             log: LevelFilter::INFO,
