@@ -6,23 +6,18 @@ use std::process::Command;
 use std::{env, fs};
 
 /// Folders whose change changes the web client, from the root of the repository.
-const SOURCES: [&str; 5] = [
-    "bindings/web",
+const SOURCES: [&str; 6] = [
+    "bindings/web/Cargo.toml",
+    "bindings/web/src",
     "client/view",
     "protocol/src",
     "reckoning/src",
     "Cargo.lock",
 ];
+/// The web client, from the root of the repository.
+const CLIENT: &str = "bindings/web";
 /// The target of the web client.
 const TARGET: &str = "wasm32-unknown-unknown";
-/// Its profile, whatever the profile of this build.
-const PROFILE: [&str; 5] = [
-    "profile.release.lto=true",
-    "profile.release.codegen-units=1",
-    "profile.release.panic='abort'",
-    "profile.release.debug=false",
-    "profile.release.strip='symbols'",
-];
 
 fn main() -> Result<(), Box<dyn Error>> {
     println!("cargo::rerun-if-changed=build.rs");
@@ -37,25 +32,35 @@ fn main() -> Result<(), Box<dyn Error>> {
         Ok(()) => String::new(),
         Err(reason) => {
             println!("cargo::warning=the page is left out: {reason}");
-            fs::write(out.join("rhumb.js"), "")?;
-            fs::write(out.join("rhumb.wasm"), "")?;
             reason
         }
     };
     println!("cargo::rustc-env=RHUMB_VIEWER_UNAVAILABLE={unavailable}");
-    fs::write(out.join("assets.rs"), table(&out)?)?;
+    let client = unavailable.is_empty().then(|| root.join(CLIENT));
+    fs::write(out.join("assets.rs"), table(&out, client.as_deref())?)?;
     Ok(())
 }
 
 /// The table of assets, as Rust code: files of the page, kept libraries, and the web client.
-fn table(out: &Path) -> Result<String, Box<dyn Error>> {
-    let mut files = vec![
-        ("/rhumb.js".to_owned(), out.join("rhumb.js")),
-        ("/rhumb.wasm".to_owned(), out.join("rhumb.wasm")),
-    ];
+fn table(out: &Path, client: Option<&Path>) -> Result<String, Box<dyn Error>> {
+    let mut files = Vec::new();
     let own = PathBuf::from(env::var("CARGO_MANIFEST_DIR")?);
     collect("", &own.join("page"), &mut files)?;
-    collect("/three", &own.join("vendor/three"), &mut files)?;
+    for library in ["three", "fzstd"] {
+        let folder = own.join("vendor").join(library);
+        collect(&format!("/{library}"), &folder, &mut files)?;
+    }
+    if let Some(client) = client {
+        files.push(("/client/rhumb.wasm".to_owned(), out.join("rhumb.wasm")));
+        for entry in fs::read_dir(client)? {
+            let name = entry?.file_name().into_string();
+            let name = name.map_err(|_| "a name is no text")?;
+            if name.ends_with(".js") {
+                println!("cargo::rerun-if-changed={}", client.join(&name).display());
+                files.push((format!("/client/{name}"), client.join(name)));
+            }
+        }
+    }
     let mut code = String::from("&[\n");
     for (path, file) in files {
         let path = if path == "/index.html" { "/" } else { &path };
@@ -107,7 +112,7 @@ fn content_type(file: &Path) -> Result<&'static str, String> {
 
 /// Puts the web client into the folder of outputs.
 fn client(root: &Path, out: &Path) -> Result<(), String> {
-    let folder = root.join("bindings/web");
+    let folder = root.join(CLIENT);
     if !folder.join("Cargo.toml").exists() {
         return Err("build from a checkout of the repository: bindings/web is missing".into());
     }
@@ -125,7 +130,8 @@ fn client(root: &Path, out: &Path) -> Result<(), String> {
     cargo
         .args([
             "build",
-            "--release",
+            "--profile",
+            "web",
             "--locked",
             "--lib",
             "--target",
@@ -135,16 +141,17 @@ fn client(root: &Path, out: &Path) -> Result<(), String> {
         .arg(&target)
         .arg("--manifest-path")
         .arg(folder.join("Cargo.toml"));
-    for setting in PROFILE {
-        cargo.args(["--config", setting]);
-    }
     for (name, _) in env::vars().filter(|(name, _)| concerns_this_build(name)) {
         cargo.env_remove(name);
     }
     run(&mut cargo)?;
-    let built = target.join(TARGET).join("release/rhumb_web.wasm");
-    copy(&built, &out.join("rhumb.wasm"))?;
-    copy(&folder.join("rhumb.js"), &out.join("rhumb.js"))
+    let built = target.join(TARGET).join("web/rhumb_web.wasm");
+    let copied = fs::copy(&built, out.join("rhumb.wasm"));
+    copied.map_err(|cause| format!("{}: {cause}", built.display()))?;
+    match folder.join("rhumb.js").exists() {
+        true => Ok(()),
+        false => Err(format!("{CLIENT} has no rhumb.js")),
+    }
 }
 
 /// True for a variable of the environment that sets flags, wrappers or folders of the build that this one is part of.
@@ -175,13 +182,6 @@ fn concerns_this_build(name: &str) -> bool {
 
 fn variable(name: &str) -> Result<String, String> {
     env::var(name).map_err(|cause| format!("{name}: {cause}"))
-}
-
-fn copy(from: &Path, to: &Path) -> Result<(), String> {
-    let copied = fs::copy(from, to);
-    copied
-        .map(drop)
-        .map_err(|cause| format!("{}: {cause}", from.display()))
 }
 
 /// Runs a command to its end; returns what it printed.

@@ -420,11 +420,7 @@ fn page_url(view: SocketAddr) -> String {
 }
 
 /// Prints the address and the fingerprint to pin. A closed standard output does not stop a server.
-fn announce(
-    server: &Server,
-    identity: &Identity,
-    addresses: &Addresses,
-) {
+fn announce(server: &Server, identity: &Identity, addresses: &Addresses) {
     let kind = match identity {
         Identity::Development => "development, made at start",
         Identity::Files { .. } => "from files",

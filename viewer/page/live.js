@@ -1,0 +1,122 @@
+// The live connection: a copy of a scene, and beside it the truth as a stream of every state. Comes back by itself.
+
+import { connect, isSupported, load } from "./client/rhumb.js";
+
+/** Pause before the next attempt to connect, milliseconds: the first one, and the longest. */
+const PAUSE_FIRST = 500;
+const PAUSE_MAX = 4000;
+
+const pause = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
+
+/** What is wrong with this browser or this address, as a title and a sentence that says what to do. */
+export function obstacle() {
+  if (!globalThis.isSecureContext) {
+    const here = `${location.protocol}//${location.host}`;
+    return [
+      "The browser does not let this page connect",
+      `${here} is not a secure address. Open the page on the server's own machine by http://127.0.0.1, forward the port ` +
+        "to your machine (ssh -L), or put an https server in front of it.",
+    ];
+  }
+  if (!isSupported) {
+    return [
+      "This browser has no WebTransport",
+      "Open this page in Chrome or Edge 97, Firefox 114, Safari 26.4, or a newer one.",
+    ];
+  }
+  return undefined;
+}
+
+export class Live {
+  /** Called with a state ("connecting", "open", "lost") and a sentence. */
+  onstate = () => {};
+  /** Called whenever a copy has been joined. */
+  onjoin = () => {};
+  /** What the server says about itself; undefined before it was reached. */
+  facts;
+  copy;
+  truth;
+  /** The options of the next join. */
+  options = { tolerance: 0.05, delayTicks: 3, truth: true };
+  #scene;
+  /** Grows with each change of the scene; attempts of an earlier one end. */
+  #attempt = 0;
+
+  /** Reads what the server says about itself. */
+  async read() {
+    const response = await fetch("connect.json", { cache: "no-store" });
+    if (!response.ok) throw new Error(await response.text());
+    this.facts = await response.json();
+    return this.facts;
+  }
+
+  /** Follows a scene from now on; ends only when another one is followed. */
+  async follow(scene) {
+    const attempt = ++this.#attempt;
+    this.#scene = scene;
+    this.close();
+    for (let wait = PAUSE_FIRST; attempt === this.#attempt; wait = Math.min(2 * wait, PAUSE_MAX)) {
+      try {
+        this.onstate("connecting", `Connecting to ${scene}`);
+        await this.read();
+        const copy = await this.#join(this.facts.conditionedUrl, { within: this.options.tolerance });
+        if (attempt !== this.#attempt) return copy.close();
+        this.copy = copy;
+        if (this.options.truth) await this.showTruth(true);
+        if (attempt !== this.#attempt) return this.close();
+        wait = PAUSE_FIRST / 2;
+        this.onjoin(copy);
+        this.onstate("open", `Following ${scene}`);
+        const ending = await copy.closed;
+        if (attempt !== this.#attempt) return;
+        this.close();
+        this.onstate("lost", ending.message);
+      } catch (cause) {
+        if (attempt !== this.#attempt) return;
+        this.close();
+        this.onstate("lost", explained(cause));
+      }
+      await pause(wait);
+    }
+  }
+
+  async #join(url, stream) {
+    const { certificateHashes, token } = this.facts;
+    const connection = await connect(url, { certificateHashes, token, wasm: new URL("./client/rhumb.wasm", import.meta.url) });
+    const { delayTicks } = this.options;
+    // Whole ticks without glides: what is shown can be compared with the truth.
+    return connection.join(this.#scene, { stream, delayTicks, wholeTicks: true, smooth: false, resumeWithin: 0 });
+  }
+
+  /** Begins or ends the comparison with the truth, which takes the direct way: its link is not conditioned. */
+  async showTruth(shown) {
+    this.options.truth = shown;
+    if (!shown) {
+      this.truth?.close();
+      this.truth = undefined;
+    } else if (this.truth === undefined && this.facts !== undefined) {
+      const copy = this.copy;
+      const truth = await this.#join(this.facts.url, "full");
+      if (copy !== this.copy || !this.options.truth) return truth.close();
+      this.truth = truth;
+      // Without the truth the copy goes on alone.
+      truth.closed.then(() => {
+        if (this.truth === truth) this.truth = undefined;
+      });
+    }
+  }
+
+  close() {
+    this.copy?.close();
+    this.truth?.close();
+    this.copy = this.truth = undefined;
+  }
+}
+
+/** A sentence about a failure, with what to do. */
+function explained(cause) {
+  if (cause instanceof TypeError) return "The server does not answer. Is it running?";
+  return cause.message;
+}
+
+export { load };
