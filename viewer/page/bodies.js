@@ -76,12 +76,18 @@ export class Bodies {
   }
 
   /** Puts bodies where a frame has them: those of these places. */
-  pose({ positions, rotations }, places) {
+  pose(frame, places) {
+    this.poseOthers(frame, places, (place) => place);
+  }
+
+  /** The same for a frame whose places are others. */
+  poseOthers({ positions, rotations }, places, otherOf) {
     for (const place of places) {
       const number = this.#mesh[place];
-      if (number === 0) continue;
+      const other = otherOf(place);
+      if (number === 0 || other === undefined) continue;
       const mesh = this.#meshes[number - 1];
-      write(mesh.instanceMatrix.array, 16 * this.#instance[place], positions, 3 * place, rotations, 4 * place);
+      write(mesh.instanceMatrix.array, 16 * this.#instance[place], positions, 3 * other, rotations, 4 * other);
       mesh.instanceMatrix.needsUpdate = true;
     }
   }

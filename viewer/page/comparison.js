@@ -1,70 +1,100 @@
-// How far a copy is from the truth at one tick: the error of the surface, as RECKONING 2 defines it.
-
-import { placesIn } from "./frame.js";
+// How far what was shown was from the truth of the same tick: the error of the surface, as RECKONING 2 defines it.
+//
+// A tick may be shown before its truth has arrived. So what was shown is kept until then.
 
 /**
  * Metres by which the arithmetic of this page may be off: poses are 32-bit numbers, which are 8 micrometres apart at a
  * distance of 100 m.
  */
 export const ROUNDING = 1e-4;
+/** Frames that wait for their truth. */
+const WAITING_MAX = 120;
 
 export class Comparison {
-  #places = new Int32Array(0);
-  #generations = [undefined, undefined];
-  /** Error of each place at the last compared tick, metres. */
+  #waiting = [];
+  /** Error of each place at the last compared tick, metres, and the generation of these places. */
   errors = new Float32Array(0);
+  generation;
   /** Of the last compared tick. */
+  tick = -1;
   worst = 0;
   worstShare = 0;
-  /** Since the page was loaded: ticks at which both copies were complete, body-ticks then, and those beyond the tolerance. */
+  /** Ticks compared since the page was loaded that were complete when they were shown. */
   ticks = 0;
+  /** The bodies of those ticks, and how many of them were beyond their tolerance. */
   bodyTicks = 0;
   beyondTolerance = 0;
-  /** Body-ticks whose bound was known, and those beyond it. */
+  /** Greatest error there as a share of the tolerance. */
+  greatestShare = 0;
+  /** Bodies of all compared ticks whose bound was known when they were shown, and how many were beyond it. */
   boundedBodyTicks = 0;
   beyondBound = 0;
-  /** Greatest error as a share of the tolerance, at ticks at which both copies were complete. */
-  greatestShare = 0;
-  #lastTick = -1;
+  /** Bodies of all compared ticks. */
+  allBodyTicks = 0;
 
-  /** Compares a copy with the truth; `isComplete`: nothing that concerns this tick is missing from either. */
-  compare(copy, truth, { movable, radii }, isComplete) {
-    if (this.#generations[0] !== copy.generation || this.#generations[1] !== truth.generation) {
-      this.#generations = [copy.generation, truth.generation];
-      this.#places = placesIn(copy, truth);
-      this.errors = new Float32Array(copy.count);
+  /** Notes what is shown: `isComplete` if nothing that concerns this tick is missing. Whole ticks only. */
+  show(frame, { movable, radii }, isComplete) {
+    const { time: tick, generation, ids, positions, rotations, tolerances, errorBounds } = frame;
+    if (tick <= (this.#waiting.at(-1)?.tick ?? this.tick)) return;
+    this.#waiting.push({
+      tick,
+      generation,
+      isComplete,
+      movable,
+      radii,
+      ids: ids.slice(),
+      positions: positions.slice(),
+      rotations: rotations.slice(),
+      tolerances: tolerances.slice(),
+      errorBounds: errorBounds.slice(),
+    });
+    if (this.#waiting.length > WAITING_MAX) this.#waiting.shift();
+  }
+
+  /** Compares what was shown with the truth that has arrived. */
+  settle(truth) {
+    while (this.#waiting.length > 0 && this.#waiting[0].tick <= truth.newest) {
+      const shown = this.#waiting.shift();
+      const actual = truth.at(shown.tick);
+      if (actual !== undefined) this.#compare(shown, actual);
     }
-    const isNew = copy.time !== this.#lastTick;
-    this.#lastTick = copy.time;
+  }
+
+  #compare(shown, actual) {
+    const { tick, generation, isComplete, movable, radii, ids, tolerances, errorBounds } = shown;
+    this.tick = tick;
+    this.generation = generation;
+    if (this.errors.length !== ids.length) this.errors = new Float32Array(ids.length);
     this.worst = 0;
     this.worstShare = 0;
-    let beyondTolerance = 0;
-    let beyondBound = 0;
-    let bounded = 0;
     for (const place of movable) {
-      const other = this.#places[place];
-      if (other < 0) continue;
-      const error = surfaceError(copy, place, truth, other, radii[place]);
+      const other = actual.places.get(ids[place]);
+      if (other === undefined) continue;
+      const error = surfaceError(shown, place, actual, other, radii[place]);
+      const tolerance = tolerances[place];
       this.errors[place] = error;
-      const share = error / copy.tolerances[place];
-      if (error > this.worst) this.worst = error;
-      if (share > this.worstShare) this.worstShare = share;
-      if (error > copy.tolerances[place] + ROUNDING) beyondTolerance++;
-      const bound = copy.errorBounds[place];
-      if (Number.isFinite(bound)) {
-        bounded++;
-        if (error > bound + ROUNDING) beyondBound++;
+      this.worst = Math.max(this.worst, error);
+      this.worstShare = Math.max(this.worstShare, error / tolerance);
+      this.allBodyTicks++;
+      if (isComplete) {
+        this.bodyTicks++;
+        if (error > tolerance + ROUNDING) this.beyondTolerance++;
+      }
+      if (Number.isFinite(errorBounds[place])) {
+        this.boundedBodyTicks++;
+        if (error > errorBounds[place] + ROUNDING) this.beyondBound++;
       }
     }
-    if (!isNew) return;
-    this.boundedBodyTicks += bounded;
-    this.beyondBound += beyondBound;
-    if (isComplete) {
-      this.ticks++;
-      this.bodyTicks += movable.length;
-      this.beyondTolerance += beyondTolerance;
-      this.greatestShare = Math.max(this.greatestShare, this.worstShare);
-    }
+    if (!isComplete) return;
+    this.ticks++;
+    this.greatestShare = Math.max(this.greatestShare, this.worstShare);
+  }
+
+  /** The scene, or its connection, is another one. */
+  restart() {
+    this.#waiting = [];
+    this.tick = -1;
+    this.generation = undefined;
   }
 }
 

@@ -15,18 +15,7 @@ export function frameOf(view, computed = true) {
   for (;;) {
     const frame = { time: view.time, generation: view.generation, count: view.count };
     for (const name of names) frame[name] = view[name];
-    if (isAttached(frame)) return frame;
+    // A detached array is empty.
+    if (frame.count === 0 || frame.positions.length === 3 * frame.count) return frame;
   }
-}
-
-/** False if the client's memory has grown since the frame was read. */
-export function isAttached(frame) {
-  return frame.count === 0 || frame.positions.length === 3 * frame.count;
-}
-
-/** The place of each body of one frame in another one; -1 for a body that it lacks. */
-export function placesIn(frame, other) {
-  const places = new Map();
-  for (let place = 0; place < other.count; place++) places.set(other.ids[place], place);
-  return Int32Array.from(frame.ids, (id) => places.get(id) ?? -1);
 }

@@ -1,6 +1,7 @@
 // The live connection: a copy of a scene, and beside it the truth as a stream of every state. Comes back by itself.
 
-import { connect, isSupported, load } from "./client/rhumb.js";
+import { connect, isSupported } from "./client/rhumb.js";
+import { Truth } from "./truth.js";
 
 /** Pause before the next attempt to connect, milliseconds: the first one, and the longest. */
 const PAUSE_FIRST = 500;
@@ -35,9 +36,11 @@ export class Live {
   /** What the server says about itself; undefined before it was reached. */
   facts;
   copy;
+  /** The truth of the same scene; undefined while it is not compared. */
   truth;
+  #truthClient;
   /** The options of the next join. */
-  options = { tolerance: 0.05, delayTicks: 3, truth: true };
+  options = { tolerance: 0.05, delayTicks: 0, truth: true };
   #scene;
   /** Grows with each change of the scene; attempts of an earlier one end. */
   #attempt = 0;
@@ -92,24 +95,25 @@ export class Live {
   async showTruth(shown) {
     this.options.truth = shown;
     if (!shown) {
-      this.truth?.close();
-      this.truth = undefined;
-    } else if (this.truth === undefined && this.facts !== undefined) {
+      this.#truthClient?.close();
+      this.truth = this.#truthClient = undefined;
+    } else if (this.truth === undefined && this.copy !== undefined) {
       const copy = this.copy;
-      const truth = await this.#join(this.facts.url, "full");
-      if (copy !== this.copy || !this.options.truth) return truth.close();
-      this.truth = truth;
+      const client = await this.#join(this.facts.url, "full");
+      if (copy !== this.copy || !this.options.truth) return client.close();
+      this.#truthClient = client;
+      this.truth = new Truth(client);
       // Without the truth the copy goes on alone.
-      truth.closed.then(() => {
-        if (this.truth === truth) this.truth = undefined;
+      client.closed.then(() => {
+        if (this.#truthClient === client) this.truth = this.#truthClient = undefined;
       });
     }
   }
 
   close() {
     this.copy?.close();
-    this.truth?.close();
-    this.copy = this.truth = undefined;
+    this.#truthClient?.close();
+    this.copy = this.truth = this.#truthClient = undefined;
   }
 }
 
@@ -118,5 +122,3 @@ function explained(cause) {
   if (cause instanceof TypeError) return "The server does not answer. Is it running?";
   return cause.message;
 }
-
-export { load };

@@ -5,7 +5,7 @@ import { Bodies } from "./bodies.js";
 import { Colours } from "./colours.js";
 import { Comparison } from "./comparison.js";
 import { Figures, metres, number } from "./figures.js";
-import { frameOf, isAttached } from "./frame.js";
+import { frameOf } from "./frame.js";
 import { Hands } from "./hands.js";
 import { History } from "./history.js";
 import { Link } from "./link.js";
@@ -106,6 +106,7 @@ async function begin() {
     figures.restart();
     hands.restart();
     panel.pick(undefined);
+    comparison.restart();
     if (element("policy").checked) copy.setTierPolicy({ upTo: 0.2 });
     else copy.setTierPolicy("never");
     offer();
@@ -174,41 +175,43 @@ function note(times, time) {
 function showLive(now, seconds) {
   const { copy, truth } = live;
   const at = now / 1000;
-  const time = copy.poll(now);
   const statistics = copy.statistics;
-  const isComplete = truth !== undefined && time > 0 && time <= Math.min(statistics.completeTick, truth.statistics.completeTick);
+  const time = showMoment(copy, now, statistics.completeTick);
   roster.read(frameOf(copy.view, false), copy);
   if (mode.kind === "live") lay(copy);
-  let actual;
-  if (truth !== undefined) {
-    truth.show(time);
-    // The client computes columns when they are read, which may end those of the other view: they are read in turn.
-    frameOf(copy.view);
-    actual = frameOf(truth.view, false);
-  }
+  truth?.read();
   const seen = frameOf(copy.view);
-  if (actual !== undefined && !isAttached(actual)) actual = frameOf(truth.view, false);
-  if (actual !== undefined) comparison.compare(seen, actual, roster, isComplete);
-  const errors = actual && comparison.errors;
-  const velocities = copy.view.linearVelocities;
+  if (truth !== undefined) {
+    comparison.show(seen, roster, time <= statistics.completeTick);
+    comparison.settle(truth);
+  }
+  const errors = truth && comparison.generation === seen.generation ? comparison.errors : undefined;
   if (mode.kind === "live") {
     history.add(seen, errors, roster, at);
     bodies.pose(seen, seen.changed);
     colours.marked = panel.id === undefined ? -1 : seen.ids.indexOf(panel.id);
     colours.apply(bodies, seen, errors, at);
     element("scrubber").max = element("scrubber").value = Math.max(0, history.length - 1);
+    if (ghosts.visible) layGhosts(truth?.at(time) ?? truth?.at(truth.newest), seen.ids);
   }
-  hands.act(seen, velocities, seconds, player());
+  hands.act(seen, copy.view.linearVelocities, seconds, player());
   const moving = roster.movable.reduce((sum, place) => sum + 1 - seen.resting[place], 0);
   const picked = panel.id === undefined ? -1 : seen.ids.indexOf(panel.id);
   const ofPicked = { place: picked, error: errors?.[picked], tolerance: seen.tolerances[picked], bound: seen.errorBounds[picked] };
   // From here on the columns may end.
-  if (actual !== undefined && ghosts.visible && mode.kind === "live") layGhosts(truth);
   if (panel.id !== undefined) panel.show(copy, { ...ofPicked, time, now: at });
   Object.assign(diagnostics, { time, bodies: roster.movable.length, moving, completeTick: statistics.completeTick });
   counts(time, moving, statistics);
-  figures.count({ now: at, client: copy, statistics, movable: roster.movable.length, comparison: actual && comparison, tolerance: toleranceOf(copy) });
+  figures.count({ now: at, client: copy, statistics, movable: roster.movable.length, comparison: truth && comparison, tolerance: toleranceOf(copy) });
   events(copy);
+}
+
+/** Has the copy show the newest complete tick, or the moment that its clock says; returns it. */
+function showMoment(copy, now, completeTick) {
+  if (!element("complete").checked) return copy.poll(now);
+  const time = Math.max(completeTick, copy.view.time);
+  copy.show(time);
+  return time;
 }
 
 /** Lays out the bodies of the copy if they are others than before. */
@@ -220,13 +223,14 @@ function lay(copy) {
   bodies.pose(seen, seen.ids.keys());
 }
 
-function layGhosts(truth) {
-  const actual = frameOf(truth.view, false);
-  if (ghostsLaidOut !== actual.generation) {
-    ghostsLaidOut = actual.generation;
-    ghosts.layout({ count: actual.count, shapeNumbers: actual.shapes, kinds: actual.kinds }, (shape) => roster.shapes.get(shape));
+/** Puts the ghosts where the truth has the copy's bodies. */
+function layGhosts(actual, ids) {
+  if (actual === undefined) return;
+  if (ghostsLaidOut !== roster.generation) {
+    ghostsLaidOut = roster.generation;
+    ghosts.layout(roster, (shape) => roster.shapes.get(shape));
   }
-  ghosts.pose(actual, ghosts.movable);
+  ghosts.poseOthers(actual, ghosts.movable, (place) => actual.places.get(ids[place]));
 }
 
 function toleranceOf(copy) {
@@ -344,6 +348,14 @@ function setTolerance(length) {
   if (live.copy?.state === "open") live.copy.changeStream({ within: length });
 }
 
+/** Sets the delay of a view that predicts. */
+function setDelay(ticks) {
+  live.options.delayTicks = ticks;
+  live.copy?.setDelayTicks(ticks);
+  element("delay").value = ticks;
+  element("delay-shown").textContent = `${ticks} ticks`;
+}
+
 function controls() {
   showTolerance({ within: live.options.tolerance });
   let calm;
@@ -356,14 +368,9 @@ function controls() {
   for (const button of document.querySelectorAll("[data-tolerance]")) {
     button.addEventListener("click", () => setTolerance(Number(button.dataset.tolerance)));
   }
-  const delay = element("delay");
-  const showDelay = () => (element("delay-shown").textContent = `${delay.value} ticks`);
-  delay.addEventListener("input", () => {
-    showDelay();
-    live.options.delayTicks = Number(delay.value);
-    live.copy?.setDelayTicks(live.options.delayTicks);
-  });
-  showDelay();
+  element("delay").addEventListener("input", ({ target }) => setDelay(Number(target.value)));
+  element("complete").addEventListener("change", ({ target }) => (element("delay").disabled = target.checked));
+  setDelay(live.options.delayTicks);
   element("policy").addEventListener("change", ({ target }) => {
     live.copy?.setTierPolicy(target.checked ? { upTo: 0.2 } : "never");
   });
