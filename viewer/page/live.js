@@ -73,11 +73,11 @@ export class Live {
         const ending = await copy.closed;
         if (attempt !== this.#attempt) return;
         this.close();
-        this.onstate("lost", ending.message);
+        this.onstate("lost", sentence(ending.message));
       } catch (cause) {
         if (attempt !== this.#attempt) return;
         this.close();
-        this.onstate("lost", explained(cause));
+        this.onstate("lost", explained(cause, this.facts?.conditionedUrl));
       }
       await pause(wait);
     }
@@ -117,8 +117,20 @@ export class Live {
   }
 }
 
-/** A sentence about a failure, with what to do. */
-function explained(cause) {
+/** Sentences about a failure, with what to do. */
+function explained(cause, url) {
   if (cause instanceof TypeError) return "The server does not answer. Is it running?";
-  return cause.message;
+  if (cause.code === "connect") {
+    return (
+      `${url} was not reached. Does the server run, and does UDP pass to that port? If the server has another certificate ` +
+      "than it named to this page, or does not allow pages of this address (web_origins in its configuration), it is refused as well."
+    );
+  }
+  return sentence(cause.message);
+}
+
+/** A text with a capital at its beginning, and a full stop. */
+export function sentence(text) {
+  const whole = text.trim();
+  return whole.charAt(0).toUpperCase() + whole.slice(1) + (/[.!?]$/.test(whole) ? "" : ".");
 }

@@ -9,7 +9,7 @@ import { frameOf } from "./frame.js";
 import { Hands } from "./hands.js";
 import { History } from "./history.js";
 import { Link } from "./link.js";
-import { Live, obstacle } from "./live.js";
+import { Live, obstacle, sentence } from "./live.js";
 import { openRecording } from "./recording.js";
 import { Roster } from "./roster.js";
 import { Stage } from "./stage.js";
@@ -118,7 +118,7 @@ async function begin() {
       break;
     } catch (cause) {
       diagnostics.state = "lost";
-      notice("The server does not answer", `${cause.message} The page tries again.`);
+      notice("The server does not answer", `${sentence(cause.message)} The page tries again.`);
       await new Promise((resolve) => setTimeout(resolve, 1000));
     }
   }
@@ -176,7 +176,7 @@ function showLive(now, seconds) {
   const { copy, truth } = live;
   const at = now / 1000;
   const statistics = copy.statistics;
-  const time = showMoment(copy, now, statistics.completeTick);
+  const time = showMoment(copy, now, statistics);
   roster.read(frameOf(copy.view, false), copy);
   if (mode.kind === "live") lay(copy);
   truth?.read();
@@ -206,10 +206,12 @@ function showLive(now, seconds) {
   events(copy);
 }
 
-/** Has the copy show the newest complete tick, or the moment that its clock says; returns it. */
-function showMoment(copy, now, completeTick) {
-  if (!element("complete").checked) return copy.poll(now);
-  const time = Math.max(completeTick, copy.view.time);
+/** Has the copy show the chosen moment; returns it. */
+function showMoment(copy, now, { completeTick, watermarkTick }) {
+  const { value } = element("shown");
+  if (value === "predicted") return copy.poll(now);
+  // A view does not go back.
+  const time = Math.max(value === "complete" ? completeTick : watermarkTick, copy.view.time);
   copy.show(time);
   return time;
 }
@@ -369,7 +371,7 @@ function controls() {
     button.addEventListener("click", () => setTolerance(Number(button.dataset.tolerance)));
   }
   element("delay").addEventListener("input", ({ target }) => setDelay(Number(target.value)));
-  element("complete").addEventListener("change", ({ target }) => (element("delay").disabled = target.checked));
+  element("shown").addEventListener("change", ({ target }) => (element("delay").disabled = target.value !== "predicted"));
   setDelay(live.options.delayTicks);
   element("policy").addEventListener("change", ({ target }) => {
     live.copy?.setTierPolicy(target.checked ? { upTo: 0.2 } : "never");

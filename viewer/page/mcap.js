@@ -176,9 +176,10 @@ class Trace {
     const actual = this.#truth.map((message) => this.#states(message));
     const ticks = this.#copy === undefined ? actual : this.#copied(actual);
     const tolerance = this.#copy === undefined ? undefined : Number(this.#facts.tolerance_m ?? NaN);
+    const count = this.#bodies.length;
     const within = tolerance > 0 ? `, within ${metres(tolerance)}` : "";
     const what = this.#copy === undefined ? "the truth" : `the copy of ${this.#run}${within}`;
-    return { bodies: this.#bodies, ticks, step, tolerance, what: `${this.#bodies.length} bodies, ${what}` };
+    return { bodies: this.#bodies, ticks, step, tolerance, what: `${count === 1 ? "1 body" : `${count} bodies`}, ${what}` };
   }
 
   #place(index, generation) {
