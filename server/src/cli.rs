@@ -433,7 +433,7 @@ fn announce(server: &Server, identity: &Identity, addresses: &Addresses) {
         address.map_or_else(String::new, text)
     };
     let lines = format!(
-        "rhumb-server {}\nlistening on {}\ncertificate {kind}\nfingerprint {}\n{hashes}{}{}{}",
+        "rhumb-server {}\nlistening on {}\ncertificate {kind}\nfingerprint {}\n{}{}{}{hashes}",
         env!("CARGO_PKG_VERSION"),
         server.address(),
         server.fingerprint(),

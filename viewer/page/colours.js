@@ -2,7 +2,7 @@
 
 /** Ticks over which a body's age fades, and seconds of a flash. */
 const AGE_TICKS = 180;
-const FLASH = 0.35;
+const FLASH = 0.25;
 /** Blue, sand and red: told apart by people who do not see red or green. Then violet, beyond the tolerance. */
 const SHARES = [[0.17, 0.48, 0.71], [0.99, 0.85, 0.48], [0.84, 0.16, 0.11]];
 const BEYOND = [0.75, 0.1, 0.9];
@@ -61,7 +61,7 @@ export class Colours {
         this.#flashed[place] = now;
       }
       const flash = this.flashes ? 1 - (now - this.#flashed[place]) / FLASH : 0;
-      if (place === this.marked || flash > 0) mix(chosen, WHITE, place === this.marked ? 0.85 : 0.8 * flash, colour);
+      if (place === this.marked || flash > 0) mix(chosen, WHITE, place === this.marked ? 0.85 : 0.5 * flash, colour);
       else if (chosen !== colour) [colour[0], colour[1], colour[2]] = chosen;
       bodies.colour(place, colour[0], colour[1], colour[2]);
     }

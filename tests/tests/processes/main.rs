@@ -14,5 +14,6 @@ mod examples;
 mod hostile_load;
 mod public_client;
 mod tier_policy_quic;
+mod view;
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));
