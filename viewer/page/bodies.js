@@ -15,6 +15,7 @@ export class Bodies {
   #instance = new Uint32Array(0);
   #material;
   #staticMaterial;
+  #kinematicMaterial;
   /** Places of the bodies that are not static. */
   movable = new Uint32Array(0);
 
@@ -25,6 +26,8 @@ export class Bodies {
       ? new THREE.MeshBasicMaterial({ wireframe: true, transparent: true, opacity: 0.35 })
       : new THREE.MeshLambertMaterial();
     this.#staticMaterial = new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.5, depthWrite: false });
+    // What is moved by a script is often around what is seen.
+    this.#kinematicMaterial = ghost ? this.#material : new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false });
     scene.add(this.#group);
   }
 
@@ -48,19 +51,20 @@ export class Bodies {
     this.#mesh = new Uint32Array(count);
     this.#instance = new Uint32Array(count);
     for (let place = 0; place < count; place++) {
-      const isStatic = kinds[place] === STATIC;
-      if (!isStatic) movable.push(place);
-      const shape = shapeNumbers[place];
-      const key = isStatic ? -1 - shape : shape;
+      const kind = kinds[place];
+      if (kind !== STATIC) movable.push(place);
+      const key = 3 * shapeNumbers[place] + kind;
       if (!groups.has(key)) groups.set(key, []);
       groups.get(key).push(place);
     }
     const detail = count > MANY ? 1 : 2;
     for (const [key, places] of groups) {
-      const isStatic = key < 0;
+      const kind = key % 3;
+      const isStatic = kind === STATIC;
       if (isStatic && this.ghost) continue;
-      const geometry = geometryOf(shapeOf(isStatic ? -1 - key : key), detail);
-      const mesh = new THREE.InstancedMesh(geometry, isStatic ? this.#staticMaterial : this.#material, places.length);
+      const geometry = geometryOf(shapeOf((key - kind) / 3), detail);
+      const material = [this.#staticMaterial, this.#material, this.#kinematicMaterial][kind];
+      const mesh = new THREE.InstancedMesh(geometry, material, places.length);
       mesh.frustumCulled = false;
       mesh.userData.places = places;
       if (!this.ghost) mesh.setColorAt(0, new THREE.Color(0x888888));
@@ -107,7 +111,7 @@ export class Bodies {
   /** The place of the first body that a ray hits, and where; undefined if it hits none that can move. */
   pick(raycaster) {
     for (const mesh of this.#meshes) mesh.boundingSphere = null;
-    const movable = this.#meshes.filter((mesh) => mesh.material === this.#material);
+    const movable = this.#meshes.filter((mesh) => mesh.material !== this.#staticMaterial);
     const hit = raycaster.intersectObjects(movable, false)[0];
     return hit && { place: hit.object.userData.places[hit.instanceId], point: hit.point };
   }

@@ -21,7 +21,7 @@ export class Comparison {
   worstShare = 0;
   /** Ticks compared since the page was loaded that were complete when they were shown. */
   ticks = 0;
-  /** The bodies of those ticks, and how many of them were beyond their tolerance. */
+  /** The bodies of those ticks whose bound was known, and how many of them were beyond their tolerance. */
   bodyTicks = 0;
   beyondTolerance = 0;
   /** Greatest error there as a share of the tolerance. */
@@ -76,18 +76,16 @@ export class Comparison {
       this.worst = Math.max(this.worst, error);
       this.worstShare = Math.max(this.worstShare, error / tolerance);
       this.allBodyTicks++;
-      if (isComplete) {
-        this.bodyTicks++;
-        if (error > tolerance + ROUNDING) this.beyondTolerance++;
-      }
-      if (Number.isFinite(errorBounds[place])) {
-        this.boundedBodyTicks++;
-        if (error > errorBounds[place] + ROUNDING) this.beyondBound++;
-      }
+      // Of a tick that is complete, but not the newest one, a body may have no known track any more.
+      if (!Number.isFinite(errorBounds[place])) continue;
+      this.boundedBodyTicks++;
+      if (error > errorBounds[place] + ROUNDING) this.beyondBound++;
+      if (!isComplete) continue;
+      this.bodyTicks++;
+      this.greatestShare = Math.max(this.greatestShare, error / tolerance);
+      if (error > tolerance + ROUNDING) this.beyondTolerance++;
     }
-    if (!isComplete) return;
-    this.ticks++;
-    this.greatestShare = Math.max(this.greatestShare, this.worstShare);
+    if (isComplete) this.ticks++;
   }
 
   /** The scene, or its connection, is another one. */

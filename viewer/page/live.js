@@ -40,7 +40,7 @@ export class Live {
   truth;
   #truthClient;
   /** The options of the next join. */
-  options = { tolerance: 0.05, delayTicks: 0, truth: true };
+  options = { tolerance: 0.05, delayTicks: 1, truth: true };
   #scene;
   /** Grows with each change of the scene; attempts of an earlier one end. */
   #attempt = 0;

@@ -19,11 +19,13 @@ const COLOURS = ["error", "rest", "age", "shape"];
 /** Where the camera stands in each scene, and where it looks. */
 const VIEWS = {
   "ball-pit": [[17, 15, 20], [0, 2, 0]],
-  ragdolls: [[9, 7, 12], [0, 1, 0]],
+  ragdolls: [[6, 5, 9], [0, 0.5, 0]],
   cubes: [[9, 8, 14], [0, 0, 0]],
   tumbler: [[0, 4, 16], [0, 0, 0]],
-  asteroids: [[60, 40, 80], [0, 0, 0]],
+  asteroids: [[38, 25, 50], [0, 0, 0]],
 };
+/** Turns of the event loop before a frame, at most. */
+const ARRIVAL_TURNS = 12;
 /** Times of frames that are kept for the figures of a test. */
 const FRAME_TIMES = 600;
 
@@ -112,25 +114,27 @@ async function begin() {
     offer();
     link.read();
   };
+  const first = await firstScene();
+  offer();
+  notice(undefined);
+  follow(first.name);
+}
+
+/** The scene of the URL, or the server's first; waits until there is one. */
+async function firstScene() {
+  const wanted = new URLSearchParams(location.search).get("scene");
   for (;;) {
     try {
-      await live.read();
-      break;
+      const { scenes } = await live.read();
+      if (scenes.length > 0) return scenes.find(({ name }) => name === wanted) ?? scenes[0];
+      notice("The server has no scene yet", "Let a client create one, or start `rhumb-server demo`. The page looks again.");
     } catch (cause) {
       diagnostics.state = "lost";
-      notice("The server does not answer", `${sentence(cause.message)} The page tries again.`);
-      await new Promise((resolve) => setTimeout(resolve, 1000));
+      const text = cause instanceof TypeError ? "Is it running?" : sentence(cause.message);
+      notice("The server does not answer", `${text} The page tries again.`);
     }
+    await new Promise((resolve) => setTimeout(resolve, 1000));
   }
-  offer();
-  const wanted = new URLSearchParams(location.search).get("scene");
-  const { scenes } = live.facts;
-  const first = scenes.find(({ name }) => name === wanted) ?? scenes[0];
-  if (first === undefined) {
-    notice("The server has no scene", "Let a client create one, or start `rhumb-server demo`. Then load the page anew.");
-    return;
-  }
-  follow(first.name);
 }
 
 /** Offers the server's scenes. */
@@ -152,18 +156,31 @@ function follow(name) {
 
 // What is shown ------------------------------------------------------------------------------------------------------
 
-function frame(now) {
-  requestAnimationFrame(frame);
+async function frame() {
+  await arrivals();
+  const now = performance.now();
   const seconds = Math.min(0.25, (now - lastFrame) / 1000);
   note(diagnostics.frameTimes, now - lastFrame);
   lastFrame = now;
-  const before = performance.now();
   if (live.copy !== undefined) showLive(now, seconds);
   if (mode.kind === "history") showFrame(mode.frame, now / 1000);
   if (mode.kind === "recording") showRecording(seconds, now / 1000);
   stage.draw();
-  note(diagnostics.workTimes, performance.now() - before);
+  note(diagnostics.workTimes, performance.now() - now);
   diagnostics.frames++;
+  requestAnimationFrame(frame);
+}
+
+/**
+ * Lets what has arrived be handled before a frame is computed. A browser that draws slowly prefers frames to it, and the
+ * page would predict what it could know.
+ */
+async function arrivals() {
+  for (let turn = 0; turn < ARRIVAL_TURNS; turn++) {
+    const before = live.copy?.statistics.receivedDatagrams;
+    await new Promise((resolve) => setTimeout(resolve));
+    if (live.copy?.statistics.receivedDatagrams === before) return;
+  }
 }
 
 function note(times, time) {
@@ -191,7 +208,9 @@ function showLive(now, seconds) {
     bodies.pose(seen, seen.changed);
     colours.marked = panel.id === undefined ? -1 : seen.ids.indexOf(panel.id);
     colours.apply(bodies, seen, errors, at);
-    element("scrubber").max = element("scrubber").value = Math.max(0, history.length - 1);
+    // A value beyond the greatest one would be cut.
+    element("scrubber").max = Math.max(0, history.length - 1);
+    element("scrubber").value = element("scrubber").max;
     if (ghosts.visible) layGhosts(truth?.at(time) ?? truth?.at(truth.newest), seen.ids);
   }
   hands.act(seen, copy.view.linearVelocities, seconds, player());

@@ -50,10 +50,12 @@ const notice = (page) => page.evaluate(() => document.querySelector("#notice p")
 async function ballsFallWithinTheTolerance({ url }) {
   const page = await openPage(browser, url);
   await until(page, "d.state === 'open' && d.bodies === 500");
+  await choose(page, "shown", "complete");
   // From the fall over the burst until most of them rest.
   await until(page, "d.time > 420 && d.comparison.ticks >= 25");
   const counts = await read(page);
   check(counts.beyondTolerance === 0, `of ${counts.bodyTicks} displayed body-ticks none is beyond the tolerance`);
+  check(counts.bodyTicks === 500 * counts.ticks, `all bodies of ${counts.ticks} ticks were compared`);
   check(counts.beyondBound === 0 && counts.boundedBodyTicks > 0, `nor one of ${counts.boundedBodyTicks} beyond its stated bound`);
   check(counts.greatestShare > 0.2 && counts.greatestShare <= 1.002, `the greatest error is ${counts.greatestShare.toFixed(3)} tolerances`);
   check(counts.moving < 500, "balls come to rest");
@@ -201,6 +203,7 @@ function boxes() {
 async function takePictures() {
   const demo = await start();
   const page = await openPage(browser, demo.url, { width: 1180, height: 700, prepare: (page) => page.emulateMedia({ reducedMotion: "reduce" }) });
+  await choose(page, "shown", "complete");
   for (const [name, condition] of [
     ["start", "d.bodies === 500 && d.comparison.ticks > 0"],
     ["burst", "d.time > 75 && d.moving > 300"],
