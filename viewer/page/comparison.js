@@ -18,7 +18,6 @@ export class Comparison {
   /** Of the last compared tick. */
   tick = -1;
   worst = 0;
-  worstShare = 0;
   /** Ticks compared since the page was loaded that were complete when they were shown. */
   ticks = 0;
   /** The bodies of those ticks whose bound was known, and how many of them were beyond their tolerance. */
@@ -66,7 +65,6 @@ export class Comparison {
     this.generation = generation;
     if (this.errors.length !== ids.length) this.errors = new Float32Array(ids.length);
     this.worst = 0;
-    this.worstShare = 0;
     for (const place of movable) {
       const other = actual.places.get(ids[place]);
       if (other === undefined) continue;
@@ -74,7 +72,6 @@ export class Comparison {
       const tolerance = tolerances[place];
       this.errors[place] = error;
       this.worst = Math.max(this.worst, error);
-      this.worstShare = Math.max(this.worstShare, error / tolerance);
       this.allBodyTicks++;
       // Of a tick that is complete, but not the newest one, a body may have no known track any more.
       if (!Number.isFinite(errorBounds[place])) continue;

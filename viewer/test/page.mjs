@@ -202,11 +202,12 @@ function boxes() {
 
 async function takePictures() {
   const demo = await start();
-  const page = await openPage(browser, demo.url, { width: 1180, height: 700, prepare: (page) => page.emulateMedia({ reducedMotion: "reduce" }) });
+  const page = await openPage(browser, demo.url, { width: 1180, height: 700 });
   await choose(page, "shown", "complete");
+  await page.evaluate(() => document.getElementById("flashes").click());
   for (const [name, condition] of [
     ["start", "d.bodies === 500 && d.comparison.ticks > 0"],
-    ["burst", "d.time > 75 && d.moving > 300"],
+    ["burst", "d.time > 110 && d.moving > 300 && d.comparison.worst > 0.03 && d.time - d.comparison.tick < 9"],
     ["rest", "d.time > 500 && d.moving < 3"],
   ]) {
     await until(page, condition);
