@@ -21,14 +21,19 @@ use rhumb_transport::{Fingerprint, PageOrigin, Stop};
 use tracing::level_filters::LevelFilter;
 
 use crate::access::TokenKeys;
+#[cfg(feature = "demo")]
+use crate::demo::{DemoArguments, open_browser};
 use crate::durable::{self, DataDir};
 use crate::engine::Workers;
 use crate::flight;
 use crate::hook::Hooks;
 use crate::log;
+use crate::provided::ProvidedScenes;
 use crate::serve::{Access, Identity, RunError, Server, run_on_cores, seconds_since_1970};
 use crate::settings::ServerSettings;
 use crate::token_command::{self, TokenArguments};
+#[cfg(feature = "view")]
+use crate::view::ViewScene;
 
 /// A Rapier server for remote rigid-body physics.
 #[derive(Debug, Parser)]
@@ -74,6 +79,10 @@ pub struct Arguments {
     /// TCP address for figures (/metrics) and health (/health).
     #[arg(long, value_name = "ADDRESS")]
     metrics: Option<SocketAddr>,
+    /// TCP address of a page in which scenes are seen [default: 127.0.0.1:8433]. With tokens, the page observes only.
+    #[cfg(feature = "view")]
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8433")]
+    view: Option<SocketAddr>,
     /// Directory for the flight recorders of scenes that fault; `rhumb-server flight FILE` prints one.
     #[arg(long, value_name = "DIR")]
     flight: Option<PathBuf>,
@@ -108,6 +117,9 @@ pub struct Arguments {
 /// Tasks beside serving.
 #[derive(Debug, Subcommand)]
 enum Task {
+    /// Shows a scene in a page, over the real protocol.
+    #[cfg(feature = "demo")]
+    Demo(DemoArguments),
     /// Makes a token for a client, or the keys for tokens.
     Token(TokenArguments),
     /// Verifies every scene of a data directory that no server uses: authentic, whole, and replayed to the same bits.
@@ -155,6 +167,18 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
         Some(Task::Replay { dir, scene }) => durable::replay(dir, scene, &mut std::io::stdout()),
         Some(Task::Flight { file }) => flight::run(file, &mut std::io::stdout()),
         Some(Task::Config) => print(&ServerSettings::file()),
+        #[cfg(feature = "demo")]
+        Some(Task::Demo(demo)) => {
+            let settings = demo.settings();
+            let _last_lines = log::start(settings.log, settings.limits.log_lines_per_second);
+            let parts = Parts {
+                provided: Some(demo.provided()),
+                scenes: demo.scenes(),
+                opens_browser: demo.opens_browser(),
+                ..Parts::default()
+            };
+            run(&settings, parts)
+        }
         None => settings_of(&arguments).and_then(|settings| {
             if arguments.check_config {
                 access(&settings)?;
@@ -163,7 +187,12 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
                 return print("the configuration is valid\n");
             }
             let _last_lines = log::start(settings.log, settings.limits.log_lines_per_second);
-            run(&settings, &arguments, hooks)
+            let parts = Parts {
+                arguments: Some(&arguments),
+                hooks,
+                ..Parts::default()
+            };
+            run(&settings, parts)
         }),
     };
     match outcome {
@@ -193,6 +222,10 @@ fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> 
     settings.flight = arguments.flight.clone().or(settings.flight);
     settings.metrics = arguments.metrics.or(settings.metrics);
     settings.socket = arguments.socket.clone().or(settings.socket);
+    #[cfg(feature = "view")]
+    {
+        settings.view = arguments.view.or(settings.view);
+    }
     settings.data = arguments.data.clone().or(settings.data);
     if arguments.cert.is_some() {
         settings.cert = arguments.cert.clone();
@@ -248,11 +281,22 @@ fn identity(settings: &ServerSettings, data: Option<&DataDir>) -> Result<Identit
     }
 }
 
-fn run(
-    settings: &ServerSettings,
-    arguments: &Arguments,
+/// What a server has beside its settings.
+#[derive(Default)]
+struct Parts<'a> {
+    /// The command line, unless another task than serving is at hand.
+    arguments: Option<&'a Arguments>,
     hooks: Option<Hooks>,
-) -> Result<(), Box<dyn Error>> {
+    provided: Option<ProvidedScenes>,
+    /// Provided scenes that the page offers.
+    #[cfg(feature = "view")]
+    scenes: Vec<ViewScene>,
+    /// True if the page is opened in the browser of the desktop.
+    #[cfg(feature = "demo")]
+    opens_browser: bool,
+}
+
+fn run(settings: &ServerSettings, parts: Parts<'_>) -> Result<(), Box<dyn Error>> {
     if !settings.cores.is_empty() {
         run_on_cores(&settings.cores)?;
     }
@@ -260,14 +304,10 @@ fn run(
     let access = access(settings)?;
     let data = settings.data.as_deref().map(DataDir::open).transpose()?;
     let identity = identity(settings, data.as_ref())?;
-    #[cfg(feature = "app")]
-    if !settings.open_to_network
-        && let Some(address) = arguments.app.beyond_loopback()
-    {
-        return Err(RunError::OpenToNetwork(address).into());
+    check_open(settings, &parts)?;
+    if cfg!(not(feature = "view")) && settings.view.is_some() {
+        return Err("this server was built without the feature `view`: it has no page".into());
     }
-    #[cfg(not(feature = "app"))]
-    let _ = arguments;
     let stop = Stop::new();
     let origins = settings.web_origins.iter().cloned().collect();
     let origins = settings.web.then_some(origins);
@@ -282,17 +322,63 @@ fn run(
     if let Some(directory) = &settings.flight {
         server.record_flights(directory.clone());
     }
-    if let Some(hooks) = hooks {
+    if let Some(hooks) = parts.hooks {
         server.attach(hooks);
     }
+    if let Some(provided) = parts.provided {
+        server.provide(provided);
+    }
+    let addresses = Addresses {
+        #[cfg(feature = "app")]
+        app: match parts.arguments {
+            Some(arguments) => arguments.app.listen(&mut server)?,
+            None => None,
+        },
+        #[cfg(not(feature = "app"))]
+        app: None,
+        metrics: match settings.metrics {
+            Some(address) => Some(server.answer_metrics(address)?),
+            None => None,
+        },
+        #[cfg(feature = "view")]
+        view: match settings.view {
+            Some(address) => Some(server.show_page(address, parts.scenes)?),
+            None => None,
+        },
+        #[cfg(not(feature = "view"))]
+        view: None,
+    };
+    announce(&server, &identity, &addresses);
+    #[cfg(feature = "demo")]
+    if let Some(view) = addresses.view.filter(|_| parts.opens_browser) {
+        open_browser(&page_url(view));
+    }
+    let running = stop_on_signals(&stop);
+    let outcome = server.run(&stop);
+    running.store(false, Ordering::Relaxed);
+    let statistics = outcome?;
+    tracing::info!(connections = statistics.opened, "stopped");
+    Ok(())
+}
+
+/// Refuses what would let other machines in without a token, unless the operator says so.
+fn check_open(settings: &ServerSettings, parts: &Parts<'_>) -> Result<(), RunError> {
     #[cfg(feature = "app")]
-    let app = arguments.app.listen(&mut server)?;
+    let app = (parts.arguments).and_then(|arguments| arguments.app.beyond_loopback());
     #[cfg(not(feature = "app"))]
-    let app = None;
-    let metrics = settings
-        .metrics
-        .map(|address| server.answer_metrics(address));
-    let metrics = metrics.transpose()?;
+    let app = {
+        let _ = parts;
+        None
+    };
+    let view = settings.view.filter(|view| !view.ip().is_loopback());
+    match app.or(view) {
+        Some(address) if !settings.open_to_network => Err(RunError::OpenToNetwork(address)),
+        _ => Ok(()),
+    }
+}
+
+/// Stops at SIGINT and SIGTERM. The result is to be set to false when the server has stopped.
+fn stop_on_signals(stop: &Stop) -> Arc<AtomicBool> {
     let running = Arc::new(AtomicBool::new(true));
     let (requested, still_running) = (stop.clone(), Arc::clone(&running));
     let on_signal = move || {
@@ -307,12 +393,7 @@ fn run(
     if let Err(cause) = ctrlc::set_handler(on_signal) {
         tracing::warn!("signals do not stop this server: {cause}");
     }
-    announce(&server, &identity, app, metrics);
-    let outcome = server.run(&stop);
-    running.store(false, Ordering::Relaxed);
-    let statistics = outcome?;
-    tracing::info!(connections = statistics.opened, "stopped");
-    Ok(())
+    running
 }
 
 /// The clients to admit. No client is admitted without a token unless the operator says so.
@@ -349,30 +430,41 @@ fn listen_at(_server: &mut Server, path: Option<&Path>) -> Result<(), Box<dyn Er
     }
 }
 
-/// Prints the address and the fingerprint to pin. A closed standard output does not stop a server.
-fn announce(
-    server: &Server,
-    identity: &Identity,
+/// Addresses of the listeners beside the server's own.
+struct Addresses {
     app: Option<SocketAddr>,
     metrics: Option<SocketAddr>,
-) {
+    view: Option<SocketAddr>,
+}
+
+/// The URL of the page.
+fn page_url(view: SocketAddr) -> String {
+    format!("http://{view}/")
+}
+
+/// Prints the address and the fingerprint to pin. A closed standard output does not stop a server.
+fn announce(server: &Server, identity: &Identity, addresses: &Addresses) {
     let kind = match identity {
         Identity::Development => "development, made at start",
         Identity::Files { .. } => "from files",
         Identity::DevelopmentFiles { .. } => "development, kept in the data directory",
     };
-    let app = app.map_or_else(String::new, |app| format!("app listening on {app}\n"));
-    let metrics = metrics.map_or_else(String::new, |at| {
-        format!("metrics at http://{at}/metrics\n")
-    });
     let hashes = server.certificate_hashes().current();
     let hash = |hash: &Fingerprint| format!("certificate hash for browsers {hash}\n");
     let hashes: String = hashes.iter().map(hash).collect();
+    let line = |address: Option<SocketAddr>, text: fn(SocketAddr) -> String| {
+        address.map_or_else(String::new, text)
+    };
     let lines = format!(
-        "rhumb-server {}\nlistening on {}\ncertificate {kind}\nfingerprint {}\n{hashes}{app}{metrics}",
+        "rhumb-server {}\nlistening on {}\ncertificate {kind}\nfingerprint {}\n{}{}{}{hashes}",
         env!("CARGO_PKG_VERSION"),
         server.address(),
         server.fingerprint(),
+        line(addresses.app, |app| format!("app listening on {app}\n")),
+        line(addresses.metrics, |at| format!(
+            "metrics at http://{at}/metrics\n"
+        )),
+        line(addresses.view, |at| format!("page at {}\n", page_url(at))),
     );
     let mut out = std::io::stdout().lock();
     if let Err(cause) = out.write_all(lines.as_bytes()).and_then(|()| out.flush()) {

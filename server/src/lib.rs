@@ -47,6 +47,8 @@ mod app_host;
 mod authority_table;
 mod body_placement;
 pub mod cli;
+#[cfg(feature = "demo")]
+mod demo;
 mod digest;
 mod durable;
 mod empty_scenes;
@@ -56,6 +58,7 @@ mod flight;
 mod front;
 mod grants;
 mod hook;
+mod http;
 mod limits;
 mod load;
 mod log;
@@ -63,6 +66,7 @@ mod member;
 mod metrics;
 mod outbox;
 mod over_budget;
+mod provided;
 mod pulse;
 mod query_budget;
 mod registry;
@@ -81,6 +85,8 @@ mod streams;
 mod tier_controller;
 mod times;
 mod token_command;
+#[cfg(feature = "view")]
+mod view;
 
 pub use access::{KeyError, TokenKeys};
 pub use authority_table::UpstreamStatistics;
@@ -92,6 +98,7 @@ pub use front::Front;
 pub use glam;
 pub use hook::{Hook, HookError, Hooks};
 pub use limits::{InvalidLimit, Limits};
+pub use provided::{ProvidedScene, ProvidedScenes, SceneScript};
 #[cfg(feature = "app")]
 pub use rhumb_app;
 pub use rhumb_protocol::message::RemovalCause;
@@ -109,3 +116,5 @@ pub use rhumb_transport::{
 pub use scene::{Scene, SceneFault, Stepped};
 pub use serve::{Access, Identity, RunError, Server, run_on_cores, usable_cores};
 pub use server_loop::ServerLoop;
+#[cfg(feature = "view")]
+pub use view::{ViewError, ViewScene};

@@ -14,6 +14,7 @@ mod owner;
 mod provision;
 mod queries;
 mod restoration;
+mod scripted;
 mod session;
 mod subscriptions;
 mod weight;
@@ -47,6 +48,7 @@ use crate::grants::Grants;
 use crate::hook::Hook;
 use crate::member::{Member, SnapshotRequest};
 use crate::outbox::Outbox;
+use crate::provided::SceneScript;
 use crate::rewind::Rewind;
 use crate::scene::Scene;
 use crate::sessions::Sessions;
@@ -62,6 +64,7 @@ pub(crate) type Stopwatch<'a> = &'a dyn Fn() -> Instant;
 pub(crate) struct SceneRunner {
     scene: Scene,
     hook: Option<Hook>,
+    script: Option<SceneScript>,
     members: BTreeMap<Peer, Member>,
     streams: Streams,
     names: StreamNames,
@@ -107,6 +110,7 @@ impl SceneRunner {
         Self {
             scene,
             hook: None,
+            script: None,
             members: BTreeMap::new(),
             streams,
             names,
@@ -371,6 +375,11 @@ impl SceneRunner {
             return Err(CommandError::NotGranted(desc.id));
         }
         self.check_not_under_authority(command)?;
+        self.apply_and_announce(command)
+    }
+
+    /// Applies a command, and records what it changed for the streams and the members.
+    fn apply_and_announce(&mut self, command: &Command) -> Result<(), CommandError> {
         self.copy_if_due();
         self.apply_within_load(command)?;
         let tick = self.scene.tick();
@@ -505,6 +514,7 @@ impl SceneRunner {
         self.copy_if_due();
         self.provision.flight.step_began(begun, self.scene.tick());
         self.authority_table.set_targets(&mut self.scene);
+        self.run_script();
         let hook = self.hook.as_mut();
         let refused = hook.map(|hook| hook.act(&mut self.scene));
         let Some(stepped) = self.step_or_restore(out) else {

@@ -17,6 +17,8 @@ use rhumb_transport::{
     QuicServer, ServeError, ServerOptions, ServerStatistics, Stop, WebIdentity, WebOptions,
 };
 
+#[cfg(feature = "view")]
+use crate::access::KeyError;
 use crate::access::{Gate, TokenKeys};
 use crate::durable::{DataDir, DataError};
 use crate::engine::{Workers, WorkersError};
@@ -25,8 +27,12 @@ use crate::flight::FlightWriter;
 use crate::front::Adapter;
 use crate::front::Front;
 use crate::hook::Hooks;
+use crate::http::HttpListener;
 use crate::limits::Limits;
-use crate::metrics::{Metrics, MetricsListener};
+use crate::metrics::Metrics;
+use crate::provided::ProvidedScenes;
+#[cfg(feature = "view")]
+use crate::view::{PageListener, ViewError, ViewScene};
 
 /// The server's certificate.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -88,6 +94,7 @@ pub struct Server {
     transport: QuicServer,
     access: Access,
     hooks: Option<Hooks>,
+    provided: Option<ProvidedScenes>,
     workers: Workers,
     largest_packet: LargestPacket,
     limits: Limits,
@@ -96,6 +103,9 @@ pub struct Server {
     socket: Option<UnixServer>,
     data: Option<DataDir>,
     flight: Option<PathBuf>,
+    /// The page, and the provided scenes that it names.
+    #[cfg(feature = "view")]
+    view: Option<(PageListener, Vec<ViewScene>)>,
     /// Serves the clients of another protocol.
     #[cfg(feature = "app")]
     adapter: Option<Adapter>,
@@ -122,6 +132,12 @@ pub enum RunError {
         /// The system's error.
         cause: io::Error,
     },
+    /// The page cannot be served.
+    #[cfg(feature = "view")]
+    View(ViewError),
+    /// The system or a key refuses the page's tokens.
+    #[cfg(feature = "view")]
+    ViewToken(KeyError),
     /// The directory for flight recorders cannot be used.
     Flight {
         /// The directory.
@@ -162,6 +178,10 @@ impl fmt::Display for RunError {
             Self::Socket { path, cause } => {
                 write!(f, "cannot listen at the socket {}: {cause}", path.display())
             }
+            #[cfg(feature = "view")]
+            Self::View(cause) => cause.fmt(f),
+            #[cfg(feature = "view")]
+            Self::ViewToken(cause) => write!(f, "cannot make tokens for the page: {cause}"),
             Self::Flight { directory, cause } => {
                 let directory = directory.display();
                 write!(f, "cannot write flight recorders to {directory}: {cause}")
@@ -227,6 +247,7 @@ impl Server {
             transport,
             access,
             hooks: None,
+            provided: None,
             workers: Workers::default(),
             largest_packet: LargestPacket::DEFAULT,
             limits: Limits::default(),
@@ -235,6 +256,8 @@ impl Server {
             socket: None,
             data: None,
             flight: None,
+            #[cfg(feature = "view")]
+            view: None,
             #[cfg(feature = "app")]
             adapter: None,
         })
@@ -267,6 +290,32 @@ impl Server {
     /// Sets the hooks of later scenes.
     pub fn attach(&mut self, hooks: Hooks) {
         self.hooks = Some(hooks);
+    }
+
+    /// Provides scenes that clients name.
+    pub fn provide(&mut self, scenes: ProvidedScenes) {
+        self.provided = Some(scenes);
+    }
+
+    /// Serves a page in which scenes are seen, at a TCP address, which is returned. The page observes every scene; where
+    /// no tokens are asked for, it may command them too. `scenes`: provided scenes that the page offers before they begin.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError::View`] for an address that cannot be used, and if this build has no page.
+    #[cfg(feature = "view")]
+    pub fn show_page(
+        &mut self,
+        address: SocketAddr,
+        scenes: Vec<ViewScene>,
+    ) -> Result<SocketAddr, RunError> {
+        if matches!(self.access, Access::OpenOnLoopback) && !address.ip().is_loopback() {
+            return Err(RunError::OpenToNetwork(address));
+        }
+        let page = PageListener::bind(address, self.address()).map_err(RunError::View)?;
+        let local = page.address();
+        self.view = Some((page, scenes));
+        Ok(local)
     }
 
     /// Sets the threads that step and publish later scenes.
@@ -329,15 +378,21 @@ impl Server {
     /// # Errors
     ///
     /// [`RunError::Serve`] if the thread of the sockets fails, [`RunError::Data`] if the data directory does.
-    pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
+    pub fn run(mut self, stop: &Stop) -> Result<ServerStatistics, RunError> {
         let clock = Clock::start();
         let waker = self.transport.waker();
         let mut front = Front::on_threads(move || clock.now(), move || waker.wake());
+        let metrics = Metrics::default();
+        #[cfg(feature = "view")]
+        let showing = self.start_page(&metrics)?;
         front.guard(gate(self.access));
         front.employ(self.workers);
         front.set_largest_packet(self.largest_packet);
         if let Some(hooks) = self.hooks {
             front.attach(hooks);
+        }
+        if let Some(provided) = self.provided {
+            front.provide(provided);
         }
         front.set_limits(self.limits);
         #[cfg(feature = "app")]
@@ -355,12 +410,12 @@ impl Server {
                 Some(writer)
             }
         };
+        front.count(metrics.clone());
         let answering = match self.metrics {
             None => None,
             Some(listener) => {
-                let metrics = Metrics::default();
-                front.count(metrics.clone());
-                let started = MetricsListener::start(listener, metrics);
+                let answer = Arc::new(move |request: &_| metrics.answer(request));
+                let started = HttpListener::start(listener, "rhumb-server-metrics", answer);
                 Some(started.map_err(RunError::Thread)?)
             }
         };
@@ -380,8 +435,34 @@ impl Server {
         let served = self.transport.run(&mut front, stop);
         front.shut_down();
         drop(answering);
+        #[cfg(feature = "view")]
+        drop(showing);
         drop(flight);
         served.map_err(RunError::Serve)
+    }
+}
+
+#[cfg(feature = "view")]
+impl Server {
+    /// Begins to answer the page's requests, if there is a page.
+    fn start_page(&mut self, metrics: &Metrics) -> Result<Option<HttpListener>, RunError> {
+        let Some((page, scenes)) = self.view.take() else {
+            return Ok(None);
+        };
+        let issuer = match &mut self.access {
+            Access::Tokens(keys) => Some(keys.issuer().map_err(RunError::ViewToken)?),
+            Access::OpenOnLoopback | Access::OpenToNetwork => None,
+        };
+        let hashes = self.certificate_hashes();
+        let texts = move || hashes.current().iter().map(ToString::to_string).collect();
+        let hashes = Box::new(texts);
+        let started = page.start(
+            hashes,
+            (scenes, metrics.clone()),
+            issuer,
+            seconds_since_1970,
+        );
+        started.map(Some).map_err(RunError::Thread)
     }
 }
 

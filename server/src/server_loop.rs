@@ -31,6 +31,7 @@ use crate::limits::Limits;
 use crate::load::ServerLoad;
 use crate::metrics::Metrics;
 use crate::outbox::Outbox;
+use crate::provided::ProvidedScenes;
 use crate::pulse::Pulse;
 use crate::scene_connection::SceneConnection;
 use crate::scene_runner::{Departure, SceneRunner};
@@ -65,6 +66,7 @@ pub struct ServerLoop {
     pub(crate) out: Outbox,
     scenes_begun: u32,
     hooks: Option<Hooks>,
+    provided: Option<ProvidedScenes>,
     engines: Engines,
     workers: Workers,
     largest_packet: LargestPacket,
@@ -95,6 +97,7 @@ impl ServerLoop {
             out: Outbox::default(),
             scenes_begun: 0,
             hooks: None,
+            provided: None,
             engines: Engines::default(),
             workers: Workers::default(),
             largest_packet: LargestPacket::DEFAULT,
@@ -106,6 +109,11 @@ impl ServerLoop {
     /// Sets the hooks of later scenes.
     pub fn attach(&mut self, hooks: Hooks) {
         self.hooks = Some(hooks);
+    }
+
+    /// Provides scenes that clients name.
+    pub fn provide(&mut self, scenes: ProvidedScenes) {
+        self.provided = Some(scenes);
     }
 
     /// Sets the engines of later scenes.
@@ -300,8 +308,9 @@ impl ServerLoop {
             {
                 let token = extensions.value(Extension::TOKEN);
                 let role = token.map(|_| connection.permit.role);
+                connection.scene = Some(scene.clone());
+                self.begin_if_provided(&scene);
                 let config = self.runners.get(&scene).map(|runner| *runner.config());
-                connection.scene = Some(scene);
                 if let Some(session) = self.out.session(peer) {
                     session.welcome(config, role);
                 }

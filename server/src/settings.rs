@@ -34,6 +34,7 @@ pub(crate) struct ServerSettings {
     pub(crate) open_to_network: bool,
     pub(crate) socket: Option<PathBuf>,
     pub(crate) metrics: Option<SocketAddr>,
+    pub(crate) view: Option<SocketAddr>,
     pub(crate) data: Option<PathBuf>,
     pub(crate) flight: Option<PathBuf>,
     #[serde(deserialize_with = "parsed")]
@@ -82,7 +83,7 @@ impl std::error::Error for SettingsError {}
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
-const ROWS: [(&str, &str, &str); 17] = [
+const ROWS: [(&str, &str, &str); 18] = [
     (
         "listen",
         "\"127.0.0.1:4433\"",
@@ -125,6 +126,11 @@ const ROWS: [(&str, &str, &str); 17] = [
         "TCP address for /metrics and /health; without it there are none.",
     ),
     (
+        "view",
+        "\"127.0.0.1:8433\"",
+        "TCP address of the page in which scenes are seen; without it there is none. Needs the feature `view`.",
+    ),
+    (
         "data",
         "\"data\"",
         "Directory for command logs and snapshots, from which scenes are restored at start; without it, scenes end with the process.",
@@ -163,7 +169,7 @@ const ROWS: [(&str, &str, &str); 17] = [
 ];
 
 /// The settings that a file need not have, and that have no default.
-const OPTIONAL: [&str; 6] = ["cert", "key", "socket", "metrics", "data", "flight"];
+const OPTIONAL: [&str; 7] = ["cert", "key", "socket", "metrics", "view", "data", "flight"];
 
 impl Default for ServerSettings {
     fn default() -> Self {
@@ -177,6 +183,7 @@ impl Default for ServerSettings {
             open_to_network: false,
             socket: None,
             metrics: None,
+            view: None,
             data: None,
             flight: None,
             log: LevelFilter::INFO,

@@ -25,11 +25,23 @@ use crate::script::Script;
 pub struct Cubes {
     bodies: u32,
     seed: u64,
+    driver: Driver,
+}
+
+/// Who moves the player along the floor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Driver {
+    /// The scene's controller.
+    Goals,
+    /// A member, by its commands.
+    Member,
 }
 
 impl Cubes {
     /// Number of bodies, the player included.
     pub const BODIES: u32 = 901;
+    /// The player.
+    pub const PLAYER: BodyId = PLAYER;
 
     /// A scene of `bodies` bodies, one of them the player.
     #[must_use]
@@ -37,6 +49,16 @@ impl Cubes {
         Self {
             bodies: bodies.max(1),
             seed,
+            driver: Driver::Goals,
+        }
+    }
+
+    /// The same scene with a player that a member drives; its actions on the cubes around it remain.
+    #[must_use]
+    pub const fn driven_by_a_member(self) -> Self {
+        Self {
+            driver: Driver::Member,
+            ..self
         }
     }
 }
@@ -94,6 +116,7 @@ impl Script for Cubes {
     fn controller(&self) -> Option<Box<dyn Controller>> {
         Some(Box::new(PlayerController {
             bodies: self.bodies,
+            driver: self.driver,
             rng: SceneRng::new(self.seed),
             goal: Vec3::ZERO,
         }))
@@ -121,6 +144,7 @@ impl PlayerAction {
 /// Moves the player's cube, acts on the cubes around it, and enforces the speed limits.
 struct PlayerController {
     bodies: u32,
+    driver: Driver,
     rng: SceneRng,
     goal: Vec3,
 }
@@ -139,7 +163,8 @@ impl Controller for PlayerController {
         let (position, velocity) = flight(&player);
         let direction = (self.goal - position) * Vec3::new(1.0, 0.0, 1.0);
         let length = length(direction);
-        if length > 0.5 && velocity.dot(direction) < CRUISE * length {
+        let heads_for_goal = self.driver == Driver::Goals && length > 0.5;
+        if heads_for_goal && velocity.dot(direction) < CRUISE * length {
             out.push(Command::Force {
                 id: PLAYER,
                 force: direction * (DRIVE / length),

@@ -54,6 +54,18 @@ impl Programme {
         }
     }
 
+    /// Shows the demo on free ports of loopback.
+    ///
+    /// # Panics
+    ///
+    /// As [`Self::serve`].
+    #[must_use]
+    pub fn demo(self, more: &[&str]) -> ServerProcess {
+        let plain = ["demo", "--view", "127.0.0.1:0", "--no-browser"];
+        let child = self.spawn(&[&plain, more].concat());
+        Self::started(child, START_UP_LINES + 1)
+    }
+
     /// Starts a server and reads its start-up lines.
     ///
     /// # Panics
@@ -114,7 +126,9 @@ impl Programme {
         };
         let plain = ["--listen", listen, "--log", log];
         let child = self.spawn(&[access, &plain, more].concat());
-        let expected = START_UP_LINES + usize::from(more.contains(&"--app-listen"));
+        let listeners = ["--app-listen", "--view"];
+        let listeners = listeners.iter().filter(|flag| more.contains(flag));
+        let expected = START_UP_LINES + listeners.count();
         Self::started(child, expected)
     }
 

@@ -10,7 +10,7 @@ use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_server::engine::Engines;
-use rhumb_server::{Hooks, ServerLoop};
+use rhumb_server::{Hooks, ProvidedScenes, ServerLoop};
 
 /// One unit of data between the server and a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -89,6 +89,14 @@ impl Table {
     pub fn with_hooks(hooks: Hooks) -> Self {
         let mut table = Self::default();
         table.server.attach(hooks);
+        table
+    }
+
+    /// A server that provides these scenes.
+    #[must_use]
+    pub fn with_provided(scenes: ProvidedScenes) -> Self {
+        let mut table = Self::default();
+        table.server.provide(scenes);
         table
     }
 

@@ -6,6 +6,8 @@
 
 mod client_transport;
 mod clock;
+#[cfg(feature = "conditioner")]
+pub mod conditioner;
 mod held_back;
 mod link_meter;
 mod piece;

@@ -71,6 +71,8 @@ pub(crate) mod tests {
     use std::path::PathBuf;
     use std::sync::atomic::{AtomicI64, Ordering};
 
+    use rhumb_protocol::message::Role;
+
     use super::*;
     use crate::access::{Claims, make_keys, sign};
 
@@ -92,10 +94,14 @@ pub(crate) mod tests {
             }
         }
 
+        pub(crate) fn keys(&self) -> TokenKeys {
+            TokenKeys::read(&[self.folder.join("key.pub")], "rhumb").unwrap()
+        }
+
         pub(crate) fn gate(&self) -> Gate {
             let seconds = Arc::clone(&self.seconds);
             Gate::Tokens {
-                keys: TokenKeys::read(&[self.folder.join("key.pub")], "rhumb").unwrap(),
+                keys: self.keys(),
                 clock: Arc::new(move || seconds.load(Ordering::SeqCst)),
             }
         }
@@ -146,6 +152,30 @@ pub(crate) mod tests {
         let other = Signed::new("gate-other").token();
         let refused = gate.admit(Some(other.as_bytes()), &scene);
         assert_eq!(refused, Err(CloseCode::TOKEN_INVALID));
+    }
+
+    #[test]
+    fn a_token_of_this_process_admits_an_observer_until_it_expires() {
+        let signed = Signed::new("gate-issuer");
+        let mut keys = signed.keys();
+        let issuer = keys.issuer().unwrap();
+        let now = signed.seconds.load(Ordering::SeqCst);
+        let token = issuer.observer("view", now, 60).unwrap();
+        let scene = "pit".parse().unwrap();
+        let seconds = Arc::clone(&signed.seconds);
+        let gate = Gate::Tokens {
+            keys,
+            clock: Arc::new(move || seconds.load(Ordering::SeqCst)),
+        };
+        let admission = gate.admit(Some(token.as_bytes()), &scene).unwrap();
+        assert_eq!(admission.permit.role, Role::Observer);
+        assert_eq!(admission.permit.client.as_deref(), Some("view"));
+        assert!(gate.admit(Some(signed.token().as_bytes()), &scene).is_ok());
+        let without_issuer = signed.gate().admit(Some(token.as_bytes()), &scene);
+        assert_eq!(without_issuer, Err(CloseCode::TOKEN_INVALID));
+        signed.seconds.fetch_add(91, Ordering::SeqCst);
+        let refused = gate.admit(Some(token.as_bytes()), &scene);
+        assert_eq!(refused, Err(CloseCode::TOKEN_EXPIRED));
     }
 
     #[test]

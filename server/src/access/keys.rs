@@ -23,6 +23,13 @@ pub struct TokenKeys {
     pub(super) audience: String,
 }
 
+/// Signs tokens with a key of this process, which is written nowhere.
+#[derive(Clone, Debug)]
+pub(crate) struct TokenIssuer {
+    key: AsymmetricSecretKey<V4>,
+    pub(super) audience: String,
+}
+
 /// Reason why a key cannot be used or made.
 #[derive(Debug)]
 pub enum KeyError {
@@ -97,6 +104,16 @@ impl TokenKeys {
         })
     }
 
+    /// Makes a key pair of this process, whose tokens are accepted too.
+    pub(crate) fn issuer(&mut self) -> Result<TokenIssuer, KeyError> {
+        let pair = AsymmetricKeyPair::<V4>::generate()?;
+        self.keys.push(pair.public);
+        Ok(TokenIssuer {
+            key: pair.secret,
+            audience: self.audience.clone(),
+        })
+    }
+
     /// The claims of a token that one of the keys has signed.
     pub(super) fn verify(&self, token: &[u8]) -> Option<Claims> {
         let text = std::str::from_utf8(token).ok()?;
@@ -104,6 +121,31 @@ impl TokenKeys {
         let verify = |key| PublicToken::verify(key, &token, None, None).ok();
         let trusted = self.keys.iter().find_map(verify)?;
         serde_json::from_str(trusted.payload()).ok()
+    }
+}
+
+impl TokenIssuer {
+    /// A token with which a client may observe every scene, for so many seconds from `now` on, in seconds since 1970.
+    pub(crate) fn observer(
+        &self,
+        client: &str,
+        now: i64,
+        seconds: i64,
+    ) -> Result<String, KeyError> {
+        let claims = Claims {
+            aud: self.audience.clone(),
+            sub: client.to_owned(),
+            exp: Claims::moment(now.saturating_add(seconds)).ok_or(KeyError::Failed)?,
+            nbf: None,
+            scenes: vec!["*".to_owned()],
+            role: "observer".to_owned(),
+            bodies: None,
+            commands: None,
+            load: None,
+            members: None,
+        };
+        let payload = serde_json::to_vec(&claims).map_err(|_| KeyError::Failed)?;
+        Ok(PublicToken::sign(&self.key, &payload, None, None)?)
     }
 }
 

@@ -15,6 +15,6 @@ pub(crate) use self::gate::Gate;
 #[cfg(test)]
 pub(crate) use self::gate::tests;
 pub use self::keys::{KeyError, TokenKeys};
-pub(crate) use self::keys::{make_keys, sign};
+pub(crate) use self::keys::{TokenIssuer, make_keys, sign};
 pub(crate) use self::ownership::{Ownership, decode_client, decode_client_of, encode_client_of};
 pub(crate) use self::permit::{ClientName, Permit};

@@ -12,13 +12,13 @@ mod greeting;
 mod message;
 mod parked;
 mod priority;
+mod settings;
 mod stored;
 mod threads;
 mod watchdog;
 mod worker;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
-use std::sync::Arc;
 use std::sync::mpsc::channel;
 
 use bytes::Bytes;
@@ -33,20 +33,17 @@ use self::expiry::Expiry;
 use self::greeting::{Greeted, Greeting};
 use self::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
 use self::parked::{Parked, Scope};
+use self::settings::WorkerSettings;
 use self::threads::{SharedClock, Threads};
 use self::worker::{HereWorker, ThreadWorker};
 use crate::access::Gate;
 use crate::authority_table::UpstreamStatistics;
-use crate::durable::DataDir;
 use crate::engine::Workers;
-use crate::flight::FlightRecorders;
 use crate::hook::Hooks;
 use crate::limits::Limits;
-use crate::load::ServerLoad;
 use crate::metrics::Metrics;
+use crate::provided::ProvidedScenes;
 use crate::pulse::Pulse;
-use crate::scene_slots::SceneSlots;
-use crate::server_loop::ServerLoop;
 
 /// Connections, and the workers of their scenes.
 pub struct Front {
@@ -66,20 +63,6 @@ pub struct Front {
     threads: Option<Threads>,
     watchdog: Parked,
     settings: WorkerSettings,
-}
-
-/// The settings of each worker's server loop.
-struct WorkerSettings {
-    stopwatch: SharedClock,
-    hooks: Option<Hooks>,
-    engine_threads: Workers,
-    largest_packet: LargestPacket,
-    slots: SceneSlots,
-    load: ServerLoad,
-    metrics: Metrics,
-    flights: FlightRecorders,
-    limits: Limits,
-    data: Option<DataDir>,
 }
 
 struct Worker {
@@ -129,21 +112,7 @@ impl Front {
             out: VecDeque::new(),
             threads: None,
             watchdog: Parked::default(),
-            settings: WorkerSettings {
-                stopwatch: Arc::new(stopwatch),
-                hooks: None,
-                engine_threads: Workers::default(),
-                largest_packet: LargestPacket::DEFAULT,
-                slots: SceneSlots::default(),
-                load: ServerLoad::default(),
-                metrics: Metrics::default(),
-                flights: FlightRecorders::default(),
-                limits: Limits {
-                    empty_scene_seconds: 0,
-                    ..Limits::default()
-                },
-                data: None,
-            },
+            settings: WorkerSettings::new(stopwatch),
         }
     }
 
@@ -175,6 +144,11 @@ impl Front {
     /// Sets the hooks of later scenes.
     pub fn attach(&mut self, hooks: Hooks) {
         self.settings.hooks = Some(hooks);
+    }
+
+    /// Provides scenes that clients name.
+    pub fn provide(&mut self, scenes: ProvidedScenes) {
+        self.settings.provided = Some(scenes);
     }
 
     /// Sets the threads that divide a step and the streams of later scenes.
@@ -458,25 +432,6 @@ impl Front {
         for peer in peers {
             self.close(peer, code);
         }
-    }
-}
-
-impl WorkerSettings {
-    fn server_loop(&self) -> ServerLoop {
-        let stopwatch = SharedClock::clone(&self.stopwatch);
-        let mut server_loop = ServerLoop::new(move || stopwatch());
-        if let Some(hooks) = &self.hooks {
-            server_loop.attach(hooks.clone());
-        }
-        server_loop.employ(self.engine_threads.clone());
-        server_loop.set_largest_packet(self.largest_packet);
-        server_loop.share(self.slots.clone(), self.load.clone(), self.metrics.clone());
-        server_loop.record_flights(self.flights.clone());
-        server_loop.set_limits(self.limits);
-        if let Some(data) = &self.data {
-            server_loop.store_in(data.clone());
-        }
-        server_loop
     }
 }
 

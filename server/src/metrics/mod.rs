@@ -3,7 +3,7 @@
 //! A figure is an atomic number: a tick stores some ten of them and waits for nothing. [`Metrics::text`] writes them in
 //! the text format of Prometheus.
 
-mod listener;
+mod answer;
 mod lock;
 mod scene;
 mod text;
@@ -15,7 +15,6 @@ use std::sync::{Arc, Mutex};
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
 
-pub(crate) use self::listener::MetricsListener;
 use self::lock::lock;
 use self::scene::SceneMeters;
 pub(crate) use self::scene::{SceneMeter, TickFigures};
@@ -67,6 +66,12 @@ impl Metrics {
     /// The meter of a new scene, whose figures are shown until it is dropped.
     pub(crate) fn begin_scene(&self, name: &SceneName) -> SceneMeter {
         self.0.scenes.begin(name)
+    }
+
+    /// Names of the scenes that exist.
+    #[cfg(feature = "view")]
+    pub(crate) fn scene_names(&self) -> Vec<SceneName> {
+        self.0.scenes.names()
     }
 
     /// False if the front has not answered for two seconds. A stuck scene does not matter here.

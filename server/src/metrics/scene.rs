@@ -41,6 +41,11 @@ impl SceneMeters {
         }
     }
 
+    #[cfg(feature = "view")]
+    pub(super) fn names(&self) -> Vec<SceneName> {
+        lock(&self.0).keys().cloned().collect()
+    }
+
     pub(super) fn write(&self, text: &mut Text) {
         let scenes = lock(&self.0).clone();
         text.describe("rhumb_scenes", MetricKind::Gauge, "Scenes now.");

@@ -12,6 +12,20 @@ use crate::scene_slots::SceneSlot;
 use crate::stream_names::StreamNames;
 
 impl ServerLoop {
+    /// Begins a scene that the server provides, unless it is there.
+    pub(super) fn begin_if_provided(&mut self, name: &SceneName) {
+        if self.runners.contains_key(name) {
+            return;
+        }
+        let Some(provided) = self.provided.as_ref().and_then(|scenes| scenes.of(name)) else {
+            return;
+        };
+        match self.create(name, provided.config) {
+            Ok(runner) => runner.follow_script(provided.script),
+            Err(denial) => tracing::warn!(scene = %name, %denial, "a provided scene cannot begin"),
+        }
+    }
+
     pub(crate) fn create(
         &mut self,
         name: &SceneName,

@@ -8,19 +8,8 @@ use std::collections::VecDeque;
 use bytes::Bytes;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 
-use super::config::LinkConfig;
-use super::counts::LinkCounts;
-use super::link::{Lane, Link};
 use rhumb_transport::LinkMeter;
-
-/// Direction of a link.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Direction {
-    /// From a client to the server.
-    Up,
-    /// From the server to a client.
-    Down,
-}
+use rhumb_transport::conditioner::{Direction, Lane, Link, LinkConfig, LinkCounts};
 
 /// Reason why a run returned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -13,6 +13,7 @@ mod controllers;
 mod hostile;
 mod joints;
 mod physics;
+mod provided_scenes;
 mod publish_interval;
 mod queries;
 mod refusals;

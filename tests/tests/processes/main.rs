@@ -17,5 +17,6 @@ mod public_client;
 mod tier_policy_quic;
 #[cfg(unix)]
 mod unix_socket;
+mod view;
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));

@@ -1,8 +1,8 @@
-//! A UDP relay on real sockets that impairs traffic, for benchmarks.
+//! A UDP relay on real sockets that impairs traffic.
 //!
 //! Interprets no packet: every datagram uses the state lane of its link. Runs are not repeatable to the bit, because
 //! they depend on real arrival times. Delays round up to the timer's millisecond. Clients and queued datagrams are
-//! bounded.
+//! bounded; a new client takes the place of one that has been silent for long.
 
 use std::fmt;
 use std::io::{self, IoSliceMut};
@@ -13,16 +13,19 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use quinn::udp::{RecvMeta, UdpSocketState};
-use rhumb_transport::{Clock, bind_udp, io_runtime};
+use rhumb_protocol::{Instant, Span};
 use tokio::io::Interest;
 use tokio::net::UdpSocket;
 use tokio::sync::{mpsc, oneshot};
+use tokio::task::JoinHandle as Task;
 use tokio::time::sleep;
 
-use crate::config::LinkConfig;
-use crate::counts::LinkCounts;
-use crate::link::{Lane, Link};
-use crate::sim_network::Direction;
+use super::config::LinkConfig;
+use super::counts::LinkCounts;
+use super::direction::Direction;
+use super::link::{Lane, Link};
+use crate::clock::Clock;
+use crate::socket::{bind_udp, io_runtime};
 
 /// A relay in front of a server; it runs until it is dropped.
 #[derive(Debug)]
@@ -47,10 +50,18 @@ pub enum RelayError {
     Thread(io::Error),
 }
 
-/// Links of all clients, in the order of their first packets.
-#[derive(Clone, Debug, Default)]
+/// Links of all clients, in the order of their first packets, and the configuration of the next ones.
+#[derive(Clone, Debug)]
 struct RelayClients {
-    shared: Arc<Mutex<Vec<RelayClient>>>,
+    shared: Arc<Mutex<Shared>>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    config: LinkConfig,
+    clients: Vec<RelayClient>,
+    /// Counts of clients whose place another one has taken.
+    past: [LinkCounts; 2],
 }
 
 #[derive(Debug)]
@@ -58,13 +69,16 @@ struct RelayClient {
     client: SocketAddr,
     up: Link,
     down: Link,
+    /// When its last datagram came, in either direction.
+    last: Instant,
 }
 
 impl UdpRelay {
     /// Listens at `listen` (port 0 picks a free one) and relays to `server`, with this configuration in each
     /// direction.
     ///
-    /// Each client has its own pair of links. The relay serves 64 clients and drops the packets of others.
+    /// Each client has its own pair of links. The relay serves 64 clients at one time: another one takes the place of a
+    /// client that has been silent for a minute, or its packets are dropped.
     ///
     /// # Errors
     ///
@@ -83,14 +97,14 @@ impl UdpRelay {
             let _inside = runtime.enter();
             Socket::new(front).map_err(address)?
         };
-        let clients = RelayClients::default();
+        let clients = RelayClients::new(config);
         let (end, ended) = oneshot::channel();
         let relay = Relay {
             clock: Clock::start(),
             front,
             server,
-            config,
             seed,
+            admitted: 0,
             backs: Vec::new(),
             clients: clients.clone(),
         };
@@ -115,20 +129,25 @@ impl UdpRelay {
     /// Datagrams and bytes received, lost and forwarded in one direction, over all clients.
     #[must_use]
     pub fn counts(&self, direction: Direction) -> LinkCounts {
-        let mut sum = LinkCounts::default();
-        for relay_client in self.clients.lock().iter() {
-            let link = match direction {
-                Direction::Up => &relay_client.up,
-                Direction::Down => &relay_client.down,
-            };
-            sum += link.counts(Lane::State);
+        let shared = self.clients.lock();
+        let mut sum = shared.past[direction as usize];
+        for relay_client in &shared.clients {
+            sum += relay_client.link(direction).counts(Lane::State);
         }
         sum
     }
 
-    /// Changes the configuration of all present links.
+    /// The configuration of the links of later clients.
+    #[must_use]
+    pub fn config(&self) -> LinkConfig {
+        self.clients.lock().config
+    }
+
+    /// Changes the configuration of all links, present and later ones.
     pub fn set_config(&self, config: LinkConfig) {
-        for relay_client in self.clients.lock().iter_mut() {
+        let mut shared = self.clients.lock();
+        shared.config = config;
+        for relay_client in &mut shared.clients {
             relay_client.up.set_config(config);
             relay_client.down.set_config(config);
         }
@@ -150,8 +169,64 @@ impl Drop for UdpRelay {
 }
 
 impl RelayClients {
-    fn lock(&self) -> MutexGuard<'_, Vec<RelayClient>> {
+    fn new(config: LinkConfig) -> Self {
+        let shared = Shared {
+            config,
+            clients: Vec::new(),
+            past: [LinkCounts::default(); 2],
+        };
+        Self {
+            shared: Arc::new(Mutex::new(shared)),
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Shared> {
         self.shared.lock().expect("no link panics")
+    }
+}
+
+impl Shared {
+    /// The place for a new client: a free one, or that of the client that has been silent the longest.
+    fn place(&self, now: Instant) -> Option<usize> {
+        if self.clients.len() < CLIENTS_MAX {
+            return Some(self.clients.len());
+        }
+        let clients = self.clients.iter().enumerate();
+        let (index, oldest) = clients.min_by_key(|(_, relay_client)| relay_client.last)?;
+        (now.since(oldest.last) >= SILENT).then_some(index)
+    }
+
+    fn put(&mut self, index: usize, relay_client: RelayClient) {
+        match self.clients.get_mut(index) {
+            None => self.clients.push(relay_client),
+            Some(place) => {
+                let before = std::mem::replace(place, relay_client);
+                for direction in [Direction::Up, Direction::Down] {
+                    self.past[direction as usize] += before.link(direction).counts(Lane::State);
+                }
+            }
+        }
+    }
+}
+
+impl RelayClient {
+    const fn link(&self, direction: Direction) -> &Link {
+        match direction {
+            Direction::Up => &self.up,
+            Direction::Down => &self.down,
+        }
+    }
+
+    const fn link_mut(&mut self, direction: Direction) -> &mut Link {
+        match direction {
+            Direction::Up => &mut self.up,
+            Direction::Down => &mut self.down,
+        }
+    }
+
+    fn push(&mut self, now: Instant, bytes: Bytes, direction: Direction) {
+        self.last = now;
+        self.link_mut(direction).push(now, bytes, Lane::State);
     }
 }
 
@@ -160,21 +235,38 @@ struct Relay {
     clock: Clock,
     front: Socket,
     server: SocketAddr,
-    config: LinkConfig,
     seed: u64,
-    /// Each client's socket towards the server, in the order of `clients`.
-    backs: Vec<Arc<Socket>>,
+    /// Clients admitted so far.
+    admitted: u64,
+    /// Each client's way towards the server, in the order of `clients`.
+    backs: Vec<Back>,
     clients: RelayClients,
 }
 
-/// A datagram from the server, for the client of this index.
+/// A client's socket towards the server, and the task that reads it.
+struct Back {
+    socket: Arc<Socket>,
+    reader: Task<()>,
+}
+
+impl Drop for Back {
+    fn drop(&mut self) {
+        self.reader.abort();
+    }
+}
+
+/// A datagram from the server, for a client.
 struct Returned {
     index: usize,
+    client: SocketAddr,
     bytes: Bytes,
 }
 
 /// Limit of clients of one relay.
 const CLIENTS_MAX: usize = 64;
+
+/// A client that has been silent for longer may lose its place: its connection has timed out.
+const SILENT: Span = Span::from_millis(60_000);
 
 /// Limit of queued datagrams from the server.
 const RETURNED_MAX: usize = 4_096;
@@ -197,8 +289,13 @@ impl Relay {
                         }
                     }
                 }
-                Some(Returned { index, bytes }) = returned.recv() => {
-                    self.clients.lock()[index].down.push(self.clock.now(), bytes, Lane::State);
+                Some(Returned { index, client, bytes }) = returned.recv() => {
+                    let mut shared = self.clients.lock();
+                    let relay_client = &mut shared.clients[index];
+                    // The place may be another client's by now.
+                    if relay_client.client == client {
+                        relay_client.push(self.clock.now(), bytes, Direction::Down);
+                    }
                 }
                 () = sleep(wait.unwrap_or_default()), if wait.is_some() => {}
             }
@@ -207,8 +304,9 @@ impl Relay {
     }
 
     fn next_wait(&self) -> Option<Duration> {
-        let clients = self.clients.lock();
-        let moments = clients
+        let shared = self.clients.lock();
+        let moments = shared
+            .clients
             .iter()
             .flat_map(|relay_client| [relay_client.up.next_at(), relay_client.down.next_at()]);
         moments.flatten().min().map(|at| self.clock.until(at))
@@ -223,6 +321,7 @@ impl Relay {
         let known = self
             .clients
             .lock()
+            .clients
             .iter()
             .position(|relay_client| relay_client.client == client);
         let index = match known {
@@ -235,37 +334,44 @@ impl Relay {
                 }
             },
         };
-        self.clients.lock()[index]
-            .up
-            .push(self.clock.now(), bytes, Lane::State);
+        self.clients.lock().clients[index].push(self.clock.now(), bytes, Direction::Up);
     }
 
-    /// Adds links and a socket for a new client; `None` if the limit of clients is reached.
+    /// Adds links and a socket for a new client; `None` if no place is left.
     async fn admit(
         &mut self,
         client: SocketAddr,
         returns: &mpsc::Sender<Returned>,
     ) -> io::Result<Option<usize>> {
-        let index = self.backs.len();
-        if index >= CLIENTS_MAX {
+        let now = self.clock.now();
+        let Some(index) = self.clients.lock().place(now) else {
             return Ok(None);
-        }
+        };
         let any: IpAddr = match self.server {
             SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
             SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
         };
-        let back = bind_udp(SocketAddr::new(any, 0))?;
-        let back = Arc::new(Socket::new(back)?);
-        back.socket.connect(self.server).await?;
-        // The task ends with the runtime, when the relay does.
-        tokio::spawn(read_back(Arc::clone(&back), index, returns.clone()));
-        self.backs.push(back);
-        let seed = self.seed.wrapping_add(2 * index as u64);
-        let (up, down) = (
-            Link::new(self.config, seed),
-            Link::new(self.config, seed.wrapping_add(1)),
-        );
-        self.clients.lock().push(RelayClient { client, up, down });
+        let socket = bind_udp(SocketAddr::new(any, 0))?;
+        let socket = Arc::new(Socket::new(socket)?);
+        socket.socket.connect(self.server).await?;
+        let reading = read_back(Arc::clone(&socket), (index, client), returns.clone());
+        let reader = tokio::spawn(reading);
+        let back = Back { socket, reader };
+        match self.backs.get_mut(index) {
+            None => self.backs.push(back),
+            Some(place) => *place = back,
+        }
+        let seed = self.seed.wrapping_add(2 * self.admitted);
+        self.admitted += 1;
+        let mut shared = self.clients.lock();
+        let config = shared.config;
+        let relay_client = RelayClient {
+            client,
+            up: Link::new(config, seed),
+            down: Link::new(config, seed.wrapping_add(1)),
+            last: now,
+        };
+        shared.put(index, relay_client);
         Ok(Some(index))
     }
 
@@ -274,7 +380,7 @@ impl Relay {
         for (index, back) in self.backs.iter().enumerate() {
             while let Some(bytes) = self.due(index, Direction::Up) {
                 // A full or refusing socket loses the datagram, as a network does.
-                let _ = back.socket.send(&bytes.1).await;
+                let _ = back.socket.socket.send(&bytes.1).await;
             }
             while let Some((client, bytes)) = self.due(index, Direction::Down) {
                 let _ = self.front.socket.send_to(&bytes, client).await;
@@ -284,13 +390,10 @@ impl Relay {
 
     fn due(&self, index: usize, direction: Direction) -> Option<(SocketAddr, Bytes)> {
         let now = self.clock.now();
-        let mut clients = self.clients.lock();
-        let relay_client = &mut clients[index];
-        let link = match direction {
-            Direction::Up => &mut relay_client.up,
-            Direction::Down => &mut relay_client.down,
-        };
-        link.pop(now).map(|(_, bytes)| (relay_client.client, bytes))
+        let mut shared = self.clients.lock();
+        let relay_client = &mut shared.clients[index];
+        let popped = relay_client.link_mut(direction).pop(now);
+        popped.map(|(_, bytes)| (relay_client.client, bytes))
     }
 }
 
@@ -328,13 +431,22 @@ fn datagrams<'a>(buffer: &'a [u8], meta: &RecvMeta) -> impl Iterator<Item = Byte
         .map(Bytes::copy_from_slice)
 }
 
-async fn read_back(back: Arc<Socket>, index: usize, returns: mpsc::Sender<Returned>) {
+async fn read_back(
+    back: Arc<Socket>,
+    (index, client): (usize, SocketAddr),
+    returns: mpsc::Sender<Returned>,
+) {
     let mut buffer = vec![0; DATAGRAM_BYTES_MAX];
     loop {
         match back.recv(&mut buffer).await {
             Ok(meta) => {
                 for bytes in datagrams(&buffer, &meta) {
-                    if returns.send(Returned { index, bytes }).await.is_err() {
+                    let returned = Returned {
+                        index,
+                        client,
+                        bytes,
+                    };
+                    if returns.send(returned).await.is_err() {
                         return;
                     }
                 }
@@ -367,5 +479,39 @@ impl std::error::Error for RelayError {
         match self {
             Self::Address { cause, .. } | Self::Thread(cause) => Some(cause),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn client(number: u16, last: Instant) -> RelayClient {
+        RelayClient {
+            client: SocketAddr::from(([127, 0, 0, 1], number)),
+            up: Link::new(LinkConfig::PERFECT, 1),
+            down: Link::new(LinkConfig::PERFECT, 2),
+            last,
+        }
+    }
+
+    #[test]
+    fn a_new_client_takes_the_place_of_one_that_has_been_silent_for_long() {
+        let clients = RelayClients::new(LinkConfig::PERFECT);
+        let mut shared = clients.lock();
+        let early = Instant::from_nanos(5);
+        for number in 0..CLIENTS_MAX {
+            assert_eq!(shared.place(early), Some(number));
+            let last = if number == 7 { early } else { early + SILENT };
+            shared.put(number, client(number as u16, last));
+        }
+        shared.clients[7].push(early, Bytes::from_static(b"up"), Direction::Up);
+        assert_eq!(shared.place(early + Span::from_nanos(1)), None);
+        let later = early + SILENT;
+        assert_eq!(shared.place(later), Some(7));
+        shared.put(7, client(1_000, later));
+        assert_eq!(shared.place(later), None);
+        assert_eq!(shared.clients.len(), CLIENTS_MAX);
+        assert_eq!(shared.past[Direction::Up as usize].pushed.pieces, 1);
     }
 }

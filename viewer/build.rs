@@ -1,0 +1,205 @@
+//! Compiles the web client for the page, or notes why there is none.
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::{env, fs};
+
+/// Folders whose change changes the web client, from the root of the repository.
+const SOURCES: [&str; 6] = [
+    "bindings/web/Cargo.toml",
+    "bindings/web/src",
+    "client/view",
+    "protocol/src",
+    "reckoning/src",
+    "Cargo.lock",
+];
+/// The web client, from the root of the repository.
+const CLIENT: &str = "bindings/web";
+/// The target of the web client.
+const TARGET: &str = "wasm32-unknown-unknown";
+
+fn main() -> Result<(), Box<dyn Error>> {
+    println!("cargo::rerun-if-changed=build.rs");
+    let out = PathBuf::from(env::var("OUT_DIR")?);
+    let root = Path::new(&env::var("CARGO_MANIFEST_DIR")?).join("..");
+    for source in SOURCES.map(|source| root.join(source)) {
+        if source.exists() {
+            println!("cargo::rerun-if-changed={}", source.display());
+        }
+    }
+    let unavailable = match client(&root, &out) {
+        Ok(()) => String::new(),
+        Err(reason) => {
+            println!("cargo::warning=the page is left out: {reason}");
+            reason
+        }
+    };
+    println!("cargo::rustc-env=RHUMB_VIEWER_UNAVAILABLE={unavailable}");
+    let client = unavailable.is_empty().then(|| root.join(CLIENT));
+    fs::write(out.join("assets.rs"), table(&out, client.as_deref())?)?;
+    Ok(())
+}
+
+/// The table of assets, as Rust code: files of the page, kept libraries, and the web client.
+fn table(out: &Path, client: Option<&Path>) -> Result<String, Box<dyn Error>> {
+    let mut files = Vec::new();
+    let own = PathBuf::from(env::var("CARGO_MANIFEST_DIR")?);
+    collect("", &own.join("page"), &mut files)?;
+    for library in ["three", "fzstd"] {
+        let folder = own.join("vendor").join(library);
+        collect(&format!("/{library}"), &folder, &mut files)?;
+    }
+    if let Some(client) = client {
+        files.push(("/client/rhumb.wasm".to_owned(), out.join("rhumb.wasm")));
+        for entry in fs::read_dir(client)? {
+            let name = entry?.file_name().into_string();
+            let name = name.map_err(|_| "a name is no text")?;
+            if name.ends_with(".js") {
+                println!("cargo::rerun-if-changed={}", client.join(&name).display());
+                files.push((format!("/client/{name}"), client.join(name)));
+            }
+        }
+    }
+    let mut code = String::from("&[\n");
+    for (path, file) in files {
+        let path = if path == "/index.html" { "/" } else { &path };
+        let content_type = content_type(&file)?;
+        code += &format!(
+            "Asset {{ path: {path:?}, content_type: {content_type:?}, bytes: include_bytes!({file:?}) }},\n"
+        );
+    }
+    Ok(code + "]\n")
+}
+
+/// Adds the files below a folder, with their paths on the server.
+fn collect(
+    path: &str,
+    folder: &Path,
+    files: &mut Vec<(String, PathBuf)>,
+) -> Result<(), Box<dyn Error>> {
+    println!("cargo::rerun-if-changed={}", folder.display());
+    let mut entries = fs::read_dir(folder)?.collect::<Result<Vec<_>, _>>()?;
+    entries.sort_by_key(fs::DirEntry::file_name);
+    for entry in entries {
+        let name = entry
+            .file_name()
+            .into_string()
+            .map_err(|_| "a name is no text")?;
+        let path = format!("{path}/{name}");
+        if entry.file_type()?.is_dir() {
+            collect(&path, &entry.path(), files)?;
+        } else {
+            files.push((path, entry.path()));
+        }
+    }
+    Ok(())
+}
+
+fn content_type(file: &Path) -> Result<&'static str, String> {
+    let name = file.to_string_lossy();
+    let ending = file.extension().and_then(|ending| ending.to_str());
+    match ending {
+        Some("html") => Ok("text/html; charset=utf-8"),
+        Some("css") => Ok("text/css; charset=utf-8"),
+        Some("js") => Ok("text/javascript; charset=utf-8"),
+        Some("svg") => Ok("image/svg+xml"),
+        Some("wasm") => Ok("application/wasm"),
+        _ if name.ends_with("LICENSE") => Ok("text/plain; charset=utf-8"),
+        _ => Err(format!("{name} has no known type")),
+    }
+}
+
+/// Puts the web client into the folder of outputs.
+fn client(root: &Path, out: &Path) -> Result<(), String> {
+    let folder = root.join(CLIENT);
+    if !folder.join("Cargo.toml").exists() {
+        return Err("build from a checkout of the repository: bindings/web is missing".into());
+    }
+    let installed = run(Command::new(variable("RUSTC")?).args([
+        "--print",
+        "target-libdir",
+        "--target",
+        TARGET,
+    ]))?;
+    if !Path::new(installed.trim()).exists() {
+        return Err(format!("run `rustup target add {TARGET}` and build again"));
+    }
+    let target = out.join("target");
+    let mut cargo = Command::new(variable("CARGO")?);
+    cargo
+        .args([
+            "build",
+            "--profile",
+            "web",
+            "--locked",
+            "--lib",
+            "--target",
+            TARGET,
+            "--target-dir",
+        ])
+        .arg(&target)
+        .arg("--manifest-path")
+        .arg(folder.join("Cargo.toml"));
+    for (name, _) in env::vars().filter(|(name, _)| concerns_this_build(name)) {
+        cargo.env_remove(name);
+    }
+    run(&mut cargo)?;
+    let built = target.join(TARGET).join("web/rhumb_web.wasm");
+    let copied = fs::copy(&built, out.join("rhumb.wasm"));
+    copied.map_err(|cause| format!("{}: {cause}", built.display()))?;
+    match folder.join("rhumb.js").exists() {
+        true => Ok(()),
+        false => Err(format!("{CLIENT} has no rhumb.js")),
+    }
+}
+
+/// True for a variable of the environment that sets flags, wrappers or folders of the build that this one is part of.
+fn concerns_this_build(name: &str) -> bool {
+    let flags = [
+        "RUSTFLAGS",
+        "RUSTC_WORKSPACE_WRAPPER",
+        "CLIPPY_ARGS",
+        "TARGET",
+        "HOST",
+        "PROFILE",
+        "OPT_LEVEL",
+        "DEBUG",
+    ];
+    let prefixes = [
+        "CARGO_ENCODED_",
+        "CARGO_BUILD_",
+        "CARGO_CFG_",
+        "CARGO_FEATURE_",
+        "CARGO_MANIFEST_",
+        "CARGO_PKG_",
+        "CARGO_PROFILE_",
+        "CARGO_TARGET_",
+        "CARGO_UNSTABLE_",
+    ];
+    flags.contains(&name) || prefixes.iter().any(|prefix| name.starts_with(prefix))
+}
+
+fn variable(name: &str) -> Result<String, String> {
+    env::var(name).map_err(|cause| format!("{name}: {cause}"))
+}
+
+/// Runs a command to its end; returns what it printed.
+fn run(command: &mut Command) -> Result<String, String> {
+    let program = command.get_program().to_string_lossy().into_owned();
+    let output = command
+        .output()
+        .map_err(|cause| format!("{program}: {cause}"))?;
+    if output.status.success() {
+        return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
+    }
+    let errors = String::from_utf8_lossy(&output.stderr);
+    for line in errors.lines() {
+        println!("cargo::warning={line}");
+    }
+    let first = errors.lines().find(|line| line.starts_with("error"));
+    Err(format!(
+        "the web client does not compile: {}",
+        first.unwrap_or("see the warnings of rhumb-viewer")
+    ))
+}

@@ -1,0 +1,152 @@
+// The bodies of one view as instances: one mesh for each shape, one instance for each body.
+
+import * as THREE from "three";
+import { geometryOf } from "./shapes.js";
+
+/** Bodies beyond which round surfaces have fewer triangles. */
+const MANY = 3000;
+const STATIC = 0;
+
+export class Bodies {
+  #group = new THREE.Group();
+  #meshes = [];
+  /** For each place: number of its mesh, and of its instance. */
+  #mesh = new Uint32Array(0);
+  #instance = new Uint32Array(0);
+  #material;
+  #staticMaterial;
+  #kinematicMaterial;
+  /** Places of the bodies that are not static. */
+  movable = new Uint32Array(0);
+
+  /** `ghost`: drawn as lines, without static bodies. */
+  constructor(scene, { ghost = false } = {}) {
+    this.ghost = ghost;
+    this.#material = ghost
+      ? new THREE.MeshBasicMaterial({ wireframe: true, transparent: true, opacity: 0.35 })
+      : new THREE.MeshLambertMaterial();
+    this.#staticMaterial = new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.5, depthWrite: false });
+    // What is moved by a script is often around what is seen.
+    this.#kinematicMaterial = ghost ? this.#material : new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false });
+    scene.add(this.#group);
+  }
+
+  set visible(visible) {
+    this.#group.visible = visible;
+  }
+
+  get visible() {
+    return this.#group.visible;
+  }
+
+  set ghostColour(colour) {
+    if (this.ghost) this.#material.color.set(colour);
+  }
+
+  /** Makes the meshes for these bodies. `shapeOf` returns a shape by its number. */
+  layout({ count, shapeNumbers, kinds }, shapeOf) {
+    this.clear();
+    const groups = new Map();
+    const movable = [];
+    this.#mesh = new Uint32Array(count);
+    this.#instance = new Uint32Array(count);
+    for (let place = 0; place < count; place++) {
+      const kind = kinds[place];
+      if (kind !== STATIC) movable.push(place);
+      const key = 3 * shapeNumbers[place] + kind;
+      if (!groups.has(key)) groups.set(key, []);
+      groups.get(key).push(place);
+    }
+    const detail = count > MANY ? 1 : 2;
+    for (const [key, places] of groups) {
+      const kind = key % 3;
+      const isStatic = kind === STATIC;
+      if (isStatic && this.ghost) continue;
+      const geometry = geometryOf(shapeOf((key - kind) / 3), detail);
+      const material = [this.#staticMaterial, this.#material, this.#kinematicMaterial][kind];
+      const mesh = new THREE.InstancedMesh(geometry, material, places.length);
+      mesh.frustumCulled = false;
+      mesh.userData.places = places;
+      if (!this.ghost) mesh.setColorAt(0, new THREE.Color(0x888888));
+      places.forEach((place, instance) => {
+        this.#mesh[place] = this.#meshes.length + 1;
+        this.#instance[place] = instance;
+        if (!this.ghost) mesh.setColorAt(instance, isStatic ? STATIC_COLOUR : MOVABLE_COLOUR);
+      });
+      this.#meshes.push(mesh);
+      this.#group.add(mesh);
+    }
+    this.movable = Uint32Array.from(movable);
+  }
+
+  /** Puts bodies where a frame has them: those of these places. */
+  pose(frame, places) {
+    this.poseOthers(frame, places, (place) => place);
+  }
+
+  /** The same for a frame whose places are others. */
+  poseOthers({ positions, rotations }, places, otherOf) {
+    for (const place of places) {
+      const number = this.#mesh[place];
+      const other = otherOf(place);
+      if (number === 0 || other === undefined) continue;
+      const mesh = this.#meshes[number - 1];
+      write(mesh.instanceMatrix.array, 16 * this.#instance[place], positions, 3 * other, rotations, 4 * other);
+      mesh.instanceMatrix.needsUpdate = true;
+    }
+  }
+
+  /** Colours a body; red, green and blue from 0 to 1. */
+  colour(place, red, green, blue) {
+    const number = this.#mesh[place];
+    if (number === 0) return;
+    const { instanceColor } = this.#meshes[number - 1];
+    const at = 3 * this.#instance[place];
+    instanceColor.array[at] = red;
+    instanceColor.array[at + 1] = green;
+    instanceColor.array[at + 2] = blue;
+    instanceColor.needsUpdate = true;
+  }
+
+  /** The place of the first body that a ray hits, and where; undefined if it hits none that can move. */
+  pick(raycaster) {
+    for (const mesh of this.#meshes) mesh.boundingSphere = null;
+    const movable = this.#meshes.filter((mesh) => mesh.material !== this.#staticMaterial);
+    const hit = raycaster.intersectObjects(movable, false)[0];
+    return hit && { place: hit.object.userData.places[hit.instanceId], point: hit.point };
+  }
+
+  clear() {
+    for (const mesh of this.#meshes) {
+      this.#group.remove(mesh);
+      mesh.geometry.dispose();
+      mesh.dispose();
+    }
+    this.#meshes = [];
+    this.movable = new Uint32Array(0);
+  }
+}
+
+const STATIC_COLOUR = new THREE.Color(0x8b95a3);
+const MOVABLE_COLOUR = new THREE.Color(0x4f9fd8);
+
+/** Writes the matrix of a rotation and a translation, column by column. */
+function write(matrix, at, positions, p, rotations, r) {
+  const x = rotations[r], y = rotations[r + 1], z = rotations[r + 2], w = rotations[r + 3];
+  matrix[at] = 1 - 2 * (y * y + z * z);
+  matrix[at + 1] = 2 * (x * y + z * w);
+  matrix[at + 2] = 2 * (x * z - y * w);
+  matrix[at + 3] = 0;
+  matrix[at + 4] = 2 * (x * y - z * w);
+  matrix[at + 5] = 1 - 2 * (x * x + z * z);
+  matrix[at + 6] = 2 * (y * z + x * w);
+  matrix[at + 7] = 0;
+  matrix[at + 8] = 2 * (x * z + y * w);
+  matrix[at + 9] = 2 * (y * z - x * w);
+  matrix[at + 10] = 1 - 2 * (x * x + y * y);
+  matrix[at + 11] = 0;
+  matrix[at + 12] = positions[p];
+  matrix[at + 13] = positions[p + 1];
+  matrix[at + 14] = positions[p + 2];
+  matrix[at + 15] = 1;
+}

@@ -1,0 +1,282 @@
+// Reads a trace of `rhumb-bench evaluate` or `replay` (MCAP): the first load's truth, and a client's copy beside it.
+//
+// `benches/proto/rhumb.proto` describes the messages. Only what the page shows is read.
+
+import { decompress } from "./fzstd/fzstd.js";
+import { metres } from "./figures.js";
+import { boundingRadius } from "./shapes.js";
+import { surfaceError } from "./comparison.js";
+
+const MAGIC_BYTES = 8;
+const OPCODE = { channel: 0x04, message: 0x05, chunk: 0x06, metadata: 0x0c };
+const KINDS = [0, 0, 1, 2];
+
+/** The recording of a file's bytes. */
+export function readMcap(bytes) {
+  const file = { topics: new Map(), messages: new Map(), metadata: new Map() };
+  try {
+    readRecords(bytes.subarray(MAGIC_BYTES), file);
+  } catch (cause) {
+    if (cause instanceof RangeError) throw new Error("the MCAP file is damaged");
+    throw cause;
+  }
+  const topics = [...file.messages.keys()];
+  const truth = topics.find((topic) => topic.endsWith("/truth/state"));
+  if (truth === undefined) throw new Error("the MCAP file has no truth: it is no trace of rhumb-bench");
+  const load = truth.slice(0, -"/truth/state".length);
+  const copies = topics.filter((topic) => topic.startsWith(`${load}/`) && topic.endsWith("/seen"));
+  const copy = copies.find((topic) => topic.includes("/rhumb")) ?? copies[0];
+  const run = copy?.slice(load.length + 1, -"/seen".length);
+  const runs = [...file.metadata].filter(([name]) => name.startsWith("rhumb.run.")).map(([, values]) => values);
+  const facts = runs.find((values) => values.load === load.slice(1) && values.name === run) ?? runs.find((values) => values.load === load.slice(1)) ?? {};
+  return new Trace(file.messages.get(truth), copy && file.messages.get(copy), facts, run).recording();
+}
+
+function readRecords(bytes, file) {
+  const data = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  let at = 0;
+  // The file ends with its magic, which is shorter than a record's head.
+  while (at + 9 <= bytes.length) {
+    const opcode = data.getUint8(at);
+    const length = Number(data.getBigUint64(at + 1, true));
+    at += 9;
+    if (at + length > bytes.length) return;
+    readRecord(opcode, bytes.subarray(at, at + length), file);
+    at += length;
+  }
+}
+
+function readRecord(opcode, bytes, file) {
+  const data = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  const text = (at) => {
+    const length = data.getUint32(at, true);
+    return [new TextDecoder().decode(bytes.subarray(at + 4, at + 4 + length)), at + 4 + length];
+  };
+  if (opcode === OPCODE.channel) {
+    file.topics.set(data.getUint16(0, true), text(4)[0]);
+  } else if (opcode === OPCODE.message) {
+    const topic = file.topics.get(data.getUint16(0, true));
+    if (!/\/(state|seen)$/.test(topic)) return;
+    if (!file.messages.has(topic)) file.messages.set(topic, []);
+    file.messages.get(topic).push(bytes.subarray(22));
+  } else if (opcode === OPCODE.metadata) {
+    const [name, start] = text(0);
+    const end = start + 4 + data.getUint32(start, true);
+    const values = {};
+    for (let at = start + 4; at < end; ) {
+      const [key, after] = text(at);
+      [values[key], at] = text(after);
+    }
+    file.metadata.set(name, values);
+  } else if (opcode === OPCODE.chunk) {
+    const size = Number(data.getBigUint64(16, true));
+    const [compression, start] = text(28);
+    const packed = bytes.subarray(start + 8);
+    if (compression !== "" && compression !== "zstd") throw new Error(`the MCAP file is compressed by ${compression}, not by zstd`);
+    readRecords(compression === "" ? packed : decompress(packed, new Uint8Array(size)), file);
+  }
+}
+
+/** A message of protobuf: for each field the values of all its entries; packed numbers as bytes. */
+function fields(bytes) {
+  const out = new Map();
+  const data = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  let at = 0;
+  const varint = () => {
+    let value = 0;
+    for (let scale = 1; ; scale *= 128) {
+      const byte = data.getUint8(at++);
+      value += (byte & 127) * scale;
+      if (byte < 128) return value;
+    }
+  };
+  while (at < bytes.length) {
+    const key = varint();
+    let value;
+    if (key % 8 === 0) value = varint();
+    else if (key % 8 === 1) value = data.getFloat64((at += 8) - 8, true);
+    else if (key % 8 === 5) value = data.getFloat32((at += 4) - 4, true);
+    else {
+      const length = varint();
+      value = bytes.subarray(at, at + length);
+      at += length;
+    }
+    const number = Math.floor(key / 8);
+    if (!out.has(number)) out.set(number, []);
+    out.get(number).push(value);
+  }
+  return out;
+}
+
+/** Packed varints. */
+function varints(message, field) {
+  const numbers = [];
+  for (const bytes of message.get(field) ?? []) {
+    if (typeof bytes === "number") numbers.push(bytes);
+    else {
+      let value = 0, scale = 1;
+      for (const byte of bytes) {
+        value += (byte & 127) * scale;
+        scale *= 128;
+        if (byte < 128) {
+          numbers.push(value);
+          value = 0;
+          scale = 1;
+        }
+      }
+    }
+  }
+  return numbers;
+}
+
+/** Packed 32-bit floats. */
+function floats(message, field) {
+  return (message.get(field) ?? []).flatMap((bytes) => {
+    if (typeof bytes === "number") return [bytes];
+    const data = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+    return Array.from({ length: bytes.length / 4 }, (_, at) => data.getFloat32(4 * at, true));
+  });
+}
+
+function shapeOf(number, extents) {
+  switch (number) {
+    case 1:
+      return { kind: "ball", radius: extents[0] };
+    case 2:
+      return { kind: "cuboid", halfExtents: extents };
+    case 3:
+      return { kind: "capsule", halfHeight: extents[0], radius: extents[1] };
+    case 4:
+      return { kind: "cylinder", halfHeight: extents[0], radius: extents[1] };
+    case 5:
+      return { kind: "hull", points: extents };
+    default:
+      throw new Error(`the trace has a shape that this page does not know: ${number}`);
+  }
+}
+
+class Trace {
+  #bodies = [];
+  #places = new Map();
+  #truth;
+  #copy;
+  #facts;
+  #run;
+
+  constructor(truth, copy, facts, run) {
+    this.#truth = truth.map(fields);
+    this.#copy = copy?.map(fields);
+    this.#facts = facts;
+    this.#run = run;
+  }
+
+  /** What the page plays: the copy if there is one, else the truth. */
+  recording() {
+    const step = Number(this.#facts.step_s ?? 1 / 60);
+    const actual = this.#truth.map((message) => this.#states(message));
+    const ticks = this.#copy === undefined ? actual : this.#copied(actual);
+    const tolerance = this.#copy === undefined ? undefined : Number(this.#facts.tolerance_m ?? NaN);
+    const count = this.#bodies.length;
+    const within = tolerance > 0 ? `, within ${metres(tolerance)}` : "";
+    const what = this.#copy === undefined ? "the truth" : `the copy of ${this.#run}${within}`;
+    return { bodies: this.#bodies, ticks, step, tolerance, what: `${count === 1 ? "1 body" : `${count} bodies`}, ${what}` };
+  }
+
+  #place(index, generation) {
+    return this.#places.get(index + generation * 2 ** 32);
+  }
+
+  /** A tick of the truth: what was observed, and what was placed after it. */
+  #states(message) {
+    const tick = this.#columns(message, 2, 4);
+    tick.resting = Uint8Array.from(varints(message, 17), (awake) => 1 - awake);
+    tick.removed = this.#removed(message, 19);
+    const placed = (message.get(18) ?? []).map(fields).map((placement) => this.#add(placement));
+    return append(tick, placed);
+  }
+
+  #add(placement) {
+    const number = (field) => placement.get(field)?.[0] ?? 0;
+    const place = this.#bodies.length;
+    this.#places.set(number(1) + number(2) * 2 ** 32, place);
+    const motion = floats(placement, 7);
+    const body = { kind: KINDS[number(3)], shape: shapeOf(number(4), floats(placement, 5)) };
+    this.#bodies.push(body);
+    return { place, position: motion.slice(0, 3), rotation: motion.slice(3, 7), resting: 1 - number(8) };
+  }
+
+  /** The columns of positions and rotations that begin with those of the index. */
+  #columns(message, first, position) {
+    const generations = varints(message, first + 1);
+    const places = varints(message, first).map((index, at) => this.#place(index, generations[at]));
+    const columns = Array.from({ length: 7 }, (_, part) => floats(message, position + part));
+    const known = places.flatMap((place, at) => (place === undefined ? [] : [at]));
+    const interleave = (from, each) => Float32Array.from({ length: each * known.length }, (_, at) => columns[from + (at % each)][known[Math.floor(at / each)]]);
+    return { known, places: Uint32Array.from(known, (at) => places[at]), positions: interleave(0, 3), rotations: interleave(3, 4) };
+  }
+
+  #removed(message, first) {
+    const generations = varints(message, first + 1);
+    const places = varints(message, first).map((index, at) => this.#place(index, generations[at]));
+    return places.filter((place) => place !== undefined);
+  }
+
+  /** The copy at each tick, with its error against the truth of that tick. */
+  #copied(actual) {
+    const count = this.#bodies.length;
+    const truth = { positions: new Float32Array(3 * count), rotations: new Float32Array(4 * count) };
+    const copy = { positions: new Float32Array(3 * count), rotations: new Float32Array(4 * count) };
+    const radii = this.#bodies.map(({ shape }) => boundingRadius(shape));
+    const seen = new Map(this.#copy.map((message) => [message.get(1)?.[0] ?? 0, message]));
+    const isThere = new Uint8Array(count);
+    return actual.map((tick, number) => {
+      put(truth, tick);
+      const message = seen.get(number);
+      const shown = message === undefined ? { places: [], positions: [], rotations: [], resting: [], removed: [] } : this.#columns(message, 3, 5);
+      if (message !== undefined) {
+        shown.resting = Uint8Array.from(varints(message, 12));
+        shown.removed = this.#removed(message, 13);
+      }
+      // Bodies that were placed and that the copy has not mentioned stand at their placement.
+      const mentioned = new Set(shown.places);
+      const placed = Array.from(tick.places).filter((place) => isThere[place] === 0 && !mentioned.has(place));
+      const whole = append(shown, placed.map((place) => ({
+        place,
+        position: truth.positions.slice(3 * place, 3 * place + 3),
+        rotation: truth.rotations.slice(4 * place, 4 * place + 4),
+        resting: 0,
+      })));
+      for (const place of whole.places) isThere[place] = 1;
+      put(copy, whole);
+      // The errors of bodies that the truth moved and the copy did not have changed too: those are shown as well.
+      const changed = new Set(whole.places);
+      const others = Array.from(tick.places).filter((place) => !changed.has(place));
+      const complete = append(whole, others.map((place) => ({
+        place,
+        position: copy.positions.slice(3 * place, 3 * place + 3),
+        rotation: copy.rotations.slice(4 * place, 4 * place + 4),
+        resting: 1,
+      })));
+      complete.errors = Float32Array.from(complete.places, (place) => surfaceError(copy, place, truth, place, radii[place]));
+      return complete;
+    });
+  }
+}
+
+/** A tick with more bodies at its end. */
+function append(tick, bodies) {
+  return {
+    places: Uint32Array.from([...tick.places, ...bodies.map(({ place }) => place)]),
+    positions: Float32Array.from([...tick.positions, ...bodies.flatMap(({ position }) => [...position])]),
+    rotations: Float32Array.from([...tick.rotations, ...bodies.flatMap(({ rotation }) => [...rotation])]),
+    resting: Uint8Array.from([...tick.resting, ...bodies.map(({ resting }) => resting)]),
+    removed: tick.removed,
+  };
+}
+
+function put(columns, { places, positions, rotations }) {
+  places.forEach((place, at) => {
+    columns.positions.set(positions.subarray(3 * at, 3 * at + 3), 3 * place);
+    columns.rotations.set(rotations.subarray(4 * at, 4 * at + 4), 4 * place);
+  });
+}

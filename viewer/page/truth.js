@@ -1,0 +1,58 @@
+// The truth of the last seconds: the states of a full stream, tick by tick.
+//
+// A full stream has the states of its newest tick alone, so they are copied as each tick completes, not frame by frame.
+
+/** Bytes that are kept at most, and ticks. */
+const BYTES_MAX = 64e6;
+const TICKS_MAX = 300;
+
+export class Truth {
+  #client;
+  #ticks = new Map();
+  #places = new Map();
+  #generation;
+  #bytes = 0;
+  /** The newest tick. */
+  newest = -1;
+
+  /** Follows a client of a full stream. */
+  constructor(client) {
+    this.#client = client;
+    client.record((channel) => {
+      if (channel === "stateDown") this.read();
+    });
+  }
+
+  /** Copies the states of the newest tick, if they were not copied before. */
+  read() {
+    const tick = this.#client.completeTick ?? this.#client.statistics.completeTick;
+    if (tick <= this.newest) return;
+    this.newest = tick;
+    this.#client.show(tick);
+    const { view } = this.#client;
+    const { generation } = view;
+    if (generation !== this.#generation) {
+      this.#generation = generation;
+      this.#places = new Map(Array.from(view.ids, (id, place) => [id, place]));
+    }
+    const positions = view.positions.slice();
+    const rotations = view.rotations.slice();
+    this.#ticks.set(tick, { positions, rotations, places: this.#places });
+    this.#bytes += 4 * (positions.length + rotations.length);
+    this.#forget();
+  }
+
+  /** Maps keep the order in which entries were added: the first is the oldest. */
+  #forget() {
+    for (const [tick, { positions, rotations }] of this.#ticks) {
+      if (this.#bytes <= BYTES_MAX && this.#ticks.size <= TICKS_MAX) return;
+      this.#ticks.delete(tick);
+      this.#bytes -= 4 * (positions.length + rotations.length);
+    }
+  }
+
+  /** The states of a tick, and the place of each body; undefined for a tick that was not seen. */
+  at(tick) {
+    return this.#ticks.get(tick);
+  }
+}

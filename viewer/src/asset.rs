@@ -1,0 +1,145 @@
+//! The files of the page, by their paths.
+
+/// One file of the page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Asset {
+    /// Its path, which begins with a slash.
+    pub path: &'static str,
+    /// Its type.
+    pub content_type: &'static str,
+    /// Its content.
+    pub bytes: &'static [u8],
+}
+
+/// The reason why this build has no page, and what to do; `None` if it has one.
+pub const UNAVAILABLE: Option<&str> = {
+    let reason = env!("RHUMB_VIEWER_UNAVAILABLE");
+    if reason.is_empty() {
+        None
+    } else {
+        Some(reason)
+    }
+};
+
+/// What the page may do, for the header of that name: it loads its own files and connects by WebTransport.
+///
+/// The hash is that of the import map in `index.html`, the only script that is no file.
+pub const CONTENT_SECURITY_POLICY: &str = "default-src 'none'; \
+    script-src 'self' 'wasm-unsafe-eval' 'sha256-4MbugE3k0NaS1u+FiIM13Ycz2hB0hAZPvGIOjEi1Z4s='; \
+    style-src 'self'; img-src 'self' data:; connect-src 'self' https:; \
+    base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// The files of `page`, `vendor/three` and the web client, as the build found them.
+const ASSETS: &[Asset] = include!(concat!(env!("OUT_DIR"), "/assets.rs"));
+
+/// All files of the page.
+#[must_use]
+pub const fn assets() -> &'static [Asset] {
+    ASSETS
+}
+
+/// The file at a path.
+#[must_use]
+pub fn asset(path: &str) -> Option<&'static Asset> {
+    ASSETS.iter().find(|asset| asset.path == path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(path: &str) -> &'static str {
+        let file = asset(path).unwrap_or_else(|| panic!("{path} is an asset"));
+        std::str::from_utf8(file.bytes).unwrap()
+    }
+
+    fn base64(bytes: &[u8]) -> String {
+        const DIGITS: &[u8; 64] =
+            b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+        let group = |three: &[u8]| {
+            let bits = three
+                .iter()
+                .chain(&[0, 0])
+                .take(3)
+                .fold(0_u32, |bits, byte| bits << 8 | u32::from(*byte));
+            (0..4)
+                .map(|place| match place <= three.len() {
+                    true => char::from(DIGITS[(bits >> (18 - 6 * place) & 63) as usize]),
+                    false => '=',
+                })
+                .collect::<String>()
+        };
+        bytes.chunks(3).map(group).collect()
+    }
+
+    #[test]
+    fn the_policy_allows_the_import_map_and_no_other_inline_script() {
+        let page = text("/");
+        let (before, rest) = page.split_once("<script type=\"importmap\">").unwrap();
+        let (map, after) = rest.split_once("</script>").unwrap();
+        let hash = base64(ring::digest::digest(&ring::digest::SHA256, map.as_bytes()).as_ref());
+        assert!(
+            CONTENT_SECURITY_POLICY.contains(&format!("'sha256-{hash}'")),
+            "{hash}"
+        );
+        for part in [before, after] {
+            let scripts = part.split("<script").skip(1);
+            assert!(scripts.into_iter().all(|script| script.contains("src=\"")));
+            assert!(!part.contains(" style=") && !part.contains(" onclick="));
+        }
+    }
+
+    #[test]
+    fn every_file_that_the_page_imports_is_embedded() {
+        let scripts = assets()
+            .iter()
+            .filter(|file| file.path.ends_with(".js") && file.path.matches('/').count() == 1);
+        let mut imports = 0;
+        for script in scripts {
+            let lines = text(script.path).lines();
+            let names = lines.filter_map(|line| {
+                let (_, name) = line.split_once(" from \"")?;
+                name.split_once('"')
+            });
+            for (name, _) in names.filter(|(name, _)| name.starts_with("./")) {
+                let path = &name[1..];
+                let is_built = path.starts_with("/client/") && UNAVAILABLE.is_some();
+                assert!(
+                    is_built || asset(path).is_some(),
+                    "{} imports {name}",
+                    script.path
+                );
+                imports += 1;
+            }
+        }
+        assert!(imports > 5, "the imports are found");
+        for path in [
+            "/style.css",
+            "/icon.svg",
+            "/three/build/three.module.min.js",
+            "/fzstd/fzstd.js",
+        ] {
+            assert!(asset(path).is_some(), "{path}");
+        }
+    }
+
+    #[test]
+    fn nothing_comes_from_outside() {
+        for file in assets()
+            .iter()
+            .filter(|file| !file.path.starts_with("/three/") && !file.path.starts_with("/fzstd/"))
+        {
+            if file.path.ends_with(".js") || file.path.ends_with(".css") || file.path == "/" {
+                let code = text(file.path);
+                let urls = [
+                    "src=\"http",
+                    "href=\"http",
+                    "url(http",
+                    "from \"http",
+                    "import(\"http",
+                ];
+                assert!(urls.iter().all(|url| !code.contains(url)), "{}", file.path);
+            }
+        }
+    }
+}

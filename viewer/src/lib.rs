@@ -1,0 +1,9 @@
+//! The page that shows scenes in a browser, as bytes for a server to serve.
+//!
+//! Files of the page, the kept libraries and the web client are embedded: nothing is read at run time, and nothing comes
+//! from outside. It opens no socket.
+#![forbid(unsafe_code)]
+
+mod asset;
+
+pub use asset::{Asset, CONTENT_SECURITY_POLICY, UNAVAILABLE, asset, assets};

@@ -1,0 +1,102 @@
+// A demo server and a browser for the page's tests.
+
+import { spawn } from "node:child_process";
+import { existsSync } from "node:fs";
+import { createRequire } from "node:module";
+import { createInterface } from "node:readline";
+import { fileURLToPath } from "node:url";
+
+const root = fileURLToPath(new URL("..", import.meta.url));
+/** Drawing without a graphics card. */
+const FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"];
+/** A wait that is longer ends a test, milliseconds. */
+export const LIMIT = 60_000;
+
+/**
+ * Opens Chromium, or prints why there is none and ends the process with success. The package playwright-core is found from
+ * here, or in the folder RHUMB_NODE_MODULES; Chromium is that of the system, or RHUMB_CHROMIUM.
+ */
+export async function openBrowser() {
+  const paths = [process.env.RHUMB_CHROMIUM, "/usr/bin/chromium", "/usr/bin/chromium-browser"];
+  const executablePath = paths.find((path) => path && existsSync(path));
+  const playwright = playwrightCore();
+  if (executablePath === undefined || playwright === undefined) {
+    console.log(`skipped: ${executablePath === undefined ? "no Chromium" : "no playwright-core"} is installed`);
+    process.exit(0);
+  }
+  return playwright.chromium.launch({ executablePath, args: FLAGS });
+}
+
+function playwrightCore() {
+  const paths = [process.env.RHUMB_NODE_MODULES, root].filter((path) => path);
+  const require = createRequire(import.meta.url);
+  try {
+    return require(require.resolve("playwright-core", { paths }));
+  } catch {
+    return undefined;
+  }
+}
+
+/** Starts `rhumb-server demo`; resolves with its process and the address of its page. */
+export function startDemo(binary, { scene = "ball-pit", view = "127.0.0.1:0", more = [] } = {}) {
+  const server = spawn(binary, ["demo", scene, "--view", view, "--no-browser", ...more], { stdio: ["ignore", "pipe", "inherit"] });
+  return new Promise((resolve, reject) => {
+    server.once("exit", (code) => reject(new Error(`the server ended with code ${code}`)));
+    createInterface({ input: server.stdout }).on("line", (line) => {
+      const url = line.match(/^page at (http:.*)$/)?.[1];
+      if (url !== undefined) resolve({ server, url, view: new URL(url).host });
+    });
+  });
+}
+
+/** Ends a server at once, as a fault would. */
+export function kill({ server }) {
+  server.removeAllListeners("exit");
+  return new Promise((resolve) => {
+    server.once("exit", resolve);
+    server.kill("SIGKILL");
+  });
+}
+
+/** Opens the page; its errors are collected in `errors`. `prepare` runs before it is loaded. */
+export async function openPage(browser, url, { width = 480, height = 360, colorScheme = "light", prepare } = {}) {
+  const page = await browser.newPage({ viewport: { width, height }, colorScheme });
+  page.setDefaultTimeout(LIMIT);
+  page.errors = [];
+  page.on("pageerror", (error) => page.errors.push(error.stack ?? error.message));
+  page.on("console", (message) => {
+    // What cannot be loaded while the server is away is no error of the page.
+    if (message.type() === "error" && !/Failed to load resource|ERR_|net::|WebTransport/.test(message.text())) page.errors.push(message.text());
+  });
+  await prepare?.(page);
+  await page.goto(url);
+  return page;
+}
+
+/** What the page counts. */
+export const read = (page) =>
+  page.evaluate(() => {
+    const { comparison, ...rest } = rhumbDiagnostics;
+    const { ticks, bodyTicks, beyondTolerance, greatestShare, boundedBodyTicks, beyondBound, allBodyTicks } = comparison;
+    const counts = { ticks, bodyTicks, beyondTolerance, greatestShare, boundedBodyTicks, beyondBound, allBodyTicks };
+    return { ...rest, ...counts, worst: comparison.worst, frameTimes: [...rest.frameTimes], workTimes: [...rest.workTimes] };
+  });
+
+/**
+ * Waits until a function of the page, or an expression about its counts `d`, holds. The page's policy forbids it to make
+ * functions of texts, so it is asked from here.
+ */
+export async function until(page, condition) {
+  const expression = typeof condition === "string" ? `(() => { const d = globalThis.rhumbDiagnostics; return d !== undefined && (${condition}); })()` : condition;
+  const end = performance.now() + LIMIT;
+  while (!(await page.evaluate(expression))) {
+    if (performance.now() > end) throw new Error(`it did not come: ${condition}`);
+    await page.waitForTimeout(50);
+  }
+}
+
+/** Fails unless a condition holds. */
+export function check(condition, what) {
+  if (!condition) throw new Error(`not so: ${what}`);
+  console.log(`ok: ${what}`);
+}
