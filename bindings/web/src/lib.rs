@@ -51,7 +51,7 @@ pub extern "C" fn input(bytes: u32) -> *const u8 {
 /// Place of the last output.
 #[unsafe(no_mangle)]
 pub extern "C" fn output() -> *const u8 {
-    OUTPUT.with_borrow(|output| output.as_ptr())
+    OUTPUT.with_borrow(Vec::as_ptr)
 }
 
 /// Bytes of the last output.

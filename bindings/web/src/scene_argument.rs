@@ -269,9 +269,13 @@ fn joint_frame(from: &Argument<'_>) -> Result<JointFrame, Failure> {
     })
 }
 
+fn body_id(from: &Argument<'_>) -> Result<BodyId, Failure> {
+    from.body()
+}
+
 fn joint(from: &Argument<'_>) -> Result<Box<Joint>, Failure> {
     let (bodies, frames) = (from.field("bodies")?, from.field("frames")?);
-    let [Some(first), Some(second)] = each(&bodies, |from| from.body())? else {
+    let [Some(first), Some(second)] = each(&bodies, body_id)? else {
         return Err(bodies.wrong("a list of two bodies"));
     };
     let [Some(of_first), Some(of_second)] = each(&frames, joint_frame)? else {

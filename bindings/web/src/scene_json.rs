@@ -20,7 +20,7 @@ fn rotation(rotation: Quat) -> Value {
 }
 
 fn points(points: &[Vec3]) -> Vec<f32> {
-    points.iter().flat_map(|point| point.to_array()).collect()
+    points.iter().flat_map(Vec3::to_array).collect()
 }
 
 pub(crate) fn shape(shape: &Shape) -> Value {

@@ -2,7 +2,7 @@
 //!
 //! The caller sets numbers by index, requests one prediction, and reads the result by index. Invariant: the result is the last prediction, or all zeros if the inputs were refused.
 
-mod codec;
+pub mod codec;
 
 use core::num::NonZeroU32;
 use core::sync::atomic::{AtomicU64, Ordering};
