@@ -31,10 +31,13 @@ const SMOOTH = 2;
 /** The poses of all bodies at one moment. Its arrays are valid until the next call of the member. */
 class View {
   #handle;
+  /** A view keeps its member, whose memory is freed when nothing refers to it. */
+  #member;
   time = 0;
 
-  constructor(handle) {
+  constructor(handle, member) {
     this.#handle = handle;
+    this.#member = member;
   }
 
   get count() {
@@ -112,6 +115,9 @@ function hexadecimal(bytes) {
   return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
+/** Frees the module's memory of members that nothing refers to: a page that connects again and again needs no more of it. */
+const members = new FinalizationRegistry((handle) => module().member_free(handle));
+
 /** What `rhumb.d.ts` names Member, and what a client needs beside it. */
 export class Member {
   #handle;
@@ -124,7 +130,8 @@ export class Member {
     give({ scene, token, key, join });
     this.#handle = module().member_new();
     if (this.#handle === 0) throw new RhumbError(output());
-    this.view = new View(this.#handle);
+    this.view = new View(this.#handle, this);
+    members.register(this, this.#handle, this);
   }
 
   handleOpened(now) {
@@ -316,6 +323,7 @@ export class Member {
   }
 
   free() {
+    members.unregister(this);
     module().member_free(this.#handle);
     this.#handle = 0;
   }

@@ -308,6 +308,11 @@ fn run(settings: &ServerSettings, parts: Parts<'_>) -> Result<(), Box<dyn Error>
     if cfg!(not(feature = "view")) && settings.view.is_some() {
         return Err("this server was built without the feature `view`: it has no page".into());
     }
+    if settings.view.is_some() && !settings.web {
+        return Err(
+            "a page is no use to a server without browsers: leave out --no-web, or --view".into(),
+        );
+    }
     let stop = Stop::new();
     let origins = settings.web_origins.iter().cloned().collect();
     let origins = settings.web.then_some(origins);
@@ -328,7 +333,7 @@ fn run(settings: &ServerSettings, parts: Parts<'_>) -> Result<(), Box<dyn Error>
     if let Some(provided) = parts.provided {
         server.provide(provided);
     }
-    let addresses = Addresses {
+    let addresses = BoundAddresses {
         #[cfg(feature = "app")]
         app: match parts.arguments {
             Some(arguments) => arguments.app.listen(&mut server)?,
@@ -431,7 +436,7 @@ fn listen_at(_server: &mut Server, path: Option<&Path>) -> Result<(), Box<dyn Er
 }
 
 /// Addresses of the listeners beside the server's own.
-struct Addresses {
+struct BoundAddresses {
     app: Option<SocketAddr>,
     metrics: Option<SocketAddr>,
     view: Option<SocketAddr>,
@@ -443,7 +448,7 @@ fn page_url(view: SocketAddr) -> String {
 }
 
 /// Prints the address and the fingerprint to pin. A closed standard output does not stop a server.
-fn announce(server: &Server, identity: &Identity, addresses: &Addresses) {
+fn announce(server: &Server, identity: &Identity, addresses: &BoundAddresses) {
     let kind = match identity {
         Identity::Development => "development, made at start",
         Identity::Files { .. } => "from files",

@@ -171,9 +171,9 @@ async fn serve(stream: TcpStream, peer: SocketAddr, answering: Answering) {
         .header_read_timeout(HEAD_TIMEOUT)
         .max_buf_size(HEAD_BYTES_MAX)
         .serve_connection(TokioIo::new(stream), service);
-    match timeout(CONNECTION_TIMEOUT, connection).await {
-        Ok(Err(cause)) => tracing::debug!(%peer, %cause, "an http connection failed"),
-        Ok(Ok(())) | Err(_) => {}
+    // A connection that takes too long ends here.
+    if let Ok(Err(cause)) = timeout(CONNECTION_TIMEOUT, connection).await {
+        tracing::debug!(%peer, %cause, "an http connection failed");
     }
 }
 
@@ -208,4 +208,96 @@ async fn respond(
         );
     }
     response
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Read, Write};
+    use std::net::TcpStream;
+    use std::sync::Mutex;
+
+    use super::*;
+
+    /// Longer than any answer takes; reached only by a failure.
+    const LONG: Duration = Duration::from_secs(30);
+
+    /// A listener that answers by the path, and the requests that it got.
+    fn listening() -> (HttpListener, SocketAddr, Arc<Mutex<Vec<HttpRequest>>>) {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let requests = Arc::new(Mutex::new(Vec::new()));
+        let noted = Arc::clone(&requests);
+        let answering = Arc::new(move |request: &HttpRequest| {
+            noted.lock().unwrap().push(request.clone());
+            HttpAnswer::ok(TEXT, request.path.clone())
+        });
+        let listener = HttpListener::start(listener, "rhumb-test-http", answering).unwrap();
+        (listener, address, requests)
+    }
+
+    fn connect(address: SocketAddr) -> TcpStream {
+        let stream = TcpStream::connect(address).unwrap();
+        stream.set_read_timeout(Some(LONG)).unwrap();
+        stream
+    }
+
+    fn answer(mut stream: TcpStream, request: &[u8]) -> String {
+        stream.write_all(request).unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer
+    }
+
+    #[test]
+    fn a_request_is_passed_on_whole_and_its_answer_sent() {
+        let (_listener, address, requests) = listening();
+        let request = b"POST /a?b HTTP/1.1\r\nHost: here:1\r\nOrigin: http://here:1\r\nContent-Length: 2\r\n\r\nok";
+        let answer = answer(connect(address), request);
+        assert!(answer.starts_with("HTTP/1.1 200 OK\r\n"), "{answer}");
+        assert!(answer.ends_with("\r\n\r\n/a"), "{answer}");
+        let expected = HttpRequest {
+            method: Method::POST,
+            path: "/a".into(),
+            host: Some("here:1".into()),
+            origin: Some("http://here:1".into()),
+            body: Bytes::from_static(b"ok"),
+        };
+        assert_eq!(*requests.lock().unwrap(), [expected]);
+    }
+
+    #[test]
+    fn a_peer_that_says_nothing_holds_up_no_other() {
+        let (_listener, address, _) = listening();
+        let silent: Vec<_> = (0..8).map(|_| connect(address)).collect();
+        let answer = answer(connect(address), b"GET / HTTP/1.1\r\nHost: x\r\n\r\n");
+        assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+        drop(silent);
+    }
+
+    #[test]
+    fn what_is_too_long_or_no_request_reaches_no_answering_function() {
+        let (_listener, address, requests) = listening();
+        let long = format!(
+            "POST / HTTP/1.1\r\nHost: x\r\nContent-Length: {}\r\n\r\n",
+            BODY_BYTES_MAX + 1
+        );
+        let mut request = long.into_bytes();
+        request.resize(request.len() + BODY_BYTES_MAX + 1, b'x');
+        let refused = answer(connect(address), &request);
+        assert!(refused.starts_with("HTTP/1.1 413"), "{refused}");
+        let refused = answer(connect(address), b"no request\r\n\r\n");
+        assert!(refused.starts_with("HTTP/1.1 400"), "{refused}");
+        assert!(requests.lock().unwrap().is_empty());
+    }
+
+    #[test]
+    fn it_ends_while_peers_are_connected() {
+        let (listener, address, _) = listening();
+        let mut peer = connect(address);
+        drop(listener);
+        let mut rest = Vec::new();
+        // Closed, or reset: either way it is over.
+        let _ = peer.read_to_end(&mut rest);
+        assert!(rest.is_empty());
+    }
 }

@@ -26,7 +26,7 @@ const READS: Span = Span::from_millis(1_000);
 /// The sessions of all connections and their outgoing data.
 #[derive(Debug, Default)]
 pub(crate) struct Outbox {
-    lanes: BTreeMap<Peer, Lane>,
+    lanes: BTreeMap<Peer, PeerQueue>,
     /// Connections whose sessions may have data to send.
     sendable: BTreeSet<Peer>,
     ready: VecDeque<Transmit>,
@@ -36,7 +36,7 @@ pub(crate) struct Outbox {
 
 /// The control lane of one connection.
 #[derive(Debug)]
-struct Lane {
+struct PeerQueue {
     session: ServerSession,
     /// The rest of a piece that was cut.
     rest: Bytes,
@@ -52,7 +52,7 @@ struct Lane {
     taken_at: Instant,
 }
 
-impl Lane {
+impl PeerQueue {
     fn queued(&self) -> usize {
         self.rest.len() + self.session.queued_bytes()
     }
@@ -89,7 +89,7 @@ impl Lane {
 
 impl Outbox {
     pub(crate) fn open(&mut self, peer: Peer, grease: Grease) {
-        let lane = Lane {
+        let lane = PeerQueue {
             session: ServerSession::new(grease),
             rest: Bytes::new(),
             handed: 0,
@@ -200,10 +200,10 @@ impl Outbox {
     /// Bytes that wait for a connection beside its snapshot; none for a peer that has taken nothing for a second, since
     /// no other peer is to wait for it.
     pub(crate) fn waiting_bytes(&self, peer: Peer) -> usize {
-        let reads = |lane: &&Lane| self.now.since(lane.taken_at) < READS;
+        let reads = |lane: &&PeerQueue| self.now.since(lane.taken_at) < READS;
         let lane = self.lanes.get(&peer).filter(reads);
         lane.filter(|lane| lane.taken.is_some())
-            .map_or(0, Lane::waiting)
+            .map_or(0, PeerQueue::waiting)
     }
 
     /// Bytes of a connection's messages that were not handled yet.
@@ -213,7 +213,7 @@ impl Outbox {
     }
 
     /// The code for a connection whose peer reads too slowly: too much waits for it, or it has taken nothing for long.
-    fn overflow(lane: &Lane, limits: &Limits, now: Instant) -> Option<CloseCode> {
+    fn overflow(lane: &PeerQueue, limits: &Limits, now: Instant) -> Option<CloseCode> {
         lane.taken?;
         let waits = lane.in_driver() > 0 || lane.queued() > 0;
         let stalled = waits && now.since(lane.taken_at) >= limits.stall();

@@ -11,12 +11,12 @@ use rhumb_protocol::scene::{Command, SceneConfig, SceneName};
 use crate::scene::Scene;
 
 /// Commands a scene before each step, and once before its first member joins.
-pub struct SceneScript(Box<dyn Act>);
+pub struct SceneScript(Box<dyn Commanding>);
 
 /// The function type of a script.
-trait Act: FnMut(&Scene, &mut Vec<Command>) + Send {}
+trait Commanding: FnMut(&Scene, &mut Vec<Command>) + Send {}
 
-impl<F: FnMut(&Scene, &mut Vec<Command>) + Send> Act for F {}
+impl<F: FnMut(&Scene, &mut Vec<Command>) + Send> Commanding for F {}
 
 impl SceneScript {
     /// A script that adds commands of any kind. It assigns the ids of its bodies, and of its shapes and joints, from zero

@@ -27,7 +27,9 @@ export class Bodies {
       : new THREE.MeshLambertMaterial();
     this.#staticMaterial = new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.5, depthWrite: false });
     // What is moved by a script is often around what is seen.
-    this.#kinematicMaterial = ghost ? this.#material : new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false });
+    this.#kinematicMaterial = ghost
+      ? this.#material
+      : new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false });
     scene.add(this.#group);
   }
 
@@ -37,6 +39,13 @@ export class Bodies {
 
   get visible() {
     return this.#group.visible;
+  }
+
+  /** Turns all bodies so that a direction points down. */
+  set down(direction) {
+    const down = new THREE.Vector3(...direction);
+    if (down.lengthSq() === 0) down.set(0, -1, 0);
+    this.#group.quaternion.setFromUnitVectors(down.normalize(), new THREE.Vector3(0, -1, 0));
   }
 
   set ghostColour(colour) {
@@ -132,7 +141,10 @@ const MOVABLE_COLOUR = new THREE.Color(0x4f9fd8);
 
 /** Writes the matrix of a rotation and a translation, column by column. */
 function write(matrix, at, positions, p, rotations, r) {
-  const x = rotations[r], y = rotations[r + 1], z = rotations[r + 2], w = rotations[r + 3];
+  const x = rotations[r],
+    y = rotations[r + 1],
+    z = rotations[r + 2],
+    w = rotations[r + 3];
   matrix[at] = 1 - 2 * (y * y + z * z);
   matrix[at + 1] = 2 * (x * y + z * w);
   matrix[at + 2] = 2 * (x * z - y * w);

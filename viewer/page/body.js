@@ -61,7 +61,10 @@ export class BodyPanel {
     this.#write([
       ["body", `${this.#name()}, ${desc.kind}, ${client.shape(desc.shape)?.kind ?? "no shape"}`],
       ["predictor", PREDICTORS[track.predictor] ?? track.predictor],
-      ["track from", `tick ${track.origin}, ${Math.max(0, Math.round(time - track.origin))} ticks ago${track.exact ? ", exact" : ""}`],
+      [
+        "track from",
+        `tick ${track.origin}, ${Math.max(0, Math.round(time - track.origin))} ticks ago${track.exact ? ", exact" : ""}`,
+      ],
       ["position then", vector(position, "m")],
       ["velocity then", vector(linearVelocity ?? [0, 0, 0], "m/s")],
       ["spin then", vector(angularVelocity ?? [0, 0, 0], "rad/s")],

@@ -4,7 +4,11 @@
 const AGE_TICKS = 180;
 const FLASH = 0.25;
 /** Blue, sand and red: told apart by people who do not see red or green. Then violet, beyond the tolerance. */
-const SHARES = [[0.17, 0.48, 0.71], [0.99, 0.85, 0.48], [0.84, 0.16, 0.11]];
+const SHARES = [
+  [0.17, 0.48, 0.71],
+  [0.99, 0.85, 0.48],
+  [0.84, 0.16, 0.11],
+];
 const BEYOND = [0.75, 0.1, 0.9];
 const RESTING = [0.42, 0.47, 0.54];
 const MOVING = [0.98, 0.58, 0.16];

@@ -95,11 +95,16 @@ export class Comparison {
 
 /** The shift of the centre of mass, and the chord of the turn at the bounding radius, metres. */
 export function surfaceError(a, i, b, j, radius) {
-  const p = a.positions, q = b.positions, r = a.rotations, s = b.rotations;
+  const p = a.positions,
+    q = b.positions,
+    r = a.rotations,
+    s = b.rotations;
   const shift = Math.hypot(p[3 * i] - q[3 * j], p[3 * i + 1] - q[3 * j + 1], p[3 * i + 2] - q[3 * j + 2]);
-  let same = 0, opposite = 0;
+  let same = 0,
+    opposite = 0;
   for (let part = 0; part < 4; part++) {
-    const one = r[4 * i + part], other = s[4 * j + part];
+    const one = r[4 * i + part],
+      other = s[4 * j + part];
     same += (one - other) ** 2;
     opposite += (one + other) ** 2;
   }

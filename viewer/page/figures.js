@@ -17,7 +17,12 @@ export class Figures {
   #worst = 0;
 
   constructor(element) {
-    const lines = { bytes: [INK, LIMIT], error: [INK, LIMIT], updates: [INK], link: [INK, { colour: "--warn", own: true }] };
+    const lines = {
+      bytes: [INK, LIMIT],
+      error: [INK, LIMIT],
+      updates: [INK],
+      link: [INK, { colour: "--warn", own: true }],
+    };
     for (const [name, of] of Object.entries(lines)) {
       this.#graphs[name] = new Graph(element(`${name}-graph`), of);
       this.#shown[name] = element(`${name}-shown`);

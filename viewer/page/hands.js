@@ -142,7 +142,8 @@ export class Hands {
     const forward = this.#stage.forward.setY(0).normalize();
     const right = new THREE.Vector3(-forward.z, 0, forward.x);
     const way = new THREE.Vector3();
-    for (const code of this.#held) way.addScaledVector(right, DRIVING[code][0]).addScaledVector(forward, DRIVING[code][1]);
+    for (const code of this.#held)
+      way.addScaledVector(right, DRIVING[code][0]).addScaledVector(forward, DRIVING[code][1]);
     if (way.lengthSq() > 0.01) {
       way.normalize();
       const velocity = new THREE.Vector3().fromArray(linearVelocities, 3 * place);

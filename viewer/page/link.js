@@ -12,7 +12,9 @@ export class Link {
   onerror = () => {};
 
   constructor(element) {
-    this.#inputs = Object.fromEntries(["delay", "jitter", "loss", "rate"].map((name) => [name, element(`link-${name}`)]));
+    this.#inputs = Object.fromEntries(
+      ["delay", "jitter", "loss", "rate"].map((name) => [name, element(`link-${name}`)]),
+    );
     for (const input of Object.values(this.#inputs)) input.addEventListener("input", () => this.#changed());
     element("link-clear").addEventListener("click", () => {
       for (const input of Object.values(this.#inputs)) input.value = 0;

@@ -85,7 +85,11 @@ export class Live {
 
   async #join(url, stream) {
     const { certificateHashes, token } = this.facts;
-    const connection = await connect(url, { certificateHashes, token, wasm: new URL("./client/rhumb.wasm", import.meta.url) });
+    const connection = await connect(url, {
+      certificateHashes,
+      token,
+      wasm: new URL("./client/rhumb.wasm", import.meta.url),
+    });
     const { delayTicks } = this.options;
     // Whole ticks without glides: what is shown can be compared with the truth.
     return connection.join(this.#scene, { stream, delayTicks, wholeTicks: true, smooth: false, resumeWithin: 0 });

@@ -18,11 +18,26 @@ const element = (id) => document.getElementById(id);
 const COLOURS = ["error", "rest", "age", "shape"];
 /** Where the camera stands in each scene, and where it looks. */
 const VIEWS = {
-  "ball-pit": [[17, 15, 20], [0, 2, 0]],
-  ragdolls: [[6, 5, 9], [0, 0.5, 0]],
-  cubes: [[9, 8, 14], [0, 0, 0]],
-  tumbler: [[0, 4, 16], [0, 0, 0]],
-  asteroids: [[38, 25, 50], [0, 0, 0]],
+  "ball-pit": [
+    [17, 15, 20],
+    [0, 2, 0],
+  ],
+  ragdolls: [
+    [6, 5, 9],
+    [0, 0.5, 0],
+  ],
+  cubes: [
+    [9, 8, 14],
+    [0, 0, 0],
+  ],
+  tumbler: [
+    [0, 4, 16],
+    [0, 0, 0],
+  ],
+  asteroids: [
+    [38, 25, 50],
+    [0, 0, 0],
+  ],
 };
 /** Turns of the event loop before a frame, at most. */
 const ARRIVAL_TURNS = 12;
@@ -98,7 +113,7 @@ function start() {
 async function begin() {
   live.onstate = (state, text) => {
     diagnostics.state = state;
-    hint(text);
+    if (mode.kind !== "recording") hint(text);
     if (state === "lost") notice("The connection has ended", `${text} The page tries to connect again.`);
     else if (state === "open") notice(undefined);
   };
@@ -127,7 +142,10 @@ async function firstScene() {
     try {
       const { scenes } = await live.read();
       if (scenes.length > 0) return scenes.find(({ name }) => name === wanted) ?? scenes[0];
-      notice("The server has no scene yet", "Let a client create one, or start `rhumb-server demo`. The page looks again.");
+      notice(
+        "The server has no scene yet",
+        "Let a client create one, or start `rhumb-server demo`. The page looks again.",
+      );
     } catch (cause) {
       diagnostics.state = "lost";
       const text = cause instanceof TypeError ? "Is it running?" : sentence(cause.message);
@@ -149,7 +167,12 @@ function offer() {
 function follow(name) {
   scene = name;
   element("scene").value = name;
-  stage.look(...(VIEWS[name] ?? [[22, 17, 26], [0, 3, 0]]));
+  stage.look(
+    ...(VIEWS[name] ?? [
+      [22, 17, 26],
+      [0, 3, 0],
+    ]),
+  );
   toLive();
   live.follow(name);
 }
@@ -216,12 +239,24 @@ function showLive(now, seconds) {
   hands.act(seen, copy.view.linearVelocities, seconds, player());
   const moving = roster.movable.reduce((sum, place) => sum + 1 - seen.resting[place], 0);
   const picked = panel.id === undefined ? -1 : seen.ids.indexOf(panel.id);
-  const ofPicked = { place: picked, error: errors?.[picked], tolerance: seen.tolerances[picked], bound: seen.errorBounds[picked] };
+  const ofPicked = {
+    place: picked,
+    error: errors?.[picked],
+    tolerance: seen.tolerances[picked],
+    bound: seen.errorBounds[picked],
+  };
   // From here on the columns may end.
   if (panel.id !== undefined) panel.show(copy, { ...ofPicked, time, now: at });
   Object.assign(diagnostics, { time, bodies: roster.movable.length, moving, completeTick: statistics.completeTick });
   counts(time, moving, statistics);
-  figures.count({ now: at, client: copy, statistics, movable: roster.movable.length, comparison: truth && comparison, tolerance: toleranceOf(copy) });
+  figures.count({
+    now: at,
+    client: copy,
+    statistics,
+    movable: roster.movable.length,
+    comparison: truth && comparison,
+    tolerance: toleranceOf(copy),
+  });
   events(copy);
 }
 
@@ -260,6 +295,7 @@ function toleranceOf(copy) {
 }
 
 function counts(time, moving, { errorScale }) {
+  if (mode.kind !== "live") return;
   const truth = live.truth === undefined ? "" : `, greatest error ${metres(comparison.worst)}`;
   element("counts").textContent = `tick ${time}, ${roster.movable.length} bodies, ${moving} moving${truth}`;
   const scale = element("scale");
@@ -276,7 +312,8 @@ function events(copy) {
   for (let event = copy.pollEvent(); event !== undefined; event = copy.pollEvent()) {
     if (event.kind === "refused" || event.kind === "denied") hint(event.message);
     if (event.kind === "tierChanged" || event.kind === "subscriptionChanged") showTolerance(event.to ?? event.stream);
-    if (event.kind === "sceneFaulted") notice("The scene stands still", "Its physics engine failed. Follow another scene.");
+    if (event.kind === "sceneFaulted")
+      notice("The scene stands still", "Its physics engine failed. Follow another scene.");
   }
 }
 
@@ -289,12 +326,14 @@ function showFrame(shown, now) {
   bodies.pose(shown, shown.changed);
   colours.marked = panel.id === undefined ? -1 : shown.ids.indexOf(panel.id);
   colours.apply(bodies, shown, shown.errors, now);
+  element("counts").textContent = `tick ${shown.time}, ${bodies.movable.length} bodies`;
 }
 
 // Time ---------------------------------------------------------------------------------------------------------------
 
 function toLive() {
   history.interrupt();
+  bodies.down = [0, -1, 0];
   mode = { kind: "live" };
   laidOut = undefined;
   element("live").textContent = "Pause";
@@ -324,7 +363,8 @@ function showRecording(seconds, now) {
 function play(recording) {
   mode = { kind: "recording", recording, at: 0, isPaused: false };
   laidOut = undefined;
-  ghosts.visible = false;
+  bodies.down = recording.gravity;
+  ghosts.visible = element("ghosts").checked = false;
   element("live").textContent = "Back to live";
   notice(undefined);
   hint(recording.title);
@@ -390,7 +430,10 @@ function controls() {
     button.addEventListener("click", () => setTolerance(Number(button.dataset.tolerance)));
   }
   element("delay").addEventListener("input", ({ target }) => setDelay(Number(target.value)));
-  element("shown").addEventListener("change", ({ target }) => (element("delay").disabled = target.value !== "predicted"));
+  element("shown").addEventListener(
+    "change",
+    ({ target }) => (element("delay").disabled = target.value !== "predicted"),
+  );
   setDelay(live.options.delayTicks);
   element("policy").addEventListener("change", ({ target }) => {
     live.copy?.setTierPolicy(target.checked ? { upTo: 0.2 } : "never");

@@ -28,7 +28,10 @@ export function readMcap(bytes) {
   const copy = copies.find((topic) => topic.includes("/rhumb")) ?? copies[0];
   const run = copy?.slice(load.length + 1, -"/seen".length);
   const runs = [...file.metadata].filter(([name]) => name.startsWith("rhumb.run.")).map(([, values]) => values);
-  const facts = runs.find((values) => values.load === load.slice(1) && values.name === run) ?? runs.find((values) => values.load === load.slice(1)) ?? {};
+  const facts =
+    runs.find((values) => values.load === load.slice(1) && values.name === run) ??
+    runs.find((values) => values.load === load.slice(1)) ??
+    {};
   return new Trace(file.messages.get(truth), copy && file.messages.get(copy), facts, run).recording();
 }
 
@@ -63,7 +66,7 @@ function readRecord(opcode, bytes, file) {
     const [name, start] = text(0);
     const end = start + 4 + data.getUint32(start, true);
     const values = {};
-    for (let at = start + 4; at < end; ) {
+    for (let at = start + 4; at < end;) {
       const [key, after] = text(at);
       [values[key], at] = text(after);
     }
@@ -72,7 +75,8 @@ function readRecord(opcode, bytes, file) {
     const size = Number(data.getBigUint64(16, true));
     const [compression, start] = text(28);
     const packed = bytes.subarray(start + 8);
-    if (compression !== "" && compression !== "zstd") throw new Error(`the MCAP file is compressed by ${compression}, not by zstd`);
+    if (compression !== "" && compression !== "zstd")
+      throw new Error(`the MCAP file is compressed by ${compression}, not by zstd`);
     readRecords(compression === "" ? packed : decompress(packed, new Uint8Array(size)), file);
   }
 }
@@ -114,7 +118,8 @@ function varints(message, field) {
   for (const bytes of message.get(field) ?? []) {
     if (typeof bytes === "number") numbers.push(bytes);
     else {
-      let value = 0, scale = 1;
+      let value = 0,
+        scale = 1;
       for (const byte of bytes) {
         value += (byte & 127) * scale;
         scale *= 128;
@@ -179,7 +184,13 @@ class Trace {
     const count = this.#bodies.length;
     const within = tolerance > 0 ? `, within ${metres(tolerance)}` : "";
     const what = this.#copy === undefined ? "the truth" : `the copy of ${this.#run}${within}`;
-    return { bodies: this.#bodies, ticks, step, tolerance, what: `${count === 1 ? "1 body" : `${count} bodies`}, ${what}` };
+    return {
+      bodies: this.#bodies,
+      ticks,
+      step,
+      tolerance,
+      what: `${count === 1 ? "1 body" : `${count} bodies`}, ${what}`,
+    };
   }
 
   #place(index, generation) {
@@ -211,8 +222,17 @@ class Trace {
     const places = varints(message, first).map((index, at) => this.#place(index, generations[at]));
     const columns = Array.from({ length: 7 }, (_, part) => floats(message, position + part));
     const known = places.flatMap((place, at) => (place === undefined ? [] : [at]));
-    const interleave = (from, each) => Float32Array.from({ length: each * known.length }, (_, at) => columns[from + (at % each)][known[Math.floor(at / each)]]);
-    return { known, places: Uint32Array.from(known, (at) => places[at]), positions: interleave(0, 3), rotations: interleave(3, 4) };
+    const interleave = (from, each) =>
+      Float32Array.from(
+        { length: each * known.length },
+        (_, at) => columns[from + (at % each)][known[Math.floor(at / each)]],
+      );
+    return {
+      known,
+      places: Uint32Array.from(known, (at) => places[at]),
+      positions: interleave(0, 3),
+      rotations: interleave(3, 4),
+    };
   }
 
   #removed(message, first) {
@@ -232,7 +252,10 @@ class Trace {
     return actual.map((tick, number) => {
       put(truth, tick);
       const message = seen.get(number);
-      const shown = message === undefined ? { places: [], positions: [], rotations: [], resting: [], removed: [] } : this.#columns(message, 3, 5);
+      const shown =
+        message === undefined
+          ? { places: [], positions: [], rotations: [], resting: [], removed: [] }
+          : this.#columns(message, 3, 5);
       if (message !== undefined) {
         shown.resting = Uint8Array.from(varints(message, 12));
         shown.removed = this.#removed(message, 13);
@@ -240,24 +263,32 @@ class Trace {
       // Bodies that were placed and that the copy has not mentioned stand at their placement.
       const mentioned = new Set(shown.places);
       const placed = Array.from(tick.places).filter((place) => isThere[place] === 0 && !mentioned.has(place));
-      const whole = append(shown, placed.map((place) => ({
-        place,
-        position: truth.positions.slice(3 * place, 3 * place + 3),
-        rotation: truth.rotations.slice(4 * place, 4 * place + 4),
-        resting: 0,
-      })));
+      const whole = append(
+        shown,
+        placed.map((place) => ({
+          place,
+          position: truth.positions.slice(3 * place, 3 * place + 3),
+          rotation: truth.rotations.slice(4 * place, 4 * place + 4),
+          resting: 0,
+        })),
+      );
       for (const place of whole.places) isThere[place] = 1;
       put(copy, whole);
       // The errors of bodies that the truth moved and the copy did not have changed too: those are shown as well.
       const changed = new Set(whole.places);
       const others = Array.from(tick.places).filter((place) => !changed.has(place));
-      const complete = append(whole, others.map((place) => ({
-        place,
-        position: copy.positions.slice(3 * place, 3 * place + 3),
-        rotation: copy.rotations.slice(4 * place, 4 * place + 4),
-        resting: 1,
-      })));
-      complete.errors = Float32Array.from(complete.places, (place) => surfaceError(copy, place, truth, place, radii[place]));
+      const complete = append(
+        whole,
+        others.map((place) => ({
+          place,
+          position: copy.positions.slice(3 * place, 3 * place + 3),
+          rotation: copy.rotations.slice(4 * place, 4 * place + 4),
+          resting: 1,
+        })),
+      );
+      complete.errors = Float32Array.from(complete.places, (place) =>
+        surfaceError(copy, place, truth, place, radii[place]),
+      );
       return complete;
     });
   }

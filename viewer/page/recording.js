@@ -14,7 +14,8 @@ export async function openRecording(file) {
   let bytes = new Uint8Array(await file.arrayBuffer());
   if (begins(bytes, [0x28, 0xb5, 0x2f, 0xfd])) bytes = decompress(bytes);
   if (begins(bytes, [0x89, 0x4d, 0x43, 0x41, 0x50])) return new Recording(file.name, readMcap(bytes));
-  if (begins(bytes, [0x52, 0x48, 0x54, 0x52, 0x41, 0x43, 0x45, 0x31])) return new Recording(file.name, readRhtrace(bytes));
+  if (begins(bytes, [0x52, 0x48, 0x54, 0x52, 0x41, 0x43, 0x45, 0x31]))
+    return new Recording(file.name, readRhtrace(bytes));
   throw new Error("it is neither an MCAP file nor an .rhtrace");
 }
 
@@ -35,10 +36,11 @@ class Recording {
   #frame;
   #changed = new Set();
 
-  constructor(name, { bodies, ticks, step, tolerance, what }) {
+  constructor(name, { bodies, ticks, step, tolerance, what, gravity = [0, -1, 0] }) {
     this.#ticks = ticks;
     this.#step = step;
     this.title = `${name}: ${what}`;
+    this.gravity = gravity;
     /** Seconds. */
     this.length = (ticks.length - 1) * step;
     const count = bodies.length;
@@ -82,7 +84,12 @@ class Recording {
   #advance() {
     if ((this.#tick + 1) % WHOLE === 0 && this.#whole.length === (this.#tick + 1) / WHOLE) {
       const { positions, rotations, resting, errors } = this.#frame;
-      this.#whole.push({ positions: positions.slice(), rotations: rotations.slice(), resting: resting.slice(), errors: errors.slice() });
+      this.#whole.push({
+        positions: positions.slice(),
+        rotations: rotations.slice(),
+        resting: resting.slice(),
+        errors: errors.slice(),
+      });
     }
     this.#tick++;
     const { places, positions, rotations, resting, errors, removed, rested = [] } = this.#ticks[this.#tick];
@@ -108,4 +115,3 @@ class Recording {
     for (let place = 0; place < this.#frame.count; place++) this.#changed.add(place);
   }
 }
-

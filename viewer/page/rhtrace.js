@@ -24,7 +24,7 @@ function read(data) {
   const count = u32();
   const frames = u32();
   const step = f32();
-  at += 12;
+  const gravity = [f32(), f32(), f32()];
   if (!(step > 0 && step <= 1)) throw new Error("the .rhtrace has no valid step");
   const bodies = [];
   for (let body = 0; body < count; body++) {
@@ -53,5 +53,5 @@ function read(data) {
     before = Array.from(places);
   }
   if (ticks.length === 0) throw new Error("the .rhtrace has no frame");
-  return { bodies, ticks, step, what: `${count} boxes, ${frames} frames` };
+  return { bodies, ticks, step, gravity, what: `${count} boxes, ${frames} frames` };
 }

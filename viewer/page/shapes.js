@@ -17,7 +17,11 @@ export function geometryOf(shape, detail) {
     case "cuboid":
       return new THREE.BoxGeometry(...shape.halfExtents.map((half) => 2 * half));
     case "roundedCuboid":
-      return new RoundedBoxGeometry(...shape.halfExtents.map((half) => 2 * (half + shape.radius)), detail, shape.radius);
+      return new RoundedBoxGeometry(
+        ...shape.halfExtents.map((half) => 2 * (half + shape.radius)),
+        detail,
+        shape.radius,
+      );
     case "capsule":
       return new THREE.CapsuleGeometry(shape.radius, 2 * shape.halfHeight, 2 * detail, around);
     case "cylinder":
@@ -67,7 +71,8 @@ export function boundingRadius(shape) {
 
 function vectors(numbers) {
   const points = [];
-  for (let i = 0; i < numbers.length; i += 3) points.push(new THREE.Vector3(numbers[i], numbers[i + 1], numbers[i + 2]));
+  for (let i = 0; i < numbers.length; i += 3)
+    points.push(new THREE.Vector3(numbers[i], numbers[i + 1], numbers[i + 2]));
   return points;
 }
 

@@ -2,7 +2,7 @@
 //
 // Usage: node measure.mjs RHUMB_SERVER frames [BODIES...] | memory MINUTES
 
-import { kill, openBrowser, openPage, read, startDemo, until } from "./support.mjs";
+import { choose, kill, openBrowser, openPage, read, startDemo, until } from "./support.mjs";
 
 const [binary, what, ...numbers] = process.argv.slice(2);
 if (binary === undefined || !["frames", "memory"].includes(what)) {
@@ -18,7 +18,8 @@ async function start(more) {
   return demo;
 }
 
-const at = (times, share) => [...times].sort((a, b) => a - b)[Math.min(times.length - 1, Math.floor(share * times.length))].toFixed(1);
+const at = (times, share) =>
+  [...times].sort((a, b) => a - b)[Math.min(times.length - 1, Math.floor(share * times.length))].toFixed(1);
 
 /** Frame times while balls fall and burst apart, without the truth, which is a stream of every state. */
 async function frames(bodies) {
@@ -43,14 +44,14 @@ async function memory(minutes) {
   const demo = await start([]);
   const page = await openPage(browser, demo.url);
   await until(page, "d.state === 'open'");
+  await choose(page, "shown", "complete");
   const session = await page.context().newCDPSession(page);
   for (let minute = 0; minute <= minutes; minute++) {
     await session.send("HeapProfiler.collectGarbage");
-    const { usedSize } = await session.send("Runtime.getHeapUsage");
-    const wasm = await page.evaluate(() => performance.memory?.totalJSHeapSize ?? 0);
+    const { usedSize, backingStorageSize } = await session.send("Runtime.getHeapUsage");
     const { ticks, beyondTolerance, bodyTicks } = await read(page);
     console.log(
-      `${minute} min: heap ${(usedSize / 1e6).toFixed(1)} MB, reserved ${(wasm / 1e6).toFixed(1)} MB; ` +
+      `${minute} min: heap ${(usedSize / 1e6).toFixed(1)} MB, arrays and WebAssembly ${(backingStorageSize / 1e6).toFixed(1)} MB; ` +
         `${ticks} ticks compared, ${beyondTolerance} of ${bodyTicks} body-ticks beyond the tolerance`,
     );
     if (minute < minutes) await page.waitForTimeout(60_000);

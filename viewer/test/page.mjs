@@ -5,7 +5,7 @@
 
 import { readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
-import { check, kill, openBrowser, openPage, read, startDemo, until } from "./support.mjs";
+import { check, choose, kill, openBrowser, openPage, read, startDemo, until } from "./support.mjs";
 
 const [binary, option, pictures] = process.argv.slice(2);
 if (binary === undefined || (option !== undefined && option !== "--pictures")) {
@@ -32,17 +32,6 @@ const slide = (page, id, value) =>
     [id, value],
   );
 
-/** Chooses an option. */
-const choose = (page, id, value) =>
-  page.evaluate(
-    ([id, value]) => {
-      const select = document.getElementById(id);
-      select.value = value;
-      select.dispatchEvent(new Event("change", { bubbles: true }));
-    },
-    [id, value],
-  );
-
 const text = (page, id) => page.evaluate((id) => document.getElementById(id).textContent, id);
 
 const notice = (page) => page.evaluate(() => document.querySelector("#notice p").textContent);
@@ -56,8 +45,14 @@ async function ballsFallWithinTheTolerance({ url }) {
   const counts = await read(page);
   check(counts.beyondTolerance === 0, `of ${counts.bodyTicks} displayed body-ticks none is beyond the tolerance`);
   check(counts.bodyTicks === 500 * counts.ticks, `all bodies of ${counts.ticks} ticks were compared`);
-  check(counts.beyondBound === 0 && counts.boundedBodyTicks > 0, `nor one of ${counts.boundedBodyTicks} beyond its stated bound`);
-  check(counts.greatestShare > 0.2 && counts.greatestShare <= 1.002, `the greatest error is ${counts.greatestShare.toFixed(3)} tolerances`);
+  check(
+    counts.beyondBound === 0 && counts.boundedBodyTicks > 0,
+    `nor one of ${counts.boundedBodyTicks} beyond its stated bound`,
+  );
+  check(
+    counts.greatestShare > 0.2 && counts.greatestShare <= 1.002,
+    `the greatest error is ${counts.greatestShare.toFixed(3)} tolerances`,
+  );
   check(counts.moving < 500, "balls come to rest");
   return page;
 }
@@ -79,13 +74,19 @@ async function aBadLinkStaysWithinTheStatedBounds(page) {
   const after = await read(page);
   const losses = await page.evaluate(async () => (await (await fetch("link/counts")).json()).down.lost);
   check(losses > 0, `the relay has lost ${losses} datagrams of the page`);
-  check(after.boundedBodyTicks > before.boundedBodyTicks, `${after.boundedBodyTicks - before.boundedBodyTicks} body-ticks have a stated bound`);
+  check(
+    after.boundedBodyTicks > before.boundedBodyTicks,
+    `${after.boundedBodyTicks - before.boundedBodyTicks} body-ticks have a stated bound`,
+  );
   check(after.beyondBound === 0, "with 100 ms and 5 % loss, what is shown stays within its stated bounds");
   check(after.beyondTolerance === 0, "and complete ticks stay within the tolerance");
   await choose(page, "shown", "predicted");
   const { time } = await read(page);
   await until(page, `d.time > ${time + 60}`);
-  check((await read(page)).beyondBound === 0, "the present moment is predicted, and no bound is stated that does not hold");
+  check(
+    (await read(page)).beyondBound === 0,
+    "the present moment is predicted, and no bound is stated that does not hold",
+  );
   await choose(page, "shown", "complete");
   await page.evaluate(() => document.getElementById("link-clear").click());
 }
@@ -111,7 +112,10 @@ async function handsAndTimeWork(page) {
   await page.keyboard.press("KeyP");
   check((await text(page, "moment")) === "live", "and left again");
   const { width, height } = await page.evaluate(() => document.getElementById("view").getBoundingClientRect().toJSON());
-  await page.mouse.click(width / 2, height * 0.6 + (await page.evaluate(() => document.getElementById("view").getBoundingClientRect().top)));
+  await page.mouse.click(
+    width / 2,
+    height * 0.6 + (await page.evaluate(() => document.getElementById("view").getBoundingClientRect().top)),
+  );
   await until(page, () => document.getElementById("body-facts").textContent.includes("predictor"));
   check(true, "a click shows a body's track");
 }
@@ -154,7 +158,10 @@ async function obstaclesAreExplained({ url }) {
 
   const foreign = await fetch(new URL("connect.json", url), { headers: { origin: "https://example.org" } });
   const reason = await foreign.text();
-  check(foreign.status === 403 && reason.includes("example.org"), `a page of another origin is refused: ${reason.trim()}`);
+  check(
+    foreign.status === 403 && reason.includes("example.org"),
+    `a page of another origin is refused: ${reason.trim()}`,
+  );
 }
 
 async function recordingsPlay({ url }) {
@@ -168,7 +175,11 @@ async function recordingsPlay({ url }) {
   await page.setInputFiles("#recording", { name: "boxes.rhtrace", mimeType: "", buffer: boxes() });
   await until(page, () => document.getElementById("status").textContent.includes("2 boxes, 60 frames"));
   check(true, "an .rhtrace plays");
-  await page.setInputFiles("#recording", { name: "cut.mcap", mimeType: "", buffer: readFileSync(`${traces}free_fall.mcap`).subarray(0, 900) });
+  await page.setInputFiles("#recording", {
+    name: "cut.mcap",
+    mimeType: "",
+    buffer: readFileSync(`${traces}free_fall.mcap`).subarray(0, 900),
+  });
   await until(page, () => document.getElementById("status").textContent.includes("cannot be played"));
   check(true, `a damaged one is refused: ${await text(page, "status")}`);
   await page.keyboard.press("Escape");

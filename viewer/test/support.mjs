@@ -39,7 +39,9 @@ function playwrightCore() {
 
 /** Starts `rhumb-server demo`; resolves with its process and the address of its page. */
 export function startDemo(binary, { scene = "ball-pit", view = "127.0.0.1:0", more = [] } = {}) {
-  const server = spawn(binary, ["demo", scene, "--view", view, "--no-browser", ...more], { stdio: ["ignore", "pipe", "inherit"] });
+  const server = spawn(binary, ["demo", scene, "--view", view, "--no-browser", ...more], {
+    stdio: ["ignore", "pipe", "inherit"],
+  });
   return new Promise((resolve, reject) => {
     server.once("exit", (code) => reject(new Error(`the server ended with code ${code}`)));
     createInterface({ input: server.stdout }).on("line", (line) => {
@@ -66,7 +68,8 @@ export async function openPage(browser, url, { width = 480, height = 360, colorS
   page.on("pageerror", (error) => page.errors.push(error.stack ?? error.message));
   page.on("console", (message) => {
     // What cannot be loaded while the server is away is no error of the page.
-    if (message.type() === "error" && !/Failed to load resource|ERR_|net::|WebTransport/.test(message.text())) page.errors.push(message.text());
+    if (message.type() === "error" && !/Failed to load resource|ERR_|net::|WebTransport/.test(message.text()))
+      page.errors.push(message.text());
   });
   await prepare?.(page);
   await page.goto(url);
@@ -77,9 +80,16 @@ export async function openPage(browser, url, { width = 480, height = 360, colorS
 export const read = (page) =>
   page.evaluate(() => {
     const { comparison, ...rest } = rhumbDiagnostics;
-    const { ticks, bodyTicks, beyondTolerance, greatestShare, boundedBodyTicks, beyondBound, allBodyTicks } = comparison;
+    const { ticks, bodyTicks, beyondTolerance, greatestShare, boundedBodyTicks, beyondBound, allBodyTicks } =
+      comparison;
     const counts = { ticks, bodyTicks, beyondTolerance, greatestShare, boundedBodyTicks, beyondBound, allBodyTicks };
-    return { ...rest, ...counts, worst: comparison.worst, frameTimes: [...rest.frameTimes], workTimes: [...rest.workTimes] };
+    return {
+      ...rest,
+      ...counts,
+      worst: comparison.worst,
+      frameTimes: [...rest.frameTimes],
+      workTimes: [...rest.workTimes],
+    };
   });
 
 /**
@@ -87,13 +97,27 @@ export const read = (page) =>
  * functions of texts, so it is asked from here.
  */
 export async function until(page, condition) {
-  const expression = typeof condition === "string" ? `(() => { const d = globalThis.rhumbDiagnostics; return d !== undefined && (${condition}); })()` : condition;
+  const expression =
+    typeof condition === "string"
+      ? `(() => { const d = globalThis.rhumbDiagnostics; return d !== undefined && (${condition}); })()`
+      : condition;
   const end = performance.now() + LIMIT;
   while (!(await page.evaluate(expression))) {
     if (performance.now() > end) throw new Error(`it did not come: ${condition}`);
     await page.waitForTimeout(50);
   }
 }
+
+/** Chooses an option. */
+export const choose = (page, id, value) =>
+  page.evaluate(
+    ([id, value]) => {
+      const select = document.getElementById(id);
+      select.value = value;
+      select.dispatchEvent(new Event("change", { bubbles: true }));
+    },
+    [id, value],
+  );
 
 /** Fails unless a condition holds. */
 export function check(condition, what) {

@@ -1,6 +1,6 @@
 //! Arguments of `rhumb-server demo`.
 
-use std::net::SocketAddr;
+use core::net::SocketAddr;
 
 use clap::Args;
 

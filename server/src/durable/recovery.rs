@@ -72,7 +72,7 @@ impl Restored {
 }
 
 /// A segment that belongs to the run.
-struct Link {
+struct ChainLink {
     number: u32,
     header: LogHeader,
     bytes: Vec<u8>,
@@ -140,8 +140,12 @@ impl SceneFiles {
     }
 
     /// The segments from the oldest that is needed to the newest one, each checked up to where the next one begins.
-    fn chain(&self, segments: &[u32], head: DurableEnd) -> Result<Option<Vec<Link>>, DataError> {
-        let mut chain: Vec<Link> = Vec::new();
+    fn chain(
+        &self,
+        segments: &[u32],
+        head: DurableEnd,
+    ) -> Result<Option<Vec<ChainLink>>, DataError> {
+        let mut chain: Vec<ChainLink> = Vec::new();
         let mut required: Option<(u32, u64)> = None;
         for number in segments.iter().rev() {
             let awaited = match required {
@@ -174,7 +178,7 @@ impl SceneFiles {
         number: u32,
         required: Option<u64>,
         head: DurableEnd,
-    ) -> Result<Option<Link>, DataError> {
+    ) -> Result<Option<ChainLink>, DataError> {
         let path = self.segment_path(number);
         let bytes = self.read_segment(number)?;
         let frames = LogFrames::read(&bytes);
@@ -208,7 +212,7 @@ impl SceneFiles {
             None => bytes.len() - frames.length,
             Some(_) => 0,
         };
-        Ok(Some(Link {
+        Ok(Some(ChainLink {
             number,
             header,
             length,
@@ -220,7 +224,7 @@ impl SceneFiles {
     /// The first good snapshot whose segment is in the chain; `None` to begin with an empty scene.
     fn first_snapshot(
         &self,
-        chain: &[Link],
+        chain: &[ChainLink],
         snapshots: &[u32],
         start: ReplayStart,
         report: &mut Report,
@@ -282,7 +286,7 @@ impl SceneFiles {
     /// Does everything in a segment again.
     fn replay(
         &self,
-        link: &Link,
+        link: &ChainLink,
         run: &mut Run,
         report: &mut Report,
         beat: &mut dyn FnMut(),

@@ -1,6 +1,6 @@
-//! Answers the page's requests: its files, how to connect, and the condition of its link.
+//! Answers the page's requests: files, how to connect, the link's condition.
 
-use std::net::{IpAddr, SocketAddr};
+use core::net::{IpAddr, SocketAddr};
 
 use hyper::{Method, StatusCode};
 use rhumb_transport::conditioner::{Direction, LinkConfig, UdpRelay};

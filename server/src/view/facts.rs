@@ -1,6 +1,6 @@
 //! What the page must know to connect, as JSON.
 
-use std::net::{IpAddr, SocketAddr};
+use core::net::{IpAddr, SocketAddr};
 
 use serde::Serialize;
 

@@ -7,7 +7,7 @@ mod answer;
 mod facts;
 mod listener;
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 
 pub use self::facts::ViewScene;
 pub(crate) use self::listener::PageListener;

@@ -1,4 +1,6 @@
-//! A scene that the server provides begins when a client names it, and its script commands it as a member would.
+//! A provided scene begins when a client names it.
+//!
+//! Its script commands it as a member would. There is no network, and the script counts ticks.
 
 use glam::Vec3;
 use rhumb_protocol::Span;

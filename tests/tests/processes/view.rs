@@ -1,4 +1,4 @@
-//! The page of a server process: what it is told to connect with, its relay, its token, and the scenes of the demo.
+//! The page of a server process: how it connects, its relay, its token.
 //!
 //! The browser's part is tested by `viewer/test`. Here a client of the Rust library takes the page's ways.
 
@@ -22,7 +22,7 @@ const LONG: Duration = Duration::from_secs(30);
 fn has_page() -> bool {
     let unavailable = rhumb_viewer::UNAVAILABLE;
     if let Some(reason) = unavailable {
-        println!("passed by: this build has no page: {reason}");
+        eprintln!("passed by: this build has no page: {reason}");
     }
     unavailable.is_none()
 }

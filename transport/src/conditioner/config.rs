@@ -153,20 +153,20 @@ impl LinkConfig {
     }
 }
 
-/// Units with their size in the smallest one; `ms` stands before its suffix `s`, because the first match counts.
-struct Units(&'static [(&'static str, u64)]);
-const TIMES_NS: Units = Units(&[("ms", 1_000_000), ("us", 1_000), ("s", 1_000_000_000)]);
-const SHARES_MILLIONTHS: Units = Units(&[("%", 10_000)]);
-const RATES_BITS: Units = Units(&[
+/// UnitTable with their size in the smallest one; `ms` stands before its suffix `s`, because the first match counts.
+struct UnitTable(&'static [(&'static str, u64)]);
+const TIMES_NS: UnitTable = UnitTable(&[("ms", 1_000_000), ("us", 1_000), ("s", 1_000_000_000)]);
+const SHARES_MILLIONTHS: UnitTable = UnitTable(&[("%", 10_000)]);
+const RATES_BITS: UnitTable = UnitTable(&[
     ("kbit", 1_000),
     ("mbit", 1_000_000),
     ("gbit", 1_000_000_000),
     ("bit", 1),
 ]);
-const SIZES_BYTES: Units = Units(&[("kB", 1_000), ("MB", 1_000_000), ("B", 1)]);
+const SIZES_BYTES: UnitTable = UnitTable(&[("kB", 1_000), ("MB", 1_000_000), ("B", 1)]);
 
 /// A decimal number with a unit, in the smallest unit; `None` if the text is malformed, negative or too large.
-fn number(text: &str, units: Units) -> Option<u64> {
+fn number(text: &str, units: UnitTable) -> Option<u64> {
     let (digits, size) = units
         .0
         .iter()

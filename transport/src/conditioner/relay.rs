@@ -53,11 +53,11 @@ pub enum RelayError {
 /// Links of all clients, in the order of their first packets, and the configuration of the next ones.
 #[derive(Clone, Debug)]
 struct RelayClients {
-    shared: Arc<Mutex<Shared>>,
+    shared: Arc<Mutex<RelayState>>,
 }
 
 #[derive(Debug)]
-struct Shared {
+struct RelayState {
     config: LinkConfig,
     clients: Vec<RelayClient>,
     /// Counts of clients whose place another one has taken.
@@ -170,7 +170,7 @@ impl Drop for UdpRelay {
 
 impl RelayClients {
     fn new(config: LinkConfig) -> Self {
-        let shared = Shared {
+        let shared = RelayState {
             config,
             clients: Vec::new(),
             past: [LinkCounts::default(); 2],
@@ -180,12 +180,12 @@ impl RelayClients {
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Shared> {
+    fn lock(&self) -> MutexGuard<'_, RelayState> {
         self.shared.lock().expect("no link panics")
     }
 }
 
-impl Shared {
+impl RelayState {
     /// The place for a new client: a free one, or that of the client that has been silent the longest.
     fn place(&self, now: Instant) -> Option<usize> {
         if self.clients.len() < CLIENTS_MAX {
