@@ -1,8 +1,8 @@
 //! `rhumb-bench cost`: processor time of a stream, stage by stage.
 //!
 //! Covers publishing beside the engine's step, a tick in which all bodies sleep, decoding, rendering, and one more
-//! member of a stream. All but the members run in the calling thread, one after the other. Each figure is the median
-//! of its repeats, beside its target.
+//! member of a stream. All but the members run in the calling thread, one after the other. Times are processor times of
+//! that thread, so that other programs hardly change them. Each figure is the median of its repeats, beside its target.
 
 pub mod decoding;
 mod floor;

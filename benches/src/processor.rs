@@ -1,5 +1,18 @@
 //! Processor time of the calling thread.
 
+use std::time::{Duration, Instant};
+
+/// Calls `work` and returns the processor time of the calling thread that it took, which other programs hardly change.
+/// Wall time where the system does not report it.
+pub(crate) fn time_of<T>(work: impl FnOnce() -> T) -> (Duration, T) {
+    let (begun, before) = (Instant::now(), work_ns());
+    let done = work();
+    let spent = before
+        .zip(work_ns())
+        .map(|(before, now)| Duration::from_nanos(now - before));
+    (spent.unwrap_or_else(|| begun.elapsed()), done)
+}
+
 /// Processor time of the calling thread so far, nanoseconds; `None` where the system does not report it.
 #[cfg(target_os = "linux")]
 pub(crate) fn work_ns() -> Option<u64> {

@@ -59,17 +59,10 @@ impl ErrorPrefilter {
         }
     }
 
-    /// Tests a track. Returns true if it is undecided at once.
-    ///
-    /// A moving body is tested with others, in this call or in a later one. The places of those that are undecided then
-    /// are added to `undecided`, in the order of the calls.
+    /// Tests a track; true if it is undecided. Moving bodies are tested together: this or a later call adds the places
+    /// of undecided ones to `late`, in order.
     #[must_use]
-    pub fn test(
-        &mut self,
-        place: u32,
-        case: &PrefilterInput<'_>,
-        undecided: &mut Vec<u32>,
-    ) -> bool {
+    pub fn test(&mut self, place: u32, case: &PrefilterInput<'_>, late: &mut Vec<u32>) -> bool {
         let track = case.track;
         let elapsed = case.tick.since(track.origin());
         let (Some(elapsed), None) = (elapsed, track.parent()) else {
@@ -114,7 +107,7 @@ impl ErrorPrefilter {
         batch.places[lane] = place;
         batch.len += 1;
         if batch.len == LANES {
-            self.finish(undecided);
+            self.finish(late);
         }
         false
     }

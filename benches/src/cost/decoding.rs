@@ -6,7 +6,7 @@
 
 use std::hint::black_box;
 use std::num::NonZeroU32;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use bytes::Bytes;
 use glam::Vec3;
@@ -25,6 +25,7 @@ use serde::{Deserialize, Serialize};
 
 use super::floor::PredictionFloor;
 use super::median::median;
+use crate::processor::time_of;
 
 const GRAVITY: Vec3 = Vec3::new(0.0, -9.806_65, 0.0);
 const STREAM: StreamId = StreamId(0);
@@ -216,9 +217,7 @@ impl DecodeLoad {
     fn measure(&self, repeats: u32) -> f64 {
         let once = || {
             let mut subscriber = self.subscriber.clone();
-            let begun = Instant::now();
-            self.decode(&mut subscriber);
-            let took = begun.elapsed();
+            let (took, ()) = time_of(|| self.decode(&mut subscriber));
             black_box(subscriber);
             took
         };
@@ -258,11 +257,7 @@ impl RenderLoad {
     }
 
     fn measure(&mut self, repeats: u32) -> Duration {
-        let mut each = || {
-            let begun = Instant::now();
-            self.refresh();
-            begun.elapsed()
-        };
+        let mut each = || time_of(|| self.refresh()).0;
         median((0..repeats * TICKS as u32).map(|_| each()))
     }
 }

@@ -4,7 +4,7 @@
 //! stores and renders nothing, so no decoder and no view of such bodies can be faster.
 
 use std::hint::black_box;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use glam::DVec3;
 use rhumb_reckoning::{
@@ -13,6 +13,7 @@ use rhumb_reckoning::{
 };
 
 use super::median::median;
+use crate::processor::time_of;
 
 /// Tick at which the tracks are evaluated.
 const AGE: Tick = Tick::new(20);
@@ -80,7 +81,6 @@ impl PredictionFloor {
             inertia: None,
         };
         let mut once = || {
-            let begun = Instant::now();
             let mut batch = PredictionX4::default();
             for (key, track) in (0..).zip(&self.tracks) {
                 let accepted = batch.take(key, track, AGE, &self.grid, &conditions);
@@ -90,8 +90,7 @@ impl PredictionFloor {
                 }
             }
             each(&mut batch);
-            begun.elapsed()
         };
-        median((0..repeats).map(|_| once()))
+        median((0..repeats).map(|_| time_of(&mut once).0))
     }
 }

@@ -6,7 +6,7 @@
 //! Here every body is read once more to measure observing separately, so that figure is rather too high.
 
 use std::hint::black_box;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use bytes::Bytes;
 use glam::Quat;
@@ -26,6 +26,7 @@ use rhumb_sims::{BallPit, Script};
 use serde::{Deserialize, Serialize};
 
 use super::median::median;
+use crate::processor::time_of;
 
 /// Ticks published before the measurement, so that tracks are as in mid-run.
 const WARM_UP: usize = 30;
@@ -127,10 +128,10 @@ impl ObservedRun {
             for command in &commands {
                 scene.apply(command).map_err(|refusal| wrong(&refusal))?;
             }
-            let begun = Instant::now();
-            scene.step().map_err(|error| wrong(&error))?;
+            let (took, stepped) = time_of(|| scene.step());
+            stepped.map_err(|error| wrong(&error))?;
             progress();
-            Ok::<_, String>(begun.elapsed())
+            Ok::<_, String>(took)
         };
         let first = Tick::new(scenario.first);
         while scene.tick() < first {
@@ -147,9 +148,7 @@ impl ObservedRun {
             let took = advance(&mut scene)?;
             if place >= WARM_UP {
                 all.clear();
-                let begun = Instant::now();
-                scene.observe_all(&mut all);
-                observe += begun.elapsed();
+                observe += time_of(|| scene.observe_all(&mut all)).0;
                 step += took;
             }
             ticks.push(scene.observations().to_vec());
@@ -192,12 +191,13 @@ impl ObservedRun {
                 (took, before) = (Duration::ZERO, updates(&publishers));
             }
             tick = tick.next();
-            let begun = Instant::now();
-            observation_history.observe(tick, observations);
-            for publisher in &mut publishers {
-                publisher.publish(&observation_history, 0, &mut out);
-            }
-            took += begun.elapsed();
+            let publish = || {
+                observation_history.observe(tick, observations);
+                for publisher in &mut publishers {
+                    publisher.publish(&observation_history, 0, &mut out);
+                }
+            };
+            took += time_of(publish).0;
             black_box(&out);
             out.clear();
         }
@@ -387,13 +387,14 @@ pub(super) fn sleeping(bodies: u32, repeats: u32) -> Sleeping {
     let mut out = Vec::new();
     let mut tick = Tick::ZERO;
     let mut silence = || {
-        let begun = Instant::now();
-        for _ in 0..SILENT {
-            tick = tick.next();
-            observation_history.observe(tick, &[]);
-            publisher.publish(&observation_history, 0, &mut out);
-        }
-        begun.elapsed()
+        let publish = || {
+            for _ in 0..SILENT {
+                tick = tick.next();
+                observation_history.observe(tick, &[]);
+                publisher.publish(&observation_history, 0, &mut out);
+            }
+        };
+        time_of(publish).0
     };
     silence();
     let took = median((0..repeats).map(|_| silence()));

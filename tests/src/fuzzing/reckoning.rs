@@ -93,7 +93,8 @@ pub fn prefilter(data: &[u8]) {
     let grid = Grid::new(tolerance, radius);
     let mut prefilter = ErrorPrefilter::new(tolerance, integrator);
     let mut batch = PredictionX4::default();
-    let (mut undecided, mut shares, mut predicted) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut undecided, mut late) = (Vec::new(), Vec::new());
+    let (mut shares, mut predicted) = (Vec::new(), Vec::new());
     for place in 0..4 {
         let track = track(&mut script);
         let tumbles = script.below(8) == 0;
@@ -130,7 +131,9 @@ pub fn prefilter(data: &[u8]) {
             radius,
             conditions: &conditions,
         };
-        prefilter.test(place, &case, &mut undecided);
+        if prefilter.test(place, &case, &mut late) {
+            undecided.push(place);
+        }
         // Beyond this distance, which no body reaches, the rounding of f64 is coarser than the comparison.
         let is_near = predicted_motion.pose().position.abs().max_element() < FAR;
         shares.push(if is_near {
@@ -139,7 +142,8 @@ pub fn prefilter(data: &[u8]) {
             0.0
         });
     }
-    prefilter.finish(&mut undecided);
+    prefilter.finish(&mut late);
+    undecided.extend(late);
     for (place, share) in shares.into_iter().enumerate() {
         let passed = !undecided.contains(&(place as u32));
         assert!(!passed || share <= 1.0, "{place} passed with {share}");

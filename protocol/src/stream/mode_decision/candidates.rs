@@ -1,4 +1,4 @@
-//! Stage one with lookahead: the prediction modes that apply, each with its error forecast.
+//! Stage one with lookahead: the modes that apply, each with its forecast.
 //!
 //! The moving modes differ only by their acceleration, so that they share one unaccelerated forecast.
 

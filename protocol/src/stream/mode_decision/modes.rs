@@ -1,6 +1,6 @@
-//! The prediction modes of a body in the world: rest, uniform, falling, accelerated.
+//! The prediction modes of a body in the world.
 //!
-//! Each mode has a number. The attached mode has one too, but is described in `attached`.
+//! They are rest, uniform, falling and accelerated. Each mode has a number. The attached mode has one too, but is described in `attached`.
 
 use glam::DVec3;
 use rhumb_reckoning::{ConstantAcceleration, Motion, Pose, Predictor, attached_motion};

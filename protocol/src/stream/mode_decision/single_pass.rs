@@ -99,15 +99,7 @@ pub(super) fn cheapest<T>(
         mode: REST,
         residual: &world.residual,
     }; 4];
-    let rests = subject.track.parent.is_none() && subject.track.predictor == Predictor::Rest;
-    let stride = f64::from(subject.stride.count());
-    // A body that moves by the tolerance or more in each tick cannot rest.
-    let may_rest = || units.share(&(recent.moved[0] * units.still)) <= stride;
-    if settings.features.resting && (rests || may_rest()) {
-        let course = Course::new(settings, &recent.of_rest());
-        let prediction = pass.modes.prediction(REST)?;
-        choices[0].price = pass.price(&world, &prediction, &course);
-    }
+    choices[0].price = pass.rest(&recent, &world).unwrap_or(f64::INFINITY);
     let steadiest = pass.steadiest();
     // The track's own moving mode is worth keeping; only a track without one changes to the steadiest.
     let moving = pass.modes.own_moving().or(steadiest);
@@ -198,6 +190,20 @@ impl Start {
 }
 
 impl SinglePass<'_> {
+    /// The price of the shared correction of a body that rests from now on. `None` for a body that cannot.
+    fn rest(&self, recent: &RecentMotion<'_>, world: &Start) -> Option<f64> {
+        let (subject, units) = (recent.subject, &self.expectation().units);
+        let rests = subject.track.parent.is_none() && subject.track.predictor == Predictor::Rest;
+        // A body that moves by the tolerance or more in each tick does not rest.
+        let stride = f64::from(subject.stride.count());
+        let is_slow = || units.share(&(recent.moved[0] * units.still)) <= stride;
+        if !self.settings.features.resting || !rests && !is_slow() {
+            return None;
+        }
+        let course = Course::new(self.settings, &recent.of_rest());
+        Some(self.price(world, &self.modes.prediction(REST)?, &course))
+    }
+
     /// The expected growth of the error in a moving mode, but for the error of the velocities. `None` if the mode does
     /// not apply.
     fn course(&self, mode: usize) -> Option<Course> {
