@@ -8,7 +8,7 @@ mod generators;
 use generators::{HEADER, IMPORTS, header, imports, root};
 
 fn compare(path: &str, generated: &str) {
-    let committed = std::fs::read_to_string(root().join(path)).unwrap();
+    let committed = std::fs::read_to_string(root().join(path)).expect("the committed file");
     let lines = generated.lines().zip(committed.lines());
     let differing = lines.enumerate().find(|(_, (a, b))| a != b);
     let line = differing.map_or(1, |(place, _)| place + 1);

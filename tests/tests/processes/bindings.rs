@@ -59,7 +59,7 @@ fn has_all(what: &str, are_there: bool) -> bool {
     if !are_there {
         let all = std::env::var("RHUMB_TEST_LANGUAGES").is_ok_and(|which| which == "all");
         assert!(!all, "{what}: needed and not installed");
-        println!("{what}: not installed, left out");
+        eprintln!("{what}: not installed, left out");
     }
     are_there
 }

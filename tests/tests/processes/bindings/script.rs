@@ -92,31 +92,38 @@ pub(super) fn expected(server: &ServerProcess) -> Outcome {
         mode: JoinMode::Create(Default::default()),
         ..JoinOptions::default()
     };
-    let connection = Client::connect(&server.address.to_string(), trust).unwrap();
-    let mut client = connection.join_with("script", options).unwrap();
+    let connection =
+        Client::connect(&server.address.to_string(), trust).expect("the server is there");
+    let mut client = connection
+        .join_with("script", options)
+        .expect("the scene is new");
     let piled = (0..PILED).map(|i| {
         let body = BodyDesc::dynamic(shape(i)).position(position(i));
         body.angular_velocity(spin(i))
     });
     let bodies = client
         .add_bodies(std::iter::once(floor()).chain(piled))
-        .unwrap();
+        .expect("the bodies are valid");
     for tick in 0..TICKS {
         for command in commands(tick, &bodies) {
-            client.command(command).unwrap();
+            client.command(command).expect("the command is valid");
         }
-        client.advance(PipelineDepth::LOCKSTEP).unwrap();
+        client.advance(PipelineDepth::LOCKSTEP).expect("a tick");
     }
     let view = client.view();
     let pose = |id: &BodyId| Some((view.position(*id)?, view.rotation(*id)?));
     let poses: Vec<_> = bodies.iter().filter_map(pose).collect();
     let query = Query::ray(RAY[0], RAY[1]).finding(8);
-    let answers = client.ask(vec![query]).unwrap().answers.unwrap();
+    let answers = client
+        .ask(vec![query])
+        .expect("an answer")
+        .answers
+        .expect("hits");
     let [Answer::Hits(hits)] = answers.as_slice() else {
         panic!("one ray has one answer");
     };
     let distances: Vec<_> = hits.iter().map(|hit| hit.distance).collect();
-    client.delete().unwrap();
+    client.delete().expect("the scene is there");
     assert_eq!(poses.len(), usize::from(PILED));
     assert!(!distances.is_empty(), "the ray hits the pile");
     Outcome { poses, distances }
@@ -220,8 +227,9 @@ fn in_axes(server: &ServerProcess, axes: Axes) -> Outcome {
         ..JoinParams::default()
     };
     let trust = Trust::Fingerprint(server.fingerprint);
-    let connection = Client::connect(&server.address.to_string(), trust).unwrap();
-    let mut scene = RemoteScene::join(connection, "script", &params).unwrap();
+    let connection =
+        Client::connect(&server.address.to_string(), trust).expect("the server is there");
+    let mut scene = RemoteScene::join(connection, "script", &params).expect("the scene is new");
     let mut all = vec![BodyParams {
         position: axes.vector(Vec3::new(0.0, -0.5, 0.0)),
         ..BodyParams::new(BodyKind::Static, axes.extents(10.0, 0.5, 10.0))
@@ -237,12 +245,14 @@ fn in_axes(server: &ServerProcess, axes: Axes) -> Outcome {
             },
         )
     }));
-    let bodies = scene.add_bodies(&all).unwrap();
+    let bodies = scene.add_bodies(&all).expect("the bodies are valid");
     for tick in 0..TICKS {
         let turned = commands(tick, &bodies).into_iter();
         let turned = turned.map(|command| axes.command(command));
-        scene.command(turned.collect()).unwrap();
-        scene.advance(PipelineDepth::LOCKSTEP).unwrap();
+        scene
+            .command(turned.collect())
+            .expect("the commands are valid");
+        scene.advance(PipelineDepth::LOCKSTEP).expect("a tick");
     }
     let poses: Vec<_> = bodies
         .iter()
@@ -252,9 +262,9 @@ fn in_axes(server: &ServerProcess, axes: Axes) -> Outcome {
         })
         .collect();
     let query = Query::ray(axes.vector(RAY[0]), axes.vector(RAY[1])).finding(8);
-    let (_, hits) = scene.query(vec![query]).unwrap();
+    let (_, hits) = scene.query(vec![query]).expect("an answer");
     let distances: Vec<_> = hits.iter().map(|hit| hit.distance).collect();
-    scene.delete().unwrap();
+    scene.delete().expect("the scene is there");
     Outcome { poses, distances }
 }
 
