@@ -85,7 +85,9 @@ impl BindingError {
     pub const fn kind(&self) -> ErrorKind {
         match self {
             Self::Open(error) => match error {
-                OpenError::Address { .. } | OpenError::Connect(_) => ErrorKind::Connect,
+                OpenError::Address { .. } | OpenError::Connect(_) | OpenError::Socket { .. } => {
+                    ErrorKind::Connect
+                }
                 OpenError::SceneName { .. } | OpenError::Token(_) => ErrorKind::Invalid,
                 OpenError::Denied { .. } => ErrorKind::Denied,
                 OpenError::Random(_) => ErrorKind::Fault,
