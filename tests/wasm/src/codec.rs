@@ -16,6 +16,9 @@ thread_local! {
     static BYTES: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
 }
 
+/// The side of a message that a client sent.
+const CLIENT: u32 = 0;
+
 /// The bytes are malformed.
 const REFUSED: u32 = 0;
 /// They have a meaning, and encode as they were.
@@ -63,7 +66,7 @@ fn decoded(side: u32, framed: &Framed, bytes: &[u8]) -> u32 {
         Ok(Some(())) if written == bytes => ACCEPTED,
         Ok(Some(())) => CHANGED,
         Ok(None) => SKIPPED,
-        Err(Malformed::UnknownCommand | Malformed::Motion(_)) => ANSWERED,
+        Err(Malformed::UnknownCommand | Malformed::Motion(_)) if side == CLIENT => ANSWERED,
         Err(_) => REFUSED,
     }
 }
