@@ -36,7 +36,7 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
         name: "predictor: rest",
         switch: Switch::Off(Feature::Resting),
         feature: None,
-        code: &["protocol/src/stream/mode_decision/candidates.rs#fn rest"],
+        code: &["protocol/src/stream/mode_decision/single_pass.rs#fn rest"],
         requirements: &["RECKONING 3.3"],
     },
     Mechanism {

@@ -16,14 +16,14 @@ use crate::scene_argument::{damping, material};
 
 /// Options of a join.
 #[derive(Debug)]
-pub(crate) struct JoinOptions {
+pub(crate) struct JoinArguments {
     pub(crate) mode: JoinMode,
     pub(crate) stream: StreamChoice,
     pub(crate) view: ViewOptions,
     pub(crate) lead_ticks: f64,
 }
 
-impl JoinOptions {
+impl JoinArguments {
     pub(crate) fn read(from: &Argument<'_>) -> Result<Self, Failure> {
         let number = |field| {
             let number = from.optional(field).map(|field| field.number());

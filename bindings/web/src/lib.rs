@@ -26,14 +26,14 @@ use serde_json::{Value, json};
 use crate::argument::{Argument, body_of, id_number};
 use crate::columns::Columns;
 use crate::failure::Failure;
-use crate::member::{Member, moment};
+use crate::member::{WebMember, moment};
 use crate::member_argument::MemberOptions;
 
 // JavaScript reads these as plain numbers in a row.
 const _: () = assert!(size_of::<Vec3>() == 12 && size_of::<Quat>() == 16);
 
 thread_local! {
-    static MEMBERS: RefCell<Vec<Option<Member>>> = const { RefCell::new(Vec::new()) };
+    static MEMBERS: RefCell<Vec<Option<WebMember>>> = const { RefCell::new(Vec::new()) };
     static INPUT: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
     static OUTPUT: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
 }
@@ -66,7 +66,7 @@ pub extern "C" fn member_new() -> u32 {
     let options = parsed().and_then(|json| MemberOptions::read(&Argument::new(&json, "options")));
     match options {
         Ok(options) => MEMBERS.with_borrow_mut(|members| {
-            let member = Some(Member::new(options));
+            let member = Some(WebMember::new(options));
             match members.iter().position(Option::is_none) {
                 Some(free) => {
                     members[free] = member;
@@ -133,7 +133,7 @@ pub extern "C" fn handle_ended(member: u32, now: f64, code: f64) {
 /// The next transmission: 0 none, 1 control bytes, 2 a datagram, 3 close, with the code as JSON.
 #[unsafe(no_mangle)]
 pub extern "C" fn poll_transmit(member: u32) -> u32 {
-    match with(member, Member::poll_transmit).flatten() {
+    match with(member, WebMember::poll_transmit).flatten() {
         None => 0,
         Some(Transmit::Control { bytes, .. }) => {
             put(&bytes);
@@ -160,19 +160,19 @@ pub extern "C" fn poll_timeout(member: u32) -> f64 {
 /// All new events as a list; 0 if there is none.
 #[unsafe(no_mangle)]
 pub extern "C" fn poll_events(member: u32) -> u32 {
-    found(with(member, Member::poll_events).flatten())
+    found(with(member, WebMember::poll_events).flatten())
 }
 
 /// Makes the session ready for another connection.
 #[unsafe(no_mangle)]
 pub extern "C" fn reconnect(member: u32) -> u32 {
-    done(call(member, Member::reconnect))
+    done(call(member, WebMember::reconnect))
 }
 
 /// Leaves the scene and closes the connection.
 #[unsafe(no_mangle)]
 pub extern "C" fn close(member: u32) {
-    with(member, Member::close);
+    with(member, WebMember::close);
 }
 
 /// Computes the view of the present moment; returns it in ticks, or a negative number before the member has joined.
@@ -432,30 +432,33 @@ pub extern "C" fn advance(member: u32, now: f64) -> u32 {
 /// Takes an advance back that the server denied.
 #[unsafe(no_mangle)]
 pub extern "C" fn give_up_advance(member: u32) {
-    with(member, Member::give_up_advance);
+    with(member, WebMember::give_up_advance);
 }
 
 /// Requests an inspection.
 #[unsafe(no_mangle)]
 pub extern "C" fn inspect(member: u32) -> u32 {
-    done(call(member, Member::inspect))
+    done(call(member, WebMember::inspect))
 }
 
 /// Deletes the scene.
 #[unsafe(no_mangle)]
 pub extern "C" fn delete(member: u32) -> u32 {
-    done(call(member, Member::delete))
+    done(call(member, WebMember::delete))
 }
 
-fn slot(members: &mut [Option<Member>], member: u32) -> Option<&mut Option<Member>> {
+fn slot(members: &mut [Option<WebMember>], member: u32) -> Option<&mut Option<WebMember>> {
     members.get_mut((member as usize).checked_sub(1)?)
 }
 
-fn with<T>(member: u32, act: impl FnOnce(&mut Member) -> T) -> Option<T> {
+fn with<T>(member: u32, act: impl FnOnce(&mut WebMember) -> T) -> Option<T> {
     MEMBERS.with_borrow_mut(|members| Some(act(slot(members, member)?.as_mut()?)))
 }
 
-fn call<T>(member: u32, act: impl FnOnce(&mut Member) -> Result<T, Failure>) -> Result<T, Failure> {
+fn call<T>(
+    member: u32,
+    act: impl FnOnce(&mut WebMember) -> Result<T, Failure>,
+) -> Result<T, Failure> {
     with(member, act).unwrap_or_else(|| Err(Failure::of("notNow", "the member was freed")))
 }
 

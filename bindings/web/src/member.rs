@@ -18,7 +18,7 @@ use crate::columns::{Columns, error_bound};
 use crate::digest::digest;
 use crate::event_json;
 use crate::failure::Failure;
-use crate::join_argument::JoinOptions;
+use crate::join_argument::JoinArguments;
 use crate::member_argument::MemberOptions;
 use crate::scene_json;
 
@@ -30,9 +30,9 @@ const LARGEST_PACKET: Option<LargestPacket> = LargestPacket::new(1_000);
 
 /// A member, or a session that is to become one.
 #[derive(Debug)]
-pub(crate) struct Member {
+pub(crate) struct WebMember {
     session: ClientSession,
-    options: JoinOptions,
+    options: JoinArguments,
     joining: Option<Joining>,
     joined: Option<Membership>,
     events: Vec<Value>,
@@ -49,7 +49,7 @@ struct Membership {
     requested: Tick,
 }
 
-impl Member {
+impl WebMember {
     pub(crate) fn new(options: MemberOptions) -> Self {
         let MemberOptions {
             scene,

@@ -5,7 +5,7 @@ use rhumb_protocol::scene::SceneName;
 
 use crate::argument::Argument;
 use crate::failure::Failure;
-use crate::join_argument::{JoinOptions, session_key};
+use crate::join_argument::{JoinArguments, session_key};
 
 /// What a member begins with.
 #[derive(Debug)]
@@ -14,7 +14,7 @@ pub(crate) struct MemberOptions {
     pub(crate) token: Option<Token>,
     /// The key of a session that may resume.
     pub(crate) key: Option<SessionKey>,
-    pub(crate) join: JoinOptions,
+    pub(crate) join: JoinArguments,
 }
 
 impl MemberOptions {
@@ -29,7 +29,7 @@ impl MemberOptions {
             scene: scene.text()?.parse().map_err(|why| scene.refused(why))?,
             token: token.transpose()?,
             key: key.transpose()?,
-            join: JoinOptions::read(&from.field("join")?)?,
+            join: JoinArguments::read(&from.field("join")?)?,
         })
     }
 }

@@ -148,6 +148,11 @@ pub fn prefilter(data: &[u8]) {
         let passed = !undecided.contains(&(place as u32));
         assert!(!passed || share <= 1.0, "{place} passed with {share}");
     }
+    assert_batch(&mut batch, predicted);
+}
+
+/// Asserts that a batch predicts what single predictions gave, in the same order.
+fn assert_batch(batch: &mut PredictionX4, predicted: Vec<(u32, Motion)>) {
     let mut rest = predicted.into_iter();
     batch.predict(|place, motion| {
         let (expected, exact) = rest.next().expect("one result per track");
