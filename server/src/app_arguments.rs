@@ -8,7 +8,7 @@ use rhumb_app::{AppBindError, AppListen, AppOptions, Datagrams, States, TimeAdva
 use crate::serve::Server;
 
 /// Listener for APP clients, and what they are sent.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub(crate) struct AppArguments {
     /// TCP and UDP address for APP clients, such as OpenSimulator's RemotePhysics plug-in.
     #[arg(long)]

@@ -188,7 +188,8 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
             }
             let _last_lines = log::start(settings.log, settings.limits.log_lines_per_second);
             let parts = Parts {
-                arguments: Some(&arguments),
+                #[cfg(feature = "app")]
+                app: Some(arguments.app.clone()),
                 hooks,
                 ..Parts::default()
             };
@@ -283,9 +284,10 @@ fn identity(settings: &ServerSettings, data: Option<&DataDir>) -> Result<Identit
 
 /// What a server has beside its settings.
 #[derive(Default)]
-struct Parts<'a> {
-    /// The command line, unless another task than serving is at hand.
-    arguments: Option<&'a Arguments>,
+struct Parts {
+    /// The flags about APP clients, unless another task than serving is at hand.
+    #[cfg(feature = "app")]
+    app: Option<crate::app_arguments::AppArguments>,
     hooks: Option<Hooks>,
     provided: Option<ProvidedScenes>,
     /// Provided scenes that the page offers.
@@ -296,7 +298,7 @@ struct Parts<'a> {
     opens_browser: bool,
 }
 
-fn run(settings: &ServerSettings, parts: Parts<'_>) -> Result<(), Box<dyn Error>> {
+fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     if !settings.cores.is_empty() {
         run_on_cores(&settings.cores)?;
     }
@@ -335,8 +337,8 @@ fn run(settings: &ServerSettings, parts: Parts<'_>) -> Result<(), Box<dyn Error>
     }
     let addresses = BoundAddresses {
         #[cfg(feature = "app")]
-        app: match parts.arguments {
-            Some(arguments) => arguments.app.listen(&mut server)?,
+        app: match &parts.app {
+            Some(app) => app.listen(&mut server)?,
             None => None,
         },
         #[cfg(not(feature = "app"))]
@@ -367,9 +369,9 @@ fn run(settings: &ServerSettings, parts: Parts<'_>) -> Result<(), Box<dyn Error>
 }
 
 /// Refuses what would let other machines in without a token, unless the operator says so.
-fn check_open(settings: &ServerSettings, parts: &Parts<'_>) -> Result<(), RunError> {
+fn check_open(settings: &ServerSettings, parts: &Parts) -> Result<(), RunError> {
     #[cfg(feature = "app")]
-    let app = (parts.arguments).and_then(|arguments| arguments.app.beyond_loopback());
+    let app = (parts.app.as_ref()).and_then(crate::app_arguments::AppArguments::beyond_loopback);
     #[cfg(not(feature = "app"))]
     let app = {
         let _ = parts;

@@ -378,32 +378,36 @@ impl Server {
     /// # Errors
     ///
     /// [`RunError::Serve`] if the thread of the sockets fails, [`RunError::Data`] if the data directory does.
-    pub fn run(mut self, stop: &Stop) -> Result<ServerStatistics, RunError> {
+    pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
+        #[cfg(feature = "view")]
+        let mut server = self;
+        #[cfg(not(feature = "view"))]
+        let server = self;
         let clock = Clock::start();
-        let waker = self.transport.waker();
+        let waker = server.transport.waker();
         let mut front = Front::on_threads(move || clock.now(), move || waker.wake());
         let metrics = Metrics::default();
         #[cfg(feature = "view")]
-        let showing = self.start_page(&metrics)?;
-        front.guard(gate(self.access));
-        front.employ(self.workers);
-        front.set_largest_packet(self.largest_packet);
-        if let Some(hooks) = self.hooks {
+        let showing = server.start_page(&metrics)?;
+        front.guard(gate(server.access));
+        front.employ(server.workers);
+        front.set_largest_packet(server.largest_packet);
+        if let Some(hooks) = server.hooks {
             front.attach(hooks);
         }
-        if let Some(provided) = self.provided {
+        if let Some(provided) = server.provided {
             front.provide(provided);
         }
-        front.set_limits(self.limits);
+        front.set_limits(server.limits);
         #[cfg(feature = "app")]
-        if let Some(adapter) = self.adapter {
+        if let Some(adapter) = server.adapter {
             front.serve_also(adapter).map_err(RunError::Thread)?;
         }
-        let flight = match self.flight {
+        let flight = match server.flight {
             None => None,
             Some(directory) => {
                 let started =
-                    FlightWriter::start(directory.clone(), &self.limits, seconds_since_1970);
+                    FlightWriter::start(directory.clone(), &server.limits, seconds_since_1970);
                 let failed = |cause| RunError::Flight { directory, cause };
                 let (writer, flights) = started.map_err(failed)?;
                 front.record_flights(flights);
@@ -411,7 +415,7 @@ impl Server {
             }
         };
         front.count(metrics.clone());
-        let answering = match self.metrics {
+        let answering = match server.metrics {
             None => None,
             Some(listener) => {
                 let answer = Arc::new(move |request: &_| metrics.answer(request));
@@ -419,20 +423,20 @@ impl Server {
                 Some(started.map_err(RunError::Thread)?)
             }
         };
-        if let Some(data) = self.data {
+        if let Some(data) = server.data {
             front.store_in(clock.now(), data).map_err(RunError::Data)?;
         }
         #[cfg(unix)]
-        let served = match self.socket {
-            None => self.transport.run(&mut front, stop),
+        let served = match server.socket {
+            None => server.transport.run(&mut front, stop),
             Some(socket) => {
-                let waker = self.transport.waker();
+                let waker = server.transport.waker();
                 let mut all = socket.serve(&mut front, waker).map_err(RunError::Thread)?;
-                self.transport.run(&mut all, stop)
+                server.transport.run(&mut all, stop)
             }
         };
         #[cfg(not(unix))]
-        let served = self.transport.run(&mut front, stop);
+        let served = server.transport.run(&mut front, stop);
         front.shut_down();
         drop(answering);
         #[cfg(feature = "view")]

@@ -24,6 +24,7 @@ pub struct TokenKeys {
 }
 
 /// Signs tokens with a key of this process, which is written nowhere.
+#[cfg(feature = "view")]
 #[derive(Clone, Debug)]
 pub(crate) struct TokenIssuer {
     key: AsymmetricSecretKey<V4>,
@@ -105,6 +106,7 @@ impl TokenKeys {
     }
 
     /// Makes a key pair of this process, whose tokens are accepted too.
+    #[cfg(feature = "view")]
     pub(crate) fn issuer(&mut self) -> Result<TokenIssuer, KeyError> {
         let pair = AsymmetricKeyPair::<V4>::generate()?;
         self.keys.push(pair.public);
@@ -124,6 +126,7 @@ impl TokenKeys {
     }
 }
 
+#[cfg(feature = "view")]
 impl TokenIssuer {
     /// A token with which a client may observe every scene, for so many seconds from `now` on, in seconds since 1970.
     pub(crate) fn observer(

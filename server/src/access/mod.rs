@@ -14,7 +14,9 @@ pub(crate) use self::claims::{Claims, DEFAULT_AUDIENCE, role_of};
 pub(crate) use self::gate::Gate;
 #[cfg(test)]
 pub(crate) use self::gate::tests;
+#[cfg(feature = "view")]
+pub(crate) use self::keys::TokenIssuer;
 pub use self::keys::{KeyError, TokenKeys};
-pub(crate) use self::keys::{TokenIssuer, make_keys, sign};
+pub(crate) use self::keys::{make_keys, sign};
 pub(crate) use self::ownership::{Ownership, decode_client, decode_client_of, encode_client_of};
 pub(crate) use self::permit::{ClientName, Permit};

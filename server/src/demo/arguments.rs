@@ -1,13 +1,16 @@
 //! Arguments of `rhumb-server demo`.
 
-use core::net::SocketAddr;
+use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 
 use clap::Args;
 
 use super::scenes::{DemoScene, provided, view_scenes};
 use crate::provided::ProvidedScenes;
 use crate::settings::ServerSettings;
-use crate::view::{DEFAULT_VIEW, ViewScene};
+use crate::view::ViewScene;
+
+/// The TCP address of the page unless another one is named.
+const DEFAULT_VIEW: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8433);
 
 /// The scene to show first, and where.
 #[derive(Debug, Args)]

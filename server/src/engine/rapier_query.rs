@@ -75,6 +75,9 @@ pub(super) fn answer(
     }
 }
 
+/// Distance from the centre of a ball at which the nearest point of its surface is one point, metres.
+const BESIDE_CENTRE: f32 = 1e-6;
+
 /// Direction and length of a way; a way of no length has any direction.
 fn way(translation: Vec3) -> (Vec3, f32) {
     let length = translation.length();
@@ -119,9 +122,13 @@ fn projection(
     // The search finds what is nearer than its limit: without this, nothing would contain a point at distance zero.
     let (handle, _) = pipeline.project_point(point, most.max(f32::EPSILON), true)?;
     let collider = pipeline.colliders.get(handle)?;
-    let surface = collider
-        .shape()
-        .project_point(collider.position(), point, false);
+    let (shape, at) = (collider.shape(), collider.position());
+    let mut surface = shape.project_point(at, point, false);
+    if !surface.point.is_finite() {
+        // Every point of a ball's surface is nearest to its centre; the engine finds none.
+        let beside = at.inverse_transform_point(point) + Vec3::Y * BESIDE_CENTRE;
+        surface = shape.project_local_point(beside, false).transform_by(at);
+    }
     let away = point - surface.point;
     let distance = away.length();
     let (distance, outward) = if surface.is_inside {

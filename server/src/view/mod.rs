@@ -7,11 +7,6 @@ mod answer;
 mod facts;
 mod listener;
 
-use core::net::{IpAddr, Ipv4Addr, SocketAddr};
-
 pub use self::facts::ViewScene;
 pub(crate) use self::listener::PageListener;
 pub use self::listener::ViewError;
-
-/// The TCP address of the page unless another one is named.
-pub(crate) const DEFAULT_VIEW: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8433);

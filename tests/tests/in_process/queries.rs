@@ -189,6 +189,7 @@ fn a_projection_finds_the_nearest_surface() {
         Query::projection(Vec3::new(0.0, 1.5, 0.0), 2.0).finding(2),
         Query::projection(Vec3::new(0.0, 1.5, 0.0), 0.4),
         Query::projection(Vec3::new(0.0, 0.8, 0.0), 0.0),
+        Query::projection(Vec3::new(0.0, 0.5, 0.0), 100.0),
     ];
     let answers = answers(&mut table, peer, queries);
     assert_eq!(found(&answers[0]), [BALL, FLOOR]);
@@ -197,6 +198,10 @@ fn a_projection_finds_the_nearest_surface() {
     assert_eq!(found(&answers[1]), []);
     // Inside the ball: the distance is negative, and the normal points outward.
     is_near(&hits(&answers[2])[0], -0.2, Vec3::Y, Vec3::Y);
+    // The centre of the ball, to which all its surface is equally near.
+    let centre = &hits(&answers[3])[0];
+    assert_eq!(found(&answers[3]), [BALL]);
+    is_near(centre, -0.5, Vec3::Y, Vec3::Y);
 }
 
 #[test]

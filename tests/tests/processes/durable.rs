@@ -20,6 +20,8 @@ use rhumb_tests::{Ended, ServerProcess};
 use crate::SERVER;
 
 const SCENE: &str = "pit";
+/// Half the floor's width, metres: no ball rolls off it, for a command to a body that left the world would be refused.
+const FLOOR: f32 = 4_000.0;
 /// Bodies that are added one by one, every tenth tick.
 const LATER: u64 = 200;
 
@@ -58,7 +60,7 @@ pub(crate) fn commands(tick: u64, ids: &[BodyId]) -> Vec<Command> {
         }
     };
     if tick == 0 {
-        for (id, shape) in [Shape::cuboid(4_000.0, 1.0, 4_000.0), Shape::ball(0.5)]
+        for (id, shape) in [Shape::cuboid(FLOOR, 1.0, FLOOR), Shape::ball(0.5)]
             .into_iter()
             .enumerate()
         {
