@@ -218,7 +218,7 @@ impl QuicServer {
     /// endpoint or the driver closed ends as `Closed` with that code; after `Close` its end is the only further input.
     /// After a stop the endpoint gets no more inputs; its peers see [`TransportCode::GOING_AWAY`].
     ///
-    /// [`TransportCode::GOING_AWAY`]: super::TransportCode::GOING_AWAY
+    /// [`TransportCode::GOING_AWAY`]: rhumb_protocol::session::TransportCode::GOING_AWAY
     ///
     /// # Errors
     ///
