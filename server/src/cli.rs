@@ -282,7 +282,7 @@ fn identity(settings: &ServerSettings, data: Option<&DataDir>) -> Result<Identit
     }
 }
 
-/// What a server has beside its settings.
+/// The parts of a server beside its settings.
 #[derive(Default)]
 struct Parts {
     /// The flags about APP clients, unless another task than serving is at hand.

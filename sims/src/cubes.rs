@@ -28,7 +28,7 @@ pub struct Cubes {
     driver: Driver,
 }
 
-/// Who moves the player along the floor.
+/// The one that moves the player along the floor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Driver {
     /// The scene's controller.

@@ -98,7 +98,7 @@ typedef uint32_t RhumbCoordinates;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
-// Whether a scene is new, exists already, or either.
+// The condition of joining: a new scene, an existing one, or either.
 enum RhumbJoinCondition
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
   : uint32_t
@@ -258,7 +258,7 @@ typedef uint32_t RhumbQueryKind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
-// What an event reports.
+// The kind of an event.
 enum RhumbEventKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
   : uint32_t

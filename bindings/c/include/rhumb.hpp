@@ -2,7 +2,7 @@
 //
 // Handles close themselves, errors are exceptions, arrays are ranges.
 //
-// What rhumb.h says of threads and units holds here too. Every call throws rhumb::Error when it fails; using a scene that
+// The rules of rhumb.h on threads and units hold here too. Every call throws rhumb::Error when it fails; using a scene that
 // was closed or moved from is an error too.
 
 #ifndef RHUMB_HPP

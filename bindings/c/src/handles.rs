@@ -12,7 +12,7 @@ use rhumb_bindings::BindingError;
 /// The next handle's number, of any kind: a handle of one kind is none of another.
 static NEXT: AtomicU64 = AtomicU64::new(1);
 
-/// What the handles of one kind name.
+/// The things that the handles of one kind name.
 pub(crate) struct HandleTable<T> {
     entries: Mutex<BTreeMap<u64, Arc<Mutex<T>>>>,
 }

@@ -19,7 +19,7 @@ pub enum RhumbCoordinates {
     ZUp,
 }
 
-/// Whether a scene is new, exists already, or either.
+/// The condition of joining: a new scene, an existing one, or either.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RhumbJoinCondition {
@@ -125,7 +125,7 @@ pub enum RhumbQueryKind {
     Overlap,
 }
 
-/// What an event reports.
+/// The kind of an event.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RhumbEventKind {

@@ -1,4 +1,4 @@
-// What a frame of 10,000 moving bodies costs in C.
+// The cost of a frame of 10,000 moving bodies in C.
 //
 // Arguments: the server's address and fingerprint. Prints medians in microseconds.
 

@@ -318,7 +318,7 @@ static void server_gone(pid_t server) {
         fprintf(stderr, "a call without a server returned %u\n", (unsigned)beside.code);
         exit(1);
     }
-    // What was copied is there still.
+    // The copies are there still.
     size_t place;
     EXPECT(RHUMB_CODE_OK, rhumb_scene_poses(scene, &poses));
     EXPECT(RHUMB_CODE_OK, rhumb_scene_place(scene, body, &place));

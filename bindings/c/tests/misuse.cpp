@@ -91,7 +91,7 @@ void views(rhumb::Scene& scene) {
     expect(placed, "an event reports a body");
 }
 
-/// What a call throws, or that it throws nothing.
+/// The error that a call throws, or none.
 template <typename Call>
 RhumbCode code_of(Call call) {
     try {

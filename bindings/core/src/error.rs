@@ -32,7 +32,7 @@ pub enum BindingError {
     Argument {
         /// Its name.
         argument: &'static str,
-        /// What it must be.
+        /// The rule that it breaks.
         needed: &'static str,
     },
     /// An argument that must not be null is null.

@@ -6,7 +6,7 @@ use rhumb_client::{BodyId, ClientError, Event, RemovalCause, Tick};
 
 use crate::coordinates::Coordinates;
 
-/// What an event reports.
+/// The kind of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EventKind {
     /// All commands up to `number` were applied or refused, before the step to `tick`.
@@ -62,7 +62,7 @@ pub enum EventKind {
 /// One event. A field that the kind does not name is zero or `None`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EventRecord {
-    /// What it reports.
+    /// Its kind.
     pub kind: EventKind,
     /// The newest complete tick when the data with which it arrived was read.
     pub after: Tick,

@@ -10,7 +10,7 @@ use rhumb_client::{JoinMode, JoinOptions, Metres, Rate, StreamChoice, Tolerance}
 use crate::coordinates::Coordinates;
 use crate::error::BindingError;
 
-/// Whether the scene is new, exists already, or either.
+/// The condition of joining: a new scene, an existing one, or either.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum JoinCondition {
     /// Creates the scene unless it exists.
@@ -27,7 +27,7 @@ pub enum JoinCondition {
 pub struct JoinParams {
     /// Coordinates of every position, length and force of this client.
     pub coordinates: Coordinates,
-    /// Whether the scene is new, exists already, or either.
+    /// The condition of joining: a new scene, an existing one, or either.
     pub condition: JoinCondition,
     /// How far any point of a copied body may be off, metres in any coordinates.
     pub tolerance_m: f64,

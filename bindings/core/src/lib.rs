@@ -1,4 +1,4 @@
-//! What the bindings of all languages share: coordinates, bodies, a scene.
+//! Common to the bindings of all languages: coordinates, bodies, a scene.
 //!
 //! A binding turns the values of its language into the types of this crate and back. Nothing here knows a language, and
 //! nothing here is `unsafe`.

@@ -960,7 +960,7 @@ namespace Rhumb
     }
 
     /// <summary>
-    ///  Whether a scene is new, exists already, or either.
+    ///  The condition of joining: a new scene, an existing one, or either.
     /// </summary>
     public enum RhumbJoinCondition : uint
     {
@@ -1142,7 +1142,7 @@ namespace Rhumb
     }
 
     /// <summary>
-    ///  What an event reports.
+    ///  The kind of an event.
     /// </summary>
     public enum RhumbEventKind : uint
     {

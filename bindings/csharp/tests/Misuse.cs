@@ -302,7 +302,7 @@ internal static class Misuse
         Signal("KILL", server);
         other.Join();
         Expect(code == RhumbCode.Timeout || code == RhumbCode.Ended, "a call without a server: " + code);
-        // What was copied is there still.
+        // The copies are there still.
         Expect(Near(scene.Positions[scene.Place(body)].Y, 2), "the copy is there");
         scene.Dispose();
         RhumbCode again = CodeOf(() => Connected(0.25));

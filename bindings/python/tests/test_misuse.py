@@ -207,7 +207,7 @@ def test_a_server_that_is_gone_in_the_middle_of_a_call(own_server):
     os.kill(own_server.process.pid, signal.SIGKILL)
     thread.join()
     assert isinstance(result[0], (rhumb.Timeout, rhumb.EndedError)), result
-    # What was copied is there still.
+    # The copies are there still.
     assert scene.positions[scene.place(ball)][1] == pytest.approx(2, abs=0.01)
     scene.close()
     with pytest.raises((rhumb.ConnectError, rhumb.Timeout)):

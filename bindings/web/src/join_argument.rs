@@ -1,4 +1,4 @@
-//! What a member asks for when it joins, out of JSON.
+//! The request of a member that joins, out of JSON.
 
 use core::num::NonZeroU32;
 

@@ -38,7 +38,7 @@ pub(crate) struct WebMember {
     events: Vec<Value>,
 }
 
-/// What a member has.
+/// The state of a member.
 #[derive(Debug)]
 struct Membership {
     live_view: LiveView,

@@ -1,4 +1,4 @@
-//! What a member begins with, out of JSON.
+//! The options of a new member, out of JSON.
 
 use rhumb_protocol::message::{SessionKey, Token};
 use rhumb_protocol::scene::SceneName;
@@ -7,7 +7,7 @@ use crate::argument::Argument;
 use crate::failure::Failure;
 use crate::join_argument::{JoinArguments, session_key};
 
-/// What a member begins with.
+/// The options of a new member.
 #[derive(Debug)]
 pub(crate) struct MemberOptions {
     pub(crate) scene: SceneName,

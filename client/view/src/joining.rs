@@ -67,7 +67,7 @@ impl Joining {
         }
     }
 
-    /// What the server owes now, in words.
+    /// The answer that the server owes now, in words.
     #[must_use]
     pub const fn awaited(&self) -> &'static str {
         match self.step {

@@ -1,4 +1,4 @@
-//! What a member of a remote scene has without sockets.
+//! A member of a remote scene, without its sockets.
 //!
 //! The poses of the scene at any moment, clocks, body ids, and the way into the scene. Reads no system clock and opens
 //! no socket: time is an argument, and the tracks come from a

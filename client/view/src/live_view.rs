@@ -22,9 +22,9 @@ const PREDICT_SECONDS: f64 = 0.5;
 pub struct ViewOptions {
     /// Ticks that the view stays behind the newest tick that the server can have published.
     pub delay_ticks: f64,
-    /// Whether only whole ticks are shown.
+    /// True if only whole ticks are shown.
     pub whole_ticks: bool,
-    /// Whether corrections are shown as short glides.
+    /// True if corrections are shown as short glides.
     pub smooth: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Whether, and for how long, a client tries to go on over another connection.
+//! The time for which a client tries to go on over another connection.
 
 use std::time::Duration;
 

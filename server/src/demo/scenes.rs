@@ -112,7 +112,7 @@ pub(super) fn provided(first: DemoScene, bodies: Option<u32>, seed: u64) -> Prov
     })
 }
 
-/// What the page offers, the first scene first.
+/// The scenes that the page offers, the first one first.
 pub(super) fn view_scenes(first: DemoScene) -> Vec<ViewScene> {
     let others = DemoScene::ALL.into_iter().filter(|scene| *scene != first);
     [first]

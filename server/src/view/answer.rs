@@ -31,7 +31,7 @@ const HEADERS: &[(&str, &str)] = &[
 /// Hashes of the certificates that browsers may be shown now, hexadecimal.
 pub(super) type Hashes = Box<dyn Fn() -> Vec<String> + Send + Sync>;
 
-/// What the page is answered from.
+/// The sources of the page's answers.
 pub(super) struct Page {
     /// Address of the server.
     pub(super) listens: SocketAddr,

@@ -1,4 +1,4 @@
-//! What the page must know to connect, as JSON.
+//! The facts that the page needs to connect, as JSON.
 
 use core::net::{IpAddr, SocketAddr};
 

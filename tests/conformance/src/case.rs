@@ -39,7 +39,7 @@ pub struct Case {
     pub profile: Profile,
     /// When it runs relative to the others.
     pub turn: Schedule,
-    /// What it is about, if it runs over that alone.
+    /// The one transport that it runs over, if it needs that one.
     pub only_over: Option<Carrier>,
     played: Option<CaseFn>,
 }

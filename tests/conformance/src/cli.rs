@@ -65,14 +65,14 @@ struct ServerTask {
     /// PEM file with the root certificates that the server's certificate must chain to.
     #[arg(long)]
     roots: Option<PathBuf>,
-    /// What carries the suite's clients. Over WebTransport the fingerprint is that of the certificate for browsers.
+    /// The transport of the suite's clients. Over WebTransport the fingerprint is that of the certificate for browsers.
     #[arg(long, value_enum, default_value = "quic")]
     transport: Transport,
     #[command(flatten)]
     common: Common,
 }
 
-/// What carries the suite's clients to a server.
+/// The transport of the suite's clients to a server.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum Transport {
     Quic,

@@ -19,7 +19,7 @@ pub struct Conditions {
     pub seed: u64,
     /// Simulated network between suite and peer, if not ideal.
     pub link: LinkConfig,
-    /// What carries the suite's own clients.
+    /// The transport of the suite's own clients.
     pub carrier: Carrier,
     /// Features that the peer is declared to lack.
     pub without: Vec<Feature>,

@@ -1,4 +1,4 @@
-//! What the sources of this crate are in C and in C#.
+//! The sources of this crate, as declarations of C and of C#.
 
 use std::error::Error;
 use std::path::Path;

@@ -14,7 +14,7 @@ use rhumb_transport::CertificateError;
 /// Handshake parameters of one end.
 #[derive(Clone, Debug)]
 pub struct RawPeerConfig {
-    /// What carries the control stream and the datagrams.
+    /// The transport of the control stream and the datagrams.
     pub carrier: Carrier,
     /// The path that a session requests.
     pub path: String,
@@ -34,7 +34,7 @@ pub struct RawPeerConfig {
     pub window_bytes: u32,
 }
 
-/// What carries the control stream and the datagrams.
+/// The transport of the control stream and the datagrams.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Carrier {
     /// The connection itself.
