@@ -125,7 +125,7 @@ fn client(root: &Path, out: &Path) -> Result<(), String> {
     if !Path::new(installed.trim()).exists() {
         return Err(format!("run `rustup target add {TARGET}` and build again"));
     }
-    let target = out.join("target");
+    let target = target_folder(out)?;
     let mut cargo = Command::new(variable("CARGO")?);
     cargo
         .args([
@@ -152,6 +152,16 @@ fn client(root: &Path, out: &Path) -> Result<(), String> {
         true => Ok(()),
         false => Err(format!("{CLIENT} has no rhumb.js")),
     }
+}
+
+/// The folder in which every build of this workspace, and `bindings/web/build`, compiles the web client: once for all of
+/// them. It is not that of this build, whose lock is held.
+fn target_folder(out: &Path) -> Result<PathBuf, String> {
+    // OUT_DIR is target/PROFILE/build/PACKAGE/out, or has a folder of the target before PROFILE.
+    let mut above = out.ancestors().skip_while(|folder| !folder.ends_with("build"));
+    above.nth(2)
+        .map(|folder| folder.join("web-client"))
+        .ok_or_else(|| format!("{} is no folder of a build script", out.display()))
 }
 
 /// True for a variable of the environment that sets flags, wrappers or folders of the build that this one is part of.

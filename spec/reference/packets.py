@@ -18,7 +18,9 @@ UPDATES_MAX, RECORDS_MAX, LOST_MAX, PARTS_MAX = 400, 9200, 64, 64
 SPAN, ROWS, SYMBOL_MAX = 32, 128, 1136
 POSITION_LIMIT, VELOCITY_LIMIT, RESIDUAL_LIMIT, TURN_LIMIT = 1 << 30, 1 << 24, 1 << 26, 1 << 10
 VELOCITY_EXPONENT_MAX = 12
-REST_UPDATE_AGE, COARSENESS, LENGTH, ACCELERATION_EXPONENT, ACCELERATION = 7, 384, 388, 393, 394  # contexts
+# Contexts of numbers.
+REST_UPDATE_AGE, POSITION, TURN, VELOCITY, COARSENESS = 7, 8, 13, 22, 62
+LENGTH, ACCELERATION_EXPONENT, ACCELERATION = 66, 71, 72
 GOLOMB_MAX = 3 << 30
 ALPHABET_BITS, ESCAPE = 12, 17
 END, ASSIGNMENT, REST_UPDATE, KEYFRAME, PENDING_MAX = 17, 16, 13, 12, 11
@@ -144,7 +146,8 @@ def ilog2(number):
 def group(context):
     if context >= ACCELERATION:
         return 3
-    return 1 if 8 <= context < 128 else 2 if 128 <= context < 344 else 3 if 344 <= context < COARSENESS else 0
+    firsts = (POSITION, TURN, VELOCITY, COARSENESS)
+    return sum(context >= first for first in firsts) % len(firsts)
 
 
 class Model:
@@ -192,8 +195,8 @@ class Model:
 # 5.6 Updates
 
 
-def age_class(age):
-    return sum(age > end for end in (1, 2, 4, 10, 30))
+def is_late(age):
+    return int(age > 2)
 
 
 def follows(part, total):
@@ -204,19 +207,18 @@ class Walk:
     """The contexts of a correction's numbers, in order."""
 
     def __init__(self, kind, age):
-        self.kind, self.age = kind, age_class(age)
+        self.kind, self.late = kind, is_late(age)
         self.triple = self.part = self.total = self.largest = 0
 
     def context(self):
         slot = 1 + follows(self.part, self.total) if self.part else 0
         if self.triple == 0:
-            return 8 + (6 * self.kind + self.age) * 5 + slot
+            return POSITION + slot
         if self.triple == 1:
             n = self.largest
             first = 4 if n == 0 else 5 + ilog2(n) if n < 8 else 8
-            return 128 + (6 * self.kind + self.age) * 9 + (slot - 1 if self.part else first)
-        late = int(self.age >= 2)
-        return 344 + (4 * (self.kind // 2) + 2 * late + self.triple - 2) * 5 + slot
+            return TURN + (slot - 1 if self.part else first)
+        return VELOCITY + (4 * (self.kind // 2) + 2 * self.late + self.triple - 2) * 5 + slot
 
     def step(self, size):
         if self.triple == 0:
@@ -249,7 +251,7 @@ def acceleration_context(part, total):
 
 
 def coarseness_context(kind, age):
-    return COARSENESS + 2 * (kind // 2) + int(age_class(age) >= 2)
+    return COARSENESS + 2 * (kind // 2) + is_late(age)
 
 
 def length_context(place, lengths):

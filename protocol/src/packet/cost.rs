@@ -57,7 +57,7 @@ pub(crate) trait CostModel {
                 let velocity = residual.velocity.as_ref();
                 let moved = velocity.is_some();
                 return self.cost_of_form(mode, *age, moved)
-                    + self.cost_of_place(mode, *age, moved, residual)
+                    + self.cost_of_place(residual)
                     + velocity.map_or(0, |it| self.cost_of_velocity(mode, *age, it));
             }
             UpdatePayload::Keyframe(keyframe) => keyframe.bit_len() as u32 + INDEX_BITS,
@@ -85,21 +85,13 @@ pub(crate) trait CostModel {
             + self.cost_of_parent(mode)
     }
 
-    /// The cost of the position and rotation in a correction of this mode.
+    /// The cost of the position and rotation in a correction.
     #[inline]
-    fn cost_of_place(
-        &self,
-        mode: &PredictionMode,
-        age: Age,
-        moved: bool,
-        residual: &Residual,
-    ) -> u32 {
-        let kind = UpdateForm::of_mode(mode, moved).kind();
-        let class = contexts::age_class(age.count());
+    fn cost_of_place(&self, residual: &Residual) -> u32 {
         let [x, y, z] = residual.position;
         let largest = x.unsigned_abs().max(y.unsigned_abs()).max(z.unsigned_abs());
-        self.cost_of_three(contexts::position(kind, class), residual.position)
-            + self.cost_of_three(contexts::turn(kind, class, largest), residual.turn)
+        self.cost_of_three(contexts::POSITIONS, residual.position)
+            + self.cost_of_three(contexts::turn(largest), residual.turn)
     }
 
     /// The cost of the velocities in a correction of this mode.
@@ -111,11 +103,11 @@ pub(crate) trait CostModel {
         velocity: &VelocityResidual,
     ) -> u32 {
         let kind = UpdateForm::of_mode(mode, true).kind();
-        let class = contexts::age_class(age.count());
-        let velocity_exponent = contexts::velocity_exponent(kind, age.count());
+        let age = age.count();
+        let velocity_exponent = contexts::velocity_exponent(kind, age);
         self.cost_of_number(velocity_exponent, velocity.velocity_exponent)
-            + self.cost_of_three(contexts::velocity(kind, class, 2), velocity.linear)
-            + self.cost_of_three(contexts::velocity(kind, class, 3), velocity.angular)
+            + self.cost_of_three(contexts::velocity(kind, age, 2), velocity.linear)
+            + self.cost_of_three(contexts::velocity(kind, age, 3), velocity.angular)
     }
 
     fn cost_of_parent(&self, mode: &PredictionMode) -> u32 {

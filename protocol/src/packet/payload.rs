@@ -457,11 +457,11 @@ impl UpdateCoder {
                 ..VelocityResidual::default()
             });
         }
-        let (model, age) = (&mut self.model, contexts::age_class(age.count()));
-        residual.position = model.read_three(contexts::position(kind, age), from)?;
+        let (model, age) = (&mut self.model, age.count());
+        residual.position = model.read_three(contexts::POSITIONS, from)?;
         let [x, y, z] = residual.position;
         let largest = x.unsigned_abs().max(y.unsigned_abs()).max(z.unsigned_abs());
-        residual.turn = model.read_three(contexts::turn(kind, age, largest), from)?;
+        residual.turn = model.read_three(contexts::turn(largest), from)?;
         if let Some(velocity) = &mut residual.velocity {
             velocity.linear = model.read_three(contexts::velocity(kind, age, 2), from)?;
             velocity.angular = model.read_three(contexts::velocity(kind, age, 3), from)?;

@@ -14,17 +14,16 @@ pub(super) fn numbers(
     residual: &Residual,
     mut emit: impl FnMut(usize, i32),
 ) {
-    each_of_place(kind, age, residual, &mut emit);
+    each_of_place(residual, &mut emit);
     if let Some(velocity) = &residual.velocity {
         each_of_velocity(kind, age, velocity, &mut emit);
     }
 }
 
 #[inline]
-fn each_of_place(kind: usize, age: Age, residual: &Residual, emit: &mut impl FnMut(usize, i32)) {
-    let age = contexts::age_class(age.count());
-    let largest = each(residual.position, contexts::position(kind, age), emit);
-    each(residual.turn, contexts::turn(kind, age, largest), emit);
+fn each_of_place(residual: &Residual, emit: &mut impl FnMut(usize, i32)) {
+    let largest = each(residual.position, contexts::POSITIONS, emit);
+    each(residual.turn, contexts::turn(largest), emit);
 }
 
 #[inline]
@@ -34,7 +33,7 @@ fn each_of_velocity(
     velocity: &VelocityResidual,
     emit: &mut impl FnMut(usize, i32),
 ) {
-    let age = contexts::age_class(age.count());
+    let age = age.count();
     each(velocity.linear, contexts::velocity(kind, age, 2), emit);
     each(velocity.angular, contexts::velocity(kind, age, 3), emit);
 }

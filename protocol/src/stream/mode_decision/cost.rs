@@ -43,7 +43,7 @@ impl Cost {
     pub(super) fn bits(&self, residual: &Residual) -> u32 {
         let velocity = residual.velocity.as_ref();
         self.of_form(velocity.is_some())
-            + Self::of_place(self.age, residual)
+            + Self::of_place(residual)
             + velocity.map_or(0, |velocity| self.of_velocity(velocity))
     }
 
@@ -52,9 +52,9 @@ impl Cost {
         OVERHEAD + InitialCostModel.cost_of_form(&self.mode, self.age, moved)
     }
 
-    /// Cost of position and turn. The contexts of the modes hardly differ, so that one cost serves all.
-    pub(super) fn of_place(age: Age, residual: &Residual) -> u32 {
-        InitialCostModel.cost_of_place(&PredictionMode::Same, age, false, residual)
+    /// Cost of position and turn, the same for all modes.
+    pub(super) fn of_place(residual: &Residual) -> u32 {
+        InitialCostModel.cost_of_place(residual)
     }
 
     /// Cost of velocities.

@@ -121,7 +121,7 @@ impl<'s> CorrectionRanker<'s> {
     ) {
         let units = &self.expectation.units;
         let effect = self.effect(residual);
-        let place = self.cost.of_form(true) + Cost::of_place(settings.age, residual);
+        let place = self.cost.of_form(true) + Cost::of_place(residual);
         let lacking = *slope - effect.each_tick;
         for velocity_exponent in settings.features.steps(VELOCITY_EXPONENTS) {
             let velocity = units.velocity(&lacking, velocity_exponent);

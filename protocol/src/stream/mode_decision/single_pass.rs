@@ -184,7 +184,7 @@ impl Start {
             now,
             residual,
             at_once: units.of_residual(&residual),
-            bits: Cost::of_place(settings.age, &residual),
+            bits: Cost::of_place(&residual),
         }
     }
 }
@@ -282,7 +282,7 @@ impl SinglePass<'_> {
             return None;
         }
         let bits =
-            form + Cost::of_place(self.settings.age, &residual) + cost.of_velocity(&velocity);
+            form + Cost::of_place(&residual) + cost.of_velocity(&velocity);
         let each_tick = implied + units.of_velocity(&velocity);
         let price = cost.price(bits, self.lifetime(left, &course, each_tick));
         let velocity = Some(velocity);
