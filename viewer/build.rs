@@ -158,8 +158,11 @@ fn client(root: &Path, out: &Path) -> Result<(), String> {
 /// them. It is not that of this build, whose lock is held.
 fn target_folder(out: &Path) -> Result<PathBuf, String> {
     // OUT_DIR is target/PROFILE/build/PACKAGE/out, or has a folder of the target before PROFILE.
-    let mut above = out.ancestors().skip_while(|folder| !folder.ends_with("build"));
-    above.nth(2)
+    let mut above = out
+        .ancestors()
+        .skip_while(|folder| !folder.ends_with("build"));
+    above
+        .nth(2)
         .map(|folder| folder.join("web-client"))
         .ok_or_else(|| format!("{} is no folder of a build script", out.display()))
 }

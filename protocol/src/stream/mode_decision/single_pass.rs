@@ -281,8 +281,7 @@ impl SinglePass<'_> {
         if !velocity.is_within_limits() {
             return None;
         }
-        let bits =
-            form + Cost::of_place(&residual) + cost.of_velocity(&velocity);
+        let bits = form + Cost::of_place(&residual) + cost.of_velocity(&velocity);
         let each_tick = implied + units.of_velocity(&velocity);
         let price = cost.price(bits, self.lifetime(left, &course, each_tick));
         let velocity = Some(velocity);
