@@ -50,6 +50,8 @@ struct PeerQueue {
     snapshot_after: Instant,
     /// The last time at which the link took bytes, or had none to take.
     taken_at: Instant,
+    /// True while its control bytes wait for the disk.
+    withheld: bool,
 }
 
 impl PeerQueue {
@@ -97,6 +99,7 @@ impl Outbox {
             snapshot_end: 0,
             snapshot_after: Instant::ZERO,
             taken_at: self.now,
+            withheld: false,
         };
         self.lanes.insert(peer, lane);
     }
@@ -142,6 +145,22 @@ impl Outbox {
     pub(crate) fn send_encoded(&mut self, to: Peer, messages: &Bytes) {
         if let Some(session) = self.session(to) {
             session.send_encoded(messages);
+        }
+    }
+
+    /// Keeps all control bytes of a connection back until [`Self::release`].
+    pub(crate) fn withhold(&mut self, peer: Peer) {
+        if let Some(lane) = self.lanes.get_mut(&peer) {
+            lane.withheld = true;
+        }
+    }
+
+    /// Sends what was kept back.
+    pub(crate) fn release(&mut self, peer: Peer) {
+        let now = self.now;
+        if let Some(lane) = self.lanes.get_mut(&peer) {
+            (lane.withheld, lane.taken_at) = (false, now);
+            self.sendable.insert(peer);
         }
     }
 
@@ -214,6 +233,9 @@ impl Outbox {
 
     /// The code for a connection whose peer reads too slowly: too much waits for it, or it has taken nothing for long.
     fn overflow(lane: &PeerQueue, limits: &Limits, now: Instant) -> Option<CloseCode> {
+        if lane.withheld {
+            return None;
+        }
         lane.taken?;
         let waits = lane.in_driver() > 0 || lane.queued() > 0;
         let stalled = waits && now.since(lane.taken_at) >= limits.stall();
@@ -256,6 +278,7 @@ impl Outbox {
             lane.session.close(code);
         }
         if lane.is_open()
+            && !lane.withheld
             && let Some(bytes) = lane.next_piece()
         {
             return Some(Transmit::Control { to: peer, bytes });

@@ -571,7 +571,7 @@ impl SceneRunner {
 
     /// Informs the members that the scene has ended.
     pub(crate) fn end(mut self, out: &mut Outbox) {
-        self.delete_log();
+        self.delete_log(out);
         for peer in self.members.keys() {
             self.authority_table.end(*peer);
             out.send(*peer, &ServerMessage::Deleted);

@@ -78,7 +78,7 @@ enum Job {
     End,
 }
 
-/// Called when more is durable.
+/// Called when more is durable, and when the disk refuses.
 pub(crate) type Wake = Arc<dyn Fn() + Send + Sync>;
 
 impl SceneLog {
@@ -123,6 +123,11 @@ impl SceneLog {
             self.shared.broken.store(true, Ordering::Relaxed);
         }
         self.send(Job::Batch(batch));
+        self.batches
+    }
+
+    /// Number of batches handed over.
+    pub(crate) const fn appended(&self) -> u64 {
         self.batches
     }
 
@@ -253,6 +258,7 @@ impl LogWriter {
         tracing::error!(scene = %self.scene, %error, "commands are not durable until the next snapshot");
         self.segment = None;
         self.shared.broken.store(true, Ordering::Relaxed);
+        (self.wake)();
     }
 
     fn begin_segment(&mut self, tick: Tick, previous: Option<(u32, u64)>) {

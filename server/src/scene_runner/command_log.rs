@@ -2,8 +2,8 @@
 //!
 //! Never waits for the disk.
 
-use rhumb_protocol::Span;
 use rhumb_protocol::message::ServerMessage;
+use rhumb_protocol::{Peer, Span};
 
 use super::SceneRunner;
 use super::durability::{AwaitedBatch, Durability};
@@ -94,12 +94,38 @@ impl SceneRunner {
         }
     }
 
-    /// Tells members which of their commands have become durable.
+    /// Keeps the answers to a member back until what they say of its session is durable: a member that has been let in
+    /// finds its session and its indices again, whenever the server fails. A broken log keeps no member out.
+    pub(super) fn answer_durably(&mut self, peer: Peer, out: &mut Outbox) {
+        self.commit();
+        if let Some(durability) = &mut self.durability
+            && !durability.log.is_broken()
+        {
+            let batch = durability.log.appended();
+            durability.unanswered.push_back((batch, peer));
+            out.withhold(peer);
+        }
+    }
+
+    /// Tells members which of their commands have become durable, and lets those in whose sessions have.
     pub(crate) fn report_durable(&mut self, out: &mut Outbox) {
         let Some(durability) = &mut self.durability else {
             return;
         };
         let durable = durability.log.durable();
+        let is_broken = durability.log.is_broken();
+        while let Some((batch, peer)) = durability.unanswered.front().copied()
+            && (batch <= durable || is_broken)
+        {
+            durability.unanswered.pop_front();
+            let waits_again = durability
+                .unanswered
+                .iter()
+                .any(|(_, other)| *other == peer);
+            if !waits_again {
+                out.release(peer);
+            }
+        }
         while let Some(batch) = durability.awaited.front()
             && batch.number <= durable
         {
@@ -114,8 +140,11 @@ impl SceneRunner {
     }
 
     /// Removes the files of a scene that has ended.
-    pub(super) fn delete_log(&mut self) {
+    pub(super) fn delete_log(&mut self, out: &mut Outbox) {
         if let Some(durability) = self.durability.take() {
+            for (_, peer) in &durability.unanswered {
+                out.release(*peer);
+            }
             durability.log.delete();
         }
     }

@@ -24,6 +24,8 @@ pub(super) struct Durability {
     pub(super) snapshot_tick: Tick,
     /// Batches with commands of sessions that are not reported as durable.
     pub(super) awaited: VecDeque<AwaitedBatch>,
+    /// Members whose answers are kept back, each with the batch that must be durable.
+    pub(super) unanswered: VecDeque<(u64, Peer)>,
 }
 
 /// A batch after which members learn that their commands are durable.
@@ -42,6 +44,7 @@ impl Durability {
             stepped,
             snapshot_tick: tick,
             awaited: VecDeque::new(),
+            unanswered: VecDeque::new(),
         }
     }
 

@@ -72,6 +72,9 @@ impl SceneRunner {
         if let Some(request) = request {
             self.repeat_answers(peer, request.answered, out);
         }
+        if session.is_some() && !resumed {
+            self.answer_durably(peer, out);
+        }
         if self.next_step.is_none() {
             self.last_step = now;
             self.next_step = Some(now + self.step());
@@ -106,7 +109,12 @@ impl SceneRunner {
             }
             Err(denial) => ServerMessage::Denied(denial),
         };
+        let is_durable =
+            matches!(answer, ServerMessage::Reserved(_)) && self.session_of(peer).is_some();
         out.send(peer, &answer);
+        if is_durable {
+            self.answer_durably(peer, out);
+        }
     }
 
     /// Takes over the sessions and owners of a restored scene.

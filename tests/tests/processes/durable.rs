@@ -117,7 +117,10 @@ pub(crate) fn step(client: &mut Client) {
     while let Err(ClientError::Timeout { .. }) = stepped {
         stepped = client.wait(PipelineDepth::LOCKSTEP);
     }
-    stepped.expect("the scene goes on");
+    if let Err(error) = stepped {
+        let events: Vec<_> = std::iter::from_fn(|| client.poll_event()).collect();
+        panic!("the scene goes on: {error}; {events:?}");
+    }
 }
 
 /// A server with a data directory.
