@@ -9,7 +9,7 @@ use bytes::Bytes;
 use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor, Tick, Ticks, Track};
 
 use super::observation_history::ObservationHistory;
-use super::publisher::PublisherStatistics;
+use super::publisher_statistics::PublisherStatistics;
 use super::sent_packets::SentPackets;
 use crate::packet::{
     FullPacket, FullRecord, Keyframe, LargestPacket, Low16, RefreshRecord, RefreshWriter, StreamId,
