@@ -133,11 +133,7 @@ impl FullPublisher {
         scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
-        // A stream that began after that tick has already published it.
-        let Some(tick) = observation_history
-            .present()
-            .filter(|tick| *tick > self.tick)
-        else {
+        let Some(tick) = observation_history.due_after(self.tick) else {
             return;
         };
         self.tick = tick;

@@ -114,11 +114,7 @@ impl Publisher {
         scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
-        // A stream that began after that tick has already published it.
-        let Some(tick) = observation_history
-            .present()
-            .filter(|tick| *tick > self.tick)
-        else {
+        let Some(tick) = observation_history.due_after(self.tick) else {
             return;
         };
         let passed = tick.since(self.tick).unwrap_or_default();

@@ -29,6 +29,20 @@ pub struct StreamConfig {
 }
 
 impl StreamConfig {
+    /// Sixty ticks a second, each published, without gravity: the config of unit tests.
+    #[cfg(test)]
+    pub(crate) const PLAIN: Self = Self {
+        tolerance: Tolerance::NORMAL,
+        integrator: Integrator {
+            rate: rhumb_reckoning::Rate::HZ_60,
+            substeps: NonZeroU32::MIN,
+        },
+        publish_interval: NonZeroU32::MIN,
+        gravity: Vec3::ZERO,
+        largest_packet: LargestPacket::DEFAULT,
+        features: Features::ALL,
+    };
+
     /// The start of a subscriber that receives the stream from its first tick.
     #[must_use]
     pub const fn start(&self, stream: StreamId, tick: Tick) -> StreamStart {

@@ -1,4 +1,4 @@
-//! The check of one body at one tick: does its track still hold, and if not, what is its update?
+//! The check of one body at one tick, and its update if its track is off.
 //!
 //! Combines the tables of tracks with the mode decision. Keeps nothing. Invariant: a returned track is within the
 //! tolerance of the observed state, grid error included.
@@ -281,16 +281,13 @@ fn possible_parent<'s>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::packet::LargestPacket;
     use crate::scene::PublishSchedule;
     use crate::stream::observation_history::ObservationHistory;
     use crate::stream::stream_config::StreamConfig;
     use crate::stream::tracks::PredictionParameters;
-    use core::num::NonZeroU32;
-    use glam::Vec3;
     use proptest::array::uniform3;
     use proptest::prelude::*;
-    use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance};
+    use rhumb_reckoning::{BodyId, BodyState, Metres, Tick};
 
     const TICK: Tick = Tick::new(3);
     const BODY: BodyId = BodyId::new(4, 0);
@@ -302,17 +299,7 @@ mod tests {
 
     /// A body that rests at the origin of the scene.
     fn published() -> PublishedTracks {
-        let mut published = PublishedTracks::new(&StreamConfig {
-            tolerance: Tolerance::NORMAL,
-            integrator: Integrator {
-                rate: Rate::HZ_60,
-                substeps: NonZeroU32::MIN,
-            },
-            publish_interval: NonZeroU32::MIN,
-            gravity: Vec3::ZERO,
-            largest_packet: LargestPacket::DEFAULT,
-            features: Features::ALL,
-        });
+        let mut published = PublishedTracks::new(&StreamConfig::PLAIN);
         let resting = Track::resting(Tick::ZERO, state([0.0; 3], [0.0; 3]));
         assert!(published.place(
             BODY,

@@ -1,4 +1,4 @@
-//! The scan of a tick's observations: tracks that may not hold, and parent candidates.
+//! The scan of observations: tracks out of tolerance and parent candidates.
 //!
 //! One pass over the observations. Bodies that surely hold cost nothing more. Changes no track. Invariant: positions in
 //! `undecided` and `other_parents` rise.
@@ -136,22 +136,12 @@ impl ObservationScan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::packet::LargestPacket;
-    use core::num::NonZeroU32;
     use proptest::prelude::*;
-    use rhumb_reckoning::{Integrator, Rate, Tolerance};
 
     proptest! {
         #[test]
         fn merged_places_rise(places in proptest::collection::btree_map(0_u32..60, any::<bool>(), 0..40)) {
-            let mut scan = ObservationScan::new(&StreamConfig {
-                tolerance: Tolerance::NORMAL,
-                integrator: Integrator { rate: Rate::HZ_60, substeps: NonZeroU32::MIN },
-                publish_interval: NonZeroU32::MIN,
-                gravity: glam::Vec3::ZERO,
-                largest_packet: LargestPacket::DEFAULT,
-                features: Features::ALL,
-            });
+            let mut scan = ObservationScan::new(&StreamConfig::PLAIN);
             for (place, late) in &places {
                 let to = if *late { &mut scan.tested } else { &mut scan.undecided };
                 to.push(*place);

@@ -1,4 +1,4 @@
-//! The bodies that others may be attached to: the largest moving bodies of a tick.
+//! Parent candidates: the largest moving bodies of a tick.
 //!
 //! Changes no track. Buffers are reused from tick to tick. Invariant: candidates are sorted by radius, the largest first.
 

@@ -155,28 +155,13 @@ impl PublishedTracks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::packet::LargestPacket;
-    use crate::stream::features::Features;
-    use core::num::NonZeroU32;
     use proptest::prelude::*;
-    use rhumb_reckoning::{
-        Anchor, BodyState, Grid, Integrator, Metres, Predictor, QuantisedState, Rate, Tolerance,
-    };
+    use rhumb_reckoning::{Anchor, BodyState, Grid, Metres, Predictor, QuantisedState, Tolerance};
 
     const BODIES: u32 = 8;
 
     fn published() -> PublishedTracks {
-        PublishedTracks::new(&StreamConfig {
-            tolerance: Tolerance::NORMAL,
-            integrator: Integrator {
-                rate: Rate::HZ_60,
-                substeps: NonZeroU32::MIN,
-            },
-            publish_interval: NonZeroU32::MIN,
-            gravity: Vec3::ZERO,
-            largest_packet: LargestPacket::DEFAULT,
-            features: Features::ALL,
-        })
+        PublishedTracks::new(&StreamConfig::PLAIN)
     }
 
     fn still() -> BodyState {
@@ -209,38 +194,38 @@ mod tests {
     }
 
     #[derive(Clone, Copy, Debug)]
-    enum Operation {
+    enum TrackChange {
         Place(u32, Option<u32>),
         Replace(u32, Option<u32>),
         Remove(u32),
     }
 
-    fn operation() -> impl Strategy<Value = Operation> {
+    fn track_change() -> impl Strategy<Value = TrackChange> {
         let parent = || proptest::option::of(0..BODIES);
         prop_oneof![
-            (0..BODIES, parent()).prop_map(|(index, parent)| Operation::Place(index, parent)),
-            (0..BODIES, parent()).prop_map(|(index, parent)| Operation::Replace(index, parent)),
-            (0..BODIES).prop_map(Operation::Remove),
+            (0..BODIES, parent()).prop_map(|(index, parent)| TrackChange::Place(index, parent)),
+            (0..BODIES, parent()).prop_map(|(index, parent)| TrackChange::Replace(index, parent)),
+            (0..BODIES).prop_map(TrackChange::Remove),
         ]
     }
 
     proptest! {
         #[test]
         fn a_body_has_as_many_children_as_tracks_name_it(
-            operations in proptest::collection::vec(operation(), 0..100),
+            changes in proptest::collection::vec(track_change(), 0..100),
         ) {
             let mut published = published();
-            for operation in operations {
-                match operation {
-                    Operation::Place(index, parent) => place(&mut published, index, parent),
-                    Operation::Replace(index, parent) => {
+            for change in changes {
+                match change {
+                    TrackChange::Place(index, parent) => place(&mut published, index, parent),
+                    TrackChange::Replace(index, parent) => {
                         if published.tracks().slot(index).is_some() {
                             let track = track(1, parent);
                             let payload = UpdatePayload::Keyframe(Keyframe::of(&track));
                             published.replace(index, payload, track);
                         }
                     }
-                    Operation::Remove(index) => published.remove(id(index)),
+                    TrackChange::Remove(index) => published.remove(id(index)),
                 }
                 for index in 0..BODIES {
                     let parents = published.tracks().iter().filter_map(|(_, slot)| slot.parent());

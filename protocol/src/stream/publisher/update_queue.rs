@@ -1,4 +1,4 @@
-//! The updates of a stream with a budget: which are encoded at a tick, and which wait.
+//! The queue of a stream with a budget: updates of a tick, and waiting bodies.
 //!
 //! Invariant: every delayed update is counted and reported. The stream states the greatest share of a tolerance that
 //! its tracks use. A publisher without a budget has no queue.
