@@ -324,7 +324,6 @@ pub(super) const MECHANISMS: &[Mechanism] = &[
             "protocol/src/session/upstream_receiver.rs",
             "protocol/src/session/upstream_sender.rs",
             "protocol/src/session/client/upstream.rs",
-            "protocol/src/session/client/upstream_state.rs",
             "protocol/src/message/authority.rs",
             "server/src/authority_table.rs",
             "server/src/scene_runner/authority.rs",
