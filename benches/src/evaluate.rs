@@ -34,8 +34,8 @@ pub struct Evaluate {
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=100_000))]
     bodies: Vec<u32>,
     /// Modes to run side by side.
-    #[arg(long, value_delimiter = ',', default_values_t = [ModeName::Integrated, ModeName::Naive, ModeName::Rhumb, ModeName::RhumbPipelined])]
-    modes: Vec<ModeName>,
+    #[arg(long, value_delimiter = ',', default_values_t = [Mode::Integrated, Mode::Naive, Mode::Rhumb, Mode::RhumbPipelined])]
+    modes: Vec<Mode>,
     /// Simulated seconds.
     #[arg(long, default_value = "10", value_parser = seconds, allow_negative_numbers = true)]
     seconds: f64,
@@ -102,51 +102,6 @@ impl Evaluate {
             AppClient::Sound => Defects::SOUND,
             AppClient::AsPublished => Defects::AS_PUBLISHED,
         }
-    }
-}
-
-/// Name of a mode on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum ModeName {
-    /// Stepped in the caller's own thread.
-    Integrated,
-    /// A server that sends every state.
-    Naive,
-    /// The predicted stream, lockstep.
-    Rhumb,
-    /// The predicted stream, one tick behind.
-    RhumbPipelined,
-    /// The predicted stream of a free-running server, in real time.
-    RhumbFree,
-    /// The full stream of the same server.
-    NaiveFree,
-    /// The paper's protocol: one datagram per body state.
-    AppAll,
-    /// The paper's protocol: awake bodies only.
-    AppActive,
-    /// The paper's protocol: as many states per datagram as fit.
-    AppPacked,
-}
-
-impl ModeName {
-    const fn mode(self) -> Mode {
-        match self {
-            Self::Integrated => Mode::Integrated,
-            Self::Naive => Mode::Naive,
-            Self::Rhumb => Mode::Rhumb,
-            Self::RhumbPipelined => Mode::RhumbPipelined,
-            Self::RhumbFree => Mode::RhumbFree,
-            Self::NaiveFree => Mode::NaiveFree,
-            Self::AppAll => Mode::AppAll,
-            Self::AppActive => Mode::AppActive,
-            Self::AppPacked => Mode::AppPacked,
-        }
-    }
-}
-
-impl fmt::Display for ModeName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.mode().fmt(f)
     }
 }
 
@@ -231,7 +186,7 @@ pub fn evaluate(arguments: &Evaluate) -> ExitCode {
 fn run(arguments: &Evaluate) -> Result<(), EvaluateError> {
     let has_publish_interval =
         arguments.publish_interval.get() > 1 || arguments.lookahead > 0 || arguments.delay > 0;
-    if has_publish_interval && !arguments.modes.iter().any(|name| name.mode().is_free()) {
+    if has_publish_interval && !arguments.modes.iter().any(|mode| mode.is_free()) {
         return Err(EvaluateError::PublishSchedule);
     }
     output::make_folder(&arguments.out)?;
@@ -328,7 +283,7 @@ fn set_beside_limit(
 
 /// Runs all modes at one load; the free-running ones separately, because they have a truth of their own.
 fn run_load(arguments: &Evaluate, bodies: u32, cores: Cores) -> Result<Vec<Load>, EvaluateError> {
-    let modes: Vec<Mode> = arguments.modes.iter().map(|name| name.mode()).collect();
+    let modes = &arguments.modes;
     let plan = Plan {
         scene: arguments.scene.clone(),
         bodies,

@@ -13,6 +13,7 @@ pub mod frames;
 pub mod limit;
 pub mod machine;
 pub mod output;
+mod pretty_json;
 mod processor;
 pub mod record;
 pub mod recording;

@@ -24,6 +24,7 @@ use rhumb_reckoning::Tolerance;
 use serde::{Deserialize, Serialize};
 
 use crate::output;
+use crate::pretty_json::pretty_json;
 use crate::quantile::WithZeros;
 use crate::recording::Recording;
 use crate::replay::{Failure, RecordingSource, ToleranceOptions, ended};
@@ -166,10 +167,7 @@ impl Limit {
     /// The text of `limit.json`.
     #[must_use]
     pub fn to_json(&self) -> String {
-        let mut text = serde_json::to_string_pretty(self)
-            .expect("numbers, texts and maps keyed by texts are always JSON");
-        text.push('\n');
-        text
+        pretty_json(self).expect("numbers, texts and maps keyed by texts are always JSON")
     }
 }
 

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use crate::pretty_json::pretty_json;
 use crate::record::Experiment;
 use crate::report;
 use crate::summary::Summary;
@@ -125,11 +126,10 @@ fn write_trace(
 
 /// Writes a value as indented JSON.
 pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), OutputError> {
-    let mut text = serde_json::to_string_pretty(value).map_err(|cause| OutputError::Write {
+    let text = pretty_json(value).map_err(|cause| OutputError::Write {
         path: path.to_owned(),
         cause: cause.into(),
     })?;
-    text.push('\n');
     write_file(path, text.as_bytes())
 }
 

@@ -6,6 +6,7 @@
 use std::fmt;
 
 use bytes::Bytes;
+use clap::ValueEnum;
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::{BodyDesc, Shape};
 use rhumb_protocol::stream::Observation;
@@ -13,7 +14,7 @@ use rhumb_reckoning::{BodyId, Tick};
 use serde::{Deserialize, Serialize};
 
 /// The way of running a scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, ValueEnum)]
 pub enum Mode {
     /// Stepped in the caller's own thread.
     Integrated,
@@ -34,6 +35,7 @@ pub enum Mode {
     /// The paper's protocol, with as many states per datagram as fit.
     AppPacked,
     /// The predicted stream of a recorded scene, over a simulated link in simulated time.
+    #[value(skip)]
     Replay,
 }
 

@@ -12,6 +12,7 @@ mod unfinished;
 
 use serde::{Deserialize, Serialize};
 
+use crate::pretty_json::pretty_json;
 use crate::record::Experiment;
 
 pub use cells::{aligned, markdown, number};
@@ -64,10 +65,7 @@ impl Summary {
     /// The text of `summary.json`.
     #[must_use]
     pub fn to_json(&self) -> String {
-        let mut text = serde_json::to_string_pretty(self)
-            .expect("numbers, texts and maps keyed by texts are always JSON");
-        text.push('\n');
-        text
+        pretty_json(self).expect("numbers, texts and maps keyed by texts are always JSON")
     }
 
     /// True if all runs are replays of recordings.

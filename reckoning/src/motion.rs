@@ -107,6 +107,18 @@ impl Motion {
         self.twist
     }
 
+    /// Position, rotation (x, y, z, w), linear and angular velocity, as numbers.
+    #[must_use]
+    pub fn parts(&self) -> [f64; 13] {
+        let Pose { position, rotation } = self.pose;
+        let Twist { linear, angular } = self.twist;
+        let [x, y, z, w] = rotation.to_array();
+        [
+            position.x, position.y, position.z, x, y, z, w, linear.x, linear.y, linear.z,
+            angular.x, angular.y, angular.z,
+        ]
+    }
+
     /// The same pose with these velocities, or without movement where they are not finite.
     #[must_use]
     pub fn moving(&self, twist: Twist) -> Self {

@@ -7,10 +7,10 @@ use core::f64::consts::PI;
 
 use glam::Vec3;
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};
-use rhumb_reckoning::{BodyId, Damping, Tick};
+use rhumb_reckoning::{BodyId, Tick};
 
 use crate::builder::{SceneBuilder, about_y};
-use crate::defaults::{motion, surface};
+use crate::defaults::{damped, motion, surface};
 use crate::rng::SceneRng;
 use crate::script::Script;
 
@@ -65,14 +65,7 @@ impl Script for Dominoes {
     }
 
     fn config(&self) -> SceneConfig {
-        SceneConfig {
-            material: surface(0.5, 500.0),
-            damping: Damping {
-                linear: 0.05,
-                angular: 0.05,
-            },
-            ..SceneConfig::default()
-        }
+        damped(surface(0.5, 500.0))
     }
 
     fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {

@@ -5,10 +5,10 @@
 
 use glam::Vec3;
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};
-use rhumb_reckoning::{Damping, Tick};
+use rhumb_reckoning::Tick;
 
 use crate::builder::{SceneBuilder, about_y};
-use crate::defaults::{motion, surface};
+use crate::defaults::{damped, motion, surface};
 use crate::rng::SceneRng;
 use crate::script::Script;
 
@@ -39,14 +39,7 @@ impl Script for Rest {
     }
 
     fn config(&self) -> SceneConfig {
-        SceneConfig {
-            material: surface(0.5, 500.0),
-            damping: Damping {
-                linear: 0.05,
-                angular: 0.05,
-            },
-            ..SceneConfig::default()
-        }
+        damped(surface(0.5, 500.0))
     }
 
     fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {

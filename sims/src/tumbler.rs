@@ -8,11 +8,11 @@ use core::f64::consts::PI;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Shape};
-use rhumb_reckoning::{BodyId, BodyState, Damping, Tick};
+use rhumb_reckoning::{BodyId, BodyState, Tick};
 
 use crate::builder::{SceneBuilder, about_z};
 use crate::controller::Controller;
-use crate::defaults::{INTEGRATOR, motion, still, surface};
+use crate::defaults::{INTEGRATOR, damped, motion, still, surface};
 use crate::rng::SceneRng;
 use crate::script::Script;
 
@@ -66,14 +66,7 @@ impl Script for Tumbler {
     }
 
     fn config(&self) -> SceneConfig {
-        SceneConfig {
-            material: surface(0.8, 500.0),
-            damping: Damping {
-                linear: 0.05,
-                angular: 0.05,
-            },
-            ..SceneConfig::default()
-        }
+        damped(surface(0.8, 500.0))
     }
 
     fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {

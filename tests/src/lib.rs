@@ -3,6 +3,7 @@
 //! It contains no tests; those are in `tests/`. Nothing here sleeps or reads a clock.
 #![forbid(unsafe_code)]
 
+mod altered_script;
 mod avatar;
 #[cfg(doctest)]
 mod book;
@@ -19,10 +20,11 @@ mod truth;
 pub mod vectors;
 mod walk;
 
+pub use altered_script::AlteredScript;
 pub use avatar::Avatars;
 pub use failing_engine::{FailingEngine, Fails, failing_body};
 pub use observation_history::{Claim, ObservationHistory, assert_same_copy};
-pub use plugin::{PluginServer, PluginSession, Recording, deliver, falling};
+pub use plugin::{PluginServer, PluginSession, Recording, deliver, falling, plugin_world};
 pub use process::{Ended, Programme, ServerProcess};
 pub use raw_peer::RawPeer;
 pub use rhumb_conformance::seed::{Dice, seed};

@@ -253,6 +253,24 @@ pub fn deliver(
     }
 }
 
+/// The message that defines a world with gravity along z, above a plane at this height, m.
+#[must_use]
+pub fn plugin_world(simulation: u32, height: f32) -> Message {
+    Message::SetWorld(SetWorld {
+        plane: Id {
+            simulation,
+            object: 0,
+        },
+        gravity: Vec3::new(0.0, 0.0, -10.0),
+        static_friction: 0.5,
+        kinetic_friction: 0.5,
+        restitution: 0.0,
+        margin: 0.0,
+        height,
+        normal: Vec3::Z,
+    })
+}
+
 /// The messages of a client whose balls fall forever without contacts, before its first frame.
 #[must_use]
 pub fn falling(simulation: u32, balls: u32) -> Vec<u8> {
@@ -260,17 +278,8 @@ pub fn falling(simulation: u32, balls: u32) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut send = |message: &Message| message.encode(0, &mut bytes);
     send(&Message::Logon(Logon::new(simulation, "falling")));
-    send(&Message::SetWorld(SetWorld {
-        plane: id(0),
-        gravity: Vec3::new(0.0, 0.0, -10.0),
-        static_friction: 0.5,
-        kinetic_friction: 0.5,
-        restitution: 0.0,
-        margin: 0.0,
-        // So deep that the balls never reach it.
-        height: -1e5,
-        normal: Vec3::Z,
-    }));
+    // So deep that the balls never reach it.
+    send(&plugin_world(simulation, -1e5));
     send(&Message::AddSphere((id(100), Vec3::ZERO, 0.5)));
     for ball in 0..balls {
         let actor = id(1_000 + ball);

@@ -8,7 +8,6 @@ use std::num::NonZeroU32;
 use std::path::PathBuf;
 
 use clap::Args;
-use rhumb_protocol::scene::Command;
 use rhumb_server::run_on_cores;
 use rhumb_transport::Clock;
 use serde::{Deserialize, Serialize};
@@ -16,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::cores::CoreAssignment;
 use super::error::PaperError;
 use super::outcome::ModeOutcome;
-use super::pit::Pit;
+use super::pit::{Pit, bodies_placed};
 use super::provenance::Provenance;
 use super::published;
 use super::table::Table;
@@ -189,12 +188,9 @@ fn of_case(
     let mut pit = Pit::new(load, 1, frames, seed);
     let mut commands = Vec::new();
     pit.commands(0, &mut commands);
-    let placed = commands
-        .iter()
-        .filter(|command| matches!(command, Command::AddBody { .. }));
     let player_setup = PlayerSetup {
         config: pit.config(),
-        bodies: placed.count() as u32,
+        bodies: bodies_placed(&commands),
         tolerance: tolerance(TOLERANCE_M)?,
         defects: case.defects,
         cpu: ServerCpu {

@@ -27,6 +27,14 @@ pub(crate) fn in_frames(config: SceneConfig) -> SceneConfig {
     config
 }
 
+/// The number of bodies that commands place.
+pub(crate) fn bodies_placed(commands: &[Command]) -> u32 {
+    let placed = commands
+        .iter()
+        .filter(|command| matches!(command, Command::AddBody { .. }));
+    placed.count() as u32
+}
+
 /// The ball pit that fills stage by stage.
 pub(crate) struct Pit {
     script: BallPit,

@@ -13,7 +13,6 @@ use std::path::PathBuf;
 use clap::Args;
 use rhumb_client::PipelineDepth;
 use rhumb_protocol::Span;
-use rhumb_protocol::scene::Command;
 use rhumb_reckoning::Tick;
 use rhumb_server::run_on_cores;
 use rhumb_sims::{Crowd, Script};
@@ -23,7 +22,7 @@ use serde::Serialize;
 use super::beside::work;
 use super::cores::CoreAssignment;
 use super::error::PaperError;
-use super::pit::{FRAMES_PER_SECOND, in_frames};
+use super::pit::{FRAMES_PER_SECOND, bodies_placed, in_frames};
 use super::provenance::Provenance;
 use super::tolerance::tolerance;
 pub(crate) use results::RemoteResults;
@@ -139,12 +138,9 @@ fn run_load(
     let mut script = Crowd::new(load, awake_percent, arguments.seed);
     let mut commands = Vec::new();
     script.commands(Tick::ZERO, &mut commands);
-    let placed = commands
-        .iter()
-        .filter(|command| matches!(command, Command::AddBody { .. }));
     let player_setup = PlayerSetup {
         config: in_frames(script.config()),
-        bodies: placed.count() as u32,
+        bodies: bodies_placed(&commands),
         tolerance: tolerance(arguments.tolerance)?,
         defects: Defects::SOUND,
         cpu: ServerCpu {

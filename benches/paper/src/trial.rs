@@ -11,7 +11,7 @@ use rhumb_transport::Clock;
 use super::beside::{pause, work};
 use super::error::PaperError;
 use super::outcome::{ExperimentTrial, LoadOutcome, ModeOutcome};
-use super::pit::{FRAMES_PER_SECOND, Pit};
+use super::pit::{FRAMES_PER_SECOND, Pit, bodies_placed};
 use super::quota::Weakness;
 use super::settings::Settings;
 use rhumb_bench::drive::player::{self, FrameCost, Player, PlayerSetup, PlayerTotals};
@@ -63,12 +63,9 @@ pub(crate) fn run(
     let mut pit = Pit::new(first, stages, settings.frames_per_load, seed);
     let mut commands = Vec::new();
     pit.commands(0, &mut commands);
-    let placed = commands
-        .iter()
-        .filter(|command| matches!(command, Command::AddBody { .. }));
     let player_setup = PlayerSetup {
         config: pit.config(),
-        bodies: placed.count() as u32 + first * (stages - 1),
+        bodies: bodies_placed(&commands) + first * (stages - 1),
         tolerance: super::tolerance::tolerance(settings.tolerance_m)?,
         defects: Defects::SOUND,
         cpu: staging.cpu.clone(),

@@ -38,18 +38,7 @@ fn poses(replica: &Replica) -> u64 {
         let Some(motion) = stream.predicted_motion(desc.id, stream.watermark_tick()) else {
             continue;
         };
-        let (pose, twist) = (motion.pose(), motion.twist());
-        let numbers: [&[f64]; 4] = [
-            &pose.position.to_array(),
-            &pose.rotation.to_array(),
-            &twist.linear.to_array(),
-            &twist.angular.to_array(),
-        ];
-        let bytes = numbers
-            .into_iter()
-            .flatten()
-            .flat_map(|number| number.to_le_bytes());
-        for byte in bytes {
+        for byte in motion.parts().into_iter().flat_map(f64::to_le_bytes) {
             hash = (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
         }
     }

@@ -64,16 +64,7 @@ impl LiveView {
 
     /// Learns of the server's clock from the events of the session.
     pub fn note(&mut self, event: &Event) {
-        match *event {
-            Event::ClockSeen {
-                at,
-                tick,
-                since_tick,
-                round_trip,
-            } => self.clock.sample(at, tick, since_tick, round_trip),
-            Event::Resumed(_) => self.clock = SceneClock::new(self.config.integrator.rate),
-            _ => {}
-        }
+        self.clock.note(event);
     }
 
     /// Computes the view of the present moment of a free-running scene.

@@ -3,6 +3,7 @@
 //! Only this file of the client converts host time to ticks. Shown time never goes back. Its rate differs from real
 //! time by 5 % at most, unless it is so far off that it must jump.
 
+use rhumb_protocol::session::Event;
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{Rate, Tick};
 
@@ -32,6 +33,21 @@ impl SceneClock {
             ticks_per_ns: f64::from(rate.ticks()) / (f64::from(rate.seconds()) * 1e9),
             origin: None,
             shown: None,
+        }
+    }
+
+    /// Learns of the server's clock from the events of the session. A resumed session may be at an earlier tick, so its
+    /// clock starts anew.
+    pub fn note(&mut self, event: &Event) {
+        match *event {
+            Event::ClockSeen {
+                at,
+                tick,
+                since_tick,
+                round_trip,
+            } => self.sample(at, tick, since_tick, round_trip),
+            Event::Resumed(_) => (self.origin, self.shown) = (None, None),
+            _ => {}
         }
     }
 

@@ -31,16 +31,7 @@ impl UpstreamClock {
 
     /// Learns of the server's clock from the events of the session.
     pub fn note(&mut self, event: &Event) {
-        match *event {
-            Event::ClockSeen {
-                at,
-                tick,
-                since_tick,
-                round_trip,
-            } => self.clock.sample(at, tick, since_tick, round_trip),
-            Event::Resumed(_) => self.clock = SceneClock::new(self.rate),
-            _ => {}
-        }
+        self.clock.note(event);
     }
 
     /// Publishes the present states, extrapolated to the nearest tick; returns that tick, or `None` if nothing was

@@ -7,7 +7,7 @@ use rhumb_reckoning::Tick;
 use super::authority::TakeAuthority;
 use super::choice::StreamChoice;
 use super::extensions::Extensions;
-use super::frame::{Framed, frame};
+use super::frame::{Framed, frame, put};
 use super::resync::ResyncCause;
 use super::session_key::SessionRequest;
 use super::tier_policy::TierPolicy;
@@ -208,12 +208,6 @@ impl ClientMessage {
         from.finish()?;
         Ok(Some(message))
     }
-}
-
-/// Appends the only field of a message; returns the message's type.
-fn put(field: &impl Wire, kind: u8, to: &mut Writer) -> u8 {
-    field.encode(to);
-    kind
 }
 
 fn decode_hello(from: &mut Reader<'_>) -> Result<ClientMessage, Malformed> {

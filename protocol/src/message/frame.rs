@@ -7,8 +7,8 @@
 use alloc::vec::Vec;
 
 use crate::limits::{LONG_MESSAGE_BYTES_MAX, MESSAGE_BYTES_MAX};
-use crate::wire::Malformed;
 use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
 
 /// Type of a piece of the next message's body.
 const PIECE: u8 = 0;
@@ -37,6 +37,12 @@ fn frame_one(kind: u8, body: &[u8], to: &mut Vec<u8>) {
     writer.u8(kind);
     writer.raw(body);
     to.extend_from_slice(&writer.into_bytes());
+}
+
+/// Appends the only field of a message; returns the message's type.
+pub(super) fn put(field: &impl Wire, kind: u8, to: &mut Writer) -> u8 {
+    field.encode(to);
+    kind
 }
 
 /// One message, not decoded yet.

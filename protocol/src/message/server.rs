@@ -8,7 +8,7 @@ use super::authority::{AuthorityError, AuthorityGrant};
 use super::choice::StreamChoice;
 use super::denial::Denial;
 use super::extensions::Extensions;
-use super::frame::{Framed, frame};
+use super::frame::{Framed, frame, put};
 use super::inspection::Inspection;
 use super::query_result::QueryResult;
 use super::scene_event::SceneEvent;
@@ -319,10 +319,4 @@ impl ServerMessage {
         from.finish()?;
         Ok(Some(message))
     }
-}
-
-/// Appends the only field of a message; returns the message's type.
-fn put(field: &impl Wire, kind: u8, to: &mut Writer) -> u8 {
-    field.encode(to);
-    kind
 }

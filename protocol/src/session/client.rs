@@ -5,80 +5,59 @@
 
 mod body_events;
 mod clock;
-mod greeting;
-mod reconnection;
-mod recovery;
+mod handshake;
+mod membership;
+mod outbox;
 mod response_times;
 mod resumption;
+mod server_messages;
+mod state;
 mod stream_selection;
-mod timeouts;
+mod subscription;
 mod upstream;
-mod upstream_state;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 
-use bytes::Bytes;
-use rhumb_reckoning::Tick;
+use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 
-use self::body_events::HeldEvents;
-use self::response_times::ResponseTimes;
+use self::clock::ClockSampler;
+use self::handshake::ClientHandshake;
+use self::membership::ClientMembership;
+use self::outbox::ClientOutbox;
 use self::resumption::Resumption;
-use self::stream_selection::StreamSelection;
-use self::timeouts::RESYNC_MOST;
+use self::server_messages::ServerMessages;
+use self::state::ClientState;
 use super::close::CloseCode;
 use super::event::Event;
 use super::misuse::Misuse;
-use super::pings::Pings;
 use super::replica::Replica;
-use super::replica_switch::{EventTarget, ReplicaSwitch};
-use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake, WakeReason};
+use crate::endpoint::{Ending, Endpoint, Peer, Transmit, Wake};
 use crate::limits::RESERVE_MAX;
 use crate::message::{
-    ClientMessage, Denial, Frames, Joined, SceneEvent, ServerMessage, StreamChoice, TierPolicy,
-    Token,
+    ClientMessage, Denial, Frames, Joined, ServerMessage, SessionKey, StreamChoice, TierPolicy,
+    Token, Welcome,
 };
-use crate::packet::Datagram;
-use crate::scene::{Command, IdRange, Query, SceneConfig, SceneName};
-use crate::stream::{RetryTimer, StreamReceiver};
+use crate::packet::{Datagram, LargestPacket};
+use crate::scene::{Command, IdRange, Query, SceneConfig, SceneName, Stepping};
+use crate::stream::PublisherStatistics;
 use crate::time::{Instant, Span};
-use upstream_state::UpstreamState;
 
-/// The state of the connection as the client knows it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum ClientState {
-    Unconnected,
-    Greeting,
-    Lobby,
-    Member,
-    Ended,
-}
+/// The round trip that counts until one is measured.
+const ROUND_TRIP: Span = Span::from_millis(20);
 
 /// The client's end of one connection.
 #[derive(Debug)]
 pub struct ClientSession {
     state: ClientState,
-    peer: Peer,
-    scene: SceneName,
-    token: Option<Token>,
+    handshake: ClientHandshake,
     config: Option<SceneConfig>,
-    frames: Frames,
-    replica_switch: ReplicaSwitch,
-    stream_selection: StreamSelection,
+    received: ServerMessages,
     granted: IdRange,
-    upstream_state: UpstreamState,
-    commands: u64,
+    membership: ClientMembership,
     resumption: Resumption,
-    queries: u64,
-    held_events: HeldEvents,
-    awaited: Tick,
-    response_times: ResponseTimes,
-    resyncing: bool,
-    resync_timer: RetryTimer,
-    pings: Pings,
-    round_trip: Span,
-    unsent: Vec<u8>,
-    out: VecDeque<Transmit>,
+    clock: ClockSampler,
+    outbox: ClientOutbox,
     events: VecDeque<Event>,
 }
 
@@ -88,34 +67,57 @@ impl ClientSession {
     pub fn new(scene: SceneName) -> Self {
         Self {
             state: ClientState::Unconnected,
-            peer: Peer(0),
-            scene,
-            token: None,
+            handshake: ClientHandshake { scene, token: None },
             config: None,
-            frames: Frames::new(),
-            replica_switch: ReplicaSwitch::new(),
-            stream_selection: StreamSelection::new(),
+            received: ServerMessages::new(Frames::new()),
             granted: IdRange::EMPTY,
-            upstream_state: UpstreamState::new(),
-            commands: 0,
+            membership: ClientMembership::new(LargestPacket::DEFAULT),
             resumption: Resumption::default(),
-            queries: 0,
-            held_events: HeldEvents::new(),
-            awaited: Tick::ZERO,
-            response_times: ResponseTimes::new(),
-            resyncing: false,
-            resync_timer: RetryTimer::new(Span::ZERO, RESYNC_MOST),
-            pings: Pings::new(),
-            round_trip: Span::from_millis(20),
-            unsent: Vec::new(),
-            out: VecDeque::new(),
+            clock: ClockSampler::new(ROUND_TRIP),
+            outbox: ClientOutbox::new(),
             events: VecDeque::new(),
         }
     }
 
     /// Has the `Hello` carry a token.
     pub fn set_token(&mut self, token: Token) {
-        self.token = Some(token);
+        self.handshake.token = Some(token);
+    }
+
+    /// Creates the scene; answered by `Created` or `Denied`.
+    ///
+    /// # Errors
+    ///
+    /// [`Misuse`] before the welcome, as a member, or for a config that is invalid.
+    pub fn create(&mut self, config: SceneConfig) -> Result<(), Misuse> {
+        self.state.must_be(ClientState::Lobby)?;
+        config.check().map_err(Misuse::Invalid)?;
+        self.outbox.send(&ClientMessage::Create(config));
+        Ok(())
+    }
+
+    /// Requests membership; answered by `Joined` or `Denied`.
+    ///
+    /// # Errors
+    ///
+    /// [`Misuse::NotNow`] before the welcome or as a member.
+    pub fn join(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
+        self.state.must_be(ClientState::Lobby)?;
+        self.outbox.send(&ClientMessage::Join(choice));
+        Ok(())
+    }
+
+    /// Begins a session with the next join. A client that draws its key at random can go on with the session over
+    /// another connection, by [`Self::reconnect`].
+    ///
+    /// # Errors
+    ///
+    /// [`Misuse::NotNow`] before the welcome or as a member.
+    pub fn begin_session(&mut self, key: SessionKey) -> Result<(), Misuse> {
+        self.state.must_be(ClientState::Lobby)?;
+        let request = self.resumption.begin(key);
+        self.outbox.send(&ClientMessage::Session(request));
+        Ok(())
     }
 
     /// Ends the membership; answered by `Left`.
@@ -134,9 +136,9 @@ impl ClientSession {
     /// [`Misuse::NotNow`] before the welcome.
     pub fn delete(&mut self) -> Result<(), Misuse> {
         if self.state != ClientState::Member {
-            self.must_be(ClientState::Lobby)?;
+            self.state.must_be(ClientState::Lobby)?;
         }
-        self.send(&ClientMessage::Delete);
+        self.outbox.send(&ClientMessage::Delete);
         Ok(())
     }
 
@@ -162,14 +164,13 @@ impl ClientSession {
         command.check().map_err(Misuse::Invalid)?;
         let resuming = self.is_resuming();
         if !resuming {
-            self.must_be(ClientState::Member)?;
+            self.state.must_be(ClientState::Member)?;
         }
-        self.resumption.note_command(self.commands, &command);
+        let number = self.resumption.note_command(&command);
         if !resuming {
-            self.send(&ClientMessage::Command(command));
+            self.outbox.send(&ClientMessage::Command(command));
         }
-        self.commands += 1;
-        Ok(self.commands - 1)
+        Ok(number)
     }
 
     /// Asks where bodies are; returns the number that the answer, a `QueryResult`, will name.
@@ -184,8 +185,7 @@ impl ClientSession {
             query.check().map_err(Misuse::Invalid)?;
         }
         self.as_member(&ClientMessage::Query(queries))?;
-        self.queries += 1;
-        Ok(self.queries - 1)
+        Ok(self.membership.note_query())
     }
 
     /// Lets the scene step to a tick. The stream answers with a watermark at that tick or later.
@@ -200,15 +200,7 @@ impl ClientSession {
         }
         self.as_member(&ClientMessage::Advance { to })?;
         self.resumption.note_advance(to);
-        if !self.awaits() {
-            // With no request pending, the receiver measured silence; the answer now has its own timeout.
-            self.replica_switch
-                .receivers_mut()
-                .for_each(StreamReceiver::end_silence);
-        }
-        self.awaited = self.awaited.max(to);
-        self.response_times.note_requested(now, to);
-        self.await_tick(now);
+        self.membership.subscription.advance(now, to);
         Ok(())
     }
 
@@ -223,9 +215,10 @@ impl ClientSession {
     ///
     /// As [`Self::leave`].
     pub fn subscribe(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
-        self.must_be(ClientState::Member)?;
-        self.stream_selection.select(choice);
-        self.request_stream();
+        self.state.must_be(ClientState::Member)?;
+        self.membership
+            .subscription
+            .select(choice, &mut self.outbox);
         Ok(())
     }
 
@@ -247,16 +240,76 @@ impl ClientSession {
         self.as_member(&ClientMessage::Inspect)
     }
 
+    /// Bounds the packets of later upstreams. A transport that takes only smaller datagrams needs it.
+    pub const fn set_largest_packet(&mut self, largest_packet: LargestPacket) {
+        self.membership.upstream.set_largest_packet(largest_packet);
+    }
+
+    /// Takes authority over these kinematic bodies in place of the earlier ones; an empty list ends it. Answered by
+    /// `AuthorityGrant` or `AuthorityDenied`.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::leave`], [`Misuse::NotNow`] while an earlier request is unanswered, and
+    /// [`Misuse::TooManyAuthorityBodies`].
+    pub fn take_authority(
+        &mut self,
+        tolerance: Tolerance,
+        bodies: &[BodyId],
+    ) -> Result<(), Misuse> {
+        let request = self.membership.upstream.request(tolerance, bodies)?;
+        self.as_member(&ClientMessage::TakeAuthority(request.clone()))?;
+        self.membership.upstream.note_requested(request);
+        Ok(())
+    }
+
+    /// Publishes the states of the bodies under the member's authority, where the server's prediction exceeds the
+    /// tolerance. A body without a state stands still at its last place.
+    ///
+    /// Returns whether the states were published: `false` before the authority is granted, and for a tick not after the
+    /// last one.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::leave`], [`Misuse::NoAuthority`], and [`Misuse::Invalid`] for a number out of range; nothing is sent
+    /// then.
+    pub fn publish(&mut self, tick: Tick, motions: &[(BodyId, BodyState)]) -> Result<bool, Misuse> {
+        self.state.must_be(ClientState::Member)?;
+        let stepping = self.stepping();
+        self.membership
+            .upstream
+            .publish(tick, motions, stepping, &mut self.outbox)
+    }
+
+    /// Makes the session ready for another connection: it joins the scene again by itself, and sends again what was not
+    /// done. [`Event::Resumed`] reports that the scene goes on; the replica is absent until then. Authority over bodies
+    /// and requests that were not answered are lost.
+    ///
+    /// # Errors
+    ///
+    /// [`Misuse::NotNow`] unless a connection of a member with a session has ended.
+    pub fn reconnect(&mut self) -> Result<(), Misuse> {
+        self.state.must_be(ClientState::Ended)?;
+        if !self.can_reconnect() {
+            return Err(Misuse::NotNow);
+        }
+        let fresh = Self::new(self.handshake.scene.clone());
+        let before = core::mem::replace(self, fresh);
+        self.handshake = before.handshake;
+        self.set_largest_packet(before.membership.upstream.largest_packet());
+        self.resumption = before.resumption;
+        self.config = before.config;
+        self.clock = ClockSampler::new(before.clock.round_trip());
+        self.events = before.events;
+        Ok(())
+    }
+
     /// Ends the session and closes the connection with `code`.
     pub fn close(&mut self, code: CloseCode) {
-        if matches!(self.state, ClientState::Unconnected | ClientState::Ended) {
+        if !self.state.is_open() {
             return;
         }
-        self.flush();
-        self.out.push_back(Transmit::Close {
-            to: self.peer,
-            code: code.0,
-        });
+        self.outbox.close(code);
         self.state = ClientState::Ended;
         self.events.push_back(Event::Ended(Ending::Closed(code.0)));
     }
@@ -264,12 +317,12 @@ impl ClientSession {
     /// The replica of the scene; None until its snapshot is complete.
     #[must_use]
     pub const fn replica(&self) -> Option<&Replica> {
-        self.replica_switch.shown()
+        self.membership.subscription.shown()
     }
 
     /// The replica, for draining its changes.
     pub const fn replica_mut(&mut self) -> Option<&mut Replica> {
-        self.replica_switch.shown_mut()
+        self.membership.subscription.shown_mut()
     }
 
     /// The config of the scene; None before the welcome or joining.
@@ -281,44 +334,59 @@ impl ClientSession {
     /// The latest measured round trip.
     #[must_use]
     pub const fn round_trip(&self) -> Span {
-        self.round_trip
+        self.clock.round_trip()
+    }
+
+    /// The bodies under the member's authority, in rising order.
+    pub fn authority_bodies(&self) -> impl Iterator<Item = BodyId> {
+        self.membership.upstream.bodies()
+    }
+
+    /// Counters of the upstream since the authority was granted.
+    #[must_use]
+    pub fn upstream(&self) -> Option<PublisherStatistics> {
+        self.membership.upstream.statistics()
+    }
+
+    /// True if the member has a session in a scene that survives its server.
+    #[must_use]
+    pub const fn is_durable(&self) -> bool {
+        self.resumption.is_durable()
+    }
+
+    /// True if another connection could go on with the session.
+    #[must_use]
+    pub const fn can_reconnect(&self) -> bool {
+        self.resumption.can_reconnect()
+    }
+
+    /// Commands that the server may have to be sent again.
+    #[must_use]
+    pub fn unfinished_commands(&self) -> usize {
+        self.resumption.unfinished_commands()
     }
 
     /// The next event for the application, oldest first.
     pub fn poll_event(&mut self) -> Option<Event> {
-        if let Some(replica) = self.replica_switch.shown() {
-            self.held_events
-                .release(replica.stream().complete(), &mut self.events);
-        }
+        self.membership.release_events(&mut self.events);
         self.events.pop_front()
     }
 
-    fn must_be(&self, state: ClientState) -> Result<(), Misuse> {
-        if self.state == state {
-            Ok(())
-        } else {
-            Err(Misuse::NotNow)
-        }
-    }
-
     fn as_member(&mut self, message: &ClientMessage) -> Result<(), Misuse> {
-        self.must_be(ClientState::Member)?;
-        self.send(message);
+        self.state.must_be(ClientState::Member)?;
+        self.outbox.send(message);
         Ok(())
     }
 
-    fn send(&mut self, message: &ClientMessage) {
-        message.encode(&mut self.unsent);
+    /// True if the client was a member, and another connection is to make it one again.
+    const fn is_resuming(&self) -> bool {
+        !matches!(self.state, ClientState::Member | ClientState::Ended) && self.can_reconnect()
     }
 
-    fn flush(&mut self) {
-        if !self.unsent.is_empty() {
-            let bytes = Bytes::from(core::mem::take(&mut self.unsent));
-            self.out.push_back(Transmit::Control {
-                to: self.peer,
-                bytes,
-            });
-        }
+    /// How the scene steps.
+    fn stepping(&self) -> Stepping {
+        let config = self.config.as_ref();
+        config.map_or(Stepping::FreeRunning, |config| config.stepping)
     }
 
     fn handle_message(&mut self, now: Instant, message: ServerMessage) -> Result<(), CloseCode> {
@@ -333,8 +401,7 @@ impl ClientSession {
             ServerMessage::Denied(denial) => {
                 // Other denials answer requests that are not about streams.
                 if matches!(denial, Denial::TooManyStreams | Denial::SceneFaulted) {
-                    self.stream_selection.handle_denied();
-                    self.request_stream();
+                    self.membership.subscription.handle_denied(&mut self.outbox);
                 }
                 self.events.push_back(Event::Denied(denial));
                 if self.state == ClientState::Lobby && self.can_reconnect() {
@@ -349,30 +416,47 @@ impl ClientSession {
             ServerMessage::Refused { number, error } => {
                 self.events.push_back(Event::Refused { number, error });
             }
-            ServerMessage::SceneEvent(scene_event) => self.handle_scene_event(&scene_event)?,
             ServerMessage::Pong {
                 sent,
                 tick,
                 since_tick_ns,
-            } => self.handle_pong(now, sent, tick, Span::from_nanos(since_tick_ns)),
-            ServerMessage::Inspection(inspection) => {
-                self.events.push_back(Event::Inspected(inspection));
+            } => {
+                let is_member = self.state == ClientState::Member;
+                let scene = self.config.as_ref().filter(|_| is_member);
+                let since_tick = Span::from_nanos(since_tick_ns);
+                let seen = self.clock.handle_pong(now, sent, (tick, since_tick), scene);
+                self.events.extend(seen);
             }
-            ServerMessage::AuthorityGrant(upstream) => self.handle_authority_grant(&upstream),
-            ServerMessage::AuthorityDenied(error) => self.handle_authority_denied(error),
-            ServerMessage::TierChanged { to, cause } => {
-                self.stream_selection.handle_tier_changed(to);
-                self.events.push_back(Event::TierChanged { to, cause });
+            ServerMessage::Session(state) if self.state == ClientState::Lobby => {
+                self.resumption.handle_state(state, &mut self.events)?;
             }
-            ServerMessage::Session(state) => self.handle_session(state)?,
+            ServerMessage::Session(_) => return Err(CloseCode::VIOLATION),
             ServerMessage::Durable { commands, tick } => {
                 self.resumption.finish(commands, tick);
                 self.events.push_back(Event::Durable { commands, tick });
             }
-            ServerMessage::QueryResult(result) => {
-                self.events.push_back(Event::QueryResult(result));
+            about_scene => {
+                let config = self.config.as_ref();
+                let (outbox, events) = (&mut self.outbox, &mut self.events);
+                self.membership
+                    .handle_message(about_scene, config, outbox, events)?;
             }
-            ServerMessage::TickEvents(events) => self.held_events.push(events),
+        }
+        Ok(())
+    }
+
+    fn handle_welcome(&mut self, now: Instant, welcome: Welcome) -> Result<(), CloseCode> {
+        if self.state != ClientState::Greeting {
+            return Err(CloseCode::VIOLATION);
+        }
+        ClientHandshake::check(&welcome)?;
+        self.state = ClientState::Lobby;
+        self.config = welcome.scene;
+        self.outbox.send(&ClientMessage::Ping { sent: now });
+        if self.can_reconnect() {
+            self.resumption.rejoin(&mut self.outbox);
+        } else {
+            self.events.push_back(Event::Welcomed(welcome));
         }
         Ok(())
     }
@@ -381,113 +465,49 @@ impl ClientSession {
         if !matches!(self.state, ClientState::Lobby | ClientState::Member) {
             return Err(CloseCode::VIOLATION);
         }
-        joined.config.check().map_err(|_| CloseCode::VIOLATION)?;
-        if joined.extensions.has_unknown_critical() {
-            return Err(CloseCode::EXTENSION);
-        }
+        ClientHandshake::check_joined(joined)?;
         self.config = Some(joined.config);
         self.granted = joined.granted;
-        self.replica_switch.begin(joined);
-        self.note_choice(joined.choice);
-        self.stream_selection.handle_joined(joined.choice);
-        self.request_stream();
+        self.resumption.note_choice(joined.choice);
+        self.membership
+            .subscription
+            .begin_snapshot(joined, &mut self.outbox);
         Ok(())
     }
 
     fn end_snapshot(&mut self, now: Instant) -> Result<(), CloseCode> {
-        self.replica_switch.end_snapshot()?;
+        self.membership.subscription.end_snapshot()?;
         if self.state != ClientState::Member {
             self.state = ClientState::Member;
-            self.queries = 0;
-            self.send(&ClientMessage::Ping { sent: now });
-            self.pings.begin(now);
-            if !self.resume() {
-                self.commands = 0;
+            self.membership.begin();
+            self.outbox.send(&ClientMessage::Ping { sent: now });
+            self.clock.begin(now);
+            if let Some((state, awaited)) = self.resumption.resume(&mut self.outbox) {
+                self.membership.subscription.await_also(awaited);
+                self.events.push_back(Event::Resumed(state));
+            } else {
+                self.resumption.begin_membership();
                 self.events.push_back(Event::Joined(self.granted));
             }
         }
-        self.resyncing = false;
-        self.request_stream();
+        self.membership.subscription.end_resync(&mut self.outbox);
         self.watch(now);
         Ok(())
     }
 
-    /// Requests the selected stream, unless an answer or a snapshot that could be mistaken for its answer is pending.
-    fn request_stream(&mut self) {
-        if !self.resyncing
-            && let Some(choice) = self.stream_selection.take_request()
-        {
-            self.send(&ClientMessage::Subscribe(choice));
-        }
-    }
-
-    /// Shows the next replica if it has caught up, and reports the change of subscription. A client that selects
-    /// another stream meanwhile skips the one between; the server sends that stream no more.
-    fn switch_replica(&mut self) {
-        let shown = self.replica_switch.shown();
-        let is_live = shown.is_some_and(|replica| !replica.stream().has_lost_sync());
-        if self.stream_selection.awaits_answer() && is_live {
-            return;
-        }
-        let Some(before) = self.replica_switch.switch_when_caught_up() else {
-            return;
-        };
-        let Some(replica) = self.replica_switch.shown() else {
-            return;
-        };
-        let (choice, stream) = (replica.choice(), replica.stream().stream());
-        if self.stream_selection.take_subscription_change() || before.choice() != choice {
-            self.events.push_back(Event::SubscriptionChanged(choice));
-        }
-        self.send(&ClientMessage::Subscribed(stream));
+    /// Shows a replica that has caught up and restarts the timers.
+    fn watch(&mut self, now: Instant) {
+        self.membership
+            .subscription
+            .watch(now, &mut self.outbox, &mut self.events);
     }
 
     fn end_membership(&mut self, event: Event) {
         self.state = ClientState::Lobby;
-        self.resumption = Resumption::default();
-        self.replica_switch = ReplicaSwitch::new();
-        self.upstream_state = UpstreamState::new();
-        self.held_events = HeldEvents::new();
-        self.stream_selection = StreamSelection::new();
-        self.resyncing = false;
-        self.awaited = Tick::ZERO;
-        self.response_times = ResponseTimes::new();
-        self.resync_timer.end();
-        self.pings.end();
+        self.resumption.end();
+        self.membership.end();
+        self.clock.end();
         self.events.push_back(event);
-    }
-
-    fn handle_scene_event(&mut self, scene_event: &SceneEvent) -> Result<(), CloseCode> {
-        if self.replica_switch.handle_scene_event(scene_event)? == EventTarget::Snapshot {
-            return Ok(());
-        }
-        match *scene_event {
-            SceneEvent::BodyPlaced { desc, .. } => {
-                self.events.push_back(Event::BodyPlaced(desc.id));
-            }
-            SceneEvent::BodyRemoved { id, cause } => {
-                self.upstream_state.remove(id);
-                self.events.push_back(Event::BodyRemoved { id, cause });
-            }
-            SceneEvent::SceneFaulted { tick, cause } => {
-                self.events.push_back(Event::SceneFaulted { tick, cause });
-            }
-            SceneEvent::SceneRestored { tick } => self.events.push_back(Event::SceneRestored(tick)),
-            SceneEvent::ShapeAdded { .. }
-            | SceneEvent::ShapeRemoved { .. }
-            | SceneEvent::JointAdded { .. }
-            | SceneEvent::JointRemoved { .. }
-            | SceneEvent::Unknown { .. }
-            | SceneEvent::GravityChanged { .. } => {}
-        }
-        Ok(())
-    }
-
-    fn send_states(&mut self, datagrams: Vec<Bytes>) {
-        let to = self.peer;
-        let states = datagrams.into_iter();
-        self.out
-            .extend(states.map(|bytes| Transmit::State { to, bytes }));
     }
 }
 
@@ -496,30 +516,24 @@ impl Endpoint for ClientSession {
         if self.state != ClientState::Unconnected {
             return;
         }
-        self.peer = peer;
+        self.outbox.open(peer);
         self.state = ClientState::Greeting;
-        self.greet(now, peer);
+        self.handshake.greet(now, peer, &mut self.outbox);
     }
 
     fn handle_control(&mut self, now: Instant, _from: Peer, bytes: &[u8]) {
-        if matches!(self.state, ClientState::Unconnected | ClientState::Ended) {
+        if !self.state.is_open() {
             return;
         }
-        self.frames.push(bytes);
+        self.received.push(bytes);
         loop {
-            let decoded = match self.frames.next_frame() {
+            let result = match self.received.next() {
                 Ok(None) => break,
-                Ok(Some(framed)) => ServerMessage::decode(&framed),
-                Err(malformed) => Err(malformed),
-            };
-            let result = match decoded {
                 Ok(Some(message)) => self.handle_message(now, message),
-                Ok(None) => Ok(()),
                 Err(malformed) => Err(malformed.into()),
             };
             if let Err(code) = result {
-                self.close(code);
-                return;
+                return self.close(code);
             }
         }
         self.watch(now);
@@ -532,20 +546,17 @@ impl Endpoint for ClientSession {
         let Ok(datagram) = Datagram::open(bytes) else {
             return;
         };
-        if self.handle_upstream_feedback(now, &datagram) {
+        let (stepping, round_trip) = (self.stepping(), self.clock.round_trip());
+        let outbox = &mut self.outbox;
+        if self
+            .membership
+            .upstream
+            .handle_feedback(now, round_trip, &datagram, stepping, outbox)
+        {
             return;
         }
-        let watermark_tick = |replica_switch: &ReplicaSwitch| {
-            replica_switch
-                .shown()
-                .map(|replica| replica.stream().watermark_tick())
-        };
-        let before = watermark_tick(&self.replica_switch);
-        self.replica_switch.handle_datagram(&datagram);
-        let after = watermark_tick(&self.replica_switch)
-            .filter(|_| before != watermark_tick(&self.replica_switch));
-        if let Some(tick) = after {
-            self.note_shown(now, tick);
+        if let Some(tick) = self.membership.subscription.handle_datagram(&datagram) {
+            self.clock.note_shown(now, tick, self.config.as_ref());
         }
         self.watch(now);
     }
@@ -561,35 +572,25 @@ impl Endpoint for ClientSession {
         if self.state == ClientState::Ended {
             return;
         }
-        self.report(now);
-        if self.ping_due().is_some_and(|due| due <= now) {
-            self.send(&ClientMessage::Ping { sent: now });
-            self.pings.note_sent(now);
+        let round_trip = self.clock.round_trip();
+        self.membership
+            .subscription
+            .report(now, round_trip, &mut self.outbox, &mut self.events);
+        if self.clock.take_due(now, self.config.as_ref()) {
+            self.outbox.send(&ClientMessage::Ping { sent: now });
         }
     }
 
     fn poll_transmit(&mut self) -> Option<Transmit> {
-        if self.out.is_empty() {
-            self.flush();
-        }
-        self.out.pop_front()
+        self.outbox.poll()
     }
 
     fn poll_timeout(&self) -> Option<Wake> {
         if self.state == ClientState::Ended {
             return None;
         }
-        let timers = [
-            (self.resync_due(), WakeReason::Refresh),
-            (self.ping_due(), WakeReason::Ping),
-        ];
-        let timers = timers
-            .into_iter()
-            .filter_map(|(due, reason)| due.map(|at| Wake { at, reason }));
-        let receivers = self
-            .replica_switch
-            .receivers()
-            .filter_map(StreamReceiver::due);
-        receivers.chain(timers).min_by_key(|wake| wake.at)
+        let ping = self.clock.due(self.config.as_ref());
+        let due = self.membership.subscription.due().into_iter().chain(ping);
+        due.min_by_key(|wake| wake.at)
     }
 }

@@ -1,6 +1,6 @@
 //! The byte budget of a stream, and the token bucket that enforces it.
 //!
-//! The bucket fills as ticks pass. `publisher/budget_state` decides which updates go first. The budget does not depend
+//! The bucket fills as ticks pass. `publisher/update_queue` decides which updates go first. The budget does not depend
 //! on links or receivers.
 
 use rhumb_reckoning::{Rate, Ticks};

@@ -9,7 +9,7 @@ use bytes::Bytes;
 use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor, Tick, Ticks, Track};
 
 use super::observation_history::ObservationHistory;
-use super::publisher::PublisherStatistics;
+use super::publisher_statistics::PublisherStatistics;
 use super::sent_packets::SentPackets;
 use crate::packet::{
     FullPacket, FullRecord, Keyframe, LargestPacket, Low16, RefreshRecord, RefreshWriter, StreamId,
@@ -133,11 +133,7 @@ impl FullPublisher {
         scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
-        // A stream that began after that tick has already published it.
-        let Some(tick) = observation_history
-            .present()
-            .filter(|tick| *tick > self.tick)
-        else {
+        let Some(tick) = observation_history.due_after(self.tick) else {
             return;
         };
         self.tick = tick;

@@ -134,6 +134,12 @@ impl ObservationHistory {
         observed.then_some(tick)
     }
 
+    /// The same for a stream that is published up to a tick: `None` also if that covers the tick to publish now, as in
+    /// a stream that began after it.
+    pub(super) fn due_after(&self, published: Tick) -> Option<Tick> {
+        self.present().filter(|tick| *tick > published)
+    }
+
     /// The delay between a tick and its publication.
     pub(super) const fn lookahead(&self) -> Ticks {
         self.publish_schedule.lookahead

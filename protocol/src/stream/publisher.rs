@@ -1,124 +1,62 @@
 //! The publisher of a reckoned stream: encodes updates for its subscribers.
 //!
 //! Compares observations with its tracks and sends an update for each body out of tolerance. Knows no receivers: an
-//! update is encoded once for all. Invariant: after `publish`, every observed body is within the tolerance of its
-//! track, grid error included.
+//! update is encoded once for all. Ties the scan of a tick, the checks of its bodies, the budget and the packer.
+//! Invariant: after `publish`, every observed body is within the tolerance of its track, grid error included, or is
+//! reported as over budget.
 
-mod attaching;
-mod budget_state;
-mod budgeting;
-mod large_body;
+mod body_check;
+mod child_counts;
 mod observation_scan;
-mod packing;
-mod refreshing;
-mod scan;
+mod packer;
+mod parent_candidates;
+mod pick_order;
+mod published_tracks;
+mod update_order;
+mod update_queue;
 mod window;
 
-use alloc::boxed::Box;
 use alloc::vec::Vec;
-use core::num::NonZeroU32;
 
 use bytes::Bytes;
 use glam::Vec3;
-use rhumb_reckoning::{
-    Anchor, BodyId, Integrator, Motion, Predictor, QuantisedState, RestCorrection, TRACK_AGE_MAX,
-    Tick, Ticks, Tolerance, Track, attached_motion,
-};
+use rhumb_reckoning::{BodyId, Tick, Ticks, Tolerance, Track};
 
-use super::aliases::AliasTable;
+use super::budget::Budget;
 use super::features::Features;
-use super::fec_encoder::FecEncoder;
-use super::mode_decision::{Context, ModeDecision, Parent, Subject, share};
-use super::observation::{Activity, Observation};
 use super::observation_history::ObservationHistory;
-use super::sent_packets::SentPackets;
-use super::start::StreamStart;
-use super::tracks::{PredictionParameters, Slot, Tracks};
+use super::publisher_statistics::PublisherStatistics;
+use super::redundancy::Redundancy;
+use super::stream_config::StreamConfig;
+use super::tracks::PredictionParameters;
 use super::watermark::second;
 use crate::capacity::push;
-use crate::packet::{
-    Age, Checksums, ErrorScale, Keyframe, LargestPacket, Low16, StreamId, Update, UpdatePayload,
-    Watermark,
-};
-use budget_state::BudgetState;
-pub use budget_state::OverBudget;
-use large_body::{LargeBody, ObservedParent};
+use crate::packet::{ErrorScale, LargestPacket, LossReport, StreamId, Update};
+use body_check::BodyCheck;
 use observation_scan::ObservationScan;
-use window::{Ahead, ObservationWindow, ObservedTicks};
-
-/// Counters of a publisher.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PublisherStatistics {
-    /// Updates sent.
-    pub updates: u64,
-    /// Packets sent, without refreshes and watermarks.
-    pub packets: u64,
-    /// Bytes of these packets.
-    pub bytes: u64,
-    /// Observations compared with tracks. A body that stays asleep has none.
-    pub checked: u64,
-    /// Bodies out of tolerance without an update, because the budget did not suffice. Counted at every tick.
-    pub over_budget: u64,
-}
-
-/// The config of a stream.
-#[derive(Clone, Copy, Debug)]
-pub struct StreamConfig {
-    /// The tolerance of every body with the usual scale.
-    pub tolerance: Tolerance,
-    /// The integrator and rate of the scene.
-    pub integrator: Integrator,
-    /// The stream publishes at ticks that are multiples of this number.
-    pub publish_interval: NonZeroU32,
-    /// The present gravity, m/s², world frame.
-    pub gravity: Vec3,
-    /// The largest packet that the publisher makes.
-    pub largest_packet: LargestPacket,
-    /// The features that the publisher may use.
-    pub features: Features,
-}
-
-impl StreamConfig {
-    /// The start of a subscriber that receives the stream from its first tick.
-    #[must_use]
-    pub const fn start(&self, stream: StreamId, tick: Tick) -> StreamStart {
-        StreamStart {
-            stream,
-            largest_packet: self.largest_packet,
-            tolerance: self.tolerance,
-            integrator: self.integrator,
-            publish_interval: self.publish_interval,
-            gravity: self.gravity,
-            tick,
-            next: 0,
-            scene_events: 0,
-        }
-    }
-}
+use packer::{Packer, PublishedTick};
+use parent_candidates::ObservedParent;
+use published_tracks::PublishedTracks;
+use update_order::bits_of;
+pub use update_queue::OverBudget;
+use update_queue::UpdateQueue;
+use window::ObservedTicks;
 
 /// The publisher of one reckoned stream.
 #[derive(Debug)]
 pub struct Publisher {
-    stream: StreamId,
-    tracks: Tracks,
     features: Features,
-    largest_packet: LargestPacket,
-    sent_packets: SentPackets,
-    repair_symbols: FecEncoder,
+    /// The tick up to which everything is published.
     tick: Tick,
-    alias_table: AliasTable,
-    /// Parents and their numbers of children, in order of index.
-    child_counts: Vec<(u32, u32)>,
+    published: PublishedTracks,
+    scan: ObservationScan,
+    /// None without a budget.
+    queue: Option<UpdateQueue>,
+    packer: Packer,
+    /// The updates of the present tick.
     updates: Vec<Update>,
-    /// Bodies that came to rest at this tick. Packets of this tick still use their aliases.
-    resting_bodies: Vec<u32>,
-    /// The buffers of the scan; None while it is in use.
-    scan: Option<Box<ObservationScan>>,
-    /// The state of the budget and the waiting bodies; None without a budget.
-    budget_state: Option<Box<BudgetState>>,
-    /// The present factor on all tolerances, raised while the budget does not suffice; otherwise one.
-    slack: f64,
-    statistics: PublisherStatistics,
+    /// The number of observations compared with tracks.
+    checked: u64,
 }
 
 impl Publisher {
@@ -126,54 +64,26 @@ impl Publisher {
     #[must_use]
     pub fn new(stream: StreamId, config: &StreamConfig, tick: Tick) -> Self {
         Self {
-            stream,
-            tracks: Tracks::new(
-                config.tolerance,
-                config.integrator,
-                config.publish_interval,
-                config.gravity,
-            ),
             features: config.features,
-            largest_packet: config.largest_packet,
-            sent_packets: SentPackets::default(),
-            repair_symbols: FecEncoder::default(),
             tick,
-            alias_table: AliasTable::default(),
-            child_counts: Vec::new(),
+            published: PublishedTracks::new(config),
+            scan: ObservationScan::new(config),
+            queue: None,
+            packer: Packer::new(stream, config.largest_packet, &config.features),
             updates: Vec::new(),
-            resting_bodies: Vec::new(),
-            scan: Some(Box::new(ObservationScan::new(
-                config.tolerance,
-                config.integrator,
-            ))),
-            budget_state: None,
-            slack: 1.0,
-            statistics: PublisherStatistics::default(),
+            checked: 0,
         }
     }
 
-    /// The id of the stream.
-    #[must_use]
-    pub const fn stream(&self) -> StreamId {
-        self.stream
-    }
-
-    /// The largest packet that it makes.
-    #[must_use]
-    pub const fn largest_packet(&self) -> LargestPacket {
-        self.largest_packet
-    }
-
-    /// The tolerance of a body with the usual scale.
-    #[must_use]
-    pub const fn tolerance(&self) -> Tolerance {
-        self.tracks.tolerance()
-    }
-
-    /// Counters of everything published so far.
-    #[must_use]
-    pub const fn statistics(&self) -> PublisherStatistics {
-        self.statistics
+    /// Holds the stream to a budget from now on.
+    ///
+    /// Attachment is switched off, so that each update is useful alone. Repair symbols are switched off, because they
+    /// would take bytes from updates.
+    pub fn limit(&mut self, budget: Budget) {
+        self.features.attached = false;
+        self.packer.stop_repair_symbols();
+        let rate = self.published.tracks().integrator().rate;
+        self.queue = Some(UpdateQueue::new(budget, rate));
     }
 
     /// Places a body that came into the scene or was changed. A scene event carries its track to every receiver.
@@ -181,64 +91,17 @@ impl Publisher {
     /// Returns `false` if the table is full, which the scene's own limits prevent.
     #[must_use]
     pub fn place(&mut self, id: BodyId, parameters: &PredictionParameters, track: Track) -> bool {
-        let attached_to = self.tracks.slot(id.index()).and_then(Slot::parent);
-        let placed = self.tracks.place(id, parameters, track, None);
-        if placed {
-            self.alias_table.release(id.index());
-            self.move_child(attached_to, None);
-        }
-        placed
+        self.published.place(id, parameters, track)
     }
 
     /// Removes a body from the scene. Its children are updated at the next tick.
     pub fn remove(&mut self, id: BodyId) {
-        let attached_to = self.tracks.slot(id.index()).and_then(Slot::parent);
-        if self.tracks.remove(id) {
-            self.alias_table.release(id.index());
-            self.move_child(attached_to, None);
-        }
+        self.published.remove(id);
     }
 
     /// Changes the gravity from this tick on.
     pub fn change_gravity(&mut self, since: Tick, gravity: Vec3) {
-        self.tracks.change_gravity(since, gravity);
-    }
-
-    /// The gravity and the first tick of each change that a track may refer to. A late receiver needs them before the
-    /// tracks.
-    pub fn gravity_changes(&self) -> impl Iterator<Item = (Tick, Vec3)> {
-        self.tracks.gravity_changes()
-    }
-
-    /// Every body's track, in order of index, for a late receiver.
-    pub fn tracks(&self) -> impl Iterator<Item = (BodyId, Track)> {
-        self.tracks
-            .iter()
-            .map(|(index, slot)| (slot.id(index), slot.track()))
-    }
-
-    /// The alias of a body, for a late receiver.
-    #[must_use]
-    pub fn alias(&self, id: BodyId) -> Option<u32> {
-        self.alias_table.aliases().of(id.index())
-    }
-
-    /// The number of the next packet.
-    #[must_use]
-    pub const fn next_number(&self) -> u64 {
-        self.sent_packets.next()
-    }
-
-    /// The tick up to which everything is published.
-    #[must_use]
-    pub const fn tick(&self) -> Tick {
-        self.tick
-    }
-
-    /// Whole ticks in a second of the scene, at least one.
-    #[must_use]
-    pub fn second(&self) -> Ticks {
-        second(self.tracks.integrator().rate)
+        self.published.change_gravity(since, gravity);
     }
 
     /// Publishes the present tick and appends the datagrams to `out`: none if every track still holds, or if no tick is
@@ -251,299 +114,245 @@ impl Publisher {
         scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
-        // A stream that began after that tick has already published it.
-        let Some(tick) = observation_history
-            .present()
-            .filter(|tick| *tick > self.tick)
-        else {
+        let Some(tick) = observation_history.due_after(self.tick) else {
             return;
         };
-        let before = core::mem::replace(&mut self.tick, tick);
-        if let Some(budget_state) = self.budget_state.take() {
-            return self.publish_within(
-                budget_state,
-                observation_history,
-                before,
-                scene_events,
-                out,
-            );
-        }
-        let observations = observation_history.at(tick).unwrap_or_default();
+        let passed = tick.since(self.tick).unwrap_or_default();
+        self.tick = tick;
         let ticks = ObservedTicks::around(observation_history, tick);
-        let mut updates = core::mem::take(&mut self.updates);
-        updates.clear();
-        self.alias_table.begin_tick();
-        let mut scan = self.scan.take().expect("no scan is in progress");
-        self.scan(tick, observations, &mut scan);
-        // Possible parents are checked first, so that a child is compared with its parent's published track.
-        let mut emit = |update: Option<Update>| {
-            if let Some(update) = update {
-                push(&mut updates, update);
-            }
-        };
-        for LargeBody { place, .. } in &scan.parent_candidates {
-            emit(self.check(&ticks, (*place, &observations[*place]), None));
-        }
-        self.scan_other_parents(observations, &mut scan);
-        for place in &scan.other_parents {
-            let place = *place as usize;
-            let observed = (place, &observations[place]);
-            emit(self.check(&ticks, observed, None));
-        }
-        self.observe_parents(&ticks, &mut scan);
-        for place in &scan.undecided {
-            if scan.is_before(*place) {
-                continue;
-            }
-            let place = *place as usize;
-            let observed = (place, &observations[place]);
-            let parent_candidate = self.parent_candidate_of(observed.1, &scan);
-            emit(self.check(&ticks, observed, parent_candidate));
-        }
-        self.scan = Some(scan);
-        self.encode_updates(tick, &mut updates, scene_events, out);
-        self.updates = updates;
-    }
-
-    /// Encodes the updates of a tick into datagrams.
-    fn encode_updates(
-        &mut self,
-        tick: Tick,
-        updates: &mut [Update],
-        scene_events: u64,
-        out: &mut Vec<Bytes>,
-    ) {
-        self.pack(tick, updates, scene_events, out);
-        for index in self.resting_bodies.drain(..) {
-            if self.features.aliases {
-                self.alias_table.release(index);
-            }
-        }
-    }
-
-    /// The slot of a body observed at the present tick. None if it came later, or if another body has the index.
-    fn observed_slot(&self, observation: &Observation) -> Option<&Slot> {
-        let slot = self.tracks.slot(observation.id.index())?;
-        let there = slot.id(observation.id.index()) == observation.id;
-        (there && slot.origin() <= self.tick).then_some(slot)
-    }
-
-    /// Compares one body with its track. If the track no longer holds, replaces it and returns the update.
-    ///
-    /// `observed`: the position of the body among the observations, and its observation.
-    fn check(
-        &mut self,
-        ticks: &ObservedTicks<'_>,
-        observed: (usize, &Observation),
-        parent_candidate: Option<&ObservedParent>,
-    ) -> Option<Update> {
-        let (tick, (_, observation)) = (ticks.tick, observed);
-        let index = observation.id.index();
-        let slot = self.observed_slot(observation)?;
-        let (payload, track) = match observation.activity {
-            Activity::Asleep => {
-                // If a woken body is still within tolerance of its rest pose, nothing is sent: subscribers see no
-                // difference.
-                if slot.is_exact_rest()
-                    && self.is_within_rest(ticks.history, tick, slot, observation)
-                {
-                    return None;
-                }
-                let resting = Track::resting(tick, observation.motion);
-                (self.rest_payload(tick, slot, observation), resting)
-            }
-            Activity::Awake => self.correct(ticks, slot, observed, parent_candidate)?,
-        };
-        let before = slot.parent();
-        self.tracks.set_track(index, track);
-        if before != track.parent {
-            self.move_child(before, track.parent);
-        }
-        let (alias, taken) = if self.features.aliases {
-            self.alias_table.alias(index)
+        self.checked += ticks.present.len() as u64;
+        self.updates.clear();
+        self.published.begin_tick();
+        if self.queue.is_some() {
+            self.update_within_budget(ticks, passed);
         } else {
-            self.alias_table.alias_of_index(index)
-        };
-        if track.is_exact_rest() {
-            self.resting_bodies.push(index);
+            self.update_all(ticks);
         }
-        let named = taken || matches!(payload, UpdatePayload::Keyframe(_));
-        Some(Update {
-            alias,
-            body: named.then_some(index),
-            payload,
-        })
+        self.pack(scene_events, out);
+        self.published.end_tick();
     }
 
-    /// True if a body is within tolerance of its published rest pose.
-    fn is_within_rest(
-        &self,
-        observation_history: &ObservationHistory,
-        tick: Tick,
-        slot: &Slot,
-        observation: &Observation,
-    ) -> bool {
-        let index = observation.id.index();
-        let used = share(
-            &observation.motion.motion().pose(),
-            &self.tracks.predicted_motion((index, slot), tick).pose(),
-            self.tracks.tolerance_of(slot),
-            self.tracks.radius(slot),
-        );
-        used <= self.closeness(observation_history, index)
+    /// Updates every body whose track no longer holds.
+    fn update_all(&mut self, ticks: ObservedTicks<'_>) {
+        let (published, scan) = (&mut self.published, &mut self.scan);
+        let check = BodyCheck::new(ticks, self.features);
+        let mut update = |published: &mut PublishedTracks, place: usize, parent| {
+            let observed = (place, &ticks.present[place]);
+            if let Some(update) = check.update(published, observed, parent) {
+                push(&mut self.updates, update);
+            }
+        };
+        scan.scan(published, ticks.tick, ticks.present, &self.features);
+        // Possible parents are checked first, so that a child is compared with its parent's published track.
+        for place in scan.parent_candidates().places() {
+            update(published, place, None);
+        }
+        scan.collect_other_parents(published, ticks.present);
+        for place in scan.other_parents() {
+            update(published, place, None);
+        }
+        scan.parent_candidates_mut()
+            .observe(published.tracks(), &ticks);
+        for place in scan.others() {
+            let parent_candidates = scan.parent_candidates();
+            let parent: Option<&ObservedParent> =
+                parent_candidates.parent_of(published.tracks(), &ticks.present[place]);
+            update(published, place, parent);
+        }
     }
 
-    /// The payload that puts a body to rest at the engine's exact pose.
-    fn rest_payload(&self, tick: Tick, slot: &Slot, observation: &Observation) -> UpdatePayload {
-        let index = observation.id.index();
-        let track = slot.track();
-        let since = tick.since(track.origin);
-        let fresh = since.is_some_and(|since| since <= TRACK_AGE_MAX);
-        let age = self.tracks.age(&track, tick);
-        let age = age.filter(|age| *age > Age::new(0));
-        let free =
-            track.parent.is_none() && self.features.residuals && self.features.rest_corrections;
-        let still = track.predictor == Predictor::Rest;
-        let rest_correction = age.filter(|_| free && (still || fresh));
-        let rest_correction = rest_correction.and_then(|age| {
-            let predicted = self.tracks.predicted_motion((index, slot), tick);
-            let rest_correction = RestCorrection::of(&observation.motion, &predicted.pose())?;
-            Some(UpdatePayload::Resting {
-                age,
-                rest_correction,
+    /// Updates the bodies that the budget allows, `passed` ticks after the last published one. The others wait.
+    fn update_within_budget(&mut self, ticks: ObservedTicks<'_>, passed: Ticks) {
+        let Some(queue) = &mut self.queue else {
+            return;
+        };
+        let (tick, published) = (ticks.tick, &mut self.published);
+        let check = BodyCheck::new(ticks, self.features);
+        let due = queue.begin_tick(tick, passed, ticks.present, |observation| {
+            check.need(published, observation)
+        });
+        let mut due = queue.spend(due, tick);
+        let check = check.loosened(due.slack());
+        while let Some(observation) = due.next() {
+            let update = check.update(published, (0, &observation), None);
+            let bits = update.as_ref().map_or(0, bits_of);
+            self.updates.extend(update);
+            // After an update under raised tolerances, the body may still exceed its own tolerance.
+            let left = check.need(published, &observation);
+            due.pass(bits, left.map_or(1.0, |need| need.share));
+        }
+        due.end();
+    }
+
+    /// Encodes the updates of the present tick into datagrams.
+    fn pack(&mut self, scene_events: u64, out: &mut Vec<Bytes>) {
+        let (at, first) = (self.at(scene_events), out.len());
+        let aliases = self.published.aliases();
+        self.packer.pack(&at, &mut self.updates, aliases, out);
+        if let Some(queue) = &mut self.queue
+            && !self.updates.is_empty()
+        {
+            queue.pay_packets(out[first..].iter().map(Bytes::len).sum());
+        }
+    }
+
+    /// Encodes the repair symbols that are due after a published tick, silent or not, and appends them to `out`.
+    pub fn encode_repair_symbols(&mut self, redundancy: Redundancy, out: &mut Vec<Bytes>) {
+        self.packer.encode_repair_symbols(redundancy, out);
+    }
+
+    /// Answers the only receiver of a stream, which is sent all repair symbols: see `answer_one`.
+    pub fn answer(&mut self, loss_report: &LossReport, out: &mut Vec<Bytes>) -> Vec<u64> {
+        self.answer_one(loss_report, Some(0), out)
+    }
+
+    /// Answers a receiver that lost packets. Appends repair symbols to `out` where they suffice, and returns the
+    /// numbers of the packets that must be refreshed instead, each once.
+    ///
+    /// `sent_from`: the number of the next packet when this receiver was first sent the symbols of
+    /// [`Self::encode_repair_symbols`]; `None` if it is sent none.
+    pub(crate) fn answer_one(
+        &mut self,
+        loss_report: &LossReport,
+        sent_from: Option<u64>,
+        out: &mut Vec<Bytes>,
+    ) -> Vec<u64> {
+        self.packer.answer(loss_report, sent_from, out)
+    }
+
+    /// The datagrams with the present tracks of a lost packet's bodies; `None` for a packet that is too old.
+    #[must_use]
+    pub fn refresh(&self, number: u64, scene_events: u64) -> Option<Vec<Bytes>> {
+        self.packer
+            .refresh(number, &self.at(scene_events), |index| {
+                self.published.refresh_record(index, self.tick)
             })
-        });
-        rest_correction.unwrap_or_else(|| {
-            UpdatePayload::Keyframe(Keyframe::of(&Track::resting(tick, observation.motion)))
-        })
     }
 
-    /// The update of an awake body, or `None` while its track holds.
-    fn correct(
-        &self,
-        ticks: &ObservedTicks<'_>,
-        slot: &Slot,
-        (place, observation): (usize, &Observation),
-        parent_candidate: Option<&ObservedParent>,
-    ) -> Option<(UpdatePayload, Track)> {
-        let tick = ticks.tick;
-        let truth = observation.motion.motion();
-        let track = slot.track();
-        let body = (observation.id.index(), slot);
-        let framed = self.tracks.framed(body, &track, tick);
-        let parent = self.tracks.parent(&track);
-        let predicted_motion = match (parent, parent_candidate) {
-            (None, _) => framed,
-            (Some((index, _)), Some(observed)) if observed.index == index => {
-                attached_motion(&observed.predicted_motion, &framed.pose())
-            }
-            (Some(parent), _) => {
-                let parent = self.tracks.framed(parent, &parent.1.track(), tick);
-                attached_motion(&parent, &framed.pose())
-            }
-        };
-        let tolerance = self.tracks.tolerance_of(slot);
-        let age = tick.since(track.origin)?;
-        let moves = track.predictor != Predictor::Rest;
-        let orphaned = track.parent.is_some() && parent.is_none();
-        let expired = (age >= TRACK_AGE_MAX && moves) || orphaned || !self.features.prefilter;
-        let used = share(
-            &truth.pose(),
-            &predicted_motion.pose(),
-            tolerance,
-            self.tracks.radius(slot),
-        );
-        let closeness = self.closeness(ticks.history, observation.id.index());
-        if !expired && used <= closeness {
-            return None;
+    /// Spends bytes of the budget on datagrams other than packets.
+    pub fn pay(&mut self, bytes: usize) {
+        if let Some(queue) = &mut self.queue {
+            queue.pay(bytes);
         }
-        let observed = ObservationWindow::of(ticks, observation.id, place);
-        let ahead = Ahead::of(ticks, observation.id, place);
-        let decision = ModeDecision::new(Context {
-            tracks: &self.tracks,
-            features: self.features,
-            slack: self.slack * closeness,
-        });
-        let stride = observed.stride;
-        let subject = Subject {
-            index: observation.id.index(),
-            slot,
-            track: &track,
-            tick,
-            truth: &truth,
-            predicted_motion: &predicted_motion,
-            framed: &framed,
-            velocities: observed.velocities,
-            past: &observed.past,
-            stride,
-            ahead: ahead.as_ref().map_or(&[], Ahead::motions),
-            ends: ahead.as_ref().is_some_and(|ahead| ahead.ends),
-            parent: parent_candidate.and_then(|observed| self.parent(observed, stride)),
-        };
-        let chosen = decision.decide(&subject);
-        if chosen.is_none() && !expired && used <= 1.0 {
-            // A correction can keep a parent no closer than its grid, which is not close enough here.
-            return None;
+    }
+
+    /// The checksum over all tracks, by hashing only the tracks that changed since the last call.
+    pub(super) fn settle_checksum(&mut self) -> u64 {
+        self.published.settle_checksum()
+    }
+
+    /// The checksum over all tracks; a converged subscriber has the same.
+    #[must_use]
+    pub fn state_checksum(&self) -> u64 {
+        self.published.tracks().state_checksum()
+    }
+
+    /// The datagram with the checksum over all tracks. `scene_events`: the scene's number of events so far.
+    #[must_use]
+    pub fn checksums(&self, scene_events: u64) -> Bytes {
+        self.packer
+            .checksums(&self.at(scene_events), self.state_checksum())
+    }
+
+    /// The watermark for the silence since the last packet.
+    #[must_use]
+    pub fn watermark(&self, scene_events: u64) -> Bytes {
+        self.packer.watermark(&self.at(scene_events))
+    }
+
+    /// The id of the stream.
+    #[must_use]
+    pub const fn stream(&self) -> StreamId {
+        self.packer.stream()
+    }
+
+    /// The largest packet that it makes.
+    #[must_use]
+    pub const fn largest_packet(&self) -> LargestPacket {
+        self.packer.largest_packet()
+    }
+
+    /// The tolerance of a body with the usual scale.
+    #[must_use]
+    pub const fn tolerance(&self) -> Tolerance {
+        self.published.tracks().tolerance()
+    }
+
+    /// Counters of everything published so far.
+    #[must_use]
+    pub fn statistics(&self) -> PublisherStatistics {
+        PublisherStatistics {
+            checked: self.checked,
+            over_budget: self.queue.as_ref().map_or(0, UpdateQueue::over_budget),
+            ..self.packer.statistics()
         }
-        let chosen = chosen.or_else(|| decision.widened().decide(&subject));
-        Some(chosen.unwrap_or_else(|| self.keyframe_update(tick, slot, observation, &truth)))
     }
 
-    /// The possible parent of another body; `stride` is the publish interval of that body's last observations.
-    fn parent<'s>(&'s self, observed: &'s ObservedParent, stride: Ticks) -> Option<Parent<'s>> {
-        let ObservedParent {
-            index,
-            truth,
-            predicted_motion,
-            past,
-            stride: of_parent,
-            ahead,
-        } = observed;
-        Some(Parent {
-            index: *index,
-            slot: self.tracks.slot(*index)?,
-            truth,
-            predicted_motion,
-            past: (*of_parent == stride).then_some(past),
-            ahead: ahead.as_ref().map_or(&[], Ahead::motions),
-        })
+    /// The gravity and the first tick of each change that a track may refer to. A late receiver needs them before the
+    /// tracks.
+    pub fn gravity_changes(&self) -> impl Iterator<Item = (Tick, Vec3)> {
+        self.published.tracks().gravity_changes()
     }
 
-    /// A motion that needs no prediction: on the grid, or exact if the grid is too coarse for the tolerance, as for a
-    /// body of a hundred metres.
-    fn keyframe_update(
-        &self,
-        tick: Tick,
-        slot: &Slot,
-        observation: &Observation,
-        truth: &Motion,
-    ) -> (UpdatePayload, Track) {
-        let grid = self.tracks.grid(slot);
-        let falls = self.features.ballistic && self.tracks.gravity(slot, tick) != glam::DVec3::ZERO;
-        let predictor = match (falls, slot.is_torque_free() && self.features.torque_free) {
-            (true, true) => Predictor::BallisticTorqueFree,
-            (true, false) => Predictor::Ballistic,
-            (false, true) => Predictor::TorqueFree,
-            (false, false) => Predictor::Uniform,
-        };
-        let quantised = QuantisedState::of(truth, grid);
-        let on_grid = quantised.motion(grid);
-        let used = share(
-            &truth.pose(),
-            &on_grid.pose(),
-            self.tracks.tolerance_of(slot),
-            self.tracks.radius(slot),
-        );
-        let keyframe = Keyframe {
-            predictor,
-            anchor: if used <= 1.0 {
-                Anchor::Quantised(quantised)
-            } else {
-                Anchor::Exact(observation.motion)
-            },
-            parent: None,
-        };
-        (UpdatePayload::Keyframe(keyframe), keyframe.track(tick))
+    /// Every body's track, in order of index, for a late receiver.
+    pub fn tracks(&self) -> impl Iterator<Item = (BodyId, Track)> {
+        let slots = self.published.tracks().iter();
+        slots.map(|(index, slot)| (slot.id(index), slot.track()))
+    }
+
+    /// The alias of a body, for a late receiver.
+    #[must_use]
+    pub fn alias(&self, id: BodyId) -> Option<u32> {
+        self.published.aliases().of(id.index())
+    }
+
+    /// The number of the next packet.
+    #[must_use]
+    pub const fn next_number(&self) -> u64 {
+        self.packer.next_number()
+    }
+
+    /// The tick up to which everything is published.
+    #[must_use]
+    pub const fn tick(&self) -> Tick {
+        self.tick
+    }
+
+    /// Whole ticks in a second of the scene, at least one.
+    #[must_use]
+    pub fn second(&self) -> Ticks {
+        second(self.published.tracks().integrator().rate)
+    }
+
+    /// The greatest factor by which tracks exceed their tolerances, at the ticks since the last packet. If a packet was
+    /// sent at this tick, at the ticks that it covers: a watermark may arrive without the packet before it.
+    #[must_use]
+    pub fn error_scale(&self) -> ErrorScale {
+        let queue = self.queue.as_ref();
+        queue.map_or(ErrorScale::NONE, UpdateQueue::error_scale)
+    }
+
+    /// The number of bodies whose updates wait.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.queue.as_ref().map_or(0, UpdateQueue::len)
+    }
+
+    /// The bodies whose updates wait, in order of index.
+    pub fn over_budget(&self) -> impl Iterator<Item = OverBudget> {
+        self.queue.iter().flat_map(UpdateQueue::waiting)
+    }
+
+    /// The waiting body whose track uses the greatest share of its tolerance.
+    #[must_use]
+    pub fn worst_waiting(&self) -> Option<OverBudget> {
+        let waiting = self.over_budget();
+        waiting.max_by(|a, b| a.share.total_cmp(&b.share))
+    }
+
+    /// True if the stream has a budget.
+    pub(super) const fn has_budget(&self) -> bool {
+        self.queue.is_some()
     }
 
     /// True if checksums are sent.
@@ -551,40 +360,12 @@ impl Publisher {
         self.features.checksums
     }
 
-    /// The checksum over all tracks; a converged subscriber has the same.
-    #[must_use]
-    pub fn state_checksum(&self) -> u64 {
-        self.tracks.state_checksum()
-    }
-
-    /// The same, by hashing only the tracks that changed since the last call.
-    pub(super) fn settle_checksum(&mut self) -> u64 {
-        self.tracks.settle_checksum()
-    }
-
-    /// The datagram with the checksum over all tracks. `scene_events`: the scene's number of events so far.
-    #[must_use]
-    pub fn checksums(&self, scene_events: u64) -> Bytes {
-        let checksums = Checksums {
-            next: Low16::of(self.sent_packets.next()),
-            tick: Low16::of(self.tick.value()),
-            scene_events: Low16::of(scene_events),
-            sum: self.state_checksum(),
-        };
-        Bytes::from(checksums.encode(self.stream))
-    }
-
-    /// The watermark for the silence since the last packet.
-    #[must_use]
-    pub fn watermark(&self, scene_events: u64) -> Bytes {
-        let watermark = Watermark {
-            next: Low16::of(self.sent_packets.next()),
-            tick: Low16::of(self.tick.value()),
-            scene_events: Low16::of(scene_events),
-        };
-        Bytes::from(match self.error_scale() {
-            ErrorScale::NONE => watermark.encode(self.stream),
-            error_scale => watermark.encode_over_budget(self.stream, error_scale),
-        })
+    /// The state that datagrams of the present tick refer to.
+    fn at(&self, scene_events: u64) -> PublishedTick {
+        PublishedTick {
+            tick: self.tick,
+            scene_events,
+            error_scale: self.error_scale(),
+        }
     }
 }

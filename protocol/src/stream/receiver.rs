@@ -129,13 +129,9 @@ impl StreamReceiver {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::packet::{
-        Datagram, LargestPacket, LossReport, Low16, PacketKind, StreamId, Watermark,
-    };
-    use crate::stream::start::StreamStart;
-    use core::num::NonZeroU32;
-    use glam::Vec3;
-    use rhumb_reckoning::{Integrator, Rate, Tick, Tolerance};
+    use crate::packet::{Datagram, LossReport, Low16, PacketKind, StreamId, Watermark};
+    use crate::stream::stream_config::StreamConfig;
+    use rhumb_reckoning::Tick;
 
     const STREAM: StreamId = StreamId(3);
     const DELAY: Span = Span::from_millis(50);
@@ -145,20 +141,7 @@ mod tests {
     }
 
     fn receiver() -> StreamReceiver {
-        let mut subscriber = Subscriber::new(&StreamStart {
-            stream: STREAM,
-            tolerance: Tolerance::NORMAL,
-            integrator: Integrator {
-                rate: Rate::HZ_60,
-                substeps: NonZeroU32::MIN,
-            },
-            publish_interval: NonZeroU32::MIN,
-            largest_packet: LargestPacket::DEFAULT,
-            gravity: Vec3::ZERO,
-            tick: Tick::ZERO,
-            next: 0,
-            scene_events: 0,
-        });
+        let mut subscriber = Subscriber::new(&StreamConfig::PLAIN.start(STREAM, Tick::ZERO));
         subscriber.handle_snapshot_end();
         StreamReceiver::new(subscriber)
     }

@@ -18,8 +18,10 @@ use super::budget::Budget;
 use super::full::FullPublisher;
 use super::loss_tracker::LossTracker;
 use super::observation_history::ObservationHistory;
-use super::publisher::{Publisher, PublisherStatistics, StreamConfig};
+use super::publisher::Publisher;
+use super::publisher_statistics::PublisherStatistics;
 use super::reply_limiter::ReplyLimiter;
+use super::stream_config::StreamConfig;
 use super::tracks::PredictionParameters;
 use super::watermark::{Silence, WatermarkPolicy};
 use crate::limits::HISTORY_PACKETS;
@@ -392,10 +394,9 @@ mod tests {
     use super::*;
     use crate::packet::Low16;
     use crate::scene::PublishSchedule;
-    use crate::stream::features::Features;
     use crate::stream::observation::{Activity, Observation};
     use core::num::NonZeroU32;
-    use rhumb_reckoning::{Integrator, Metres, Rate, Tolerance};
+    use rhumb_reckoning::{Metres, Rate};
 
     const BODIES: u32 = 10;
 
@@ -406,18 +407,8 @@ mod tests {
     }
 
     fn sender(policy: WatermarkPolicy) -> StreamSender {
-        let config = StreamConfig {
-            tolerance: Tolerance::NORMAL,
-            integrator: Integrator {
-                rate: Rate::HZ_60,
-                substeps: NonZeroU32::MIN,
-            },
-            publish_interval: NonZeroU32::MIN,
-            largest_packet: LargestPacket::DEFAULT,
-            gravity: Vec3::ZERO,
-            features: Features::ALL,
-        };
-        let mut sender = StreamSender::reckoned(StreamId(1), &config, None, policy, Tick::ZERO);
+        let (stream, config) = (StreamId(1), StreamConfig::PLAIN);
+        let mut sender = StreamSender::reckoned(stream, &config, None, policy, Tick::ZERO);
         for body in 0..BODIES {
             let parameters = PredictionParameters::plain(Metres::new(0.5));
             let track = Track::resting(Tick::ZERO, motion(body, 0));

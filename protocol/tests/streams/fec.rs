@@ -14,11 +14,9 @@ use rhumb_protocol::stream::{
 };
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
-use rhumb_reckoning::{
-    Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track,
-};
+use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance};
 
-use crate::terms::TERMS;
+use crate::terms::{TERMS, awake, place_falling};
 
 const STREAM: StreamId = StreamId(3);
 const BODIES: u32 = 12;
@@ -63,14 +61,12 @@ impl FecLink {
         let mut subscriber = Subscriber::new(&config.start(STREAM, Tick::ZERO));
         let parameters = PredictionParameters::plain(Metres::new(0.5));
         for body in 0..BODIES {
-            let track = Track {
-                origin: Tick::ZERO,
-                predictor: Predictor::Ballistic,
-                anchor: Anchor::Exact(motion(body, 0)),
-                parent: None,
-            };
-            assert!(publisher.place(BodyId::new(body, 0), &parameters, track));
-            assert!(subscriber.place(BodyId::new(body, 0), &parameters, track));
+            place_falling(
+                (&mut publisher, &mut subscriber),
+                body,
+                &parameters,
+                motion(body, 0),
+            );
         }
         subscriber.handle_snapshot_end();
         Self {
@@ -84,13 +80,7 @@ impl FecLink {
     /// Publishes one tick: its packet, and the repair symbols after it.
     fn publish_tick(&mut self, redundancy: Redundancy) -> (Bytes, Vec<Bytes>) {
         self.tick += 1;
-        let observations: Vec<_> = (0..BODIES)
-            .map(|body| Observation {
-                id: BodyId::new(body, 0),
-                motion: motion(body, self.tick),
-                activity: Activity::Awake,
-            })
-            .collect();
+        let observations = awake(BODIES, |body| motion(body, self.tick));
         self.observation_history
             .observe(Tick::new(self.tick), &observations);
         let (mut packets, mut repair_symbols) = (Vec::new(), Vec::new());

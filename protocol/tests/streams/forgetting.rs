@@ -9,14 +9,11 @@ use proptest::prelude::*;
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, Observation, ObservationHistory, PredictionParameters, Publisher, StreamConfig,
-    Subscriber,
+    ObservationHistory, PredictionParameters, Publisher, StreamConfig, Subscriber,
 };
-use rhumb_reckoning::{
-    Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Tick, Tolerance, Track,
-};
+use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Tolerance};
 
-use crate::terms::TERMS;
+use crate::terms::{TERMS, awake, place_falling};
 
 const BODIES: u32 = 10;
 /// Bodies from this index on move along with the first one, as if attached to it.
@@ -56,14 +53,12 @@ fn ends() -> (Publisher, Subscriber) {
     for body in 0..BODIES {
         let parameters =
             PredictionParameters::plain(Metres::new(if body == 0 { 4.0 } else { 0.5 }));
-        let track = Track {
-            origin: Tick::ZERO,
-            predictor: Predictor::Ballistic,
-            anchor: Anchor::Exact(motion(body, 0)),
-            parent: None,
-        };
-        assert!(publisher.place(BodyId::new(body, 0), &parameters, track));
-        assert!(subscriber.place(BodyId::new(body, 0), &parameters, track));
+        place_falling(
+            (&mut publisher, &mut subscriber),
+            body,
+            &parameters,
+            motion(body, 0),
+        );
     }
     subscriber.handle_snapshot_end();
     (publisher, subscriber)
@@ -71,12 +66,7 @@ fn ends() -> (Publisher, Subscriber) {
 
 /// Adds the observations of all bodies at a tick.
 fn observe(observation_history: &mut ObservationHistory, tick: u64) -> &ObservationHistory {
-    let observation = |body| Observation {
-        id: BodyId::new(body, 0),
-        motion: motion(body, tick),
-        activity: Activity::Awake,
-    };
-    let observations: Vec<_> = (0..BODIES).map(observation).collect();
+    let observations = awake(BODIES, |body| motion(body, tick));
     observation_history.observe(Tick::new(tick), &observations);
     observation_history
 }

@@ -9,23 +9,15 @@ use rhumb_protocol::message::{
     StreamChoice, VERSIONS, Welcome, frame, is_no_version,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
-use rhumb_protocol::scene::{CommandError, IdRange, SceneConfig};
+use rhumb_protocol::scene::{CommandError, IdRange};
 use rhumb_protocol::session::{ClientSession, CloseCode, Event};
 use rhumb_protocol::stream::StreamStart;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Transmit};
 use rhumb_reckoning::{Tick, Tolerance};
 
-use crate::terms::TERMS;
+use crate::terms::scene;
 
 const PEER: Peer = Peer(0);
-
-fn config() -> SceneConfig {
-    SceneConfig {
-        integrator: TERMS.integrator,
-        gravity: Vec3::NEG_Y,
-        ..SceneConfig::default()
-    }
-}
 
 fn extensions(id: u32) -> Extensions {
     let mut extensions = Extensions::NONE;
@@ -37,7 +29,7 @@ fn extensions(id: u32) -> Extensions {
 fn welcome(version: u16, extensions: Extensions) -> ServerMessage {
     ServerMessage::Welcome(Welcome {
         version,
-        scene: Some(config()),
+        scene: Some(scene()),
         extensions,
     })
 }
@@ -47,8 +39,8 @@ fn joined(extensions: Extensions) -> ServerMessage {
     let start = StreamStart {
         stream: StreamId(4),
         tolerance: choice.tolerance(),
-        integrator: config().integrator,
-        publish_interval: config().publish_schedule.publish_interval,
+        integrator: scene().integrator,
+        publish_interval: scene().publish_schedule.publish_interval,
         largest_packet: LargestPacket::DEFAULT,
         gravity: Vec3::NEG_Y,
         tick: Tick::ZERO,
@@ -57,7 +49,7 @@ fn joined(extensions: Extensions) -> ServerMessage {
     };
     ServerMessage::Joined(Joined {
         choice,
-        config: config(),
+        config: scene(),
         start,
         granted: IdRange::EMPTY,
         extensions,

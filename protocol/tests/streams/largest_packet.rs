@@ -8,13 +8,13 @@ use rhumb_protocol::limits::LOST_NUMBERS_MAX;
 use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, Low16, PacketKind, StreamId};
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, Observation, ObservationHistory, PredictionParameters, Recipient, StreamConfig,
-    StreamSender, WatermarkPolicy,
+    ObservationHistory, PredictionParameters, Recipient, StreamConfig, StreamSender,
+    WatermarkPolicy,
 };
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, BodyState, Metres, Tick, Track};
 
-use crate::terms::TERMS;
+use crate::terms::{TERMS, awake};
 
 const STREAM: StreamId = StreamId(70_000);
 const BODIES: u32 = 300;
@@ -44,12 +44,7 @@ fn sizes(mut sender: StreamSender) -> Vec<(PacketKind, usize)> {
     let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
     let mut datagrams: Vec<Bytes> = Vec::new();
     for tick in 1..=TICKS {
-        let observation = |body| Observation {
-            id: BodyId::new(body, 0),
-            motion: motion(body, tick),
-            activity: Activity::Awake,
-        };
-        let observations: Vec<_> = (0..BODIES).map(observation).collect();
+        let observations = awake(BODIES, |body| motion(body, tick));
         observation_history.observe(Tick::new(tick), &observations);
         let before = sender.next_number();
         assert!(sender.publish(&observation_history, 0));

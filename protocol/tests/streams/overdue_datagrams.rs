@@ -5,26 +5,17 @@
 
 use std::num::NonZeroU32;
 
-use glam::Vec3;
 use rhumb_protocol::message::{Extensions, Joined, ServerMessage, StreamChoice, Welcome};
 use rhumb_protocol::packet::{LargestPacket, Low16, StreamId, Watermark};
-use rhumb_protocol::scene::{IdRange, SceneConfig};
+use rhumb_protocol::scene::IdRange;
 use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::stream::StreamStart;
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit, WakeReason};
 use rhumb_reckoning::{Tick, Tolerance};
 
-use crate::terms::TERMS;
+use crate::terms::scene;
 
 const PEER: Peer = Peer(0);
-
-fn config() -> SceneConfig {
-    SceneConfig {
-        integrator: TERMS.integrator,
-        gravity: Vec3::NEG_Y,
-        ..SceneConfig::default()
-    }
-}
 
 /// A member of a scene without bodies, directly after joining.
 fn member(now: Instant) -> ClientSession {
@@ -34,22 +25,22 @@ fn member(now: Instant) -> ClientSession {
     let start = StreamStart {
         stream: StreamId(4),
         tolerance: choice.tolerance(),
-        integrator: config().integrator,
+        integrator: scene().integrator,
         publish_interval: NonZeroU32::MIN,
         largest_packet: LargestPacket::DEFAULT,
-        gravity: config().gravity,
+        gravity: scene().gravity,
         tick: Tick::ZERO,
         next: 0,
         scene_events: 0,
     };
     let welcome = ServerMessage::Welcome(Welcome {
         version: 1,
-        scene: Some(config()),
+        scene: Some(scene()),
         extensions: Extensions::NONE,
     });
     let joined = ServerMessage::Joined(Joined {
         choice,
-        config: config(),
+        config: scene(),
         start,
         granted: IdRange::EMPTY,
         extensions: Extensions::NONE,

@@ -7,12 +7,11 @@ use glam::Vec3;
 use rhumb_protocol::packet::StreamId;
 use rhumb_protocol::scene::PublishSchedule;
 use rhumb_protocol::stream::{
-    Activity, Observation, ObservationHistory, PredictionParameters, Publisher,
-    PublisherStatistics, StreamConfig,
+    ObservationHistory, PredictionParameters, Publisher, PublisherStatistics, StreamConfig,
 };
 use rhumb_reckoning::{BodyId, BodyState, Integrator, Metres, Rate, Tick, Track};
 
-use crate::terms::TERMS;
+use crate::terms::{TERMS, awake};
 
 /// The number of awake bodies, from index zero on.
 const AWAKE: u32 = 10;
@@ -47,17 +46,12 @@ fn publisher(bodies: u32) -> Publisher {
 }
 
 /// Runs a scene of which some bodies are awake and jolt now and then. Returns the publisher's counters and datagrams.
-fn run(bodies: u32, awake: u32) -> (PublisherStatistics, Vec<Bytes>) {
+fn run(bodies: u32, moving: u32) -> (PublisherStatistics, Vec<Bytes>) {
     let mut publisher = publisher(bodies);
     let mut observation_history = ObservationHistory::new(PublishSchedule::EACH_TICK);
     let mut out = Vec::new();
     for tick in 1..=TICKS {
-        let observation = |index| Observation {
-            id: BodyId::new(index, 0),
-            motion: lying(index, (tick / 7 % 5) as f32),
-            activity: Activity::Awake,
-        };
-        let observations: Vec<_> = (0..awake).map(observation).collect();
+        let observations = awake(moving, |index| lying(index, (tick / 7 % 5) as f32));
         observation_history.observe(Tick::new(tick), &observations);
         publisher.publish(&observation_history, 0, &mut out);
     }

@@ -69,6 +69,15 @@ fn replies_to(bytes: &[u8]) -> Vec<ServerMessage> {
     replies
 }
 
+/// The last command and the tick of each acknowledgement.
+fn applied(replies: &[ServerMessage]) -> Vec<(u64, u64)> {
+    let applied = replies.iter().filter_map(|message| match message {
+        ServerMessage::Applied { through, tick } => Some((*through, tick.value())),
+        _ => None,
+    });
+    applied.collect()
+}
+
 fn joined(rest: impl IntoIterator<Item = ClientMessage>) -> Vec<ClientMessage> {
     let mut messages = vec![
         ClientMessage::Hello {
@@ -94,14 +103,7 @@ fn a_command_after_an_advance_acts_after_its_steps() {
         advance(5),
         shape(2),
     ]));
-    let applied: Vec<_> = replies
-        .iter()
-        .filter_map(|message| match message {
-            ServerMessage::Applied { through, tick } => Some((*through, tick.value())),
-            _ => None,
-        })
-        .collect();
-    assert_eq!(applied, [(0, 0), (2, 3), (3, 5)]);
+    assert_eq!(applied(&replies), [(0, 0), (2, 3), (3, 5)]);
     let refused =
         |message: &&ServerMessage| matches!(message, ServerMessage::Refused { number: 2, .. });
     assert_eq!(replies.iter().filter(refused).count(), 1);
@@ -151,15 +153,8 @@ fn commands_behind_an_advance_are_dropped_with_their_member() {
         again,
         shape(1),
     ]));
-    let applied: Vec<_> = replies
-        .iter()
-        .filter_map(|message| match message {
-            ServerMessage::Applied { through, tick } => Some((*through, tick.value())),
-            _ => None,
-        })
-        .collect();
     // The first command of the second membership; the earlier one was dropped with the first membership.
-    assert_eq!(applied, [(0, 3)]);
+    assert_eq!(applied(&replies), [(0, 3)]);
 }
 
 /// PROTOCOL 4.2-2. Caught: the result of a command came after the answers to later messages.

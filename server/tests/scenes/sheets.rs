@@ -40,19 +40,20 @@ fn add(scene: &mut Scene, desc: BodyDesc, at: Vec3) -> Result<(), CommandError> 
     scene.apply(&Command::AddBody { desc, motion })
 }
 
-/// Drops a body on a static one; returns its pose two seconds later.
-fn drop_on(ground: Shape, falling: Shape, turns: bool, from: Vec3) -> (Vec3, Quat) {
+/// A scene with a static body of the first shape, in which bodies of the second one may fall.
+fn on_ground(ground: Shape, falling: Shape) -> Scene {
     let mut scene = scene();
     add_shape(&mut scene, 0, ground).expect(VALID);
     add_shape(&mut scene, 1, falling).expect(VALID);
-    let plain = BodyDesc::plain;
-    add(
-        &mut scene,
-        plain(GROUND, BodyKind::Static, ShapeId(0)),
-        Vec3::ZERO,
-    )
-    .expect(VALID);
-    let mut desc = plain(FALLING, BodyKind::Dynamic, ShapeId(1));
+    let ground = BodyDesc::plain(GROUND, BodyKind::Static, ShapeId(0));
+    add(&mut scene, ground, Vec3::ZERO).expect(VALID);
+    scene
+}
+
+/// Drops a body on a static one; returns its pose two seconds later.
+fn drop_on(ground: Shape, falling: Shape, turns: bool, from: Vec3) -> (Vec3, Quat) {
+    let mut scene = on_ground(ground, falling);
+    let mut desc = BodyDesc::plain(FALLING, BodyKind::Dynamic, ShapeId(1));
     if !turns {
         desc.locked = LockedAxes::ROTATIONS;
     }
@@ -180,17 +181,8 @@ fn dynamic_bodies_refuse_sheets_and_scenes_limit_their_bytes() {
 
 #[test]
 fn contacts_name_the_other_body_and_point_away_from_it() {
-    let mut scene = scene();
-    add_shape(&mut scene, 0, terrace()).expect(VALID);
-    add_shape(&mut scene, 1, BALL).expect(VALID);
-    let plain = BodyDesc::plain;
-    add(
-        &mut scene,
-        plain(GROUND, BodyKind::Static, ShapeId(0)),
-        Vec3::ZERO,
-    )
-    .expect(VALID);
-    let ball = plain(FALLING, BodyKind::Dynamic, ShapeId(1));
+    let mut scene = on_ground(terrace(), BALL);
+    let ball = BodyDesc::plain(FALLING, BodyKind::Dynamic, ShapeId(1));
     add(&mut scene, ball, Vec3::new(3.5, 0.55, 3.4)).expect(VALID);
     let mut contacts = Vec::new();
     scene.contacts(FALLING, &mut contacts);

@@ -86,6 +86,15 @@ fn ball_on_floor() -> Scene {
     scene
 }
 
+/// The command that moves a body without turning it.
+fn set_pose(id: BodyId, position: Vec3) -> Command {
+    Command::SetPose {
+        id,
+        position,
+        rotation: Quat::IDENTITY,
+    }
+}
+
 fn step_and_observe(scene: &mut Scene) -> Vec<Observation> {
     scene
         .step()
@@ -177,16 +186,8 @@ fn a_sleeping_body_wakes_when_a_command_moves_it() {
             linear: up,
             angular: Vec3::ZERO,
         },
-        Command::SetPose {
-            id,
-            position: up,
-            rotation: Quat::IDENTITY,
-        },
-        Command::SetPose {
-            id: FLOOR,
-            position: Vec3::new(0.0, -20.0, 0.0),
-            rotation: Quat::IDENTITY,
-        },
+        set_pose(id, up),
+        set_pose(FLOOR, Vec3::new(0.0, -20.0, 0.0)),
         Command::RemoveBody { id: FLOOR },
         Command::SetGravity { gravity: up },
     ] {
@@ -235,14 +236,7 @@ fn a_displaced_static_body_is_observed_once() {
     let mut scene = ball_on_floor();
     fall_asleep(&mut scene);
     let position = Vec3::new(50.0, 0.0, 0.0);
-    let rotation = Quat::IDENTITY;
-    let id = FLOOR;
-    let there = Command::SetPose {
-        id,
-        position,
-        rotation,
-    };
-    scene.apply(&there).unwrap();
+    scene.apply(&set_pose(FLOOR, position)).unwrap();
     let first = step_and_observe(&mut scene)[0];
     assert_eq!((first.id, first.activity), (FLOOR, Activity::Asleep));
     assert_eq!(first.motion.position(), position.to_array());
@@ -306,14 +300,7 @@ fn a_kinematic_body_keeps_its_velocity_and_reaches_its_target() {
         assert!((one.motion.position()[0] - 0.1 * tick as f32).abs() < 1e-5);
     }
     let position = Vec3::new(6.0, 1.0, 0.0);
-    let rotation = Quat::IDENTITY;
-    let id = BALL;
-    let there = Command::SetPose {
-        id,
-        position,
-        rotation,
-    };
-    scene.apply(&there).unwrap();
+    scene.apply(&set_pose(BALL, position)).unwrap();
     let one = step_and_observe(&mut scene)[0];
     assert_eq!(one.motion.position(), position.to_array());
     assert!((linear(&one) - Vec3::new(0.0, 60.0, 0.0)).length() < 1e-2);

@@ -51,6 +51,13 @@ impl Case {
         Self::of(Role::Server, id, name)
     }
 
+    /// A case of a server with lockstep scenes, and the requirements that it shows.
+    pub(crate) fn lockstep_server(id: &str, name: &str, cites: &str) -> Self {
+        Self::server(id, name)
+            .cites(cites)
+            .needs(&[Feature::Lockstep])
+    }
+
     /// A case of a client.
     #[must_use]
     pub fn client(id: &str, name: &str) -> Self {

@@ -29,14 +29,7 @@ impl Fnv {
 
     /// Adds the thirteen doubles of a motion, least significant byte first.
     pub fn fold_motion(&mut self, motion: &Motion) {
-        let (pose, twist) = (motion.pose(), motion.twist());
-        let parts: [&[f64]; 4] = [
-            &pose.position.to_array(),
-            &pose.rotation.to_array(),
-            &twist.linear.to_array(),
-            &twist.angular.to_array(),
-        ];
-        for number in parts.into_iter().flatten() {
+        for number in motion.parts() {
             self.fold(&number.to_le_bytes());
         }
     }

@@ -63,7 +63,7 @@ pub fn control_script(data: &[u8]) {
                 }
                 let bytes = strange_bytes(&mut script);
                 stage.table.control(stranger, &bytes);
-                assert_code(stage.table.closed(stranger));
+                assert_peer_code(stage.table.closed(stranger));
             }
             8 => {
                 let datagram = datagram(&mut script);
@@ -109,7 +109,12 @@ fn strange_bytes(script: &mut Script<'_>) -> Vec<u8> {
     bytes
 }
 
-fn assert_code(code: Option<CloseCode>) {
+/// Asserts that a session closes a connection because of what the peer sent, if it does.
+///
+/// # Panics
+///
+/// If it closes with another code.
+pub fn assert_peer_code(code: Option<CloseCode>) {
     let known = [
         CloseCode::MALFORMED,
         CloseCode::VIOLATION,

@@ -27,7 +27,7 @@ pub use app::{app_messages, app_scene};
 pub use client_session::client_session;
 pub use commands::random_commands;
 pub use control_messages::{client_messages, server_messages};
-pub use control_script::control_script;
+pub use control_script::{assert_peer_code, control_script};
 pub use link::link;
 pub use packets::{side_packets, state_packets};
 pub use reckoning::{prefilter, quantiser};

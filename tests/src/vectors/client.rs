@@ -37,20 +37,7 @@ pub(super) fn cases() -> Vec<MessageCase> {
     commands(&mut cases);
     queries(&mut cases);
     sessions(&mut cases);
-    for kind in [18, 0x7f] {
-        cases.add(
-            kind,
-            format!("a critical type {kind} that is unknown"),
-            &[&[1]],
-        );
-    }
-    for kind in [0x80, 0x8a, 0xff] {
-        cases.add(
-            kind,
-            format!("an optional type {kind} that is unknown"),
-            &[&[1, 2, 3]],
-        );
-    }
+    cases.add_unknown(18);
     cases.0
 }
 

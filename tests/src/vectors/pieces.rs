@@ -293,4 +293,16 @@ impl CaseList {
         let (name, body) = (name.into(), parts.concat());
         self.0.push(MessageCase { name, kind, body });
     }
+
+    /// Adds messages of unknown types: of `critical`, the first free critical one, and of others.
+    pub(super) fn add_unknown(&mut self, critical: u8) {
+        for kind in [critical, 0x7f] {
+            let name = format!("a critical type {kind} that is unknown");
+            self.add(kind, name, &[&[1]]);
+        }
+        for kind in [0x80, 0x8a, 0xff] {
+            let name = format!("an optional type {kind} that is unknown");
+            self.add(kind, name, &[&[1, 2, 3]]);
+        }
+    }
 }

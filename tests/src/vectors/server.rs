@@ -87,20 +87,7 @@ fn others(cases: &mut CaseList) {
     query_results(cases);
     tick_events(cases);
     sessions(cases);
-    for kind in [19, 0x7f] {
-        cases.add(
-            kind,
-            format!("a critical type {kind} that is unknown"),
-            &[&[1]],
-        );
-    }
-    for kind in [0x80, 0x8a, 0xff] {
-        cases.add(
-            kind,
-            format!("an optional type {kind} that is unknown"),
-            &[&[1, 2, 3]],
-        );
-    }
+    cases.add_unknown(19);
 }
 
 fn query_results(cases: &mut CaseList) {

@@ -6,10 +6,10 @@
 use glam::{Quat, Vec3};
 use rhumb_app::{
     AddJoint, AppOptions, ApplyForce, ApplyTorque, AttachShape, ConvexMesh, CreateDynamicActor,
-    CreateStaticActor, DetachShape, Grip, HeightGrid, Id, Kind, Logon, Message, Motion, SetWorld,
-    Surface, Surfacing, TriangleMesh,
+    CreateStaticActor, DetachShape, Grip, HeightGrid, Id, Kind, Logon, Message, Motion, Surface,
+    Surfacing, TriangleMesh,
 };
-use rhumb_tests::{Dice, PluginServer, PluginSession, seed};
+use rhumb_tests::{Dice, PluginServer, PluginSession, plugin_world, seed};
 
 const fn id(object: u32) -> Id {
     Id {
@@ -41,16 +41,7 @@ fn logged_on() -> (PluginServer, PluginSession) {
     Message::Logon(Logon::new(7, "words")).encode(0, &mut logon);
     let mut session = PluginSession::begin(&mut server, 1, &logon);
     session.send(&mut server, &logon);
-    let world = Message::SetWorld(SetWorld {
-        plane: id(0),
-        gravity: Vec3::new(0.0, 0.0, -10.0),
-        static_friction: 0.5,
-        kinetic_friction: 0.5,
-        restitution: 0.0,
-        margin: 0.0,
-        height: -5.0,
-        normal: Vec3::Z,
-    });
+    let world = plugin_world(7, -5.0);
     send(&mut server, &mut session, &world);
     (server, session)
 }
@@ -64,6 +55,17 @@ const STONE: Surface = Surface {
     restitution: 0.0,
 };
 
+/// Attaches the shape of an actor's number to it.
+fn attach(object: u32) -> Message {
+    Message::AttachShape(AttachShape {
+        actor: id(object),
+        shape: id(object),
+        surface: STONE,
+        rotation: Quat::IDENTITY,
+        position: Vec3::ZERO,
+    })
+}
+
 fn ball(server: &mut PluginServer, session: &mut PluginSession, object: u32, position: Vec3) {
     let motion = Motion {
         actor: id(object),
@@ -76,13 +78,7 @@ fn ball(server: &mut PluginServer, session: &mut PluginSession, object: u32, pos
     for message in [
         Message::AddSphere((id(object), Vec3::ZERO, 0.5)),
         Message::CreateDynamicActor(CreateDynamicActor { motion, flags: 1 }),
-        Message::AttachShape(AttachShape {
-            actor: id(object),
-            shape: id(object),
-            surface: STONE,
-            rotation: Quat::IDENTITY,
-            position: Vec3::ZERO,
-        }),
+        attach(object),
     ] {
         send(server, session, &message);
     }
@@ -117,13 +113,7 @@ fn stand(server: &mut PluginServer, session: &mut PluginSession, object: u32, po
             rotation: Quat::IDENTITY,
             flags: 0,
         }),
-        Message::AttachShape(AttachShape {
-            actor: id(object),
-            shape: id(object),
-            surface: STONE,
-            rotation: Quat::IDENTITY,
-            position: Vec3::ZERO,
-        }),
+        attach(object),
     ] {
         send(server, session, &message);
     }

@@ -6,30 +6,21 @@
 use glam::Vec3;
 use rhumb_protocol::Span;
 use rhumb_protocol::message::StreamChoice;
-use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, LockedAxes, Mass, SceneConfig, Stepping};
+use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, LockedAxes, Mass, Stepping};
 use rhumb_reckoning::{Damping, Tick, Tolerance, ToleranceScale};
-use rhumb_sims::{Script, by_name};
-use rhumb_tests::{COMMANDER, Dice, Stage, seed};
+use rhumb_sims::by_name;
+use rhumb_tests::{AlteredScript, COMMANDER, Dice, Stage, seed};
 
-/// A script that changes its bodies.
+/// The bodies of a script, and how they change.
 struct Changing {
-    script: Box<dyn Script>,
     bodies: Vec<BodyDesc>,
     dice: Dice,
 }
 
-impl Script for Changing {
-    fn name(&self) -> &'static str {
-        self.script.name()
-    }
-
-    fn config(&self) -> SceneConfig {
-        self.script.config()
-    }
-
-    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
-        self.script.commands(tick, out);
-        for command in out.iter() {
+impl Changing {
+    /// Adds a change to the commands of every third tick.
+    fn alter(&mut self, tick: Tick, commands: &mut Vec<Command>) {
+        for command in commands.iter() {
             if let Command::AddBody { desc, .. } = command
                 && desc.kind == BodyKind::Dynamic
             {
@@ -40,12 +31,10 @@ impl Script for Changing {
             let place = self.dice.below(self.bodies.len());
             let desc = self.changed(self.bodies[place]);
             self.bodies[place] = desc;
-            out.push(Command::ChangeBody { desc });
+            commands.push(Command::ChangeBody { desc });
         }
     }
-}
 
-impl Changing {
     fn changed(&mut self, desc: BodyDesc) -> BodyDesc {
         let factor = self.dice.below(4) as f32;
         match self.dice.below(7) {
@@ -93,14 +82,15 @@ impl Changing {
 }
 
 fn stage(stepping: Stepping, links: &str, seed: u64) -> Stage {
-    let script = Box::new(Changing {
-        script: by_name("ball-pit", 60, seed).expect("an existing script"),
+    let mut changing = Changing {
         bodies: Vec::new(),
         dice: Dice::new(seed),
-    });
+    };
+    let script = by_name("ball-pit", 60, seed).expect("an existing script");
+    let script = AlteredScript::new(script, move |tick, commands| changing.alter(tick, commands));
     let choice = StreamChoice::Within(Tolerance::NORMAL);
     let links = links.parse().expect("a valid link configuration");
-    Stage::new(script, stepping, choice, links, seed)
+    Stage::new(Box::new(script), stepping, choice, links, seed)
 }
 
 #[test]

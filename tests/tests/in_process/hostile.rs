@@ -18,6 +18,7 @@ use rhumb_protocol::{Endpoint, Instant, Peer, Span};
 use rhumb_reckoning::{Divergence, Tick, Tolerance};
 use rhumb_server::Scene;
 use rhumb_sims::{Script, Zoo};
+use rhumb_tests::fuzzing::assert_peer_code;
 use rhumb_tests::{Delivered, Dice, RawPeer, Table};
 
 const NORMAL: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
@@ -144,17 +145,6 @@ fn corrupted(delivered: &Delivered, dice: &mut Dice) -> Delivered {
     }
 }
 
-fn assert_protocol_code(code: Option<CloseCode>) {
-    let known = [
-        CloseCode::MALFORMED,
-        CloseCode::VIOLATION,
-        CloseCode::VERSION,
-        CloseCode::LIMIT,
-        CloseCode::EXTENSION,
-    ];
-    assert!(code.is_none_or(|code| known.contains(&code)), "{code:?}");
-}
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1_000))]
 
@@ -181,7 +171,7 @@ proptest! {
         }
         good.tick(&mut table);
         for peer in raw_peer {
-            assert_protocol_code(table.closed(peer));
+            assert_peer_code(table.closed(peer));
         }
         prop_assert_eq!(table.closed(good.peer), None);
     }
@@ -203,7 +193,7 @@ proptest! {
             }
         }
         good.tick(&mut table);
-        assert_protocol_code(table.closed(raw_peer));
+        assert_peer_code(table.closed(raw_peer));
         prop_assert_eq!(table.closed(good.peer), None);
     }
 

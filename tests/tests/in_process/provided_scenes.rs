@@ -3,10 +3,10 @@
 //! Its script commands it as a member would. There is no network, and the script counts ticks.
 
 use glam::Vec3;
-use rhumb_protocol::Span;
 use rhumb_protocol::message::{Denial, StreamChoice};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId, Stepping};
 use rhumb_protocol::session::Event;
+use rhumb_protocol::{Peer, Span};
 use rhumb_reckoning::{BodyId, BodyState};
 use rhumb_server::{ProvidedScene, ProvidedScenes, Scene, SceneScript};
 use rhumb_tests::Table;
@@ -57,20 +57,26 @@ fn table() -> Table {
     }))
 }
 
-fn events(table: &mut Table, peer: rhumb_protocol::Peer) -> Vec<Event> {
+/// A client that has asked to join the scene of that name, and what is due since is done.
+fn joining(name: &str) -> (Table, Peer) {
+    let mut table = table();
+    let peer = table.connect(name);
+    table
+        .session(peer)
+        .join(StreamChoice::Full)
+        .expect("the session is in the lobby");
+    table.run_until_idle();
+    (table, peer)
+}
+
+fn events(table: &mut Table, peer: Peer) -> Vec<Event> {
     let session = table.session(peer);
     std::iter::from_fn(|| session.poll_event()).collect()
 }
 
 #[test]
 fn a_provided_scene_has_its_bodies_before_its_first_member_joins() {
-    let mut table = table();
-    let peer = table.connect("shown");
-    let session = table.session(peer);
-    session
-        .join(StreamChoice::Full)
-        .expect("the session is in the lobby");
-    table.run_until_idle();
+    let (mut table, peer) = joining("shown");
     let session = table.session(peer);
     assert_eq!(
         session.config().map(|config| config.stepping),
@@ -82,13 +88,7 @@ fn a_provided_scene_has_its_bodies_before_its_first_member_joins() {
 
 #[test]
 fn its_script_adds_and_removes_bodies_and_a_refused_command_ends_nothing() {
-    let mut table = table();
-    let peer = table.connect("shown");
-    table
-        .session(peer)
-        .join(StreamChoice::Full)
-        .expect("in the lobby");
-    table.run_until_idle();
+    let (mut table, peer) = joining("shown");
     events(&mut table, peer);
     table.pass(Span::from_millis(200));
     let removed = events(&mut table, peer)
@@ -99,15 +99,17 @@ fn its_script_adds_and_removes_bodies_and_a_refused_command_ends_nothing() {
     assert!(replica.body(BodyId::new(1, 1)).is_some() && replica.body(LATER).is_none());
 }
 
+/// True if the events since the last call say that a command was refused.
+fn is_refused(table: &mut Table, peer: Peer) -> bool {
+    let events = events(table, peer);
+    events
+        .iter()
+        .any(|event| matches!(event, Event::Refused { .. }))
+}
+
 #[test]
 fn members_get_ids_beside_those_of_the_script() {
-    let mut table = table();
-    let peer = table.connect("shown");
-    table
-        .session(peer)
-        .join(StreamChoice::Full)
-        .expect("in the lobby");
-    table.run_until_idle();
+    let (mut table, peer) = joining("shown");
     let joined = events(&mut table, peer)
         .into_iter()
         .find_map(|event| match event {
@@ -119,33 +121,19 @@ fn members_get_ids_beside_those_of_the_script() {
     let own = add(BodyId::new(range.first(), 0), 20.0);
     table.session(peer).command(own).expect("a member");
     table.pass(Span::from_millis(50));
-    assert!(
-        !events(&mut table, peer)
-            .iter()
-            .any(|event| matches!(event, Event::Refused { .. }))
-    );
+    assert!(!is_refused(&mut table, peer));
     let impulse = Command::Impulse {
         id: FIRST,
         impulse: Vec3::Y,
     };
     table.session(peer).command(impulse).expect("a member");
     table.pass(Span::from_millis(50));
-    assert!(
-        !events(&mut table, peer)
-            .iter()
-            .any(|event| matches!(event, Event::Refused { .. }))
-    );
+    assert!(!is_refused(&mut table, peer));
 }
 
 #[test]
 fn other_names_are_no_scenes() {
-    let mut table = table();
-    let peer = table.connect("hidden");
-    table
-        .session(peer)
-        .join(StreamChoice::Full)
-        .expect("in the lobby");
-    table.run_until_idle();
+    let (mut table, peer) = joining("hidden");
     let denied = events(&mut table, peer)
         .iter()
         .any(|event| matches!(event, Event::Denied(Denial::NoSuchScene)));

@@ -5,36 +5,11 @@
 
 use rhumb_protocol::Span;
 use rhumb_protocol::message::StreamChoice;
-use rhumb_protocol::scene::{BodyKind, Command, SceneConfig, Stepping};
+use rhumb_protocol::scene::{BodyKind, Command, Stepping};
 use rhumb_protocol::stream::ErrorBound;
-use rhumb_reckoning::{Tick, Tolerance, ToleranceScale};
-use rhumb_sims::{Script, by_name};
-use rhumb_tests::{COMMANDER, Stage, seed};
-
-/// A script whose bodies have different tolerance scales.
-struct WithToleranceScales {
-    script: Box<dyn Script>,
-    tolerance_scale: fn(u32) -> ToleranceScale,
-}
-
-impl Script for WithToleranceScales {
-    fn name(&self) -> &'static str {
-        self.script.name()
-    }
-
-    fn config(&self) -> SceneConfig {
-        self.script.config()
-    }
-
-    fn commands(&mut self, tick: Tick, out: &mut Vec<Command>) {
-        self.script.commands(tick, out);
-        for command in out {
-            if let Command::AddBody { desc, .. } = command {
-                desc.tolerance_scale = (self.tolerance_scale)(desc.id.index());
-            }
-        }
-    }
-}
+use rhumb_reckoning::{Tolerance, ToleranceScale};
+use rhumb_sims::by_name;
+use rhumb_tests::{AlteredScript, COMMANDER, Stage, seed};
 
 /// Each tolerance scale in turn.
 fn all_in_turn(index: u32) -> ToleranceScale {
@@ -48,13 +23,16 @@ fn stage(
     seed: u64,
 ) -> Stage {
     let script = by_name("ball-pit", 60, 1).expect("an existing script");
-    let script = Box::new(WithToleranceScales {
-        script,
-        tolerance_scale,
+    let script = AlteredScript::new(script, move |_, commands: &mut Vec<Command>| {
+        for command in commands {
+            if let Command::AddBody { desc, .. } = command {
+                desc.tolerance_scale = tolerance_scale(desc.id.index());
+            }
+        }
     });
     let links = links.parse().expect("a valid link configuration");
     Stage::new(
-        script,
+        Box::new(script),
         stepping,
         StreamChoice::Within(Tolerance::NORMAL),
         links,

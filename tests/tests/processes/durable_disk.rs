@@ -10,6 +10,7 @@ use std::process::Command;
 
 use rhumb_client::{Client, Denial, JoinMode, JoinOptions, OpenError, Trust};
 use rhumb_reckoning::BodyId;
+use rhumb_tests::ServerProcess;
 
 use crate::SERVER;
 use crate::durable::{
@@ -65,15 +66,20 @@ struct Run {
 }
 
 impl Run {
-    fn begin(server: &rhumb_tests::ServerProcess) -> Self {
-        let (client, ids) = create(server);
-        Self {
+    /// A server with this data directory, and a run of some ticks of which everything is durable.
+    fn until_durable_in(data: &Path, ticks: u64) -> (ServerProcess, Self) {
+        let server = serve("127.0.0.1:0", data);
+        let (client, ids) = create(&server);
+        let mut run = Self {
             client,
             ids,
             tick: 0,
             sent: 0,
             seen: Seen::default(),
-        }
+        };
+        run.go(ticks);
+        run.until_durable();
+        (server, run)
     }
 
     fn go(&mut self, ticks: u64) {
@@ -110,10 +116,7 @@ fn a_full_disk_costs_acknowledgements_and_no_command() {
         return;
     };
     let data = disk.path().join("data");
-    let server = serve("127.0.0.1:0", &data);
-    let mut run = Run::begin(&server);
-    run.go(20);
-    run.until_durable();
+    let (server, mut run) = Run::until_durable_in(&data, 20);
     let filler = disk.fill();
     run.go(150);
     assert!(run.seen.durable < run.sent, "a full disk keeps nothing");
@@ -146,10 +149,7 @@ fn a_read_only_disk_is_named_and_can_be_checked() {
         return;
     };
     let data = disk.path().join("data");
-    let server = serve("127.0.0.1:0", &data);
-    let mut run = Run::begin(&server);
-    run.go(20);
-    run.until_durable();
+    let (server, run) = Run::until_durable_in(&data, 20);
     server.kill();
     assert!(mount(&["-o", "remount,ro"], disk.path()));
     let path = data.to_str().expect("text");
@@ -173,14 +173,11 @@ fn scene_files(data: &Path) -> Vec<PathBuf> {
 fn a_file_that_is_cut_or_missing_is_named_with_what_is_lost() {
     let directory = tempfile::tempdir().expect("a temporary directory");
     let data = directory.path().join("data");
-    let server = serve("127.0.0.1:0", &data);
+    let (server, run) = Run::until_durable_in(&data, 30);
     let (listen, trust) = (
         server.address.to_string(),
         Trust::Fingerprint(server.fingerprint),
     );
-    let mut run = Run::begin(&server);
-    run.go(30);
-    run.until_durable();
     server.signal("TERM");
     assert_eq!(server.wait().code, Some(0));
     drop(run);

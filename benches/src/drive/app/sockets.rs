@@ -296,6 +296,13 @@ mod tests {
         }
     }
 
+    fn receiving_end() -> (AppReplica, WireCounter) {
+        (
+            AppReplica::new(Defects::SOUND),
+            WireCounter::new(Retention::Costs),
+        )
+    }
+
     #[test]
     fn a_server_that_stalls_within_a_frame_is_waited_for() {
         let (udp, _tcp, mut direct) = ends(Defects::SOUND, usize::MAX);
@@ -308,10 +315,7 @@ mod tests {
                 encode(&udp, &Message::TimeAdvanced(SIMULATION));
             }
         });
-        let (mut replica, mut wire) = (
-            AppReplica::new(Defects::SOUND),
-            WireCounter::new(Retention::Costs),
-        );
+        let (mut replica, mut wire) = receiving_end();
         for frame in 1..=3 {
             requests.send(()).unwrap();
             direct.catch_up(&mut replica, &mut wire).unwrap();
@@ -326,10 +330,7 @@ mod tests {
     #[test]
     fn a_late_end_is_not_attributed_to_the_next_frame() {
         let (udp, _tcp, mut direct) = ends(Defects::SOUND, 0);
-        let (mut replica, mut wire) = (
-            AppReplica::new(Defects::SOUND),
-            WireCounter::new(Retention::Costs),
-        );
+        let (mut replica, mut wire) = receiving_end();
         send_states(&udp, 0..BODIES);
         direct.receive(&mut replica, &mut wire).unwrap();
         assert_eq!((replica.ended_frames, replica.lost), (0, 1));
@@ -345,10 +346,7 @@ mod tests {
     #[test]
     fn a_lost_end_is_owed_only_until_the_next_frame_ends() {
         let (udp, _tcp, mut direct) = ends(Defects::SOUND, 0);
-        let (mut replica, mut wire) = (
-            AppReplica::new(Defects::SOUND),
-            WireCounter::new(Retention::Costs),
-        );
+        let (mut replica, mut wire) = receiving_end();
         send_states(&udp, 0..BODIES);
         direct.receive(&mut replica, &mut wire).unwrap();
         assert_eq!((replica.ended_frames, replica.lost), (0, 1));

@@ -1,44 +1,121 @@
-//! The result of a scan of the observations.
+//! The scan of observations: tracks out of tolerance and parent candidates.
+//!
+//! One pass over the observations. Bodies that surely hold cost nothing more. Changes no track. Invariant: positions in
+//! `undecided` and `other_parents` rise.
 
 use alloc::vec::Vec;
 
-use rhumb_reckoning::{ErrorPrefilter, Integrator, Tolerance};
+use rhumb_reckoning::{ErrorPrefilter, Tick};
 
-use super::large_body::{LargeBody, ObservedParent, PARENT_CANDIDATES_MAX};
+use super::parent_candidates::ParentCandidates;
+use super::published_tracks::PublishedTracks;
+use crate::stream::features::Features;
+use crate::stream::observation::{Activity, Observation};
+use crate::stream::stream_config::StreamConfig;
 
 /// The result of a scan, as positions among the observations. Its buffers are reused from tick to tick.
 #[derive(Clone, Debug)]
 pub(super) struct ObservationScan {
-    pub(super) prefilter: ErrorPrefilter,
+    prefilter: ErrorPrefilter,
     /// Bodies whose tracks may not hold, in order.
-    pub(super) undecided: Vec<u32>,
+    undecided: Vec<u32>,
     /// Those of them that the prefilter tested four at a time, in order, until they are merged into the others.
-    pub(super) tested: Vec<u32>,
-    /// Parent candidates, the largest first.
-    pub(super) parent_candidates: Vec<LargeBody>,
-    /// The same bodies with their observations.
-    pub(super) observed_parents: Vec<ObservedParent>,
+    tested: Vec<u32>,
     /// Undecided bodies with children that are no parent candidates, in order.
-    pub(super) other_parents: Vec<u32>,
-    /// The largest bodies so far, with their radii.
-    pub(super) largest: Vec<(f64, usize)>,
+    other_parents: Vec<u32>,
+    parent_candidates: ParentCandidates,
 }
 
 impl ObservationScan {
-    pub(super) fn new(tolerance: Tolerance, integrator: Integrator) -> Self {
+    pub(super) fn new(config: &StreamConfig) -> Self {
         Self {
-            prefilter: ErrorPrefilter::new(tolerance, integrator),
+            prefilter: ErrorPrefilter::new(config.tolerance, config.integrator),
             undecided: Vec::new(),
             tested: Vec::new(),
-            parent_candidates: Vec::new(),
-            observed_parents: Vec::new(),
             other_parents: Vec::new(),
-            largest: Vec::with_capacity(PARENT_CANDIDATES_MAX + 1),
+            parent_candidates: ParentCandidates::new(),
         }
     }
 
+    /// Scans the observations of a tick.
+    pub(super) fn scan(
+        &mut self,
+        published: &PublishedTracks,
+        tick: Tick,
+        observations: &[Observation],
+        features: &Features,
+    ) {
+        self.undecided.clear();
+        self.parent_candidates.clear();
+        let tracks = published.tracks();
+        let mut least = f64::INFINITY;
+        for (place, observation) in observations.iter().enumerate() {
+            let Some(slot) = published.observed(tick, observation) else {
+                continue;
+            };
+            let radius = tracks.radius(slot).metres();
+            least = least.min(radius);
+            if features.attached && slot.parent().is_none() {
+                self.parent_candidates.consider(radius, place);
+            }
+            let place = place as u32;
+            if observation.activity == Activity::Asleep || !features.prefilter {
+                self.undecided.push(place);
+                continue;
+            }
+            let observed = (place, &observation.motion);
+            let (prefilter, tested) = (&mut self.prefilter, &mut self.tested);
+            if tracks.prefilter(slot, tick, observed, prefilter, tested) {
+                self.undecided.push(place);
+            }
+        }
+        self.prefilter.finish(&mut self.tested);
+        self.merge_tested();
+        self.parent_candidates.choose(least, observations);
+    }
+
+    /// Collects undecided bodies with children that are no parent candidates.
+    pub(super) fn collect_other_parents(
+        &mut self,
+        published: &PublishedTracks,
+        observations: &[Observation],
+    ) {
+        let other_parents = |place: &u32| {
+            let place = *place as usize;
+            published.has_children(observations[place].id.index())
+                && !self.parent_candidates.contains(place)
+        };
+        self.other_parents.clear();
+        self.other_parents
+            .extend(self.undecided.iter().copied().filter(other_parents));
+    }
+
+    /// The parent candidates.
+    pub(super) const fn parent_candidates(&self) -> &ParentCandidates {
+        &self.parent_candidates
+    }
+
+    /// The same, to collect their observations.
+    pub(super) const fn parent_candidates_mut(&mut self) -> &mut ParentCandidates {
+        &mut self.parent_candidates
+    }
+
+    /// The positions of undecided bodies with children that are no parent candidates, in order.
+    pub(super) fn other_parents(&self) -> impl Iterator<Item = usize> {
+        self.other_parents.iter().map(|place| *place as usize)
+    }
+
+    /// The positions of the undecided bodies without those that are checked before: candidates and other parents.
+    pub(super) fn others(&self) -> impl Iterator<Item = usize> {
+        let others = self.undecided.iter().filter(|place| {
+            !self.parent_candidates.contains(**place as usize)
+                && self.other_parents.binary_search(place).is_err()
+        });
+        others.map(|place| *place as usize)
+    }
+
     /// Merges the bodies that were tested four at a time into the others.
-    pub(super) fn merge_tested(&mut self) {
+    fn merge_tested(&mut self) {
         let (mut others, mut tested) = (self.undecided.len(), self.tested.len());
         self.undecided.resize(others + tested, 0);
         // From the end on, so that each place is free before it is written.
@@ -54,37 +131,17 @@ impl ObservationScan {
         }
         self.tested.clear();
     }
-
-    /// True if a body is checked before bodies that could be attached.
-    pub(super) fn is_before(&self, place: u32) -> bool {
-        let holds = |parent_candidate: &LargeBody| parent_candidate.place == place as usize;
-        self.parent_candidates.iter().any(holds) || self.other_parents.binary_search(&place).is_ok()
-    }
-
-    /// Keeps the largest moving bodies that are not attached.
-    pub(super) fn consider(&mut self, radius: f64, place: usize) {
-        let full = self.largest.len() == PARENT_CANDIDATES_MAX;
-        if full && self.largest[PARENT_CANDIDATES_MAX - 1].0 >= radius {
-            return;
-        }
-        let at = self.largest.partition_point(|(other, _)| *other >= radius);
-        self.largest.insert(at, (radius, place));
-        self.largest.truncate(PARENT_CANDIDATES_MAX);
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use core::num::NonZeroU32;
     use proptest::prelude::*;
-    use rhumb_reckoning::Rate;
 
     proptest! {
         #[test]
         fn merged_places_rise(places in proptest::collection::btree_map(0_u32..60, any::<bool>(), 0..40)) {
-            let integrator = Integrator { rate: Rate::HZ_60, substeps: NonZeroU32::MIN };
-            let mut scan = ObservationScan::new(Tolerance::NORMAL, integrator);
+            let mut scan = ObservationScan::new(&StreamConfig::PLAIN);
             for (place, late) in &places {
                 let to = if *late { &mut scan.tested } else { &mut scan.undecided };
                 to.push(*place);

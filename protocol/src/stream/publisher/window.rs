@@ -13,6 +13,8 @@ use crate::stream::observation_history::{LOOKAHEAD_MAX, ObservationHistory, near
 pub(super) struct ObservedTicks<'h> {
     pub(super) history: &'h ObservationHistory,
     pub(super) tick: Tick,
+    /// The observations of the tick itself.
+    pub(super) present: &'h [Observation],
     /// One and two strides before, and one and two ticks before. Empty for ticks without observations.
     strides: [&'h [Observation]; 2],
     ticks: [&'h [Observation]; 2],
@@ -28,6 +30,7 @@ impl<'h> ObservedTicks<'h> {
         Self {
             history,
             tick,
+            present: history.at(tick).unwrap_or_default(),
             strides: [before(stride), before(2 * stride)],
             ticks: [before(1), before(2)],
         }

@@ -13,17 +13,12 @@ use rhumb_reckoning::{Damping, LengthBound, Tick, Tolerance};
 
 use super::scenery::{BALL, NORMAL, ball, ball_shape, body, lockstep, moving};
 use crate::case::Case;
-use crate::feature::Feature;
 use crate::outcome::{CaseResult, Stop, ensure};
 use crate::peer::RawClient;
 use crate::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
-    let case = |id: &str, name: &str, cites: &str| {
-        Case::server(id, name)
-            .cites(cites)
-            .needs(&[Feature::Lockstep])
-    };
+    let case = Case::lockstep_server;
     vec![
         case(
             "L1.5.1",

@@ -6,17 +6,12 @@ use rhumb_reckoning::Tick;
 
 use super::scenery::{NORMAL, ball, ball_shape, body, floor, floor_shape, lockstep};
 use crate::case::Case;
-use crate::feature::Feature;
 use crate::outcome::{CaseResult, Stop, ensure, should};
 use crate::peer::{LaneAction, LossyClient};
 use crate::trial::Trial;
 
 pub(super) fn cases() -> Vec<Case> {
-    let case = |id: &str, name: &str, cites: &str| {
-        Case::server(id, name)
-            .cites(cites)
-            .needs(&[Feature::Lockstep])
-    };
+    let case = Case::lockstep_server;
     vec![
         case(
             "L2.1.1",

@@ -75,15 +75,7 @@ const CASES: &[CaseRow] = &[
         "PROTOCOL 2.6-24, 2.6-23",
         |trial| {
             let mut hanging = hang(trial, JointKind::Prismatic(None))?;
-            let id = hanging.body;
-            let (linear, angular) = (Vec3::X, Vec3::ZERO);
-            hanging.subscriber.must(Command::SetVelocity {
-                id,
-                linear,
-                angular,
-            })?;
-            hanging.subscriber.advance(Tick::new(60))?;
-            let place = hanging.there()?.pose().position;
+            let place = hanging.place_after_a_second(Vec3::X)?;
             ensure(
                 (place.x - 3.0).abs() <= 0.05,
                 format!("it slides by one metre, and is at {place}"),
@@ -104,15 +96,7 @@ const CASES: &[CaseRow] = &[
                 most: 0.25,
             };
             let mut hanging = hang(trial, JointKind::Prismatic(Some(limits)))?;
-            let id = hanging.body;
-            let (linear, angular) = (Vec3::X * 2.0, Vec3::ZERO);
-            hanging.subscriber.must(Command::SetVelocity {
-                id,
-                linear,
-                angular,
-            })?;
-            hanging.subscriber.advance(Tick::new(60))?;
-            let place = hanging.there()?.pose().position;
+            let place = hanging.place_after_a_second(Vec3::X * 2.0)?;
             ensure(
                 (1.7..=2.3).contains(&place.x),
                 format!("it stays within 0.25 m, not at {place}"),
@@ -163,6 +147,17 @@ impl HangingBall {
         stream
             .predicted_motion(self.body, stream.complete())
             .ok_or_else(no_body)
+    }
+
+    /// The position a second after the ball was given a velocity, m/s.
+    fn place_after_a_second(&mut self, linear: Vec3) -> Result<DVec3, Stop> {
+        self.subscriber.must(Command::SetVelocity {
+            id: self.body,
+            linear,
+            angular: Vec3::ZERO,
+        })?;
+        self.subscriber.advance(Tick::new(60))?;
+        Ok(self.there()?.pose().position)
     }
 }
 

@@ -10,7 +10,6 @@ use super::scenery::{
     EXACT, G, RADIUS, ball, ball_shape, body, floor, floor_shape, lockstep, weightless,
 };
 use crate::case::Case;
-use crate::feature::Feature;
 use crate::outcome::{CaseResult, Stop, ensure};
 use crate::peer::LossyClient;
 use crate::trial::Trial;
@@ -21,11 +20,7 @@ pub(super) const SECOND: u64 = 60;
 pub(super) const TICK: f64 = 1.0 / 60.0;
 
 pub(super) fn cases() -> Vec<Case> {
-    let case = |id: &str, name: &str, cites: &str| {
-        Case::server(id, name)
-            .cites(cites)
-            .needs(&[Feature::Lockstep])
-    };
+    let case = Case::lockstep_server;
     vec![
         case(
             "L3.1.1",

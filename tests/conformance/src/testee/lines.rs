@@ -33,16 +33,8 @@ pub fn moving(copy: &Replica, tick: Tick) -> String {
 /// The thirteen doubles of a motion, as hexadecimal digits.
 #[must_use]
 pub fn bits(motion: &Motion) -> String {
-    let (pose, twist) = (motion.pose(), motion.twist());
-    let parts: [&[f64]; 4] = [
-        &pose.position.to_array(),
-        &pose.rotation.to_array(),
-        &twist.linear.to_array(),
-        &twist.angular.to_array(),
-    ];
-    let numbers = parts.concat();
+    let numbers = motion.parts().into_iter();
     numbers
-        .iter()
         .map(|number| format!("{:016x}", number.to_bits()))
         .collect()
 }
