@@ -95,6 +95,9 @@ limits! {
     hello_seconds = 8, 1 to 60;
     /// Milliseconds that one tick or one command may take before its scene is parked.
     stuck_milliseconds = 2000, 100 to 60000;
+    /// Milliseconds that the solid of one shape may take to be made, beside the steps of its scene. The largest mesh takes
+    /// some 100; a shape that takes longer is refused.
+    bake_milliseconds = 1000, 1 to 60000;
     /// Parked scenes from which on no scene begins: each may take a core until the server is restarted.
     parked_scenes = 8, 1 to 256;
     /// MiB of private memory of a worker process, with 8 for the stack of each scene; 0 sets no limit. A process that
@@ -149,6 +152,10 @@ impl Limits {
 
     pub(crate) const fn stuck(&self) -> Span {
         Span::from_millis(self.stuck_milliseconds)
+    }
+
+    pub(crate) const fn bake(&self) -> Span {
+        Span::from_millis(self.bake_milliseconds)
     }
 
     pub(crate) const fn stall(&self) -> Span {

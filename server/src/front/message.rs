@@ -120,7 +120,8 @@ impl WorkerInput {
             Self::Link(peer, report) => to.handle_link(now, peer, &report),
             Self::Ended(peer, ending) => to.handle_ended(now, peer, ending),
             Self::Restore(scene, tail) => to.restore(&scene, tail),
-            Self::Wake | Self::End => {}
+            Self::Wake => to.handle_wake(now),
+            Self::End => {}
         }
     }
 }

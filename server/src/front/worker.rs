@@ -16,6 +16,7 @@ use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
 use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
 use super::priority::{self, ThreadId};
 use super::threads::{SharedClock, WorkerThreads};
+use crate::baking::Bakers;
 use crate::pulse::Pulse;
 use crate::server_loop::ServerLoop;
 
@@ -128,8 +129,13 @@ impl ThreadWorker {
         };
         worker.server_loop.show_progress(pulse.clone());
         let wake = sender.clone();
-        // A thread that has ended needs no waking.
-        (worker.server_loop).wake_by(Arc::new(move || drop(wake.send(WorkerInput::Wake))));
+        let wake = move || {
+            // A thread that has ended needs no waking.
+            let _ = wake.send(WorkerInput::Wake);
+        };
+        let wake: Arc<dyn Fn() + Send + Sync> = Arc::new(wake);
+        (worker.server_loop).bake_with(Bakers::threads(Arc::clone(&wake)));
+        worker.server_loop.wake_by(wake);
         let send = Arc::clone(&threads.send);
         let thread_id = ThreadId::default();
         let (on_thread, own_id) = (pulse.clone(), thread_id.clone());
