@@ -12,7 +12,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use clap::{Parser, Subcommand};
 use rhumb_protocol::packet::LargestPacket;
@@ -23,14 +23,15 @@ use tracing::level_filters::LevelFilter;
 use crate::access::TokenKeys;
 #[cfg(feature = "demo")]
 use crate::demo::{DemoArguments, open_browser};
-use crate::durable::{self, DataDir};
+use crate::durable::{self, DataDir, DataError};
 use crate::engine::Workers;
 use crate::flight;
+use crate::front;
 use crate::hook::Hooks;
 use crate::log;
 use crate::provided::ProvidedScenes;
 use crate::serve::{Access, Identity, RunError, Server, run_on_cores, seconds_since_1970};
-use crate::settings::ServerSettings;
+use crate::settings::{ServerSettings, WorkerKind};
 use crate::token_command::{self, TokenArguments};
 #[cfg(feature = "view")]
 use crate::view::ViewScene;
@@ -95,6 +96,12 @@ pub struct Arguments {
     /// Number of threads to step and publish on, shared by all scenes; more than one needs the feature `parallel` [default: 1].
     #[arg(long)]
     threads: Option<NonZeroU32>,
+    /// Where scenes run: on threads of the server, or in processes, one for each tenant [default: threads].
+    #[arg(long, value_name = "KIND")]
+    workers: Option<WorkerKind>,
+    /// Has all scenes without a tenant share one worker process.
+    #[arg(long)]
+    share_worker: bool,
     /// Largest packet of a stream, bytes, from 700 to 1150 [default: 1100]. Relays and browsers add headers of their own.
     #[arg(long, value_name = "BYTES")]
     largest_packet: Option<LargestPacket>,
@@ -139,12 +146,22 @@ enum Task {
         /// The file.
         file: PathBuf,
     },
+    /// Runs the scenes of a tenant for the server that starts it.
+    #[command(hide = true)]
+    Worker {
+        /// The tenant, as a list of processes shows it.
+        tenant: String,
+    },
     /// Prints a configuration file with every setting at its default, and the reason of each limit.
     Config,
 }
 
 /// A server that has not stopped so long after a signal is ended: two seconds are promised.
 const STOP_WITHIN: Duration = Duration::from_millis(1_500);
+
+/// Time for which a data directory may be in use at a start, and the pause between two attempts.
+const IN_USE: Duration = Duration::from_millis(1_000);
+const IN_USE_PAUSE: Duration = Duration::from_millis(20);
 
 /// The message to an operator who has not decided about access.
 const NO_ACCESS: &str = "no client could join: start with --open to admit all clients of this machine, \
@@ -166,6 +183,7 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
         Some(Task::Check { dir }) => durable::check(dir, &mut std::io::stdout()),
         Some(Task::Replay { dir, scene }) => durable::replay(dir, scene, &mut std::io::stdout()),
         Some(Task::Flight { file }) => flight::run(file, &mut std::io::stdout()),
+        Some(Task::Worker { .. }) => front::run_worker(hooks),
         Some(Task::Config) => print(&ServerSettings::file()),
         #[cfg(feature = "demo")]
         Some(Task::Demo(demo)) => {
@@ -219,6 +237,8 @@ fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> 
     set(&mut settings.audience, arguments.audience.clone());
     set(&mut settings.log, arguments.log);
     set(&mut settings.threads, arguments.threads);
+    set(&mut settings.workers, arguments.workers);
+    settings.share_worker |= arguments.share_worker;
     set(&mut settings.largest_packet, arguments.largest_packet);
     settings.flight = arguments.flight.clone().or(settings.flight);
     settings.metrics = arguments.metrics.or(settings.metrics);
@@ -304,7 +324,7 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     }
     let workers = Workers::new(Some(settings.threads)).map_err(RunError::Workers)?;
     let access = access(settings)?;
-    let data = settings.data.as_deref().map(DataDir::open).transpose()?;
+    let data = settings.data.as_deref().map(open_data).transpose()?;
     let identity = identity(settings, data.as_ref())?;
     check_open(settings, &parts)?;
     if cfg!(not(feature = "view")) && settings.view.is_some() {
@@ -322,6 +342,9 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     server.employ(workers);
     server.set_largest_packet(settings.largest_packet);
     server.set_limits(settings.limits);
+    if settings.workers == WorkerKind::Processes {
+        use_processes(&mut server, settings)?;
+    }
     if let Some(data) = data {
         server.store_in(data);
     }
@@ -366,6 +389,34 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     let statistics = outcome?;
     tracing::info!(connections = statistics.opened, "stopped");
     Ok(())
+}
+
+/// Has scenes run in worker processes.
+#[cfg(target_os = "linux")]
+fn use_processes(server: &mut Server, settings: &ServerSettings) -> Result<(), Box<dyn Error>> {
+    server.use_processes(front::ProcessOptions {
+        share: settings.share_worker,
+        log: settings.log,
+        threads: settings.threads,
+    });
+    Ok(())
+}
+
+/// This system has no worker processes.
+#[cfg(not(target_os = "linux"))]
+fn use_processes(_: &mut Server, _: &ServerSettings) -> Result<(), Box<dyn Error>> {
+    Err("this system has no worker processes: set `workers` to \"threads\"".into())
+}
+
+/// Opens a data directory. Processes of a server that was killed end a moment later than it, and hold the lock so long.
+fn open_data(path: &Path) -> Result<DataDir, DataError> {
+    let begun = Instant::now();
+    loop {
+        match DataDir::open(path) {
+            Err(DataError::InUse { .. }) if begun.elapsed() < IN_USE => thread::sleep(IN_USE_PAUSE),
+            opened => return opened,
+        }
+    }
 }
 
 /// Refuses what would let other machines in without a token, unless the operator says so.

@@ -45,6 +45,7 @@ mod app_arguments;
 #[cfg(feature = "app")]
 mod app_host;
 mod authority_table;
+mod baking;
 mod body_placement;
 pub mod cli;
 #[cfg(feature = "demo")]
@@ -90,6 +91,7 @@ mod view;
 
 pub use access::{KeyError, TokenKeys};
 pub use authority_table::UpstreamStatistics;
+pub use baking::{BakeJob, Bakers};
 pub use digest::Digest;
 pub use durable::{Damage, DataDir, DataError};
 pub use engine::{Workers, WorkersError};

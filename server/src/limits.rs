@@ -8,7 +8,7 @@ use rhumb_protocol::Span;
 use rhumb_protocol::limits::{
     BODIES_MAX, CONTROL_WAITING_BYTES_MAX, MEMBERS_PER_SCENE_MAX, SCENES_MAX,
 };
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// One limit, as the configuration file describes it.
 #[derive(Clone, Copy, Debug)]
@@ -47,7 +47,7 @@ impl std::error::Error for InvalidLimit {}
 macro_rules! limits {
     ($($(#[doc = $reason:literal])+ $name:ident = $default:literal, $least:literal to $most:expr;)+) => {
         /// Limits of a server.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
         #[serde(default, deny_unknown_fields)]
         pub struct Limits {
             $($(#[doc = $reason])+ pub $name: u64,)+
@@ -95,8 +95,17 @@ limits! {
     hello_seconds = 8, 1 to 60;
     /// Milliseconds that one tick or one command may take before its scene is parked.
     stuck_milliseconds = 2000, 100 to 60000;
+    /// Milliseconds that the solid of one shape may take to be made, beside the steps of its scene. The largest mesh takes
+    /// some 100; a shape that takes longer is refused.
+    bake_milliseconds = 1000, 1 to 60000;
     /// Parked scenes from which on no scene begins: each may take a core until the server is restarted.
     parked_scenes = 8, 1 to 256;
+    /// MiB of private memory of a worker process, with 8 for the stack of each scene; 0 sets no limit. A process that
+    /// needs more ends, and no other one does.
+    worker_memory_mib = 4096, 0 to 1048576;
+    /// Times in ten minutes that the worker process of a tenant is started again after it ended by itself or was killed.
+    /// Beyond them its scenes are refused until the ten minutes are over.
+    worker_restarts = 3, 0 to 1000;
     /// Times in ten minutes that a scene whose engine failed is restored; 0 keeps no copy of scenes to restore them from.
     /// A client that makes the engine fail again and again slows the scene down.
     restorations = 3, 0 to 1000;
@@ -143,6 +152,10 @@ impl Limits {
 
     pub(crate) const fn stuck(&self) -> Span {
         Span::from_millis(self.stuck_milliseconds)
+    }
+
+    pub(crate) const fn bake(&self) -> Span {
+        Span::from_millis(self.bake_milliseconds)
     }
 
     pub(crate) const fn stall(&self) -> Span {

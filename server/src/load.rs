@@ -1,7 +1,8 @@
 //! Admission of free-running scenes by their predicted cost.
 //!
 //! The prediction is ticks in a second, times substeps, times bodies. A scene reserves its part before a body is added,
-//! and gives it back when the body goes or the scene ends. All threads of a server share one sum.
+//! and gives it back when the body goes or the scene ends. All threads of a process share one sum; the parts of other
+//! processes are as old as their last report.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,12 +12,27 @@ pub(crate) const RETRY_SECONDS: u8 = 5;
 
 /// The sum over all scenes of a server; all clones are one.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct ServerLoad(Arc<AtomicU64>);
+pub(crate) struct ServerLoad(Arc<LoadSum>);
+
+#[derive(Debug, Default)]
+struct LoadSum {
+    /// Reserved by scenes of this process.
+    here: AtomicU64,
+    /// Reserved by scenes of the server's other processes.
+    elsewhere: AtomicU64,
+}
+
+impl LoadSum {
+    fn reserved(&self) -> u64 {
+        let elsewhere = self.elsewhere.load(Ordering::Relaxed);
+        elsewhere.saturating_add(self.here.load(Ordering::Relaxed))
+    }
+}
 
 /// The part of one scene; dropping it gives it back.
 #[derive(Debug)]
 pub(crate) struct SceneLoad {
-    sum: Arc<AtomicU64>,
+    sum: Arc<LoadSum>,
     /// Steps of one body in a second.
     per_body: u64,
     reserved: u64,
@@ -27,7 +43,17 @@ pub(crate) struct SceneLoad {
 impl ServerLoad {
     /// Reserved body steps in a second.
     pub(crate) fn reserved(&self) -> u64 {
-        self.0.load(Ordering::Relaxed)
+        self.0.reserved()
+    }
+
+    /// The part of the scenes of this process.
+    pub(crate) fn here(&self) -> u64 {
+        self.0.here.load(Ordering::Relaxed)
+    }
+
+    /// Sets the part of the server's other processes.
+    pub(crate) fn set_elsewhere(&self, load: u64) {
+        self.0.elsewhere.store(load, Ordering::Relaxed);
     }
 
     /// The part of a scene that has no bodies yet; `per_body` is 0 for a scene that does not run by the clock.
@@ -46,7 +72,7 @@ impl SceneLoad {
     /// True if one body alone is within the scene's and the server's limits.
     pub(crate) fn has_room(&self) -> bool {
         self.reserved.saturating_add(self.per_body) <= self.scene_max
-            && (self.sum.load(Ordering::Relaxed)).saturating_add(self.per_body) <= self.server_max
+            && self.sum.reserved().saturating_add(self.per_body) <= self.server_max
     }
 
     /// Reserves the steps of another body; false if that exceeds a limit.
@@ -54,11 +80,12 @@ impl SceneLoad {
         if self.reserved.saturating_add(self.per_body) > self.scene_max {
             return false;
         }
-        let more = |sum: u64| {
-            let sum = sum.saturating_add(self.per_body);
-            (sum <= self.server_max).then_some(sum)
+        let elsewhere = self.sum.elsewhere.load(Ordering::Relaxed);
+        let more = |here: u64| {
+            let here = here.saturating_add(self.per_body);
+            (here.saturating_add(elsewhere) <= self.server_max).then_some(here)
         };
-        let reserved = (self.sum).fetch_update(Ordering::Relaxed, Ordering::Relaxed, more);
+        let reserved = (self.sum.here).fetch_update(Ordering::Relaxed, Ordering::Relaxed, more);
         self.reserved += reserved.map_or(0, |_| self.per_body);
         reserved.is_ok()
     }
@@ -67,13 +94,13 @@ impl SceneLoad {
     pub(crate) fn remove_body(&mut self) {
         let part = self.per_body.min(self.reserved);
         self.reserved -= part;
-        self.sum.fetch_sub(part, Ordering::Relaxed);
+        self.sum.here.fetch_sub(part, Ordering::Relaxed);
     }
 }
 
 impl Drop for SceneLoad {
     fn drop(&mut self) {
-        self.sum.fetch_sub(self.reserved, Ordering::Relaxed);
+        self.sum.here.fetch_sub(self.reserved, Ordering::Relaxed);
     }
 }
 
@@ -97,6 +124,17 @@ mod tests {
         drop(first);
         drop(second);
         assert_eq!(server.reserved(), 0);
+    }
+
+    #[test]
+    fn scenes_of_other_processes_take_their_part() {
+        let server = ServerLoad::default();
+        let mut scene = server.of_scene(960, 2_000, 3_000);
+        server.set_elsewhere(2_500);
+        assert!(!scene.has_room() && !scene.add_body());
+        server.set_elsewhere(2_040);
+        assert!(scene.add_body());
+        assert_eq!((server.here(), server.reserved()), (960, 3_000));
     }
 
     #[test]

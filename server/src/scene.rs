@@ -3,6 +3,7 @@
 //! Members are not known here; their rights are checked before. Invariants: a refused command changes nothing;
 //! registry and engine have the same bodies; a scene whose engine failed takes no commands and no steps.
 
+mod baked;
 mod history;
 mod image;
 
@@ -22,6 +23,7 @@ use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
 
 pub(crate) use self::history::{Author, Done, History};
 pub(crate) use self::image::FrozenScene;
+use crate::baking::BakedShapes;
 use crate::digest::Digest;
 use crate::durable::{Journal, Record};
 use crate::engine::{BodyProperties, Engine, EngineFault, Push, RapierEngine, Workers};
@@ -45,6 +47,8 @@ pub struct Scene {
     journal: Option<Journal>,
     /// The commands and steps since its copy, if there is one.
     history: Option<History>,
+    /// Solids that were made beside the steps, for commands that are to come.
+    baked: BakedShapes,
     /// True after a panic outside the engine.
     broken: bool,
 }
@@ -102,6 +106,7 @@ impl Scene {
             event_monitor: EventMonitor::default(),
             journal: None,
             history: None,
+            baked: BakedShapes::default(),
             broken: false,
         })
     }
@@ -273,8 +278,13 @@ impl Scene {
     }
 
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), CommandError> {
+        let baked = self.baked.take(id, shape);
         self.registry.add_shape(id, shape.clone())?;
-        if self.engine.add_shape(id, shape).is_err() {
+        let added = match baked {
+            Some(solid) => solid.and_then(|solid| self.engine.add_baked(id, solid)),
+            None => self.engine.add_shape(id, shape),
+        };
+        if added.is_err() {
             self.registry.remove_shape(id)?;
             return Err(CommandError::ShapeUnfit(id));
         }

@@ -6,6 +6,7 @@ use rhumb_protocol::message::{ClientMessage, SessionRequest};
 use rhumb_protocol::scene::SceneName;
 
 use crate::access::Permit;
+use crate::baking::Bake;
 
 /// A connection: its scene, its rights, and its membership.
 #[derive(Debug)]
@@ -14,8 +15,10 @@ pub(crate) struct SceneConnection {
     /// True if its client is a member of the scene.
     pub(crate) member: bool,
     pub(crate) permit: Arc<Permit>,
-    /// A join that waits until the link has taken the snapshot before it.
+    /// A join that waits until the link has taken the snapshot before it, or a shape whose solid is being made.
     pub(crate) held: Option<ClientMessage>,
+    /// The solid of the held shape.
+    pub(crate) bake: Option<Bake>,
     /// The session of its next join.
     pub(crate) session: Option<SessionRequest>,
 }
@@ -28,6 +31,7 @@ impl Default for SceneConnection {
             member: false,
             permit: Arc::new(Permit::OPEN),
             held: None,
+            bake: None,
             session: None,
         }
     }

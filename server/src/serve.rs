@@ -25,7 +25,7 @@ use crate::engine::{Workers, WorkersError};
 use crate::flight::FlightWriter;
 #[cfg(feature = "app")]
 use crate::front::Adapter;
-use crate::front::Front;
+use crate::front::{Front, ProcessOptions};
 use crate::hook::Hooks;
 use crate::http::HttpListener;
 use crate::limits::Limits;
@@ -96,6 +96,8 @@ pub struct Server {
     hooks: Option<Hooks>,
     provided: Option<ProvidedScenes>,
     workers: Workers,
+    /// `Some` if scenes run in worker processes.
+    processes: Option<ProcessOptions>,
     largest_packet: LargestPacket,
     limits: Limits,
     metrics: Option<TcpListener>,
@@ -249,6 +251,7 @@ impl Server {
             hooks: None,
             provided: None,
             workers: Workers::default(),
+            processes: None,
             largest_packet: LargestPacket::DEFAULT,
             limits: Limits::default(),
             metrics: None,
@@ -316,6 +319,11 @@ impl Server {
         let local = page.address();
         self.view = Some((page, scenes));
         Ok(local)
+    }
+
+    /// Has scenes run in processes of this program, which answers to `worker` then.
+    pub(crate) const fn use_processes(&mut self, options: ProcessOptions) {
+        self.processes = Some(options);
     }
 
     /// Sets the threads that step and publish later scenes.
@@ -399,6 +407,9 @@ impl Server {
             front.provide(provided);
         }
         front.set_limits(server.limits);
+        if let Some(processes) = server.processes {
+            front.use_processes(processes);
+        }
         #[cfg(feature = "app")]
         if let Some(adapter) = server.adapter {
             front.serve_also(adapter).map_err(RunError::Thread)?;
@@ -424,7 +435,7 @@ impl Server {
             }
         };
         if let Some(data) = server.data {
-            front.store_in(clock.now(), data).map_err(RunError::Data)?;
+            front.store_in(data).map_err(RunError::Data)?;
         }
         #[cfg(unix)]
         let served = match server.socket {

@@ -6,6 +6,7 @@
 mod creation;
 mod storage;
 mod stored_scenes;
+mod turns;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -14,15 +15,14 @@ use rhumb_protocol::message::{ClientMessage, Denial, Extension, Grease, ServerMe
 use rhumb_protocol::packet::{Datagram, LargestPacket, LossReport, PacketKind};
 use rhumb_protocol::scene::{CommandError, SceneName};
 use rhumb_protocol::session::CloseCode;
-use rhumb_protocol::{
-    Ending, Endpoint, Instant, LinkReport, Peer, Span, Transmit, Wake, WakeReason,
-};
+use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake, WakeReason};
 use rhumb_reckoning::Tick;
 
 use self::stored_scenes::StoredScenes;
 use crate::access::rights::{self, Request};
 use crate::access::{Ownership, Permit};
 use crate::authority_table::UpstreamStatistics;
+use crate::baking::{Bakers, Bakery};
 use crate::empty_scenes::EmptyScenes;
 use crate::engine::{Engines, Workers};
 use crate::flight::FlightRecorders;
@@ -37,14 +37,8 @@ use crate::scene_connection::SceneConnection;
 use crate::scene_runner::{Departure, SceneRunner};
 use crate::scene_slots::{SceneSlot, SceneSlots};
 
-/// Messages of one connection that are handled before others, and the ticks, get their turn.
-const MESSAGES_PER_TURN: usize = 512;
 /// Unread bytes of a connection beyond which the driver is to hold back more.
 const UNREAD_BYTES: usize = 64 << 10;
-/// Scene events that are encoded before they are sent to the members.
-const EVENT_BYTES: usize = 256 << 10;
-/// The pause before a connection is tried again whose messages wait for slower members.
-const RETRY: Span = Span::from_millis(20);
 
 /// All scenes of one server process and all connections to them.
 pub struct ServerLoop {
@@ -71,6 +65,7 @@ pub struct ServerLoop {
     workers: Workers,
     largest_packet: LargestPacket,
     stored: StoredScenes,
+    bakery: Bakery,
     pub(crate) stopwatch: Box<dyn Fn() -> Instant + Send>,
 }
 
@@ -102,6 +97,7 @@ impl ServerLoop {
             workers: Workers::default(),
             largest_packet: LargestPacket::DEFAULT,
             stored: StoredScenes::default(),
+            bakery: Bakery::default(),
             stopwatch: Box::new(stopwatch),
         }
     }
@@ -124,6 +120,11 @@ impl ServerLoop {
     /// Sets the threads that step and publish later scenes.
     pub fn employ(&mut self, workers: Workers) {
         self.workers = workers;
+    }
+
+    /// Sets where the solids of large shapes are made. Without this, each is made at once.
+    pub fn bake_with(&mut self, bakers: Bakers) {
+        self.bakery.employ(bakers);
     }
 
     /// Bounds the packets of later scenes' streams.
@@ -177,66 +178,6 @@ impl ServerLoop {
         runner.flat_map(SceneRunner::upstream_statistics)
     }
 
-    /// Handles a connection's messages, until none is left, it must wait, or others have their turn.
-    fn take_turn(&mut self, now: Instant, peer: Peer) {
-        let mut left = if self.out.is_paced(peer) {
-            MESSAGES_PER_TURN
-        } else {
-            usize::MAX
-        };
-        loop {
-            if self.must_wait(now, peer) {
-                self.blocked.insert(peer);
-                break;
-            }
-            if left == 0 {
-                self.queued.push_back(peer);
-                break;
-            }
-            let Some(message) = self.next_message(peer) else {
-                break;
-            };
-            if let Ok(message @ ClientMessage::Join(_)) = &message
-                && !self.out.may_snapshot(peer)
-                && let Some(connection) = self.connections.get_mut(&peer)
-            {
-                connection.held = Some(message.clone());
-                self.blocked.insert(peer);
-                break;
-            }
-            // A message of queries ends the turn: it is as much work as many others.
-            let is_work = left != usize::MAX && matches!(message, Ok(ClientMessage::Query(_)));
-            left = if is_work { 0 } else { left - 1 };
-            self.pulse.beat();
-            self.handle_message(now, peer, message);
-            if let Some(runner) = self.scene_of(peer)
-                && runner.unsent_bytes() > EVENT_BYTES
-            {
-                self.answer_pending(peer);
-            }
-        }
-        self.end_if_broken(peer);
-        self.answer_pending(peer);
-    }
-
-    /// True if a connection's next message must stay unread.
-    fn must_wait(&mut self, now: Instant, peer: Peer) -> bool {
-        if self.out.is_behind(peer) {
-            return true;
-        }
-        let name = (self.connections.get(&peer)).and_then(|connection| connection.scene.as_ref());
-        let runner = name.and_then(|name| self.runners.get_mut(name));
-        runner.is_some_and(|runner| runner.holds_back(now, peer, &self.out))
-    }
-
-    fn next_message(&mut self, peer: Peer) -> Option<Result<ClientMessage, CommandError>> {
-        let held = self.connections.get_mut(&peer)?.held.take();
-        match held {
-            Some(message) => Some(Ok(message)),
-            None => self.out.session(peer)?.poll_message(),
-        }
-    }
-
     /// Ends the membership of a connection that broke the protocol.
     fn end_if_broken(&mut self, peer: Peer) {
         let broken = (self.out.session(peer)).and_then(|session| session.poll_close());
@@ -263,14 +204,6 @@ impl ServerLoop {
         let name = (self.connections.get(&peer)).and_then(|connection| connection.scene.as_ref());
         if let Some(runner) = name.and_then(|name| self.runners.get_mut(name)) {
             runner.answer_pending(&mut self.out);
-        }
-    }
-
-    /// Tries the connections again that had to wait.
-    fn retry(&mut self, now: Instant) {
-        self.retry_at = now + RETRY;
-        for peer in std::mem::take(&mut self.blocked) {
-            self.take_turn(now, peer);
         }
     }
 
@@ -546,10 +479,7 @@ impl Endpoint for ServerLoop {
     fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
         tracing::debug!(peer = peer.0, ?ending, "connection ended");
         self.out.at(now);
-        // Messages that arrived before the end count.
-        while let Some(message) = self.next_message(peer) {
-            self.handle_message(now, peer, message);
-        }
+        self.handle_rest(now, peer);
         self.answer_pending(peer);
         let departure = match ending {
             Ending::Closed(code) if code == CloseCode::DONE.0 => Departure::Left,

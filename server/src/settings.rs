@@ -12,6 +12,7 @@ use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use clap::ValueEnum;
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_transport::PageOrigin;
 use serde::{Deserialize, Deserializer};
@@ -20,6 +21,17 @@ use tracing::level_filters::LevelFilter;
 
 use crate::access::DEFAULT_AUDIENCE;
 use crate::limits::{InvalidLimit, Limits};
+
+/// Where scenes run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum WorkerKind {
+    /// Each on a thread of the server.
+    #[default]
+    Threads,
+    /// In a process for each tenant.
+    Processes,
+}
 
 /// All settings of a server but those of APP clients.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
@@ -41,6 +53,8 @@ pub(crate) struct ServerSettings {
     pub(crate) log: LevelFilter,
     pub(crate) cores: Vec<usize>,
     pub(crate) threads: NonZeroU32,
+    pub(crate) workers: WorkerKind,
+    pub(crate) share_worker: bool,
     #[serde(deserialize_with = "parsed")]
     pub(crate) largest_packet: LargestPacket,
     pub(crate) web: bool,
@@ -83,7 +97,7 @@ impl std::error::Error for SettingsError {}
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
-const ROWS: [(&str, &str, &str); 18] = [
+const ROWS: [(&str, &str, &str); 20] = [
     (
         "listen",
         "\"127.0.0.1:4433\"",
@@ -152,6 +166,16 @@ const ROWS: [(&str, &str, &str); 18] = [
         "Threads to step on; more than one needs the feature `parallel`.",
     ),
     (
+        "workers",
+        "\"threads\"",
+        "Where scenes run: \"threads\" of the server, or \"processes\", one for each tenant, which the first part of a scene's name names, up to a slash. A process that does not answer can be killed, and what breaks it breaks no scene of another tenant.",
+    ),
+    (
+        "share_worker",
+        "false",
+        "Has all scenes without a tenant share one worker process; without this, each has its own.",
+    ),
+    (
         "largest_packet",
         "1100",
         "Largest packet of a stream, bytes, from 700 to 1150.",
@@ -189,6 +213,8 @@ impl Default for ServerSettings {
             log: LevelFilter::INFO,
             cores: Vec::new(),
             threads: NonZeroU32::MIN,
+            workers: WorkerKind::Threads,
+            share_worker: false,
             largest_packet: LargestPacket::DEFAULT,
             web: true,
             web_origins: Vec::new(),

@@ -4,6 +4,8 @@
 //! bounded. A listener of another protocol wakes the thread of a server by a [`Waker`].
 #![forbid(unsafe_code)]
 
+#[cfg(target_os = "linux")]
+mod child_stream;
 mod client_transport;
 mod clock;
 #[cfg(feature = "conditioner")]
@@ -19,6 +21,10 @@ mod socket;
 #[cfg(unix)]
 mod unix;
 
+#[cfg(target_os = "linux")]
+pub use child_stream::{
+    CHILD_FRAME_BYTES_MAX, ChildSender, FrameReceiver, ParentSender, child_stream, parent_stream,
+};
 pub use client_transport::ClientTransport;
 pub use clock::Clock;
 pub use held_back::HeldBack;

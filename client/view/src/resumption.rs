@@ -13,7 +13,11 @@ pub const RESUME_WITHIN: Duration = Duration::from_secs(60);
 #[must_use]
 pub const fn may_resume(ending: Ending) -> bool {
     match ending {
-        Ending::Closed(code) => code == TransportCode::GOING_AWAY.0 || code == CloseCode::BUSY.0,
+        Ending::Closed(code) => {
+            code == TransportCode::GOING_AWAY.0
+                || code == CloseCode::BUSY.0
+                || code == CloseCode::SCENE_RESTORING.0
+        }
         Ending::TimedOut | Ending::Broken => true,
     }
 }

@@ -62,6 +62,11 @@ pub enum CommandError {
     },
     /// The engine failed on the command, and the scene goes on without it. It may have been applied before.
     EngineFailed,
+    /// The solid of the shape takes longer to make than the server allows.
+    ShapeTooSlow {
+        /// The server's limit, milliseconds.
+        limit_ms: u32,
+    },
     /// The body is disabled and takes neither velocities nor pushes.
     BodyDisabled(BodyId),
     /// The scene has reached its limit of joints, which grows with its bodies.
@@ -111,6 +116,10 @@ impl fmt::Display for CommandError {
             Self::EngineFailed => {
                 f.write_str("the physics engine failed on it, and the scene goes on without it")
             }
+            Self::ShapeTooSlow { limit_ms } => write!(
+                f,
+                "the solid of the shape takes longer than {limit_ms} ms to make, the server's limit"
+            ),
             Self::BodyDisabled(id) => write!(f, "{id} is disabled"),
             Self::TooManyJoints => {
                 f.write_str("the scene has as many joints as its number of bodies allows")
@@ -164,6 +173,10 @@ impl Wire for CommandError {
                 to.u8(retry_seconds);
             }
             Self::EngineFailed => to.u8(35),
+            Self::ShapeTooSlow { limit_ms } => {
+                to.u8(36);
+                to.varint(u64::from(limit_ms));
+            }
             Self::Other(code) => to.u8(code),
         }
     }
@@ -201,6 +214,9 @@ impl Wire for CommandError {
                 retry_seconds: from.u8()?,
             },
             35 => Self::EngineFailed,
+            36 => Self::ShapeTooSlow {
+                limit_ms: from.varint32()?,
+            },
             code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })

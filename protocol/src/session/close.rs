@@ -29,6 +29,10 @@ impl CloseCode {
     pub const BUSY: Self = Self(7);
     /// The client sent no `Hello` in time.
     pub const HELLO_LATE: Self = Self(8);
+    /// The process of the scene has ended, and the scene is restored from what is durable: a later attempt finds it.
+    pub const SCENE_RESTORING: Self = Self(9);
+    /// The process of the scene has ended, and nothing of the scene was durable: it is lost, and its name is free.
+    pub const SCENE_LOST: Self = Self(10);
     /// The server requires a token, and the client's hello has none.
     pub const TOKEN_MISSING: Self = Self(16);
     /// The token is not one of this server: its form, its signature or its audience is wrong.
@@ -59,6 +63,8 @@ impl fmt::Display for CloseCode {
             Self::SCENE_PARKED => "the scene does not answer and is parked",
             Self::BUSY => "the server cannot serve another scene now",
             Self::HELLO_LATE => "no hello in time",
+            Self::SCENE_RESTORING => "the scene is restored after its process ended",
+            Self::SCENE_LOST => "the scene is lost with its process",
             Self::TOKEN_MISSING => "the server requires a token",
             Self::TOKEN_INVALID => "the token is not one of this server",
             Self::TOKEN_EXPIRED => "the token has expired",

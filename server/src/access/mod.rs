@@ -19,4 +19,4 @@ pub(crate) use self::keys::TokenIssuer;
 pub use self::keys::{KeyError, TokenKeys};
 pub(crate) use self::keys::{make_keys, sign};
 pub(crate) use self::ownership::{Ownership, decode_client, decode_client_of, encode_client_of};
-pub(crate) use self::permit::{ClientName, Permit};
+pub(crate) use self::permit::{ClientName, Permit, Quotas};

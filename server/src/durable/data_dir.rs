@@ -37,8 +37,8 @@ struct Opened {
     key: hmac::Key,
     /// Number of the next creation.
     next: AtomicU64,
-    /// Held for its lock.
-    _lock: File,
+    /// Held for its lock; `None` in a worker process, which has inherited it.
+    lock: Option<File>,
 }
 
 impl DataDir {
@@ -58,15 +58,41 @@ impl DataDir {
             let directory = scenes.join(name);
             (disk.remove_directory(&directory)).map_err(DataError::io(&directory, "remove"))?;
         }
-        let newest = names.iter().filter_map(|name| Some(parse(name)?.1)).max();
         Ok(Self(Arc::new(Opened {
             disk,
             path: path.to_owned(),
             scenes,
             key,
-            next: AtomicU64::new(newest.map_or(0, |newest| newest + 1)),
-            _lock: lock,
+            next: AtomicU64::new(next_number(&names)),
+            lock: Some(lock),
         })))
+    }
+
+    /// Opens, in a worker process, the directory of its front. The front sees to it that a scene's files have one process
+    /// at a time, and the directory stays locked until the last process of its server has ended.
+    pub(crate) fn of_worker(path: &Path) -> Result<Self, DataError> {
+        let (scenes, file) = (path.join(SCENES), path.join(KEY));
+        let bytes = std::fs::read(&file).map_err(DataError::io(&file, "read"))?;
+        let disk: Arc<dyn Disk> = Arc::new(SystemDisk);
+        let names = (disk.list(&scenes)).map_err(DataError::io(&scenes, "list"))?;
+        Ok(Self(Arc::new(Opened {
+            disk,
+            path: path.to_owned(),
+            scenes,
+            key: key_of(&bytes, &file)?,
+            next: AtomicU64::new(next_number(&names)),
+            lock: None,
+        })))
+    }
+
+    /// The directory's path.
+    pub(crate) fn path(&self) -> &Path {
+        &self.0.path
+    }
+
+    /// A copy of the lock's file, for a process that is to inherit the lock.
+    pub(crate) fn lock_to_inherit(&self) -> io::Result<Option<File>> {
+        self.0.lock.as_ref().map(File::try_clone).transpose()
     }
 
     /// Opens a directory that exists, and writes nothing.
@@ -86,7 +112,7 @@ impl DataDir {
             scenes: path.join(SCENES),
             key: key_of(&bytes, &file)?,
             next: AtomicU64::new(0),
-            _lock: lock,
+            lock: Some(lock),
         })))
     }
 
@@ -169,6 +195,19 @@ fn parse(directory: &str) -> Option<(SceneName, u64)> {
         name.push_str(rest);
     }
     Some((name.parse().ok()?, number.parse().ok()?))
+}
+
+/// A number above those of all creations. Directories count that are being deleted: their names are taken.
+fn next_number(names: &[String]) -> u64 {
+    let created = names.iter().filter_map(|name| {
+        let name = name
+            .strip_suffix(DELETED)
+            .and_then(|name| name.strip_suffix('.'));
+        parse(name?)
+    });
+    let there = names.iter().filter_map(|name| parse(name));
+    let newest = created.chain(there).map(|(_, number)| number).max();
+    newest.map_or(0, |newest| newest + 1)
 }
 
 fn lock(path: &Path) -> Result<File, DataError> {

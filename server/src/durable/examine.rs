@@ -7,6 +7,7 @@ use std::path::Path;
 use rhumb_protocol::scene::SceneName;
 
 use super::data_dir::DataDir;
+use super::log_tail::LogTail;
 use super::recovery::{ReplayStart, Restored};
 use super::scene_files::SceneFiles;
 use crate::engine::Workers;
@@ -52,7 +53,7 @@ pub(crate) fn replay(
 }
 
 fn restore(files: &SceneFiles, start: ReplayStart) -> Result<Option<Restored>, Box<dyn Error>> {
-    Ok(files.restore(&Workers::default(), start, &mut || {})?)
+    Ok(files.restore(&Workers::default(), (start, LogTail::Kept), &mut || {})?)
 }
 
 /// One line on a restored scene, and one for each thing that was passed over.

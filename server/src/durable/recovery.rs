@@ -12,6 +12,7 @@ use rhumb_reckoning::Tick;
 use super::error::{Damage, DataError};
 use super::frame::{LogFrames, Tail};
 use super::head::DurableEnd;
+use super::log_tail::{LogTail, cut};
 use super::record::Record;
 use super::scene_files::{LogHeader, SceneFiles};
 use super::snapshot_file::Snapshot;
@@ -31,6 +32,8 @@ pub(crate) struct Restored {
     pub(super) next_segment: u32,
     /// Number and bytes of the last segment.
     pub(super) last: (u32, u64),
+    /// Records of sessions that are to be noted: they follow the end of the log.
+    pub(crate) unnoted: Vec<Record>,
     pub(crate) report: Report,
 }
 
@@ -86,15 +89,19 @@ impl SceneFiles {
     pub(crate) fn restore(
         &self,
         workers: &Workers,
-        start: ReplayStart,
+        (start, tail): (ReplayStart, LogTail),
         beat: &mut dyn FnMut(),
     ) -> Result<Option<Restored>, DataError> {
         let (segments, snapshots) = self.numbers()?;
         let Some(head) = self.head_of(&segments)? else {
             return Ok(None);
         };
-        let Some(chain) = self.chain(&segments, head)? else {
+        let Some(mut chain) = self.chain(&segments, head)? else {
             return Ok(None);
+        };
+        let unnoted = match tail {
+            LogTail::Kept => Vec::new(),
+            LogTail::LeftOut => self.leave_out_tail(&mut chain)?,
         };
         let mut report = Report::default();
         let snapshot = self.first_snapshot(&chain, &snapshots, start, &mut report)?;
@@ -118,8 +125,23 @@ impl SceneFiles {
             ownership: run.ownership,
             next_segment: newest + 1,
             last: end,
+            unnoted,
             report,
         }))
+    }
+
+    /// Leaves out what follows the last step; returns the records of sessions in it.
+    fn leave_out_tail(&self, chain: &mut [ChainLink]) -> Result<Vec<Record>, DataError> {
+        let Some(link) = chain.last_mut() else {
+            return Ok(Vec::new());
+        };
+        let frames = LogFrames::read(&link.bytes[..link.length]);
+        let after = frames.frames.last().map_or(Tick::ZERO, |frame| frame.tick);
+        let path = self.segment_path(link.number);
+        let cut =
+            cut(&frames).ok_or_else(|| DataError::damaged(&path, Damage::Unreadable { after }))?;
+        link.length = cut.length;
+        Ok(cut.sessions)
     }
 
     /// The durable end of the log; `None` if the scene's creation was never durable.

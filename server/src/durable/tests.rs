@@ -19,6 +19,7 @@ use ring::hmac;
 
 use super::disk::Disk;
 use super::error::DataError;
+use super::log_tail::LogTail;
 use super::record::{Record, SessionNumber};
 use super::recovery::{ReplayStart, Restored};
 use super::scene_files::{LogHeader, SceneFiles, Segment};
@@ -250,8 +251,25 @@ impl Recorded {
     }
 
     fn restore(&self) -> Result<Option<Restored>, DataError> {
-        self.files
-            .restore(&Workers::default(), ReplayStart::Newest, &mut || {})
+        self.files.restore(
+            &Workers::default(),
+            (ReplayStart::Newest, LogTail::Kept),
+            &mut || {},
+        )
+    }
+
+    /// Goes on with a restored scene, in a new segment.
+    fn go_on(&mut self, restored: Restored) {
+        let (number, tick) = (restored.next_segment, restored.scene.tick());
+        let header = header(Some(restored.last));
+        self.segment = Some(self.files.begin_segment(number, tick, &header).unwrap());
+        self.scene = restored.scene;
+        self.sessions = restored.sessions;
+        self.scene.keep_journal();
+        self.durable = tick;
+        for record in &restored.unnoted {
+            self.note(record);
+        }
     }
 
     /// Checks that a restored scene is the recorded one at its tick.
@@ -324,13 +342,7 @@ proptest! {
         prop_assert!(restored.scene.tick() >= recorded.durable);
         // A second life, and a second crash.
         recorded.digests.truncate(restored.scene.tick().value() as usize + 1);
-        let (number, tick) = (restored.next_segment, restored.scene.tick());
-        let header = header(Some(restored.last));
-        recorded.segment = Some(recorded.files.begin_segment(number, tick, &header).unwrap());
-        recorded.scene = restored.scene;
-        recorded.sessions = restored.sessions;
-        recorded.scene.keep_journal();
-        recorded.durable = tick;
+        recorded.go_on(restored);
         for _ in 0..20 {
             recorded.tick();
             recorded.write();
@@ -342,6 +354,46 @@ proptest! {
         let again = recorded.restore().unwrap().unwrap();
         recorded.check(&again)?;
         prop_assert!(again.scene.tick() >= recorded.durable);
+    }
+
+    #[test]
+    fn commands_behind_the_last_step_are_left_out_and_refused(
+        seed in any::<u64>(),
+        ticks in 1..40_usize,
+        behind in 0..8_u64,
+    ) {
+        let mut recorded = run(seed, ticks);
+        recorded.write();
+        recorded.sync();
+        let (tick, bodies) = (recorded.scene.tick(), recorded.scene.body_count());
+        let done = recorded.sessions.get(SESSION).unwrap().commands;
+        for _ in 0..behind {
+            let command = recorded.any_command();
+            recorded.command(&command);
+            recorded.write();
+        }
+        recorded.add(BodyKind::Dynamic, ShapeId(2), Vec3::Y * 9.0);
+        recorded.write();
+        recorded.sync();
+        let left_out = (ReplayStart::Newest, LogTail::LeftOut);
+        let restored = recorded.files.restore(&Workers::default(), left_out, &mut || {});
+        let restored = restored.unwrap().unwrap();
+        recorded.check(&restored)?;
+        prop_assert_eq!((restored.scene.tick(), restored.scene.body_count()), (tick, bodies));
+        recorded.go_on(restored);
+        let session = recorded.sessions.get(SESSION).unwrap();
+        prop_assert_eq!(session.commands, done + behind + 1);
+        prop_assert_eq!(session.refusals_from(done).count() as u64, behind + 1);
+        // The log goes on from there.
+        for _ in 0..10 {
+            recorded.tick();
+            recorded.write();
+        }
+        recorded.sync();
+        let again = recorded.restore().unwrap().unwrap();
+        recorded.check(&again)?;
+        prop_assert_eq!(again.scene.tick(), recorded.scene.tick());
+        prop_assert_eq!(&again.sessions, &recorded.sessions);
     }
 
     #[test]
@@ -489,7 +541,11 @@ fn a_disk_breaks(breaks: impl Fn(&SimDisk), works: impl Fn(&SimDisk)) {
     let last = append(&mut recorded, &mut log);
     wait_until("durable again", || log.durable() == last);
     drop(log);
-    let restored = files(&disk).restore(&Workers::default(), ReplayStart::Newest, &mut || {});
+    let restored = files(&disk).restore(
+        &Workers::default(),
+        (ReplayStart::Newest, LogTail::Kept),
+        &mut || {},
+    );
     let restored = restored.unwrap().unwrap();
     recorded.check(&restored).unwrap();
     assert_eq!(restored.scene.tick(), recorded.scene.tick());

@@ -3,6 +3,7 @@
 //! No ticks, members or checks here: a scene passes only checked values. Invariants: every value from an engine is
 //! finite and inside the world; after a fault it neither steps nor moves anything.
 
+use core::any::Any;
 use core::fmt;
 
 use glam::{Quat, Vec3};
@@ -52,6 +53,21 @@ pub trait Engine: Send {
     ///
     /// [`UnusableShape`] when no solid can be made; nothing has changed.
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), UnusableShape>;
+
+    /// A function that makes a solid of a shape, on any thread; `None` for an engine that makes them in `add_shape` only.
+    fn baker(&self) -> Option<Baker> {
+        None
+    }
+
+    /// Adds a solid that the baker made under a free id.
+    ///
+    /// # Errors
+    ///
+    /// [`UnusableShape`] if it is none of this engine's; nothing has changed.
+    fn add_baked(&mut self, id: ShapeId, baked: BakedShape) -> Result<(), UnusableShape> {
+        let _ = (id, baked);
+        Err(UnusableShape)
+    }
 
     /// Removes a solid that no body has.
     fn remove_shape(&mut self, id: ShapeId);
@@ -143,6 +159,26 @@ pub trait Engine: Send {
     /// step that the copy would lack, and for an engine without images.
     fn freeze(&self) -> Option<FrozenEngine> {
         None
+    }
+}
+
+/// Makes a solid of a shape: the same that [`Engine::add_shape`] makes, to the bit.
+pub type Baker = fn(&Shape) -> Result<BakedShape, UnusableShape>;
+
+/// A solid of an engine that no world has yet.
+#[derive(Debug)]
+pub struct BakedShape(Box<dyn Any + Send>);
+
+impl BakedShape {
+    /// A solid as its engine knows it.
+    pub fn new<Solid: Any + Send>(solid: Solid) -> Self {
+        Self(Box::new(solid))
+    }
+
+    /// The solid, if it is of this engine.
+    #[must_use]
+    pub fn into_solid<Solid: Any + Send>(self) -> Option<Solid> {
+        self.0.downcast().ok().map(|solid| *solid)
     }
 }
 

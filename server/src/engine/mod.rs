@@ -13,7 +13,8 @@ mod rapier_workers;
 
 pub use engines::Engines;
 pub use interface::{
-    BodyProperties, Engine, EngineFault, FrozenEngine, Push, UnanswerableQuery, UnusableShape,
+    BakedShape, Baker, BodyProperties, Engine, EngineFault, FrozenEngine, Push, UnanswerableQuery,
+    UnusableShape,
 };
 pub use rapier::RapierEngine;
 #[cfg(feature = "app")]

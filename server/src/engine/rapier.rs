@@ -22,7 +22,8 @@ use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
 
 use super::interface::{
-    BodyProperties, Engine, EngineFault, FrozenEngine, Push, UnanswerableQuery, UnusableShape,
+    BakedShape, Baker, BodyProperties, Engine, EngineFault, FrozenEngine, Push, UnanswerableQuery,
+    UnusableShape,
 };
 use super::kinematic_target::KinematicTarget;
 use super::rapier_body as translate;
@@ -373,8 +374,16 @@ impl RapierEngine {
 
 impl Engine for RapierEngine {
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), UnusableShape> {
-        let solid = solids::solid(shape)?;
-        self.solids.insert(id, solid);
+        self.solids.insert(id, solids::solid(shape)?);
+        Ok(())
+    }
+
+    fn baker(&self) -> Option<Baker> {
+        Some(|shape| solids::solid(shape).map(BakedShape::new))
+    }
+
+    fn add_baked(&mut self, id: ShapeId, baked: BakedShape) -> Result<(), UnusableShape> {
+        (self.solids).insert(id, baked.into_solid().ok_or(UnusableShape)?);
         Ok(())
     }
 

@@ -17,6 +17,10 @@ pub(crate) enum FlightCause {
     Quarantine,
     /// A checksum of a client's copy differs from that of the stream.
     ChecksumMismatch,
+    /// The scene did not answer the watchdog, and its process was killed.
+    Killed,
+    /// The process of the scene ended.
+    ProcessEnded,
 }
 
 impl FlightCause {
@@ -28,6 +32,8 @@ impl FlightCause {
             Self::Parked => "parked",
             Self::Quarantine => "quarantine",
             Self::ChecksumMismatch => "checksum-mismatch",
+            Self::Killed => "killed",
+            Self::ProcessEnded => "process-ended",
         }
     }
 }
@@ -40,6 +46,8 @@ impl fmt::Display for FlightCause {
             Self::Parked => "the scene did not answer and is parked",
             Self::Quarantine => "a body's state was not finite",
             Self::ChecksumMismatch => "a client's copy has another checksum than its stream",
+            Self::Killed => "the scene did not answer and its process was killed",
+            Self::ProcessEnded => "the process of the scene ended",
         })
     }
 }

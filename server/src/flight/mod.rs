@@ -15,5 +15,5 @@ mod writer;
 
 pub(crate) use cause::FlightCause;
 pub(crate) use command::run;
-pub(crate) use recorder::{FlightRecorder, FlightRecorders};
+pub(crate) use recorder::{FlightRecorder, FlightRecorders, ForwardedFlight};
 pub(crate) use writer::FlightWriter;

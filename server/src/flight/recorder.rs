@@ -27,9 +27,29 @@ pub(crate) struct FlightRecorders(Option<Arc<Recorders>>);
 
 struct Recorders {
     rings: Mutex<BTreeMap<SceneName, SharedRing>>,
-    jobs: SyncSender<FlightJob>,
+    out: FlightOutlet,
     /// Bytes of each ring.
     bytes_max: usize,
+}
+
+/// Where entries go that are to be kept or written.
+enum FlightOutlet {
+    /// To the thread that writes files.
+    Writer(SyncSender<FlightJob>),
+    /// To the front: a process that ends takes its memory along.
+    Front(ForwardFlight),
+}
+
+/// Hands something to the front of a worker process.
+pub(crate) type ForwardFlight = Arc<dyn Fn(&SceneName, ForwardedFlight) + Send + Sync>;
+
+/// What a worker process hands to its front.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum ForwardedFlight {
+    /// New entries.
+    Entries(Vec<u8>),
+    /// The recorder is to be written.
+    Write(FlightCause),
 }
 
 type SharedRing = Arc<Mutex<FlightRing>>;
@@ -49,12 +69,49 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl FlightRecorders {
     /// Recorders of so many bytes each, which hand what is to be written to a thread.
     pub(super) fn new(jobs: SyncSender<FlightJob>, bytes_max: usize) -> Self {
+        Self::with(FlightOutlet::Writer(jobs), bytes_max)
+    }
+
+    /// Recorders of a worker process, whose entries the front keeps. So many bytes wait for that, at most.
+    pub(crate) fn forwarding(forward: ForwardFlight, bytes_max: usize) -> Self {
+        Self::with(FlightOutlet::Front(forward), bytes_max)
+    }
+
+    fn with(out: FlightOutlet, bytes_max: usize) -> Self {
         let rings = Mutex::default();
         Self(Some(Arc::new(Recorders {
             rings,
-            jobs,
+            out,
             bytes_max,
         })))
+    }
+
+    /// True if anything is recorded.
+    pub(crate) const fn is_on(&self) -> bool {
+        self.0.is_some()
+    }
+
+    /// Hands the entries of all scenes to the front.
+    pub(crate) fn forward_all(&self) {
+        let Some(recorders) = &self.0 else {
+            return;
+        };
+        let rings = lock(&recorders.rings).clone();
+        for (name, ring) in &rings {
+            self.forward(name, ring);
+        }
+    }
+
+    /// Hands the entries of a scene to the front, if they go there.
+    fn forward(&self, name: &SceneName, ring: &SharedRing) {
+        if let Some(recorders) = &self.0
+            && let FlightOutlet::Front(forward) = &recorders.out
+        {
+            let entries = lock(ring).take();
+            if !entries.is_empty() {
+                forward(name, ForwardedFlight::Entries(entries));
+            }
+        }
     }
 
     /// The recorder of a new scene.
@@ -86,6 +143,13 @@ impl FlightRecorders {
         let Some(recorders) = &self.0 else {
             return;
         };
+        let jobs = match &recorders.out {
+            FlightOutlet::Writer(jobs) => jobs,
+            FlightOutlet::Front(forward) => {
+                self.forward(scene, ring);
+                return forward(scene, ForwardedFlight::Write(cause));
+            }
+        };
         let (entries, dropped) = lock(ring).copy();
         let job = FlightJob::Write {
             scene: scene.clone(),
@@ -93,7 +157,7 @@ impl FlightRecorders {
             dropped,
             entries,
         };
-        if recorders.jobs.try_send(job).is_err() {
+        if jobs.try_send(job).is_err() {
             tracing::warn!(%scene, %cause, "a flight recorder is not written: too many wait for the disk");
         }
     }
@@ -144,6 +208,17 @@ impl FlightRecorder {
     pub(crate) fn step_began(&self, at: Instant, tick: Tick) {
         let (at_ns, tick) = (at.as_nanos(), tick.value());
         self.push(&FlightEntry::StepBegan { at_ns, tick });
+        // What a process did before a step that ends it is kept by the front.
+        if let Some(ring) = &self.ring {
+            self.recorders.forward(&self.name, ring);
+        }
+    }
+
+    /// Adds the entries of a scene in another process.
+    pub(crate) fn append(&self, entries: &[u8]) {
+        if let Some(ring) = &self.ring {
+            lock(ring).append(entries);
+        }
     }
 
     pub(crate) fn stepped(&self, figures: &TickFigures, digest: Digest) {

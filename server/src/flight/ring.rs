@@ -30,10 +30,26 @@ impl FlightRing {
 
     pub(super) fn push(&mut self, entry: &FlightEntry<'_>) {
         let mut buffer = [0; ENTRY_BYTES_MAX];
-        let Ok(encoded) = postcard::to_slice(entry, &mut buffer) else {
-            self.dropped += 1;
-            return;
-        };
+        match postcard::to_slice(entry, &mut buffer) {
+            Ok(encoded) => self.push_encoded(encoded),
+            Err(_) => self.dropped += 1,
+        }
+    }
+
+    /// Adds entries that another ring gave away; bytes that are none end them.
+    pub(super) fn append(&mut self, mut entries: &[u8]) {
+        while let Some((encoded, rest)) = split_entry(entries) {
+            self.push_encoded(encoded);
+            entries = rest;
+        }
+    }
+
+    /// Gives all entries away.
+    pub(super) fn take(&mut self) -> Vec<u8> {
+        self.bytes.drain(..).collect()
+    }
+
+    fn push_encoded(&mut self, encoded: &[u8]) {
         let length = encoded.len();
         while self.bytes.len() + LENGTH_BYTES + length > self.bytes_max {
             if !self.drop_oldest() {
@@ -42,7 +58,7 @@ impl FlightRing {
             }
         }
         self.bytes.extend((length as u16).to_le_bytes());
-        self.bytes.extend(&*encoded);
+        self.bytes.extend(encoded);
     }
 
     /// False if there is none.
@@ -68,19 +84,22 @@ pub(super) fn entries(mut bytes: &[u8]) -> impl Iterator<Item = Option<FlightEnt
         if bytes.is_empty() {
             return None;
         }
-        let entry = bytes
-            .split_at_checked(LENGTH_BYTES)
-            .and_then(|(length, rest)| {
-                let length = u16::from_le_bytes(length.try_into().ok()?);
-                let (entry, rest) = rest.split_at_checked(usize::from(length))?;
-                bytes = rest;
-                postcard::from_bytes(entry).ok()
-            });
+        let entry = split_entry(bytes).and_then(|(entry, rest)| {
+            bytes = rest;
+            postcard::from_bytes(entry).ok()
+        });
         if entry.is_none() {
             bytes = &[];
         }
         Some(entry)
     })
+}
+
+/// The encoded entry at the beginning of some bytes, and the rest.
+fn split_entry(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let (length, rest) = bytes.split_first_chunk::<LENGTH_BYTES>()?;
+    let length = usize::from(u16::from_le_bytes(*length));
+    (length <= ENTRY_BYTES_MAX).then(|| rest.split_at_checked(length))?
 }
 
 #[cfg(test)]
@@ -111,6 +130,26 @@ mod tests {
                 .collect();
             prop_assert_eq!(kept.len() as u64 + dropped, lengths.len() as u64);
             prop_assert!(kept.is_sorted());
+        }
+
+        #[test]
+        fn entries_that_are_given_away_arrive_whole(
+            lengths in proptest::collection::vec(0_usize..900, 1..50),
+            cut in 0_usize..2_000,
+        ) {
+            let (mut from, mut to) = (FlightRing::new(1 << 20), FlightRing::new(1 << 20));
+            let content = vec![7; 900];
+            for (number, length) in lengths.iter().enumerate() {
+                let (number, bytes) = (number as u64, &content[..*length]);
+                from.push(&FlightEntry::Command { peer: 1, number, length: 0, bytes });
+            }
+            let before = from.copy();
+            let given = from.take();
+            prop_assert!(from.copy().0.is_empty());
+            to.append(&given);
+            prop_assert_eq!(to.copy(), before);
+            // Bytes of a broken process are no entries.
+            to.append(&given[cut.min(given.len())..]);
         }
 
         #[test]

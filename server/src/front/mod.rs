@@ -12,14 +12,20 @@ mod greeting;
 mod message;
 mod parked;
 mod priority;
+#[cfg(target_os = "linux")]
+mod process;
+#[cfg(not(target_os = "linux"))]
+#[path = "no_process.rs"]
+mod process;
+mod process_over;
 mod settings;
+mod start;
 mod stored;
 mod threads;
 mod watchdog;
 mod worker;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
-use std::sync::mpsc::channel;
 
 use bytes::Bytes;
 use rhumb_protocol::packet::LargestPacket;
@@ -31,8 +37,12 @@ use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake
 pub(crate) use self::adapter::{Adapter, AdapterQueue};
 use self::expiry::Expiry;
 use self::greeting::{Greeted, Greeting};
-use self::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
+use self::message::{
+    FromWorker, ProcessId, Report, ToProcess, WorkerId, WorkerInput, WorkerOutput,
+};
 use self::parked::{Parked, Scope};
+use self::process::Processes;
+pub(crate) use self::process::{ProcessOptions, run_worker};
 use self::settings::WorkerSettings;
 use self::threads::{SharedClock, Threads};
 use self::worker::{HereWorker, ThreadWorker};
@@ -61,6 +71,8 @@ pub struct Front {
     fresh: BTreeSet<WorkerId>,
     out: VecDeque<Transmit>,
     threads: Option<Threads>,
+    /// The worker processes, if scenes have them.
+    processes: Option<Processes>,
     watchdog: Parked,
     settings: WorkerSettings,
 }
@@ -75,10 +87,11 @@ struct Worker {
     scenes: usize,
 }
 
-/// The thread on which a worker runs.
+/// The thread or process in which a worker runs.
 enum Place {
     Here(Box<HereWorker>),
     Thread(ThreadWorker),
+    Process(ProcessId),
 }
 
 enum Connection {
@@ -111,6 +124,7 @@ impl Front {
             fresh: BTreeSet::new(),
             out: VecDeque::new(),
             threads: None,
+            processes: None,
             watchdog: Parked::default(),
             settings: WorkerSettings::new(stopwatch),
         }
@@ -126,6 +140,11 @@ impl Front {
         let clock = SharedClock::clone(&front.settings.stopwatch);
         front.threads = Some(Threads::new(clock, wake));
         front
+    }
+
+    /// Has later scenes run in worker processes, except those of an adapter.
+    pub(crate) fn use_processes(&mut self, options: ProcessOptions) {
+        self.processes = Some(Processes::new(options));
     }
 
     /// Decides which later connections are admitted.
@@ -172,74 +191,9 @@ impl Front {
         let worker = id.and_then(|id| self.workers.get(id)).into_iter();
         let here = worker.filter_map(|worker| match &worker.place {
             Place::Here(here) => Some(here),
-            Place::Thread(_) => None,
+            Place::Thread(_) | Place::Process(_) => None,
         });
         here.flat_map(|here| here.server_loop().upstreams(scene))
-    }
-
-    /// The worker of some scenes, started if there is none.
-    fn worker_of(&mut self, scope: Scope) -> Result<WorkerId, CloseCode> {
-        if let Some(id) = self.by_scope.get(&scope) {
-            let parked = self.watchdog.is_parked(*id);
-            return if parked {
-                Err(CloseCode::SCENE_PARKED)
-            } else {
-                Ok(*id)
-            };
-        }
-        if self.watchdog.parked.len() as u64 >= self.settings.limits.parked_scenes {
-            return Err(CloseCode::BUSY);
-        }
-        let id = WorkerId(self.next_worker);
-        let worker = HereWorker::new(self.settings.server_loop());
-        let place = match &self.threads {
-            None => Place::Here(Box::new(worker)),
-            Some(threads) => match ThreadWorker::start(id, worker, channel(), threads) {
-                Ok(thread) => Place::Thread(thread),
-                Err(cause) => {
-                    tracing::error!(%cause, "no thread for a scene");
-                    return Err(CloseCode::BUSY);
-                }
-            },
-        };
-        self.add_worker(id, scope, place);
-        Ok(id)
-    }
-
-    fn add_worker(&mut self, id: WorkerId, scope: Scope, place: Place) {
-        self.next_worker += 1;
-        self.by_scope.insert(scope.clone(), id);
-        let worker = Worker {
-            scope,
-            place,
-            connections: 0,
-            sent: 0,
-            taken: 0,
-            scenes: 0,
-        };
-        self.workers.insert(id, worker);
-    }
-
-    /// Starts the worker of an adapter; without threads there is none.
-    ///
-    /// # Errors
-    ///
-    /// The system's, if the thread cannot start.
-    #[cfg(feature = "app")]
-    pub(crate) fn serve_also(&mut self, adapter: Adapter) -> std::io::Result<()> {
-        let Some(threads) = &self.threads else {
-            return Ok(());
-        };
-        let id = WorkerId(self.next_worker);
-        let Adapter {
-            sender,
-            inputs,
-            serve,
-        } = adapter;
-        let worker = HereWorker::new(self.settings.server_loop()).with_others(serve);
-        let thread = ThreadWorker::start(id, worker, (sender, inputs), threads)?;
-        self.add_worker(id, Scope::Adapter, Place::Thread(thread));
-        Ok(())
     }
 
     /// The scenes of the worker that has this one.
@@ -264,6 +218,11 @@ impl Front {
                 self.fresh.insert(id);
             }
             Place::Thread(thread) => thread.send(input),
+            Place::Process(process) => {
+                if let Some(processes) = &mut self.processes {
+                    processes.send(*process, &ToProcess::Input(id, input));
+                }
+            }
         }
     }
 
@@ -362,18 +321,29 @@ impl Front {
                 self.absorb(id, output);
             }
         }
-        while let Some((id, message)) = self.next_message() {
+        while let Some(report) = self.next_report() {
             any = true;
-            match message {
-                FromWorker::Output(output) => self.absorb(id, output),
-                FromWorker::Over => self.note_over(id),
+            match report {
+                Report::Worker(id, message) => self.take_message(id, message),
+                Report::Process(id, message) => self.take_process_message(id, message),
+                Report::ProcessOver(id, status) => self.note_process_over(id, &status),
             }
+        }
+        if let Some(processes) = &mut self.processes {
+            processes.flush();
         }
         any
     }
 
-    fn next_message(&self) -> Option<(WorkerId, FromWorker)> {
+    fn next_report(&self) -> Option<Report> {
         self.threads.as_ref()?.received.try_recv().ok()
+    }
+
+    fn take_message(&mut self, id: WorkerId, message: FromWorker) {
+        match message {
+            FromWorker::Output(output) => self.absorb(id, output),
+            FromWorker::Over => self.note_over(id),
+        }
     }
 
     fn absorb(&mut self, id: WorkerId, output: WorkerOutput) {
@@ -419,6 +389,10 @@ impl Front {
     fn drop_worker(&mut self, id: WorkerId) {
         if let Some(worker) = self.workers.remove(&id) {
             self.by_scope.remove(&worker.scope);
+            if let (Place::Process(process), Some(processes)) = (worker.place, &mut self.processes)
+            {
+                processes.send(process, &ToProcess::Input(id, WorkerInput::End));
+            }
         }
         self.fresh.remove(&id);
     }
@@ -546,7 +520,7 @@ impl Endpoint for Front {
             .values()
             .filter_map(|worker| match &worker.place {
                 Place::Here(here) => here.server_loop().poll_timeout(),
-                Place::Thread(_) => None,
+                Place::Thread(_) | Place::Process(_) => None,
             });
         let front = [greeting, expiry, watch].into_iter().flatten();
         here.chain(front).min_by_key(|wake| wake.at)

@@ -14,6 +14,16 @@ pub(super) enum Scope {
     Scene(SceneName),
 }
 
+impl Scope {
+    /// The scene, if there is only one.
+    pub(super) const fn scene(&self) -> Option<&SceneName> {
+        match self {
+            Self::Adapter => None,
+            Self::Scene(scene) => Some(scene),
+        }
+    }
+}
+
 /// The parked workers, and the next look.
 #[derive(Default)]
 pub(super) struct Parked {

@@ -1,9 +1,6 @@
 //! The workers of scenes that a data directory has.
 
-use rhumb_protocol::Instant;
-
 use super::Front;
-use super::message::WorkerInput;
 use crate::durable::{DataDir, DataError};
 
 impl Front {
@@ -12,13 +9,12 @@ impl Front {
     /// # Errors
     ///
     /// [`DataError`] if the directory cannot be read.
-    pub fn store_in(&mut self, now: Instant, data: DataDir) -> Result<(), DataError> {
+    pub fn store_in(&mut self, data: DataDir) -> Result<(), DataError> {
         let scenes = data.scenes()?;
         self.settings.data = Some(data);
         for (name, _) in scenes {
-            match self.worker_of(self.scope_of(&name)) {
-                Ok(id) => self.route(now, id, WorkerInput::Restore(name)),
-                Err(code) => tracing::error!(scene = %name, %code, "cannot restore a scene"),
+            if let Err(code) = self.worker_of(self.scope_of(&name)) {
+                tracing::error!(scene = %name, %code, "cannot restore a scene");
             }
         }
         Ok(())

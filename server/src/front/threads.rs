@@ -5,31 +5,64 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use rhumb_protocol::Instant;
 
-use super::message::{FromWorker, WorkerId};
+use super::message::{FromWorker, Report, WorkerId};
 
 /// The clock of a server's threads.
 pub(super) type SharedClock = Arc<dyn Fn() -> Instant + Send + Sync>;
 
-/// Outputs that wait for the front, of all workers; beyond them a worker waits.
-const OUTPUTS_WAITING_MAX: usize = 1_024;
+/// Hands a message of a worker's thread over; false if the receiver has ended.
+pub(super) type SendFromWorker = Arc<dyn Fn(WorkerId, FromWorker) -> bool + Send + Sync>;
 
-/// The way back from the workers' threads to the front.
-pub(super) struct Threads {
+/// Messages that wait for the front, of all workers; beyond them a worker waits.
+const REPORTS_WAITING_MAX: usize = 1_024;
+
+/// What the thread of a worker needs.
+#[derive(Clone)]
+pub(super) struct WorkerThreads {
     pub(super) clock: SharedClock,
-    pub(super) outputs: SyncSender<(WorkerId, FromWorker)>,
-    pub(super) received: Receiver<(WorkerId, FromWorker)>,
-    /// Wakes the front.
-    pub(super) waker: Arc<dyn Fn() + Send + Sync>,
+    pub(super) send: SendFromWorker,
+}
+
+/// The way back from the workers' threads and processes to the front.
+pub(super) struct Threads {
+    pub(super) workers: WorkerThreads,
+    pub(super) received: Receiver<Report>,
+    pub(super) reports: ReportSender,
+}
+
+/// Hands reports to the front, and wakes it.
+#[derive(Clone)]
+pub(super) struct ReportSender {
+    reports: SyncSender<Report>,
+    waker: Arc<dyn Fn() + Send + Sync>,
+}
+
+impl ReportSender {
+    /// Hands a report over; false if the front has ended.
+    pub(super) fn send(&self, report: Report) -> bool {
+        // A front that has ended needs no output.
+        let sent = self.reports.send(report).is_ok();
+        (self.waker)();
+        sent
+    }
 }
 
 impl Threads {
     pub(super) fn new(clock: SharedClock, waker: impl Fn() + Send + Sync + 'static) -> Self {
-        let (outputs, received) = sync_channel(OUTPUTS_WAITING_MAX);
-        Self {
-            clock,
-            outputs,
-            received,
+        let (reports, received) = sync_channel(REPORTS_WAITING_MAX);
+        let reports = ReportSender {
+            reports,
             waker: Arc::new(waker),
+        };
+        let of_workers = reports.clone();
+        let send = move |id, message| of_workers.send(Report::Worker(id, message));
+        Self {
+            workers: WorkerThreads {
+                clock,
+                send: Arc::new(send),
+            },
+            received,
+            reports,
         }
     }
 }

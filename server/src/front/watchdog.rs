@@ -10,7 +10,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Span};
 
-use super::message::{FromWorker, WorkerId};
+use super::message::{FromWorker, Report, WorkerId};
 use super::parked::Scope;
 use super::{ADAPTER_SCENES, Front, Place, priority};
 use crate::flight::{FlightCause, FlightRecorders};
@@ -18,8 +18,14 @@ use crate::pulse::Pulse;
 
 /// Time between two looks at the workers.
 const INTERVAL: Span = Span::from_millis(250);
+/// Looks without a sign of life beyond the time that a thread has: a process may be late with its own.
+const LOOKS_MORE: u64 = 2;
 /// Time that threads have to end when the front ends.
 const END: Duration = Duration::from_millis(500);
+/// Time that processes have, whose threads have as long.
+const END_OF_PROCESSES: Duration = Duration::from_millis(800);
+/// Time after which processes that did not end by themselves are killed and gone.
+const KILLED: Duration = Duration::from_millis(1_200);
 
 impl Front {
     /// Has the last moments of later scenes recorded.
@@ -29,7 +35,9 @@ impl Front {
 
     /// The time of the next check of the workers; never if none has a thread.
     pub(super) fn next_watch(&self) -> Option<Instant> {
-        let watches = self.threads.is_some() && !self.workers.is_empty();
+        let processes = self.processes.as_ref();
+        let has_process = processes.is_some_and(|processes| !processes.is_empty());
+        let watches = self.threads.is_some() && (!self.workers.is_empty() || has_process);
         watches.then_some(self.watchdog.next)
     }
 
@@ -40,13 +48,18 @@ impl Front {
         }
         self.watchdog.next = now + INTERVAL;
         let stuck_for = self.settings.limits.stuck();
+        if let Some(processes) = &mut self.processes {
+            let looks = stuck_for.as_nanos() / INTERVAL.as_nanos() + LOOKS_MORE;
+            processes.look(u32::try_from(looks).unwrap_or(u32::MAX));
+        }
         let is_stuck = |pulse: &Pulse| pulse.busy_for() > stuck_for;
         let stuck = self
             .workers
             .iter()
             .filter(|(_, worker)| match &worker.place {
                 Place::Thread(thread) => is_stuck(&thread.pulse),
-                Place::Here(_) => false,
+                // A process watches its threads itself.
+                Place::Here(_) | Place::Process(_) => false,
             });
         let stuck: Vec<WorkerId> = stuck.map(|(id, _)| *id).collect();
         for id in stuck {
@@ -86,26 +99,42 @@ impl Front {
         }
     }
 
-    /// Ends all workers; waits a little for the threads that are not parked.
+    /// Ends all workers; waits a little for the threads that are not parked, and for all processes.
     pub fn shut_down(&mut self) {
-        let mut left: Vec<WorkerId> = self.workers.keys().copied().collect();
+        let is_thread = |worker: &super::Worker| matches!(worker.place, Place::Thread(_));
+        let of_threads = self.workers.iter();
+        let mut left: Vec<WorkerId> = of_threads
+            .filter(|(_, worker)| is_thread(worker))
+            .map(|(id, _)| *id)
+            .collect();
         self.workers.clear();
         let Some(threads) = &self.threads else {
             return;
         };
-        let started = (threads.clock)();
-        while !left.is_empty() {
-            let waited = Duration::from_nanos((threads.clock)().since(started).as_nanos());
-            let Ok((id, message)) = threads.received.recv_timeout(END.saturating_sub(waited))
-            else {
-                tracing::warn!(
-                    threads = left.len(),
-                    "threads of scenes did not end in time"
-                );
-                return;
-            };
-            if message == FromWorker::Over {
-                left.retain(|other| *other != id);
+        let mut processes = self.processes.as_mut();
+        let mut running = processes
+            .as_mut()
+            .map_or(0, |processes| processes.end_all());
+        let mut until = if running > 0 { END_OF_PROCESSES } else { END };
+        let started = (threads.workers.clock)();
+        while !left.is_empty() || running > 0 {
+            let waited = (threads.workers.clock)().since(started);
+            let waited = Duration::from_nanos(waited.as_nanos());
+            match threads.received.recv_timeout(until.saturating_sub(waited)) {
+                Ok(Report::Worker(id, FromWorker::Over)) => left.retain(|other| *other != id),
+                Ok(Report::ProcessOver(..)) => running -= 1,
+                Ok(Report::Worker(..) | Report::Process(..)) => {}
+                Err(_) if running > 0 && until < KILLED => {
+                    tracing::warn!(running, "worker processes did not end in time");
+                    until = KILLED;
+                    processes
+                        .iter_mut()
+                        .for_each(|processes| processes.kill_all());
+                }
+                Err(_) => {
+                    let threads = left.len();
+                    return tracing::warn!(threads, "threads of scenes did not end in time");
+                }
             }
         }
     }

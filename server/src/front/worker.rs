@@ -15,7 +15,8 @@ use rhumb_protocol::{Endpoint, Instant, Peer, Transmit};
 
 use super::message::{FromWorker, WorkerId, WorkerInput, WorkerOutput};
 use super::priority::{self, ThreadId};
-use super::threads::{SharedClock, Threads};
+use super::threads::{SharedClock, WorkerThreads};
+use crate::baking::Bakers;
 use crate::pulse::Pulse;
 use crate::server_loop::ServerLoop;
 
@@ -119,7 +120,7 @@ impl ThreadWorker {
         id: WorkerId,
         mut worker: HereWorker,
         (sender, inputs): (Sender<WorkerInput>, Receiver<WorkerInput>),
-        threads: &Threads,
+        threads: &WorkerThreads,
     ) -> io::Result<Self> {
         let clock = SharedClock::clone(&threads.clock);
         let pulse = {
@@ -128,9 +129,14 @@ impl ThreadWorker {
         };
         worker.server_loop.show_progress(pulse.clone());
         let wake = sender.clone();
-        // A thread that has ended needs no waking.
-        (worker.server_loop).wake_by(Arc::new(move || drop(wake.send(WorkerInput::Wake))));
-        let (outputs, waker) = (threads.outputs.clone(), threads.waker.clone());
+        let wake = move || {
+            // A thread that has ended needs no waking.
+            let _ = wake.send(WorkerInput::Wake);
+        };
+        let wake: Arc<dyn Fn() + Send + Sync> = Arc::new(wake);
+        (worker.server_loop).bake_with(Bakers::threads(Arc::clone(&wake)));
+        worker.server_loop.wake_by(wake);
+        let send = Arc::clone(&threads.send);
         let thread_id = ThreadId::default();
         let (on_thread, own_id) = (pulse.clone(), thread_id.clone());
         thread::Builder::new()
@@ -138,12 +144,7 @@ impl ThreadWorker {
             .stack_size(STACK_BYTES)
             .spawn(move || {
                 priority::note(&own_id);
-                let send = |message| {
-                    // A front that has ended needs no output.
-                    let sent = outputs.send((id, message)).is_ok();
-                    waker();
-                    sent
-                };
+                let send = |message| send(id, message);
                 let run = || run(worker, &inputs, &send, &on_thread, &clock);
                 if catch_unwind(AssertUnwindSafe(run)).is_err() {
                     tracing::error!(worker = id.0, "the thread of a scene panicked");

@@ -17,7 +17,7 @@ use rhumb_protocol::scene::SceneName;
 
 use self::lock::lock;
 use self::scene::SceneMeters;
-pub(crate) use self::scene::{SceneMeter, TickFigures};
+pub(crate) use self::scene::{SCENE_VALUES, SceneMeter, SceneValues, TickFigures};
 use self::text::{MetricKind, Text};
 use crate::load::ServerLoad;
 use crate::pulse::Pulse;
@@ -34,6 +34,8 @@ struct Figures {
     connections: AtomicU64,
     opened: AtomicU64,
     parked: AtomicU64,
+    workers: AtomicU64,
+    worker_deaths: AtomicU64,
     /// Connections that the server closed, by code.
     closed: Mutex<BTreeMap<u32, u64>>,
     scenes: SceneMeters,
@@ -61,6 +63,20 @@ impl Metrics {
 
     pub(crate) fn count_closed(&self, code: u32) {
         *lock(&self.0.closed).entry(code).or_default() += 1;
+    }
+
+    /// The figures of all scenes, for the front of a worker process.
+    pub(crate) fn scene_values(&self) -> Vec<(SceneName, SceneValues)> {
+        self.0.scenes.values()
+    }
+
+    pub(crate) fn set_workers(&self, count: usize) {
+        self.0.workers.store(count as u64, Ordering::Relaxed);
+    }
+
+    /// A worker process has ended by itself, or did not answer and was killed.
+    pub(crate) fn count_worker_death(&self) {
+        self.0.worker_deaths.fetch_add(1, Ordering::Relaxed);
     }
 
     /// The meter of a new scene, whose figures are shown until it is dropped.
@@ -105,6 +121,18 @@ impl Metrics {
                 MetricKind::Gauge,
                 "Scenes that did not answer and are parked.",
                 read(&figures.parked),
+            ),
+            (
+                "rhumb_workers",
+                MetricKind::Gauge,
+                "Worker processes now.",
+                read(&figures.workers),
+            ),
+            (
+                "rhumb_worker_deaths_total",
+                MetricKind::Counter,
+                "Worker processes that ended by themselves, or did not answer and were killed.",
+                read(&figures.worker_deaths),
             ),
         ];
         for (name, kind, help, value) in plain {

@@ -46,6 +46,19 @@ impl SceneMeters {
         lock(&self.0).keys().cloned().collect()
     }
 
+    /// The figures of all scenes.
+    pub(super) fn values(&self) -> Vec<(SceneName, SceneValues)> {
+        let scenes = lock(&self.0);
+        let values = scenes.iter().map(|(name, figures)| {
+            let mut values = SceneValues::default();
+            for (value, figure) in values.0.iter_mut().zip(figures.each()) {
+                *value = figure.load(Ordering::Relaxed);
+            }
+            (name.clone(), values)
+        });
+        values.collect()
+    }
+
     pub(super) fn write(&self, text: &mut Text) {
         let scenes = lock(&self.0).clone();
         text.describe("rhumb_scenes", MetricKind::Gauge, "Scenes now.");
@@ -69,6 +82,32 @@ struct SceneFigures {
     refused: AtomicU64,
     /// Steps within each bucket, and not within the one before.
     buckets: [AtomicU64; BUCKETS_US.len()],
+}
+
+/// The figures of a scene, as a worker process hands them over.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct SceneValues(pub(crate) [u64; SCENE_VALUES]);
+
+/// Number of figures of a scene.
+pub(crate) const SCENE_VALUES: usize = 10 + BUCKETS_US.len();
+
+impl SceneFigures {
+    /// All figures, always in the same order.
+    fn each(&self) -> impl Iterator<Item = &AtomicU64> {
+        let plain = [
+            &self.tick,
+            &self.members,
+            &self.bodies,
+            &self.awake,
+            &self.steps,
+            &self.step_ns,
+            &self.publish_ns,
+            &self.slowed,
+            &self.commands,
+            &self.refused,
+        ];
+        plain.into_iter().chain(&self.buckets)
+    }
 }
 
 /// Writes the figures of a scene; dropping it ends them.
@@ -103,6 +142,13 @@ impl SceneMeter {
         let fits = |end: &u64| tick.step.as_nanos() <= end * 1_000;
         if let Some(bucket) = BUCKETS_US.iter().position(fits) {
             add(&figures.buckets[bucket], 1);
+        }
+    }
+
+    /// Takes over the figures of a scene in another process.
+    pub(crate) fn show(&self, values: &SceneValues) {
+        for (figure, value) in self.figures.each().zip(values.0) {
+            figure.store(value, Ordering::Relaxed);
         }
     }
 

@@ -12,6 +12,7 @@ use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::Tick;
 
 use super::Scene;
+use crate::baking::BakedShapes;
 use crate::digest::Digest;
 use crate::engine::{FrozenEngine, RapierEngine, Workers};
 use crate::event_monitor::EventMonitor;
@@ -67,6 +68,7 @@ impl Scene {
             event_monitor: self.event_monitor.clone(),
             journal: None,
             history: None,
+            baked: BakedShapes::default(),
             broken: false,
         })
     }

@@ -5,13 +5,14 @@ use std::collections::BTreeSet;
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::{Denial, StreamChoice};
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::{Command, CommandError};
+use rhumb_protocol::scene::{Command, CommandError, Shape, ShapeId};
 use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
 use crate::access::rights::{self, Refused, Request};
 use crate::access::{Ownership, Permit};
 use crate::durable::Record;
+use crate::engine::{BakedShape, Baker, UnusableShape};
 use crate::load;
 use crate::member::Member;
 
@@ -32,6 +33,25 @@ impl SceneRunner {
         let streams = streams.len() + usize::from(wanted.is_none());
         let allowed = rights::check(permit, &self.ownership, Request::Subscribe { streams });
         allowed.map_err(|_| Denial::TooManyStreams)
+    }
+
+    /// The function that makes the solid of a shape that a member may add; `None` if the command is refused anyway, or if
+    /// the engine makes solids only by itself.
+    pub(crate) fn baker_for(&self, peer: Peer, id: ShapeId, shape: &Shape) -> Option<Baker> {
+        let shape = shape.clone();
+        let command = Command::AddShape { id, shape };
+        let allowed = self.check(peer, Request::Command(&command, self.config()));
+        allowed.ok().and_then(|()| self.scene.baker_for(id))
+    }
+
+    /// Has the next command that adds this shape use a solid that was made for it.
+    pub(crate) fn put_baked(
+        &mut self,
+        id: ShapeId,
+        shape: &Shape,
+        baked: Result<BakedShape, UnusableShape>,
+    ) {
+        self.scene.put_baked(id, shape, baked);
     }
 
     /// Carries out a command of a member, and notes what now belongs to its client.

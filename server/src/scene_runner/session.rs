@@ -117,14 +117,26 @@ impl SceneRunner {
         }
     }
 
-    /// Takes over the sessions and owners of a restored scene.
-    pub(crate) fn restore_members(&mut self, sessions: Sessions, ownership: Ownership) {
+    /// Takes over the sessions and owners of a restored scene. `unnoted`: records of sessions that the log lacks.
+    pub(crate) fn restore_members(
+        &mut self,
+        sessions: Sessions,
+        ownership: Ownership,
+        unnoted: &[Record],
+    ) {
         self.ownership = ownership;
-        let of_sessions = sessions.iter().flat_map(|(_, session)| &session.ranges);
+        self.sessions = sessions;
+        for record in unnoted {
+            self.note_session(record);
+        }
+        self.commit();
+        let of_sessions = self
+            .sessions
+            .iter()
+            .flat_map(|(_, session)| &session.ranges);
         let granted = of_sessions.map(|range| range.first() + range.count()).max();
         let used = self.scene.indices();
         self.grants.begin_after(granted.unwrap_or(0).max(used));
-        self.sessions = sessions;
     }
 
     /// Has later members get the shapes of a restored scene.

@@ -6,7 +6,7 @@ use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::{SceneConfig, SceneName};
 
 use super::ServerLoop;
-use crate::durable::{DataDir, Origin, ReplayStart, Restored, SceneFiles, Wake};
+use crate::durable::{DataDir, LogTail, Origin, ReplayStart, Restored, SceneFiles, Wake};
 
 impl ServerLoop {
     /// Keeps the scenes that clients create from now on in a data directory.
@@ -59,8 +59,8 @@ impl ServerLoop {
         Ok(())
     }
 
-    /// Restores a scene from its files.
-    pub(crate) fn restore(&mut self, name: &SceneName) {
+    /// Restores a scene from its files, if it has any.
+    pub(crate) fn restore(&mut self, name: &SceneName, tail: LogTail) {
         let scenes = self.stored.data.as_ref().map(DataDir::scenes);
         let files = match scenes {
             Some(Ok(scenes)) => scenes.into_iter().find(|(scene, _)| scene == name),
@@ -72,7 +72,9 @@ impl ServerLoop {
         };
         let begun = (self.stopwatch)();
         let pulse = self.pulse.clone();
-        match files.restore(&self.workers, ReplayStart::Newest, &mut || pulse.beat()) {
+        match files.restore(&self.workers, (ReplayStart::Newest, tail), &mut || {
+            pulse.beat()
+        }) {
             Ok(Some(restored)) => {
                 let took = (self.stopwatch)().since(begun);
                 self.serve_restored(files, restored, took);
@@ -126,10 +128,10 @@ impl ServerLoop {
         }
         let runner = self.run_scene(&name, restored.scene, slot, load);
         runner.restore_shapes();
-        runner.restore_members(restored.sessions, restored.ownership);
         if let Some(log) = log {
             runner.keep_log(log, took);
         }
+        runner.restore_members(restored.sessions, restored.ownership, &restored.unnoted);
         self.note_empty(&name);
     }
 }

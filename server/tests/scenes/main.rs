@@ -3,6 +3,7 @@
 //! One executable holds all tests: each further one would link the engine again.
 
 mod attacks;
+mod baking;
 mod front;
 mod order;
 mod refusals;

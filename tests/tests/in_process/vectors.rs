@@ -196,6 +196,8 @@ fn codes_are_the_same_in_code_and_table() {
         ("SCENE_PARKED", CloseCode::SCENE_PARKED),
         ("BUSY", CloseCode::BUSY),
         ("HELLO_LATE", CloseCode::HELLO_LATE),
+        ("SCENE_RESTORING", CloseCode::SCENE_RESTORING),
+        ("SCENE_LOST", CloseCode::SCENE_LOST),
         ("TOKEN_MISSING", CloseCode::TOKEN_MISSING),
         ("TOKEN_INVALID", CloseCode::TOKEN_INVALID),
         ("TOKEN_EXPIRED", CloseCode::TOKEN_EXPIRED),

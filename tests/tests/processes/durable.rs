@@ -11,7 +11,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
-use rhumb_client::scene::{BodyDesc, BodyKind, Command, SceneConfig, Shape, ShapeId};
+use rhumb_client::scene::{BodyDesc, BodyKind, Command, Mesh, SceneConfig, Shape, ShapeId};
 use rhumb_client::{Client, ClientError, Event, JoinMode, JoinOptions, PipelineDepth, Tick, Trust};
 use rhumb_reckoning::{BodyId, BodyState};
 use rhumb_server::Scene;
@@ -229,4 +229,49 @@ fn a_server_killed_at_any_moment_loses_and_doubles_no_command() {
     let data = data.to_str().expect("text");
     let replayed = SERVER.run(&["replay", data, SCENE]);
     assert_eq!(replayed.code, Some(0), "{}{}", replayed.out, replayed.log);
+}
+
+#[test]
+fn a_mesh_whose_solid_was_made_beside_the_steps_is_restored_to_the_bit() {
+    const SIDE: u32 = 100;
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let data = directory.path().join("data");
+    let server = serve("127.0.0.1:0", &data);
+    let (mut client, _) = create(&server);
+    let ball = BodyDesc::dynamic(Shape::ball(0.5)).at(0.2, 6.0, 0.1);
+    client.add_body(ball).expect("a body");
+    for _ in 0..5 {
+        step(&mut client);
+    }
+    let points: Vec<Vec3> = (0..=SIDE)
+        .flat_map(|x| (0..=SIDE).map(move |z| (x as f32, z as f32)))
+        .map(|(x, z)| Vec3::new(x - 50.0, (x * 0.4).sin() + (z * 0.3).cos(), z - 50.0))
+        .collect();
+    let corner = |x: u32, z: u32| x * (SIDE + 1) + z;
+    let triangles: Vec<[u32; 3]> = (0..SIDE)
+        .flat_map(|x| (0..SIDE).map(move |z| (x, z)))
+        .flat_map(|(x, z)| {
+            let [a, b] = [corner(x, z), corner(x + 1, z)];
+            [[a, a + 1, b], [b, a + 1, b + 1]]
+        })
+        .collect();
+    let mesh = Mesh::new(&points, &triangles).expect("within the limits");
+    let ground = client.add_body(BodyDesc::fixed(Shape::Mesh(mesh)));
+    ground.expect("a body");
+    for _ in 0..150 {
+        step(&mut client);
+    }
+    take_events(&mut client, &mut Seen::default());
+    let truth = client.inspect().expect("the server answers");
+    assert_eq!(
+        (truth.tick, truth.bodies),
+        (Tick::new(155), 2),
+        "the ball lies on the mesh"
+    );
+    server.signal("TERM");
+    assert_eq!(server.wait().code, Some(0));
+    let checked = check(&data);
+    let line = format!("tick 155 digest {:016x} bodies 2", truth.truth);
+    assert_eq!(checked.code, Some(0), "{}{}", checked.out, checked.log);
+    assert!(checked.out.contains(&line), "{line}: {}", checked.out);
 }

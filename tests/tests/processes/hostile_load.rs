@@ -45,7 +45,7 @@ fn advance(client: &mut Client, ticks: u64) {
 }
 
 /// The answer to a request for a server's figures or health.
-fn requested(metrics: &str, path: &str) -> String {
+pub(crate) fn requested(metrics: &str, path: &str) -> String {
     let mut stream = TcpStream::connect(metrics).expect("the server answers");
     stream
         .set_read_timeout(Some(LONG))
@@ -60,7 +60,7 @@ fn requested(metrics: &str, path: &str) -> String {
 }
 
 /// An address with a port that is free now.
-fn free_address() -> String {
+pub(crate) fn free_address() -> String {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
     listener.local_addr().expect("it is bound").to_string()
 }

@@ -18,5 +18,7 @@ mod tier_policy_quic;
 #[cfg(unix)]
 mod unix_socket;
 mod view;
+#[cfg(target_os = "linux")]
+mod workers;
 
 const SERVER: Programme = Programme(env!("CARGO_BIN_EXE_rhumb-test-server"));

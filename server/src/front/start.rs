@@ -1,0 +1,97 @@
+//! How workers begin: on the caller's thread, on one of their own, or in the process of a tenant.
+
+use std::sync::mpsc::channel;
+
+use rhumb_protocol::session::CloseCode;
+
+#[cfg(feature = "app")]
+use super::Adapter;
+use super::message::{WorkerId, WorkerInput};
+use super::parked::Scope;
+use super::worker::{HereWorker, ThreadWorker};
+use super::{Front, Place, Worker};
+use crate::durable::LogTail;
+
+impl Front {
+    /// The worker of some scenes, started if there is none.
+    pub(super) fn worker_of(&mut self, scope: Scope) -> Result<WorkerId, CloseCode> {
+        if let Some(id) = self.by_scope.get(&scope) {
+            let parked = self.watchdog.is_parked(*id);
+            return if parked {
+                Err(CloseCode::SCENE_PARKED)
+            } else {
+                Ok(*id)
+            };
+        }
+        if self.watchdog.parked.len() as u64 >= self.settings.limits.parked_scenes {
+            return Err(CloseCode::BUSY);
+        }
+        self.start_worker(scope, LogTail::Kept)
+    }
+
+    /// Starts a worker, which restores its scene if a data directory has it.
+    pub(super) fn start_worker(
+        &mut self,
+        scope: Scope,
+        tail: LogTail,
+    ) -> Result<WorkerId, CloseCode> {
+        let id = WorkerId(self.next_worker);
+        let place = match (&self.threads, &mut self.processes, &scope) {
+            (None, ..) => Place::Here(Box::new(HereWorker::new(self.settings.server_loop()))),
+            (Some(threads), Some(processes), Scope::Scene(scene)) => {
+                Place::Process(processes.begin(id, scene, threads, &self.settings)?)
+            }
+            (Some(threads), ..) => {
+                let worker = HereWorker::new(self.settings.server_loop());
+                let started = ThreadWorker::start(id, worker, channel(), &threads.workers);
+                Place::Thread(started.map_err(|cause| {
+                    tracing::error!(%cause, "no thread for a scene");
+                    CloseCode::BUSY
+                })?)
+            }
+        };
+        let stored = self.settings.data.as_ref().and(scope.scene().cloned());
+        self.add_worker(id, scope, place);
+        if let Some(scene) = stored {
+            let now = (self.settings.stopwatch)();
+            self.route(now, id, WorkerInput::Restore(scene, tail));
+        }
+        Ok(id)
+    }
+
+    fn add_worker(&mut self, id: WorkerId, scope: Scope, place: Place) {
+        self.next_worker += 1;
+        self.by_scope.insert(scope.clone(), id);
+        let worker = Worker {
+            scope,
+            place,
+            connections: 0,
+            sent: 0,
+            taken: 0,
+            scenes: 0,
+        };
+        self.workers.insert(id, worker);
+    }
+
+    /// Starts the worker of an adapter; without threads there is none.
+    ///
+    /// # Errors
+    ///
+    /// The system's, if the thread cannot start.
+    #[cfg(feature = "app")]
+    pub(crate) fn serve_also(&mut self, adapter: Adapter) -> std::io::Result<()> {
+        let Some(threads) = &self.threads else {
+            return Ok(());
+        };
+        let id = WorkerId(self.next_worker);
+        let Adapter {
+            sender,
+            inputs,
+            serve,
+        } = adapter;
+        let worker = HereWorker::new(self.settings.server_loop()).with_others(serve);
+        let thread = ThreadWorker::start(id, worker, (sender, inputs), &threads.workers)?;
+        self.add_worker(id, Scope::Adapter, Place::Thread(thread));
+        Ok(())
+    }
+}

@@ -1,0 +1,163 @@
+//! Turns of connections: which messages are handled now, and which wait.
+
+use rhumb_protocol::message::ClientMessage;
+use rhumb_protocol::scene::{Command, CommandError};
+use rhumb_protocol::{Instant, Peer, Span};
+
+use super::ServerLoop;
+use crate::baking;
+
+/// Messages of one connection that are handled before others, and the ticks, get their turn.
+const MESSAGES_PER_TURN: usize = 512;
+/// Scene events that are encoded before they are sent to the members.
+const EVENT_BYTES: usize = 256 << 10;
+/// The pause before a connection is tried again whose messages wait for slower members.
+const RETRY: Span = Span::from_millis(20);
+
+impl ServerLoop {
+    /// Handles a connection's messages, until none is left, it must wait, or others have their turn.
+    pub(super) fn take_turn(&mut self, now: Instant, peer: Peer) {
+        let mut left = if self.out.is_paced(peer) {
+            MESSAGES_PER_TURN
+        } else {
+            usize::MAX
+        };
+        loop {
+            if self.must_wait(now, peer) {
+                self.blocked.insert(peer);
+                break;
+            }
+            if left == 0 {
+                self.queued.push_back(peer);
+                break;
+            }
+            let Some(message) = self.next_message(peer) else {
+                break;
+            };
+            if let Ok(message @ ClientMessage::Join(_)) = &message
+                && !self.out.may_snapshot(peer)
+                && let Some(connection) = self.connections.get_mut(&peer)
+            {
+                connection.held = Some(message.clone());
+                self.blocked.insert(peer);
+                break;
+            }
+            let Some(message) = self.bake(now, peer, message) else {
+                self.blocked.insert(peer);
+                break;
+            };
+            // A message of queries ends the turn: it is as much work as many others.
+            let is_work = left != usize::MAX && matches!(message, Ok(ClientMessage::Query(_)));
+            left = if is_work { 0 } else { left - 1 };
+            self.pulse.beat();
+            self.handle_message(now, peer, message);
+            if let Some(runner) = self.scene_of(peer)
+                && runner.unsent_bytes() > EVENT_BYTES
+            {
+                self.answer_pending(peer);
+            }
+        }
+        self.end_if_broken(peer);
+        self.answer_pending(peer);
+    }
+
+    /// True if a connection's next message must stay unread.
+    fn must_wait(&mut self, now: Instant, peer: Peer) -> bool {
+        if self.out.is_behind(peer) {
+            return true;
+        }
+        let name = (self.connections.get(&peer)).and_then(|connection| connection.scene.as_ref());
+        let runner = name.and_then(|name| self.runners.get_mut(name));
+        runner.is_some_and(|runner| runner.holds_back(now, peer, &self.out))
+    }
+
+    fn next_message(&mut self, peer: Peer) -> Option<Result<ClientMessage, CommandError>> {
+        let held = self.connections.get_mut(&peer)?.held.take();
+        match held {
+            Some(message) => Some(Ok(message)),
+            None => self.out.session(peer)?.poll_message(),
+        }
+    }
+
+    /// Tries the connections again that had to wait.
+    pub(super) fn retry(&mut self, now: Instant) {
+        self.retry_at = now + RETRY;
+        for peer in std::mem::take(&mut self.blocked) {
+            self.take_turn(now, peer);
+        }
+    }
+
+    /// Something that a connection waited for is there.
+    pub(crate) fn handle_wake(&mut self, now: Instant) {
+        self.out.at(now);
+        if self.is_baking() {
+            self.retry(now);
+        }
+    }
+
+    /// True if a connection waits for a solid.
+    fn is_baking(&self) -> bool {
+        let mut waiting = self.blocked.iter();
+        let bakes = |peer| {
+            self.connections
+                .get(peer)
+                .is_some_and(|of| of.bake.is_some())
+        };
+        self.bakery.is_busy() || waiting.any(bakes)
+    }
+
+    /// Handles what arrived before the end of a connection. A shape whose solid is not made yet, and what follows it, is
+    /// left out: a session sends it again.
+    pub(super) fn handle_rest(&mut self, now: Instant, peer: Peer) {
+        while let Some(message) = self.next_message(peer) {
+            let Some(message) = self.bake(now, peer, message) else {
+                break;
+            };
+            self.handle_message(now, peer, message);
+        }
+    }
+
+    /// A message that is to be handled now: the message itself, or the error of a shape whose solid took too long. `None`
+    /// if it is held until its solid is made.
+    fn bake(
+        &mut self,
+        now: Instant,
+        peer: Peer,
+        message: Result<ClientMessage, CommandError>,
+    ) -> Option<Result<ClientMessage, CommandError>> {
+        let Ok(ClientMessage::Command(Command::AddShape { id, shape })) = &message else {
+            return Some(message);
+        };
+        if !baking::is_heavy(shape) {
+            return Some(message);
+        }
+        let Some(connection) = self.connections.get_mut(&peer) else {
+            return Some(message);
+        };
+        let name = connection.scene.as_ref().filter(|_| connection.member);
+        let runner = name.and_then(|name| self.runners.get_mut(name));
+        let Some((runner, baker)) = runner.and_then(|runner| {
+            let baker = runner.baker_for(peer, *id, shape)?;
+            Some((runner, baker))
+        }) else {
+            return Some(message);
+        };
+        if connection.bake.is_none() {
+            connection.bake = self.bakery.begin(now, shape, baker);
+        }
+        if let Some(bake) = &connection.bake {
+            if let Some(baked) = bake.take() {
+                runner.put_baked(*id, shape, baked);
+                connection.bake = None;
+                return Some(message);
+            }
+            if bake.takes_longer_than(self.limits.bake(), now) {
+                connection.bake = None;
+                let limit_ms = u32::try_from(self.limits.bake_milliseconds).unwrap_or(u32::MAX);
+                return Some(Err(CommandError::ShapeTooSlow { limit_ms }));
+            }
+        }
+        connection.held = message.ok();
+        None
+    }
+}

@@ -1,0 +1,364 @@
+//! Solids of large shapes are made beside the steps of a scene.
+//!
+//! The jobs are held here, and run when a test wants it: ticks and other clients go on meanwhile, and the client's own
+//! messages keep their order. Caught: large meshes stopped the steps for 40 to 98 ms each.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+
+use glam::Vec3;
+use rhumb_protocol::limits::TRIANGLES_MAX;
+use rhumb_protocol::message::{
+    ClientMessage, Extensions, Frames, SceneEvent, ServerMessage, StreamChoice, VERSIONS,
+};
+use rhumb_protocol::scene::{
+    BodyDesc, BodyKind, Command, CommandError, IdRange, Mesh, SceneConfig, Shape, ShapeId, Stepping,
+};
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
+use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
+use rhumb_server::{BakeJob, Bakers, Scene, ServerLoop};
+
+const OWNER: Peer = Peer(1);
+const OTHER: Peer = Peer(2);
+const THIRD: Peer = Peer(3);
+
+/// A server whose solids are made when the test says so.
+struct Bench {
+    server: ServerLoop,
+    now: Instant,
+    jobs: Arc<Mutex<Vec<BakeJob>>>,
+    received: BTreeMap<Peer, (Frames, Vec<ServerMessage>)>,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let mut server = ServerLoop::new(|| Instant::ZERO);
+        let jobs: Arc<Mutex<Vec<BakeJob>>> = Arc::default();
+        let taken = Arc::clone(&jobs);
+        server.bake_with(Bakers::new(move |job| {
+            taken.lock().expect("no test panics here").push(job);
+        }));
+        Self {
+            server,
+            now: Instant::ZERO,
+            jobs,
+            received: BTreeMap::new(),
+        }
+    }
+
+    /// A scene that the owner has created, with these members.
+    fn with_scene(stepping: Stepping, members: &[Peer]) -> Self {
+        let mut bench = Self::new();
+        let config = SceneConfig {
+            stepping,
+            ..SceneConfig::default()
+        };
+        for peer in members {
+            bench.received.insert(*peer, Default::default());
+            bench.server.handle_opened(bench.now, *peer);
+            // The driver reports what the link takes, as the real one does.
+            bench.server.handle_control_taken(bench.now, *peer, 0);
+            let hello = ClientMessage::Hello {
+                versions: VERSIONS.to_vec(),
+                scene: "baked".parse().expect("a good name"),
+                extensions: Extensions::NONE,
+            };
+            let join = ClientMessage::Join(StreamChoice::Within(Tolerance::NORMAL));
+            let create = (*peer == OWNER).then_some(ClientMessage::Create(config));
+            let messages: Vec<_> = [Some(hello), create, Some(join)]
+                .into_iter()
+                .flatten()
+                .collect();
+            bench.send(*peer, &messages);
+        }
+        bench
+    }
+
+    fn send(&mut self, peer: Peer, messages: &[ClientMessage]) {
+        let mut bytes = Vec::new();
+        for message in messages {
+            message.encode(&mut bytes);
+        }
+        self.server.handle_control(self.now, peer, &bytes);
+        self.collect();
+    }
+
+    fn command(&mut self, peer: Peer, commands: impl IntoIterator<Item = Command>) {
+        let messages: Vec<_> = commands.into_iter().map(ClientMessage::Command).collect();
+        self.send(peer, &messages);
+    }
+
+    fn collect(&mut self) {
+        while let Some(transmit) = self.server.poll_transmit() {
+            if let Transmit::Control { to, bytes } = transmit {
+                self.server.handle_control_taken(self.now, to, bytes.len());
+                let (frames, messages) = self.received.get_mut(&to).expect("a connection");
+                frames.push(&bytes);
+                while let Some(frame) = frames.next_frame().expect("whole messages") {
+                    let message = ServerMessage::decode(&frame).expect("the server's own");
+                    messages.extend(message);
+                }
+            }
+        }
+    }
+
+    /// Lets time pass, a millisecond at a time.
+    fn pass(&mut self, ms: u64) {
+        for _ in 0..ms {
+            self.now = self.now + Span::from_millis(1);
+            while self
+                .server
+                .poll_timeout()
+                .is_some_and(|wake| wake.at <= self.now)
+            {
+                self.server.handle_timeout(self.now);
+                self.collect();
+            }
+        }
+    }
+
+    /// Makes the solids that wait; returns their number.
+    fn bake(&mut self) -> usize {
+        let jobs = std::mem::take(&mut *self.jobs.lock().expect("no test panics here"));
+        let count = jobs.len();
+        jobs.into_iter().for_each(BakeJob::run);
+        count
+    }
+
+    fn waiting(&self) -> usize {
+        self.jobs.lock().expect("no test panics here").len()
+    }
+
+    /// The messages that a client has received since the last call.
+    fn take(&mut self, peer: Peer) -> Vec<ServerMessage> {
+        std::mem::take(&mut self.received.get_mut(&peer).expect("a connection").1)
+    }
+
+    fn granted(&mut self, peer: Peer) -> IdRange {
+        let granted = self
+            .take(peer)
+            .into_iter()
+            .find_map(|message| match message {
+                ServerMessage::Joined(joined) => Some(joined.granted),
+                _ => None,
+            });
+        granted.expect("a member")
+    }
+
+    /// The newest tick, as a client that asks for it learns it.
+    fn tick(&mut self, peer: Peer) -> Tick {
+        let sent = self.now;
+        self.send(peer, &[ClientMessage::Ping { sent }]);
+        let pong = self
+            .take(peer)
+            .into_iter()
+            .find_map(|message| match message {
+                ServerMessage::Pong { tick, .. } => Some(tick),
+                _ => None,
+            });
+        pong.expect("an answer")
+    }
+}
+
+/// A rolling sheet of the greatest number of triangles.
+fn largest() -> Shape {
+    const SIDE: u32 = 181;
+    let points: Vec<_> = (0..=SIDE)
+        .flat_map(|x| (0..=SIDE).map(move |z| (x as f32, z as f32)))
+        .map(|(x, z)| Vec3::new(x - 90.0, (x * 0.3).sin() + (z * 0.2).cos(), z - 90.0))
+        .collect();
+    let corner = |x: u32, z: u32| x * (SIDE + 1) + z;
+    let triangles: Vec<_> = (0..SIDE)
+        .flat_map(|x| (0..SIDE).map(move |z| (x, z)))
+        .flat_map(|(x, z)| {
+            let [a, b] = [corner(x, z), corner(x + 1, z)];
+            [[a, a + 1, b], [b, a + 1, b + 1]]
+        })
+        .collect();
+    assert!(triangles.len() > TRIANGLES_MAX - 100 && triangles.len() <= TRIANGLES_MAX);
+    Shape::Mesh(Mesh::new(&points, &triangles).expect("within the limits"))
+}
+
+fn add(id: u32, shape: Shape) -> Command {
+    let id = ShapeId(id);
+    Command::AddShape { id, shape }
+}
+
+fn body(index: u32, kind: BodyKind, shape: u32, height: f32) -> Command {
+    let at = [0.3, height, 0.2];
+    let motion = BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+    Command::AddBody {
+        desc: BodyDesc::plain(BodyId::new(index, 0), kind, ShapeId(shape)),
+        motion: motion.expect("finite"),
+    }
+}
+
+/// The scene events of some messages, in short.
+fn events(messages: &[ServerMessage]) -> Vec<String> {
+    let events = messages.iter().filter_map(|message| match message {
+        ServerMessage::SceneEvent(SceneEvent::ShapeAdded { id, .. }) => {
+            Some(format!("shape {}", id.0))
+        }
+        ServerMessage::SceneEvent(SceneEvent::BodyPlaced { desc, .. }) => {
+            Some(format!("body of shape {}", desc.shape.0))
+        }
+        ServerMessage::SceneEvent(SceneEvent::GravityChanged { .. }) => Some("gravity".to_owned()),
+        _ => None,
+    });
+    events.collect()
+}
+
+#[test]
+fn ticks_and_other_clients_go_on_while_a_mesh_is_made_and_its_client_keeps_its_order() {
+    let mut bench = Bench::with_scene(Stepping::FreeRunning, &[OWNER, OTHER]);
+    let first = bench.granted(OWNER).first();
+    let before = bench.tick(OTHER);
+    let gravity = Vec3::new(0.0, -5.0, 0.0);
+    let later = [
+        add(1, largest()),
+        body(first, BodyKind::Static, 1, 0.0),
+        Command::SetGravity { gravity },
+    ];
+    bench.command(OWNER, later);
+    for _ in 0..9 {
+        bench.pass(100);
+        assert_eq!(bench.waiting(), 1);
+    }
+    let during = bench.tick(OTHER);
+    assert_eq!(during.value() - before.value(), 54, "0.9 s at 60 Hz");
+    bench.command(OTHER, [add(2, Shape::ball(0.5))]);
+    assert_eq!(
+        events(&bench.take(OTHER)),
+        ["shape 2"],
+        "another client does not wait"
+    );
+    assert_eq!(events(&bench.take(OWNER)), ["shape 2"]);
+    assert_eq!(bench.bake(), 1);
+    bench.pass(30);
+    let order = ["shape 1", "body of shape 1", "gravity"];
+    assert_eq!(events(&bench.take(OTHER)), order);
+    let answers = bench.take(OWNER);
+    assert_eq!(events(&answers), order);
+    let applied = answers.iter().rev().find_map(|message| match message {
+        ServerMessage::Applied { through, tick } => Some((*through, *tick)),
+        _ => None,
+    });
+    let (through, tick) = applied.expect("the client learns when its commands act");
+    assert_eq!(through, 2);
+    assert!(tick >= during);
+}
+
+#[test]
+fn a_solid_that_takes_too_long_is_refused_with_the_limit() {
+    let mut bench = Bench::with_scene(Stepping::FreeRunning, &[OWNER, OTHER]);
+    let first = bench.granted(OWNER).first();
+    bench.command(
+        OWNER,
+        [add(1, largest()), body(first, BodyKind::Static, 1, 0.0)],
+    );
+    bench.pass(990);
+    assert_eq!(bench.take(OWNER), []);
+    bench.pass(40);
+    let refused: Vec<_> = bench
+        .take(OWNER)
+        .into_iter()
+        .filter_map(|message| match message {
+            ServerMessage::Refused { number, error } => Some((number, error)),
+            _ => None,
+        })
+        .collect();
+    let too_slow = CommandError::ShapeTooSlow { limit_ms: 1_000 };
+    let unknown = CommandError::UnknownShape(ShapeId(1));
+    assert_eq!(refused, [(0, too_slow), (1, unknown)]);
+    // The solid comes after all: it belongs to no shape.
+    assert_eq!(bench.bake(), 1);
+    bench.pass(30);
+    assert_eq!(events(&bench.take(OTHER)), [] as [&str; 0]);
+    bench.command(OWNER, [add(1, largest())]);
+    assert_eq!(bench.bake(), 1);
+    bench.pass(30);
+    assert_eq!(events(&bench.take(OTHER)), ["shape 1"]);
+}
+
+#[test]
+fn two_solids_are_made_at_one_time_and_a_third_waits() {
+    let mut bench = Bench::with_scene(Stepping::FreeRunning, &[OWNER, OTHER, THIRD]);
+    for (id, peer) in [OWNER, OTHER, THIRD].into_iter().enumerate() {
+        bench.command(peer, [add(id as u32, largest())]);
+    }
+    bench.pass(100);
+    assert_eq!(bench.bake(), 2);
+    bench.pass(100);
+    assert_eq!(bench.bake(), 1);
+    bench.pass(30);
+    assert_eq!(
+        events(&bench.take(OWNER)),
+        ["shape 0", "shape 1", "shape 2"]
+    );
+}
+
+#[test]
+fn what_follows_an_unmade_solid_ends_with_its_connection() {
+    let mut bench = Bench::with_scene(Stepping::FreeRunning, &[OWNER, OTHER]);
+    let first = bench.granted(OWNER).first();
+    let ball = add(0, Shape::ball(0.5));
+    let rest = [
+        ball,
+        add(1, largest()),
+        body(first, BodyKind::Dynamic, 0, 3.0),
+    ];
+    bench.command(OWNER, rest);
+    bench
+        .server
+        .handle_ended(bench.now, OWNER, Ending::TimedOut);
+    bench.collect();
+    bench.bake();
+    bench.pass(100);
+    assert_eq!(events(&bench.take(OTHER)), ["shape 0"]);
+    assert!(bench.tick(OTHER) >= Tick::new(5), "the scene goes on");
+}
+
+#[test]
+fn a_solid_that_was_made_beside_the_steps_changes_no_bit() {
+    let mut bench = Bench::with_scene(Stepping::Lockstep, &[OWNER, OTHER]);
+    let first = bench.granted(OWNER).first();
+    let mut truth = Scene::new(SceneConfig::default()).expect("valid");
+    let before = [
+        add(0, Shape::ball(0.5)),
+        body(first, BodyKind::Dynamic, 0, 30.0),
+    ];
+    let after = [add(1, largest()), body(first + 1, BodyKind::Static, 1, 0.0)];
+    bench.command(OWNER, before.clone());
+    before
+        .iter()
+        .for_each(|command| truth.apply(command).expect("valid"));
+    let advance = |to: u64| ClientMessage::Advance { to: Tick::new(to) };
+    bench.send(OWNER, &[advance(10)]);
+    bench.pass(10);
+    (0..10).for_each(|_| drop(truth.step().expect("it steps")));
+    bench.command(OWNER, after.clone());
+    bench.send(OWNER, &[advance(200)]);
+    bench.pass(100);
+    assert_eq!(
+        bench.tick(OTHER),
+        Tick::new(10),
+        "the client's advance waits for its mesh"
+    );
+    assert_eq!(bench.bake(), 1);
+    bench.pass(300);
+    after
+        .iter()
+        .for_each(|command| truth.apply(command).expect("valid"));
+    (10..200).for_each(|_| drop(truth.step().expect("it steps")));
+    bench.send(OWNER, &[ClientMessage::Inspect]);
+    let inspection = bench
+        .take(OWNER)
+        .into_iter()
+        .find_map(|message| match message {
+            ServerMessage::Inspection(inspection) => Some(inspection),
+            _ => None,
+        });
+    let inspection = inspection.expect("an answer");
+    assert_eq!(inspection.tick, Tick::new(200));
+    assert_eq!(inspection.truth, truth.digest().value());
+}
