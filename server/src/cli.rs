@@ -32,6 +32,8 @@ use crate::provided::ProvidedScenes;
 use crate::serve::{Access, Identity, RunError, Server, run_on_cores, seconds_since_1970};
 use crate::settings::ServerSettings;
 use crate::token_command::{self, TokenArguments};
+#[cfg(feature = "top")]
+use crate::top::{self, TopArguments};
 #[cfg(feature = "view")]
 use crate::view::ViewScene;
 
@@ -139,6 +141,9 @@ enum Task {
         /// The file.
         file: PathBuf,
     },
+    /// Shows a running server's figures in this terminal: scenes, clients, bytes, times of ticks.
+    #[cfg(feature = "top")]
+    Top(TopArguments),
     /// Prints a configuration file with every setting at its default, and the reason of each limit.
     Config,
 }
@@ -166,6 +171,8 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
         Some(Task::Check { dir }) => durable::check(dir, &mut std::io::stdout()),
         Some(Task::Replay { dir, scene }) => durable::replay(dir, scene, &mut std::io::stdout()),
         Some(Task::Flight { file }) => flight::run(file, &mut std::io::stdout()),
+        #[cfg(feature = "top")]
+        Some(Task::Top(arguments)) => top::run(arguments),
         Some(Task::Config) => print(&ServerSettings::file()),
         #[cfg(feature = "demo")]
         Some(Task::Demo(demo)) => {

@@ -85,6 +85,8 @@ mod streams;
 mod tier_controller;
 mod times;
 mod token_command;
+#[cfg(feature = "top")]
+mod top;
 #[cfg(feature = "view")]
 mod view;
 

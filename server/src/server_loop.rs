@@ -480,7 +480,7 @@ impl Endpoint for ServerLoop {
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        self.out.at(now);
+        self.out.receive(now, from, bytes.len());
         if let Some(session) = self.out.session(from) {
             session.handle_control(bytes);
         }
@@ -503,7 +503,7 @@ impl Endpoint for ServerLoop {
     }
 
     fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        self.out.at(now);
+        self.out.receive(now, from, bytes.len());
         let Ok(datagram) = Datagram::open(bytes) else {
             return;
         };

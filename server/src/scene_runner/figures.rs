@@ -16,6 +16,8 @@ impl SceneRunner {
             members: self.members.len(),
             bodies: self.scene.body_count(),
             awake: self.scene.awake_count(),
+            waiting: self.streams.waiting(),
+            load: self.provision.load.reserved(),
             step: marks.stepped.since(marks.begun),
             publish: marks.published.since(marks.stepped),
         };

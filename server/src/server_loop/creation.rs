@@ -1,5 +1,6 @@
 //! A scene begins to run in a server loop.
 
+use rhumb_protocol::Span;
 use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::{SceneConfig, SceneName, Stepping};
 
@@ -77,6 +78,8 @@ impl ServerLoop {
             pulse: self.pulse.clone(),
             flight: self.flights.begin(name),
         };
+        let period = Span::from_nanos(config.integrator.rate.step_ns());
+        provision.meter.note_step_period(period);
         let mut runner = SceneRunner::new(scene, names, provision);
         runner.employ(self.workers.clone());
         runner.set_largest_packet(self.largest_packet);

@@ -15,6 +15,7 @@ mod examples;
 mod hostile_load;
 mod public_client;
 mod tier_policy_quic;
+mod top;
 #[cfg(unix)]
 mod unix_socket;
 mod view;
