@@ -69,6 +69,8 @@ mod over_budget;
 mod provided;
 mod pulse;
 mod query_budget;
+mod recorders;
+mod recording;
 mod registry;
 mod rewind;
 mod scene;

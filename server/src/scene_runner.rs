@@ -441,6 +441,7 @@ impl SceneRunner {
 
     fn record_event(&mut self, scene_event: SceneEvent) {
         self.scene_events += 1;
+        self.provision.tap.note(&scene_event);
         ServerMessage::SceneEvent(scene_event).encode(&mut self.unsent);
     }
 

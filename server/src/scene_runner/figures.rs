@@ -25,6 +25,7 @@ impl SceneRunner {
         let flight = &self.provision.flight;
         flight.packets(self.streams.all_packets());
         flight.stepped(&figures, self.scene.digest());
+        self.provision.tap.record(&self.scene);
     }
 
     /// A body whose state was not finite is a fault of the engine, which the flight recorder explains.

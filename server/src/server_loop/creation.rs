@@ -71,14 +71,15 @@ impl ServerLoop {
     ) -> &mut SceneRunner {
         let config = *scene.config();
         let names = StreamNames::of_scene(self.scenes_begun);
+        let period = Span::from_nanos(config.integrator.rate.step_ns());
         let provision = Provision {
             limits: self.limits,
             load,
             meter: self.metrics.begin_scene(name),
             pulse: self.pulse.clone(),
-            flight: self.flights.begin(name),
+            flight: self.recorders.flights.begin(name),
+            tap: self.recorders.taps.begin(name, period.as_nanos()),
         };
-        let period = Span::from_nanos(config.integrator.rate.step_ns());
         provision.meter.note_step_period(period);
         let mut runner = SceneRunner::new(scene, names, provision);
         runner.employ(self.workers.clone());
