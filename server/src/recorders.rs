@@ -1,4 +1,4 @@
-//! What records the scenes of a server beside its command log.
+//! Recorders of a server's scenes, beside the command log.
 
 use crate::flight::FlightRecorders;
 use crate::recording::SceneTaps;

@@ -302,13 +302,21 @@ impl From<&Placed> for Placement {
                 half_height,
                 radius,
             } => (4, vec![half_height, radius]),
-            // No script uses these shapes; they are drawn, but the trace has no number for them.
-            Solid::Heights(_)
-            | Solid::Mesh(_)
-            | Solid::Compound(_)
-            | Solid::RoundedCuboid { .. }
-            | Solid::Cone { .. }
-            | Solid::HalfSpace { .. } => (0, Vec::new()),
+            Solid::RoundedCuboid {
+                half_extents,
+                radius,
+            } => {
+                let mut extents = half_extents.to_array().to_vec();
+                extents.push(radius);
+                (6, extents)
+            }
+            Solid::Cone {
+                half_height,
+                radius,
+            } => (7, vec![half_height, radius]),
+            Solid::HalfSpace { normal } => (8, normal.to_array().into()),
+            // They are drawn, but states have no numbers for them.
+            Solid::Heights(_) | Solid::Mesh(_) | Solid::Compound(_) => (0, Vec::new()),
         };
         Self {
             index: placed.desc.id.index(),
@@ -399,7 +407,7 @@ pub struct Poses {
     pub from_truth: bool,
 }
 
-/// What the poses of a copy are differences from.
+/// The base of which the poses of a copy are differences.
 pub enum PoseBase<'a> {
     /// The last poses of the same topic.
     History(&'a mut GridHistory),

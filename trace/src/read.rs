@@ -132,6 +132,17 @@ fn shape(kind: i32, extents: &[f32]) -> Option<Shape> {
             let points: Vec<_> = points.chunks_exact(3).map(Vec3::from_slice).collect();
             Shape::Hull(Hull::new(&points).ok()?)
         }
+        (6, &[x, y, z, radius]) => Shape::RoundedCuboid {
+            half_extents: Vec3::new(x, y, z),
+            radius,
+        },
+        (7, &[half_height, radius]) => Shape::Cone {
+            half_height,
+            radius,
+        },
+        (8, &[x, y, z]) => Shape::HalfSpace {
+            normal: Vec3::new(x, y, z),
+        },
         _ => return None,
     })
 }

@@ -186,6 +186,15 @@ function shapeOf(number, extents) {
       return { kind: "cylinder", halfHeight: extents[0], radius: extents[1] };
     case 5:
       return { kind: "hull", points: extents };
+    case 6:
+      return { kind: "roundedCuboid", halfExtents: extents.slice(0, 3), radius: extents[3] };
+    case 7:
+      return { kind: "cone", halfHeight: extents[0], radius: extents[1] };
+    case 8:
+      return { kind: "halfSpace", normal: extents };
+    case 0:
+      // A height field, mesh or compound, whose measures the states do not have: a point.
+      return { kind: "ball", radius: 0 };
     default:
       throw new Error(`the trace has a shape that this page does not know: ${number}`);
   }

@@ -40,7 +40,7 @@ struct Figures {
     /// Connections that the server closed, by code.
     closed: Mutex<BTreeMap<u32, u64>>,
     scenes: SceneMeters,
-    /// What is read of the front, once the server runs.
+    /// The figures of the front, once the server runs.
     front: Mutex<Option<WatchedFront>>,
 }
 

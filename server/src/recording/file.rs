@@ -16,7 +16,7 @@ const ENDING: &str = ".mcap";
 /// The program that writes, in each file.
 const LIBRARY: &str = concat!("rhumb-server/", env!("CARGO_PKG_VERSION"));
 
-/// What a file says of its scene.
+/// The head of a file: its scene and its beginning.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FileHead<'a> {
     pub(super) scene: &'a SceneName,
@@ -61,6 +61,15 @@ impl RecordingFile {
         now: Instant,
     ) -> Result<Self, McapError> {
         let (path, file) = create(directory, head)?;
+        Self::begin((path, file), head, now)
+    }
+
+    /// Begins to write to an empty file.
+    pub(super) fn begin(
+        (path, file): (PathBuf, File),
+        head: &FileHead<'_>,
+        now: Instant,
+    ) -> Result<Self, McapError> {
         let written = Arc::new(AtomicU64::new(0));
         let counted = CountedFile {
             file,
@@ -97,7 +106,7 @@ impl RecordingFile {
     }
 }
 
-/// Makes a file whose name nobody has: names sort in the order of time.
+/// Makes a file with a new name; names sort in the order of time.
 fn create(directory: &Path, head: &FileHead<'_>) -> io::Result<(PathBuf, File)> {
     let scene: String = (head.scene.as_str().chars())
         .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })

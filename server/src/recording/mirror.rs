@@ -16,7 +16,7 @@ pub(super) struct SceneMirror {
     tick: Tick,
 }
 
-/// What a record changed.
+/// The changes by a record.
 #[derive(Debug, Default)]
 pub(super) struct MirrorChanges {
     pub(super) placed: Vec<BodyId>,

@@ -233,3 +233,97 @@ fn finish(file: RecordingFile) {
         tracing::error!(%path, %cause, "the end of a recording cannot be written; it can be read up to its last chunk");
     }
 }
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use rhumb_reckoning::Tick;
+
+    use super::*;
+
+    fn recording(directory: &Path, limits: RecordingLimits) -> Recording {
+        Recording {
+            directory: directory.to_owned(),
+            limits,
+            seconds: || 7,
+            clock: Clock::start(),
+            scenes: BTreeMap::new(),
+        }
+    }
+
+    fn record(tick: u64) -> TickRecord {
+        TickRecord {
+            scene: "pit".parse().unwrap(),
+            number: 0,
+            step_ns: 16_666_667,
+            tick: Tick::new(tick),
+            is_whole: tick == 1,
+            observed: Vec::new(),
+            placed: Vec::new(),
+            removed: Vec::new(),
+        }
+    }
+
+    fn key() -> (SceneName, u64) {
+        ("pit".parse().unwrap(), 0)
+    }
+
+    fn files(directory: &Path) -> usize {
+        fs::read_dir(directory).unwrap().count()
+    }
+
+    #[test]
+    fn a_directory_that_is_gone_costs_the_recording_and_comes_back() {
+        let above = tempfile::tempdir().unwrap();
+        let directory = above.path().join("gone");
+        let mut recording = recording(&directory, RecordingLimits::of(&Limits::default()));
+        recording.write(&record(1));
+        assert!(recording.scenes[&key()].file.is_none());
+        fs::create_dir(&directory).unwrap();
+        recording.write(&record(2));
+        assert_eq!(files(&directory), 0, "it waits before it tries again");
+        recording.scenes.get_mut(&key()).unwrap().retry_at = Instant::ZERO;
+        recording.write(&record(3));
+        assert_eq!(files(&directory), 1);
+    }
+
+    #[test]
+    fn a_full_disk_ends_the_file_and_not_the_thread() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut recording = recording(directory.path(), RecordingLimits::of(&Limits::default()));
+        recording.write(&record(1));
+        let full = fs::File::options().write(true).open("/dev/full").unwrap();
+        let (scene, _) = key();
+        let head = FileHead {
+            scene: &scene,
+            step_ns: 1,
+            tick: 1,
+            seconds: 7,
+        };
+        let file = RecordingFile::begin(("/dev/full".into(), full), &head, Instant::ZERO).unwrap();
+        recording.scenes.get_mut(&key()).unwrap().file = Some(file);
+        recording.write(&record(2));
+        recording.flush();
+        assert!(recording.scenes[&key()].file.is_none());
+        recording.scenes.get_mut(&key()).unwrap().retry_at = Instant::ZERO;
+        recording.write(&record(3));
+        assert!(recording.scenes[&key()].file.is_some());
+        assert_eq!(files(directory.path()), 2);
+    }
+
+    #[test]
+    fn a_full_file_is_followed_by_another_and_the_oldest_is_removed() {
+        let directory = tempfile::tempdir().unwrap();
+        let limits = RecordingLimits {
+            file_bytes: 1,
+            file_time: Span::from_millis(3_600_000),
+            total_bytes: 1,
+            waiting_bytes: 1,
+        };
+        let mut recording = recording(directory.path(), limits);
+        for tick in 1..=3 {
+            recording.write(&record(tick));
+            recording.flush();
+            assert_eq!(files(directory.path()), 1, "the open file stays");
+        }
+    }
+}
