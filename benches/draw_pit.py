@@ -27,7 +27,7 @@ def moment(path, mode, tick):
     truth = Truth()
     for _, states in topics[f"/{load}/truth/state"]:
         truth.step(states)
-        run.follow(truth, states.tick)
+        run.advance(truth, states.tick)
         if states.tick == tick:
             return truth, run
     raise SystemExit(f"the trace has no tick {tick}")

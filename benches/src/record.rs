@@ -8,9 +8,9 @@ use std::fmt;
 use bytes::Bytes;
 use clap::ValueEnum;
 use rhumb_protocol::Span;
-use rhumb_protocol::scene::{BodyDesc, Shape};
 use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, Tick};
+pub use rhumb_trace::Placed;
 use serde::{Deserialize, Serialize};
 
 /// The way of running a scene.
@@ -93,19 +93,6 @@ pub struct Truth {
     pub ticks: Vec<Vec<Observation>>,
     /// Digest over all observations.
     pub digest: u64,
-}
-
-/// A body and its initial state.
-#[derive(Clone, Debug)]
-pub struct Placed {
-    /// The body is placed before the step that follows this tick.
-    pub tick: Tick,
-    /// Its descriptor.
-    pub desc: BodyDesc,
-    /// Its shape.
-    pub shape: Shape,
-    /// Its initial state.
-    pub observation: Observation,
 }
 
 /// A pose that changed in a client's copy.

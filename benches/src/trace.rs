@@ -4,38 +4,35 @@
 //!
 //! | topic | message | holds |
 //! |---|---|---|
-//! | `truth/state` | `rhumb.States` | engine states, bit exact |
+//! | `truth/state` | `rhumb.States` | engine states: bit exact in the first load, poses on a grid in others |
 //! | `truth/static`, `truth/moving`, `truth/resting` | `foxglove.SceneUpdate` | the same states, drawn |
 //! | `{mode}/moving`, `{mode}/resting` | `foxglove.SceneUpdate` | the client's copy, coloured by error over tolerance |
 //! | `{mode}/stats` | `rhumb.TickStats` | bytes, updates, errors, frame time |
-//! | `{mode}/seen` | `rhumb.Poses` | the poses that changed in the client's copy |
+//! | `{mode}/seen` | `rhumb.Poses` | the poses that changed in the client's copy, on the grid |
 //! | `{mode}/breaches` | `rhumb.Breach` | body-ticks over tolerance |
-//! | `{mode}/wire/{way}` | `rhumb.Packet` | every datagram and piece of control stream |
+//! | `{mode}/wire/{way}` | `rhumb.Packet` | every datagram and piece of control stream; of states alone, the size |
 //!
 //! Metadata records are `rhumb.experiment`, `rhumb.truth.n500`, `rhumb.run.n500.{mode}`. The messages are those of
-//! `proto/rhumb.proto`. Every figure of the summary can be computed from the file. The file is written under a
+//! `rhumb.proto` of `rhumb-trace`. Every figure of the summary can be computed from the file. The file is written under a
 //! temporary name and renamed once complete.
 
 mod bodies;
 mod error;
-mod file;
+mod figures;
 mod layout;
 mod load;
-mod messages;
 mod metadata;
 mod names;
 mod options;
 mod partial;
-mod primitives;
-mod read;
 mod run;
-mod scene;
 mod time;
 
 use std::io::{Seek, Write};
 use std::path::Path;
 
 use mcap::McapError;
+use rhumb_trace::{GridHistory, StateForm, TraceFile};
 
 use crate::record::Experiment;
 
@@ -43,7 +40,6 @@ pub use error::TraceError;
 pub use layout::layout;
 pub(crate) use names::{loads as load_names, runs as run_names};
 pub use options::TraceOptions;
-pub(crate) use read::read_states;
 
 /// Progress of the writing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,6 +69,9 @@ pub fn write(
     partial.finish()
 }
 
+/// The name of this program in a trace.
+const LIBRARY: &str = concat!("rhumb-bench/", env!("CARGO_PKG_VERSION"));
+
 /// Writes the trace to any seekable sink.
 fn write_to(
     to: impl Write + Seek,
@@ -80,7 +79,7 @@ fn write_to(
     options: &TraceOptions,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<(), McapError> {
-    let mut file = file::TraceFile::new(to)?;
+    let mut file = TraceFile::new(to, LIBRARY)?;
     let prefixes = load_names(experiment);
     let (name, record) = metadata::of_experiment(experiment, &prefixes);
     file.put_metadata(name, record)?;
@@ -100,8 +99,14 @@ fn write_to(
         .map(|load| load::last_tick(load) + 1)
         .sum();
     let mut done = 0;
-    for (load, prefix) in experiment.loads.iter().zip(&prefixes) {
-        load::write(&mut file, prefix, load, options, &mut |_| {
+    for (place, (load, prefix)) in experiment.loads.iter().zip(&prefixes).enumerate() {
+        // A replay reads the first load, and needs its exact states.
+        let form = if place == 0 {
+            StateForm::Exact
+        } else {
+            StateForm::Grid(GridHistory::default())
+        };
+        load::write(&mut file, (prefix, load), form, options, &mut |_| {
             done += 1;
             progress(Progress { done, of });
         })?;

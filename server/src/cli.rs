@@ -33,6 +33,8 @@ use crate::provided::ProvidedScenes;
 use crate::serve::{Access, Identity, RunError, Server, run_on_cores, seconds_since_1970};
 use crate::settings::{ServerSettings, WorkerKind};
 use crate::token_command::{self, TokenArguments};
+#[cfg(feature = "top")]
+use crate::top::{self, TopArguments};
 #[cfg(feature = "view")]
 use crate::view::ViewScene;
 
@@ -87,6 +89,14 @@ pub struct Arguments {
     /// Directory for the flight recorders of scenes that fault; `rhumb-server flight FILE` prints one.
     #[arg(long, value_name = "DIR")]
     flight: Option<PathBuf>,
+    /// Directory for MCAP files with the states of every scene.
+    #[cfg(feature = "record")]
+    #[arg(long, value_name = "DIR")]
+    record: Option<PathBuf>,
+    /// TCP address at which Foxglove's viewers see every scene live [default: 127.0.0.1:8765]. It has no tokens.
+    #[cfg(feature = "foxglove")]
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
+    foxglove: Option<SocketAddr>,
     /// Log level: off, error, warn, info, debug or trace [default: info].
     #[arg(long)]
     log: Option<LevelFilter>,
@@ -152,6 +162,9 @@ enum Task {
         /// The tenant, as a list of processes shows it.
         tenant: String,
     },
+    /// Shows a running server's figures in this terminal: scenes, clients, bytes, times of ticks.
+    #[cfg(feature = "top")]
+    Top(TopArguments),
     /// Prints a configuration file with every setting at its default, and the reason of each limit.
     Config,
 }
@@ -184,6 +197,8 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
         Some(Task::Replay { dir, scene }) => durable::replay(dir, scene, &mut std::io::stdout()),
         Some(Task::Flight { file }) => flight::run(file, &mut std::io::stdout()),
         Some(Task::Worker { .. }) => front::run_worker(hooks),
+        #[cfg(feature = "top")]
+        Some(Task::Top(arguments)) => top::run(arguments),
         Some(Task::Config) => print(&ServerSettings::file()),
         #[cfg(feature = "demo")]
         Some(Task::Demo(demo)) => {
@@ -202,6 +217,8 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
                 access(&settings)?;
                 identity(&settings, None)?.certificate()?;
                 check_data(&settings)?;
+                check_written("flight recorders", settings.flight.as_deref())?;
+                check_written("recordings", settings.record.as_deref())?;
                 return print("the configuration is valid\n");
             }
             let _last_lines = log::start(settings.log, settings.limits.log_lines_per_second);
@@ -247,6 +264,14 @@ fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> 
     {
         settings.view = arguments.view.or(settings.view);
     }
+    #[cfg(feature = "record")]
+    {
+        settings.record = arguments.record.clone().or(settings.record);
+    }
+    #[cfg(feature = "foxglove")]
+    {
+        settings.foxglove = arguments.foxglove.or(settings.foxglove);
+    }
     settings.data = arguments.data.clone().or(settings.data);
     if arguments.cert.is_some() {
         settings.cert = arguments.cert.clone();
@@ -281,6 +306,36 @@ fn check_data(settings: &ServerSettings) -> Result<(), Box<dyn Error>> {
         }
         _ => Ok(()),
     }
+}
+
+/// Checks that a directory takes files, or can still be made.
+fn check_written(of: &str, directory: Option<&Path>) -> Result<(), Box<dyn Error>> {
+    let Some(directory) = directory else {
+        return Ok(());
+    };
+    let named = directory.display();
+    let missing = directory.ancestors().skip(1).find(|above| above.exists());
+    let above = if directory.exists() {
+        directory
+    } else {
+        // A relative name stands in the current directory.
+        missing
+            .filter(|above| *above != Path::new(""))
+            .unwrap_or(Path::new("."))
+    };
+    if !above.is_dir() {
+        let above = above.display();
+        return Err(
+            format!("the directory {named} for {of} cannot be used: {above} is a file").into(),
+        );
+    }
+    let probe = above.join(format!(".rhumb-server-{}", std::process::id()));
+    let tried = std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe));
+    tried.map_err(|cause| {
+        let above = above.display();
+        format!("the directory {named} for {of} cannot be used: {above} takes no files: {cause}")
+            .into()
+    })
 }
 
 fn print(text: &str) -> Result<(), Box<dyn Error>> {
@@ -358,7 +413,9 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     if let Some(provided) = parts.provided {
         server.provide(provided);
     }
+    let foxglove = observe(&mut server, settings)?;
     let addresses = BoundAddresses {
+        foxglove,
         #[cfg(feature = "app")]
         app: match &parts.app {
             Some(app) => app.listen(&mut server)?,
@@ -429,7 +486,8 @@ fn check_open(settings: &ServerSettings, parts: &Parts) -> Result<(), RunError> 
         None
     };
     let view = settings.view.filter(|view| !view.ip().is_loopback());
-    match app.or(view) {
+    let foxglove = (settings.foxglove).filter(|at| !at.ip().is_loopback());
+    match app.or(view).or(foxglove) {
         Some(address) if !settings.open_to_network => Err(RunError::OpenToNetwork(address)),
         _ => Ok(()),
     }
@@ -470,6 +528,31 @@ fn access(settings: &ServerSettings) -> Result<Access, Box<dyn Error>> {
     }
 }
 
+/// Has scenes recorded and shown live; returns where.
+fn observe(
+    server: &mut Server,
+    settings: &ServerSettings,
+) -> Result<Option<SocketAddr>, Box<dyn Error>> {
+    if cfg!(not(feature = "record")) && settings.record.is_some() {
+        return Err(
+            "this server was built without the feature `record`: it records nothing".into(),
+        );
+    }
+    if cfg!(not(feature = "foxglove")) && settings.foxglove.is_some() {
+        return Err("this server was built without the feature `foxglove`".into());
+    }
+    #[cfg(feature = "record")]
+    if let Some(directory) = &settings.record {
+        server.record_scenes(directory.clone());
+    }
+    #[cfg(feature = "foxglove")]
+    if let Some(address) = settings.foxglove {
+        return Ok(Some(server.show_in_foxglove(address)?));
+    }
+    let _ = server;
+    Ok(None)
+}
+
 /// Serves clients of this machine at a Unix socket.
 #[cfg(unix)]
 fn listen_at(server: &mut Server, path: Option<&Path>) -> Result<(), Box<dyn Error>> {
@@ -493,6 +576,7 @@ struct BoundAddresses {
     app: Option<SocketAddr>,
     metrics: Option<SocketAddr>,
     view: Option<SocketAddr>,
+    foxglove: Option<SocketAddr>,
 }
 
 /// The URL of the page.
@@ -514,7 +598,7 @@ fn announce(server: &Server, identity: &Identity, addresses: &BoundAddresses) {
         address.map_or_else(String::new, text)
     };
     let lines = format!(
-        "rhumb-server {}\nlistening on {}\ncertificate {kind}\nfingerprint {}\n{}{}{}{hashes}",
+        "rhumb-server {}\nlistening on {}\ncertificate {kind}\nfingerprint {}\n{}{}{}{}{hashes}",
         env!("CARGO_PKG_VERSION"),
         server.address(),
         server.fingerprint(),
@@ -523,6 +607,7 @@ fn announce(server: &Server, identity: &Identity, addresses: &BoundAddresses) {
             "metrics at http://{at}/metrics\n"
         )),
         line(addresses.view, |at| format!("page at {}\n", page_url(at))),
+        line(addresses.foxglove, |at| format!("foxglove at ws://{at}\n")),
     );
     let mut out = std::io::stdout().lock();
     if let Err(cause) = out.write_all(lines.as_bytes()).and_then(|()| out.flush()) {

@@ -70,6 +70,8 @@ mod over_budget;
 mod provided;
 mod pulse;
 mod query_budget;
+mod recorders;
+mod recording;
 mod registry;
 mod rewind;
 mod scene;
@@ -86,6 +88,8 @@ mod streams;
 mod tier_controller;
 mod times;
 mod token_command;
+#[cfg(feature = "top")]
+mod top;
 #[cfg(feature = "view")]
 mod view;
 

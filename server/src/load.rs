@@ -69,6 +69,11 @@ impl ServerLoad {
 }
 
 impl SceneLoad {
+    /// Reserved body steps in a second.
+    pub(crate) const fn reserved(&self) -> u64 {
+        self.reserved
+    }
+
     /// True if one body alone is within the scene's and the server's limits.
     pub(crate) fn has_room(&self) -> bool {
         self.reserved.saturating_add(self.per_body) <= self.scene_max

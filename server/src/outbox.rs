@@ -13,6 +13,7 @@ use rhumb_protocol::{Instant, Peer, Span, Transmit};
 use rhumb_transport::TransportCode;
 
 use crate::limits::Limits;
+use crate::metrics::ByteCounts;
 
 /// Control bytes handed to the driver beyond those that the link has taken.
 const WINDOW_BYTES: usize = 256 << 10;
@@ -52,6 +53,8 @@ struct PeerQueue {
     taken_at: Instant,
     /// True while its control bytes wait for the disk.
     withheld: bool,
+    /// The figures of the scene that its client is a member of.
+    bytes: Option<ByteCounts>,
 }
 
 impl PeerQueue {
@@ -85,6 +88,9 @@ impl PeerQueue {
         }
         let length = self.rest.len().min(PIECE_BYTES);
         self.handed += length as u64;
+        if let Some(counts) = &self.bytes {
+            counts.add_sent(length);
+        }
         Some(self.rest.split_to(length))
     }
 }
@@ -100,6 +106,7 @@ impl Outbox {
             snapshot_after: Instant::ZERO,
             taken_at: self.now,
             withheld: false,
+            bytes: None,
         };
         self.lanes.insert(peer, lane);
     }
@@ -116,6 +123,25 @@ impl Outbox {
     /// Sets the present moment.
     pub(crate) fn at(&mut self, now: Instant) {
         self.now = now;
+    }
+
+    /// Has the bytes of a connection counted from now on.
+    pub(crate) fn count(&mut self, peer: Peer, bytes: ByteCounts) {
+        if let Some(lane) = self.lanes.get_mut(&peer) {
+            lane.bytes = Some(bytes);
+        }
+    }
+
+    /// Bytes of a connection arrive at this moment.
+    pub(crate) fn receive(&mut self, now: Instant, peer: Peer, bytes: usize) {
+        self.now = now;
+        if let Some(counts) = self.counts(peer) {
+            counts.add_received(bytes);
+        }
+    }
+
+    fn counts(&self, peer: Peer) -> Option<&ByteCounts> {
+        self.lanes.get(&peer)?.bytes.as_ref()
     }
 
     /// The present moment.
@@ -165,6 +191,9 @@ impl Outbox {
     }
 
     pub(crate) fn datagram(&mut self, to: Peer, bytes: Bytes) {
+        if let Some(counts) = self.counts(to) {
+            counts.add_sent(bytes.len());
+        }
         self.ready.push_back(Transmit::State { to, bytes });
     }
 

@@ -441,6 +441,7 @@ impl SceneRunner {
 
     fn record_event(&mut self, scene_event: SceneEvent) {
         self.scene_events += 1;
+        self.provision.tap.note(&scene_event);
         ServerMessage::SceneEvent(scene_event).encode(&mut self.unsent);
     }
 
@@ -488,6 +489,9 @@ impl SceneRunner {
             let step = self.step();
             let late_by = now.since(due).as_nanos();
             self.late = late_by > step.as_nanos();
+            if self.late {
+                self.provision.meter.count_late();
+            }
             let kept = late_by <= step.as_nanos() * CATCH_UP_STEPS;
             self.next_step = Some(if kept { due + step } else { now + step });
             if !kept {

@@ -2,6 +2,9 @@
 //!
 //! The function of the `rhumb-server` binary, callable by programs that embed it.
 
+#[cfg(feature = "record")]
+mod observers;
+
 use std::fmt;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
@@ -105,6 +108,10 @@ pub struct Server {
     socket: Option<UnixServer>,
     data: Option<DataDir>,
     flight: Option<PathBuf>,
+    #[cfg(feature = "record")]
+    record: Option<PathBuf>,
+    #[cfg(feature = "foxglove")]
+    foxglove: Option<crate::recording::BoundViewers>,
     /// The page, and the provided scenes that it names.
     #[cfg(feature = "view")]
     view: Option<(PageListener, Vec<ViewScene>)>,
@@ -147,6 +154,17 @@ pub enum RunError {
         /// The system's error.
         cause: io::Error,
     },
+    /// The directory for recordings cannot be used.
+    #[cfg(feature = "record")]
+    Record {
+        /// The directory.
+        directory: PathBuf,
+        /// The system's error.
+        cause: io::Error,
+    },
+    /// Foxglove's viewers cannot be served.
+    #[cfg(feature = "foxglove")]
+    Foxglove(rhumb_trace::LiveError),
     /// An open server may not listen at an address that other machines reach.
     OpenToNetwork(SocketAddr),
     /// Binding the threads to cores failed.
@@ -188,6 +206,12 @@ impl fmt::Display for RunError {
                 let directory = directory.display();
                 write!(f, "cannot write flight recorders to {directory}: {cause}")
             }
+            #[cfg(feature = "record")]
+            Self::Record { directory, cause } => {
+                write!(f, "cannot record to {}: {cause}", directory.display())
+            }
+            #[cfg(feature = "foxglove")]
+            Self::Foxglove(cause) => cause.fmt(f),
             Self::OpenToNetwork(address) => write!(
                 f,
                 "a server that needs no token would be open to the network at {address}: \
@@ -259,6 +283,10 @@ impl Server {
             socket: None,
             data: None,
             flight: None,
+            #[cfg(feature = "record")]
+            record: None,
+            #[cfg(feature = "foxglove")]
+            foxglove: None,
             #[cfg(feature = "view")]
             view: None,
             #[cfg(feature = "app")]
@@ -387,14 +415,16 @@ impl Server {
     ///
     /// [`RunError::Serve`] if the thread of the sockets fails, [`RunError::Data`] if the data directory does.
     pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
-        #[cfg(feature = "view")]
+        #[cfg(any(feature = "view", feature = "record"))]
         let mut server = self;
-        #[cfg(not(feature = "view"))]
+        #[cfg(not(any(feature = "view", feature = "record")))]
         let server = self;
         let clock = Clock::start();
         let waker = server.transport.waker();
         let mut front = Front::on_threads(move || clock.now(), move || waker.wake());
         let metrics = Metrics::default();
+        #[cfg(feature = "record")]
+        let observers = server.start_observers(&mut front)?;
         #[cfg(feature = "view")]
         let showing = server.start_page(&metrics)?;
         front.guard(gate(server.access));
@@ -453,6 +483,8 @@ impl Server {
         #[cfg(feature = "view")]
         drop(showing);
         drop(flight);
+        #[cfg(feature = "record")]
+        drop(observers);
         served.map_err(RunError::Serve)
     }
 }

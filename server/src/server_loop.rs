@@ -25,7 +25,6 @@ use crate::authority_table::UpstreamStatistics;
 use crate::baking::{Bakers, Bakery};
 use crate::empty_scenes::EmptyScenes;
 use crate::engine::{Engines, Workers};
-use crate::flight::FlightRecorders;
 use crate::hook::Hooks;
 use crate::limits::Limits;
 use crate::load::ServerLoad;
@@ -33,6 +32,7 @@ use crate::metrics::Metrics;
 use crate::outbox::Outbox;
 use crate::provided::ProvidedScenes;
 use crate::pulse::Pulse;
+use crate::recorders::SceneRecorders;
 use crate::scene_connection::SceneConnection;
 use crate::scene_runner::{Departure, SceneRunner};
 use crate::scene_slots::{SceneSlot, SceneSlots};
@@ -54,7 +54,7 @@ pub struct ServerLoop {
     slots: SceneSlots,
     load: ServerLoad,
     metrics: Metrics,
-    flights: FlightRecorders,
+    recorders: SceneRecorders,
     taken_slots: BTreeMap<SceneName, SceneSlot>,
     pulse: Pulse,
     pub(crate) out: Outbox,
@@ -86,7 +86,7 @@ impl ServerLoop {
             slots: SceneSlots::default(),
             load: ServerLoad::default(),
             metrics: Metrics::default(),
-            flights: FlightRecorders::default(),
+            recorders: SceneRecorders::default(),
             taken_slots: BTreeMap::new(),
             pulse: Pulse::default(),
             out: Outbox::default(),
@@ -152,9 +152,9 @@ impl ServerLoop {
         self.metrics = metrics;
     }
 
-    /// Has the last moments of later scenes recorded.
-    pub(crate) fn record_flights(&mut self, flights: FlightRecorders) {
-        self.flights = flights;
+    /// Has later scenes recorded.
+    pub(crate) fn record(&mut self, recorders: SceneRecorders) {
+        self.recorders = recorders;
     }
 
     /// Has each message and each tick show that this loop makes progress.
@@ -413,7 +413,7 @@ impl Endpoint for ServerLoop {
     }
 
     fn handle_control(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        self.out.at(now);
+        self.out.receive(now, from, bytes.len());
         if let Some(session) = self.out.session(from) {
             session.handle_control(bytes);
         }
@@ -436,7 +436,7 @@ impl Endpoint for ServerLoop {
     }
 
     fn handle_datagram(&mut self, now: Instant, from: Peer, bytes: &[u8]) {
-        self.out.at(now);
+        self.out.receive(now, from, bytes.len());
         let Ok(datagram) = Datagram::open(bytes) else {
             return;
         };

@@ -49,6 +49,8 @@ pub(crate) struct ServerSettings {
     pub(crate) view: Option<SocketAddr>,
     pub(crate) data: Option<PathBuf>,
     pub(crate) flight: Option<PathBuf>,
+    pub(crate) record: Option<PathBuf>,
+    pub(crate) foxglove: Option<SocketAddr>,
     #[serde(deserialize_with = "parsed")]
     pub(crate) log: LevelFilter,
     pub(crate) cores: Vec<usize>,
@@ -155,6 +157,16 @@ const ROWS: [(&str, &str, &str); 20] = [
         "Directory for the flight recorders of scenes that fault; without it nothing is recorded.",
     ),
     (
+        "record",
+        "\"recordings\"",
+        "Directory for MCAP files with the states of every scene; without it nothing is recorded. Needs the feature `record`.",
+    ),
+    (
+        "foxglove",
+        "\"127.0.0.1:8765\"",
+        "TCP address at which Foxglove's viewers see every scene live; without it there is none. Needs the feature `foxglove`.",
+    ),
+    (
         "log",
         "\"info\"",
         "Log level: off, error, warn, info, debug or trace.",
@@ -193,7 +205,9 @@ const ROWS: [(&str, &str, &str); 20] = [
 ];
 
 /// The settings that a file need not have, and that have no default.
-const OPTIONAL: [&str; 7] = ["cert", "key", "socket", "metrics", "view", "data", "flight"];
+const OPTIONAL: [&str; 9] = [
+    "cert", "key", "socket", "metrics", "view", "data", "flight", "record", "foxglove",
+];
 
 impl Default for ServerSettings {
     fn default() -> Self {
@@ -210,6 +224,8 @@ impl Default for ServerSettings {
             view: None,
             data: None,
             flight: None,
+            record: None,
+            foxglove: None,
             log: LevelFilter::INFO,
             cores: Vec::new(),
             threads: NonZeroU32::MIN,

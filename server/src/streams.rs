@@ -11,8 +11,8 @@ use rhumb_protocol::message::{Denial, StreamChoice};
 use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{PublishSchedule, Stepping};
 use rhumb_protocol::stream::{
-    Features, Observation, ObservationHistory, PredictionParameters, StreamConfig, StreamSender,
-    WatermarkPolicy,
+    Features, Observation, ObservationHistory, PredictionParameters, Publisher, StreamConfig,
+    StreamSender, WatermarkPolicy,
 };
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
 
@@ -93,9 +93,7 @@ impl Stream {
     /// Each gravity with its first tick, oldest first; empty unless the tracks refer to more than one.
     pub(crate) fn gravity_changes(&self) -> Vec<(Tick, Vec3)> {
         let publisher = self.sender.publisher().into_iter();
-        let changes: Vec<_> = publisher
-            .flat_map(rhumb_protocol::stream::Publisher::gravity_changes)
-            .collect();
+        let changes: Vec<_> = publisher.flat_map(Publisher::gravity_changes).collect();
         if changes.len() > 1 {
             changes
         } else {
@@ -169,6 +167,12 @@ impl Streams {
     }
 
     /// The datagrams of the last tick of all streams, without repair symbols.
+    /// Bodies whose updates wait for a budget, in all streams.
+    pub(crate) fn waiting(&self) -> usize {
+        let publishers = self.streams.iter().filter_map(|s| s.sender.publisher());
+        publishers.map(Publisher::waiting).sum()
+    }
+
     pub(crate) fn all_packets(&self) -> impl Iterator<Item = &Bytes> {
         self.streams
             .iter()

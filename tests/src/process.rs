@@ -126,7 +126,7 @@ impl Programme {
         };
         let plain = ["--listen", listen, "--log", log];
         let child = self.spawn(&[access, &plain, more].concat());
-        let listeners = ["--app-listen", "--view"];
+        let listeners = ["--app-listen", "--foxglove", "--metrics", "--view"];
         let listeners = listeners.iter().filter(|flag| more.contains(flag));
         let expected = START_UP_LINES + listeners.count();
         Self::started(child, expected)

@@ -1,6 +1,7 @@
 // Reads a trace of `rhumb-bench evaluate` or `replay` (MCAP): the first load's truth, and a client's copy beside it.
+// A recording of a server has the truth alone.
 //
-// `benches/proto/rhumb.proto` describes the messages. Only what the page shows is read.
+// `trace/proto/rhumb.proto` describes the messages. Only what the page shows is read.
 
 import { decompress } from "./fzstd/fzstd.js";
 import { metres } from "./figures.js";
@@ -10,6 +11,8 @@ import { surfaceError } from "./comparison.js";
 const MAGIC_BYTES = 8;
 const OPCODE = { channel: 0x04, message: 0x05, chunk: 0x06, metadata: 0x0c };
 const KINDS = [0, 0, 1, 2];
+/** Steps of the grid in a metre, and in a unit of a quaternion's components. */
+const STEPS = 2 ** 20;
 
 /** The recording of a file's bytes. */
 export function readMcap(bytes) {
@@ -22,7 +25,7 @@ export function readMcap(bytes) {
   }
   const topics = [...file.messages.keys()];
   const truth = topics.find((topic) => topic.endsWith("/truth/state"));
-  if (truth === undefined) throw new Error("the MCAP file has no truth: it is no trace of rhumb-bench");
+  if (truth === undefined) throw new Error("the MCAP file has no truth: it is no trace of rhumb-bench and no recording of a server");
   const load = truth.slice(0, -"/truth/state".length);
   const copies = topics.filter((topic) => topic.startsWith(`${load}/`) && topic.endsWith("/seen"));
   const copy = copies.find((topic) => topic.includes("/rhumb")) ?? copies[0];
@@ -31,6 +34,7 @@ export function readMcap(bytes) {
   const facts =
     runs.find((values) => values.load === load.slice(1) && values.name === run) ??
     runs.find((values) => values.load === load.slice(1)) ??
+    file.metadata.get("rhumb.scene") ??
     {};
   return new Trace(file.messages.get(truth), copy && file.messages.get(copy), facts, run).recording();
 }
@@ -134,6 +138,33 @@ function varints(message, field) {
   return numbers;
 }
 
+/** Packed signed varints. */
+function signed(message, field) {
+  return varints(message, field).map((number) => (number % 2 === 0 ? number / 2 : -(number + 1) / 2));
+}
+
+/** Poses on the grid: second differences of whole steps, body by body. */
+class Grid {
+  #history = new Map();
+
+  forget(body) {
+    this.#history.delete(body);
+  }
+
+  decode(body, residual) {
+    const [last, before] = this.#history.get(body) ?? [];
+    const now = last === undefined ? residual : residual.map((step, part) => step + 2 * last[part] - before[part]);
+    this.#history.set(body, [now, last ?? now]);
+    return now.map((steps) => steps / STEPS);
+  }
+}
+
+/** A pose that differs from the truth's by whole steps. */
+function beside(truth, residual) {
+  if (residual.every((step) => step === 0)) return truth;
+  return residual.map((step, part) => (Math.floor(truth[part] * STEPS + 0.5) + step) / STEPS);
+}
+
 /** Packed 32-bit floats. */
 function floats(message, field) {
   return (message.get(field) ?? []).flatMap((bytes) => {
@@ -155,6 +186,15 @@ function shapeOf(number, extents) {
       return { kind: "cylinder", halfHeight: extents[0], radius: extents[1] };
     case 5:
       return { kind: "hull", points: extents };
+    case 6:
+      return { kind: "roundedCuboid", halfExtents: extents.slice(0, 3), radius: extents[3] };
+    case 7:
+      return { kind: "cone", halfHeight: extents[0], radius: extents[1] };
+    case 8:
+      return { kind: "halfSpace", normal: extents };
+    case 0:
+      // A height field, mesh or compound, whose measures the states do not have: a point.
+      return { kind: "ball", radius: 0 };
     default:
       throw new Error(`the trace has a shape that this page does not know: ${number}`);
   }
@@ -167,6 +207,7 @@ class Trace {
   #copy;
   #facts;
   #run;
+  #grid = new Grid();
 
   constructor(truth, copy, facts, run) {
     this.#truth = truth.map(fields);
@@ -216,6 +257,38 @@ class Trace {
     return { place, position: motion.slice(0, 3), rotation: motion.slice(3, 7), resting: 1 - number(8) };
   }
 
+  /** Adds what a message of the copy changes. */
+  #show(message, truth, shown) {
+    const generations = varints(message, 4);
+    const resting = varints(message, 12);
+    const exact = Array.from({ length: 7 }, (_, part) => floats(message, 5 + part));
+    const steps = Array.from({ length: 7 }, (_, part) => signed(message, 15 + part));
+    const isFromTruth = message.get(22)?.[0] === 1;
+    varints(message, 3).forEach((index, at) => {
+      const body = index + generations[at] * 2 ** 32;
+      const place = this.#places.get(body);
+      let pose;
+      if (exact[0].length > 0) {
+        pose = exact.map((column) => column[at]);
+        this.#grid.forget(body);
+      } else {
+        const residual = steps.map((column) => column[at]);
+        const real = () => [
+          ...truth.positions.subarray(3 * place, 3 * place + 3),
+          ...truth.rotations.subarray(4 * place, 4 * place + 4),
+        ];
+        if (isFromTruth && place === undefined) return;
+        pose = isFromTruth ? beside(real(), residual) : this.#grid.decode(body, residual);
+      }
+      if (place === undefined) return;
+      shown.places.push(place);
+      shown.positions.push(...pose.slice(0, 3));
+      shown.rotations.push(...pose.slice(3));
+      shown.resting.push(resting[at]);
+    });
+    shown.removed.push(...this.#removed(message, 13));
+  }
+
   /** The columns of positions and rotations that begin with those of the index. */
   #columns(message, first, position) {
     const generations = varints(message, first + 1);
@@ -247,19 +320,17 @@ class Trace {
     const truth = { positions: new Float32Array(3 * count), rotations: new Float32Array(4 * count) };
     const copy = { positions: new Float32Array(3 * count), rotations: new Float32Array(4 * count) };
     const radii = this.#bodies.map(({ shape }) => boundingRadius(shape));
-    const seen = new Map(this.#copy.map((message) => [message.get(1)?.[0] ?? 0, message]));
+    const seen = new Map();
+    for (const message of this.#copy) {
+      const tick = message.get(1)?.[0] ?? 0;
+      if (!seen.has(tick)) seen.set(tick, []);
+      seen.get(tick).push(message);
+    }
     const isThere = new Uint8Array(count);
     return actual.map((tick, number) => {
       put(truth, tick);
-      const message = seen.get(number);
-      const shown =
-        message === undefined
-          ? { places: [], positions: [], rotations: [], resting: [], removed: [] }
-          : this.#columns(message, 3, 5);
-      if (message !== undefined) {
-        shown.resting = Uint8Array.from(varints(message, 12));
-        shown.removed = this.#removed(message, 13);
-      }
+      const shown = { places: [], positions: [], rotations: [], resting: [], removed: [] };
+      for (const message of seen.get(number) ?? []) this.#show(message, truth, shown);
       // Bodies that were placed and that the copy has not mentioned stand at their placement.
       const mentioned = new Set(shown.places);
       const placed = Array.from(tick.places).filter((place) => isThere[place] === 0 && !mentioned.has(place));

@@ -9,11 +9,11 @@ use ::mcap::sans_io::{LinearReaderOptions, MessageReadEvent, MessageReader};
 use ::mcap::{McapError, McapResult};
 use rhumb_reckoning::Tick;
 use rhumb_server::Digest;
+use rhumb_trace::read_states;
 
 use super::error::RecordingError;
 use super::recorded::{Recording, ScriptOrigin};
 use crate::record::Truth;
-use crate::trace::read_states;
 
 /// Reads the first load of a trace.
 ///

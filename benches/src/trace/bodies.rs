@@ -8,6 +8,7 @@ use glam::{DQuat, DVec3};
 use rhumb_protocol::scene::BodyKind;
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, Divergence, Pose, Tick};
+use rhumb_trace::DrawnBody;
 
 use crate::record::{Frame, Placed, Truth};
 
@@ -31,6 +32,17 @@ impl<'a> Body<'a> {
             position: placed.observation.motion.position(),
             rotation: placed.observation.motion.rotation(),
             still: placed.observation.activity == Activity::Asleep,
+        }
+    }
+
+    /// The body as it is drawn.
+    pub(super) const fn drawn(&self) -> DrawnBody<'a> {
+        DrawnBody {
+            id: self.id(),
+            shape: &self.placed.shape,
+            position: self.position,
+            rotation: self.rotation,
+            still: self.still,
         }
     }
 

@@ -77,7 +77,7 @@ fn window(load: &Load, prefix: &str) -> Value {
 fn view(prefix: &str, name: &str, title: &str) -> Value {
     json!({
         "foxglovePanelTitle": title,
-        "followTf": super::primitives::FRAME,
+        "followTf": rhumb_trace::FRAME,
         "followMode": "follow-none",
         "cameraState": {
             "perspective": true, "distance": 60, "phi": 60, "thetaOffset": 45, "targetOffset": [0, 0, 0],
@@ -85,7 +85,7 @@ fn view(prefix: &str, name: &str, title: &str) -> Value {
         },
         "layers": {
             "grid": {
-                "layerId": "foxglove.Grid", "instanceId": "grid", "frameId": super::primitives::FRAME,
+                "layerId": "foxglove.Grid", "instanceId": "grid", "frameId": rhumb_trace::FRAME,
                 "visible": true, "size": 100, "divisions": 20, "lineWidth": 1, "color": "#248eff40",
                 "position": [0, 0, 0], "rotation": [0, 0, 0]
             }

@@ -2,25 +2,22 @@
 
 use std::io::{Seek, Write};
 
-use foxglove::messages::{Color, SceneUpdate};
 use mcap::McapError;
-use rhumb_reckoning::Tick;
+use rhumb_reckoning::{BodyId, Tick};
+use rhumb_trace::{ASLEEP, AWAKE, SceneTopics, StateForm, States, TraceFile};
 
-use super::bodies::{Bodies, TruthBodies};
-use super::file::{Schema, Topic, TraceFile};
-use super::messages::States;
+use super::bodies::{Body, TruthBodies};
+use super::names;
 use super::options::TraceOptions;
 use super::run::RunTopics;
-use super::scene::{DrawnScene, entity};
 use super::time::Time;
-use super::{names, primitives};
 use crate::record::Load;
 
 /// Writes a load; `done` is called after each tick with its number.
 pub(super) fn write<W: Write + Seek>(
     file: &mut TraceFile<W>,
-    prefix: &str,
-    load: &Load,
+    (prefix, load): (&str, &Load),
+    form: StateForm,
     options: &TraceOptions,
     done: &mut dyn FnMut(u64),
 ) -> Result<(), McapError> {
@@ -28,7 +25,7 @@ pub(super) fn write<W: Write + Seek>(
         return Ok(());
     };
     let time = Time::of(&first.config, options);
-    let mut truth = TruthTopics::new(prefix, load, time, options);
+    let mut truth = TruthTopics::new((prefix, load), form, time, options);
     let mut runs: Vec<_> = names::runs(load)
         .iter()
         .zip(&load.runs)
@@ -56,9 +53,9 @@ pub(super) fn last_tick(load: &Load) -> u64 {
 
 struct TruthTopics<'a> {
     time: Time,
-    state: Topic,
-    statics: Topic,
-    scene: Option<DrawnScene>,
+    form: StateForm,
+    topics: SceneTopics,
+    is_drawn: bool,
     bodies: TruthBodies<'a>,
     last: u64,
     drawn: Option<u64>,
@@ -67,15 +64,17 @@ struct TruthTopics<'a> {
 }
 
 impl<'a> TruthTopics<'a> {
-    fn new(prefix: &str, load: &'a Load, time: Time, options: &TraceOptions) -> Self {
-        let prefix = format!("/{prefix}/truth");
+    fn new(
+        (prefix, load): (&str, &'a Load),
+        form: StateForm,
+        time: Time,
+        options: &TraceOptions,
+    ) -> Self {
         Self {
             time,
-            state: Topic::new(format!("{prefix}/state"), Schema::Own("rhumb.States")),
-            statics: Topic::new(format!("{prefix}/static"), Schema::Scene),
-            scene: options
-                .draws(load)
-                .then(|| DrawnScene::new(&prefix, time.rest_delay_ticks())),
+            form,
+            topics: SceneTopics::new(&format!("/{prefix}"), time.rest_delay_ticks()),
+            is_drawn: options.draws(load),
             bodies: TruthBodies::new(&load.truth),
             last: last_tick(load),
             drawn: None,
@@ -91,59 +90,27 @@ impl<'a> TruthTopics<'a> {
         let at_ns = self.time.at_ns(tick.value());
         let changes = self.bodies.step(tick);
         self.statics_changed |= changes.statics_changed;
-        let states = States::of(tick, changes.observed, changes.placed, changes.removed);
-        file.put(&mut self.state, at_ns, &states)?;
+        let removed: Vec<BodyId> = changes.removed.iter().map(|(_, id)| *id).collect();
+        let after = (changes.placed, removed.as_slice());
+        let states = States::of(tick, changes.observed, after, &mut self.form);
+        self.topics.put_states(file, at_ns, &states)?;
         let due = self
             .drawn
             .is_none_or(|drawn| self.time.draws_after(drawn, tick.value()));
-        if let Some(scene) = &mut self.scene
-            && (due || tick.value() == self.last)
-        {
+        if self.is_drawn && (due || tick.value() == self.last) {
             self.drawn = Some(tick.value());
+            let bodies = || self.bodies.bodies.iter();
             if std::mem::take(&mut self.statics_changed) {
-                file.put(
-                    &mut self.statics,
-                    at_ns,
-                    &draw_statics(at_ns, &self.bodies.bodies),
-                )?;
+                let statics = bodies().filter(|body| body.is_static());
+                self.topics
+                    .draw_statics(file, at_ns, statics.map(Body::drawn))?;
             }
-            let moving = self.bodies.bodies.iter().filter(|body| !body.is_static());
+            let moving = bodies().filter(|body| !body.is_static());
             let painted: Vec<_> = moving
-                .map(|body| (body, if body.still { ASLEEP } else { AWAKE }))
+                .map(|body| (body.drawn(), if body.still { ASLEEP } else { AWAKE }))
                 .collect();
-            scene.draw(file, (tick.value(), at_ns), &painted)?;
+            self.topics.draw(file, (tick.value(), at_ns), &painted)?;
         }
         Ok(())
-    }
-}
-
-fn draw_statics(at_ns: u64, bodies: &Bodies<'_>) -> SceneUpdate {
-    let mut entity = entity("static", at_ns);
-    for body in bodies.iter().filter(|body| body.is_static()) {
-        primitives::add(
-            &mut entity,
-            &body.placed.shape,
-            body.position,
-            body.rotation,
-            STATIC,
-        );
-    }
-    SceneUpdate {
-        deletions: Vec::new(),
-        entities: vec![entity],
-    }
-}
-
-const AWAKE: Color = grey(0.80, 1.0);
-const ASLEEP: Color = grey(0.50, 1.0);
-/// Translucent, because walls stand in front of the bodies they contain.
-const STATIC: Color = grey(0.60, 0.25);
-
-const fn grey(share: f64, a: f64) -> Color {
-    Color {
-        r: share,
-        g: share,
-        b: share,
-        a,
     }
 }

@@ -2,16 +2,15 @@
 
 use std::io::{Seek, Write};
 
-use foxglove::messages::Color;
 use mcap::McapError;
+use rhumb_trace::{
+    Color, DrawnTopics, GridHistory, PoseBase, Poses, Schema, Topic, TraceFile, TraceSink,
+};
 
 use super::bodies::{Bodies, Body, CopiedBodies};
-use super::file::{Schema, Topic, TraceFile};
-use super::messages::{self, Packet, Poses, TickStats};
-use super::names;
 use super::options::TraceOptions;
-use super::scene::DrawnScene;
 use super::time::Time;
+use super::{figures, names};
 use crate::record::{Frame, Load, Mode, PacketDirection, Run};
 
 /// A run that is being written.
@@ -22,9 +21,13 @@ pub(super) struct RunTopics<'a> {
     breaches: Topic,
     poses: Topic,
     wire: [(PacketDirection, Topic); 4],
-    scene: Option<DrawnScene>,
+    scene: Option<DrawnTopics>,
+    /// The last poses of the topic `seen`.
+    history: GridHistory,
     copy: CopiedBodies<'a>,
     reference_m: f64,
+    /// True if the stream has a tolerance: one without is the truth once more, and so are its packets.
+    has_tolerance: bool,
     frames: usize,
     captured: usize,
     breached: usize,
@@ -52,8 +55,10 @@ impl<'a> RunTopics<'a> {
                 let name = format!("wire/{}", names::direction(direction));
                 (direction, topic(&name, Schema::Wire("rhumb.Packet")))
             }),
-            scene: drawn.then(|| DrawnScene::new(prefix, time.rest_delay_ticks())),
+            scene: drawn.then(|| DrawnTopics::new(prefix, time.rest_delay_ticks())),
+            history: GridHistory::default(),
             copy: CopiedBodies::new(&load.truth),
+            has_tolerance: run.config.tolerance_m.is_some(),
             reference_m: run.config.tolerance_m.unwrap_or(REFERENCE_M),
             frames: 0,
             captured: 0,
@@ -79,11 +84,7 @@ impl<'a> RunTopics<'a> {
             && breach.tick.value() <= tick
         {
             let at_ns = self.time.at_ns(breach.tick.value());
-            file.put(
-                &mut self.breaches,
-                at_ns,
-                &messages::BreachMessage::from(breach),
-            )?;
+            file.put(&mut self.breaches, at_ns, &figures::breach(breach))?;
             self.breached += 1;
         }
         Ok(())
@@ -113,10 +114,11 @@ impl<'a> RunTopics<'a> {
         file.put(
             &mut self.stats,
             at_ns,
-            &TickStats::of(number, frame, payload),
+            &figures::stats(number, frame, payload),
         )?;
         if !frame.changed.is_empty() || !frame.removed.is_empty() {
-            file.put(&mut self.poses, at_ns, &Poses::of(number, frame))?;
+            let poses = self.seen(number, frame, truth);
+            file.put(&mut self.poses, at_ns, &poses)?;
         }
         if let Some(scene) = &mut self.scene {
             self.copy.show(frame);
@@ -130,12 +132,35 @@ impl<'a> RunTopics<'a> {
                 let bodies = with_errors(&self.copy.bodies, truth);
                 let painted: Vec<_> = bodies
                     .iter()
-                    .map(|(body, error_m)| (body, error_color(error_m / self.reference_m)))
+                    .map(|(body, error_m)| (body.drawn(), error_color(error_m / self.reference_m)))
                     .collect();
                 scene.draw(file, (tick, at_ns), &painted)?;
             }
         }
         Ok(())
+    }
+
+    /// The poses that changed in a frame.
+    fn seen(&mut self, number: u32, frame: &Frame, truth: &Bodies<'_>) -> Poses {
+        let changed = frame.changed.iter();
+        let changed: Vec<_> = changed
+            .map(|pose| (pose.id, pose.position, pose.rotation, pose.resting))
+            .collect();
+        let real = |id| truth.find(id).map(|body| (body.position, body.rotation));
+        let base = if self.has_tolerance {
+            PoseBase::History(&mut self.history)
+        } else {
+            PoseBase::Truth(&real)
+        };
+        Poses {
+            tick: frame.tick.value(),
+            frame: number,
+            gone_index: frame.removed.iter().map(|id| id.index()).collect(),
+            gone_generation: (frame.removed.iter())
+                .map(|id| id.generation().into())
+                .collect(),
+            ..Poses::of(&changed, base)
+        }
     }
 
     /// Writes the packets captured up to and including a frame; returns their counted bytes down.
@@ -159,7 +184,9 @@ impl<'a> RunTopics<'a> {
             }
             for (direction, topic) in &mut self.wire {
                 if *direction == captured.direction {
-                    file.put(topic, at_ns, &Packet::of(frame.tick, captured))?;
+                    let keeps = *direction != PacketDirection::StateDown || self.has_tolerance;
+                    let packet = figures::packet(frame.tick, captured, keeps);
+                    file.put(topic, at_ns, &packet)?;
                 }
             }
         }
@@ -184,8 +211,13 @@ fn with_errors<'a>(copy: &Bodies<'a>, truth: &Bodies<'_>) -> Vec<(Body<'a>, f64)
         .collect()
 }
 
+/// Steps of the colour up to the tolerance.
+const COLORS: f64 = 32.0;
+
 /// Blue at no error, yellow at half the tolerance, red at the tolerance, violet beyond.
 fn error_color(share: f64) -> Color {
+    // Thirty-two colours are as many as can be told apart, and equal ones take few bytes.
+    let share = (share * COLORS).ceil() / COLORS;
     const NONE: [f64; 3] = [0.20, 0.55, 0.85];
     const HALF: [f64; 3] = [0.95, 0.78, 0.15];
     const FULL: [f64; 3] = [0.88, 0.15, 0.12];

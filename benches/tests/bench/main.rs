@@ -7,7 +7,6 @@ mod evaluate;
 mod limit;
 mod replay;
 mod report;
-mod schema;
 mod summary;
 mod support;
 mod tasks;

@@ -9,7 +9,10 @@ use foxglove::messages::{SceneEntity, SceneUpdate};
 use mcap::records::Metadata;
 use mcap::sans_io::IndexedReaderOptions;
 use prost::Message;
+use rhumb_bench::record::{Experiment, Mode};
 use rhumb_bench::trace::{self, Progress, TraceError, TraceOptions};
+use rhumb_reckoning::BodyId;
+use rhumb_trace::{GridHistory, GridPose, Packet, Poses, STEPS, States};
 
 /// Draws every tick; bodies count as resting after one tick.
 const FINE: TraceOptions = TraceOptions {
@@ -50,6 +53,138 @@ fn messages(file: &[u8]) -> BTreeMap<String, Vec<(u64, Vec<u8>)>> {
         topic.push((message.log_time, message.data.into_owned()));
     }
     topics
+}
+
+/// A message's columns of residuals, row by row.
+fn rows(columns: [&Vec<i64>; 7]) -> Vec<GridPose> {
+    let count = columns[0].len();
+    (0..count)
+        .map(|row| columns.map(|column| column[row]))
+        .collect()
+}
+
+fn residuals(poses: &Poses) -> Vec<GridPose> {
+    rows([
+        &poses.step_px,
+        &poses.step_py,
+        &poses.step_pz,
+        &poses.step_qx,
+        &poses.step_qy,
+        &poses.step_qz,
+        &poses.step_qw,
+    ])
+}
+
+fn ids(index: &[u32], generation: &[u32]) -> Vec<BodyId> {
+    let pairs = index.iter().zip(generation);
+    pairs
+        .map(|(index, generation)| BodyId::new(*index, *generation as u16))
+        .collect()
+}
+
+/// Asserts that a pose of the grid is the nearest to an exact one.
+fn assert_near(pose: GridPose, exact: [f32; 7]) {
+    for (part, exact) in pose.iter().zip(exact) {
+        let error = (*part as f64 / STEPS - f64::from(exact)).abs();
+        assert!(error <= 0.5 / STEPS, "{error}");
+    }
+}
+
+/// The run of a mode.
+fn run(experiment: &Experiment, mode: Mode) -> &rhumb_bench::record::Run {
+    let mut runs = experiment.loads[0].runs.iter();
+    runs.find(|run| run.config.mode == mode)
+        .expect("the mode ran")
+}
+
+#[test]
+fn loads_after_the_first_have_poses_on_the_grid() {
+    let mut experiment = experiment();
+    experiment.loads.push(experiment.loads[0].clone());
+    let path = folder("grid").join("trace.mcap");
+    trace::write(&path, &experiment, &FINE, &mut |_| {}).expect("the disk has space");
+    let topics = messages(&fs::read(path).expect("the file exists"));
+    let (exact, grid) = (&topics["/n3/truth/state"], &topics["/n3-2/truth/state"]);
+    assert_eq!(exact.len(), grid.len());
+    let (mut history, mut compared) = (GridHistory::default(), 0);
+    for ((_, exact), (_, grid)) in exact.iter().zip(grid) {
+        let exact = States::decode(&**exact).expect("a message");
+        let grid = States::decode(&**grid).expect("a message");
+        assert_eq!(
+            (&exact.index, &exact.awake, exact.placed.len()),
+            (&grid.index, &grid.awake, grid.placed.len())
+        );
+        assert!(grid.px.is_empty() && grid.vx.is_empty() && exact.step_px.is_empty());
+        let residuals = rows([
+            &grid.step_px,
+            &grid.step_py,
+            &grid.step_pz,
+            &grid.step_qx,
+            &grid.step_qy,
+            &grid.step_qz,
+            &grid.step_qw,
+        ]);
+        let bodies = ids(&grid.index, &grid.generation);
+        for (row, (id, residual)) in bodies.iter().zip(residuals).enumerate() {
+            let pose = history.decode(*id, residual);
+            let columns = [
+                &exact.px, &exact.py, &exact.pz, &exact.qx, &exact.qy, &exact.qz, &exact.qw,
+            ];
+            assert_near(pose, columns.map(|column| column[row]));
+            compared += 1;
+        }
+    }
+    assert!(compared > 5, "{compared}");
+}
+
+#[test]
+fn a_copy_is_written_by_its_second_differences() {
+    let experiment = experiment();
+    let topics = messages(&written("copies"));
+    let frames = &run(&experiment, Mode::Rhumb).frames;
+    let (mut history, mut compared) = (GridHistory::default(), 0);
+    for (_, bytes) in &topics["/n3/rhumb/seen"] {
+        let poses = Poses::decode(&**bytes).expect("a message");
+        assert!(!poses.from_truth);
+        let changed = &frames[poses.frame as usize].changed;
+        let bodies = ids(&poses.index, &poses.generation);
+        assert_eq!(bodies.len(), changed.len());
+        for ((id, residual), exact) in bodies.iter().zip(residuals(&poses)).zip(changed) {
+            assert_eq!(*id, exact.id);
+            let ([px, py, pz], [qx, qy, qz, qw]) = (exact.position, exact.rotation);
+            assert_near(history.decode(*id, residual), [px, py, pz, qx, qy, qz, qw]);
+            compared += 1;
+        }
+    }
+    assert!(compared > 5, "{compared}");
+}
+
+#[test]
+fn a_stream_of_states_is_written_as_no_difference_and_by_its_sizes() {
+    let experiment = experiment();
+    let topics = messages(&written("naive"));
+    for (_, bytes) in &topics["/n3/naive/seen"] {
+        let poses = Poses::decode(&**bytes).expect("a message");
+        assert!(poses.from_truth && poses.px.is_empty());
+        assert!(residuals(&poses).iter().all(|residual| *residual == [0; 7]));
+    }
+    for (mode, name) in [(Mode::Naive, "naive"), (Mode::Rhumb, "rhumb")] {
+        let sizes = run(&experiment, mode).captured.iter();
+        let sizes = sizes.filter(|captured| {
+            captured.direction == rhumb_bench::record::PacketDirection::StateDown
+        });
+        let packets = topics[&format!("/n3/{name}/wire/state-down")].iter();
+        for (captured, (_, bytes)) in sizes.zip(packets) {
+            let packet = Packet::decode(&**bytes).expect("a message");
+            assert_eq!(packet.length as usize, captured.bytes.len());
+            let kept = if mode == Mode::Rhumb {
+                captured.bytes.len()
+            } else {
+                0
+            };
+            assert_eq!(packet.data.len(), kept, "{name}");
+        }
+    }
 }
 
 fn metadata(file: &[u8]) -> BTreeMap<String, BTreeMap<String, String>> {

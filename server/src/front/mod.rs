@@ -156,7 +156,11 @@ impl Front {
     pub(crate) fn count(&mut self, metrics: Metrics) {
         let clock = SharedClock::clone(&self.settings.stopwatch);
         self.pulse = Pulse::new(move || clock());
-        metrics.watch(self.pulse.clone(), self.settings.load.clone());
+        metrics.watch(
+            self.pulse.clone(),
+            self.settings.load.clone(),
+            &self.settings.limits,
+        );
         self.settings.metrics = metrics;
     }
 

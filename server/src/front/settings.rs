@@ -10,12 +10,12 @@ use rhumb_protocol::packet::LargestPacket;
 use super::threads::SharedClock;
 use crate::durable::DataDir;
 use crate::engine::Workers;
-use crate::flight::FlightRecorders;
 use crate::hook::Hooks;
 use crate::limits::Limits;
 use crate::load::ServerLoad;
 use crate::metrics::Metrics;
 use crate::provided::ProvidedScenes;
+use crate::recorders::SceneRecorders;
 use crate::scene_slots::SceneSlots;
 use crate::server_loop::ServerLoop;
 
@@ -29,7 +29,7 @@ pub(super) struct WorkerSettings {
     pub(super) slots: SceneSlots,
     pub(super) load: ServerLoad,
     pub(super) metrics: Metrics,
-    pub(super) flights: FlightRecorders,
+    pub(super) recorders: SceneRecorders,
     pub(super) limits: Limits,
     pub(super) data: Option<DataDir>,
 }
@@ -46,7 +46,7 @@ impl WorkerSettings {
             slots: SceneSlots::default(),
             load: ServerLoad::default(),
             metrics: Metrics::default(),
-            flights: FlightRecorders::default(),
+            recorders: SceneRecorders::default(),
             limits: Limits {
                 empty_scene_seconds: 0,
                 ..Limits::default()
@@ -68,7 +68,7 @@ impl WorkerSettings {
         server_loop.employ(self.engine_threads.clone());
         server_loop.set_largest_packet(self.largest_packet);
         server_loop.share(self.slots.clone(), self.load.clone(), self.metrics.clone());
-        server_loop.record_flights(self.flights.clone());
+        server_loop.record(self.recorders.clone());
         server_loop.set_limits(self.limits);
         if let Some(data) = &self.data {
             server_loop.store_in(data.clone());

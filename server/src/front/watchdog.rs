@@ -15,6 +15,8 @@ use super::parked::Scope;
 use super::{ADAPTER_SCENES, Front, Place, priority};
 use crate::flight::{FlightCause, FlightRecorders};
 use crate::pulse::Pulse;
+#[cfg(feature = "record")]
+use crate::recording::SceneTaps;
 
 /// Time between two looks at the workers.
 const INTERVAL: Span = Span::from_millis(250);
@@ -30,7 +32,13 @@ const KILLED: Duration = Duration::from_millis(1_200);
 impl Front {
     /// Has the last moments of later scenes recorded.
     pub(crate) fn record_flights(&mut self, flights: FlightRecorders) {
-        self.settings.flights = flights;
+        self.settings.recorders.flights = flights;
+    }
+
+    /// Has the states of later scenes handed to their readers.
+    #[cfg(feature = "record")]
+    pub(crate) fn tap(&mut self, taps: SceneTaps) {
+        self.settings.recorders.taps = taps;
     }
 
     /// The time of the next check of the workers; never if none has a thread.
@@ -76,7 +84,7 @@ impl Front {
             Scope::Scene(scene) => name == scene,
             Scope::Adapter => name.as_str().starts_with(ADAPTER_SCENES),
         };
-        (self.settings.flights).write_where(is_parked, FlightCause::Parked);
+        (self.settings.recorders.flights).write_where(is_parked, FlightCause::Parked);
         if let Place::Thread(thread) = &worker.place {
             priority::lower(&thread.thread_id);
         }

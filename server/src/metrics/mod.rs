@@ -4,6 +4,7 @@
 //! the text format of Prometheus.
 
 mod answer;
+mod bytes;
 mod lock;
 mod scene;
 mod text;
@@ -15,10 +16,12 @@ use std::sync::{Arc, Mutex};
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
 
+pub(crate) use self::bytes::ByteCounts;
 use self::lock::lock;
 use self::scene::SceneMeters;
 pub(crate) use self::scene::{SCENE_VALUES, SceneMeter, SceneValues, TickFigures};
 use self::text::{MetricKind, Text};
+use crate::limits::Limits;
 use crate::load::ServerLoad;
 use crate::pulse::Pulse;
 
@@ -39,14 +42,27 @@ struct Figures {
     /// Connections that the server closed, by code.
     closed: Mutex<BTreeMap<u32, u64>>,
     scenes: SceneMeters,
-    /// Sign of life of the front, and the load of all scenes, once the server runs.
-    front: Mutex<Option<(Pulse, ServerLoad)>>,
+    /// The figures of the front, once the server runs.
+    front: Mutex<Option<WatchedFront>>,
+}
+
+/// Sign of life of the front, the load of all scenes, and the bounds on it.
+struct WatchedFront {
+    pulse: Pulse,
+    load: ServerLoad,
+    scene_load_max: u64,
+    load_max: u64,
 }
 
 impl Metrics {
     /// Sets what is read of a running server.
-    pub(crate) fn watch(&self, front: Pulse, load: ServerLoad) {
-        *lock(&self.0.front) = Some((front, load));
+    pub(crate) fn watch(&self, pulse: Pulse, load: ServerLoad, limits: &Limits) {
+        *lock(&self.0.front) = Some(WatchedFront {
+            pulse,
+            load,
+            scene_load_max: limits.scene_load,
+            load_max: limits.server_load,
+        });
     }
 
     pub(crate) fn count_opened(&self) {
@@ -95,7 +111,7 @@ impl Metrics {
         let front = lock(&self.0.front);
         front
             .as_ref()
-            .is_some_and(|(pulse, _)| pulse.busy_for() <= FRONT_STUCK)
+            .is_some_and(|front| front.pulse.busy_for() <= FRONT_STUCK)
     }
 
     /// All figures, as Prometheus reads them.
@@ -139,15 +155,7 @@ impl Metrics {
             text.describe(name, kind, help);
             text.sample(name, &[], value);
         }
-        let load = lock(&figures.front)
-            .as_ref()
-            .map(|(_, load)| load.reserved());
-        text.describe(
-            "rhumb_load",
-            MetricKind::Gauge,
-            "Body steps in a second that free-running scenes have reserved.",
-        );
-        text.sample("rhumb_load", &[], load.unwrap_or(0));
+        self.write_load(&mut text);
         let name = "rhumb_closed_total";
         text.describe(
             name,
@@ -159,6 +167,32 @@ impl Metrics {
         }
         figures.scenes.write(&mut text);
         text.into_string()
+    }
+
+    fn write_load(&self, text: &mut Text) {
+        let front = lock(&self.0.front);
+        let front = front.as_ref();
+        let rows = [
+            (
+                "rhumb_load",
+                "Body steps in a second that free-running scenes have reserved.",
+                front.map(|front| front.load.reserved()),
+            ),
+            (
+                "rhumb_load_limit",
+                "The most that all scenes together may reserve.",
+                front.map(|front| front.load_max),
+            ),
+            (
+                "rhumb_scene_load_limit",
+                "The most that one scene may reserve.",
+                front.map(|front| front.scene_load_max),
+            ),
+        ];
+        for (name, help, value) in rows {
+            text.describe(name, MetricKind::Gauge, help);
+            text.sample(name, &[], value.unwrap_or(0));
+        }
     }
 }
 
@@ -177,11 +211,22 @@ mod tests {
             members: 2,
             bodies: 30,
             awake: 4,
+            waiting: 1,
+            load: 960,
             step: Span::from_millis(3),
             publish: Span::from_millis(1),
         });
+        meter.bytes().add_sent(1_100);
+        meter.count_late();
+        meter.note_step_period(Span::from_millis(20));
         let text = metrics.text();
         for line in [
+            "rhumb_scene_sent_bytes_total{scene=\"team/pit\"} 1100",
+            "rhumb_scene_received_bytes_total{scene=\"team/pit\"} 0",
+            "rhumb_scene_late_total{scene=\"team/pit\"} 1",
+            "rhumb_scene_step_period_seconds{scene=\"team/pit\"} 0.02",
+            "rhumb_scene_bodies_waiting{scene=\"team/pit\"} 1",
+            "rhumb_scene_load{scene=\"team/pit\"} 960",
             "rhumb_connections_total 1",
             "rhumb_closed_total{code=\"18\"} 1",
             "rhumb_scenes 1",

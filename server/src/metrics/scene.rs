@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex};
 use rhumb_protocol::Span;
 use rhumb_protocol::scene::SceneName;
 
+use super::bytes::ByteCounts;
 use super::lock::lock;
 use super::text::{MetricKind, Text};
 
@@ -77,9 +78,17 @@ struct SceneFigures {
     steps: AtomicU64,
     step_ns: AtomicU64,
     publish_ns: AtomicU64,
+    step_period_ns: AtomicU64,
+    late: AtomicU64,
     slowed: AtomicU64,
     commands: AtomicU64,
     refused: AtomicU64,
+    /// Bodies whose updates wait for a budget.
+    waiting: AtomicU64,
+    load: AtomicU64,
+    restorations: AtomicU64,
+    faulted: AtomicU64,
+    bytes: ByteCounts,
     /// Steps within each bucket, and not within the one before.
     buckets: [AtomicU64; BUCKETS_US.len()],
 }
@@ -89,7 +98,7 @@ struct SceneFigures {
 pub(crate) struct SceneValues(pub(crate) [u64; SCENE_VALUES]);
 
 /// Number of figures of a scene.
-pub(crate) const SCENE_VALUES: usize = 10 + BUCKETS_US.len();
+pub(crate) const SCENE_VALUES: usize = 18 + BUCKETS_US.len();
 
 impl SceneFigures {
     /// All figures, always in the same order.
@@ -102,9 +111,17 @@ impl SceneFigures {
             &self.steps,
             &self.step_ns,
             &self.publish_ns,
+            &self.step_period_ns,
+            &self.late,
             &self.slowed,
             &self.commands,
             &self.refused,
+            &self.waiting,
+            &self.load,
+            &self.restorations,
+            &self.faulted,
+            self.bytes.received(),
+            self.bytes.sent(),
         ];
         plain.into_iter().chain(&self.buckets)
     }
@@ -124,11 +141,26 @@ pub(crate) struct TickFigures {
     pub(crate) members: usize,
     pub(crate) bodies: usize,
     pub(crate) awake: usize,
+    /// Bodies whose updates wait for the budget of a stream.
+    pub(crate) waiting: usize,
+    /// Body steps in a second that the scene has reserved.
+    pub(crate) load: u64,
     pub(crate) step: Span,
     pub(crate) publish: Span,
 }
 
 impl SceneMeter {
+    /// Notes the simulated time of a step.
+    pub(crate) fn note_step_period(&self, period: Span) {
+        let figure = &self.figures.step_period_ns;
+        figure.store(period.as_nanos(), Ordering::Relaxed);
+    }
+
+    /// The bytes of the scene's members.
+    pub(crate) fn bytes(&self) -> ByteCounts {
+        self.figures.bytes.clone()
+    }
+
     pub(crate) fn note_tick(&self, tick: &TickFigures) {
         let figures = &*self.figures;
         let set = |figure: &AtomicU64, value| figure.store(value, Ordering::Relaxed);
@@ -136,6 +168,8 @@ impl SceneMeter {
         set(&figures.members, tick.members as u64);
         set(&figures.bodies, tick.bodies as u64);
         set(&figures.awake, tick.awake as u64);
+        set(&figures.waiting, tick.waiting as u64);
+        set(&figures.load, tick.load);
         add(&figures.steps, 1);
         add(&figures.step_ns, tick.step.as_nanos());
         add(&figures.publish_ns, tick.publish.as_nanos());
@@ -150,6 +184,21 @@ impl SceneMeter {
         for (figure, value) in self.figures.each().zip(values.0) {
             figure.store(value, Ordering::Relaxed);
         }
+    }
+
+    /// A step began more than a step after it was due.
+    pub(crate) fn count_late(&self) {
+        add(&self.figures.late, 1);
+    }
+
+    /// The engine failed, and the scene went back to an earlier tick.
+    pub(crate) fn count_restored(&self) {
+        add(&self.figures.restorations, 1);
+    }
+
+    /// The engine failed, and the scene stands still.
+    pub(crate) fn note_faulted(&self) {
+        self.figures.faulted.store(1, Ordering::Relaxed);
     }
 
     /// The scene slows its clock: it is too late to catch up.
@@ -177,7 +226,7 @@ fn add(figure: &AtomicU64, value: u64) {
 type Read = fn(&SceneFigures) -> &AtomicU64;
 
 /// The plain figures of a scene.
-const PLAIN: [(&str, MetricKind, &str, Read); 8] = [
+const PLAIN: [(&str, MetricKind, &str, Read); 15] = [
     (
         "rhumb_scene_tick",
         MetricKind::Gauge,
@@ -195,6 +244,12 @@ const PLAIN: [(&str, MetricKind, &str, Read); 8] = [
         MetricKind::Gauge,
         "Bodies awake.",
         |of| &of.awake,
+    ),
+    (
+        "rhumb_scene_late_total",
+        MetricKind::Counter,
+        "Steps that began more than a step late.",
+        |of| &of.late,
     ),
     (
         "rhumb_scene_slowed_total",
@@ -220,6 +275,42 @@ const PLAIN: [(&str, MetricKind, &str, Read); 8] = [
         "Time spent on observing and publishing.",
         |of| &of.publish_ns,
     ),
+    (
+        "rhumb_scene_received_bytes_total",
+        MetricKind::Counter,
+        "Bytes from members, without headers.",
+        |of| of.bytes.received(),
+    ),
+    (
+        "rhumb_scene_sent_bytes_total",
+        MetricKind::Counter,
+        "Bytes to members, without headers.",
+        |of| of.bytes.sent(),
+    ),
+    (
+        "rhumb_scene_bodies_waiting",
+        MetricKind::Gauge,
+        "Bodies whose updates wait for the budget of a stream.",
+        |of| &of.waiting,
+    ),
+    (
+        "rhumb_scene_load",
+        MetricKind::Gauge,
+        "Body steps in a second that the scene has reserved.",
+        |of| &of.load,
+    ),
+    (
+        "rhumb_scene_restorations_total",
+        MetricKind::Counter,
+        "Times that the scene was restored after its engine failed.",
+        |of| &of.restorations,
+    ),
+    (
+        "rhumb_scene_faulted",
+        MetricKind::Gauge,
+        "1 for a scene that stands still since its engine failed.",
+        |of| &of.faulted,
+    ),
 ];
 
 fn write(scenes: &SceneTable, text: &mut Text) {
@@ -229,6 +320,12 @@ fn write(scenes: &SceneTable, text: &mut Text) {
         for (scene, figures) in scenes {
             text.sample(name, &[("scene", scene.as_str())], value(read(figures)));
         }
+    }
+    let name = "rhumb_scene_step_period_seconds";
+    text.describe(name, MetricKind::Gauge, "Simulated time of a step.");
+    for (scene, figures) in scenes {
+        let period = seconds(value(&figures.step_period_ns));
+        text.sample(name, &[("scene", scene.as_str())], period);
     }
     text.describe(
         "rhumb_scene_step_seconds",

@@ -16,6 +16,8 @@ impl SceneRunner {
             members: self.members.len(),
             bodies: self.scene.body_count(),
             awake: self.scene.awake_count(),
+            waiting: self.streams.waiting(),
+            load: self.provision.load.reserved(),
             step: marks.stepped.since(marks.begun),
             publish: marks.published.since(marks.stepped),
         };
@@ -23,6 +25,7 @@ impl SceneRunner {
         let flight = &self.provision.flight;
         flight.packets(self.streams.all_packets());
         flight.stepped(&figures, self.scene.digest());
+        self.provision.tap.record(&self.scene);
     }
 
     /// A body whose state was not finite is a fault of the engine, which the flight recorder explains.

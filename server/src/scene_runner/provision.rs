@@ -5,6 +5,7 @@ use crate::limits::Limits;
 use crate::load::SceneLoad;
 use crate::metrics::SceneMeter;
 use crate::pulse::Pulse;
+use crate::recording::SceneTap;
 
 /// The provision of one scene, given back when the scene ends.
 pub(crate) struct Provision {
@@ -14,6 +15,7 @@ pub(crate) struct Provision {
     /// Shows that a long work of the scene makes progress.
     pub(crate) pulse: Pulse,
     pub(crate) flight: FlightRecorder,
+    pub(crate) tap: SceneTap,
 }
 
 #[cfg(test)]
@@ -26,6 +28,7 @@ impl Provision {
             meter: crate::metrics::Metrics::default().begin_scene(name),
             pulse: Pulse::default(),
             flight: crate::flight::FlightRecorders::default().begin(name),
+            tap: crate::recording::SceneTaps::default().begin(name, 0),
         }
     }
 }

@@ -84,6 +84,7 @@ impl SceneRunner {
             .restore(&self.scene, failed_in, &mut || pulse.beat())
             .ok_or(FaultCause::FailedAgain)?;
         self.restored_at.push_back(now);
+        self.provision.meter.count_restored();
         tracing::error!(
             tick = self.scene.tick().value(),
             ?failed_in,
@@ -223,6 +224,7 @@ impl SceneRunner {
     /// Informs all members that the engine failed for good; nothing moves any more.
     pub(super) fn fault(&mut self, cause: FaultCause, out: &mut Outbox) {
         self.faulted = true;
+        self.provision.meter.note_faulted();
         self.next_step = None;
         let tick = self.scene.tick();
         tracing::error!(

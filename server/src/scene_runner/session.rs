@@ -67,6 +67,7 @@ impl SceneRunner {
         let member = Member::new(permit, (stream, choice), session, commands);
         self.members.insert(peer, member);
         let resumed = session.is_some_and(|number| number < before);
+        out.count(peer, self.provision.meter.bytes());
         self.announce_session(peer, resumed, out);
         self.send_snapshot(peer, out);
         if let Some(request) = request {

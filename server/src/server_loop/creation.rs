@@ -1,5 +1,6 @@
 //! A scene begins to run in a server loop.
 
+use rhumb_protocol::Span;
 use rhumb_protocol::message::Denial;
 use rhumb_protocol::scene::{SceneConfig, SceneName, Stepping};
 
@@ -70,13 +71,16 @@ impl ServerLoop {
     ) -> &mut SceneRunner {
         let config = *scene.config();
         let names = StreamNames::of_scene(self.scenes_begun);
+        let period = Span::from_nanos(config.integrator.rate.step_ns());
         let provision = Provision {
             limits: self.limits,
             load,
             meter: self.metrics.begin_scene(name),
             pulse: self.pulse.clone(),
-            flight: self.flights.begin(name),
+            flight: self.recorders.flights.begin(name),
+            tap: self.recorders.taps.begin(name, period.as_nanos()),
         };
+        provision.meter.note_step_period(period);
         let mut runner = SceneRunner::new(scene, names, provision);
         runner.employ(self.workers.clone());
         runner.set_largest_packet(self.largest_packet);

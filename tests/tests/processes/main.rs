@@ -14,7 +14,9 @@ mod durable_disk;
 mod examples;
 mod hostile_load;
 mod public_client;
+mod recording;
 mod tier_policy_quic;
+mod top;
 #[cfg(unix)]
 mod unix_socket;
 mod view;

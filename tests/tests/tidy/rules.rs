@@ -178,6 +178,7 @@ fn sockets_and_clocks_are_used_only_in_the_crates_that_own_them() {
             "server/src/cli.rs",
             "server/src/main.rs",
             "server/src/http.rs",
+            "server/src/top/request.rs",
             "server/src/view/listener.rs",
         ]) || file.is_test()
     };

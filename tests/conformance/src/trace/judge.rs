@@ -4,18 +4,16 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{DQuat, DVec3};
 
-use super::messages::{Breach, Poses, States, TickStats, pose};
+use super::grid::{Body, GridReader, Pose, beside};
+use super::messages::{Breach, Poses, States, TickStats};
 use super::run_metadata::RunMetadata;
 use crate::outcome::{CaseResult, Stop};
-
-/// A body, by index and generation.
-type Body = (u32, u32);
-/// Position, then rotation.
-type Pose = [f32; 7];
 
 /// Numeric error of the comparison, in metres: copies hold f32, and rotations are normalised twice. At 128 m both
 /// amount to 16 µm.
 const EXACT_M: f64 = 2e-5;
+/// The same for each metre of a body's radius: half a step of the grid in each part of two rotations.
+const EXACT_M_PER_RADIUS: f64 = 4e-6;
 /// The number of static bodies in the trace format.
 const STATIC: i32 = 1;
 /// Ticks of sleep after which the rest pose must have arrived.
@@ -35,6 +33,7 @@ struct Placed {
 #[derive(Debug, Default)]
 pub(super) struct TracedTruth {
     poses: BTreeMap<Body, Pose>,
+    grid: GridReader,
     placed: BTreeMap<Body, Placed>,
     /// The tick at which each sleeping body fell asleep.
     asleep: BTreeMap<Body, u64>,
@@ -49,10 +48,10 @@ impl TracedTruth {
     pub(super) fn step(&mut self, states: &States) {
         self.settle();
         self.tick = states.tick;
-        let columns = states.columns();
+        let (columns, steps) = (states.columns(), states.steps());
         for (place, body) in bodies(&states.index, &states.generation).enumerate() {
-            self.poses
-                .extend(pose(&columns, place).map(|pose| (body, pose)));
+            let pose = self.grid.pose(body, &columns, &steps, place);
+            self.poses.extend(pose.map(|pose| (body, pose)));
             if states.awake.get(place) == Some(&true) {
                 self.asleep.remove(&body);
             } else {
@@ -110,6 +109,7 @@ pub(super) struct TracedCopy {
     poses_by_frame: BTreeMap<u32, Poses>,
     breaches: BTreeMap<(u64, Body), i32>,
     copy: BTreeMap<Body, Option<Pose>>,
+    grid: GridReader,
     next: u32,
     judged: u64,
     untold: Vec<(u64, Body, f64)>,
@@ -143,6 +143,7 @@ impl TracedCopy {
             poses_by_frame: BTreeMap::new(),
             breaches: BTreeMap::new(),
             copy: BTreeMap::new(),
+            grid: GridReader::default(),
             next: 0,
             judged: 0,
             untold: Vec::new(),
@@ -183,7 +184,7 @@ impl TracedCopy {
             && at <= tick
         {
             if let Some(poses) = self.poses_by_frame.remove(&self.next) {
-                self.show(&poses);
+                self.show(&poses, truth);
             }
             self.next += 1;
             if body_ticks > 0 {
@@ -192,13 +193,19 @@ impl TracedCopy {
         }
     }
 
-    fn show(&mut self, poses: &Poses) {
+    fn show(&mut self, poses: &Poses, truth: &TracedTruth) {
         for body in bodies(&poses.gone_index, &poses.gone_generation) {
             self.copy.insert(body, None);
         }
-        let columns = poses.columns();
+        let (columns, steps) = (poses.columns(), poses.steps());
         for (place, body) in bodies(&poses.index, &poses.generation).enumerate() {
-            self.copy.insert(body, pose(&columns, place));
+            let pose = if poses.from_truth {
+                let real = truth.poses.get(&body);
+                real.and_then(|real| beside(real, &steps, place))
+            } else {
+                self.grid.pose(body, &columns, &steps, place)
+            };
+            self.copy.insert(body, pose);
         }
     }
 
@@ -219,8 +226,9 @@ impl TracedCopy {
             };
             self.judged += 1;
             let error_m = surface_error_m(real, &shown, placed.radius_m);
+            let exact_m = EXACT_M + EXACT_M_PER_RADIUS * placed.radius_m;
             let allowed_m = self.tolerance_m.map(|tolerance| tolerance * placed.scale);
-            if allowed_m.is_some_and(|allowed| error_m > allowed + EXACT_M) {
+            if allowed_m.is_some_and(|allowed| error_m > allowed + exact_m) {
                 match self.breaches.get(&(tick, *body)) {
                     None => self.untold.push((tick, *body, error_m)),
                     Some(cause) if !EXPLAINED.contains(cause) => {
@@ -233,7 +241,7 @@ impl TracedCopy {
                 .asleep
                 .get(body)
                 .map(|since| tick.saturating_sub(*since));
-            if slept >= Some(SLEPT_TICKS) && error_m > EXACT_M {
+            if slept >= Some(SLEPT_TICKS) && error_m > exact_m {
                 self.off_asleep.push((*body, error_m));
             }
         }

@@ -1,6 +1,6 @@
 //! The messages of a `rhumb-bench` trace, as far as the comparison needs them.
 //!
-//! Field numbers are those of `benches/proto/rhumb.proto`; other fields are skipped.
+//! Field numbers are those of `trace/proto/rhumb.proto`; other fields are skipped.
 
 /// The engine's bodies at a tick.
 #[derive(Clone, PartialEq, prost::Message)]
@@ -33,6 +33,20 @@ pub(super) struct States {
     pub(super) removed_index: Vec<u32>,
     #[prost(uint32, repeated, tag = "20")]
     pub(super) removed_generation: Vec<u32>,
+    #[prost(sint64, repeated, tag = "21")]
+    pub(super) step_px: Vec<i64>,
+    #[prost(sint64, repeated, tag = "22")]
+    pub(super) step_py: Vec<i64>,
+    #[prost(sint64, repeated, tag = "23")]
+    pub(super) step_pz: Vec<i64>,
+    #[prost(sint64, repeated, tag = "24")]
+    pub(super) step_qx: Vec<i64>,
+    #[prost(sint64, repeated, tag = "25")]
+    pub(super) step_qy: Vec<i64>,
+    #[prost(sint64, repeated, tag = "26")]
+    pub(super) step_qz: Vec<i64>,
+    #[prost(sint64, repeated, tag = "27")]
+    pub(super) step_qw: Vec<i64>,
 }
 
 /// A placed body.
@@ -81,6 +95,22 @@ pub(super) struct Poses {
     pub(super) gone_index: Vec<u32>,
     #[prost(uint32, repeated, tag = "14")]
     pub(super) gone_generation: Vec<u32>,
+    #[prost(sint64, repeated, tag = "15")]
+    pub(super) step_px: Vec<i64>,
+    #[prost(sint64, repeated, tag = "16")]
+    pub(super) step_py: Vec<i64>,
+    #[prost(sint64, repeated, tag = "17")]
+    pub(super) step_pz: Vec<i64>,
+    #[prost(sint64, repeated, tag = "18")]
+    pub(super) step_qx: Vec<i64>,
+    #[prost(sint64, repeated, tag = "19")]
+    pub(super) step_qy: Vec<i64>,
+    #[prost(sint64, repeated, tag = "20")]
+    pub(super) step_qz: Vec<i64>,
+    #[prost(sint64, repeated, tag = "21")]
+    pub(super) step_qw: Vec<i64>,
+    #[prost(bool, tag = "22")]
+    pub(super) from_truth: bool,
 }
 
 /// A frame.
@@ -109,11 +139,25 @@ pub(super) struct Breach {
 
 /// Columns of a pose: position, then rotation.
 pub(super) type Columns<'a> = [&'a [f32]; 7];
+/// Columns of residuals on the grid, in the same order.
+pub(super) type Steps<'a> = [&'a [i64]; 7];
 
 impl States {
     pub(super) fn columns(&self) -> Columns<'_> {
         [
             &self.px, &self.py, &self.pz, &self.qx, &self.qy, &self.qz, &self.qw,
+        ]
+    }
+
+    pub(super) fn steps(&self) -> Steps<'_> {
+        [
+            &self.step_px,
+            &self.step_py,
+            &self.step_pz,
+            &self.step_qx,
+            &self.step_qy,
+            &self.step_qz,
+            &self.step_qw,
         ]
     }
 }
@@ -124,13 +168,34 @@ impl Poses {
             &self.px, &self.py, &self.pz, &self.qx, &self.qy, &self.qz, &self.qw,
         ]
     }
+
+    pub(super) fn steps(&self) -> Steps<'_> {
+        [
+            &self.step_px,
+            &self.step_py,
+            &self.step_pz,
+            &self.step_qx,
+            &self.step_qy,
+            &self.step_qz,
+            &self.step_qw,
+        ]
+    }
 }
 
 /// The pose at an index of these columns, if all columns have one.
 pub(super) fn pose(columns: &Columns<'_>, place: usize) -> Option<[f32; 7]> {
-    let mut pose = [0.0; 7];
-    for (part, column) in pose.iter_mut().zip(columns) {
+    row(columns, place)
+}
+
+/// The residual at an index of these columns, if all columns have one.
+pub(super) fn steps(columns: &Steps<'_>, place: usize) -> Option<[i64; 7]> {
+    row(columns, place)
+}
+
+fn row<T: Copy + Default>(columns: &[&[T]; 7], place: usize) -> Option<[T; 7]> {
+    let mut row = [T::default(); 7];
+    for (part, column) in row.iter_mut().zip(columns) {
         *part = *column.get(place)?;
     }
-    Some(pose)
+    Some(row)
 }

@@ -5,6 +5,7 @@
 //! must be recorded as a breach, and its cause must be the network or the budget. A body that has slept for a second
 //! must be displayed at its rest pose, unless its stream still misses data.
 
+mod grid;
 mod judge;
 mod messages;
 mod run_metadata;

@@ -5,20 +5,14 @@
 //! while: a body that wakes often must not cause all resting bodies to be rewritten. When a resting body moves, both
 //! are written.
 
-use std::io::{Seek, Write};
-
 use foxglove::messages::{Color, SceneEntity, SceneUpdate, Timestamp};
-use mcap::McapError;
 
-use super::bodies::Body;
-use super::file::{Schema, Topic, TraceFile};
+use super::body::DrawnBody;
 use super::primitives;
 
-/// The two topics and the content of their last messages.
+/// The content of the last messages of both topics.
 #[derive(Debug)]
-pub(super) struct DrawnScene {
-    moving: Topic,
-    resting: Topic,
+pub struct DrawnScene {
     /// Indexed by body index.
     rests: Vec<Option<RestingBody>>,
     at_rest: usize,
@@ -44,15 +38,22 @@ struct WrittenEntities {
 }
 
 /// A body and its colour.
-pub(super) type Painted<'a> = (&'a Body<'a>, Color);
+pub type Painted<'a> = (DrawnBody<'a>, Color);
+
+/// The messages of a drawing: those whose content changed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Drawing {
+    /// Bodies that move.
+    pub moving: Option<SceneUpdate>,
+    /// Bodies that rest.
+    pub resting: Option<SceneUpdate>,
+}
 
 impl DrawnScene {
-    /// Topics `{prefix}/moving` and `{prefix}/resting`; a body moves to `resting` after `rest_delay_ticks` of
-    /// stillness.
-    pub(super) fn new(prefix: &str, rest_delay_ticks: u64) -> Self {
+    /// Nothing is drawn yet; a body moves to `resting` after `rest_delay_ticks` of stillness.
+    #[must_use]
+    pub const fn new(rest_delay_ticks: u64) -> Self {
         Self {
-            moving: Topic::new(format!("{prefix}/moving"), Schema::Scene),
-            resting: Topic::new(format!("{prefix}/resting"), Schema::Scene),
             rests: Vec::new(),
             at_rest: 0,
             written: None,
@@ -60,13 +61,14 @@ impl DrawnScene {
         }
     }
 
-    /// Writes the topics whose content changed.
-    pub(super) fn draw<W: Write + Seek>(
-        &mut self,
-        file: &mut TraceFile<W>,
-        (tick, at_ns): (u64, u64),
-        bodies: &[Painted<'_>],
-    ) -> Result<(), McapError> {
+    /// Has both messages made at the next drawing.
+    pub fn redraw(&mut self) {
+        self.written = None;
+    }
+
+    /// Draws the bodies of a tick.
+    pub fn draw(&mut self, (tick, at_ns): (u64, u64), bodies: &[Painted<'_>]) -> Drawing {
+        let mut drawing = Drawing::default();
         let (mut kept, mut eligible) = (0, 0);
         for (body, _) in bodies {
             match self.update_rest(tick, body) {
@@ -81,8 +83,7 @@ impl DrawnScene {
         if last.is_none() || woke || (waited && eligible > 0) {
             self.at_rest = kept + eligible;
             self.mark_resting(tick);
-            let update = self.update("resting", at_ns, bodies, true);
-            file.put(&mut self.resting, at_ns, &update)?;
+            drawing.resting = Some(self.update("resting", at_ns, bodies, true));
             self.written = Some(WrittenEntities {
                 resting: tick,
                 moving_was_empty: self.written.is_some_and(|written| written.moving_was_empty),
@@ -93,20 +94,19 @@ impl DrawnScene {
             && !(empty && written.moving_was_empty)
         {
             written.moving_was_empty = empty;
-            let update = self.update("moving", at_ns, bodies, false);
-            file.put(&mut self.moving, at_ns, &update)?;
+            drawing.moving = Some(self.update("moving", at_ns, bodies, false));
         }
-        Ok(())
+        drawing
     }
 
     /// Updates the stillness record of a body.
-    fn update_rest(&mut self, tick: u64, body: &Body<'_>) -> DrawState {
-        let index = body.id().index() as usize;
+    fn update_rest(&mut self, tick: u64, body: &DrawnBody<'_>) -> DrawState {
+        let index = body.id.index() as usize;
         if index >= self.rests.len() {
             self.rests.resize(index + 1, None);
         }
         let fresh = RestingBody {
-            generation: body.id().generation(),
+            generation: body.id.generation(),
             position: body.position,
             rotation: body.rotation,
             since: tick,
@@ -148,15 +148,11 @@ impl DrawnScene {
     fn update(&self, id: &str, at_ns: u64, bodies: &[Painted<'_>], at_rest: bool) -> SceneUpdate {
         let mut entity = entity(id, at_ns);
         for (body, color) in bodies {
-            let rest = self
-                .rests
-                .get(body.id().index() as usize)
-                .copied()
-                .flatten();
+            let rest = self.rests.get(body.id.index() as usize).copied().flatten();
             if rest.is_some_and(|rest| rest.at_rest) == at_rest {
                 primitives::add(
                     &mut entity,
-                    &body.placed.shape,
+                    body.shape,
                     body.position,
                     body.rotation,
                     *color,
@@ -179,12 +175,47 @@ enum DrawState {
 }
 
 /// An empty entity; it replaces the entity of the same id.
-pub(super) fn entity(id: &str, at_ns: u64) -> SceneEntity {
+fn entity(id: &str, at_ns: u64) -> SceneEntity {
     let seconds = u32::try_from(at_ns / 1_000_000_000).unwrap_or(u32::MAX);
     SceneEntity {
         timestamp: Some(Timestamp::new(seconds, (at_ns % 1_000_000_000) as u32)),
         frame_id: primitives::FRAME.to_owned(),
         id: id.to_owned(),
         ..SceneEntity::default()
+    }
+}
+
+/// Draws static bodies.
+#[must_use]
+pub fn draw_statics<'a>(at_ns: u64, bodies: impl Iterator<Item = DrawnBody<'a>>) -> SceneUpdate {
+    let mut entity = entity("static", at_ns);
+    for body in bodies {
+        primitives::add(
+            &mut entity,
+            body.shape,
+            body.position,
+            body.rotation,
+            STATIC,
+        );
+    }
+    SceneUpdate {
+        deletions: Vec::new(),
+        entities: vec![entity],
+    }
+}
+
+/// The colour of an engine's awake body.
+pub const AWAKE: Color = grey(0.80, 1.0);
+/// The colour of an engine's sleeping body.
+pub const ASLEEP: Color = grey(0.50, 1.0);
+/// Translucent, because walls stand in front of the bodies they contain.
+const STATIC: Color = grey(0.60, 0.25);
+
+const fn grey(share: f64, a: f64) -> Color {
+    Color {
+        r: share,
+        g: share,
+        b: share,
+        a,
     }
 }

@@ -10,8 +10,8 @@ use foxglove::messages::{
 use glam::{DQuat, DVec3, Vec3};
 use rhumb_protocol::scene::{Compound, Shape};
 
-/// Frame of all drawings.
-pub(super) const FRAME: &str = "map";
+/// The name of the frame of all drawings.
+pub const FRAME: &str = "map";
 
 /// Turns y up to z up: a quarter turn about x.
 const UP: DQuat = DQuat::from_xyzw(
@@ -38,8 +38,13 @@ impl Brush {
         }
     }
 
+    /// A ball looks the same in every orientation.
     fn sphere(&self, centre: DVec3, radius: f32) -> SpherePrimitive {
-        self.ellipsoid(centre, Vec3::splat(radius))
+        SpherePrimitive {
+            pose: Some(drawn(centre, UP.conjugate())),
+            size: size(Vec3::splat(radius)),
+            color: Some(self.color),
+        }
     }
 
     /// Foxglove's cylinders stand along z, the engine's along y.
@@ -199,19 +204,26 @@ fn cells(rows: u32, columns: u32) -> Vec<u32> {
     (0..rows - 1).flat_map(cell).collect()
 }
 
+/// Drawn positions are multiples of this, metres: a millimetre cannot be seen, and rounded numbers take half the bytes.
+const POSITION_STEP: f64 = 1.0 / 1_024.0;
+/// The same of a quaternion's components: a turn of 0.03 degrees.
+const ROTATION_STEP: f64 = 1.0 / 4_096.0;
+
 fn drawn(position: DVec3, rotation: DQuat) -> Pose {
     let turned = UP * rotation;
+    let at = |metres: f64| (metres / POSITION_STEP).round() * POSITION_STEP;
+    let part = |part: f64| (part / ROTATION_STEP).round() * ROTATION_STEP;
     Pose {
         position: Some(Vector3 {
-            x: position.x,
-            y: -position.z,
-            z: position.y,
+            x: at(position.x),
+            y: at(-position.z),
+            z: at(position.y),
         }),
         orientation: Some(Quaternion {
-            x: turned.x,
-            y: turned.y,
-            z: turned.z,
-            w: turned.w,
+            x: part(turned.x),
+            y: part(turned.y),
+            z: part(turned.z),
+            w: part(turned.w),
         }),
     }
 }
@@ -282,6 +294,6 @@ mod tests {
         let end = entity.spheres[0].pose.unwrap().position.unwrap();
         assert!((end.x + 2.0).abs() < 1e-6 && end.y.abs() < 1e-6 && end.z.abs() < 1e-6);
         let axis = turned(&entity.cylinders[0].pose.unwrap(), DVec3::Z);
-        assert!((axis + DVec3::X).length() < 1e-6);
+        assert!((axis + DVec3::X).length() < 1e-3);
     }
 }

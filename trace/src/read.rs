@@ -1,6 +1,6 @@
 //! Engine states read back from a trace.
 //!
-//! Reads only what [`record::Truth`](crate::record::Truth) holds; `messages` defines the numbers.
+//! It reads exact states; `messages` defines the numbers.
 
 use glam::Vec3;
 use prost::Message as _;
@@ -8,24 +8,28 @@ use rhumb_protocol::scene::{BodyDesc, BodyKind, Hull, Shape, ShapeId};
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Tick, ToleranceScale};
 
+use super::body::Placed;
 use super::messages::{Placement, States};
-use crate::record::Placed;
 
 /// Content of one message of `truth/state`.
 #[derive(Clone, Debug)]
-pub(crate) struct TickStates {
-    pub(crate) tick: Tick,
-    pub(crate) observed: Vec<Observation>,
-    pub(crate) placed: Vec<Placed>,
-    pub(crate) removed: Vec<(Tick, BodyId)>,
+pub struct TickStates {
+    /// The tick.
+    pub tick: Tick,
+    /// Observations after its step.
+    pub observed: Vec<Observation>,
+    /// Bodies placed after its step.
+    pub placed: Vec<Placed>,
+    /// Bodies removed by or after its step.
+    pub removed: Vec<(Tick, BodyId)>,
 }
 
-/// Decodes a message; `None` if it holds an invalid motion, shape, kind or id.
+/// Decodes a message; `None` if it holds an invalid motion, shape, kind or id, or poses on the grid alone.
 ///
 /// # Errors
 ///
 /// If the bytes are no such message.
-pub(crate) fn read_states(bytes: &[u8]) -> Result<Option<TickStates>, prost::DecodeError> {
+pub fn read_states(bytes: &[u8]) -> Result<Option<TickStates>, prost::DecodeError> {
     let states = States::decode(bytes)?;
     Ok(parse(&states))
 }
@@ -128,6 +132,17 @@ fn shape(kind: i32, extents: &[f32]) -> Option<Shape> {
             let points: Vec<_> = points.chunks_exact(3).map(Vec3::from_slice).collect();
             Shape::Hull(Hull::new(&points).ok()?)
         }
+        (6, &[x, y, z, radius]) => Shape::RoundedCuboid {
+            half_extents: Vec3::new(x, y, z),
+            radius,
+        },
+        (7, &[half_height, radius]) => Shape::Cone {
+            half_height,
+            radius,
+        },
+        (8, &[x, y, z]) => Shape::HalfSpace {
+            normal: Vec3::new(x, y, z),
+        },
         _ => return None,
     })
 }

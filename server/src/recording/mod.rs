@@ -1,0 +1,22 @@
+//! States of scenes for files and viewers, handed over by the scenes tick by tick.
+//!
+//! A scene copies the states of a tick into a bounded queue, and never waits: a queue that is full costs ticks of the
+//! recording, which goes on with a whole scene. Threads of their own write. Without readers a scene copies nothing.
+
+#[cfg(feature = "record")]
+mod file;
+#[cfg(feature = "foxglove")]
+mod live;
+#[cfg(feature = "record")]
+mod mirror;
+#[cfg(feature = "record")]
+mod recorder;
+mod tap;
+#[cfg(feature = "record")]
+mod writer;
+
+#[cfg(feature = "foxglove")]
+pub(crate) use self::live::{BoundViewers, LiveViewers};
+#[cfg(feature = "record")]
+pub(crate) use self::recorder::{Recorder, RecordingLimits};
+pub(crate) use self::tap::{SceneTap, SceneTaps};

@@ -1,0 +1,60 @@
+//! The server's recordings of scenes, and their viewers.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use super::{RunError, Server, seconds_since_1970};
+use crate::front::Front;
+use crate::recording::{Recorder, RecordingLimits, SceneTaps};
+
+/// The threads that read the scenes' states; dropping them ends them.
+pub(super) struct Observers {
+    _recorder: Option<Recorder>,
+    #[cfg(feature = "foxglove")]
+    _viewers: Option<crate::recording::LiveViewers>,
+}
+
+impl Server {
+    /// Records every scene in MCAP files of this directory, which is made if it is missing.
+    pub fn record_scenes(&mut self, directory: PathBuf) {
+        self.record = Some(directory);
+    }
+
+    /// Shows every scene to Foxglove's viewers, over WebSockets at a TCP address, which is returned. It has no tokens:
+    /// bind it where only those reach it who may see all scenes.
+    ///
+    /// # Errors
+    ///
+    /// [`RunError::Foxglove`] for an address that cannot be used.
+    #[cfg(feature = "foxglove")]
+    pub fn show_in_foxglove(&mut self, address: SocketAddr) -> Result<SocketAddr, RunError> {
+        let viewers = crate::recording::BoundViewers::bind(address).map_err(RunError::Foxglove)?;
+        let local = SocketAddr::new(address.ip(), viewers.port());
+        self.foxglove = Some(viewers);
+        Ok(local)
+    }
+
+    /// Starts the threads that read the states of later scenes.
+    pub(super) fn start_observers(&mut self, front: &mut Front) -> Result<Observers, RunError> {
+        let (taps, limits) = (SceneTaps::default(), RecordingLimits::of(&self.limits));
+        let recorder = match self.record.take() {
+            None => None,
+            Some(directory) => {
+                let started = Recorder::start(directory.clone(), limits, seconds_since_1970, &taps);
+                let failed = |cause| RunError::Record { directory, cause };
+                Some(started.map_err(failed)?)
+            }
+        };
+        #[cfg(feature = "foxglove")]
+        let viewers = match self.foxglove.take() {
+            None => None,
+            Some(bound) => Some(bound.start(limits, &taps).map_err(RunError::Thread)?),
+        };
+        front.tap(taps);
+        Ok(Observers {
+            _recorder: recorder,
+            #[cfg(feature = "foxglove")]
+            _viewers: viewers,
+        })
+    }
+}

@@ -1,0 +1,111 @@
+//! The columns of the table of scenes.
+
+use std::cmp::Ordering;
+
+use super::change::SceneChange;
+use super::format::{kilobytes, milliseconds, number, percent};
+
+/// One column.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Column {
+    pub(super) title: &'static str,
+    /// Width on a screen, characters.
+    pub(super) width: u16,
+    value: fn(&SceneChange<'_>) -> Option<f64>,
+    text: fn(Option<f64>) -> String,
+}
+
+/// The column of names stands before all others.
+pub(super) const NAME_TITLE: &str = "SCENE";
+
+/// All columns but that of the name.
+pub(super) const COLUMNS: [Column; 12] = [
+    column("CLIENTS", 7, |of| of.value("members"), whole),
+    column("BODIES", 7, |of| of.value("bodies"), whole),
+    column("AWAKE", 7, |of| of.value("bodies_awake"), whole),
+    column("TICK", 9, |of| of.value("tick"), whole),
+    column("TICKS/s", 7, |of| of.rate("tick"), |rate| number(rate, 1)),
+    column("p50ms", 6, |of| of.step_quantile(0.5), milliseconds),
+    column("p99ms", 6, |of| of.step_quantile(0.99), milliseconds),
+    column("BUSY%", 6, |of| of.busy(), percent),
+    column("LATE", 6, |of| of.value("late_total"), whole),
+    column("INkB/s", 7, |of| of.rate("received_bytes_total"), kilobytes),
+    column("OUTkB/s", 8, |of| of.rate("sent_bytes_total"), kilobytes),
+    column("WAIT", 5, |of| of.value("bodies_waiting"), whole),
+];
+
+const fn column(
+    title: &'static str,
+    width: u16,
+    value: fn(&SceneChange<'_>) -> Option<f64>,
+    text: fn(Option<f64>) -> String,
+) -> Column {
+    Column {
+        title,
+        width,
+        value,
+        text,
+    }
+}
+
+fn whole(value: Option<f64>) -> String {
+    number(value, 0)
+}
+
+impl Column {
+    /// The text of a cell.
+    pub(super) fn cell(&self, scene: &SceneChange<'_>) -> String {
+        (self.text)((self.value)(scene))
+    }
+}
+
+/// The order of rows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct SortOrder {
+    /// `None` sorts by name.
+    pub(super) column: Option<usize>,
+    pub(super) is_reversed: bool,
+}
+
+impl SortOrder {
+    /// The order after this one: by name, then by each column, greatest first.
+    pub(super) fn next(self) -> Self {
+        let column = match self.column {
+            None => Some(0),
+            Some(last) if last + 1 == COLUMNS.len() => None,
+            Some(column) => Some(column + 1),
+        };
+        Self {
+            column,
+            is_reversed: column.is_some(),
+        }
+    }
+
+    pub(super) const fn reversed(self) -> Self {
+        Self {
+            is_reversed: !self.is_reversed,
+            ..self
+        }
+    }
+
+    /// Sorts rows; those without the figure come last, and equal ones by name.
+    pub(super) fn sort(self, rows: &mut [SceneChange<'_>]) {
+        rows.sort_by(|a, b| {
+            let by_column = self.column.and_then(|column| COLUMNS.get(column));
+            let order = by_column.map_or(Ordering::Equal, |column| {
+                let (a, b) = ((column.value)(a), (column.value)(b));
+                match (a, b) {
+                    (Some(a), Some(b)) if self.is_reversed => b.total_cmp(&a),
+                    (Some(a), Some(b)) => a.total_cmp(&b),
+                    (a, b) => b.is_some().cmp(&a.is_some()),
+                }
+            });
+            let by_name = a.name.cmp(b.name);
+            order.then(if self.is_reversed && by_column.is_none() {
+                by_name.reverse()
+            } else {
+                by_name
+            })
+        });
+    }
+}

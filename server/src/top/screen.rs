@@ -1,0 +1,273 @@
+//! Draws the state: a line about the server, the table of scenes, details of one, and the keys.
+
+use ratatui::Frame;
+use ratatui::layout::{Alignment, Constraint, Layout, Rect};
+use ratatui::style::{Color, Style, Stylize};
+use ratatui::text::Line;
+use ratatui::widgets::{Block, Cell, Paragraph, Row, Table, TableState, Wrap};
+
+use super::change::SceneChange;
+use super::columns::{COLUMNS, NAME_TITLE};
+use super::format::{count, milliseconds, number, percent};
+use super::keys::HELP;
+use super::reading::Reading;
+use super::state::TopState;
+use super::table::summary;
+
+/// Lines about the server.
+const HEAD_LINES: u16 = 3;
+/// Lines of details with their frame.
+const DETAIL_LINES: u16 = 9;
+
+/// Draws a whole screen.
+pub(super) fn draw(frame: &mut Frame<'_>, state: &TopState) {
+    let details = if state.shows_details { DETAIL_LINES } else { 0 };
+    let areas = Layout::vertical([
+        Constraint::Length(HEAD_LINES),
+        Constraint::Min(2),
+        Constraint::Length(details),
+        Constraint::Length(1),
+    ]);
+    let [head, table, detail, keys] = areas.areas(frame.area());
+    frame.render_widget(head_lines(state), head);
+    let rows = state.rows();
+    let selected = state.selected_row(&rows);
+    draw_table(frame, state, &rows, selected, table);
+    if let Some(scene) = selected.and_then(|row| rows.get(row))
+        && state.shows_details
+    {
+        frame.render_widget(detail_lines(state, scene), detail);
+    }
+    frame.render_widget(Line::from(HELP).dim(), keys);
+}
+
+fn head_lines(state: &TopState) -> Paragraph<'_> {
+    let text = match (&state.failure, &state.now) {
+        (Some(reason), _) => {
+            let text = format!("{}: {reason}; trying again each second", state.url);
+            Line::from(text).style(Style::new().fg(Color::Red).bold())
+        }
+        (None, None) => Line::from(format!("{}: connecting", state.url)),
+        (None, Some(now)) => Line::from(format!("{}: {}", state.url, summary(now))),
+    };
+    Paragraph::new(text).wrap(Wrap { trim: true })
+}
+
+fn draw_table(
+    frame: &mut Frame<'_>,
+    state: &TopState,
+    rows: &[SceneChange<'_>],
+    selected: Option<usize>,
+    area: Rect,
+) {
+    let sorted = state.order.column;
+    let title = |text: &'static str, is_sorted: bool| {
+        let line = Line::from(text);
+        if is_sorted {
+            line.bold().underlined()
+        } else {
+            line.bold()
+        }
+    };
+    let titles = COLUMNS.iter().enumerate().map(|(at, column)| {
+        Cell::from(title(column.title, sorted == Some(at)).alignment(Alignment::Right))
+    });
+    let name = Cell::from(title(NAME_TITLE, sorted.is_none()));
+    let head = Row::new(std::iter::once(name).chain(titles));
+    let lines = rows.iter().map(|scene| {
+        let cells = COLUMNS.iter().map(|column| {
+            let text = Line::from(column.cell(scene));
+            Cell::from(text.alignment(Alignment::Right))
+        });
+        let name = Cell::from(scene.name.to_owned());
+        let row = Row::new(std::iter::once(name).chain(cells));
+        if scene.value("faulted") == Some(1.0) {
+            row.style(Style::new().fg(Color::Red))
+        } else {
+            row
+        }
+    });
+    let widths = COLUMNS
+        .iter()
+        .map(|column| Constraint::Length(column.width));
+    let widths = std::iter::once(Constraint::Min(12)).chain(widths);
+    let mut table = Table::new(lines, widths)
+        .header(head)
+        .row_highlight_style(Style::new().reversed());
+    if state.failure.is_some() {
+        table = table.dim();
+    }
+    let mut place = TableState::new().with_selected(selected);
+    frame.render_stateful_widget(table, area, &mut place);
+}
+
+fn detail_lines<'a>(state: &'a TopState, scene: &SceneChange<'a>) -> Paragraph<'a> {
+    let value = |figure| scene.value(figure);
+    let rate = value("step_period_seconds").map(|period| 1.0 / period);
+    let limit = (state.now.as_ref()).and_then(|now: &Reading| now.value("rhumb_scene_load_limit"));
+    let load = value("load").zip(limit).map(|(load, most)| load / most);
+    let fault = if value("faulted") == Some(1.0) {
+        "stands still: its engine failed"
+    } else {
+        "runs"
+    };
+    let lines = vec![
+        Line::from(format!(
+            "{fault}; {} so far; {} % of the load that a scene may reserve",
+            count(value("restorations_total"), "restoration"),
+            percent(load)
+        )),
+        Line::from(format!(
+            "ticks: {}/s of {}/s; {} late, {} too late to catch up",
+            number(scene.rate("tick"), 1),
+            number(rate, 1),
+            number(value("late_total"), 0),
+            number(value("slowed_total"), 0)
+        )),
+        Line::from(format!(
+            "step: p50 {} ms, p95 {} ms, p99 {} ms; publishing: mean {} ms",
+            milliseconds(scene.step_quantile(0.50)),
+            milliseconds(scene.step_quantile(0.95)),
+            milliseconds(scene.step_quantile(0.99)),
+            milliseconds(scene.publish_mean())
+        )),
+        Line::from(format!(
+            "bodies: {}, {} awake, {} waiting for a budget",
+            number(value("bodies"), 0),
+            number(value("bodies_awake"), 0),
+            number(value("bodies_waiting"), 0)
+        )),
+        Line::from(format!(
+            "commands: {}/s, {} refused so far",
+            number(scene.rate("commands_total"), 1),
+            number(value("commands_refused_total"), 0)
+        )),
+        Line::from(format!(
+            "bytes: {} received, {} sent so far, without headers",
+            number(value("received_bytes_total"), 0),
+            number(value("sent_bytes_total"), 0)
+        )),
+        Line::from(format!("connections closed by code: {}", closed(state))),
+    ];
+    Paragraph::new(lines).block(Block::bordered().title(scene.name))
+}
+
+/// The codes by which the server closed connections, with their counts.
+fn closed(state: &TopState) -> String {
+    let reading = state.now.iter();
+    let closed = reading.flat_map(Reading::closed);
+    let texts: Vec<_> = closed
+        .map(|(code, count)| format!("{code}: {count}"))
+        .collect();
+    if texts.is_empty() {
+        "none".to_owned()
+    } else {
+        texts.join(", ")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+    use rhumb_protocol::{Instant, Span};
+
+    use super::*;
+    use crate::top::keys::TopKey;
+
+    fn reading(seconds: u64, tick: u64, sent: u64) -> Reading {
+        let text = format!(
+            "rhumb_connections 2\nrhumb_connections_total 5\nrhumb_scenes 2\nrhumb_scenes_parked 0\n\
+             rhumb_load 500\nrhumb_load_limit 1000\nrhumb_scene_load_limit 800\nrhumb_closed_total{{code=\"18\"}} 3\n\
+             rhumb_scene_tick{{scene=\"pit\"}} {tick}\nrhumb_scene_members{{scene=\"pit\"}} 2\n\
+             rhumb_scene_bodies{{scene=\"pit\"}} 511\nrhumb_scene_bodies_awake{{scene=\"pit\"}} 40\n\
+             rhumb_scene_sent_bytes_total{{scene=\"pit\"}} {sent}\nrhumb_scene_load{{scene=\"pit\"}} 200\n\
+             rhumb_scene_step_period_seconds{{scene=\"pit\"}} 0.02\n\
+             rhumb_scene_step_seconds_bucket{{scene=\"pit\",le=\"0.002\"}} {tick}\n\
+             rhumb_scene_step_seconds_bucket{{scene=\"pit\",le=\"+Inf\"}} {tick}\n\
+             rhumb_scene_tick{{scene=\"tower\"}} 7\n"
+        );
+        let at = Instant::ZERO + Span::from_millis(seconds * 1_000);
+        Reading::parse(at, true, &text).unwrap()
+    }
+
+    fn state() -> TopState {
+        let mut state = TopState::new("http://127.0.0.1:9464".to_owned());
+        state.take(Ok(reading(1, 100, 1_000)));
+        state.take(Ok(reading(2, 150, 26_600)));
+        state
+    }
+
+    /// The lines of a screen of this size.
+    fn drawn(state: &TopState, width: u16, height: u16) -> Vec<String> {
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+        terminal.draw(|frame| draw(frame, state)).unwrap();
+        let buffer = terminal.backend().buffer().clone();
+        let line = |y| {
+            let cells = (0..width).map(|x| buffer[(x, y)].symbol().to_owned());
+            cells.collect::<String>().trim_end().to_owned()
+        };
+        (0..height).map(line).collect()
+    }
+
+    #[test]
+    fn the_table_shows_the_scenes_with_their_rates() {
+        let lines = drawn(&state(), 120, 12);
+        assert!(
+            lines[0].starts_with("http://127.0.0.1:9464: healthy, 2 connections"),
+            "{lines:#?}"
+        );
+        let words: Vec<_> = lines[3].split_whitespace().collect();
+        assert_eq!(words[0], "SCENE");
+        assert_eq!(words.len(), 1 + COLUMNS.len());
+        let row: Vec<_> = lines[4].split_whitespace().collect();
+        let expected = [
+            "pit", "2", "511", "40", "150", "50.0", "1.00", "1.98", "-", "-", "-", "25.6", "-",
+        ];
+        assert_eq!(row, expected);
+        assert!(lines[5].starts_with("tower"), "{lines:#?}");
+        assert!(lines[11].contains("q quit"), "{lines:#?}");
+    }
+
+    #[test]
+    fn details_belong_to_the_selected_scene() {
+        let mut state = state();
+        state.press(TopKey::Details);
+        let text = drawn(&state, 120, 20).join("\n");
+        for expected in [
+            "┌pit",
+            "25.0 % of the load that a scene may reserve",
+            "ticks: 50.0/s of 50.0/s",
+            "26600 sent so far, without headers",
+            "18: 3",
+        ] {
+            assert!(text.contains(expected), "{expected} in\n{text}");
+        }
+        state.press(TopKey::Down);
+        let text = drawn(&state, 120, 20).join("\n");
+        assert!(text.contains("┌tower"), "{text}");
+    }
+
+    #[test]
+    fn a_server_that_is_gone_is_named_and_its_last_figures_stay() {
+        let mut state = state();
+        state.take(Err("cannot connect: refused".to_owned()));
+        let lines = drawn(&state, 120, 12);
+        assert_eq!(
+            lines[0],
+            "http://127.0.0.1:9464: cannot connect: refused; trying again each second"
+        );
+        assert!(lines[4].starts_with("pit"), "{lines:#?}");
+    }
+
+    #[test]
+    fn a_screen_of_any_size_is_drawn() {
+        let mut state = state();
+        for _ in 0..2 {
+            for (width, height) in [(1, 1), (10, 4), (40, 6), (300, 60)] {
+                assert_eq!(drawn(&state, width, height).len(), usize::from(height));
+            }
+            state.press(TopKey::Details);
+        }
+    }
+}

@@ -1,0 +1,305 @@
+//! Recordings of a server process, and its scenes live in Foxglove's protocol.
+//!
+//! The states of a recording are compared with the bodies that a client sees at the same ticks.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use mcap::MessageStream;
+use mcap::read::Options;
+use prost::Message as _;
+use rhumb_client::scene::{BodyDesc, Shape};
+use rhumb_client::{BodyId, Client, PipelineDepth, Trust};
+use rhumb_tests::ServerProcess;
+use rhumb_trace::{SceneUpdate, TickStates, read_states};
+use serde_json::Value;
+use tungstenite::client::IntoClientRequest;
+use tungstenite::http::HeaderValue;
+use tungstenite::{Message, WebSocket};
+
+use crate::SERVER;
+
+const ANYWHERE: &str = "127.0.0.1:0";
+/// Longer than any answer takes; reached only by a failure.
+const LONG: Duration = Duration::from_secs(30);
+/// Steps until a chunk is on the disk, at most.
+const STEPS_MAX: usize = 200_000;
+/// The tolerance of the client's stream, metres, and the rounding of drawings.
+const TOLERANCE_M: f64 = 0.05;
+const ROUNDING_M: f64 = 0.002;
+
+fn join(server: &ServerProcess, scene: &str) -> Client {
+    let trust = Trust::Fingerprint(server.fingerprint);
+    let address = server.address.to_string();
+    let connection = Client::connect(&address, trust).expect("the server listens");
+    connection.join(scene).expect("the scene begins")
+}
+
+/// A ball that rolls off a table for ever, and a floor.
+fn populate(client: &mut Client) -> BodyId {
+    let floor = BodyDesc::fixed(Shape::cuboid(50.0, 0.5, 50.0)).at(0.0, -0.5, 0.0);
+    client.add_body(floor).expect("the floor is added");
+    let ball = BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 20.0, 0.0);
+    client.add_body(ball).expect("the ball is added")
+}
+
+/// Steps, and notes the ball's height at each tick.
+fn step(client: &mut Client, ball: BodyId, heights: &mut BTreeMap<u64, f64>) {
+    let tick = client.advance(PipelineDepth::LOCKSTEP).expect("it steps");
+    let at = client.view().position(ball).expect("the ball is there");
+    heights.insert(tick.value(), f64::from(at.y));
+}
+
+fn recordings(directory: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(directory).expect("the directory is there");
+    let mut files: Vec<_> = entries
+        .map(|entry| entry.expect("it can be read").path())
+        .collect();
+    files.sort();
+    files
+}
+
+/// The states of a file up to its last whole chunk, and whether the file is complete.
+fn states(path: &Path) -> (Vec<TickStates>, bool) {
+    let bytes = fs::read(path).expect("the file can be read");
+    let messages = MessageStream::new_with_options(&bytes, Options::IgnoreEndMagic.into());
+    let mut states = Vec::new();
+    for message in messages.expect("it is an MCAP file") {
+        let Ok(message) = message else {
+            return (states, false);
+        };
+        if message.channel.topic.ends_with("/truth/state") {
+            let tick = read_states(&message.data).expect("it is a message");
+            states.push(tick.expect("its numbers are valid"));
+        }
+    }
+    let complete = mcap::Summary::read(&bytes).is_ok_and(|summary| summary.is_some());
+    (states, complete)
+}
+
+/// Compares the recorded heights of the ball with those that the client saw.
+fn compare(states: &[TickStates], ball: BodyId, heights: &BTreeMap<u64, f64>) {
+    assert!(states.len() > 10, "{} ticks", states.len());
+    let whole = &states[0];
+    assert_eq!(whole.placed.len(), 2, "the first record is whole");
+    let mut expected = whole.tick;
+    let mut compared = 0;
+    for tick in states {
+        assert_eq!(tick.tick, expected, "no tick is missing");
+        expected = expected.next();
+        let observed = tick.observed.iter().find(|body| body.id == ball);
+        if let (Some(body), Some(seen)) = (observed, heights.get(&tick.tick.value())) {
+            let recorded = f64::from(body.motion.position()[1]);
+            assert!((recorded - seen).abs() <= TOLERANCE_M, "at {}", tick.tick);
+            compared += 1;
+        }
+    }
+    assert!(compared > 10, "{compared} ticks compared");
+}
+
+#[test]
+fn a_killed_servers_recording_is_read_up_to_its_last_chunk() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().to_str().expect("its name is text");
+    let server = SERVER.serve_with(ANYWHERE, &["--record", path]);
+    let mut client = join(&server, "team/pit");
+    let (ball, mut heights) = (populate(&mut client), BTreeMap::new());
+    let is_written = || {
+        let files = recordings(directory.path());
+        files.iter().any(|file| states(file).0.len() > 50)
+    };
+    for steps in 0.. {
+        assert!(steps < STEPS_MAX, "no chunk was written");
+        step(&mut client, ball, &mut heights);
+        if steps % 200 == 199 && is_written() {
+            break;
+        }
+    }
+    server.kill();
+    let files = recordings(directory.path());
+    assert_eq!(files.len(), 1, "{files:?}");
+    let name = files[0].to_string_lossy().into_owned();
+    assert!(name.ends_with(".team_pit.mcap"), "{name}");
+    let (states, complete) = states(&files[0]);
+    assert!(!complete, "the server was killed");
+    compare(&states, ball, &heights);
+}
+
+#[test]
+fn a_scene_that_ends_leaves_a_whole_file() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().join("made/here");
+    let name = path.to_str().expect("its name is text");
+    let server = SERVER.serve_with(ANYWHERE, &["--record", name]);
+    let mut client = join(&server, "pit");
+    let (ball, mut heights) = (populate(&mut client), BTreeMap::new());
+    for _ in 0..40 {
+        step(&mut client, ball, &mut heights);
+    }
+    client.delete().expect("the scene ends");
+    let files = recordings(&path);
+    let mut tries = 0;
+    let states = loop {
+        let (states, complete) = states(&files[0]);
+        if complete {
+            break states;
+        }
+        tries += 1;
+        assert!(tries < STEPS_MAX, "the file was not finished");
+        std::thread::yield_now();
+    };
+    drop(server);
+    assert_eq!(states.last().map(|states| states.tick.value()), Some(40));
+    compare(&states, ball, &heights);
+}
+
+/// A viewer of Foxglove's protocol.
+struct Viewer(WebSocket<TcpStream>);
+
+impl Viewer {
+    fn connect(server: &ServerProcess) -> Self {
+        let line = server
+            .lines
+            .iter()
+            .find_map(|line| line.strip_prefix("foxglove at "));
+        let url = line.expect("a line names the address");
+        let address = url.strip_prefix("ws://").expect("it is a URL");
+        let stream = TcpStream::connect(address).expect("it listens");
+        stream.set_read_timeout(Some(LONG)).expect("a time limit");
+        let mut request = url.into_client_request().expect("it is a URL");
+        let protocol = HeaderValue::from_static("foxglove.sdk.v1");
+        (request.headers_mut()).insert("Sec-WebSocket-Protocol", protocol);
+        let (socket, _) = tungstenite::client(request, stream).expect("it is greeted");
+        Self(socket)
+    }
+
+    /// The number of the channel of a topic, once it is announced, and its schema.
+    fn channel(&mut self, topic: &str) -> (u64, String) {
+        loop {
+            let Message::Text(text) = self.0.read().expect("a message comes") else {
+                continue;
+            };
+            let message: Value = serde_json::from_str(&text).expect("it is JSON");
+            let channels = message["channels"].as_array().into_iter().flatten();
+            for channel in channels {
+                if channel["topic"] == topic {
+                    let id = channel["id"].as_u64().expect("a number");
+                    assert_eq!(channel["encoding"], "protobuf");
+                    let schema = channel["schemaName"].as_str().expect("a name");
+                    return (id, schema.to_owned());
+                }
+            }
+        }
+    }
+
+    fn subscribe(&mut self, channel: u64) {
+        let subscription = serde_json::json!({
+            "op": "subscribe", "subscriptions": [{"id": 7, "channelId": channel}]
+        });
+        let text = subscription.to_string();
+        self.0
+            .send(Message::text(text))
+            .expect("the message leaves");
+    }
+
+    /// Time and bytes of the next message of the subscription.
+    fn next(&mut self) -> (u64, Vec<u8>) {
+        loop {
+            if let Message::Binary(bytes) = self.0.read().expect("a message comes")
+                && let [1, rest @ ..] = bytes.as_ref()
+            {
+                let (subscription, rest) = rest.split_at(4);
+                assert_eq!(subscription, 7_u32.to_le_bytes());
+                let (time, data) = rest.split_at(8);
+                let time = u64::from_le_bytes(time.try_into().expect("eight bytes"));
+                return (time, data.to_vec());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_viewer_of_foxglove_sees_the_scene_where_it_is() {
+    let server = SERVER.serve_with(ANYWHERE, &["--foxglove", ANYWHERE]);
+    let mut client = join(&server, "team/pit");
+    let (ball, mut heights) = (populate(&mut client), BTreeMap::new());
+    step(&mut client, ball, &mut heights);
+    let mut viewer = Viewer::connect(&server);
+    let (channel, schema) = viewer.channel("/team/pit/truth/moving");
+    assert_eq!(schema, "foxglove.SceneUpdate");
+    viewer.subscribe(channel);
+    for _ in 0..60 {
+        step(&mut client, ball, &mut heights);
+    }
+    let step_ns = 1e9 / 60.0;
+    let mut compared = 0;
+    while compared < 10 {
+        let (time, data) = viewer.next();
+        let update = SceneUpdate::decode(&*data).expect("it is a scene");
+        let tick = (time as f64 / step_ns).round() as u64;
+        let sphere = &update.entities[0].spheres[0];
+        let at = sphere.pose.and_then(|pose| pose.position);
+        // Foxglove's z axis points up.
+        let drawn = at.expect("it has a place").z;
+        let seen = heights[&tick];
+        assert!(
+            (drawn - seen).abs() <= TOLERANCE_M + ROUNDING_M,
+            "{drawn} and {seen} at {tick}"
+        );
+        assert_eq!(sphere.size.map(|size| size.x), Some(1.0));
+        compared += 1;
+    }
+}
+
+#[test]
+fn a_viewer_that_comes_late_sees_a_scene_that_stands_still() {
+    let server = SERVER.serve_with(ANYWHERE, &["--foxglove", ANYWHERE]);
+    let mut client = join(&server, "pit");
+    let (ball, mut heights) = (populate(&mut client), BTreeMap::new());
+    for _ in 0..10 {
+        step(&mut client, ball, &mut heights);
+    }
+    for (topic, cubes, spheres) in [("static", 1, 0), ("moving", 0, 1)] {
+        let mut viewer = Viewer::connect(&server);
+        let (channel, _) = viewer.channel(&format!("/pit/truth/{topic}"));
+        viewer.subscribe(channel);
+        let (_, data) = viewer.next();
+        let update = SceneUpdate::decode(&*data).expect("it is a scene");
+        let entity = &update.entities[0];
+        assert_eq!((entity.cubes.len(), entity.spheres.len()), (cubes, spheres));
+    }
+}
+
+#[test]
+fn viewers_of_other_machines_need_to_be_allowed() {
+    let refused = SERVER.run(&["--open", "--listen", ANYWHERE, "--foxglove", "0.0.0.0:0"]);
+    assert_eq!(refused.code, Some(1), "{}", refused.out);
+    assert!(refused.log.contains("--open-to-network"), "{}", refused.log);
+}
+
+#[test]
+fn the_directories_of_a_configuration_are_checked() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let file = directory.path().join("file");
+    fs::write(&file, b"").expect("a file");
+    let (file, new) = (file.to_string_lossy(), directory.path().join("new/er"));
+    let check = |flag, path: &str| SERVER.run(&["--open", "--check-config", flag, path]);
+    for flag in ["--flight", "--record", "--data"] {
+        let fine = check(flag, &new.to_string_lossy());
+        assert_eq!(fine.code, Some(0), "{flag}: {}", fine.log);
+        let refused = check(flag, &file);
+        assert_eq!(refused.code, Some(1), "{flag}");
+        assert!(refused.log.contains(&*file), "{}", refused.log);
+    }
+    assert!(!new.exists(), "a check makes nothing");
+    if cfg!(target_os = "linux") {
+        for flag in ["--flight", "--record"] {
+            let refused = check(flag, "/proc/recordings");
+            assert_eq!(refused.code, Some(1), "{flag}");
+            assert!(refused.log.contains("takes no files"), "{}", refused.log);
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! An MCAP file that takes protobuf messages by topic.
+//!
+//! Compression runs in the caller's thread, so one record gives the same bytes on any machine. A topic is declared
+//! with its first message, so a topic without messages does not appear.
+
+use std::collections::BTreeMap;
+use std::io::{Seek, Write};
+
+use foxglove::Encode;
+use foxglove::messages::SceneUpdate;
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use mcap::{Compression, McapError, WriteOptions, Writer};
+
+use super::messages::DESCRIPTORS;
+use super::topics::{Schema, Topic, TraceSink};
+
+/// The MCAP file.
+pub struct TraceFile<W: Write + Seek> {
+    writer: Writer<W>,
+    buffer: Vec<u8>,
+}
+
+/// Compressed by zstd in the caller's thread, with indexes and checksums.
+fn options(library: &str) -> WriteOptions {
+    WriteOptions::new()
+        .compression(Some(Compression::Zstd))
+        .compression_threads(0)
+        .library(library)
+}
+
+impl<W: Write> TraceFile<NoSeek<W>> {
+    /// Begins a file that only grows: a crash leaves whatever chunks were finished, and nothing that looks like one.
+    ///
+    /// # Errors
+    ///
+    /// [`McapError`] if the sink cannot be written.
+    pub fn growing(to: W, library: &str) -> Result<Self, McapError> {
+        let options = options(library).disable_seeking(true);
+        Ok(Self {
+            writer: options.create(NoSeek::new(to))?,
+            buffer: Vec::new(),
+        })
+    }
+}
+
+impl<W: Write + Seek> TraceFile<W> {
+    /// Begins a file; `library` names the program that writes it.
+    ///
+    /// # Errors
+    ///
+    /// [`McapError`] if the sink cannot be written.
+    pub fn new(to: W, library: &str) -> Result<Self, McapError> {
+        Ok(Self {
+            writer: options(library).create(to)?,
+            buffer: Vec::new(),
+        })
+    }
+
+    /// Writes a metadata record.
+    ///
+    /// # Errors
+    ///
+    /// [`McapError`] if the sink cannot be written.
+    pub fn put_metadata(
+        &mut self,
+        name: String,
+        metadata: BTreeMap<String, String>,
+    ) -> Result<(), McapError> {
+        self.writer.write_metadata(&Metadata { name, metadata })
+    }
+
+    /// Ends the present chunk, so that a reader finds all messages so far even if nothing follows.
+    ///
+    /// # Errors
+    ///
+    /// [`McapError`] if the sink cannot be written.
+    pub fn flush(&mut self) -> Result<(), McapError> {
+        self.writer.flush()
+    }
+
+    /// Writes the indexes and closes the file.
+    ///
+    /// # Errors
+    ///
+    /// [`McapError`] if the sink cannot be written.
+    pub fn finish(mut self) -> Result<W, McapError> {
+        self.writer.finish()?;
+        Ok(self.writer.into_inner())
+    }
+
+    fn declare(&mut self, schema: Schema, topic: &str) -> Result<u16, McapError> {
+        let mut metadata = BTreeMap::new();
+        let schema = match schema {
+            Schema::Scene => {
+                let scene = SceneUpdate::get_schema().expect("Foxglove's types have schemas");
+                self.writer
+                    .add_schema(&scene.name, &scene.encoding, &scene.data)?
+            }
+            Schema::Own(name) => self.writer.add_schema(name, "protobuf", DESCRIPTORS)?,
+            Schema::Wire(name) => {
+                metadata.insert("protocol".to_owned(), "rhumb/1".to_owned());
+                self.writer.add_schema(name, "protobuf", DESCRIPTORS)?
+            }
+        };
+        self.writer
+            .add_channel(schema, topic, "protobuf", &metadata)
+    }
+}
+
+impl<W: Write + Seek> TraceSink for TraceFile<W> {
+    type Error = McapError;
+
+    /// Writes a message with log and publish time `at_ns`.
+    fn put(
+        &mut self,
+        topic: &mut Topic,
+        at_ns: u64,
+        message: &impl prost::Message,
+    ) -> Result<(), McapError> {
+        let channel_id = match topic.channel {
+            Some(channel) => channel,
+            None => *topic
+                .channel
+                .insert(self.declare(topic.schema, &topic.name)?),
+        };
+        self.buffer.clear();
+        message
+            .encode(&mut self.buffer)
+            .expect("a vector grows as needed");
+        let header = MessageHeader {
+            channel_id,
+            sequence: topic.sequence,
+            log_time: at_ns,
+            publish_time: at_ns,
+        };
+        topic.sequence += 1;
+        self.writer.write_to_known_channel(&header, &self.buffer)
+    }
+}

@@ -1,0 +1,39 @@
+//! Scenes as messages that Foxglove's viewers and other programs read.
+//!
+//! It knows bodies and their poses, and neither engines nor runs: `rhumb-bench` writes traces by it, and `rhumb-server`
+//! records scenes and shows them live. All of them have the topics, schemas and drawings of this crate.
+//!
+//! | topic below a scene's prefix | message | holds |
+//! |---|---|---|
+//! | `truth/state` | `rhumb.States` | states of the engine at each tick |
+//! | `truth/static`, `truth/moving`, `truth/resting` | `foxglove.SceneUpdate` | the same, drawn; each message is complete |
+#![forbid(unsafe_code)]
+
+mod body;
+mod drawing;
+mod file;
+mod grid;
+#[cfg(feature = "live")]
+mod live;
+mod messages;
+mod primitives;
+mod read;
+#[cfg(test)]
+mod schema_test;
+mod topics;
+
+pub use body::{DrawnBody, Placed};
+pub use drawing::{ASLEEP, AWAKE, Drawing, DrawnScene, Painted, draw_statics};
+pub use file::TraceFile;
+pub use foxglove::messages::{Color, SceneUpdate};
+pub use grid::{GridHistory, GridPose, STEPS};
+#[cfg(feature = "live")]
+pub use live::{LiveError, LiveScenes};
+pub use mcap::McapError;
+pub use mcap::write::NoSeek;
+pub use messages::{
+    BreachMessage, DESCRIPTORS, Packet, Placement, PoseBase, Poses, StateForm, States, TickStats,
+};
+pub use primitives::FRAME;
+pub use read::{TickStates, read_states};
+pub use topics::{DrawnTopics, SceneTopics, Schema, Topic, TraceSink};

@@ -1,0 +1,496 @@
+//! Trace messages, as `proto/rhumb.proto` defines them.
+//!
+//! Each trace embeds the schema as compiled by protoc. The compiled form is checked in; a test compares it with its
+//! source.
+
+use rhumb_protocol::scene::{BodyKind, Shape as Solid};
+use rhumb_protocol::stream::{Activity, Observation};
+use rhumb_reckoning::{BodyId, Tick};
+
+use super::body::Placed;
+use super::grid::{GridHistory, GridPose};
+
+/// `proto/rhumb.proto` as `protoc --descriptor_set_out=rhumb.binpb rhumb.proto` compiles it.
+pub const DESCRIPTORS: &[u8] = include_bytes!("../proto/rhumb.binpb");
+
+/// One frame of one mode's caller.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct TickStats {
+    /// The tick.
+    #[prost(uint64, tag = "1")]
+    pub tick: u64,
+    /// Number of the frame, from 0.
+    #[prost(uint32, tag = "2")]
+    pub frame: u32,
+    /// Time of the frame in the caller's thread, nanoseconds.
+    #[prost(uint64, tag = "3")]
+    pub frame_ns: u64,
+    /// UDP payload received since the previous frame, bytes.
+    #[prost(uint64, tag = "4")]
+    pub wire_bytes_down: u64,
+    /// UDP payload sent since the previous frame, bytes.
+    #[prost(uint64, tag = "5")]
+    pub wire_bytes_up: u64,
+    /// UDP datagrams received since the previous frame.
+    #[prost(uint64, tag = "6")]
+    pub wire_datagrams_down: u64,
+    /// UDP datagrams sent since the previous frame.
+    #[prost(uint64, tag = "7")]
+    pub wire_datagrams_up: u64,
+    /// State datagrams and control stream, bytes.
+    #[prost(uint64, tag = "8")]
+    pub payload_bytes_down: u64,
+    /// Updates decoded.
+    #[prost(uint64, tag = "9")]
+    pub updates: u64,
+    /// Bodies compared with the truth.
+    #[prost(uint64, tag = "10")]
+    pub body_ticks: u64,
+    /// Median surface error, metres.
+    #[prost(double, tag = "11")]
+    pub error_m_p50: f64,
+    /// 99th percentile of the surface error, metres.
+    #[prost(double, tag = "12")]
+    pub error_m_p99: f64,
+    /// Largest surface error, metres.
+    #[prost(double, tag = "13")]
+    pub error_m_max: f64,
+}
+
+/// One body-tick over tolerance.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct BreachMessage {
+    /// The tick.
+    #[prost(uint64, tag = "1")]
+    pub tick: u64,
+    /// Index of each body.
+    #[prost(uint32, tag = "2")]
+    pub index: u32,
+    /// Generation of each body.
+    #[prost(uint32, tag = "3")]
+    pub generation: u32,
+    /// Surface error, metres.
+    #[prost(double, tag = "4")]
+    pub error_m: f64,
+    /// Tolerance of the body, metres.
+    #[prost(double, tag = "5")]
+    pub tolerance_m: f64,
+    /// Number of the cause.
+    #[prost(int32, tag = "6")]
+    pub cause: i32,
+}
+
+/// States of the engine at a tick.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct States {
+    /// The tick.
+    #[prost(uint64, tag = "1")]
+    pub tick: u64,
+    /// Index of each body.
+    #[prost(uint32, repeated, tag = "2")]
+    pub index: Vec<u32>,
+    /// Generation of each body.
+    #[prost(uint32, repeated, tag = "3")]
+    pub generation: Vec<u32>,
+    /// Position x, metres.
+    #[prost(float, repeated, tag = "4")]
+    pub px: Vec<f32>,
+    /// Position y, metres.
+    #[prost(float, repeated, tag = "5")]
+    pub py: Vec<f32>,
+    /// Position z, metres.
+    #[prost(float, repeated, tag = "6")]
+    pub pz: Vec<f32>,
+    /// Component x of the rotation.
+    #[prost(float, repeated, tag = "7")]
+    pub qx: Vec<f32>,
+    /// Component y of the rotation.
+    #[prost(float, repeated, tag = "8")]
+    pub qy: Vec<f32>,
+    /// Component z of the rotation.
+    #[prost(float, repeated, tag = "9")]
+    pub qz: Vec<f32>,
+    /// Component w of the rotation.
+    #[prost(float, repeated, tag = "10")]
+    pub qw: Vec<f32>,
+    /// Linear velocity x, metres per second.
+    #[prost(float, repeated, tag = "11")]
+    pub vx: Vec<f32>,
+    /// Linear velocity y, metres per second.
+    #[prost(float, repeated, tag = "12")]
+    pub vy: Vec<f32>,
+    /// Linear velocity z, metres per second.
+    #[prost(float, repeated, tag = "13")]
+    pub vz: Vec<f32>,
+    /// Angular velocity x, radians per second.
+    #[prost(float, repeated, tag = "14")]
+    pub wx: Vec<f32>,
+    /// Angular velocity y, radians per second.
+    #[prost(float, repeated, tag = "15")]
+    pub wy: Vec<f32>,
+    /// Angular velocity z, radians per second.
+    #[prost(float, repeated, tag = "16")]
+    pub wz: Vec<f32>,
+    /// True for a body that is awake.
+    #[prost(bool, repeated, tag = "17")]
+    pub awake: Vec<bool>,
+    /// Bodies placed after this tick's step.
+    #[prost(message, repeated, tag = "18")]
+    pub placed: Vec<Placement>,
+    /// Index of each removed body.
+    #[prost(uint32, repeated, tag = "19")]
+    pub removed_index: Vec<u32>,
+    /// Generation of each removed body.
+    #[prost(uint32, repeated, tag = "20")]
+    pub removed_generation: Vec<u32>,
+    /// Residual of `px`, steps of the grid.
+    #[prost(sint64, repeated, tag = "21")]
+    pub step_px: Vec<i64>,
+    /// Residual of `py`, steps of the grid.
+    #[prost(sint64, repeated, tag = "22")]
+    pub step_py: Vec<i64>,
+    /// Residual of `pz`, steps of the grid.
+    #[prost(sint64, repeated, tag = "23")]
+    pub step_pz: Vec<i64>,
+    /// Residual of `qx`, steps of the grid.
+    #[prost(sint64, repeated, tag = "24")]
+    pub step_qx: Vec<i64>,
+    /// Residual of `qy`, steps of the grid.
+    #[prost(sint64, repeated, tag = "25")]
+    pub step_qy: Vec<i64>,
+    /// Residual of `qz`, steps of the grid.
+    #[prost(sint64, repeated, tag = "26")]
+    pub step_qz: Vec<i64>,
+    /// Residual of `qw`, steps of the grid.
+    #[prost(sint64, repeated, tag = "27")]
+    pub step_qw: Vec<i64>,
+}
+
+/// The form of an engine's states.
+#[derive(Clone, Debug)]
+pub enum StateForm {
+    /// Whole states, bit exact.
+    Exact,
+    /// Poses on the grid, without velocities.
+    Grid(GridHistory),
+}
+
+impl States {
+    /// The states after a tick's step, and the bodies placed and removed after it.
+    #[must_use]
+    pub fn of(
+        tick: Tick,
+        observed: &[Observation],
+        (placed, removed): (&[Placed], &[BodyId]),
+        form: &mut StateForm,
+    ) -> Self {
+        let mut states = Self {
+            tick: tick.value(),
+            index: observed.iter().map(|o| o.id.index()).collect(),
+            generation: observed.iter().map(|o| o.id.generation().into()).collect(),
+            awake: observed
+                .iter()
+                .map(|o| o.activity == Activity::Awake)
+                .collect(),
+            placed: placed.iter().map(Placement::from).collect(),
+            removed_index: removed.iter().map(|id| id.index()).collect(),
+            removed_generation: removed.iter().map(|id| id.generation().into()).collect(),
+            ..Self::default()
+        };
+        let poses = observed
+            .iter()
+            .map(|o| (o.id, o.motion.position(), o.motion.rotation()));
+        match form {
+            StateForm::Exact => {
+                states.put_exact(observed);
+                states.put_velocities(observed);
+            }
+            StateForm::Grid(history) => match residuals(poses, history) {
+                Some(residuals) => states.put_residuals(&residuals),
+                None => states.put_exact(observed),
+            },
+        }
+        states
+    }
+
+    fn put_exact(&mut self, observed: &[Observation]) {
+        let column = |part: usize| observed.iter().map(|o| o.motion.parts()[part]).collect();
+        (self.px, self.py, self.pz) = (column(0), column(1), column(2));
+        (self.qx, self.qy, self.qz, self.qw) = (column(3), column(4), column(5), column(6));
+    }
+
+    fn put_velocities(&mut self, observed: &[Observation]) {
+        let column = |part: usize| observed.iter().map(|o| o.motion.parts()[part]).collect();
+        (self.vx, self.vy, self.vz) = (column(7), column(8), column(9));
+        (self.wx, self.wy, self.wz) = (column(10), column(11), column(12));
+    }
+
+    fn put_residuals(&mut self, residuals: &[GridPose]) {
+        let column = |part: usize| residuals.iter().map(|pose| pose[part]).collect();
+        (self.step_px, self.step_py, self.step_pz) = (column(0), column(1), column(2));
+        (self.step_qx, self.step_qy) = (column(3), column(4));
+        (self.step_qz, self.step_qw) = (column(5), column(6));
+    }
+}
+
+/// A pose of a copy, or of the truth.
+type PoseOf = (BodyId, [f32; 3], [f32; 4]);
+
+/// The residuals of poses; `None`, with the bodies forgotten, if one of them is not on the grid.
+fn residuals(
+    poses: impl Iterator<Item = PoseOf> + Clone,
+    history: &mut GridHistory,
+) -> Option<Vec<GridPose>> {
+    let points = poses.clone().map(|(id, position, rotation)| {
+        let point = GridHistory::quantise(position, rotation)?;
+        Some((id, point))
+    });
+    let Some(points) = points.collect::<Option<Vec<_>>>() else {
+        poses.for_each(|(id, ..)| history.forget(id));
+        return None;
+    };
+    let encoded = points.iter().map(|(id, point)| history.encode(*id, *point));
+    Some(encoded.collect())
+}
+
+/// A body and its initial state.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Placement {
+    /// Index of each body.
+    #[prost(uint32, tag = "1")]
+    pub index: u32,
+    /// Generation of each body.
+    #[prost(uint32, tag = "2")]
+    pub generation: u32,
+    /// Number of the kind.
+    #[prost(int32, tag = "3")]
+    pub kind: i32,
+    /// Number of the shape.
+    #[prost(int32, tag = "4")]
+    pub shape: i32,
+    /// Measures of the shape, metres.
+    #[prost(float, repeated, tag = "5")]
+    pub extents: Vec<f32>,
+    /// Bounding radius, metres.
+    #[prost(double, tag = "6")]
+    pub bounding_radius_m: f64,
+    /// Position, rotation, linear and angular velocity.
+    #[prost(float, repeated, tag = "7")]
+    pub motion: Vec<f32>,
+    /// True for a body that is awake.
+    #[prost(bool, tag = "8")]
+    pub awake: bool,
+    /// Binary exponent of the body's tolerance relative to the run's.
+    #[prost(sint32, tag = "9")]
+    pub tolerance_scale: i32,
+}
+
+impl From<&Placed> for Placement {
+    fn from(placed: &Placed) -> Self {
+        let (shape, extents) = match placed.shape {
+            Solid::Hull(ref hull) => {
+                let points = hull.points().iter();
+                (5, points.flat_map(glam::Vec3::to_array).collect())
+            }
+            Solid::Ball { radius } => (1, vec![radius]),
+            Solid::Cuboid { half_extents } => (2, half_extents.to_array().into()),
+            Solid::Capsule {
+                half_height,
+                radius,
+            } => (3, vec![half_height, radius]),
+            Solid::Cylinder {
+                half_height,
+                radius,
+            } => (4, vec![half_height, radius]),
+            Solid::RoundedCuboid {
+                half_extents,
+                radius,
+            } => {
+                let mut extents = half_extents.to_array().to_vec();
+                extents.push(radius);
+                (6, extents)
+            }
+            Solid::Cone {
+                half_height,
+                radius,
+            } => (7, vec![half_height, radius]),
+            Solid::HalfSpace { normal } => (8, normal.to_array().into()),
+            // They are drawn, but states have no numbers for them.
+            Solid::Heights(_) | Solid::Mesh(_) | Solid::Compound(_) => (0, Vec::new()),
+        };
+        Self {
+            index: placed.desc.id.index(),
+            generation: placed.desc.id.generation().into(),
+            kind: match placed.desc.kind {
+                BodyKind::Static => 1,
+                BodyKind::Dynamic => 2,
+                BodyKind::Kinematic => 3,
+            },
+            shape,
+            extents,
+            bounding_radius_m: placed.shape.bounding_radius().metres(),
+            motion: placed.observation.motion.parts().into(),
+            awake: placed.observation.activity == Activity::Awake,
+            tolerance_scale: placed.desc.tolerance_scale.exponent().into(),
+        }
+    }
+}
+
+/// Changes of a client's copy in one frame.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Poses {
+    /// The tick.
+    #[prost(uint64, tag = "1")]
+    pub tick: u64,
+    /// Number of the frame, from 0.
+    #[prost(uint32, tag = "2")]
+    pub frame: u32,
+    /// Index of each body.
+    #[prost(uint32, repeated, tag = "3")]
+    pub index: Vec<u32>,
+    /// Generation of each body.
+    #[prost(uint32, repeated, tag = "4")]
+    pub generation: Vec<u32>,
+    /// Position x, metres.
+    #[prost(float, repeated, tag = "5")]
+    pub px: Vec<f32>,
+    /// Position y, metres.
+    #[prost(float, repeated, tag = "6")]
+    pub py: Vec<f32>,
+    /// Position z, metres.
+    #[prost(float, repeated, tag = "7")]
+    pub pz: Vec<f32>,
+    /// Component x of the rotation.
+    #[prost(float, repeated, tag = "8")]
+    pub qx: Vec<f32>,
+    /// Component y of the rotation.
+    #[prost(float, repeated, tag = "9")]
+    pub qy: Vec<f32>,
+    /// Component z of the rotation.
+    #[prost(float, repeated, tag = "10")]
+    pub qz: Vec<f32>,
+    /// Component w of the rotation.
+    #[prost(float, repeated, tag = "11")]
+    pub qw: Vec<f32>,
+    /// True for a body that the copy counts as resting.
+    #[prost(bool, repeated, tag = "12")]
+    pub resting: Vec<bool>,
+    /// Index of each body that left the copy.
+    #[prost(uint32, repeated, tag = "13")]
+    pub gone_index: Vec<u32>,
+    /// Generation of each body that left the copy.
+    #[prost(uint32, repeated, tag = "14")]
+    pub gone_generation: Vec<u32>,
+    /// Residual of `px`, steps of the grid.
+    #[prost(sint64, repeated, tag = "15")]
+    pub step_px: Vec<i64>,
+    /// Residual of `py`, steps of the grid.
+    #[prost(sint64, repeated, tag = "16")]
+    pub step_py: Vec<i64>,
+    /// Residual of `pz`, steps of the grid.
+    #[prost(sint64, repeated, tag = "17")]
+    pub step_pz: Vec<i64>,
+    /// Residual of `qx`, steps of the grid.
+    #[prost(sint64, repeated, tag = "18")]
+    pub step_qx: Vec<i64>,
+    /// Residual of `qy`, steps of the grid.
+    #[prost(sint64, repeated, tag = "19")]
+    pub step_qy: Vec<i64>,
+    /// Residual of `qz`, steps of the grid.
+    #[prost(sint64, repeated, tag = "20")]
+    pub step_qz: Vec<i64>,
+    /// Residual of `qw`, steps of the grid.
+    #[prost(sint64, repeated, tag = "21")]
+    pub step_qw: Vec<i64>,
+    /// True if the residuals are differences from the truth.
+    #[prost(bool, tag = "22")]
+    pub from_truth: bool,
+}
+
+/// The base of which the poses of a copy are differences.
+pub enum PoseBase<'a> {
+    /// The last poses of the same topic.
+    History(&'a mut GridHistory),
+    /// The truth of the same tick.
+    Truth(&'a dyn Fn(BodyId) -> Option<([f32; 3], [f32; 4])>),
+}
+
+impl Poses {
+    /// The poses that changed, and whether each body rests. Of the fields, `tick`, `frame`, `gone_index` and
+    /// `gone_generation` are left to the caller.
+    #[must_use]
+    pub fn of(changed: &[(BodyId, [f32; 3], [f32; 4], bool)], base: PoseBase<'_>) -> Self {
+        let mut poses = Self {
+            index: changed.iter().map(|(id, ..)| id.index()).collect(),
+            generation: changed
+                .iter()
+                .map(|(id, ..)| id.generation().into())
+                .collect(),
+            resting: changed.iter().map(|(.., resting)| *resting).collect(),
+            ..Self::default()
+        };
+        let plain = changed.iter().map(|(id, at, turn, _)| (*id, *at, *turn));
+        let residuals = match base {
+            PoseBase::History(history) => residuals(plain, history),
+            PoseBase::Truth(truth) => {
+                poses.from_truth = true;
+                differences(plain, truth)
+            }
+        };
+        match residuals {
+            Some(residuals) => poses.put_residuals(&residuals),
+            None => poses.put_exact(changed),
+        }
+        poses
+    }
+
+    fn put_residuals(&mut self, residuals: &[GridPose]) {
+        let column = |part: usize| residuals.iter().map(|pose| pose[part]).collect();
+        (self.step_px, self.step_py, self.step_pz) = (column(0), column(1), column(2));
+        (self.step_qx, self.step_qy) = (column(3), column(4));
+        (self.step_qz, self.step_qw) = (column(5), column(6));
+    }
+
+    fn put_exact(&mut self, changed: &[(BodyId, [f32; 3], [f32; 4], bool)]) {
+        self.from_truth = false;
+        let position = |part: usize| changed.iter().map(|(_, at, ..)| at[part]).collect();
+        let rotation = |part: usize| changed.iter().map(|(_, _, turn, _)| turn[part]).collect();
+        (self.px, self.py, self.pz) = (position(0), position(1), position(2));
+        (self.qx, self.qy, self.qz, self.qw) = (rotation(0), rotation(1), rotation(2), rotation(3));
+    }
+}
+
+/// Differences from the truth; `None` if a body has none, or is not on the grid.
+fn differences(
+    poses: impl Iterator<Item = PoseOf>,
+    truth: &dyn Fn(BodyId) -> Option<([f32; 3], [f32; 4])>,
+) -> Option<Vec<GridPose>> {
+    poses
+        .map(|(id, position, rotation)| {
+            let pose = GridHistory::quantise(position, rotation)?;
+            let (position, rotation) = truth(id)?;
+            let real = GridHistory::quantise(position, rotation)?;
+            Some(std::array::from_fn(|part| pose[part] - real[part]))
+        })
+        .collect()
+}
+
+/// A captured packet.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct Packet {
+    /// The tick.
+    #[prost(uint64, tag = "1")]
+    pub tick: u64,
+    /// Number of the frame, from 0.
+    #[prost(uint32, tag = "2")]
+    pub frame: u32,
+    /// Number of the direction and kind.
+    #[prost(int32, tag = "3")]
+    pub direction: i32,
+    /// The bytes, unless they are left out.
+    #[prost(bytes = "bytes", tag = "4")]
+    pub data: bytes::Bytes,
+    /// Number of the bytes.
+    #[prost(uint32, tag = "5")]
+    pub length: u32,
+}

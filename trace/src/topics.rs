@@ -1,0 +1,173 @@
+//! Topics of a scene, and what they are written to.
+
+use prost::Message;
+
+use super::body::DrawnBody;
+use super::drawing::{DrawnScene, Painted, draw_statics};
+use super::messages::States;
+
+/// The message type of a topic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Schema {
+    /// `foxglove.SceneUpdate`.
+    Scene,
+    /// A message of `proto/rhumb.proto`, by its full name.
+    Own(&'static str),
+    /// The same, on a topic that carries captured packets.
+    Wire(&'static str),
+}
+
+/// A topic and its write position.
+#[derive(Debug)]
+pub struct Topic {
+    pub(crate) name: String,
+    pub(crate) schema: Schema,
+    pub(crate) channel: Option<u16>,
+    pub(crate) sequence: u32,
+}
+
+impl Topic {
+    /// A topic that nothing was written to.
+    #[must_use]
+    pub const fn new(name: String, schema: Schema) -> Self {
+        Self {
+            name,
+            schema,
+            channel: None,
+            sequence: 0,
+        }
+    }
+}
+
+/// A file, or the viewers that watch.
+pub trait TraceSink {
+    /// Reason why a message cannot be written.
+    type Error;
+
+    /// Writes a message; `at_ns`: nanoseconds since the start of the scene, simulated time.
+    ///
+    /// # Errors
+    ///
+    /// The sink's.
+    fn put(
+        &mut self,
+        topic: &mut Topic,
+        at_ns: u64,
+        message: &impl Message,
+    ) -> Result<(), Self::Error>;
+}
+
+/// The two topics of a drawn set of bodies.
+#[derive(Debug)]
+pub struct DrawnTopics {
+    moving: Topic,
+    resting: Topic,
+    drawn: DrawnScene,
+}
+
+impl DrawnTopics {
+    /// Topics `{prefix}/moving` and `{prefix}/resting`; a body moves to `resting` after `rest_delay_ticks` of
+    /// stillness.
+    #[must_use]
+    pub fn new(prefix: &str, rest_delay_ticks: u64) -> Self {
+        Self {
+            moving: Topic::new(format!("{prefix}/moving"), Schema::Scene),
+            resting: Topic::new(format!("{prefix}/resting"), Schema::Scene),
+            drawn: DrawnScene::new(rest_delay_ticks),
+        }
+    }
+
+    /// Writes the topics whose content changed.
+    ///
+    /// # Errors
+    ///
+    /// The sink's.
+    pub fn draw<S: TraceSink>(
+        &mut self,
+        sink: &mut S,
+        (tick, at_ns): (u64, u64),
+        bodies: &[Painted<'_>],
+    ) -> Result<(), S::Error> {
+        let drawing = self.drawn.draw((tick, at_ns), bodies);
+        if let Some(resting) = drawing.resting {
+            sink.put(&mut self.resting, at_ns, &resting)?;
+        }
+        if let Some(moving) = drawing.moving {
+            sink.put(&mut self.moving, at_ns, &moving)?;
+        }
+        Ok(())
+    }
+
+    /// Has both topics written at the next drawing, for viewers that have neither.
+    pub fn redraw(&mut self) {
+        self.drawn.redraw();
+    }
+}
+
+/// The topics of an engine's bodies.
+#[derive(Debug)]
+pub struct SceneTopics {
+    state: Topic,
+    statics: Topic,
+    drawn: DrawnTopics,
+}
+
+impl SceneTopics {
+    /// Topics below `{prefix}/truth`.
+    #[must_use]
+    pub fn new(prefix: &str, rest_delay_ticks: u64) -> Self {
+        let prefix = format!("{prefix}/truth");
+        Self {
+            state: Topic::new(format!("{prefix}/state"), Schema::Own("rhumb.States")),
+            statics: Topic::new(format!("{prefix}/static"), Schema::Scene),
+            drawn: DrawnTopics::new(&prefix, rest_delay_ticks),
+        }
+    }
+
+    /// Writes the states of a tick.
+    ///
+    /// # Errors
+    ///
+    /// The sink's.
+    pub fn put_states<S: TraceSink>(
+        &mut self,
+        sink: &mut S,
+        at_ns: u64,
+        states: &States,
+    ) -> Result<(), S::Error> {
+        sink.put(&mut self.state, at_ns, states)
+    }
+
+    /// Draws the static bodies.
+    ///
+    /// # Errors
+    ///
+    /// The sink's.
+    pub fn draw_statics<'a, S: TraceSink>(
+        &mut self,
+        sink: &mut S,
+        at_ns: u64,
+        bodies: impl Iterator<Item = DrawnBody<'a>>,
+    ) -> Result<(), S::Error> {
+        sink.put(&mut self.statics, at_ns, &draw_statics(at_ns, bodies))
+    }
+
+    /// Draws the other bodies.
+    ///
+    /// # Errors
+    ///
+    /// The sink's.
+    pub fn draw<S: TraceSink>(
+        &mut self,
+        sink: &mut S,
+        at: (u64, u64),
+        bodies: &[Painted<'_>],
+    ) -> Result<(), S::Error> {
+        self.drawn.draw(sink, at, bodies)
+    }
+
+    /// Has the drawings written whole the next time.
+    pub fn redraw(&mut self) {
+        self.drawn.redraw();
+    }
+}
