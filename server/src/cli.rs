@@ -17,10 +17,11 @@ use std::time::{Duration, Instant};
 use clap::{Parser, Subcommand};
 use rhumb_protocol::packet::LargestPacket;
 use rhumb_protocol::scene::SceneName;
-use rhumb_transport::{Fingerprint, PageOrigin, Stop};
+use rhumb_transport::{PageOrigin, Stop};
 use tracing::level_filters::LevelFilter;
 
 use crate::access::TokenKeys;
+use crate::announcement::{BoundAddresses, announce, page_url};
 #[cfg(feature = "demo")]
 use crate::demo::{DemoArguments, open_browser};
 use crate::durable::{self, DataDir, DataError};
@@ -541,6 +542,12 @@ fn observe(
     if cfg!(not(feature = "foxglove")) && settings.foxglove.is_some() {
         return Err("this server was built without the feature `foxglove`".into());
     }
+    let observes = settings.record.is_some() || settings.foxglove.is_some();
+    if observes && settings.workers == WorkerKind::Processes {
+        return Err("recordings and Foxglove see scenes of this process alone: \
+                    leave out `record` and `foxglove`, or set workers = \"threads\""
+            .into());
+    }
     #[cfg(feature = "record")]
     if let Some(directory) = &settings.record {
         server.record_scenes(directory.clone());
@@ -568,49 +575,5 @@ fn listen_at(_server: &mut Server, path: Option<&Path>) -> Result<(), Box<dyn Er
     match path {
         Some(_) => Err("this system has no Unix sockets: leave out --socket".into()),
         None => Ok(()),
-    }
-}
-
-/// Addresses of the listeners beside the server's own.
-struct BoundAddresses {
-    app: Option<SocketAddr>,
-    metrics: Option<SocketAddr>,
-    view: Option<SocketAddr>,
-    foxglove: Option<SocketAddr>,
-}
-
-/// The URL of the page.
-fn page_url(view: SocketAddr) -> String {
-    format!("http://{view}/")
-}
-
-/// Prints the address and the fingerprint to pin. A closed standard output does not stop a server.
-fn announce(server: &Server, identity: &Identity, addresses: &BoundAddresses) {
-    let kind = match identity {
-        Identity::Development => "development, made at start",
-        Identity::Files { .. } => "from files",
-        Identity::DevelopmentFiles { .. } => "development, kept in the data directory",
-    };
-    let hashes = server.certificate_hashes().current();
-    let hash = |hash: &Fingerprint| format!("certificate hash for browsers {hash}\n");
-    let hashes: String = hashes.iter().map(hash).collect();
-    let line = |address: Option<SocketAddr>, text: fn(SocketAddr) -> String| {
-        address.map_or_else(String::new, text)
-    };
-    let lines = format!(
-        "rhumb-server {}\nlistening on {}\ncertificate {kind}\nfingerprint {}\n{}{}{}{}{hashes}",
-        env!("CARGO_PKG_VERSION"),
-        server.address(),
-        server.fingerprint(),
-        line(addresses.app, |app| format!("app listening on {app}\n")),
-        line(addresses.metrics, |at| format!(
-            "metrics at http://{at}/metrics\n"
-        )),
-        line(addresses.view, |at| format!("page at {}\n", page_url(at))),
-        line(addresses.foxglove, |at| format!("foxglove at ws://{at}\n")),
-    );
-    let mut out = std::io::stdout().lock();
-    if let Err(cause) = out.write_all(lines.as_bytes()).and_then(|()| out.flush()) {
-        tracing::warn!("cannot write the start-up lines: {cause}");
     }
 }

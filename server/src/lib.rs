@@ -40,6 +40,7 @@
 #![forbid(unsafe_code)]
 
 mod access;
+mod announcement;
 #[cfg(feature = "app")]
 mod app_arguments;
 #[cfg(feature = "app")]

@@ -252,7 +252,7 @@ mod tests {
 
     fn record(tick: u64) -> TickRecord {
         TickRecord {
-            scene: "pit".parse().unwrap(),
+            scene: "pit".parse().expect("a name"),
             number: 0,
             step_ns: 16_666_667,
             tick: Tick::new(tick),
@@ -264,11 +264,13 @@ mod tests {
     }
 
     fn key() -> (SceneName, u64) {
-        ("pit".parse().unwrap(), 0)
+        ("pit".parse().expect("a name"), 0)
     }
 
     fn files(directory: &Path) -> usize {
-        fs::read_dir(directory).unwrap().count()
+        fs::read_dir(directory)
+            .expect("the directory is read")
+            .count()
     }
 
     #[test]

@@ -73,7 +73,7 @@ impl ServerLoop {
         let begun = (self.stopwatch)();
         let pulse = self.pulse.clone();
         match files.restore(&self.workers, (ReplayStart::Newest, tail), &mut || {
-            pulse.beat()
+            pulse.beat();
         }) {
             Ok(Some(restored)) => {
                 let took = (self.stopwatch)().since(begun);

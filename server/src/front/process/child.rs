@@ -125,7 +125,7 @@ impl WorkerProcess {
             .map(DataDir::of_worker)
             .transpose()?;
         if setup.records_flights {
-            settings.flights = forwarded_flights(outlet.clone());
+            settings.recorders.flights = forwarded_flights(outlet.clone());
         }
         let pulses: Arc<Mutex<BTreeMap<WorkerId, Pulse>>> = Arc::default();
         let (ended, over) = channel();
@@ -138,7 +138,7 @@ impl WorkerProcess {
             load: settings.load.clone(),
             pulses,
             metrics: settings.metrics.clone(),
-            flights: settings.flights.clone(),
+            flights: settings.recorders.flights.clone(),
             outlet,
         };
         Ok(Self {

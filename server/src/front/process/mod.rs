@@ -115,7 +115,7 @@ impl Processes {
             threads: self.options.threads,
             data: (settings.data.as_ref()).map(|data| data.path().to_owned()),
             log: self.options.log.to_string(),
-            records_flights: settings.flights.is_on(),
+            records_flights: settings.recorders.flights.is_on(),
         };
         let id = ProcessId(self.next);
         self.next += 1;
@@ -172,7 +172,7 @@ impl Processes {
             FromProcess::Alive(vitals) => self.note_alive(id, vitals, settings),
             FromProcess::Figures(figures) => process.show(&figures, settings),
             FromProcess::Flight(scene, entries) => {
-                process.flight(&scene, settings).append(&entries)
+                process.flight(&scene, settings).append(&entries);
             }
             FromProcess::WriteFlight(scene, cause) => process.flight(&scene, settings).write(cause),
         }

@@ -154,7 +154,7 @@ impl RunningProcess {
         settings: &WorkerSettings,
     ) -> &FlightRecorder {
         let flight = self.flights.entry(scene.clone());
-        flight.or_insert_with(|| settings.flights.begin(scene))
+        flight.or_insert_with(|| settings.recorders.flights.begin(scene))
     }
 }
 

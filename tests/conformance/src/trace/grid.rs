@@ -77,7 +77,7 @@ mod tests {
         assert_eq!(read(&[1 << 20]), Some(1.0));
         assert_eq!(read(&[1 << 20]), Some(2.0));
         assert_eq!(read(&[0]), Some(3.0), "it goes on");
-        assert_eq!(read(&[i64::MIN]).is_some(), true);
+        assert!(read(&[i64::MIN]).is_some());
         assert_eq!(read(&[]), None);
     }
 
