@@ -27,7 +27,7 @@ pub(super) const COLUMNS: [Column; 12] = [
     column("TICKS/s", 7, |of| of.rate("tick"), |rate| number(rate, 1)),
     column("p50ms", 6, |of| of.step_quantile(0.5), milliseconds),
     column("p99ms", 6, |of| of.step_quantile(0.99), milliseconds),
-    column("BUSY%", 6, SceneChange::busy, percent),
+    column("BUSY%", 6, busy, percent),
     column("LATE", 6, |of| of.value("late_total"), whole),
     column("INkB/s", 7, |of| of.rate("received_bytes_total"), kilobytes),
     column("OUTkB/s", 8, |of| of.rate("sent_bytes_total"), kilobytes),
@@ -108,4 +108,9 @@ impl SortOrder {
             })
         });
     }
+}
+
+/// The share of the time that a scene's steps take, percent.
+fn busy(of: &SceneChange<'_>) -> Option<f64> {
+    of.busy()
 }
