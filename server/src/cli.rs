@@ -383,14 +383,7 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     let data = settings.data.as_deref().map(open_data).transpose()?;
     let identity = identity(settings, data.as_ref())?;
     check_open(settings, &parts)?;
-    if cfg!(not(feature = "view")) && settings.view.is_some() {
-        return Err("this server was built without the feature `view`: it has no page".into());
-    }
-    if settings.view.is_some() && !settings.web {
-        return Err(
-            "a page is no use to a server without browsers: leave out --no-web, or --view".into(),
-        );
-    }
+    check_page(settings)?;
     let stop = Stop::new();
     let origins = settings.web_origins.iter().cloned().collect();
     let origins = settings.web.then_some(origins);
@@ -446,6 +439,19 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     running.store(false, Ordering::Relaxed);
     let statistics = outcome?;
     tracing::info!(connections = statistics.opened, "stopped");
+    Ok(())
+}
+
+/// Refuses a page that could not be shown.
+fn check_page(settings: &ServerSettings) -> Result<(), Box<dyn Error>> {
+    if cfg!(not(feature = "view")) && settings.view.is_some() {
+        return Err("this server was built without the feature `view`: it has no page".into());
+    }
+    if settings.view.is_some() && !settings.web {
+        return Err(
+            "a page is no use to a server without browsers: leave out --no-web, or --view".into(),
+        );
+    }
     Ok(())
 }
 

@@ -52,7 +52,7 @@ struct PeerQueue {
     /// The last time at which the link took bytes, or had none to take.
     taken_at: Instant,
     /// True while its control bytes wait for the disk.
-    withheld: bool,
+    kept_back: bool,
     /// The figures of the scene that its client is a member of.
     bytes: Option<ByteCounts>,
 }
@@ -105,7 +105,7 @@ impl Outbox {
             snapshot_end: 0,
             snapshot_after: Instant::ZERO,
             taken_at: self.now,
-            withheld: false,
+            kept_back: false,
             bytes: None,
         };
         self.lanes.insert(peer, lane);
@@ -175,9 +175,9 @@ impl Outbox {
     }
 
     /// Keeps all control bytes of a connection back until [`Self::release`].
-    pub(crate) fn withhold(&mut self, peer: Peer) {
+    pub(crate) fn keep_back(&mut self, peer: Peer) {
         if let Some(lane) = self.lanes.get_mut(&peer) {
-            lane.withheld = true;
+            lane.kept_back = true;
         }
     }
 
@@ -185,7 +185,7 @@ impl Outbox {
     pub(crate) fn release(&mut self, peer: Peer) {
         let now = self.now;
         if let Some(lane) = self.lanes.get_mut(&peer) {
-            (lane.withheld, lane.taken_at) = (false, now);
+            (lane.kept_back, lane.taken_at) = (false, now);
             self.sendable.insert(peer);
         }
     }
@@ -262,7 +262,7 @@ impl Outbox {
 
     /// The code for a connection whose peer reads too slowly: too much waits for it, or it has taken nothing for long.
     fn overflow(lane: &PeerQueue, limits: &Limits, now: Instant) -> Option<CloseCode> {
-        if lane.withheld {
+        if lane.kept_back {
             return None;
         }
         lane.taken?;
@@ -307,7 +307,7 @@ impl Outbox {
             lane.session.close(code);
         }
         if lane.is_open()
-            && !lane.withheld
+            && !lane.kept_back
             && let Some(bytes) = lane.next_piece()
         {
             return Some(Transmit::Control { to: peer, bytes });

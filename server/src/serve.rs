@@ -446,14 +446,7 @@ impl Server {
         }
         let flight = match server.flight {
             None => None,
-            Some(directory) => {
-                let started =
-                    FlightWriter::start(directory.clone(), &server.limits, seconds_since_1970);
-                let failed = |cause| RunError::Flight { directory, cause };
-                let (writer, flights) = started.map_err(failed)?;
-                front.record_flights(flights);
-                Some(writer)
-            }
+            Some(directory) => Some(start_flights(directory, &server.limits, &mut front)?),
         };
         front.count(metrics.clone());
         let answering = match server.metrics {
@@ -487,6 +480,18 @@ impl Server {
         drop(observers);
         served.map_err(RunError::Serve)
     }
+}
+
+/// Starts the thread that writes flight recorders.
+fn start_flights(
+    directory: PathBuf,
+    limits: &Limits,
+    front: &mut Front,
+) -> Result<FlightWriter, RunError> {
+    let started = FlightWriter::start(directory.clone(), limits, seconds_since_1970);
+    let (writer, flights) = started.map_err(|cause| RunError::Flight { directory, cause })?;
+    front.record_flights(flights);
+    Ok(writer)
 }
 
 #[cfg(feature = "view")]

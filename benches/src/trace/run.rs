@@ -216,7 +216,7 @@ const COLORS: f64 = 32.0;
 
 /// Blue at no error, yellow at half the tolerance, red at the tolerance, violet beyond.
 fn error_color(share: f64) -> Color {
-    // Thirty-two colours are as many as can be told apart, and equal ones take few bytes.
+    // An eye tells some thirty-two colours apart, and equal ones take few bytes.
     let share = (share * COLORS).ceil() / COLORS;
     const NONE: [f64; 3] = [0.20, 0.55, 0.85];
     const HALF: [f64; 3] = [0.95, 0.78, 0.15];

@@ -99,7 +99,7 @@ pub(super) struct Vitals {
 
 /// A message that reaches the front.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Report {
+pub(super) enum WorkerReport {
     Worker(WorkerId, FromWorker),
     Process(ProcessId, FromProcess),
     /// A worker process has ended, and this is how: its last message.

@@ -38,7 +38,7 @@ pub(crate) use self::adapter::{Adapter, AdapterQueue};
 use self::expiry::Expiry;
 use self::greeting::{Greeted, Greeting};
 use self::message::{
-    FromWorker, ProcessId, Report, ToProcess, WorkerId, WorkerInput, WorkerOutput,
+    FromWorker, ProcessId, ToProcess, WorkerId, WorkerInput, WorkerOutput, WorkerReport,
 };
 use self::parked::{Parked, Scope};
 use self::process::Processes;
@@ -328,9 +328,9 @@ impl Front {
         while let Some(report) = self.next_report() {
             any = true;
             match report {
-                Report::Worker(id, message) => self.take_message(id, message),
-                Report::Process(id, message) => self.take_process_message(id, message),
-                Report::ProcessOver(id, status) => self.note_process_over(id, &status),
+                WorkerReport::Worker(id, message) => self.take_message(id, message),
+                WorkerReport::Process(id, message) => self.take_process_message(id, message),
+                WorkerReport::ProcessOver(id, status) => self.note_process_over(id, &status),
             }
         }
         if let Some(processes) = &mut self.processes {
@@ -339,7 +339,7 @@ impl Front {
         any
     }
 
-    fn next_report(&self) -> Option<Report> {
+    fn next_report(&self) -> Option<WorkerReport> {
         self.threads.as_ref()?.received.try_recv().ok()
     }
 

@@ -1,4 +1,4 @@
-//! Worker processes, where the system does not provide what they need: there are none.
+//! No worker processes, where the system does not provide what they need.
 
 use std::convert::Infallible;
 use std::error::Error;

@@ -1,4 +1,4 @@
-//! How workers begin: on the caller's thread, on one of their own, or in the process of a tenant.
+//! How workers begin: on the caller's thread, on their own, or in a process.
 
 use std::sync::mpsc::channel;
 

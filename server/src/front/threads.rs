@@ -5,7 +5,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use rhumb_protocol::Instant;
 
-use super::message::{FromWorker, Report, WorkerId};
+use super::message::{FromWorker, WorkerId, WorkerReport};
 
 /// The clock of a server's threads.
 pub(super) type SharedClock = Arc<dyn Fn() -> Instant + Send + Sync>;
@@ -26,20 +26,20 @@ pub(super) struct WorkerThreads {
 /// The way back from the workers' threads and processes to the front.
 pub(super) struct Threads {
     pub(super) workers: WorkerThreads,
-    pub(super) received: Receiver<Report>,
+    pub(super) received: Receiver<WorkerReport>,
     pub(super) reports: ReportSender,
 }
 
 /// Hands reports to the front, and wakes it.
 #[derive(Clone)]
 pub(super) struct ReportSender {
-    reports: SyncSender<Report>,
+    reports: SyncSender<WorkerReport>,
     waker: Arc<dyn Fn() + Send + Sync>,
 }
 
 impl ReportSender {
     /// Hands a report over; false if the front has ended.
-    pub(super) fn send(&self, report: Report) -> bool {
+    pub(super) fn send(&self, report: WorkerReport) -> bool {
         // A front that has ended needs no output.
         let sent = self.reports.send(report).is_ok();
         (self.waker)();
@@ -55,7 +55,7 @@ impl Threads {
             waker: Arc::new(waker),
         };
         let of_workers = reports.clone();
-        let send = move |id, message| of_workers.send(Report::Worker(id, message));
+        let send = move |id, message| of_workers.send(WorkerReport::Worker(id, message));
         Self {
             workers: WorkerThreads {
                 clock,

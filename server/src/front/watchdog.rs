@@ -10,7 +10,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Instant, Span};
 
-use super::message::{FromWorker, Report, WorkerId};
+use super::message::{FromWorker, WorkerId, WorkerReport};
 use super::parked::Scope;
 use super::{ADAPTER_SCENES, Front, Place, priority};
 use crate::flight::{FlightCause, FlightRecorders};
@@ -129,9 +129,9 @@ impl Front {
             let waited = (threads.workers.clock)().since(started);
             let waited = Duration::from_nanos(waited.as_nanos());
             match threads.received.recv_timeout(until.saturating_sub(waited)) {
-                Ok(Report::Worker(id, FromWorker::Over)) => left.retain(|other| *other != id),
-                Ok(Report::ProcessOver(..)) => running -= 1,
-                Ok(Report::Worker(..) | Report::Process(..)) => {}
+                Ok(WorkerReport::Worker(id, FromWorker::Over)) => left.retain(|other| *other != id),
+                Ok(WorkerReport::ProcessOver(..)) => running -= 1,
+                Ok(WorkerReport::Worker(..) | WorkerReport::Process(..)) => {}
                 Err(_) if running > 0 && until < KILLED => {
                     tracing::warn!(running, "worker processes did not end in time");
                     until = KILLED;

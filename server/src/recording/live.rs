@@ -11,7 +11,7 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_trace::{LiveError, LiveScenes};
 
 use super::recorder::RecordingLimits;
-use super::tap::{SceneTaps, TapMessage, TapQueue, WaitingBytes};
+use super::tap::{QueuedBytes, SceneTaps, TapMessage, TapQueue};
 use super::writer::SceneWriter;
 
 /// Longest time until a new viewer of a scene that stands still sees it.
@@ -46,7 +46,7 @@ impl BoundViewers {
         taps: &SceneTaps,
     ) -> io::Result<LiveViewers> {
         let (messages, received) = channel();
-        let waiting = WaitingBytes::default();
+        let waiting = QueuedBytes::default();
         taps.add(TapQueue {
             messages: messages.clone(),
             waiting: waiting.clone(),
@@ -84,7 +84,7 @@ struct Showing {
 }
 
 impl Showing {
-    fn run(mut self, messages: &Receiver<TapMessage>, waiting: &WaitingBytes) {
+    fn run(mut self, messages: &Receiver<TapMessage>, waiting: &QueuedBytes) {
         loop {
             match messages.recv_timeout(LOOK) {
                 Ok(TapMessage::Tick(record)) => {

@@ -18,7 +18,7 @@ use rhumb_trace::McapError;
 use rhumb_transport::Clock;
 
 use super::file::{FileHead, RecordingFile, remove_oldest};
-use super::tap::{SceneTaps, TapMessage, TapQueue, TickRecord, WaitingBytes};
+use super::tap::{QueuedBytes, SceneTaps, TapMessage, TapQueue, TickRecord};
 use super::writer::SceneWriter;
 use crate::limits::Limits;
 
@@ -73,7 +73,7 @@ impl Recorder {
     ) -> io::Result<Self> {
         fs::create_dir_all(&directory)?;
         let (messages, received) = channel();
-        let waiting = WaitingBytes::default();
+        let waiting = QueuedBytes::default();
         taps.add(TapQueue {
             messages: messages.clone(),
             waiting: waiting.clone(),
@@ -124,7 +124,7 @@ struct RecordedScene {
 }
 
 impl Recording {
-    fn run(mut self, messages: &Receiver<TapMessage>, waiting: &WaitingBytes) {
+    fn run(mut self, messages: &Receiver<TapMessage>, waiting: &QueuedBytes) {
         let mut flushed = self.clock.now();
         loop {
             let since = self.clock.now().since(flushed);

@@ -1,4 +1,4 @@
-//! Copies the states of a scene's ticks into the queues of those who read them.
+//! Copies the states of a scene's ticks into the queues of their readers.
 //!
 //! A record is whole if it holds every body: the first of a scene, and the first after one that found no place.
 
@@ -54,15 +54,15 @@ pub(crate) enum TapMessage {
 #[derive(Clone)]
 pub(crate) struct TapQueue {
     pub(super) messages: Sender<TapMessage>,
-    pub(super) waiting: WaitingBytes,
+    pub(super) waiting: QueuedBytes,
     pub(super) bytes_max: usize,
 }
 
 /// Bytes of records that wait for one reader; all clones are one.
 #[derive(Clone, Debug, Default)]
-pub(super) struct WaitingBytes(Arc<AtomicUsize>);
+pub(super) struct QueuedBytes(Arc<AtomicUsize>);
 
-impl WaitingBytes {
+impl QueuedBytes {
     /// The reader is done with a record.
     pub(super) fn remove(&self, bytes: usize) {
         self.0.fetch_sub(bytes, Ordering::Relaxed);

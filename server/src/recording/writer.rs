@@ -1,4 +1,4 @@
-//! Writes the records of one scene to a file or to viewers, as messages of a trace.
+//! Writes the records of one scene as messages of a trace.
 
 use std::collections::BTreeSet;
 
@@ -143,7 +143,7 @@ mod tests {
 
     use super::*;
     use crate::body_placement;
-    use crate::recording::tap::{SceneTap, SceneTaps, TapMessage, TapQueue, WaitingBytes};
+    use crate::recording::tap::{QueuedBytes, SceneTap, SceneTaps, TapMessage, TapQueue};
     use crate::scene::Scene;
 
     const STEP_NS: u64 = 16_666_667;
@@ -166,7 +166,7 @@ mod tests {
         scene: Scene,
         tap: SceneTap,
         messages: Receiver<TapMessage>,
-        waiting: WaitingBytes,
+        waiting: QueuedBytes,
     }
 
     impl Tapped {
@@ -176,7 +176,7 @@ mod tests {
             let id = ShapeId(1);
             scene.apply(&Command::AddShape { id, shape }).unwrap();
             let (sender, messages) = channel();
-            let (taps, waiting) = (SceneTaps::default(), WaitingBytes::default());
+            let (taps, waiting) = (SceneTaps::default(), QueuedBytes::default());
             taps.add(TapQueue {
                 messages: sender,
                 waiting: waiting.clone(),

@@ -103,7 +103,7 @@ impl SceneRunner {
         {
             let batch = durability.log.appended();
             durability.unanswered.push_back((batch, peer));
-            out.withhold(peer);
+            out.keep_back(peer);
         }
     }
 

@@ -1,4 +1,4 @@
-//! Reads the text format of Prometheus, as far as a server's own figures use it.
+//! Reads the text format of Prometheus, as far as a server uses it.
 //!
 //! Labels are kept, comments and time stamps are not. Escapes within labels do not occur in figures of a server.
 

@@ -1,4 +1,4 @@
-//! Draws the state: a line about the server, the table of scenes, details of one, and the keys.
+//! Draws the server's line, the table of scenes, details of one, the keys.
 
 use ratatui::Frame;
 use ratatui::layout::{Alignment, Constraint, Layout, Rect};

@@ -1,4 +1,4 @@
-//! The contents of the screen: the newest readings, the selection, and the order of rows.
+//! The contents of the screen: newest readings, selection, order of rows.
 //!
 //! It draws nothing and reads nothing itself.
 

@@ -1,4 +1,4 @@
-//! A worker process: the scenes of one tenant, each on a thread, and a stream to the front.
+//! A worker process: the scenes of one tenant, and a stream to the front.
 //!
 //! The main thread reads what the front sends. The scenes' threads write their outputs themselves. A thread of its own
 //! gives a sign of life, whatever the scenes do. The process has no sockets and no keys of tokens, and ends with the front.

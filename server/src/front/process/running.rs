@@ -9,7 +9,7 @@ use std::thread;
 use rhumb_protocol::scene::SceneName;
 use rhumb_transport::{ChildSender, FrameReceiver, child_stream};
 
-use super::super::message::{ProcessId, Report, ToProcess, WorkerId};
+use super::super::message::{ProcessId, ToProcess, WorkerId, WorkerReport};
 use super::super::settings::WorkerSettings;
 use super::super::threads::ReportSender;
 use super::codec::{decode_from, encode_to};
@@ -164,7 +164,7 @@ fn attend(id: ProcessId, mut child: Child, mut receiver: FrameReceiver, reports:
         match receiver.receive() {
             Ok(Some(frame)) => match decode_from(&frame) {
                 Ok(message) => {
-                    if !reports.send(Report::Process(id, message)) {
+                    if !reports.send(WorkerReport::Process(id, message)) {
                         break false;
                     }
                 }
@@ -185,5 +185,5 @@ fn attend(id: ProcessId, mut child: Child, mut receiver: FrameReceiver, reports:
         Ok(status) => status.to_string(),
         Err(cause) => format!("unknown: {cause}"),
     };
-    reports.send(Report::ProcessOver(id, status));
+    reports.send(WorkerReport::ProcessOver(id, status));
 }

@@ -1,4 +1,4 @@
-//! What the system does for worker processes: their end with the front, their memory, their death.
+//! The system's part of worker processes: end, memory, death.
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
