@@ -21,7 +21,9 @@ use rhumb_transport::{PageOrigin, Stop};
 use tracing::level_filters::LevelFilter;
 
 use crate::access::TokenKeys;
-use crate::announcement::{BoundAddresses, announce, page_url};
+#[cfg(feature = "demo")]
+use crate::announcement::page_url;
+use crate::announcement::{BoundAddresses, announce};
 #[cfg(feature = "demo")]
 use crate::demo::{DemoArguments, open_browser};
 use crate::durable::{self, DataDir, DataError};

@@ -262,12 +262,9 @@ impl Outbox {
 
     /// The code for a connection whose peer reads too slowly: too much waits for it, or it has taken nothing for long.
     fn overflow(lane: &PeerQueue, limits: &Limits, now: Instant) -> Option<CloseCode> {
-        if lane.kept_back {
-            return None;
-        }
         lane.taken?;
         let waits = lane.in_driver() > 0 || lane.queued() > 0;
-        let stalled = waits && now.since(lane.taken_at) >= limits.stall();
+        let stalled = !lane.kept_back && waits && now.since(lane.taken_at) >= limits.stall();
         (stalled || lane.waiting() > limits.waiting_bytes())
             .then_some(CloseCode(TransportCode::CONTROL_OVERFLOW.0))
     }

@@ -101,7 +101,7 @@ impl Showing {
                 Ok(TapMessage::Ended(scene, number)) => {
                     let is_shown = self.scenes.get(&scene).is_some_and(|(of, _)| *of == number);
                     if is_shown && let Some((_, writer)) = self.scenes.remove(&scene) {
-                        self.live.withdraw(&format!("{}/", writer.prefix()));
+                        self.live.withdraw(&format!("{}/truth/", writer.prefix()));
                     }
                 }
                 Ok(TapMessage::End) | Err(RecvTimeoutError::Disconnected) => return,

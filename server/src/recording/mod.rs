@@ -9,14 +9,20 @@ mod file;
 mod live;
 #[cfg(feature = "record")]
 mod mirror;
+#[cfg(not(feature = "record"))]
+mod no_tap;
 #[cfg(feature = "record")]
 mod recorder;
+#[cfg(feature = "record")]
 mod tap;
 #[cfg(feature = "record")]
 mod writer;
 
 #[cfg(feature = "foxglove")]
 pub(crate) use self::live::{BoundViewers, LiveViewers};
+#[cfg(not(feature = "record"))]
+pub(crate) use self::no_tap::{SceneTap, SceneTaps};
 #[cfg(feature = "record")]
 pub(crate) use self::recorder::{Recorder, RecordingLimits};
+#[cfg(feature = "record")]
 pub(crate) use self::tap::{SceneTap, SceneTaps};

@@ -101,7 +101,6 @@ struct Readers {
 
 impl SceneTaps {
     /// Has another reader get the records of later scenes.
-    #[cfg(feature = "record")]
     pub(crate) fn add(&self, queue: TapQueue) {
         let mut queues = self.0.queues.lock().unwrap_or_else(PoisonError::into_inner);
         queues.push(queue);

@@ -94,8 +94,8 @@ impl SceneRunner {
         }
     }
 
-    /// Keeps the answers to a member back until what they say of its session is durable: a member that has been let in
-    /// finds its session and its indices again, whenever the server fails. A broken log keeps no member out.
+    /// Keeps the answers to a member back until its session and its indices are durable: they then survive a failure of
+    /// the server. A broken log keeps no answers back.
     pub(super) fn answer_durably(&mut self, peer: Peer, out: &mut Outbox) {
         self.commit();
         if let Some(durability) = &mut self.durability
@@ -107,7 +107,7 @@ impl SceneRunner {
         }
     }
 
-    /// Tells members which of their commands have become durable, and lets those in whose sessions have.
+    /// Tells members which of their commands are durable, and sends the answers that waited for the log.
     pub(crate) fn report_durable(&mut self, out: &mut Outbox) {
         let Some(durability) = &mut self.durability else {
             return;

@@ -140,6 +140,8 @@ impl ServerLoop {
             let baker = runner.baker_for(peer, *id, shape)?;
             Some((runner, baker))
         }) else {
+            // The shape needs no solid any more; one that is made for it is of no other use.
+            connection.bake = None;
             return Some(message);
         };
         if connection.bake.is_none() {

@@ -249,7 +249,9 @@ impl Processes {
         if process.state == ProcessState::Ending {
             return None;
         }
-        self.by_tenant.remove(&process.tenant);
+        if self.by_tenant.get(&process.tenant) == Some(&id) {
+            self.by_tenant.remove(&process.tenant);
+        }
         self.deaths.note(now, process.tenant.clone());
         settings.metrics.count_worker_death();
         let tenant = &process.tenant;

@@ -123,9 +123,11 @@ impl RunningProcess {
 
     /// Ends the process at once. `stuck`: the worker that did not answer, if one is known.
     pub(super) fn kill(&mut self, stuck: Option<WorkerId>) {
-        if !matches!(self.state, ProcessState::Killed(_)) {
+        // A process that is to end has no scenes to restore.
+        if self.state == ProcessState::Serving {
             self.state = ProcessState::Killed(stuck);
         }
+        self.silent_looks = 0;
         self.sender = None;
         self.handle.kill();
     }
