@@ -298,6 +298,25 @@ fn two_solids_are_made_at_one_time_and_a_third_waits() {
 }
 
 #[test]
+fn the_solid_of_a_refused_shape_is_not_given_to_the_next_one() {
+    let mut bench = Bench::with_scene(Stepping::FreeRunning, &[OWNER, OTHER]);
+    bench.command(OWNER, [add(5, largest())]);
+    bench.command(OTHER, [add(5, Shape::ball(0.5))]);
+    assert_eq!(bench.bake(), 1);
+    bench.pass(30);
+    let refused = bench
+        .take(OWNER)
+        .into_iter()
+        .find_map(|message| match message {
+            ServerMessage::Refused { error, .. } => Some(error),
+            _ => None,
+        });
+    assert_eq!(refused, Some(CommandError::ShapeIdTaken(ShapeId(5))));
+    bench.command(OWNER, [add(6, largest())]);
+    assert_eq!(bench.waiting(), 1, "a solid of its own is made");
+}
+
+#[test]
 fn what_follows_an_unmade_solid_ends_with_its_connection() {
     let mut bench = Bench::with_scene(Stepping::FreeRunning, &[OWNER, OTHER]);
     let first = bench.granted(OWNER).first();
