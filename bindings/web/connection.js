@@ -67,7 +67,7 @@ export class Connection {
   #closing = false;
   /** Called with what arrives, and once with the end: `control(bytes)`, `datagram(bytes)`, `ended(closeCode or undefined)`. */
   handler;
-  /** What arrived before there was a handler. */
+  /** Events that arrived before there was a handler. */
   #early = [];
   counters = {
     receivedDatagrams: 0,

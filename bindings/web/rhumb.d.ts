@@ -240,7 +240,7 @@ export class Client {
   shape(id: ShapeId): Shape | undefined;
   /** The joints of the scene. */
   joints(): ReadonlyMap<JointId, Joint>;
-  /** What the copy predicts a body from; undefined for a body that the copy does not have. */
+  /** The track that the copy predicts a body from; undefined for a body that the copy does not have. */
   track(id: BodyId): Track | undefined;
   /** Bound on a body's error at the moment shown, metres; `undefined` while a packet that may concern it is missing. */
   errorBound(id: BodyId): number | undefined;
@@ -351,7 +351,7 @@ export interface View {
   place(id: BodyId): number;
 }
 
-/** What a copy predicts a body from: its last published state and the predictor that continues it. */
+/** The track that a copy predicts a body from: its last published state and the predictor that continues it. */
 export interface Track {
   /** Tick of the state. */
   readonly origin: number;
@@ -374,7 +374,7 @@ export interface BodyState {
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
-// What a scene is made of
+// Parts of a scene
 
 /** Lengths in metres, from the body's centre of mass; long axes along the body's y. */
 export type Shape =

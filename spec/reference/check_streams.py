@@ -61,7 +61,7 @@ def known(scene):
     }
     if scene.capped:
         state["error_scale_eighths"] = scene.error_scale(scene.watermark)
-    # What a body shows while something is missing is not specified (6.8).
+    # The pose of a body while something is missing is not specified (6.8).
     return state | ({"poses": poses(scene)} if scene.is_converged() else {})
 
 

@@ -89,7 +89,7 @@ class Stream:
         self.member = check_streams.Member()
         self.control({"is": "Welcome", "version": 1, "exists": 1, "config": self.config, "extensions": []}, quiet=True)
 
-    # What the member receives
+    # Data that the member receives
 
     def control(self, msg, quiet=False):
         data = messages.encoded("server", msg)

@@ -26,7 +26,7 @@ export class Bodies {
       ? new THREE.MeshBasicMaterial({ wireframe: true, transparent: true, opacity: 0.35 })
       : new THREE.MeshLambertMaterial();
     this.#staticMaterial = new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.5, depthWrite: false });
-    // What is moved by a script is often around what is seen.
+    // A body that a script moves is often around the visible ones.
     this.#kinematicMaterial = ghost
       ? this.#material
       : new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false });

@@ -21,7 +21,7 @@ pub const UNAVAILABLE: Option<&str> = {
     }
 };
 
-/// What the page may do, for the header of that name: it loads its own files and connects by WebTransport.
+/// The rights of the page, for the header of that name: it loads its own files and connects by WebTransport.
 ///
 /// The hash is that of the import map in `index.html`, the only script that is no file.
 pub const CONTENT_SECURITY_POLICY: &str = "default-src 'none'; \

@@ -67,7 +67,7 @@ export async function openPage(browser, url, { width = 480, height = 360, colorS
   page.errors = [];
   page.on("pageerror", (error) => page.errors.push(error.stack ?? error.message));
   page.on("console", (message) => {
-    // What cannot be loaded while the server is away is no error of the page.
+    // A file that cannot be loaded while the server is away is no error of the page.
     if (message.type() === "error" && !/Failed to load resource|ERR_|net::|WebTransport/.test(message.text()))
       page.errors.push(message.text());
   });
@@ -76,7 +76,7 @@ export async function openPage(browser, url, { width = 480, height = 360, colorS
   return page;
 }
 
-/** What the page counts. */
+/** The page's counts. */
 export const read = (page) =>
   page.evaluate(() => {
     const { comparison, ...rest } = rhumbDiagnostics;

@@ -43,7 +43,7 @@ enum FlightOutlet {
 /// Hands something to the front of a worker process.
 pub(crate) type ForwardFlight = Arc<dyn Fn(&SceneName, ForwardedFlight) + Send + Sync>;
 
-/// What a worker process hands to its front.
+/// Entries that a worker process hands to its front.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum ForwardedFlight {
     /// New entries.
@@ -208,7 +208,7 @@ impl FlightRecorder {
     pub(crate) fn step_began(&self, at: Instant, tick: Tick) {
         let (at_ns, tick) = (at.as_nanos(), tick.value());
         self.push(&FlightEntry::StepBegan { at_ns, tick });
-        // What a process did before a step that ends it is kept by the front.
+        // The front keeps the entries of a process before a step that ends it.
         if let Some(ring) = &self.ring {
             self.recorders.forward(&self.name, ring);
         }

@@ -66,7 +66,7 @@ pub(super) enum ToProcess {
     /// A worker of the process begins.
     Begin(WorkerId),
     Input(WorkerId, WorkerInput),
-    /// What the rest of the server has of the things that all scenes share.
+    /// The rest of the server's part of the things that all scenes share.
     Elsewhere {
         scenes: u64,
         load: u64,

@@ -1,4 +1,4 @@
-//! What the front does with the messages and the ends of worker processes.
+//! The front handles the messages and the ends of worker processes.
 //!
 //! The clients of a process that died are closed. Its scenes begin again from what is durable, in a new process; without
 //! a data directory they are lost, and their names are free.
@@ -21,7 +21,7 @@ impl Front {
         if message == FromWorker::Over {
             processes.note_worker_over(id);
         }
-        // What a broken process says of another one's workers does not count.
+        // A broken process's words about another one's workers do not count.
         let is_its = |place: &Place| matches!(place, Place::Process(of) if *of == id);
         if (self.workers.get(&worker)).is_some_and(|worker| is_its(&worker.place)) {
             self.take_message(worker, message);

@@ -16,7 +16,7 @@ pub(super) type SendFromWorker = Arc<dyn Fn(WorkerId, FromWorker) -> bool + Send
 /// Messages that wait for the front, of all workers; beyond them a worker waits.
 const REPORTS_WAITING_MAX: usize = 1_024;
 
-/// What the thread of a worker needs.
+/// Needs of a worker's thread.
 #[derive(Clone)]
 pub(super) struct WorkerThreads {
     pub(super) clock: SharedClock,

@@ -69,7 +69,7 @@ struct Leader {
     clock: Clock,
     out: BufWriter<File>,
     written: Option<Tick>,
-    /// What was received, with the state of the copy after each complete tick.
+    /// The received data, with the state of the copy after each complete tick.
     recorded: Vec<Value>,
 }
 

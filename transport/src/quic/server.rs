@@ -38,7 +38,7 @@ pub struct ServerOptions {
     pub listen: SocketAddr,
     /// The server's certificate.
     pub certificate: Certificate,
-    /// What it has for browsers, with the feature `web`; `None`: they find no server.
+    /// Its options for browsers, with the feature `web`; `None`: they find no server.
     pub web: Option<WebOptions>,
 }
 

@@ -1,10 +1,10 @@
-//! What a server has for browsers: origins of pages, and a certificate.
+//! Options for browsers: origins of pages, and a certificate.
 
 use super::certificate::CertificateError;
 use super::origins::Origins;
 use super::web_certificate::CertificateHashes;
 
-/// What a server has for browsers.
+/// A server's options for browsers.
 #[derive(Clone, Debug)]
 pub struct WebOptions {
     /// The pages that may connect.

@@ -86,7 +86,7 @@ impl WebSession {
             let _ = timeout(CODE_TAKEN, send.stopped()).await;
             return Err(WebRefusal::Path(request.url.path().to_owned()));
         }
-        // What is no text is no origin that could be allowed.
+        // Bytes that are no text are no origin that could be allowed.
         let origin = (request.headers.get(ORIGIN)).map(|origin| origin.to_str().unwrap_or("?"));
         let verdict = match origins.allows(origin) {
             true => Ok(()),

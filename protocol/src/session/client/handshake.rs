@@ -9,7 +9,7 @@ use crate::scene::SceneName;
 use crate::session::close::CloseCode;
 use crate::time::Instant;
 
-/// What a client says of itself.
+/// A client's words about itself.
 #[derive(Debug)]
 pub(super) struct ClientHandshake {
     pub(super) scene: SceneName,

@@ -1,4 +1,4 @@
-//! What a client has as a member of a scene, and what the scene tells it.
+//! A client's membership of a scene, and the scene's messages to it.
 //!
 //! Ends with the membership. Commands and their session are kept apart, because they outlive a connection.
 
@@ -25,7 +25,7 @@ pub(super) struct ClientMembership {
 }
 
 impl ClientMembership {
-    /// What a client has before it joins.
+    /// The state of a client before it joins.
     pub(super) fn new(largest_packet: LargestPacket) -> Self {
         Self {
             subscription: Subscription::new(),

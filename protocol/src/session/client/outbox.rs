@@ -1,4 +1,4 @@
-//! What a client sends: control messages in order, and datagrams.
+//! The data that a client sends: control messages in order, and datagrams.
 //!
 //! Decides nothing. Invariant: a control message leaves before everything that was sent after it.
 

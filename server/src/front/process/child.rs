@@ -85,7 +85,7 @@ struct WorkerProcess {
     over: Receiver<WorkerId>,
 }
 
-/// What the sign of life says; all clones are one.
+/// The contents of a sign of life; all clones are one.
 #[derive(Clone)]
 struct Life {
     slots: SceneSlots,
@@ -254,6 +254,6 @@ impl Life {
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // What is locked is changed in one piece.
+    // Locked data are changed in one piece.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -78,7 +78,7 @@ fn link(command: &mut Command, linked: Linked) {
             command.arg("-L").arg(&folder).arg("-lrhumb").arg(rpath);
         }
         Linked::Static => {
-            // What the system's own library for threads and numbers needs, as the install script says too.
+            // The system's own libraries for threads and numbers, as the install script says too.
             command.arg(folder.join("librhumb.a")).args(["-ldl", "-lm"]);
         }
     }
