@@ -2,7 +2,7 @@
 
 /// A tick of at least this many bytes is split into two packets. With a lower value, packets take more bytes and fewer
 /// bodies are off.
-const HALVED: usize = 130;
+const HALVED: usize = 180;
 
 /// The least loss rate assumed for answers to a receiver that lost packets.
 const ANSWERED: f64 = 0.01;
