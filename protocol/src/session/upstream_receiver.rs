@@ -43,8 +43,8 @@ pub struct UpstreamReceiver {
     changed: Vec<u32>,
 }
 
-/// The number of tracks kept for one body.
-const TRACKS_KEPT: usize = 64;
+/// The number of tracks kept for one body beside the one in force (PROTOCOL 6.14-12).
+const LATER_TRACKS_KEPT: usize = 64;
 /// Bound of the stream's indices and aliases. A body may take a second alias before its first one is free.
 const NAMES_END: u32 = 2 * AUTHORITY_BODIES_MAX as u32;
 /// The pause between the first two reports of one loss; it doubles. The server measures no round trip; the client does
@@ -236,8 +236,9 @@ impl BodyTracks {
         {
             self.tracks.clear();
         }
-        if self.tracks.len() == TRACKS_KEPT {
-            self.tracks.pop_front();
+        if self.tracks.len() > LATER_TRACKS_KEPT {
+            // The first track is the one in force: without it the body would not move.
+            self.tracks.remove(1);
         }
         self.tracks.push_back(track);
     }
@@ -403,6 +404,37 @@ mod tests {
         }
         assert_eq!(upstream_receiver.statistics().mismatches, 1);
         assert!(upstream_receiver.has_lost_sync());
+    }
+
+    #[test]
+    fn a_client_far_ahead_still_moves_its_bodies() {
+        let (mut sender, mut upstream_receiver) = connected_ends();
+        let mut packets = Vec::new();
+        // No prediction fits, so each tick has a track of its own.
+        let place = |ahead: u64| (ahead * ahead * ahead % 101) as f32;
+        for ahead in 1..=200_u64 {
+            let state = at(place(ahead), 0.0);
+            sender.publish(
+                Tick::new(100 + ahead),
+                &[(BodyId::new(70, 3), state)],
+                &mut packets,
+            );
+        }
+        for packet in packets.drain(..) {
+            upstream_receiver.handle_datagram(&opened(&packet));
+        }
+        let mut x = |tick: u64| {
+            let motion = placed(&mut upstream_receiver, Tick::new(100 + tick));
+            motion.expect("it is there").pose().position.x
+        };
+        // The track of the grant is in force until the oldest kept one.
+        for tick in [0, 136] {
+            assert!(x(tick).abs() < 0.1, "tick {tick}: {}", x(tick));
+        }
+        for tick in 137..=200 {
+            let off = x(tick) - f64::from(place(tick));
+            assert!(off.abs() < 0.1, "tick {tick}: {off}");
+        }
     }
 
     #[test]
