@@ -2,6 +2,7 @@
 
 use core::fmt;
 
+use crate::limits::DATAGRAM_BYTES_MAX;
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
 
@@ -178,8 +179,11 @@ impl<'a> Datagram<'a> {
     ///
     /// # Errors
     ///
-    /// [`Malformed`] if the head is incomplete or its kind unknown.
+    /// [`Malformed`] if the datagram is longer than any may be, its head is incomplete or its kind unknown.
     pub fn open(bytes: &'a [u8]) -> Result<Self, Malformed> {
+        if bytes.len() > DATAGRAM_BYTES_MAX {
+            return Err(Malformed::TooLong);
+        }
         let mut reader = Reader::new(bytes);
         let head = Head::decode(&mut reader)?;
         let body = reader.rest();

@@ -8,13 +8,12 @@ use rhumb_conformance::grammar::unhex;
 use rhumb_conformance::vectors::{Decoded, Sender, deliver, golden, greeted, known};
 use rhumb_protocol::message::Frames;
 use rhumb_protocol::packet::{
-    Checksums, Datagram, FullPacket, Head, LossReport, PacketKind, Refresh, RepairSymbol,
-    UpdatePacket, Watermark,
+    Checksums, Datagram, FullPacket, LossReport, PacketKind, Refresh, RepairSymbol, UpdatePacket,
+    Watermark,
 };
 use rhumb_protocol::session::{ClientSession, Replica};
 use rhumb_protocol::stream::Subscriber;
-use rhumb_protocol::wire::bytes::Reader;
-use rhumb_protocol::wire::{Malformed, Wire};
+use rhumb_protocol::wire::Malformed;
 use rhumb_protocol::{Endpoint, Instant, Peer};
 use rhumb_reckoning::{Anchor, BodyId, Motion, Ticks};
 use serde_json::Value;
@@ -38,8 +37,9 @@ fn flips(bytes: &[u8]) -> impl Iterator<Item = Vec<u8>> {
 
 /// Decodes a datagram as its receiver would.
 pub(crate) fn read(bytes: &[u8]) -> Result<(), Malformed> {
-    let mut reader = Reader::new(bytes);
-    match Head::decode(&mut reader)?.kind {
+    let datagram = Datagram::open(bytes)?;
+    let reader = datagram.body();
+    match datagram.head().kind {
         PacketKind::Updates | PacketKind::UpdatesEnd => {
             let packet = UpdatePacket::decode(true, reader)?;
             packet.updates(&mut Vec::new())
