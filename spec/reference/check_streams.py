@@ -108,15 +108,23 @@ def upstream_results(stream):
 
 def upstream_states(events):
     """The state of the server's end of an upstream at each step."""
-    scene = None
-    for what, value, *_ in events:
+    scene, lockstep, sent = None, False, messages.Frames()
+    for what, value, *more in events:
         if what == "grant":
             frames = messages.Frames()
             frames.push(bytes.fromhex(value))
             grant = messages.decoded("server", *frames.next())
             scene = upstream.Upstream(grant, CONFIG, WITHIN, {0: BALL}, [DESC] * len(grant["bodies"]), LARGEST)
+            lockstep = more == ["lockstep"]
         elif what == "datagram":
-            scene.receive_datagram(bytes.fromhex(value))
+            if not lockstep:
+                scene.receive_datagram(bytes.fromhex(value))
+        elif what == "control":
+            sent.push(bytes.fromhex(value))
+            while (message := sent.next()) is not None:
+                msg = messages.decoded("client", *message)
+                if lockstep and msg["is"] == "Upstream":
+                    scene.receive_datagram(bytes.fromhex(msg["packet"]))
         else:
             yield upstream_known(scene, value)
 
@@ -135,7 +143,8 @@ def results(stream):
 
 def reported(scene, value):
     """The member's state in the words of a stated one."""
-    return known_in_full(scene) if "bodies" in value else known(scene)
+    state = known_in_full(scene) if "bodies" in value else known(scene)
+    return state | ({"requests": scene.requests()} if "requests" in value else {})
 
 
 def main():

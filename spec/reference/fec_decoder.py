@@ -65,6 +65,20 @@ class Decoder:
         """6.15-6: a rebuilt packet is malformed, so a repair symbol was wrong: drops all of them."""
         self.repair_symbols, self.usable_from = [], self.end
 
+    def requested(self, missing, next_number):
+        """6.15-8, 6.15-10: how many further repair symbols rebuild the missing packets; 0 to have all refreshed."""
+        oldest = max(next_number - SPAN, self.usable_from)
+        lacking = [number for number in range(oldest, next_number) if number not in self.symbols]
+        lost = [number for number in missing if number in lacking]
+        if not lost or len(lacking) > KEPT:
+            return 0
+        covered = [number for number in lacking if number >= lost[0]]
+        # Other packets are eliminated first: the rows left are those of the covered packets alone.
+        rows = [({(number in covered, number): one for number, one in factors.items()}, b"") for factors, _ in self.repair_symbols]
+        known = sum(all(of_covered for of_covered, _ in factors) for factors, _ in eliminated(rows))
+        count = len(covered) - known
+        return count if count <= len(lost) else 0
+
     def rebuilt(self):
         """The least restored packet as number and datagram, or None."""
         rows = [self.without_known(*repair_symbol) for repair_symbol in self.repair_symbols]

@@ -1,7 +1,8 @@
 """Makes the scripted golden streams, spec/vectors/scripted.json.
 
 Usage: python3 make_streams.py [--write]. Without --write it compares; the exit code is 1 if the file is another.
-Each function is one stream; its docstring cites the clauses that the stream is about.
+Each function is one stream; its docstring cites the clauses that the stream is about. rule_streams.py has streams of
+single rules.
 """
 
 import json
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import packets
 import refused
+import rule_streams
 from scripted import SURFACE, Authority, Dice, Stream, digits, gravity_changed, placed, removed
 
 FILE = Path(__file__).resolve().parent.parent / "vectors" / "scripted.json"
@@ -889,7 +891,7 @@ def upstreams():
     lossy.step(108)
     lossy.get(lossy.checksum(109, off=1), lossy.packet(110, lossy.keyframe(0, 1)))
     lossy.step(110, 200)
-    return [s, refused, lossy]
+    return [s, refused, lossy, *rule_streams.upstreams()]
 
 
 def streams():
@@ -901,7 +903,8 @@ def streams():
     for maker in makers:
         stream = maker()
         made += stream if isinstance(stream, list) else [stream]
-    return made + [random_stream(seed, publish_interval=1) for seed in range(6)]
+    made += [random_stream(seed, publish_interval=1) for seed in range(6)]
+    return made + rule_streams.streams()
 
 
 def text(made):

@@ -15,7 +15,7 @@ TABLES = json.loads((Path(__file__).resolve().parent.parent / "tables" / "packet
 INDEX_BITS, INDICES = 20, 1 << 20
 AGE_MAX = 1 << 30
 UPDATES_MAX, RECORDS_MAX, LOST_MAX, PARTS_MAX = 400, 9200, 64, 64
-SPAN, ROWS, SYMBOL_MAX = 32, 128, 1136
+SPAN, ROWS, SYMBOL_MAX, DATAGRAM_MAX = 32, 128, 1136, 1150
 POSITION_LIMIT, VELOCITY_LIMIT, RESIDUAL_LIMIT, TURN_LIMIT = 1 << 30, 1 << 24, 1 << 26, 1 << 10
 VELOCITY_EXPONENT_MAX = 12
 # Contexts of numbers.
@@ -630,6 +630,7 @@ def head_of(kind, stream):
 
 
 def decoded(datagram):
+    refuse_if(len(datagram) > DATAGRAM_MAX, "TooLong")
     frm = Bytes(datagram)
     kind, stream = read_head(frm)
     msg = {"stream": stream, "kind": kind}

@@ -40,6 +40,15 @@ def coded(write):
     return packets.encoded(head(1) | {"updates": []})[:7] + coder.finish()
 
 
+def longest(size):
+    """A state packet of this many bytes."""
+    updates = [{**SAME, "alias": alias, "position": [99999, 99999, 99999]} for alias in range(150)]
+    while len(state(*updates)) > size - 8:
+        updates.pop()
+    last = ({**SAME, "alias": 200, "position": [x, y, 0]} for x in range(9) for y in (0, 1, 99, 9999, 1 << 20, 1 << 26))
+    return next(data for data in (state(*updates, update) for update in last) if len(data) == size)
+
+
 def keyframe_after_assignment(coder, update_coder, times):
     for code in (packets.ASSIGNMENT, packets.KEYFRAME):
         packets.write_code(packets.TABLES["modes"][0], code, coder)
@@ -84,6 +93,7 @@ def cases():
     yield "5.8-2", "a stream id of 2^32", b"\xf2" + packets.varint((1 << 32) - 15) + watermark[1:]
     for kind in (8, 10, 13, 14, 15):
         yield "5.8-1", f"kind {kind}, else a watermark", bytes([0x50 | kind]) + watermark[1:]
+    yield "5.8-5", "a datagram of 1151 bytes", longest(1151)
     yield "5.10-1", "a byte behind a watermark", watermark + b"\x01"
     yield "5.17-3", "an error scale of 0", b"\x5c\x00" + watermark[1:]
     for predictor in (6, 7):

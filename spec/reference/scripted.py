@@ -85,7 +85,8 @@ class Stream:
             self.copy.receive(msg)
         self.tracks = self.copy.scene
         self.alias = dict(self.tracks.alias_of)
-        self.history, self.sent, self.refreshing = {}, {}, {}
+        self.history, self.sent = {}, {}
+        self.requests = False  # whether states say what a loss report requests
         self.member = check_streams.Member()
         self.control({"is": "Welcome", "version": 1, "exists": 1, "config": self.config, "extensions": []}, quiet=True)
 
@@ -123,7 +124,8 @@ class Stream:
     def know(self):
         """Before `SnapshotEnd` an application sees no copy."""
         if self.member.scene and self.member.scene.has_snapshot:
-            self.recorded.append(["known", check_streams.known_in_full(self.member.scene)])
+            state = check_streams.known_in_full(self.member.scene)
+            self.recorded.append(["known", state | ({"requests": self.member.scene.requests()} if self.requests else {})])
 
     # Updates
 
@@ -275,13 +277,28 @@ class Stream:
 class Authority(Stream):
     """An upstream as a script makes it: the member with authority, and what the server received and then had."""
 
-    def __init__(self, name, events, tick):
+    def __init__(self, name, events, tick, lockstep=False):
         super().__init__(name, events, gravity=STILL, tick=tick, largest_packet=messages.LIMITS["DATAGRAM_BYTES_MAX"])
         descs = [event["desc"] for event in events]
         granted = [{"id": event["desc"]["id"], "motion": event["track"]["payload"]["anchor"]} for event in events]
         self.grant = {"is": "AuthorityGrant", "stream": self.stream, "tick": tick, "bodies": granted}
         self.member.scene = upstream.Upstream(self.grant, self.config, SURFACE, self.tracks.shapes, descs, self.joined["largest packet"])
-        self.recorded = [["grant", messages.encoded("server", self.grant).hex()]]
+        self.recorded = [["grant", messages.encoded("server", self.grant).hex(), *(["lockstep"] if lockstep else [])]]
+        self.lockstep = lockstep
+
+    def get(self, *datagrams):
+        """The server receives these datagrams."""
+        for data in datagrams:
+            self.recorded.append(["datagram", data.hex()])
+            if not self.lockstep:
+                self.member.scene.receive_datagram(data)
+
+    def take(self, *packets):
+        """The server receives these packets in `Upstream` messages."""
+        sent = b"".join(messages.encoded("client", {"is": "Upstream", "packet": data.hex()}) for data in packets)
+        self.recorded.append(["control", sent.hex()])
+        for data in packets if self.lockstep else ():
+            self.member.scene.receive_datagram(data)
 
     def know(self):
         """The server's state shows when it steps."""

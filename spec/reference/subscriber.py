@@ -177,7 +177,8 @@ class Scene:
         self.gravities = [(0, [f32(part) for part in joined["gravity"]])]
         self.snapshot_gravity = False
         self.has_snapshot, self.scene_events, self.next = False, joined["events"], joined["next"]
-        self.watermark = self.newest = self.converged_at = joined["tick"]
+        self.start = joined["tick"]
+        self.watermark = self.newest = self.converged_at = self.start
         self.known_from = 0
         self.aliases, self.alias_of = {}, {}  # alias: (index or None, since); index: alias
         self.missing, self.unread, self.pending, self.lost_on_link = {}, {}, [], 0
@@ -532,6 +533,7 @@ class Scene:
             number, data = found
             try:
                 msg = packets.decoded(data)
+                packets.refuse_if(msg["kind"] > 1, "UnknownCode")
             except packets.Malformed:
                 self.decoder.was_wrong()
                 return
@@ -618,7 +620,7 @@ class Scene:
     def is_within(self, body, tick):
         """6.8-4, 6.16-11: whether a body is known to be within its tolerance, times the error scale, at a tick."""
         interval = self.config["publish interval"]
-        if self.lost_sync or tick > self.watermark or (tick != self.watermark and tick % interval):
+        if self.lost_sync or tick > self.watermark or (tick != self.start and tick % interval):
             return False
         if self.error_scale(tick) is None or not self.is_known(body, tick):
             return False
@@ -638,6 +640,13 @@ class Scene:
     def resync(self):
         """6.7-10: the cause of the `Resync` that a copy needs, or None."""
         return int(self.checksum_mismatches > 0) if self.lost_sync else None
+
+    def requests(self):
+        """6.15-8 to 6.15-11: `repair_symbols` of a loss report that requests them, and the numbers that it names."""
+        missing = sorted(self.missing)
+        count = self.decoder.requested(missing, self.next)
+        named = [number for number in missing if not (count and number in self.decoder.symbols)]
+        return [count, [number & 0xFFFF for number in named[: LIMITS["LOST_NUMBERS_MAX"]]]]
 
     def loss_report(self):
         """5.13"""

@@ -539,6 +539,14 @@ fn others(cases: &mut Vec<NamedPacket>) {
     for case in covered() {
         cases.push(("a repair symbol".to_owned(), case.repair_symbol));
     }
+    let empty = RepairSymbol {
+        last: Low16::of(70_000),
+        covered: 1,
+        row: 7,
+        sums: Vec::new(),
+    };
+    let name = "a repair symbol without bytes".to_owned();
+    cases.push((name, empty.encode(StreamId(5))));
     for (next, tick, scene_events) in [(0, 0, 0), (70_001, 301, 12)] {
         let low = |count| Low16::of(count);
         let watermark = Watermark {

@@ -120,7 +120,8 @@ fn received_upstream(upstream: Value) -> Case {
         "a decoder of {} moves the bodies as the server does",
         word(&upstream["name"])
     );
-    let cites = "PROTOCOL 6.14-1, 6.14-3, 6.14-5, 6.14-6, 6.14-12, 6.14-14, 6.14-19";
+    let cites =
+        "PROTOCOL 6.14-1, 6.14-3, 6.14-5, 6.14-6, 6.14-8, 6.14-9, 6.14-12, 6.14-14, 6.14-19";
     family("L4.82", &name, cites, vec![upstream], moved)
 }
 

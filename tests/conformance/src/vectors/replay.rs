@@ -48,6 +48,9 @@ pub(crate) fn known_in_full(replica: &Replica) -> Value {
     let lost = stream.missing_packets().take(LOST_NUMBERS_MAX);
     known["lost"] = lost.map(|number| number as u16).collect();
     known["abandoned"] = json!(stream.lost() as u16);
+    let report = stream.loss_report();
+    let named: Vec<_> = report.lost.iter().map(|number| number.0).collect();
+    known["requests"] = json!([report.repair_symbols, named]);
     known["resync"] = json!(
         stream
             .has_lost_sync()

@@ -1,6 +1,6 @@
 //! The upstreams of the vectors, replayed to a server's end.
 
-use rhumb_protocol::message::{Frames, ServerMessage, TakeAuthority};
+use rhumb_protocol::message::{ClientMessage, Frames, ServerMessage, TakeAuthority};
 use rhumb_protocol::packet::{Datagram, LargestPacket};
 use rhumb_protocol::scene::{BodyDesc, BodyKind, Shape, ShapeId};
 use rhumb_protocol::session::UpstreamReceiver;
@@ -22,17 +22,41 @@ pub fn upstream_states(events: &[Value]) -> Vec<Value> {
         panic!("an upstream begins with its grant");
     };
     let mut receiver = receiver_of(&bytes_of(grant));
-    let mut states = Vec::new();
+    // A packet on the other lane is dropped (PROTOCOL 6.14-9).
+    let lockstep = grant[2] == "lockstep";
+    let (mut frames, mut states) = (Frames::new(), Vec::new());
     for event in events {
-        if event[0] == "datagram" {
-            let bytes = bytes_of(event);
-            receiver.handle_datagram(&Datagram::open(&bytes).expect("a head"));
-        } else {
-            let tick = Tick::new(event[1].as_u64().expect("a tick"));
-            states.push(state(&mut receiver, tick));
+        match event[0].as_str() {
+            Some("datagram") if !lockstep => receive(&mut receiver, &bytes_of(event)),
+            Some("control") => {
+                frames.push(&bytes_of(event));
+                while let Some(packet) = packet_of(&mut frames) {
+                    if lockstep {
+                        receive(&mut receiver, &packet);
+                    }
+                }
+            }
+            Some("step") => {
+                let tick = Tick::new(event[1].as_u64().expect("a tick"));
+                states.push(state(&mut receiver, tick));
+            }
+            _ => {}
         }
     }
     states
+}
+
+fn receive(receiver: &mut UpstreamReceiver, bytes: &[u8]) {
+    receiver.handle_datagram(&Datagram::open(bytes).expect("a head"));
+}
+
+/// The packet of the next message of the client, which is an `Upstream`.
+fn packet_of(frames: &mut Frames) -> Option<Vec<u8>> {
+    let framed = frames.next_frame().expect("frames")?;
+    match ClientMessage::decode(&framed) {
+        Ok(Some(ClientMessage::Upstream(packet))) => Some(packet),
+        other => panic!("an upstream has no such message: {other:?}"),
+    }
 }
 
 /// The state in the step to a tick.
