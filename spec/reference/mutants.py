@@ -243,6 +243,7 @@ SUBSCRIBER = of(
     ("6.15-5", "a rebuilt packet does not count as abandoned", "self.lost_on_link -= not rebuilt", "self.lost_on_link -= 1"),
     ("6.15-5", "a rebuilt packet does not wait for scene events", "            if self.due(msg):\n                self.read(msg, rebuilt=True)", "            self.read(msg, rebuilt=True)"),
     ("6.15-5", "a rebuilt packet is kept only when it is read (6.5-2)", "            self.decoder.keep(number, data)\n            msg[\"data\"]", "            if expanded(msg[\"events\"], self.scene_events) <= self.scene_events:\n                self.decoder.keep(number, data)\n            msg[\"data\"]"),
+    ("6.15-3", "repair symbols over a refreshed packet are dropped", "        self.missing.pop(number, None)\n        for other", "        self.missing.pop(number, None)\n        rows = self.decoder.repair_symbols\n        self.decoder.repair_symbols = [row for row in rows if not as_of or number not in row[0]]\n        for other"),
     ("6.15-5", "a rebuilt packet that was refreshed is read", "        elif number in self.missing:\n            self.fill(number, 0)", "        elif number in self.missing or rebuilt:\n            self.fill(number, 0)"),
     ("6.15-6", "a wrong repair symbol drops no others", "                self.decoder.was_wrong()\n", "                self.decoder.repair_symbols.pop()\n"),
     ("6.15-6", "a rebuilt packet may be a watermark", "                packets.refuse_if(msg[\"kind\"] > 1, \"UnknownCode\")\n", ""),

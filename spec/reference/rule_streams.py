@@ -143,6 +143,12 @@ def named_refreshes():
     s.packet(2, s.corrected(0, 2))
     s.get(s.watermark(2), *s.refresh(1, 3), s.repair(0, 1))
     yield s
+    s = started("two repair symbols over a packet that was refreshed", 2)
+    all_corrected(s, 1, 2)
+    s.packet(2, s.corrected(0, 2))
+    s.packet(3, s.corrected(1, 3))
+    s.get(s.repair(0, 1, 2), s.watermark(3), *s.refresh(1, 4), s.repair(1, 1, 2))
+    yield s
 
 
 # A second snapshot
