@@ -31,8 +31,8 @@ private:
     RhumbCode code_;
 };
 
-/// Throws unless the call did what it says.
-inline void check(RhumbCode code) {
+/// Throws unless the call did what it says. Unreal has macros of the names check, verify and ensure.
+inline void throw_unless_ok(RhumbCode code) {
     if (code != RHUMB_CODE_OK) {
         throw Error(code, rhumb_last_error());
     }
@@ -158,7 +158,7 @@ public:
 private:
     explicit Shape(RhumbShapeKind kind) {
         RhumbBodyDesc plain;
-        check(rhumb_body_desc_init(&plain));
+        throw_unless_ok(rhumb_body_desc_init(&plain));
         raw_ = plain.shape;
         raw_.kind = static_cast<std::uint32_t>(kind);
     }
@@ -261,7 +261,7 @@ public:
 
 private:
     BodyDesc(RhumbBodyKind kind, Shape shape) : shape_(std::move(shape)) {
-        check(rhumb_body_desc_init(&raw_));
+        throw_unless_ok(rhumb_body_desc_init(&raw_));
         raw_.kind = static_cast<std::uint32_t>(kind);
     }
 
@@ -351,7 +351,7 @@ namespace query {
 
 inline RhumbQuery make(RhumbQueryKind kind, Vec3 position, Vec3 translation = {}) {
     RhumbQuery query;
-    check(rhumb_query_init(&query));
+    throw_unless_ok(rhumb_query_init(&query));
     query.kind = static_cast<std::uint32_t>(kind);
     const float place[] = {position.x, position.y, position.z};
     const float way[] = {translation.x, translation.y, translation.z};
@@ -426,7 +426,7 @@ struct Hits {
 
 /// How to join a scene; plain when made.
 struct JoinOptions : RhumbJoinOptions {
-    JoinOptions() : RhumbJoinOptions() { check(rhumb_join_options_init(this)); }
+    JoinOptions() : RhumbJoinOptions() { throw_unless_ok(rhumb_join_options_init(this)); }
 
     JoinOptions& with_coordinates(RhumbCoordinates choice) {
         coordinates = static_cast<std::uint32_t>(choice);
@@ -465,7 +465,7 @@ public:
     Body add_body(const BodyDesc& body) {
         const RhumbBodyDesc raw = body.raw();
         Body id = 0;
-        check(rhumb_scene_add_bodies(raw_, &raw, 1, &id));
+        throw_unless_ok(rhumb_scene_add_bodies(raw_, &raw, 1, &id));
         return id;
     }
 
@@ -477,52 +477,52 @@ public:
             raw.push_back(body.raw());
         }
         std::vector<Body> ids(bodies.size());
-        check(rhumb_scene_add_bodies(raw_, raw.data(), raw.size(), ids.data()));
+        throw_unless_ok(rhumb_scene_add_bodies(raw_, raw.data(), raw.size(), ids.data()));
         return ids;
     }
 
     /// Queues a command; its number is what events name.
     std::uint64_t command(const RhumbCommand& command) {
         std::uint64_t number = 0;
-        check(rhumb_scene_command(raw_, &command, 1, &number));
+        throw_unless_ok(rhumb_scene_command(raw_, &command, 1, &number));
         return number;
     }
 
     /// Queues commands in one call. If one is wrong, none is queued. No number for no commands.
     std::optional<std::uint64_t> command(const std::vector<RhumbCommand>& commands) {
         std::uint64_t number = 0;
-        check(rhumb_scene_command(raw_, commands.data(), commands.size(), &number));
+        throw_unless_ok(rhumb_scene_command(raw_, commands.data(), commands.size(), &number));
         return commands.empty() ? std::nullopt : std::optional<std::uint64_t>(number);
     }
 
-    void flush() { check(rhumb_scene_flush(raw_)); }
+    void flush() { throw_unless_ok(rhumb_scene_flush(raw_)); }
 
     /// Steps a lockstep scene once; returns the tick of the view.
     std::uint64_t advance(std::uint32_t depth = 0) {
         std::uint64_t tick = 0;
-        check(rhumb_scene_advance(raw_, depth, &tick));
+        throw_unless_ok(rhumb_scene_advance(raw_, depth, &tick));
         return tick;
     }
 
     /// Waits for the tick of an advance that timed out.
     std::uint64_t wait(std::uint32_t depth = 0) {
         std::uint64_t tick = 0;
-        check(rhumb_scene_wait(raw_, depth, &tick));
+        throw_unless_ok(rhumb_scene_wait(raw_, depth, &tick));
         return tick;
     }
 
     /// Computes the view of a free-running scene for now.
     Time poll() {
         Time time = {};
-        check(rhumb_scene_poll(raw_, &time));
+        throw_unless_ok(rhumb_scene_poll(raw_, &time));
         return time;
     }
 
-    void idle(double seconds) { check(rhumb_scene_idle(raw_, seconds)); }
+    void idle(double seconds) { throw_unless_ok(rhumb_scene_idle(raw_, seconds)); }
 
     Poses poses() {
         RhumbPoses poses = {};
-        check(rhumb_scene_poses(raw_, &poses));
+        throw_unless_ok(rhumb_scene_poses(raw_, &poses));
         return Poses(poses);
     }
 
@@ -533,27 +533,27 @@ public:
         if (code == RHUMB_CODE_INVALID) {
             return std::nullopt;
         }
-        check(code);
+        throw_unless_ok(code);
         return place;
     }
 
     /// How far any point of a body may be off; infinite while that is not known.
     float error_bound(Body body) {
         float bound = 0.0F;
-        check(rhumb_scene_error_bounds(raw_, &body, 1, &bound));
+        throw_unless_ok(rhumb_scene_error_bounds(raw_, &body, 1, &bound));
         return bound;
     }
 
     std::vector<float> error_bounds(const std::vector<Body>& bodies) {
         std::vector<float> bounds(bodies.size());
-        check(rhumb_scene_error_bounds(raw_, bodies.data(), bodies.size(), bounds.data()));
+        throw_unless_ok(rhumb_scene_error_bounds(raw_, bodies.data(), bodies.size(), bounds.data()));
         return bounds;
     }
 
     /// The oldest unread event.
     std::optional<Event> poll_event() {
         Event event;
-        check(rhumb_scene_poll_event(raw_, &event));
+        throw_unless_ok(rhumb_scene_poll_event(raw_, &event));
         const bool none = event.kind == static_cast<std::uint32_t>(RHUMB_EVENT_KIND_NONE);
         return none ? std::nullopt : std::optional<Event>(event);
     }
@@ -566,19 +566,19 @@ public:
         }
         Hits found = {0, std::vector<Hit>(capacity)};
         std::size_t count = 0;
-        check(rhumb_scene_query(raw_, queries.data(), queries.size(), found.hits.data(), capacity, &count, &found.tick));
+        throw_unless_ok(rhumb_scene_query(raw_, queries.data(), queries.size(), found.hits.data(), capacity, &count, &found.tick));
         found.hits.resize(count);
         return found;
     }
 
     Statistics statistics() {
         Statistics statistics = {};
-        check(rhumb_scene_statistics(raw_, &statistics));
+        throw_unless_ok(rhumb_scene_statistics(raw_, &statistics));
         return statistics;
     }
 
     /// Deletes the scene for all of its clients.
-    void delete_scene() { check(rhumb_scene_delete(raw_)); }
+    void delete_scene() { throw_unless_ok(rhumb_scene_delete(raw_)); }
 
     /// Leaves the scene. A second time does nothing.
     void close() noexcept {
@@ -623,7 +623,7 @@ public:
         options.token = token.empty() ? nullptr : token.c_str();
         options.timeout_s = timeout_s;
         RhumbConnection raw = {0};
-        check(rhumb_connect(&options, &raw));
+        throw_unless_ok(rhumb_connect(&options, &raw));
         return Connection(raw);
     }
 
@@ -644,7 +644,7 @@ public:
     /// Joins a scene, and uses the connection up.
     Scene join(const std::string& name, const JoinOptions& options = JoinOptions()) {
         RhumbScene scene = {0};
-        check(rhumb_join(raw_, name.c_str(), &options, &scene));
+        throw_unless_ok(rhumb_join(raw_, name.c_str(), &options, &scene));
         raw_ = RhumbConnection{0};
         return Scene(scene);
     }

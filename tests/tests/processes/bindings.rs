@@ -5,6 +5,7 @@
 
 mod c;
 mod csharp;
+mod engines;
 mod python;
 mod script;
 

@@ -28,6 +28,11 @@ pub(super) struct Compiled {
 impl Compiled {
     /// Compiles `bindings/c/SOURCE`, in C or C++ by its ending; `None`, with a line that says so, without a compiler.
     pub(super) fn new(source: &str, linked: Linked) -> Option<Self> {
+        Self::with_headers(source, linked, &root().join("bindings/c/include"))
+    }
+
+    /// The same with headers of another folder too.
+    pub(super) fn with_headers(source: &str, linked: Linked, headers: &Path) -> Option<Self> {
         let folder = TempDir::new().expect("a folder for the program");
         let path = folder.path().join("program");
         let c = root().join("bindings/c");
@@ -44,6 +49,8 @@ impl Compiled {
             .args(["-fsanitize=address,undefined", "-fno-sanitize-recover=all"])
             .args(["-D_POSIX_C_SOURCE=200809L", "-pthread", "-I"])
             .arg(c.join("include"))
+            .arg("-I")
+            .arg(headers)
             .arg(c.join(source))
             .arg("-o")
             .arg(&path);

@@ -1,6 +1,6 @@
 //! Programs in C#, compiled and run by Mono.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use rhumb_tests::ServerProcess;
@@ -20,13 +20,18 @@ fn sources(folder: &str) -> impl Iterator<Item = PathBuf> {
 }
 
 /// A compiled program.
-struct Assembly {
+pub(super) struct Assembly {
     folder: TempDir,
 }
 
 impl Assembly {
     /// Compiles the library with one program; `None`, with a line that says so, without a compiler.
     fn new(program: &str) -> Option<Self> {
+        Self::with_sources(program, &[])
+    }
+
+    /// The same with more sources.
+    pub(super) fn with_sources(program: &str, more: &[&Path]) -> Option<Self> {
         if !has("mcs") || !has("mono") {
             return None;
         }
@@ -41,12 +46,13 @@ impl Assembly {
             .arg(out);
         command
             .args(sources("src"))
-            .arg(root().join("bindings/csharp").join(program));
+            .arg(root().join("bindings/csharp").join(program))
+            .args(more);
         run_well(&mut command);
         Some(Self { folder })
     }
 
-    fn run_with(&self, server: &ServerProcess, more: &[String]) -> String {
+    pub(super) fn run_with(&self, server: &ServerProcess, more: &[String]) -> String {
         let mut command = Command::new("mono");
         command
             .arg("--debug")
