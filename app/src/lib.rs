@@ -10,8 +10,8 @@ mod sockets;
 mod wire;
 
 pub use server::{
-    AppHost, AppOptions, AppScene, AppServer, AppTransmit, Bulk, Datagrams, Geometry, States,
-    TimeAdvanced,
+    AppDatagram, AppHost, AppOptions, AppScene, AppServer, AppTransmit, Bulk, Datagrams, Geometry,
+    States, Subject, TimeAdvanced, Urgency,
 };
 pub use sockets::{AppBindError, AppListen, AppListener};
 pub use wire::*;

@@ -9,8 +9,8 @@ use std::net::SocketAddr;
 
 use glam::{Quat, Vec3};
 use rhumb_app::{
-    AppOptions, AppServer, AppTransmit, AttachShape, CreateDynamicActor, Id, Kind, Logon, Message,
-    MessageFraming, Motion, SetWorld, Surface,
+    AppDatagram, AppOptions, AppServer, AppTransmit, AttachShape, CreateDynamicActor, Id, Kind,
+    Logon, Message, MessageFraming, Motion, SetWorld, Surface,
 };
 use rhumb_protocol::{Instant, Peer};
 use rhumb_server::ServerLoop;
@@ -205,7 +205,7 @@ impl PluginSession {
                 let whole = self.frames.next_message();
                 assert_eq!(whole, Ok(None));
             }
-            AppTransmit::Datagram { bytes, .. } => {
+            AppTransmit::Datagram(AppDatagram { bytes, .. }) => {
                 let message = Message::from_datagram(bytes).expect("a valid message");
                 let mut again = Vec::new();
                 let index = u32::from_be_bytes(bytes[4..8].try_into().expect("four bytes"));
@@ -240,7 +240,7 @@ pub fn deliver(
     while let Some(transmit) = server.clients.poll_transmit() {
         let concerns = |session: &PluginSession| match &transmit {
             AppTransmit::Bytes { to, .. } | AppTransmit::Close { to } => *to == session.peer,
-            AppTransmit::Datagram { to, .. } => *to == session.from,
+            AppTransmit::Datagram(datagram) => datagram.to == session.from,
         };
         if concerns(first) {
             first.take(&transmit);

@@ -126,8 +126,8 @@ impl AppServer {
     /// The next transmission.
     pub fn poll_transmit(&mut self) -> Option<AppTransmit> {
         for (to, client) in &mut self.clients {
-            if let Some((to, bytes)) = client.send_queue.poll_datagram() {
-                return Some(AppTransmit::Datagram { to, bytes });
+            if let Some(datagram) = client.send_queue.poll_datagram() {
+                return Some(AppTransmit::Datagram(datagram));
             }
             if let Some(bytes) = client.send_queue.poll_bytes() {
                 return Some(AppTransmit::Bytes { to: *to, bytes });

@@ -20,10 +20,12 @@ mod send_queue;
 mod shape_cache;
 mod shape_definition;
 mod state_reporter;
+mod subject;
 mod transmit;
 mod world_mirror;
 
 pub use app_server::AppServer;
 pub use host::{AppHost, AppScene, Bulk, Geometry};
 pub use options::{AppOptions, Datagrams, States, TimeAdvanced};
-pub use transmit::AppTransmit;
+pub use subject::{Subject, Urgency};
+pub use transmit::{AppDatagram, AppTransmit};

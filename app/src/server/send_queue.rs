@@ -9,6 +9,8 @@ use std::collections::VecDeque;
 use bytes::Bytes;
 
 use super::options::Datagrams;
+use super::subject::{Subject, Urgency};
+use super::transmit::AppDatagram;
 use crate::wire::Message;
 
 /// Queued messages of one client.
@@ -22,7 +24,7 @@ pub(super) struct SendQueue {
     /// Last reported count of bytes in the connection's queue.
     connection_bytes: usize,
     datagram: Vec<u8>,
-    datagrams: VecDeque<(SocketAddr, Bytes)>,
+    datagrams: VecDeque<AppDatagram>,
 }
 
 /// Bytes of a piece: fits a segment of an Ethernet.
@@ -79,14 +81,16 @@ impl SendQueue {
         let start = self.datagram.len();
         let index = self.index();
         message.encode(index, &mut self.datagram);
-        let full = match datagrams {
-            Datagrams::Single => true,
-            Datagrams::Packed => self.datagram.len() > DATAGRAM_BYTES_MAX,
-        };
-        if full && start > 0 {
-            let last = self.datagram.split_off(start);
-            self.close_datagram(to);
-            self.datagram = last;
+        match datagrams {
+            Datagrams::Single => {
+                self.close_datagram(to, Subject::of(message), Urgency::of(message));
+            }
+            Datagrams::Packed if self.datagram.len() > DATAGRAM_BYTES_MAX && start > 0 => {
+                let last = self.datagram.split_off(start);
+                self.close_datagram(to, None, Urgency::Moving);
+                self.datagram = last;
+            }
+            Datagrams::Packed => {}
         }
     }
 
@@ -98,11 +102,16 @@ impl SendQueue {
         }
     }
 
-    fn close_datagram(&mut self, to: SocketAddr) {
+    fn close_datagram(&mut self, to: SocketAddr, subject: Option<Subject>, urgency: Urgency) {
         if !self.datagram.is_empty() {
-            let datagram = Bytes::copy_from_slice(&self.datagram);
+            let bytes = Bytes::copy_from_slice(&self.datagram);
             self.datagram.clear();
-            self.datagrams.push_back((to, datagram));
+            self.datagrams.push_back(AppDatagram {
+                to,
+                bytes,
+                subject,
+                urgency,
+            });
         }
     }
 
@@ -110,7 +119,7 @@ impl SendQueue {
     pub(super) fn flush(&mut self, to: Option<SocketAddr>) {
         self.close_piece();
         if let Some(to) = to {
-            self.close_datagram(to);
+            self.close_datagram(to, None, Urgency::Moving);
         }
     }
 
@@ -124,20 +133,23 @@ impl SendQueue {
         Some(piece)
     }
 
-    /// The next datagram and its destination.
-    pub(super) fn poll_datagram(&mut self) -> Option<(SocketAddr, Bytes)> {
+    /// The next datagram.
+    pub(super) fn poll_datagram(&mut self) -> Option<AppDatagram> {
         self.datagrams.pop_front()
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::{Quat, Vec3};
+
     use super::*;
+    use crate::wire::{Id, Motion};
 
     fn drain(send_queue: &mut SendQueue) -> (Vec<usize>, Vec<usize>) {
         let pieces = std::iter::from_fn(|| send_queue.poll_bytes()).map(|b| b.len());
         let pieces: Vec<_> = pieces.collect();
-        let datagrams = std::iter::from_fn(|| send_queue.poll_datagram()).map(|(_, b)| b.len());
+        let datagrams = std::iter::from_fn(|| send_queue.poll_datagram()).map(|d| d.bytes.len());
         (pieces, datagrams.collect())
     }
 
@@ -170,6 +182,46 @@ mod tests {
             send_queue.flush(to);
             assert_eq!(drain(&mut send_queue), (vec![], expected));
         }
+    }
+
+    #[test]
+    fn a_datagram_names_its_subject_unless_it_packs_several() {
+        let to = SocketAddr::from(([127, 0, 0, 1], 9));
+        let moving = |linear| {
+            Message::SetDynamicActor(Motion {
+                actor: Id {
+                    simulation: 7,
+                    object: 5,
+                },
+                position: Vec3::ZERO,
+                rotation: Quat::IDENTITY,
+                gravity_modifier: 1.0,
+                linear,
+                angular: Vec3::ZERO,
+            })
+        };
+        let mut send_queue = SendQueue::default();
+        let messages = [
+            moving(Vec3::X),
+            moving(Vec3::ZERO),
+            Message::TimeAdvanced(7),
+        ];
+        for datagrams in [Datagrams::Single, Datagrams::Packed] {
+            for message in &messages {
+                send_queue.passing(message, Some(to), datagrams);
+            }
+        }
+        send_queue.flush(Some(to));
+        let datagrams = std::iter::from_fn(|| send_queue.poll_datagram());
+        let subjects: Vec<_> = datagrams.map(|d| (d.subject, d.urgency)).collect();
+        let actor = Some(Subject::Actor(5));
+        let expected = [
+            (actor, Urgency::Moving),
+            (actor, Urgency::Resting),
+            (None, Urgency::Moving),
+            (None, Urgency::Moving),
+        ];
+        assert_eq!(subjects, expected);
     }
 
     #[test]

@@ -5,6 +5,21 @@ use core::net::SocketAddr;
 use bytes::Bytes;
 use rhumb_protocol::Peer;
 
+use super::subject::{Subject, Urgency};
+
+/// A datagram to an APP client.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AppDatagram {
+    /// The destination.
+    pub to: SocketAddr,
+    /// The whole datagram.
+    pub bytes: Bytes,
+    /// While it waits, a newer one about the same subject takes its place; `None`: none does.
+    pub subject: Option<Subject>,
+    /// The most urgent one leaves first.
+    pub urgency: Urgency,
+}
+
 /// A transmission to an APP client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AppTransmit {
@@ -16,12 +31,7 @@ pub enum AppTransmit {
         bytes: Bytes,
     },
     /// A datagram.
-    Datagram {
-        /// The destination.
-        to: SocketAddr,
-        /// The whole datagram.
-        bytes: Bytes,
-    },
+    Datagram(AppDatagram),
     /// Sends the queued bytes, then ends the connection.
     Close {
         /// The connection.

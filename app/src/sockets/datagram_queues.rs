@@ -1,7 +1,8 @@
-//! Queued datagrams: one queue for each address, served in turn.
+//! Waiting datagrams: one queue for each address, served in turn.
 //!
-//! Sends nothing and reads no clock. Each address has its own rate limiter: a busy address delays no other. Each queue
-//! is bounded: when it is full, its oldest datagrams are dropped, which newer ones supersede.
+//! Sends nothing and reads no clock. Each address has its own pace: a busy address delays no other. A datagram takes the
+//! place of an older one about the same subject, so that a queue holds one for each subject, and a subject keeps its turn.
+//! Each queue is bounded: when it is full, its oldest datagrams are dropped.
 
 use core::net::SocketAddr;
 use std::collections::{BTreeMap, VecDeque};
@@ -10,7 +11,8 @@ use bytes::Bytes;
 use rhumb_transport::PIECE_COST_BYTES;
 use tokio::time::Instant;
 
-use super::rate_limiter::{self, RateLimiter};
+use super::datagram_pace::DatagramPace;
+use crate::server::{AppDatagram, Subject, Urgency};
 
 /// The queues of all addresses.
 #[derive(Debug)]
@@ -18,16 +20,54 @@ pub(super) struct DatagramQueues {
     datagram_queues: BTreeMap<SocketAddr, AddressQueue>,
     /// The address of each queue, once; the next one to be served is in front.
     turns: VecDeque<SocketAddr>,
-    /// Rate of each queue; without one, datagrams leave at once.
+    /// Pace of each queue; without one, datagrams leave at once.
     datagrams_per_ms: Option<u32>,
 }
 
-/// Queue of one address. It stays as long as its rate limiter has budget in use.
+/// Queue of one address. It stays as long as its pace is in use.
 #[derive(Debug)]
 struct AddressQueue {
-    waiting: VecDeque<Bytes>,
+    waiting: BTreeMap<Place, (Option<Subject>, Bytes)>,
+    /// Place of each subject that waits.
+    places: BTreeMap<Subject, Place>,
+    last_sent: LastSent,
+    /// Counts what happens, as a clock of this queue.
+    count: u64,
     waiting_bytes: usize,
-    rate_limiter: Option<RateLimiter>,
+    pace: Option<DatagramPace>,
+}
+
+/// Place in a queue: resting actors first, then what was sent longest ago, then by time. So each subject has its turn,
+/// although a frame names all of them in one order.
+type Place = (Urgency, u64, u64);
+
+/// The counts at which subjects were last sent.
+#[derive(Debug, Default)]
+struct LastSent {
+    by_subject: BTreeMap<Subject, u64>,
+    by_count: BTreeMap<u64, Subject>,
+}
+
+/// Subjects whose last datagram is remembered, at most. One beyond them counts as never sent, which puts it first.
+const LAST_SENT_MAX: usize = 16_384;
+
+impl LastSent {
+    /// Zero for a subject that was not sent lately.
+    fn of(&self, subject: Subject) -> u64 {
+        self.by_subject.get(&subject).copied().unwrap_or(0)
+    }
+
+    fn note(&mut self, subject: Subject, count: u64) {
+        if let Some(earlier) = self.by_subject.insert(subject, count) {
+            self.by_count.remove(&earlier);
+        }
+        self.by_count.insert(count, subject);
+        if self.by_count.len() > LAST_SENT_MAX
+            && let Some((_, oldest)) = self.by_count.pop_first()
+        {
+            self.by_subject.remove(&oldest);
+        }
+    }
 }
 
 /// Result of appending a datagram.
@@ -35,8 +75,10 @@ struct AddressQueue {
 pub(super) struct PushOutcome {
     /// True if the queue was empty.
     pub(super) is_first: bool,
+    /// True if an older datagram about the subject was replaced.
+    pub(super) is_newer: bool,
     /// The number of older datagrams of the address that were dropped.
-    pub(super) dropped: usize,
+    pub(super) dropped: u64,
 }
 
 /// The next step of the sender.
@@ -49,7 +91,7 @@ pub(super) enum NextDatagram {
     Nothing,
 }
 
-/// Queued bytes of one address, at most: more than a frame of ten thousand bodies.
+/// Queued bytes of one address, at most: more than the states of ten thousand bodies.
 const QUEUE_BYTES_MAX: usize = 2 << 20;
 
 impl DatagramQueues {
@@ -61,19 +103,21 @@ impl DatagramQueues {
         }
     }
 
-    /// Appends a datagram to the queue of its address.
-    pub(super) fn push(&mut self, to: SocketAddr, bytes: Bytes) -> PushOutcome {
+    /// Appends a datagram to the queue of its address, or puts it in the place of an older one.
+    pub(super) fn push(&mut self, datagram: AppDatagram) -> PushOutcome {
+        let to = datagram.to;
         let address_queue = self.datagram_queues.entry(to).or_insert_with(|| {
             self.turns.push_back(to);
             AddressQueue {
-                waiting: VecDeque::new(),
+                waiting: BTreeMap::new(),
+                places: BTreeMap::new(),
+                last_sent: LastSent::default(),
+                count: 0,
                 waiting_bytes: 0,
-                rate_limiter: self.datagrams_per_ms.map(rate_limiter::of_datagrams),
+                pace: self.datagrams_per_ms.map(DatagramPace::new),
             }
         });
-        let is_first = address_queue.waiting.is_empty();
-        let dropped = address_queue.push(bytes);
-        PushOutcome { is_first, dropped }
+        address_queue.push(datagram)
     }
 
     /// Takes the next datagram that may leave now.
@@ -102,40 +146,78 @@ impl DatagramQueues {
 }
 
 impl AddressQueue {
-    /// Appends a datagram, and returns how many were dropped for it.
-    fn push(&mut self, bytes: Bytes) -> usize {
-        self.waiting_bytes += cost(&bytes);
+    fn push(&mut self, datagram: AppDatagram) -> PushOutcome {
+        let is_first = self.waiting.is_empty();
+        // Without a pace, all leave in their order: nothing waits for long.
+        let (subject, urgency) = match self.pace {
+            Some(_) => (datagram.subject, datagram.urgency),
+            None => (None, Urgency::default()),
+        };
+        // A replaced datagram leaves its place to the newer one, unless that is more urgent.
+        let old = subject.and_then(|subject| self.places.get(&subject).copied());
+        self.count += 1;
+        let sent = subject.map_or(self.count, |subject| self.last_sent.of(subject));
+        let next = (urgency, sent, self.count);
+        let place = old.map_or(next, |old| old.min(next));
+        if let Some(old) = old {
+            self.remove(old);
+        }
+        self.waiting_bytes += cost(&datagram.bytes);
+        self.waiting.insert(place, (subject, datagram.bytes));
+        if let Some(subject) = subject {
+            self.places.insert(subject, place);
+        }
+        PushOutcome {
+            is_first,
+            is_newer: old.is_some(),
+            dropped: self.drop_beyond_bound(),
+        }
+    }
+
+    /// Drops the oldest datagrams beyond the bound, those of resting actors last; returns their number.
+    fn drop_beyond_bound(&mut self) -> u64 {
         let mut dropped = 0;
-        while self.waiting_bytes > QUEUE_BYTES_MAX
-            && let Some(oldest) = self.waiting.pop_front()
-        {
-            self.waiting_bytes -= cost(&oldest);
+        while self.waiting_bytes > QUEUE_BYTES_MAX {
+            let mut moving = self.waiting.range((Urgency::Moving, 0, 0)..);
+            let oldest = moving.next().or_else(|| self.waiting.first_key_value());
+            let Some((place, _)) = oldest else {
+                break;
+            };
+            self.remove(*place);
             dropped += 1;
         }
-        self.waiting.push_back(bytes);
         dropped
     }
 
-    /// The oldest datagram, if one is queued, or the moment from which on it may leave.
-    fn take(&mut self, now: Instant) -> Result<Option<Bytes>, Instant> {
-        if self.waiting.is_empty() {
-            return Ok(None);
+    fn remove(&mut self, place: Place) -> Option<Bytes> {
+        let (subject, bytes) = self.waiting.remove(&place)?;
+        if let Some(subject) = subject {
+            self.places.remove(&subject);
         }
-        if let Some(rate_limiter) = &mut self.rate_limiter {
-            rate_limiter.try_spend(now, 1)?;
-        }
-        let oldest = self.waiting.pop_front();
-        self.waiting_bytes -= oldest.as_ref().map_or(0, cost);
-        Ok(oldest)
+        self.waiting_bytes -= cost(&bytes);
+        Some(bytes)
     }
 
-    /// True if the queue can be removed: it is empty and its rate limiter idle.
+    /// The first datagram, if one is queued, or the moment from which on it may leave.
+    fn take(&mut self, now: Instant) -> Result<Option<Bytes>, Instant> {
+        let Some((place, _)) = self.waiting.first_key_value() else {
+            return Ok(None);
+        };
+        let place = *place;
+        if let Some(pace) = &mut self.pace {
+            pace.try_pass(now)?;
+        }
+        if let Some((Some(subject), _)) = self.waiting.get(&place) {
+            self.count += 1;
+            self.last_sent.note(*subject, self.count);
+        }
+        Ok(self.remove(place))
+    }
+
+    /// True if the queue can be removed: it is empty and its pace as new.
     fn is_over(&self, now: Instant) -> bool {
-        self.waiting.is_empty()
-            && self
-                .rate_limiter
-                .as_ref()
-                .is_none_or(|rate_limiter| rate_limiter.is_over(now))
+        let pace = self.pace.as_ref();
+        self.waiting.is_empty() && pace.is_none_or(|pace| pace.is_over(now))
     }
 }
 
@@ -153,62 +235,116 @@ mod tests {
         SocketAddr::from(([127, 0, 0, 1], port))
     }
 
-    fn datagram(number: usize) -> Bytes {
+    fn bytes(number: usize) -> Bytes {
         Bytes::copy_from_slice(&number.to_be_bytes())
+    }
+
+    fn plain(port: u16, number: usize) -> AppDatagram {
+        AppDatagram {
+            to: address(port),
+            bytes: bytes(number),
+            subject: None,
+            urgency: Urgency::Moving,
+        }
+    }
+
+    fn about(actor: u32, urgency: Urgency, number: usize) -> AppDatagram {
+        AppDatagram {
+            subject: Some(Subject::Actor(actor)),
+            urgency,
+            ..plain(1, number)
+        }
+    }
+
+    fn sent(datagram_queues: &mut DatagramQueues, now: Instant) -> Vec<Bytes> {
+        let next = std::iter::from_fn(|| match datagram_queues.take(now) {
+            NextDatagram::Datagram(_, bytes) => Some(bytes),
+            NextDatagram::NotBefore(_) | NextDatagram::Nothing => None,
+        });
+        next.collect()
     }
 
     #[test]
     fn queues_take_turns() {
         let mut datagram_queues = DatagramQueues::new(None);
         for number in 0..100 {
-            datagram_queues.push(address(1), datagram(number));
+            datagram_queues.push(plain(1, number));
         }
-        datagram_queues.push(address(2), datagram(0));
-        datagram_queues.push(address(3), datagram(0));
+        datagram_queues.push(plain(2, 0));
+        datagram_queues.push(plain(3, 0));
         let now = Instant::now();
         let first: Vec<_> = (0..4).map(|_| datagram_queues.take(now)).collect();
-        let of = |port, number| NextDatagram::Datagram(address(port), datagram(number));
+        let of = |port, number| NextDatagram::Datagram(address(port), bytes(number));
         assert_eq!(first, [of(1, 0), of(2, 0), of(3, 0), of(1, 1)]);
     }
 
     #[test]
-    fn a_full_queue_drops_its_own_oldest() {
-        let mut datagram_queues = DatagramQueues::new(Some(1));
-        datagram_queues.push(address(2), datagram(7));
-        let fit = QUEUE_BYTES_MAX / cost(&datagram(0));
-        let outcome = (0..fit + 3).map(|number| datagram_queues.push(address(1), datagram(number)));
-        assert_eq!(outcome.map(|outcome| outcome.dropped).sum::<usize>(), 3);
+    fn a_newer_state_takes_the_place_of_the_one_that_waits() {
+        let mut datagram_queues = DatagramQueues::new(Some(1_000));
+        let moving = |actor, number| about(actor, Urgency::Moving, number);
+        for (actor, number) in [(1, 10), (2, 20), (3, 30)] {
+            assert!(!datagram_queues.push(moving(actor, number)).is_newer);
+        }
+        for (actor, number) in [(3, 31), (1, 11), (1, 12)] {
+            assert!(datagram_queues.push(moving(actor, number)).is_newer);
+        }
+        let expected = [12, 20, 31].map(bytes);
+        assert_eq!(sent(&mut datagram_queues, Instant::now()), expected);
+        // Nothing of it is left, so the next state is a new one.
+        assert!(!datagram_queues.push(moving(1, 13)).is_newer);
+    }
+
+    #[test]
+    fn resting_actors_come_first_and_no_older_state_follows() {
+        let mut datagram_queues = DatagramQueues::new(Some(1_000));
+        for actor in 1..=3 {
+            datagram_queues.push(about(actor, Urgency::Moving, actor as usize));
+        }
+        datagram_queues.push(about(3, Urgency::Resting, 33));
+        datagram_queues.push(about(2, Urgency::Resting, 22));
+        // An actor that wakes keeps the better place.
+        datagram_queues.push(about(2, Urgency::Moving, 23));
+        let expected = [33, 23, 1].map(bytes);
+        assert_eq!(sent(&mut datagram_queues, Instant::now()), expected);
+    }
+
+    #[test]
+    fn without_a_pace_every_state_leaves_in_its_order() {
+        let mut datagram_queues = DatagramQueues::new(None);
+        for (number, urgency) in [
+            (1, Urgency::Moving),
+            (2, Urgency::Resting),
+            (3, Urgency::Moving),
+        ] {
+            datagram_queues.push(about(1, urgency, number));
+        }
+        let expected = [1, 2, 3].map(bytes);
+        assert_eq!(sent(&mut datagram_queues, Instant::now()), expected);
+    }
+
+    #[test]
+    fn a_full_queue_drops_its_own_oldest_and_keeps_resting_actors() {
+        let mut datagram_queues = DatagramQueues::new(Some(1_000));
+        datagram_queues.push(plain(2, 7));
+        datagram_queues.push(about(9, Urgency::Resting, 99));
+        let fit = QUEUE_BYTES_MAX / cost(&bytes(0)) - 1;
+        let dropped = (0..fit + 3).map(|number| datagram_queues.push(plain(1, number)).dropped);
+        assert_eq!(dropped.sum::<u64>(), 3);
         let now = Instant::now();
-        assert_eq!(
-            datagram_queues.take(now),
-            NextDatagram::Datagram(address(2), datagram(7))
-        );
-        assert_eq!(
-            datagram_queues.take(now),
-            NextDatagram::Datagram(address(1), datagram(3))
-        );
+        let next: Vec<_> = (0..3).map(|_| datagram_queues.take(now)).collect();
+        let of = |port, number| NextDatagram::Datagram(address(port), bytes(number));
+        assert_eq!(next, [of(2, 7), of(1, 99), of(1, 3)]);
     }
 
     #[test]
     fn an_idle_address_is_forgotten() {
         let mut datagram_queues = DatagramQueues::new(Some(1));
         let now = Instant::now();
-        let outcome = datagram_queues.push(address(1), datagram(0));
-        assert!(outcome.is_first);
-        assert_eq!(
-            datagram_queues.take(now),
-            NextDatagram::Datagram(address(1), datagram(0))
-        );
-        assert_eq!(datagram_queues.take(now), NextDatagram::Nothing);
-        assert!(datagram_queues.push(address(1), datagram(1)).is_first);
+        assert!(datagram_queues.push(plain(1, 0)).is_first);
+        assert_eq!(sent(&mut datagram_queues, now), [bytes(0)]);
+        assert!(!datagram_queues.datagram_queues.is_empty());
         let later = now + Duration::from_millis(1);
-        assert_eq!(datagram_queues.take(now), NextDatagram::NotBefore(later));
-        assert_eq!(
-            datagram_queues.take(later),
-            NextDatagram::Datagram(address(1), datagram(1))
-        );
-        let latest = later + Duration::from_millis(1);
-        assert_eq!(datagram_queues.take(latest), NextDatagram::Nothing);
+        assert_eq!(datagram_queues.take(later), NextDatagram::Nothing);
         assert!(datagram_queues.datagram_queues.is_empty() && datagram_queues.turns.is_empty());
     }
 }

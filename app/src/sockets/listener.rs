@@ -23,7 +23,7 @@ use crate::server::{AppHost, AppServer, AppTransmit};
 pub struct AppListen {
     /// The address of both TCP and UDP; port 0 picks one that is free for both.
     pub address: SocketAddr,
-    /// Datagrams to one address in about a millisecond; `None` for no limit.
+    /// Datagrams to one address in a millisecond; `None` for no limit.
     pub datagrams_per_ms: Option<u32>,
 }
 
@@ -155,7 +155,7 @@ impl AppListener {
                     self.connections.remove(&to);
                 }
             }
-            AppTransmit::Datagram { to, bytes } => self.datagram_sender.send(to, bytes),
+            AppTransmit::Datagram(datagram) => self.datagram_sender.send(datagram),
             AppTransmit::Close { to } => drop(self.connections.remove(&to)),
         }
     }

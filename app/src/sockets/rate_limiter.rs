@@ -1,7 +1,7 @@
-//! Rate limits of what is sent to APP clients.
+//! Rate limit of TCP to APP clients.
 //!
-//! The published client reads TCP every 30 ms, 64 KiB at most, and loses a message that a read cuts; its UDP buffer
-//! holds 277 datagrams. Sending in spans keeps within both, with one limiter for each connection and each address.
+//! The published client reads TCP every 30 ms, 64 KiB at most, and loses a message that a read cuts. Sending in spans keeps
+//! within that, with one limiter for each connection.
 
 use std::time::Duration;
 
@@ -20,11 +20,6 @@ pub(super) struct RateLimiter {
 /// Limit of a TCP connection: one read takes a whole span, which fills a quarter of it.
 pub(super) const fn of_bytes() -> RateLimiter {
     RateLimiter::new(Duration::from_millis(35), 16 << 10)
-}
-
-/// Limit of one address: so many datagrams in about a millisecond.
-pub(super) fn of_datagrams(per_millisecond: u32) -> RateLimiter {
-    RateLimiter::new(Duration::from_millis(1), (per_millisecond as usize).max(1))
 }
 
 impl RateLimiter {
@@ -64,11 +59,6 @@ impl RateLimiter {
             sleep_until(at).await;
         }
     }
-
-    /// True if the last span is over: the limiter equals a new one.
-    pub(super) fn is_over(&self, now: Instant) -> bool {
-        self.until.is_none_or(|until| now >= until)
-    }
 }
 
 #[cfg(test)]
@@ -97,7 +87,5 @@ mod tests {
         assert_eq!(begun.elapsed().as_millis(), 35);
         rate_limiter.spend(1).await;
         assert_eq!(begun.elapsed().as_millis(), 70);
-        assert!(!rate_limiter.is_over(Instant::now()));
-        assert!(rate_limiter.is_over(Instant::now() + Duration::from_millis(35)));
     }
 }

@@ -213,7 +213,8 @@ fn states_are_not_sent_faster_than_the_operator_allows() {
         };
     }
     let took = begun.elapsed();
-    let least = Duration::from_millis(u64::from(BODIES) - 1);
+    // Those of three milliseconds may leave at once.
+    let least = Duration::from_millis(u64::from(BODIES) - 3);
     assert!(took >= least, "all states were sent after {took:?}");
 }
 
