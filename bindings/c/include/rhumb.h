@@ -185,12 +185,44 @@ enum RhumbShapeKind
   RHUMB_SHAPE_KIND_MESH,
   // A height field: `points` holds one height for each post, `rows` rows of them. For fixed bodies.
   RHUMB_SHAPE_KIND_HEIGHTS,
+  // Several shapes: `parts`. No part is a compound.
+  RHUMB_SHAPE_KIND_COMPOUND,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
 typedef enum RhumbShapeKind RhumbShapeKind;
 #else
 typedef uint32_t RhumbShapeKind;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+// Kind of a joint: which motions of the second frame in the first are free. Angles are twice the arc sine of a part of
+// the turn's quaternion.
+enum RhumbJointKind
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  // None.
+  RHUMB_JOINT_KIND_FIXED,
+  // Every turn; limits about x, y and z.
+  RHUMB_JOINT_KIND_SPHERICAL,
+  // The turn about x; a limit about x.
+  RHUMB_JOINT_KIND_REVOLUTE,
+  // The displacement along x; a limit along x.
+  RHUMB_JOINT_KIND_PRISMATIC,
+  // Every one, but the anchors are at most `length` apart.
+  RHUMB_JOINT_KIND_ROPE,
+  // Every one; a spring of `length`, `stiffness` and `damping` pulls the anchors.
+  RHUMB_JOINT_KIND_SPRING,
+  // Every axis that `locked_axes` does not name, with any limits.
+  RHUMB_JOINT_KIND_GENERIC,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum RhumbJointKind RhumbJointKind;
+#else
+typedef uint32_t RhumbJointKind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
@@ -308,6 +340,10 @@ enum RhumbEventKind
   RHUMB_EVENT_KIND_SESSION_LOST,
   // The scene up to `tick` survives a crash of the server.
   RHUMB_EVENT_KIND_DURABLE,
+  // The server granted authority over as many bodies as `number` says.
+  RHUMB_EVENT_KIND_AUTHORITY_GRANTED,
+  // The server denied authority; `text` says why.
+  RHUMB_EVENT_KIND_AUTHORITY_DENIED,
   // The server denied a request; `text` says why.
   RHUMB_EVENT_KIND_DENIED,
   // The connection ended; `text` says why.
@@ -333,6 +369,20 @@ typedef struct RhumbScene {
 
 // A body of a scene, for as long as the scene lives. Zero is no body.
 typedef uint64_t RhumbBody;
+
+// State of a body that the application moves.
+typedef struct RhumbBodyState {
+  // The body.
+  RhumbBody body;
+  // Centre of mass, in the scene's unit of length.
+  float position[3];
+  // Unit quaternion x, y, z, w: body to world.
+  float rotation[4];
+  // Velocity of the centre of mass, units of length per second.
+  float linear_velocity[3];
+  // Spin about world axes, rad/s.
+  float angular_velocity[3];
+} RhumbBodyState;
 
 // A command. Fields that its kind does not name are ignored. Units are kilograms, seconds, radians, and the scene's unit
 // of length.
@@ -375,6 +425,16 @@ typedef struct RhumbConnection {
   uint64_t id;
 } RhumbConnection;
 
+// A part of a compound shape, in the axes of its body.
+typedef struct RhumbPart {
+  // From the body's centre of mass, in the scene's unit of length.
+  float position[3];
+  // Unit quaternion x, y, z, w: part to body.
+  float rotation[4];
+  // Its shape, which is not a compound.
+  const struct RhumbShape *shape;
+} RhumbPart;
+
 // A shape. Fields that its kind does not name are ignored. Lengths are in the scene's unit.
 typedef struct RhumbShape {
   // A `RhumbShapeKind`.
@@ -401,6 +461,10 @@ typedef struct RhumbShape {
   float row_spacing;
   // Distance between the posts of a row.
   float column_spacing;
+  // Parts of a compound.
+  const struct RhumbPart *parts;
+  // Number of parts.
+  size_t part_count;
 } RhumbShape;
 
 // A body to add. Begin with `rhumb_body_desc_init`, which makes a plain one.
@@ -477,6 +541,65 @@ typedef struct RhumbEvent {
   // A sentence in UTF-8 that ends with a zero byte; a longer one is cut.
   char text[192];
 } RhumbEvent;
+
+// Frame of a joint in one of its bodies.
+typedef struct RhumbJointFrame {
+  // From the body's centre of mass, along its axes, in the scene's unit of length.
+  float anchor[3];
+  // Unit quaternion x, y, z, w: frame to body.
+  float rotation[4];
+} RhumbJointFrame;
+
+// A joint of two bodies. Begin with `rhumb_joint_desc_init`.
+//
+// Arrays of six have translations along x, y and z of the frames first, then rotations about them. Bits of a set of axes
+// have the same order.
+typedef struct RhumbJointDesc {
+  // A `RhumbJointKind`.
+  uint32_t kind;
+  // Not zero: the two bodies also collide with each other.
+  uint8_t collide;
+  // Not zero: the joint breaks at `break_force` or `break_torque`.
+  uint8_t has_strength;
+  // The first body.
+  RhumbBody first;
+  // The second body, another one.
+  RhumbBody second;
+  // Frame in the first body.
+  struct RhumbJointFrame first_frame;
+  // Frame in the second body.
+  struct RhumbJointFrame second_frame;
+  // Of a generic joint: bits of the axes without motion.
+  uint32_t locked_axes;
+  // Bits of the axes that `least` and `most` limit.
+  uint32_t limited_axes;
+  // Bits of the axes with a motor.
+  uint32_t motor_axes;
+  // Units of length, or radians.
+  float least[6];
+  // Units of length, or radians.
+  float most[6];
+  // Position that the motor drives to: units of length, or radians.
+  float motor_position[6];
+  // Velocity that the motor drives to: units of length per second, or rad/s.
+  float motor_velocity[6];
+  // Acceleration for what the position lacks, 1/s²; zero for a motor that drives the velocity alone.
+  float motor_stiffness[6];
+  // Acceleration for what the velocity lacks, 1/s.
+  float motor_damping[6];
+  // Greatest force or torque of the motor.
+  float motor_force[6];
+  // Of a rope: most distance of the anchors. Of a spring: the distance at which it does not pull.
+  float length;
+  // Of a spring: N/m.
+  float stiffness;
+  // Of a spring: N s/m.
+  float damping;
+  // Force at which the joint breaks.
+  float break_force;
+  // Torque at which the joint breaks.
+  float break_torque;
+} RhumbJointDesc;
 
 // The arrays of a view. They have one order, which changes from view to view.
 //
@@ -625,6 +748,36 @@ typedef struct RhumbStatistics {
 extern "C" {
 #endif // __cplusplus
 
+// Requests authority over `count` kinematic bodies, in place of the bodies that this client has authority over now. None
+// ends the authority.
+//
+// The server's bodies are then within the tolerance, metres in any coordinates, of the states of `rhumb_scene_publish`. It
+// is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers.
+//
+// # Safety
+//
+// `bodies` points to `count` ids.
+RhumbCode rhumb_scene_take_authority(struct RhumbScene scene,
+                                     const RhumbBody *bodies,
+                                     size_t count,
+                                     double tolerance_m);
+
+// Publishes the present states of the bodies under this client's authority; call it once per frame. A body that is left
+// out stands still.
+//
+// `published` may be null; otherwise it receives zero if nothing is published yet: before the authority is granted, before
+// the server's clock is known, and for a second frame of one tick. `tick` may be null; otherwise it receives the tick of
+// the states if they are published: in lockstep that of the next `rhumb_scene_advance`.
+//
+// # Safety
+//
+// `states` points to `count` states; `published` and `tick` are null or point to memory for their types.
+RhumbCode rhumb_scene_publish(struct RhumbScene scene,
+                              const struct RhumbBodyState *states,
+                              size_t count,
+                              uint8_t *published,
+                              uint64_t *tick);
+
 // Queues `count` commands, which are applied in this order before the next tick. If one is wrong, none is queued.
 //
 // They are sent together, by the next call that waits or by `rhumb_scene_flush`. `last` may be null; otherwise it receives
@@ -663,6 +816,42 @@ RhumbCode rhumb_body_desc_init(struct RhumbBodyDesc *desc);
 //
 // `event` points to memory for a `RhumbEvent`.
 RhumbCode rhumb_scene_poll_event(struct RhumbScene scene, struct RhumbEvent *event);
+
+// Makes a plain description: a fixed joint of no bodies at their centres, without limits and motors, that never breaks.
+//
+// # Safety
+//
+// `desc` points to memory for a `RhumbJointDesc`.
+RhumbCode rhumb_joint_desc_init(struct RhumbJointDesc *desc);
+
+// Queues the addition of a joint under a number of the application's that no joint of the scene has.
+//
+// `last` may be null; otherwise it receives the number of the command, which events name.
+//
+// # Safety
+//
+// `desc` points to a description; `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_add_joint(struct RhumbScene scene,
+                                uint32_t joint,
+                                const struct RhumbJointDesc *desc,
+                                uint64_t *last);
+
+// Queues the replacement of a joint, its limits and motors among others. The description is whole.
+//
+// # Safety
+//
+// As `rhumb_scene_add_joint`.
+RhumbCode rhumb_scene_change_joint(struct RhumbScene scene,
+                                   uint32_t joint,
+                                   const struct RhumbJointDesc *desc,
+                                   uint64_t *last);
+
+// Queues the removal of a joint. A joint goes with either of its bodies too.
+//
+// # Safety
+//
+// `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_remove_joint(struct RhumbScene scene, uint32_t joint, uint64_t *last);
 
 // Lends the arrays of the view that the last advance, wait or poll computed.
 //

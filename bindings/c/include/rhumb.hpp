@@ -10,6 +10,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -146,12 +147,22 @@ public:
         return shape;
     }
 
+    /// A shape in a compound, in the axes of the body, from its centre of mass.
+    struct Part;
+
+    /// Several shapes, none of which is a compound.
+    static Shape compound(const std::vector<Part>& parts);
+
     /// The struct of rhumb.h; valid as long as this shape.
     RhumbShape raw() const noexcept {
         RhumbShape raw = raw_;
         raw.points = points_.data();
         raw.triangles = corners_.data();
         raw.triangle_count = corners_.size() / 3;
+        if (parts_) {
+            raw.parts = parts_->raw.data();
+            raw.part_count = parts_->raw.size();
+        }
         return raw;
     }
 
@@ -183,10 +194,42 @@ private:
         raw_.point_count = points.size();
     }
 
+    /// Parts that all copies of a compound share; nothing changes or moves them.
+    struct Parts {
+        std::vector<Shape> shapes;
+        std::vector<RhumbShape> raw_shapes;
+        std::vector<RhumbPart> raw;
+    };
+
     RhumbShape raw_;
     std::vector<float> points_;
     std::vector<std::uint32_t> corners_;
+    std::shared_ptr<const Parts> parts_;
 };
+
+struct Shape::Part {
+    Shape shape;
+    Vec3 position;
+    Quat rotation = {0, 0, 0, 1};
+};
+
+inline Shape Shape::compound(const std::vector<Part>& parts) {
+    auto kept = std::make_shared<Parts>();
+    for (const Part& part : parts) {
+        kept->shapes.push_back(part.shape);
+    }
+    for (const Shape& shape : kept->shapes) {
+        kept->raw_shapes.push_back(shape.raw());
+    }
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+        const Vec3 at = parts[i].position;
+        const Quat turned = parts[i].rotation;
+        kept->raw.push_back({{at.x, at.y, at.z}, {turned.x, turned.y, turned.z, turned.w}, &kept->raw_shapes[i]});
+    }
+    Shape shape(RHUMB_SHAPE_KIND_COMPOUND);
+    shape.parts_ = std::move(kept);
+    return shape;
+}
 
 /// A body to add.
 class BodyDesc {
@@ -273,6 +316,93 @@ private:
 
     RhumbBodyDesc raw_;
     Shape shape_;
+};
+
+/// A motor of a joint. Position and velocity that it drives to, stiffness in 1/s², damping in 1/s; no force means any.
+struct Motor {
+    float position = 0;
+    float velocity = 0;
+    float stiffness = 0;
+    float damping = 0;
+    std::optional<float> force = std::nullopt;
+};
+
+/// A joint of two bodies. Axes: 0 to 2 along x, y, z of its frames, 3 to 5 about them.
+class JointDesc {
+public:
+    JointDesc(RhumbJointKind kind, Body first, Body second) {
+        throw_unless_ok(rhumb_joint_desc_init(&raw_));
+        raw_.kind = static_cast<std::uint32_t>(kind);
+        raw_.first = first;
+        raw_.second = second;
+    }
+
+    /// From the centres of mass of the bodies, along their axes.
+    JointDesc& anchors(Vec3 first, Vec3 second) {
+        set(raw_.first_frame.anchor, first);
+        set(raw_.second_frame.anchor, second);
+        return *this;
+    }
+
+    /// Frames to bodies.
+    JointDesc& rotations(Quat first, Quat second) {
+        set(raw_.first_frame.rotation, first);
+        set(raw_.second_frame.rotation, second);
+        return *this;
+    }
+
+    JointDesc& limit(std::size_t axis, float least, float most) {
+        raw_.limited_axes |= bit(axis);
+        raw_.least[axis] = least;
+        raw_.most[axis] = most;
+        return *this;
+    }
+
+    JointDesc& motor(std::size_t axis, const Motor& motor) {
+        raw_.motor_axes |= bit(axis);
+        raw_.motor_position[axis] = motor.position;
+        raw_.motor_velocity[axis] = motor.velocity;
+        raw_.motor_stiffness[axis] = motor.stiffness;
+        raw_.motor_damping[axis] = motor.damping;
+        if (motor.force) {
+            raw_.motor_force[axis] = *motor.force;
+        }
+        return *this;
+    }
+
+    JointDesc& breaks_at(float force, float torque) {
+        raw_.has_strength = 1;
+        raw_.break_force = force;
+        raw_.break_torque = torque;
+        return *this;
+    }
+
+    /// Every other field, as rhumb.h names it.
+    RhumbJointDesc& fields() noexcept { return raw_; }
+    const RhumbJointDesc& raw() const noexcept { return raw_; }
+
+private:
+    static std::uint32_t bit(std::size_t axis) {
+        if (axis >= 6) {
+            throw Error(RHUMB_CODE_INVALID, "an axis of a joint must be 0 to 5");
+        }
+        return 1U << axis;
+    }
+
+    static void set(float (&to)[3], Vec3 from) {
+        to[0] = from.x;
+        to[1] = from.y;
+        to[2] = from.z;
+    }
+
+    static void set(float (&to)[4], Quat from) {
+        to[0] = from.x;
+        to[1] = from.y;
+        to[2] = from.z;
+        to[3] = from.w;
+    }
+
+    RhumbJointDesc raw_;
 };
 
 /// Commands, for Scene::command.
@@ -493,6 +623,40 @@ public:
         std::uint64_t number = 0;
         throw_unless_ok(rhumb_scene_command(raw_, commands.data(), commands.size(), &number));
         return commands.empty() ? std::nullopt : std::optional<std::uint64_t>(number);
+    }
+
+    /// Queues the addition of a joint under a number that no joint of the scene has; returns the command's number.
+    std::uint64_t add_joint(std::uint32_t joint, const JointDesc& desc) {
+        std::uint64_t number = 0;
+        throw_unless_ok(rhumb_scene_add_joint(raw_, joint, &desc.raw(), &number));
+        return number;
+    }
+
+    /// Queues the replacement of a joint, its motors among others.
+    std::uint64_t change_joint(std::uint32_t joint, const JointDesc& desc) {
+        std::uint64_t number = 0;
+        throw_unless_ok(rhumb_scene_change_joint(raw_, joint, &desc.raw(), &number));
+        return number;
+    }
+
+    std::uint64_t remove_joint(std::uint32_t joint) {
+        std::uint64_t number = 0;
+        throw_unless_ok(rhumb_scene_remove_joint(raw_, joint, &number));
+        return number;
+    }
+
+    /// Requests authority over kinematic bodies, in place of those of now; none ends it. An event answers.
+    void take_authority(const std::vector<Body>& bodies, double tolerance_m = 0.02) {
+        throw_unless_ok(rhumb_scene_take_authority(raw_, bodies.data(), bodies.size(), tolerance_m));
+    }
+
+    /// Publishes the states of all bodies under this client's authority, once per frame; their tick, or none while nothing
+    /// is published.
+    std::optional<std::uint64_t> publish(const std::vector<RhumbBodyState>& states) {
+        std::uint8_t published = 0;
+        std::uint64_t tick = 0;
+        throw_unless_ok(rhumb_scene_publish(raw_, states.data(), states.size(), &published, &tick));
+        return published != 0 ? std::optional<std::uint64_t>(tick) : std::nullopt;
     }
 
     void flush() { throw_unless_ok(rhumb_scene_flush(raw_)); }

@@ -2,12 +2,12 @@
 
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{
-    BodyKind, CollisionGroups, Heights, Hull, LockedAxes, Material, Mesh, Shape,
+    BodyKind, CollisionGroups, Compound, Heights, Hull, LockedAxes, Material, Mesh, Part, Shape,
 };
 use rhumb_bindings::rhumb_client::{Damping, ToleranceScale};
 use rhumb_bindings::{BindingError, BodyParams};
 
-use crate::border::{elements, guard, one_of, write};
+use crate::border::{elements, guard, one_of, value, write};
 use crate::kinds::{BODY_KINDS, RhumbShapeKind};
 use crate::status::RhumbCode;
 
@@ -44,6 +44,22 @@ pub struct RhumbShape {
     pub row_spacing: f32,
     /// Distance between the posts of a row.
     pub column_spacing: f32,
+    /// Parts of a compound.
+    pub parts: *const RhumbPart,
+    /// Number of parts.
+    pub part_count: usize,
+}
+
+/// A part of a compound shape, in the axes of its body.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RhumbPart {
+    /// From the body's centre of mass, in the scene's unit of length.
+    pub position: [f32; 3],
+    /// Unit quaternion x, y, z, w: part to body.
+    pub rotation: [f32; 4],
+    /// Its shape, which is not a compound.
+    pub shape: *const RhumbShape,
 }
 
 /// A body to add. Begin with `rhumb_body_desc_init`, which makes a plain one.
@@ -122,14 +138,41 @@ impl RhumbShape {
         rows: 0,
         row_spacing: 1.0,
         column_spacing: 1.0,
+        parts: std::ptr::null(),
+        part_count: 0,
     };
 
     /// The shape that the fields describe.
     ///
     /// # Safety
     ///
-    /// `points` and `triangles` point to as many numbers as the fields say, if the kind needs them.
+    /// `points`, `triangles` and `parts` point to as many elements as the fields say, if the kind needs them; and so on in
+    /// the parts.
     pub(crate) unsafe fn shape(&self) -> Result<Shape, BindingError> {
+        if self.kind != RhumbShapeKind::Compound as u32 {
+            // SAFETY: the caller promises the points and the triangles.
+            return unsafe { self.simple() };
+        }
+        // SAFETY: the caller promises the parts.
+        let parts = unsafe { elements(self.parts, self.part_count, "shape.parts") }?;
+        let parts = parts.iter().map(|part| {
+            Ok(Part {
+                position: Vec3::from_array(part.position),
+                rotation: Quat::from_array(part.rotation),
+                // SAFETY: the caller promises the shapes of the parts, and what they point to.
+                shape: unsafe { value(part.shape, "part.shape")?.simple() }?,
+            })
+        });
+        let parts = parts.collect::<Result<Vec<_>, BindingError>>()?;
+        Ok(Shape::Compound(Compound::new(parts)?))
+    }
+
+    /// The shape that the fields describe, unless it is a compound.
+    ///
+    /// # Safety
+    ///
+    /// As [`Self::shape`].
+    unsafe fn simple(&self) -> Result<Shape, BindingError> {
         let half_extents = Vec3::from_array(self.half_extents);
         let (half_height, radius) = (self.half_height, self.radius);
         Ok(
@@ -167,6 +210,12 @@ impl RhumbShape {
                     let field =
                         Heights::new(self.rows, self.row_spacing, self.column_spacing, heights);
                     Shape::Heights(field?)
+                }
+                RhumbShapeKind::Compound => {
+                    return Err(BindingError::Argument {
+                        argument: "part.shape.kind",
+                        needed: "of a shape without parts",
+                    });
                 }
             },
         )
@@ -313,6 +362,48 @@ mod tests {
             ..shape(RhumbShapeKind::Mesh)
         };
         assert!(error(desc(endless)).starts_with("shape.points must be shorter"));
+    }
+
+    #[test]
+    fn the_parts_of_a_compound_are_read_and_have_no_parts() {
+        let plain = RhumbShape::PLAIN;
+        let ball = RhumbPart {
+            position: [1.0, 2.0, 3.0],
+            rotation: [0.0, 0.0, 0.0, 1.0],
+            shape: &raw const plain,
+        };
+        let parts = [ball, ball];
+        let compound = RhumbShape {
+            kind: RhumbShapeKind::Compound as u32,
+            parts: parts.as_ptr(),
+            part_count: 2,
+            ..RhumbShape::PLAIN
+        };
+        let desc = |shape| RhumbBodyDesc {
+            shape,
+            ..RhumbBodyDesc::PLAIN
+        };
+        // SAFETY: the pointer has as many parts as the count says.
+        let shape = unsafe { compound.shape() }.unwrap();
+        let Shape::Compound(read) = shape else {
+            panic!("a compound stays a compound");
+        };
+        assert_eq!(read.parts()[1].position, Vec3::new(1.0, 2.0, 3.0));
+        let nested = [RhumbPart {
+            shape: &raw const compound,
+            ..ball
+        }];
+        let nested = RhumbShape {
+            parts: nested.as_ptr(),
+            part_count: 1,
+            ..compound
+        };
+        assert!(error(desc(nested)).starts_with("part.shape.kind"));
+        let null = RhumbShape {
+            parts: std::ptr::null(),
+            ..compound
+        };
+        assert_eq!(error(desc(null)), "shape.parts must not be null");
     }
 
     #[test]

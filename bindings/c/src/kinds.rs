@@ -3,7 +3,7 @@
 //! A struct of C holds their numbers as `uint32_t`, because C does not keep a number within its enumeration.
 
 use rhumb_bindings::rhumb_client::scene::{BodyKind, Stepping};
-use rhumb_bindings::{Coordinates, EventKind, JoinCondition};
+use rhumb_bindings::{Coordinates, EventKind, JoinCondition, JointFreedom};
 
 /// Axes and unit of length of an application. Up is the same direction in all of them.
 #[repr(u32)]
@@ -77,6 +77,29 @@ pub enum RhumbShapeKind {
     Mesh,
     /// A height field: `points` holds one height for each post, `rows` rows of them. For fixed bodies.
     Heights,
+    /// Several shapes: `parts`. No part is a compound.
+    Compound,
+}
+
+/// Kind of a joint: which motions of the second frame in the first are free. Angles are twice the arc sine of a part of
+/// the turn's quaternion.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbJointKind {
+    /// None.
+    Fixed,
+    /// Every turn; limits about x, y and z.
+    Spherical,
+    /// The turn about x; a limit about x.
+    Revolute,
+    /// The displacement along x; a limit along x.
+    Prismatic,
+    /// Every one, but the anchors are at most `length` apart.
+    Rope,
+    /// Every one; a spring of `length`, `stiffness` and `damping` pulls the anchors.
+    Spring,
+    /// Every axis that `locked_axes` does not name, with any limits.
+    Generic,
 }
 
 /// Kind of a command.
@@ -173,6 +196,10 @@ pub enum RhumbEventKind {
     SessionLost,
     /// The scene up to `tick` survives a crash of the server.
     Durable,
+    /// The server granted authority over as many bodies as `number` says.
+    AuthorityGranted,
+    /// The server denied authority; `text` says why.
+    AuthorityDenied,
     /// The server denied a request; `text` says why.
     Denied,
     /// The connection ended; `text` says why.
@@ -195,9 +222,20 @@ pub(crate) const STEPPINGS: [Stepping; 2] = [Stepping::Lockstep, Stepping::FreeR
 pub(crate) const BODY_KINDS: [BodyKind; 3] =
     [BodyKind::Dynamic, BodyKind::Static, BodyKind::Kinematic];
 
+/// The kinds of joints in the order of their numbers.
+pub(crate) const JOINT_KINDS: [JointFreedom; 7] = [
+    JointFreedom::Fixed,
+    JointFreedom::Spherical,
+    JointFreedom::Revolute,
+    JointFreedom::Prismatic,
+    JointFreedom::Rope,
+    JointFreedom::Spring,
+    JointFreedom::Generic,
+];
+
 impl RhumbShapeKind {
     /// In the order of their numbers.
-    pub(crate) const EACH: [Self; 10] = [
+    pub(crate) const EACH: [Self; 11] = [
         Self::Ball,
         Self::Cuboid,
         Self::Capsule,
@@ -208,6 +246,7 @@ impl RhumbShapeKind {
         Self::Hull,
         Self::Mesh,
         Self::Heights,
+        Self::Compound,
     ];
 }
 
@@ -260,6 +299,8 @@ impl RhumbEventKind {
             EventKind::Resumed => Self::Resumed,
             EventKind::SessionLost => Self::SessionLost,
             EventKind::Durable => Self::Durable,
+            EventKind::AuthorityGranted => Self::AuthorityGranted,
+            EventKind::AuthorityDenied => Self::AuthorityDenied,
             EventKind::Denied => Self::Denied,
             EventKind::Ended => Self::Ended,
             EventKind::Other => Self::Other,
@@ -300,6 +341,17 @@ mod tests {
             STEPPINGS[RhumbStepping::FreeRunning as usize],
             Stepping::FreeRunning
         );
+        for (kind, freedom) in [
+            (RhumbJointKind::Fixed, JointFreedom::Fixed),
+            (RhumbJointKind::Spherical, JointFreedom::Spherical),
+            (RhumbJointKind::Revolute, JointFreedom::Revolute),
+            (RhumbJointKind::Prismatic, JointFreedom::Prismatic),
+            (RhumbJointKind::Rope, JointFreedom::Rope),
+            (RhumbJointKind::Spring, JointFreedom::Spring),
+            (RhumbJointKind::Generic, JointFreedom::Generic),
+        ] {
+            assert_eq!(JOINT_KINDS[kind as usize], freedom);
+        }
         assert_eq!(
             CONDITIONS[RhumbJoinCondition::Create as usize],
             JoinCondition::Create

@@ -9,22 +9,26 @@
 #![deny(unsafe_op_in_unsafe_fn)]
 #![warn(clippy::undocumented_unsafe_blocks)]
 
+mod authority;
 mod border;
 mod commands;
 mod connection;
 mod descriptions;
 mod events;
 mod handles;
+mod joints;
 mod kinds;
 mod poses;
 mod queries;
 mod scene;
 mod status;
 
+pub use authority::*;
 pub use commands::*;
 pub use connection::*;
 pub use descriptions::*;
 pub use events::*;
+pub use joints::*;
 pub use kinds::*;
 pub use poses::*;
 pub use queries::*;

@@ -135,6 +135,16 @@ static void calls_that_need(RhumbScene scene, RhumbCode code) {
     EXPECT(RHUMB_CODE_OK, rhumb_query_init(&query));
     EXPECT(code, rhumb_scene_add_bodies(scene, &desc, 1, &body));
     EXPECT(code, rhumb_scene_command(scene, &command, 1, NULL));
+    RhumbJointDesc joint;
+    RhumbBodyState state = {.body = body, .rotation = {0, 0, 0, 1}};
+    EXPECT(RHUMB_CODE_OK, rhumb_joint_desc_init(&joint));
+    joint.first = 1;
+    joint.second = 2;
+    EXPECT(code, rhumb_scene_add_joint(scene, 1, &joint, NULL));
+    EXPECT(code, rhumb_scene_change_joint(scene, 1, &joint, NULL));
+    EXPECT(code, rhumb_scene_remove_joint(scene, 1, NULL));
+    EXPECT(code, rhumb_scene_take_authority(scene, &body, 1, 0.02));
+    EXPECT(code, rhumb_scene_publish(scene, &state, 1, NULL, NULL));
     EXPECT(code, rhumb_scene_flush(scene));
     EXPECT(code, rhumb_scene_advance(scene, 0, NULL));
     EXPECT(code, rhumb_scene_wait(scene, 0, NULL));
@@ -204,6 +214,51 @@ static void pointers_and_sizes(RhumbScene scene, RhumbBody body) {
     // A pointer that is not aligned for what it points to.
     unsigned char bytes[2 * sizeof(uint64_t)];
     EXPECT(RHUMB_CODE_INVALID, rhumb_scene_advance(scene, 0, (uint64_t *)(void *)(bytes + 1)));
+}
+
+static void joints_and_authority(RhumbScene scene, RhumbBody body) {
+    RhumbJointDesc joint;
+    RhumbBodyState state = {.body = body, .rotation = {0, 0, 0, 1}};
+    uint8_t published = 77;
+    EXPECT(RHUMB_CODE_NULL, rhumb_joint_desc_init(NULL));
+    EXPECT(RHUMB_CODE_OK, rhumb_joint_desc_init(&joint));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_add_joint(scene, 1, NULL, NULL));
+    // Of no bodies, with limits of a locked axis, of an unknown kind.
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_joint(scene, 1, &joint, NULL));
+    joint.first = joint.second = body;
+    joint.limited_axes = 1;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_joint(scene, 1, &joint, NULL));
+    joint.limited_axes = UINT32_MAX;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_change_joint(scene, 1, &joint, NULL));
+    joint.limited_axes = 0;
+    joint.kind = 7;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_change_joint(scene, 1, &joint, NULL));
+    joint.kind = RHUMB_JOINT_KIND_ROPE;
+    joint.length = NAN;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_joint(scene, 1, &joint, NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_take_authority(scene, NULL, 1, 0.02));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_take_authority(scene, &body, 1, NAN));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_take_authority(scene, &body, SIZE_MAX, 0.02));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_publish(scene, NULL, 1, NULL, NULL));
+    // Without authority.
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_publish(scene, &state, 1, &published, NULL));
+    state.position[0] = INFINITY;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_publish(scene, &state, 1, &published, NULL));
+    if (published != 77) abort();
+    // A part that is a compound, and parts that are not there.
+    RhumbBodyDesc desc;
+    EXPECT(RHUMB_CODE_OK, rhumb_body_desc_init(&desc));
+    desc.shape.kind = RHUMB_SHAPE_KIND_COMPOUND;
+    RhumbShape nested = desc.shape;
+    RhumbPart part = {.rotation = {0, 0, 0, 1}};
+    desc.shape.part_count = 1;
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_add_bodies(scene, &desc, 1, &body));
+    desc.shape.parts = &part;
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_add_bodies(scene, &desc, 1, &body));
+    part.shape = &nested;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_bodies(scene, &desc, 1, &body));
+    desc.shape.part_count = SIZE_MAX;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_bodies(scene, &desc, 1, &body));
 }
 
 static void numbers(RhumbScene scene, RhumbBody body) {
@@ -341,6 +396,7 @@ int main(int count, char **arguments) {
     RhumbScene scene = joined("misuse", 5);
     RhumbBody body = added(scene);
     pointers_and_sizes(scene, body);
+    joints_and_authority(scene, body);
     numbers(scene, body);
     two_threads(scene);
     server_gone((pid_t)atoi(arguments[3]));

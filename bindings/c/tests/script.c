@@ -9,7 +9,7 @@
 
 #include "rhumb.h"
 
-enum { PILED = 60, TICKS = 150 };
+enum { PILED = 60, BUILT = 3, BODIES = 1 + PILED + BUILT, TICKS = 150, HINGE = 7 };
 
 static void check(RhumbCode code, const char *what) {
     if (code != RHUMB_CODE_OK) {
@@ -47,6 +47,59 @@ static RhumbBodyDesc piled(int i) {
     return desc;
 }
 
+static RhumbShape plain_shape(void) {
+    RhumbBodyDesc plain;
+    check(rhumb_body_desc_init(&plain), "init");
+    return plain.shape;
+}
+
+// The shapes and parts of the compound.
+typedef struct {
+    RhumbShape ball, box;
+    RhumbPart parts[3];
+} Dumbbell;
+
+// A compound; an anchor, and an arm that hangs on it by a hinge.
+static void describe_built(RhumbBodyDesc *descs, Dumbbell *dumbbell) {
+    dumbbell->ball = dumbbell->box = plain_shape();
+    dumbbell->ball.radius = 0.25f;
+    dumbbell->box.kind = RHUMB_SHAPE_KIND_CUBOID;
+    dumbbell->box.half_extents[0] = 0.125f;
+    dumbbell->box.half_extents[2] = 0.25f;
+    const RhumbPart parts[] = {
+        {.position = {-0.5f, 0, 0}, .rotation = {0, 0, 0, 1}, .shape = &dumbbell->ball},
+        {.position = {0.5f, 0, 0}, .rotation = {0, 0, 0, 1}, .shape = &dumbbell->ball},
+        {.position = {0, 0, 0.25f}, .rotation = {0.5f, 0.5f, 0.5f, 0.5f}, .shape = &dumbbell->box},
+    };
+    memcpy(dumbbell->parts, parts, sizeof parts);
+    const float places[BUILT][3] = {{-4, 2, 0}, {4, 4, 0}, {4, 2.5f, 0}};
+    for (int i = 0; i < BUILT; i++) {
+        check(rhumb_body_desc_init(&descs[i]), "init");
+        descs[i].shape.kind = RHUMB_SHAPE_KIND_CUBOID;
+        descs[i].shape.half_extents[0] = descs[i].shape.half_extents[1] = descs[i].shape.half_extents[2] = 0.25f;
+        memcpy(descs[i].position, places[i], sizeof places[i]);
+    }
+    descs[0].shape.kind = RHUMB_SHAPE_KIND_COMPOUND;
+    descs[0].shape.parts = dumbbell->parts;
+    descs[0].shape.part_count = 3;
+    descs[1].kind = RHUMB_BODY_KIND_FIXED;
+    descs[2].shape.half_extents[1] = 1;
+}
+
+static RhumbJointDesc hinge(const RhumbBody *bodies) {
+    RhumbJointDesc desc;
+    check(rhumb_joint_desc_init(&desc), "hinge");
+    desc.kind = RHUMB_JOINT_KIND_REVOLUTE;
+    desc.first = bodies[PILED + 2];
+    desc.second = bodies[PILED + 3];
+    desc.first_frame.anchor[1] = -0.5f;
+    desc.second_frame.anchor[1] = 1;
+    desc.limited_axes = desc.motor_axes = 1u << 3;
+    desc.least[3] = -0.5f;
+    desc.most[3] = 1;
+    return desc;
+}
+
 static RhumbCommand command(RhumbCommandKind kind, RhumbBody body, float x, float y, float z) {
     RhumbCommand command = {.kind = kind, .body = body, .vector = {x, y, z}, .rotation = {0, 0, 0, 1}};
     return command;
@@ -63,6 +116,12 @@ static void interfere(RhumbScene scene, int tick, const RhumbBody *bodies) {
     } else if (tick == 60) {
         RhumbCommand removal = command(RHUMB_COMMAND_KIND_REMOVE_BODY, bodies[4], 0, 0, 0);
         check(rhumb_scene_command(scene, &removal, 1, NULL), "removal");
+    } else if (tick == 75) {
+        RhumbJointDesc changed = hinge(bodies);
+        changed.motor_position[3] = 0.75f;
+        changed.motor_stiffness[3] = 30;
+        changed.motor_damping[3] = 5;
+        check(rhumb_scene_change_joint(scene, HINGE, &changed, NULL), "change");
     } else if (tick == 90) {
         RhumbCommand gravity = command(RHUMB_COMMAND_KIND_SET_GRAVITY, 0, 1, -9.75f, 0);
         check(rhumb_scene_command(scene, &gravity, 1, NULL), "gravity");
@@ -80,8 +139,9 @@ int main(int count, char **arguments) {
     options.condition = RHUMB_JOIN_CONDITION_CREATE;
     check(rhumb_join(connection, "script", &options, &scene), "join");
 
-    RhumbBodyDesc descs[1 + PILED];
-    RhumbBody bodies[1 + PILED];
+    RhumbBodyDesc descs[BODIES];
+    Dumbbell dumbbell;
+    RhumbBody bodies[BODIES];
     check(rhumb_body_desc_init(&descs[0]), "init");
     descs[0].kind = RHUMB_BODY_KIND_FIXED;
     descs[0].shape.kind = RHUMB_SHAPE_KIND_CUBOID;
@@ -89,7 +149,13 @@ int main(int count, char **arguments) {
     descs[0].shape.half_extents[2] = 10;
     descs[0].position[1] = -0.5f;
     for (int i = 0; i < PILED; i++) descs[1 + i] = piled(i);
-    check(rhumb_scene_add_bodies(scene, descs, 1 + PILED, bodies), "add");
+    describe_built(&descs[1 + PILED], &dumbbell);
+    check(rhumb_scene_add_bodies(scene, descs, BODIES, bodies), "add");
+    RhumbJointDesc joint = hinge(bodies);
+    joint.motor_velocity[3] = 1;
+    joint.motor_damping[3] = 4;
+    joint.motor_force[3] = 2000;
+    check(rhumb_scene_add_joint(scene, HINGE, &joint, NULL), "joint");
 
     for (int tick = 0; tick < TICKS; tick++) {
         interfere(scene, tick, bodies);
@@ -99,7 +165,7 @@ int main(int count, char **arguments) {
     RhumbPoses poses;
     check(rhumb_scene_poses(scene, &poses), "poses");
     uint64_t hash = 0xcbf29ce484222325u;
-    for (int i = 0; i <= PILED; i++) {
+    for (int i = 0; i < BODIES; i++) {
         size_t place;
         if (rhumb_scene_place(scene, bodies[i], &place) == RHUMB_CODE_INVALID) continue;
         hash = fold(hash, poses.positions + 3 * place, 3);

@@ -14,6 +14,7 @@ namespace {
 
 constexpr int PILED = 60;
 constexpr int TICKS = 150;
+constexpr std::uint32_t HINGE = 7;
 
 /// FNV-1a of 64 bits.
 class Fnv {
@@ -54,12 +55,36 @@ rhumb::BodyDesc piled(int i) {
     return rhumb::BodyDesc::dynamic(shape(i)).at(x, y, z).angular_velocity({0, 0.5F * static_cast<float>(i % 3), 0});
 }
 
+/// A compound; an anchor, and an arm that hangs on it by a hinge.
+std::vector<rhumb::BodyDesc> built() {
+    const auto ball = rhumb::Shape::ball(0.25F);
+    const auto dumbbell = rhumb::Shape::compound({
+        {ball, {-0.5F, 0, 0}},
+        {ball, {0.5F, 0, 0}},
+        {rhumb::Shape::cuboid(0.125F, 0.5F, 0.25F), {0, 0, 0.25F}, {0.5F, 0.5F, 0.5F, 0.5F}},
+    });
+    return {
+        rhumb::BodyDesc::dynamic(dumbbell).at(-4, 2, 0),
+        rhumb::BodyDesc::fixed(rhumb::Shape::cuboid(0.25F, 0.25F, 0.25F)).at(4, 4, 0),
+        rhumb::BodyDesc::dynamic(rhumb::Shape::cuboid(0.25F, 1, 0.25F)).at(4, 2.5F, 0),
+    };
+}
+
+rhumb::JointDesc hinge(const std::vector<rhumb::Body>& bodies, const rhumb::Motor& motor) {
+    return rhumb::JointDesc(RHUMB_JOINT_KIND_REVOLUTE, bodies[PILED + 2], bodies[PILED + 3])
+        .anchors({0, -0.5F, 0}, {0, 1, 0})
+        .limit(3, -0.5F, 1)
+        .motor(3, motor);
+}
+
 void interfere(rhumb::Scene& scene, int tick, const std::vector<rhumb::Body>& bodies) {
     if (tick == 30) {
         scene.command({rhumb::command::impulse(bodies[1], {200, 100, 0}),
                        rhumb::command::set_velocity(bodies[6], {0, 4, 1}, {1, 0, 0})});
     } else if (tick == 60) {
         scene.command(rhumb::command::remove_body(bodies[4]));
+    } else if (tick == 75) {
+        scene.change_joint(HINGE, hinge(bodies, {0.75F, 0, 30, 5}));
     } else if (tick == 90) {
         scene.command(rhumb::command::set_gravity({1, -9.75F, 0}));
     }
@@ -80,7 +105,11 @@ int main(int count, char** arguments) try {
     for (int i = 0; i < PILED; ++i) {
         descs.push_back(piled(i));
     }
+    for (const auto& desc : built()) {
+        descs.push_back(desc);
+    }
     const auto bodies = scene.add_bodies(descs);
+    scene.add_joint(HINGE, hinge(bodies, {0, 1, 0, 4, 2000.0F}));
     for (int tick = 0; tick < TICKS; ++tick) {
         interfere(scene, tick, bodies);
         scene.advance();

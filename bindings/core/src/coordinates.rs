@@ -6,11 +6,15 @@
 //!
 //! Angles are radians and masses are kilograms everywhere. Densities are kg/m³ everywhere.
 
+mod joints;
+
 use glam::{Quat, Vec3};
 use rhumb_client::scene::{
-    Command, Compound, Contact, Heights, Hit, Hull, Invalid, LockedAxes, Mesh, Part, Query,
-    QueryKind, Shape,
+    Command, Compound, Contact, Heights, Hit, Hull, Invalid, Joint, JointFrame, LockedAxes, Mesh,
+    Part, Query, QueryKind, Shape,
 };
+
+use self::joints::JointAxes;
 
 /// Axes and unit of length that an application uses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -253,9 +257,29 @@ impl Coordinates {
         Heights::new(heights.rows(), row, column, &values)
     }
 
+    /// A joint in Rhumb's coordinates.
+    #[must_use]
+    pub fn joint_in(self, joint: &Joint) -> Joint {
+        let axes = JointAxes::new(
+            |direction| self.direction_in(direction),
+            |angular| self.angular_in(angular),
+            self.metres_per_unit(),
+        );
+        Joint {
+            kind: axes.kind(joint.kind),
+            frames: joint.frames.map(|frame| JointFrame {
+                anchor: self.vector_in(frame.anchor),
+                rotation: self.rotation_in(frame.rotation),
+            }),
+            motors: axes.motors(joint.motors),
+            strength: joint.strength.map(|strength| axes.strength(strength)),
+            ..*joint
+        }
+    }
+
     /// A command in Rhumb's coordinates.
     ///
-    /// Joints and descriptions of bodies pass as they are: no binding offers them.
+    /// Descriptions of bodies pass as they are: no binding offers them.
     #[must_use]
     pub fn command_in(self, command: Command) -> Command {
         match command {
@@ -310,14 +334,20 @@ impl Coordinates {
                 events.force = events.force.map(|force| self.length_in(force));
                 Command::SetEvents { id, events }
             }
+            Command::AddJoint { id, joint } => Command::AddJoint {
+                id,
+                joint: Box::new(self.joint_in(&joint)),
+            },
+            Command::ChangeJoint { id, joint } => Command::ChangeJoint {
+                id,
+                joint: Box::new(self.joint_in(&joint)),
+            },
             Command::AddShape { .. }
             | Command::RemoveShape { .. }
             | Command::AddBody { .. }
             | Command::RemoveBody { .. }
-            | Command::AddJoint { .. }
             | Command::RemoveJoint { .. }
             | Command::ChangeBody { .. }
-            | Command::ChangeJoint { .. }
             | Command::Sleep { .. }
             | Command::Wake { .. } => command,
         }
@@ -389,5 +419,7 @@ impl Coordinates {
     }
 }
 
+#[cfg(test)]
+mod joint_tests;
 #[cfg(test)]
 mod tests;

@@ -6,7 +6,7 @@ use std::fmt;
 
 use rhumb_client::scene::Invalid;
 use rhumb_client::{
-    ClientError, FingerprintError, InvalidTolerance, Misuse, OpenError, QueryError,
+    ClientError, FingerprintError, InvalidMotion, InvalidTolerance, Misuse, OpenError, QueryError,
 };
 
 use crate::body_word::InvalidBodyWord;
@@ -24,6 +24,8 @@ pub enum BindingError {
     Invalid(Invalid),
     /// A tolerance is not allowed.
     Tolerance(InvalidTolerance),
+    /// A state of a body is not allowed.
+    Motion(InvalidMotion),
     /// The text is no fingerprint.
     Fingerprint(FingerprintError),
     /// A word is the id of no body.
@@ -103,6 +105,7 @@ impl BindingError {
             },
             Self::Invalid(_)
             | Self::Tolerance(_)
+            | Self::Motion(_)
             | Self::Fingerprint(_)
             | Self::Body(_)
             | Self::Argument { .. } => ErrorKind::Invalid,
@@ -134,6 +137,7 @@ impl fmt::Display for BindingError {
             Self::Query(cause) => cause.fmt(f),
             Self::Invalid(cause) => cause.fmt(f),
             Self::Tolerance(cause) => cause.fmt(f),
+            Self::Motion(cause) => cause.fmt(f),
             Self::Fingerprint(cause) => cause.fmt(f),
             Self::Body(cause) => cause.fmt(f),
             Self::Argument { argument, needed } => write!(f, "{argument} must be {needed}"),
@@ -173,6 +177,12 @@ impl From<Invalid> for BindingError {
 impl From<InvalidTolerance> for BindingError {
     fn from(invalid: InvalidTolerance) -> Self {
         Self::Tolerance(invalid)
+    }
+}
+
+impl From<InvalidMotion> for BindingError {
+    fn from(invalid: InvalidMotion) -> Self {
+        Self::Motion(invalid)
     }
 }
 

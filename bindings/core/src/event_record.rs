@@ -51,6 +51,10 @@ pub enum EventKind {
     SessionLost,
     /// The scene up to `tick` survives a crash of the server.
     Durable,
+    /// The server granted authority over as many bodies as `number` says.
+    AuthorityGranted,
+    /// The server denied authority; `text` says why.
+    AuthorityDenied,
     /// The server denied a request; `text` says why.
     Denied,
     /// The connection ended; `text` says why.
@@ -162,6 +166,11 @@ impl EventRecord {
                 number: commands,
                 ..plain(EventKind::Durable)
             },
+            Event::AuthorityGrant(bodies) => Self {
+                number: bodies.len() as u64,
+                ..plain(EventKind::AuthorityGranted)
+            },
+            Event::AuthorityDenied(error) => plain(EventKind::AuthorityDenied).because(&error),
             Event::Denied(denial) => plain(EventKind::Denied).because(&denial),
             other => plain(EventKind::Other).because(&format_args!("{other:?}")),
         }

@@ -14,6 +14,7 @@ mod coordinates;
 mod error;
 mod event_record;
 mod join_params;
+mod joint_params;
 mod remote_scene;
 
 pub use body_params::BodyParams;
@@ -22,5 +23,6 @@ pub use coordinates::Coordinates;
 pub use error::{BindingError, ErrorKind};
 pub use event_record::{EventKind, EventRecord};
 pub use join_params::{JoinCondition, JoinParams};
-pub use remote_scene::{HitRecord, RemoteScene};
+pub use joint_params::{JointFreedom, JointParams};
+pub use remote_scene::{HitRecord, RemoteScene, StateRecord};
 pub use rhumb_client;

@@ -7,7 +7,8 @@ use std::time::Duration;
 use glam::{Quat, Vec3};
 use rhumb_client::scene::{Answer, Command, Query};
 use rhumb_client::{
-    BodyId, Client, ErrorBound, PipelineDepth, RenderTime, ServerConnection, Statistics, Tick,
+    BodyId, BodyState, Client, ErrorBound, Metres, PipelineDepth, RenderTime, ServerConnection,
+    Statistics, Tick, Tolerance,
 };
 
 use crate::body_params::BodyParams;
@@ -30,6 +31,21 @@ pub struct HitRecord {
     pub point: Vec3,
     /// Outward from the surface, of unit length, or zero where there is none.
     pub normal: Vec3,
+}
+
+/// State of a body that the application moves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StateRecord {
+    /// The body.
+    pub body: BodyId,
+    /// Centre of mass.
+    pub position: Vec3,
+    /// Body → world.
+    pub rotation: Quat,
+    /// Units of length per second.
+    pub linear_velocity: Vec3,
+    /// rad/s about world axes.
+    pub angular_velocity: Vec3,
 }
 
 /// A client of one scene.
@@ -94,6 +110,40 @@ impl RemoteScene {
             last = Some(self.client.command(command)?);
         }
         Ok(last)
+    }
+
+    /// Requests authority over kinematic bodies in place of the present ones; `tolerance_m` is in metres.
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::take_authority`], and [`BindingError::Tolerance`].
+    pub fn take_authority(
+        &mut self,
+        bodies: &[BodyId],
+        tolerance_m: f64,
+    ) -> Result<(), BindingError> {
+        let tolerance = Tolerance::from_metres(Metres::new(tolerance_m))?;
+        Ok(self.client.take_authority(bodies, tolerance)?)
+    }
+
+    /// Publishes the states of bodies under this client's authority: as [`Client::publish`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::publish`], and [`BindingError::Motion`] for a number that is not finite.
+    pub fn publish(&mut self, states: &[StateRecord]) -> Result<Option<Tick>, BindingError> {
+        let coordinates = self.coordinates();
+        let converted = states.iter().map(|state| {
+            let body_state = BodyState::new(
+                coordinates.vector_in(state.position).to_array(),
+                coordinates.rotation_in(state.rotation).to_array(),
+                coordinates.vector_in(state.linear_velocity).to_array(),
+                coordinates.angular_in(state.angular_velocity).to_array(),
+            )?;
+            Ok((state.body, body_state))
+        });
+        let converted = converted.collect::<Result<Vec<_>, BindingError>>()?;
+        Ok(self.client.publish(&converted)?)
     }
 
     /// Sends the queued commands at once.

@@ -217,6 +217,77 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_command(RhumbScene scene, RhumbCommand* commands, System.UIntPtr count, ulong* last);
 
         /// <summary>
+        ///  Makes a plain description: a fixed joint of no bodies at their centres, without limits and motors, that never breaks.
+        ///
+        ///  # Safety
+        ///
+        ///  `desc` points to memory for a `RhumbJointDesc`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_joint_desc_init", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_joint_desc_init(RhumbJointDesc* desc);
+
+        /// <summary>
+        ///  Queues the addition of a joint under a number of the application's that no joint of the scene has.
+        ///
+        ///  `last` may be null; otherwise it receives the number of the command, which events name.
+        ///
+        ///  # Safety
+        ///
+        ///  `desc` points to a description; `last` is null or points to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_add_joint", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_add_joint(RhumbScene scene, uint joint, RhumbJointDesc* desc, ulong* last);
+
+        /// <summary>
+        ///  Queues the replacement of a joint, its limits and motors among others. The description is whole.
+        ///
+        ///  # Safety
+        ///
+        ///  As `rhumb_scene_add_joint`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_change_joint", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_change_joint(RhumbScene scene, uint joint, RhumbJointDesc* desc, ulong* last);
+
+        /// <summary>
+        ///  Queues the removal of a joint. A joint goes with either of its bodies too.
+        ///
+        ///  # Safety
+        ///
+        ///  `last` is null or points to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_remove_joint", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_remove_joint(RhumbScene scene, uint joint, ulong* last);
+
+        /// <summary>
+        ///  Requests authority over `count` kinematic bodies, in place of the bodies that this client has authority over now. None
+        ///  ends the authority.
+        ///
+        ///  The server's bodies are then within the tolerance, metres in any coordinates, of the states of `rhumb_scene_publish`. It
+        ///  is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers.
+        ///
+        ///  # Safety
+        ///
+        ///  `bodies` points to `count` ids.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_take_authority", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_take_authority(RhumbScene scene, RhumbBody* bodies, System.UIntPtr count, double tolerance_m);
+
+        /// <summary>
+        ///  Publishes the present states of the bodies under this client's authority; call it once per frame. A body that is left
+        ///  out stands still.
+        ///
+        ///  `published` may be null; otherwise it receives zero if nothing is published yet: before the authority is granted, before
+        ///  the server's clock is known, and for a second frame of one tick. `tick` may be null; otherwise it receives the tick of
+        ///  the states if they are published: in lockstep that of the next `rhumb_scene_advance`.
+        ///
+        ///  # Safety
+        ///
+        ///  `states` points to `count` states; `published` and `tick` are null or point to memory for their types.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_publish", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_publish(RhumbScene scene, RhumbBodyState* states, System.UIntPtr count, byte* published, ulong* tick);
+
+        /// <summary>
         ///  Lends the arrays of the view that the last advance, wait or poll computed.
         ///
         ///  In Rhumb's own coordinates, these are the client's own arrays of poses. In others, they are converted by this call.
@@ -351,6 +422,34 @@ namespace Rhumb
         ///  Distance between the posts of a row.
         /// </summary>
         public float column_spacing;
+        /// <summary>
+        ///  Parts of a compound.
+        /// </summary>
+        public RhumbPart* parts;
+        /// <summary>
+        ///  Number of parts.
+        /// </summary>
+        public System.UIntPtr part_count;
+    }
+
+    /// <summary>
+    ///  A part of a compound shape, in the axes of its body.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbPart
+    {
+        /// <summary>
+        ///  From the body's centre of mass, in the scene's unit of length.
+        /// </summary>
+        public fixed float position[3];
+        /// <summary>
+        ///  Unit quaternion x, y, z, w: part to body.
+        /// </summary>
+        public fixed float rotation[4];
+        /// <summary>
+        ///  Its shape, which is not a compound.
+        /// </summary>
+        public RhumbShape* shape;
     }
 
     /// <summary>
@@ -639,6 +738,149 @@ namespace Rhumb
         ///  Force from which on contacts are reported.
         /// </summary>
         public float event_force;
+    }
+
+    /// <summary>
+    ///  Frame of a joint in one of its bodies.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbJointFrame
+    {
+        /// <summary>
+        ///  From the body's centre of mass, along its axes, in the scene's unit of length.
+        /// </summary>
+        public fixed float anchor[3];
+        /// <summary>
+        ///  Unit quaternion x, y, z, w: frame to body.
+        /// </summary>
+        public fixed float rotation[4];
+    }
+
+    /// <summary>
+    ///  A joint of two bodies. Begin with `rhumb_joint_desc_init`.
+    ///
+    ///  Arrays of six have translations along x, y and z of the frames first, then rotations about them. Bits of a set of axes
+    ///  have the same order.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbJointDesc
+    {
+        /// <summary>
+        ///  A `RhumbJointKind`.
+        /// </summary>
+        public uint kind;
+        /// <summary>
+        ///  Not zero: the two bodies also collide with each other.
+        /// </summary>
+        public byte collide;
+        /// <summary>
+        ///  Not zero: the joint breaks at `break_force` or `break_torque`.
+        /// </summary>
+        public byte has_strength;
+        /// <summary>
+        ///  The first body.
+        /// </summary>
+        public RhumbBody first;
+        /// <summary>
+        ///  The second body, another one.
+        /// </summary>
+        public RhumbBody second;
+        /// <summary>
+        ///  Frame in the first body.
+        /// </summary>
+        public RhumbJointFrame first_frame;
+        /// <summary>
+        ///  Frame in the second body.
+        /// </summary>
+        public RhumbJointFrame second_frame;
+        /// <summary>
+        ///  Of a generic joint: bits of the axes without motion.
+        /// </summary>
+        public uint locked_axes;
+        /// <summary>
+        ///  Bits of the axes that `least` and `most` limit.
+        /// </summary>
+        public uint limited_axes;
+        /// <summary>
+        ///  Bits of the axes with a motor.
+        /// </summary>
+        public uint motor_axes;
+        /// <summary>
+        ///  Units of length, or radians.
+        /// </summary>
+        public fixed float least[6];
+        /// <summary>
+        ///  Units of length, or radians.
+        /// </summary>
+        public fixed float most[6];
+        /// <summary>
+        ///  Position that the motor drives to: units of length, or radians.
+        /// </summary>
+        public fixed float motor_position[6];
+        /// <summary>
+        ///  Velocity that the motor drives to: units of length per second, or rad/s.
+        /// </summary>
+        public fixed float motor_velocity[6];
+        /// <summary>
+        ///  Acceleration for what the position lacks, 1/s²; zero for a motor that drives the velocity alone.
+        /// </summary>
+        public fixed float motor_stiffness[6];
+        /// <summary>
+        ///  Acceleration for what the velocity lacks, 1/s.
+        /// </summary>
+        public fixed float motor_damping[6];
+        /// <summary>
+        ///  Greatest force or torque of the motor.
+        /// </summary>
+        public fixed float motor_force[6];
+        /// <summary>
+        ///  Of a rope: most distance of the anchors. Of a spring: the distance at which it does not pull.
+        /// </summary>
+        public float length;
+        /// <summary>
+        ///  Of a spring: N/m.
+        /// </summary>
+        public float stiffness;
+        /// <summary>
+        ///  Of a spring: N s/m.
+        /// </summary>
+        public float damping;
+        /// <summary>
+        ///  Force at which the joint breaks.
+        /// </summary>
+        public float break_force;
+        /// <summary>
+        ///  Torque at which the joint breaks.
+        /// </summary>
+        public float break_torque;
+    }
+
+    /// <summary>
+    ///  State of a body that the application moves.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbBodyState
+    {
+        /// <summary>
+        ///  The body.
+        /// </summary>
+        public RhumbBody body;
+        /// <summary>
+        ///  Centre of mass, in the scene's unit of length.
+        /// </summary>
+        public fixed float position[3];
+        /// <summary>
+        ///  Unit quaternion x, y, z, w: body to world.
+        /// </summary>
+        public fixed float rotation[4];
+        /// <summary>
+        ///  Velocity of the centre of mass, units of length per second.
+        /// </summary>
+        public fixed float linear_velocity[3];
+        /// <summary>
+        ///  Spin about world axes, rad/s.
+        /// </summary>
+        public fixed float angular_velocity[3];
     }
 
     /// <summary>
@@ -1057,6 +1299,46 @@ namespace Rhumb
         ///  A height field: `points` holds one height for each post, `rows` rows of them. For fixed bodies.
         /// </summary>
         Heights,
+        /// <summary>
+        ///  Several shapes: `parts`. No part is a compound.
+        /// </summary>
+        Compound,
+    }
+
+    /// <summary>
+    ///  Kind of a joint: which motions of the second frame in the first are free. Angles are twice the arc sine of a part of
+    ///  the turn's quaternion.
+    /// </summary>
+    public enum RhumbJointKind : uint
+    {
+        /// <summary>
+        ///  None.
+        /// </summary>
+        Fixed,
+        /// <summary>
+        ///  Every turn; limits about x, y and z.
+        /// </summary>
+        Spherical,
+        /// <summary>
+        ///  The turn about x; a limit about x.
+        /// </summary>
+        Revolute,
+        /// <summary>
+        ///  The displacement along x; a limit along x.
+        /// </summary>
+        Prismatic,
+        /// <summary>
+        ///  Every one, but the anchors are at most `length` apart.
+        /// </summary>
+        Rope,
+        /// <summary>
+        ///  Every one; a spring of `length`, `stiffness` and `damping` pulls the anchors.
+        /// </summary>
+        Spring,
+        /// <summary>
+        ///  Every axis that `locked_axes` does not name, with any limits.
+        /// </summary>
+        Generic,
     }
 
     /// <summary>
@@ -1234,6 +1516,14 @@ namespace Rhumb
         ///  The scene up to `tick` survives a crash of the server.
         /// </summary>
         Durable,
+        /// <summary>
+        ///  The server granted authority over as many bodies as `number` says.
+        /// </summary>
+        AuthorityGranted,
+        /// <summary>
+        ///  The server denied authority; `text` says why.
+        /// </summary>
+        AuthorityDenied,
         /// <summary>
         ///  The server denied a request; `text` says why.
         /// </summary>

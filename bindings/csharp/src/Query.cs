@@ -69,12 +69,12 @@ namespace Rhumb
             {
                 throw new RhumbException(RhumbCode.Null, "shape must not be null");
             }
-            if (shape.Points.Length > 0)
+            if (!shape.IsSimple)
             {
                 throw new RhumbException(RhumbCode.Invalid, "the shape of a query must be of a simple kind");
             }
             Query query = this;
-            query.Raw.shape = shape.Raw(null, null);
+            query.Raw.shape = shape.Raw();
             return query;
         }
     }

@@ -1,6 +1,7 @@
 // Scenes: bodies, commands, time, arrays, events, queries.
 
 using System;
+using System.Collections.Generic;
 using System.Runtime.InteropServices;
 using Microsoft.Win32.SafeHandles;
 
@@ -81,8 +82,7 @@ namespace Rhumb
             }
             var raw = new RhumbBodyDesc[descs.Length];
             var ids = new Body[descs.Length];
-            // Equal shapes are one object more often than not; pinning one twice does no harm.
-            var pins = new GCHandle[2 * descs.Length];
+            var pins = new List<GCHandle>();
             try
             {
                 for (int i = 0; i < descs.Length; i++)
@@ -93,10 +93,7 @@ namespace Rhumb
                         throw new RhumbException(RhumbCode.Null, "descs[" + i + "] must not be null");
                     }
                     raw[i] = desc.Raw();
-                    pins[2 * i] = GCHandle.Alloc(desc.Shape.Points, GCHandleType.Pinned);
-                    pins[2 * i + 1] = GCHandle.Alloc(desc.Shape.Corners, GCHandleType.Pinned);
-                    raw[i].shape = desc.Shape.Raw(
-                        (float*)pins[2 * i].AddrOfPinnedObject(), (uint*)pins[2 * i + 1].AddrOfPinnedObject());
+                    raw[i].shape = desc.Shape.Pinned(pins);
                 }
                 fixed (RhumbBodyDesc* from = raw)
                 fixed (Body* to = ids)
@@ -109,10 +106,7 @@ namespace Rhumb
             {
                 foreach (GCHandle pin in pins)
                 {
-                    if (pin.IsAllocated)
-                    {
-                        pin.Free();
-                    }
+                    pin.Free();
                 }
             }
             return ids;
@@ -132,6 +126,77 @@ namespace Rhumb
                     Native.rhumb_scene_command(Raw(), (RhumbCommand*)from, (UIntPtr)commands.Length, &last));
             }
             return last;
+        }
+
+        /// <summary>
+        /// Queues the addition of a joint under a number that no joint of the scene has; returns the command's number.
+        /// </summary>
+        public unsafe ulong AddJoint(uint joint, JointDesc desc)
+        {
+            RhumbJointDesc raw = Checked(desc);
+            ulong number;
+            RhumbException.Check(Native.rhumb_scene_add_joint(Raw(), joint, &raw, &number));
+            return number;
+        }
+
+        /// <summary>Queues the replacement of a joint, its limits and motors among others.</summary>
+        public unsafe ulong ChangeJoint(uint joint, JointDesc desc)
+        {
+            RhumbJointDesc raw = Checked(desc);
+            ulong number;
+            RhumbException.Check(Native.rhumb_scene_change_joint(Raw(), joint, &raw, &number));
+            return number;
+        }
+
+        /// <summary>Queues the removal of a joint. A joint goes with either of its bodies too.</summary>
+        public unsafe ulong RemoveJoint(uint joint)
+        {
+            ulong number;
+            RhumbException.Check(Native.rhumb_scene_remove_joint(Raw(), joint, &number));
+            return number;
+        }
+
+        /// <summary>
+        /// Requests authority over kinematic bodies in place of those of now; none ends it. It is sent at once. An event,
+        /// AuthorityGranted or AuthorityDenied, answers.
+        /// </summary>
+        public unsafe void TakeAuthority(Body[] bodies, double toleranceInMetres = 0.02)
+        {
+            if (bodies == null)
+            {
+                throw new RhumbException(RhumbCode.Null, "bodies must not be null");
+            }
+            fixed (Body* from = bodies)
+            {
+                RhumbException.Check(Native.rhumb_scene_take_authority(
+                    Raw(), (RhumbBody*)from, (UIntPtr)bodies.Length, toleranceInMetres));
+            }
+        }
+
+        /// <summary>
+        /// Publishes the states of all bodies under this client's authority, once per frame. The tick of the states, or null
+        /// while nothing is published: before the authority is granted, before the server's clock is known, and for a second
+        /// frame of one tick. A body that is left out stands still.
+        /// </summary>
+        public unsafe ulong? Publish(params BodyState[] states)
+        {
+            if (states == null)
+            {
+                throw new RhumbException(RhumbCode.Null, "states must not be null");
+            }
+            var raw = new RhumbBodyState[states.Length];
+            for (int i = 0; i < raw.Length; i++)
+            {
+                raw[i] = states[i].Raw();
+            }
+            byte published;
+            ulong tick;
+            fixed (RhumbBodyState* from = raw)
+            {
+                RhumbException.Check(
+                    Native.rhumb_scene_publish(Raw(), from, (UIntPtr)raw.Length, &published, &tick));
+            }
+            return published != 0 ? tick : (ulong?)null;
         }
 
         /// <summary>Sends the queued commands at once.</summary>
@@ -252,6 +317,15 @@ namespace Rhumb
         public void Dispose()
         {
             handle.Dispose();
+        }
+
+        private static RhumbJointDesc Checked(JointDesc desc)
+        {
+            if (desc == null)
+            {
+                throw new RhumbException(RhumbCode.Null, "desc must not be null");
+            }
+            return desc.Raw();
         }
 
         private static unsafe RhumbPoseBuffers WantBodies(IntPtr array)

@@ -1,6 +1,8 @@
 // Shapes.
 
 using System;
+using System.Collections.Generic;
+using System.Runtime.InteropServices;
 
 namespace Rhumb
 {
@@ -19,10 +21,12 @@ namespace Rhumb
         }
 
         /// <summary>Three numbers for each point, or heights.</summary>
-        internal float[] Points { get; private set; } = Array.Empty<float>();
+        private float[] Points { get; set; } = Array.Empty<float>();
 
         /// <summary>Three places of points for each triangle.</summary>
-        internal uint[] Corners { get; private set; } = Array.Empty<uint>();
+        private uint[] Corners { get; set; } = Array.Empty<uint>();
+
+        private Part[] Parts { get; set; } = Array.Empty<Part>();
 
         public static Shape Ball(float radius)
         {
@@ -105,14 +109,66 @@ namespace Rhumb
             return shape;
         }
 
-        /// <summary>The struct of C, with pointers that are valid while the two arrays are pinned.</summary>
-        internal unsafe RhumbShape Raw(float* points, uint* corners)
+        /// <summary>Several shapes, none of which is a compound.</summary>
+        public static Shape Compound(params Part[] parts)
+        {
+            if (parts == null)
+            {
+                throw new RhumbException(RhumbCode.Null, "parts must not be null");
+            }
+            foreach (Part part in parts)
+            {
+                if (part.Shape == null)
+                {
+                    throw new RhumbException(RhumbCode.Null, "the shape of a part must not be null");
+                }
+            }
+            var shape = new Shape(RhumbShapeKind.Compound);
+            shape.Parts = (Part[])parts.Clone();
+            return shape;
+        }
+
+        /// <summary>True if it points to nothing: simple shapes do.</summary>
+        internal bool IsSimple
+        {
+            get { return Points.Length == 0 && Parts.Length == 0; }
+        }
+
+        /// <summary>The struct of C of a simple shape.</summary>
+        internal RhumbShape Raw()
+        {
+            return raw;
+        }
+
+        /// <summary>The struct of C, with pointers that are valid until the pins are freed.</summary>
+        internal unsafe RhumbShape Pinned(List<GCHandle> pins)
         {
             RhumbShape copy = raw;
-            copy.points = points;
-            copy.triangles = corners;
+            copy.points = (float*)Pin(Points, pins);
+            copy.triangles = (uint*)Pin(Corners, pins);
             copy.triangle_count = (UIntPtr)(Corners.Length / 3);
+            if (Parts.Length > 0)
+            {
+                var shapes = new RhumbShape[Parts.Length];
+                var parts = new RhumbPart[Parts.Length];
+                var first = (RhumbShape*)Pin(shapes, pins);
+                for (int i = 0; i < parts.Length; i++)
+                {
+                    shapes[i] = Parts[i].Shape.Pinned(pins);
+                    parts[i] = Parts[i].Raw(first + i);
+                }
+                copy.parts = (RhumbPart*)Pin(parts, pins);
+                copy.part_count = (UIntPtr)parts.Length;
+            }
             return copy;
+        }
+
+        private static IntPtr Pin(object array, List<GCHandle> pins)
+        {
+            // Equal shapes are one object more often than not; pinning one twice does no harm.
+            GCHandle pin = GCHandle.Alloc(array, GCHandleType.Pinned);
+            pins.Add(pin);
+            return pin.AddrOfPinnedObject();
         }
 
         private static unsafe Shape Box(RhumbShapeKind kind, float x, float y, float z, float radius)
@@ -148,6 +204,37 @@ namespace Rhumb
                 Points[3 * i + 2] = points[i].Z;
             }
             raw.point_count = (UIntPtr)points.Length;
+        }
+    }
+
+    /// <summary>A shape in a compound, in the axes of the body, from its centre of mass.</summary>
+    public struct Part
+    {
+        public Shape Shape;
+        public Vec3 Position;
+
+        /// <summary>Part to body.</summary>
+        public Quat Rotation;
+
+        public Part(Shape shape, Vec3 position)
+            : this(shape, position, Quat.Identity)
+        {
+        }
+
+        public Part(Shape shape, Vec3 position, Quat rotation)
+        {
+            Shape = shape;
+            Position = position;
+            Rotation = rotation;
+        }
+
+        internal unsafe RhumbPart Raw(RhumbShape* shape)
+        {
+            RhumbPart raw = default(RhumbPart);
+            Position.CopyTo(raw.position);
+            Rotation.CopyTo(raw.rotation);
+            raw.shape = shape;
+            return raw;
         }
     }
 }

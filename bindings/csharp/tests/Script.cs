@@ -10,6 +10,7 @@ internal static class Script
 {
     private const int Piled = 60;
     private const int Ticks = 150;
+    private const uint Hinge = 7;
 
     private static int Main(string[] arguments)
     {
@@ -17,7 +18,9 @@ internal static class Script
         using (Scene scene = connection.Join("script", new JoinOptions { Condition = RhumbJoinCondition.Create }))
         {
             BodyDesc floor = BodyDesc.Fixed(Shape.Cuboid(10, 0.5f, 10)).At(0, -0.5f, 0);
-            Body[] bodies = scene.Add(new[] { floor }.Concat(Enumerable.Range(0, Piled).Select(PiledBody)).ToArray());
+            BodyDesc[] piled = Enumerable.Range(0, Piled).Select(PiledBody).ToArray();
+            Body[] bodies = scene.Add(new[] { floor }.Concat(piled).Concat(Built()).ToArray());
+            scene.AddJoint(Hinge, HingeOf(bodies).Motor(3, 0, 1, 0, 4, 2000));
             for (int tick = 0; tick < Ticks; tick++)
             {
                 Interfere(scene, tick, bodies);
@@ -50,6 +53,28 @@ internal static class Script
         return BodyDesc.Dynamic(ShapeOf(i)).At(x, y, z).AngularVelocity(new Vec3(0, 0.5f * (i % 3), 0));
     }
 
+    /// <summary>A compound; an anchor, and an arm that hangs on it by a hinge.</summary>
+    private static BodyDesc[] Built()
+    {
+        Shape dumbbell = Shape.Compound(
+            new Part(Shape.Ball(0.25f), new Vec3(-0.5f, 0, 0)),
+            new Part(Shape.Ball(0.25f), new Vec3(0.5f, 0, 0)),
+            new Part(Shape.Cuboid(0.125f, 0.5f, 0.25f), new Vec3(0, 0, 0.25f), new Quat(0.5f, 0.5f, 0.5f, 0.5f)));
+        return new[]
+        {
+            BodyDesc.Dynamic(dumbbell).At(-4, 2, 0),
+            BodyDesc.Fixed(Shape.Cuboid(0.25f, 0.25f, 0.25f)).At(4, 4, 0),
+            BodyDesc.Dynamic(Shape.Cuboid(0.25f, 1, 0.25f)).At(4, 2.5f, 0),
+        };
+    }
+
+    private static JointDesc HingeOf(Body[] bodies)
+    {
+        return new JointDesc(RhumbJointKind.Revolute, bodies[Piled + 2], bodies[Piled + 3])
+            .Anchors(new Vec3(0, -0.5f, 0), new Vec3(0, 1, 0))
+            .Limit(3, -0.5f, 1);
+    }
+
     private static Shape ShapeOf(int i)
     {
         switch (i % 5)
@@ -78,6 +103,10 @@ internal static class Script
         else if (tick == 60)
         {
             scene.Send(Command.RemoveBody(bodies[4]));
+        }
+        else if (tick == 75)
+        {
+            scene.ChangeJoint(Hinge, HingeOf(bodies).Motor(3, 0.75f, 0, 30, 5));
         }
         else if (tick == 90)
         {

@@ -53,6 +53,19 @@ pub(crate) fn rows<const W: usize>(
     }
 }
 
+/// The same of an argument that may be missing: then each row is the same.
+pub(crate) fn optional_rows<const W: usize>(
+    argument: Option<&Bound<'_, PyAny>>,
+    count: usize,
+    name: &'static str,
+    otherwise: [f32; W],
+) -> PyResult<Vec<[f32; W]>> {
+    argument.map_or_else(
+        || Ok(vec![otherwise; count]),
+        |argument| rows(argument, count, name),
+    )
+}
+
 /// Any number of rows of three numbers.
 pub(crate) fn points(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec<Vec3>> {
     let numbers = numbers::<f32>(argument)?;

@@ -82,6 +82,8 @@ const fn word_of(kind: EventKind) -> &'static str {
         EventKind::Resumed => "resumed",
         EventKind::SessionLost => "session lost",
         EventKind::Durable => "durable",
+        EventKind::AuthorityGranted => "authority granted",
+        EventKind::AuthorityDenied => "authority denied",
         EventKind::Denied => "denied",
         EventKind::Ended => "ended",
         EventKind::Other => "other",

@@ -12,6 +12,8 @@ mod body;
 mod connection;
 mod errors;
 mod event;
+mod joint;
+mod open_scene;
 mod query;
 mod scene;
 mod shape;
@@ -25,6 +27,7 @@ fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<connection::PyConnection>()?;
     module.add_class::<scene::PyScene>()?;
     module.add_class::<shape::PyShape>()?;
+    module.add_class::<joint::PyJoint>()?;
     module.add_class::<event::PyEvent>()?;
     module.add_class::<query::PyQuery>()?;
     module.add_class::<query::PyHit>()?;

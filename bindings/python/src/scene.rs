@@ -5,19 +5,20 @@ use std::sync::{Mutex, TryLockError};
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use rhumb_bindings::rhumb_client::BodyId;
-use rhumb_bindings::rhumb_client::PipelineDepth;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
-use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command};
-use rhumb_bindings::{BindingError, BodyParams, RemoteScene, body_word};
+use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command, JointId};
+use rhumb_bindings::rhumb_client::{BodyId, PipelineDepth, Tick};
+use rhumb_bindings::{BindingError, BodyParams, RemoteScene, StateRecord, body_word};
 
-use crate::arguments::{Bodies, bodies, rows, seconds, vector};
+use crate::arguments::{Bodies, bodies, optional_rows, rows, seconds, vector};
 use crate::body::plain_body;
 use crate::errors::{exception, wrong};
 use crate::event::PyEvent;
+use crate::joint::PyJoint;
+use crate::open_scene::OpenScene;
 use crate::query::{PyHit, PyQuery};
 use crate::shape::PyShape;
-use crate::view_array::{ViewArray, floats};
+use crate::view_array::floats;
 
 /// A client of one scene.
 #[pyclass(frozen, name = "Scene", module = "rhumb")]
@@ -26,48 +27,10 @@ pub(crate) struct PyScene {
     opened: Mutex<Option<OpenScene>>,
 }
 
-/// A scene that is open, and its arrays.
-struct OpenScene {
-    scene: RemoteScene,
-    bodies: ViewArray<u64>,
-    changed: ViewArray<u32>,
-    removed: ViewArray<u64>,
-    positions: ViewArray<f32>,
-    rotations: ViewArray<f32>,
-    linear: ViewArray<f32>,
-    angular: ViewArray<f32>,
-    resting: ViewArray<bool>,
-}
-
-impl OpenScene {
-    /// Tells the arrays that the view is about to be computed anew.
-    const fn expire(&mut self) {
-        self.bodies.expire();
-        self.changed.expire();
-        self.removed.expire();
-        self.positions.expire();
-        self.rotations.expire();
-        self.linear.expire();
-        self.angular.expire();
-        self.resting.expire();
-    }
-}
-
 impl PyScene {
     pub(crate) const fn new(scene: RemoteScene) -> Self {
-        let opened = OpenScene {
-            scene,
-            bodies: ViewArray::new(),
-            changed: ViewArray::new(),
-            removed: ViewArray::new(),
-            positions: ViewArray::new(),
-            rotations: ViewArray::new(),
-            linear: ViewArray::new(),
-            angular: ViewArray::new(),
-            resting: ViewArray::new(),
-        };
         Self {
-            opened: Mutex::new(Some(opened)),
+            opened: Mutex::new(Some(OpenScene::new(scene))),
         }
     }
 
@@ -118,6 +81,11 @@ impl PyScene {
         let commands = ids.into_iter().zip(vectors);
         let commands = commands.map(|(id, vector)| command(id, vector)).collect();
         self.with(py, |opened| opened.scene.command(commands))
+    }
+
+    /// Queues a command.
+    fn one(&self, py: Python<'_>, command: Command) -> PyResult<Option<u64>> {
+        self.with(py, |opened| opened.scene.command(vec![command]))
     }
 
     /// Queues a command for each body.
@@ -259,10 +227,7 @@ impl PyScene {
     ) -> PyResult<Option<u64>> {
         let ids = bodies(body)?.ids;
         let linears = rows::<3>(linear, ids.len(), "linear")?;
-        let angulars = match angular {
-            Some(angular) => rows::<3>(angular, ids.len(), "angular")?,
-            None => vec![[0.0; 3]; ids.len()],
-        };
+        let angulars = optional_rows(angular, ids.len(), "angular", [0.0; 3])?;
         let twists = linears.into_iter().zip(angulars);
         let commands = ids.into_iter().zip(twists);
         let commands = commands.map(|(id, (linear, angular))| Command::SetVelocity {
@@ -329,8 +294,7 @@ impl PyScene {
 
     fn set_gravity(&self, py: Python<'_>, gravity: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
         let gravity = vector(gravity, "gravity")?;
-        let commands = vec![Command::SetGravity { gravity }];
-        self.with(py, |opened| opened.scene.command(commands))
+        self.one(py, Command::SetGravity { gravity })
     }
 
     fn sleep(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
@@ -358,6 +322,67 @@ impl PyScene {
             sleep,
         };
         self.each(py, body, |id| Command::SetEvents { id, events })
+    }
+
+    fn add_joint(
+        &self,
+        py: Python<'_>,
+        id: u32,
+        joint: &Bound<'_, PyJoint>,
+    ) -> PyResult<Option<u64>> {
+        self.one(py, joint.get().addition(id))
+    }
+
+    fn change_joint(
+        &self,
+        py: Python<'_>,
+        id: u32,
+        joint: &Bound<'_, PyJoint>,
+    ) -> PyResult<Option<u64>> {
+        self.one(py, joint.get().change(id))
+    }
+
+    fn remove_joint(&self, py: Python<'_>, id: u32) -> PyResult<Option<u64>> {
+        self.one(py, Command::RemoveJoint { id: JointId(id) })
+    }
+
+    #[pyo3(signature = (body, tolerance = 0.02))]
+    fn take_authority(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        tolerance: f64,
+    ) -> PyResult<()> {
+        let ids = bodies(body)?.ids;
+        self.with(py, |opened| opened.scene.take_authority(&ids, tolerance))
+    }
+
+    #[pyo3(signature = (body, position, rotation = None, linear = None, angular = None))]
+    fn publish(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        position: &Bound<'_, PyAny>,
+        rotation: Option<&Bound<'_, PyAny>>,
+        linear: Option<&Bound<'_, PyAny>>,
+        angular: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        let (count, identity) = (ids.len(), Quat::IDENTITY.to_array());
+        let at = rows::<3>(position, count, "position")?;
+        let turned = optional_rows(rotation, count, "rotation", identity)?;
+        let linear = optional_rows(linear, count, "linear", [0.0; 3])?;
+        let angular = optional_rows(angular, count, "angular", [0.0; 3])?;
+        let states = ids.iter().enumerate().map(|(place, body)| StateRecord {
+            body: *body,
+            position: Vec3::from_array(at[place]),
+            rotation: Quat::from_array(turned[place]),
+            linear_velocity: Vec3::from_array(linear[place]),
+            angular_velocity: Vec3::from_array(angular[place]),
+        });
+        let states: Vec<_> = states.collect();
+        let tick = self.with(py, |opened| opened.scene.publish(&states))?;
+        Ok(tick.map(Tick::value))
     }
 
     fn flush(&self, py: Python<'_>) -> PyResult<()> {

@@ -1,10 +1,18 @@
 //! Shapes.
 
 use pyo3::prelude::*;
-use rhumb_bindings::rhumb_client::scene::{self, Heights, Hull, Invalid, Mesh};
+use rhumb_bindings::rhumb_client::glam::Quat;
+use rhumb_bindings::rhumb_client::scene::{self, Compound, Heights, Hull, Invalid, Mesh, Part};
 
-use crate::arguments::{heights, points, triangles, vector};
+use crate::arguments::{heights, points, rotation, triangles, vector};
 use crate::errors::exception;
+
+/// A part of a compound: shape, position, and rotation if it is turned.
+#[derive(FromPyObject)]
+enum PartTuple<'py> {
+    Turned(Bound<'py, PyShape>, Bound<'py, PyAny>, Bound<'py, PyAny>),
+    Plain(Bound<'py, PyShape>, Bound<'py, PyAny>),
+}
 
 /// A shape, centred on its body's centre of mass; long axes point up.
 #[pyclass(frozen, name = "Shape", module = "rhumb")]
@@ -97,6 +105,26 @@ impl PyShape {
         let (rows, heights) = self::heights(heights)?;
         let field = Heights::new(rows, row_spacing, column_spacing, &heights);
         Self::checked(py, field.map(scene::Shape::Heights))
+    }
+
+    #[staticmethod]
+    #[pyo3(name = "compound")]
+    fn of_parts(py: Python<'_>, parts: Vec<PartTuple<'_>>) -> PyResult<Self> {
+        let parts = parts.into_iter().map(|part| {
+            let (shape, at, turned) = match part {
+                PartTuple::Turned(shape, at, turned) => (shape, at, Some(turned)),
+                PartTuple::Plain(shape, at) => (shape, at, None),
+            };
+            let turned = turned.as_ref();
+            Ok(Part {
+                position: vector(&at, "position")?,
+                rotation: turned
+                    .map_or(Ok(Quat::IDENTITY), |turned| rotation(turned, "rotation"))?,
+                shape: shape.get().shape.clone(),
+            })
+        });
+        let parts = parts.collect::<PyResult<Vec<_>>>()?;
+        Self::checked(py, Compound::new(parts).map(scene::Shape::Compound))
     }
 
     fn __repr__(&self) -> String {

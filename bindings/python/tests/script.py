@@ -34,12 +34,35 @@ def add_piled(scene, i):
     return scene.add_body(SHAPES[i % 5], position, angular_velocity=(0, 0.5 * (i % 3), 0))
 
 
+def add_built(scene):
+    """A compound; an anchor, and an arm that hangs on it by a hinge."""
+    dumbbell = rhumb.Shape.compound([
+        (rhumb.Shape.ball(0.25), (-0.5, 0, 0)),
+        (rhumb.Shape.ball(0.25), (0.5, 0, 0)),
+        (rhumb.Shape.cuboid(0.125, 0.5, 0.25), (0, 0, 0.25), (0.5, 0.5, 0.5, 0.5)),
+    ])
+    return [
+        scene.add_body(dumbbell, (-4, 2, 0)),
+        scene.add_body(rhumb.Shape.cuboid(0.25, 0.25, 0.25), (4, 4, 0), "fixed"),
+        scene.add_body(rhumb.Shape.cuboid(0.25, 1, 0.25), (4, 2.5, 0)),
+    ]
+
+
+def hinge(bodies, motor):
+    anchor, arm = bodies[PILED + 2], bodies[PILED + 3]
+    return rhumb.Joint(
+        "revolute", anchor, arm, first_anchor=(0, -0.5, 0), second_anchor=(0, 1, 0), limits={3: (-0.5, 1)}, motors={3: motor}
+    )
+
+
 def interfere(scene, tick, bodies):
     if tick == 30:
         scene.apply_impulse(bodies[1], (200, 100, 0))
         scene.set_velocity(bodies[6], (0, 4, 1), (1, 0, 0))
     elif tick == 60:
         scene.remove(bodies[4])
+    elif tick == 75:
+        scene.change_joint(7, hinge(bodies, (0.75, 0, 30, 5, None)))
     elif tick == 90:
         scene.set_gravity((1, -9.75, 0))
 
@@ -49,6 +72,8 @@ def main(address, fingerprint):
     with connection.join("script", condition="create") as scene:
         bodies = [scene.add_body(rhumb.Shape.cuboid(10, 0.5, 10), (0, -0.5, 0), "fixed")]
         bodies += [add_piled(scene, i) for i in range(PILED)]
+        bodies += add_built(scene)
+        scene.add_joint(7, hinge(bodies, (0, 1, 0, 4, 2000)))
         for tick in range(TICKS):
             interfere(scene, tick, bodies)
             scene.advance()

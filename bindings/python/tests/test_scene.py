@@ -166,3 +166,91 @@ def test_a_free_running_scene_is_polled(server):
         assert scene.positions[scene.place(ball)][1] < 50
         assert scene.statistics["received_bytes"] > 0
         assert math.isfinite(scene.error_bound(ball))
+
+
+def test_a_hinge_keeps_its_limits_and_its_motor_turns_it(scene):
+    anchor = scene.add_body(rhumb.Shape.cuboid(0.2, 0.2, 0.2), (0, 5, 0), "fixed")
+    arm = scene.add_body(rhumb.Shape.cuboid(0.2, 1, 0.2), (0, 4, 0))
+
+    def hinge(velocity):
+        motor = (0, velocity, 0, 10, None)
+        return rhumb.Joint("revolute", anchor, arm, second_anchor=(0, 1, 0), limits={3: (-0.5, 1)}, motors={3: motor})
+
+    def angle():
+        x, _, _, w = scene.rotations[scene.place(arm)]
+        return 2 * math.atan2(x, w)
+
+    scene.add_joint(1, hinge(2))
+    scene.advance(ticks=120)
+    # The joint is a little soft, and the copy within its tolerance.
+    assert angle() == pytest.approx(1, abs=0.2)
+    scene.change_joint(1, hinge(-2))
+    scene.advance(ticks=120)
+    assert angle() == pytest.approx(-0.5, abs=0.2)
+    assert [event.kind for event in scene.events() if "refused" in event.kind] == []
+    scene.remove_joint(1)
+    before = scene.positions[scene.place(arm)][1]
+    scene.advance(ticks=60)
+    assert scene.positions[scene.place(arm)][1] < before - 3
+
+
+def test_a_joint_has_limits_of_its_free_axes_only(scene):
+    bodies = scene.add_bodies(rhumb.Shape.ball(0.5), [(0, 0, 0), (2, 0, 0)])
+    for arguments in [
+        {"kind": "revolute", "limits": {0: (0, 1)}},
+        {"kind": "fixed", "limits": {3: (0, 1)}},
+        {"kind": "generic", "limits": {6: (0, 1)}},
+        {"kind": "hinge"},
+        {"kind": "generic", "locked_axes": 64},
+    ]:
+        kind = arguments.pop("kind")
+        with pytest.raises(rhumb.InvalidError):
+            rhumb.Joint(kind, *bodies, **arguments)
+    # The scene checks the rest.
+    with pytest.raises(rhumb.InvalidError):
+        scene.add_joint(1, rhumb.Joint("revolute", *bodies, limits={3: (1, 0)}))
+    rope = rhumb.Joint("rope", *bodies, length=2.5)
+    scene.add_joint(1, rope)
+    scene.add_joint(1, rope)
+    scene.advance()
+    assert "command refused" in [event.kind for event in scene.events()]
+
+
+def test_a_compound_rests_on_its_parts(scene):
+    scene.add_body(rhumb.Shape.cuboid(10, 0.5, 10), (0, -0.5, 0), "fixed")
+    ball = rhumb.Shape.ball(0.25)
+    table = rhumb.Shape.compound([(rhumb.Shape.cuboid(1, 0.1, 1), (0, 0.5, 0))] + [
+        (ball, (x, -0.25, z), (0, 0, 0, 1)) for x in (-0.8, 0.8) for z in (-0.8, 0.8)
+    ])
+    body = scene.add_body(table, (0, 2, 0))
+    scene.advance(ticks=240)
+    assert scene.positions[scene.place(body)][1] == pytest.approx(0.5, abs=0.06)
+    with pytest.raises(rhumb.InvalidError):
+        rhumb.Shape.compound([(table, (0, 0, 0))])
+    with pytest.raises(TypeError):
+        rhumb.Shape.compound([ball])
+
+
+def test_a_client_with_authority_moves_its_body_and_pushes_others(scene):
+    ball_on_floor(scene)
+    box = scene.add_body(rhumb.Shape.cuboid(0.5, 0.5, 0.5), (3, 0.5, 3))
+    avatar = scene.add_body(rhumb.Shape.capsule(0.6, 0.3), (0, 0.9, 3), "kinematic")
+    scene.advance()
+    scene.take_authority(avatar)
+    assert scene.publish([avatar], [(0, 0.9, 3)]) is None
+    kinds = []
+    while "authority granted" not in kinds:
+        scene.idle(0.001)
+        kinds += [event.kind for event in scene.events()]
+    for frame in range(1, 181):
+        published = scene.publish(avatar, (frame / 60, 0.9, 3), linear=(1, 0, 0))
+        assert published == scene.advance()
+    assert scene.positions[scene.place(avatar)][0] == pytest.approx(3, abs=0.05 + 0.02)
+    assert scene.positions[scene.place(box)][0] > 3.5
+    with pytest.raises(rhumb.InvalidError):
+        scene.publish(box, (0, 0, 0))
+    with pytest.raises(rhumb.InvalidError):
+        scene.publish(avatar, (math.nan, 0, 0))
+    with pytest.raises(rhumb.InvalidError):
+        scene.take_authority(avatar, tolerance=0)
+    scene.take_authority([])

@@ -9,25 +9,28 @@ pub(crate) const HEADER: &str = "c/include/rhumb.h";
 pub(crate) const IMPORTS: &str = "csharp/src/Native.g.cs";
 
 /// Sources with functions or types that cross the border.
-const SOURCES: [&str; 9] = [
+const SOURCES: [&str; 11] = [
     "status",
     "kinds",
     "descriptions",
     "connection",
     "scene",
     "commands",
+    "joints",
+    "authority",
     "poses",
     "events",
     "queries",
 ];
 
 /// Enumerations that only fields of type `u32` hold.
-const ENUMERATIONS: [&str; 8] = [
+const ENUMERATIONS: [&str; 9] = [
     "RhumbCoordinates",
     "RhumbJoinCondition",
     "RhumbStepping",
     "RhumbBodyKind",
     "RhumbShapeKind",
+    "RhumbJointKind",
     "RhumbCommandKind",
     "RhumbQueryKind",
     "RhumbEventKind",

@@ -13,7 +13,7 @@ Units are kilograms, seconds, radians, and the unit of length of the scene's coo
 """
 
 from . import errors
-from ._native import Connection, Event, Hit, Query, Scene, Shape, __version__, connect
+from ._native import Connection, Event, Hit, Joint, Query, Scene, Shape, __version__, connect
 from .errors import (
     BusyError,
     ClosedError,
@@ -39,6 +39,7 @@ __all__ = [
     "FaultError",
     "Hit",
     "InvalidError",
+    "Joint",
     "Query",
     "Scene",
     "SceneGoneError",

@@ -5,7 +5,7 @@ Every array that is returned is read-only or the caller's own, and never changes
 
 import os
 from types import TracebackType
-from typing import Literal, Optional, Sequence, Tuple, Type, TypedDict, Union, final
+from typing import Literal, Mapping, Optional, Sequence, Tuple, Type, TypedDict, Union, final
 
 import numpy as np
 import numpy.typing as npt
@@ -99,6 +99,43 @@ class Shape:
     @staticmethod
     def heights(heights: npt.ArrayLike, row_spacing: float = 1.0, column_spacing: float = 1.0) -> Shape:
         """A field of rows of heights. For fixed bodies."""
+    @staticmethod
+    def compound(parts: Sequence[Union[Tuple[Shape, _Vector], Tuple[Shape, _Vector, _Rotation]]]) -> Shape:
+        """Several shapes in the axes of a body, from its centre of mass: shape, position, and a rotation if it is turned."""
+
+@final
+class Joint:
+    """A joint of two bodies, for Scene.add_joint and Scene.change_joint."""
+
+    def __init__(
+        self,
+        kind: Literal["fixed", "spherical", "revolute", "prismatic", "rope", "spring", "generic"],
+        first: int,
+        second: int,
+        *,
+        first_anchor: Optional[_Vector] = None,
+        second_anchor: Optional[_Vector] = None,
+        first_rotation: Optional[_Rotation] = None,
+        second_rotation: Optional[_Rotation] = None,
+        locked_axes: int = 0,
+        limits: Optional[Mapping[int, Tuple[float, float]]] = None,
+        motors: Optional[Mapping[int, Tuple[float, float, float, float, Optional[float]]]] = None,
+        length: float = 1.0,
+        stiffness: float = 0.0,
+        damping: float = 0.0,
+        collide: bool = False,
+        breaks_at: Optional[Tuple[float, float]] = None,
+    ) -> None:
+        """Each body has a frame of the joint: an anchor from its centre of mass, and a rotation.
+
+        A spherical joint leaves every turn free, a revolute one the turn about x of the frames, a prismatic one the
+        displacement along x, a generic one every axis that it does not lock. A rope has a greatest length; a spring has a
+        length, a stiffness in N/m and a damping in N s/m.
+
+        Limits and motors are by axis: 0 to 2 along x, y, z, 3 to 5 about them. A limit is the least and the most. A motor
+        is the position and the velocity that it drives to, its stiffness in 1/s², its damping in 1/s, and its greatest
+        force, or None for any. The joint breaks at a force or a torque.
+        """
 
 @final
 class Query:
@@ -254,6 +291,30 @@ class Scene:
         sleep: bool = False,
     ) -> Optional[int]:
         """Turns the events of bodies on; what is left out, off. Contacts are reported from the force on."""
+    def add_joint(self, id: int, joint: Joint) -> Optional[int]:
+        """Adds a joint under a number of yours that no joint of the scene has."""
+    def change_joint(self, id: int, joint: Joint) -> Optional[int]:
+        """Replaces a joint, its limits and motors among others."""
+    def remove_joint(self, id: int) -> Optional[int]:
+        """Removes a joint. It goes with either of its bodies too."""
+    def take_authority(self, body: _Bodies, tolerance: float = 0.02) -> None:
+        """Requests authority over kinematic bodies in place of those of now; an empty row ends it. The tolerance is in metres.
+
+        It is sent at once. An event, "authority granted" or "authority denied", answers.
+        """
+    def publish(
+        self,
+        body: _Bodies,
+        position: _Vector,
+        rotation: Optional[_Rotation] = None,
+        linear: Optional[_Vector] = None,
+        angular: Optional[_Vector] = None,
+    ) -> Optional[int]:
+        """Publishes the states of all bodies under this client's authority, once per frame; returns their tick.
+
+        None, and nothing is published, before the authority is granted, before the server's clock is known, and for a
+        second frame of one tick. A body that is left out stands still.
+        """
     def flush(self) -> None: ...
     def advance(self, ticks: int = 1, depth: int = 0) -> int:
         """Steps a lockstep scene, computes the view, and returns its tick.

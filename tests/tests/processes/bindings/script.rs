@@ -1,11 +1,15 @@
 //! One script in every language ends with one hash of poses.
 //!
-//! The script piles up bodies of five shapes, disturbs them, and asks one query. This file has it in Rust, over the client
+//! The script piles up bodies of five shapes beside a compound and an arm on a hinge with a motor, disturbs them, and asks
+//! one query. This file has it in Rust, over the client
 //! itself, and in each of the coordinates that do not round.
 
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::{BodyParams, Coordinates, JoinCondition, JoinParams, RemoteScene};
-use rhumb_client::scene::{Answer, BodyBuilder, BodyDesc, BodyKind, Command, Query, Shape};
+use rhumb_client::scene::{
+    Answer, BodyBuilder, BodyDesc, BodyKind, Command, Compound, Joint, JointFrame, JointId,
+    JointKind, JointLimits, Motor, Part, Query, Shape,
+};
 use rhumb_client::{BodyId, Client, JoinMode, JoinOptions, PipelineDepth, Trust};
 use rhumb_conformance::fnv::Fnv;
 use rhumb_tests::ServerProcess;
@@ -15,6 +19,7 @@ use crate::SERVER;
 
 const PILED: u16 = 60;
 const TICKS: u16 = 150;
+const HINGE: JointId = JointId(7);
 /// Beginning and way of the query's ray.
 const RAY: [Vec3; 2] = [Vec3::new(-0.625, 50.0, -0.625), Vec3::new(0.0, -100.0, 0.0)];
 
@@ -37,6 +42,61 @@ fn spin(i: u16) -> Vec3 {
     Vec3::new(0.0, 0.5 * f32::from(i % 3), 0.0)
 }
 
+fn dumbbell() -> Shape {
+    let part = |shape, x, z, rotation| Part {
+        position: Vec3::new(x, 0.0, z),
+        rotation,
+        shape,
+    };
+    let parts = vec![
+        part(Shape::ball(0.25), -0.5, 0.0, Quat::IDENTITY),
+        part(Shape::ball(0.25), 0.5, 0.0, Quat::IDENTITY),
+        part(
+            Shape::cuboid(0.125, 0.5, 0.25),
+            0.0,
+            0.25,
+            Quat::from_xyzw(0.5, 0.5, 0.5, 0.5),
+        ),
+    ];
+    Shape::Compound(Compound::new(parts).expect("three parts"))
+}
+
+/// A compound; an anchor, and an arm that hangs on it by a hinge.
+fn built() -> [(BodyKind, Shape, Vec3); 3] {
+    let anchor = Shape::cuboid(0.25, 0.25, 0.25);
+    let arm = Shape::cuboid(0.25, 1.0, 0.25);
+    [
+        (BodyKind::Dynamic, dumbbell(), Vec3::new(-4.0, 2.0, 0.0)),
+        (BodyKind::Static, anchor, Vec3::new(4.0, 4.0, 0.0)),
+        (BodyKind::Dynamic, arm, Vec3::new(4.0, 2.5, 0.0)),
+    ]
+}
+
+fn hinge(bodies: &[BodyId], motor: Motor) -> Box<Joint> {
+    let place = usize::from(PILED) + 2;
+    let limits = JointLimits {
+        least: -0.5,
+        most: 1.0,
+    };
+    let frames = [-0.5, 1.0].map(|y| JointFrame::at(Vec3::new(0.0, y, 0.0)));
+    let pair = [bodies[place], bodies[place + 1]];
+    let mut joint = Joint::plain(JointKind::Revolute(Some(limits)), pair, frames);
+    joint.motors[3] = Some(motor);
+    Box::new(joint)
+}
+
+/// The command that adds the hinge.
+fn hung(bodies: &[BodyId]) -> Command {
+    let motor = Motor {
+        force: 2000.0,
+        ..Motor::with_velocity(1.0, 4.0)
+    };
+    Command::AddJoint {
+        id: HINGE,
+        joint: hinge(bodies, motor),
+    }
+}
+
 fn commands(tick: u16, bodies: &[BodyId]) -> Vec<Command> {
     match tick {
         30 => vec![
@@ -51,6 +111,10 @@ fn commands(tick: u16, bodies: &[BodyId]) -> Vec<Command> {
             },
         ],
         60 => vec![Command::RemoveBody { id: bodies[4] }],
+        75 => vec![Command::ChangeJoint {
+            id: HINGE,
+            joint: hinge(bodies, Motor::at_position(0.75, 30.0, 5.0)),
+        }],
         90 => vec![Command::SetGravity {
             gravity: Vec3::new(1.0, -9.75, 0.0),
         }],
@@ -76,8 +140,8 @@ impl Outcome {
         for number in poses.chain(self.distances.iter().copied()) {
             hash.fold(&number.to_le_bytes());
         }
-        let (hits, hash) = (self.distances.len(), hash.value());
-        format!("{PILED} bodies, {hits} hits, hash {hash:016x}\n")
+        let (bodies, hits, hash) = (self.poses.len(), self.distances.len(), hash.value());
+        format!("{bodies} bodies, {hits} hits, hash {hash:016x}\n")
     }
 }
 
@@ -101,9 +165,17 @@ pub(super) fn expected(server: &ServerProcess) -> Outcome {
         let body = BodyDesc::dynamic(shape(i)).position(position(i));
         body.angular_velocity(spin(i))
     });
+    let built = built().map(|(kind, shape, at)| {
+        let body = match kind {
+            BodyKind::Static => BodyDesc::fixed(shape),
+            _ => BodyDesc::dynamic(shape),
+        };
+        body.position(at)
+    });
     let bodies = client
-        .add_bodies(std::iter::once(floor()).chain(piled))
+        .add_bodies(std::iter::once(floor()).chain(piled).chain(built))
         .expect("the bodies are valid");
+    client.command(hung(&bodies)).expect("the hinge is valid");
     for tick in 0..TICKS {
         for command in commands(tick, &bodies) {
             client.command(command).expect("the command is valid");
@@ -124,7 +196,8 @@ pub(super) fn expected(server: &ServerProcess) -> Outcome {
     };
     let distances: Vec<_> = hits.iter().map(|hit| hit.distance).collect();
     client.delete().expect("the scene is there");
-    assert_eq!(poses.len(), usize::from(PILED));
+    // One of the pile was removed; the floor and what was built are there.
+    assert_eq!(poses.len(), usize::from(PILED) + 3);
     assert!(!distances.is_empty(), "the ray hits the pile");
     Outcome { poses, distances }
 }
@@ -182,8 +255,60 @@ impl Axes {
         }
     }
 
+    /// Anchors, limits and motor of the hinge, whose axis is x in all axes.
+    fn hinge(self, mut joint: Box<Joint>) -> Box<Joint> {
+        for frame in &mut joint.frames {
+            frame.anchor = self.vector(frame.anchor);
+        }
+        if matches!(self, Self::Mirrored) {
+            let turned = |limits: JointLimits| JointLimits {
+                least: -limits.most,
+                most: -limits.least,
+            };
+            if let JointKind::Revolute(limits) = &mut joint.kind {
+                *limits = limits.map(turned);
+            }
+            for motor in joint.motors.iter_mut().flatten() {
+                (motor.position, motor.velocity) = (-motor.position, -motor.velocity);
+            }
+        }
+        joint
+    }
+
+    /// The compound, whose turned part has its axes exchanged.
+    fn dumbbell(self) -> Shape {
+        let Shape::Compound(compound) = dumbbell() else {
+            panic!("it is a compound");
+        };
+        let parts = compound.parts().iter().map(|part| {
+            let axis = self.spin(Vec3::new(part.rotation.x, part.rotation.y, part.rotation.z));
+            Part {
+                position: self.vector(part.position),
+                rotation: Quat::from_xyzw(axis.x, axis.y, axis.z, part.rotation.w),
+                shape: self.shape(part.shape.clone()),
+            }
+        });
+        Shape::Compound(Compound::new(parts.collect()).expect("three parts"))
+    }
+
+    fn shape(self, shape: Shape) -> Shape {
+        match shape {
+            Shape::Cuboid { half_extents: h } => self.extents(h.x, h.y, h.z),
+            Shape::Compound(_) => self.dumbbell(),
+            other => other,
+        }
+    }
+
     fn command(self, command: Command) -> Command {
         match command {
+            Command::AddJoint { id, joint } => Command::AddJoint {
+                id,
+                joint: self.hinge(joint),
+            },
+            Command::ChangeJoint { id, joint } => Command::ChangeJoint {
+                id,
+                joint: self.hinge(joint),
+            },
             Command::Impulse { id, impulse } => Command::Impulse {
                 id,
                 impulse: self.vector(impulse),
@@ -237,15 +362,15 @@ fn in_axes(server: &ServerProcess, axes: Axes) -> Outcome {
     all.extend((0..PILED).map(|i| BodyParams {
         position: axes.vector(position(i)),
         angular_velocity: axes.spin(spin(i)),
-        ..BodyParams::new(
-            BodyKind::Dynamic,
-            match shape(i) {
-                Shape::Cuboid { half_extents: h } => axes.extents(h.x, h.y, h.z),
-                other => other,
-            },
-        )
+        ..BodyParams::new(BodyKind::Dynamic, axes.shape(shape(i)))
+    }));
+    all.extend(built().map(|(kind, shape, at)| BodyParams {
+        position: axes.vector(at),
+        ..BodyParams::new(kind, axes.shape(shape))
     }));
     let bodies = scene.add_bodies(&all).expect("the bodies are valid");
+    let hung = axes.command(hung(&bodies));
+    scene.command(vec![hung]).expect("the hinge is valid");
     for tick in 0..TICKS {
         let turned = commands(tick, &bodies).into_iter();
         let turned = turned.map(|command| axes.command(command));

@@ -1,0 +1,148 @@
+//! Joints.
+
+use std::collections::BTreeMap;
+
+use pyo3::prelude::*;
+use rhumb_bindings::rhumb_client::BodyId;
+use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
+use rhumb_bindings::rhumb_client::scene::{
+    Command, Joint, JointFrame, JointId, JointLimits, JointStrength, LockedAxes, Motor,
+};
+use rhumb_bindings::{JointFreedom, JointParams};
+
+use crate::arguments::{bodies, one_of, rotation, vector};
+use crate::errors::{exception, wrong};
+
+const FREEDOMS: [(&str, JointFreedom); 7] = [
+    ("fixed", JointFreedom::Fixed),
+    ("spherical", JointFreedom::Spherical),
+    ("revolute", JointFreedom::Revolute),
+    ("prismatic", JointFreedom::Prismatic),
+    ("rope", JointFreedom::Rope),
+    ("spring", JointFreedom::Spring),
+    ("generic", JointFreedom::Generic),
+];
+
+/// Least and most by axis.
+type Limits = BTreeMap<usize, (f32, f32)>;
+/// Position, velocity, stiffness, damping, and the greatest force if there is one, by axis.
+type Motors = BTreeMap<usize, (f32, f32, f32, f32, Option<f32>)>;
+
+/// A joint of two bodies.
+#[pyclass(frozen, name = "Joint", module = "rhumb")]
+pub(crate) struct PyJoint {
+    joint: Joint,
+}
+
+impl PyJoint {
+    pub(crate) fn addition(&self, id: u32) -> Command {
+        Command::AddJoint {
+            id: JointId(id),
+            joint: Box::new(self.joint),
+        }
+    }
+
+    pub(crate) fn change(&self, id: u32) -> Command {
+        Command::ChangeJoint {
+            id: JointId(id),
+            joint: Box::new(self.joint),
+        }
+    }
+}
+
+#[pymethods]
+impl PyJoint {
+    #[new]
+    #[pyo3(signature = (
+        kind, first, second, *, first_anchor = None, second_anchor = None, first_rotation = None,
+        second_rotation = None, locked_axes = 0, limits = None, motors = None, length = 1.0,
+        stiffness = 0.0, damping = 0.0, collide = false, breaks_at = None,
+    ))]
+    // Named parameters are the interface of Python.
+    #[expect(clippy::too_many_arguments)]
+    fn new(
+        py: Python<'_>,
+        kind: &str,
+        first: &Bound<'_, PyAny>,
+        second: &Bound<'_, PyAny>,
+        first_anchor: Option<&Bound<'_, PyAny>>,
+        second_anchor: Option<&Bound<'_, PyAny>>,
+        first_rotation: Option<&Bound<'_, PyAny>>,
+        second_rotation: Option<&Bound<'_, PyAny>>,
+        locked_axes: u8,
+        limits: Option<Limits>,
+        motors: Option<Motors>,
+        length: f32,
+        stiffness: f32,
+        damping: f32,
+        collide: bool,
+        breaks_at: Option<(f32, f32)>,
+    ) -> PyResult<Self> {
+        let freedom = one_of(py, &FREEDOMS, kind, "kind")?;
+        let pair = [body(first, "first")?, body(second, "second")?];
+        let locked = LockedAxes::new(locked_axes);
+        let params = JointParams {
+            frames: [
+                frame(first_anchor, first_rotation)?,
+                frame(second_anchor, second_rotation)?,
+            ],
+            locked: locked.ok_or_else(|| wrong(py, "locked_axes", "six bits"))?,
+            limits: by_axis(py, limits, |(least, most)| JointLimits { least, most })?,
+            motors: by_axis(
+                py,
+                motors,
+                |(position, velocity, stiffness, damping, force)| Motor {
+                    force: force.unwrap_or(Motor::with_velocity(0.0, 0.0).force),
+                    position,
+                    velocity,
+                    stiffness,
+                    damping,
+                },
+            )?,
+            length,
+            stiffness,
+            damping,
+            collide,
+            strength: breaks_at.map(|(force, torque)| JointStrength { force, torque }),
+            ..JointParams::new(freedom, pair)
+        };
+        let joint = params.joint().map_err(|error| exception(py, &error))?;
+        Ok(Self { joint })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("{:?}", self.joint)
+    }
+}
+
+fn body(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<BodyId> {
+    match bodies(argument)?.ids.as_slice() {
+        [id] => Ok(*id),
+        _ => Err(wrong(argument.py(), name, "one body")),
+    }
+}
+
+fn frame(
+    anchor: Option<&Bound<'_, PyAny>>,
+    turned: Option<&Bound<'_, PyAny>>,
+) -> PyResult<JointFrame> {
+    Ok(JointFrame {
+        anchor: anchor.map_or(Ok(Vec3::ZERO), |anchor| vector(anchor, "anchor"))?,
+        rotation: turned.map_or(Ok(Quat::IDENTITY), |turned| rotation(turned, "rotation"))?,
+    })
+}
+
+/// Values at their axes.
+fn by_axis<V, T: Copy>(
+    py: Python<'_>,
+    values: Option<BTreeMap<usize, V>>,
+    value: impl Fn(V) -> T,
+) -> PyResult<[Option<T>; 6]> {
+    let mut axes = [None; 6];
+    for (axis, given) in values.unwrap_or_default() {
+        let place = axes.get_mut(axis);
+        let needed = "0 to 5: translations along x, y, z, then rotations about them";
+        *place.ok_or_else(|| wrong(py, "axis", needed))? = Some(value(given));
+    }
+    Ok(axes)
+}
