@@ -10,8 +10,8 @@ mod sockets;
 mod wire;
 
 pub use server::{
-    AppDatagram, AppHost, AppOptions, AppScene, AppServer, AppTransmit, Bulk, Datagrams, Geometry,
-    States, Subject, TimeAdvanced, Urgency,
+    AppDatagram, AppHost, AppOptions, AppScene, AppServer, AppTransmit, Bulk, DatagramSubject,
+    Datagrams, Geometry, States, TimeAdvanced, Urgency,
 };
 pub use sockets::{AppBindError, AppListen, AppListener};
 pub use wire::*;

@@ -1,4 +1,4 @@
-//! An avatar, under the client's authority, walks through a crowd and pushes it aside.
+//! Walks an avatar, under the client's authority, through a crowd.
 //!
 //! Start `rhumb-server --open` first; it prints the address and the fingerprint, which are the arguments of this example.
 //! The scene is seen from above: the avatar is `@`, a person who stands is `.`, and one who was pushed is `*`.

@@ -27,5 +27,5 @@ mod world_mirror;
 pub use app_server::AppServer;
 pub use host::{AppHost, AppScene, Bulk, Geometry};
 pub use options::{AppOptions, Datagrams, States, TimeAdvanced};
-pub use subject::{Subject, Urgency};
+pub use subject::{DatagramSubject, Urgency};
 pub use transmit::{AppDatagram, AppTransmit};

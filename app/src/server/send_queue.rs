@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 use bytes::Bytes;
 
 use super::options::Datagrams;
-use super::subject::{Subject, Urgency};
+use super::subject::{DatagramSubject, Urgency};
 use super::transmit::AppDatagram;
 use crate::wire::Message;
 
@@ -83,7 +83,7 @@ impl SendQueue {
         message.encode(index, &mut self.datagram);
         match datagrams {
             Datagrams::Single => {
-                self.close_datagram(to, Subject::of(message), Urgency::of(message));
+                self.close_datagram(to, DatagramSubject::of(message), Urgency::of(message));
             }
             Datagrams::Packed if self.datagram.len() > DATAGRAM_BYTES_MAX && start > 0 => {
                 let last = self.datagram.split_off(start);
@@ -102,7 +102,12 @@ impl SendQueue {
         }
     }
 
-    fn close_datagram(&mut self, to: SocketAddr, subject: Option<Subject>, urgency: Urgency) {
+    fn close_datagram(
+        &mut self,
+        to: SocketAddr,
+        subject: Option<DatagramSubject>,
+        urgency: Urgency,
+    ) {
         if !self.datagram.is_empty() {
             let bytes = Bytes::copy_from_slice(&self.datagram);
             self.datagram.clear();
@@ -214,7 +219,7 @@ mod tests {
         send_queue.flush(Some(to));
         let datagrams = std::iter::from_fn(|| send_queue.poll_datagram());
         let subjects: Vec<_> = datagrams.map(|d| (d.subject, d.urgency)).collect();
-        let actor = Some(Subject::Actor(5));
+        let actor = Some(DatagramSubject::Actor(5));
         let expected = [
             (actor, Urgency::Moving),
             (actor, Urgency::Resting),

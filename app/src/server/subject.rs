@@ -1,10 +1,10 @@
-//! The subject of a datagram: while it waits, a newer one about the same subject takes its place.
+//! The subject of a datagram: a newer one about it replaces one that waits.
 
 use crate::wire::Message;
 
 /// The subject of a datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Subject {
+pub enum DatagramSubject {
     /// The state of an actor.
     Actor(u32),
     /// A contact of two actors.
@@ -21,7 +21,7 @@ pub enum Urgency {
     Moving,
 }
 
-impl Subject {
+impl DatagramSubject {
     /// The subject of a message; `None` for one that no newer one replaces.
     pub(super) const fn of(message: &Message) -> Option<Self> {
         match message {

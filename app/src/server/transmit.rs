@@ -5,7 +5,7 @@ use core::net::SocketAddr;
 use bytes::Bytes;
 use rhumb_protocol::Peer;
 
-use super::subject::{Subject, Urgency};
+use super::subject::{DatagramSubject, Urgency};
 
 /// A datagram to an APP client.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -15,7 +15,7 @@ pub struct AppDatagram {
     /// The whole datagram.
     pub bytes: Bytes,
     /// While it waits, a newer one about the same subject takes its place; `None`: none does.
-    pub subject: Option<Subject>,
+    pub subject: Option<DatagramSubject>,
     /// The most urgent one leaves first.
     pub urgency: Urgency,
 }

@@ -1,4 +1,4 @@
-//! The pace of datagrams to one APP client: no faster than its polls take them in.
+//! The pace of datagrams to one APP client: what its polls take in.
 //!
 //! The published client takes datagrams out of its socket every 10 ms, and its buffer holds 277 of them; what comes when
 //! it is full is lost. A pace lets a burst leave at once, so that a late timer costs nothing, and then one datagram in each

@@ -12,7 +12,7 @@ use rhumb_transport::PIECE_COST_BYTES;
 use tokio::time::Instant;
 
 use super::datagram_pace::DatagramPace;
-use crate::server::{AppDatagram, Subject, Urgency};
+use crate::server::{AppDatagram, DatagramSubject, Urgency};
 
 /// The queues of all addresses.
 #[derive(Debug)]
@@ -27,9 +27,9 @@ pub(super) struct DatagramQueues {
 /// Queue of one address. It stays as long as its pace is in use.
 #[derive(Debug)]
 struct AddressQueue {
-    waiting: BTreeMap<Place, (Option<Subject>, Bytes)>,
+    waiting: BTreeMap<Place, (Option<DatagramSubject>, Bytes)>,
     /// Place of each subject that waits.
-    places: BTreeMap<Subject, Place>,
+    places: BTreeMap<DatagramSubject, Place>,
     last_sent: LastSent,
     /// Counts what happens, as a clock of this queue.
     count: u64,
@@ -44,8 +44,8 @@ type Place = (Urgency, u64, u64);
 /// The counts at which subjects were last sent.
 #[derive(Debug, Default)]
 struct LastSent {
-    by_subject: BTreeMap<Subject, u64>,
-    by_count: BTreeMap<u64, Subject>,
+    by_subject: BTreeMap<DatagramSubject, u64>,
+    by_count: BTreeMap<u64, DatagramSubject>,
 }
 
 /// Subjects whose last datagram is remembered, at most. One beyond them counts as never sent, which puts it first.
@@ -53,11 +53,11 @@ const LAST_SENT_MAX: usize = 16_384;
 
 impl LastSent {
     /// Zero for a subject that was not sent lately.
-    fn of(&self, subject: Subject) -> u64 {
+    fn of(&self, subject: DatagramSubject) -> u64 {
         self.by_subject.get(&subject).copied().unwrap_or(0)
     }
 
-    fn note(&mut self, subject: Subject, count: u64) {
+    fn note(&mut self, subject: DatagramSubject, count: u64) {
         if let Some(earlier) = self.by_subject.insert(subject, count) {
             self.by_count.remove(&earlier);
         }
@@ -250,7 +250,7 @@ mod tests {
 
     fn about(actor: u32, urgency: Urgency, number: usize) -> AppDatagram {
         AppDatagram {
-            subject: Some(Subject::Actor(actor)),
+            subject: Some(DatagramSubject::Actor(actor)),
             urgency,
             ..plain(1, number)
         }

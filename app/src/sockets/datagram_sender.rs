@@ -121,7 +121,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::server::{Subject, Urgency};
+    use crate::server::{DatagramSubject, Urgency};
 
     fn address(port: u16) -> SocketAddr {
         SocketAddr::from(([127, 0, 0, 1], port))
@@ -141,7 +141,7 @@ mod tests {
         let bytes = [actor.to_be_bytes(), frame.to_be_bytes()].concat();
         AppDatagram {
             bytes: Bytes::from(bytes),
-            subject: Some(Subject::Actor(actor)),
+            subject: Some(DatagramSubject::Actor(actor)),
             urgency,
             ..datagram(1)
         }

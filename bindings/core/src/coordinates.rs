@@ -334,14 +334,9 @@ impl Coordinates {
                 events.force = events.force.map(|force| self.length_in(force));
                 Command::SetEvents { id, events }
             }
-            Command::AddJoint { id, joint } => Command::AddJoint {
-                id,
-                joint: Box::new(self.joint_in(&joint)),
-            },
-            Command::ChangeJoint { id, joint } => Command::ChangeJoint {
-                id,
-                joint: Box::new(self.joint_in(&joint)),
-            },
+            Command::AddJoint { .. } | Command::ChangeJoint { .. } => {
+                self.joint_command_in(command)
+            }
             Command::AddShape { .. }
             | Command::RemoveShape { .. }
             | Command::AddBody { .. }
@@ -351,6 +346,14 @@ impl Coordinates {
             | Command::Sleep { .. }
             | Command::Wake { .. } => command,
         }
+    }
+
+    /// A command with a joint, in Rhumb's coordinates.
+    fn joint_command_in(self, mut command: Command) -> Command {
+        if let Command::AddJoint { joint, .. } | Command::ChangeJoint { joint, .. } = &mut command {
+            **joint = self.joint_in(joint);
+        }
+        command
     }
 
     /// A query in Rhumb's coordinates.

@@ -9,6 +9,7 @@
 
 mod arguments;
 mod body;
+mod body_states;
 mod connection;
 mod errors;
 mod event;

@@ -8,10 +8,11 @@ use pyo3::types::PyDict;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command, JointId};
 use rhumb_bindings::rhumb_client::{BodyId, PipelineDepth, Tick};
-use rhumb_bindings::{BindingError, BodyParams, RemoteScene, StateRecord, body_word};
+use rhumb_bindings::{BindingError, BodyParams, RemoteScene, body_word};
 
 use crate::arguments::{Bodies, bodies, optional_rows, rows, seconds, vector};
 use crate::body::plain_body;
+use crate::body_states::states;
 use crate::errors::{exception, wrong};
 use crate::event::PyEvent;
 use crate::joint::PyJoint;
@@ -367,20 +368,7 @@ impl PyScene {
         linear: Option<&Bound<'_, PyAny>>,
         angular: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        let (count, identity) = (ids.len(), Quat::IDENTITY.to_array());
-        let at = rows::<3>(position, count, "position")?;
-        let turned = optional_rows(rotation, count, "rotation", identity)?;
-        let linear = optional_rows(linear, count, "linear", [0.0; 3])?;
-        let angular = optional_rows(angular, count, "angular", [0.0; 3])?;
-        let states = ids.iter().enumerate().map(|(place, body)| StateRecord {
-            body: *body,
-            position: Vec3::from_array(at[place]),
-            rotation: Quat::from_array(turned[place]),
-            linear_velocity: Vec3::from_array(linear[place]),
-            angular_velocity: Vec3::from_array(angular[place]),
-        });
-        let states: Vec<_> = states.collect();
+        let states = states(body, position, [rotation, linear, angular])?;
         let tick = self.with(py, |opened| opened.scene.publish(&states))?;
         Ok(tick.map(Tick::value))
     }

@@ -1,4 +1,4 @@
-//! Tests of the conversion of joints: the same motions are free, limited and driven in any axes.
+//! Tests of the conversion of joints: the same motions in any axes.
 
 use glam::{Quat, Vec3};
 use proptest::prelude::*;
