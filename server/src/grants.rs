@@ -1,58 +1,146 @@
 //! Index ranges of members, for the ids of their bodies.
 //!
-//! Ranges of former members are granted again once no body lives in them.
+//! Indices of former members are granted again one by one: a body that lives keeps its own index and no other.
+//! Invariants: no index is in two ranges, and a range beyond the first of each member leaves indices for the members
+//! that may still join.
 
 use std::collections::BTreeMap;
 
 use rhumb_protocol::Peer;
-use rhumb_protocol::limits::{GRANTED_MAX, INDICES_MAX, RANGES_PER_MEMBER_MAX};
+use rhumb_protocol::limits::{GRANT, GRANTED_MAX, RANGES_PER_MEMBER_MAX};
 use rhumb_protocol::scene::IdRange;
 use rhumb_reckoning::BodyId;
 
 /// Granted indices of one scene.
 #[derive(Debug, Default)]
 pub(crate) struct Grants {
+    /// No index from here on was ever granted.
     end: u32,
     granted: BTreeMap<Peer, Vec<IdRange>>,
-    retired: Vec<IdRange>,
+    /// Runs of indices below `end` that no member has: the first one, and their number. No two runs touch.
+    free: BTreeMap<u32, u32>,
 }
 
-/// Vacancy of a range: `None` while a body lives in it, otherwise the least unused generation.
-pub(crate) type IsVacant<'a> = dyn Fn(&IdRange) -> Option<u16> + 'a;
+/// Bounds on the indices of a scene.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct IndexLimits {
+    /// All indices are below it: tables by index are no longer.
+    pub(crate) indices: u32,
+    /// Members that may still join.
+    pub(crate) members: u32,
+}
+
+/// Vacancy of an index: `None` while a body lives there, or if its generations are used up; otherwise the least unused
+/// generation.
+pub(crate) type Vacancy<'a> = dyn Fn(u32) -> Option<u16> + 'a;
+
+/// Consecutive vacant indices.
+#[derive(Clone, Copy, Debug, Default)]
+struct Run {
+    first: u32,
+    count: u32,
+    generation: u16,
+}
 
 impl Grants {
-    /// Grants a member `count` indices; `None` when no run of that length is left or the member has too many runs.
-    pub(crate) fn grant(
+    /// Grants a new member its first range: [`GRANT`] indices, or the longest run if none is so long. `None` when that
+    /// has fewer than `least`.
+    pub(crate) fn admit(
+        &mut self,
+        (peer, least): (Peer, u32),
+        limits: IndexLimits,
+        vacancy: &Vacancy<'_>,
+    ) -> Option<IdRange> {
+        let fresh = self.fresh(limits);
+        let run = match self.reuse(GRANT, vacancy) {
+            run if run.count >= GRANT => run,
+            _ if fresh.count >= GRANT => fresh,
+            run if run.count >= fresh.count => run,
+            _ => fresh,
+        };
+        (run.count >= least).then(|| self.take(peer, run, GRANT))?
+    }
+
+    /// Grants a member `count` further indices. `None` when no run of that length is left, when later members would
+    /// find too few, or when the member has too many.
+    pub(crate) fn reserve(
         &mut self,
         peer: Peer,
         count: u32,
-        vacancy: &IsVacant<'_>,
+        limits: IndexLimits,
+        vacancy: &Vacancy<'_>,
     ) -> Option<IdRange> {
         let granted = self.granted.get(&peer).map_or(&[][..], Vec::as_slice);
         let indices: u32 = granted.iter().map(IdRange::count).sum();
-        if granted.len() >= RANGES_PER_MEMBER_MAX || count > GRANTED_MAX - indices.min(GRANTED_MAX)
+        let fresh = self.fresh(limits);
+        let left = fresh.count + self.free.values().sum::<u32>();
+        if granted.len() >= RANGES_PER_MEMBER_MAX
+            || count > GRANTED_MAX - indices.min(GRANTED_MAX)
+            || left.saturating_sub(count) < GRANT.saturating_mul(limits.members)
         {
             return None;
         }
-        let range = self.reuse(count, vacancy).or_else(|| self.extend(count))?;
+        let again = self.reuse(count, vacancy);
+        let run = if again.count < count { fresh } else { again };
+        (run.count >= count).then(|| self.take(peer, run, count))?
+    }
+
+    /// The indices that were never granted.
+    fn fresh(&self, limits: IndexLimits) -> Run {
+        Run {
+            first: self.end,
+            count: limits.indices.saturating_sub(self.end),
+            generation: 0,
+        }
+    }
+
+    /// The first free run of `count` vacant indices; otherwise the longest.
+    fn reuse(&self, count: u32, vacancy: &Vacancy<'_>) -> Run {
+        let mut longest = Run::default();
+        for (first, length) in &self.free {
+            let mut run = Run::default();
+            for index in *first..first + length {
+                let Some(generation) = vacancy(index) else {
+                    run = Run::default();
+                    continue;
+                };
+                if run.count == 0 {
+                    run.first = index;
+                }
+                run.count += 1;
+                run.generation = run.generation.max(generation);
+                if run.count > longest.count {
+                    longest = run;
+                }
+                if longest.count >= count {
+                    return longest;
+                }
+            }
+        }
+        longest
+    }
+
+    /// Grants the first `count` indices of a run, or all of them if it has fewer.
+    fn take(&mut self, peer: Peer, run: Run, count: u32) -> Option<IdRange> {
+        let count = run.count.min(count);
+        let range = (count > 0).then(|| IdRange::new(run.first, count, run.generation))??;
+        let after = run.first + count;
+        if run.first >= self.end {
+            self.end = after;
+        } else if let Some((first, length)) = self.free.range(..=run.first).next_back() {
+            let (first, end) = (*first, *first + *length);
+            self.free.remove(&first);
+            self.insert_free(first, run.first);
+            self.insert_free(after, end);
+        }
         self.granted.entry(peer).or_default().push(range);
         Some(range)
     }
 
-    fn reuse(&mut self, count: u32, vacancy: &IsVacant<'_>) -> Option<IdRange> {
-        let (place, generation) = self.retired.iter().enumerate().find_map(|(place, range)| {
-            let generation = (range.count() >= count).then(|| vacancy(range))??;
-            Some((place, generation))
-        })?;
-        let range = self.retired.swap_remove(place);
-        IdRange::new(range.first(), range.count(), generation)
-    }
-
-    fn extend(&mut self, count: u32) -> Option<IdRange> {
-        let left = INDICES_MAX - self.end;
-        let range = (count <= left).then(|| IdRange::new(self.end, count, 0))??;
-        self.end += count;
-        Some(range)
+    fn insert_free(&mut self, first: u32, end: u32) {
+        if first < end {
+            self.free.insert(first, end - first);
+        }
     }
 
     /// True if a member may use an id.
@@ -68,9 +156,23 @@ impl Grants {
         owner.map(|(peer, _)| *peer)
     }
 
-    /// Grants from this index on, in a scene that had members before.
+    /// Grants from this index on, in a scene whose script has those before it.
     pub(crate) fn begin_after(&mut self, end: u32) {
         self.end = self.end.max(end);
+    }
+
+    /// Begins in a scene that had members before: sessions keep these ranges, and the other indices before `end` are
+    /// free.
+    pub(crate) fn restore(&mut self, end: u32, kept: impl IntoIterator<Item = IdRange>) {
+        let mut kept: Vec<_> = kept.into_iter().collect();
+        kept.sort_by_key(IdRange::first);
+        let mut next = self.end;
+        for range in kept {
+            self.insert_free(next, range.first());
+            next = next.max(range.first() + range.count());
+        }
+        self.insert_free(next, end);
+        self.end = next.max(end);
     }
 
     /// Gives a member the ranges of its session.
@@ -85,7 +187,18 @@ impl Grants {
 
     /// Frees the ranges of a session that is over.
     pub(crate) fn free(&mut self, ranges: Vec<IdRange>) {
-        self.retired.extend(ranges);
+        for range in ranges {
+            let (mut first, mut end) = (range.first(), range.first() + range.count());
+            if let Some(length) = self.free.remove(&end) {
+                end += length;
+            }
+            if let Some((before, length)) = self.free.range(..first).next_back()
+                && before + length == first
+            {
+                first = *before;
+            }
+            self.insert_free(first, end);
+        }
     }
 
     /// The first range of a member.
@@ -95,67 +208,150 @@ impl Grants {
 
     /// Frees the ranges of a member that left.
     pub(crate) fn retire(&mut self, peer: Peer) {
-        self.retired
-            .extend(self.granted.remove(&peer).unwrap_or_default());
+        let ranges = self.granted.remove(&peer);
+        self.free(ranges.unwrap_or_default());
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use rhumb_protocol::limits::{GRANT, RESERVE_MAX};
+    use std::collections::BTreeSet;
+
+    use proptest::prelude::*;
+    use rhumb_protocol::limits::RESERVE_MAX;
 
     use super::*;
 
+    const LIMITS: IndexLimits = IndexLimits {
+        indices: 1 << 20,
+        members: 0,
+    };
+
+    fn nothing_lives(_: u32) -> Option<u16> {
+        Some(3)
+    }
+
     #[test]
-    fn a_range_without_bodies_is_granted_again() {
+    fn indices_without_bodies_are_granted_again() {
         let mut grants = Grants::default();
         let (first, second) = (Peer(1), Peer(2));
-        let nothing_lives = |_: &IdRange| Some(3);
-        let range = grants.grant(first, 10, &nothing_lives).unwrap();
-        assert_eq!((range.first(), range.generation()), (0, 0));
-        assert!(grants.allows(first, BodyId::new(9, 0)));
-        assert!(!grants.allows(first, BodyId::new(10, 0)));
+        let range = grants.admit((first, 1), LIMITS, &nothing_lives).unwrap();
+        assert_eq!(
+            (range.first(), range.count(), range.generation()),
+            (0, GRANT, 0)
+        );
+        assert!(grants.allows(first, BodyId::new(GRANT - 1, 0)));
+        assert!(!grants.allows(first, BodyId::new(GRANT, 0)));
         assert!(!grants.allows(second, BodyId::new(0, 0)));
         assert_eq!(grants.owner(BodyId::new(9, 4)), Some(first));
         grants.retire(first);
         assert_eq!(grants.owner(BodyId::new(9, 4)), None);
         assert!(!grants.allows(first, BodyId::new(0, 0)));
-        let other = grants.grant(second, 10, &|_| None).unwrap();
-        assert_eq!(other.first(), 10);
-        let again = grants.grant(second, 5, &nothing_lives).unwrap();
+        // One body lives: the indices around it are free.
+        let vacancy = |index| (index != 9).then_some(3);
+        let again = grants.reserve(second, 5, LIMITS, &vacancy).unwrap();
         assert_eq!(
             (again.first(), again.count(), again.generation()),
-            (0, 10, 3)
+            (0, 5, 3)
         );
+        let again = grants.reserve(second, 5, LIMITS, &vacancy).unwrap();
+        assert_eq!((again.first(), again.count()), (10, 5));
+        let again = grants.reserve(second, 4, LIMITS, &vacancy).unwrap();
+        assert_eq!((again.first(), again.count()), (5, 4));
+        let fresh = grants.reserve(second, GRANT, LIMITS, &vacancy).unwrap();
+        assert_eq!((fresh.first(), fresh.generation()), (GRANT, 0));
     }
 
     #[test]
-    fn indices_are_limited() {
+    fn a_new_member_gets_the_longest_run_if_none_suffices() {
         let mut grants = Grants::default();
-        let (mut left, mut member) = (INDICES_MAX, 0);
-        while left > 0 {
-            let count = left.min(GRANTED_MAX);
-            assert!(grants.grant(Peer(member), count, &|_| None).is_some());
-            (left, member) = (left - count, member + 1);
-        }
-        assert_eq!(grants.grant(Peer(99), 1, &|_| None), None);
-    }
-
-    #[test]
-    fn one_member_cannot_take_all_indices() {
-        let mut grants = Grants::default();
-        assert!(grants.grant(Peer(1), GRANT, &|_| None).is_some());
-        assert!(grants.grant(Peer(1), RESERVE_MAX, &|_| None).is_some());
-        assert_eq!(grants.grant(Peer(1), 1, &|_| None), None);
-        // Tables by index are no longer than the member's grant, whichever body it adds.
-        assert_eq!(grants.end, GRANTED_MAX);
-        assert!(grants.grant(Peer(2), GRANT, &|_| None).is_some());
-        // A reused range counts in full.
+        let limits = IndexLimits {
+            indices: GRANT + 7,
+            members: 0,
+        };
+        assert!(grants.admit((Peer(1), 1), limits, &nothing_lives).is_some());
+        let rest = grants.admit((Peer(2), 1), limits, &nothing_lives).unwrap();
+        assert_eq!((rest.first(), rest.count()), (GRANT, 7));
+        assert_eq!(grants.admit((Peer(3), 1), limits, &nothing_lives), None);
         grants.retire(Peer(1));
-        let nothing_lives = |_: &IdRange| Some(1);
-        assert!(grants.grant(Peer(3), RESERVE_MAX, &nothing_lives).is_some());
-        let next = grants.grant(Peer(3), GRANT, &nothing_lives);
-        assert_eq!(next.map(|range| range.first()), Some(0));
-        assert_eq!(grants.grant(Peer(3), 1, &nothing_lives), None);
+        let vacancy = |index| (index % 100 != 50).then_some(0);
+        let longest = grants.admit((Peer(3), 1), limits, &vacancy).unwrap();
+        assert_eq!((longest.first(), longest.count()), (51, 99));
+    }
+
+    #[test]
+    fn one_member_takes_no_more_than_its_part_and_none_of_those_to_come() {
+        let mut grants = Grants::default();
+        let limits = IndexLimits {
+            indices: 3 * GRANTED_MAX,
+            members: 3,
+        };
+        let mut reserve = |peer, count| {
+            grants
+                .reserve(Peer(peer), count, limits, &nothing_lives)
+                .is_some()
+        };
+        assert!(reserve(1, RESERVE_MAX) && reserve(1, GRANT));
+        assert!(!reserve(1, 1), "one member");
+        assert!(reserve(2, RESERVE_MAX));
+        assert!(!reserve(3, RESERVE_MAX), "three more members may come");
+        let left = 3 * GRANTED_MAX - 2 * RESERVE_MAX - GRANT;
+        assert!(reserve(3, left - 3 * GRANT));
+        assert!(!reserve(4, 1));
+        for peer in 5..8 {
+            let granted = grants.admit((Peer(peer), 1), limits, &nothing_lives);
+            assert_eq!(granted.map(|range| range.count()), Some(GRANT));
+        }
+        assert_eq!(grants.admit((Peer(8), 1), limits, &nothing_lives), None);
+    }
+
+    #[test]
+    fn a_restored_scene_has_free_indices_around_those_of_sessions() {
+        let mut grants = Grants::default();
+        let range = |first, count| IdRange::new(first, count, 0).unwrap();
+        grants.restore(1_000, [range(500, 10), range(100, 10)]);
+        assert_eq!(grants.free, [(0, 100), (110, 390), (510, 490)].into());
+        grants.free(vec![range(100, 10)]);
+        assert_eq!(grants.free, [(0, 500), (510, 490)].into());
+        grants.free(vec![range(500, 10)]);
+        assert_eq!((&grants.free, grants.end), (&[(0, 1_000)].into(), 1_000));
+    }
+
+    proptest! {
+        /// Members come, reserve, leave some bodies behind and go, in any order.
+        #[test]
+        fn no_index_is_in_two_ranges_or_granted_while_its_body_lives(
+            script in prop::collection::vec((0_u32..5, 0_u64..6, 1_u32..6_000), 1..80)
+        ) {
+            let mut grants = Grants::default();
+            let mut living = BTreeSet::new();
+            let limits = IndexLimits { indices: 30_000, members: 0 };
+            for (what, peer, number) in script {
+                let peer = Peer(peer);
+                let vacancy = |index: u32| (!living.contains(&index)).then_some(0);
+                match what {
+                    0 if grants.first(peer).is_none() => drop(grants.admit((peer, 1), limits, &vacancy)),
+                    1 => drop(grants.reserve(peer, number, limits, &vacancy)),
+                    2 => grants.retire(peer),
+                    3 => drop(living.pop_first()),
+                    _ => {
+                        let ranges = grants.granted.get(&peer).cloned().unwrap_or_default();
+                        let of = |range: &IdRange| range.first() + number % range.count();
+                        living.extend(ranges.iter().map(of));
+                    }
+                }
+                let mut runs: Vec<_> = grants.free.iter().map(|(a, n)| (*a, *n)).collect();
+                let granted = grants.granted.values().flatten();
+                runs.extend(granted.map(|range| (range.first(), range.count())));
+                runs.sort_unstable();
+                let mut next = 0;
+                for (first, count) in runs {
+                    prop_assert_eq!(first, next);
+                    next += count;
+                }
+                prop_assert_eq!(next, grants.end);
+                prop_assert!(next <= limits.indices);
+            }
+        }
     }
 }

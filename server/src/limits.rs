@@ -6,7 +6,7 @@ use std::fmt;
 
 use rhumb_protocol::Span;
 use rhumb_protocol::limits::{
-    BODIES_MAX, CONTROL_WAITING_BYTES_MAX, MEMBERS_PER_SCENE_MAX, SCENES_MAX,
+    BODIES_MAX, CONTROL_WAITING_BYTES_MAX, INDICES_MAX, MEMBERS_PER_SCENE_MAX, RATE_MAX, SCENES_MAX,
 };
 use serde::{Deserialize, Serialize};
 
@@ -83,11 +83,16 @@ limits! {
     members_per_scene = 64, 1 to MEMBERS_PER_SCENE_MAX as u64;
     /// Bodies of a scene. The engine needs about a kilobyte for each, and each stream 120 bytes.
     bodies_per_scene = 131072, 1 to BODIES_MAX as u64;
+    /// Indices of a scene's bodies. Tables by index are as long as the highest one that was used, some 300 bytes for each:
+    /// the default is what all members get when they join, and one range of the largest size.
+    indices_per_scene = 393216, 4096 to INDICES_MAX as u64;
+    /// Ticks in a second of a free-running scene. A scene that asks for more is refused.
+    scene_ticks_per_second = 1000, 1 to RATE_MAX as u64;
     /// Ticks in a second, times substeps, times bodies, of a free-running scene: 80000 bodies at 60 ticks of 4 substeps.
     /// A scene that asks for more would only run slower than its clock.
     scene_load = 20000000, 1 to u64::MAX;
     /// The same of all free-running scenes together. A core does a million where all bodies touch, and many times that
-    /// where they rest.
+    /// where they rest. A tick by itself counts as 500 bodies.
     server_load = 40000000, 1 to u64::MAX;
     /// Seconds after which a scene without members ends; 0 keeps it until a client deletes it.
     empty_scene_seconds = 600, 0 to 31536000;

@@ -12,7 +12,7 @@ use rhumb_protocol::limits::{
     SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX, SWEPT_BODIES_MAX,
 };
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, CommandError, IdRange, Joint, JointId, Joints, Shape, ShapeId,
+    BodyDesc, BodyKind, CommandError, Joint, JointId, Joints, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, Damping};
 
@@ -274,18 +274,12 @@ impl Registry {
         self.shapes.iter().map(|(id, known)| (*id, &known.shape))
     }
 
-    /// The least generation that no body of the range has had; `None` while a body lives in the range or one of its
-    /// indices is used up.
-    pub(crate) fn vacancy(&self, range: &IdRange) -> Option<u16> {
-        let from = (range.first() as usize).min(self.bodies.len());
-        let to = (from + range.count() as usize).min(self.bodies.len());
-        let mut generation = 0;
-        for known in self.bodies[from..to].iter().flatten() {
-            if known.lives {
-                return None;
-            }
-            generation = generation.max(known.desc.id.generation().checked_add(1)?);
+    /// The least generation that no body of an index has had; `None` while one lives there, or if none is left.
+    pub(crate) fn vacancy(&self, index: u32) -> Option<u16> {
+        match self.bodies.get(index as usize).and_then(Option::as_ref) {
+            None => Some(0),
+            Some(last) if last.lives => None,
+            Some(last) => last.desc.id.generation().checked_add(1),
         }
-        Some(generation)
     }
 }

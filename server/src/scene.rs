@@ -6,6 +6,7 @@
 mod baked;
 mod history;
 mod image;
+mod properties;
 
 use core::fmt;
 use std::collections::BTreeMap;
@@ -15,8 +16,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::message::{QueryError, RemovalCause};
 use rhumb_protocol::scene::{
-    Answer, BodyDesc, BodyEvent, BodyKind, Command, CommandError, Contact, IdRange, Invalid, Joint,
-    JointId, Joints, Query, SceneConfig, Shape, ShapeId,
+    Answer, BodyDesc, BodyEvent, BodyKind, Command, CommandError, Contact, Invalid, Joint, JointId,
+    Joints, Query, SceneConfig, Shape, ShapeId,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
@@ -26,7 +27,7 @@ pub(crate) use self::image::FrozenScene;
 use crate::baking::BakedShapes;
 use crate::digest::Digest;
 use crate::durable::{Journal, Record};
-use crate::engine::{BodyProperties, Engine, EngineFault, Push, RapierEngine, Workers};
+use crate::engine::{Engine, EngineFault, Push, RapierEngine, Workers};
 use crate::event_monitor::{EventMonitor, StepEvents};
 use crate::registry::Registry;
 
@@ -300,21 +301,15 @@ impl Scene {
 
     fn add_body(&mut self, desc: BodyDesc, motion: BodyState) -> Result<(), CommandError> {
         let properties = self.properties(desc);
+        self.check_moment(&properties)?;
         self.registry.add_body(desc, properties.damping)?;
         self.engine.add(&properties, motion);
         Ok(())
     }
 
-    fn properties(&self, desc: BodyDesc) -> BodyProperties {
-        BodyProperties {
-            desc,
-            material: desc.material.unwrap_or(self.config.material),
-            damping: desc.damping.unwrap_or(self.config.damping),
-        }
-    }
-
     fn change_body(&mut self, desc: BodyDesc) -> Result<(), CommandError> {
         let properties = self.properties(desc);
+        self.check_moment(&properties)?;
         let before = self.registry.change_body(desc, properties.damping)?;
         // Joints of disabled bodies are not in the engine, which fails on some of them.
         let joints = self.registry.joints().of_body(desc.id);
@@ -549,12 +544,12 @@ impl Scene {
             .map_err(|_| QueryError::Unanswerable)
     }
 
-    /// The least generation that no body of these indices has had.
+    /// The least generation that no body of an index has had.
     ///
-    /// `None` while a body lives among them, or when one of them is used up.
+    /// `None` while a body lives there, or when its generations are used up.
     #[must_use]
-    pub fn vacancy(&self, range: &IdRange) -> Option<u16> {
-        self.registry.vacancy(range)
+    pub fn vacancy(&self, index: u32) -> Option<u16> {
+        self.registry.vacancy(index)
     }
 
     /// Digest of all observations so far.

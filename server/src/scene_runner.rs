@@ -199,13 +199,6 @@ impl SceneRunner {
         id
     }
 
-    fn grant(&mut self, peer: Peer, count: u32) -> Result<rhumb_protocol::scene::IdRange, Denial> {
-        let scene = &self.scene;
-        self.grants
-            .grant(peer, count, &|range| scene.vacancy(range))
-            .ok_or(Denial::NoIndicesLeft)
-    }
-
     /// Sends the start of the stream, and every shape and body.
     fn send_snapshot(&mut self, peer: Peer, out: &mut Outbox) {
         let granted = match self.grants.first(peer) {

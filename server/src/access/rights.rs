@@ -159,6 +159,12 @@ pub(crate) fn body_steps(config: &SceneConfig) -> u64 {
     (ticks * u64::from(integrator.substeps.get())).div_ceil(u64::from(integrator.rate.seconds()))
 }
 
+/// Ticks in a second, rounded up.
+pub(crate) fn ticks_in_second(config: &SceneConfig) -> u64 {
+    let rate = config.integrator.rate;
+    u64::from(rate.ticks().div_ceil(rate.seconds()))
+}
+
 impl From<Refused> for Denial {
     fn from(refused: Refused) -> Self {
         match refused {

@@ -69,6 +69,13 @@ pub trait Engine: Send {
         Err(UnusableShape)
     }
 
+    /// The largest moment of inertia that a body has from its shape and density, kg·m²; `None` if the body has a mass of
+    /// its own, its shape is unknown, or the engine cannot say.
+    fn moment(&self, body: &BodyProperties) -> Option<f32> {
+        let _ = body;
+        None
+    }
+
     /// Removes a solid that no body has.
     fn remove_shape(&mut self, id: ShapeId);
 

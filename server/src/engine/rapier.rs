@@ -387,6 +387,10 @@ impl Engine for RapierEngine {
         Ok(())
     }
 
+    fn moment(&self, body: &BodyProperties) -> Option<f32> {
+        solids::moment(body, self.solids.get(&body.desc.shape)?)
+    }
+
     fn remove_shape(&mut self, id: ShapeId) {
         self.solids.remove(&id);
     }

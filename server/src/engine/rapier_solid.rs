@@ -22,6 +22,8 @@ use super::rapier_body::pose;
 pub(super) struct Solid {
     parts: Vec<(RapierPose, SharedShape)>,
     weighing: Weighing,
+    /// Its largest moment of inertia at density one, kg·m²; 0 for a shape without an inside.
+    moment: f32,
 }
 
 /// Source of a body's mass and moments.
@@ -56,7 +58,16 @@ pub(super) fn solid(shape: &Shape) -> Result<Solid, UnusableShape> {
         }
         _ => Weighing::Plain,
     };
-    Ok(Solid { parts, weighing })
+    let moment = if shape.is_solid() {
+        total(&parts).principal_inertia().max_element()
+    } else {
+        0.0
+    };
+    Ok(Solid {
+        parts,
+        weighing,
+        moment,
+    })
 }
 
 fn add_parts(
@@ -245,6 +256,12 @@ pub(super) fn change(
 fn own_mass(properties: &BodyProperties) -> Option<Mass> {
     let is_dynamic = properties.desc.kind == BodyKind::Dynamic;
     properties.desc.mass.filter(|_| is_dynamic)
+}
+
+/// The largest moment of inertia of a body without a mass of its own.
+pub(super) fn moment(properties: &BodyProperties, solid: &Solid) -> Option<f32> {
+    let own = own_mass(properties).is_some();
+    (!own).then(|| solid.moment * properties.material.density)
 }
 
 /// Mass of a body in addition to its colliders'.

@@ -16,7 +16,7 @@ impl SceneRunner {
     /// Gives the scene to an APP client, with the index range of its bodies.
     pub(crate) fn give_to(&mut self, owner: Peer) -> Result<IdRange, Denial> {
         self.owned = true;
-        self.grant(owner, BODIES_MAX)
+        self.grant_more(owner, BODIES_MAX)
     }
 
     /// True if its engine failed.

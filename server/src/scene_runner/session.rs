@@ -15,6 +15,7 @@ use super::SceneRunner;
 use crate::access::rights::{self, Request};
 use crate::access::{Ownership, Permit};
 use crate::durable::{Record, SessionNumber};
+use crate::grants::IndexLimits;
 use crate::member::Member;
 use crate::outbox::Outbox;
 use crate::sessions::{ResumableSession, Sessions};
@@ -101,7 +102,7 @@ impl SceneRunner {
 
     pub(crate) fn reserve(&mut self, peer: Peer, count: u32, out: &mut Outbox) {
         let allowed = self.check(peer, Request::Reserve).map_err(Denial::from);
-        let answer = match allowed.and_then(|()| self.grant(peer, count)) {
+        let answer = match allowed.and_then(|()| self.grant_more(peer, count)) {
             Ok(range) => {
                 if let Some(number) = self.members.get(&peer).and_then(|member| member.session) {
                     self.note_session(&Record::Granted(number, range));
@@ -135,9 +136,8 @@ impl SceneRunner {
             .sessions
             .iter()
             .flat_map(|(_, session)| &session.ranges);
-        let granted = of_sessions.map(|range| range.first() + range.count()).max();
-        let used = self.scene.indices();
-        self.grants.begin_after(granted.unwrap_or(0).max(used));
+        self.grants
+            .restore(self.scene.indices(), of_sessions.copied());
     }
 
     /// Has later members get the shapes of a restored scene.
@@ -189,22 +189,42 @@ impl SceneRunner {
     }
 
     /// Grants a new member its indices. Clients that are away give way to one that is here: their sessions end, the one
-    /// that left first first, until the indices suffice. A session whose indices have bodies would free none.
+    /// that left first first, until the indices suffice.
     fn grant_to_new_member(&mut self, peer: Peer) -> Result<IdRange, Denial> {
-        let mut granted = self.grant(peer, GRANT);
+        let mut granted = self.grant_first(peer, GRANT);
         for number in self.sessions.absent() {
-            if granted.is_ok() {
+            if granted.is_some() {
                 break;
             }
-            let ranges = self.sessions.get(number).map(|session| &session.ranges[..]);
-            let is_vacant = |range: &IdRange| self.scene.vacancy(range).is_some();
-            if ranges.unwrap_or_default().iter().any(is_vacant) {
-                tracing::info!(session = number.0, "a session ends: its indices are needed");
-                self.close_absent(number);
-                granted = self.grant(peer, GRANT);
-            }
+            tracing::info!(session = number.0, "a session ends: its indices are needed");
+            self.close_absent(number);
+            granted = self.grant_first(peer, GRANT);
         }
-        granted
+        let granted = granted.or_else(|| self.grant_first(peer, 1));
+        granted.ok_or(Denial::NoIndicesLeft)
+    }
+
+    /// Grants a new member [`GRANT`] indices, or fewer if none of the free runs is so long, but not fewer than `least`.
+    fn grant_first(&mut self, peer: Peer, least: u32) -> Option<IdRange> {
+        let (scene, limits) = (&self.scene, self.index_limits());
+        let vacancy = |index| scene.vacancy(index);
+        self.grants.admit((peer, least), limits, &vacancy)
+    }
+
+    pub(super) fn grant_more(&mut self, peer: Peer, count: u32) -> Result<IdRange, Denial> {
+        let (scene, limits) = (&self.scene, self.index_limits());
+        let vacancy = |index| scene.vacancy(index);
+        let granted = self.grants.reserve(peer, count, limits, &vacancy);
+        granted.ok_or(Denial::NoIndicesLeft)
+    }
+
+    fn index_limits(&self) -> IndexLimits {
+        let limits = &self.provision.limits;
+        let members = self.members.len() as u64;
+        IndexLimits {
+            indices: limits.indices_per_scene as u32,
+            members: limits.members_per_scene.saturating_sub(members) as u32,
+        }
     }
 
     /// Tells a new member where its session goes on.

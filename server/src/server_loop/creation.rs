@@ -2,7 +2,7 @@
 
 use rhumb_protocol::Span;
 use rhumb_protocol::message::Denial;
-use rhumb_protocol::scene::{SceneConfig, SceneName, Stepping};
+use rhumb_protocol::scene::{Invalid, Quantity, SceneConfig, SceneName, Stepping};
 
 use super::ServerLoop;
 use crate::access::rights;
@@ -38,12 +38,18 @@ impl ServerLoop {
         let limits = &self.limits;
         let slot = self.slots.take(limits.scenes as usize);
         let slot = slot.ok_or(Denial::TooManyScenes)?;
+        config.check().map_err(Denial::InvalidConfig)?;
+        if config.stepping == Stepping::FreeRunning
+            && rights::ticks_in_second(&config) > limits.scene_ticks_per_second
+        {
+            let rate = Invalid::OutOfRange(Quantity::Rate);
+            return Err(Denial::InvalidConfig(rate));
+        }
         let load = self.load_of(&config);
         if !load.has_room() {
             let retry_seconds = load::RETRY_SECONDS;
             return Err(Denial::Overloaded { retry_seconds });
         }
-        config.check().map_err(Denial::InvalidConfig)?;
         let engine = self.engines.make(&config, &self.workers);
         let scene = Scene::with_engine(config, engine).map_err(Denial::InvalidConfig)?;
         tracing::info!(scene = %name, "scene created");
@@ -52,13 +58,14 @@ impl ServerLoop {
 
     /// A scene's share of the server's time, none of it taken.
     pub(super) fn load_of(&self, config: &SceneConfig) -> SceneLoad {
-        let per_body = match config.stepping {
-            Stepping::FreeRunning => rights::body_steps(config),
+        let ticks = match config.stepping {
+            Stepping::FreeRunning => rights::ticks_in_second(config),
             Stepping::Lockstep => 0,
         };
+        let substeps = u64::from(config.integrator.substeps.get());
         let limits = &self.limits;
         let (scene_max, server_max) = (limits.scene_load, limits.server_load);
-        self.load.of_scene(per_body, scene_max, server_max)
+        self.load.of_scene((ticks, substeps), scene_max, server_max)
     }
 
     /// Runs a scene that is new or restored.

@@ -7,11 +7,16 @@
 
 use std::collections::BTreeMap;
 
+use rhumb_protocol::limits::{
+    ANGULAR_MAX, DENSITY_MAX, EXTENT_MAX, GRANT, LINEAR_MAX, RATE_MAX, RESERVE_MAX,
+};
 use rhumb_protocol::message::{
-    ClientMessage, Extensions, Frames, ResyncCause, ServerMessage, StreamChoice, VERSIONS,
+    ClientMessage, Denial, Extensions, Frames, RemovalCause, ResyncCause, SceneEvent,
+    ServerMessage, StreamChoice, VERSIONS,
 };
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, Command, Heights, JointId, SceneConfig, Shape, ShapeId, Stepping,
+    BodyDesc, BodyKind, Command, CommandError, Heights, IdRange, Invalid, JointId, Material,
+    Quantity, SceneConfig, Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
@@ -50,6 +55,11 @@ struct Counts {
     pongs: usize,
     bodies: usize,
     denied: usize,
+    denial: Option<Denial>,
+    /// The newest range of indices.
+    granted: Option<IdRange>,
+    not_finite: usize,
+    refused: Option<CommandError>,
     closed: Option<u32>,
 }
 
@@ -63,6 +73,10 @@ impl Links {
     }
 
     fn connect(&mut self, peer: Peer) {
+        self.connect_to(peer, "attacked");
+    }
+
+    fn connect_to(&mut self, peer: Peer, scene: &str) {
         self.links.insert(peer, Link::default());
         self.server.handle_opened(self.now, peer);
         self.server.handle_control_taken(self.now, peer, 0);
@@ -70,7 +84,7 @@ impl Links {
             peer,
             &[ClientMessage::Hello {
                 versions: VERSIONS.to_vec(),
-                scene: "attacked".parse().expect("a good name"),
+                scene: scene.parse().expect("a good name"),
                 extensions: Extensions::NONE,
             }],
         );
@@ -173,16 +187,27 @@ impl Link {
         while let Some(framed) = self.frames.next_frame().expect("whole messages") {
             let counts = &mut self.counts;
             match ServerMessage::decode(&framed).expect("the server follows the protocol") {
-                Some(ServerMessage::Joined(_)) => counts.joined += 1,
+                Some(ServerMessage::Joined(joined)) => {
+                    counts.joined += 1;
+                    counts.granted = Some(joined.granted);
+                }
+                Some(ServerMessage::Reserved(range)) => counts.granted = Some(range),
+                Some(ServerMessage::Refused { error, .. }) => counts.refused = Some(error),
                 Some(ServerMessage::Left) => counts.left += 1,
                 Some(ServerMessage::SnapshotEnd) => counts.snapshots += 1,
                 Some(ServerMessage::Inspection(_)) => counts.inspections += 1,
                 Some(ServerMessage::Pong { .. }) => counts.pongs += 1,
-                Some(ServerMessage::Denied(_)) => counts.denied += 1,
-                Some(ServerMessage::SceneEvent(event)) => {
-                    use rhumb_protocol::message::SceneEvent::BodyPlaced;
-                    counts.bodies += usize::from(matches!(event, BodyPlaced { .. }));
+                Some(ServerMessage::Denied(denial)) => {
+                    counts.denied += 1;
+                    counts.denial = Some(denial);
                 }
+                Some(ServerMessage::SceneEvent(event)) => match event {
+                    SceneEvent::BodyPlaced { .. } => counts.bodies += 1,
+                    SceneEvent::BodyRemoved { cause, .. } => {
+                        counts.not_finite += usize::from(cause == RemovalCause::NotFinite);
+                    }
+                    _ => {}
+                },
                 _ => {}
             }
         }
@@ -402,4 +427,142 @@ fn scenes_without_members_end_and_make_room() {
     assert_eq!(left(&links), 1);
     links.pass(Span::from_millis(1_001));
     assert_eq!(left(&links), 0);
+}
+
+/// A ball under an index of a range.
+fn ball(range: IdRange, place: u32, at: [f32; 3]) -> ClientMessage {
+    let id = range.id(place).expect("within the range");
+    let motion = BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).expect("finite");
+    let desc = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0));
+    ClientMessage::Command(Command::AddBody { desc, motion })
+}
+
+fn shape(id: u32, shape: Shape) -> ClientMessage {
+    let id = ShapeId(id);
+    ClientMessage::Command(Command::AddShape { id, shape })
+}
+
+#[test]
+fn bodies_that_are_left_behind_keep_no_indices_but_their_own() {
+    let mut links = Links::new();
+    links.begin(VICTIM, Stepping::Lockstep);
+    links.send(VICTIM, &[shape(0, Shape::ball(0.5))]);
+    let mut highest = 0;
+    for round in 0..200_u32 {
+        let attacker = Peer(10 + u64::from(round));
+        links.connect(attacker);
+        links.send(
+            attacker,
+            &[join(), ClientMessage::Reserve { count: RESERVE_MAX }],
+        );
+        links.take(attacker, usize::MAX);
+        let range = links.counts(attacker).granted.expect("it has joined");
+        // The last index makes tables long, one in the middle leaves no long run.
+        let place = [range.count() - 1, range.count() / 2][round as usize % 2];
+        let at = [0.0, 2.0 * round as f32, 0.0];
+        links.send(attacker, &[ball(range, place, at)]);
+        assert_eq!(links.counts(attacker).refused, None);
+        highest = highest.max(range.first() + place);
+        let now = links.now;
+        let end = rhumb_protocol::Ending::TimedOut;
+        links.server.handle_ended(now, attacker, end);
+        links.take(VICTIM, usize::MAX);
+    }
+    assert!(u64::from(highest) < Limits::default().indices_per_scene);
+    links.connect(ATTACKER);
+    links.send(ATTACKER, &[join()]);
+    let range = links.counts(ATTACKER).granted.expect("it has joined");
+    assert_eq!(links.counts(ATTACKER).bodies, 200);
+    assert!(range.count() >= GRANT / 4, "{range:?}");
+}
+
+#[test]
+fn fast_scenes_are_charged_for_their_ticks() {
+    let mut links = Links::new();
+    links.begin(VICTIM, Stepping::FreeRunning);
+    let rate = rhumb_reckoning::Rate::new(RATE_MAX, 1).expect("a rate");
+    let mut config = SceneConfig {
+        stepping: Stepping::FreeRunning,
+        ..SceneConfig::default()
+    };
+    config.integrator.rate = rate;
+    let mut created = 0;
+    for attempt in 0..250 {
+        let attacker = Peer(10 + attempt);
+        links.connect_to(attacker, &format!("fast-{attempt}"));
+        links.send(attacker, &[ClientMessage::Create(config)]);
+        match links.counts(attacker).denial {
+            None => created += 1,
+            Some(denial) => assert!(matches!(denial, Denial::Overloaded { .. }), "{denial}"),
+        }
+    }
+    assert_eq!((created, links.server.scenes().count()), (79, 80));
+    // A server that allows fewer ticks says which number is too great.
+    let mut links = Links::new();
+    links.server.set_limits(Limits {
+        scene_ticks_per_second: 240,
+        ..Limits::default()
+    });
+    links.connect(ATTACKER);
+    links.send(ATTACKER, &[ClientMessage::Create(config)]);
+    let too_fast = Denial::InvalidConfig(Invalid::OutOfRange(Quantity::Rate));
+    assert_eq!(links.counts(ATTACKER).denial, Some(too_fast));
+    config.stepping = Stepping::Lockstep;
+    links.send(ATTACKER, &[ClientMessage::Create(config), join()]);
+    assert_eq!(links.counts(ATTACKER).joined, 1, "clients advance it");
+}
+
+#[test]
+fn a_huge_dense_ball_removes_no_body_of_others() {
+    let fast = [LINEAR_MAX, 0.0, 0.0];
+    let spinning = [0.0, 0.0, ANGULAR_MAX];
+    let still = [0.0; 3];
+    for (depth, linear, angular) in [
+        (0.0, still, still),
+        (-EXTENT_MAX, still, spinning),
+        (EXTENT_MAX, still, still),
+        (-EXTENT_MAX, fast, spinning),
+    ] {
+        for swept in [false, true] {
+            let mut links = Links::new();
+            links.begin(VICTIM, Stepping::FreeRunning);
+            links.send(VICTIM, &[shape(0, Shape::ball(0.5))]);
+            let range = links.counts(VICTIM).granted.expect("it has joined");
+            for place in 0..20 {
+                let at = [0.0, place as f32 * 0.9, 0.0];
+                links.send(VICTIM, &[ball(range, place, at)]);
+            }
+            links.connect(ATTACKER);
+            links.send(ATTACKER, &[join(), shape(1, Shape::ball(EXTENT_MAX))]);
+            let range = links.counts(ATTACKER).granted.expect("it has joined");
+            let id = range.id(0).expect("within the range");
+            let mut desc = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(1));
+            desc.swept = swept;
+            desc.material = Some(Material {
+                density: DENSITY_MAX,
+                friction: 1.0,
+                restitution: 0.0,
+            });
+            let turn = [0.0, 0.0, 0.0, 1.0];
+            let motion = BodyState::new([0.0, depth, 0.0], turn, linear, angular);
+            let motion = motion.expect("finite");
+            let add = Command::AddBody { desc, motion };
+            links.send(ATTACKER, &[ClientMessage::Command(add)]);
+            for _ in 0..60 {
+                links.pass(Span::from_millis(17));
+                links.take(VICTIM, usize::MAX);
+                links.take(ATTACKER, usize::MAX);
+            }
+            let counts = links.counts(VICTIM);
+            let attacked = (depth, linear, angular, swept);
+            assert_eq!(
+                (counts.not_finite, counts.closed),
+                (0, None),
+                "{attacked:?}"
+            );
+            assert_eq!(counts.bodies, 20);
+            let too_heavy = CommandError::Invalid(Invalid::OutOfRange(Quantity::Moments));
+            assert_eq!(links.counts(ATTACKER).refused, Some(too_heavy));
+        }
+    }
 }

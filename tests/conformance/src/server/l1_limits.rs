@@ -4,11 +4,13 @@
 
 use glam::Vec3;
 use rhumb_protocol::limits::{
-    ADVANCE_TICKS_MAX, DAMPINGS_MAX, GRANT, GRANTED_MAX, MEMBERS_PER_SCENE_MAX,
-    RANGES_PER_MEMBER_MAX, RESERVE_MAX, SCENES_MAX, STREAMS_PER_SCENE_MAX,
+    ADVANCE_TICKS_MAX, DAMPINGS_MAX, DENSITY_MAX, EXTENT_MAX, GRANT, GRANTED_MAX, MASS_MAX,
+    MEMBERS_PER_SCENE_MAX, RANGES_PER_MEMBER_MAX, RESERVE_MAX, SCENES_MAX, STREAMS_PER_SCENE_MAX,
 };
 use rhumb_protocol::message::{ClientMessage, Denial, ServerMessage, StreamChoice};
-use rhumb_protocol::scene::{BodyDesc, BodyKind, Command, CommandError, IdRange};
+use rhumb_protocol::scene::{
+    BodyDesc, BodyKind, Command, CommandError, IdRange, Invalid, Mass, Material, Quantity, Shape,
+};
 use rhumb_reckoning::{Damping, LengthBound, Tick, Tolerance};
 
 use super::scenery::{BALL, NORMAL, ball, ball_shape, body, lockstep, moving};
@@ -23,7 +25,7 @@ pub(super) fn cases() -> Vec<Case> {
         case(
             "L1.5.1",
             "a member is granted GRANT indices of its own",
-            "PROTOCOL 4.4-2, 2.4-1, 7-1",
+            "PROTOCOL 4.3-3, 4.4-2, 2.4-1, 7-1",
         )
         .play(granted),
         case(
@@ -81,6 +83,12 @@ pub(super) fn cases() -> Vec<Case> {
         )
         .alone()
         .play(scenes_most),
+        case(
+            "L1.5.11",
+            "a dynamic body beyond MOMENT_MAX by shape and density is refused; a static one, or one with a mass, is not",
+            "PROTOCOL 7-1, 4.5-5",
+        )
+        .play(moment_most),
     ]
 }
 
@@ -316,6 +324,43 @@ fn dampings_most(trial: &mut Trial<'_>) -> CaseResult {
             "one damping beyond {DAMPINGS_MAX} is refused with TooManyDampings, not {other:?}"
         )),
     }
+}
+
+fn moment_most(trial: &mut Trial<'_>) -> CaseResult {
+    let mut client = member(trial)?;
+    let radius = EXTENT_MAX;
+    client.must(Command::AddShape {
+        id: BALL,
+        shape: Shape::Ball { radius },
+    })?;
+    let mut heavy = BodyDesc::plain(body(client.granted, 0)?, BodyKind::Dynamic, BALL);
+    heavy.material = Some(Material {
+        density: DENSITY_MAX,
+        friction: 0.5,
+        restitution: 0.0,
+    });
+    let motion = moving(Vec3::ZERO, Vec3::ZERO);
+    let desc = heavy;
+    let beyond = CommandError::Invalid(Invalid::OutOfRange(Quantity::Moments));
+    match client.command(Command::AddBody { desc, motion })? {
+        Err(error) if error == beyond => {}
+        other => return Stop::fail(format!("{beyond:?}, not {other:?}")),
+    }
+    heavy.kind = BodyKind::Static;
+    let desc = heavy;
+    client.must(Command::AddBody { desc, motion })?;
+    heavy.kind = BodyKind::Dynamic;
+    let desc = heavy;
+    match client.command(Command::ChangeBody { desc })? {
+        Err(error) if error == beyond => {}
+        other => return Stop::fail(format!("{beyond:?}, not {other:?}")),
+    }
+    heavy.mass = Some(Mass {
+        mass: MASS_MAX,
+        moments: None,
+    });
+    let desc = heavy;
+    client.must(Command::ChangeBody { desc }).map(drop)
 }
 
 fn scenes_most(trial: &mut Trial<'_>) -> CaseResult {
