@@ -43,6 +43,8 @@ pub struct Client {
     resume_within: Duration,
     /// End of the last connection, until the session goes on.
     interrupted: Option<(Instant, Ending)>,
+    #[cfg(feature = "queries")]
+    copy_queries: rhumb_view::CopyQueries,
 }
 
 impl Client {
@@ -76,6 +78,8 @@ impl Client {
             ended: None,
             resume_within,
             interrupted: None,
+            #[cfg(feature = "queries")]
+            copy_queries: rhumb_view::CopyQueries::default(),
         };
         client.show(watermark_tick);
         client
@@ -242,6 +246,30 @@ impl Client {
     pub fn query(&mut self, queries: Vec<Query>) -> Result<u64, ClientError> {
         self.check_open()?;
         Ok(self.pump.session.query(queries)?)
+    }
+
+    /// Answers queries on the client's own copy, where the view shows its bodies. Nothing is sent, and nothing waits.
+    ///
+    /// The queries are those of [`Self::query`], and so are the answers if the bodies are where the view shows them: the
+    /// bounds of each answer say how far its bodies may be off. Bodies glide where [`JoinOptions::smooth`] is set: the
+    /// bounds do not include that. The first call after a new view looks at each body.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Misuse`] for an invalid number; then none is answered. [`ClientError::Ended`] when the connection
+    /// is over.
+    #[cfg(feature = "queries")]
+    pub fn query_copy(
+        &mut self,
+        queries: &[Query],
+    ) -> Result<Vec<rhumb_view::CopyAnswer>, ClientError> {
+        self.check_open()?;
+        let Some(replica) = self.pump.session.replica() else {
+            return Ok(Vec::new());
+        };
+        self.copy_queries.refresh(self.live_view.view(), replica);
+        let answers = self.copy_queries.answer(queries, replica);
+        Ok(answers.map_err(Misuse::Invalid)?)
     }
 
     /// Sends the queued commands at once.

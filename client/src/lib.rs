@@ -81,6 +81,8 @@ pub use rhumb_transport::{
     CertificateError, ClientTransport, ConnectError, Fingerprint, FingerprintError, Received,
     TransportCode, Trust, WireStatistics,
 };
+#[cfg(feature = "queries")]
+pub use rhumb_view::{CopyAnswer, CopyQueries};
 pub use rhumb_view::{JoinMode, PipelineDepth, RESUME_WITHIN, RenderParams, RenderTime, View};
 pub use server_connection::ServerConnection;
 pub use statistics::Statistics;

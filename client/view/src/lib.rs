@@ -7,6 +7,8 @@
 
 mod add_error;
 mod client_ids;
+#[cfg(feature = "queries")]
+mod copy_queries;
 mod id_allocator;
 mod joining;
 mod live_view;
@@ -21,6 +23,8 @@ mod view;
 
 pub use add_error::AddError;
 pub use client_ids::ClientIds;
+#[cfg(feature = "queries")]
+pub use copy_queries::{CopyAnswer, CopyQueries};
 pub use joining::{JoinError, JoinMode, Joining};
 pub use live_view::{LiveView, ViewOptions};
 pub use pipeline_depth::PipelineDepth;

@@ -1,26 +1,22 @@
 //! Conversion of shapes to Rapier solids.
 //!
-//! Code that may panic inside Rapier runs on a copy under `catch_unwind`, and nothing of it is kept. Invariant: a
-//! solid's mass and moments are normal numbers at every allowed density.
+//! Invariant: a solid's mass and moments are normal numbers at every allowed density.
 
-use std::panic::catch_unwind;
-
-use glam::{Quat, Vec3};
+use glam::Vec3;
 use rapier3d::math::Pose as RapierPose;
-use rapier3d::parry::utils::Array2;
 use rapier3d::prelude::{
     ActiveCollisionTypes, Collider, ColliderBuilder, Group, InteractionGroups, InteractionTestMode,
-    MassProperties, PhysicsWorld, RigidBodyHandle, SharedShape,
+    MassProperties, PhysicsWorld, RigidBodyHandle,
 };
-use rhumb_protocol::scene::{BodyKind, Heights, Mass, Mesh, Shape};
+use rhumb_protocol::scene::{BodyKind, Mass, Shape};
+use rhumb_solids::SolidPart;
 
 use super::interface::{BodyProperties, UnusableShape};
-use super::rapier_body::pose;
 
 /// Solid that all bodies of one shape share.
 #[derive(Clone)]
 pub(super) struct Solid {
-    parts: Vec<(RapierPose, SharedShape)>,
+    parts: Vec<SolidPart>,
     weighing: Weighing,
     /// Its largest moment of inertia at density one, kg·m²; 0 for a shape without an inside.
     moment: f32,
@@ -46,22 +42,23 @@ enum Weighing {
 ///
 /// [`UnusableShape`] for a shape without faces, or without normal mass and moments.
 pub(super) fn solid(shape: &Shape) -> Result<Solid, UnusableShape> {
-    let mut parts = Vec::new();
-    add_parts(shape, RapierPose::IDENTITY, &mut parts)?;
-    let weighing = match shape {
-        Shape::Hull(_) => Weighing::Centred,
-        Shape::Compound(compound) if compound.parts().is_empty() => Weighing::Nothing,
-        Shape::Compound(_) if shape.is_solid() => {
+    let parts = rhumb_solids::parts(shape).ok_or(UnusableShape)?;
+    for (_, part) in &parts {
+        if part.as_convex_polyhedron().is_some() {
+            check(&part.mass_properties(1.0))?;
+        }
+    }
+    let moment = |together: &MassProperties| together.principal_inertia().max_element();
+    let (weighing, moment) = match shape {
+        Shape::Compound(compound) if compound.parts().is_empty() => (Weighing::Nothing, 0.0),
+        _ if !shape.is_solid() => (Weighing::Plain, 0.0),
+        Shape::Hull(_) => (Weighing::Centred, moment(&total(&parts))),
+        Shape::Compound(_) => {
             let together = total(&parts);
             check(&together)?;
-            Weighing::Together(together)
+            (Weighing::Together(together), moment(&together))
         }
-        _ => Weighing::Plain,
-    };
-    let moment = if shape.is_solid() {
-        total(&parts).principal_inertia().max_element()
-    } else {
-        0.0
+        _ => (Weighing::Plain, moment(&total(&parts))),
     };
     Ok(Solid {
         parts,
@@ -70,100 +67,8 @@ pub(super) fn solid(shape: &Shape) -> Result<Solid, UnusableShape> {
     })
 }
 
-fn add_parts(
-    shape: &Shape,
-    at: RapierPose,
-    parts: &mut Vec<(RapierPose, SharedShape)>,
-) -> Result<(), UnusableShape> {
-    let part = match *shape {
-        Shape::Ball { radius } => SharedShape::ball(radius),
-        Shape::Cuboid { half_extents } => {
-            SharedShape::cuboid(half_extents.x, half_extents.y, half_extents.z)
-        }
-        Shape::Capsule {
-            half_height,
-            radius,
-        } => SharedShape::capsule_y(half_height, radius),
-        Shape::Cylinder {
-            half_height,
-            radius,
-        } => SharedShape::cylinder(half_height, radius),
-        Shape::RoundedCuboid {
-            half_extents: half,
-            radius,
-        } => SharedShape::round_cuboid(half.x, half.y, half.z, radius),
-        Shape::Cone {
-            half_height,
-            radius,
-        } => {
-            // Rapier's origin is in the middle of the height, a quarter of the height above the centre of mass.
-            let middle = Vec3::new(0.0, half_height * 0.5, 0.0);
-            let cone = SharedShape::cone(half_height, radius);
-            parts.push((at * RapierPose::from_parts(middle, Quat::IDENTITY), cone));
-            return Ok(());
-        }
-        Shape::HalfSpace { normal } => SharedShape::halfspace(normal.normalize()),
-        Shape::Hull(ref hull) => {
-            // The search for faces may panic on points that contradict each other by rounding.
-            let made = catch_unwind(|| SharedShape::convex_hull(hull.points()));
-            let solid = made.ok().flatten().ok_or(UnusableShape)?;
-            check(&solid.mass_properties(1.0))?;
-            solid
-        }
-        Shape::Heights(ref heights) => {
-            parts.push((at * middle(heights), ground(heights)?));
-            return Ok(());
-        }
-        Shape::Mesh(ref mesh) => triangles(mesh)?,
-        Shape::Compound(ref compound) => {
-            for part in compound.parts() {
-                add_parts(&part.shape, at * pose(part.position, part.rotation), parts)?;
-            }
-            return Ok(());
-        }
-    };
-    parts.push((at, part));
-    Ok(())
-}
-
-/// The Rapier shape of a shape that queries may have, and its pose where the shape's is this one.
-pub(super) fn simple(shape: &Shape, at: RapierPose) -> Option<(RapierPose, SharedShape)> {
-    let mut parts = Vec::new();
-    add_parts(shape, at, &mut parts).ok()?;
-    parts.pop()
-}
-
-/// Centre of a height field: the origin of Rapier's coordinates.
-fn middle(heights: &Heights) -> RapierPose {
-    let half = |count: u32, spacing| (count - 1) as f32 * spacing * 0.5;
-    let x = half(heights.rows(), heights.row_spacing());
-    let z = half(heights.columns(), heights.column_spacing());
-    RapierPose::from_parts(Vec3::new(x, 0.0, z), Quat::IDENTITY)
-}
-
-fn ground(heights: &Heights) -> Result<SharedShape, UnusableShape> {
-    let (rows, columns) = (heights.rows() as usize, heights.columns() as usize);
-    // Rapier's rows go along z, which are the columns here, and it stores column by column: the row-by-row order here
-    // fits.
-    let posts = heights.heights().to_vec();
-    let scale = Vec3::new(
-        (rows - 1) as f32 * heights.row_spacing(),
-        1.0,
-        (columns - 1) as f32 * heights.column_spacing(),
-    );
-    // Rapier's fix of inner edges stays off: with it, capsules that stand on flat ground fall through (measured).
-    let build = || SharedShape::heightfield(Array2::new(columns, rows, posts), scale);
-    catch_unwind(build).map_err(|_| UnusableShape)
-}
-
-fn triangles(mesh: &Mesh) -> Result<SharedShape, UnusableShape> {
-    let (points, triangles) = (mesh.points().to_vec(), mesh.triangles().to_vec());
-    let made = catch_unwind(|| SharedShape::trimesh(points, triangles));
-    made.ok().and_then(Result::ok).ok_or(UnusableShape)
-}
-
 /// Mass properties of all parts together, at density one.
-fn total(parts: &[(RapierPose, SharedShape)]) -> MassProperties {
+fn total(parts: &[SolidPart]) -> MassProperties {
     let properties = parts.iter().map(|(at, part)| {
         let own = part.mass_properties(1.0);
         own.transform_by(at)
@@ -261,7 +166,7 @@ fn own_mass(properties: &BodyProperties) -> Option<Mass> {
 /// The largest moment of inertia of a body without a mass of its own.
 pub(super) fn moment(properties: &BodyProperties, solid: &Solid) -> Option<f32> {
     let own = own_mass(properties).is_some();
-    (!own).then(|| solid.moment * properties.material.density)
+    (!own).then_some(solid.moment * properties.material.density)
 }
 
 /// Mass of a body in addition to its colliders'.
@@ -301,10 +206,9 @@ pub(super) fn mass_beside(properties: &BodyProperties, solid: &Solid) -> Option<
 /// [`UnusableShape`] when no solid can be made, or one without mass.
 #[cfg(feature = "app")]
 pub(crate) fn bulk(shape: &Shape) -> Result<rhumb_app::Bulk, UnusableShape> {
-    let mut parts = Vec::new();
-    add_parts(shape, RapierPose::IDENTITY, &mut parts)?;
-    let properties =
-        catch_unwind(std::panic::AssertUnwindSafe(|| total(&parts))).map_err(|_| UnusableShape)?;
+    let parts = rhumb_solids::parts(shape).ok_or(UnusableShape)?;
+    let properties = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| total(&parts)))
+        .map_err(|_| UnusableShape)?;
     check(&properties)?;
     Ok(rhumb_app::Bulk {
         centre: properties.local_com,

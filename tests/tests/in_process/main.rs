@@ -10,6 +10,7 @@ mod body_events;
 mod budgets;
 mod changes_in_flight;
 mod controllers;
+mod copy_queries;
 mod hostile;
 mod joints;
 mod physics;

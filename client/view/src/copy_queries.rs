@@ -1,0 +1,266 @@
+//! Queries on a client's own copy: the bodies of a view, where the view shows them.
+//!
+//! Answers are those that the server would give if its bodies had the poses of the view. Nothing is sent, and nothing of
+//! the view changes. A refresh costs a look at each body, and work for those that moved.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use glam::{Quat, Vec3};
+use parry3d::math::Pose;
+use parry3d::partitioning::{Bvh, BvhWorkspace};
+use parry3d::query::details::NormalConstraints;
+use parry3d::shape::{CompositeShape, Shape as Solid, SharedShape};
+use rhumb_protocol::scene::{Answer, BodyDesc, Invalid, Query, QueryFilter, Shape, ShapeId};
+use rhumb_protocol::session::Replica;
+use rhumb_protocol::stream::ErrorBound;
+use rhumb_reckoning::BodyId;
+use rhumb_solids::{SearchedBodies, SolidPart};
+
+use crate::render_time::RenderTime;
+use crate::view::View;
+
+/// Answers queries on the bodies of a view.
+#[derive(Default)]
+pub struct CopyQueries {
+    solids: BTreeMap<ShapeId, CopiedShape>,
+    bodies: BTreeMap<BodyId, CopiedBody>,
+    /// By the number of a leaf of the tree.
+    parts: Vec<Option<CopiedPart>>,
+    free: Vec<u32>,
+    tree: Bvh,
+    workspace: BvhWorkspace,
+    at: Option<RenderTime>,
+}
+
+/// The answer of a copy to a query, and how far it may be off.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CopyAnswer {
+    /// The same as of a server whose bodies are where the view shows them.
+    pub answer: Answer,
+    /// One for each body of the answer, in its order: every point of the body, and so of the surface that was found, is
+    /// within this distance of its true place. A query that passes an edge nearer than that may find another body than
+    /// the server would.
+    pub bounds: Vec<ErrorBound>,
+}
+
+/// A shape with its solid; `None` for one that the library cannot make, which is then not found.
+struct CopiedShape {
+    shape: Shape,
+    parts: Option<Arc<[SolidPart]>>,
+}
+
+struct CopiedBody {
+    desc: BodyDesc,
+    solid: Arc<[SolidPart]>,
+    position: Vec3,
+    rotation: Quat,
+    /// Leaves of the tree.
+    leaves: Vec<u32>,
+}
+
+struct CopiedPart {
+    desc: BodyDesc,
+    at: Pose,
+    solid: SharedShape,
+}
+
+impl CopyQueries {
+    /// Takes over the bodies of a view and their shapes, as the replica that the view shows has them.
+    pub fn refresh(&mut self, view: &View, replica: &Replica) {
+        self.at = view.time();
+        self.forget_shapes(replica);
+        let gone = |id: &BodyId| view.place(*id).is_none();
+        let removed: Vec<_> = self.bodies.keys().copied().filter(gone).collect();
+        for id in removed {
+            self.remove(id);
+        }
+        for (place, id) in view.ids().iter().enumerate() {
+            let (position, rotation) = (view.positions()[place], view.rotations()[place]);
+            let desc = replica.body(*id).filter(|desc| desc.enabled);
+            let solid = desc.and_then(|desc| Some((desc, self.solid(desc.shape, replica)?)));
+            match solid.filter(|_| position.is_finite()) {
+                Some((desc, solid)) => self.put(desc, solid, position, rotation),
+                None => self.remove(*id),
+            }
+        }
+        self.tree.refit(&mut self.workspace);
+        self.tree.optimize_incremental(&mut self.workspace);
+    }
+
+    /// Answers queries as of the last refresh.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] names the first invalid number of a query; then none is answered.
+    pub fn answer(&self, queries: &[Query], replica: &Replica) -> Result<Vec<CopyAnswer>, Invalid> {
+        queries.iter().try_for_each(Query::check)?;
+        let answers = queries.iter().map(|query| {
+            let answer = rhumb_solids::answer(self, query);
+            let bounds = match &answer {
+                Answer::Hits(hits) => hits
+                    .iter()
+                    .filter_map(|hit| self.bound(hit.body, replica))
+                    .collect(),
+                Answer::Bodies(bodies) => bodies
+                    .iter()
+                    .filter_map(|id| self.bound(*id, replica))
+                    .collect(),
+            };
+            CopyAnswer { answer, bounds }
+        });
+        Ok(answers.collect())
+    }
+
+    /// The bound at the tick of the view, or at the tick before a moment between two.
+    fn bound(&self, id: BodyId, replica: &Replica) -> Option<ErrorBound> {
+        replica.stream().bound_at(id, self.at?.tick)
+    }
+
+    /// Drops solids whose shape is gone or another one now; their bodies are put anew.
+    fn forget_shapes(&mut self, replica: &Replica) {
+        self.solids
+            .retain(|id, solid| replica.shape(*id) == Some(&solid.shape));
+    }
+
+    fn solid(&mut self, id: ShapeId, replica: &Replica) -> Option<Arc<[SolidPart]>> {
+        if let Some(known) = self.solids.get(&id) {
+            return known.parts.clone();
+        }
+        let shape = replica.shape(id)?.clone();
+        let parts = rhumb_solids::parts(&shape).map(Arc::from);
+        let made = CopiedShape {
+            shape,
+            parts: parts.clone(),
+        };
+        self.solids.insert(id, made);
+        parts
+    }
+
+    fn put(&mut self, desc: BodyDesc, solid: Arc<[SolidPart]>, position: Vec3, rotation: Quat) {
+        let known = self.bodies.get(&desc.id);
+        let same = |body: &&CopiedBody| body.desc == desc && Arc::ptr_eq(&body.solid, &solid);
+        match known.filter(same) {
+            Some(body) if body.position == position && body.rotation == rotation => return,
+            Some(_) => {}
+            None => {
+                self.remove(desc.id);
+                self.insert(desc, solid);
+            }
+        }
+        let Some(body) = self.bodies.get_mut(&desc.id) else {
+            return;
+        };
+        (body.position, body.rotation) = (position, rotation);
+        let pose = rhumb_solids::pose(position, rotation);
+        for (leaf, (within, solid)) in body.leaves.iter().zip(body.solid.iter()) {
+            if let Some(Some(part)) = self.parts.get_mut(*leaf as usize) {
+                part.at = pose * *within;
+                let around = solid.compute_aabb(&part.at);
+                self.tree.insert_or_update_partially(around, *leaf, 0.0);
+            }
+        }
+    }
+
+    /// Adds a body that is nowhere yet.
+    fn insert(&mut self, desc: BodyDesc, solid: Arc<[SolidPart]>) {
+        let mut leaves = Vec::with_capacity(solid.len());
+        for (_, part) in solid.iter() {
+            let part = CopiedPart {
+                desc,
+                at: Pose::IDENTITY,
+                solid: part.clone(),
+            };
+            match self.free.pop() {
+                Some(leaf) => {
+                    self.parts[leaf as usize] = Some(part);
+                    leaves.push(leaf);
+                }
+                None => {
+                    leaves.push(self.parts.len() as u32);
+                    self.parts.push(Some(part));
+                }
+            }
+        }
+        let body = CopiedBody {
+            desc,
+            solid,
+            position: Vec3::NAN,
+            rotation: Quat::IDENTITY,
+            leaves,
+        };
+        self.bodies.insert(desc.id, body);
+    }
+
+    fn remove(&mut self, id: BodyId) {
+        let Some(body) = self.bodies.remove(&id) else {
+            return;
+        };
+        for leaf in body.leaves {
+            self.tree.remove(leaf);
+            self.parts[leaf as usize] = None;
+            self.free.push(leaf);
+        }
+    }
+}
+
+impl std::fmt::Debug for CopyQueries {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("CopyQueries")
+            .field("at", &self.at)
+            .field("bodies", &self.bodies.len())
+            .finish_non_exhaustive()
+    }
+}
+
+/// The parts that one query considers.
+struct Considered<'a> {
+    copy: &'a CopyQueries,
+    filter: &'a QueryFilter,
+    before: &'a [BodyId],
+}
+
+impl CompositeShape for Considered<'_> {
+    fn map_part_at(
+        &self,
+        part: u32,
+        find: &mut dyn FnMut(Option<&Pose>, &dyn Solid, Option<&dyn NormalConstraints>),
+    ) {
+        let Some(Some(part)) = self.copy.parts.get(part as usize) else {
+            return;
+        };
+        let (filter, desc) = (self.filter, &part.desc);
+        if filter.takes(desc.kind)
+            && (filter.with_sensors || !desc.sensor)
+            && filter.except != Some(desc.id)
+            && filter.groups & desc.groups.members != 0
+            && !self.before.contains(&desc.id)
+        {
+            find(Some(&part.at), &*part.solid.0, None);
+        }
+    }
+
+    fn bvh(&self) -> &Bvh {
+        &self.copy.tree
+    }
+}
+
+impl SearchedBodies for CopyQueries {
+    fn search(
+        &self,
+        filter: &QueryFilter,
+        before: &[BodyId],
+        find: &mut dyn FnMut(&dyn CompositeShape),
+    ) {
+        find(&Considered {
+            copy: self,
+            filter,
+            before,
+        });
+    }
+
+    fn body_of(&self, part: u32) -> Option<BodyId> {
+        let part = self.parts.get(part as usize)?.as_ref();
+        part.map(|part| part.desc.id)
+    }
+}

@@ -1,0 +1,11 @@
+//! Shapes as solids, and queries over a set of bodies.
+//!
+//! No engine and no stream here. The server's engine and a client's copy answer queries by the same code, so equal
+//! poses give equal answers.
+#![forbid(unsafe_code)]
+
+mod parts;
+mod queries;
+
+pub use parts::{SolidPart, add_parts, parts, pose, simple};
+pub use queries::{SearchedBodies, answer};

@@ -1,0 +1,116 @@
+//! Conversion of shapes to solids of the collision library.
+//!
+//! Code that may panic in the library runs under `catch_unwind`, and nothing of it is kept.
+
+use std::panic::catch_unwind;
+
+use glam::{Quat, Vec3};
+use parry3d::math::Pose;
+use parry3d::shape::SharedShape;
+use parry3d::utils::Array2;
+use rhumb_protocol::scene::{Heights, Mesh, Shape};
+
+/// A convex part, a sheet or a half-space, and its pose relative to the centre of mass of its body.
+pub type SolidPart = (Pose, SharedShape);
+
+/// A pose of the library.
+#[must_use]
+pub fn pose(position: Vec3, rotation: Quat) -> Pose {
+    Pose::from_parts(position, rotation)
+}
+
+/// The parts of a shape; `None` for a shape without faces. A compound without parts has none.
+#[must_use]
+pub fn parts(shape: &Shape) -> Option<Vec<SolidPart>> {
+    let mut parts = Vec::new();
+    add_parts(shape, Pose::IDENTITY, &mut parts)?;
+    Some(parts)
+}
+
+/// Adds the parts of a shape that is at this pose of its body; `None` for a shape without faces.
+pub fn add_parts(shape: &Shape, at: Pose, parts: &mut Vec<SolidPart>) -> Option<()> {
+    let part = match *shape {
+        Shape::Ball { radius } => SharedShape::ball(radius),
+        Shape::Cuboid { half_extents } => {
+            SharedShape::cuboid(half_extents.x, half_extents.y, half_extents.z)
+        }
+        Shape::Capsule {
+            half_height,
+            radius,
+        } => SharedShape::capsule_y(half_height, radius),
+        Shape::Cylinder {
+            half_height,
+            radius,
+        } => SharedShape::cylinder(half_height, radius),
+        Shape::RoundedCuboid {
+            half_extents: half,
+            radius,
+        } => SharedShape::round_cuboid(half.x, half.y, half.z, radius),
+        Shape::Cone {
+            half_height,
+            radius,
+        } => {
+            // The library's origin is in the middle of the height, a quarter of it above the centre of mass.
+            let middle = Vec3::new(0.0, half_height * 0.5, 0.0);
+            let cone = SharedShape::cone(half_height, radius);
+            parts.push((at * pose(middle, Quat::IDENTITY), cone));
+            return Some(());
+        }
+        Shape::HalfSpace { normal } => SharedShape::halfspace(normal.normalize()),
+        Shape::Hull(ref hull) => {
+            // The search for faces may panic on points that contradict each other by rounding.
+            let made = catch_unwind(|| SharedShape::convex_hull(hull.points()));
+            made.ok().flatten()?
+        }
+        Shape::Heights(ref heights) => {
+            parts.push((at * middle(heights), ground(heights)?));
+            return Some(());
+        }
+        Shape::Mesh(ref mesh) => triangles(mesh)?,
+        Shape::Compound(ref compound) => {
+            for part in compound.parts() {
+                add_parts(&part.shape, at * pose(part.position, part.rotation), parts)?;
+            }
+            return Some(());
+        }
+    };
+    parts.push((at, part));
+    Some(())
+}
+
+/// The part of a shape that queries may have, and its pose where the shape's is this one.
+#[must_use]
+pub fn simple(shape: &Shape, at: Pose) -> Option<SolidPart> {
+    let mut parts = Vec::new();
+    add_parts(shape, at, &mut parts)?;
+    parts.pop()
+}
+
+/// Centre of a height field: the origin of the library's coordinates.
+fn middle(heights: &Heights) -> Pose {
+    let half = |count: u32, spacing| (count - 1) as f32 * spacing * 0.5;
+    let x = half(heights.rows(), heights.row_spacing());
+    let z = half(heights.columns(), heights.column_spacing());
+    pose(Vec3::new(x, 0.0, z), Quat::IDENTITY)
+}
+
+fn ground(heights: &Heights) -> Option<SharedShape> {
+    let (rows, columns) = (heights.rows() as usize, heights.columns() as usize);
+    // The library's rows go along z, which are the columns here, and it stores column by column: the row-by-row order
+    // here fits.
+    let posts = heights.heights().to_vec();
+    let scale = Vec3::new(
+        (rows - 1) as f32 * heights.row_spacing(),
+        1.0,
+        (columns - 1) as f32 * heights.column_spacing(),
+    );
+    // The fix of inner edges stays off: with it, capsules that stand on flat ground fall through (measured).
+    let build = || SharedShape::heightfield(Array2::new(columns, rows, posts), scale);
+    catch_unwind(build).ok()
+}
+
+fn triangles(mesh: &Mesh) -> Option<SharedShape> {
+    let (points, triangles) = (mesh.points().to_vec(), mesh.triangles().to_vec());
+    let made = catch_unwind(|| SharedShape::trimesh(points, triangles));
+    made.ok().and_then(Result::ok)
+}

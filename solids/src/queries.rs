@@ -1,0 +1,232 @@
+//! Answers to queries over a set of bodies.
+//!
+//! The library finds parts and a query finds bodies: a body counts once, by its nearest part. Reads the set only.
+
+use glam::Vec3;
+use parry3d::bounding_volume::BoundingVolume;
+use parry3d::math::Pose;
+use parry3d::partitioning::Bvh;
+use parry3d::query::details::{NormalConstraints, ShapeCastOptions};
+use parry3d::query::{self, DefaultQueryDispatcher, Ray};
+use parry3d::shape::{CompositeShape, CompositeShapeRef, Shape, TypedCompositeShape};
+use rhumb_protocol::scene::{Answer, Hit, Query, QueryFilter, QueryKind};
+use rhumb_reckoning::BodyId;
+
+use crate::parts::{SolidPart, pose, simple};
+
+/// Bodies that queries may find.
+pub trait SearchedBodies {
+    /// Calls `find` once with the parts of the bodies that a filter takes, less those of `before`.
+    fn search(
+        &self,
+        filter: &QueryFilter,
+        before: &[BodyId],
+        find: &mut dyn FnMut(&dyn CompositeShape),
+    );
+
+    /// The body of a part that was found.
+    fn body_of(&self, part: u32) -> Option<BodyId>;
+}
+
+/// The answer to a query.
+#[must_use]
+pub fn answer(bodies: &dyn SearchedBodies, query: &Query) -> Answer {
+    let search = Search { bodies, query };
+    match query.kind {
+        QueryKind::Ray {
+            origin,
+            translation,
+        } => search.nearest(|parts| ray(parts, origin, translation)),
+        QueryKind::ShapeCast {
+            ref shape,
+            position,
+            rotation,
+            translation,
+        } => match simple(shape, pose(position, rotation)) {
+            Some(cast) => search.nearest(|parts| shape_cast(parts, &cast, translation)),
+            None => Answer::Hits(Vec::new()),
+        },
+        QueryKind::Projection { point, distance } => {
+            search.nearest(|parts| projection(parts, point, distance))
+        }
+        QueryKind::Overlap {
+            ref shape,
+            position,
+            rotation,
+        } => {
+            let overlapped =
+                simple(shape, pose(position, rotation)).map(|shape| search.overlapped(&shape));
+            let mut ids = overlapped.unwrap_or_default();
+            ids.sort_unstable();
+            Answer::Bodies(ids)
+        }
+    }
+}
+
+/// Parts in the form that the library searches.
+struct Parts<'a>(&'a dyn CompositeShape);
+
+impl CompositeShape for Parts<'_> {
+    fn map_part_at(
+        &self,
+        part: u32,
+        find: &mut dyn FnMut(Option<&Pose>, &dyn Shape, Option<&dyn NormalConstraints>),
+    ) {
+        self.0.map_part_at(part, find);
+    }
+
+    fn bvh(&self) -> &Bvh {
+        self.0.bvh()
+    }
+}
+
+impl TypedCompositeShape for Parts<'_> {
+    type PartShape = dyn Shape;
+    type PartNormalConstraints = dyn NormalConstraints;
+
+    fn map_typed_part_at<T>(
+        &self,
+        part: u32,
+        find: impl FnMut(Option<&Pose>, &dyn Shape, Option<&dyn NormalConstraints>) -> T,
+    ) -> Option<T> {
+        self.0.map_untyped_part_at(part, find)
+    }
+
+    fn map_untyped_part_at<T>(
+        &self,
+        part: u32,
+        find: impl FnMut(Option<&Pose>, &dyn Shape, Option<&dyn NormalConstraints>) -> T,
+    ) -> Option<T> {
+        self.0.map_untyped_part_at(part, find)
+    }
+}
+
+/// Distance from the centre of a ball at which the nearest point of its surface is one point, metres.
+const BESIDE_CENTRE: f32 = 1e-6;
+
+/// Direction and length of a way; a way of no length has any direction.
+fn way(translation: Vec3) -> (Vec3, f32) {
+    let length = translation.length();
+    (translation.normalize_or(Vec3::Y), length)
+}
+
+/// A hit whose body is not known yet.
+fn found(distance: f32, point: Vec3, normal: Vec3) -> Hit {
+    Hit {
+        body: BodyId::new(0, 0),
+        distance,
+        point,
+        normal: normal.normalize_or_zero(),
+    }
+}
+
+fn ray(parts: &Parts<'_>, origin: Vec3, translation: Vec3) -> Option<(u32, Hit)> {
+    let (direction, length) = way(translation);
+    let ray = Ray::new(origin, direction);
+    let (part, hit) = CompositeShapeRef(parts).cast_local_ray_and_get_normal(&ray, length, true)?;
+    let distance = hit.time_of_impact;
+    let normal = if distance > 0.0 {
+        hit.normal
+    } else {
+        Vec3::ZERO
+    };
+    let point = origin + direction * distance;
+    Some((part, found(distance, point, normal)))
+}
+
+fn shape_cast(parts: &Parts<'_>, (at, shape): &SolidPart, translation: Vec3) -> Option<(u32, Hit)> {
+    let (way, length) = way(translation);
+    let options = ShapeCastOptions {
+        max_time_of_impact: length,
+        target_distance: 0.0,
+        stop_at_penetration: true,
+        compute_impact_geometry_on_penetration: true,
+    };
+    let parts = CompositeShapeRef(parts);
+    let (part, hit) = parts.cast_shape(&DefaultQueryDispatcher, at, way, &*shape.0, options)?;
+    let distance = hit.time_of_impact;
+    Some((part, found(distance, hit.witness1, hit.normal1)))
+}
+
+fn projection(parts: &Parts<'_>, point: Vec3, most: f32) -> Option<(u32, Hit)> {
+    // The search finds what is nearer than its limit: without this, nothing would contain a point at distance zero.
+    let limit = most.max(f32::EPSILON);
+    let (nearest, _) = CompositeShapeRef(parts).project_local_point(point, limit, true)?;
+    let mut surface = None;
+    parts.map_part_at(nearest, &mut |at, shape, _| {
+        let at = at.copied().unwrap_or_default();
+        let mut projected = shape.project_point(&at, point, false);
+        if !projected.point.is_finite() {
+            // Every point of a ball's surface is nearest to its centre; the library finds none.
+            let beside = at.inverse_transform_point(point) + Vec3::Y * BESIDE_CENTRE;
+            projected = shape.project_local_point(beside, false).transform_by(&at);
+        }
+        surface = Some(projected);
+    });
+    let surface = surface?;
+    let away = point - surface.point;
+    let distance = away.length();
+    let (distance, outward) = if surface.is_inside {
+        (-distance, -away)
+    } else {
+        (distance, away)
+    };
+    (distance <= most).then(|| (nearest, found(distance, surface.point, outward)))
+}
+
+/// One query over a set of bodies.
+struct Search<'a> {
+    bodies: &'a dyn SearchedBodies,
+    query: &'a Query,
+}
+
+impl Search<'_> {
+    /// The nearest bodies, nearest first: each search leaves out the bodies that were found before.
+    fn nearest(&self, find: impl Fn(&Parts<'_>) -> Option<(u32, Hit)>) -> Answer {
+        let (mut before, mut hits) = (Vec::new(), Vec::new());
+        while hits.len() < usize::from(self.query.hits) {
+            let mut nearest = None;
+            let filter = &self.query.filter;
+            (self.bodies).search(filter, &before, &mut |parts| nearest = find(&Parts(parts)));
+            let Some((part, hit)) = nearest else { break };
+            let Some(body) = self.bodies.body_of(part) else {
+                break;
+            };
+            before.push(body);
+            if hit.distance.is_finite() && hit.point.is_finite() && hit.normal.is_finite() {
+                hits.push(Hit { body, ..hit });
+            }
+        }
+        Answer::Hits(hits)
+    }
+
+    /// Bodies that a shape overlaps, each once.
+    fn overlapped(&self, (at, shape): &SolidPart) -> Vec<BodyId> {
+        let around = shape.compute_aabb(at);
+        let mut bodies = Vec::new();
+        self.bodies.search(&self.query.filter, &[], &mut |parts| {
+            let near = parts
+                .bvh()
+                .leaves(|node| node.aabb().intersects(&around))
+                .collect::<Vec<_>>();
+            for part in near {
+                let mut overlaps = false;
+                parts.map_part_at(part, &mut |other_at, other, _| {
+                    let other_at = other_at.copied().unwrap_or_default();
+                    let test = query::intersection_test(at, &*shape.0, &other_at, other);
+                    overlaps = test.is_ok_and(|test| test.intersecting);
+                });
+                let Some(body) = self.bodies.body_of(part).filter(|_| overlaps) else {
+                    continue;
+                };
+                if !bodies.contains(&body) {
+                    bodies.push(body);
+                    if bodies.len() == usize::from(self.query.hits) {
+                        break;
+                    }
+                }
+            }
+        });
+        bodies
+    }
+}
