@@ -113,11 +113,13 @@ pub(crate) struct Bakery {
     running: Arc<AtomicUsize>,
 }
 
-/// A solid that is being made.
+/// A solid that is to be made.
 #[derive(Debug)]
 pub(crate) struct Bake {
-    begun: Instant,
-    outcome: Arc<Mutex<Option<Baked>>>,
+    /// When it was wanted, and then when it was begun.
+    since: Instant,
+    /// `None` while it waits for others.
+    outcome: Option<Arc<Mutex<Option<Baked>>>>,
 }
 
 /// Counts a job until it has ended, or was lost.
@@ -139,10 +141,10 @@ impl Bakery {
         self.running.load(Ordering::Acquire) > 0
     }
 
-    /// Begins to make a solid; `None` if as many as may be are being made.
-    pub(crate) fn begin(&self, now: Instant, shape: &Shape, baker: Baker) -> Option<Bake> {
-        if self.running.load(Ordering::Acquire) >= RUNNING_MAX {
-            return None;
+    /// Begins to make a solid, unless it is begun or as many as may be are being made.
+    pub(crate) fn begin(&self, bake: &mut Bake, now: Instant, shape: &Shape, baker: Baker) {
+        if bake.outcome.is_some() || self.running.load(Ordering::Acquire) >= RUNNING_MAX {
+            return;
         }
         self.running.fetch_add(1, Ordering::Release);
         let running = Running(Arc::clone(&self.running));
@@ -157,21 +159,30 @@ impl Bakery {
             Some(take) => take(job),
             None => job.run(),
         }
-        Some(Bake {
-            begun: now,
-            outcome,
-        })
+        *bake = Bake {
+            since: now,
+            outcome: Some(outcome),
+        };
     }
 }
 
 impl Bake {
-    /// The outcome, once.
-    pub(crate) fn take(&self) -> Option<Baked> {
-        lock(&self.outcome).take()
+    /// A solid that is wanted from now on.
+    pub(crate) const fn wanted(now: Instant) -> Self {
+        Self {
+            since: now,
+            outcome: None,
+        }
     }
 
+    /// The outcome, once.
+    pub(crate) fn take(&self) -> Option<Baked> {
+        lock(self.outcome.as_ref()?).take()
+    }
+
+    /// True if it has waited, or has been made, for longer than that.
     pub(crate) fn takes_longer_than(&self, limit: Span, now: Instant) -> bool {
-        now.since(self.begun) > limit
+        now.since(self.since) > limit
     }
 }
 

@@ -101,7 +101,7 @@ limits! {
     /// Milliseconds that one tick or one command may take before its scene is parked.
     stuck_milliseconds = 2000, 100 to 60000;
     /// Milliseconds that the solid of one shape may take to be made, beside the steps of its scene. The largest mesh takes
-    /// some 100; a shape that takes longer is refused.
+    /// some 100; a shape that takes longer is refused, and so is one that waits so long for others.
     bake_milliseconds = 1000, 1 to 60000;
     /// Parked scenes from which on no scene begins: each may take a core until the server is restarted.
     parked_scenes = 8, 1 to 256;

@@ -1,4 +1,4 @@
-//! What a scene's body is made of, before the engine has it.
+//! Properties of a body of a scene, before the engine has it.
 
 use rhumb_protocol::limits::MOMENT_MAX;
 use rhumb_protocol::scene::{BodyDesc, BodyKind, CommandError, Invalid, Quantity};

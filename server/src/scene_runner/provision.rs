@@ -24,7 +24,7 @@ impl Provision {
     pub(crate) fn unbounded(name: &rhumb_protocol::scene::SceneName) -> Self {
         Self {
             limits: Limits::default(),
-            load: crate::load::ServerLoad::default().of_scene(0, u64::MAX, u64::MAX),
+            load: crate::load::ServerLoad::default().of_scene((0, 1), u64::MAX, u64::MAX),
             meter: crate::metrics::Metrics::default().begin_scene(name),
             pulse: Pulse::default(),
             flight: crate::flight::FlightRecorders::default().begin(name),

@@ -5,7 +5,7 @@ use rhumb_protocol::scene::{Command, CommandError};
 use rhumb_protocol::{Instant, Peer, Span};
 
 use super::ServerLoop;
-use crate::baking;
+use crate::baking::{self, Bake};
 
 /// Messages of one connection that are handled before others, and the ticks, get their turn.
 const MESSAGES_PER_TURN: usize = 512;
@@ -144,20 +144,17 @@ impl ServerLoop {
             connection.bake = None;
             return Some(message);
         };
-        if connection.bake.is_none() {
-            connection.bake = self.bakery.begin(now, shape, baker);
+        let bake = connection.bake.get_or_insert_with(|| Bake::wanted(now));
+        self.bakery.begin(bake, now, shape, baker);
+        if let Some(baked) = bake.take() {
+            runner.put_baked(*id, shape, baked);
+            connection.bake = None;
+            return Some(message);
         }
-        if let Some(bake) = &connection.bake {
-            if let Some(baked) = bake.take() {
-                runner.put_baked(*id, shape, baked);
-                connection.bake = None;
-                return Some(message);
-            }
-            if bake.takes_longer_than(self.limits.bake(), now) {
-                connection.bake = None;
-                let limit_ms = u32::try_from(self.limits.bake_milliseconds).unwrap_or(u32::MAX);
-                return Some(Err(CommandError::ShapeTooSlow { limit_ms }));
-            }
+        if bake.takes_longer_than(self.limits.bake(), now) {
+            connection.bake = None;
+            let limit_ms = u32::try_from(self.limits.bake_milliseconds).unwrap_or(u32::MAX);
+            return Some(Err(CommandError::ShapeTooSlow { limit_ms }));
         }
         connection.held = message.ok();
         None

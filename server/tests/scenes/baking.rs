@@ -281,6 +281,33 @@ fn a_solid_that_takes_too_long_is_refused_with_the_limit() {
 }
 
 #[test]
+fn a_solid_that_waits_for_two_that_never_end_is_refused_too() {
+    let mut bench = Bench::with_scene(Stepping::FreeRunning, &[OWNER, OTHER, THIRD]);
+    for (id, peer) in [OWNER, OTHER, THIRD].into_iter().enumerate() {
+        bench.command(peer, [add(id as u32, largest())]);
+    }
+    let refused = |messages: Vec<ServerMessage>| {
+        let error = messages.into_iter().find_map(|message| match message {
+            ServerMessage::Refused { error, .. } => Some(error),
+            _ => None,
+        });
+        error.is_some_and(|error| error == CommandError::ShapeTooSlow { limit_ms: 1_000 })
+    };
+    bench.pass(1_040);
+    let waiting = bench.take(THIRD);
+    assert!(refused(waiting), "it waited as long as it might have taken");
+    // The next one waits anew, and is made when the two have ended after all.
+    bench.command(THIRD, [add(7, largest())]);
+    bench.pass(500);
+    assert_eq!(bench.waiting(), 2);
+    assert_eq!(bench.bake(), 2);
+    bench.pass(100);
+    assert_eq!(bench.bake(), 1);
+    bench.pass(30);
+    assert!(events(&bench.take(THIRD)).contains(&"shape 7".to_owned()));
+}
+
+#[test]
 fn two_solids_are_made_at_one_time_and_a_third_waits() {
     let mut bench = Bench::with_scene(Stepping::FreeRunning, &[OWNER, OTHER, THIRD]);
     for (id, peer) in [OWNER, OTHER, THIRD].into_iter().enumerate() {
