@@ -20,21 +20,20 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_transport::{PageOrigin, Stop};
 use tracing::level_filters::LevelFilter;
 
-use crate::access::TokenKeys;
 #[cfg(feature = "demo")]
 use crate::announcement::page_url;
 use crate::announcement::{BoundAddresses, announce};
 #[cfg(feature = "demo")]
 use crate::demo::{DemoArguments, open_browser};
 use crate::durable::{self, DataDir, DataError};
-use crate::engine::Workers;
 use crate::flight;
 use crate::front;
 use crate::hook::Hooks;
 use crate::log;
 use crate::provided::ProvidedScenes;
-use crate::serve::{Access, Identity, RunError, Server, run_on_cores, seconds_since_1970};
+use crate::serve::{Server, seconds_since_1970};
 use crate::settings::{ServerSettings, WorkerKind};
+use crate::start_check::{self, CheckedStart};
 use crate::token_command::{self, TokenArguments};
 #[cfg(feature = "top")]
 use crate::top::{self, TopArguments};
@@ -55,7 +54,8 @@ pub struct Arguments {
     /// TOML file with settings; `rhumb-server config` prints one with all defaults. Flags and environment replace it.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Checks the settings and the files that they name, and ends.
+    /// Checks everything that would keep the server from starting, except addresses in use, and ends: code 0 if it could
+    /// start.
     #[arg(long)]
     check_config: bool,
     /// UDP address to listen on; port 0 picks a free one [default: 127.0.0.1:4433].
@@ -85,7 +85,8 @@ pub struct Arguments {
     /// TCP address for figures (/metrics) and health (/health).
     #[arg(long, value_name = "ADDRESS")]
     metrics: Option<SocketAddr>,
-    /// TCP address of a page in which scenes are seen [default: 127.0.0.1:8433]. With tokens, the page observes only.
+    /// Serves a page in which scenes are seen, at this TCP address, or without one at 127.0.0.1:8433. With tokens, the page
+    /// observes only.
     #[cfg(feature = "view")]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8433")]
     view: Option<SocketAddr>,
@@ -96,7 +97,7 @@ pub struct Arguments {
     #[cfg(feature = "record")]
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
-    /// TCP address at which Foxglove's viewers see every scene live [default: 127.0.0.1:8765]. It has no tokens.
+    /// Shows every scene live to Foxglove's viewers, at this TCP address, or without one at 127.0.0.1:8765. It has no tokens.
     #[cfg(feature = "foxglove")]
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
     foxglove: Option<SocketAddr>,
@@ -122,7 +123,7 @@ pub struct Arguments {
     /// the process.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
-    /// PageOrigin of a web page that may connect, as https://host:port, or * for all; may be repeated. Pages of this machine
+    /// Origin of a web page that may connect, as https://host:port, or * for all; may be repeated. Pages of this machine
     /// may always.
     #[arg(long, value_name = "ORIGIN", conflicts_with = "no_web")]
     web_origin: Vec<PageOrigin>,
@@ -179,10 +180,6 @@ const STOP_WITHIN: Duration = Duration::from_millis(1_500);
 const IN_USE: Duration = Duration::from_millis(1_000);
 const IN_USE_PAUSE: Duration = Duration::from_millis(20);
 
-/// The message to an operator who has not decided about access.
-const NO_ACCESS: &str = "no client could join: start with --open to admit all clients of this machine, \
-    or make keys by `rhumb-server token --new-key FILE` and start with --token-key FILE.pub";
-
 /// Exit code of a server that was ended so.
 const EXIT_NOT_STOPPED: i32 = 3;
 
@@ -199,7 +196,7 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
         Some(Task::Check { dir }) => durable::check(dir, &mut std::io::stdout()),
         Some(Task::Replay { dir, scene }) => durable::replay(dir, scene, &mut std::io::stdout()),
         Some(Task::Flight { file }) => flight::run(file, &mut std::io::stdout()),
-        Some(Task::Worker { .. }) => front::run_worker(hooks),
+        Some(Task::Worker { .. }) => front::run_worker(hooks, seconds_since_1970),
         #[cfg(feature = "top")]
         Some(Task::Top(arguments)) => top::run(arguments),
         Some(Task::Config) => print(&ServerSettings::file()),
@@ -216,21 +213,17 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
             run(&settings, parts)
         }
         None => settings_of(&arguments).and_then(|settings| {
-            if arguments.check_config {
-                access(&settings)?;
-                identity(&settings, None)?.certificate()?;
-                check_data(&settings)?;
-                check_written("flight recorders", settings.flight.as_deref())?;
-                check_written("recordings", settings.record.as_deref())?;
-                return print("the configuration is valid\n");
-            }
-            let _last_lines = log::start(settings.log, settings.limits.log_lines_per_second);
             let parts = Parts {
                 #[cfg(feature = "app")]
                 app: Some(arguments.app.clone()),
                 hooks,
                 ..Parts::default()
             };
+            if arguments.check_config {
+                start_check::check(&settings, parts.app_beyond_loopback())?;
+                return print("the configuration is valid\n");
+            }
+            let _last_lines = log::start(settings.log, settings.limits.log_lines_per_second);
             run(&settings, parts)
         }),
     };
@@ -301,63 +294,8 @@ fn set<T>(setting: &mut T, flag: Option<T>) {
     }
 }
 
-/// Checks that a data directory is one, or can still become one.
-fn check_data(settings: &ServerSettings) -> Result<(), Box<dyn Error>> {
-    match &settings.data {
-        Some(data) if data.exists() && !data.is_dir() => {
-            Err(format!("the data directory {} is a file", data.display()).into())
-        }
-        _ => Ok(()),
-    }
-}
-
-/// Checks that a directory takes files, or can still be made.
-fn check_written(of: &str, directory: Option<&Path>) -> Result<(), Box<dyn Error>> {
-    let Some(directory) = directory else {
-        return Ok(());
-    };
-    let named = directory.display();
-    let missing = directory.ancestors().skip(1).find(|above| above.exists());
-    let above = if directory.exists() {
-        directory
-    } else {
-        // A relative name stands in the current directory.
-        missing
-            .filter(|above| *above != Path::new(""))
-            .unwrap_or(Path::new("."))
-    };
-    if !above.is_dir() {
-        let above = above.display();
-        return Err(
-            format!("the directory {named} for {of} cannot be used: {above} is a file").into(),
-        );
-    }
-    let probe = above.join(format!(".rhumb-server-{}", std::process::id()));
-    let tried = std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe));
-    tried.map_err(|cause| {
-        let above = above.display();
-        format!("the directory {named} for {of} cannot be used: {above} takes no files: {cause}")
-            .into()
-    })
-}
-
 fn print(text: &str) -> Result<(), Box<dyn Error>> {
     Ok(std::io::stdout().lock().write_all(text.as_bytes())?)
-}
-
-/// The certificate to serve with: its files, or one for development, which a data directory keeps.
-fn identity(settings: &ServerSettings, data: Option<&DataDir>) -> Result<Identity, Box<dyn Error>> {
-    match (settings.cert.clone(), settings.key.clone()) {
-        (Some(certificate), Some(key)) => Ok(Identity::Files { certificate, key }),
-        (None, None) => Ok(match data {
-            None => Identity::Development,
-            Some(data) => {
-                let (certificate, key) = data.development_certificate()?;
-                Identity::DevelopmentFiles { certificate, key }
-            }
-        }),
-        _ => Err("a certificate needs its key, and a key its certificate".into()),
-    }
 }
 
 /// The parts of a server beside its settings.
@@ -376,16 +314,24 @@ struct Parts {
     opens_browser: bool,
 }
 
-fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
-    if !settings.cores.is_empty() {
-        run_on_cores(&settings.cores)?;
+impl Parts {
+    /// The address for APP clients, if other machines reach it.
+    fn app_beyond_loopback(&self) -> Option<SocketAddr> {
+        #[cfg(feature = "app")]
+        return (self.app.as_ref()).and_then(crate::app_arguments::AppArguments::beyond_loopback);
+        #[cfg(not(feature = "app"))]
+        None
     }
-    let workers = Workers::new(Some(settings.threads)).map_err(RunError::Workers)?;
-    let access = access(settings)?;
+}
+
+fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
+    let CheckedStart {
+        workers,
+        access,
+        processes,
+    } = start_check::check(settings, parts.app_beyond_loopback())?;
     let data = settings.data.as_deref().map(open_data).transpose()?;
-    let identity = identity(settings, data.as_ref())?;
-    check_open(settings, &parts)?;
-    check_page(settings)?;
+    let identity = start_check::identity(settings, data.as_ref())?;
     let stop = Stop::new();
     let origins = settings.web_origins.iter().cloned().collect();
     let origins = settings.web.then_some(origins);
@@ -393,8 +339,8 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     server.employ(workers);
     server.set_largest_packet(settings.largest_packet);
     server.set_limits(settings.limits);
-    if settings.workers == WorkerKind::Processes {
-        use_processes(&mut server, settings)?;
+    if let Some(processes) = processes {
+        server.use_processes(processes);
     }
     if let Some(data) = data {
         server.store_in(data);
@@ -444,36 +390,6 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Refuses a page that could not be shown.
-fn check_page(settings: &ServerSettings) -> Result<(), Box<dyn Error>> {
-    if cfg!(not(feature = "view")) && settings.view.is_some() {
-        return Err("this server was built without the feature `view`: it has no page".into());
-    }
-    if settings.view.is_some() && !settings.web {
-        return Err(
-            "a page is no use to a server without browsers: leave out --no-web, or --view".into(),
-        );
-    }
-    Ok(())
-}
-
-/// Has scenes run in worker processes.
-#[cfg(target_os = "linux")]
-fn use_processes(server: &mut Server, settings: &ServerSettings) -> Result<(), Box<dyn Error>> {
-    server.use_processes(front::ProcessOptions {
-        share: settings.share_worker,
-        log: settings.log,
-        threads: settings.threads,
-    });
-    Ok(())
-}
-
-/// This system has no worker processes.
-#[cfg(not(target_os = "linux"))]
-fn use_processes(_: &mut Server, _: &ServerSettings) -> Result<(), Box<dyn Error>> {
-    Err("this system has no worker processes: set `workers` to \"threads\"".into())
-}
-
 /// Opens a data directory. Processes of a server that was killed end a moment later than it, and hold the lock so long.
 fn open_data(path: &Path) -> Result<DataDir, DataError> {
     let begun = Instant::now();
@@ -482,23 +398,6 @@ fn open_data(path: &Path) -> Result<DataDir, DataError> {
             Err(DataError::InUse { .. }) if begun.elapsed() < IN_USE => thread::sleep(IN_USE_PAUSE),
             opened => return opened,
         }
-    }
-}
-
-/// Refuses what would let other machines in without a token, unless the operator says so.
-fn check_open(settings: &ServerSettings, parts: &Parts) -> Result<(), RunError> {
-    #[cfg(feature = "app")]
-    let app = (parts.app.as_ref()).and_then(crate::app_arguments::AppArguments::beyond_loopback);
-    #[cfg(not(feature = "app"))]
-    let app = {
-        let _ = parts;
-        None
-    };
-    let view = settings.view.filter(|view| !view.ip().is_loopback());
-    let foxglove = (settings.foxglove).filter(|at| !at.ip().is_loopback());
-    match app.or(view).or(foxglove) {
-        Some(address) if !settings.open_to_network => Err(RunError::OpenToNetwork(address)),
-        _ => Ok(()),
     }
 }
 
@@ -521,41 +420,11 @@ fn stop_on_signals(stop: &Stop) -> Arc<AtomicBool> {
     running
 }
 
-/// The clients to admit. No client is admitted without a token unless the operator says so.
-fn access(settings: &ServerSettings) -> Result<Access, Box<dyn Error>> {
-    match (settings.open, settings.open_to_network) {
-        (true, _) if !settings.token_keys.is_empty() => {
-            Err("a server is open or has token keys, not both".into())
-        }
-        (true, true) => Ok(Access::OpenToNetwork),
-        (true, false) => Ok(Access::OpenOnLoopback),
-        _ if settings.token_keys.is_empty() => Err(NO_ACCESS.into()),
-        _ => {
-            let keys = TokenKeys::read(&settings.token_keys, &settings.audience)?;
-            Ok(Access::Tokens(keys))
-        }
-    }
-}
-
 /// Has scenes recorded and shown live; returns where.
 fn observe(
     server: &mut Server,
     settings: &ServerSettings,
 ) -> Result<Option<SocketAddr>, Box<dyn Error>> {
-    if cfg!(not(feature = "record")) && settings.record.is_some() {
-        return Err(
-            "this server was built without the feature `record`: it records nothing".into(),
-        );
-    }
-    if cfg!(not(feature = "foxglove")) && settings.foxglove.is_some() {
-        return Err("this server was built without the feature `foxglove`".into());
-    }
-    let observes = settings.record.is_some() || settings.foxglove.is_some();
-    if observes && settings.workers == WorkerKind::Processes {
-        return Err("recordings and Foxglove see scenes of this process alone: \
-                    leave out `record` and `foxglove`, or set workers = \"threads\""
-            .into());
-    }
     #[cfg(feature = "record")]
     if let Some(directory) = &settings.record {
         server.record_scenes(directory.clone());
@@ -564,7 +433,7 @@ fn observe(
     if let Some(address) = settings.foxglove {
         return Ok(Some(server.show_in_foxglove(address)?));
     }
-    let _ = server;
+    let _ = (server, settings);
     Ok(None)
 }
 
@@ -577,11 +446,8 @@ fn listen_at(server: &mut Server, path: Option<&Path>) -> Result<(), Box<dyn Err
     Ok(())
 }
 
-/// This system has no Unix sockets.
+/// This system has no Unix sockets, and a start that names one was refused.
 #[cfg(not(unix))]
-fn listen_at(_server: &mut Server, path: Option<&Path>) -> Result<(), Box<dyn Error>> {
-    match path {
-        Some(_) => Err("this system has no Unix sockets: leave out --socket".into()),
-        None => Ok(()),
-    }
+fn listen_at(_server: &mut Server, _path: Option<&Path>) -> Result<(), Box<dyn Error>> {
+    Ok(())
 }

@@ -84,6 +84,7 @@ mod server_loop;
 mod sessions;
 mod settings;
 mod snapshot;
+mod start_check;
 mod stream_names;
 mod streams;
 mod tier_controller;

@@ -350,7 +350,7 @@ impl Server {
     }
 
     /// Has scenes run in processes of this program, which answers to `worker` then.
-    pub(crate) const fn use_processes(&mut self, options: ProcessOptions) {
+    pub(crate) fn use_processes(&mut self, options: ProcessOptions) {
         self.processes = Some(options);
     }
 

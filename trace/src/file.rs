@@ -1,7 +1,7 @@
-//! An MCAP file that takes protobuf messages by topic.
+//! An MCAP file of protobuf messages, by topic.
 //!
-//! Compression runs in the caller's thread, so one record gives the same bytes on any machine. A topic is declared
-//! with its first message, so a topic without messages does not appear.
+//! Compression runs on the caller's thread, so equal messages give equal bytes on any machine. The first message of a
+//! topic declares it: a topic without messages is not in the file.
 
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
@@ -15,13 +15,13 @@ use mcap::{Compression, McapError, WriteOptions, Writer};
 use super::messages::DESCRIPTORS;
 use super::topics::{Schema, Topic, TraceSink};
 
-/// The MCAP file.
+/// An MCAP file that is being written.
 pub struct TraceFile<W: Write + Seek> {
     writer: Writer<W>,
     buffer: Vec<u8>,
 }
 
-/// Compressed by zstd in the caller's thread, with indexes and checksums.
+/// Options of every file: zstd on the caller's thread, with indexes and checksums.
 fn options(library: &str) -> WriteOptions {
     WriteOptions::new()
         .compression(Some(Compression::Zstd))
@@ -30,7 +30,7 @@ fn options(library: &str) -> WriteOptions {
 }
 
 impl<W: Write> TraceFile<NoSeek<W>> {
-    /// Begins a file that only grows: a crash leaves whatever chunks were finished, and nothing that looks like one.
+    /// Begins a file that only grows: after a crash it can be read up to the last chunk that was finished.
     ///
     /// # Errors
     ///
@@ -70,7 +70,7 @@ impl<W: Write + Seek> TraceFile<W> {
         self.writer.write_metadata(&Metadata { name, metadata })
     }
 
-    /// Ends the present chunk, so that a reader finds all messages so far even if nothing follows.
+    /// Ends the present chunk. A reader then finds all messages so far, even if nothing follows.
     ///
     /// # Errors
     ///

@@ -1,6 +1,6 @@
-//! Engine states read back from a trace.
+//! Exact engine states, read from the messages of a trace.
 //!
-//! It reads exact states; `messages` defines the numbers.
+//! `messages` defines the fields. Poses on a grid are not read.
 
 use glam::Vec3;
 use prost::Message as _;
@@ -11,7 +11,7 @@ use rhumb_reckoning::{BodyId, BodyState, Tick, ToleranceScale};
 use super::body::Placed;
 use super::messages::{Placement, States};
 
-/// Content of one message of `truth/state`.
+/// The contents of one message of the topic `truth/state`.
 #[derive(Clone, Debug)]
 pub struct TickStates {
     /// The tick.
@@ -20,15 +20,15 @@ pub struct TickStates {
     pub observed: Vec<Observation>,
     /// Bodies placed after its step.
     pub placed: Vec<Placed>,
-    /// Bodies removed by or after its step.
+    /// Bodies that were removed in its step or after it, with the tick.
     pub removed: Vec<(Tick, BodyId)>,
 }
 
-/// Decodes a message; `None` if it holds an invalid motion, shape, kind or id, or poses on the grid alone.
+/// Decodes a message. `None` if a motion, shape, kind or id in it is invalid, or if it has poses on a grid alone.
 ///
 /// # Errors
 ///
-/// If the bytes are no such message.
+/// [`prost::DecodeError`] if the bytes are not such a message.
 pub fn read_states(bytes: &[u8]) -> Result<Option<TickStates>, prost::DecodeError> {
     let states = States::decode(bytes)?;
     Ok(parse(&states))

@@ -13,7 +13,7 @@ use super::threads::Threads;
 use crate::hook::Hooks;
 
 /// How worker processes are started: never.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ProcessOptions(pub(crate) Infallible);
 
 /// No worker processes.
@@ -29,7 +29,7 @@ pub(super) struct Death {
 /// # Errors
 ///
 /// Always.
-pub(crate) fn run_worker(_: Option<Hooks>) -> Result<(), Box<dyn Error>> {
+pub(crate) fn run_worker(_: Option<Hooks>, _: fn() -> i64) -> Result<(), Box<dyn Error>> {
     Err("this system has no worker processes".into())
 }
 

@@ -1,7 +1,7 @@
 //! One file of a recording, and the bound on all of them.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -119,7 +119,10 @@ fn create(directory: &Path, head: &FileHead<'_>) -> io::Result<(PathBuf, File)> 
         };
         let path = directory.join(format!("{:011}.{scene}{more}{ENDING}", head.seconds));
         match File::create_new(&path) {
-            Ok(file) => return Ok((path, file)),
+            Ok(file) => {
+                mark_open(&file);
+                return Ok((path, file));
+            }
             Err(cause) if cause.kind() == io::ErrorKind::AlreadyExists => {}
             Err(cause) => return Err(cause),
         }
@@ -127,7 +130,22 @@ fn create(directory: &Path, head: &FileHead<'_>) -> io::Result<(PathBuf, File)> 
     Err(io::ErrorKind::AlreadyExists.into())
 }
 
-/// Removes the oldest files until all together have at most so many bytes; those that are open stay.
+/// Shows the other processes of the server, which share the directory, that a file is open: by a lock, which ends with
+/// the process. Where the file system has no locks, they may remove the file when the directory is full.
+fn mark_open(file: &File) {
+    if let Err(cause) = file.try_lock() {
+        tracing::debug!(%cause, "a recording cannot be locked");
+    }
+}
+
+/// True if any process of the server has the file open.
+fn is_marked_open(path: &Path) -> bool {
+    let locked = File::open(path).map(|file| file.try_lock_shared());
+    matches!(locked, Ok(Err(TryLockError::WouldBlock)))
+}
+
+/// Removes the oldest files until all together have at most so many bytes; those that are open stay. Other processes
+/// may do the same in the same directory.
 pub(super) fn remove_oldest(
     directory: &Path,
     bytes_max: u64,
@@ -138,7 +156,11 @@ pub(super) fn remove_oldest(
         let entry = entry?;
         let path = entry.path();
         if path.to_string_lossy().ends_with(ENDING) {
-            files.push((path, entry.metadata()?.len()));
+            match entry.metadata() {
+                Ok(metadata) => files.push((path, metadata.len())),
+                Err(cause) if cause.kind() == io::ErrorKind::NotFound => {}
+                Err(cause) => return Err(cause),
+            }
         }
     }
     files.sort();
@@ -147,9 +169,12 @@ pub(super) fn remove_oldest(
         if total <= bytes_max {
             break;
         }
-        if !is_open(path) {
-            fs::remove_file(path)?;
-            total -= bytes;
+        if is_open(path) || is_marked_open(path) {
+            continue;
+        }
+        match fs::remove_file(path) {
+            Err(cause) if cause.kind() != io::ErrorKind::NotFound => return Err(cause),
+            _ => total -= bytes,
         }
     }
     Ok(())
@@ -172,6 +197,26 @@ mod tests {
         remove_oldest(directory.path(), 200, |path| path == first).unwrap();
         assert!(first.exists(), "it is open");
         assert!(!second.exists() && third.exists() && other.exists());
+    }
+
+    #[test]
+    fn a_file_that_another_process_writes_stays() {
+        let directory = tempfile::tempdir().unwrap();
+        let scene = "pit".parse().unwrap();
+        let head = FileHead {
+            scene: &scene,
+            step_ns: 16_666_667,
+            tick: 0,
+            seconds: 7,
+        };
+        // A lock belongs to the opened file, not to the process.
+        let (path, file) = create(directory.path(), &head).unwrap();
+        fs::write(&path, [0; 100]).unwrap();
+        remove_oldest(directory.path(), 0, |_| false).unwrap();
+        assert!(path.exists());
+        drop(file);
+        remove_oldest(directory.path(), 0, |_| false).unwrap();
+        assert!(!path.exists());
     }
 
     #[test]

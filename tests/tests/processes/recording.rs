@@ -156,6 +156,60 @@ fn a_scene_that_ends_leaves_a_whole_file() {
     compare(&states, ball, &heights);
 }
 
+#[test]
+#[cfg(target_os = "linux")]
+fn worker_processes_record_their_scenes_in_one_directory() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().to_str().expect("its name is text");
+    let server = SERVER.serve_with(ANYWHERE, &["--record", path, "--workers", "processes"]);
+    let mut tenants: Vec<_> = ["one/pit", "other/pit"]
+        .map(|scene| {
+            let mut client = join(&server, scene);
+            let ball = populate(&mut client);
+            (client, ball, BTreeMap::new())
+        })
+        .into();
+    for _ in 0..40 {
+        for (client, ball, heights) in &mut tenants {
+            step(client, *ball, heights);
+        }
+    }
+    let seen: Vec<_> = tenants
+        .into_iter()
+        .map(|(mut client, ball, heights)| {
+            client.delete().expect("the scene ends");
+            (ball, heights)
+        })
+        .collect();
+    let mut tries = 0;
+    let recorded = loop {
+        let files = recordings(directory.path());
+        let recorded: Vec<_> = files.iter().map(|file| states(file)).collect();
+        if recorded.len() == 2 && recorded.iter().all(|(_, complete)| *complete) {
+            break recorded;
+        }
+        tries += 1;
+        assert!(tries < STEPS_MAX, "the files were not finished");
+        std::thread::yield_now();
+    };
+    drop(server);
+    let names: Vec<_> = recordings(directory.path())
+        .iter()
+        .map(|file| file.to_string_lossy().into_owned())
+        .collect();
+    for (name, scene) in [(0, "one_pit"), (1, "other_pit")] {
+        assert!(
+            names
+                .iter()
+                .any(|file| file.ends_with(&format!(".{scene}.mcap"))),
+            "{names:?}"
+        );
+        let (ball, heights) = &seen[name];
+        let place = names.iter().position(|file| file.contains(scene));
+        compare(&recorded[place.expect("it is there")].0, *ball, heights);
+    }
+}
+
 /// A viewer of Foxglove's protocol.
 struct Viewer(WebSocket<TcpStream>);
 
@@ -278,6 +332,37 @@ fn viewers_of_other_machines_need_to_be_allowed() {
     let refused = SERVER.run(&["--open", "--listen", ANYWHERE, "--foxglove", "0.0.0.0:0"]);
     assert_eq!(refused.code, Some(1), "{}", refused.out);
     assert!(refused.log.contains("--open-to-network"), "{}", refused.log);
+}
+
+#[test]
+fn a_configuration_is_checked_as_a_start_checks_it() {
+    for (wrong, reason) in [
+        (
+            &["--open", "--listen", "0.0.0.0:0"][..],
+            "--open-to-network",
+        ),
+        (&["--open", "--view", "0.0.0.0:0"], "--open-to-network"),
+        (&["--open", "--foxglove", "0.0.0.0:0"], "--open-to-network"),
+        (
+            &["--open", "--app-listen", "0.0.0.0:0"],
+            "--open-to-network",
+        ),
+        (&["--open", "--view", "--no-web"], "--no-web"),
+        (&["--open", "--core", "9999"], "cores"),
+        (
+            &["--open", "--foxglove", "--workers", "processes"],
+            "foxglove",
+        ),
+        (&["--token-key", "/nowhere/key"], "/nowhere/key"),
+        (&[], "--token-key"),
+    ] {
+        let checked = SERVER.run(&[wrong, &["--check-config"]].concat());
+        assert_eq!(checked.code, Some(1), "{wrong:?}: {}", checked.log);
+        assert!(checked.log.contains(reason), "{wrong:?}: {}", checked.log);
+        let started = SERVER.run(wrong);
+        assert_eq!(started.code, Some(1), "{wrong:?}");
+        assert_eq!(started.log, checked.log, "{wrong:?}");
+    }
 }
 
 #[test]

@@ -31,6 +31,8 @@ use crate::load::ServerLoad;
 use crate::log;
 use crate::metrics::Metrics;
 use crate::pulse::Pulse;
+#[cfg(feature = "record")]
+use crate::recording::{Recorder, RecordingLimits};
 use crate::scene_slots::SceneSlots;
 
 /// Time between two signs of life.
@@ -40,12 +42,13 @@ const END: Duration = Duration::from_millis(500);
 /// Bytes of a scene's entries that wait to be handed to the front.
 const FLIGHT_BYTES_WAITING_MAX: usize = 64 << 10;
 
-/// Runs a worker process, which a front has started, until the front needs it no longer.
+/// Runs a worker process, which a front has started, until the front needs it no longer. `seconds`: the system's time
+/// since 1970.
 ///
 /// # Errors
 ///
 /// If no front is at the other end of standard input, and if the process cannot get what its settings name.
-pub(crate) fn run(hooks: Option<Hooks>) -> Result<(), Box<dyn Error>> {
+pub(crate) fn run(hooks: Option<Hooks>, seconds: fn() -> i64) -> Result<(), Box<dyn Error>> {
     let clock = Clock::start();
     let (to_front, mut from_front) = parent_stream()?;
     let setup = from_front.receive()?;
@@ -59,6 +62,7 @@ pub(crate) fn run(hooks: Option<Hooks>) -> Result<(), Box<dyn Error>> {
     let begun = Span::from_nanos(setup.now_ns);
     let time = move || clock.now() + begun;
     let mut process = WorkerProcess::new(&setup, hooks, time, Arc::new(to_front))?;
+    process.record(&setup, seconds);
     let (stop, stopped) = channel();
     let life = process.life.clone();
     let living = thread::Builder::new()
@@ -83,6 +87,9 @@ struct WorkerProcess {
     life: Life,
     /// Workers whose threads have ended.
     over: Receiver<WorkerId>,
+    /// Records the scenes; it ends after the workers.
+    #[cfg(feature = "record")]
+    recorder: Option<Recorder>,
 }
 
 /// The contents of a sign of life; all clones are one.
@@ -147,8 +154,32 @@ impl WorkerProcess {
             workers: BTreeMap::new(),
             life,
             over,
+            #[cfg(feature = "record")]
+            recorder: None,
         })
     }
+
+    /// Records the scenes that begin from now on, if a directory is named. A directory that takes no files costs the
+    /// recording, and no scene.
+    #[cfg(feature = "record")]
+    fn record(&mut self, setup: &WorkerSetup, seconds: fn() -> i64) {
+        let Some(directory) = setup.record.clone() else {
+            return;
+        };
+        let limits = RecordingLimits::of(&setup.limits);
+        let taps = &self.settings.recorders.taps;
+        match Recorder::start(directory.clone(), limits, seconds, taps) {
+            Ok(recorder) => self.recorder = Some(recorder),
+            Err(cause) => {
+                let directory = directory.display();
+                tracing::error!(%directory, %cause, "the scenes of a worker process are not recorded");
+            }
+        }
+    }
+
+    /// A start without this feature refuses recordings.
+    #[cfg(not(feature = "record"))]
+    fn record(&mut self, _: &WorkerSetup, _: fn() -> i64) {}
 
     fn handle(&mut self, message: ToProcess) {
         match message {

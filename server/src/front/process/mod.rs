@@ -16,6 +16,7 @@ mod tenant;
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
+use std::path::PathBuf;
 
 use rhumb_protocol::Instant;
 use rhumb_protocol::scene::SceneName;
@@ -33,13 +34,15 @@ use super::threads::Threads;
 use crate::flight::FlightCause;
 
 /// How worker processes are started.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ProcessOptions {
     /// True if all scenes without a tenant share a process.
     pub(crate) share: bool,
     pub(crate) log: LevelFilter,
     /// Threads that step and publish, in each process.
     pub(crate) threads: NonZeroU32,
+    /// Directory in which each process records its scenes.
+    pub(crate) record: Option<PathBuf>,
 }
 
 /// The worker processes of a front.
@@ -116,6 +119,7 @@ impl Processes {
             data: (settings.data.as_ref()).map(|data| data.path().to_owned()),
             log: self.options.log.to_string(),
             records_flights: settings.recorders.flights.is_on(),
+            record: self.options.record.clone(),
         };
         let id = ProcessId(self.next);
         self.next += 1;

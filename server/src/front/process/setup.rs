@@ -25,4 +25,6 @@ pub(super) struct WorkerSetup {
     pub(super) log: String,
     /// True if the front keeps flight recorders.
     pub(super) records_flights: bool,
+    /// The directory for recordings of its scenes.
+    pub(super) record: Option<PathBuf>,
 }
