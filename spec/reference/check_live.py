@@ -1,7 +1,8 @@
 """A live scene with client.py and the Rust client: both hold the same bits at every tick that both have.
 
 Usage: python3 check_live.py RHUMB-SERVER RHUMB-FOLLOW [BODIES [TICKS]]. Needs what client.py needs. It starts the server
-and the leader of a ball pit, joins while the scene runs, and compares the files that both write.
+and the leader of a ball pit, joins while the scene runs, and compares the files that both write. The server asks for tokens:
+the leader owns the scene, and the other client observes it.
 """
 
 import json
@@ -38,19 +39,34 @@ def expect(process, word):
     return line
 
 
+def tokens(server_path, folder):
+    """Makes a key and two tokens; returns the paths of the public key, of the leader's token and of the observer's."""
+    key = folder / "key"
+    subprocess.run([server_path, "token", "--new-key", key], check=True, stdout=subprocess.DEVNULL)
+    files = []
+    for role in ("owner", "observer"):
+        mint = [server_path, "token", "--key", key, "--client", role, "--scene", "live", "--role", role]
+        token = subprocess.run(mint, check=True, capture_output=True, text=True).stdout
+        files.append(folder / f"{role}.token")
+        files[-1].write_text(token, encoding="ascii")
+    return [folder / "key.pub", *files]
+
+
 def run(folder, server_path, follow_path, bodies, ticks):
     address = None
     processes = []
     try:
-        server = start([server_path, "--open", "--listen", "127.0.0.1:0"])
+        key, leads, observes = tokens(server_path, folder)
+        server = start([server_path, "--token-key", key, "--listen", "127.0.0.1:0"])
         processes.append(server)
         address, fingerprint = server_of(server)
         common = ["--server", address, "--fingerprint", fingerprint, "--scene", "live", "--micrometres", MICROMETRES]
-        rust = [follow_path, *common, "--bodies", bodies, "--ticks", ticks, "--out", folder / "rust.jsonl"]
+        rust = [follow_path, *common, "--bodies", bodies, "--ticks", ticks, "--out", folder / "rust.jsonl", "--token", leads]
         leader = start(rust, stdin=subprocess.PIPE)
         processes.append(leader)
         expect(leader, "going")
         python = [sys.executable, HERE / "client.py", *common, "--until", ticks, "--out", folder / "python.jsonl"]
+        python += ["--token", observes]
         python_client = start(python)
         processes.append(python_client)
         expect(python_client, "joined")

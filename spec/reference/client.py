@@ -1,7 +1,7 @@
 """A client that joins a scene over QUIC (PROTOCOL 1 and 3), reports its losses, and keeps the connection alive.
 
 Needs `aioquic`. Usage: python3 client.py --server HOST:PORT --fingerprint HEX --scene NAME --micrometres N --out FILE
-[--until TICK]. Prints `joined` after the snapshot, and writes the bits of each complete tick.
+[--until TICK] [--token FILE]. Prints `joined` after the snapshot, and writes the bits of each complete tick.
 """
 
 import argparse
@@ -11,6 +11,7 @@ import json
 import ssl
 import struct
 import sys
+from pathlib import Path
 
 from aioquic.asyncio.client import connect
 from aioquic.asyncio.protocol import QuicConnectionProtocol
@@ -190,6 +191,12 @@ class Member(QuicConnectionProtocol):
             raise Ended("the server has another certificate")
 
 
+def extensions(token):
+    """A greased extension (3.5), and the token that a server asks for (3.6-1)."""
+    shown = [{"id": 1, "value": token.strip().encode("ascii").hex()}] if token else []
+    return shown + [{"id": 27, "value": "00"}]
+
+
 def bits(motion):
     return "".join(struct.pack(">d", number).hex() for number in motion.numbers())
 
@@ -223,8 +230,8 @@ async def subscribe(arguments):
         member.must_be(arguments.fingerprint.lower())
         member.on_state = log.note
         # A greased version and a greased extension are offered too (3.5).
-        greased = [{"id": 27, "value": "00"}]
-        member.send_message({"is": "Hello", "magic": 0x424D4852, "versions": [0x4A4A, 1], "scene": arguments.scene, "extensions": greased})
+        hello = {"is": "Hello", "magic": 0x424D4852, "versions": [0x4A4A, 1], "scene": arguments.scene}
+        member.send_message(hello | {"extensions": extensions(arguments.token)})
         welcome = await member.answer("Welcome")
         if welcome["version"] != 1:
             member.end(VERSION)
@@ -257,6 +264,7 @@ def main():
     parser.add_argument("--until", type=int, required=True, help="the tick to subscribe to")
     parser.add_argument("--seconds", type=float, default=120, help="time limit")
     parser.add_argument("--out", required=True)
+    parser.add_argument("--token", type=lambda path: Path(path).read_text(encoding="ascii"), help="file with a token")
     return asyncio.run(subscribe(parser.parse_args()))
 
 

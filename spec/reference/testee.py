@@ -90,7 +90,7 @@ async def subscribe(task):
         member.must_be(os.environ["RHUMB_FINGERPRINT"].lower())
         report = Report(member, task.ticks)
         member.on_state, member.on_change = report.note, report.change
-        greased = [{"id": 27, "value": "00"}]
+        greased = client.extensions(os.environ.get("RHUMB_TOKEN"))
         hello = {"is": "Hello", "magic": 0x424D4852, "versions": [0x4A4A, 1], "scene": os.environ["RHUMB_SCENE"]}
         member.send_message(hello | {"extensions": greased})
         try:

@@ -14,6 +14,7 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
 use rhumb_netsim::{Carrier, LinkConfig, RawConnection, RawPeerConfig};
+use rhumb_protocol::message::Token;
 use rhumb_transport::{Fingerprint, Trust};
 
 use super::case::Case;
@@ -25,6 +26,7 @@ use super::report::{self, Report, RunSettings};
 use super::role::Role;
 use super::run;
 use super::schedule::Profile;
+use super::shown_token::ShownToken;
 use super::suite::{self, Selection};
 use super::trace;
 
@@ -68,6 +70,8 @@ struct ServerTask {
     /// The transport of the suite's clients. Over WebTransport the fingerprint is that of the certificate for browsers.
     #[arg(long, value_enum, default_value = "quic")]
     transport: Transport,
+    #[command(flatten)]
+    shown: ShownToken,
     #[command(flatten)]
     common: Common,
 }
@@ -126,6 +130,8 @@ struct MatrixTask {
         required_unless_present = "list"
     )]
     clients: Vec<NamedClient>,
+    #[command(flatten)]
+    shown: ShownToken,
     #[command(flatten)]
     common: Common,
 }
@@ -243,8 +249,8 @@ impl ServerTask {
             name,
             trust,
         };
-        self.common
-            .run(given, subject, cases, self.transport.carrier())
+        let shown = (self.transport.carrier(), self.shown.read()?);
+        self.common.run(given, subject, cases, shown)
     }
 }
 
@@ -266,7 +272,7 @@ impl ClientTask {
             listen: self.listen,
             exec: exec.clone(),
         };
-        self.common.run(exec, subject, cases, Carrier::Quic)
+        self.common.run(exec, subject, cases, (Carrier::Quic, None))
     }
 }
 
@@ -313,8 +319,12 @@ impl VectorsTask {
             .clone()
             .unwrap_or_else(|| "built-in decoder".into());
         let exec = self.exec;
-        self.common
-            .run(name, Subject::Decoder { exec }, cases, Carrier::Quic)
+        self.common.run(
+            name,
+            Subject::Decoder { exec },
+            cases,
+            (Carrier::Quic, None),
+        )
     }
 }
 
@@ -348,10 +358,11 @@ impl MatrixTask {
             }
         }
         self.common.must_mean(&cases)?;
+        let token = self.shown.read()?;
         // The subject is replaced for each pair.
         let conditions = self
             .common
-            .conditions(Subject::Decoder { exec: None }, Carrier::Quic);
+            .conditions(Subject::Decoder { exec: None }, (Carrier::Quic, token));
         let (pairs, results) = matrix::run(
             &self.servers,
             &self.clients,
@@ -444,7 +455,11 @@ impl Common {
         Ok(true)
     }
 
-    fn conditions(&self, subject: Subject, carrier: Carrier) -> Conditions {
+    fn conditions(
+        &self,
+        subject: Subject,
+        (carrier, token): (Carrier, Option<Token>),
+    ) -> Conditions {
         Conditions {
             subject,
             carrier,
@@ -452,6 +467,7 @@ impl Common {
             seed: self.seed,
             link: self.link,
             without: self.without.clone(),
+            token,
         }
     }
 
@@ -470,7 +486,7 @@ impl Common {
         name: String,
         subject: Subject,
         cases: Vec<Case>,
-        carrier: Carrier,
+        (carrier, token): (Carrier, Option<Token>),
     ) -> Result<bool, BoxError> {
         self.must_mean(&cases)?;
         self.reports.must_have_folders()?;
@@ -482,7 +498,8 @@ impl Common {
         {
             self.must_listen(&name, *target, host, trust, carrier)?;
         }
-        let (conditions, selection) = (self.conditions(subject, carrier), self.selection());
+        let (conditions, selection) =
+            (self.conditions(subject, (carrier, token)), self.selection());
         let (at_a_time, mut out) = (self.side_by_side.get(), std::io::stdout());
         let results = run::run(cases, &selection, &conditions, at_a_time, &mut out);
         self.conclude(name, results, Vec::new())

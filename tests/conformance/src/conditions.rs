@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use rhumb_netsim::{Carrier, LinkConfig, UdpRelay};
+use rhumb_protocol::message::Token;
 use rhumb_transport::Trust;
 
 use super::feature::Feature;
@@ -23,6 +24,8 @@ pub struct Conditions {
     pub carrier: Carrier,
     /// Features that the peer is declared to lack.
     pub without: Vec<Feature>,
+    /// The token that every client of a server shows, if it asks for one.
+    pub token: Option<Token>,
 }
 
 impl Conditions {

@@ -64,6 +64,7 @@ pub mod run;
 pub mod schedule;
 pub mod seed;
 mod server;
+mod shown_token;
 pub mod suite;
 pub mod testee;
 pub mod trace;

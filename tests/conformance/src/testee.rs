@@ -97,6 +97,9 @@ pub fn run(environment: &TesteeEnvironment, behaviour: &mut dyn Behaviour) -> io
         .map_err(|error| io::Error::other(error.to_string()))?;
     let clock = Clock::start();
     let mut session = ClientSession::new(environment.scene.clone());
+    if let Some(token) = environment.token.clone() {
+        session.set_token(token);
+    }
     session.handle_opened(clock.now(), SERVER);
     let mut testee = Testee {
         session,

@@ -147,7 +147,7 @@ impl<'a> Trial<'a> {
         config: &RawPeerConfig,
     ) -> Result<RawClient, Stop> {
         let (connection, relay) = self.connect(config)?;
-        Ok(RawClient::new(
+        let mut client = RawClient::new(
             connection,
             relay,
             scene.clone(),
@@ -155,7 +155,9 @@ impl<'a> Trial<'a> {
             self.log.clone(),
             Rc::clone(&self.closing),
             Rc::clone(&self.scenes),
-        ))
+        );
+        client.token = self.conditions.token.clone();
+        Ok(client)
     }
 
     /// A client with a session and a replica, which is not yet a member.

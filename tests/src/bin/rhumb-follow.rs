@@ -13,7 +13,7 @@ use std::time::Duration;
 use clap::Parser;
 use rhumb_conformance::testee::copy_line;
 use rhumb_conformance::vectors::known;
-use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::message::{InvalidToken, StreamChoice};
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{LengthBound, Tick, Tolerance};
@@ -53,6 +53,9 @@ struct Arguments {
     /// File for the received bytes, in the form of spec/vectors/streams.json.
     #[arg(long)]
     record: Option<PathBuf>,
+    /// File with the token to show.
+    #[arg(long)]
+    token: Option<PathBuf>,
 }
 
 const SERVER: Peer = Peer(0);
@@ -89,6 +92,10 @@ impl Leader {
             .map_err(|error| failed(&error.to_string()))?;
         let scene = arguments.scene.parse();
         let mut session = ClientSession::new(scene.map_err(|_| failed("not a valid scene name"))?);
+        if let Some(path) = &arguments.token {
+            let token = fs::read_to_string(path)?.parse();
+            session.set_token(token.map_err(|error: InvalidToken| failed(&error.to_string()))?);
+        }
         let clock = Clock::start();
         session.handle_opened(clock.now(), SERVER);
         Ok(Self {

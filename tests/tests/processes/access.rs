@@ -5,6 +5,8 @@
 use std::fs;
 use std::path::PathBuf;
 
+use pasetors::keys::AsymmetricSecretKey;
+use pasetors::version4::{PublicToken, V4};
 use rhumb_client::scene::{BodyDesc, Command, CommandError, SceneConfig, Shape};
 use rhumb_client::{
     BodyId, Client, ClientError, CloseCode, Denial, Ending, Event, JoinMode, JoinOptions,
@@ -231,4 +233,29 @@ fn watcher_client_advances(guarded: &Guarded, token: &str) -> Result<(), ClientE
         .join_with(Some(token), "pit", joins_only())
         .expect("an observer joins");
     client.advance(PipelineDepth::LOCKSTEP).map(|_| ())
+}
+
+#[test]
+fn an_expired_token_admits_no_client() {
+    let guarded = Guarded::start("expired");
+    let key = fs::read_to_string(guarded.folder.join("key")).expect("the key is a file");
+    let key = AsymmetricSecretKey::<V4>::try_from(key.trim()).expect("it is a PASERK");
+    // As another service signs it, by the claims of PROTOCOL 3.6.
+    let token = |expires: &str| {
+        let claims = format!(
+            r#"{{"aud":"rhumb","sub":"anna","exp":"{expires}","scenes":["pit"],"role":"owner"}}"#
+        );
+        let signed = PublicToken::sign(&key, claims.as_bytes(), None, None);
+        signed.expect("it can be signed")
+    };
+    assert!(
+        guarded
+            .join(Some(&token("2999-01-01T00:00:00Z")), "pit")
+            .is_ok()
+    );
+    let refused = guarded.join(Some(&token("2026-01-01T00:00:00Z")), "pit");
+    assert_eq!(close_code(refused), CloseCode::TOKEN_EXPIRED);
+    let unsigned = token("2999-01-01T00:00:00Z").replace("v4.public.", "v4.public.A");
+    let refused = guarded.join(Some(&unsigned), "pit");
+    assert_eq!(close_code(refused), CloseCode::TOKEN_INVALID);
 }

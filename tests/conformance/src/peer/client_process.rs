@@ -1,8 +1,8 @@
 //! The client under test, as a process.
 //!
 //! `docs/book/src/implementing.md` describes its environment and the lines that it writes. In short: its environment has
-//! `RHUMB_ADDR`, `RHUMB_FINGERPRINT`, `RHUMB_SCENE`, `RHUMB_TASK`, `RHUMB_CASE`, `RHUMB_SEED`, and it writes one JSON
-//! object per line. Exit code 127 means *unsupported*.
+//! `RHUMB_ADDR`, `RHUMB_FINGERPRINT`, `RHUMB_SCENE`, `RHUMB_TASK`, `RHUMB_CASE`, `RHUMB_SEED`, `RHUMB_TOKEN` for a server
+//! that asks for one, and it writes one JSON object per line. Exit code 127 means *unsupported*.
 
 use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
@@ -12,6 +12,7 @@ use std::thread;
 use std::time::Duration;
 
 use rhumb_netsim::{RawConnection, RawPeerServer};
+use rhumb_protocol::message::Token;
 use rhumb_protocol::{Instant, Span};
 use rhumb_transport::{Clock, Fingerprint};
 use serde_json::Value;
@@ -35,6 +36,7 @@ pub(super) struct ClientEnvironment<'a> {
     pub(super) task: &'a str,
     pub(super) case: &'a str,
     pub(super) seed: u64,
+    pub(super) token: Option<&'a Token>,
 }
 
 /// The client's process. Dropping it kills the process and copies the tail of its standard error to the log.
@@ -63,6 +65,11 @@ impl ClientProcess {
             .env("RHUMB_TASK", environment.task)
             .env("RHUMB_CASE", environment.case)
             .env("RHUMB_SEED", environment.seed.to_string())
+            .envs(
+                environment
+                    .token
+                    .map(|token| ("RHUMB_TOKEN", token.as_str())),
+            )
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())

@@ -76,6 +76,7 @@ impl RawServer {
             task,
             case,
             seed: conditions.seed,
+            token: conditions.token.as_ref(),
         };
         let mut client = ClientProcess::start(exec, &environment, log.clone())
             .map_err(|error| inconclusive(&error))?;

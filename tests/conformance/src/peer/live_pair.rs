@@ -69,6 +69,7 @@ impl LivePair {
             task: &setting.task,
             case: trial.id(),
             seed: trial.conditions.seed,
+            token: trial.conditions.token.as_ref(),
         };
         let cannot = |error: std::io::Error| Stop::Inconclusive(error.to_string());
         let mut pair = Self {

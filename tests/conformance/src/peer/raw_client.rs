@@ -12,7 +12,7 @@ use bytes::Bytes;
 use rhumb_netsim::{RawConnection, RawEvent, RawPeerEnd, UdpRelay};
 use rhumb_protocol::message::{
     ClientMessage, Denial, Extensions, Frames, Joined, SceneEvent, ServerMessage, StreamChoice,
-    Welcome,
+    Token, Welcome,
 };
 use rhumb_protocol::scene::{Command, CommandError, IdRange, SceneConfig, SceneName};
 use rhumb_protocol::session::CloseCode;
@@ -41,6 +41,8 @@ pub struct RawClient {
     pub ended: Option<RawPeerEnd>,
     /// Types of received optional messages that the protocol does not assign, in order.
     pub greased: Vec<u8>,
+    /// The token that its `Hello` shows, unless the case gives it one.
+    pub(crate) token: Option<Token>,
     frames: Frames,
     received: VecDeque<ServerMessage>,
     timeout: Duration,
@@ -69,6 +71,7 @@ impl RawClient {
             datagrams: VecDeque::new(),
             ended: None,
             greased: Vec::new(),
+            token: None,
             frames: Frames::new(),
             received: VecDeque::new(),
             timeout,
@@ -90,7 +93,7 @@ impl RawClient {
     pub fn send(&mut self, message: &ClientMessage) {
         self.log.note(format!("> {message:?}"));
         let mut bytes = Vec::new();
-        message.encode(&mut bytes);
+        self.encode(message, &mut bytes);
         self.connection.send_control(bytes);
         if matches!(message, ClientMessage::Command(_)) {
             self.commands += 1;
@@ -102,10 +105,21 @@ impl RawClient {
         let mut bytes = Vec::new();
         for message in messages {
             self.log.note(format!("> {message:?}"));
-            message.encode(&mut bytes);
+            self.encode(message, &mut bytes);
             self.commands += u64::from(matches!(message, ClientMessage::Command(_)));
         }
         self.connection.send_control(bytes);
+    }
+
+    /// Appends a message. A `Hello` shows the token, if there is one.
+    fn encode(&self, message: &ClientMessage, bytes: &mut Vec<u8>) {
+        let mut message = message.clone();
+        if let (Some(token), ClientMessage::Hello { extensions, .. }) = (&self.token, &mut message)
+        {
+            // A case that shows a token of its own, or fills the list, means what it sends.
+            let _ = extensions.insert(token.extension());
+        }
+        message.encode(bytes);
     }
 
     /// Sends a datagram.

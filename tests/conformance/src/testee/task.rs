@@ -5,7 +5,7 @@
 use std::env;
 use std::net::SocketAddr;
 
-use rhumb_protocol::message::StreamChoice;
+use rhumb_protocol::message::{StreamChoice, Token};
 use rhumb_protocol::scene::SceneName;
 use rhumb_protocol::stream::Budget;
 use rhumb_reckoning::{LengthBound, Tolerance};
@@ -60,6 +60,8 @@ pub struct TesteeEnvironment {
     pub scene: SceneName,
     /// The task.
     pub task: TesteeTask,
+    /// The token to show, if the server asks for one.
+    pub token: Option<Token>,
 }
 
 /// Burst size of a stream with a budget, in bytes.
@@ -141,6 +143,14 @@ impl TesteeEnvironment {
                 .parse()
                 .map_err(|_| Some("RHUMB_FINGERPRINT is invalid".to_owned()))?,
             scene: sent("RHUMB_SCENE")?.parse().map_err(wrong("RHUMB_SCENE"))?,
+            token: match env::var("RHUMB_TOKEN") {
+                Ok(token) => Some(
+                    token
+                        .parse()
+                        .map_err(|_| Some("RHUMB_TOKEN is invalid".to_owned()))?,
+                ),
+                Err(_) => None,
+            },
             task: TesteeTask::read(&task).ok_or(None)?,
         })
     }
