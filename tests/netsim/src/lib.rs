@@ -9,7 +9,8 @@ mod raw_peer;
 mod sim_network;
 
 pub use raw_peer::{
-    Carrier, RawConnection, RawEvent, RawPeerConfig, RawPeerEnd, RawPeerError, RawPeerServer,
+    Carrier, InventedClients, RawConnection, RawEvent, RawPeerConfig, RawPeerEnd, RawPeerError,
+    RawPeerServer,
 };
 pub use rhumb_transport::conditioner::{
     Direction, Lane, Link, LinkConfig, LinkConfigError, LinkCounts, Probability, RelayError, Tally,

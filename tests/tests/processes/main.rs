@@ -13,6 +13,7 @@ mod durable;
 mod durable_disk;
 mod examples;
 mod hostile_load;
+mod invented_clients;
 mod public_client;
 mod recording;
 mod tier_policy_quic;

@@ -6,8 +6,10 @@
 mod client;
 mod config;
 mod connection;
+mod invented;
 mod server;
 
 pub use config::{Carrier, RawPeerConfig, RawPeerError};
 pub use connection::{RawConnection, RawEvent, RawPeerEnd};
+pub use invented::InventedClients;
 pub use server::RawPeerServer;
