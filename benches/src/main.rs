@@ -12,6 +12,7 @@ use rhumb_bench::frames::{FramesArguments, frames};
 use rhumb_bench::limit::{LimitArguments, limit};
 use rhumb_bench::replay::{Replay, replay};
 use rhumb_bench::scene_file::{SceneArguments, scene};
+use rhumb_bench::service::{ServiceArguments, service};
 
 /// Command line of `rhumb-bench`.
 #[derive(Debug, Parser)]
@@ -35,6 +36,8 @@ enum Task {
     Cost(CostArguments),
     /// Measure a simulator's frame with its physics in process, in another process and behind a socket.
     Frames(FramesArguments),
+    /// Measure what tokens, durability and worker processes of a server cost.
+    Service(ServiceArguments),
     /// Fit the tables of the packet coder to recorded traces.
     Fit(FitArguments),
     /// Write the bodies a scene places as JSON, for engines that are not linked here.
@@ -52,6 +55,7 @@ fn main() -> ExitCode {
         Task::Limit(arguments) => limit(&arguments),
         Task::Cost(arguments) => cost(&arguments),
         Task::Frames(arguments) => frames(&arguments),
+        Task::Service(arguments) => service(&arguments),
         Task::Fit(arguments) => fit(&arguments),
         Task::Scene(arguments) => scene(&arguments),
         Task::Serve(arguments) => serve(*arguments),

@@ -139,6 +139,12 @@ impl ServerProcess {
     }
 }
 
+/// Reads the address and the fingerprint that a server prints at its start.
+pub(crate) fn read_address(child: &mut Child) -> Result<(SocketAddr, Fingerprint), ProcessError> {
+    let (address, fingerprint, _) = read_start_up_lines(child, false)?;
+    Ok((address, fingerprint))
+}
+
 /// Contents of the start-up lines.
 type Addresses = (SocketAddr, Fingerprint, Option<SocketAddr>);
 
