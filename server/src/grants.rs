@@ -36,7 +36,7 @@ pub(crate) type Vacancy<'a> = dyn Fn(u32) -> Option<u16> + 'a;
 
 /// Consecutive vacant indices.
 #[derive(Clone, Copy, Debug, Default)]
-struct Run {
+struct VacantRun {
     first: u32,
     count: u32,
     generation: u16,
@@ -86,8 +86,8 @@ impl Grants {
     }
 
     /// The indices that were never granted.
-    fn fresh(&self, limits: IndexLimits) -> Run {
-        Run {
+    fn fresh(&self, limits: IndexLimits) -> VacantRun {
+        VacantRun {
             first: self.end,
             count: limits.indices.saturating_sub(self.end),
             generation: 0,
@@ -95,13 +95,13 @@ impl Grants {
     }
 
     /// The first free run of `count` vacant indices; otherwise the longest.
-    fn reuse(&self, count: u32, vacancy: &Vacancy<'_>) -> Run {
-        let mut longest = Run::default();
+    fn reuse(&self, count: u32, vacancy: &Vacancy<'_>) -> VacantRun {
+        let mut longest = VacantRun::default();
         for (first, length) in &self.free {
-            let mut run = Run::default();
+            let mut run = VacantRun::default();
             for index in *first..first + length {
                 let Some(generation) = vacancy(index) else {
-                    run = Run::default();
+                    run = VacantRun::default();
                     continue;
                 };
                 if run.count == 0 {
@@ -121,7 +121,7 @@ impl Grants {
     }
 
     /// Grants the first `count` indices of a run, or all of them if it has fewer.
-    fn take(&mut self, peer: Peer, run: Run, count: u32) -> Option<IdRange> {
+    fn take(&mut self, peer: Peer, run: VacantRun, count: u32) -> Option<IdRange> {
         let count = run.count.min(count);
         let range = (count > 0).then(|| IdRange::new(run.first, count, run.generation))??;
         let after = run.first + count;

@@ -1,4 +1,4 @@
-//! Refusals of a start: what the settings may not say, and files and directories that cannot be used.
+//! Refusals of a start: wrong settings, unusable files and directories.
 //!
 //! A start and `--check-config` run the same checks. Nothing stays changed, and no address is taken: a server that runs
 //! with these settings is not disturbed.

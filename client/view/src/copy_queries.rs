@@ -1,4 +1,4 @@
-//! Queries on a client's own copy: the bodies of a view, where the view shows them.
+//! Queries on a client's own copy: the bodies where a view shows them.
 //!
 //! Answers are those that the server would give if its bodies had the poses of the view. Nothing is sent, and nothing of
 //! the view changes. A refresh costs a look at each body, and work for those that moved.

@@ -35,7 +35,7 @@ fn hellos_of_invented_clients_cost_no_memory_and_keep_no_client_out() {
     let hellos = std::env::var("RHUMB_TEST_HELLOS").map_or(20_000, |count| {
         count.parse::<u32>().expect("RHUMB_TEST_HELLOS is a number")
     });
-    let server = SERVER.serve_with("127.0.0.1:0", &["--log", "warn"]);
+    let server = SERVER.serve_with("127.0.0.1:0", &[]);
     let trust = Trust::Fingerprint(server.fingerprint);
     let mut invented = InventedClients::new(server.address, &trust).expect("a trust");
     let mut flood = |count: u32| {

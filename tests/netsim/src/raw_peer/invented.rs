@@ -1,4 +1,4 @@
-//! First datagrams of clients that do not exist, from addresses of loopback that nothing answers at.
+//! First datagrams of invented clients, from addresses of loopback.
 //!
 //! Each is a valid `Initial` packet with a connection id and keys of its own, so that a server cannot tell it from a
 //! client's.
