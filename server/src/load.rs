@@ -11,8 +11,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// When a client may try again that was refused for want of processor time.
 pub(crate) const RETRY_SECONDS: u8 = 5;
 
-/// Steps of bodies that a tick costs by itself: waking a thread, publishing, a datagram. It takes some 30 µs where a
-/// resting body takes 60 ns.
+/// Steps of bodies that a tick costs by itself: waking a thread, publishing, a datagram. An estimate: tens of
+/// microseconds, where a resting body takes tens of nanoseconds.
 const STEPS_OF_TICK: u64 = 500;
 
 /// The sum over all scenes of a server; all clones are one.
