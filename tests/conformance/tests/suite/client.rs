@@ -91,6 +91,7 @@ fn conditions(exec: String) -> Conditions {
         link: LinkConfig::PERFECT,
         carrier: Carrier::Quic,
         without: Vec::new(),
+        token: None,
     }
 }
 

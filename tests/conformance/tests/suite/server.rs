@@ -33,6 +33,7 @@ fn conditions(server: &LocalServer, link: LinkConfig, carrier: Carrier) -> Condi
         link,
         carrier,
         without: Vec::new(),
+        token: None,
     }
 }
 
@@ -166,6 +167,7 @@ fn tried_mutant(
         link: LinkConfig::PERFECT,
         carrier: Carrier::Quic,
         without: Vec::new(),
+        token: None,
     };
     let selection = Selection {
         patterns: patterns.iter().map(|&pattern| pattern.to_owned()).collect(),
