@@ -69,6 +69,7 @@ const SERVER: Peer = Peer(0);
 
 impl LossyClient {
     pub(crate) fn new(client: RawClient) -> Self {
+        let token = client.token.clone();
         let Parts {
             connection,
             scene,
@@ -78,6 +79,9 @@ impl LossyClient {
             relay,
         } = client.into_parts();
         let mut session = ClientSession::new(scene.clone());
+        if let Some(token) = token {
+            session.set_token(token);
+        }
         let clock = Clock::start();
         session.handle_opened(clock.now(), SERVER);
         Self {
