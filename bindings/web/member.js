@@ -118,7 +118,7 @@ function hexadecimal(bytes) {
 /** Frees the module's memory of members that nothing refers to: a page that connects again and again needs no more of it. */
 const members = new FinalizationRegistry((handle) => module().member_free(handle));
 
-/** What `rhumb.d.ts` names Member, and what a client needs beside it. */
+/** The Member of `rhumb.d.ts`, with more that a client needs. */
 export class Member {
   #handle;
   #events = [];

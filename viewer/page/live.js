@@ -9,7 +9,7 @@ const PAUSE_MAX = 4000;
 
 const pause = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
 
-/** What is wrong with this browser or this address, as a title and a sentence that says what to do. */
+/** The fault of this browser or this address, as a title and a sentence that says what to do; undefined without one. */
 export function obstacle() {
   if (!globalThis.isSecureContext) {
     const here = `${location.protocol}//${location.host}`;
@@ -33,7 +33,7 @@ export class Live {
   onstate = () => {};
   /** Called whenever a copy has been joined. */
   onjoin = () => {};
-  /** What the server says about itself; undefined before it was reached. */
+  /** The server's facts of `connect.json`; undefined before it was reached. */
   facts;
   copy;
   /** The truth of the same scene; undefined while it is not compared. */
@@ -45,7 +45,7 @@ export class Live {
   /** Grows with each change of the scene; attempts of an earlier one end. */
   #attempt = 0;
 
-  /** Reads what the server says about itself. */
+  /** Reads the facts of the server. */
   async read() {
     const response = await fetch("connect.json", { cache: "no-store" });
     if (!response.ok) throw new Error(await response.text());

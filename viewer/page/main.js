@@ -39,8 +39,13 @@ const VIEWS = {
     [0, 0, 0],
   ],
 };
-/** Turns of the event loop before a frame, at most. */
+/**
+ * Turns of the event loop before a frame, at most; and their time: a share of the last frame's, so that fast ones stay
+ * fast, and at least some milliseconds.
+ */
 const ARRIVAL_TURNS = 12;
+const ARRIVAL_SHARE = 0.2;
+const ARRIVAL_MS_MIN = 3;
 /** Times of frames that are kept for the figures of a test. */
 const FRAME_TIMES = 600;
 
@@ -64,8 +69,10 @@ let mode = { kind: "live" };
 let lastFrame = 0;
 let scene;
 
-/** What a script can read of this page: counts since it was loaded. */
+/** Counts since the page was loaded, for scripts that drive it. */
 const diagnostics = { state: "starting", frames: 0, frameTimes: [], workTimes: [], time: 0, bodies: 0, comparison };
+/** The frame that was drawn last. A live one's columns are those of the copy, and end with its next call. */
+diagnostics.shown = undefined;
 globalThis.rhumbDiagnostics = diagnostics;
 
 function notice(title, text) {
@@ -177,7 +184,7 @@ function follow(name) {
   live.follow(name);
 }
 
-// What is shown ------------------------------------------------------------------------------------------------------
+// Frames -------------------------------------------------------------------------------------------------------------
 
 async function frame() {
   await arrivals();
@@ -199,7 +206,9 @@ async function frame() {
  * page would predict what it could know.
  */
 async function arrivals() {
-  for (let turn = 0; turn < ARRIVAL_TURNS; turn++) {
+  const begin = performance.now();
+  const end = begin + Math.max(ARRIVAL_MS_MIN, ARRIVAL_SHARE * (begin - lastFrame));
+  for (let turn = 0; turn < ARRIVAL_TURNS && performance.now() < end; turn++) {
     const before = live.copy?.statistics.receivedDatagrams;
     await new Promise((resolve) => setTimeout(resolve));
     if (live.copy?.statistics.receivedDatagrams === before) return;
@@ -227,6 +236,7 @@ function showLive(now, seconds) {
   }
   const errors = truth && comparison.generation === seen.generation ? comparison.errors : undefined;
   if (mode.kind === "live") {
+    diagnostics.shown = seen;
     history.add(seen, errors, roster, at);
     bodies.pose(seen, seen.changed);
     colours.marked = panel.id === undefined ? -1 : seen.ids.indexOf(panel.id);
@@ -237,7 +247,8 @@ function showLive(now, seconds) {
     if (ghosts.visible) layGhosts(truth?.at(time) ?? truth?.at(truth.newest), seen.ids);
   }
   hands.act(seen, copy.view.linearVelocities, seconds, player());
-  const moving = roster.movable.reduce((sum, place) => sum + 1 - seen.resting[place], 0);
+  let moving = 0;
+  for (const place of roster.movable) moving += 1 - seen.resting[place];
   const picked = panel.id === undefined ? -1 : seen.ids.indexOf(panel.id);
   const ofPicked = {
     place: picked,
@@ -323,6 +334,7 @@ function showFrame(shown, now) {
     laidOut = shown.generation;
     bodies.layout(shown, (shape) => shown.shapesByNumber.get(shape));
   }
+  diagnostics.shown = shown;
   bodies.pose(shown, shown.changed);
   colours.marked = panel.id === undefined ? -1 : shown.ids.indexOf(panel.id);
   colours.apply(bodies, shown, shown.errors, now);
@@ -532,8 +544,9 @@ function recordings() {
     }
   };
   element("recording").addEventListener("change", ({ target }) => open(target.files[0]));
-  element("stage").addEventListener("dragover", (event) => event.preventDefault());
-  element("stage").addEventListener("drop", (event) => {
+  // Anywhere on the page: where a drop is not handled, the browser leaves the page for the file.
+  document.addEventListener("dragover", (event) => event.preventDefault());
+  document.addEventListener("drop", (event) => {
     event.preventDefault();
     open(event.dataTransfer.files[0]);
   });

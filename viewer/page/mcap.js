@@ -216,7 +216,7 @@ class Trace {
     this.#run = run;
   }
 
-  /** What the page plays: the copy if there is one, else the truth. */
+  /** The ticks that the page plays: of the copy if there is one, else of the truth. */
   recording() {
     const step = Number(this.#facts.step_s ?? 1 / 60);
     const actual = this.#truth.map((message) => this.#states(message));

@@ -1,47 +1,19 @@
-// A demo server and a browser for the page's tests.
+// A server and its page, for the page's tests.
 
 import { spawn } from "node:child_process";
-import { existsSync } from "node:fs";
-import { createRequire } from "node:module";
 import { createInterface } from "node:readline";
-import { fileURLToPath } from "node:url";
 
-const root = fileURLToPath(new URL("..", import.meta.url));
-/** Drawing without a graphics card. */
-const FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"];
 /** A wait that is longer ends a test, milliseconds. */
 export const LIMIT = 60_000;
 
-/**
- * Opens Chromium, or prints why there is none and ends the process with success. The package playwright-core is found from
- * here, or in the folder RHUMB_NODE_MODULES; Chromium is that of the system, or RHUMB_CHROMIUM.
- */
-export async function openBrowser() {
-  const paths = [process.env.RHUMB_CHROMIUM, "/usr/bin/chromium", "/usr/bin/chromium-browser"];
-  const executablePath = paths.find((path) => path && existsSync(path));
-  const playwright = playwrightCore();
-  if (executablePath === undefined || playwright === undefined) {
-    console.log(`skipped: ${executablePath === undefined ? "no Chromium" : "no playwright-core"} is installed`);
-    process.exit(0);
-  }
-  return playwright.chromium.launch({ executablePath, args: FLAGS });
-}
-
-function playwrightCore() {
-  const paths = [process.env.RHUMB_NODE_MODULES, root].filter((path) => path);
-  const require = createRequire(import.meta.url);
-  try {
-    return require(require.resolve("playwright-core", { paths }));
-  } catch {
-    return undefined;
-  }
-}
-
 /** Starts `rhumb-server demo`; resolves with its process and the address of its page. */
 export function startDemo(binary, { scene = "ball-pit", view = "127.0.0.1:0", more = [] } = {}) {
-  const server = spawn(binary, ["demo", scene, "--view", view, "--no-browser", ...more], {
-    stdio: ["ignore", "pipe", "inherit"],
-  });
+  return startServer(binary, ["demo", scene, "--view", view, "--no-browser", ...more]);
+}
+
+/** Starts a server with a page; resolves as `startDemo` does. */
+export function startServer(binary, options) {
+  const server = spawn(binary, options, { stdio: ["ignore", "pipe", "inherit"] });
   return new Promise((resolve, reject) => {
     server.once("exit", (code) => reject(new Error(`the server ended with code ${code}`)));
     createInterface({ input: server.stdout }).on("line", (line) => {
@@ -79,7 +51,7 @@ export async function openPage(browser, url, { width = 480, height = 360, colorS
 /** The page's counts. */
 export const read = (page) =>
   page.evaluate(() => {
-    const { comparison, ...rest } = rhumbDiagnostics;
+    const { comparison, shown, ...rest } = rhumbDiagnostics;
     const { ticks, bodyTicks, beyondTolerance, greatestShare, boundedBodyTicks, beyondBound, allBodyTicks } =
       comparison;
     const counts = { ticks, bodyTicks, beyondTolerance, greatestShare, boundedBodyTicks, beyondBound, allBodyTicks };
@@ -107,6 +79,20 @@ export async function until(page, condition) {
     await page.waitForTimeout(50);
   }
 }
+
+/** The page's text in an element. */
+export const text = (page, id) => page.evaluate((id) => document.getElementById(id).textContent, id);
+
+/** Moves a slider, as a hand would. */
+export const slide = (page, id, value) =>
+  page.evaluate(
+    ([id, value]) => {
+      const input = document.getElementById(id);
+      input.value = value;
+      input.dispatchEvent(new Event("input", { bubbles: true }));
+    },
+    [id, value],
+  );
 
 /** Chooses an option. */
 export const choose = (page, id, value) =>

@@ -11,6 +11,8 @@ pub(super) struct Column {
     pub(super) title: &'static str,
     /// Width on a screen, characters.
     pub(super) width: u16,
+    /// On a narrow screen the columns of the lowest ranks are left out.
+    rank: u8,
     value: fn(&SceneChange<'_>) -> Option<f64>,
     text: fn(Option<f64>) -> String,
 }
@@ -20,32 +22,54 @@ pub(super) const NAME_TITLE: &str = "SCENE";
 
 /// All columns but that of the name.
 pub(super) const COLUMNS: [Column; 12] = [
-    column("CLIENTS", 7, |of| of.value("members"), whole),
-    column("BODIES", 7, |of| of.value("bodies"), whole),
-    column("AWAKE", 7, |of| of.value("bodies_awake"), whole),
-    column("TICK", 9, |of| of.value("tick"), whole),
-    column("TICKS/s", 7, |of| of.rate("tick"), |rate| number(rate, 1)),
-    column("p50ms", 6, |of| of.step_quantile(0.5), milliseconds),
-    column("p99ms", 6, |of| of.step_quantile(0.99), milliseconds),
-    column("BUSY%", 6, busy, percent),
-    column("LATE", 6, |of| of.value("late_total"), whole),
-    column("INkB/s", 7, |of| of.rate("received_bytes_total"), kilobytes),
-    column("OUTkB/s", 8, |of| of.rate("sent_bytes_total"), kilobytes),
-    column("WAIT", 5, |of| of.value("bodies_waiting"), whole),
+    column("CLIENTS", 7, 8, |of| of.value("members"), whole),
+    column("BODIES", 7, 9, |of| of.value("bodies"), whole),
+    column("AWAKE", 7, 4, |of| of.value("bodies_awake"), whole),
+    column("TICK", 9, 6, |of| of.value("tick"), whole),
+    column("TICKS/s", 7, 10, |of| of.rate("tick"), |rate| number(rate, 1)),
+    column("p50ms", 6, 2, |of| of.step_quantile(0.5), milliseconds),
+    column("p99ms", 6, 7, |of| of.step_quantile(0.99), milliseconds),
+    column("BUSY%", 6, 12, busy, percent),
+    column("LATE", 6, 3, |of| of.value("late_total"), whole),
+    column("INkB/s", 7, 5, |of| of.rate("received_bytes_total"), kilobytes),
+    column("OUTkB/s", 8, 11, |of| of.rate("sent_bytes_total"), kilobytes),
+    column("WAIT", 5, 1, |of| of.value("bodies_waiting"), whole),
 ];
 
 const fn column(
     title: &'static str,
     width: u16,
+    rank: u8,
     value: fn(&SceneChange<'_>) -> Option<f64>,
     text: fn(Option<f64>) -> String,
 ) -> Column {
     Column {
         title,
         width,
+        rank,
         value,
         text,
     }
+}
+
+/// Width of the column of names, characters; more if there is room.
+pub(super) const NAME_WIDTH: u16 = 12;
+
+/// Places of the columns that a screen of this width has room for whole, in their order. The sorted column stays longest.
+pub(super) fn fitting(width: u16, sorted: Option<usize>) -> Vec<usize> {
+    let mut places: Vec<usize> = (0..COLUMNS.len()).collect();
+    let needed = |places: &[usize]| {
+        let widths = places.iter().map(|place| COLUMNS[*place].width + 1);
+        NAME_WIDTH + widths.sum::<u16>()
+    };
+    while needed(&places) > width {
+        let rank = |place: &usize| (sorted == Some(*place), COLUMNS[*place].rank);
+        let Some(least) = places.iter().copied().min_by_key(rank) else {
+            break;
+        };
+        places.retain(|place| *place != least);
+    }
+    places
 }
 
 fn whole(value: Option<f64>) -> String {

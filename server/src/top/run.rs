@@ -2,6 +2,8 @@
 
 use std::error::Error;
 use std::io::{self, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{
     Receiver, RecvTimeoutError, SyncSender, TryRecvError, TrySendError, sync_channel,
 };
@@ -39,24 +41,32 @@ pub(crate) fn run(arguments: &TopArguments) -> Result<(), Box<dyn Error>> {
         let text = table::plain(&url, &now, Some(&before));
         return Ok(io::stdout().lock().write_all(text.as_bytes())?);
     }
+    // A signal ends it as a key does: the terminal is as it was before.
+    let stopped = Arc::new(AtomicBool::new(false));
+    let stop = Arc::clone(&stopped);
+    ctrlc::set_handler(move || stop.store(true, Ordering::Relaxed))?;
     let mut terminal = ratatui::try_init().map_err(|cause| {
         format!("cannot use this terminal: {cause}; --once prints a table without one")
     })?;
-    let outcome = show(&mut terminal, TopState::new(url), reader);
+    let outcome = show(&mut terminal, TopState::new(url), reader, &stopped);
     let restored = ratatui::try_restore();
     outcome.and(restored).map_err(Into::into)
 }
 
-/// Draws whatever is new, until a key ends it.
+/// Draws whatever is new, until a key or a signal ends it.
 fn show(
     terminal: &mut ratatui::DefaultTerminal,
     mut state: TopState,
     reader: FiguresReader,
+    stopped: &AtomicBool,
 ) -> io::Result<()> {
     let (_end, outcomes) = read_on_thread(reader)?;
     loop {
         terminal.draw(|frame| screen::draw(frame, &state))?;
         loop {
+            if stopped.load(Ordering::Relaxed) {
+                return Ok(());
+            }
             if event::poll(KEY_WAIT)? {
                 let key = TopKey::of(&event::read()?);
                 if key.map(|key| state.press(key)) == Some(KeyEffect::Quit) {

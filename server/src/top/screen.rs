@@ -7,7 +7,7 @@ use ratatui::text::Line;
 use ratatui::widgets::{Block, Cell, Paragraph, Row, Table, TableState, Wrap};
 
 use super::change::SceneChange;
-use super::columns::{COLUMNS, NAME_TITLE};
+use super::columns::{COLUMNS, NAME_TITLE, NAME_WIDTH, fitting};
 use super::format::{count, milliseconds, number, percent};
 use super::keys::HELP;
 use super::reading::Reading;
@@ -61,6 +61,8 @@ fn draw_table(
     area: Rect,
 ) {
     let sorted = state.order.column;
+    let places = fitting(area.width, sorted);
+    let columns = || places.iter().map(|place| &COLUMNS[*place]);
     let title = |text: &'static str, is_sorted: bool| {
         let line = Line::from(text);
         if is_sorted {
@@ -69,13 +71,14 @@ fn draw_table(
             line.bold()
         }
     };
-    let titles = COLUMNS.iter().enumerate().map(|(at, column)| {
-        Cell::from(title(column.title, sorted == Some(at)).alignment(Alignment::Right))
+    let titles = places.iter().map(|place| {
+        let title = title(COLUMNS[*place].title, sorted == Some(*place));
+        Cell::from(title.alignment(Alignment::Right))
     });
     let name = Cell::from(title(NAME_TITLE, sorted.is_none()));
     let head = Row::new(std::iter::once(name).chain(titles));
     let lines = rows.iter().map(|scene| {
-        let cells = COLUMNS.iter().map(|column| {
+        let cells = columns().map(|column| {
             let text = Line::from(column.cell(scene));
             Cell::from(text.alignment(Alignment::Right))
         });
@@ -87,10 +90,8 @@ fn draw_table(
             row
         }
     });
-    let widths = COLUMNS
-        .iter()
-        .map(|column| Constraint::Length(column.width));
-    let widths = std::iter::once(Constraint::Min(12)).chain(widths);
+    let widths = columns().map(|column| Constraint::Length(column.width));
+    let widths = std::iter::once(Constraint::Min(NAME_WIDTH)).chain(widths);
     let mut table = Table::new(lines, widths)
         .header(head)
         .row_highlight_style(Style::new().reversed());
@@ -227,6 +228,39 @@ mod tests {
         assert_eq!(row, expected);
         assert!(lines[5].starts_with("tower"), "{lines:#?}");
         assert!(lines[11].contains("q quit"), "{lines:#?}");
+    }
+
+    #[test]
+    fn a_narrow_screen_leaves_columns_out_and_cuts_none() {
+        let titles = COLUMNS.map(|column| column.title);
+        for (width, least) in [(104, 11), (80, 8), (40, 3), (20, 1)] {
+            let lines = drawn(&state(), width, 12);
+            let mut words = lines[3].split_whitespace();
+            assert_eq!(words.next(), Some("SCENE"), "{lines:#?}");
+            let shown: Vec<_> = words.collect();
+            assert!(shown.len() >= least, "{width}: {lines:#?}");
+            assert!(
+                shown.iter().all(|word| titles.contains(word)),
+                "{width}: {lines:#?}"
+            );
+        }
+        let mut sorted = state();
+        while sorted.order.column != Some(COLUMNS.len() - 1) {
+            sorted.press(TopKey::Sort);
+        }
+        let lines = drawn(&sorted, 40, 12);
+        assert!(lines[3].contains("WAIT"), "{lines:#?}");
+    }
+
+    #[test]
+    fn a_server_without_scenes_has_no_faults() {
+        let mut state = TopState::new("http://127.0.0.1:9464".to_owned());
+        let at = Instant::ZERO;
+        state.take(Ok(
+            Reading::parse(at, true, "rhumb_connections 0\n").unwrap()
+        ));
+        let text = drawn(&state, 160, 12).join("\n");
+        assert!(text.contains(" 0 faulted, 0 restorations"), "{text}");
     }
 
     #[test]

@@ -30,7 +30,9 @@ pub(super) fn summary(now: &Reading) -> String {
 
 fn sum(now: &Reading, figure: &str) -> f64 {
     let scenes = now.scenes.values();
-    scenes.filter_map(|scene| scene.value(figure)).sum()
+    let sum: f64 = scenes.filter_map(|scene| scene.value(figure)).sum();
+    // The sum of nothing is -0.
+    sum + 0.0
 }
 
 /// The whole table: a line about the server, titles, and a line for each scene.

@@ -2,7 +2,7 @@
 //!
 //! The states of a recording are compared with the bodies that a client sees at the same ticks.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
@@ -210,6 +210,49 @@ fn worker_processes_record_their_scenes_in_one_directory() {
     }
 }
 
+/// The messages of a topic, in words that a file and the live protocol share; a schema's bytes are in Base64.
+#[derive(Debug, PartialEq)]
+struct Description {
+    encoding: String,
+    schema: String,
+    schema_encoding: String,
+    data: String,
+}
+
+/// The topics of a recording, with their descriptions.
+fn described(path: &Path) -> BTreeMap<String, Description> {
+    let bytes = fs::read(path).expect("the file can be read");
+    let summary = mcap::Summary::read(&bytes).expect("it is an MCAP file");
+    let channels = summary.expect("the file is whole").channels;
+    let described = channels.into_values().map(|channel| {
+        let schema = channel.schema.as_ref().expect("it has a schema");
+        let description = Description {
+            encoding: channel.message_encoding.clone(),
+            schema: schema.name.clone(),
+            schema_encoding: schema.encoding.clone(),
+            data: base64(&schema.data),
+        };
+        (channel.topic.clone(), description)
+    });
+    described.collect()
+}
+
+/// Base64 with padding, as Foxglove's protocol writes schemas.
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::new();
+    for group in bytes.chunks(3) {
+        let bits = (group.iter()).fold(0_u32, |bits, byte| bits << 8 | u32::from(*byte));
+        let bits = bits << (8 * (3 - group.len()));
+        for digit in 0..4 {
+            let place = (bits >> (18 - 6 * digit) & 63) as usize;
+            let is_padding = digit > group.len();
+            text.push(if is_padding { '=' } else { DIGITS[place].into() });
+        }
+    }
+    text
+}
+
 /// A viewer of Foxglove's protocol.
 struct Viewer(WebSocket<TcpStream>);
 
@@ -230,13 +273,19 @@ impl Viewer {
         Self(socket)
     }
 
+    /// The next message in JSON.
+    fn json(&mut self) -> Value {
+        loop {
+            if let Message::Text(text) = self.0.read().expect("a message comes") {
+                return serde_json::from_str(&text).expect("it is JSON");
+            }
+        }
+    }
+
     /// The number of the channel of a topic, once it is announced, and its schema.
     fn channel(&mut self, topic: &str) -> (u64, String) {
         loop {
-            let Message::Text(text) = self.0.read().expect("a message comes") else {
-                continue;
-            };
-            let message: Value = serde_json::from_str(&text).expect("it is JSON");
+            let message = self.json();
             let channels = message["channels"].as_array().into_iter().flatten();
             for channel in channels {
                 if channel["topic"] == topic {
@@ -247,6 +296,39 @@ impl Viewer {
                 }
             }
         }
+    }
+
+    /// The announced channels, once these topics are among them: number and description by topic.
+    fn channels(&mut self, topics: &BTreeSet<String>) -> BTreeMap<String, (u64, Description)> {
+        let mut found = BTreeMap::new();
+        while !topics.iter().all(|topic| found.contains_key(topic)) {
+            let message = self.json();
+            for channel in message["channels"].as_array().into_iter().flatten() {
+                let text = |field: &str| channel[field].as_str().expect("a text").to_owned();
+                let id = channel["id"].as_u64().expect("a number");
+                let description = Description {
+                    encoding: text("encoding"),
+                    schema: text("schemaName"),
+                    schema_encoding: text("schemaEncoding"),
+                    data: text("schema"),
+                };
+                found.insert(text("topic"), (id, description));
+            }
+        }
+        found
+    }
+
+    /// Numbers of the channels that are withdrawn, up to and including these.
+    fn withdrawn(&mut self, awaited: &BTreeSet<u64>) -> BTreeSet<u64> {
+        let mut gone = BTreeSet::new();
+        while !awaited.is_subset(&gone) {
+            let message = self.json();
+            if message["op"] == "unadvertise" {
+                let ids = message["channelIds"].as_array().expect("a list");
+                gone.extend(ids.iter().filter_map(Value::as_u64));
+            }
+        }
+        gone
     }
 
     fn subscribe(&mut self, channel: u64) {
@@ -324,6 +406,54 @@ fn a_viewer_that_comes_late_sees_a_scene_that_stands_still() {
         let update = SceneUpdate::decode(&*data).expect("it is a scene");
         let entity = &update.entities[0];
         assert_eq!((entity.cubes.len(), entity.spheres.len()), (cubes, spheres));
+    }
+}
+
+#[test]
+fn a_viewer_is_offered_the_topics_and_schemas_of_a_recording() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().to_str().expect("its name is text");
+    let server = SERVER.serve_with(ANYWHERE, &["--foxglove", ANYWHERE, "--record", path]);
+    let mut client = join(&server, "pit");
+    let (ball, mut heights) = (populate(&mut client), BTreeMap::new());
+    for _ in 0..10 {
+        step(&mut client, ball, &mut heights);
+    }
+    let drawn = ["static", "moving", "resting"];
+    let drawn: BTreeSet<_> = drawn.map(|topic| format!("/pit/truth/{topic}")).into();
+    let offered = {
+        let mut left = Viewer::connect(&server);
+        let offered = left.channels(&drawn);
+        left.subscribe(offered["/pit/truth/static"].0);
+        let _ = left.next();
+        offered
+    };
+    // That viewer left without a word; a later one is offered the same, and is served.
+    let mut viewer = Viewer::connect(&server);
+    let server_info = viewer.json();
+    assert_eq!(server_info["op"], "serverInfo");
+    assert_eq!(server_info["capabilities"], serde_json::json!([]), "it takes nothing from viewers");
+    let again = viewer.channels(&drawn);
+    assert_eq!(again, offered);
+    viewer.subscribe(again["/pit/truth/moving"].0);
+    step(&mut client, ball, &mut heights);
+    let (_, data) = viewer.next();
+    let update = SceneUpdate::decode(&*data).expect("it is a scene");
+    assert_eq!(update.entities[0].spheres.len(), 1);
+    client.delete().expect("the scene ends");
+    let numbers = again.values().map(|(number, _)| *number).collect();
+    assert_eq!(viewer.withdrawn(&numbers), numbers, "the scene is gone");
+
+    let file = &recordings(directory.path())[0];
+    let mut tries = 0;
+    while !states(file).1 {
+        tries += 1;
+        assert!(tries < STEPS_MAX, "the file was not finished");
+        std::thread::yield_now();
+    }
+    let recorded = described(file);
+    for (topic, (_, description)) in &offered {
+        assert_eq!(recorded.get(topic), Some(description), "{topic}");
     }
 }
 

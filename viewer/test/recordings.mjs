@@ -1,0 +1,189 @@
+// Recordings dropped on the page in Chromium: it plays and scrubs them, and shows the poses that the files have.
+//
+// Usage: node recordings.mjs RHUMB_SERVER TRACE, a trace of `rhumb-bench evaluate`. A recording of the server is made here.
+// Python reads the files for comparison (RHUMB_TEST_PYTHON, with the packages that poses.py names).
+
+import { spawnSync } from "node:child_process";
+import { mkdtemp, readFile, readdir, rm, writeFile } from "node:fs/promises";
+import { tmpdir } from "node:os";
+import { basename, join } from "node:path";
+import { fileURLToPath } from "node:url";
+import { Missing, openChromium, pause } from "./browsers.mjs";
+import { check, kill, LIMIT, openPage, slide, startServer, text, until } from "./support.mjs";
+
+const [binary, trace] = process.argv.slice(2);
+if (trace === undefined) {
+  console.error("usage: node recordings.mjs RHUMB_SERVER TRACE");
+  process.exit(2);
+}
+const python = process.env.RHUMB_TEST_PYTHON ?? "python3";
+const here = fileURLToPath(new URL(".", import.meta.url));
+const STEP = 1 / 60;
+/** Metres, and units of a rotation: the page's numbers have 32 bits. */
+const ROUNDING = 2e-6;
+
+/** The output of a Python program. */
+function runPython(options, input) {
+  const { status, stdout, stderr, error } = spawnSync(python, options, { input, maxBuffer: 1e9 });
+  if (status !== 0) throw new Error(`${python} ${options[0]}: ${error ?? stderr}`);
+  return stdout;
+}
+
+/** Drops a file on the page, as a hand does with one of a file manager. */
+async function drop(page, path) {
+  const session = await page.context().newCDPSession(page);
+  const data = { items: [], files: [path], dragOperationsMask: 1 };
+  for (const type of ["dragEnter", "dragOver", "drop"]) {
+    await session.send("Input.dispatchDragEvent", { type, x: 200, y: 150, data });
+  }
+  await session.detach();
+}
+
+/** In the page: steps a scene of many shapes by its own client, which ends the scene, and so its recording. */
+async function recordScene(facts) {
+  const { connect } = await import("/client/rhumb.js");
+  const connection = await connect(facts.url, { certificateHashes: facts.certificateHashes });
+  const client = await connection.join("shapes", { mode: { createOrJoin: { stepping: "lockstep" } } });
+  const shapes = [
+    { kind: "ball", radius: 0.5 },
+    { kind: "cuboid", halfExtents: [0.3, 0.4, 0.5] },
+    { kind: "capsule", halfHeight: 0.5, radius: 0.3 },
+    { kind: "cylinder", halfHeight: 0.4, radius: 0.3 },
+    { kind: "cone", halfHeight: 0.5, radius: 0.4 },
+    { kind: "roundedCuboid", halfExtents: [0.3, 0.3, 0.3], radius: 0.1 },
+    { kind: "hull", points: [0.5, 0, 0, -0.5, 0, 0.4, -0.5, 0, -0.4, 0, 0.7, 0] },
+  ];
+  client.addBody({ kind: "static", shape: { kind: "cuboid", halfExtents: [20, 0.5, 20] }, position: [0, -0.5, 0] });
+  const place = (shape, at) => ({ kind: "dynamic", shape, position: [2 * at - 6, 3 + 0.3 * at, 0], angularVelocity: [1, 2, at] });
+  const added = client.addBodies(shapes.map(place));
+  for (let tick = 0; tick < 150; tick++) {
+    if (tick === 60) client.addBody({ kind: "dynamic", shape: shapes[0], position: [0, 9, 3] });
+    if (tick === 90) client.command({ kind: "removeBody", id: added[2] });
+    await client.advance();
+  }
+  await client.delete();
+  client.close();
+}
+
+/** Makes a recording of a server, and resolves with its path when it is whole. */
+async function makeRecording(page, server, folder) {
+  const facts = await (await fetch(new URL("connect.json", server.url))).json();
+  await page.evaluate(recordScene, facts);
+  for (const end = performance.now() + LIMIT; performance.now() < end; await pause(100)) {
+    for (const name of await readdir(folder)) {
+      const path = join(folder, name);
+      const bytes = await readFile(path);
+      const isWhole = bytes.subarray(-8).equals(Buffer.from("\x89MCAP0\r\n", "latin1"));
+      if (isWhole && bytes.length > 1000) return path;
+    }
+  }
+  throw new Error("the server finished no recording");
+}
+
+/** The bodies that the page shows at a tick of the recording, which it is made to scrub to. */
+async function posesShown(page, tick) {
+  await slide(page, "scrubber", Math.round(1000 * tick * STEP));
+  await until(page, `d.shown.time === ${tick}`);
+  return page.evaluate(() => {
+    const { positions, rotations, time } = rhumbDiagnostics.shown;
+    return { time, positions: Array.from(positions), rotations: Array.from(rotations) };
+  });
+}
+
+/** Compares what the page shows at some ticks with the poses of the file; forwards and back. */
+async function comparePoses(page, path, run) {
+  const { ticks } = JSON.parse(runPython([join(here, "poses.py"), path, run, "0"]));
+  const last = ticks - 1;
+  const chosen = [0, 1, 7, 61, 40, 121, 119, 100, last, 30, 90, 89, 12].filter((tick) => tick <= last);
+  const file = JSON.parse(runPython([join(here, "poses.py"), path, run, ...chosen.map(String)]));
+  let compared = 0;
+  for (const tick of chosen) {
+    const { positions, rotations } = await posesShown(page, tick);
+    for (const [place, pose] of Object.entries(file.poses[tick])) {
+      const shown = [...positions.slice(3 * place, 3 * place + 3), ...rotations.slice(4 * place, 4 * place + 4)];
+      const worst = Math.max(...shown.map((value, part) => Math.abs(value - pose[part]) / Math.max(1, Math.abs(pose[part]))));
+      if (!(worst <= ROUNDING)) throw new Error(`body ${place} at tick ${tick}: ${shown} is shown, but ${pose} recorded`);
+      compared++;
+    }
+  }
+  check(compared > chosen.length, `${compared} poses of ${chosen.length} ticks are those of ${basename(path)}`);
+}
+
+async function plays(page, path, said) {
+  await drop(page, path);
+  await until(page, () => document.getElementById("moment").textContent.includes(" of "));
+  const status = await text(page, "status");
+  check(said.test(status), `it plays: ${status}`);
+  const { time } = await page.evaluate(() => rhumbDiagnostics.shown);
+  await until(page, `d.shown.time > ${time}`);
+  return status;
+}
+
+/** An .rhtrace of two boxes, one of which rises a decimetre in each frame. */
+function boxes(frames) {
+  const bodies = 2;
+  const bytes = Buffer.alloc(8 + 8 + 4 + 12 + 16 * bodies + 2 * frames + 55 * (frames + 1));
+  let at = bytes.write("RHTRACE1", "latin1");
+  const u16 = (value) => (at = bytes.writeUInt16LE(value, at));
+  const f32 = (value) => (at = bytes.writeFloatLE(value, at));
+  at = bytes.writeUInt32LE(frames, bytes.writeUInt32LE(bodies, at));
+  for (const value of [STEP, 0, -9.8, 0]) f32(value);
+  for (let body = 0; body < bodies; body++) for (const value of [0.5, 0.5, 0.5, Math.hypot(0.5, 0.5, 0.5)]) f32(value);
+  for (let frame = 0; frame < frames; frame++) {
+    const moved = frame === 0 ? [0, 1] : [1];
+    u16(moved.length);
+    for (const body of moved) {
+      u16(body);
+      for (const value of [2 * body, 0.5 + 0.1 * frame * body, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0]) f32(value);
+      at = bytes.writeUInt8(1, at);
+    }
+  }
+  return bytes;
+}
+
+async function otherForms(page, folder) {
+  const frames = 300;
+  const packed = runPython(["-c", "import sys, zstandard; sys.stdout.buffer.write(zstandard.compress(sys.stdin.buffer.read()))"], boxes(frames));
+  for (const [name, bytes] of [["boxes.rhtrace", boxes(frames)], ["boxes.rhtrace.zst", packed]]) {
+    const path = join(folder, name);
+    await writeFile(path, bytes);
+    await plays(page, path, /: 2 boxes, 300 frames/);
+    for (const tick of [10, 299, 0, 200]) {
+      const { positions } = await posesShown(page, tick);
+      const expected = [0, 0.5, 0, 2, Math.fround(0.5 + 0.1 * tick), 0];
+      if (positions.some((value, part) => value !== expected[part])) throw new Error(`${name} at ${tick}: ${positions}`);
+    }
+    check(true, `${name} is scrubbed to the poses that it has`);
+  }
+  const cut = join(folder, "cut.mcap");
+  await writeFile(cut, (await readFile(trace)).subarray(0, 900));
+  await drop(page, cut);
+  await until(page, () => document.getElementById("status").textContent.includes("cannot be played"));
+  check(true, `a damaged one is refused: ${await text(page, "status")}`);
+}
+
+const folder = await mkdtemp(join(tmpdir(), "rhumb-recordings-"));
+let browser, server;
+try {
+  browser = await openChromium();
+  const made = join(folder, "made");
+  const listens = ["--listen", "127.0.0.1:0", "--view", "127.0.0.1:0"];
+  server = await startServer(binary, ["--open", "--log", "off", ...listens, "--record", made]);
+  const page = await openPage(browser, server.url);
+  const recording = await makeRecording(page, server, made);
+  await plays(page, recording, /: 9 bodies, the truth$/);
+  await comparePoses(page, recording, "truth");
+  const status = await plays(page, trace, /: \d+ bodies, the copy of rhumb[^ ]*, within /);
+  await comparePoses(page, trace, /the copy of ([^ ,]+)/.exec(status)[1]);
+  await otherForms(page, folder);
+  await page.keyboard.press("Escape");
+  await until(page, () => document.getElementById("moment").textContent === "live");
+  check(page.errors.length === 0, `no error in the page ${page.errors.join("; ")}`);
+} catch (cause) {
+  if (!(cause instanceof Missing)) throw cause;
+  console.log(`skipped: ${cause.message}`);
+} finally {
+  await browser?.close();
+  if (server !== undefined) await kill(server);
+  await rm(folder, { recursive: true, force: true });
+}
