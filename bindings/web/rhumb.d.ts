@@ -631,10 +631,10 @@ export interface Statistics {
   readonly watermarkTick: number;
   /** The newest tick at which every body is within its tolerance. */
   readonly completeTick: number;
-  /** Present factor on the tolerances of a stream with a budget; 1 otherwise. */
-  readonly errorScale: number;
-  /** Ticks by which the view lies behind the server's clock; undefined before the clock is known. */
-  readonly behindTicks?: number;
+  /** Present factor on the tolerances of a stream with a budget, null where it has not been stated; 1 otherwise. */
+  readonly errorScale: number | null;
+  /** Ticks by which the view lies behind the server's clock; null before the clock is known. */
+  readonly behindTicks: number | null;
   /** Updates and bytes of the upstream since the last authority grant. */
   readonly upstream: { readonly updates: number; readonly packets: number; readonly bytes: number };
 }

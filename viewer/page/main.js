@@ -68,6 +68,8 @@ let ghostsLaidOut;
 let mode = { kind: "live" };
 let lastFrame = 0;
 let scene;
+/** True if there is something to say about the connection. */
+let noticed = false;
 
 /** Counts since the page was loaded, for scripts that drive it. */
 const diagnostics = { state: "starting", frames: 0, frameTimes: [], workTimes: [], time: 0, bodies: 0, comparison };
@@ -75,10 +77,12 @@ const diagnostics = { state: "starting", frames: 0, frameTimes: [], workTimes: [
 diagnostics.shown = undefined;
 globalThis.rhumbDiagnostics = diagnostics;
 
+/** Shows a notice, or none. While a recording plays, it waits: it is about the connection. */
 function notice(title, text) {
+  noticed = title !== undefined;
   const box = element("notice");
-  box.hidden = title === undefined;
-  if (title === undefined) return;
+  box.hidden = !noticed || mode.kind === "recording";
+  if (!noticed) return;
   box.querySelector("h2").textContent = title;
   box.querySelector("p").textContent = text;
 }
@@ -187,6 +191,15 @@ function follow(name) {
 // Frames -------------------------------------------------------------------------------------------------------------
 
 async function frame() {
+  try {
+    await showNow();
+  } finally {
+    // A frame that failed is reported, and does not end the page.
+    requestAnimationFrame(frame);
+  }
+}
+
+async function showNow() {
   await arrivals();
   const now = performance.now();
   const seconds = Math.min(0.25, (now - lastFrame) / 1000);
@@ -198,7 +211,6 @@ async function frame() {
   stage.draw();
   note(diagnostics.workTimes, performance.now() - now);
   diagnostics.frames++;
-  requestAnimationFrame(frame);
 }
 
 /**
@@ -310,8 +322,9 @@ function counts(time, moving, { errorScale }) {
   const truth = live.truth === undefined ? "" : `, greatest error ${metres(comparison.worst)}`;
   element("counts").textContent = `tick ${time}, ${roster.movable.length} bodies, ${moving} moving${truth}`;
   const scale = element("scale");
-  scale.hidden = errorScale === 1;
-  if (errorScale !== 1) scale.textContent = `over budget: errors up to ${number(errorScale, 1)} tolerances`;
+  // A stream with a budget may not have stated it yet.
+  scale.hidden = (errorScale ?? 1) === 1;
+  if (!scale.hidden) scale.textContent = `over budget: errors up to ${number(errorScale, 1)} tolerances`;
 }
 
 /** The id of the body that keys drive. */
@@ -348,6 +361,7 @@ function toLive() {
   bodies.down = [0, -1, 0];
   mode = { kind: "live" };
   laidOut = undefined;
+  element("notice").hidden = !noticed;
   element("live").textContent = "Pause";
   element("moment").textContent = "live";
 }
@@ -378,7 +392,7 @@ function play(recording) {
   bodies.down = recording.gravity;
   ghosts.visible = element("ghosts").checked = false;
   element("live").textContent = "Back to live";
-  notice(undefined);
+  element("notice").hidden = true;
   hint(recording.title);
   stage.look([18, 14, 22], [0, 2, 0]);
 }

@@ -1,15 +1,17 @@
-// Measures the page in a browser: frame times of many bodies, and memory over minutes. Prints figures, asserts none.
+// Measures the page in Chromium: frame times of many bodies, and memory over minutes. Prints figures, asserts none.
 //
-// Usage: node measure.mjs RHUMB_SERVER frames [BODIES...] | memory MINUTES
+// Usage: node measure.mjs RHUMB_SERVER frames [BODIES...] | undrawn [BODIES...] | memory MINUTES
+// `undrawn` is `frames` with a graphics card that takes no time: the page does all its work, and nothing is drawn.
 
-import { choose, kill, openBrowser, openPage, read, startDemo, until } from "./support.mjs";
+import { openChromium } from "./browsers.mjs";
+import { choose, kill, openPage, read, startDemo, until } from "./support.mjs";
 
 const [binary, what, ...numbers] = process.argv.slice(2);
-if (binary === undefined || !["frames", "memory"].includes(what)) {
-  console.error("usage: node measure.mjs RHUMB_SERVER frames [BODIES...] | memory MINUTES");
+if (binary === undefined || !["frames", "undrawn", "memory"].includes(what)) {
+  console.error("usage: node measure.mjs RHUMB_SERVER frames [BODIES...] | undrawn [BODIES...] | memory MINUTES");
   process.exit(2);
 }
-const browser = await openBrowser();
+const browser = await openChromium();
 const demos = [];
 
 async function start(more) {
@@ -21,22 +23,40 @@ async function start(more) {
 const at = (times, share) =>
   [...times].sort((a, b) => a - b)[Math.min(times.length - 1, Math.floor(share * times.length))].toFixed(1);
 
+/** Has the page draw nothing. */
+const undrawn = (page) =>
+  page.addInitScript(() => {
+    for (const name of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"])
+      WebGL2RenderingContext.prototype[name] = () => {};
+  });
+
 /** Frame times while balls fall and burst apart, without the truth, which is a stream of every state. */
-async function frames(bodies) {
+async function frames(bodies, prepare) {
   const demo = await start(["--bodies", String(bodies)]);
-  const page = await openPage(browser, demo.url, { width: 640, height: 400 });
+  const page = await openPage(browser, demo.url, { width: 640, height: 400, prepare });
   await page.evaluate(() => document.getElementById("truth").click());
   await until(page, `d.bodies >= ${bodies} && d.moving > ${bodies / 2}`);
   await page.evaluate(() => {
     rhumbDiagnostics.frameTimes.length = rhumbDiagnostics.workTimes.length = 0;
   });
-  await until(page, "d.workTimes.length >= 20");
+  await until(page, `d.workTimes.length >= ${prepare === undefined ? 20 : 300}`);
   const { frameTimes, workTimes, moving } = await read(page);
   console.log(
     `${bodies} bodies, ${moving} of them moving: frame p50 ${at(frameTimes, 0.5)} ms, p99 ${at(frameTimes, 0.99)} ms; ` +
       `JavaScript p50 ${at(workTimes, 0.5)} ms, p99 ${at(workTimes, 0.99)} ms`,
   );
   await page.close();
+}
+
+/** Bytes of the memory of WebAssembly modules. */
+async function moduleBytes(session) {
+  const { result: prototype } = await session.send("Runtime.evaluate", { expression: "WebAssembly.Memory.prototype" });
+  const { objects } = await session.send("Runtime.queryObjects", { prototypeObjectId: prototype.objectId });
+  const sum = "function () { return this.reduce((sum, memory) => sum + memory.buffer.byteLength, 0); }";
+  const options = { objectId: objects.objectId, functionDeclaration: sum, returnByValue: true };
+  const { result } = await session.send("Runtime.callFunctionOn", options);
+  for (const { objectId } of [prototype, objects]) await session.send("Runtime.releaseObject", { objectId });
+  return result.value;
 }
 
 /** Memory of the page, minute by minute, after a collection. */
@@ -49,9 +69,11 @@ async function memory(minutes) {
   for (let minute = 0; minute <= minutes; minute++) {
     await session.send("HeapProfiler.collectGarbage");
     const { usedSize, backingStorageSize } = await session.send("Runtime.getHeapUsage");
+    const module = await moduleBytes(session);
     const { ticks, beyondTolerance, bodyTicks } = await read(page);
     console.log(
-      `${minute} min: heap ${(usedSize / 1e6).toFixed(1)} MB, arrays and WebAssembly ${(backingStorageSize / 1e6).toFixed(1)} MB; ` +
+      `${minute} min: heap ${(usedSize / 1e6).toFixed(1)} MB, arrays ${((backingStorageSize - module) / 1e6).toFixed(1)} MB, ` +
+        `WebAssembly ${(module / 1e6).toFixed(1)} MB; ` +
         `${ticks} ticks compared, ${beyondTolerance} of ${bodyTicks} body-ticks beyond the tolerance`,
     );
     if (minute < minutes) await page.waitForTimeout(60_000);
@@ -61,7 +83,10 @@ async function memory(minutes) {
 
 try {
   if (what === "memory") await memory(Number(numbers[0] ?? 10));
-  else for (const bodies of numbers.length > 0 ? numbers.map(Number) : [2000, 10000]) await frames(bodies);
+  else {
+    const prepare = what === "undrawn" ? undrawn : undefined;
+    for (const bodies of numbers.length > 0 ? numbers.map(Number) : [2000, 10000]) await frames(bodies, prepare);
+  }
 } finally {
   await browser.close();
   for (const demo of demos) await kill(demo);
