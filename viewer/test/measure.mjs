@@ -72,7 +72,7 @@ async function memory(minutes) {
     const module = await moduleBytes(session);
     const { ticks, beyondTolerance, bodyTicks } = await read(page);
     console.log(
-      `${minute} min: heap ${(usedSize / 1e6).toFixed(1)} MB, arrays ${((backingStorageSize - module) / 1e6).toFixed(1)} MB, ` +
+      `${minute} min: heap ${(usedSize / 1e6).toFixed(1)} MB, arrays ${(backingStorageSize / 1e6).toFixed(1)} MB, ` +
         `WebAssembly ${(module / 1e6).toFixed(1)} MB; ` +
         `${ticks} ticks compared, ${beyondTolerance} of ${bodyTicks} body-ticks beyond the tolerance`,
     );
