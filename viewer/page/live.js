@@ -65,10 +65,10 @@ export class Live {
         const copy = await this.#join(this.facts.conditionedUrl, { within: this.options.tolerance });
         if (attempt !== this.#attempt) return copy.close();
         this.copy = copy;
+        this.onjoin(copy);
         if (this.options.truth) await this.showTruth(true);
         if (attempt !== this.#attempt) return this.close();
         wait = PAUSE_FIRST / 2;
-        this.onjoin(copy);
         this.onstate("open", `Following ${scene}`);
         const ending = await copy.closed;
         if (attempt !== this.#attempt) return;

@@ -68,13 +68,25 @@ let ghostsLaidOut;
 let mode = { kind: "live" };
 let lastFrame = 0;
 let scene;
+/** The frame of the history or of a recording that was drawn last. */
+let lastShown;
 /** True if there is something to say about the connection. */
 let noticed = false;
 
 /** Counts since the page was loaded, for scripts that drive it. */
-const diagnostics = { state: "starting", frames: 0, frameTimes: [], workTimes: [], time: 0, bodies: 0, comparison };
-/** The frame that was drawn last. A live one's columns are those of the copy, and end with its next call. */
-diagnostics.shown = undefined;
+const diagnostics = {
+  state: "starting",
+  frames: 0,
+  frameTimes: [],
+  workTimes: [],
+  time: 0,
+  bodies: 0,
+  comparison,
+  /** The frame that is shown. A live one's columns are those of the copy, and end with its next call. */
+  get shown() {
+    return mode.kind === "live" ? live.copy && frameOf(live.copy.view, false) : lastShown;
+  },
+};
 globalThis.rhumbDiagnostics = diagnostics;
 
 /** Shows a notice, or none. While a recording plays, it waits: it is about the connection. */
@@ -248,7 +260,6 @@ function showLive(now, seconds) {
   }
   const errors = truth && comparison.generation === seen.generation ? comparison.errors : undefined;
   if (mode.kind === "live") {
-    diagnostics.shown = seen;
     history.add(seen, errors, roster, at);
     bodies.pose(seen, seen.changed);
     colours.marked = panel.id === undefined ? -1 : seen.ids.indexOf(panel.id);
@@ -347,7 +358,7 @@ function showFrame(shown, now) {
     laidOut = shown.generation;
     bodies.layout(shown, (shape) => shown.shapesByNumber.get(shape));
   }
-  diagnostics.shown = shown;
+  lastShown = shown;
   bodies.pose(shown, shown.changed);
   colours.marked = panel.id === undefined ? -1 : shown.ids.indexOf(panel.id);
   colours.apply(bodies, shown, shown.errors, now);

@@ -4,7 +4,7 @@ import { spawn } from "node:child_process";
 import { createInterface } from "node:readline";
 
 /** A wait that is longer ends a test, milliseconds. */
-export const LIMIT = 60_000;
+export const LIMIT = 120_000;
 
 /** Starts `rhumb-server demo`; resolves with its process and the address of its page. */
 export function startDemo(binary, { scene = "ball-pit", view = "127.0.0.1:0", more = [] } = {}) {
