@@ -105,6 +105,16 @@ export class Bodies {
     }
   }
 
+  /** Where a body is drawn, in the frame of the scene; undefined if it is not drawn. */
+  drawnPosition(place) {
+    const number = this.#mesh[place];
+    if (!number) return undefined;
+    const { array } = this.#meshes[number - 1].instanceMatrix;
+    const at = 16 * this.#instance[place];
+    // The matrix of an instance that was never placed is zero.
+    return array[at + 15] === 0 ? undefined : Array.from(array.subarray(at + 12, at + 15));
+  }
+
   /** Colours a body; red, green and blue from 0 to 1. */
   colour(place, red, green, blue) {
     const number = this.#mesh[place];

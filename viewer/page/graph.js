@@ -43,8 +43,8 @@ export class Graph {
     context.lineWidth = 1;
     context.strokeRect(0.5, 0.5, width - 1, height - 1);
     this.#lines.forEach(({ colour, dashed, own }, line) => {
-      const scaled = own ? [line] : this.#lines.keys().filter((other) => !this.#lines[other].own);
-      const all = [...scaled].flatMap((other) => this.#values[other]).filter(Number.isFinite);
+      const scaled = own ? [line] : this.#lines.map((_, at) => at).filter((other) => !this.#lines[other].own);
+      const all = scaled.flatMap((other) => this.#values[other]).filter(Number.isFinite);
       const greatest = Math.max(...all, 1e-9);
       context.strokeStyle = style.getPropertyValue(colour);
       context.setLineDash(dashed ? [4, 3] : []);

@@ -22,7 +22,7 @@ export function obstacle() {
   if (!isSupported) {
     return [
       "This browser has no WebTransport",
-      "Open this page in Chrome or Edge 97, Firefox 114, Safari 26.4, or a newer one.",
+      "Open this page in Chrome or Edge 123, Firefox 128, Safari 26.4, or a newer one.",
     ];
   }
   return undefined;

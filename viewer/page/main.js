@@ -86,6 +86,7 @@ const diagnostics = {
   get shown() {
     return mode.kind === "live" ? live.copy && frameOf(live.copy.view, false) : lastShown;
   },
+  drawnPosition: (place) => bodies.drawnPosition(place),
 };
 globalThis.rhumbDiagnostics = diagnostics;
 
@@ -354,12 +355,13 @@ function events(copy) {
 
 /** Shows a frame of the history or of a recording. */
 function showFrame(shown, now) {
-  if (laidOut !== shown.generation) {
+  const isNew = laidOut !== shown.generation;
+  if (isNew) {
     laidOut = shown.generation;
     bodies.layout(shown, (shape) => shown.shapesByNumber.get(shape));
   }
   lastShown = shown;
-  bodies.pose(shown, shown.changed);
+  bodies.pose(shown, isNew ? shown.ids.keys() : shown.changed);
   colours.marked = panel.id === undefined ? -1 : shown.ids.indexOf(panel.id);
   colours.apply(bodies, shown, shown.errors, now);
   element("counts").textContent = `tick ${shown.time}, ${bodies.movable.length} bodies`;

@@ -9,7 +9,7 @@ import { tmpdir } from "node:os";
 import { basename, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { Missing, openChromium, pause } from "./browsers.mjs";
-import { check, kill, LIMIT, openPage, slide, startServer, text, until } from "./support.mjs";
+import { check, kill, LIMIT, openPage, slide, startDemo, startServer, text, until } from "./support.mjs";
 
 const [binary, trace] = process.argv.slice(2);
 if (trace === undefined) {
@@ -162,6 +162,29 @@ async function otherForms(page, folder) {
   check(true, `a damaged one is refused: ${await text(page, "status")}`);
 }
 
+/** A recording goes on, whatever becomes of the live connection behind it. */
+async function connectionsComeAndGo(browser, path) {
+  let demo = await startDemo(binary);
+  try {
+    const page = await openPage(browser, demo.url);
+    await drop(page, path);
+    await until(page, "d.shown !== undefined && d.shown.time > 3");
+    await until(page, "d.state === 'open'");
+    await kill(demo);
+    await until(page, "d.state === 'lost'");
+    demo = await startDemo(binary, { view: demo.view });
+    await until(page, "d.state === 'open'");
+    check(await page.evaluate(() => document.getElementById("notice").hidden), "no notice covers a recording");
+    await posesShown(page, 100);
+    const drawn = await page.evaluate(() => [0, 1].map((place) => rhumbDiagnostics.drawnPosition(place)));
+    const expected = [[0, 0.5, 0], [2, Math.fround(0.5 + 0.1 * 100), 0]];
+    check(JSON.stringify(drawn) === JSON.stringify(expected), `all bodies are drawn after a restart: ${JSON.stringify(drawn)}`);
+    await page.close();
+  } finally {
+    await kill(demo);
+  }
+}
+
 const folder = await mkdtemp(join(tmpdir(), "rhumb-recordings-"));
 let browser, server;
 try {
@@ -176,6 +199,7 @@ try {
   const status = await plays(page, trace, /: \d+ bodies, the copy of rhumb[^ ]*, within /);
   await comparePoses(page, trace, /the copy of ([^ ,]+)/.exec(status)[1]);
   await otherForms(page, folder);
+  await connectionsComeAndGo(browser, join(folder, "boxes.rhtrace"));
   await page.keyboard.press("Escape");
   await until(page, () => document.getElementById("moment").textContent === "live");
   check(page.errors.length === 0, `no error in the page ${page.errors.join("; ")}`);

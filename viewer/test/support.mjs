@@ -51,7 +51,7 @@ export async function openPage(browser, url, { width = 480, height = 360, colorS
 /** The page's counts. */
 export const read = (page) =>
   page.evaluate(() => {
-    const { comparison, shown, ...rest } = rhumbDiagnostics;
+    const { comparison, shown, drawnPosition, ...rest } = rhumbDiagnostics;
     const { ticks, bodyTicks, beyondTolerance, greatestShare, boundedBodyTicks, beyondBound, allBodyTicks } =
       comparison;
     const counts = { ticks, bodyTicks, beyondTolerance, greatestShare, boundedBodyTicks, beyondBound, allBodyTicks };
