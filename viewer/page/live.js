@@ -127,7 +127,8 @@ function explained(cause, url) {
   if (cause.code === "connect") {
     return (
       `${url} was not reached. Does the server run, and does UDP pass to that port? If the server has another certificate ` +
-      "than it named to this page, or does not allow pages of this address (web_origins in its configuration), it is refused as well."
+      "than it named to this page, or does not allow pages of this address (web_origins in its configuration), it is " +
+      "refused as well."
     );
   }
   return sentence(cause.message);

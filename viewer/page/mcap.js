@@ -25,7 +25,8 @@ export function readMcap(bytes) {
   }
   const topics = [...file.messages.keys()];
   const truth = topics.find((topic) => topic.endsWith("/truth/state"));
-  if (truth === undefined) throw new Error("the MCAP file has no truth: it is no trace of rhumb-bench and no recording of a server");
+  if (truth === undefined)
+    throw new Error("the MCAP file has no truth: it is no trace of rhumb-bench and no recording of a server");
   const load = truth.slice(0, -"/truth/state".length);
   const copies = topics.filter((topic) => topic.startsWith(`${load}/`) && topic.endsWith("/seen"));
   const copy = copies.find((topic) => topic.includes("/rhumb")) ?? copies[0];

@@ -25,8 +25,8 @@ const begins = (bytes, magic) => magic.every((byte, at) => bytes[at] === byte);
  * Plays ticks of changes.
  *
  * `bodies`: kind and shape of each body. `ticks`: for each tick the bodies that changed (`places`), their `positions`,
- * `rotations` and `resting`, and the bodies that have come to rest (`rested`) or are `removed`. `errors` and `tolerance` where a copy is compared with the
- * truth.
+ * `rotations` and `resting`, and the bodies that have come to rest (`rested`) or are `removed`. `errors` and
+ * `tolerance` where a copy is compared with the truth.
  */
 class Recording {
   #ticks;

@@ -143,7 +143,8 @@ function boxes(frames) {
 
 async function otherForms(page, folder) {
   const frames = 300;
-  const packed = runPython(["-c", "import sys, zstandard; sys.stdout.buffer.write(zstandard.compress(sys.stdin.buffer.read()))"], boxes(frames));
+  const pack = "import sys, zstandard; sys.stdout.buffer.write(zstandard.compress(sys.stdin.buffer.read()))";
+  const packed = runPython(["-c", pack], boxes(frames));
   for (const [name, bytes] of [["boxes.rhtrace", boxes(frames)], ["boxes.rhtrace.zst", packed]]) {
     const path = join(folder, name);
     await writeFile(path, bytes);
