@@ -90,8 +90,9 @@ export class Hands {
     this.#stage.turning = true;
   }
 
-  get isCarrying() {
-    return this.#carried !== undefined;
+  /** The id of the body that is carried; undefined if none is. */
+  get carried() {
+    return this.#carried;
   }
 
   /** Notes a key of the player; false if it is none. */

@@ -38,6 +38,10 @@ const VIEWS = {
     [38, 25, 50],
     [0, 0, 0],
   ],
+  other: [
+    [22, 17, 26],
+    [0, 3, 0],
+  ],
 };
 /**
  * Turns of the event loop before a frame, at most; and their time: a share of the last frame's, so that fast ones stay
@@ -85,6 +89,9 @@ const diagnostics = {
   /** The frame that is shown. A live one's columns are those of the copy, and end with its next call. */
   get shown() {
     return mode.kind === "live" ? live.copy && frameOf(live.copy.view, false) : lastShown;
+  },
+  get carried() {
+    return hands?.carried;
   },
   drawnPosition: (place) => bodies.drawnPosition(place),
 };
@@ -191,12 +198,7 @@ function offer() {
 function follow(name) {
   scene = name;
   element("scene").value = name;
-  stage.look(
-    ...(VIEWS[name] ?? [
-      [22, 17, 26],
-      [0, 3, 0],
-    ]),
-  );
+  stage.look(...(VIEWS[name] ?? VIEWS.other));
   toLive();
   live.follow(name);
 }
@@ -516,7 +518,7 @@ function pointers() {
   );
   canvas.addEventListener("pointermove", (event) => hands.move(event));
   canvas.addEventListener("pointerup", (event) => {
-    if (hands.isCarrying) return hands.drop();
+    if (hands.carried !== undefined) return hands.drop();
     const moved = pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]);
     if (moved === undefined || moved > 4) return;
     const hit = bodies.pick(stage.ray(event));
