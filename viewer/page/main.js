@@ -16,33 +16,6 @@ import { Stage } from "./stage.js";
 
 const element = (id) => document.getElementById(id);
 const COLOURS = ["error", "rest", "age", "shape"];
-/** Where the camera stands in each scene, and where it looks. */
-const VIEWS = {
-  "ball-pit": [
-    [17, 15, 20],
-    [0, 2, 0],
-  ],
-  ragdolls: [
-    [6, 5, 9],
-    [0, 0.5, 0],
-  ],
-  cubes: [
-    [9, 8, 14],
-    [0, 0, 0],
-  ],
-  tumbler: [
-    [0, 4, 16],
-    [0, 0, 0],
-  ],
-  asteroids: [
-    [38, 25, 50],
-    [0, 0, 0],
-  ],
-  other: [
-    [22, 17, 26],
-    [0, 3, 0],
-  ],
-};
 /**
  * Turns of the event loop before a frame, at most; and their time: a share of the last frame's, so that fast ones stay
  * fast, and at least some milliseconds.
@@ -198,7 +171,7 @@ function offer() {
 function follow(name) {
   scene = name;
   element("scene").value = name;
-  stage.look(...(VIEWS[name] ?? VIEWS.other));
+  stage.lookAtScene(name);
   toLive();
   live.follow(name);
 }

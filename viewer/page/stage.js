@@ -3,6 +3,34 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
+/** Where the camera stands in each scene of the demo, and where it looks; and in others. */
+const VIEWS = {
+  "ball-pit": [
+    [17, 15, 20],
+    [0, 2, 0],
+  ],
+  ragdolls: [
+    [6, 5, 9],
+    [0, 0.5, 0],
+  ],
+  cubes: [
+    [9, 8, 14],
+    [0, 0, 0],
+  ],
+  tumbler: [
+    [0, 4, 16],
+    [0, 0, 0],
+  ],
+  asteroids: [
+    [38, 25, 50],
+    [0, 0, 0],
+  ],
+};
+const OTHERS = [
+  [22, 17, 26],
+  [0, 3, 0],
+];
+
 export class Stage {
   scene = new THREE.Scene();
   camera = new THREE.PerspectiveCamera(50, 1, 0.1, 2000);
@@ -23,7 +51,12 @@ export class Stage {
     const sun = new THREE.DirectionalLight(0xffffff, 1.8);
     sun.position.set(30, 60, 20);
     this.scene.add(sun);
-    this.look([22, 17, 26], [0, 3, 0]);
+    this.look(...OTHERS);
+  }
+
+  /** Puts the camera where a scene of this name is seen well. */
+  lookAtScene(name) {
+    this.look(...(VIEWS[name] ?? OTHERS));
   }
 
   /** Puts the camera at a point, looking at another. */
