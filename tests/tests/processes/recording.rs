@@ -247,7 +247,11 @@ fn base64(bytes: &[u8]) -> String {
         for digit in 0..4 {
             let place = (bits >> (18 - 6 * digit) & 63) as usize;
             let is_padding = digit > group.len();
-            text.push(if is_padding { '=' } else { DIGITS[place].into() });
+            text.push(if is_padding {
+                '='
+            } else {
+                DIGITS[place].into()
+            });
         }
     }
     text
@@ -432,7 +436,11 @@ fn a_viewer_is_offered_the_topics_and_schemas_of_a_recording() {
     let mut viewer = Viewer::connect(&server);
     let server_info = viewer.json();
     assert_eq!(server_info["op"], "serverInfo");
-    assert_eq!(server_info["capabilities"], serde_json::json!([]), "it takes nothing from viewers");
+    assert_eq!(
+        server_info["capabilities"],
+        serde_json::json!([]),
+        "it takes nothing from viewers"
+    );
     let again = viewer.channels(&drawn);
     assert_eq!(again, offered);
     viewer.subscribe(again["/pit/truth/moving"].0);
