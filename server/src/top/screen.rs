@@ -256,9 +256,7 @@ mod tests {
     fn a_server_without_scenes_has_no_faults() {
         let mut state = TopState::new("http://127.0.0.1:9464".to_owned());
         let at = Instant::ZERO;
-        state.take(Ok(
-            Reading::parse(at, true, "rhumb_connections 0\n").unwrap()
-        ));
+        state.take(Ok(Reading::parse(at, true, "rhumb_scenes 0\n").unwrap()));
         let text = drawn(&state, 160, 12).join("\n");
         assert!(text.contains(" 0 faulted, 0 restorations"), "{text}");
     }
