@@ -8,7 +8,7 @@ use rhumb_protocol::message::Token;
 /// The token of the suite's clients, and of the clients of a matrix.
 #[derive(Debug, Args)]
 pub(super) struct ShownToken {
-    /// File with a token that every client shows: an owner of scenes that begin with `conformance/`, with 64 members.
+    /// File with a token that every client shows: of an owner of all scenes, with at least 1,000 members.
     #[arg(long, value_name = "FILE")]
     token: Option<PathBuf>,
 }

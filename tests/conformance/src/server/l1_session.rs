@@ -63,7 +63,10 @@ pub(super) fn cases() -> Vec<Case> {
         )
         .cites("PROTOCOL 3.2-1")
         .play(too_early),
-        Case::server("L1.1.7", "a token is answered by the role that it gives")
+        Case::server(
+            "L1.1.7",
+            "three bytes that are no token make an owner of an open server, and are refused by another",
+        )
             .cites("PROTOCOL 3.6-3")
             .play(role_for_token),
     ]
@@ -72,6 +75,9 @@ pub(super) fn cases() -> Vec<Case> {
 fn role_for_token(trial: &mut Trial<'_>) -> CaseResult {
     let mut client = trial.client()?;
     offer(&mut client, &[1], extension(Extension::TOKEN));
+    if client.token.is_some() {
+        return client.must_be_closed(CloseCode::TOKEN_INVALID);
+    }
     let role = client.await_message("welcome", |message| match message {
         ServerMessage::Welcome(welcome) => Some(
             welcome
