@@ -5,7 +5,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command as Program, ExitCode, Stdio};
+use std::process::{Command as Program, ExitCode};
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -17,7 +17,7 @@ use rhumb_reckoning::Tick;
 use rhumb_sims::{NAMES, by_name};
 use serde::{Deserialize, Serialize};
 
-use crate::drive::read_address;
+use crate::drive::ServerProcess;
 use crate::machine;
 use crate::output;
 use crate::quantile;
@@ -159,7 +159,7 @@ const KINDS: [Kind; 5] = {
 /// A server, its client, and what they took.
 struct Measured {
     kind: Kind,
-    process: Child,
+    process: ServerProcess,
     client: Client,
     folder: PathBuf,
     took: Vec<Duration>,
@@ -228,10 +228,9 @@ impl Measured {
         if kind.processes {
             command.args(["--workers", "processes"]);
         }
-        let mut process = command.stdout(Stdio::piped()).spawn()?;
-        let (address, fingerprint) = read_address(&mut process)?;
-        let trust = Trust::Fingerprint(fingerprint);
-        let mut connection = Client::connect(&address.to_string(), trust)?;
+        let process = ServerProcess::run(&mut command, false)?;
+        let trust = Trust::Fingerprint(process.fingerprint);
+        let mut connection = Client::connect(&process.address.to_string(), trust)?;
         if kind.tokens {
             let mut token = Program::new(program);
             token.arg("token").arg("--key").arg(&key);
@@ -279,7 +278,7 @@ impl Measured {
             .kind
             .durable
             .then(|| bytes_in(&self.folder.join("data")));
-        let each = |now: u64, before: u64| (now - before) as f64 / ticks;
+        let each = |now: u64, before: u64| now.saturating_sub(before) as f64 / ticks;
         let mut took: Vec<u64> = (self.took.iter())
             .map(|took| u64::try_from(took.as_nanos()).unwrap_or(u64::MAX))
             .collect();
@@ -300,14 +299,6 @@ impl Measured {
         };
         self.client.delete()?;
         Ok(costs)
-    }
-}
-
-impl Drop for Measured {
-    fn drop(&mut self) {
-        // It fails only if the server has ended, and its workers end with it.
-        let _ = self.process.kill();
-        let _ = self.process.wait();
     }
 }
 
@@ -334,22 +325,35 @@ fn bytes_in(folder: &Path) -> std::io::Result<u64> {
     Ok(bytes)
 }
 
-/// Processor time of a process and its children so far, microseconds.
+/// Processor time of a process and its children so far, microseconds; `None` if some of it cannot be read.
+///
+/// Threads and children that have ended count too. The system counts in clock ticks of 10 ms (USER_HZ is 100): over 1,800
+/// ticks of a scene, some 10 µs a tick. Source: proc_pid_stat(5), fields 14 to 17.
 #[cfg(target_os = "linux")]
 fn worked_us(process: u32) -> Option<u64> {
-    let tasks = fs::read_dir(format!("/proc/{process}/task")).ok()?;
-    let mut worked = 0;
-    for task in tasks {
-        let task = task.ok()?.path();
-        let scheduled = fs::read_to_string(task.join("schedstat")).ok()?;
-        let ns: u64 = scheduled.split_whitespace().next()?.parse().ok()?;
-        worked += ns / 1_000;
-        let children = fs::read_to_string(task.join("children")).unwrap_or_default();
+    let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
+    let mut worked = clock_ticks(&stat)? * 10_000;
+    for task in fs::read_dir(format!("/proc/{process}/task")).ok()? {
+        let children = fs::read_to_string(task.ok()?.path().join("children")).ok()?;
         for child in children.split_whitespace() {
             worked += worked_us(child.parse().ok()?)?;
         }
     }
     Some(worked)
+}
+
+/// Clock ticks of a process and of its children that have ended, user and system, from the contents of its `stat`.
+#[cfg(target_os = "linux")]
+fn clock_ticks(stat: &str) -> Option<u64> {
+    // The second field is the program's name in parentheses, which may hold any character.
+    let (_, fields) = stat.rsplit_once(')')?;
+    let times: Vec<u64> = fields
+        .split_whitespace()
+        .skip(11)
+        .take(4)
+        .map_while(|time| time.parse().ok())
+        .collect();
+    (times.len() == 4).then(|| times.iter().sum())
 }
 
 /// The system does not say.
@@ -387,5 +391,24 @@ impl ServiceCosts {
             ]);
         }
         rows
+    }
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_times_of_a_process_are_found_behind_any_name() {
+        let stat = "7 (a) b (c) S 1 7 7 0 -1 4194304 102 0 0 0 30 4 200 1000 20 0 1 0 4294182";
+        assert_eq!(clock_ticks(stat), Some(1_234));
+        assert_eq!(
+            clock_ticks("7 (a) S 1 7 7 0 -1 4194304 102 0 0 0 30 4 200"),
+            None
+        );
+        assert_eq!(
+            clock_ticks("7 (a) S 1 7 7 0 -1 4194304 102 0 0 0 30 4 x 1000"),
+            None
+        );
     }
 }

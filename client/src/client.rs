@@ -251,8 +251,9 @@ impl Client {
     /// Answers queries on the client's own copy, where the view shows its bodies. Nothing is sent, and nothing waits.
     ///
     /// The queries are those of [`Self::query`], and so are the answers if the bodies are where the view shows them: the
-    /// bounds of each answer say how far its bodies may be off. Bodies glide where [`JoinOptions::smooth`] is set: the
-    /// bounds do not include that. The first call after a new view looks at each body.
+    /// bounds of each answer say how far its bodies may be off. A bound is known only at whole ticks, and for bodies that
+    /// do not glide: see [`JoinOptions::whole_ticks`] and [`JoinOptions::smooth`]. Only the first call after a new view or
+    /// a scene event looks at each body.
     ///
     /// # Errors
     ///

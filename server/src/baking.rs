@@ -175,6 +175,11 @@ impl Bake {
         }
     }
 
+    /// The moment since which it waits for others; `None` once it is begun.
+    pub(crate) fn waits_since(&self) -> Option<Instant> {
+        self.outcome.is_none().then_some(self.since)
+    }
+
     /// The outcome, once.
     pub(crate) fn take(&self) -> Option<Baked> {
         lock(self.outcome.as_ref()?).take()

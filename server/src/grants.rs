@@ -1,8 +1,8 @@
 //! Index ranges of members, for the ids of their bodies.
 //!
 //! Indices of former members are granted again one by one: a body that lives keeps its own index and no other.
-//! Invariants: no index is in two ranges, and a range beyond the first of each member leaves indices for the members
-//! that may still join.
+//! Invariants: no index is in two ranges, and a range beyond the first of each member leaves vacant indices for the
+//! members that may still join.
 
 use std::collections::BTreeMap;
 
@@ -24,7 +24,7 @@ pub(crate) struct Grants {
 /// Bounds on the indices of a scene.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct IndexLimits {
-    /// All indices are below it: tables by index are no longer.
+    /// All new indices are below it: tables by index are no longer.
     pub(crate) indices: u32,
     /// Members that may still join.
     pub(crate) members: u32,
@@ -73,10 +73,13 @@ impl Grants {
         let granted = self.granted.get(&peer).map_or(&[][..], Vec::as_slice);
         let indices: u32 = granted.iter().map(IdRange::count).sum();
         let fresh = self.fresh(limits);
-        let left = fresh.count + self.free.values().sum::<u32>();
         if granted.len() >= RANGES_PER_MEMBER_MAX
             || count > GRANTED_MAX - indices.min(GRANTED_MAX)
-            || left.saturating_sub(count) < GRANT.saturating_mul(limits.members)
+            || !self.has_left(
+                count.saturating_add(GRANT.saturating_mul(limits.members)),
+                fresh.count,
+                vacancy,
+            )
         {
             return None;
         }
@@ -92,6 +95,17 @@ impl Grants {
             count: limits.indices.saturating_sub(self.end),
             generation: 0,
         }
+    }
+
+    /// True if at least `count` indices are vacant, `fresh` of which were never granted.
+    fn has_left(&self, count: u32, fresh: u32, vacancy: &Vacancy<'_>) -> bool {
+        let Some(wanted) = count.checked_sub(fresh).filter(|wanted| *wanted > 0) else {
+            return true;
+        };
+        let runs = self.free.iter();
+        let indices = runs.flat_map(|(first, length)| *first..first + length);
+        let vacant = indices.filter(|index| vacancy(*index).is_some());
+        vacant.take(wanted as usize).count() == wanted as usize
     }
 
     /// The first free run of `count` vacant indices; otherwise the longest.

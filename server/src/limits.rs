@@ -84,7 +84,8 @@ limits! {
     /// Bodies of a scene. The engine needs about a kilobyte for each, and each stream 120 bytes.
     bodies_per_scene = 131072, 1 to BODIES_MAX as u64;
     /// Indices of a scene's bodies. Tables by index are as long as the highest one that was used, some 300 bytes for each:
-    /// the default is what all members get when they join, and one range of the largest size.
+    /// the default is what all members get when they join, and one range of the largest size. With less, reservations are
+    /// denied, and clients of the ARCHIMEDES protocol, which take such a range, find no scene.
     indices_per_scene = 393216, 4096 to INDICES_MAX as u64;
     /// Ticks in a second of a free-running scene. A scene that asks for more is refused.
     scene_ticks_per_second = 1000, 1 to RATE_MAX as u64;
@@ -92,7 +93,7 @@ limits! {
     /// A scene that asks for more would only run slower than its clock.
     scene_load = 20000000, 1 to u64::MAX;
     /// The same of all free-running scenes together. A core does a million where all bodies touch, and many times that
-    /// where they rest. A tick by itself counts as 500 bodies.
+    /// where they rest. A tick by itself counts as 500 steps of one body.
     server_load = 40000000, 1 to u64::MAX;
     /// Seconds after which a scene without members ends; 0 keeps it until a client deletes it.
     empty_scene_seconds = 600, 0 to 31536000;
@@ -101,7 +102,7 @@ limits! {
     /// Milliseconds that one tick or one command may take before its scene is parked.
     stuck_milliseconds = 2000, 100 to 60000;
     /// Milliseconds that the solid of one shape may take to be made, beside the steps of its scene. The largest mesh takes
-    /// some 100; a shape that takes longer is refused, and so is one that waits so long for others.
+    /// some 100; one that takes longer is refused, and one that has waited as long.
     bake_milliseconds = 1000, 1 to 60000;
     /// Parked scenes from which on no scene begins: each may take a core until the server is restarted.
     parked_scenes = 8, 1 to 256;

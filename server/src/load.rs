@@ -1,9 +1,8 @@
 //! Admission of free-running scenes by their predicted cost.
 //!
-//! The prediction is ticks in a second, times substeps, times bodies; a tick by itself counts as some bodies more. A
-//! scene reserves its part before it begins and before a body is added, and gives it back when the body goes or the
-//! scene ends. All threads of a process share one sum; the parts of other
-//! processes are as old as their last report.
+//! The prediction is ticks in a second, times substeps, times bodies; a tick by itself costs [`STEPS_OF_TICK`]. A scene
+//! reserves its part before it begins and before a body is added, and gives it back when the body goes or the scene
+//! ends. All threads of a process share one sum; the parts of other processes are as old as their last report.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};

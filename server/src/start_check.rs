@@ -1,9 +1,11 @@
 //! Refusals of a start: wrong settings, unusable files and directories.
 //!
-//! A start and `--check-config` run the same checks. Nothing stays changed, and no address is taken: a server that runs
-//! with these settings is not disturbed.
+//! A start and `--check-config` run the same checks. Nothing stays changed, and no address is taken, so a running server is
+//! not disturbed.
 
 use std::error::Error;
+use std::fs::File;
+use std::io;
 use std::net::SocketAddr;
 use std::path::Path;
 
@@ -201,11 +203,22 @@ fn check_written(of: &str, directory: Option<&Path>) -> Result<(), Box<dyn Error
             format!("the directory {named} for {of} cannot be used: {above} is a file").into(),
         );
     }
-    let probe = above.join(format!(".rhumb-server-{}", std::process::id()));
-    let tried = std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe));
-    tried.map_err(|cause| {
+    try_file_in(above).map_err(|cause| {
         let above = above.display();
         format!("the directory {named} for {of} cannot be used: {above} takes no files: {cause}")
             .into()
     })
+}
+
+/// Makes a file in a directory and removes it. A file or a link that is there already is left alone.
+fn try_file_in(directory: &Path) -> io::Result<()> {
+    for number in 0..u8::MAX {
+        let probe = directory.join(format!(".rhumb-server-{}-{number}", std::process::id()));
+        match File::create_new(&probe) {
+            Ok(_) => return std::fs::remove_file(&probe),
+            Err(cause) if cause.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(cause) => return Err(cause),
+        }
+    }
+    Err(io::ErrorKind::AlreadyExists.into())
 }

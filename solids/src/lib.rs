@@ -7,5 +7,5 @@
 mod parts;
 mod queries;
 
-pub use parts::{SolidPart, add_parts, parts, pose, simple};
+pub use parts::{SolidPart, add_parts, parts, pose, simple_part};
 pub use queries::{SearchedBodies, answer};

@@ -10,8 +10,14 @@ use parry3d::shape::SharedShape;
 use parry3d::utils::Array2;
 use rhumb_protocol::scene::{Heights, Mesh, Shape};
 
-/// A convex part, a sheet or a half-space, and its pose relative to the centre of mass of its body.
-pub type SolidPart = (Pose, SharedShape);
+/// A convex part, a sheet or a half-space.
+#[derive(Clone)]
+pub struct SolidPart {
+    /// Its pose: of a body's part, relative to the body's centre of mass.
+    pub at: Pose,
+    /// Its geometry.
+    pub shape: SharedShape,
+}
 
 /// A pose of the library.
 #[must_use]
@@ -29,7 +35,7 @@ pub fn parts(shape: &Shape) -> Option<Vec<SolidPart>> {
 
 /// Adds the parts of a shape that is at this pose of its body; `None` for a shape without faces.
 pub fn add_parts(shape: &Shape, at: Pose, parts: &mut Vec<SolidPart>) -> Option<()> {
-    let part = match *shape {
+    let solid = match *shape {
         Shape::Ball { radius } => SharedShape::ball(radius),
         Shape::Cuboid { half_extents } => {
             SharedShape::cuboid(half_extents.x, half_extents.y, half_extents.z)
@@ -53,7 +59,10 @@ pub fn add_parts(shape: &Shape, at: Pose, parts: &mut Vec<SolidPart>) -> Option<
             // The library's origin is in the middle of the height, a quarter of it above the centre of mass.
             let middle = Vec3::new(0.0, half_height * 0.5, 0.0);
             let cone = SharedShape::cone(half_height, radius);
-            parts.push((at * pose(middle, Quat::IDENTITY), cone));
+            parts.push(SolidPart {
+                at: at * pose(middle, Quat::IDENTITY),
+                shape: cone,
+            });
             return Some(());
         }
         Shape::HalfSpace { normal } => SharedShape::halfspace(normal.normalize()),
@@ -63,7 +72,10 @@ pub fn add_parts(shape: &Shape, at: Pose, parts: &mut Vec<SolidPart>) -> Option<
             made.ok().flatten()?
         }
         Shape::Heights(ref heights) => {
-            parts.push((at * middle(heights), ground(heights)?));
+            parts.push(SolidPart {
+                at: at * middle(heights),
+                shape: ground(heights)?,
+            });
             return Some(());
         }
         Shape::Mesh(ref mesh) => triangles(mesh)?,
@@ -74,13 +86,13 @@ pub fn add_parts(shape: &Shape, at: Pose, parts: &mut Vec<SolidPart>) -> Option<
             return Some(());
         }
     };
-    parts.push((at, part));
+    parts.push(SolidPart { at, shape: solid });
     Some(())
 }
 
 /// The part of a shape that queries may have, and its pose where the shape's is this one.
 #[must_use]
-pub fn simple(shape: &Shape, at: Pose) -> Option<SolidPart> {
+pub fn simple_part(shape: &Shape, at: Pose) -> Option<SolidPart> {
     let mut parts = Vec::new();
     add_parts(shape, at, &mut parts)?;
     parts.pop()

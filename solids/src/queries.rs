@@ -12,7 +12,7 @@ use parry3d::shape::{CompositeShape, CompositeShapeRef, Shape, TypedCompositeSha
 use rhumb_protocol::scene::{Answer, Hit, Query, QueryFilter, QueryKind};
 use rhumb_reckoning::BodyId;
 
-use crate::parts::{SolidPart, pose, simple};
+use crate::parts::{SolidPart, pose, simple_part};
 
 /// Bodies that queries may find.
 pub trait SearchedBodies {
@@ -42,7 +42,7 @@ pub fn answer(bodies: &dyn SearchedBodies, query: &Query) -> Answer {
             position,
             rotation,
             translation,
-        } => match simple(shape, pose(position, rotation)) {
+        } => match simple_part(shape, pose(position, rotation)) {
             Some(cast) => search.nearest(|parts| shape_cast(parts, &cast, translation)),
             None => Answer::Hits(Vec::new()),
         },
@@ -54,8 +54,8 @@ pub fn answer(bodies: &dyn SearchedBodies, query: &Query) -> Answer {
             position,
             rotation,
         } => {
-            let overlapped =
-                simple(shape, pose(position, rotation)).map(|shape| search.overlapped(&shape));
+            let part = simple_part(shape, pose(position, rotation));
+            let overlapped = part.map(|part| search.overlapped(&part));
             let mut ids = overlapped.unwrap_or_default();
             ids.sort_unstable();
             Answer::Bodies(ids)
@@ -134,7 +134,7 @@ fn ray(parts: &Parts<'_>, origin: Vec3, translation: Vec3) -> Option<(u32, Hit)>
     Some((part, found(distance, point, normal)))
 }
 
-fn shape_cast(parts: &Parts<'_>, (at, shape): &SolidPart, translation: Vec3) -> Option<(u32, Hit)> {
+fn shape_cast(parts: &Parts<'_>, cast: &SolidPart, translation: Vec3) -> Option<(u32, Hit)> {
     let (way, length) = way(translation);
     let options = ShapeCastOptions {
         max_time_of_impact: length,
@@ -143,7 +143,8 @@ fn shape_cast(parts: &Parts<'_>, (at, shape): &SolidPart, translation: Vec3) -> 
         compute_impact_geometry_on_penetration: true,
     };
     let parts = CompositeShapeRef(parts);
-    let (part, hit) = parts.cast_shape(&DefaultQueryDispatcher, at, way, &*shape.0, options)?;
+    let (at, shape) = (&cast.at, &*cast.shape.0);
+    let (part, hit) = parts.cast_shape(&DefaultQueryDispatcher, at, way, shape, options)?;
     let distance = hit.time_of_impact;
     Some((part, found(distance, hit.witness1, hit.normal1)))
 }
@@ -201,7 +202,8 @@ impl Search<'_> {
     }
 
     /// Bodies that a shape overlaps, each once.
-    fn overlapped(&self, (at, shape): &SolidPart) -> Vec<BodyId> {
+    fn overlapped(&self, part: &SolidPart) -> Vec<BodyId> {
+        let SolidPart { at, shape } = part;
         let around = shape.compute_aabb(at);
         let mut bodies = Vec::new();
         self.bodies.search(&self.query.filter, &[], &mut |parts| {

@@ -2,7 +2,8 @@
 //!
 //! Sends nothing and reads no clock. Each address has its own pace: a busy address delays no other. A datagram takes the
 //! place of an older one about the same subject, so that a queue holds one for each subject, and a subject keeps its turn.
-//! Each queue is bounded: when it is full, its oldest datagrams are dropped.
+//! Each queue is bounded: a full one drops what would leave last, which is about the subject that was sent most recently.
+//! Of datagrams without a subject it drops the oldest.
 
 use core::net::SocketAddr;
 use std::collections::{BTreeMap, VecDeque};
@@ -77,7 +78,7 @@ pub(super) struct PushOutcome {
     pub(super) is_first: bool,
     /// True if an older datagram about the subject was replaced.
     pub(super) is_newer: bool,
-    /// The number of older datagrams of the address that were dropped.
+    /// The number of datagrams of the address that were dropped, this one included.
     pub(super) dropped: u64,
 }
 
@@ -174,19 +175,29 @@ impl AddressQueue {
         }
     }
 
-    /// Drops the oldest datagrams beyond the bound, those of resting actors last; returns their number.
+    /// Drops datagrams beyond the bound, those first that would leave last; returns their number.
     fn drop_beyond_bound(&mut self) -> u64 {
         let mut dropped = 0;
         while self.waiting_bytes > QUEUE_BYTES_MAX {
-            let mut moving = self.waiting.range((Urgency::Moving, 0, 0)..);
-            let oldest = moving.next().or_else(|| self.waiting.first_key_value());
-            let Some((place, _)) = oldest else {
+            let Some((last, (subject, _))) = self.waiting.last_key_value() else {
                 break;
             };
-            self.remove(*place);
+            // The subject has its turn later. Without one, later datagrams tell more than earlier ones.
+            let place = match subject {
+                Some(_) => *last,
+                None => self.oldest_without_subject().unwrap_or(*last),
+            };
+            self.remove(place);
             dropped += 1;
         }
         dropped
+    }
+
+    /// The place of the oldest datagram without a subject.
+    fn oldest_without_subject(&self) -> Option<Place> {
+        let mut waiting = self.waiting.iter();
+        let oldest = waiting.find(|(_, (subject, _))| subject.is_none());
+        oldest.map(|(place, _)| *place)
     }
 
     fn remove(&mut self, place: Place) -> Option<Bytes> {
@@ -253,6 +264,14 @@ mod tests {
             subject: Some(DatagramSubject::Actor(actor)),
             urgency,
             ..plain(1, number)
+        }
+    }
+
+    /// A state of which seven fit into a queue: it costs more than an eighth of the bound.
+    fn large(actor: u8) -> AppDatagram {
+        AppDatagram {
+            bytes: Bytes::from(vec![actor; QUEUE_BYTES_MAX / 8]),
+            ..about(actor.into(), Urgency::Moving, 0)
         }
     }
 
@@ -334,6 +353,43 @@ mod tests {
         let next: Vec<_> = (0..3).map(|_| datagram_queues.take(now)).collect();
         let of = |port, number| NextDatagram::Datagram(address(port), bytes(number));
         assert_eq!(next, [of(2, 7), of(1, 99), of(1, 3)]);
+    }
+
+    #[test]
+    fn each_of_more_actors_than_fit_has_its_turn() {
+        let mut datagram_queues = DatagramQueues::new(Some(1_000));
+        let now = Instant::now();
+        let (mut dropped, mut left) = (0, Vec::new());
+        for _ in 0..12 {
+            for actor in 0..8 {
+                dropped += datagram_queues.push(large(actor)).dropped;
+            }
+            for _ in 0..2 {
+                if let NextDatagram::Datagram(_, bytes) = datagram_queues.take(now) {
+                    left.push(bytes[0]);
+                }
+            }
+        }
+        assert_eq!(dropped, 12, "one in each frame");
+        assert_eq!(left, [0, 1, 2, 3, 4, 5, 6, 7].repeat(3));
+    }
+
+    #[test]
+    fn a_new_actor_leaves_a_full_queue_before_those_that_were_sent() {
+        let mut datagram_queues = DatagramQueues::new(Some(1_000));
+        let now = Instant::now();
+        let actors = |left: Vec<Bytes>| left.iter().map(|bytes| bytes[0]).collect::<Vec<_>>();
+        (0..7).for_each(|actor| assert_eq!(datagram_queues.push(large(actor)).dropped, 0));
+        assert_eq!(
+            actors(sent(&mut datagram_queues, now)),
+            [0, 1, 2, 3, 4, 5, 6]
+        );
+        (0..7).for_each(|actor| assert_eq!(datagram_queues.push(large(actor)).dropped, 0));
+        assert_eq!(datagram_queues.push(large(7)).dropped, 1);
+        assert_eq!(
+            actors(sent(&mut datagram_queues, now)),
+            [7, 0, 1, 2, 3, 4, 5]
+        );
     }
 
     #[test]

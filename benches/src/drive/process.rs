@@ -1,6 +1,6 @@
 //! Runs a server in a process of its own.
 //!
-//! The server is this binary with the hidden subcommand `serve`, so no other program must be built or found.
+//! Mostly, the server is this binary with the hidden subcommand `serve`, so no other program must be built or found.
 
 use std::fmt;
 use std::io::{self, BufRead, BufReader};
@@ -119,6 +119,15 @@ impl ServerProcess {
         }
         command.args(more);
         let awaits_app = more.iter().any(|more| more.starts_with("--app-listen"));
+        Self::run(&mut command, awaits_app)
+    }
+
+    /// Starts a server by a command, and waits until it listens.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::start`]; then no process is left.
+    pub(crate) fn run(command: &mut Command, awaits_app: bool) -> Result<Self, ProcessError> {
         let mut child = command
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -137,12 +146,11 @@ impl ServerProcess {
             }
         }
     }
-}
 
-/// Reads the address and the fingerprint that a server prints at its start.
-pub(crate) fn read_address(child: &mut Child) -> Result<(SocketAddr, Fingerprint), ProcessError> {
-    let (address, fingerprint, _) = read_start_up_lines(child, false)?;
-    Ok((address, fingerprint))
+    /// Its process id.
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
+    }
 }
 
 /// Contents of the start-up lines.

@@ -213,7 +213,7 @@ namespace Rhumb
         public Shape Shape;
         public Vec3 Position;
 
-        /// <summary>Part to body.</summary>
+        /// <summary>Part to body. The default value, four zeros, is no rotation.</summary>
         public Quat Rotation;
 
         public Part(Shape shape, Vec3 position)
@@ -232,7 +232,8 @@ namespace Rhumb
         {
             RhumbPart raw = default(RhumbPart);
             Position.CopyTo(raw.position);
-            Rotation.CopyTo(raw.rotation);
+            Quat rotation = Rotation.Equals(default(Quat)) ? Quat.Identity : Rotation;
+            rotation.CopyTo(raw.rotation);
             raw.shape = shape;
             return raw;
         }

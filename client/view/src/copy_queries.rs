@@ -1,7 +1,8 @@
 //! Queries on a client's own copy: the bodies where a view shows them.
 //!
 //! Answers are those that the server would give if its bodies had the poses of the view. Nothing is sent, and nothing of
-//! the view changes. A refresh costs a look at each body, and work for those that moved.
+//! the view changes. A refresh looks at each body, and works for those that moved. It does nothing if neither the view
+//! nor the scene has changed since the last one.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,7 +12,9 @@ use parry3d::math::Pose;
 use parry3d::partitioning::{Bvh, BvhWorkspace};
 use parry3d::query::details::NormalConstraints;
 use parry3d::shape::{CompositeShape, Shape as Solid, SharedShape};
-use rhumb_protocol::scene::{Answer, BodyDesc, Invalid, Query, QueryFilter, Shape, ShapeId};
+use rhumb_protocol::scene::{
+    Answer, BodyDesc, Hit, Invalid, Query, QueryCandidate, QueryFilter, Shape, ShapeId,
+};
 use rhumb_protocol::session::Replica;
 use rhumb_protocol::stream::ErrorBound;
 use rhumb_reckoning::BodyId;
@@ -20,7 +23,7 @@ use rhumb_solids::{SearchedBodies, SolidPart};
 use crate::render_time::RenderTime;
 use crate::view::View;
 
-/// Answers queries on the bodies of a view.
+/// Answers queries on the bodies of one view and its replica; another pair needs another one.
 #[derive(Default)]
 pub struct CopyQueries {
     solids: BTreeMap<ShapeId, CopiedShape>,
@@ -31,6 +34,14 @@ pub struct CopyQueries {
     tree: Bvh,
     workspace: BvhWorkspace,
     at: Option<RenderTime>,
+    source: Option<RefreshSource>,
+}
+
+/// The state of the view and the replica at a refresh.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct RefreshSource {
+    refreshes: u64,
+    revision: u64,
 }
 
 /// The answer of a copy to a query, and how far it may be off.
@@ -41,6 +52,9 @@ pub struct CopyAnswer {
     /// One for each body of the answer, in its order: every point of the body, and so of the surface that was found, is
     /// within this distance of its true place. A query that passes an edge nearer than that may find another body than
     /// the server would.
+    ///
+    /// A bound is known at published ticks up to the watermark, and holds if the view was computed after the last packet.
+    /// It is [`ErrorBound::Unknown`] between two ticks, and for a body that glides to a corrected pose.
     pub bounds: Vec<ErrorBound>,
 }
 
@@ -53,10 +67,17 @@ struct CopiedShape {
 struct CopiedBody {
     desc: BodyDesc,
     solid: Arc<[SolidPart]>,
-    position: Vec3,
-    rotation: Quat,
+    shown: ShownPose,
     /// Leaves of the tree.
     leaves: Vec<u32>,
+}
+
+/// The pose of a body in the view.
+#[derive(Clone, Copy, PartialEq)]
+struct ShownPose {
+    position: Vec3,
+    rotation: Quat,
+    is_gliding: bool,
 }
 
 struct CopiedPart {
@@ -66,8 +87,16 @@ struct CopiedPart {
 }
 
 impl CopyQueries {
-    /// Takes over the bodies of a view and their shapes, as the replica that the view shows has them.
+    /// Takes over the bodies of a view and their shapes, as the replica that the view shows has them. Does nothing if
+    /// neither has changed since the last call.
     pub fn refresh(&mut self, view: &View, replica: &Replica) {
+        let source = RefreshSource {
+            refreshes: view.refreshes(),
+            revision: replica.revision(),
+        };
+        if self.source.replace(source) == Some(source) {
+            return;
+        }
         self.at = view.time();
         self.forget_shapes(replica);
         let gone = |id: &BodyId| view.place(*id).is_none();
@@ -76,11 +105,15 @@ impl CopyQueries {
             self.remove(id);
         }
         for (place, id) in view.ids().iter().enumerate() {
-            let (position, rotation) = (view.positions()[place], view.rotations()[place]);
+            let shown = ShownPose {
+                position: view.positions()[place],
+                rotation: view.rotations()[place],
+                is_gliding: view.is_gliding(*id),
+            };
             let desc = replica.body(*id).filter(|desc| desc.enabled);
             let solid = desc.and_then(|desc| Some((desc, self.solid(desc.shape, replica)?)));
-            match solid.filter(|_| position.is_finite()) {
-                Some((desc, solid)) => self.put(desc, solid, position, rotation),
+            match solid.filter(|_| shown.position.is_finite()) {
+                Some((desc, solid)) => self.put(desc, solid, shown),
                 None => self.remove(*id),
             }
         }
@@ -97,30 +130,39 @@ impl CopyQueries {
         queries.iter().try_for_each(Query::check)?;
         let answers = queries.iter().map(|query| {
             let answer = rhumb_solids::answer(self, query);
+            let bound = |id: &BodyId| self.bound(*id, replica);
             let bounds = match &answer {
-                Answer::Hits(hits) => hits
-                    .iter()
-                    .filter_map(|hit| self.bound(hit.body, replica))
-                    .collect(),
-                Answer::Bodies(bodies) => bodies
-                    .iter()
-                    .filter_map(|id| self.bound(*id, replica))
-                    .collect(),
+                Answer::Hits(hits) => hits.iter().map(|Hit { body, .. }| bound(body)).collect(),
+                Answer::Bodies(bodies) => bodies.iter().map(bound).collect(),
             };
             CopyAnswer { answer, bounds }
         });
         Ok(answers.collect())
     }
 
-    /// The bound at the tick of the view, or at the tick before a moment between two.
-    fn bound(&self, id: BodyId, replica: &Replica) -> Option<ErrorBound> {
-        replica.stream().bound_at(id, self.at?.tick)
+    /// The bound of a body where it is shown; unknown between two ticks, during a glide, and for a body that is gone.
+    fn bound(&self, id: BodyId, replica: &Replica) -> ErrorBound {
+        let stream = replica.stream();
+        let is_exact = |at: &RenderTime| {
+            let body = self.bodies.get(&id);
+            at.fraction == 0.0 && body.is_some_and(|body| !body.shown.is_gliding)
+        };
+        let at = self.at.filter(is_exact);
+        let known = at.and_then(|at| stream.bound_at(id, at.tick));
+        let since = stream.complete();
+        known.unwrap_or(ErrorBound::Unknown { since })
     }
 
     /// Drops solids whose shape is gone or another one now; their bodies are put anew.
     fn forget_shapes(&mut self, replica: &Replica) {
-        self.solids
-            .retain(|id, solid| replica.shape(*id) == Some(&solid.shape));
+        self.solids.retain(|id, solid| {
+            let same = replica.shape(*id).filter(|shape| **shape == solid.shape);
+            if let Some(shape) = same {
+                // An equal shape of another replica has arrays of its own. With those the next comparison is short.
+                solid.shape = shape.clone();
+            }
+            same.is_some()
+        });
     }
 
     fn solid(&mut self, id: ShapeId, replica: &Replica) -> Option<Arc<[SolidPart]>> {
@@ -137,11 +179,11 @@ impl CopyQueries {
         parts
     }
 
-    fn put(&mut self, desc: BodyDesc, solid: Arc<[SolidPart]>, position: Vec3, rotation: Quat) {
+    fn put(&mut self, desc: BodyDesc, solid: Arc<[SolidPart]>, shown: ShownPose) {
         let known = self.bodies.get(&desc.id);
         let same = |body: &&CopiedBody| body.desc == desc && Arc::ptr_eq(&body.solid, &solid);
         match known.filter(same) {
-            Some(body) if body.position == position && body.rotation == rotation => return,
+            Some(body) if body.shown == shown => return,
             Some(_) => {}
             None => {
                 self.remove(desc.id);
@@ -151,12 +193,12 @@ impl CopyQueries {
         let Some(body) = self.bodies.get_mut(&desc.id) else {
             return;
         };
-        (body.position, body.rotation) = (position, rotation);
-        let pose = rhumb_solids::pose(position, rotation);
-        for (leaf, (within, solid)) in body.leaves.iter().zip(body.solid.iter()) {
+        body.shown = shown;
+        let pose = rhumb_solids::pose(shown.position, shown.rotation);
+        for (leaf, within) in body.leaves.iter().zip(body.solid.iter()) {
             if let Some(Some(part)) = self.parts.get_mut(*leaf as usize) {
-                part.at = pose * *within;
-                let around = solid.compute_aabb(&part.at);
+                part.at = pose * within.at;
+                let around = within.shape.compute_aabb(&part.at);
                 self.tree.insert_or_update_partially(around, *leaf, 0.0);
             }
         }
@@ -165,11 +207,11 @@ impl CopyQueries {
     /// Adds a body that is nowhere yet.
     fn insert(&mut self, desc: BodyDesc, solid: Arc<[SolidPart]>) {
         let mut leaves = Vec::with_capacity(solid.len());
-        for (_, part) in solid.iter() {
+        for part in solid.iter() {
             let part = CopiedPart {
                 desc,
                 at: Pose::IDENTITY,
-                solid: part.clone(),
+                solid: part.shape.clone(),
             };
             match self.free.pop() {
                 Some(leaf) => {
@@ -185,8 +227,11 @@ impl CopyQueries {
         let body = CopiedBody {
             desc,
             solid,
-            position: Vec3::NAN,
-            rotation: Quat::IDENTITY,
+            shown: ShownPose {
+                position: Vec3::NAN,
+                rotation: Quat::IDENTITY,
+                is_gliding: false,
+            },
             leaves,
         };
         self.bodies.insert(desc.id, body);
@@ -229,13 +274,8 @@ impl CompositeShape for Considered<'_> {
         let Some(Some(part)) = self.copy.parts.get(part as usize) else {
             return;
         };
-        let (filter, desc) = (self.filter, &part.desc);
-        if filter.takes(desc.kind)
-            && (filter.with_sensors || !desc.sensor)
-            && filter.except != Some(desc.id)
-            && filter.groups & desc.groups.members != 0
-            && !self.before.contains(&desc.id)
-        {
+        let candidate = QueryCandidate::of(&part.desc);
+        if self.filter.takes(&candidate) && !self.before.contains(&candidate.id) {
             find(Some(&part.at), &*part.solid.0, None);
         }
     }

@@ -32,6 +32,7 @@ pub struct View {
     time: Option<RenderTime>,
     /// The caller's time of the last refresh.
     refreshed_at: Seconds,
+    refreshes: u64,
 }
 
 /// Number of moving bodies that are predicted in one call.
@@ -113,6 +114,19 @@ impl View {
         self.time
     }
 
+    /// Number of refreshes so far; the view changes only when it grows.
+    #[must_use]
+    pub const fn refreshes(&self) -> u64 {
+        self.refreshes
+    }
+
+    /// True if a body is shown on the way to its predicted pose, as part of a smoothed correction.
+    #[must_use]
+    pub fn is_gliding(&self, id: BodyId) -> bool {
+        let correction = self.place(id).and_then(|place| self.corrections.get(place));
+        correction.is_some_and(|correction| !correction.is_over(self.refreshed_at))
+    }
+
     /// Computes the view of a moment. The client calls this in each frame.
     pub fn refresh(&mut self, stream: &mut Subscriber, render_params: &RenderParams) {
         self.changed.clear();
@@ -151,6 +165,7 @@ impl View {
         stream.forget_before(render_params.at.tick);
         self.time = Some(render_params.at);
         self.refreshed_at = render_params.now;
+        self.refreshes += 1;
     }
 
     /// Reserves exactly the capacity for new bodies: the amortised growth of `Vec` would waste memory.

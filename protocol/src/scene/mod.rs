@@ -45,6 +45,6 @@ pub use mesh::Mesh;
 pub use motor::Motor;
 pub use name::{InvalidSceneName, SceneName};
 pub use publish_schedule::PublishSchedule;
-pub use query::{Answer, Hit, Query, QueryFilter, QueryKind};
+pub use query::{Answer, Hit, Query, QueryCandidate, QueryFilter, QueryKind};
 pub use shape::{Compound, Part, Shape};
 pub use shape_id::ShapeId;

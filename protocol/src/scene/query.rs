@@ -8,7 +8,7 @@ use alloc::vec::Vec;
 use glam::{Quat, Vec3};
 use rhumb_reckoning::BodyId;
 
-use super::body::BodyKind;
+use super::body::{BodyDesc, BodyKind};
 use super::checks::{Invalid, Quantity, rotation, scalar, vector};
 use super::shape::Shape;
 use crate::limits::{COORDINATE_MAX, HITS_MAX, QUERY_COST_MAX, SHAPE_CAST_COST};
@@ -93,13 +93,43 @@ impl QueryFilter {
         groups: u32::MAX,
     };
 
-    /// True if bodies of a kind count.
+    /// True if a body counts.
     #[must_use]
-    pub const fn takes(&self, kind: BodyKind) -> bool {
-        match kind {
+    pub fn takes(&self, candidate: &QueryCandidate) -> bool {
+        let of_kind = match candidate.kind {
             BodyKind::Static => self.with_static,
             BodyKind::Dynamic => self.with_dynamic,
             BodyKind::Kinematic => self.with_kinematic,
+        };
+        of_kind
+            && (self.with_sensors || !candidate.is_sensor)
+            && self.except != Some(candidate.id)
+            && self.groups & candidate.members != 0
+    }
+}
+
+/// The properties of a body that decide whether a filter takes it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct QueryCandidate {
+    /// The body.
+    pub id: BodyId,
+    /// Kind of its motion.
+    pub kind: BodyKind,
+    /// True if bodies pass through it.
+    pub is_sensor: bool,
+    /// The collision groups that it is in, a bit for each.
+    pub members: u32,
+}
+
+impl QueryCandidate {
+    /// The properties of a described body.
+    #[must_use]
+    pub const fn of(desc: &BodyDesc) -> Self {
+        Self {
+            id: desc.id,
+            kind: desc.kind,
+            is_sensor: desc.sensor,
+            members: desc.groups.members,
         }
     }
 }

@@ -31,6 +31,7 @@ pub struct Replica {
     descs: Interner<BodyDesc>,
     joints: Joints,
     complete: bool,
+    revision: u64,
 }
 
 impl Replica {
@@ -50,6 +51,7 @@ impl Replica {
             descs: Interner::default(),
             joints: Joints::default(),
             complete: false,
+            revision: 0,
         }
     }
 
@@ -87,6 +89,12 @@ impl Replica {
         self.gravity
     }
 
+    /// Grows whenever a shape or the description of a body may have changed, also where this replica replaces another.
+    #[must_use]
+    pub const fn revision(&self) -> u64 {
+        self.revision
+    }
+
     /// The descriptor of a body; None if the replica has no such body.
     #[must_use]
     pub fn body(&self, id: BodyId) -> Option<BodyDesc> {
@@ -118,6 +126,7 @@ impl Replica {
     /// gone.
     pub(crate) fn take_over(&mut self, old: &Self) {
         self.stream_mut().succeed(old.stream());
+        self.revision += old.revision + 1;
     }
 
     /// Marks the snapshot as complete.
@@ -132,6 +141,7 @@ impl Replica {
     ///
     /// The code to close with, when the event contradicts earlier ones or exceeds a limit.
     pub(crate) fn apply_scene_event(&mut self, scene_event: &SceneEvent) -> Result<(), CloseCode> {
+        self.revision += 1;
         match scene_event {
             SceneEvent::ShapeAdded { id, shape } => {
                 if self.shapes.len() >= SHAPES_MAX as usize {

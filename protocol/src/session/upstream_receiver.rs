@@ -227,15 +227,9 @@ impl UpstreamReceiver {
 }
 
 impl BodyTracks {
-    /// Adds a track that replaces the earlier ones from its origin on.
+    /// Adds a track that replaces those from its origin on.
     fn take(&mut self, track: Track) {
-        if self
-            .tracks
-            .back()
-            .is_some_and(|last| last.origin >= track.origin)
-        {
-            self.tracks.clear();
-        }
+        self.tracks.retain(|kept| kept.origin < track.origin);
         if self.tracks.len() > LATER_TRACKS_KEPT {
             // The first track is the one in force: without it the body would not move.
             self.tracks.remove(1);

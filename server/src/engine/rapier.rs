@@ -523,12 +523,8 @@ impl Engine for RapierEngine {
     }
 
     fn query(&self, query: &Query) -> Result<Answer, UnanswerableQuery> {
-        let except = query.filter.except.and_then(|id| self.place(id));
-        let except = except.map(|place| place.handle);
         // A query reads the world only, so that a panic leaves it as it is.
-        let answered = catch_unwind(AssertUnwindSafe(|| {
-            queries::answer(&self.world, except, query)
-        }));
+        let answered = catch_unwind(AssertUnwindSafe(|| queries::answer(&self.world, query)));
         answered.map_err(|_| UnanswerableQuery)
     }
 

@@ -4,56 +4,27 @@
 
 use rapier3d::parry::shape::CompositeShape;
 use rapier3d::prelude::{
-    Collider, ColliderHandle, PhysicsWorld, QueryFilter as RapierFilter, QueryFilterFlags,
-    RigidBodyHandle,
+    Collider, ColliderHandle, PhysicsWorld, QueryFilter as RapierFilter, RigidBody,
 };
-use rhumb_protocol::scene::{Answer, Query, QueryFilter};
+use rhumb_protocol::scene::{Answer, BodyKind, Query, QueryCandidate, QueryFilter};
 use rhumb_reckoning::BodyId;
 use rhumb_solids::SearchedBodies;
 
 use super::rapier_body::id;
 
-/// The answer to a query; `except` is the excluded body.
-pub(super) fn answer(
-    world: &PhysicsWorld,
-    except: Option<RigidBodyHandle>,
-    query: &Query,
-) -> Answer {
-    rhumb_solids::answer(&Searched { world, except }, query)
+/// The answer to a query.
+pub(super) fn answer(world: &PhysicsWorld, query: &Query) -> Answer {
+    rhumb_solids::answer(&Searched { world }, query)
 }
 
 /// The bodies of a world.
 struct Searched<'a> {
     world: &'a PhysicsWorld,
-    except: Option<RigidBodyHandle>,
 }
 
 impl Searched<'_> {
-    /// Rapier's filter, less what the predicate decides.
-    fn rapier<'a>(
-        &self,
-        filter: &QueryFilter,
-        predicate: &'a dyn Fn(ColliderHandle, &Collider) -> bool,
-    ) -> RapierFilter<'a> {
-        let mut flags = QueryFilterFlags::empty();
-        for (without, flag) in [
-            (!filter.with_static, QueryFilterFlags::EXCLUDE_FIXED),
-            (!filter.with_dynamic, QueryFilterFlags::EXCLUDE_DYNAMIC),
-            (!filter.with_kinematic, QueryFilterFlags::EXCLUDE_KINEMATIC),
-            (!filter.with_sensors, QueryFilterFlags::EXCLUDE_SENSORS),
-        ] {
-            flags.set(flag, without);
-        }
-        RapierFilter {
-            flags,
-            exclude_rigid_body: self.except,
-            predicate: Some(predicate),
-            ..RapierFilter::default()
-        }
-    }
-
-    fn owner(&self, collider: &Collider) -> Option<BodyId> {
-        self.world.bodies.get(collider.parent()?).map(id)
+    fn owner(&self, collider: &Collider) -> Option<&RigidBody> {
+        self.world.bodies.get(collider.parent()?)
     }
 }
 
@@ -65,16 +36,37 @@ impl SearchedBodies for Searched<'_> {
         find: &mut dyn FnMut(&dyn CompositeShape),
     ) {
         let counts = |_: ColliderHandle, collider: &Collider| {
-            let memberships = collider.collision_groups().memberships;
-            let owner = self.owner(collider);
-            memberships.bits() & filter.groups != 0 && owner.is_some_and(|id| !before.contains(&id))
+            self.owner(collider).is_some_and(|body| {
+                let candidate = candidate(body, collider);
+                filter.takes(&candidate) && !before.contains(&candidate.id)
+            })
         };
-        let rapier = self.rapier(filter, &counts);
+        let rapier = RapierFilter {
+            predicate: Some(&counts),
+            ..RapierFilter::default()
+        };
         find(&self.world.query_pipeline_with_filter(rapier));
     }
 
     fn body_of(&self, part: u32) -> Option<BodyId> {
         let (collider, _) = self.world.colliders.get_unknown_gen(part)?;
-        self.owner(collider)
+        self.owner(collider).map(id)
+    }
+}
+
+/// The properties of a body that a filter reads, by one of its colliders.
+fn candidate(body: &RigidBody, collider: &Collider) -> QueryCandidate {
+    let kind = if body.is_fixed() {
+        BodyKind::Static
+    } else if body.is_kinematic() {
+        BodyKind::Kinematic
+    } else {
+        BodyKind::Dynamic
+    };
+    QueryCandidate {
+        id: id(body),
+        kind,
+        is_sensor: collider.is_sensor(),
+        members: collider.collision_groups().memberships.bits(),
     }
 }

@@ -43,9 +43,9 @@ enum Weighing {
 /// [`UnusableShape`] for a shape without faces, or without normal mass and moments.
 pub(super) fn solid(shape: &Shape) -> Result<Solid, UnusableShape> {
     let parts = rhumb_solids::parts(shape).ok_or(UnusableShape)?;
-    for (_, part) in &parts {
-        if part.as_convex_polyhedron().is_some() {
-            check(&part.mass_properties(1.0))?;
+    for part in &parts {
+        if part.shape.as_convex_polyhedron().is_some() {
+            check(&part.shape.mass_properties(1.0))?;
         }
     }
     let moment = |together: &MassProperties| together.principal_inertia().max_element();
@@ -69,9 +69,9 @@ pub(super) fn solid(shape: &Shape) -> Result<Solid, UnusableShape> {
 
 /// Mass properties of all parts together, at density one.
 fn total(parts: &[SolidPart]) -> MassProperties {
-    let properties = parts.iter().map(|(at, part)| {
-        let own = part.mass_properties(1.0);
-        own.transform_by(at)
+    let properties = parts.iter().map(|part| {
+        let own = part.shape.mass_properties(1.0);
+        own.transform_by(&part.at)
     });
     properties.sum()
 }
@@ -93,12 +93,12 @@ pub(super) fn colliders(
     properties: &BodyProperties,
     solid: &Solid,
 ) -> impl Iterator<Item = Collider> {
-    solid.parts.iter().map(move |(at, part)| {
-        let builder = ColliderBuilder::new(part.clone());
-        let mut collider = if *at == RapierPose::IDENTITY {
+    solid.parts.iter().map(move |part| {
+        let builder = ColliderBuilder::new(part.shape.clone());
+        let mut collider = if part.at == RapierPose::IDENTITY {
             builder.build()
         } else {
-            builder.position(*at).build()
+            builder.position(part.at).build()
         };
         set_properties(&mut collider, properties, solid);
         collider

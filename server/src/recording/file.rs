@@ -131,9 +131,10 @@ fn create(directory: &Path, head: &FileHead<'_>) -> io::Result<(PathBuf, File)> 
 }
 
 /// Shows the other processes of the server, which share the directory, that a file is open: by a lock, which ends with
-/// the process. Where the file system has no locks, they may remove the file when the directory is full.
+/// the process. Where the file system has no locks, they may remove the file when the directory is full, as they may in the
+/// moment between its creation and the lock. Another process that looks holds its own lock for a moment only.
 fn mark_open(file: &File) {
-    if let Err(cause) = file.try_lock() {
+    if let Err(cause) = file.lock() {
         tracing::debug!(%cause, "a recording cannot be locked");
     }
 }

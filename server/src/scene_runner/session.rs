@@ -29,6 +29,9 @@ pub(crate) enum Departure {
     Disconnected,
 }
 
+/// With so many indices for a new member, no session of another has to end.
+const GRANT_SUFFICES: u32 = GRANT / 4;
+
 impl SceneRunner {
     /// Makes a client a member; it gets the whole scene, then the stream.
     pub(crate) fn join(
@@ -189,19 +192,33 @@ impl SceneRunner {
     }
 
     /// Grants a new member its indices. Clients that are away give way to one that is here: their sessions end, the one
-    /// that left first first, until the indices suffice.
+    /// that left first first, until the indices suffice. A session whose indices all have bodies would free none, and
+    /// goes on.
     fn grant_to_new_member(&mut self, peer: Peer) -> Result<IdRange, Denial> {
-        let mut granted = self.grant_first(peer, GRANT);
+        let mut granted = self.grant_first(peer, GRANT_SUFFICES);
         for number in self.sessions.absent() {
             if granted.is_some() {
                 break;
             }
+            if !self.has_vacant_index(number) {
+                continue;
+            }
             tracing::info!(session = number.0, "a session ends: its indices are needed");
             self.close_absent(number);
-            granted = self.grant_first(peer, GRANT);
+            granted = self.grant_first(peer, GRANT_SUFFICES);
         }
         let granted = granted.or_else(|| self.grant_first(peer, 1));
         granted.ok_or(Denial::NoIndicesLeft)
+    }
+
+    /// True if an index of a session has no body.
+    fn has_vacant_index(&self, number: SessionNumber) -> bool {
+        let ranges = self.sessions.get(number).map(|session| &session.ranges);
+        let mut indices = ranges
+            .into_iter()
+            .flatten()
+            .flat_map(|range| range.first()..range.first() + range.count());
+        indices.any(|index| self.scene.vacancy(index).is_some())
     }
 
     /// Grants a new member [`GRANT`] indices, or fewer if none of the free runs is so long, but not fewer than `least`.

@@ -46,8 +46,12 @@ impl ServerLoop {
                 self.blocked.insert(peer);
                 break;
             };
-            // A message of queries ends the turn: it is as much work as many others.
-            let is_work = left != usize::MAX && matches!(message, Ok(ClientMessage::Query(_)));
+            // A message of queries or for indices ends the turn: it is as much work as many others.
+            let is_work = left != usize::MAX
+                && matches!(
+                    message,
+                    Ok(ClientMessage::Query(_) | ClientMessage::Reserve { .. })
+                );
             left = if is_work { 0 } else { left - 1 };
             self.pulse.beat();
             self.handle_message(now, peer, message);
@@ -79,12 +83,23 @@ impl ServerLoop {
         }
     }
 
-    /// Tries the connections again that had to wait.
+    /// Tries the connections again that had to wait. Those whose solids wait for others come first, the longest wait before
+    /// all: so a place for a solid goes to the one that waits longest.
     pub(super) fn retry(&mut self, now: Instant) {
         self.retry_at = now + RETRY;
-        for peer in std::mem::take(&mut self.blocked) {
+        let mut blocked: Vec<_> = std::mem::take(&mut self.blocked).into_iter().collect();
+        blocked.sort_by_key(|peer| {
+            let since = self.waits_to_bake_since(*peer);
+            (since.is_none(), since)
+        });
+        for peer in blocked {
             self.take_turn(now, peer);
         }
+    }
+
+    /// The moment since which a connection's solid waits for others; `None` if none does.
+    fn waits_to_bake_since(&self, peer: Peer) -> Option<Instant> {
+        self.connections.get(&peer)?.bake.as_ref()?.waits_since()
     }
 
     /// Something that a connection waited for is there.
@@ -131,6 +146,10 @@ impl ServerLoop {
         if !baking::is_heavy(shape) {
             return Some(message);
         }
+        let is_new = (self.connections.get(&peer)).is_some_and(|of| of.bake.is_none());
+        let mut blocked = self.blocked.iter();
+        // A new one gives way to those that wait, and is tried again after them.
+        let gives_way = is_new && blocked.any(|of| self.waits_to_bake_since(*of).is_some());
         let Some(connection) = self.connections.get_mut(&peer) else {
             return Some(message);
         };
@@ -145,7 +164,9 @@ impl ServerLoop {
             return Some(message);
         };
         let bake = connection.bake.get_or_insert_with(|| Bake::wanted(now));
-        self.bakery.begin(bake, now, shape, baker);
+        if !gives_way {
+            self.bakery.begin(bake, now, shape, baker);
+        }
         if let Some(baked) = bake.take() {
             runner.put_baked(*id, shape, baked);
             connection.bake = None;

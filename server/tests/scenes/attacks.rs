@@ -12,13 +12,13 @@ use rhumb_protocol::limits::{
 };
 use rhumb_protocol::message::{
     ClientMessage, Denial, Extensions, Frames, RemovalCause, ResyncCause, SceneEvent,
-    ServerMessage, StreamChoice, VERSIONS,
+    ServerMessage, SessionKey, SessionRequest, StreamChoice, VERSIONS,
 };
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, CommandError, Heights, IdRange, Invalid, JointId, Material,
     Quantity, SceneConfig, Shape, ShapeId, Stepping,
 };
-use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
+use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 use rhumb_server::{Limits, ServerLoop};
 
@@ -56,6 +56,8 @@ struct Counts {
     bodies: usize,
     denied: usize,
     denial: Option<Denial>,
+    /// True if the newest session was known.
+    resumed: Option<bool>,
     /// The newest range of indices.
     granted: Option<IdRange>,
     not_finite: usize,
@@ -129,8 +131,7 @@ impl Links {
                 Transmit::Close { to, code } => {
                     let link = self.links.get_mut(&to).expect("a connection");
                     link.counts.closed = Some(code);
-                    self.server
-                        .handle_ended(self.now, to, rhumb_protocol::Ending::Closed(code));
+                    self.server.handle_ended(self.now, to, Ending::Closed(code));
                 }
                 Transmit::State { .. } => {}
             }
@@ -173,11 +174,7 @@ impl Links {
     /// Connects a client that creates the scene, and joins it.
     fn begin(&mut self, peer: Peer, stepping: Stepping) {
         self.connect(peer);
-        let config = SceneConfig {
-            stepping,
-            ..SceneConfig::default()
-        };
-        self.send(peer, &[ClientMessage::Create(config), join()]);
+        self.send(peer, &[create(stepping), join()]);
         self.take(peer, usize::MAX);
     }
 }
@@ -192,6 +189,7 @@ impl Link {
                     counts.granted = Some(joined.granted);
                 }
                 Some(ServerMessage::Reserved(range)) => counts.granted = Some(range),
+                Some(ServerMessage::Session(state)) => counts.resumed = Some(state.resumed),
                 Some(ServerMessage::Refused { error, .. }) => counts.refused = Some(error),
                 Some(ServerMessage::Left) => counts.left += 1,
                 Some(ServerMessage::SnapshotEnd) => counts.snapshots += 1,
@@ -212,6 +210,11 @@ impl Link {
             }
         }
     }
+}
+
+fn create(stepping: Stepping) -> ClientMessage {
+    let config = SceneConfig::default();
+    ClientMessage::Create(SceneConfig { stepping, ..config })
 }
 
 fn join() -> ClientMessage {
@@ -420,9 +423,7 @@ fn scenes_without_members_end_and_make_room() {
     links.pass(Span::from_millis(700_000));
     assert_eq!(left(&links), 1, "it has a member");
     let now = links.now;
-    links
-        .server
-        .handle_ended(now, ATTACKER, rhumb_protocol::Ending::TimedOut);
+    links.server.handle_ended(now, ATTACKER, Ending::TimedOut);
     links.pass(Span::from_millis(599_000));
     assert_eq!(left(&links), 1);
     links.pass(Span::from_millis(1_001));
@@ -464,8 +465,7 @@ fn bodies_that_are_left_behind_keep_no_indices_but_their_own() {
         assert_eq!(links.counts(attacker).refused, None);
         highest = highest.max(range.first() + place);
         let now = links.now;
-        let end = rhumb_protocol::Ending::TimedOut;
-        links.server.handle_ended(now, attacker, end);
+        links.server.handle_ended(now, attacker, Ending::TimedOut);
         links.take(VICTIM, usize::MAX);
     }
     assert!(u64::from(highest) < Limits::default().indices_per_scene);
@@ -474,6 +474,38 @@ fn bodies_that_are_left_behind_keep_no_indices_but_their_own() {
     let range = links.counts(ATTACKER).granted.expect("it has joined");
     assert_eq!(links.counts(ATTACKER).bodies, 200);
     assert!(range.count() >= GRANT / 4, "{range:?}");
+}
+
+#[test]
+fn a_session_without_vacant_indices_goes_on() {
+    let mut links = Links::new();
+    links.server.set_limits(Limits {
+        indices_per_scene: u64::from(GRANT),
+        ..Limits::default()
+    });
+    let enter = |links: &mut Links| {
+        let (key, answered) = (SessionKey([7; 16]), 0);
+        let session = ClientMessage::Session(SessionRequest { key, answered });
+        links.connect(VICTIM);
+        links.send(VICTIM, &[create(Stepping::Lockstep), session, join()]);
+        links.take(VICTIM, usize::MAX);
+    };
+    enter(&mut links);
+    assert_eq!(links.counts(VICTIM).resumed, Some(false));
+    let range = links.counts(VICTIM).granted.expect("it has joined");
+    links.send(VICTIM, &[shape(0, Shape::ball(0.5))]);
+    for place in 0..GRANT {
+        let at = [0.0, 2.0 * place as f32, 0.0];
+        links.send(VICTIM, &[ball(range, place, at)]);
+    }
+    assert_eq!(links.counts(VICTIM).refused, None);
+    let now = links.now;
+    links.server.handle_ended(now, VICTIM, Ending::TimedOut);
+    links.connect(ATTACKER);
+    links.send(ATTACKER, &[join()]);
+    assert_eq!(links.counts(ATTACKER).denial, Some(Denial::NoIndicesLeft));
+    enter(&mut links);
+    assert_eq!(links.counts(VICTIM).resumed, Some(true));
 }
 
 #[test]

@@ -162,21 +162,27 @@ impl Bench {
 
 /// A rolling sheet of the greatest number of triangles.
 fn largest() -> Shape {
-    const SIDE: u32 = 181;
-    let points: Vec<_> = (0..=SIDE)
-        .flat_map(|x| (0..=SIDE).map(move |z| (x as f32, z as f32)))
+    let mesh = sheet(181);
+    let triangles = mesh.triangles().len();
+    assert!(triangles > TRIANGLES_MAX - 100 && triangles <= TRIANGLES_MAX);
+    Shape::Mesh(mesh)
+}
+
+/// A rolling sheet of so many squares on a side, each of two triangles.
+fn sheet(side: u32) -> Mesh {
+    let points: Vec<_> = (0..=side)
+        .flat_map(|x| (0..=side).map(move |z| (x as f32, z as f32)))
         .map(|(x, z)| Vec3::new(x - 90.0, (x * 0.3).sin() + (z * 0.2).cos(), z - 90.0))
         .collect();
-    let corner = |x: u32, z: u32| x * (SIDE + 1) + z;
-    let triangles: Vec<_> = (0..SIDE)
-        .flat_map(|x| (0..SIDE).map(move |z| (x, z)))
+    let corner = |x: u32, z: u32| x * (side + 1) + z;
+    let triangles: Vec<_> = (0..side)
+        .flat_map(|x| (0..side).map(move |z| (x, z)))
         .flat_map(|(x, z)| {
             let [a, b] = [corner(x, z), corner(x + 1, z)];
             [[a, a + 1, b], [b, a + 1, b + 1]]
         })
         .collect();
-    assert!(triangles.len() > TRIANGLES_MAX - 100 && triangles.len() <= TRIANGLES_MAX);
-    Shape::Mesh(Mesh::new(&points, &triangles).expect("within the limits"))
+    Mesh::new(&points, &triangles).expect("within the limits")
 }
 
 fn add(id: u32, shape: Shape) -> Command {
@@ -322,6 +328,22 @@ fn two_solids_are_made_at_one_time_and_a_third_waits() {
         events(&bench.take(OWNER)),
         ["shape 0", "shape 1", "shape 2"]
     );
+}
+
+#[test]
+fn the_solid_that_waits_longest_is_begun_next() {
+    let mut bench = Bench::with_scene(Stepping::FreeRunning, &[OWNER, OTHER, THIRD]);
+    // The least that is made beside the steps: 1,152 triangles.
+    let small = |id| add(id, Shape::Mesh(sheet(24)));
+    bench.command(OWNER, [small(0), small(1), small(2)]);
+    bench.command(OTHER, [small(10), small(11), small(12)]);
+    bench.command(THIRD, [small(20)]);
+    bench.pass(30);
+    assert_eq!(bench.bake(), 2);
+    bench.pass(30);
+    assert_eq!(bench.bake(), 2, "the third one's is among them");
+    bench.pass(30);
+    assert!(events(&bench.take(THIRD)).contains(&"shape 20".to_owned()));
 }
 
 #[test]

@@ -30,7 +30,6 @@ fn join_and_leave(server: &ServerProcess, scene: &str) {
 }
 
 #[test]
-#[cfg(target_os = "linux")]
 fn hellos_of_invented_clients_cost_no_memory_and_keep_no_client_out() {
     let hellos = std::env::var("RHUMB_TEST_HELLOS").map_or(20_000, |count| {
         count.parse::<u32>().expect("RHUMB_TEST_HELLOS is a number")

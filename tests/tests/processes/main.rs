@@ -13,6 +13,7 @@ mod durable;
 mod durable_disk;
 mod examples;
 mod hostile_load;
+#[cfg(target_os = "linux")]
 mod invented_clients;
 mod public_client;
 mod recording;

@@ -6,11 +6,10 @@ use std::cell::RefCell;
 
 use rhumb_protocol::message::{ClientMessage, Framed, Frames, ServerMessage};
 use rhumb_protocol::packet::{
-    Checksums, FullPacket, Head, LossReport, PacketKind, Refresh, RepairSymbol, UpdatePacket,
+    Checksums, Datagram, FullPacket, LossReport, PacketKind, Refresh, RepairSymbol, UpdatePacket,
     Watermark,
 };
-use rhumb_protocol::wire::bytes::Reader;
-use rhumb_protocol::wire::{Malformed, Wire};
+use rhumb_protocol::wire::Malformed;
 
 thread_local! {
     static BYTES: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
@@ -81,10 +80,10 @@ pub extern "C" fn packet() -> u32 {
 }
 
 fn opened(bytes: &[u8]) -> Result<(), Malformed> {
-    let mut reader = Reader::new(bytes);
-    let head = Head::decode(&mut reader)?;
+    let datagram = Datagram::open(bytes)?;
+    let reader = datagram.body();
     let updates = |packet: UpdatePacket<'_>| packet.updates(&mut Vec::new());
-    match head.kind {
+    match datagram.head().kind {
         PacketKind::Updates => updates(UpdatePacket::decode(false, reader)?),
         PacketKind::UpdatesEnd => updates(UpdatePacket::decode(true, reader)?),
         PacketKind::UpdatesOverBudget => updates(UpdatePacket::decode_over_budget(reader)?),

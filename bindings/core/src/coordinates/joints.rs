@@ -12,7 +12,7 @@ pub(super) struct JointAxes {
     metres_per_unit: f32,
 }
 
-/// One of Rhumb's six axes of a joint, as an axis of the application becomes it.
+/// The axis of Rhumb's that corresponds to one of the application's.
 struct JointAxis {
     place: usize,
     /// −1 where it points the other way.

@@ -65,7 +65,7 @@ pub(super) fn cases() -> Vec<Case> {
         .play(too_early),
         Case::server(
             "L1.1.7",
-            "three bytes that are no token make an owner of an open server, and are refused by another",
+            "an open server makes a client with an invalid token its owner; other servers refuse it",
         )
             .cites("PROTOCOL 3.6-3")
             .play(role_for_token),

@@ -41,7 +41,7 @@ impl InventedClients {
         })
     }
 
-    /// Sends the hello of another client, from an address that none had before: there are seven million.
+    /// Sends the hello of another client, from an address that none had before: there are 7.8 million.
     ///
     /// # Errors
     ///
