@@ -4,8 +4,8 @@
 //! well-formed.
 
 use rhumb_protocol::packet::{
-    Checksums, FullPacket, Head, LossReport, Low16, PacketKind, Refresh, RepairSymbol, StreamId,
-    UpdatePacket, Watermark,
+    Checksums, Datagram, FullPacket, Head, LossReport, Low16, PacketKind, Refresh, RepairSymbol,
+    StreamId, UpdatePacket, Watermark,
 };
 use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
@@ -75,10 +75,10 @@ pub(crate) fn of_stream(datagram: &[u8], stream: StreamId) -> Vec<u8> {
 ///
 /// The way in which it is malformed.
 pub(crate) fn read(datagram: &[u8]) -> Result<(), Malformed> {
-    let mut from = Reader::new(datagram);
-    let head = Head::decode(&mut from)?;
+    let datagram = Datagram::open(datagram)?;
+    let from = datagram.body();
     let mut updates = Vec::new();
-    match head.kind {
+    match datagram.head().kind {
         PacketKind::Updates | PacketKind::UpdatesEnd => {
             UpdatePacket::decode(true, from)?.updates(&mut updates)
         }
