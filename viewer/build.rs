@@ -32,6 +32,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         Ok(()) => String::new(),
         Err(reason) => {
             println!("cargo::warning=the page is left out: {reason}");
+            // A file that is never there: the next build tries again, for what is missing may be installed by then.
+            println!("cargo::rerun-if-changed={}", out.join("missing").display());
             reason
         }
     };

@@ -10,6 +10,8 @@ use rhumb_bench::evaluate::{Evaluate, evaluate};
 use rhumb_bench::fit::{FitArguments, fit};
 use rhumb_bench::frames::{FramesArguments, frames};
 use rhumb_bench::limit::{LimitArguments, limit};
+use rhumb_bench::load::{LoadArguments, load};
+use rhumb_bench::neighbour::{NeighbourArguments, neighbour};
 use rhumb_bench::replay::{Replay, replay};
 use rhumb_bench::scene_file::{SceneArguments, scene};
 use rhumb_bench::service::{ServiceArguments, service};
@@ -38,6 +40,10 @@ enum Task {
     Frames(FramesArguments),
     /// Measure what tokens, durability and worker processes of a server cost.
     Service(ServiceArguments),
+    /// Run a server with many scenes and members over minutes.
+    Load(LoadArguments),
+    /// Measure a scene's frames while another scene of the server is abused.
+    Neighbour(NeighbourArguments),
     /// Fit the tables of the packet coder to recorded traces.
     Fit(FitArguments),
     /// Write the bodies a scene places as JSON, for engines that are not linked here.
@@ -56,6 +62,8 @@ fn main() -> ExitCode {
         Task::Cost(arguments) => cost(&arguments),
         Task::Frames(arguments) => frames(&arguments),
         Task::Service(arguments) => service(&arguments),
+        Task::Load(arguments) => load(&arguments),
+        Task::Neighbour(arguments) => neighbour(&arguments),
         Task::Fit(arguments) => fit(&arguments),
         Task::Scene(arguments) => scene(&arguments),
         Task::Serve(arguments) => serve(*arguments),

@@ -37,6 +37,8 @@ impl fmt::Display for OutputError {
     }
 }
 
+impl std::error::Error for OutputError {}
+
 /// Creates the folder and its parents if missing.
 pub fn make_folder(out: &Path) -> Result<(), OutputError> {
     std::fs::create_dir_all(out).map_err(|cause| OutputError::Write {

@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use crate::drive::ServerProcess;
 use crate::machine;
 use crate::output;
+use crate::processor::worked_us;
 use crate::quantile;
 use crate::replay::{Failure, ended};
 use crate::summary::{aligned, number};
@@ -228,7 +229,7 @@ impl Measured {
         if kind.processes {
             command.args(["--workers", "processes"]);
         }
-        let process = ServerProcess::run(&mut command, false)?;
+        let process = ServerProcess::run(&mut command, None)?;
         let trust = Trust::Fingerprint(process.fingerprint);
         let mut connection = Client::connect(&process.address.to_string(), trust)?;
         if kind.tokens {
@@ -325,43 +326,6 @@ fn bytes_in(folder: &Path) -> std::io::Result<u64> {
     Ok(bytes)
 }
 
-/// Processor time of a process and its children so far, microseconds; `None` if some of it cannot be read.
-///
-/// Threads and children that have ended count too. The system counts in clock ticks of 10 ms (USER_HZ is 100): over 1,800
-/// ticks of a scene, some 10 µs a tick. Source: proc_pid_stat(5), fields 14 to 17.
-#[cfg(target_os = "linux")]
-fn worked_us(process: u32) -> Option<u64> {
-    let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
-    let mut worked = clock_ticks(&stat)? * 10_000;
-    for task in fs::read_dir(format!("/proc/{process}/task")).ok()? {
-        let children = fs::read_to_string(task.ok()?.path().join("children")).ok()?;
-        for child in children.split_whitespace() {
-            worked += worked_us(child.parse().ok()?)?;
-        }
-    }
-    Some(worked)
-}
-
-/// Clock ticks of a process and of its children that have ended, user and system, from the contents of its `stat`.
-#[cfg(target_os = "linux")]
-fn clock_ticks(stat: &str) -> Option<u64> {
-    // The second field is the program's name in parentheses, which may hold any character.
-    let (_, fields) = stat.rsplit_once(')')?;
-    let times: Vec<u64> = fields
-        .split_whitespace()
-        .skip(11)
-        .take(4)
-        .map_while(|time| time.parse().ok())
-        .collect();
-    (times.len() == 4).then(|| times.iter().sum())
-}
-
-/// The system does not say.
-#[cfg(not(target_os = "linux"))]
-fn worked_us(_: u32) -> Option<u64> {
-    None
-}
-
 impl ServiceCosts {
     /// Rows of the table: one for each server.
     pub fn rows(&self) -> Vec<Vec<String>> {
@@ -391,24 +355,5 @@ impl ServiceCosts {
             ]);
         }
         rows
-    }
-}
-
-#[cfg(all(test, target_os = "linux"))]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_times_of_a_process_are_found_behind_any_name() {
-        let stat = "7 (a) b (c) S 1 7 7 0 -1 4194304 102 0 0 0 30 4 200 1000 20 0 1 0 4294182";
-        assert_eq!(clock_ticks(stat), Some(1_234));
-        assert_eq!(
-            clock_ticks("7 (a) S 1 7 7 0 -1 4194304 102 0 0 0 30 4 200"),
-            None
-        );
-        assert_eq!(
-            clock_ticks("7 (a) S 1 7 7 0 -1 4194304 102 0 0 0 30 4 x 1000"),
-            None
-        );
     }
 }

@@ -45,6 +45,20 @@ pub(crate) fn announce(server: &Server, identity: &Identity, addresses: &BoundAd
         line(addresses.view, |at| format!("page at {}\n", page_url(at))),
         line(addresses.foxglove, |at| format!("foxglove at ws://{at}\n")),
     );
+    write_lines(&lines);
+}
+
+/// Prints, as the last line of a demo's start, how a person comes to see the page.
+#[cfg(feature = "demo")]
+pub(crate) fn announce_opening(url: &str, asked: bool) {
+    write_lines(&if asked {
+        format!("the desktop was asked to open {url} in a browser; Ctrl-C ends the demo\n")
+    } else {
+        format!("open {url} in a browser of this machine; Ctrl-C ends the demo\n")
+    });
+}
+
+fn write_lines(lines: &str) {
     let mut out = std::io::stdout().lock();
     if let Err(cause) = out.write_all(lines.as_bytes()).and_then(|()| out.flush()) {
         tracing::warn!("cannot write the start-up lines: {cause}");

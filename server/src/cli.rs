@@ -20,9 +20,9 @@ use rhumb_protocol::scene::SceneName;
 use rhumb_transport::{PageOrigin, Stop};
 use tracing::level_filters::LevelFilter;
 
-#[cfg(feature = "demo")]
-use crate::announcement::page_url;
 use crate::announcement::{BoundAddresses, announce};
+#[cfg(feature = "demo")]
+use crate::announcement::{announce_opening, page_url};
 #[cfg(feature = "demo")]
 use crate::demo::{DemoArguments, open_browser};
 use crate::durable::{self, DataDir, DataError};
@@ -379,8 +379,8 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     };
     announce(&server, &identity, &addresses);
     #[cfg(feature = "demo")]
-    if let Some(view) = addresses.view.filter(|_| parts.opens_browser) {
-        open_browser(&page_url(view));
+    if let Some(page) = addresses.view.map(page_url).filter(|_| parts.opens_browser) {
+        announce_opening(&page, open_browser(&page));
     }
     let running = stop_on_signals(&stop);
     let outcome = server.run(&stop);

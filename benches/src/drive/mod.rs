@@ -17,5 +17,6 @@ pub use app::{AppError, Defect, Defects, Unsupported};
 pub use control::{ScriptChoice, Serve, serve};
 pub use error::DriveError;
 pub use free::run_free;
+pub(crate) use process::BesideListener;
 pub use process::{ProcessError, ServerCpu, ServerProcess};
 pub use side_by_side::{Cores, Plan, run_side_by_side};

@@ -7,7 +7,9 @@ use std::io::{self, BufRead, BufReader};
 use std::net::SocketAddr;
 use std::num::NonZeroU32;
 use std::process::{Child, Command, Stdio};
+use std::thread;
 
+use rhumb_server::{RunError, run_on_cores};
 use rhumb_transport::Fingerprint;
 
 use super::control::ScriptChoice;
@@ -20,8 +22,30 @@ pub struct ServerProcess {
     pub address: SocketAddr,
     /// Fingerprint of its certificate, for pinning.
     pub fingerprint: Fingerprint,
-    /// Address for clients of the paper's protocol, if enabled.
-    pub app: Option<SocketAddr>,
+    /// Address of the listener beside its own that was awaited.
+    pub beside: Option<SocketAddr>,
+}
+
+/// A listener beside the server's own, whose line is awaited at the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum BesideListener {
+    /// For clients of the paper's protocol.
+    App,
+    /// For figures.
+    Metrics,
+}
+
+impl BesideListener {
+    /// The address in a start-up line, if the line is this listener's.
+    fn address(self, line: &str) -> Option<SocketAddr> {
+        let address = match self {
+            Self::App => line.strip_prefix("app listening on ")?,
+            Self::Metrics => line
+                .strip_prefix("metrics at http://")?
+                .strip_suffix("/metrics")?,
+        };
+        address.parse().ok()
+    }
 }
 
 /// Cores and threads of a server.
@@ -118,8 +142,8 @@ impl ServerProcess {
             command.args(["--seed", &played.seed.to_string()]);
         }
         command.args(more);
-        let awaits_app = more.iter().any(|more| more.starts_with("--app-listen"));
-        Self::run(&mut command, awaits_app)
+        let has_app = more.iter().any(|more| more.starts_with("--app-listen"));
+        Self::run(&mut command, has_app.then_some(BesideListener::App))
     }
 
     /// Starts a server by a command, and waits until it listens.
@@ -127,24 +151,51 @@ impl ServerProcess {
     /// # Errors
     ///
     /// As [`Self::start`]; then no process is left.
-    pub(crate) fn run(command: &mut Command, awaits_app: bool) -> Result<Self, ProcessError> {
+    pub(crate) fn run(
+        command: &mut Command,
+        awaited: Option<BesideListener>,
+    ) -> Result<Self, ProcessError> {
         let mut child = command
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .spawn()
             .map_err(ProcessError::Start)?;
-        match read_start_up_lines(&mut child, awaits_app) {
-            Ok((address, fingerprint, app)) => Ok(Self {
+        match read_start_up_lines(&mut child, awaited) {
+            Ok((address, fingerprint, beside)) => Ok(Self {
                 child,
                 address,
                 fingerprint,
-                app,
+                beside,
             }),
             Err(error) => {
                 end(&mut child);
                 Err(error)
             }
         }
+    }
+
+    /// As [`Self::run`]; the server may use some cores only, or all if none is named.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::start`], and where the system refuses the cores.
+    pub(crate) fn run_on(
+        cores: &[usize],
+        command: &mut Command,
+        awaited: Option<BesideListener>,
+    ) -> Result<Self, ProcessError> {
+        // A process inherits the cores of the thread that starts it.
+        let started = thread::scope(|scope| {
+            let bound = scope.spawn(|| {
+                if !cores.is_empty() {
+                    let refused = |cause: RunError| ProcessError::Start(io::Error::other(cause));
+                    run_on_cores(cores).map_err(refused)?;
+                }
+                Self::run(command, awaited)
+            });
+            bound.join()
+        });
+        started.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
 
     /// Its process id.
@@ -156,10 +207,13 @@ impl ServerProcess {
 /// Contents of the start-up lines.
 type Addresses = (SocketAddr, Fingerprint, Option<SocketAddr>);
 
-/// Reads the start-up lines: address, fingerprint and, if expected, the address for the paper's protocol.
-fn read_start_up_lines(child: &mut Child, awaits_app: bool) -> Result<Addresses, ProcessError> {
+/// Reads the start-up lines: address, fingerprint and the address of the awaited listener.
+fn read_start_up_lines(
+    child: &mut Child,
+    awaited: Option<BesideListener>,
+) -> Result<Addresses, ProcessError> {
     let (mut output, mut address, mut fingerprint) = (String::new(), None, None);
-    let mut app = None;
+    let mut beside = None;
     if let Some(out) = child.stdout.take() {
         for line in BufReader::new(out).lines() {
             let line = line.map_err(ProcessError::Start)?;
@@ -169,15 +223,13 @@ fn read_start_up_lines(child: &mut Child, awaits_app: bool) -> Result<Addresses,
             if let Some(text) = line.strip_prefix("fingerprint ") {
                 fingerprint = text.parse().ok();
             }
-            if let Some(text) = line.strip_prefix("app listening on ") {
-                app = text.parse().ok();
-            }
+            beside = beside.or_else(|| awaited?.address(&line));
             output.push_str(&line);
             output.push('\n');
             if let (Some(address), Some(fingerprint)) = (address, fingerprint)
-                && app.is_some() == awaits_app
+                && beside.is_some() == awaited.is_some()
             {
-                return Ok((address, fingerprint, app));
+                return Ok((address, fingerprint, beside));
             }
         }
     }

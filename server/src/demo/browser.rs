@@ -5,10 +5,10 @@ use std::process::{Command, Stdio};
 /// Variables of the environment that say that a desktop is there.
 const DESKTOPS: [&str; 2] = ["DISPLAY", "WAYLAND_DISPLAY"];
 
-/// Opens a URL in the browser of the desktop. Without a desktop, nothing happens: the URL is printed anyway.
-pub(crate) fn open_browser(url: &str) {
+/// Asks the desktop to open a URL in its browser; false if there is no desktop.
+pub(crate) fn open_browser(url: &str) -> bool {
     if !cfg!(target_os = "macos") && DESKTOPS.iter().all(|name| std::env::var_os(name).is_none()) {
-        return;
+        return false;
     }
     let program = if cfg!(target_os = "macos") {
         "open"
@@ -23,7 +23,10 @@ pub(crate) fn open_browser(url: &str) {
         .stderr(Stdio::null());
     match command.spawn() {
         // The program ends as soon as a browser has the URL, or with this process.
-        Ok(_) => tracing::debug!(url, "asked the desktop to open the page"),
-        Err(cause) => tracing::debug!(%cause, program, "no browser opens the page"),
+        Ok(_) => true,
+        Err(cause) => {
+            tracing::debug!(%cause, program, "no browser opens the page");
+            false
+        }
     }
 }

@@ -485,7 +485,14 @@ fn a_configuration_is_checked_as_a_start_checks_it() {
             &["--open", "--app-listen", "0.0.0.0:0"],
             "--open-to-network",
         ),
-        (&["--open", "--view", "--no-web"], "--no-web"),
+        (
+            &["--open", "--view", "--no-web"],
+            if rhumb_viewer::UNAVAILABLE.is_none() {
+                "--no-web"
+            } else {
+                "no page"
+            },
+        ),
         (&["--open", "--core", "9999"], "cores"),
         (
             &["--open", "--foxglove", "--workers", "processes"],

@@ -302,7 +302,7 @@ fn connect(
     defects: Defects,
     keep: Retention,
 ) -> io::Result<PaperConnection> {
-    let server = process.app.ok_or(io::ErrorKind::AddrNotAvailable)?;
+    let server = process.beside.ok_or(io::ErrorKind::AddrNotAvailable)?;
     let sockets = Sockets::open(server, defects)?;
     let replica = AppReplica::new(defects);
     Ok(if defects.poll {
