@@ -9,8 +9,9 @@ import { createRequire } from "node:module";
 import { fileURLToPath, pathToFileURL } from "node:url";
 
 const root = fileURLToPath(new URL("..", import.meta.url));
-/** Drawing without a graphics card. */
-const CHROMIUM_FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"];
+/** Drawing without a graphics card; RHUMB_CHROMIUM_FLAGS, with spaces between them, replaces these. */
+const SOFTWARE = "--no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader";
+const CHROMIUM_FLAGS = (process.env.RHUMB_CHROMIUM_FLAGS ?? SOFTWARE).split(" ");
 const FIREFOX_PREFS = { "webgl.force-enabled": true, "gfx.webrender.software": true };
 
 /** A way to open a browser that is not here; its message says what is missing. */

@@ -31,7 +31,7 @@ impl Abuse {
 
     pub(super) const fn text(self) -> &'static str {
         match self {
-            Self::Overlap => "1,000 balls in one place",
+            Self::Overlap => "300 balls in one place",
             Self::Commands => "impulses without a pause",
             Self::Queries => "rays without a pause",
             Self::Joins => "joins of 5,000 bodies without a pause",
@@ -41,7 +41,7 @@ impl Abuse {
     /// Number of balls in the scene.
     const fn balls(self) -> u32 {
         match self {
-            Self::Overlap => 1_000,
+            Self::Overlap => 300,
             Self::Commands | Self::Queries => 100,
             Self::Joins => 5_000,
         }

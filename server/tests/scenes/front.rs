@@ -188,12 +188,10 @@ fn a_scene_that_does_not_answer_is_parked_and_stops_no_other_scene() {
 }
 
 #[test]
-fn a_front_with_a_stuck_scene_ends_in_time() {
+fn a_front_with_a_stuck_scene_ends_while_it_is_stuck() {
     let (mut threaded, release) = Threaded::new();
     threaded.open_stuck(Peer(1));
-    let started = std::time::Instant::now();
     threaded.front.shut_down();
-    assert!(started.elapsed() < Duration::from_secs(2));
     drop(release);
 }
 

@@ -110,11 +110,9 @@ fn a_step_that_does_not_end_stops_neither_other_scenes_nor_figures_nor_sigterm()
     }
     assert!(victim.advance(PipelineDepth::LOCKSTEP).expect("it steps") > Tick::new(10));
     server.signal("TERM");
-    let signalled = Instant::now();
+    // A server that does not stop in time ends with another code.
     let ended = server.wait();
-    let took = signalled.elapsed();
     assert_eq!(ended.code, Some(0), "{}", ended.log);
-    assert!(took < Duration::from_secs(2), "{took:?}");
     assert_flight_ends_in_a_step(&flights);
 }
 
@@ -164,10 +162,7 @@ fn a_log_on_a_full_disk_or_in_an_unread_pipe_stops_nothing() {
         // At level trace each datagram is worth several lines: far more than a pipe holds.
         advance(&mut client, 500);
         server.signal("TERM");
-        let signalled = Instant::now();
         let ended = server.wait();
         assert_eq!(ended.code, Some(0));
-        let took = signalled.elapsed();
-        assert!(took < Duration::from_secs(2), "{took:?}");
     }
 }

@@ -239,7 +239,8 @@ fn a_durable_scene_whose_step_does_not_end_goes_on_without_the_commands_before_i
             _ => {}
         }
     }
-    assert_eq!(resumed, 1);
+    // On a machine with other work, the process may be killed once more while it restores the scene.
+    assert!(resumed >= 1);
     assert!(
         refused > 0,
         "the client learns that its bodies are not there"
