@@ -130,9 +130,10 @@ impl Costs {
     pub fn block(&self, what: &str) -> Option<String> {
         let rows = match what {
             "command" => {
-                return Some(format!(
-                    "    {}\n\nOn {} ({}).",
-                    self.command, self.machine, self.build
+                return Some(machine::provenance(
+                    &self.command,
+                    &self.machine,
+                    &self.build,
                 ));
             }
             "publishing" => self.publishing_rows(),

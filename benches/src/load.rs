@@ -25,7 +25,7 @@ use crate::drive::{BesideListener, ServerProcess};
 use crate::machine;
 use crate::output;
 use crate::replay::{Failure, ended};
-use crate::summary::{aligned, number};
+use crate::summary::{aligned, markdown, number};
 
 /// Arguments: server, scenes, members, duration, output.
 #[derive(Clone, Debug, Args)]
@@ -208,6 +208,22 @@ fn watch(
 }
 
 impl Load {
+    /// Text of a block of the documents; `None` if the block does not exist.
+    #[must_use]
+    pub fn block(&self, what: &str) -> Option<String> {
+        match what {
+            "command" => Some(format!(
+                "{}\n\n{} of {} members were lost. A member received {:.1} kbit/s.",
+                machine::provenance(&self.command, &self.machine, &self.build),
+                self.lost,
+                self.members,
+                self.member_kbit_s
+            )),
+            "table" => Some(markdown(&self.table())),
+            _ => None,
+        }
+    }
+
     /// Rows of the table.
     pub fn table(&self) -> Vec<Vec<String>> {
         let titles = [

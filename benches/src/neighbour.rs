@@ -22,7 +22,7 @@ use crate::machine;
 use crate::output;
 use crate::quantile;
 use crate::replay::{Failure, ended};
-use crate::summary::{aligned, number};
+use crate::summary::{aligned, markdown, number};
 
 /// Arguments: server, scene, repetitions, output.
 #[derive(Clone, Debug, Args)]
@@ -202,6 +202,20 @@ impl FrameTimes {
 }
 
 impl Neighbour {
+    /// Text of a block of the documents; `None` if the block does not exist.
+    #[must_use]
+    pub fn block(&self, what: &str) -> Option<String> {
+        match what {
+            "command" => Some(machine::provenance(
+                &self.command,
+                &self.machine,
+                &self.build,
+            )),
+            "table" => Some(markdown(&self.table())),
+            _ => None,
+        }
+    }
+
     /// Rows of the table.
     pub fn table(&self) -> Vec<Vec<String>> {
         let titles = [

@@ -23,7 +23,7 @@ use crate::output;
 use crate::processor::worked_us;
 use crate::quantile;
 use crate::replay::{Failure, ended};
-use crate::summary::{aligned, number};
+use crate::summary::{aligned, markdown, number};
 
 /// Arguments: server, scene, bodies, ticks, output.
 #[derive(Clone, Debug, Args)]
@@ -327,6 +327,20 @@ fn bytes_in(folder: &Path) -> std::io::Result<u64> {
 }
 
 impl ServiceCosts {
+    /// Text of a block of the documents; `None` if the block does not exist.
+    #[must_use]
+    pub fn block(&self, what: &str) -> Option<String> {
+        match what {
+            "command" => Some(machine::provenance(
+                &self.command,
+                &self.machine,
+                &self.build,
+            )),
+            "costs" => Some(markdown(&self.rows())),
+            _ => None,
+        }
+    }
+
     /// Rows of the table: one for each server.
     pub fn rows(&self) -> Vec<Vec<String>> {
         let titles = [

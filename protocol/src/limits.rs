@@ -41,7 +41,7 @@ pub const STREAMS_PER_SCENE_MAX: usize = 8;
 /// Scenes of one server.
 pub const SCENES_MAX: usize = 256;
 /// Members of one scene.
-pub const MEMBERS_PER_SCENE_MAX: usize = 64;
+pub const MEMBERS_PER_SCENE_MAX: usize = 256;
 /// Different dampings of one scene's bodies, each of which needs a table at both ends.
 pub const DAMPINGS_MAX: usize = 64;
 /// Kinematic bodies under one member's authority.

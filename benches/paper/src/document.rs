@@ -25,7 +25,10 @@ use super::store::parse;
 use super::{findings, tables};
 use rhumb_bench::ablate::Ablation;
 use rhumb_bench::cost::Costs;
+use rhumb_bench::load::Load;
+use rhumb_bench::neighbour::Neighbour;
 use rhumb_bench::output;
+use rhumb_bench::service::ServiceCosts;
 use rhumb_bench::summary::{Summary, later, markdown, ratios};
 
 /// Arguments of the page task.
@@ -182,6 +185,9 @@ fn make_block(page: &Path, folder: &Path, block: &str, file: &str) -> Result<Blo
     let text = match block.split_once('-') {
         Some(("ablation", what)) => read_json::<Ablation>(&path)?.block(what),
         Some(("cost", what)) => read_json::<Costs>(&path)?.block(what),
+        Some(("service", what)) => read_json::<ServiceCosts>(&path)?.block(what),
+        Some(("load", what)) => read_json::<Load>(&path)?.block(what),
+        Some(("neighbour", what)) => read_json::<Neighbour>(&path)?.block(what),
         Some(("runs", what)) => of_runs(&read_runs(&path)?, what),
         Some(("remote", what)) => of_remote(&read_json(&path)?, what),
         Some(("engines", what)) => of_engines(&read_json(&path)?, what),

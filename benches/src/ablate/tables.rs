@@ -1,6 +1,7 @@
 //! The tables of an ablation, for a terminal or for Markdown.
 
 use super::results::{Ablation, AblationRow, Comparison, Sent};
+use crate::machine;
 use crate::summary::{markdown, number};
 
 /// Share of the bytes of one load that a mechanism must save to stay for its bytes.
@@ -23,10 +24,7 @@ impl Ablation {
     #[must_use]
     pub fn block(&self, what: &str) -> Option<String> {
         Some(match what {
-            "command" => format!(
-                "    {}\n\nOn {} ({}).",
-                self.command, self.machine, self.build
-            ),
+            "command" => machine::provenance(&self.command, &self.machine, &self.build),
             "loads" => markdown(&self.load_rows()),
             "bytes" => markdown(&self.bytes()),
             "errors" => markdown(&self.errors()),

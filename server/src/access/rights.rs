@@ -3,7 +3,7 @@
 //! Roles decide what kind of request; ownership, which bodies, shapes and joints; quotas, how much. All else that may
 //! be wrong with a request is checked where it is carried out.
 
-use rhumb_protocol::limits::{DAMPINGS_MAX, MEMBERS_PER_SCENE_MAX, STREAMS_PER_SCENE_MAX};
+use rhumb_protocol::limits::{DAMPINGS_MAX, STREAMS_PER_SCENE_MAX};
 use rhumb_protocol::message::{AuthorityError, Denial, Role};
 use rhumb_protocol::scene::{BodyDesc, Command, CommandError, SceneConfig};
 use rhumb_reckoning::BodyId;
@@ -11,8 +11,6 @@ use rhumb_reckoning::BodyId;
 use super::ownership::Ownership;
 use super::permit::Permit;
 
-/// Members of one client in a scene, unless its token says otherwise: half of all.
-const MEMBERS_OF_CLIENT_MAX: u32 = MEMBERS_PER_SCENE_MAX as u32 / 2;
 /// Streams of one client in a scene: half of all.
 const STREAMS_OF_CLIENT_MAX: usize = STREAMS_PER_SCENE_MAX / 2;
 /// Different dampings that the bodies of one client ever had: a quarter of all, since a scene keeps them.
@@ -26,6 +24,8 @@ pub(crate) enum Request<'a> {
     Join {
         /// Members of the same client already.
         members: usize,
+        /// Members that the scene may have.
+        scene_members: u64,
     },
     /// The streams that all members of the client would subscribe to.
     Subscribe {
@@ -135,9 +135,13 @@ fn is_within_quotas(permit: &Permit, ownership: &Ownership, request: Request<'_>
     };
     match request {
         Request::Create(config) => fits(quotas.load, body_steps(config)),
-        Request::Join { members } => {
-            let most = quotas.members.or(client.map(|_| MEMBERS_OF_CLIENT_MAX));
-            fits(most.map(u64::from), members as u64 + 1)
+        Request::Join {
+            members,
+            scene_members,
+        } => {
+            // Unless its token says otherwise, a client has half of the members.
+            let half = client.map(|_| scene_members.div_ceil(2));
+            fits(quotas.members.map(u64::from).or(half), members as u64 + 1)
         }
         Request::Subscribe { streams } => client.is_none() || streams <= STREAMS_OF_CLIENT_MAX,
         Request::Command(Command::AddBody { desc, .. }, config) => {
@@ -224,6 +228,13 @@ mod tests {
         }
     }
 
+    fn join(members: usize) -> Request<'static> {
+        Request::Join {
+            members,
+            scene_members: 64,
+        }
+    }
+
     fn decide(permit: &Permit, ownership: &Ownership, command: &Command) -> Result<(), Refused> {
         let config = SceneConfig::default();
         check(permit, ownership, Request::Command(command, &config))
@@ -237,7 +248,7 @@ mod tests {
             gravity: Vec3::ZERO,
         };
         let requests = [
-            (Request::Join { members: 0 }, Role::Observer),
+            (join(0), Role::Observer),
             (Request::Reserve, Role::Controller),
             (Request::Advance, Role::Controller),
             (Request::TakeAuthority(&[]), Role::Controller),
@@ -306,7 +317,7 @@ mod tests {
         assert_eq!(decide(&anna, &scene, &add_body(2)), Err(Refused::OverQuota));
         anna.quotas.members = Some(1);
         for (members, allowed) in [(0, true), (1, false)] {
-            let join = check(&anna, &scene, Request::Join { members });
+            let join = check(&anna, &scene, join(members));
             assert_eq!(join.is_ok(), allowed);
         }
     }
@@ -335,8 +346,8 @@ mod tests {
         assert_eq!(decide(&anna, &scene, &damped(3)), Ok(()));
         assert_eq!(decide(&Permit::OPEN, &scene, &damped(16)), Ok(()));
         for (request, allowed) in [
-            (Request::Join { members: 31 }, true),
-            (Request::Join { members: 32 }, false),
+            (join(31), true),
+            (join(32), false),
             (Request::Subscribe { streams: 4 }, true),
             (Request::Subscribe { streams: 5 }, false),
         ] {

@@ -47,9 +47,14 @@ impl SceneRunner {
         }
         let of_client = |member: &&Member| member.permit.client == permit.client;
         let members = self.members.values().filter(of_client).count();
-        rights::check(&permit, &self.ownership, Request::Join { members })?;
+        let scene_members = self.provision.limits.members_per_scene;
+        let join = Request::Join {
+            members,
+            scene_members,
+        };
+        rights::check(&permit, &self.ownership, join)?;
         self.check_stream(&permit, choice)?;
-        if self.members.len() as u64 >= self.provision.limits.members_per_scene {
+        if self.members.len() as u64 >= scene_members {
             return Err(Denial::TooManyMembers);
         }
         let stream = match self.streams.subscribe(choice)? {
