@@ -1,0 +1,97 @@
+//! The entities of a scene's bodies: spawned, moved and despawned.
+//!
+//! An entity that the application has despawned is left alone; its body lives on.
+
+use bevy_ecs::entity::Entity;
+use bevy_ecs::query::{With, Without};
+use bevy_ecs::system::{Commands, Query, SystemParam};
+use bevy_transform::components::Transform;
+use rhumb_client::BodyId;
+use rhumb_client::scene::Stepping;
+
+use crate::body::{RhumbBody, RhumbState};
+use crate::interpolation::PoseBefore;
+use crate::scene::{EntityChange, RhumbScene};
+
+/// Access to the entities of bodies.
+#[derive(SystemParam)]
+pub(crate) struct BodyEntities<'w, 's> {
+    commands: Commands<'w, 's>,
+    shown: Query<'w, 's, Entity, With<RhumbBody>>,
+    states: Query<
+        'w,
+        's,
+        (
+            &'static mut RhumbState,
+            &'static mut Transform,
+            Option<&'static PoseBefore>,
+        ),
+    >,
+    /// Of the application's own entities.
+    others: Query<'w, 's, &'static Transform, Without<RhumbState>>,
+}
+
+impl BodyEntities<'_, '_> {
+    /// Makes the entities show the view of the scene's client.
+    pub(crate) fn follow(&mut self, scene: &mut RhumbScene) {
+        if scene.is_new() {
+            // The app may have had another scene before.
+            self.despawn_all();
+        }
+        for change in scene.changes() {
+            match change {
+                EntityChange::Despawn(entity) => self.despawn(entity),
+                EntityChange::Show(id, state) => match scene.entity(id) {
+                    Some(entity) => self.show(entity, state),
+                    None => self.spawn(scene, id, state),
+                },
+            }
+        }
+    }
+
+    /// Despawns the entities of all bodies.
+    pub(crate) fn despawn_all(&mut self) {
+        for entity in &self.shown {
+            self.commands.entity(entity).try_despawn();
+        }
+    }
+
+    fn despawn(&mut self, entity: Entity) {
+        if let Ok(mut entity) = self.commands.get_entity(entity) {
+            entity.try_despawn();
+        }
+    }
+
+    fn show(&mut self, entity: Entity, state: RhumbState) {
+        let Ok((mut known, mut transform, before)) = self.states.get_mut(entity) else {
+            return;
+        };
+        *known = state;
+        // In a lockstep scene the frame writes it, between this state and the one before.
+        if before.is_none() {
+            transform.translation = state.position;
+            transform.rotation = state.rotation;
+        }
+    }
+
+    /// Gives a body its entity.
+    fn spawn(&mut self, scene: &mut RhumbScene, id: BodyId, state: RhumbState) {
+        let reserved = scene.take_reserved(id);
+        let scaled = reserved.and_then(|entity| self.others.get(entity).ok());
+        let transform = Transform {
+            translation: state.position,
+            rotation: state.rotation,
+            ..scaled.copied().unwrap_or_default()
+        };
+        let mut entity = match reserved.map(|entity| self.commands.get_entity(entity)) {
+            Some(Ok(entity)) => entity,
+            // The application has despawned it meanwhile.
+            Some(Err(_)) | None => self.commands.spawn_empty(),
+        };
+        scene.set_entity(id, entity.id());
+        entity.try_insert((RhumbBody::new(id), state, transform));
+        if scene.stepping() == Stepping::Lockstep {
+            entity.try_insert(PoseBefore::of(&state));
+        }
+    }
+}
