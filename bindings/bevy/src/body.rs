@@ -9,14 +9,14 @@ use rhumb_client::{BodyId, ErrorBound};
 
 /// The body that an entity stands for.
 ///
-/// An application that despawns the entity hides the body; [`RhumbScene::remove_body`](crate::RhumbScene::remove_body)
+/// An application that despawns the entity hides the body; [`RhumbClient::remove_body`](crate::RhumbClient::remove_body)
 /// removes it for all members of the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Component)]
 #[component(immutable)]
 #[require(Transform, RhumbState)]
-pub struct RhumbBody(BodyId);
+pub struct RhumbBodyId(BodyId);
 
-impl RhumbBody {
+impl RhumbBodyId {
     pub(crate) const fn new(id: BodyId) -> Self {
         Self(id)
     }

@@ -9,15 +9,15 @@ use bevy_transform::components::Transform;
 use rhumb_client::BodyId;
 use rhumb_client::scene::Stepping;
 
-use crate::body::{RhumbBody, RhumbState};
+use crate::body::{RhumbBodyId, RhumbState};
+use crate::client::{EntityChange, RhumbClient};
 use crate::interpolation::PoseBefore;
-use crate::scene::{EntityChange, RhumbScene};
 
 /// Access to the entities of bodies.
 #[derive(SystemParam)]
 pub(crate) struct BodyEntities<'w, 's> {
     commands: Commands<'w, 's>,
-    shown: Query<'w, 's, Entity, With<RhumbBody>>,
+    shown: Query<'w, 's, Entity, With<RhumbBodyId>>,
     states: Query<
         'w,
         's,
@@ -33,17 +33,17 @@ pub(crate) struct BodyEntities<'w, 's> {
 
 impl BodyEntities<'_, '_> {
     /// Makes the entities show the view of the scene's client.
-    pub(crate) fn follow(&mut self, scene: &mut RhumbScene) {
-        if scene.is_new() {
+    pub(crate) fn follow(&mut self, client: &mut RhumbClient) {
+        if client.is_new() {
             // The app may have had another scene before.
             self.despawn_all();
         }
-        for change in scene.changes() {
+        for change in client.changes() {
             match change {
                 EntityChange::Despawn(entity) => self.despawn(entity),
-                EntityChange::Show(id, state) => match scene.entity(id) {
+                EntityChange::Show(id, state) => match client.entity(id) {
                     Some(entity) => self.show(entity, state),
-                    None => self.spawn(scene, id, state),
+                    None => self.spawn(client, id, state),
                 },
             }
         }
@@ -75,8 +75,8 @@ impl BodyEntities<'_, '_> {
     }
 
     /// Gives a body its entity.
-    fn spawn(&mut self, scene: &mut RhumbScene, id: BodyId, state: RhumbState) {
-        let reserved = scene.take_reserved(id);
+    fn spawn(&mut self, client: &mut RhumbClient, id: BodyId, state: RhumbState) {
+        let reserved = client.take_reserved(id);
         let scaled = reserved.and_then(|entity| self.others.get(entity).ok());
         let transform = Transform {
             translation: state.position,
@@ -88,9 +88,9 @@ impl BodyEntities<'_, '_> {
             // The application has despawned it meanwhile.
             Some(Err(_)) | None => self.commands.spawn_empty(),
         };
-        scene.set_entity(id, entity.id());
-        entity.try_insert((RhumbBody::new(id), state, transform));
-        if scene.stepping() == Stepping::Lockstep {
+        client.set_entity(id, entity.id());
+        entity.try_insert((RhumbBodyId::new(id), state, transform));
+        if client.stepping() == Stepping::Lockstep {
             entity.try_insert(PoseBefore::of(&state));
         }
     }

@@ -1,4 +1,4 @@
-//! Transforms between two ticks of a lockstep scene, for frames between two fixed steps.
+//! Transforms between two ticks of a lockstep scene, for the time of a frame.
 //!
 //! The transform follows the state by one fixed step at most. A step without a new tick holds the bodies still.
 

@@ -9,12 +9,12 @@ use bevy_ecs::resource::Resource;
 use bevy_ecs::system::{Commands, ResMut};
 use rhumb_client::Client;
 
+use crate::client::RhumbClient;
 use crate::messages::RhumbJoinFailed;
-use crate::scene::RhumbScene;
 
 /// A client on its way into a scene.
 ///
-/// Insert it as a resource. The plug-in replaces it by a [`RhumbScene`], or writes [`RhumbJoinFailed`].
+/// Insert it as a resource. The plug-in replaces it by a [`RhumbClient`], or writes [`RhumbJoinFailed`].
 #[derive(Debug, Resource)]
 pub struct RhumbJoin {
     /// `None` once its client is taken over.
@@ -48,7 +48,7 @@ pub(crate) fn finish_join(
     };
     commands.remove_resource::<RhumbJoin>();
     match thread.join() {
-        Ok(Ok(client)) => commands.insert_resource(RhumbScene::new(client)),
+        Ok(Ok(client)) => commands.insert_resource(RhumbClient::new(client)),
         Ok(Err(error)) => {
             failures.write(RhumbJoinFailed { error });
         }

@@ -12,7 +12,7 @@
 //! ```no_run
 //! use bevy_app::{App, Startup, Update};
 //! use bevy_ecs::prelude::*;
-//! use rhumb_bevy::{RhumbBody, RhumbJoin, RhumbPlugin, RhumbScene};
+//! use rhumb_bevy::{RhumbBodyId, RhumbJoin, RhumbPlugin, RhumbClient};
 //! use rhumb_client::scene::{BodyDesc, Shape};
 //! use rhumb_client::{Client, Trust};
 //!
@@ -29,10 +29,10 @@
 //!     Ok(())
 //! }
 //!
-//! fn kick(scene: Option<ResMut<RhumbScene>>, bodies: Query<&RhumbBody>) -> Result {
-//!     let Some(mut scene) = scene else { return Ok(()) };
+//! fn kick(client: Option<ResMut<RhumbClient>>, bodies: Query<&RhumbBodyId>) -> Result {
+//!     let Some(mut client) = client else { return Ok(()) };
 //!     for body in &bodies {
-//!         scene.apply_impulse(body.id(), bevy_math::Vec3::Y)?;
+//!         client.apply_impulse(body.id(), bevy_math::Vec3::Y)?;
 //!     }
 //!     Ok(())
 //! }
@@ -57,19 +57,19 @@
 
 mod axes;
 mod body;
+mod client;
 mod entities;
 mod interpolation;
 mod join;
 mod messages;
 mod plugin;
-mod scene;
 
-pub use body::{RhumbBody, RhumbErrorBound, RhumbState};
+pub use body::{RhumbBodyId, RhumbErrorBound, RhumbState};
+pub use client::RhumbClient;
 pub use join::RhumbJoin;
-pub use messages::{RhumbEnded, RhumbEvent, RhumbJoinFailed};
+pub use messages::{RhumbEnded, RhumbJoinFailed, RhumbMessage};
 pub use plugin::{RhumbPlugin, RhumbSystems};
 pub use rhumb_client;
-pub use scene::RhumbScene;
 
 /// The code of the book's page.
 #[cfg(doctest)]

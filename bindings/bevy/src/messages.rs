@@ -1,4 +1,4 @@
-//! Messages that the plug-in writes: what happened to the scene, and how it ended.
+//! Messages that the plug-in writes: events of the scene, and its end.
 //!
 //! Read them with Bevy's `MessageReader`.
 
@@ -9,7 +9,7 @@ use rhumb_client::{ClientError, Event, Tick};
 
 /// An event of the scene: a contact, a refused command, a removed body, an interrupted connection.
 #[derive(Clone, Debug, PartialEq, Message)]
-pub struct RhumbEvent {
+pub struct RhumbMessage {
     /// The newest complete tick when the data with which it arrived was read. States of later ticks show its effect.
     pub after: Tick,
     /// The event.
@@ -18,7 +18,7 @@ pub struct RhumbEvent {
 
 /// The scene goes on no more: its connection is lost, it was deleted, its engine failed, or the server denied a step.
 ///
-/// Written once for a scene. Its entities stay where they are until [`RhumbScene`](crate::RhumbScene) is removed.
+/// Written once for a scene. Its entities stay where they are until [`RhumbClient`](crate::RhumbClient) is removed.
 #[derive(Debug, Message)]
 pub struct RhumbEnded {
     /// The reason.

@@ -14,14 +14,14 @@ use rhumb_client::PipelineDepth;
 use rhumb_client::scene::Stepping;
 use tracing::warn;
 
-use crate::body::{RhumbBody, RhumbErrorBound};
+use crate::body::{RhumbBodyId, RhumbErrorBound};
+use crate::client::RhumbClient;
 use crate::entities::BodyEntities;
 use crate::interpolation::{begin_step, interpolate};
 use crate::join::{RhumbJoin, finish_join};
-use crate::messages::{RhumbEnded, RhumbEvent, RhumbJoinFailed};
-use crate::scene::RhumbScene;
+use crate::messages::{RhumbEnded, RhumbJoinFailed, RhumbMessage};
 
-/// Follows the scene of the resource [`RhumbScene`], if there is one.
+/// Follows the scene of the resource [`RhumbClient`], if there is one.
 #[derive(Clone, Copy, Debug)]
 pub struct RhumbPlugin {
     /// Published ticks by which a lockstep scene may be ahead of its view. At [`PipelineDepth::LOCKSTEP`] each fixed step
@@ -56,16 +56,16 @@ struct StepDepth(PipelineDepth);
 
 impl Plugin for RhumbPlugin {
     fn build(&self, app: &mut App) {
-        let free_running = resource_exists::<RhumbScene>.and_then(steps_by(Stepping::FreeRunning));
-        let lockstep = resource_exists::<RhumbScene>.and_then(steps_by(Stepping::Lockstep));
+        let free_running = resource_exists::<RhumbClient>.and_then(steps_by(Stepping::FreeRunning));
+        let lockstep = resource_exists::<RhumbClient>.and_then(steps_by(Stepping::Lockstep));
         app.insert_resource(StepDepth(self.depth))
-            .add_message::<RhumbEvent>()
+            .add_message::<RhumbMessage>()
             .add_message::<RhumbEnded>()
             .add_message::<RhumbJoinFailed>()
             .add_systems(
                 PreUpdate,
                 (
-                    despawn_all.run_if(resource_removed::<RhumbScene>),
+                    despawn_all.run_if(resource_removed::<RhumbClient>),
                     finish_join.run_if(resource_exists::<RhumbJoin>),
                 )
                     .chain()
@@ -95,66 +95,66 @@ impl Plugin for RhumbPlugin {
             .add_systems(
                 Last,
                 send.in_set(RhumbSystems::Send)
-                    .run_if(resource_exists::<RhumbScene>),
+                    .run_if(resource_exists::<RhumbClient>),
             );
     }
 }
 
-fn steps_by(stepping: Stepping) -> impl Fn(Res<'_, RhumbScene>) -> bool + Clone {
-    move |scene: Res<'_, RhumbScene>| scene.stepping() == stepping
+fn steps_by(stepping: Stepping) -> impl Fn(Res<'_, RhumbClient>) -> bool + Clone {
+    move |client: Res<'_, RhumbClient>| client.stepping() == stepping
 }
 
 /// Says once for a scene that a fixed step does not take the time of a tick.
-fn check_time_step(scene: Res<'_, RhumbScene>, time: Res<'_, Time<Fixed>>) {
+fn check_time_step(client: Res<'_, RhumbClient>, time: Res<'_, Time<Fixed>>) {
     let (tick, step) = (
-        scene.fixed_step().as_secs_f64(),
+        client.fixed_step().as_secs_f64(),
         time.timestep().as_secs_f64(),
     );
-    if scene.is_new() && (step / tick - 1.0).abs() > 1e-3 {
+    if client.is_new() && (step / tick - 1.0).abs() > 1e-3 {
         warn!(
             "a fixed step of the app takes {step} s, a tick of the scene {tick} s: the scene runs {} times as fast as \
-             it should; use Time::<Fixed>::from_duration(scene.fixed_step())",
+             it should; use Time::<Fixed>::from_duration(client.fixed_step())",
             tick / step
         );
     }
 }
 
 fn advance(
-    mut scene: ResMut<'_, RhumbScene>,
+    mut client: ResMut<'_, RhumbClient>,
     depth: Res<'_, StepDepth>,
     mut entities: BodyEntities<'_, '_>,
-    mut events: MessageWriter<'_, RhumbEvent>,
+    mut events: MessageWriter<'_, RhumbMessage>,
     mut endings: MessageWriter<'_, RhumbEnded>,
 ) {
-    if scene.is_ended() {
+    if client.is_ended() {
         return;
     }
-    let advanced = scene.advance(depth.0);
-    while let Some((after, event)) = scene.client().poll_event() {
-        events.write(RhumbEvent { after, event });
+    let advanced = client.advance(depth.0);
+    while let Some((after, event)) = client.inner().poll_event() {
+        events.write(RhumbMessage { after, event });
     }
     match advanced {
-        Ok(true) => entities.follow(&mut scene),
+        Ok(true) => entities.follow(&mut client),
         Ok(false) => {}
         Err(error) => {
-            scene.end();
+            client.end();
             endings.write(RhumbEnded { error });
         }
     }
 }
 
 fn write_bounds(
-    mut scene: ResMut<'_, RhumbScene>,
-    mut bodies: Query<'_, '_, (&RhumbBody, &mut RhumbErrorBound)>,
+    mut client: ResMut<'_, RhumbClient>,
+    mut bodies: Query<'_, '_, (&RhumbBodyId, &mut RhumbErrorBound)>,
 ) {
     for (body, mut bound) in &mut bodies {
-        bound.set_if_neq(RhumbErrorBound::of(scene.error_bound(body.id())));
+        bound.set_if_neq(RhumbErrorBound::of(client.error_bound(body.id())));
     }
 }
 
-fn send(mut scene: ResMut<'_, RhumbScene>) {
-    if !scene.is_ended() {
-        scene.client().flush();
+fn send(mut client: ResMut<'_, RhumbClient>) {
+    if !client.is_ended() {
+        client.inner().flush();
     }
 }
 

@@ -1,4 +1,4 @@
-//! A server process, an app that follows a scene of it, and the truth beside it.
+//! A server process, an app that follows its scene, and the truth beside it.
 //!
 //! The truth is another client, whose stream has every exact state.
 
@@ -11,7 +11,9 @@ use bevy_app::{App, Last, TaskPoolPlugin};
 use bevy_ecs::prelude::*;
 use bevy_time::{Fixed, Time, TimePlugin, TimeUpdateStrategy};
 use bevy_transform::TransformPlugin;
-use rhumb_bevy::{RhumbBody, RhumbEnded, RhumbEvent, RhumbJoinFailed, RhumbPlugin, RhumbScene};
+use rhumb_bevy::{
+    RhumbBodyId, RhumbClient, RhumbEnded, RhumbJoinFailed, RhumbMessage, RhumbPlugin,
+};
 use rhumb_client::scene::{SceneConfig, Stepping};
 use rhumb_client::{
     BodyId, Client, Event, JoinMode, JoinOptions, PipelineDepth, ServerConnection, StreamChoice,
@@ -125,7 +127,7 @@ pub(crate) struct Read {
 
 fn read(
     mut read: ResMut<Read>,
-    mut events: MessageReader<RhumbEvent>,
+    mut events: MessageReader<RhumbMessage>,
     mut endings: MessageReader<RhumbEnded>,
     mut failures: MessageReader<RhumbJoinFailed>,
 ) {
@@ -157,8 +159,8 @@ pub(crate) fn app(depth: PipelineDepth) -> App {
 }
 
 /// The app's scene.
-pub(crate) fn scene(app: &mut App) -> Mut<'_, RhumbScene> {
-    app.world_mut().resource_mut::<RhumbScene>()
+pub(crate) fn rhumb(app: &mut App) -> Mut<'_, RhumbClient> {
+    app.world_mut().resource_mut::<RhumbClient>()
 }
 
 pub(crate) fn messages(app: &App) -> &Read {
@@ -167,7 +169,7 @@ pub(crate) fn messages(app: &App) -> &Read {
 
 /// The entity of a body, if it has one.
 pub(crate) fn entity(app: &mut App, id: BodyId) -> Option<Entity> {
-    let mut bodies = app.world_mut().query::<(Entity, &RhumbBody)>();
+    let mut bodies = app.world_mut().query::<(Entity, &RhumbBodyId)>();
     let mut found = bodies.iter(app.world()).filter(|(_, body)| body.id() == id);
     let entity = found.next().map(|(entity, _)| entity);
     assert!(found.next().is_none(), "one entity for a body");
@@ -196,10 +198,10 @@ pub(crate) fn run_until(app: &mut App, what: &str, mut holds: impl FnMut(&mut Ap
 
 /// Passes the time of a frame.
 fn pass(app: &mut App) {
-    match app.world_mut().get_resource_mut::<RhumbScene>() {
+    match app.world_mut().get_resource_mut::<RhumbClient>() {
         // A client that has ended returns at once, and has nothing to wait for.
-        Some(mut scene) if !scene.is_ended() => {
-            let _ended = scene.client().idle(FRAME);
+        Some(mut rhumb) if !rhumb.is_ended() => {
+            let _ended = rhumb.inner().idle(FRAME);
         }
         _ => std::thread::yield_now(),
     }

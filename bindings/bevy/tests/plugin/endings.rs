@@ -1,11 +1,11 @@
-//! Servers that go away, and scenes that cannot be joined: messages, never a panic.
+//! Servers that go away, and scenes that cannot be joined, without a panic.
 
 use bevy_app::App;
-use rhumb_bevy::{RhumbBody, RhumbJoin, RhumbScene, RhumbState};
+use rhumb_bevy::{RhumbBodyId, RhumbClient, RhumbJoin, RhumbState};
 use rhumb_client::scene::{BodyDesc, Shape, Stepping};
 use rhumb_client::{Client, ClientError, Event, PipelineDepth, StreamChoice, Tolerance, Trust};
 
-use crate::arena::{Server, app, component, entity, messages, run_until, scene};
+use crate::arena::{Server, app, component, entity, messages, rhumb, run_until};
 
 const COPY: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
@@ -13,9 +13,9 @@ const COPY: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 fn follow_until_the_server_dies(stepping: Stepping, depth: PipelineDepth) {
     let mut server = Server::start();
     let mut app = app(depth);
-    app.insert_resource(RhumbScene::new(server.join("killed", stepping, COPY)));
+    app.insert_resource(RhumbClient::new(server.join("killed", stepping, COPY)));
     let ball = BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 5.0, 0.0);
-    let id = scene(&mut app).add_body(ball).unwrap();
+    let id = rhumb(&mut app).add_body(ball).expect("a valid body");
     run_until(&mut app, "the ball falls", |app| {
         entity(app, id).is_some() && component::<RhumbState>(app, id).linear_velocity.y < -0.5
     });
@@ -42,19 +42,19 @@ fn follow_until_the_server_dies(stepping: Stepping, depth: PipelineDepth) {
             .iter()
             .any(|event| matches!(event, Event::Ended(_)))
     );
-    assert!(scene(&mut app).is_ended());
+    assert!(rhumb(&mut app).is_ended());
     assert_eq!(
         component::<RhumbState>(&mut app, id).position,
         at,
         "the body stays where it was"
     );
-    let refused = scene(&mut app).remove_body(id);
+    let refused = rhumb(&mut app).remove_body(id);
     assert!(matches!(refused, Err(ClientError::Ended(_))), "{refused:?}");
-    app.world_mut().remove_resource::<RhumbScene>();
+    app.world_mut().remove_resource::<RhumbClient>();
     app.update();
     assert_eq!(
         app.world_mut()
-            .query::<&RhumbBody>()
+            .query::<&RhumbBodyId>()
             .iter(app.world())
             .count(),
         0
@@ -75,7 +75,7 @@ fn a_lockstep_scene_whose_server_dies_ends_by_a_message() {
 fn a_deleted_scene_ends_by_a_message() {
     let server = Server::start();
     let mut app = app(PipelineDepth::LOCKSTEP);
-    app.insert_resource(RhumbScene::new(server.join(
+    app.insert_resource(RhumbClient::new(server.join(
         "deleted",
         Stepping::Lockstep,
         COPY,
@@ -117,7 +117,7 @@ fn a_scene_is_joined_beside_the_frames() {
     assert!(messages(&app).failures.is_empty());
     assert_eq!(
         app.world_mut()
-            .query::<&RhumbBody>()
+            .query::<&RhumbBodyId>()
             .iter(app.world())
             .count(),
         1
@@ -143,7 +143,7 @@ fn a_scene_that_cannot_be_joined_ends_the_join_by_a_message() {
         failures[0].starts_with("\"a name with blanks\" cannot name a scene"),
         "{failures:?}"
     );
-    assert!(!app.world().contains_resource::<RhumbScene>());
+    assert!(!app.world().contains_resource::<RhumbClient>());
 }
 
 #[test]

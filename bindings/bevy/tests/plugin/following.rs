@@ -3,12 +3,12 @@
 use bevy_ecs::prelude::*;
 use bevy_math::{Quat, Vec3};
 use bevy_transform::components::{GlobalTransform, Transform};
-use rhumb_bevy::{RhumbBody, RhumbErrorBound, RhumbScene, RhumbState};
+use rhumb_bevy::{RhumbBodyId, RhumbClient, RhumbErrorBound, RhumbState};
 use rhumb_client::glam;
 use rhumb_client::scene::{BodyBuilder, BodyDesc, Shape, Stepping};
 use rhumb_client::{BodyId, Client, Event, PipelineDepth, StreamChoice, Tolerance};
 
-use crate::arena::{Server, app, component, entity, messages, run_until, scene, show_tick};
+use crate::arena::{Server, app, component, entity, messages, rhumb, run_until, show_tick};
 
 /// The stream of the copies: within 5 cm.
 const COPY: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
@@ -46,11 +46,11 @@ fn each_tick_shows_each_body_within_the_tolerance_and_the_bound_of_the_truth() {
     let client = server.join("fall", Stepping::Lockstep, COPY);
     let mut truth = server.join("fall", Stepping::Lockstep, StreamChoice::Full);
     let mut app = app(PipelineDepth::LOCKSTEP);
-    app.insert_resource(RhumbScene::new(client));
-    scene(&mut app).add_body(floor()).unwrap();
+    app.insert_resource(RhumbClient::new(client));
+    rhumb(&mut app).add_body(floor()).unwrap();
     let balls: Vec<_> = (0..12_u8)
         .map(|i| ball(f32::from(i % 4) - 1.5, 2.0 + 1.1 * f32::from(i)))
-        .map(|ball| scene(&mut app).add_body(ball).unwrap())
+        .map(|ball| rhumb(&mut app).add_body(ball).unwrap())
         .collect();
     let (mut bounded, mut farthest) = (0, 0.0_f64);
     for step in 1..=240 {
@@ -63,7 +63,7 @@ fn each_tick_shows_each_body_within_the_tolerance_and_the_bound_of_the_truth() {
                     .insert(RhumbErrorBound::default());
             }
         }
-        let tick = scene(&mut app).client().view().time().expect("a view").tick;
+        let tick = rhumb(&mut app).inner().view().time().expect("a view").tick;
         assert_eq!(tick.value(), step, "each fixed step is a tick");
         show_tick(&mut truth, tick);
         for id in &balls {
@@ -103,11 +103,11 @@ fn balls_of_a_free_running_scene_fall_and_come_to_rest_where_the_truth_has_them(
     let client = server.join("free", Stepping::FreeRunning, COPY);
     let mut truth = server.join("free", Stepping::FreeRunning, StreamChoice::Full);
     let mut app = app(PipelineDepth::PIPELINED);
-    app.insert_resource(RhumbScene::new(client));
-    scene(&mut app).add_body(floor()).unwrap();
+    app.insert_resource(RhumbClient::new(client));
+    rhumb(&mut app).add_body(floor()).unwrap();
     let ids: Vec<_> = (0..3_u8)
         .map(|i| ball(2.0 * f32::from(i), 3.0))
-        .map(|ball| scene(&mut app).add_body(ball).unwrap())
+        .map(|ball| rhumb(&mut app).add_body(ball).unwrap())
         .collect();
     let mut seen_in_the_air = false;
     run_until(&mut app, "the balls lie still", |app| {
@@ -130,7 +130,7 @@ fn balls_of_a_free_running_scene_fall_and_come_to_rest_where_the_truth_has_them(
     truth.idle(std::time::Duration::from_millis(100)).unwrap();
     truth.poll().unwrap();
     for id in ids {
-        let bound = scene(&mut app).error_bound(id).expect("a body of the copy");
+        let bound = rhumb(&mut app).error_bound(id).expect("a body of the copy");
         let off = f64::from(position(&mut app, id).distance(exact(&truth, id).0));
         assert!(off <= TOLERANCE, "{off} m, {bound}");
         assert_eq!(
@@ -148,7 +148,7 @@ fn a_body_that_another_member_removes_takes_its_entity_with_it() {
     let removed = other.add_body(ball(3.0, 5.0)).unwrap();
     other.advance(PipelineDepth::LOCKSTEP).unwrap();
     let mut app = app(PipelineDepth::LOCKSTEP);
-    app.insert_resource(RhumbScene::new(server.join(
+    app.insert_resource(RhumbClient::new(server.join(
         "gone",
         Stepping::Lockstep,
         COPY,
@@ -168,7 +168,7 @@ fn a_body_that_another_member_removes_takes_its_entity_with_it() {
         app.world().get_entity(entity_of_removed).is_err(),
         "despawned"
     );
-    assert_eq!(scene(&mut app).entity(removed), None);
+    assert_eq!(rhumb(&mut app).entity(removed), None);
     assert!(entity(&mut app, kept).is_some());
     let is_said = |event: &Event| matches!(event, Event::BodyRemoved { id, .. } if *id == removed);
     assert_eq!(
@@ -185,18 +185,18 @@ fn a_body_that_another_member_removes_takes_its_entity_with_it() {
 fn commands_from_an_app_move_and_remove_bodies() {
     let server = Server::start();
     let mut app = app(PipelineDepth::LOCKSTEP);
-    app.insert_resource(RhumbScene::new(server.join(
+    app.insert_resource(RhumbClient::new(server.join(
         "push",
         Stepping::Lockstep,
         COPY,
     )));
-    let id = scene(&mut app)
+    let id = rhumb(&mut app)
         .add_body(ball(0.0, 5.0).gravity_scale(0.0))
         .unwrap();
     app.update();
     assert_eq!(position(&mut app, id), Vec3::new(0.0, 5.0, 0.0));
     // A ball of water with a radius of half a metre has 523.6 kg.
-    scene(&mut app)
+    rhumb(&mut app)
         .apply_impulse(id, Vec3::new(0.0, 0.0, -523.6))
         .unwrap();
     (0..60).for_each(|_| app.update());
@@ -210,13 +210,13 @@ fn commands_from_an_app_move_and_remove_bodies() {
         "{state:?}"
     );
     let quarter = Quat::from_rotation_y(std::f32::consts::FRAC_PI_2);
-    scene(&mut app)
+    rhumb(&mut app)
         .set_pose(id, Vec3::new(7.0, 8.0, 9.0), quarter)
         .unwrap();
-    scene(&mut app)
+    rhumb(&mut app)
         .set_velocity(id, Vec3::ZERO, Vec3::Y)
         .unwrap();
-    scene(&mut app)
+    rhumb(&mut app)
         .apply_torque_impulse(id, Vec3::ZERO)
         .unwrap();
     app.update();
@@ -235,7 +235,7 @@ fn commands_from_an_app_move_and_remove_bodies() {
         (state.angular_velocity - Vec3::Y).length() < 0.1,
         "{state:?}"
     );
-    scene(&mut app).remove_body(id).unwrap();
+    rhumb(&mut app).remove_body(id).unwrap();
     app.update();
     assert_eq!(entity(&mut app, id), None);
     let refused = |event: &Event| matches!(event, Event::Refused { .. });
@@ -246,7 +246,7 @@ fn commands_from_an_app_move_and_remove_bodies() {
 fn an_entity_of_the_application_stands_for_a_body_and_may_be_despawned() {
     let server = Server::start();
     let mut app = app(PipelineDepth::LOCKSTEP);
-    app.insert_resource(RhumbScene::new(server.join(
+    app.insert_resource(RhumbClient::new(server.join(
         "own",
         Stepping::Lockstep,
         COPY,
@@ -255,7 +255,7 @@ fn an_entity_of_the_application_stands_for_a_body_and_may_be_despawned() {
         .world_mut()
         .spawn((Name::new("mine"), Transform::from_scale(Vec3::splat(3.0))))
         .id();
-    let id = scene(&mut app).add_body_as(own, ball(0.0, 5.0)).unwrap();
+    let id = rhumb(&mut app).add_body_as(own, ball(0.0, 5.0)).unwrap();
     app.update();
     assert_eq!(entity(&mut app, id), Some(own));
     assert_eq!(app.world().get::<Name>(own).map(Name::as_str), Some("mine"));
@@ -265,14 +265,14 @@ fn an_entity_of_the_application_stands_for_a_body_and_may_be_despawned() {
     app.world_mut().entity_mut(own).despawn();
     (0..10).for_each(|_| app.update());
     assert_eq!(entity(&mut app, id), None, "it is not spawned again");
-    let height = scene(&mut app)
-        .client()
+    let height = rhumb(&mut app)
+        .inner()
         .view()
         .position(id)
         .expect("the body lives on")
         .y;
     assert!(height < 5.0);
-    scene(&mut app).remove_body(id).unwrap();
+    rhumb(&mut app).remove_body(id).unwrap();
     app.update();
     assert!(messages(&app).endings.is_empty());
 }
@@ -283,19 +283,23 @@ fn a_scene_that_is_removed_or_replaced_takes_its_entities_with_it() {
     let mut app = app(PipelineDepth::LOCKSTEP);
     let count = |app: &mut bevy_app::App| {
         app.world_mut()
-            .query::<&RhumbBody>()
+            .query::<&RhumbBodyId>()
             .iter(app.world())
             .count()
     };
     for name in ["first", "second"] {
-        app.insert_resource(RhumbScene::new(server.join(name, Stepping::Lockstep, COPY)));
-        scene(&mut app).add_body(floor()).unwrap();
-        let id = scene(&mut app).add_body(ball(0.0, 5.0)).unwrap();
+        app.insert_resource(RhumbClient::new(server.join(
+            name,
+            Stepping::Lockstep,
+            COPY,
+        )));
+        rhumb(&mut app).add_body(floor()).unwrap();
+        let id = rhumb(&mut app).add_body(ball(0.0, 5.0)).unwrap();
         app.update();
         assert_eq!(count(&mut app), 2, "of the {name} scene alone");
         assert!(entity(&mut app, id).is_some());
     }
-    app.world_mut().remove_resource::<RhumbScene>();
+    app.world_mut().remove_resource::<RhumbClient>();
     app.update();
     assert_eq!(count(&mut app), 0);
     app.update();

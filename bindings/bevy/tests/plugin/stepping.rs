@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use bevy_time::TimeUpdateStrategy;
 use bevy_transform::components::Transform;
-use rhumb_bevy::{RhumbScene, RhumbState};
+use rhumb_bevy::{RhumbClient, RhumbState};
 use rhumb_client::scene::{BodyDesc, Shape, Stepping};
 use rhumb_client::{PipelineDepth, StreamChoice, Tolerance};
 
-use crate::arena::{Server, app, component, entity, messages, run_until, scene};
+use crate::arena::{Server, app, component, entity, messages, rhumb, run_until};
 
 const COPY: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
@@ -16,7 +16,7 @@ const COPY: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 fn a_frame_between_two_steps_draws_bodies_between_two_ticks() {
     let server = Server::start();
     let mut app = app(PipelineDepth::LOCKSTEP);
-    app.insert_resource(RhumbScene::new(server.join(
+    app.insert_resource(RhumbClient::new(server.join(
         "between",
         Stepping::Lockstep,
         COPY,
@@ -24,14 +24,14 @@ fn a_frame_between_two_steps_draws_bodies_between_two_ticks() {
     let thrown = BodyDesc::dynamic(Shape::ball(0.5))
         .linear_velocity([6.0, 0.0, 0.0])
         .gravity_scale(0.0);
-    let id = scene(&mut app).add_body(thrown).unwrap();
+    let id = rhumb(&mut app).add_body(thrown).unwrap();
     app.update();
     let drawn_x = |app: &mut bevy_app::App| component::<Transform>(app, id).translation.x;
     let state_x = |app: &mut bevy_app::App| component::<RhumbState>(app, id).position.x;
     (0..5).for_each(|_| app.update());
     let before = state_x(&mut app);
     // Half a fixed step, then one and a half: a step falls due in the second frame, with half a step over.
-    let step = scene(&mut app).fixed_step();
+    let step = rhumb(&mut app).fixed_step();
     app.insert_resource(TimeUpdateStrategy::ManualDuration(step / 2));
     app.update();
     assert_eq!(state_x(&mut app), before, "no step is due");
@@ -50,12 +50,12 @@ fn a_frame_between_two_steps_draws_bodies_between_two_ticks() {
 fn frames_go_on_while_a_lockstep_server_stands_still() {
     let server = Server::start();
     let mut app = app(PipelineDepth::PIPELINED);
-    app.insert_resource(RhumbScene::new(server.join(
+    app.insert_resource(RhumbClient::new(server.join(
         "still",
         Stepping::Lockstep,
         COPY,
     )));
-    let id = scene(&mut app)
+    let id = rhumb(&mut app)
         .add_body(BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 50.0, 0.0))
         .unwrap();
     run_until(&mut app, "the ball falls", |app| {
@@ -64,11 +64,11 @@ fn frames_go_on_while_a_lockstep_server_stands_still() {
     server.signal("-STOP");
     // What the server has sent before is read first.
     run_until(&mut app, "a step is late", |app| {
-        let late = scene(app).late_steps();
+        let late = rhumb(app).late_steps();
         app.update();
-        scene(app).late_steps() > late
+        rhumb(app).late_steps() > late
     });
-    let late = scene(&mut app).late_steps();
+    let late = rhumb(&mut app).late_steps();
     for _ in 0..20 {
         app.update();
         let state = component::<RhumbState>(&mut app, id);
@@ -78,7 +78,7 @@ fn frames_go_on_while_a_lockstep_server_stands_still() {
             "it hangs where it was: {drawn} {state:?}"
         );
     }
-    assert_eq!(scene(&mut app).late_steps(), late + 20);
+    assert_eq!(rhumb(&mut app).late_steps(), late + 20);
     let height = component::<RhumbState>(&mut app, id).position.y;
     server.signal("-CONT");
     run_until(&mut app, "the ball falls on", |app| {
@@ -92,8 +92,8 @@ fn a_step_that_times_out_is_waited_for_once_alone() {
     let server = Server::start();
     let mut app = app(PipelineDepth::LOCKSTEP);
     let connection = server.connect().timeout(Duration::from_millis(200));
-    app.insert_resource(RhumbScene::new(connection.join("slow").unwrap()));
-    let id = scene(&mut app)
+    app.insert_resource(RhumbClient::new(connection.join("slow").unwrap()));
+    let id = rhumb(&mut app)
         .add_body(BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 50.0, 0.0))
         .unwrap();
     app.update();
@@ -101,7 +101,7 @@ fn a_step_that_times_out_is_waited_for_once_alone() {
     server.signal("-STOP");
     (0..5).for_each(|_| app.update());
     assert_eq!(
-        scene(&mut app).late_steps(),
+        rhumb(&mut app).late_steps(),
         5,
         "one time-out, and four frames that only looked"
     );

@@ -2,7 +2,7 @@
 
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::prelude::*;
-use rhumb_bevy::{RhumbBody, RhumbScene};
+use rhumb_bevy::{RhumbBodyId, RhumbClient};
 use rhumb_client::scene::Shape;
 
 /// Hues of the balls, degrees.
@@ -10,17 +10,17 @@ const HUES: [f32; 6] = [5.0, 35.0, 50.0, 150.0, 205.0, 270.0];
 
 /// Gives new bodies a mesh by their shapes.
 pub(crate) fn draw_new_bodies(
-    scene: Option<ResMut<RhumbScene>>,
-    added: Query<(Entity, &RhumbBody), Added<RhumbBody>>,
+    client: Option<ResMut<RhumbClient>>,
+    added: Query<(Entity, &RhumbBodyId), Added<RhumbBodyId>>,
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    let Some(mut scene) = scene else {
+    let Some(mut client) = client else {
         return;
     };
     for (entity, body) in &added {
-        let Some((mesh, color)) = scene.shape(body.id()).and_then(|shape| drawn(shape, body))
+        let Some((mesh, color)) = client.shape(body.id()).and_then(|shape| drawn(shape, body))
         else {
             warn!(
                 "{:?} has a shape that this example does not draw",
@@ -39,7 +39,7 @@ pub(crate) fn draw_new_bodies(
     }
 }
 
-fn drawn(shape: &Shape, body: &RhumbBody) -> Option<(Mesh, Color)> {
+fn drawn(shape: &Shape, body: &RhumbBodyId) -> Option<(Mesh, Color)> {
     let hue = HUES[body.id().index() as usize % HUES.len()];
     match shape {
         Shape::Ball { radius } => Some((

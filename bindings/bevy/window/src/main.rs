@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 use bevy::prelude::*;
 use bevy::render::view::screenshot::{Captured, Screenshot, save_to_disk};
-use rhumb_bevy::{RhumbBody, RhumbEnded, RhumbJoin, RhumbJoinFailed, RhumbPlugin, RhumbScene};
+use rhumb_bevy::{RhumbBodyId, RhumbClient, RhumbEnded, RhumbJoin, RhumbJoinFailed, RhumbPlugin};
 use rhumb_client::{Client, Fingerprint, JoinMode, JoinOptions, Trust};
 
 use crate::drawing::{draw_new_bodies, look_into_the_pit};
@@ -23,7 +23,7 @@ const KICK: f32 = 8.0;
 
 /// The server, from the command line.
 #[derive(Resource)]
-struct Server {
+struct ServerArguments {
     address: String,
     fingerprint: Fingerprint,
 }
@@ -59,7 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             ..default()
         }))
         .add_plugins(RhumbPlugin::default())
-        .insert_resource(Server {
+        .insert_resource(ServerArguments {
             address,
             fingerprint,
         })
@@ -83,7 +83,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// Joins the scene beside the first frames, and furnishes it if it is empty.
-fn join(server: Res<Server>, mut commands: Commands) -> Result {
+fn join(server: Res<ServerArguments>, mut commands: Commands) -> Result {
     let (address, fingerprint) = (server.address.clone(), server.fingerprint);
     let join = RhumbJoin::start(move || {
         let options = JoinOptions {
@@ -104,16 +104,16 @@ fn join(server: Res<Server>, mut commands: Commands) -> Result {
 /// Sends a command for each ball when the space bar is pressed.
 fn kick(
     keys: Res<ButtonInput<KeyCode>>,
-    scene: Option<ResMut<RhumbScene>>,
-    bodies: Query<&RhumbBody>,
+    client: Option<ResMut<RhumbClient>>,
+    bodies: Query<&RhumbBodyId>,
 ) -> Result {
-    let Some(mut scene) = scene.filter(|_| keys.just_pressed(KeyCode::Space)) else {
+    let Some(mut client) = client.filter(|_| keys.just_pressed(KeyCode::Space)) else {
         return Ok(());
     };
     for body in &bodies {
-        let mass = scene.shape(body.id()).and_then(pit::ball_mass);
+        let mass = client.shape(body.id()).and_then(pit::ball_mass);
         if let Some(mass) = mass {
-            scene.apply_impulse(body.id(), Vec3::Y * KICK * mass)?;
+            client.apply_impulse(body.id(), Vec3::Y * KICK * mass)?;
         }
     }
     Ok(())
@@ -121,15 +121,15 @@ fn kick(
 
 fn take_picture(
     mut picture: ResMut<Picture>,
-    scene: Option<ResMut<RhumbScene>>,
+    client: Option<ResMut<RhumbClient>>,
     mut commands: Commands,
 ) {
-    let Some(mut scene) = scene.filter(|_| picture.0.is_some()) else {
+    let Some(mut client) = client.filter(|_| picture.0.is_some()) else {
         return;
     };
-    let step = scene.client().config().integrator.rate.step().seconds();
-    let shown = scene
-        .client()
+    let step = client.inner().config().integrator.rate.step().seconds();
+    let shown = client
+        .inner()
         .view()
         .time()
         .map_or(0.0, |time| time.ticks() * step);

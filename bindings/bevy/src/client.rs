@@ -1,6 +1,6 @@
-//! The scene that an app is a member of, as a resource.
+//! The client of the scene that an app is a member of, as a resource.
 //!
-//! It owns the client, and knows which entity stands for which body. An invariant: each body of the view that the
+//! It knows which entity stands for which body. An invariant: each body of the view that the
 //! entities show has an entity here, also one that the application despawned.
 
 use std::collections::HashMap;
@@ -18,12 +18,12 @@ use crate::axes::{
 };
 use crate::body::RhumbState;
 
-/// The scene that the app is a member of.
+/// The client of the scene that the app is a member of.
 ///
 /// Insert it as a resource, or let [`RhumbJoin`](crate::RhumbJoin) do it. Removing it leaves the scene and despawns the
 /// entities of its bodies.
 #[derive(Resource)]
-pub struct RhumbScene {
+pub struct RhumbClient {
     client: SyncCell<Client>,
     stepping: Stepping,
     fixed_step: Duration,
@@ -47,7 +47,7 @@ pub(crate) enum EntityChange {
     Despawn(Entity),
 }
 
-impl RhumbScene {
+impl RhumbClient {
     /// The scene of a client that has joined it.
     #[must_use]
     pub fn new(client: Client) -> Self {
@@ -70,13 +70,13 @@ impl RhumbScene {
     /// The client, for what this type does not offer: queries, authority, streams, statistics.
     ///
     /// A call that waits for the server makes the frame wait too. The plug-in takes the client's events.
-    pub fn client(&mut self) -> &mut Client {
+    pub fn inner(&mut self) -> &mut Client {
         self.client.get()
     }
 
     /// The client, for use without Bevy.
     #[must_use]
-    pub fn into_client(self) -> Client {
+    pub fn into_inner(self) -> Client {
         SyncCell::to_inner(self.client)
     }
 
@@ -87,7 +87,7 @@ impl RhumbScene {
     }
 
     /// Simulated time from one step of a lockstep client to the next. The app's fixed time step should be the same:
-    /// `Time::<Fixed>::from_duration(scene.fixed_step())`.
+    /// `Time::<Fixed>::from_duration(client.fixed_step())`.
     #[must_use]
     pub const fn fixed_step(&self) -> Duration {
         self.fixed_step
