@@ -4,6 +4,7 @@
 //! next call that handles received data. Every other request is sent at once.
 
 mod authority;
+mod lockstep;
 mod queries;
 
 use std::collections::VecDeque;
@@ -314,13 +315,7 @@ impl Client {
     /// [`ClientError::Timeout`] when the tick is not complete in time; [`Self::wait`] continues to wait.
     /// [`ClientError::Denied`] when the scene is not a lockstep scene, or the tick lies too far ahead.
     pub fn advance(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
-        self.check_open()?;
-        self.denied = None;
-        let publish_schedule = self.config().publish_schedule;
-        self.requested = publish_schedule.next_published(self.requested);
-        let now = self.pump.now();
-        self.pump.session.advance(now, self.requested)?;
-        self.pump.flush();
+        self.request_tick()?;
         self.wait(depth)
     }
 
@@ -330,17 +325,13 @@ impl Client {
     ///
     /// As [`Self::advance`].
     pub fn wait(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
-        let wanted = self
-            .requested
-            .before(self.published_ticks(depth))
-            .unwrap_or_default();
+        let awaited = self.awaited(depth);
         let deadline = self.deadline();
         self.pump.turn(Instant::ZERO);
         self.take_events();
-        while self.complete() < wanted {
-            if let Some(denial) = self.denied.take() {
-                self.requested = self.complete();
-                return Err(ClientError::Denied(denial));
+        while self.complete() < awaited {
+            if let Some(refusal) = self.take_refusal() {
+                return Err(refusal);
             }
             self.turn(deadline, "complete tick")?;
         }

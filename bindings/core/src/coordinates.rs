@@ -34,6 +34,9 @@ impl Coordinates {
     /// Each of them.
     pub const EACH: [Self; 4] = [Self::Rhumb, Self::Unity, Self::Unreal, Self::ZUp];
 
+    /// Those of Bevy.
+    pub const BEVY: Self = Self::Rhumb;
+
     /// Rhumb's metres in one unit of length.
     #[must_use]
     pub const fn metres_per_unit(self) -> f32 {

@@ -226,6 +226,7 @@ fn no_library_prints() {
         "bindings/core/src/",
         "bindings/c/src/",
         "bindings/python/src/",
+        "bindings/bevy/src/",
         "sims/src/",
     ];
     report(

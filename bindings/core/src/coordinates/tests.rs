@@ -88,6 +88,24 @@ proptest! {
 }
 
 #[test]
+fn bevys_coordinates_leave_every_number_as_it_is() {
+    let (vector, turn) = (Vec3::new(1.5, -2.0, 3.0), Quat::from_rotation_x(0.7));
+    let bevy = Coordinates::BEVY;
+    assert_eq!(
+        (bevy.vector_in(vector), bevy.vector_out(vector)),
+        (vector, vector)
+    );
+    assert_eq!(
+        (bevy.angular_in(vector), bevy.torque_in(vector)),
+        (vector, vector)
+    );
+    assert_eq!(
+        (bevy.rotation_in(turn), bevy.rotation_out(turn)),
+        (turn, turn)
+    );
+}
+
+#[test]
 fn up_is_up_and_a_metre_is_a_metre() {
     let up = Vec3::Y * 2.0;
     for (coordinates, outside) in [
