@@ -108,27 +108,33 @@ namespace Rhumb.Plugin
             Impulse = Twist = Vector3.Zero;
         }
 
-        /// <summary>The state in a view; true if the region has to hear of it.</summary>
-        internal bool Hear(Vec3 at, Quat rotation, Vec3 linear, Vec3 angular, bool resting)
+        /// <summary>
+        /// The state in a view, some seconds after the last one; true if the region has to hear of it. A copy is predicted to
+        /// stand still also while the server's body moves, if no other prediction lasts longer; it then jumps from frame to
+        /// frame, and the velocity follows from the jump.
+        /// </summary>
+        internal bool Hear(Vec3 at, Quat rotation, Vec3 linear, Vec3 angular, bool stands, float seconds)
         {
             if (Muted > 0)
             {
                 Muted--;
                 return false;
             }
-            if (resting && Resting)
+            Quaternion turned = KeepsOrientation ? orientation : rotation.ToQuaternion();
+            Vector3 placed = at.ToVector3() - Geometry.Rotated(Centre, turned);
+            bool shifted = placed != position || turned != orientation;
+            if (!shifted && stands && Resting)
             {
                 return false;
             }
-            Quaternion turned = KeepsOrientation ? orientation : rotation.ToQuaternion();
-            Vector3 placed = at.ToVector3() - Geometry.Rotated(Centre, turned);
-            Vector3 moving = resting ? Vector3.Zero : linear.ToVector3(), turning = resting ? Vector3.Zero : angular.ToVector3();
-            bool changed = placed != position || turned != orientation || moving != velocity || turning != spin;
+            Vector3 moving = stands ? (placed - position) * (1 / seconds) : linear.ToVector3();
+            Vector3 turning = stands ? Vector3.Zero : angular.ToVector3();
+            bool changed = shifted || moving != velocity || turning != spin;
             position = placed;
             orientation = turned;
             velocity = moving;
             spin = turning;
-            Resting = resting;
+            Resting = stands && !shifted;
             return changed;
         }
 

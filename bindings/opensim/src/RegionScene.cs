@@ -152,12 +152,16 @@ namespace Rhumb.Plugin
                     owed += timeStep;
                     // A frame after a long pause does not step for seconds.
                     owed = Math.Min(owed, Math.Max(timeStep, 4 * settings.Frame));
+                    double before = owed;
                     while (owed >= settings.Frame)
                     {
                         owed -= settings.Frame;
                         scene.Advance(Depth);
                     }
-                    Read();
+                    if (owed < before)
+                    {
+                        Read((float)(before - owed));
+                    }
                     Listen();
                 }
                 catch (RhumbException error)
@@ -486,8 +490,8 @@ namespace Rhumb.Plugin
             }
         }
 
-        /// <summary>Moves actors to where the view has their bodies.</summary>
-        private void Read()
+        /// <summary>Moves actors to where the view has their bodies, some seconds after the last view.</summary>
+        private void Read(float seconds)
         {
             ReadOnlySpan<Body> ids = scene.Bodies;
             ReadOnlySpan<Vec3> positions = scene.Positions, linear = scene.LinearVelocities, angular = scene.AngularVelocities;
@@ -496,7 +500,7 @@ namespace Rhumb.Plugin
             for (int i = 0; i < ids.Length; i++)
             {
                 if (bodies.TryGetValue(ids[i], out RegionActor actor) && actor.IsDynamic
-                    && actor.Hear(positions[i], rotations[i], linear[i], angular[i], resting[i] != 0))
+                    && actor.Hear(positions[i], rotations[i], linear[i], angular[i], resting[i] != 0, seconds))
                 {
                     moved.Add(actor);
                 }

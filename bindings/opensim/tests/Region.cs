@@ -168,7 +168,7 @@ internal static class Region
         Near(root.Position, new Vector3(75, 40, 22), 0.01f, "a selected prim does not fall");
         root.Selected = false;
         Run(3);
-        Near(root.Position, new Vector3(75, 40, 18.5f), 0.05f, "a released prim falls");
+        Near(root.Position, new Vector3(75, 40, 18.5f), 0.1f, "a released prim falls");
         // A wall with an arm that is heavier: the centre of mass is beside the wall's foot.
         PhysicsActor tall = Add(Box, new Vector3(80, 60, 19), new Vector3(0.5f, 3, 2), true);
         PhysicsActor arm = Add(Box, new Vector3(81.5f, 60, 19.75f), new Vector3(2.5f, 3, 0.5f), true);
