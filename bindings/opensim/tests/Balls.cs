@@ -92,7 +92,9 @@ internal static class Balls
     {
         var options = new Rhumb.JoinOptions
         {
-            Condition = Rhumb.RhumbJoinCondition.Join, Coordinates = Rhumb.RhumbCoordinates.ZUp, ToleranceInMetres = 0.001,
+            Condition = Rhumb.RhumbJoinCondition.Join, ToleranceInMetres = 0.001,
+            // A scene of APP has the axes of its client; such a scene is z up in its own numbers.
+            Coordinates = name.StartsWith("app/") ? Rhumb.RhumbCoordinates.Rhumb : Rhumb.RhumbCoordinates.ZUp,
         };
         using (Rhumb.Connection connection = Rhumb.Connection.Open(address, Rhumb.Trust.Fingerprint(fingerprint)))
         using (Rhumb.Scene truth = connection.Join(name, options))
