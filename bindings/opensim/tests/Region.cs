@@ -99,7 +99,7 @@ internal static class Region
         Check(Math.Abs(next.Position.X - 60) < 0.1f && next.Position.Z > 21.3f, "a thrown box rises: " + next.Position);
         Run(4);
         Near(next.Position, new Vector3(60, 60, 20.5f), 0.05f, "a box that was put elsewhere");
-        next.AddForce(new Vector3(next.Mass * 3, 0, 0), true);
+        next.AddForce(new Vector3(next.Mass * 3, 0, next.Mass * 3), true);
         Run(2);
         Check(next.Position.X > 60.2f, "an impulse moves a box: " + next.Position);
         scene.SetTerrain(Host.Terrain((x, y) => x < 100 ? 18 : y < 100 ? 30 : 25));
