@@ -39,6 +39,7 @@ namespace Rhumb.Plugin
         private Scene scene;
         private Body anchor;
         private uint joints;
+        private ulong shown;
         private double owed;
         private double time;
 
@@ -152,15 +153,16 @@ namespace Rhumb.Plugin
                     owed += timeStep;
                     // A frame after a long pause does not step for seconds.
                     owed = Math.Min(owed, Math.Max(timeStep, 4 * settings.Frame));
-                    double before = owed;
+                    ulong tick = shown;
                     while (owed >= settings.Frame)
                     {
                         owed -= settings.Frame;
-                        scene.Advance(Depth);
+                        tick = scene.Advance(Depth);
                     }
-                    if (owed < before)
+                    if (tick != shown)
                     {
-                        Read((float)(before - owed));
+                        Read((tick - shown) / (float)settings.TicksPerSecond);
+                        shown = tick;
                     }
                     Listen();
                 }
@@ -318,6 +320,7 @@ namespace Rhumb.Plugin
                 bodies.Clear();
                 removals.Clear();
                 joints = 0;
+                shown = 0;
                 owed = 0;
                 terrain.Forget();
                 foreach (RegionActor actor in actors)

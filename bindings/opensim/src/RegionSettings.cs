@@ -37,8 +37,8 @@ namespace Rhumb.Plugin
             Timeout = Number("Timeout", 2, 0.05, 60);
             RetryAfter = Number("RetryAfter", 5, 0.05, 3600);
             Gravity = (float)Number("Gravity", -9.80665, -1000, 1000);
-            TicksPerSecond = (uint)Whole("TicksPerSecond", 45, 10, 1000);
-            PublishInterval = (uint)Whole("PublishInterval", 4, 1, 60);
+            TicksPerSecond = (uint)Whole("TicksPerSecond", 56, 10, 1000);
+            PublishInterval = (uint)Whole("PublishInterval", 5, 1, 60);
             PipelineDepth = (uint)Whole("PipelineDepth", 1, 0, 8);
         }
 

@@ -39,7 +39,7 @@ internal static class Balls
         var balls = new List<PhysicsActor>();
         for (int i = 0; i < count; i++)
         {
-            var at = new Vector3(100 + i % 40 * 1.3f + i % 7 * 0.04f, 100 + i / 40 % 40 * 1.3f + i % 5 * 0.04f, 35 + i / 1600 * 1.5f);
+            var at = new Vector3(100 + i % 40 * 1.3f + i % 7 * 0.04f, 100 + i / 40 % 40 * 1.3f + i % 5 * 0.04f, 24 + i / 1600 * 1.5f);
             PhysicsActor ball = scene.AddPrimShape("ball", Host.Prim(ProfileShape.HalfCircle, Extrusion.Curve1), at,
                 new Vector3(2 * Radius, 2 * Radius, 2 * Radius), Quaternion.Identity, true, (uint)(1000 + i));
             ball.OnRequestTerseUpdate += () => heard++;
