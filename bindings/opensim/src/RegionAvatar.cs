@@ -26,7 +26,8 @@ namespace Rhumb.Plugin
         private bool isRunning;
         private bool drives;
 
-        internal RegionAvatar(RegionScene scene, uint id, string name, Vector3 position, Vector3 velocity, Vector3 size, bool flying)
+        internal RegionAvatar(
+            RegionScene scene, uint id, string name, Vector3 position, Vector3 velocity, Vector3 size, bool flying)
             : base(scene, id, name, position, Quaternion.Identity, size)
         {
             isFlying = flying;

@@ -164,7 +164,7 @@ namespace Rhumb.Plugin
                         Read((tick - shown) / (float)settings.TicksPerSecond);
                         shown = tick;
                     }
-                    Listen();
+                    RegionEvents.Read(scene, bodies);
                 }
                 catch (RhumbException error)
                 {
@@ -336,7 +336,7 @@ namespace Rhumb.Plugin
         private void Tell(float seconds)
         {
             var commands = new List<Command>();
-            List<RegionActor> formed, changed, heard;
+            List<RegionActor> formed, changed, reporters;
             lock (gate)
             {
                 foreach (Body body in removals)
@@ -351,7 +351,7 @@ namespace Rhumb.Plugin
                 changes.UnionWith(pushing);
                 changed = new List<RegionActor>(changes);
                 changes.Clear();
-                heard = new List<RegionActor>(events);
+                reporters = new List<RegionActor>(events);
                 events.Clear();
                 terrain.Tell(scene, commands);
             }
@@ -368,12 +368,12 @@ namespace Rhumb.Plugin
             commands.Clear();
             Form(formed);
             changed.AddRange(formed);
-            heard.AddRange(formed);
+            reporters.AddRange(formed);
             foreach (RegionActor actor in changed)
             {
                 Speak(actor, commands, seconds);
             }
-            foreach (RegionActor actor in heard)
+            foreach (RegionActor actor in reporters)
             {
                 if (!actor.Body.IsNone && !actor.IsDropped)
                 {
@@ -506,64 +506,6 @@ namespace Rhumb.Plugin
                     && actor.Hear(positions[i], rotations[i], linear[i], angular[i], resting[i] != 0, seconds))
                 {
                     moved.Add(actor);
-                }
-            }
-        }
-
-        /// <summary>Reads what the server reports, contacts above all.</summary>
-        private void Listen()
-        {
-            while (scene.TryNextEvent(out Event next))
-            {
-                switch (next.Kind)
-                {
-                    case RhumbEventKind.ContactBegan:
-                    case RhumbEventKind.SensorEntered:
-                        Touch(next.Body, next.Other, next, 1);
-                        Touch(next.Other, next.Body, next, -1);
-                        break;
-                    case RhumbEventKind.ContactEnded:
-                    case RhumbEventKind.SensorLeft:
-                        Part(next.Body, next.Other);
-                        Part(next.Other, next.Body);
-                        break;
-                    case RhumbEventKind.CommandRefused:
-                    case RhumbEventKind.BodyFault:
-                    case RhumbEventKind.SceneRestored:
-                    case RhumbEventKind.SceneFaulted:
-                        bodies.TryGetValue(next.Body, out RegionActor actor);
-                        Log.WarnFormat("[RHUMB]: {0} {1} {2}", next.Kind, actor == null ? "" : actor.Name, next.Text);
-                        break;
-                    case RhumbEventKind.EventsMissed:
-                        Log.WarnFormat("[RHUMB]: {0} contacts were not kept: fewer prims should listen", next.Number);
-                        break;
-                }
-            }
-        }
-
-        private void Touch(Body body, Body other, Event contact, float side)
-        {
-            if (bodies.TryGetValue(body, out RegionActor actor) && actor.Reports)
-            {
-                // The ground has no actor, and the id 0 in OpenSimulator.
-                uint id = bodies.TryGetValue(other, out RegionActor neighbour) ? neighbour.LocalID : 0;
-                Vector3 normal = contact.Normal.ToVector3() * side;
-                actor.Touching[other] = new KeyValuePair<uint, ContactPoint>(
-                    id, new ContactPoint(contact.Point.ToVector3(), normal, Math.Max(-contact.Separation, 0)));
-                actor.TouchesChanged = true;
-                actor.CollidingGround |= id == 0;
-            }
-        }
-
-        private void Part(Body body, Body other)
-        {
-            if (bodies.TryGetValue(body, out RegionActor actor) && actor.Touching.Remove(other))
-            {
-                actor.TouchesChanged = true;
-                actor.CollidingGround = false;
-                foreach (KeyValuePair<uint, ContactPoint> touch in actor.Touching.Values)
-                {
-                    actor.CollidingGround |= touch.Key == 0;
                 }
             }
         }

@@ -35,14 +35,14 @@ internal static class Balls
         {
             Frame(scene, clock, ref due, null, null);
         }
-        int heard = 0;
+        int updates = 0;
         var balls = new List<PhysicsActor>();
         for (int i = 0; i < count; i++)
         {
             var at = new Vector3(100 + i % 40 * 1.3f + i % 7 * 0.04f, 100 + i / 40 % 40 * 1.3f + i % 5 * 0.04f, 24 + i / 1600 * 1.5f);
             PhysicsActor ball = scene.AddPrimShape("ball", Host.Prim(ProfileShape.HalfCircle, Extrusion.Curve1), at,
                 new Vector3(2 * Radius, 2 * Radius, 2 * Radius), Quaternion.Identity, true, (uint)(1000 + i));
-            ball.OnRequestTerseUpdate += () => heard++;
+            ball.OnRequestTerseUpdate += () => updates++;
             balls.Add(ball);
         }
         TimeSpan processor = Process.GetCurrentProcess().TotalProcessorTime;
@@ -56,7 +56,7 @@ internal static class Balls
         processor = Process.GetCurrentProcess().TotalProcessorTime - processor;
         Console.WriteLine(FormattableString.Invariant($"frame ms p50 {Quantile(frames, 0.5):F2} p99 {Quantile(frames, 0.99):F2} max {Quantile(frames, 1):F1}; ")
             + FormattableString.Invariant($"reported step ms p50 {Quantile(steps, 0.5):F0} p99 {Quantile(steps, 0.99):F0}; ")
-            + FormattableString.Invariant($"frames {frames.Count}; updates to viewers {heard}; processor s {processor.TotalSeconds:F1}; ")
+            + FormattableString.Invariant($"frames {frames.Count}; updates to viewers {updates}; processor s {processor.TotalSeconds:F1}; ")
             + Off(balls, arguments[4], arguments[5], arguments[6]));
         Console.Out.Flush();
         // The published plug-in's threads never end.

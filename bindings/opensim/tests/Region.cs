@@ -75,7 +75,7 @@ internal static class Region
         low.OnCollisionUpdate += e => touches += ((CollisionEventUpdate)e).m_objCollisionList.ContainsKey(0) ? 1 : 0;
         low.SubscribeEvents(200);
         Run(0.5);
-        Check(low.Velocity.Z < -1 && updates > 2, "a falling ball is heard of: " + low.Velocity + ", " + updates);
+        Check(low.Velocity.Z < -1 && updates > 2, "a falling ball is reported: " + low.Velocity + ", " + updates);
         Run(9);
         Near(low.Position, new Vector3(50, 50, 20.25f), 0.05f, "a ball on the low ground");
         Near(high.Position, new Vector3(150.5f, 50.5f, 30.25f), 0.05f, "a ball on the high ground");
@@ -85,7 +85,7 @@ internal static class Region
         Check(low.Stopped && low.Velocity == Vector3.Zero, "a ball at rest has no velocity");
         int before = updates;
         Run(1);
-        Check(updates == before, "a ball at rest is not heard of");
+        Check(updates == before, "a ball at rest is not reported");
         Check(Math.Abs(low.Mass - 65.45f) < 0.1f, "the mass of a sphere of half a metre: " + low.Mass);
         scene.RemovePrim(low);
         Run(0.3);
@@ -119,7 +119,7 @@ internal static class Region
         Check(avatar.IsColliding && avatar.CollidingGround && reports > 10, "the region hears of an avatar's contacts");
         avatar.TargetVelocity = new Vector3(3, 0, 0);
         Run(1);
-        Check(Math.Abs(avatar.Velocity.X - 3 * 0.77f) < 0.2f, "it walks as fast as it is told: " + avatar.Velocity);
+        Check(Math.Abs(avatar.Velocity.X - 3 * 0.77f) < 0.2f, "it walks as fast as the region wants: " + avatar.Velocity);
         Run(2);
         Check(ball.Position.X > 44.5f, "it pushes a ball: " + ball.Position);
         avatar.TargetVelocity = Vector3.Zero;
