@@ -710,6 +710,8 @@ typedef struct RhumbJoinOptions {
   uint32_t ticks_per_second;
   // Substeps in each tick of a new scene.
   uint32_t substeps;
+  // Published ticks of a new scene are the multiples of this number.
+  uint32_t publish_interval;
   // Not zero: `gravity` replaces the earth's in a new scene.
   uint8_t has_gravity;
   // Free running only. Not zero: corrections are shown as short glides.

@@ -41,6 +41,8 @@ pub struct RhumbJoinOptions {
     pub ticks_per_second: u32,
     /// Substeps in each tick of a new scene.
     pub substeps: u32,
+    /// Published ticks of a new scene are the multiples of this number.
+    pub publish_interval: u32,
     /// Not zero: `gravity` replaces the earth's in a new scene.
     pub has_gravity: u8,
     /// Free running only. Not zero: corrections are shown as short glides.
@@ -105,6 +107,7 @@ pub unsafe extern "C" fn rhumb_join_options_init(options: *mut RhumbJoinOptions)
         stepping: 0,
         ticks_per_second: plain.ticks_per_second,
         substeps: plain.substeps,
+        publish_interval: plain.publish_interval,
         has_gravity: 0,
         smooth: u8::from(plain.smooth),
         has_resume_within: 0,
@@ -129,6 +132,7 @@ impl RhumbJoinOptions {
             stepping: one_of(&STEPPINGS, self.stepping, "options.stepping")?,
             ticks_per_second: self.ticks_per_second,
             substeps: self.substeps,
+            publish_interval: self.publish_interval,
             gravity: (self.has_gravity != 0).then_some(Vec3::from_array(self.gravity)),
             delay_ticks: self.delay_ticks,
             smooth: self.smooth != 0,

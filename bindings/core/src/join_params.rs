@@ -4,7 +4,7 @@ use std::num::NonZeroU32;
 use std::time::Duration;
 
 use glam::Vec3;
-use rhumb_client::scene::{SceneConfig, Stepping};
+use rhumb_client::scene::{PublishSchedule, SceneConfig, Stepping};
 use rhumb_client::{JoinMode, JoinOptions, Metres, Rate, StreamChoice, Tolerance};
 
 use crate::coordinates::Coordinates;
@@ -37,6 +37,8 @@ pub struct JoinParams {
     pub ticks_per_second: u32,
     /// Substeps of each tick of a new scene.
     pub substeps: u32,
+    /// Published ticks of a new scene are the multiples of this number.
+    pub publish_interval: u32,
     /// Gravity of a new scene, units of length per s²; `None`: the earth's, downwards.
     pub gravity: Option<Vec3>,
     /// Free running only: ticks by which the view stays behind the server's clock.
@@ -57,6 +59,7 @@ impl Default for JoinParams {
             stepping: config.stepping,
             ticks_per_second: config.integrator.rate.ticks(),
             substeps: config.integrator.substeps.get(),
+            publish_interval: config.publish_schedule.publish_interval.get(),
             gravity: None,
             delay_ticks: 0.0,
             smooth: true,
@@ -70,7 +73,8 @@ impl JoinParams {
     ///
     /// # Errors
     ///
-    /// [`BindingError`] for a tolerance that no stream can have, and for zero ticks or substeps.
+    /// [`BindingError`] for a tolerance that no stream can have, and for zero ticks, substeps or
+    /// publish interval.
     pub fn options(&self) -> Result<JoinOptions, BindingError> {
         let argument = |argument, needed| BindingError::Argument { argument, needed };
         let mut config = SceneConfig {
@@ -81,6 +85,11 @@ impl JoinParams {
             .ok_or_else(|| argument("ticks_per_second", "at least 1"))?;
         config.integrator.substeps =
             NonZeroU32::new(self.substeps).ok_or_else(|| argument("substeps", "at least 1"))?;
+        config.publish_schedule = PublishSchedule {
+            publish_interval: NonZeroU32::new(self.publish_interval)
+                .ok_or_else(|| argument("publish_interval", "at least 1"))?,
+            ..config.publish_schedule
+        };
         if let Some(gravity) = self.gravity {
             config.gravity = self.coordinates.vector_in(gravity);
         }
@@ -142,6 +151,14 @@ mod tests {
             },
             JoinParams {
                 substeps: 0,
+                ..default
+            },
+            JoinParams {
+                publish_interval: 0,
+                ..default
+            },
+            JoinParams {
+                publish_interval: u32::MAX,
                 ..default
             },
             JoinParams {

@@ -56,6 +56,13 @@ namespace Rhumb
             set { raw.ticks_per_second = value; }
         }
 
+        /// <summary>Published ticks of a new scene are the multiples of this number; Advance steps to the next one.</summary>
+        public uint PublishInterval
+        {
+            get { return raw.publish_interval; }
+            set { raw.publish_interval = value; }
+        }
+
         /// <summary>Gravity of a new scene; the earth's if it is not set.</summary>
         public unsafe Vec3 Gravity
         {

@@ -634,6 +634,10 @@ namespace Rhumb
         /// </summary>
         public uint substeps;
         /// <summary>
+        ///  Published ticks of a new scene are the multiples of this number.
+        /// </summary>
+        public uint publish_interval;
+        /// <summary>
         ///  Not zero: `gravity` replaces the earth's in a new scene.
         /// </summary>
         public byte has_gravity;

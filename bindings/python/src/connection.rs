@@ -74,8 +74,8 @@ pub(crate) fn connect(
 impl PyConnection {
     #[pyo3(signature = (
         scene, *, coordinates = "rhumb", condition = "create or join", tolerance = 0.05,
-        stepping = "lockstep", ticks_per_second = 60, substeps = 4, gravity = None,
-        delay_ticks = 0.0, smooth = true, resume_within = None,
+        stepping = "lockstep", ticks_per_second = 60, substeps = 4, publish_interval = 1,
+        gravity = None, delay_ticks = 0.0, smooth = true, resume_within = None,
     ))]
     // Named parameters are the interface of Python.
     #[expect(clippy::too_many_arguments)]
@@ -89,6 +89,7 @@ impl PyConnection {
         stepping: &str,
         ticks_per_second: u32,
         substeps: u32,
+        publish_interval: u32,
         gravity: Option<&Bound<'_, PyAny>>,
         delay_ticks: f64,
         smooth: bool,
@@ -103,6 +104,7 @@ impl PyConnection {
             stepping: one_of(py, &STEPPINGS, stepping, "stepping")?,
             ticks_per_second,
             substeps,
+            publish_interval,
             gravity: gravity.transpose()?,
             delay_ticks,
             smooth,

@@ -6,6 +6,7 @@
 mod c;
 mod csharp;
 mod engines;
+mod opensim;
 mod python;
 mod script;
 

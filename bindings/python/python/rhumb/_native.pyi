@@ -48,6 +48,7 @@ class Connection:
         stepping: Literal["lockstep", "free running"] = "lockstep",
         ticks_per_second: int = 60,
         substeps: int = 4,
+        publish_interval: int = 1,
         gravity: Optional[_Vector] = None,
         delay_ticks: float = 0.0,
         smooth: bool = True,
@@ -56,7 +57,7 @@ class Connection:
         """Joins a scene, and uses the connection up.
 
         The tolerance is how far any point of a copied body may be off, in metres whatever the coordinates. Stepping, ticks,
-        substeps and gravity are those of a new scene; no gravity means the earth's.
+        substeps, publish interval and gravity are those of a new scene; no gravity means the earth's.
         """
 
     def close(self) -> None: ...
