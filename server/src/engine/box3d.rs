@@ -64,8 +64,9 @@ struct Slot {
 }
 
 impl Slot {
-    const fn is(&self, kind: BodyKind) -> bool {
-        self.properties.desc.enabled && self.properties.desc.kind as u8 == kind as u8
+    /// True for an enabled body of a kind.
+    fn is(&self, kind: BodyKind) -> bool {
+        self.properties.desc.enabled && self.properties.desc.kind == kind
     }
 }
 
@@ -483,7 +484,11 @@ impl Engine for Box3dEngine {
         let owner = |shape: &NativeShape| self.owners.get(shape).copied();
         out.extend(self.inside.iter().filter_map(|(sensor, visitor)| {
             let pair = (owner(sensor)?, owner(visitor)?);
-            let is_static = |id| self.bodies.get(id).is_some_and(|slot| slot.is(BodyKind::Static));
+            let is_static = |id| {
+                self.bodies
+                    .get(id)
+                    .is_some_and(|slot| slot.is(BodyKind::Static))
+            };
             let moves = !is_static(&pair.0) || !is_static(&pair.1);
             (moves && (pair.0 == id || pair.1 == id)).then_some(pair)
         }));

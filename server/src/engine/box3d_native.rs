@@ -28,7 +28,7 @@ pub(super) struct World {
     id: sys::b3WorldId,
     /// The meshes that shapes refer to.
     meshes: BTreeMap<NativeShape, Arc<MeshData>>,
-    not_sync: PhantomData<Cell<()>>,
+    _not_sync: PhantomData<Cell<()>>,
 }
 
 /// A body of a world.
@@ -179,7 +179,7 @@ impl World {
         Some(Self {
             id,
             meshes: BTreeMap::new(),
-            not_sync: PhantomData,
+            _not_sync: PhantomData,
         })
     }
 
@@ -208,7 +208,7 @@ impl World {
         };
         let tagged = moves
             .iter()
-            .map(|event| (event.userData as usize, event.fellAsleep));
+            .map(|event| (event.userData.addr(), event.fellAsleep));
         tagged.collect()
     }
 
@@ -411,8 +411,15 @@ of_body! {
     fn set_gravity_scale(id, to: f32) = sys::b3Body_SetGravityScale(id, to);
     fn set_swept(id, to: bool) = sys::b3Body_SetBullet(id, to);
     fn set_locks(id, locks: [bool; 6]) = {
-        let [linearX, linearY, linearZ, angularX, angularY, angularZ] = locks;
-        let locks = sys::b3MotionLocks { linearX, linearY, linearZ, angularX, angularY, angularZ };
+        let [x, y, z, about_x, about_y, about_z] = locks;
+        let locks = sys::b3MotionLocks {
+            linearX: x,
+            linearY: y,
+            linearZ: z,
+            angularX: about_x,
+            angularY: about_y,
+            angularZ: about_z,
+        };
         sys::b3Body_SetMotionLocks(id, locks);
     };
     fn set_enabled(id, to: bool) = {

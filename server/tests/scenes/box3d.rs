@@ -410,7 +410,9 @@ fn run_pit(kind: EngineKind) -> (u64, f64, usize, usize) {
 fn the_pit_of_500_balls_is_within_its_tolerance_at_every_tick_and_falls_asleep() {
     for kind in [EngineKind::Rapier, EngineKind::Box3d] {
         let (bytes, worst, resting, balls) = run_pit(kind);
-        println!("{kind}: {bytes} B in 30 s, {worst:.3} of the tolerance, {resting} of {balls} rest");
+        println!(
+            "{kind}: {bytes} B in 30 s, {worst:.3} of the tolerance, {resting} of {balls} rest"
+        );
         assert!(worst > 0.1 && worst <= 1.0, "{kind}: {worst}");
         assert!(balls > 300, "{kind}: {balls}");
         assert!(resting * 2 > balls, "{kind}: {resting} of {balls}");
