@@ -24,7 +24,7 @@ use super::box3d_body as translate;
 use super::box3d_contacts as touching;
 use super::box3d_joints::{self as joints, Box3dJoints};
 use super::box3d_native::{NativeBody, NativeShape, Placement, World};
-use super::box3d_shapes::{self as shapes, Solid};
+use super::box3d_shapes::{self as shapes, Box3dSolid};
 use super::interface::{
     BodyProperties, Engine, EngineFault, EnginePart, NoEngine, Push, UnanswerableQuery,
     UnusableShape,
@@ -36,9 +36,9 @@ pub struct Box3dEngine {
     world: World,
     integrator: Integrator,
     sleep: Option<SleepConfig>,
-    solids: BTreeMap<ShapeId, Solid>,
+    solids: BTreeMap<ShapeId, Box3dSolid>,
     joints: Box3dJoints,
-    bodies: BTreeMap<BodyId, Slot>,
+    bodies: BTreeMap<BodyId, Box3dBody>,
     /// Body of each shape of the world.
     owners: BTreeMap<NativeShape, BodyId>,
     /// Sensors, and the shapes inside them.
@@ -56,14 +56,14 @@ pub struct Box3dEngine {
 }
 
 /// A body of the world, its shapes, and its pose after the last step.
-struct Slot {
+struct Box3dBody {
     body: NativeBody,
     shapes: Vec<NativeShape>,
     properties: BodyProperties,
     stepped: Placement,
 }
 
-impl Slot {
+impl Box3dBody {
     /// True for an enabled body of a kind.
     fn is(&self, kind: BodyKind) -> bool {
         self.properties.desc.enabled && self.properties.desc.kind == kind
@@ -108,7 +108,7 @@ impl Box3dEngine {
     }
 
     /// Gives a body the shapes of its solid in place of those that it has.
-    fn reshape(&mut self, slot: &mut Slot) {
+    fn reshape(&mut self, slot: &mut Box3dBody) {
         self.strip(slot);
         let Some(solid) = self.solids.get(&slot.properties.desc.shape) else {
             return;
@@ -123,7 +123,7 @@ impl Box3dEngine {
     }
 
     /// Takes a body's shapes out of the world.
-    fn strip(&mut self, slot: &mut Slot) {
+    fn strip(&mut self, slot: &mut Box3dBody) {
         for shape in slot.shapes.drain(..) {
             self.owners.remove(&shape);
             self.inside
@@ -267,7 +267,7 @@ impl Box3dEngine {
     /// The bodies where the last step left them.
     fn placed(&self) -> &PlacedBodies {
         self.placed.get_or_init(|| {
-            let enabled = |slot: &&Slot| slot.properties.desc.enabled;
+            let enabled = |slot: &&Box3dBody| slot.properties.desc.enabled;
             let bodies = self.bodies.values().filter(enabled).filter_map(|slot| {
                 let desc = &slot.properties.desc;
                 let solid = self.solids.get(&desc.shape)?;
@@ -311,7 +311,7 @@ impl Engine for Box3dEngine {
         let sleep_speed = self.sleep.map(|sleep| sleep.speed);
         let new = translate::new_body(&properties, &motion, sleep_speed);
         let body = self.world.add_body(&new);
-        let mut slot = Slot {
+        let mut slot = Box3dBody {
             body,
             shapes: Vec::new(),
             properties,

@@ -4,7 +4,7 @@
 //! of another world, does nothing; a world keeps every mesh that a shape of it may refer to; `World` is not `Sync`, so
 //! that one thread at a time works on a world. Calls with numbers that are not finite are the caller's mistake, and do no
 //! harm to memory.
-#![allow(unsafe_code)]
+#![expect(unsafe_code, reason = "Box3D is written in C")]
 
 use core::cell::Cell;
 use core::marker::PhantomData;
@@ -64,7 +64,7 @@ pub(super) struct NewBody {
 
 /// Geometry in the axes of a body.
 #[derive(Clone)]
-pub(super) enum Piece {
+pub(super) enum NativePiece {
     Sphere(Vec3, f32),
     Capsule([Vec3; 2], f32),
     /// Half extents, and its pose in the body.
@@ -263,7 +263,7 @@ impl World {
     pub(super) fn attach(
         &mut self,
         body: NativeBody,
-        piece: &Piece,
+        piece: &NativePiece,
         surface: &Surface,
     ) -> Option<NativeShape> {
         let id = self.live(body)?;
@@ -280,12 +280,12 @@ impl World {
             def.enableSensorEvents = true;
             let def = &raw const def;
             match piece {
-                Piece::Sphere(center, radius) => {
+                NativePiece::Sphere(center, radius) => {
                     let center = vector(*center);
                     let radius = *radius;
                     sys::b3CreateSphereShape(id, def, &sys::b3Sphere { center, radius })
                 }
-                Piece::Capsule([one, other], radius) => {
+                NativePiece::Capsule([one, other], radius) => {
                     let capsule = sys::b3Capsule {
                         center1: vector(*one),
                         center2: vector(*other),
@@ -293,13 +293,13 @@ impl World {
                     };
                     sys::b3CreateCapsuleShape(id, def, &raw const capsule)
                 }
-                Piece::Cuboid(half, at) => {
+                NativePiece::Cuboid(half, at) => {
                     let at = transform(*at);
                     let hull = sys::b3MakeTransformedBoxHull(half.x, half.y, half.z, at);
                     sys::b3CreateHullShape(id, def, &raw const hull.base)
                 }
-                Piece::Hull(hull) => sys::b3CreateHullShape(id, def, hull.0.as_ptr()),
-                Piece::Mesh(mesh) => {
+                NativePiece::Hull(hull) => sys::b3CreateHullShape(id, def, hull.0.as_ptr()),
+                NativePiece::Mesh(mesh) => {
                     let scale = vector(Vec3::ONE);
                     sys::b3CreateMeshShape(id, def, mesh.0.as_ptr(), scale)
                 }
@@ -307,7 +307,7 @@ impl World {
         };
         // SAFETY: the id is Box3D's own.
         let made = unsafe { sys::b3Shape_IsValid(made) }.then(|| shape(made))?;
-        if let Piece::Mesh(mesh) = piece {
+        if let NativePiece::Mesh(mesh) = piece {
             self.meshes.insert(made, Arc::clone(mesh));
         }
         Some(made)

@@ -9,15 +9,15 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{Heights, Shape};
 use rhumb_solids::{SolidPart, UnitMass};
 
-use super::box3d_native::{HullData, MeshData, Piece, Placement, Surface};
+use super::box3d_native::{HullData, MeshData, NativePiece, Placement, Surface};
 use super::interface::{BodyProperties, UnusableShape};
 
 /// Sides of the hull of a cylinder or a cone.
 const SIDES: u16 = 24;
 
 /// Solid that all bodies of one shape share.
-pub(super) struct Solid {
-    pub(super) pieces: Vec<Piece>,
+pub(super) struct Box3dSolid {
+    pub(super) pieces: Vec<NativePiece>,
     /// Mass at density one; `None` for a shape without volume.
     pub(super) unit: Option<UnitMass>,
     /// The same solid for queries.
@@ -38,7 +38,7 @@ pub(super) fn supports(shape: &Shape) -> bool {
 /// # Errors
 ///
 /// [`UnusableShape`] for a shape without faces, with a hull of too many points, or without normal mass and moments.
-pub(super) fn solid(shape: &Shape) -> Result<Solid, UnusableShape> {
+pub(super) fn solid(shape: &Shape) -> Result<Box3dSolid, UnusableShape> {
     let mut pieces = Vec::new();
     add_pieces(shape, (Vec3::ZERO, Quat::IDENTITY), &mut pieces)?;
     let parts = rhumb_solids::parts(shape).ok_or(UnusableShape)?;
@@ -47,7 +47,7 @@ pub(super) fn solid(shape: &Shape) -> Result<Solid, UnusableShape> {
     if has_volume && unit.is_none() {
         return Err(UnusableShape);
     }
-    Ok(Solid {
+    Ok(Box3dSolid {
         pieces,
         unit,
         parts,
@@ -58,24 +58,24 @@ pub(super) fn solid(shape: &Shape) -> Result<Solid, UnusableShape> {
 fn add_pieces(
     shape: &Shape,
     (centre, turn): Placement,
-    pieces: &mut Vec<Piece>,
+    pieces: &mut Vec<NativePiece>,
 ) -> Result<(), UnusableShape> {
     let place = |point: Vec3| centre + turn * point;
     let hull = |points: &mut dyn Iterator<Item = Vec3>| {
         let points: Vec<_> = points.map(place).collect();
         let hull = HullData::new(&points).ok_or(UnusableShape)?;
-        Ok(Piece::Hull(Arc::new(hull)))
+        Ok(NativePiece::Hull(Arc::new(hull)))
     };
     let piece = match shape {
-        Shape::Ball { radius } => Piece::Sphere(centre, *radius),
+        Shape::Ball { radius } => NativePiece::Sphere(centre, *radius),
         Shape::Capsule {
             half_height,
             radius,
         } => {
             let end = Vec3::Y * *half_height;
-            Piece::Capsule([place(-end), place(end)], *radius)
+            NativePiece::Capsule([place(-end), place(end)], *radius)
         }
-        Shape::Cuboid { half_extents } => Piece::Cuboid(*half_extents, (centre, turn)),
+        Shape::Cuboid { half_extents } => NativePiece::Cuboid(*half_extents, (centre, turn)),
         Shape::Cylinder {
             half_height: h,
             radius,
@@ -117,10 +117,10 @@ fn ring(radius: f32, height: f32) -> impl Iterator<Item = Vec3> {
 fn mesh(
     points: impl Iterator<Item = Vec3>,
     triangles: &[[u32; 3]],
-) -> Result<Piece, UnusableShape> {
+) -> Result<NativePiece, UnusableShape> {
     let points: Vec<_> = points.collect();
     let mesh = MeshData::new(&points, triangles).ok_or(UnusableShape)?;
-    Ok(Piece::Mesh(Arc::new(mesh)))
+    Ok(NativePiece::Mesh(Arc::new(mesh)))
 }
 
 /// The posts of a height field and two triangles for each cell, whose fronts are up.

@@ -16,15 +16,15 @@ use super::rapier_workers::Workers;
 ///
 /// Scenes that a data directory restores always have [`RapierEngine`]: the images of another engine are not known.
 #[derive(Clone, Default)]
-pub struct Engines(Source);
+pub struct Engines(EngineSource);
 
 #[derive(Clone)]
-enum Source {
+enum EngineSource {
     Kind(EngineKind),
     Function(Arc<dyn Make>),
 }
 
-impl Default for Source {
+impl Default for EngineSource {
     fn default() -> Self {
         Self::Kind(EngineKind::default())
     }
@@ -42,7 +42,7 @@ impl Engines {
     /// Engines of a kind that this program was built with.
     #[must_use]
     pub const fn of(kind: EngineKind) -> Self {
-        Self(Source::Kind(kind))
+        Self(EngineSource::Kind(kind))
     }
 
     /// Engines from a function. An engine must be empty and have the configuration's gravity.
@@ -52,7 +52,7 @@ impl Engines {
         + Sync
         + 'static,
     ) -> Self {
-        Self(Source::Function(Arc::new(make)))
+        Self(EngineSource::Function(Arc::new(make)))
     }
 
     /// An empty engine for a scene of a checked configuration.
@@ -66,10 +66,12 @@ impl Engines {
         workers: &Workers,
     ) -> Result<Box<dyn Engine>, NoEngine> {
         match &self.0 {
-            Source::Function(make) => make(config, workers),
-            Source::Kind(EngineKind::Rapier) => Ok(Box::new(RapierEngine::on(config, workers))),
+            EngineSource::Function(make) => make(config, workers),
+            EngineSource::Kind(EngineKind::Rapier) => {
+                Ok(Box::new(RapierEngine::on(config, workers)))
+            }
             #[cfg(feature = "box3d")]
-            Source::Kind(EngineKind::Box3d) => Ok(Box::new(Box3dEngine::new(config)?)),
+            EngineSource::Kind(EngineKind::Box3d) => Ok(Box::new(Box3dEngine::new(config)?)),
         }
     }
 }
