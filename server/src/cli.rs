@@ -26,6 +26,7 @@ use crate::announcement::{announce_opening, page_url};
 #[cfg(feature = "demo")]
 use crate::demo::{DemoArguments, open_browser};
 use crate::durable::{self, DataDir, DataError};
+use crate::engine::EngineKind;
 use crate::flight;
 use crate::front;
 use crate::hook::Hooks;
@@ -107,6 +108,9 @@ pub struct Arguments {
     /// Run on this processor core alone, or on these cores.
     #[arg(long, value_delimiter = ',')]
     core: Vec<usize>,
+    /// Physics engine of all scenes: rapier, or one that this program was built with by a feature [default: rapier].
+    #[arg(long, value_name = "NAME")]
+    engine: Option<EngineKind>,
     /// Number of threads to step and publish on, shared by all scenes; more than one needs the feature `parallel` [default: 1].
     #[arg(long)]
     threads: Option<NonZeroU32>,
@@ -249,6 +253,7 @@ fn settings_of(arguments: &Arguments) -> Result<ServerSettings, Box<dyn Error>> 
     set(&mut settings.listen, arguments.listen);
     set(&mut settings.audience, arguments.audience.clone());
     set(&mut settings.log, arguments.log);
+    set(&mut settings.engine, arguments.engine);
     set(&mut settings.threads, arguments.threads);
     set(&mut settings.workers, arguments.workers);
     settings.share_worker |= arguments.share_worker;
@@ -336,6 +341,7 @@ fn run(settings: &ServerSettings, parts: Parts) -> Result<(), Box<dyn Error>> {
     let origins = settings.web_origins.iter().cloned().collect();
     let origins = settings.web.then_some(origins);
     let mut server = Server::bind_with_origins(settings.listen, &identity, access, origins)?;
+    server.build_with(settings.engine);
     server.employ(workers);
     server.set_largest_packet(settings.largest_packet);
     server.set_limits(settings.limits);

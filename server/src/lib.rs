@@ -37,7 +37,8 @@
 //! # Ok(())
 //! # }
 //! ```
-#![forbid(unsafe_code)]
+#![cfg_attr(not(feature = "box3d"), forbid(unsafe_code))]
+#![deny(unsafe_code)]
 
 mod access;
 mod announcement;

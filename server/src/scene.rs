@@ -27,7 +27,7 @@ pub(crate) use self::image::FrozenScene;
 use crate::baking::BakedShapes;
 use crate::digest::Digest;
 use crate::durable::{Journal, Record};
-use crate::engine::{Engine, EngineFault, Push, RapierEngine, Workers};
+use crate::engine::{Engine, EngineFault, EnginePart, Push, RapierEngine, Workers};
 use crate::event_monitor::{EventMonitor, StepEvents};
 use crate::registry::Registry;
 
@@ -175,10 +175,12 @@ impl Scene {
                 self.engine.set_gravity(gravity);
             }
             Command::AddJoint { id, ref joint } => {
+                self.supported(EnginePart::Joint(joint))?;
                 self.registry.add_joint(id, **joint)?;
                 self.act_joint(id, joint);
             }
             Command::ChangeJoint { id, ref joint } => {
+                self.supported(EnginePart::Joint(joint))?;
                 self.registry.change_joint(id, **joint)?;
                 self.engine.remove_joint(id);
                 self.act_joint(id, joint);
@@ -279,6 +281,7 @@ impl Scene {
     }
 
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), CommandError> {
+        self.supported(EnginePart::Shape(shape))?;
         let baked = self.baked.take(id, shape);
         self.registry.add_shape(id, shape.clone())?;
         let added = match baked {
@@ -292,6 +295,12 @@ impl Scene {
         Ok(())
     }
 
+    /// Refuses what the engine does not have.
+    fn supported(&self, part: EnginePart<'_>) -> Result<(), CommandError> {
+        let supports = self.engine.supports(part);
+        supports.then_some(()).ok_or(CommandError::Unsupported)
+    }
+
     /// Tells the engine of removed joints.
     fn forget_joints(&mut self, joints: impl IntoIterator<Item = JointId>) {
         for id in joints {
@@ -301,6 +310,7 @@ impl Scene {
 
     fn add_body(&mut self, desc: BodyDesc, motion: BodyState) -> Result<(), CommandError> {
         let properties = self.properties(desc);
+        self.supported(EnginePart::Body(&properties))?;
         self.check_moment(&properties)?;
         self.registry.add_body(desc, properties.damping)?;
         self.engine.add(&properties, motion);
@@ -309,6 +319,7 @@ impl Scene {
 
     fn change_body(&mut self, desc: BodyDesc) -> Result<(), CommandError> {
         let properties = self.properties(desc);
+        self.supported(EnginePart::Body(&properties))?;
         self.check_moment(&properties)?;
         let before = self.registry.change_body(desc, properties.damping)?;
         // Joints of disabled bodies are not in the engine, which fails on some of them.

@@ -24,7 +24,7 @@ use rhumb_transport::{
 use crate::access::KeyError;
 use crate::access::{Gate, TokenKeys};
 use crate::durable::{DataDir, DataError};
-use crate::engine::{Workers, WorkersError};
+use crate::engine::{EngineKind, Workers, WorkersError};
 use crate::flight::FlightWriter;
 #[cfg(feature = "app")]
 use crate::front::Adapter;
@@ -98,6 +98,7 @@ pub struct Server {
     access: Access,
     hooks: Option<Hooks>,
     provided: Option<ProvidedScenes>,
+    engine: EngineKind,
     workers: Workers,
     /// `Some` if scenes run in worker processes.
     processes: Option<ProcessOptions>,
@@ -274,6 +275,7 @@ impl Server {
             access,
             hooks: None,
             provided: None,
+            engine: EngineKind::default(),
             workers: Workers::default(),
             processes: None,
             largest_packet: LargestPacket::DEFAULT,
@@ -354,6 +356,11 @@ impl Server {
         self.processes = Some(options);
     }
 
+    /// Sets the engine of later scenes; with a data directory it must keep images.
+    pub const fn build_with(&mut self, engine: EngineKind) {
+        self.engine = engine;
+    }
+
     /// Sets the threads that step and publish later scenes.
     pub fn employ(&mut self, workers: Workers) {
         self.workers = workers;
@@ -428,6 +435,7 @@ impl Server {
         #[cfg(feature = "view")]
         let showing = server.start_page(&metrics)?;
         front.guard(gate(server.access));
+        front.build_with(server.engine);
         front.employ(server.workers);
         front.set_largest_packet(server.largest_packet);
         if let Some(hooks) = server.hooks {

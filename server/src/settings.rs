@@ -20,6 +20,7 @@ use toml::{Table, Value};
 use tracing::level_filters::LevelFilter;
 
 use crate::access::DEFAULT_AUDIENCE;
+use crate::engine::EngineKind;
 use crate::limits::{InvalidLimit, Limits};
 
 /// Where scenes run.
@@ -54,6 +55,8 @@ pub(crate) struct ServerSettings {
     #[serde(deserialize_with = "parsed")]
     pub(crate) log: LevelFilter,
     pub(crate) cores: Vec<usize>,
+    #[serde(deserialize_with = "parsed")]
+    pub(crate) engine: EngineKind,
     pub(crate) threads: NonZeroU32,
     pub(crate) workers: WorkerKind,
     pub(crate) share_worker: bool,
@@ -99,7 +102,7 @@ impl std::error::Error for SettingsError {}
 const PREFIX: &str = "RHUMB_SERVER_";
 
 /// The settings beside the limits: name, default as the file writes it, meaning.
-const ROWS: [(&str, &str, &str); 22] = [
+const ROWS: [(&str, &str, &str); 23] = [
     (
         "listen",
         "\"127.0.0.1:4433\"",
@@ -173,6 +176,11 @@ const ROWS: [(&str, &str, &str); 22] = [
     ),
     ("cores", "[]", "Processor cores to run on; empty for all."),
     (
+        "engine",
+        "\"rapier\"",
+        "Physics engine of all scenes; \"box3d\" needs the feature `box3d` and keeps no data directory.",
+    ),
+    (
         "threads",
         "1",
         "Threads to step on; more than one needs the feature `parallel`.",
@@ -228,6 +236,7 @@ impl Default for ServerSettings {
             foxglove: None,
             log: LevelFilter::INFO,
             cores: Vec::new(),
+            engine: EngineKind::default(),
             threads: NonZeroU32::MIN,
             workers: WorkerKind::Threads,
             share_worker: false,

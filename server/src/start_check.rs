@@ -42,6 +42,7 @@ pub(crate) fn check(
     if !settings.cores.is_empty() {
         run_on_cores(&settings.cores)?;
     }
+    check_engine(settings)?;
     let workers = Workers::new(Some(settings.threads)).map_err(RunError::Workers)?;
     let access = access(settings)?;
     if matches!(access, Access::OpenOnLoopback) && !settings.listen.ip().is_loopback() {
@@ -66,6 +67,18 @@ pub(crate) fn check(
         access,
         processes,
     })
+}
+
+/// Refuses a data directory for scenes of an engine without images.
+fn check_engine(settings: &ServerSettings) -> Result<(), Box<dyn Error>> {
+    if settings.data.is_none() || settings.engine.keeps_images() {
+        return Ok(());
+    }
+    let engine = settings.engine;
+    Err(format!(
+        "the engine {engine} cannot store its scenes: leave out --data, or take another --engine"
+    )
+    .into())
 }
 
 /// The certificate to serve with: its files, or one for development, which a data directory keeps.

@@ -5,7 +5,11 @@
 #![forbid(unsafe_code)]
 
 mod parts;
+mod placed;
 mod queries;
+mod unit_mass;
 
 pub use parts::{SolidPart, add_parts, parts, pose, simple_part};
+pub use placed::PlacedBodies;
 pub use queries::{SearchedBodies, answer};
+pub use unit_mass::UnitMass;

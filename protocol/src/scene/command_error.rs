@@ -73,6 +73,8 @@ pub enum CommandError {
     TooManyJoints,
     /// The scene has reached its limit of bodies that are swept against moving ones.
     TooManySwept,
+    /// The engine of the scene has no such shape, joint or property of bodies.
+    Unsupported,
     /// A reason of a later version; the code is from [`OPTIONAL`] on.
     Other(u8),
 }
@@ -127,6 +129,9 @@ impl fmt::Display for CommandError {
             Self::TooManySwept => {
                 f.write_str("the scene has reached its limit of bodies swept against moving ones")
             }
+            Self::Unsupported => f.write_str(
+                "the engine of the scene has no such shape, joint or property of bodies",
+            ),
             Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
         }
     }
@@ -177,6 +182,7 @@ impl Wire for CommandError {
                 to.u8(36);
                 to.varint(u64::from(limit_ms));
             }
+            Self::Unsupported => to.u8(37),
             Self::Other(code) => to.u8(code),
         }
     }
@@ -217,6 +223,7 @@ impl Wire for CommandError {
             36 => Self::ShapeTooSlow {
                 limit_ms: from.varint32()?,
             },
+            37 => Self::Unsupported,
             code @ OPTIONAL.. => Self::Other(code),
             _ => return Err(Malformed::UnknownCode),
         })

@@ -5,7 +5,10 @@ use std::sync::Arc;
 
 use rhumb_protocol::scene::SceneConfig;
 
-use super::interface::Engine;
+#[cfg(feature = "box3d")]
+use super::box3d::Box3dEngine;
+use super::engine_kind::EngineKind;
+use super::interface::{Engine, NoEngine};
 use super::rapier::RapierEngine;
 use super::rapier_workers::Workers;
 
@@ -13,27 +16,62 @@ use super::rapier_workers::Workers;
 ///
 /// Scenes that a data directory restores always have [`RapierEngine`]: the images of another engine are not known.
 #[derive(Clone, Default)]
-pub struct Engines(Option<Arc<dyn Make>>);
+pub struct Engines(EngineSource);
+
+#[derive(Clone)]
+enum EngineSource {
+    Kind(EngineKind),
+    Function(Arc<dyn Make>),
+}
+
+impl Default for EngineSource {
+    fn default() -> Self {
+        Self::Kind(EngineKind::default())
+    }
+}
 
 /// The function type of engines.
-trait Make: Fn(&SceneConfig, &Workers) -> Box<dyn Engine> + Send + Sync {}
+trait Make: Fn(&SceneConfig, &Workers) -> Result<Box<dyn Engine>, NoEngine> + Send + Sync {}
 
-impl<F: Fn(&SceneConfig, &Workers) -> Box<dyn Engine> + Send + Sync> Make for F {}
+impl<F> Make for F where
+    F: Fn(&SceneConfig, &Workers) -> Result<Box<dyn Engine>, NoEngine> + Send + Sync
+{
+}
 
 impl Engines {
+    /// Engines of a kind that this program was built with.
+    #[must_use]
+    pub const fn of(kind: EngineKind) -> Self {
+        Self(EngineSource::Kind(kind))
+    }
+
     /// Engines from a function. An engine must be empty and have the configuration's gravity.
     pub fn new(
-        make: impl Fn(&SceneConfig, &Workers) -> Box<dyn Engine> + Send + Sync + 'static,
+        make: impl Fn(&SceneConfig, &Workers) -> Result<Box<dyn Engine>, NoEngine>
+        + Send
+        + Sync
+        + 'static,
     ) -> Self {
-        Self(Some(Arc::new(make)))
+        Self(EngineSource::Function(Arc::new(make)))
     }
 
     /// An empty engine for a scene of a checked configuration.
-    #[must_use]
-    pub fn make(&self, config: &SceneConfig, workers: &Workers) -> Box<dyn Engine> {
+    ///
+    /// # Errors
+    ///
+    /// [`NoEngine`] if the engine has no room for another world.
+    pub fn make(
+        &self,
+        config: &SceneConfig,
+        workers: &Workers,
+    ) -> Result<Box<dyn Engine>, NoEngine> {
         match &self.0 {
-            Some(make) => make(config, workers),
-            None => Box::new(RapierEngine::on(config, workers)),
+            EngineSource::Function(make) => make(config, workers),
+            EngineSource::Kind(EngineKind::Rapier) => {
+                Ok(Box::new(RapierEngine::on(config, workers)))
+            }
+            #[cfg(feature = "box3d")]
+            EngineSource::Kind(EngineKind::Box3d) => Ok(Box::new(Box3dEngine::new(config)?)),
         }
     }
 }

@@ -42,12 +42,47 @@ pub enum Push {
     TorqueImpulse(Vec3),
 }
 
+/// A part of a scene that an engine may lack.
+#[derive(Clone, Copy, Debug)]
+pub enum EnginePart<'a> {
+    /// A shape that a client adds.
+    Shape(&'a Shape),
+    /// A body that a client adds or changes.
+    Body(&'a BodyProperties),
+    /// A joint that a client adds or changes.
+    Joint(&'a Joint),
+}
+
 /// A world of rigid bodies that can be stepped.
 ///
-/// Only [`Engine::step`] and [`Engine::add_shape`] can fail: an absent body is ignored, and an engine that breaks is
-/// faulted from then on. A change without effect (the present pose, no force) wakes nothing.
+/// The contract between a scene and its engine:
+///
+/// - **Units and frames.** Metres, kilograms, seconds, radians; world frame, right-handed; a rotation turns body axes to
+///   world axes; a body's origin is its centre of mass. Observations are f32.
+/// - **Order.** A scene calls from one thread at a time: any number of changes, then [`Engine::step`], then what reads
+///   the step: `observe`, `overloaded_joints`, `contacts`, `sensed`. `observe_one`, `query`, `copy` and `freeze` may come
+///   at any time. Changes act from the next step on.
+/// - **Arguments.** Every number is finite and within `limits.rs`; an id that is added is free; the shape of a body is
+///   known; the bodies of a joint are enabled. A body or joint that is not there is ignored.
+/// - **Determinism.** Equal configurations and equal calls give equal bits, in every run of one binary, whatever other
+///   worlds the process has and however many threads. Nothing depends on the clock, on addresses, or on the calls that
+///   read.
+/// - **Missing parts.** [`Engine::supports`] says what an engine lacks; the client gets `Unsupported`. A shape that it
+///   cannot make of allowed numbers is [`UnusableShape`], and the client gets `ShapeUnfit`; a query that it cannot
+///   evaluate is [`UnanswerableQuery`], and the client gets `Unanswerable`. An engine without `copy` has scenes that end
+///   with a fault; one without `freeze` has no data directory, and a server with one does not start.
+/// - **Failure.** Only [`Engine::step`] and [`Engine::add_shape`] can fail. An engine that breaks is faulted from then on;
+///   it may also panic, which the scene contains and which ends it.
+/// - **Sleep.** A change without effect (the present pose, no force) wakes nothing.
 pub trait Engine: Send {
-    /// Adds a solid under a free id.
+    /// True if the engine has such a part at all; called before each change that brings one, and must not depend on the
+    /// state of the world. A change that is not supported is not made.
+    fn supports(&self, part: EnginePart<'_>) -> bool {
+        let _ = part;
+        true
+    }
+
+    /// Adds a solid under a free id. Lengths in metres, in the axes of the body, from its centre of mass.
     ///
     /// # Errors
     ///
@@ -55,6 +90,7 @@ pub trait Engine: Send {
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), UnusableShape>;
 
     /// A function that makes a solid of a shape, on any thread; `None` for an engine that makes them in `add_shape` only.
+    /// Then a large shape holds its scene up.
     fn baker(&self) -> Option<Baker> {
         None
     }
@@ -69,8 +105,8 @@ pub trait Engine: Send {
         Err(UnusableShape)
     }
 
-    /// The largest moment of inertia that a body has from its shape and density, kg·m²; `None` if the body has a mass of
-    /// its own, its shape is unknown, or the engine cannot say.
+    /// The largest moment of inertia that a body has from its shape and density, kg·m², before it is added; `None` if the
+    /// body has a mass of its own, its shape is unknown, or the engine cannot say. A client gets `OutOfRange` by it.
     fn moment(&self, body: &BodyProperties) -> Option<f32> {
         let _ = body;
         None
@@ -79,10 +115,11 @@ pub trait Engine: Send {
     /// Removes a solid that no body has.
     fn remove_shape(&mut self, id: ShapeId);
 
-    /// Adds a body with this pose and these velocities; no body of the engine has its index.
+    /// Adds a body with this pose and these velocities (m/s, rad/s); no body of the engine has its index. A dynamic body is
+    /// awake.
     fn add(&mut self, body: &BodyProperties, motion: BodyState);
 
-    /// Replaces the properties of a body, and wakes it and what it touches.
+    /// Replaces the properties of a body, and wakes it and what it touches. Its joints stay.
     ///
     /// `before`: its description until now. A body that becomes kinematic or static, or is disabled, stands still.
     fn change(&mut self, before: &BodyDesc, body: &BodyProperties);
@@ -90,35 +127,36 @@ pub trait Engine: Send {
     /// Removes a body with its joints; bodies that rested on it wake.
     fn remove(&mut self, id: BodyId);
 
-    /// Joins two bodies under a free id, and wakes them.
+    /// Joins two bodies under a free id, and wakes them. Anchors in metres from the centres of mass, in the bodies' axes.
     fn add_joint(&mut self, id: JointId, joint: &Joint);
 
     /// Removes a joint and wakes its bodies; a joint that went with a body is ignored.
     fn remove_joint(&mut self, id: JointId);
 
-    /// Adds the joints whose load in the last step was above their strength, in the order of ids. They still act.
+    /// Adds the joints whose load in the last step was above their strength (N, N·m), in the order of ids. They still act:
+    /// the scene removes them. An engine that cannot measure loads must not support joints with a strength.
     fn overloaded_joints(&self, out: &mut Vec<JointId>);
 
     /// Displaces a static, dynamic or disabled body and wakes what it touched; a kinematic one moves there in the next
-    /// step.
+    /// step. Metres, unit quaternion.
     ///
     /// A kinematic body then stands still, unless a velocity is set after the pose.
     fn set_pose(&mut self, id: BodyId, position: Vec3, rotation: Quat);
 
-    /// Sets the velocities of a dynamic body, or those that a kinematic one keeps.
+    /// Sets the velocities of a dynamic body, or those that a kinematic one keeps: m/s and rad/s, world frame.
     fn set_velocity(&mut self, id: BodyId, twist: Twist);
 
-    /// Puts a dynamic body to sleep, or wakes it.
+    /// Puts a dynamic body to sleep, or wakes it. An engine may have what touches it sleep too.
     fn set_activity(&mut self, id: BodyId, activity: Activity);
 
-    /// Pushes a dynamic body.
+    /// Pushes a dynamic body. However great the push, no velocity becomes infinite.
     fn push(&mut self, id: BodyId, push: Push);
 
     /// Sets gravity, m/s², and wakes all bodies.
     fn set_gravity(&mut self, gravity: Vec3);
 
-    /// Steps once and adds to `lost`, in the order of ids, the bodies that were removed because they left the world or
-    /// are not finite any more.
+    /// Steps once, by the length and substeps of the configuration's integrator, and adds to `lost`, in the order of ids,
+    /// the bodies that were removed because they left the world or are not finite any more.
     ///
     /// # Errors
     ///
@@ -126,16 +164,19 @@ pub trait Engine: Send {
     fn step(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) -> Result<(), EngineFault>;
 
     /// Adds what the last step changed, in the order of ids: each awake body, and once each body that fell asleep or
-    /// was static and displaced.
+    /// was static and displaced. Every value is finite and inside the world; a sleeping body does not move until it is
+    /// observed awake. Equal after equal steps, to the bit: the publisher predicts from these values.
     fn observe(&self, out: &mut Vec<Observation>);
 
-    /// The present observation of a body, static ones as asleep.
+    /// The present observation of a body, with changes since the last step; static ones as asleep.
     fn observe_one(&self, id: BodyId) -> Option<Observation>;
 
-    /// Moments of inertia of a body that rotates torque-free: dynamic, gyroscopic, with unequal moments.
+    /// Moments of inertia (kg·m²) of a body that rotates torque-free: dynamic, gyroscopic, with unequal moments. `None`
+    /// has its spin predicted as constant, which is right for an engine without gyroscopic forces.
     fn inertia(&self, id: BodyId) -> Option<Inertia>;
 
-    /// Adds one contact for each body that touches this one after the last step: the deepest.
+    /// Adds one contact for each body that touches this one after the last step: the deepest. Points in metres, forces in
+    /// newtons, normals towards this body.
     fn contacts(&self, id: BodyId, out: &mut Vec<Contact>);
 
     /// Adds each sensor with a body inside it after the last step, of which this body is one; a pair may come more than
@@ -143,7 +184,7 @@ pub trait Engine: Send {
     fn sensed(&self, id: BodyId, out: &mut Vec<(BodyId, BodyId)>);
 
     /// Answers a query by the poses of the last step. A body that was removed since is not found; one that was added
-    /// since may not be found.
+    /// since may not be found. An engine without queries may search `rhumb_solids::PlacedBodies`.
     ///
     /// # Errors
     ///
@@ -163,7 +204,10 @@ pub trait Engine: Send {
     }
 
     /// A copy of the world as it is, to be encoded on another thread. `None` while something has changed since the last
-    /// step that the copy would lack, and for an engine without images.
+    /// step that the copy would lack, and for an engine without images: [`EngineKind::keeps_images`] says so, and a data
+    /// directory is refused.
+    ///
+    /// [`EngineKind::keeps_images`]: super::EngineKind::keeps_images
     fn freeze(&self) -> Option<FrozenEngine> {
         None
     }
@@ -195,6 +239,18 @@ pub type FrozenEngine = Box<dyn FnOnce() -> Option<Vec<u8>> + Send>;
 /// Error: the engine cannot make a solid of a shape, though its numbers are within the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct UnusableShape;
+
+/// Error: the engine has no room for another world in this process. A client that wanted a scene gets `TooManyScenes`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct NoEngine;
+
+impl fmt::Display for NoEngine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the physics engine has no room for another scene in this process")
+    }
+}
+
+impl core::error::Error for NoEngine {}
 
 /// Error: the engine cannot evaluate a query, though its numbers are within the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

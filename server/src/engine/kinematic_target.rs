@@ -43,6 +43,12 @@ impl KinematicTarget {
         self.twist = twist;
     }
 
+    /// Present pose.
+    #[cfg(feature = "box3d")]
+    pub(super) const fn pose(&self) -> Pose {
+        self.pose
+    }
+
     /// True if it moves in the next step.
     pub(super) fn is_moving(&self) -> bool {
         self.target.is_some() || self.twist != Twist::ZERO

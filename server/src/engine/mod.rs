@@ -1,5 +1,18 @@
 //! The physics engine behind a trait.
 
+#[cfg(feature = "box3d")]
+mod box3d;
+#[cfg(feature = "box3d")]
+mod box3d_body;
+#[cfg(feature = "box3d")]
+mod box3d_contacts;
+#[cfg(feature = "box3d")]
+mod box3d_joints;
+#[cfg(feature = "box3d")]
+mod box3d_native;
+#[cfg(feature = "box3d")]
+mod box3d_shapes;
+mod engine_kind;
 mod engines;
 mod interface;
 mod kinematic_target;
@@ -11,10 +24,13 @@ mod rapier_query;
 mod rapier_solid;
 mod rapier_workers;
 
+#[cfg(feature = "box3d")]
+pub use box3d::Box3dEngine;
+pub use engine_kind::{EngineKind, UnknownEngine};
 pub use engines::Engines;
 pub use interface::{
-    BakedShape, Baker, BodyProperties, Engine, EngineFault, FrozenEngine, Push, UnanswerableQuery,
-    UnusableShape,
+    BakedShape, Baker, BodyProperties, Engine, EngineFault, EnginePart, FrozenEngine, NoEngine,
+    Push, UnanswerableQuery, UnusableShape,
 };
 pub use rapier::RapierEngine;
 #[cfg(feature = "app")]

@@ -48,7 +48,7 @@ use self::threads::{SharedClock, Threads};
 use self::worker::{HereWorker, ThreadWorker};
 use crate::access::Gate;
 use crate::authority_table::UpstreamStatistics;
-use crate::engine::Workers;
+use crate::engine::{EngineKind, Workers};
 use crate::hook::Hooks;
 use crate::limits::Limits;
 use crate::metrics::Metrics;
@@ -172,6 +172,11 @@ impl Front {
     /// Provides scenes that clients name.
     pub fn provide(&mut self, scenes: ProvidedScenes) {
         self.settings.provided = Some(scenes);
+    }
+
+    /// Sets the engine of later scenes.
+    pub const fn build_with(&mut self, engine: EngineKind) {
+        self.settings.engine = engine;
     }
 
     /// Sets the threads that divide a step and the streams of later scenes.

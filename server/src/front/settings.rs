@@ -9,7 +9,7 @@ use rhumb_protocol::packet::LargestPacket;
 
 use super::threads::SharedClock;
 use crate::durable::DataDir;
-use crate::engine::Workers;
+use crate::engine::{EngineKind, Engines, Workers};
 use crate::hook::Hooks;
 use crate::limits::Limits;
 use crate::load::ServerLoad;
@@ -24,6 +24,7 @@ pub(super) struct WorkerSettings {
     pub(super) stopwatch: SharedClock,
     pub(super) hooks: Option<Hooks>,
     pub(super) provided: Option<ProvidedScenes>,
+    pub(super) engine: EngineKind,
     pub(super) engine_threads: Workers,
     pub(super) largest_packet: LargestPacket,
     pub(super) slots: SceneSlots,
@@ -41,6 +42,7 @@ impl WorkerSettings {
             stopwatch: Arc::new(stopwatch),
             hooks: None,
             provided: None,
+            engine: EngineKind::default(),
             engine_threads: Workers::default(),
             largest_packet: LargestPacket::DEFAULT,
             slots: SceneSlots::default(),
@@ -65,6 +67,7 @@ impl WorkerSettings {
         if let Some(provided) = &self.provided {
             server_loop.provide(provided.clone());
         }
+        server_loop.build_with(Engines::of(self.engine));
         server_loop.employ(self.engine_threads.clone());
         server_loop.set_largest_packet(self.largest_packet);
         server_loop.share(self.slots.clone(), self.load.clone(), self.metrics.clone());

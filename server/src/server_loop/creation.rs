@@ -50,7 +50,10 @@ impl ServerLoop {
             let retry_seconds = load::RETRY_SECONDS;
             return Err(Denial::Overloaded { retry_seconds });
         }
-        let engine = self.engines.make(&config, &self.workers);
+        let engine = self.engines.make(&config, &self.workers).map_err(|cause| {
+            tracing::warn!(scene = %name, %cause, "a scene cannot begin");
+            Denial::TooManyScenes
+        })?;
         let scene = Scene::with_engine(config, engine).map_err(Denial::InvalidConfig)?;
         tracing::info!(scene = %name, "scene created");
         Ok(self.run_scene(name, scene, slot, load))

@@ -4,6 +4,8 @@
 
 mod attacks;
 mod baking;
+#[cfg(feature = "box3d")]
+mod box3d;
 mod front;
 mod order;
 mod refusals;

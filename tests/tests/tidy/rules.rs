@@ -151,20 +151,22 @@ fn reckoning_and_protocol_read_no_clock_open_no_socket_and_iterate_no_hash() {
 
 #[test]
 fn only_the_engines_files_name_the_engine() {
-    let words = ["rapier3d", "rapier"];
+    let words = ["rapier3d", "rapier", "box3d_sys"];
     let others = |file: &File| !file.is_in(&["server/src/engine/"]);
     report(
-        "only server/src/engine/rapier* names the engine",
+        "only server/src/engine/ names the engines",
         &naming(&words, others),
     );
-    let types = ["rapier3d"];
-    let beside = |file: &File| {
-        file.is_in(&["server/src/engine/"]) && !file.is_in(&["server/src/engine/rapier"])
-    };
-    report(
-        "only server/src/engine/rapier* names the engine",
-        &naming(&types, beside),
-    );
+    for (word, own) in [
+        ("rapier3d", "server/src/engine/rapier"),
+        ("box3d_sys", "server/src/engine/box3d_native"),
+    ] {
+        let beside = |file: &File| file.is_in(&["server/src/engine/"]) && !file.is_in(&[own]);
+        report(
+            "only an engine's own files name its library",
+            &naming(&[word], beside),
+        );
+    }
 }
 
 #[test]

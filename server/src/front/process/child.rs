@@ -125,6 +125,7 @@ impl WorkerProcess {
         let mut settings = WorkerSettings::new(clock.clone());
         settings.hooks = hooks;
         settings.limits = setup.limits;
+        settings.engine = setup.engine;
         settings.engine_threads = Workers::new(Some(setup.threads))?;
         settings.largest_packet =
             LargestPacket::new(setup.largest_packet).ok_or("no size of a packet")?;

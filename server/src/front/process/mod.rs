@@ -115,6 +115,7 @@ impl Processes {
             now_ns: now.as_nanos(),
             limits: *limits,
             largest_packet: settings.largest_packet.bytes() as u32,
+            engine: settings.engine,
             threads: self.options.threads,
             data: (settings.data.as_ref()).map(|data| data.path().to_owned()),
             log: self.options.log.to_string(),

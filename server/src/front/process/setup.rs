@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use crate::engine::EngineKind;
 use crate::limits::Limits;
 
 /// The settings of a worker process.
@@ -17,6 +18,7 @@ pub(super) struct WorkerSetup {
     pub(super) limits: Limits,
     /// Bytes of the largest packet of a stream.
     pub(super) largest_packet: u32,
+    pub(super) engine: EngineKind,
     /// Threads that step and publish.
     pub(super) threads: NonZeroU32,
     /// The data directory, whose lock the process has inherited.

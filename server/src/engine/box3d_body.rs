@@ -1,0 +1,232 @@
+//! Conversion of bodies to Box3D and back.
+//!
+//! Conversion only; `box3d` keeps the list of bodies.
+
+use glam::{Mat3, Quat, Vec3};
+use rhumb_protocol::limits::{ANGULAR_MAX, LINEAR_MAX};
+use rhumb_protocol::scene::{BodyKind, LockedAxes};
+use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, InvalidMotion, Pose, Twist};
+use rhumb_solids::UnitMass;
+
+use super::box3d_native::{Mobility, NativeBody, NewBody, Placement, World};
+use super::interface::{BodyProperties, Push};
+
+/// The body without its shapes. A kinematic one's velocities are not Box3D's: see `kinematic_target`.
+pub(super) fn new_body(
+    properties: &BodyProperties,
+    motion: &BodyState,
+    sleep_speed: Option<f32>,
+) -> NewBody {
+    let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
+    let desc = &properties.desc;
+    let is_dynamic = desc.kind == BodyKind::Dynamic;
+    let moving = |velocity: Vec3| if is_dynamic { velocity } else { Vec3::ZERO };
+    NewBody {
+        mobility: mobility(desc.kind),
+        at: (Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w)),
+        linear: moving(Vec3::new(vx, vy, vz)),
+        angular: moving(Vec3::new(wx, wy, wz)),
+        sleep_speed,
+        tag: tag(desc.id),
+    }
+}
+
+const fn mobility(kind: BodyKind) -> Mobility {
+    match kind {
+        BodyKind::Static => Mobility::Static,
+        BodyKind::Dynamic => Mobility::Dynamic,
+        BodyKind::Kinematic => Mobility::Kinematic,
+    }
+}
+
+/// An id as Box3D's user data: 48 bits.
+const fn tag(id: BodyId) -> usize {
+    const {
+        assert!(size_of::<usize>() == 8, "Box3D's user data holds an id");
+    }
+    (id.generation() as usize) << 32 | id.index() as usize
+}
+
+/// The id of a body by its user data.
+pub(super) const fn id(tag: usize) -> BodyId {
+    BodyId::new(tag as u32, (tag >> 32) as u16)
+}
+
+/// Sets the kind of a body, unless it has it.
+pub(super) fn set_kind(world: &mut World, body: NativeBody, kind: BodyKind) {
+    world.set_mobility(body, mobility(kind));
+}
+
+/// Sets every property of a body but its kind, its shapes and its mass. A body that the engine does not move stands
+/// still.
+pub(super) fn set_properties(
+    world: &mut World,
+    body: NativeBody,
+    properties: &BodyProperties,
+    integrator: Integrator,
+) {
+    let desc = &properties.desc;
+    let is_dynamic = desc.kind == BodyKind::Dynamic;
+    let of_substeps = |per_second| damping(per_second, integrator);
+    let damping = properties.damping;
+    world.set_damping(
+        body,
+        (of_substeps(damping.linear), of_substeps(damping.angular)),
+    );
+    world.set_gravity_scale(body, desc.gravity_scale);
+    world.set_swept(body, desc.swept && is_dynamic);
+    world.set_locks(body, [0, 1, 2, 3, 4, 5].map(|axis| desc.locked.locks(axis)));
+    if !is_dynamic || !desc.enabled {
+        world.set_velocities(body, (Vec3::ZERO, Vec3::ZERO));
+    }
+    world.set_enabled(body, desc.enabled);
+}
+
+/// Box3D damps in each substep, the protocol once a tick: the constant with which so many substeps divide a velocity by
+/// `1 + dt·damping`.
+fn damping(per_second: f32, integrator: Integrator) -> f32 {
+    let substeps = f64::from(integrator.substeps.get());
+    let dt = integrator.rate.step().seconds();
+    let of_substep = (f64::from(per_second) * dt).ln_1p() / substeps;
+    (of_substep.exp_m1() * substeps / dt) as f32
+}
+
+/// Gives a body its own mass, or that of its shape.
+pub(super) fn weigh(
+    world: &mut World,
+    body: NativeBody,
+    properties: &BodyProperties,
+    unit: Option<UnitMass>,
+) {
+    if properties.desc.kind == BodyKind::Dynamic {
+        let (mass, moments, frame) = mass_of(properties, unit);
+        let axes = Mat3::from_quat(frame);
+        let inertia = axes * Mat3::from_diagonal(moments) * axes.transpose();
+        world.set_mass(body, mass, inertia);
+    }
+}
+
+/// Mass, principal moments, and their axes.
+fn mass_of(properties: &BodyProperties, unit: Option<UnitMass>) -> (f32, Vec3, Quat) {
+    let own = properties.desc.mass;
+    if let Some((mass, moments)) = own.and_then(|own| Some((own.mass, own.moments?))) {
+        return (mass, moments, Quat::IDENTITY);
+    }
+    let Some(unit) = unit else {
+        // A body without shape falls too: a kilogram with the moments of a ball of one metre.
+        let factor = own.map_or(1.0, |own| own.mass);
+        return (factor, Vec3::splat(0.4 * factor), Quat::IDENTITY);
+    };
+    let density = own.map_or(properties.material.density, |own| own.mass / unit.mass);
+    let mass = own.map_or(unit.mass * density, |own| own.mass);
+    (mass, unit.moments * density, unit.frame)
+}
+
+/// Moments of inertia of a body, if it rotates torque-free with unequal ones.
+pub(super) fn inertia(properties: &BodyProperties, unit: Option<UnitMass>) -> Option<Inertia> {
+    if properties.desc.kind != BodyKind::Dynamic || properties.desc.locked != LockedAxes::NONE {
+        return None;
+    }
+    let (_, moments, frame) = mass_of(properties, unit);
+    let inertia = Inertia::new(moments.to_array(), frame.to_array()).ok()?;
+    (!inertia.is_isotropic()).then_some(inertia)
+}
+
+/// A pose in f64, its rotation normalised.
+pub(super) fn widen(position: Vec3, rotation: Quat) -> Pose {
+    Pose {
+        position: position.as_dvec3(),
+        rotation: rotation.as_dquat().normalize(),
+    }
+}
+
+/// A pose rounded to the engine's precision.
+pub(super) fn narrow(pose: &Pose) -> Placement {
+    (pose.position.as_vec3(), pose.rotation.as_quat())
+}
+
+/// The state of a body, with the velocities of Box3D or the given ones.
+///
+/// # Errors
+///
+/// [`InvalidMotion`] for a body that is no longer finite.
+pub(super) fn motion(
+    world: &World,
+    body: NativeBody,
+    kept: Option<Twist>,
+) -> Result<BodyState, InvalidMotion> {
+    let (position, rotation) = world.pose(body);
+    let (linear, angular) = match kept {
+        Some(twist) => narrow_twist(&twist),
+        None => world.velocities(body),
+    };
+    BodyState::new(
+        position.to_array(),
+        rotation.to_array(),
+        linear.to_array(),
+        angular.to_array(),
+    )
+}
+
+fn narrow_twist(twist: &Twist) -> (Vec3, Vec3) {
+    (twist.linear.as_vec3(), twist.angular.as_vec3())
+}
+
+/// Sets the velocities of a dynamic body; a change wakes it.
+pub(super) fn set_twist(world: &mut World, body: NativeBody, twist: &Twist) {
+    let to = narrow_twist(twist);
+    if world.velocities(body) != to {
+        world.set_awake(body, true);
+        world.set_velocities(body, to);
+    }
+}
+
+/// Pushes a dynamic body, but at most to the largest speed that a command may set.
+///
+/// `dt`: length of a step, seconds. Box3D ends forces with the step.
+pub(super) fn push(world: &mut World, body: NativeBody, push: Push, dt: f32) {
+    // Zero along locked axes.
+    let lightness = world.inverse_mass(body);
+    let turnability = world.inverse_inertia(body);
+    let (centre, _) = world.pose(body);
+    let lever = |point: Vec3| point - centre;
+    match push {
+        Push::ForceAt(force, point) => {
+            let torque = lever(point).cross(force);
+            self::push(world, body, Push::Force(force), dt);
+            self::push(world, body, Push::Torque(torque), dt);
+        }
+        Push::ImpulseAt(impulse, point) => {
+            let torque_impulse = lever(point).cross(impulse);
+            self::push(world, body, Push::Impulse(impulse), dt);
+            self::push(world, body, Push::TorqueImpulse(torque_impulse), dt);
+        }
+        Push::Force(force) if force != Vec3::ZERO => {
+            let share = share_within(force * lightness * dt, LINEAR_MAX);
+            world.push_force(body, force * share);
+        }
+        Push::Torque(torque) if torque != Vec3::ZERO => {
+            let share = share_within(turnability * torque * dt, ANGULAR_MAX);
+            world.push_torque(body, torque * share);
+        }
+        Push::Impulse(impulse) if impulse != Vec3::ZERO => {
+            let share = share_within(impulse * lightness, LINEAR_MAX);
+            world.push_impulse(body, impulse * share);
+        }
+        Push::TorqueImpulse(impulse) if impulse != Vec3::ZERO => {
+            let share = share_within(turnability * impulse, ANGULAR_MAX);
+            world.push_torque_impulse(body, impulse * share);
+        }
+        Push::Force(_) | Push::Torque(_) | Push::Impulse(_) | Push::TorqueImpulse(_) => {}
+    }
+}
+
+/// The factor in (0, 1] that shortens a vector to `most`, or one if it is shorter. Frame and unit: the vector's.
+fn share_within(vector: Vec3, most: f32) -> f32 {
+    let length = vector.as_dvec3().length();
+    if length <= f64::from(most) {
+        1.0
+    } else {
+        (f64::from(most) / length) as f32
+    }
+}
