@@ -78,7 +78,7 @@ impl Box3dEngine {
     /// [`NoEngine`] if the process has as many worlds as Box3D allows: 128.
     pub fn new(config: &SceneConfig) -> Result<Self, NoEngine> {
         Ok(Self {
-            world: World::new(config.gravity, config.sleep.is_some()).ok_or(NoEngine)?,
+            world: World::new(config.gravity).ok_or(NoEngine)?,
             integrator: config.integrator,
             sleep: config.sleep,
             solids: BTreeMap::new(),
@@ -439,9 +439,9 @@ impl Engine for Box3dEngine {
 
     fn step(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) -> Result<(), EngineFault> {
         self.lead();
-        let substeps = self.integrator.substeps.get();
-        let (dt, substeps) = (self.dt(), i32::try_from(substeps).unwrap_or(i32::MAX));
-        self.world.step(dt, substeps);
+        let substeps = translate::substeps(self.integrator);
+        let substeps = i32::try_from(substeps).unwrap_or(i32::MAX);
+        self.world.step(self.dt(), substeps);
         self.placed.take();
         self.arrive();
         self.note_sensors();

@@ -56,7 +56,7 @@ pub(super) struct NewBody {
     pub(super) at: Placement,
     pub(super) linear: Vec3,
     pub(super) angular: Vec3,
-    /// Speed below which it may sleep; `None`: it never sleeps.
+    /// Speed below which it may sleep, m/s; `None`: Box3D's own.
     pub(super) sleep_speed: Option<f32>,
     /// Comes back with its moves.
     pub(super) tag: usize,
@@ -160,7 +160,7 @@ impl Drop for MeshData {
 
 impl World {
     /// An empty world; `None` if the process has as many as Box3D allows.
-    pub(super) fn new(gravity: Vec3, may_sleep: bool) -> Option<Self> {
+    pub(super) fn new(gravity: Vec3) -> Option<Self> {
         let _one_at_a_time = WORLDS.lock().unwrap_or_else(PoisonError::into_inner);
         // SAFETY: plain values; the callbacks are functions without state.
         let id = unsafe {
@@ -169,7 +169,6 @@ impl World {
             }
             let mut def = sys::b3DefaultWorldDef();
             def.gravity = vector(gravity);
-            def.enableSleep = may_sleep;
             def.workerCount = 1;
             def.frictionCallback = Some(mean);
             def.restitutionCallback = Some(mean);
@@ -243,8 +242,7 @@ impl World {
             (def.position, def.rotation) = (vector(new.at.0), quaternion(new.at.1));
             def.linearVelocity = vector(new.linear);
             def.angularVelocity = vector(new.angular);
-            def.enableSleep = new.sleep_speed.is_some();
-            def.sleepThreshold = new.sleep_speed.unwrap_or_default();
+            def.sleepThreshold = new.sleep_speed.unwrap_or(def.sleepThreshold);
             def.userData = ptr::without_provenance_mut(new.tag);
             sys::b3CreateBody(self.id, &raw const def)
         };

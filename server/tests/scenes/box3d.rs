@@ -361,7 +361,7 @@ impl Served {
         let shares = truth.bodies().map(|desc| {
             let [is, shown] = [truth, copy].map(|replica| {
                 let motion = replica.stream().predicted_motion(desc.id, tick);
-                *motion.expect("both have the body").pose()
+                motion.expect("both have the body").pose()
             });
             let shape = truth.shape(desc.shape).expect(VALID);
             let tolerance = copy.stream().tolerance_of(desc.id).expect(VALID);
@@ -396,8 +396,8 @@ fn run_pit(kind: EngineKind) -> (u64, f64, usize, usize) {
     let replica = served.sessions[0].replica().expect(VALID);
     let stream = replica.stream();
     assert_eq!(stream.statistics().mismatches, 0);
-    let is_ball = |desc: &&BodyDesc| desc.kind == BodyKind::Dynamic;
-    let rests = |desc: &&BodyDesc| {
+    let is_ball = |desc: &BodyDesc| desc.kind == BodyKind::Dynamic;
+    let rests = |desc: &BodyDesc| {
         let track = stream.track(desc.id);
         track.is_some_and(|track| track.is_exact_rest())
     };

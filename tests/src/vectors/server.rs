@@ -263,6 +263,7 @@ fn errors(cases: &mut CaseList) {
     cases.add(10, "Refused, 34 for 5 seconds", &[&v(4), &[34, 5]]);
     cases.add(10, "Refused, 35", &[&v(4), &[35]]);
     cases.add(10, "Refused, 36 for 1000 ms", &[&v(4), &[36], &v(1_000)]);
+    cases.add(10, "Refused, 37", &[&v(4), &[37]]);
 }
 
 /// A track encoded as a bit string.
