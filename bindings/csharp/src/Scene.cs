@@ -238,6 +238,17 @@ namespace Rhumb
             RhumbException.Check(Native.rhumb_scene_idle(Raw(), duration));
         }
 
+        /// <summary>The newest tick at which every copy is within its tolerance, of what has arrived.</summary>
+        public unsafe ulong CompleteTick
+        {
+            get
+            {
+                RhumbStatistics statistics;
+                RhumbException.Check(Native.rhumb_scene_statistics(Raw(), &statistics));
+                return statistics.complete_tick;
+            }
+        }
+
         /// <summary>Place of a body in the arrays; -1 for a body that is not in the view, as Array.IndexOf says it.</summary>
         public unsafe int Place(Body body)
         {

@@ -40,6 +40,7 @@ namespace Rhumb.Plugin
         private Body anchor;
         private uint joints;
         private ulong shown;
+        private ulong asked;
         private double owed;
         private double time;
 
@@ -154,9 +155,10 @@ namespace Rhumb.Plugin
                     // A frame after a long pause does not step for seconds.
                     owed = Math.Min(owed, Math.Max(timeStep, 4 * settings.Frame));
                     ulong tick = shown;
-                    while (owed >= settings.Frame)
+                    while (owed >= settings.Frame && !IsLate())
                     {
                         owed -= settings.Frame;
+                        asked += settings.PublishInterval;
                         tick = scene.Advance(Depth);
                     }
                     if (tick != shown)
@@ -312,6 +314,18 @@ namespace Rhumb.Plugin
             }
         }
 
+        /// <summary>True if the next Advance would wait; a region that chose depth 0 waits.</summary>
+        private bool IsLate()
+        {
+            if (Depth == 0)
+            {
+                return false;
+            }
+            // Takes what has arrived; no time at all would take nothing.
+            scene.Idle(0.0005);
+            return scene.CompleteTick + Depth * settings.PublishInterval < asked + settings.PublishInterval;
+        }
+
         /// <summary>Everything of the region is new to the server.</summary>
         private void Restart()
         {
@@ -320,7 +334,7 @@ namespace Rhumb.Plugin
                 bodies.Clear();
                 removals.Clear();
                 joints = 0;
-                shown = 0;
+                shown = asked = 0;
                 owed = 0;
                 terrain.Forget();
                 foreach (RegionActor actor in actors)

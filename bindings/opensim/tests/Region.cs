@@ -21,7 +21,7 @@ internal static class Region
     private static int Main(string[] arguments)
     {
         scene = Host.Load(arguments[0], "Rhumb", "[Rhumb]", "Address = " + arguments[1], "Fingerprint = " + arguments[2],
-            "RetryAfter = 0.1", "Timeout = 5");
+            "RetryAfter = 0.1", "Timeout = 5", "PipelineDepth = 0");
         // Two plateaus: the ground is where the map says, in both directions.
         scene.SetTerrain(Host.Terrain((x, y) => x < 100 ? 20 : y < 100 ? 30 : 25));
         Connect();
