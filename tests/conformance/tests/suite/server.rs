@@ -142,6 +142,7 @@ const CAUGHT: [(ServerMutant, &str); 21] = [
     (ServerMutant::GravityNotSent, "L3.4.11"),
     (ServerMutant::RefusalsNotSent, "L3.2.1"),
     (ServerMutant::JointsNotSent, "L3.3.7"),
+    (ServerMutant::GroundNotSent, "L3.8.2"),
     (ServerMutant::PongWrong, "L1.4.12"),
     (ServerMutant::FrictionOff, "L4.3.1"),
     (ServerMutant::SpeedsOff, "L4.3.2"),
