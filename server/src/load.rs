@@ -52,9 +52,9 @@ pub(crate) struct SceneLoad {
 }
 
 /// Steps of bodies that a tick costs for a character: the casts of its shape.
-const STEPS_OF_CHARACTER: u64 = 200;
+const STEPS_OF_CHARACTER: u64 = 50;
 /// The same for each wheel of a vehicle: a ray.
-const STEPS_OF_WHEEL: u64 = 10;
+const STEPS_OF_WHEEL: u64 = 1;
 
 /// Steps of bodies that a tick costs for the characters and vehicles of a scene.
 pub(crate) fn locomotion_steps<'a>(locomotions: impl Iterator<Item = &'a Locomotion>) -> u64 {
@@ -168,6 +168,9 @@ impl Drop for SceneLoad {
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+    use rhumb_protocol::scene::{Character, Vehicle, Wheel};
+
     use super::*;
 
     #[test]
@@ -187,6 +190,25 @@ mod tests {
         drop(first);
         drop(second);
         assert_eq!(server.reserved(), 0);
+    }
+
+    #[test]
+    fn characters_and_vehicles_take_their_part() {
+        let server = ServerLoad::default();
+        let mut scene = server.of_scene((1, 4), 700, 10_000);
+        let character = Locomotion::Character(Character::default());
+        let wheels = vec![Wheel::at(Vec3::ZERO, 0.3); 4];
+        let vehicle = Locomotion::Vehicle(Vehicle { wheels });
+        let steps = locomotion_steps([&character, &vehicle].into_iter());
+        assert_eq!(steps, 54);
+        assert!(scene.set_locomotion(3 * steps));
+        assert_eq!(server.reserved(), 500 + 162);
+        assert!(
+            !scene.set_locomotion(4 * steps),
+            "a fourth exceeds the scene's part"
+        );
+        assert!(scene.set_locomotion(steps));
+        assert_eq!(server.reserved(), 500 + 54);
     }
 
     #[test]

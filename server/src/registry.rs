@@ -1,4 +1,4 @@
-//! Present and former shapes, bodies and joints of a scene, and what walks or rolls in it.
+//! Present and former shapes, bodies, joints and locomotions of a scene.
 //!
 //! No engine here. Checks the rules of names and numbers; a refused change changes nothing. Invariants: each body's
 //! shape exists, each joint's bodies live; the generations of an index only grow.

@@ -1,4 +1,4 @@
-//! Settings of a character: a kinematic body that walks where the world lets it.
+//! Settings of a character: a kinematic body that walks as far as it can.
 //!
 //! The server keeps its velocity, its fall and its contact with the ground; nothing here depends on an engine.
 

@@ -299,6 +299,17 @@ fn encode_push(to: &mut Writer, code: u8, id: BodyId, push: Vec3) {
     to.f32s(&push.to_array());
 }
 
+fn encode_gravity(to: &mut Writer, gravity: Vec3) {
+    to.u8(code::SET_GRAVITY);
+    to.f32s(&gravity.to_array());
+}
+
+/// Encodes a push on a body and its point.
+fn encode_push_at(to: &mut Writer, code: u8, id: BodyId, [push, point]: [Vec3; 2]) {
+    encode_push(to, code, id, push);
+    to.f32s(&point.to_array());
+}
+
 /// Decodes a push on a body behind its code.
 fn decode_push(code: u8, from: &mut Reader<'_>) -> Result<Command, Malformed> {
     let vector = |from: &mut Reader<'_>| from.f32s().map(Vec3::from_array);
@@ -354,12 +365,10 @@ impl Wire for Command {
                 encode_push(to, code::TORQUE_IMPULSE, id, impulse);
             }
             Self::ForceAt { id, force, point } => {
-                encode_push(to, code::FORCE_AT, id, force);
-                to.f32s(&point.to_array());
+                encode_push_at(to, code::FORCE_AT, id, [force, point]);
             }
             Self::ImpulseAt { id, impulse, point } => {
-                encode_push(to, code::IMPULSE_AT, id, impulse);
-                to.f32s(&point.to_array());
+                encode_push_at(to, code::IMPULSE_AT, id, [impulse, point]);
             }
             Self::AddShape { id, ref shape } => {
                 encode_pair(to, code::ADD_SHAPE, &id, shape);
@@ -387,10 +396,7 @@ impl Wire for Command {
                 to.f32s(&linear.to_array());
                 to.f32s(&angular.to_array());
             }
-            Self::SetGravity { gravity } => {
-                to.u8(code::SET_GRAVITY);
-                to.f32s(&gravity.to_array());
-            }
+            Self::SetGravity { gravity } => encode_gravity(to, gravity),
             Self::AddJoint { id, ref joint } => {
                 encode_pair(to, code::ADD_JOINT, &id, &**joint);
             }

@@ -190,35 +190,7 @@ impl Recorded {
                     ..ActiveEvents::NONE
                 },
             },
-            11 => Command::SetLocomotion {
-                id,
-                locomotion: Box::new(Character::default().into()),
-            },
-            12 => Command::SetLocomotion {
-                id,
-                locomotion: Box::new(
-                    Vehicle {
-                        wheels: vec![Wheel::at(small, 0.3), Wheel::at(-small, 0.4)],
-                    }
-                    .into(),
-                ),
-            },
-            13 => Command::Jump {
-                id,
-                speed: small.y,
-                from: JumpFrom::Anywhere,
-            },
-            14 => Command::SetWheels {
-                id,
-                inputs: vec![
-                    WheelInput {
-                        steering: small.x,
-                        force: large.y,
-                        brake: large.z.abs(),
-                    };
-                    2
-                ],
-            },
+            kind @ 11..15 => locomotion_command(kind, id, small, large),
             _ => Command::RemoveJoint {
                 id: JointId(self.chance.below(4) as u32),
             },
@@ -328,6 +300,35 @@ fn run(seed: u64, ticks: usize) -> Recorded {
         }
     }
     recorded
+}
+
+/// A command about a character or a vehicle, by its number in [`Recorded::any_command`].
+fn locomotion_command(kind: usize, id: BodyId, small: Vec3, large: Vec3) -> Command {
+    match kind {
+        11 => Command::SetLocomotion {
+            id,
+            locomotion: Box::new(Character::default().into()),
+        },
+        12 => {
+            let wheels = vec![Wheel::at(small, 0.3), Wheel::at(-small, 0.4)];
+            let locomotion = Box::new(Vehicle { wheels }.into());
+            Command::SetLocomotion { id, locomotion }
+        }
+        13 => Command::Jump {
+            id,
+            speed: small.y,
+            from: JumpFrom::Anywhere,
+        },
+        _ => {
+            let input = WheelInput {
+                steering: small.x,
+                force: large.y,
+                brake: large.z.abs(),
+            };
+            let inputs = vec![input; 2];
+            Command::SetWheels { id, inputs }
+        }
+    }
 }
 
 proptest! {

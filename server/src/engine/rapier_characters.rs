@@ -10,8 +10,9 @@ use rapier3d::control::{
     CharacterAutostep, CharacterCollision, CharacterLength, KinematicCharacterController,
 };
 use rapier3d::math::Pose as RapierPose;
+use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query::ShapeCastOptions;
-use rapier3d::prelude::{PhysicsWorld, QueryFilter, RigidBodyHandle, SharedShape};
+use rapier3d::prelude::{PhysicsWorld, QueryFilter, RigidBody, RigidBodyHandle, SharedShape};
 use rhumb_protocol::limits::LINEAR_MAX;
 use rhumb_protocol::scene::{BodyEvent, Character, JumpFrom};
 use rhumb_protocol::wire::bytes::{Reader, Writer};
@@ -40,6 +41,10 @@ struct CharacterState {
 const GROUND_REACH: f32 = 0.05;
 /// Movements of a step below this length are rounding errors of a character that stands, metres.
 const MOVEMENT_MIN: f32 = 1e-5;
+/// A gap that is too small by less than this is not restored, metres.
+const GAP_SLACK: f32 = 1e-5;
+/// The gap is restored by at most this in a step, metres.
+const KEEP_OFF_MAX: f32 = 0.25;
 /// A fall or a rise ends when less than this share of its way was free.
 const FREE_SHARE: f32 = 0.25;
 /// Factor of the normals that keeps a sliding character out of what it touches: Rapier's own.
@@ -116,7 +121,7 @@ impl RapierCharacters {
         let Some(state) = self.states.get_mut(&id) else {
             return Vec3::ZERO;
         };
-        let Some(walker) = Walker::of(world, body, &state.character) else {
+        let Some(mut walker) = Walker::of(world, body, &state.character) else {
             return Vec3::ZERO;
         };
         let dt = world.integration_parameters.dt;
@@ -126,6 +131,7 @@ impl RapierCharacters {
         state.rise = rise.clamp(-LINEAR_MAX, LINEAR_MAX);
         let (level, mut collisions) = (velocity * dt, Vec::new());
         let asked = state.rise * dt;
+        walker.keep_off(world, &state.character);
         let moved = walker.moved(world, level + up * asked, &mut collisions);
         walker.push(world, state.character.mass, &collisions);
         let stands = state.rise <= 0.0 && walker.stands(world, moved, &state.character);
@@ -142,7 +148,11 @@ impl RapierCharacters {
             };
             changed.push(id);
         }
-        moved
+        let whole = walker.kept_off + moved;
+        if whole.length() < MOVEMENT_MIN {
+            return Vec3::ZERO;
+        }
+        whole
     }
 }
 
@@ -153,6 +163,8 @@ struct Walker<'a> {
     pose: RapierPose,
     /// Everything that it touches.
     filter: QueryFilter<'a>,
+    /// The part of the movement that restored its gap, metres; `pose` is behind it.
+    kept_off: Vec3,
 }
 
 impl Walker<'_> {
@@ -186,11 +198,43 @@ impl Walker<'_> {
             controller,
             shape: collider.shared_shape().clone(),
             pose,
+            kept_off: Vec3::ZERO,
             filter: QueryFilter::default()
                 .exclude_rigid_body(body)
                 .exclude_sensors()
                 .groups(collider.collision_groups()),
         })
+    }
+
+    /// Moves it away from what is nearer than its gap: Rapier's casts go through what begins within it.
+    ///
+    /// Dynamic bodies give way themselves, unless they carry it.
+    fn keep_off(&mut self, world: &PhysicsWorld, character: &Character) {
+        let (offset, steepest) = (character.offset, steepest(character));
+        let queries = world.query_pipeline_with_filter(self.filter);
+        let near = self.shape.compute_aabb(&self.pose).loosened(offset);
+        for (_, collider) in queries.intersect_aabb_conservative(near) {
+            let there = collider.position();
+            // The other order is wrong for half-spaces.
+            let contact = queries.dispatcher.contact(
+                &there.inv_mul(&self.pose),
+                collider.shape(),
+                &*self.shape,
+                offset,
+            );
+            let Ok(Some(contact)) = contact else { continue };
+            let (out, gap) = (there.rotation * contact.normal1, offset - contact.dist);
+            let owner = collider.parent().and_then(|body| world.bodies.get(body));
+            let carries = self.controller.up.angle_between(out) <= steepest;
+            if gap < GAP_SLACK || owner.is_some_and(RigidBody::is_dynamic) && !carries {
+                continue;
+            }
+            let way = out * (gap + NORMAL_NUDGE);
+            if way.is_finite() && (self.kept_off + way).length() <= KEEP_OFF_MAX {
+                self.kept_off += way;
+                self.pose.translation += way;
+            }
+        }
     }
 
     /// The movement that is possible of the one that it asks for, metres.
@@ -200,6 +244,10 @@ impl Walker<'_> {
         asked: Vec3,
         collisions: &mut Vec<CharacterCollision>,
     ) -> Vec3 {
+        // Without a way Rapier would correct overlaps, and take half-spaces for one.
+        if asked.length() < MOVEMENT_MIN {
+            return Vec3::ZERO;
+        }
         let movement = self.controller.move_shape(
             world.integration_parameters.dt,
             &world.query_pipeline_with_filter(self.filter),
@@ -209,11 +257,7 @@ impl Walker<'_> {
             |collision| collisions.push(collision),
         );
         let moved = movement.translation;
-        if moved.is_finite() && moved.length() >= MOVEMENT_MIN {
-            moved
-        } else {
-            Vec3::ZERO
-        }
+        if moved.is_finite() { moved } else { Vec3::ZERO }
     }
 
     /// Pushes the dynamic bodies of these collisions. `mass`: of the character, kg.
@@ -239,10 +283,7 @@ impl Walker<'_> {
 
     /// True if ground carries it after this movement: some that it can climb, or does not slide from.
     fn stands(&self, world: &PhysicsWorld, moved: Vec3, character: &Character) -> bool {
-        let (up, steepest) = (
-            self.controller.up,
-            character.climb_angle.max(character.slide_angle),
-        );
+        let up = self.controller.up;
         let there = RapierPose::from_parts(self.pose.translation + moved, self.pose.rotation);
         let options = ShapeCastOptions {
             target_distance: character.offset,
@@ -252,8 +293,13 @@ impl Walker<'_> {
         };
         let queries = world.query_pipeline_with_filter(self.filter);
         let ground = queries.cast_shape(&there, -up, &*self.shape, options);
-        ground.is_some_and(|(_, hit)| up.angle_between(hit.normal1) <= steepest)
+        ground.is_some_and(|(_, hit)| up.angle_between(hit.normal1) <= steepest(character))
     }
+}
+
+/// The steepest ground that carries a character, radians.
+fn steepest(character: &Character) -> f32 {
+    character.climb_angle.max(character.slide_angle)
 }
 
 impl Wire for RapierCharacters {

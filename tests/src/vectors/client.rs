@@ -269,11 +269,7 @@ fn walking(cases: &mut CaseList) {
     cases.add(7, "SetLocomotion, no such word", &[&locomotion(&[3])]);
     for flags in 0..=16_u8 {
         let mut numbers = vec![0.02, 0.75, 1.0, 80.0];
-        for (bit, more) in [
-            (1, &[0.0, 1.0, 0.0][..]),
-            (2, &[0.3, 0.125]),
-            (8, &[0.25]),
-        ] {
+        for (bit, more) in [(1, &[0.0, 1.0, 0.0][..]), (2, &[0.3, 0.125]), (8, &[0.25])] {
             if flags & bit != 0 {
                 numbers.extend(more);
             }
@@ -283,7 +279,8 @@ fn walking(cases: &mut CaseList) {
         cases.add(7, name, &[&locomotion(&character)]);
     }
     let wheel = [
-        0.75, -0.25, 1.5, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.3, 0.4, 0.2, 50.0, 4.0, 6.0, 9_000.0, 2.0, 1.0,
+        0.75, -0.25, 1.5, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.3, 0.4, 0.2, 50.0, 4.0, 6.0, 9_000.0,
+        2.0, 1.0,
     ];
     let input = [0.25, 500.0, 0.0];
     for count in [0, 1, 4, 16, 17] {

@@ -257,7 +257,9 @@ fn errors(cases: &mut CaseList) {
             &[&v(4), &[code], &v(300)],
         );
     }
-    for code in [8, 9, 11, 18, 19, 20, 21, 22, 27, 28, 29, 32, 33, 0x7f, 0x80, 0xff] {
+    for code in [
+        8, 9, 11, 18, 19, 20, 21, 22, 27, 28, 29, 32, 33, 0x7f, 0x80, 0xff,
+    ] {
         cases.add(10, format!("Refused, {code}"), &[&v(4), &[code]]);
     }
     cases.add(10, "Refused, 34 for 5 seconds", &[&v(4), &[34, 5]]);

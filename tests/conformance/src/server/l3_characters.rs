@@ -5,8 +5,8 @@
 use glam::Vec3;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
-    BodyDesc, BodyEvent, BodyKind, Character, Command, CommandError, Invalid, JumpFrom, Locomotion, Quantity, Shape,
-    ShapeId, Vehicle, Wheel, WheelInput,
+    BodyDesc, BodyEvent, BodyKind, Character, Command, CommandError, Invalid, JumpFrom, Locomotion,
+    Quantity, Shape, ShapeId, Vehicle, Wheel, WheelInput,
 };
 use rhumb_protocol::session::Event;
 use rhumb_reckoning::{BodyId, Tick};
@@ -127,7 +127,8 @@ impl OnFloor {
 
     fn with(mut self, locomotion: Locomotion) -> Result<Self, Stop> {
         let (id, locomotion) = (self.body, Box::new(locomotion));
-        self.member.must(Command::SetLocomotion { id, locomotion })?;
+        self.member
+            .must(Command::SetLocomotion { id, locomotion })?;
         Ok(self)
     }
 
@@ -144,10 +145,11 @@ impl OnFloor {
 
     /// Waits for the next event of a body.
     fn event(&mut self) -> Result<(Tick, BodyEvent), Stop> {
-        self.member.until("an event of a body", |event| match event {
-            Event::Body { tick, event } => Some((tick, event)),
-            _ => None,
-        })
+        self.member
+            .until("an event of a body", |event| match event {
+                Event::Body { tick, event } => Some((tick, event)),
+                _ => None,
+            })
     }
 }
 
@@ -295,10 +297,7 @@ fn refuses_bodies(trial: &mut Trial<'_>) -> CaseResult {
     ] {
         let locomotion = Box::new(locomotion);
         let outcome = client.command(Command::SetLocomotion { id, locomotion })?;
-        ensure(
-            outcome == Err(error),
-            format!("{error:?}, not {outcome:?}"),
-        )?;
+        ensure(outcome == Err(error), format!("{error:?}, not {outcome:?}"))?;
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Characters over the wire: they walk, climb, slide, fall, jump, push and are carried.
+//! Characters over the wire: they walk, climb, slide, fall, jump and push.
 //!
 //! The helpers of the parent check after every tick that the copy keeps its promise.
 
@@ -84,6 +84,24 @@ fn a_character_walks_by_its_velocity_and_stops() {
     let stopped = remote.position(id);
     remote.steps(120);
     assert_eq!(remote.position(id), stopped, "it stands to the bit");
+}
+
+/// A body that begins within its gap, on a box, and with the box: the engine does not find the box in the first step.
+#[test]
+fn a_character_stands_on_a_box_however_near_it_begins() {
+    for height in [0.895, 0.9, 0.91, STANDING, 1.0] {
+        let mut remote = Remote::new();
+        remote.add(&slab(0.0, -0.5, Vec3::new(20.0, 0.5, 20.0)));
+        let body = person(0.0).at(0.0, height, 0.0);
+        let id = remote.add_character(&body, Character::default());
+        remote.steps(60);
+        near(remote.position(id).y, STANDING, 0.002);
+        remote.walk(id, Vec3::new(1.0, 0.0, 0.5));
+        let events = remote.body_events(120);
+        near(remote.position(id).y, STANDING, 0.002);
+        near(remote.position(id).x, 2.0, 0.05);
+        assert_eq!(events, [], "from {height} m");
+    }
 }
 
 #[test]

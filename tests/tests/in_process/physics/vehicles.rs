@@ -1,4 +1,4 @@
-//! Vehicles over the wire: they roll, steer, brake, and stand on their springs.
+//! Vehicles over the wire: they roll, steer, brake and stand on springs.
 //!
 //! The helpers of the parent check after every tick that the copy keeps its promise.
 
