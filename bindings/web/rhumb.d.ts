@@ -558,7 +558,7 @@ export type Event = { readonly complete: number } & (
   | { readonly kind: "contactBegan" | "contactForce"; readonly tick: number; readonly body: BodyId; readonly contact: Contact }
   | { readonly kind: "contactEnded"; readonly tick: number; readonly body: BodyId; readonly with: BodyId }
   | { readonly kind: "sensorEntered" | "sensorLeft"; readonly tick: number; readonly sensor: BodyId; readonly body: BodyId }
-  | { readonly kind: "fellAsleep" | "woke" | "bodyFault"; readonly tick: number; readonly body: BodyId }
+  | { readonly kind: "fellAsleep" | "woke" | "bodyFault" | "reachedGround" | "leftGround"; readonly tick: number; readonly body: BodyId }
   | { readonly kind: "eventsMissed"; readonly tick: number; readonly count: number }
   | { readonly kind: "checksumMismatch" }
   | { readonly kind: "sceneFaulted"; readonly tick: number }

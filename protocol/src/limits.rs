@@ -127,6 +127,12 @@ pub const GYRATION_MAX: f32 = 1e8;
 pub const MOMENT_MAX: f32 = 9_007_199_254_740_992.0;
 /// Bodies of a scene that are swept against moving ones.
 pub const SWEPT_BODIES_MAX: usize = 64;
+/// Characters of a scene.
+pub const CHARACTERS_MAX: usize = 256;
+/// Vehicles of a scene.
+pub const VEHICLES_MAX: usize = 256;
+/// Wheels of a vehicle.
+pub const WHEELS_MAX: usize = 16;
 /// Joints of a scene beside [`JOINTS_PER_BODY`] for each body.
 pub const JOINTS_BESIDE: usize = 64;
 /// See [`JOINTS_BESIDE`].

@@ -142,7 +142,9 @@ mod tests {
     use glam::Quat;
     use rhumb_app::{AppTransmit, Logon, Message};
     use rhumb_protocol::message::RemovalCause;
-    use rhumb_protocol::scene::{Answer, Joint, JointId, Query};
+    use rhumb_protocol::scene::{
+        Answer, BodyEvent, Joint, JointId, JumpFrom, Locomotion, Query, WheelInput,
+    };
     use rhumb_protocol::stream::Activity;
     use rhumb_reckoning::{BodyState, Inertia, Twist};
 
@@ -169,6 +171,10 @@ mod tests {
         fn change(&mut self, _: &BodyDesc, _: &BodyProperties) {}
         fn set_activity(&mut self, _: BodyId, _: Activity) {}
         fn overloaded_joints(&self, _: &mut Vec<JointId>) {}
+        fn set_locomotion(&mut self, _: BodyId, _: &Locomotion) {}
+        fn jump(&mut self, _: BodyId, _: f32, _: JumpFrom) {}
+        fn set_wheels(&mut self, _: BodyId, _: &[WheelInput]) {}
+        fn ground_events(&self, _: &mut Vec<BodyEvent>) {}
         fn remove(&mut self, _: BodyId) {}
         fn set_pose(&mut self, _: BodyId, _: Vec3, _: Quat) {}
         fn set_velocity(&mut self, _: BodyId, _: Twist) {}

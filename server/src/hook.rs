@@ -25,7 +25,8 @@ trait Act: FnMut(&Scene, &mut Vec<Command>) + Send {}
 impl<F: FnMut(&Scene, &mut Vec<Command>) + Send> Act for F {}
 
 impl Hook {
-    /// A hook that adds commands: `SetPose`, `SetVelocity`, `Force`, `Torque` and the impulses.
+    /// A hook that adds commands that move bodies: `SetPose`, `SetVelocity`, `Force`, `Torque`, the impulses, `Sleep`,
+    /// `Wake`, `Jump` and `SetWheels`.
     pub fn new(act: impl FnMut(&Scene, &mut Vec<Command>) + Send + 'static) -> Self {
         Self {
             act: Box::new(act),
@@ -60,7 +61,9 @@ fn apply(scene: &mut Scene, command: &Command) -> Result<(), HookError> {
         | Command::ForceAt { .. }
         | Command::ImpulseAt { .. }
         | Command::Sleep { .. }
-        | Command::Wake { .. } => scene.apply(command).map_err(HookError::Refused),
+        | Command::Wake { .. }
+        | Command::Jump { .. }
+        | Command::SetWheels { .. } => scene.apply(command).map_err(HookError::Refused),
         Command::AddShape { .. }
         | Command::RemoveShape { .. }
         | Command::AddBody { .. }
@@ -70,7 +73,8 @@ fn apply(scene: &mut Scene, command: &Command) -> Result<(), HookError> {
         | Command::AddJoint { .. }
         | Command::ChangeJoint { .. }
         | Command::RemoveJoint { .. }
-        | Command::SetEvents { .. } => Err(HookError::NotAMotion),
+        | Command::SetEvents { .. }
+        | Command::SetLocomotion { .. } => Err(HookError::NotAMotion),
     }
 }
 

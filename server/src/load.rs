@@ -1,11 +1,14 @@
 //! Admission of free-running scenes by their predicted cost.
 //!
-//! The prediction is ticks in a second, times substeps, times bodies; a tick by itself costs [`STEPS_OF_TICK`]. A scene
+//! The prediction is ticks in a second, times substeps, times bodies; a tick by itself costs [`STEPS_OF_TICK`], and each
+//! character and wheel in it. A scene
 //! reserves its part before it begins and before a body is added, and gives it back when the body goes or the scene
 //! ends. All threads of a process share one sum; the parts of other processes are as old as their last report.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+
+use rhumb_protocol::scene::Locomotion;
 
 /// When a client may try again that was refused for want of processor time.
 pub(crate) const RETRY_SECONDS: u8 = 5;
@@ -37,11 +40,30 @@ impl LoadSum {
 #[derive(Debug)]
 pub(crate) struct SceneLoad {
     sum: Arc<LoadSum>,
+    /// Ticks in a second.
+    ticks: u64,
     /// Steps of one body in a second.
     per_body: u64,
     reserved: u64,
+    /// The part of its characters and vehicles.
+    locomotion: u64,
     scene_max: u64,
     server_max: u64,
+}
+
+/// Steps of bodies that a tick costs for a character: the casts of its shape.
+const STEPS_OF_CHARACTER: u64 = 50;
+/// The same for each wheel of a vehicle: a ray.
+const STEPS_OF_WHEEL: u64 = 1;
+
+/// Steps of bodies that a tick costs for the characters and vehicles of a scene.
+pub(crate) fn locomotion_steps<'a>(locomotions: impl Iterator<Item = &'a Locomotion>) -> u64 {
+    let steps = locomotions.map(|locomotion| match locomotion {
+        Locomotion::None => 0,
+        Locomotion::Character(_) => STEPS_OF_CHARACTER,
+        Locomotion::Vehicle(vehicle) => STEPS_OF_WHEEL * vehicle.wheels.len() as u64,
+    });
+    steps.sum()
 }
 
 impl ServerLoad {
@@ -72,8 +94,10 @@ impl ServerLoad {
         self.0.here.fetch_add(reserved, Ordering::Relaxed);
         SceneLoad {
             sum: Arc::clone(&self.0),
+            ticks,
             per_body: ticks.saturating_mul(substeps),
             reserved,
+            locomotion: 0,
             scene_max,
             server_max,
         }
@@ -94,22 +118,43 @@ impl SceneLoad {
 
     /// Reserves the steps of another body; false if that exceeds a limit.
     pub(crate) fn add_body(&mut self) -> bool {
-        if self.reserved.saturating_add(self.per_body) > self.scene_max {
-            return false;
-        }
-        let elsewhere = self.sum.elsewhere.load(Ordering::Relaxed);
-        let more = |here: u64| {
-            let here = here.saturating_add(self.per_body);
-            (here.saturating_add(elsewhere) <= self.server_max).then_some(here)
-        };
-        let reserved = (self.sum.here).fetch_update(Ordering::Relaxed, Ordering::Relaxed, more);
-        self.reserved += reserved.map_or(0, |_| self.per_body);
-        reserved.is_ok()
+        self.reserve(self.per_body)
     }
 
     /// Gives back the steps of a body.
     pub(crate) fn remove_body(&mut self) {
-        let part = self.per_body.min(self.reserved);
+        self.give_back(self.per_body);
+    }
+
+    /// Reserves the steps of a scene's characters and vehicles in place of those before; false if more of them exceed
+    /// a limit. `steps`: of bodies, in a tick.
+    pub(crate) fn set_locomotion(&mut self, steps: u64) -> bool {
+        let part = steps.saturating_mul(self.ticks);
+        if part < self.locomotion {
+            self.give_back(self.locomotion - part);
+        } else if part > self.locomotion && !self.reserve(part - self.locomotion) {
+            return false;
+        }
+        self.locomotion = part;
+        true
+    }
+
+    fn reserve(&mut self, part: u64) -> bool {
+        if self.reserved.saturating_add(part) > self.scene_max {
+            return false;
+        }
+        let elsewhere = self.sum.elsewhere.load(Ordering::Relaxed);
+        let more = |here: u64| {
+            let here = here.saturating_add(part);
+            (here.saturating_add(elsewhere) <= self.server_max).then_some(here)
+        };
+        let reserved = (self.sum.here).fetch_update(Ordering::Relaxed, Ordering::Relaxed, more);
+        self.reserved += reserved.map_or(0, |_| part);
+        reserved.is_ok()
+    }
+
+    fn give_back(&mut self, part: u64) {
+        let part = part.min(self.reserved);
         self.reserved -= part;
         self.sum.here.fetch_sub(part, Ordering::Relaxed);
     }
@@ -123,6 +168,9 @@ impl Drop for SceneLoad {
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+    use rhumb_protocol::scene::{Character, Vehicle, Wheel};
+
     use super::*;
 
     #[test]
@@ -142,6 +190,25 @@ mod tests {
         drop(first);
         drop(second);
         assert_eq!(server.reserved(), 0);
+    }
+
+    #[test]
+    fn characters_and_vehicles_take_their_part() {
+        let server = ServerLoad::default();
+        let mut scene = server.of_scene((1, 4), 700, 10_000);
+        let character = Locomotion::Character(Character::default());
+        let wheels = vec![Wheel::at(Vec3::ZERO, 0.3); 4];
+        let vehicle = Locomotion::Vehicle(Vehicle { wheels });
+        let steps = locomotion_steps([&character, &vehicle].into_iter());
+        assert_eq!(steps, 54);
+        assert!(scene.set_locomotion(3 * steps));
+        assert_eq!(server.reserved(), 500 + 162);
+        assert!(
+            !scene.set_locomotion(4 * steps),
+            "a fourth exceeds the scene's part"
+        );
+        assert!(scene.set_locomotion(steps));
+        assert_eq!(server.reserved(), 500 + 54);
     }
 
     #[test]

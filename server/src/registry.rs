@@ -1,9 +1,10 @@
-//! Present and former shapes, bodies and joints of a scene.
+//! Present and former shapes, bodies, joints and locomotions of a scene.
 //!
 //! No engine here. Checks the rules of names and numbers; a refused change changes nothing. Invariants: each body's
 //! shape exists, each joint's bodies live; the generations of an index only grow.
 
 mod image;
+mod locomotions;
 
 use std::collections::BTreeMap;
 
@@ -12,9 +13,11 @@ use rhumb_protocol::limits::{
     SHAPE_BYTES_PER_SCENE_MAX, SHAPES_MAX, SWEPT_BODIES_MAX,
 };
 use rhumb_protocol::scene::{
-    BodyDesc, BodyKind, CommandError, Joint, JointId, Joints, Shape, ShapeId,
+    BodyDesc, BodyKind, CommandError, Joint, JointId, Joints, Locomotion, Shape, ShapeId,
 };
 use rhumb_reckoning::{BodyId, Damping};
+
+use self::locomotions::Locomotions;
 
 /// The shapes, bodies and joints of one scene.
 #[derive(Clone, Debug, Default)]
@@ -27,6 +30,7 @@ pub(crate) struct Registry {
     joints: Joints,
     /// The dampings of living bodies with their numbers of bodies: both ends of a stream keep a table for each.
     dampings: Vec<(Damping, usize)>,
+    locomotions: Locomotions,
     /// Number of bodies that are swept against moving ones.
     swept: usize,
 }
@@ -196,7 +200,42 @@ impl Registry {
         }
         self.discount_properties(&entry);
         self.count -= 1;
+        self.locomotions.remove(id);
         Ok(self.joints.remove_body(id))
+    }
+
+    pub(crate) fn set_locomotion(
+        &mut self,
+        id: BodyId,
+        locomotion: &Locomotion,
+    ) -> Result<(), CommandError> {
+        let desc = self.entry(id).ok_or(CommandError::UnknownBody(id))?.desc;
+        let shape = (self.shapes.get(&desc.shape)).ok_or(CommandError::UnknownShape(desc.shape))?;
+        self.locomotions.set((&desc, &shape.shape), locomotion)
+    }
+
+    /// Ends the locomotion of a body that was changed to one that cannot have it; returns whether it did.
+    pub(crate) fn end_unfit_locomotion(&mut self, id: BodyId) -> bool {
+        let Some(desc) = self.body(id).copied() else {
+            return false;
+        };
+        let shape = self.shapes.get(&desc.shape).map(|known| &known.shape);
+        self.locomotions.end_unfit(&desc, shape)
+    }
+
+    /// Refuses inputs of wheels that a body does not have.
+    pub(crate) fn check_wheels(&self, id: BodyId, count: usize) -> Result<(), CommandError> {
+        self.locomotions.check_wheels(id, count)
+    }
+
+    /// The locomotion of a body that has one.
+    pub(crate) fn locomotion(&self, id: BodyId) -> Option<&Locomotion> {
+        self.locomotions.get(id)
+    }
+
+    /// Every locomotion of a body, in the order of ids.
+    pub(crate) fn locomotions(&self) -> impl Iterator<Item = &Locomotion> {
+        self.locomotions.iter()
     }
 
     pub(crate) fn add_joint(&mut self, id: JointId, joint: Joint) -> Result<(), CommandError> {

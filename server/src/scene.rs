@@ -7,6 +7,7 @@ mod baked;
 mod history;
 mod image;
 mod properties;
+mod walking;
 
 use core::fmt;
 use std::collections::BTreeMap;
@@ -17,7 +18,7 @@ use glam::{DVec3, Quat, Vec3};
 use rhumb_protocol::message::{QueryError, RemovalCause};
 use rhumb_protocol::scene::{
     Answer, BodyDesc, BodyEvent, BodyKind, Command, CommandError, Contact, Invalid, Joint, JointId,
-    Joints, Query, SceneConfig, Shape, ShapeId,
+    Joints, Locomotion, Query, SceneConfig, Shape, ShapeId,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Metres, Tick, Twist};
@@ -194,6 +195,9 @@ impl Scene {
                 self.known(id)?;
                 self.event_monitor.set(id, events, &*self.engine);
             }
+            Command::SetLocomotion { id, ref locomotion } => self.set_locomotion(id, locomotion)?,
+            Command::Jump { id, speed, from } => self.jump(id, speed, from)?,
+            Command::SetWheels { id, ref inputs } => self.set_wheels(id, inputs)?,
         }
         Ok(())
     }
@@ -245,6 +249,9 @@ impl Scene {
         for (id, _) in faults.filter(|(_, cause)| *cause == RemovalCause::NotFinite) {
             happened.push(BodyEvent::Fault(*id));
         }
+        let mut grounds = Vec::new();
+        self.engine.ground_events(&mut grounds);
+        grounds.into_iter().for_each(|event| happened.push(event));
         Ok(Stepped {
             happened,
             tick: self.tick,
@@ -295,12 +302,6 @@ impl Scene {
         Ok(())
     }
 
-    /// Refuses what the engine does not have.
-    fn supported(&self, part: EnginePart<'_>) -> Result<(), CommandError> {
-        let supports = self.engine.supports(part);
-        supports.then_some(()).ok_or(CommandError::Unsupported)
-    }
-
     /// Tells the engine of removed joints.
     fn forget_joints(&mut self, joints: impl IntoIterator<Item = JointId>) {
         for id in joints {
@@ -329,6 +330,9 @@ impl Scene {
             self.forget_joints(joints.iter().map(|(id, _)| *id));
         }
         self.engine.change(&before, &properties);
+        if self.registry.end_unfit_locomotion(desc.id) {
+            self.engine.set_locomotion(desc.id, &Locomotion::None);
+        }
         if !before.enabled && desc.enabled {
             for (id, joint) in joints {
                 self.act_joint(id, &joint);

@@ -284,6 +284,10 @@ def check_groups(msg):
     refuse_if(msg["members"] == msg["touches"] == WORD - 1, "NotCanonical")
 
 
+def check_character(msg):
+    refuse_if(msg["flags"] & 6 == 4, "UnknownCode")
+
+
 def check_inertia(msg):
     if msg["is"] == "none":
         return
@@ -328,6 +332,7 @@ RULES = {
     "inertia": check_inertia,
     "collision groups": check_groups,
     "joint": check_joint,
+    "character": check_character,
     "event": check_scene_event,
     "queries": check_queries,
     "track payload": check_track_payload,

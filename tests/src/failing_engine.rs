@@ -8,8 +8,8 @@ use std::collections::BTreeMap;
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    Answer, BodyDesc, BodyKind, CollisionGroups, Contact, Joint, JointId, Query, SceneConfig,
-    Shape, ShapeId,
+    Answer, BodyDesc, BodyEvent, BodyKind, CollisionGroups, Contact, Joint, JointId, JumpFrom,
+    Locomotion, Query, SceneConfig, Shape, ShapeId, WheelInput,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Twist};
@@ -123,6 +123,22 @@ impl Engine for FailingEngine {
 
     fn set_velocity(&mut self, id: BodyId, twist: Twist) {
         self.inner.set_velocity(id, twist);
+    }
+
+    fn set_locomotion(&mut self, id: BodyId, locomotion: &Locomotion) {
+        self.inner.set_locomotion(id, locomotion);
+    }
+
+    fn jump(&mut self, id: BodyId, speed: f32, from: JumpFrom) {
+        self.inner.jump(id, speed, from);
+    }
+
+    fn set_wheels(&mut self, id: BodyId, inputs: &[WheelInput]) {
+        self.inner.set_wheels(id, inputs);
+    }
+
+    fn ground_events(&self, out: &mut Vec<BodyEvent>) {
+        self.inner.ground_events(out);
     }
 
     fn set_activity(&mut self, id: BodyId, activity: Activity) {

@@ -282,7 +282,7 @@ impl Coordinates {
 
     /// A command in Rhumb's coordinates.
     ///
-    /// Descriptions of bodies pass as they are: no binding offers them.
+    /// Descriptions of bodies, characters and vehicles pass as they are: no binding offers them.
     #[must_use]
     pub fn command_in(self, command: Command) -> Command {
         match command {
@@ -347,7 +347,10 @@ impl Coordinates {
             | Command::RemoveJoint { .. }
             | Command::ChangeBody { .. }
             | Command::Sleep { .. }
-            | Command::Wake { .. } => command,
+            | Command::Wake { .. }
+            | Command::SetLocomotion { .. }
+            | Command::Jump { .. }
+            | Command::SetWheels { .. } => command,
         }
     }
 

@@ -208,6 +208,12 @@ impl EventRecord {
             BodyEvent::FellAsleep(body) => plain(EventKind::FellAsleep, body),
             BodyEvent::Woke(body) => plain(EventKind::Woke, body),
             BodyEvent::Fault(body) => plain(EventKind::BodyFault, body),
+            BodyEvent::ReachedGround(body) => {
+                plain(EventKind::Other, body).because(&"the character reached the ground")
+            }
+            BodyEvent::LeftGround(body) => {
+                plain(EventKind::Other, body).because(&"the character left the ground")
+            }
         }
     }
 

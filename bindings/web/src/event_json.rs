@@ -139,6 +139,10 @@ fn body_event(event: &BodyEvent) -> Value {
         BodyEvent::FellAsleep(body) => json!({"kind": "fellAsleep", "body": id_number(*body)}),
         BodyEvent::Woke(body) => json!({"kind": "woke", "body": id_number(*body)}),
         BodyEvent::Fault(body) => json!({"kind": "bodyFault", "body": id_number(*body)}),
+        BodyEvent::ReachedGround(body) => {
+            json!({"kind": "reachedGround", "body": id_number(*body)})
+        }
+        BodyEvent::LeftGround(body) => json!({"kind": "leftGround", "body": id_number(*body)}),
     }
 }
 

@@ -1,6 +1,6 @@
-//! The events of bodies in a tick: contacts, sensors, sleep.
+//! The events of bodies in a tick: contacts, sensors, sleep, ground.
 //!
-//! Only bodies for which a command turned events on report any. Nothing here depends on an engine.
+//! Only bodies for which a command turned events on report any; faults and characters' ground are always reported. Nothing here depends on an engine.
 
 use rhumb_reckoning::BodyId;
 
@@ -94,6 +94,10 @@ pub enum BodyEvent {
     Woke(BodyId),
     /// The state of a body was not finite, and the body was removed. Reported whether or not its events are on.
     Fault(BodyId),
+    /// A character reached ground that carries it. Reported whether or not its events are on, as the next one.
+    ReachedGround(BodyId),
+    /// A character left the ground: it fell, slid or jumped.
+    LeftGround(BodyId),
 }
 
 /// Bits of active events.
@@ -163,12 +167,14 @@ impl Wire for BodyEvent {
             Self::FellAsleep(body) => ids(5, &[*body]),
             Self::Woke(body) => ids(6, &[*body]),
             Self::Fault(body) => ids(7, &[*body]),
+            Self::ReachedGround(body) => ids(8, &[*body]),
+            Self::LeftGround(body) => ids(9, &[*body]),
         }
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
         let code = from.u8()?;
-        if code > 7 {
+        if code > 9 {
             return Err(Malformed::UnknownCode);
         }
         let body = BodyId::decode(from)?;
@@ -195,7 +201,9 @@ impl Wire for BodyEvent {
             },
             5 => Self::FellAsleep(body),
             6 => Self::Woke(body),
-            _ => Self::Fault(body),
+            7 => Self::Fault(body),
+            8 => Self::ReachedGround(body),
+            _ => Self::LeftGround(body),
         })
     }
 }

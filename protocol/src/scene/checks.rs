@@ -83,10 +83,16 @@ pub enum Quantity {
     Spring = 34,
     /// Force or torque at which a joint breaks, N or N·m.
     Strength = 35,
+    /// Setting of a character: metres, radians or kg.
+    Character = 36,
+    /// Setting or input of a vehicle's wheel.
+    Wheel = 37,
+    /// Number of a vehicle's wheels.
+    Wheels = 38,
 }
 
 impl Quantity {
-    const ALL: [Self; 36] = [
+    const ALL: [Self; 39] = [
         Self::Position,
         Self::Rotation,
         Self::Linear,
@@ -123,6 +129,9 @@ impl Quantity {
         Self::Motor,
         Self::Spring,
         Self::Strength,
+        Self::Character,
+        Self::Wheel,
+        Self::Wheels,
     ];
 
     /// The quantity of a code.
@@ -177,6 +186,9 @@ impl fmt::Display for Quantity {
             Self::Motor => "motor of a joint",
             Self::Spring => "spring of a joint",
             Self::Strength => "strength of a joint",
+            Self::Character => "setting of a character",
+            Self::Wheel => "wheel of a vehicle",
+            Self::Wheels => "number of a vehicle's wheels",
         })
     }
 }
@@ -235,6 +247,11 @@ pub(super) fn vector(value: Vec3, most: f32, quantity: Quantity) -> Result<(), I
         scalar(part, -most, most, quantity)?;
     }
     Ok(())
+}
+
+/// A direction of unit length, by the rule for rotations.
+pub(super) fn direction(value: Vec3) -> Result<(), Invalid> {
+    rotation(Quat::from_vec4(value.extend(0.0)))
 }
 
 /// A quaternion of unit length, by the rule for body states (RECKONING 1.6).

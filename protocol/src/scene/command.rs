@@ -3,16 +3,20 @@
 //! A command is checked as a whole before it is applied; a refused one changes nothing.
 
 use alloc::boxed::Box;
+use alloc::vec::Vec;
 
 use glam::{Quat, Vec3};
 use rhumb_reckoning::{BodyId, BodyState};
 
 use super::body::BodyDesc;
 use super::body_event::ActiveEvents;
-use super::checks::{Invalid, Quantity, rotation, vector};
+use super::character::JumpFrom;
+use super::checks::{Invalid, Quantity, rotation, scalar, vector};
 use super::joint::{Joint, JointId};
+use super::locomotion::Locomotion;
 use super::shape::Shape;
 use super::shape_id::ShapeId;
+use super::vehicle::{WheelInput, decode_each, encode_each};
 use crate::limits::{ANGULAR_MAX, COORDINATE_MAX, FORCE_MAX, GRAVITY_MAX, LINEAR_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};
@@ -154,6 +158,30 @@ pub enum Command {
         /// The events that it reports from now on.
         events: ActiveEvents,
     },
+    /// Makes a kinematic body a character or a dynamic one a vehicle, in place of what it was before. A character keeps
+    /// its fall; the wheels of a vehicle begin without inputs.
+    SetLocomotion {
+        /// The body.
+        id: BodyId,
+        /// Its locomotion from now on.
+        locomotion: Box<Locomotion>,
+    },
+    /// Sets the speed with which a character rises.
+    Jump {
+        /// The character.
+        id: BodyId,
+        /// m/s along its direction up.
+        speed: f32,
+        /// The ground that it needs.
+        from: JumpFrom,
+    },
+    /// Sets steering, force and brake of each wheel of a vehicle, which keeps them.
+    SetWheels {
+        /// The vehicle.
+        id: BodyId,
+        /// One for each wheel, in their order.
+        inputs: Vec<WheelInput>,
+    },
 }
 
 impl Command {
@@ -206,6 +234,9 @@ impl Command {
             }
             Self::SetGravity { gravity } => vector(gravity, GRAVITY_MAX, Quantity::Gravity),
             Self::SetEvents { events, .. } => events.check(),
+            Self::SetLocomotion { ref locomotion, .. } => locomotion.check(),
+            Self::Jump { speed, .. } => scalar(speed, -LINEAR_MAX, LINEAR_MAX, Quantity::Linear),
+            Self::SetWheels { ref inputs, .. } => WheelInput::check_all(inputs),
         }
     }
 
@@ -245,6 +276,9 @@ mod code {
     pub(super) const SLEEP: u8 = 17;
     pub(super) const WAKE: u8 = 18;
     pub(super) const SET_EVENTS: u8 = 19;
+    pub(super) const SET_LOCOMOTION: u8 = 20;
+    pub(super) const JUMP: u8 = 21;
+    pub(super) const SET_WHEELS: u8 = 22;
 }
 
 /// Encodes a command's code and its first field.
@@ -253,10 +287,27 @@ fn encode_head(to: &mut Writer, code: u8, first: &impl Wire) {
     first.encode(to);
 }
 
+/// Encodes a command's code and its two fields.
+fn encode_pair(to: &mut Writer, code: u8, first: &impl Wire, second: &impl Wire) {
+    encode_head(to, code, first);
+    second.encode(to);
+}
+
 /// Encodes a push on a body, up to its point.
 fn encode_push(to: &mut Writer, code: u8, id: BodyId, push: Vec3) {
     encode_head(to, code, &id);
     to.f32s(&push.to_array());
+}
+
+fn encode_gravity(to: &mut Writer, gravity: Vec3) {
+    to.u8(code::SET_GRAVITY);
+    to.f32s(&gravity.to_array());
+}
+
+/// Encodes a push on a body and its point.
+fn encode_push_at(to: &mut Writer, code: u8, id: BodyId, [push, point]: [Vec3; 2]) {
+    encode_push(to, code, id, push);
+    to.f32s(&point.to_array());
 }
 
 /// Decodes a push on a body behind its code.
@@ -283,6 +334,27 @@ fn decode_push(code: u8, from: &mut Reader<'_>) -> Result<Command, Malformed> {
     })
 }
 
+/// Decodes a command about a body's locomotion behind its code.
+fn decode_locomotion(code: u8, from: &mut Reader<'_>) -> Result<Command, Malformed> {
+    let id = BodyId::decode(from)?;
+    Ok(match code {
+        code::SET_LOCOMOTION => Command::SetLocomotion {
+            id,
+            locomotion: Box::new(Locomotion::decode(from)?),
+        },
+        code::JUMP => Command::Jump {
+            id,
+            speed: from.f32()?,
+            from: JumpFrom::decode(from)?,
+        },
+        code::SET_WHEELS => Command::SetWheels {
+            id,
+            inputs: decode_each(from)?,
+        },
+        _ => return Err(Malformed::UnknownCode),
+    })
+}
+
 impl Wire for Command {
     fn encode(&self, to: &mut Writer) {
         match *self {
@@ -293,21 +365,17 @@ impl Wire for Command {
                 encode_push(to, code::TORQUE_IMPULSE, id, impulse);
             }
             Self::ForceAt { id, force, point } => {
-                encode_push(to, code::FORCE_AT, id, force);
-                to.f32s(&point.to_array());
+                encode_push_at(to, code::FORCE_AT, id, [force, point]);
             }
             Self::ImpulseAt { id, impulse, point } => {
-                encode_push(to, code::IMPULSE_AT, id, impulse);
-                to.f32s(&point.to_array());
+                encode_push_at(to, code::IMPULSE_AT, id, [impulse, point]);
             }
             Self::AddShape { id, ref shape } => {
-                encode_head(to, code::ADD_SHAPE, &id);
-                shape.encode(to);
+                encode_pair(to, code::ADD_SHAPE, &id, shape);
             }
             Self::RemoveShape { id } => encode_head(to, code::REMOVE_SHAPE, &id),
             Self::AddBody { desc, motion } => {
-                encode_head(to, code::ADD_BODY, &desc);
-                motion.encode(to);
+                encode_pair(to, code::ADD_BODY, &desc, &motion);
             }
             Self::RemoveBody { id } => encode_head(to, code::REMOVE_BODY, &id),
             Self::SetPose {
@@ -328,25 +396,31 @@ impl Wire for Command {
                 to.f32s(&linear.to_array());
                 to.f32s(&angular.to_array());
             }
-            Self::SetGravity { gravity } => {
-                to.u8(code::SET_GRAVITY);
-                to.f32s(&gravity.to_array());
-            }
+            Self::SetGravity { gravity } => encode_gravity(to, gravity),
             Self::AddJoint { id, ref joint } => {
-                encode_head(to, code::ADD_JOINT, &id);
-                joint.encode(to);
+                encode_pair(to, code::ADD_JOINT, &id, &**joint);
             }
             Self::RemoveJoint { id } => encode_head(to, code::REMOVE_JOINT, &id),
             Self::ChangeBody { desc } => encode_head(to, code::CHANGE_BODY, &desc),
             Self::ChangeJoint { id, ref joint } => {
-                encode_head(to, code::CHANGE_JOINT, &id);
-                joint.encode(to);
+                encode_pair(to, code::CHANGE_JOINT, &id, &**joint);
             }
             Self::Sleep { id } => encode_head(to, code::SLEEP, &id),
             Self::Wake { id } => encode_head(to, code::WAKE, &id),
             Self::SetEvents { id, events } => {
-                encode_head(to, code::SET_EVENTS, &id);
-                events.encode(to);
+                encode_pair(to, code::SET_EVENTS, &id, &events);
+            }
+            Self::SetLocomotion { id, ref locomotion } => {
+                encode_pair(to, code::SET_LOCOMOTION, &id, &**locomotion);
+            }
+            Self::Jump { id, speed, from } => {
+                encode_head(to, code::JUMP, &id);
+                to.f32(speed);
+                from.encode(to);
+            }
+            Self::SetWheels { id, ref inputs } => {
+                encode_head(to, code::SET_WHEELS, &id);
+                encode_each(inputs, to);
             }
         }
     }
@@ -405,6 +479,9 @@ impl Wire for Command {
                 id: BodyId::decode(from)?,
                 events: ActiveEvents::decode(from)?,
             },
+            moved @ (code::SET_LOCOMOTION | code::JUMP | code::SET_WHEELS) => {
+                decode_locomotion(moved, from)?
+            }
             push @ (code::FORCE
             | code::TORQUE
             | code::IMPULSE

@@ -73,8 +73,20 @@ pub enum CommandError {
     TooManyJoints,
     /// The scene has reached its limit of bodies that are swept against moving ones.
     TooManySwept,
-    /// The engine of the scene has no such shape, joint or property of bodies.
+    /// The engine of the scene has no such shape, joint, locomotion or property of bodies.
     Unsupported,
+    /// The body is not kinematic, and only a kinematic one can be a character.
+    NotKinematic(BodyId),
+    /// A character needs one convex shape.
+    NotConvex(ShapeId),
+    /// The body is no character.
+    NotCharacter(BodyId),
+    /// The body is no vehicle.
+    NotVehicle(BodyId),
+    /// The scene has reached its limit of characters.
+    TooManyCharacters,
+    /// The scene has reached its limit of vehicles.
+    TooManyVehicles,
     /// A reason of a later version; the code is from [`OPTIONAL`] on.
     Other(u8),
 }
@@ -130,8 +142,18 @@ impl fmt::Display for CommandError {
                 f.write_str("the scene has reached its limit of bodies swept against moving ones")
             }
             Self::Unsupported => f.write_str(
-                "the engine of the scene has no such shape, joint or property of bodies",
+                "the engine of the scene has no such shape, joint, locomotion or property of bodies",
             ),
+            Self::NotKinematic(id) => {
+                write!(f, "{id} is not kinematic, and a character needs to be")
+            }
+            Self::NotConvex(id) => {
+                write!(f, "{id} is not one convex solid, and a character needs one")
+            }
+            Self::NotCharacter(id) => write!(f, "{id} is no character"),
+            Self::NotVehicle(id) => write!(f, "{id} is no vehicle"),
+            Self::TooManyCharacters => f.write_str("the scene has reached its limit of characters"),
+            Self::TooManyVehicles => f.write_str("the scene has reached its limit of vehicles"),
             Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
         }
     }
@@ -171,6 +193,12 @@ impl Wire for CommandError {
             Self::BodyDisabled(id) => named(to, 20, &id),
             Self::TooManyJoints => to.u8(21),
             Self::TooManySwept => to.u8(22),
+            Self::NotKinematic(id) => named(to, 23, &id),
+            Self::NotConvex(id) => named(to, 24, &id),
+            Self::NotCharacter(id) => named(to, 25, &id),
+            Self::NotVehicle(id) => named(to, 26, &id),
+            Self::TooManyCharacters => to.u8(27),
+            Self::TooManyVehicles => to.u8(28),
             Self::NotAllowed => to.u8(32),
             Self::OverQuota => to.u8(33),
             Self::Overloaded { retry_seconds } => {
@@ -214,6 +242,12 @@ impl Wire for CommandError {
             20 => Self::BodyDisabled(BodyId::decode(from)?),
             21 => Self::TooManyJoints,
             22 => Self::TooManySwept,
+            23 => Self::NotKinematic(BodyId::decode(from)?),
+            24 => Self::NotConvex(ShapeId::decode(from)?),
+            25 => Self::NotCharacter(BodyId::decode(from)?),
+            26 => Self::NotVehicle(BodyId::decode(from)?),
+            27 => Self::TooManyCharacters,
+            28 => Self::TooManyVehicles,
             32 => Self::NotAllowed,
             33 => Self::OverQuota,
             34 => Self::Overloaded {

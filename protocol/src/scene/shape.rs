@@ -8,7 +8,7 @@ use alloc::vec::Vec;
 use glam::{Quat, Vec3};
 use rhumb_reckoning::Metres;
 
-use super::checks::{Invalid, Quantity, rotation, scalar, vector};
+use super::checks::{Invalid, Quantity, direction, rotation, scalar, vector};
 use super::heights::Heights;
 use super::hull::Hull;
 use super::mesh::Mesh;
@@ -130,6 +130,15 @@ impl Shape {
         }
     }
 
+    /// True if it is one convex solid, as a character needs: no height field, mesh, half-space or compound.
+    #[must_use]
+    pub const fn is_convex(&self) -> bool {
+        !matches!(
+            self,
+            Self::Heights(_) | Self::Mesh(_) | Self::HalfSpace { .. } | Self::Compound(_)
+        )
+    }
+
     /// Its size for the limits of shapes (PROTOCOL 2.6-10): the same on every machine.
     #[must_use]
     pub fn bytes(&self) -> usize {
@@ -164,7 +173,7 @@ impl Shape {
             Self::Mesh(ref mesh) => return mesh.check(),
             Self::Compound(ref compound) => return compound.check(),
             // A unit vector passes and fails as the quaternion of half a turn about it.
-            Self::HalfSpace { normal } => return rotation(Quat::from_vec4(normal.extend(0.0))),
+            Self::HalfSpace { normal } => return direction(normal),
             Self::Ball { radius } => [radius; 4],
             Self::Cuboid { half_extents: half } => [half.x, half.y, half.z, half.z],
             Self::RoundedCuboid {

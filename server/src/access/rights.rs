@@ -85,7 +85,10 @@ const fn role_for(request: Request<'_>) -> Role {
             | Command::ImpulseAt { .. }
             | Command::Sleep { .. }
             | Command::Wake { .. }
-            | Command::SetEvents { .. } => Role::Controller,
+            | Command::SetEvents { .. }
+            | Command::SetLocomotion { .. }
+            | Command::Jump { .. }
+            | Command::SetWheels { .. } => Role::Controller,
             _ => Role::Owner,
         },
     }
@@ -112,7 +115,10 @@ fn owns_subjects(permit: &Permit, ownership: &Ownership, request: Request<'_>) -
             | Command::ImpulseAt { id, .. }
             | Command::Sleep { id }
             | Command::Wake { id }
-            | Command::SetEvents { id, .. } => owns(id),
+            | Command::SetEvents { id, .. }
+            | Command::SetLocomotion { id, .. }
+            | Command::Jump { id, .. }
+            | Command::SetWheels { id, .. } => owns(id),
             Command::ChangeBody { desc } => owns(desc.id),
             Command::ChangeJoint { id, ref joint } => {
                 ownership.owns_joint(client, id) && joint.bodies.into_iter().all(owns)

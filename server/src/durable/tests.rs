@@ -2,6 +2,8 @@
 //!
 //! Each run is recorded with the digest of every tick. Whatever is restored must equal the recorded run at its tick.
 
+mod chance;
+
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -9,14 +11,15 @@ use glam::{Quat, Vec3};
 use proptest::prelude::*;
 use rhumb_protocol::message::SessionKey;
 use rhumb_protocol::scene::{
-    ActiveEvents, BodyDesc, BodyKind, Command, Joint, JointFrame, JointId, JointKind, SceneConfig,
-    SceneName, Shape, ShapeId,
+    ActiveEvents, BodyDesc, BodyKind, Character, Command, Joint, JointFrame, JointId, JointKind,
+    JumpFrom, SceneConfig, SceneName, Shape, ShapeId, Vehicle, Wheel, WheelInput,
 };
 use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 use rhumb_transport::Clock;
 use ring::hmac;
 
+use self::chance::Chance;
 use super::disk::Disk;
 use super::error::DataError;
 use super::log_tail::LogTail;
@@ -32,27 +35,6 @@ use crate::scene::Scene;
 use crate::sessions::Sessions;
 
 const SESSION: SessionNumber = SessionNumber(0);
-
-/// Chance from a seed.
-struct Chance(u64);
-
-impl Chance {
-    fn below(&mut self, n: usize) -> usize {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1);
-        ((self.0 >> 33) as usize) % n.max(1)
-    }
-
-    fn between(&mut self, from: f32, to: f32) -> f32 {
-        from + (to - from) * self.below(1_000) as f32 / 1_000.0
-    }
-
-    fn vector(&mut self, most: f32) -> Vec3 {
-        Vec3::from_array(std::array::from_fn(|_| self.between(-most, most)))
-    }
-}
 
 /// A scene that is recorded, and the digest of each of its ticks.
 struct Recorded {
@@ -132,6 +114,17 @@ impl Recorded {
             );
         }
         recorded.add(BodyKind::Kinematic, ShapeId(1), Vec3::new(6.0, 1.0, 0.0));
+        recorded.add(BodyKind::Kinematic, ShapeId(2), Vec3::new(-6.0, 1.8, 0.0));
+        let character = BodyId::new(recorded.bodies - 1, 0);
+        recorded.command(&Command::SetLocomotion {
+            id: character,
+            locomotion: Box::new(Character::default().into()),
+        });
+        recorded.command(&Command::SetVelocity {
+            id: character,
+            linear: Vec3::X,
+            angular: Vec3::Y,
+        });
         recorded
     }
 
@@ -159,7 +152,7 @@ impl Recorded {
     fn any_command(&mut self) -> Command {
         let id = BodyId::new(self.chance.below(self.bodies as usize + 1) as u32, 0);
         let (small, large) = (self.chance.vector(3.0), self.chance.vector(900.0));
-        match self.chance.below(12) {
+        match self.chance.below(16) {
             0 => Command::SetVelocity {
                 id,
                 linear: small,
@@ -197,6 +190,7 @@ impl Recorded {
                     ..ActiveEvents::NONE
                 },
             },
+            kind @ 11..15 => locomotion_command(kind, id, small, large),
             _ => Command::RemoveJoint {
                 id: JointId(self.chance.below(4) as u32),
             },
@@ -306,6 +300,35 @@ fn run(seed: u64, ticks: usize) -> Recorded {
         }
     }
     recorded
+}
+
+/// A command about a character or a vehicle, by its number in [`Recorded::any_command`].
+fn locomotion_command(kind: usize, id: BodyId, small: Vec3, large: Vec3) -> Command {
+    match kind {
+        11 => Command::SetLocomotion {
+            id,
+            locomotion: Box::new(Character::default().into()),
+        },
+        12 => {
+            let wheels = vec![Wheel::at(small, 0.3), Wheel::at(-small, 0.4)];
+            let locomotion = Box::new(Vehicle { wheels }.into());
+            Command::SetLocomotion { id, locomotion }
+        }
+        13 => Command::Jump {
+            id,
+            speed: small.y,
+            from: JumpFrom::Anywhere,
+        },
+        _ => {
+            let input = WheelInput {
+                steering: small.x,
+                force: large.y,
+                brake: large.z.abs(),
+            };
+            let inputs = vec![input; 2];
+            Command::SetWheels { id, inputs }
+        }
+    }
 }
 
 proptest! {

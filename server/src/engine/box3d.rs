@@ -13,8 +13,8 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::limits::COORDINATE_MAX;
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    Answer, BodyDesc, BodyKind, Contact, Joint, JointId, Query, QueryCandidate, SceneConfig, Shape,
-    ShapeId, SleepConfig,
+    Answer, BodyDesc, BodyKind, Contact, Joint, JointId, Locomotion, Query, QueryCandidate,
+    SceneConfig, Shape, ShapeId, SleepConfig,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
@@ -285,6 +285,7 @@ impl Engine for Box3dEngine {
             // Box3D has no dominance, and always has gyroscopic forces.
             EnginePart::Body(body) => body.desc.dominance == 0 && body.desc.gyroscopic,
             EnginePart::Joint(joint) => joints::supports(joint),
+            EnginePart::Locomotion(locomotion) => matches!(locomotion, Locomotion::None),
         }
     }
 

@@ -9,7 +9,8 @@ use core::fmt;
 use glam::{Quat, Vec3};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    Answer, BodyDesc, Contact, Joint, JointId, Material, Query, Shape, ShapeId,
+    Answer, BodyDesc, BodyEvent, Contact, Joint, JointId, JumpFrom, Locomotion, Material, Query,
+    Shape, ShapeId, WheelInput,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Twist};
@@ -51,6 +52,8 @@ pub enum EnginePart<'a> {
     Body(&'a BodyProperties),
     /// A joint that a client adds or changes.
     Joint(&'a Joint),
+    /// What makes a body a character or a vehicle, or neither.
+    Locomotion(&'a Locomotion),
 }
 
 /// A world of rigid bodies that can be stepped.
@@ -145,6 +148,31 @@ pub trait Engine: Send {
 
     /// Sets the velocities of a dynamic body, or those that a kinematic one keeps: m/s and rad/s, world frame.
     fn set_velocity(&mut self, id: BodyId, twist: Twist);
+
+    /// Replaces the locomotion of a body. A character is kinematic and has a convex shape; a vehicle is dynamic.
+    ///
+    /// A character moves by the velocities that are set for it, as far as the world lets it. A step that goes to a pose
+    /// is no step of a character: it ends its fall. An engine whose [`Engine::supports`] takes no locomotion gets none, and
+    /// none of the calls about it.
+    fn set_locomotion(&mut self, id: BodyId, locomotion: &Locomotion) {
+        let _ = (id, locomotion);
+    }
+
+    /// Sets the speed with which a character rises, m/s.
+    fn jump(&mut self, id: BodyId, speed: f32, from: JumpFrom) {
+        let _ = (id, speed, from);
+    }
+
+    /// Sets the inputs of a vehicle's wheels, one for each.
+    fn set_wheels(&mut self, id: BodyId, inputs: &[WheelInput]) {
+        let _ = (id, inputs);
+    }
+
+    /// Adds the events of the characters that reached or left the ground in the last step, in the order of codes and
+    /// then of ids.
+    fn ground_events(&self, out: &mut Vec<BodyEvent>) {
+        let _ = out;
+    }
 
     /// Puts a dynamic body to sleep, or wakes it. An engine may have what touches it sleep too.
     fn set_activity(&mut self, id: BodyId, activity: Activity);

@@ -59,6 +59,24 @@ impl KinematicTarget {
         self.kept
     }
 
+    /// The velocities that it keeps, unless its next step goes to a target.
+    pub(super) const fn keeps(&self) -> Option<Twist> {
+        match self.target {
+            Some(_) => None,
+            None => Some(self.twist),
+        }
+    }
+
+    /// The rotation at the end of a step at the velocities that it keeps.
+    pub(super) fn turned(&self, integrator: Integrator) -> DQuat {
+        carried(self.pose, self.twist, integrator).rotation
+    }
+
+    /// Ends a step at another pose than its velocities lead to; the engine has its velocities of that step.
+    pub(super) const fn arrive(&mut self, pose: Pose) {
+        (self.pose, self.kept) = (pose, None);
+    }
+
     /// The pose at the end of the next step.
     pub(super) fn advance(&mut self, integrator: Integrator) -> Pose {
         (self.pose, self.kept) = match self.target.take() {

@@ -18,10 +18,12 @@ mod interface;
 mod kinematic_target;
 mod rapier;
 mod rapier_body;
+mod rapier_characters;
 mod rapier_contacts;
 mod rapier_joints;
 mod rapier_query;
 mod rapier_solid;
+mod rapier_vehicles;
 mod rapier_workers;
 
 #[cfg(feature = "box3d")]

@@ -5,6 +5,9 @@
 //! Rapier caps the speeds of dynamic bodies at 400 m/s and an eighth of a turn per tick.
 
 mod image;
+#[cfg(test)]
+mod tests;
+mod walking;
 
 use std::collections::BTreeMap;
 use std::mem;
@@ -15,8 +18,8 @@ use rapier3d::prelude::{PhysicsWorld, RigidBody, RigidBodyHandle};
 use rhumb_protocol::limits::COORDINATE_MAX;
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    Answer, BodyDesc, BodyKind, Contact, Joint, JointId, Query, SceneConfig, Shape, ShapeId,
-    SleepConfig,
+    Answer, BodyDesc, BodyEvent, BodyKind, Contact, Joint, JointId, JumpFrom, Locomotion, Query,
+    SceneConfig, Shape, ShapeId, SleepConfig, WheelInput,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Inertia, Integrator, Twist};
@@ -27,10 +30,12 @@ use super::interface::{
 };
 use super::kinematic_target::KinematicTarget;
 use super::rapier_body as translate;
+use super::rapier_characters::RapierCharacters;
 use super::rapier_contacts as touching;
 use super::rapier_joints::RapierJoints;
 use super::rapier_query as queries;
 use super::rapier_solid::{self as solids, Solid};
+use super::rapier_vehicles::RapierVehicles;
 use super::rapier_workers::Workers;
 
 /// A Rapier world.
@@ -42,6 +47,8 @@ pub struct RapierEngine {
     fault: Option<EngineFault>,
     solids: BTreeMap<ShapeId, Solid>,
     joints: RapierJoints,
+    characters: RapierCharacters,
+    vehicles: RapierVehicles,
     /// Slots by body index.
     places: Vec<Option<BodySlot>>,
     /// Kinematic bodies that move.
@@ -92,6 +99,8 @@ impl RapierEngine {
             fault: None,
             solids: BTreeMap::new(),
             joints: RapierJoints::default(),
+            characters: RapierCharacters::default(),
+            vehicles: RapierVehicles::default(),
             places: Vec::new(),
             kinematic_targets: BTreeMap::new(),
             forced: Vec::new(),
@@ -116,6 +125,8 @@ impl RapierEngine {
             let _ = catch_unwind(AssertUnwindSafe(|| drop(broken)));
             self.solids.clear();
             self.joints.clear();
+            self.characters.clear();
+            self.vehicles.clear();
             self.places.clear();
             self.kinematic_targets.clear();
             self.awake.clear();
@@ -196,6 +207,8 @@ impl RapierEngine {
         if let Some(place) = self.place(id) {
             self.places[id.index() as usize] = None;
             self.kinematic_targets.remove(&id);
+            self.characters.remove(id);
+            self.vehicles.remove(&mut self.world, id);
             self.world.remove_body(place.handle);
         }
     }
@@ -238,16 +251,9 @@ impl RapierEngine {
 
     /// Moves kinematic bodies, steps, and reads the results.
     fn advance(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) {
-        self.kinematic_targets
-            .retain(|_, kinematic_target| kinematic_target.is_moving());
-        for (id, kinematic_target) in &mut self.kinematic_targets {
-            let next = translate::narrow(&kinematic_target.advance(self.integrator));
-            let place = self.places.get(id.index() as usize).copied().flatten();
-            if let Some(body) = place.and_then(|place| self.world.bodies.get_mut(place.handle)) {
-                let next = translate::nearest(next, *body.rotation());
-                body.set_next_kinematic_position(next);
-            }
-        }
+        self.walk();
+        self.move_kinematic();
+        self.vehicles.advance(&mut self.world);
         self.world.step();
         for handle in self.forced.drain(..) {
             if let Some(body) = self.world.bodies.get_mut(handle) {
@@ -436,6 +442,37 @@ impl Engine for RapierEngine {
         self.contained(|engine| engine.set_twist(id, twist));
     }
 
+    fn set_locomotion(&mut self, id: BodyId, locomotion: &Locomotion) {
+        self.contained(|engine| {
+            let Some(place) = engine.place(id) else {
+                return;
+            };
+            let (characters, vehicles) = (&mut engine.characters, &mut engine.vehicles);
+            if !matches!(locomotion, Locomotion::Character(_)) {
+                characters.remove(id);
+            }
+            match locomotion {
+                Locomotion::None => vehicles.remove(&mut engine.world, id),
+                Locomotion::Character(character) => characters.set(id, *character),
+                Locomotion::Vehicle(vehicle) => {
+                    vehicles.set(&mut engine.world, (id, place.handle), vehicle);
+                }
+            }
+        });
+    }
+
+    fn jump(&mut self, id: BodyId, speed: f32, from: JumpFrom) {
+        self.contained(|engine| engine.characters.jump(id, speed, from));
+    }
+
+    fn set_wheels(&mut self, id: BodyId, inputs: &[WheelInput]) {
+        self.contained(|engine| engine.vehicles.set_inputs(&mut engine.world, id, inputs));
+    }
+
+    fn ground_events(&self, out: &mut Vec<BodyEvent>) {
+        self.characters.events(out);
+    }
+
     fn set_activity(&mut self, id: BodyId, activity: Activity) {
         self.contained(|engine| {
             let Some(place) = engine.place(id) else {
@@ -542,54 +579,5 @@ impl Engine for RapierEngine {
 
     fn freeze(&self) -> Option<FrozenEngine> {
         self.image()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-
-    use rhumb_protocol::scene::Material;
-    use rhumb_reckoning::Damping;
-
-    use super::*;
-
-    #[test]
-    fn after_a_panic_the_engine_is_empty_and_takes_no_steps() {
-        let (material, damping) = (
-            Material {
-                friction: 0.5,
-                restitution: 0.0,
-                density: 1_000.0,
-            },
-            Damping::default(),
-        );
-        let mut engine = RapierEngine::new(&SceneConfig {
-            gravity: Vec3::ZERO,
-            material,
-            damping,
-            ..SceneConfig::default()
-        });
-        let id = BodyId::new(0, 0);
-        let ball = BodyProperties {
-            desc: BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0)),
-            material,
-            damping,
-        };
-        let motion = BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]).unwrap();
-        let shape = Shape::Ball { radius: 0.5 };
-        assert_eq!(engine.add_shape(ball.desc.shape, &shape), Ok(()));
-        engine.add(&ball, motion);
-        let mut lost = Vec::new();
-        assert_eq!(engine.step(&mut lost), Ok(()));
-        assert_eq!(engine.awake_count(), 1);
-        engine.contained(|_| panic!("as Rapier might"));
-        assert_eq!(engine.fault(), Some(EngineFault::Panicked));
-        engine.add(&ball, motion);
-        engine.push(id, Push::Impulse(Vec3::X));
-        assert_eq!(engine.step(&mut lost), Err(EngineFault::Panicked));
-        assert_eq!(engine.observe_one(id), None);
-        let mut observed = Vec::new();
-        engine.observe(&mut observed);
-        assert_eq!((observed, lost, engine.awake_count()), (vec![], vec![], 0));
     }
 }

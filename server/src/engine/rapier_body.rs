@@ -220,7 +220,7 @@ pub(super) fn unpush(body: &mut RigidBody) {
 }
 
 /// The factor in (0, 1] that shortens a vector to `most`, or one if it is shorter. Frame and unit: the vector's.
-fn share_within(vector: Vec3, most: f32) -> f32 {
+pub(super) fn share_within(vector: Vec3, most: f32) -> f32 {
     let length = vector.as_dvec3().length();
     if length <= f64::from(most) {
         1.0

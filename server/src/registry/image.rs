@@ -6,6 +6,7 @@ use rhumb_protocol::wire::bytes::{Reader, Writer};
 use rhumb_protocol::wire::{Malformed, Wire};
 use rhumb_reckoning::Damping;
 
+use super::locomotions::Locomotions;
 use super::{BodyEntry, Registry, ShapeEntry};
 
 impl Wire for Registry {
@@ -26,6 +27,7 @@ impl Wire for Registry {
             id.encode(to);
             joint.encode(to);
         }
+        self.locomotions.encode(to);
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
@@ -52,6 +54,7 @@ impl Wire for Registry {
                 return Err(Malformed::NotCanonical);
             }
         }
+        registry.locomotions = Locomotions::decode(from)?;
         Ok(registry)
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use rhumb_protocol::Peer;
 use rhumb_protocol::message::{Denial, StreamChoice};
 use rhumb_protocol::packet::StreamId;
-use rhumb_protocol::scene::{Command, CommandError, Shape, ShapeId};
+use rhumb_protocol::scene::{Command, CommandError, Locomotion, Shape, ShapeId};
 use rhumb_reckoning::BodyId;
 
 use super::SceneRunner;
@@ -75,8 +75,17 @@ impl SceneRunner {
 
     /// Carries out a command if the server admits the body that it adds.
     pub(super) fn apply_within_load(&mut self, command: &Command) -> Result<(), CommandError> {
-        if !matches!(command, Command::AddBody { .. }) {
-            return self.scene.apply(command);
+        match command {
+            Command::AddBody { .. } => {}
+            Command::SetLocomotion { id, locomotion } => {
+                return self.apply_locomotion(command, *id, locomotion);
+            }
+            Command::ChangeBody { .. } => {
+                let applied = self.scene.apply(command);
+                self.reserve_locomotion();
+                return applied;
+            }
+            _ => return self.scene.apply(command),
         }
         if self.scene.body_count() as u64 >= self.provision.limits.bodies_per_scene {
             return Err(CommandError::TooManyBodies);
@@ -92,9 +101,37 @@ impl SceneRunner {
         applied
     }
 
+    /// Makes a body a character or a vehicle if the server admits what it costs.
+    fn apply_locomotion(
+        &mut self,
+        command: &Command,
+        id: BodyId,
+        locomotion: &Locomotion,
+    ) -> Result<(), CommandError> {
+        let before = load::locomotion_steps(self.scene.locomotion(id).into_iter());
+        let others = load::locomotion_steps(self.scene.locomotions()) - before;
+        let asked = load::locomotion_steps(std::iter::once(locomotion));
+        if !self.provision.load.set_locomotion(others + asked) {
+            let retry_seconds = load::RETRY_SECONDS;
+            return Err(CommandError::Overloaded { retry_seconds });
+        }
+        let applied = self.scene.apply(command);
+        if applied.is_err() {
+            self.reserve_locomotion();
+        }
+        applied
+    }
+
+    /// Reserves what the characters and vehicles of the scene cost now.
+    pub(super) fn reserve_locomotion(&mut self) {
+        let steps = load::locomotion_steps(self.scene.locomotions());
+        let _ = self.provision.load.set_locomotion(steps);
+    }
+
     /// Forgets the owner of a body that has left the scene.
     pub(super) fn forget_body(&mut self, id: BodyId) {
         self.ownership.remove_body(id);
         self.provision.load.remove_body();
+        self.reserve_locomotion();
     }
 }

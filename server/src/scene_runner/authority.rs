@@ -138,6 +138,8 @@ impl SceneRunner {
         match *command {
             Command::SetPose { id, .. }
             | Command::SetVelocity { id, .. }
+            | Command::SetLocomotion { id, .. }
+            | Command::Jump { id, .. }
             | Command::ChangeBody {
                 desc: BodyDesc { id, .. },
             } if self.authority_table.authority_of(id).is_some() => {

@@ -113,6 +113,7 @@ impl SceneRunner {
         if !left_out.is_empty() {
             self.tell_difference(&before, differs);
         }
+        self.reserve_locomotion();
         let tick = self.scene.tick();
         self.record_event(SceneEvent::SceneRestored { tick });
         // The failed engine's world may be large, or broken.

@@ -7,6 +7,7 @@ use rhumb_protocol::scene::{SceneConfig, SceneName};
 
 use super::ServerLoop;
 use crate::durable::{DataDir, LogTail, Origin, ReplayStart, Restored, SceneFiles, Wake};
+use crate::load;
 
 impl ServerLoop {
     /// Keeps the scenes that clients create from now on in a data directory.
@@ -126,6 +127,7 @@ impl ServerLoop {
         for _ in 0..restored.scene.body_count() {
             load.add_body();
         }
+        let _ = load.set_locomotion(load::locomotion_steps(restored.scene.locomotions()));
         let runner = self.run_scene(&name, restored.scene, slot, load);
         runner.restore_shapes();
         if let Some(log) = log {

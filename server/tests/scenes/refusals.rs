@@ -9,9 +9,9 @@ use proptest::prelude::*;
 use rhumb_protocol::limits::{DAMPINGS_MAX, INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_protocol::message::RemovalCause;
 use rhumb_protocol::scene::{
-    Answer, BodyDesc, BodyKind, Command, CommandError, Contact, Hull, Invalid, Joint, JointFrame,
-    JointId, JointKind, JointLimits, LockedAxes, Material, Quantity, Query, SceneConfig, Shape,
-    ShapeId,
+    Answer, BodyDesc, BodyEvent, BodyKind, Command, CommandError, Contact, Hull, Invalid, Joint,
+    JointFrame, JointId, JointKind, JointLimits, JumpFrom, LockedAxes, Locomotion, Material,
+    Quantity, Query, SceneConfig, Shape, ShapeId, WheelInput,
 };
 use rhumb_protocol::stream::{Activity, Observation};
 use rhumb_reckoning::{BodyId, BodyState, Damping, Inertia, Tick, Twist};
@@ -210,6 +210,10 @@ impl Engine for Double {
     fn change(&mut self, _: &BodyDesc, _: &BodyProperties) {}
     fn set_activity(&mut self, _: BodyId, _: Activity) {}
     fn overloaded_joints(&self, _: &mut Vec<JointId>) {}
+    fn set_locomotion(&mut self, _: BodyId, _: &Locomotion) {}
+    fn jump(&mut self, _: BodyId, _: f32, _: JumpFrom) {}
+    fn set_wheels(&mut self, _: BodyId, _: &[WheelInput]) {}
+    fn ground_events(&self, _: &mut Vec<BodyEvent>) {}
 
     fn remove(&mut self, _: BodyId) {}
     fn set_pose(&mut self, _: BodyId, _: Vec3, _: Quat) {}

@@ -10,6 +10,7 @@ use rhumb_protocol::scene::{
 use rhumb_reckoning::{BodyId, BodyState, Damping, ToleranceScale};
 
 use super::script::Script;
+use super::walking::walking;
 
 /// Ids of shapes and joints are below this.
 const THINGS: usize = 5;
@@ -32,7 +33,7 @@ pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
     } else {
         script.one_of(bodies)
     };
-    match script.below(25) {
+    match script.below(29) {
         0 | 1 => Command::AddShape {
             id: shape_id(script),
             shape: shape(script),
@@ -74,7 +75,8 @@ pub(super) fn command(script: &mut Script<'_>, bodies: &[BodyId]) -> Command {
             joint: joint(script, id, bodies).into(),
         },
         23 => Command::Sleep { id },
-        _ => Command::Wake { id },
+        24 => Command::Wake { id },
+        _ => walking(script, id),
     }
 }
 

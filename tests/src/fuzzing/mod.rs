@@ -22,6 +22,7 @@ mod subscriber;
 mod target;
 mod targets;
 mod upstream;
+mod walking;
 
 pub use app::{app_messages, app_scene};
 pub use client_session::client_session;

@@ -262,6 +262,42 @@ fn changes(cases: &mut CaseList) {
     cases.add(7, "Wake", &[&[18], &id(300, 2)]);
 }
 
+/// Commands about characters and vehicles.
+fn walking(cases: &mut CaseList) {
+    let locomotion = |bytes: &[u8]| [&[20][..], &id(300, 2), bytes].concat();
+    cases.add(7, "SetLocomotion, none", &[&locomotion(&[0])]);
+    cases.add(7, "SetLocomotion, no such word", &[&locomotion(&[3])]);
+    for flags in 0..=16_u8 {
+        let mut numbers = vec![0.02, 0.75, 1.0, 80.0];
+        for (bit, more) in [(1, &[0.0, 1.0, 0.0][..]), (2, &[0.3, 0.125]), (8, &[0.25])] {
+            if flags & bit != 0 {
+                numbers.extend(more);
+            }
+        }
+        let name = format!("SetLocomotion, a character with flags {flags}");
+        let character = [&[1, flags], &f(&numbers)[..]].concat();
+        cases.add(7, name, &[&locomotion(&character)]);
+    }
+    let wheel = [
+        0.75, -0.25, 1.5, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.3, 0.4, 0.2, 50.0, 4.0, 6.0, 9_000.0,
+        2.0, 1.0,
+    ];
+    let input = [0.25, 500.0, 0.0];
+    for count in [0, 1, 4, 16, 17] {
+        let name = format!("SetLocomotion, a vehicle with {count} wheels");
+        let wheels = f(&wheel).repeat(count);
+        let vehicle = [&[2, count as u8], &wheels[..]].concat();
+        cases.add(7, name, &[&locomotion(&vehicle)]);
+        let name = format!("SetWheels, {count} inputs");
+        let inputs = f(&input).repeat(count);
+        cases.add(7, name, &[&[22], &id(300, 2), &[count as u8], &inputs]);
+    }
+    for (word, from) in [("the ground", 0), ("anywhere", 1), ("no such place", 2)] {
+        let name = format!("Jump from {word}");
+        cases.add(7, name, &[&[21], &id(300, 2), &f(&[5.0]), &[from]]);
+    }
+}
+
 /// Commands that move or constrain existing bodies.
 fn pushes(cases: &mut CaseList) {
     cases.add(7, "RemoveBody", &[&[3], &id(300, 2)]);
@@ -302,7 +338,8 @@ fn pushes(cases: &mut CaseList) {
         cases.add(7, name, &[&[19], &id(300, 2), &[flags], &force]);
     }
     changes(cases);
-    for code in [20, 0x7f] {
+    walking(cases);
+    for code in [23, 0x7f] {
         cases.add(
             7,
             format!("a critical command {code} that is unknown"),

@@ -129,17 +129,17 @@ fn tick_events(cases: &mut CaseList) {
         &f(&[1.0, 2.0, 3.0, 0.0, 1.0, 0.0, -0.01, 9_806.5]),
     ]
     .concat();
-    let events: Vec<Vec<u8>> = (0..8)
+    let events: Vec<Vec<u8>> = (0..10)
         .map(|code| match code {
             0 | 2 => [&[code], &contact[..]].concat(),
-            5..=7 => [&[code], &id(3, 0)[..]].concat(),
+            5..=9 => [&[code], &id(3, 0)[..]].concat(),
             _ => [&[code], &pair[..]].concat(),
         })
         .collect();
     cases.add(
         18,
         "TickEvents, one of each",
-        &[&v(300), &v(0), &[8], &events.concat()],
+        &[&v(300), &v(0), &[10], &events.concat()],
     );
     cases.add(
         18,
@@ -149,7 +149,7 @@ fn tick_events(cases: &mut CaseList) {
     cases.add(
         18,
         "TickEvents, no such event",
-        &[&v(300), &v(0), &[1], &[8], &pair],
+        &[&v(300), &v(0), &[1], &[10], &pair],
     );
     let infinite = [&pair[..], &f(&[f32::INFINITY; 8])].concat();
     cases.add(
@@ -235,7 +235,7 @@ fn denials(cases: &mut CaseList) {
 
 fn errors(cases: &mut CaseList) {
     for code in [0, 1] {
-        for quantity in 0..32 {
+        for quantity in 0..40 {
             cases.add(
                 10,
                 format!("Refused, {code} {quantity}"),
@@ -243,21 +243,23 @@ fn errors(cases: &mut CaseList) {
             );
         }
     }
-    for code in [2, 4, 5, 10, 15, 16] {
+    for code in [2, 4, 5, 10, 15, 16, 20, 23, 25, 26] {
         cases.add(
             10,
             format!("Refused, {code} of a body"),
             &[&v(4), &[code], &id(300, 2)],
         );
     }
-    for code in [3, 6, 7, 12, 13, 14, 17] {
+    for code in [3, 6, 7, 12, 13, 14, 17, 24] {
         cases.add(
             10,
             format!("Refused, {code} of a shape or joint"),
             &[&v(4), &[code], &v(300)],
         );
     }
-    for code in [8, 9, 11, 18, 19, 20, 32, 33, 0x7f, 0x80, 0xff] {
+    for code in [
+        8, 9, 11, 18, 19, 20, 21, 22, 27, 28, 29, 32, 33, 0x7f, 0x80, 0xff,
+    ] {
         cases.add(10, format!("Refused, {code}"), &[&v(4), &[code]]);
     }
     cases.add(10, "Refused, 34 for 5 seconds", &[&v(4), &[34, 5]]);

@@ -4,7 +4,9 @@
 //! is within its bounds of the truth, whatever was changed, and both scenes have had the same states to the bit.
 
 mod bodies;
+mod characters;
 mod joints;
+mod vehicles;
 
 use glam::Vec3;
 use rhumb_protocol::Peer;

@@ -171,7 +171,12 @@ impl MessageWriter {
                 return Err(Unsupported::Joint);
             }
             Command::SetEvents { .. } => return Err(Unsupported::Events),
-            Command::ChangeBody { .. } | Command::Sleep { .. } | Command::Wake { .. } => {
+            Command::ChangeBody { .. }
+            | Command::Sleep { .. }
+            | Command::Wake { .. }
+            | Command::SetLocomotion { .. }
+            | Command::Jump { .. }
+            | Command::SetWheels { .. } => {
                 return Err(Unsupported::Change);
             }
         }

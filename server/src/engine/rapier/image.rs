@@ -14,7 +14,9 @@ use rhumb_reckoning::BodyId;
 use super::{BodySlot, RapierEngine, solids};
 use crate::engine::interface::FrozenEngine;
 use crate::engine::kinematic_target::KinematicTarget;
+use crate::engine::rapier_characters::RapierCharacters;
 use crate::engine::rapier_joints::RapierJoints;
+use crate::engine::rapier_vehicles::RapierVehicles;
 use crate::engine::rapier_workers::Workers;
 
 impl RapierEngine {
@@ -23,7 +25,7 @@ impl RapierEngine {
         if self.has_changed || self.fault.is_some() {
             return None;
         }
-        let slots = self.encode_slots();
+        let slots = self.encode_slots()?;
         let world = copy(&self.world);
         Some(Box::new(move || {
             let mut to = Writer::new();
@@ -48,6 +50,8 @@ impl RapierEngine {
             fault: None,
             solids: self.solids.clone(),
             joints: self.joints.clone(),
+            characters: self.characters.clone(),
+            vehicles: self.vehicles.clone(),
             places: self.places.clone(),
             kinematic_targets: self.kinematic_targets.clone(),
             forced: Vec::new(),
@@ -86,8 +90,8 @@ impl RapierEngine {
         Ok(engine)
     }
 
-    /// Everything beside the world and the scene's shapes.
-    fn encode_slots(&self) -> Vec<u8> {
+    /// Everything beside the world and the scene's shapes; `None` if a vehicle cannot be encoded.
+    fn encode_slots(&self) -> Option<Vec<u8>> {
         let mut to = Writer::new();
         let places = self.places.iter().flatten();
         to.varint(places.clone().count() as u64);
@@ -98,6 +102,8 @@ impl RapierEngine {
             to.varint(u64::from(generation));
         }
         self.joints.encode(&mut to);
+        self.characters.encode(&mut to);
+        self.vehicles.encode(&mut to)?;
         to.varint(self.kinematic_targets.len() as u64);
         for (id, target) in &self.kinematic_targets {
             id.encode(&mut to);
@@ -107,7 +113,7 @@ impl RapierEngine {
         for place in &self.awake {
             place.id.encode(&mut to);
         }
-        to.into_bytes()
+        Some(to.into_bytes())
     }
 
     fn decode_slots(&mut self, bytes: &[u8]) -> Result<(), Malformed> {
@@ -123,6 +129,8 @@ impl RapierEngine {
             self.places[index] = Some(BodySlot { id, handle });
         }
         self.joints = RapierJoints::decode(&mut from)?;
+        self.characters = RapierCharacters::decode(&mut from)?;
+        self.vehicles = RapierVehicles::decode(&mut from)?;
         for _ in 0..from.varint()? {
             let id = BodyId::decode(&mut from)?;
             let target = KinematicTarget::decode(&mut from)?;

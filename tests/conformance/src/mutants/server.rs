@@ -8,7 +8,7 @@ use bytes::Bytes;
 use rhumb_protocol::limits::FRICTION_MAX;
 use rhumb_protocol::message::{ClientMessage, Framed, Frames, SceneEvent, ServerMessage, frame};
 use rhumb_protocol::packet::{Checksums, FullPacket, Head, PacketKind, RepairSymbol, UpdateWriter};
-use rhumb_protocol::scene::SceneConfig;
+use rhumb_protocol::scene::{BodyEvent, SceneConfig};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Reader;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit, Wake};
@@ -59,6 +59,8 @@ pub enum ServerMutant {
     RefusalsNotSent,
     /// Leaves joints out of the snapshot of a late joiner.
     JointsNotSent,
+    /// Never tells that a character reaches the ground.
+    GroundNotSent,
     /// Answers a ping with another number.
     PongWrong,
     /// Steps with the next higher friction value: like another engine whose results are close but not equal.
@@ -297,6 +299,10 @@ fn with_friction(mut config: SceneConfig, next: fn(f32) -> f32) -> SceneConfig {
     config
 }
 
+const fn is_ground_reached(event: &BodyEvent) -> bool {
+    matches!(event, BodyEvent::ReachedGround(_))
+}
+
 impl MutantConnection {
     /// The bytes that replace sent bytes of the control stream.
     fn sent_bytes_as(&mut self, mutant: ServerMutant, bytes: &Bytes) -> Vec<u8> {
@@ -311,6 +317,8 @@ impl MutantConnection {
             }
             match (mutant, message) {
                 (ServerMutant::RefusalsNotSent, Some(ServerMessage::Refused { .. })) => {}
+                (ServerMutant::GroundNotSent, Some(ServerMessage::TickEvents(events)))
+                    if events.events.iter().any(is_ground_reached) => {}
                 (
                     ServerMutant::JointsNotSent,
                     Some(ServerMessage::SceneEvent(SceneEvent::JointAdded { .. })),

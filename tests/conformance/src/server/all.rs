@@ -2,8 +2,9 @@
 
 use super::{
     l0_frames, l0_pieces, l0_vectors, l1_features, l1_limits, l1_resume, l1_scenes, l1_session,
-    l1_states, l1_transport, l2_stream, l2_wire, l3_authority, l3_changes, l3_commands, l3_joints,
-    l3_motion, l3_physics, l3_queries, l4_exact, l4_free, l4_tolerance, l5_datagrams, l5_security,
+    l1_states, l1_transport, l2_stream, l2_wire, l3_authority, l3_changes, l3_characters,
+    l3_commands, l3_joints, l3_motion, l3_physics, l3_queries, l4_exact, l4_free, l4_tolerance,
+    l5_datagrams, l5_security,
 };
 use crate::case::Case;
 
@@ -29,6 +30,7 @@ pub(crate) fn cases() -> Vec<Case> {
         l3_motion::cases(),
         l3_physics::cases(),
         l3_queries::cases(),
+        l3_characters::cases(),
         l4_tolerance::cases(),
         l4_free::cases(),
         l4_exact::cases(),

@@ -300,6 +300,9 @@ pub(super) fn rename(command: &mut Command, granted: IdRange) -> CaseResult {
         | Command::RemoveShape { .. }
         | Command::SetGravity { .. }
         | Command::RemoveJoint { .. }
-        | Command::SetEvents { .. } => Ok(()),
+        | Command::SetEvents { .. }
+        | Command::SetLocomotion { .. }
+        | Command::Jump { .. }
+        | Command::SetWheels { .. } => Ok(()),
     }
 }

@@ -15,6 +15,7 @@ mod l2_stream;
 mod l2_wire;
 mod l3_authority;
 mod l3_changes;
+mod l3_characters;
 mod l3_commands;
 mod l3_joints;
 mod l3_motion;

@@ -124,7 +124,7 @@ fn this_server_passes_behind_a_bad_link() {
 }
 
 /// Each mutant with its case, by id or by words of its name.
-const CAUGHT: [(ServerMutant, &str); 21] = [
+const CAUGHT: [(ServerMutant, &str); 22] = [
     (ServerMutant::AnyVersion, "L1.1.3"),
     (ServerMutant::WrongCode, "L0.1.7"),
     (ServerMutant::CriticalPasses, "L0.1.7"),
@@ -142,6 +142,7 @@ const CAUGHT: [(ServerMutant, &str); 21] = [
     (ServerMutant::GravityNotSent, "L3.4.11"),
     (ServerMutant::RefusalsNotSent, "L3.2.1"),
     (ServerMutant::JointsNotSent, "L3.3.7"),
+    (ServerMutant::GroundNotSent, "L3.8.2"),
     (ServerMutant::PongWrong, "L1.4.12"),
     (ServerMutant::FrictionOff, "L4.3.1"),
     (ServerMutant::SpeedsOff, "L4.3.2"),

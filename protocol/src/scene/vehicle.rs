@@ -1,0 +1,278 @@
+//! Settings of a vehicle: a dynamic body on wheels, which are rays with springs.
+//!
+//! Nothing here depends on an engine. A wheel is no body: a client that draws it computes its place, see [`Wheel::ray`].
+
+use alloc::vec::Vec;
+use core::f32::consts::PI;
+
+use glam::{Quat, Vec3};
+
+use super::checks::{Invalid, Quantity, direction, scalar, vector};
+use super::query::Query;
+use crate::limits::{EXTENT_MAX, EXTENT_MIN, FORCE_MAX, FRICTION_MAX, STIFFNESS_MAX, WHEELS_MAX};
+use crate::wire::bytes::{Reader, Writer};
+use crate::wire::{Malformed, Wire};
+
+/// The wheels of a vehicle. Its chassis is the body.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Vehicle {
+    /// From 1 to [`WHEELS_MAX`] wheels.
+    pub wheels: Vec<Wheel>,
+}
+
+/// A wheel, in the axes of its chassis and from its centre of mass.
+///
+/// A ray from the wheel's position along its suspension finds the ground. The spring pushes the chassis away from it by
+/// its mass times stiffness · (rest length − length), less the damping. The wheel rolls across its axle: along the cross product
+/// of the ground's normal and the axle. With the axle along x and y upwards, forward is −z.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wheel {
+    /// Upper end of the suspension, metres.
+    pub position: Vec3,
+    /// Direction of the suspension, of unit length, towards the ground.
+    pub direction: Vec3,
+    /// Axis about which the wheel turns, of unit length.
+    pub axle: Vec3,
+    /// Metres.
+    pub radius: f32,
+    /// Length of the suspension without load, from the position to the wheel's centre, metres.
+    pub rest_length: f32,
+    /// Greatest change of that length, metres.
+    pub travel: f32,
+    /// 1/s².
+    pub stiffness: f32,
+    /// Damping while the spring is compressed, 1/s.
+    pub compression: f32,
+    /// Damping while the spring relaxes, 1/s.
+    pub relaxation: f32,
+    /// Greatest force of the suspension, N.
+    pub force_max: f32,
+    /// Greatest force along the ground, as a share of the suspension's force.
+    pub friction_slip: f32,
+    /// Factor of the force along the axle that keeps the wheel from sliding sideways.
+    pub side_friction: f32,
+}
+
+impl Wheel {
+    /// A wheel at this place of the chassis, metres, on a suspension of 0.3 m along −y, with its axle along x.
+    ///
+    /// Four of them let a chassis sink by 5 cm.
+    #[must_use]
+    pub const fn at(position: Vec3, radius: f32) -> Self {
+        Self {
+            position,
+            direction: Vec3::NEG_Y,
+            axle: Vec3::X,
+            radius,
+            rest_length: 0.3,
+            travel: 0.25,
+            stiffness: 50.0,
+            compression: 4.0,
+            relaxation: 6.0,
+            force_max: FORCE_MAX,
+            friction_slip: 2.0,
+            side_friction: 1.0,
+        }
+    }
+
+    /// Sets the length of its suspension without load, and the greatest change of it, metres.
+    #[must_use]
+    pub const fn suspension(mut self, rest_length: f32, travel: f32) -> Self {
+        self.rest_length = rest_length;
+        self.travel = travel;
+        self
+    }
+
+    /// Sets the stiffness of its spring, 1/s², and the damping of both directions, 1/s.
+    #[must_use]
+    pub const fn spring(mut self, stiffness: f32, damping: f32) -> Self {
+        self.stiffness = stiffness;
+        self.compression = damping;
+        self.relaxation = damping;
+        self
+    }
+
+    /// Sets the greatest force along the ground, as a share of the suspension's force.
+    #[must_use]
+    pub const fn friction_slip(mut self, share: f32) -> Self {
+        self.friction_slip = share;
+        self
+    }
+
+    /// The ray by which the wheel finds the ground, for a chassis of this pose, world frame. It finds one body; the
+    /// caller excepts the chassis.
+    #[must_use]
+    pub fn ray(&self, position: Vec3, rotation: Quat) -> Query {
+        let reach = self.rest_length + self.radius;
+        let from = position + rotation * self.position;
+        Query::ray(from, rotation * self.direction * reach)
+    }
+
+    /// Length of the suspension, metres, if the ray found the ground at this distance: the wheel's centre lies so far
+    /// from its position.
+    #[must_use]
+    pub fn length(&self, distance: Option<f32>) -> f32 {
+        let least = self.rest_length - self.travel;
+        let most = self.rest_length + self.travel;
+        distance.map_or(self.rest_length, |distance| {
+            (distance - self.radius).max(least).min(most)
+        })
+    }
+
+    fn check(&self) -> Result<(), Invalid> {
+        vector(self.position, EXTENT_MAX, Quantity::Wheel)?;
+        direction(self.direction)?;
+        direction(self.axle)?;
+        for (value, least, most) in [
+            (self.radius, EXTENT_MIN, EXTENT_MAX),
+            (self.rest_length, 0.0, EXTENT_MAX),
+            (self.travel, 0.0, EXTENT_MAX),
+            (self.stiffness, 0.0, STIFFNESS_MAX),
+            (self.compression, 0.0, STIFFNESS_MAX),
+            (self.relaxation, 0.0, STIFFNESS_MAX),
+            (self.force_max, 0.0, FORCE_MAX),
+            (self.friction_slip, 0.0, FRICTION_MAX),
+            (self.side_friction, 0.0, FRICTION_MAX),
+        ] {
+            scalar(value, least, most, Quantity::Wheel)?;
+        }
+        Ok(())
+    }
+}
+
+impl Vehicle {
+    /// Checks the number of wheels, and every number of each.
+    ///
+    /// # Errors
+    ///
+    /// [`Invalid`] names the first that is wrong.
+    pub fn check(&self) -> Result<(), Invalid> {
+        check_count(self.wheels.len())?;
+        self.wheels.iter().try_for_each(Wheel::check)
+    }
+}
+
+/// Steering, force and brake of a wheel. The vehicle keeps them until the next ones.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WheelInput {
+    /// Turn against the suspension's direction, radians: with the suspension along −y, a positive one steers left.
+    pub steering: f32,
+    /// Force of the engine forward, N; a negative one acts backward.
+    pub force: f32,
+    /// Greatest force that stops it, N. A wheel with a force does not brake.
+    pub brake: f32,
+}
+
+impl WheelInput {
+    /// Checks the inputs of all wheels of a vehicle.
+    pub(super) fn check_all(inputs: &[Self]) -> Result<(), Invalid> {
+        check_count(inputs.len())?;
+        inputs.iter().try_for_each(Self::check)
+    }
+
+    fn check(&self) -> Result<(), Invalid> {
+        scalar(self.steering, -PI, PI, Quantity::Wheel)?;
+        scalar(self.force, -FORCE_MAX, FORCE_MAX, Quantity::Wheel)?;
+        scalar(self.brake, 0.0, FORCE_MAX, Quantity::Wheel)
+    }
+}
+
+fn check_count(count: usize) -> Result<(), Invalid> {
+    if (1..=WHEELS_MAX).contains(&count) {
+        Ok(())
+    } else {
+        Err(Invalid::OutOfRange(Quantity::Wheels))
+    }
+}
+
+/// Encodes so many values. A number that no vehicle has stands for itself or for 255, which is refused either way.
+pub(super) fn encode_each<T: Wire>(values: &[T], to: &mut Writer) {
+    to.u8(u8::try_from(values.len()).unwrap_or(u8::MAX));
+    for value in values {
+        value.encode(to);
+    }
+}
+
+pub(super) fn decode_each<T: Wire>(from: &mut Reader<'_>) -> Result<Vec<T>, Malformed> {
+    let count = usize::from(from.u8()?);
+    if !(1..=WHEELS_MAX).contains(&count) {
+        return Err(Malformed::OutOfRange);
+    }
+    (0..count).map(|_| T::decode(from)).collect()
+}
+
+impl Wire for Vehicle {
+    fn encode(&self, to: &mut Writer) {
+        encode_each(&self.wheels, to);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        Ok(Self {
+            wheels: decode_each(from)?,
+        })
+    }
+}
+
+impl Wire for Wheel {
+    fn encode(&self, to: &mut Writer) {
+        for vector in [self.position, self.direction, self.axle] {
+            to.f32s(&vector.to_array());
+        }
+        to.f32s(&[
+            self.radius,
+            self.rest_length,
+            self.travel,
+            self.stiffness,
+            self.compression,
+            self.relaxation,
+            self.force_max,
+            self.friction_slip,
+            self.side_friction,
+        ]);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let mut vector = || from.f32s().map(Vec3::from_array);
+        let [position, direction, axle] = [vector()?, vector()?, vector()?];
+        let numbers: [f32; 9] = from.f32s()?;
+        let [
+            radius,
+            rest_length,
+            travel,
+            stiffness,
+            compression,
+            relaxation,
+            ..,
+        ] = numbers;
+        let [.., force_max, friction_slip, side_friction] = numbers;
+        Ok(Self {
+            position,
+            direction,
+            axle,
+            radius,
+            rest_length,
+            travel,
+            stiffness,
+            compression,
+            relaxation,
+            force_max,
+            friction_slip,
+            side_friction,
+        })
+    }
+}
+
+impl Wire for WheelInput {
+    fn encode(&self, to: &mut Writer) {
+        to.f32s(&[self.steering, self.force, self.brake]);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, Malformed> {
+        let [steering, force, brake] = from.f32s()?;
+        Ok(Self {
+            steering,
+            force,
+            brake,
+        })
+    }
+}

@@ -1,0 +1,166 @@
+//! Characters and vehicles of a scene.
+
+use rhumb_protocol::scene::{CommandError, JumpFrom, Locomotion, WheelInput};
+use rhumb_reckoning::BodyId;
+
+use super::Scene;
+use crate::engine::EnginePart;
+
+impl Scene {
+    /// The locomotion of a body that is a character or a vehicle.
+    #[must_use]
+    pub fn locomotion(&self, id: BodyId) -> Option<&Locomotion> {
+        self.registry.locomotion(id)
+    }
+
+    /// Every locomotion of a body, in the order of ids.
+    pub(crate) fn locomotions(&self) -> impl Iterator<Item = &Locomotion> {
+        self.registry.locomotions()
+    }
+
+    pub(super) fn set_locomotion(
+        &mut self,
+        id: BodyId,
+        locomotion: &Locomotion,
+    ) -> Result<(), CommandError> {
+        self.supported(EnginePart::Locomotion(locomotion))?;
+        self.registry.set_locomotion(id, locomotion)?;
+        self.engine.set_locomotion(id, locomotion);
+        Ok(())
+    }
+
+    /// Refuses what the engine does not have.
+    pub(super) fn supported(&self, part: EnginePart<'_>) -> Result<(), CommandError> {
+        let supports = self.engine.supports(part);
+        supports.then_some(()).ok_or(CommandError::Unsupported)
+    }
+
+    pub(super) fn jump(
+        &mut self,
+        id: BodyId,
+        speed: f32,
+        from: JumpFrom,
+    ) -> Result<(), CommandError> {
+        self.enabled(id)?;
+        match self.locomotion(id) {
+            Some(Locomotion::Character(_)) => {
+                self.engine.jump(id, speed, from);
+                Ok(())
+            }
+            _ => Err(CommandError::NotCharacter(id)),
+        }
+    }
+
+    pub(super) fn set_wheels(
+        &mut self,
+        id: BodyId,
+        inputs: &[WheelInput],
+    ) -> Result<(), CommandError> {
+        self.enabled(id)?;
+        self.registry.check_wheels(id, inputs.len())?;
+        self.engine.set_wheels(id, inputs);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use rhumb_protocol::scene::{
+        BodyDesc, BodyEvent, Character, Command, SceneConfig, Shape, ShapeId, Vehicle, Wheel,
+    };
+
+    use super::*;
+    use crate::engine::Workers;
+
+    const CAR: BodyId = BodyId::new(1, 0);
+    const WALKER: BodyId = BodyId::new(2, 0);
+
+    /// A floor, a car of four wheels on it, and a character beside the car.
+    fn scene() -> Scene {
+        let mut scene = Scene::new(SceneConfig::default()).unwrap();
+        let places = [(-0.8, -1.2), (0.8, -1.2), (-0.8, 1.2), (0.8, 1.2)];
+        let wheels = places.map(|(x, z)| Wheel::at(Vec3::new(x, -0.1, z), 0.3));
+        let bodies = [
+            BodyDesc::fixed(Shape::cuboid(50.0, 1.0, 50.0)).at(0.0, -1.0, 0.0),
+            BodyDesc::dynamic(Shape::cuboid(0.8, 0.2, 1.6)).at(0.0, 0.7, 0.0),
+            BodyDesc::kinematic(Shape::capsule(0.6, 0.3)).at(3.0, 0.92, 0.0),
+        ];
+        for (index, body) in (0..).zip(&bodies) {
+            let shape = body.shape().clone();
+            let id = ShapeId(index);
+            scene.apply(&Command::AddShape { id, shape }).unwrap();
+            let desc = body.desc(BodyId::new(index, 0), id);
+            let motion = body.state().unwrap();
+            scene.apply(&Command::AddBody { desc, motion }).unwrap();
+        }
+        for (id, locomotion) in [
+            (
+                CAR,
+                Vehicle {
+                    wheels: wheels.to_vec(),
+                }
+                .into(),
+            ),
+            (WALKER, Character::default().into()),
+        ] {
+            let locomotion = Box::new(locomotion);
+            scene
+                .apply(&Command::SetLocomotion { id, locomotion })
+                .unwrap();
+        }
+        scene
+    }
+
+    fn steer(steering: f32) -> Command {
+        let input = WheelInput {
+            steering,
+            force: 500.0,
+            brake: 0.0,
+        };
+        Command::SetWheels {
+            id: CAR,
+            inputs: vec![input; 4],
+        }
+    }
+
+    #[test]
+    fn a_jump_and_a_drive_go_on_from_an_image_and_from_a_copy_to_the_same_bits() {
+        let mut scene = scene();
+        for tick in 0..60 {
+            if tick == 20 {
+                scene.apply(&steer(0.2)).unwrap();
+            }
+            if tick == 50 {
+                let (speed, from) = (5.0, JumpFrom::Ground);
+                let id = WALKER;
+                scene.apply(&Command::Jump { id, speed, from }).unwrap();
+            }
+            scene.step().unwrap();
+        }
+        let image = scene.freeze().unwrap().encode().unwrap();
+        let at = (scene.tick(), scene.digest());
+        let restored = Scene::from_image(*scene.config(), &Workers::default(), at, &image).unwrap();
+        let mut others = [restored, scene.copy().unwrap()];
+        let mut landed = false;
+        for tick in 0..120 {
+            if tick == 30 {
+                scene.apply(&steer(-0.3)).unwrap();
+                others
+                    .iter_mut()
+                    .for_each(|other| other.apply(&steer(-0.3)).unwrap());
+            }
+            let stepped = scene.step().unwrap();
+            landed |= stepped
+                .happened
+                .events
+                .contains(&BodyEvent::ReachedGround(WALKER));
+            for other in &mut others {
+                assert_eq!(other.step().unwrap(), stepped);
+                assert_eq!(other.digest(), scene.digest());
+                assert_eq!(other.locomotion(CAR), scene.locomotion(CAR));
+            }
+        }
+        assert!(landed, "the character was in the air");
+    }
+}
