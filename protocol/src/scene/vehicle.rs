@@ -1,4 +1,4 @@
-//! Settings of a vehicle: a dynamic body on wheels, which are rays with springs.
+//! Settings of a vehicle: a dynamic body on wheels, each a ray with a spring.
 //!
 //! Nothing here depends on an engine. A wheel is no body: a client that draws it computes its place, see [`Wheel::ray`].
 
