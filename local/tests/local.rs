@@ -111,39 +111,6 @@ fn clients_on_two_threads_share_a_scene() {
 }
 
 #[test]
-fn a_caller_that_does_not_wait_gets_the_ticks_of_one_that_does() {
-    for server in servers() {
-        let mut places = Vec::new();
-        for (name, waits) in [("waits", true), ("looks", false)] {
-            let mut client = server.connect().join(name).expect("a new scene");
-            let ball = BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 10.0, 0.0);
-            let ball = client.add_body(ball).expect("room for a body");
-            for tick in 1..=30 {
-                let shown = if waits {
-                    client.advance(PipelineDepth::LOCKSTEP).expect("it steps")
-                } else {
-                    let requested = client.request_tick().expect("it steps");
-                    assert_eq!(requested, Tick::new(tick));
-                    let before = client.view().refreshes();
-                    loop {
-                        let shown = client.try_wait(PipelineDepth::LOCKSTEP);
-                        if let Some(shown) = shown.expect("it steps") {
-                            break shown;
-                        }
-                        assert_eq!(client.view().refreshes(), before, "no view of nothing");
-                        client.idle(Duration::from_millis(1)).expect("it goes on");
-                    }
-                };
-                assert_eq!(shown, Tick::new(tick));
-            }
-            places.push(client.view().position(ball));
-        }
-        assert!(places[0].is_some_and(|at| at.y < 9.5), "the ball fell");
-        assert_eq!(places[0], places[1]);
-    }
-}
-
-#[test]
 fn a_free_running_scene_steps_in_real_time() {
     let config = SceneConfig {
         stepping: Stepping::FreeRunning,
