@@ -67,12 +67,12 @@ impl FailingEngine {
     #[must_use]
     pub fn engines_that_fail_after(fails_after: Option<u64>) -> Engines {
         Engines::new(move |config: &SceneConfig, workers: &Workers| {
-            Box::new(Self {
+            Ok(Box::new(Self {
                 inner: Engines::default().make(config, workers)?,
                 fuses: BTreeMap::new(),
                 fails_after,
                 steps: 0,
-            })
+            }))
         })
     }
 }
