@@ -26,8 +26,8 @@ use super::box3d_joints::{self as joints, Box3dJoints};
 use super::box3d_native::{NativeBody, NativeShape, Placement, World};
 use super::box3d_shapes::{self as shapes, Box3dSolid};
 use super::interface::{
-    BodyProperties, Engine, EngineFault, EnginePart, NoEngine, Push, UnanswerableQuery,
-    UnusableShape,
+    BakedShape, Baker, BodyProperties, Engine, EngineFault, EnginePart, NoEngine, Push,
+    UnanswerableQuery, UnusableShape,
 };
 use super::kinematic_target::KinematicTarget;
 
@@ -291,6 +291,15 @@ impl Engine for Box3dEngine {
 
     fn add_shape(&mut self, id: ShapeId, shape: &Shape) -> Result<(), UnusableShape> {
         self.solids.insert(id, shapes::solid(shape)?);
+        Ok(())
+    }
+
+    fn baker(&self) -> Option<Baker> {
+        Some(|shape| shapes::solid(shape).map(BakedShape::new))
+    }
+
+    fn add_baked(&mut self, id: ShapeId, baked: BakedShape) -> Result<(), UnusableShape> {
+        (self.solids).insert(id, baked.into_solid().ok_or(UnusableShape)?);
         Ok(())
     }
 
