@@ -206,10 +206,10 @@ mod tests {
     #[test]
     fn a_limit_outside_its_bounds_is_named() {
         let limits = Limits {
-            members_per_scene: 65,
+            members_per_scene: 257,
             ..Limits::default()
         };
         let refused = limits.check().unwrap_err().to_string();
-        assert_eq!(refused, "limits.members_per_scene is 65, not from 1 to 64");
+        assert_eq!(refused, "limits.members_per_scene is 257, not from 1 to 256");
     }
 }

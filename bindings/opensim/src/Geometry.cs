@@ -1,4 +1,4 @@
-// OpenSimulator's vectors and rotations as Rhumb's, and what is computed of them.
+// OpenSimulator's vectors and rotations as Rhumb's, and their arithmetic.
 
 using OpenMetaverse;
 
