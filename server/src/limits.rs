@@ -210,6 +210,9 @@ mod tests {
             ..Limits::default()
         };
         let refused = limits.check().unwrap_err().to_string();
-        assert_eq!(refused, "limits.members_per_scene is 257, not from 1 to 256");
+        assert_eq!(
+            refused,
+            "limits.members_per_scene is 257, not from 1 to 256"
+        );
     }
 }
