@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use bytes::Bytes;
 use glam::{Quat, Vec3};
 use rhumb_protocol::packet::{Datagram, PacketKind, StreamId};
-use rhumb_protocol::scene::Command;
+use rhumb_protocol::scene::{Command, Locomotion};
 use rhumb_protocol::session::UpstreamReceiver;
 use rhumb_protocol::stream::SubscriberStatistics;
 use rhumb_protocol::{Instant, Peer};
@@ -224,13 +224,14 @@ impl AuthorityTable {
 impl AuthorityGroup {
     /// Sets the target of each body for a tick, before the step to it.
     ///
-    /// A body whose target is unchanged is left alone, so that it and the bodies on it may sleep. A body whose target
-    /// is not allowed stays where it is.
+    /// A body whose target is unchanged is left alone, so that it and the bodies on it may sleep; a character is not,
+    /// for it would fall. A body whose target is not allowed stays where it is.
     fn put(&mut self, scene: &mut Scene, tick: Tick) {
         for (id, motion) in self.receiver.motions(tick) {
             let pose = motion.pose();
             let (position, rotation) = (pose.position.as_vec3(), pose.rotation.as_quat());
-            if self.put.get(&id) == Some(&(position, rotation)) {
+            let walks = matches!(scene.locomotion(id), Some(Locomotion::Character(_)));
+            if !walks && self.put.get(&id) == Some(&(position, rotation)) {
                 continue;
             }
             let there = scene.apply(&Command::SetPose {

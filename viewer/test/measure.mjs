@@ -89,7 +89,8 @@ async function drawer() {
   const page = await browser.newPage();
   const name = await page.evaluate(() => {
     const context = document.createElement("canvas").getContext("webgl2");
-    return context?.getParameter(context.getExtension("WEBGL_debug_renderer_info").UNMASKED_RENDERER_WEBGL);
+    const named = context?.getExtension("WEBGL_debug_renderer_info");
+    return context?.getParameter(named?.UNMASKED_RENDERER_WEBGL ?? context.RENDERER);
   });
   await page.close();
   return name ?? "nothing: no WebGL 2";

@@ -168,8 +168,8 @@ impl Resets {
                 position,
                 rotation,
             })?;
-            // No script throws its bodies.
-            let (linear, angular) = (Vec3::ZERO, Vec3::ZERO);
+            let [.., lx, ly, lz, ax, ay, az] = motion.parts();
+            let (linear, angular) = (Vec3::new(lx, ly, lz), Vec3::new(ax, ay, az));
             client.command(Command::SetVelocity {
                 id,
                 linear,

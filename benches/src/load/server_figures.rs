@@ -32,7 +32,7 @@ pub struct LoadRow {
     pub server_cores: Option<f64>,
     /// Memory of the server at its end, megabytes.
     pub server_mb: Option<f64>,
-    /// UDP payload to all members, kilobytes a second.
+    /// Packets and control messages to all members, kilobytes a second.
     pub sent_kb_s: f64,
 }
 

@@ -31,12 +31,16 @@
 //!
 //! fn kick(client: Option<ResMut<RhumbClient>>, bodies: Query<&RhumbBodyId>) -> Result {
 //!     let Some(mut client) = client else { return Ok(()) };
+//!     if client.is_ended() {
+//!         return Ok(());
+//!     }
 //!     for body in &bodies {
 //!         client.apply_impulse(body.id(), bevy_math::Vec3::Y)?;
 //!     }
 //!     Ok(())
 //! }
 //!
+//! // An app with a window has `DefaultPlugins` beside it; without one, a runner and the time.
 //! App::new()
 //!     .add_plugins(RhumbPlugin::default())
 //!     .add_systems(Startup, join)

@@ -110,7 +110,7 @@ fn check_time_step(client: Res<'_, RhumbClient>, time: Res<'_, Time<Fixed>>) {
         client.fixed_step().as_secs_f64(),
         time.timestep().as_secs_f64(),
     );
-    if client.is_new() && (step / tick - 1.0).abs() > 1e-3 {
+    if client.is_new() && !client.is_ended() && (step / tick - 1.0).abs() > 1e-3 {
         warn!(
             "a fixed step of the app takes {step} s, a tick of the scene {tick} s: the scene runs {} times as fast as \
              it should; use Time::<Fixed>::from_duration(client.fixed_step())",

@@ -102,10 +102,13 @@ impl RapierCharacters {
         out.extend(self.lifted.iter().copied().map(BodyEvent::LeftGround));
     }
 
-    /// Ends the fall of a character that was put elsewhere.
+    /// Ends the fall of a character that was put elsewhere; whether ground carries it there, the next step finds.
     pub(super) fn halt(&mut self, id: BodyId) {
         if let Some(state) = self.states.get_mut(&id) {
             state.rise = 0.0;
+            if std::mem::take(&mut state.is_grounded) {
+                self.lifted.push(id);
+            }
         }
     }
 
@@ -136,7 +139,10 @@ impl RapierCharacters {
         walker.push(world, state.character.mass, &collisions);
         let stands = state.rise <= 0.0 && walker.stands(world, moved, &state.character);
         let risen = (moved - level).dot(up);
-        if stands || risen * asked.signum() < FREE_SHARE * asked.abs() {
+        // A way that is too short to be gone is no obstacle: a fall begins with such ways where ticks are short.
+        let is_blocked =
+            asked.abs() >= MOVEMENT_MIN && risen * asked.signum() < FREE_SHARE * asked.abs();
+        if stands || is_blocked {
             state.rise = 0.0;
         }
         if stands != state.is_grounded {

@@ -65,10 +65,12 @@ impl Scene {
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec3;
+    use glam::{Quat, Vec3};
+    use rhumb_protocol::limits::RATE_MAX;
     use rhumb_protocol::scene::{
         BodyDesc, BodyEvent, Character, Command, SceneConfig, Shape, ShapeId, Vehicle, Wheel,
     };
+    use rhumb_reckoning::Rate;
 
     use super::*;
     use crate::engine::Workers;
@@ -77,8 +79,8 @@ mod tests {
     const WALKER: BodyId = BodyId::new(2, 0);
 
     /// A floor, a car of four wheels on it, and a character beside the car.
-    fn scene() -> Scene {
-        let mut scene = Scene::new(SceneConfig::default()).unwrap();
+    fn scene(config: SceneConfig) -> Scene {
+        let mut scene = Scene::new(config).unwrap();
         let places = [(-0.8, -1.2), (0.8, -1.2), (-0.8, 1.2), (0.8, 1.2)];
         let wheels = places.map(|(x, z)| Wheel::at(Vec3::new(x, -0.1, z), 0.3));
         let bodies = [
@@ -126,7 +128,7 @@ mod tests {
 
     #[test]
     fn a_jump_and_a_drive_go_on_from_an_image_and_from_a_copy_to_the_same_bits() {
-        let mut scene = scene();
+        let mut scene = scene(SceneConfig::default());
         for tick in 0..60 {
             if tick == 20 {
                 scene.apply(&steer(0.2)).unwrap();
@@ -162,5 +164,37 @@ mod tests {
             }
         }
         assert!(landed, "the character was in the air");
+    }
+
+    #[test]
+    fn a_character_that_is_held_in_the_air_hangs_there_and_then_falls_however_short_a_tick_is() {
+        let mut config = SceneConfig::default();
+        config.integrator.rate = Rate::new(RATE_MAX, 1).unwrap();
+        let mut scene = scene(config);
+        let put = Command::SetPose {
+            id: WALKER,
+            position: Vec3::new(3.0, 5.0, 0.0),
+            rotation: Quat::IDENTITY,
+        };
+        let height = |scene: &Scene| scene.observation(WALKER).unwrap().motion.position()[1];
+        let mut events = Vec::new();
+        for tick in 0..200 {
+            if (50..100).contains(&tick) {
+                scene.apply(&put).unwrap();
+            }
+            events.extend(scene.step().unwrap().happened.events);
+            if (50..100).contains(&tick) {
+                assert_eq!(height(&scene), 5.0);
+            }
+        }
+        let walker = [
+            BodyEvent::ReachedGround(WALKER),
+            BodyEvent::LeftGround(WALKER),
+        ];
+        events.retain(|event| walker.contains(event));
+        assert_eq!(events, walker);
+        // A tenth of a second.
+        let fallen = 5.0 - height(&scene);
+        assert!((0.04..0.06).contains(&fallen), "{fallen}");
     }
 }

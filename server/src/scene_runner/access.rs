@@ -76,7 +76,8 @@ impl SceneRunner {
     /// Carries out a command if the server admits the body that it adds.
     pub(super) fn apply_within_load(&mut self, command: &Command) -> Result<(), CommandError> {
         match command {
-            Command::AddBody { .. } => {}
+            // Its numbers come before what the server admits.
+            Command::AddBody { .. } => command.check().map_err(CommandError::Invalid)?,
             Command::SetLocomotion { id, locomotion } => {
                 return self.apply_locomotion(command, *id, locomotion);
             }
@@ -108,6 +109,7 @@ impl SceneRunner {
         id: BodyId,
         locomotion: &Locomotion,
     ) -> Result<(), CommandError> {
+        command.check().map_err(CommandError::Invalid)?;
         let before = load::locomotion_steps(self.scene.locomotion(id).into_iter());
         let others = load::locomotion_steps(self.scene.locomotions()) - before;
         let asked = load::locomotion_steps(std::iter::once(locomotion));
