@@ -10,6 +10,7 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use bevy::prelude::*;
+use bevy::render::RenderPlugin;
 use bevy::render::view::screenshot::{Captured, Screenshot, save_to_disk};
 use rhumb_bevy::{RhumbBodyId, RhumbClient, RhumbEnded, RhumbJoin, RhumbJoinFailed, RhumbPlugin};
 use rhumb_client::{Client, Fingerprint, JoinMode, JoinOptions, Trust};
@@ -54,10 +55,18 @@ fn main() -> Result<(), Box<dyn Error>> {
         ..default()
     };
     let exit = App::new()
-        .add_plugins(DefaultPlugins.set(WindowPlugin {
-            primary_window: Some(window),
-            ..default()
-        }))
+        .add_plugins(
+            DefaultPlugins
+                .set(WindowPlugin {
+                    primary_window: Some(window),
+                    ..default()
+                })
+                // A picture shows what there is: nothing is left out until its shaders are compiled.
+                .set(RenderPlugin {
+                    synchronous_pipeline_compilation: true,
+                    ..default()
+                }),
+        )
         .add_plugins(RhumbPlugin::default())
         .insert_resource(ServerArguments {
             address,
