@@ -12,7 +12,7 @@ namespace Rhumb.Plugin
 {
     /// <summary>
     /// The region's clock leads: each frame sends what changed, advances the server, and shows the frame before. The server
-    /// computes beside the region's other work, so a frame does not wait for it. The region is the source of everything but
+    /// computes beside the region's other work, so a frame does not wait for its step. The region is the source of everything but
     /// motion: a server that was lost gets all bodies anew.
     /// </summary>
     public sealed class RegionScene : PhysicsScene

@@ -1,7 +1,7 @@
 // A short life of a region: every promise of the plug-in, checked.
 
-// Arguments: the plug-in's assembly, the server's address and fingerprint. A line on standard input answers "the server
-// died" and "the server is back", after this program has asked for it on standard output.
+// Arguments: the plug-in's assembly, the server's address and fingerprint. A line on standard input answers that the server
+// was stopped, goes on, died or is back, after this program has asked for it on standard output.
 
 using System;
 using System.Collections.Generic;
@@ -271,8 +271,8 @@ internal static class Region
         Connect();
         Run(5);
         Check(Math.Abs(box.Position.Z - 18.5f) < 0.05f, "a box on the last of many grounds: " + box.Position);
-        Vector3 corner = scene.RaycastWorld(new Vector3(150, 200, 60), new Vector3(0, 0, -1), 100, 1)[0].Pos;
-        Near(corner, new Vector3(150, 200, 25.4f), 0.02f, "the last of many grounds");
+        Vector3 corner = scene.RaycastWorld(new Vector3(160, 210, 60), new Vector3(0, 0, -1), 100, 1)[0].Pos;
+        Near(corner, new Vector3(160, 210, 25.4f), 0.02f, "the last of many grounds");
     }
 
     private static void Ray()
