@@ -59,6 +59,13 @@ namespace Rhumb.Plugin
             return a.X * b.X + a.Y * b.Y + a.Z * b.Z;
         }
 
+        /// <summary>True for four finite numbers that are not all zero.</summary>
+        internal static bool IsRotation(Quaternion q)
+        {
+            float squares = q.X * q.X + q.Y * q.Y + q.Z * q.Z + q.W * q.W;
+            return squares > 0 && !float.IsInfinity(squares);
+        }
+
         internal static bool IsFinite(Vector3 v)
         {
             float sum = v.X + v.Y + v.Z;

@@ -9,8 +9,8 @@ using OpenSim.Region.Physics.Manager;
 namespace Rhumb.Plugin
 {
     /// <summary>
-    /// An actor and what is to be said of it at the next frame. The region sets properties from any thread; the scene reads
-    /// them in Simulate. Vehicles, hovering, move-to-target and turn-to-target do nothing.
+    /// An actor and what is to be said of it at the next frame. The region sets properties from any thread; the scene takes
+    /// them in Simulate. Both hold the scene's gate. Vehicles, hovering, move-to-target and turn-to-target do nothing.
     /// </summary>
     internal abstract class RegionActor : PhysicsActor
     {
@@ -31,17 +31,14 @@ namespace Rhumb.Plugin
             LocalID = id;
             Name = name;
             this.position = position;
-            this.orientation = orientation;
-            this.size = size;
+            this.orientation = Geometry.IsRotation(orientation) ? orientation : Quaternion.Identity;
+            this.size = Geometry.IsFinite(size) ? size : Vector3.Zero;
         }
 
         protected RegionScene Scene { get; }
 
         /// <summary>The body, or none while it is to be added.</summary>
         internal Body Body;
-
-        /// <summary>The body that is to be removed, because its form changed.</summary>
-        internal Body Stale;
 
         /// <summary>Frames for which the view does not show the region's last command yet.</summary>
         internal uint Muted;
@@ -50,6 +47,9 @@ namespace Rhumb.Plugin
         internal bool Pushed;
         internal bool Resting;
         internal bool IsDropped;
+
+        /// <summary>True if the server has no body of it, because it refused both of its forms.</summary>
+        internal bool IsRefused;
 
         /// <summary>Contacts by the body that it touches, and whether they changed since the last report.</summary>
         internal readonly Dictionary<Body, KeyValuePair<uint, ContactPoint>> Touching =
@@ -81,31 +81,34 @@ namespace Rhumb.Plugin
         /// <summary>Commands for the state that the region set.</summary>
         internal virtual void Speak(List<Command> commands, float seconds)
         {
-            if (Placed)
+            lock (Scene.Gate)
             {
-                Vector3 at = position + Geometry.Rotated(Centre, orientation);
-                commands.Add(Command.SetPose(Body, at.ToVec3(), orientation.ToQuat()));
-                Muted = Scene.Depth;
-            }
-            if (IsDynamic)
-            {
-                if (Pushed)
+                if (Placed)
                 {
-                    commands.Add(Command.SetVelocity(Body, velocity.ToVec3(), spin.ToVec3()));
+                    Vector3 at = position + Geometry.Rotated(Centre, orientation);
+                    commands.Add(Command.SetPose(Body, at.ToVec3(), orientation.ToQuat()));
                     Muted = Scene.Depth;
                 }
-                Vector3 impulse = Impulse + force * seconds, twist = Twist + torque * seconds;
-                if (impulse != Vector3.Zero)
+                if (IsDynamic)
                 {
-                    commands.Add(Command.Impulse(Body, impulse.ToVec3()));
+                    if (Pushed)
+                    {
+                        commands.Add(Command.SetVelocity(Body, velocity.ToVec3(), spin.ToVec3()));
+                        Muted = Scene.Depth;
+                    }
+                    Vector3 impulse = Impulse + force * seconds, twist = Twist + torque * seconds;
+                    if (impulse != Vector3.Zero)
+                    {
+                        commands.Add(Command.Impulse(Body, impulse.ToVec3()));
+                    }
+                    if (twist != Vector3.Zero)
+                    {
+                        commands.Add(Command.TorqueImpulse(Body, twist.ToVec3()));
+                    }
                 }
-                if (twist != Vector3.Zero)
-                {
-                    commands.Add(Command.TorqueImpulse(Body, twist.ToVec3()));
-                }
+                Placed = Pushed = false;
+                Impulse = Twist = Vector3.Zero;
             }
-            Placed = Pushed = false;
-            Impulse = Twist = Vector3.Zero;
         }
 
         /// <summary>
@@ -115,9 +118,22 @@ namespace Rhumb.Plugin
         /// </summary>
         internal bool Hear(Vec3 at, Quat rotation, Vec3 linear, Vec3 angular, bool stands, float seconds)
         {
+            lock (Scene.Gate)
+            {
+                return HearInGate(at, rotation, linear, angular, stands, seconds);
+            }
+        }
+
+        private bool HearInGate(Vec3 at, Quat rotation, Vec3 linear, Vec3 angular, bool stands, float seconds)
+        {
             if (Muted > 0)
             {
                 Muted--;
+                return false;
+            }
+            if (Placed || Pushed)
+            {
+                // Set since this frame's commands: the next frame sends it.
                 return false;
             }
             Quaternion turned = KeepsOrientation ? orientation : rotation.ToQuaternion();
@@ -157,13 +173,18 @@ namespace Rhumb.Plugin
         }
 
         /// <summary>Forgets the server's body; a new one is added at the next frame.</summary>
-        internal void Forget(bool known)
+        internal void Forget()
         {
-            Stale = known ? Body : default(Body);
             Body = default(Body);
+            ForgetTouches();
+            Resting = false;
+        }
+
+        internal void ForgetTouches()
+        {
             Touching.Clear();
             TouchesChanged = true;
-            Resting = false;
+            CollidingGround = false;
         }
 
         protected void Rebuild()
@@ -182,19 +203,24 @@ namespace Rhumb.Plugin
         {
             Centre = solid.Centre;
             Volume = solid.Volume;
-            BodyDesc desc = IsDynamic ? BodyDesc.Dynamic(solid.Shape) : BodyDesc.Fixed(solid.Shape);
-            desc.At((position + Geometry.Rotated(Centre, orientation)).ToVec3()).Rotation(orientation.ToQuat());
-            desc.Material(Math.Max(friction, 0), Math.Min(Math.Max(restitution, 0), 1), Math.Max(density, 1));
-            if (IsDynamic)
+            lock (Scene.Gate)
             {
-                desc.LinearVelocity(velocity.ToVec3()).AngularVelocity(spin.ToVec3()).GravityScale(gravity * (1 - buoyancy));
+                BodyDesc desc = IsDynamic ? BodyDesc.Dynamic(solid.Shape) : BodyDesc.Fixed(solid.Shape);
+                desc.At((position + Geometry.Rotated(Centre, orientation)).ToVec3()).Rotation(orientation.ToQuat());
+                desc.Material(Math.Max(friction, 0), Math.Min(Math.Max(restitution, 0), 1), Math.Max(density, 1));
+                if (IsDynamic)
+                {
+                    desc.LinearVelocity(velocity.ToVec3()).AngularVelocity(spin.ToVec3());
+                    desc.GravityScale(gravity * (1 - buoyancy));
+                }
+                Placed = Pushed = false;
+                return desc;
             }
-            return desc;
         }
 
         private void Change(ref float field, float value)
         {
-            if (field != value)
+            if (field != value && !float.IsNaN(value) && !float.IsInfinity(value))
             {
                 field = value;
                 Rebuild();
@@ -206,11 +232,14 @@ namespace Rhumb.Plugin
             get { return position; }
             set
             {
-                if (Geometry.IsFinite(value) && value != position)
+                lock (Scene.Gate)
                 {
-                    position = value;
-                    Placed = true;
-                    Scene.Changed(this);
+                    if (Geometry.IsFinite(value) && value != position)
+                    {
+                        position = value;
+                        Placed = true;
+                        Scene.Changed(this);
+                    }
                 }
             }
         }
@@ -220,15 +249,18 @@ namespace Rhumb.Plugin
             get { return orientation; }
             set
             {
-                if (value == orientation)
+                lock (Scene.Gate)
                 {
-                    return;
-                }
-                orientation = value;
-                if (!KeepsOrientation)
-                {
-                    Placed = true;
-                    Scene.Changed(this);
+                    if (value == orientation || !Geometry.IsRotation(value))
+                    {
+                        return;
+                    }
+                    orientation = value;
+                    if (!KeepsOrientation)
+                    {
+                        Placed = true;
+                        Scene.Changed(this);
+                    }
                 }
             }
         }
@@ -236,23 +268,26 @@ namespace Rhumb.Plugin
         public override Vector3 Velocity
         {
             get { return velocity; }
-            set { Push(value, spin); }
+            set { lock (Scene.Gate) { Push(value, spin); } }
         }
 
         public override Vector3 RotationalVelocity
         {
             get { return spin; }
-            set { Push(velocity, value); }
+            set { lock (Scene.Gate) { Push(velocity, value); } }
         }
 
         protected void Push(Vector3 linear, Vector3 angular)
         {
-            if (Geometry.IsFinite(linear) && Geometry.IsFinite(angular) && (linear != velocity || angular != spin))
+            lock (Scene.Gate)
             {
-                velocity = linear;
-                spin = angular;
-                Pushed = true;
-                Scene.Changed(this);
+                if (Geometry.IsFinite(linear) && Geometry.IsFinite(angular) && (linear != velocity || angular != spin))
+                {
+                    velocity = linear;
+                    spin = angular;
+                    Pushed = true;
+                    Scene.Changed(this);
+                }
             }
         }
 
@@ -307,13 +342,13 @@ namespace Rhumb.Plugin
         public override Vector3 Force
         {
             get { return force; }
-            set { force = Geometry.IsFinite(value) ? value : force; Scene.Changed(this); }
+            set { lock (Scene.Gate) { force = Geometry.IsFinite(value) ? value : force; Scene.Changed(this); } }
         }
 
         public override Vector3 Torque
         {
             get { return torque; }
-            set { torque = Geometry.IsFinite(value) ? value : torque; Scene.Changed(this); }
+            set { lock (Scene.Gate) { torque = Geometry.IsFinite(value) ? value : torque; Scene.Changed(this); } }
         }
 
         /// <summary>An impulse: N s.</summary>
@@ -321,8 +356,11 @@ namespace Rhumb.Plugin
         {
             if (Geometry.IsFinite(impulse))
             {
-                Impulse += impulse;
-                Scene.Changed(this);
+                lock (Scene.Gate)
+                {
+                    Impulse += impulse;
+                    Scene.Changed(this);
+                }
             }
         }
 
@@ -330,14 +368,20 @@ namespace Rhumb.Plugin
         {
             if (Geometry.IsFinite(impulse))
             {
-                Twist += impulse;
-                Scene.Changed(this);
+                lock (Scene.Gate)
+                {
+                    Twist += impulse;
+                    Scene.Changed(this);
+                }
             }
         }
 
         public override void SetMomentum(Vector3 momentum)
         {
-            Push(momentum, spin);
+            lock (Scene.Gate)
+            {
+                Push(momentum, spin);
+            }
         }
 
         public override void SubscribeEvents(int ms)

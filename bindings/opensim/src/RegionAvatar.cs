@@ -31,7 +31,7 @@ namespace Rhumb.Plugin
             : base(scene, id, name, position, Quaternion.Identity, size)
         {
             isFlying = flying;
-            wanted = velocity;
+            wanted = Geometry.IsFinite(velocity) ? velocity : Vector3.Zero;
             SubscribeEvents(1);
         }
 
@@ -58,15 +58,25 @@ namespace Rhumb.Plugin
         internal override void Speak(List<Command> commands, float seconds)
         {
             base.Speak(commands, seconds);
-            if (drives)
+            bool changed;
+            lock (Scene.Gate)
             {
+                changed = drives;
                 drives = false;
+            }
+            if (changed)
+            {
                 Scene.Drive(this);
             }
         }
 
         internal JointDesc Motors(Body anchor)
         {
+            Vector3 wanted;
+            lock (Scene.Gate)
+            {
+                wanted = this.wanted;
+            }
             float pace = isFlying ? 1 : isRunning ? RunFactor : WalkFactor, force = Mass * Strength;
             var joint = new JointDesc(RhumbJointKind.Generic, anchor, Body);
             joint.Motor(0, 0, wanted.X * pace, 0, Damping, force).Motor(1, 0, wanted.Y * pace, 0, Damping, force);
@@ -100,8 +110,11 @@ namespace Rhumb.Plugin
                     // A jump.
                     AddForce(new Vector3(0, 0, Mass * value.Z), true);
                 }
-                wanted = value;
-                Redrive();
+                lock (Scene.Gate)
+                {
+                    wanted = value;
+                    Redrive();
+                }
             }
         }
 

@@ -14,10 +14,11 @@ namespace Rhumb.Plugin
         private static readonly ILog Log = LogManager.GetLogger(typeof(RegionEvents));
 
         /// <summary>Reads what the server reports, contacts above all.</summary>
-        internal static void Read(Scene scene, Dictionary<Body, RegionActor> bodies)
+        internal static void Read(Scene scene, Dictionary<Body, RegionActor> bodies, RegionTerrain terrain)
         {
             while (scene.TryNextEvent(out Event next))
             {
+                terrain.Hear(next);
                 switch (next.Kind)
                 {
                     case RhumbEventKind.ContactBegan:

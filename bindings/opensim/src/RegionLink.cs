@@ -1,6 +1,7 @@
 // The connection of a region to its server, made and made again.
 
 using System;
+using System.Collections.Generic;
 using System.Threading.Tasks;
 using log4net;
 
@@ -20,6 +21,7 @@ namespace Rhumb.Plugin
         private bool isFresh;
         private string refusal;
         private DateTime notBefore = DateTime.MinValue;
+        private volatile bool isDisposed;
 
         internal RegionLink(RegionSettings settings)
         {
@@ -31,6 +33,10 @@ namespace Rhumb.Plugin
         internal Scene Take(out bool fresh)
         {
             fresh = false;
+            if (isDisposed)
+            {
+                return null;
+            }
             if (task != null && task.IsCompleted)
             {
                 Settle();
@@ -48,6 +54,36 @@ namespace Rhumb.Plugin
             return scene;
         }
 
+        /// <summary>True if one call was wrong or denied, and the scene goes on.</summary>
+        internal static bool IsOfOneCall(RhumbException error)
+        {
+            return error.Code == RhumbCode.Invalid || error.Code == RhumbCode.Denied;
+        }
+
+        /// <summary>Queues commands; if one is wrong, it alone is left out.</summary>
+        internal static void Send(Scene scene, List<Command> commands)
+        {
+            if (commands.Count == 0)
+            {
+                return;
+            }
+            try
+            {
+                scene.Send(commands.ToArray());
+            }
+            catch (RhumbException error) when (IsOfOneCall(error) && commands.Count > 1)
+            {
+                foreach (Command command in commands)
+                {
+                    Send(scene, new List<Command> { command });
+                }
+            }
+            catch (RhumbException error) when (IsOfOneCall(error))
+            {
+                Log.WarnFormat("[RHUMB]: a command is left out: {0}", error.Message);
+            }
+        }
+
         /// <summary>What a call on the scene threw: a slow server is waited for, a lost one is connected to again.</summary>
         internal void Failed(RhumbException error)
         {
@@ -63,11 +99,23 @@ namespace Rhumb.Plugin
                 + "tries again every {2} s and adds its bodies anew", settings.Address, error.Message, settings.RetryAfter);
             scene = null;
             failed.Dispose();
+            Pause();
+        }
+
+        /// <summary>Has the next frame make a new scene: the present one is full of shapes that are not used any more.</summary>
+        internal void Renew()
+        {
+            Log.InfoFormat("[RHUMB]: {0} takes no more shapes into scene {1}; the region makes the scene anew",
+                settings.Address, settings.Scene);
+            Scene full = scene;
+            scene = null;
+            full.Dispose();
         }
 
         /// <summary>Deletes the scene, so that the server keeps nothing of a region that has ended.</summary>
         public void Dispose()
         {
+            isDisposed = true;
             if (task != null)
             {
                 try
@@ -77,6 +125,7 @@ namespace Rhumb.Plugin
                 catch (AggregateException error)
                 {
                     Log.WarnFormat("[RHUMB]: {0} at the end: {1}", settings.Address, error.InnerException.Message);
+                    scene?.Dispose();
                     scene = null;
                 }
                 task = null;
@@ -115,7 +164,7 @@ namespace Rhumb.Plugin
                 scene.Dispose();
                 scene = null;
             }
-            notBefore = DateTime.UtcNow.AddSeconds(settings.RetryAfter);
+            Pause();
             // Once for each reason: an attempt every few seconds would fill the log.
             if (refusal != error.Message)
             {
@@ -124,6 +173,11 @@ namespace Rhumb.Plugin
                     + "Fingerprint in OpenSim.ini; the region tries again every {2} s", settings.Address, refusal,
                     settings.RetryAfter);
             }
+        }
+
+        private void Pause()
+        {
+            notBefore = DateTime.UtcNow.AddSeconds(settings.RetryAfter);
         }
 
         /// <summary>A new scene of the region's name, in place of one that an earlier run left.</summary>
@@ -141,15 +195,15 @@ namespace Rhumb.Plugin
             Scene joined;
             try
             {
-                joined = Open().Join(settings.Scene, options);
+                joined = Join(options);
             }
             catch (RhumbException error) when (error.Code == RhumbCode.Denied)
             {
-                using (Scene left = Open().Join(settings.Scene, new JoinOptions { Condition = RhumbJoinCondition.Join }))
+                using (Scene left = Join(new JoinOptions { Condition = RhumbJoinCondition.Join }))
                 {
                     left.Delete();
                 }
-                joined = Open().Join(settings.Scene, options);
+                joined = Join(options);
             }
             Log.InfoFormat("[RHUMB]: scene {0} at {1}, {2} ticks a second, one in {3} published, within {4} m",
                 settings.Scene, settings.Address, settings.TicksPerSecond, settings.PublishInterval, settings.Tolerance);
@@ -165,17 +219,20 @@ namespace Rhumb.Plugin
                     slow.Wait(settings.PipelineDepth);
                     return slow;
                 }
-                catch (RhumbException error) when (error.Code == RhumbCode.Timeout)
+                catch (RhumbException error) when (error.Code == RhumbCode.Timeout && !isDisposed)
                 {
-                    // Ends with an answer, or with the error of a connection that ended.
+                    // Ends with an answer, with the region, or with the error of a connection that ended.
                     continue;
                 }
             }
         }
 
-        private Connection Open()
+        private Scene Join(JoinOptions options)
         {
-            return Connection.Open(settings.Address, settings.Trust, settings.Token, settings.Timeout);
+            using (Connection open = Connection.Open(settings.Address, settings.Trust, settings.Token, settings.Timeout))
+            {
+                return open.Join(settings.Scene, options);
+            }
         }
     }
 }

@@ -40,19 +40,24 @@ namespace Rhumb.Plugin
 
         internal override BodyDesc Describe(bool plain)
         {
-            if (root != null)
-            {
-                return null;
-            }
-            var solids = new List<Solid> { Form(plain) };
+            var parts = new List<RegionPrim> { this };
             var places = new List<Vector3> { Vector3.Zero };
             var rotations = new List<Quaternion> { Quaternion.Identity };
-            foreach (RegionPrim child in children)
+            lock (Scene.Gate)
             {
-                solids.Add(child.Form(plain));
-                places.Add(child.offset);
-                rotations.Add(child.turn);
+                if (root != null)
+                {
+                    return null;
+                }
+                foreach (RegionPrim child in children)
+                {
+                    parts.Add(child);
+                    places.Add(child.offset);
+                    rotations.Add(child.turn);
+                }
             }
+            // Outside the gate: a mesh takes its time.
+            List<Solid> solids = parts.ConvertAll(part => part.Form(plain));
             BodyDesc desc = Described(solids.Count == 1 ? solids[0] : Solid.Compound(solids, places, rotations));
             if (IsDynamic && locked != 0)
             {
@@ -69,39 +74,48 @@ namespace Rhumb.Plugin
 
         public override void link(PhysicsActor obj)
         {
-            if (obj is RegionPrim parent && parent != this && root == null)
+            lock (Scene.Gate)
             {
-                Quaternion back = Geometry.Inverse(parent.Orientation);
-                offset = Geometry.Rotated(Position - parent.Position, back);
-                turn = Geometry.Product(back, Orientation);
-                root = parent;
-                parent.children.Add(this);
-                Rebuild();
-                parent.Rebuild();
+                if (obj is RegionPrim parent && parent != this && root == null)
+                {
+                    Quaternion back = Geometry.Inverse(parent.Orientation);
+                    offset = Geometry.Rotated(Position - parent.Position, back);
+                    turn = Geometry.Product(back, Orientation);
+                    root = parent;
+                    parent.children.Add(this);
+                    Rebuild();
+                    parent.Rebuild();
+                }
             }
         }
 
         public override void delink()
         {
-            RegionPrim parent = root;
-            if (parent != null)
+            lock (Scene.Gate)
             {
-                parent.children.Remove(this);
-                root = null;
-                Position = parent.Position + Geometry.Rotated(offset, parent.Orientation);
-                Orientation = Geometry.Product(parent.Orientation, turn);
-                Rebuild();
-                parent.Rebuild();
+                RegionPrim parent = root;
+                if (parent != null)
+                {
+                    parent.children.Remove(this);
+                    root = null;
+                    Position = parent.Position + Geometry.Rotated(offset, parent.Orientation);
+                    Orientation = Geometry.Product(parent.Orientation, turn);
+                    Rebuild();
+                    parent.Rebuild();
+                }
             }
         }
 
         /// <summary>Leaves its link set, and frees its children, before it is removed.</summary>
         internal void Unlink()
         {
-            delink();
-            foreach (RegionPrim child in children.ToArray())
+            lock (Scene.Gate)
             {
-                child.delink();
+                delink();
+                foreach (RegionPrim child in children.ToArray())
+                {
+                    child.delink();
+                }
             }
         }
 
@@ -163,7 +177,10 @@ namespace Rhumb.Plugin
         private void RebuildSet()
         {
             Rebuild();
-            root?.Rebuild();
+            lock (Scene.Gate)
+            {
+                root?.Rebuild();
+            }
         }
     }
 }

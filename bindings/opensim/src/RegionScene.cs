@@ -12,7 +12,7 @@ namespace Rhumb.Plugin
 {
     /// <summary>
     /// The region's clock leads: each frame sends what changed, advances the server, and shows the frame before. The server
-    /// computes beside the region's other work, so a frame does not wait for it. The region is the source of everything but
+    /// computes beside the region's other work, so a frame does not wait for its step. The region is the source of everything but
     /// motion: a server that was lost gets all bodies anew.
     /// </summary>
     public sealed class RegionScene : PhysicsScene
@@ -21,8 +21,9 @@ namespace Rhumb.Plugin
 
         private static readonly ILog Log = LogManager.GetLogger(typeof(RegionScene));
 
-        /// <summary>Guards the sets of actors, for moments. Calls on the server hold the other one.</summary>
-        private readonly object gate = new object();
+        /// <summary>Guards the sets of actors and what the region set of each, for moments. Calls on the server hold the
+        /// other one.</summary>
+        internal readonly object Gate = new object();
         private readonly object wire = new object();
         private readonly HashSet<RegionActor> actors = new HashSet<RegionActor>();
         private readonly HashSet<RegionActor> forms = new HashSet<RegionActor>();
@@ -84,7 +85,7 @@ namespace Rhumb.Plugin
         {
             lock (wire)
             {
-                link.Dispose();
+                link?.Dispose();
                 scene = null;
             }
         }
@@ -119,18 +120,12 @@ namespace Rhumb.Plugin
 
         public override void SetTerrain(float[] heightMap)
         {
-            lock (gate)
-            {
-                terrain.Set(heightMap);
-            }
+            terrain.Set(heightMap);
         }
 
         public override void DeleteTerrain()
         {
-            lock (gate)
-            {
-                terrain.Set(null);
-            }
+            terrain.Set(null);
         }
 
         /// <summary>One frame. The value is the simulated time of the frame in seconds, zero without a server.</summary>
@@ -166,7 +161,13 @@ namespace Rhumb.Plugin
                         Read((tick - shown) / (float)settings.TicksPerSecond);
                         shown = tick;
                     }
-                    RegionEvents.Read(scene, bodies);
+                    RegionEvents.Read(scene, bodies, terrain);
+                    if (terrain.NeedsNewScene())
+                    {
+                        link.Renew();
+                        scene = null;
+                        return 0;
+                    }
                 }
                 catch (RhumbException error)
                 {
@@ -251,7 +252,7 @@ namespace Rhumb.Plugin
         /// <summary>Has an actor say its state at the next frame.</summary>
         internal void Changed(RegionActor actor)
         {
-            lock (gate)
+            lock (Gate)
             {
                 changes.Add(actor);
             }
@@ -260,7 +261,7 @@ namespace Rhumb.Plugin
         /// <summary>Has an actor get a new body at the next frame.</summary>
         internal void Rebuild(RegionActor actor)
         {
-            lock (gate)
+            lock (Gate)
             {
                 forms.Add(actor);
             }
@@ -268,7 +269,7 @@ namespace Rhumb.Plugin
 
         internal void ChangeEvents(RegionActor actor)
         {
-            lock (gate)
+            lock (Gate)
             {
                 events.Add(actor);
             }
@@ -277,18 +278,26 @@ namespace Rhumb.Plugin
         /// <summary>Makes or changes the joint that drives an avatar.</summary>
         internal void Drive(RegionAvatar avatar)
         {
-            if (avatar.Joint != 0)
+            try
             {
-                scene.ChangeJoint(avatar.Joint, avatar.Motors(anchor));
-                return;
+                if (avatar.Joint != 0)
+                {
+                    scene.ChangeJoint(avatar.Joint, avatar.Motors(anchor));
+                    return;
+                }
+                scene.AddJoint(joints + 1, avatar.Motors(anchor));
+                avatar.Joint = ++joints;
             }
-            avatar.Joint = ++joints;
-            scene.AddJoint(avatar.Joint, avatar.Motors(anchor));
+            catch (RhumbException error) when (RegionLink.IsOfOneCall(error))
+            {
+                Log.WarnFormat("[RHUMB]: {0} ({1}) does not walk as the region wants: {2}", avatar.Name, avatar.LocalID,
+                    error.Message);
+            }
         }
 
         private RegionActor Added(RegionActor actor)
         {
-            lock (gate)
+            lock (Gate)
             {
                 actors.Add(actor);
                 forms.Add(actor);
@@ -302,7 +311,7 @@ namespace Rhumb.Plugin
             {
                 return;
             }
-            lock (gate)
+            lock (Gate)
             {
                 actor.IsDropped = true;
                 actors.Remove(actor);
@@ -310,6 +319,7 @@ namespace Rhumb.Plugin
                 if (!actor.Body.IsNone)
                 {
                     removals.Add(actor.Body);
+                    actor.Body = default(Body);
                 }
             }
         }
@@ -329,7 +339,7 @@ namespace Rhumb.Plugin
         /// <summary>Everything of the region is new to the server.</summary>
         private void Restart()
         {
-            lock (gate)
+            lock (Gate)
             {
                 bodies.Clear();
                 removals.Clear();
@@ -339,26 +349,19 @@ namespace Rhumb.Plugin
                 terrain.Forget();
                 foreach (RegionActor actor in actors)
                 {
-                    actor.Forget(false);
+                    actor.Forget();
                     forms.Add(actor);
                 }
             }
-            anchor = scene.Add(BodyDesc.Fixed(Shape.Compound()));
+            anchor = default(Body);
         }
 
-        /// <summary>Sends what changed since the last frame.</summary>
+        /// <summary>Sends what changed since the last frame; after an exception, the next frame sends it.</summary>
         private void Tell(float seconds)
         {
-            var commands = new List<Command>();
             List<RegionActor> formed, changed, reporters;
-            lock (gate)
+            lock (Gate)
             {
-                foreach (Body body in removals)
-                {
-                    commands.Add(Command.RemoveBody(body));
-                    bodies.Remove(body);
-                }
-                removals.Clear();
                 formed = new List<RegionActor>(forms);
                 forms.Clear();
                 changes.ExceptWith(formed);
@@ -367,35 +370,86 @@ namespace Rhumb.Plugin
                 changes.Clear();
                 reporters = new List<RegionActor>(events);
                 events.Clear();
-                terrain.Tell(scene, commands);
+            }
+            try
+            {
+                if (anchor.IsNone)
+                {
+                    anchor = scene.Add(BodyDesc.Fixed(Shape.Compound()));
+                }
+                Remove(formed);
+                terrain.Tell(scene, anchor);
+                Form(formed);
+                Speak(formed, changed, reporters, seconds);
+            }
+            catch
+            {
+                lock (Gate)
+                {
+                    forms.UnionWith(formed.FindAll(actor => actor.Body.IsNone && !actor.IsDropped));
+                    changes.UnionWith(formed);
+                    changes.UnionWith(changed);
+                    events.UnionWith(formed);
+                    events.UnionWith(reporters);
+                }
+                throw;
+            }
+        }
+
+        /// <summary>Removes the bodies of actors that get new ones, and of those that were removed.</summary>
+        private void Remove(List<RegionActor> formed)
+        {
+            var commands = new List<Command>();
+            lock (Gate)
+            {
+                foreach (RegionActor actor in formed)
+                {
+                    if (!actor.Body.IsNone)
+                    {
+                        removals.Add(actor.Body);
+                        actor.Forget();
+                    }
+                }
+                foreach (Body body in removals)
+                {
+                    commands.Add(Command.RemoveBody(body));
+                    bodies.Remove(body);
+                }
+                removals.Clear();
+            }
+            RegionLink.Send(scene, commands);
+        }
+
+        private void Speak(
+            List<RegionActor> formed, List<RegionActor> changed, List<RegionActor> reporters, float seconds)
+        {
+            var commands = new List<Command>();
+            foreach (RegionActor actor in changed)
+            {
+                if (actor.IsRefused && !actor.IsDropped)
+                {
+                    Rebuild(actor);
+                }
+                Speak(actor, commands, seconds);
             }
             foreach (RegionActor actor in formed)
             {
-                if (!actor.Body.IsNone)
-                {
-                    commands.Add(Command.RemoveBody(actor.Body));
-                    bodies.Remove(actor.Body);
-                    actor.Forget(true);
-                }
-            }
-            Send(commands);
-            commands.Clear();
-            Form(formed);
-            changed.AddRange(formed);
-            reporters.AddRange(formed);
-            foreach (RegionActor actor in changed)
-            {
                 Speak(actor, commands, seconds);
             }
+            reporters.AddRange(formed);
             foreach (RegionActor actor in reporters)
             {
+                if (!actor.Reports)
+                {
+                    actor.ForgetTouches();
+                }
                 if (!actor.Body.IsNone && !actor.IsDropped)
                 {
                     uint bits = actor.Reports ? Native.RHUMB_EVENTS_CONTACTS | Native.RHUMB_EVENTS_SENSORS : 0;
                     commands.Add(Command.SetEvents(actor.Body, bits, 0));
                 }
             }
-            Send(commands);
+            RegionLink.Send(scene, commands);
         }
 
         private void Speak(RegionActor actor, List<Command> commands, float seconds)
@@ -424,7 +478,7 @@ namespace Rhumb.Plugin
             foreach (RegionActor actor in formed)
             {
                 BodyDesc desc = actor.IsDropped ? null : actor.Describe(false);
-                actor.Placed = actor.Pushed = false;
+                actor.IsRefused = false;
                 if (desc != null)
                 {
                     owners.Add(actor);
@@ -439,7 +493,7 @@ namespace Rhumb.Plugin
                     Own(owners[i], ids[i]);
                 }
             }
-            catch (RhumbException error) when (error.Code == RhumbCode.Invalid)
+            catch (RhumbException error) when (RegionLink.IsOfOneCall(error))
             {
                 for (int i = 0; i < owners.Count; i++)
                 {
@@ -455,7 +509,7 @@ namespace Rhumb.Plugin
                 Own(actor, scene.Add(desc));
                 return;
             }
-            catch (RhumbException error) when (error.Code == RhumbCode.Invalid)
+            catch (RhumbException error) when (RegionLink.IsOfOneCall(error))
             {
                 Log.WarnFormat("[RHUMB]: {0} ({1}) becomes a box of its size: {2}", actor.Name, actor.LocalID, error.Message);
             }
@@ -463,8 +517,9 @@ namespace Rhumb.Plugin
             {
                 Own(actor, scene.Add(actor.Describe(true)));
             }
-            catch (RhumbException error) when (error.Code == RhumbCode.Invalid)
+            catch (RhumbException error) when (RegionLink.IsOfOneCall(error))
             {
+                actor.IsRefused = true;
                 Log.ErrorFormat("[RHUMB]: {0} ({1}) has no body: {2}. Change its size or position, and it is tried again",
                     actor.Name, actor.LocalID, error.Message);
             }
@@ -472,38 +527,15 @@ namespace Rhumb.Plugin
 
         private void Own(RegionActor actor, Body body)
         {
-            lock (gate)
+            lock (Gate)
             {
-                actor.Body = body;
                 bodies[body] = actor;
                 if (actor.IsDropped)
                 {
                     removals.Add(body);
+                    return;
                 }
-            }
-        }
-
-        /// <summary>Queues commands; if one is wrong, it alone is left out.</summary>
-        private void Send(List<Command> commands)
-        {
-            if (commands.Count == 0)
-            {
-                return;
-            }
-            try
-            {
-                scene.Send(commands.ToArray());
-            }
-            catch (RhumbException error) when (error.Code == RhumbCode.Invalid && commands.Count > 1)
-            {
-                foreach (Command command in commands)
-                {
-                    Send(new List<Command> { command });
-                }
-            }
-            catch (RhumbException error) when (error.Code == RhumbCode.Invalid)
-            {
-                Log.WarnFormat("[RHUMB]: a command is left out: {0}", error.Message);
+                actor.Body = body;
             }
         }
 
@@ -528,7 +560,7 @@ namespace Rhumb.Plugin
         private void Raise()
         {
             List<RegionActor> reporting = new List<RegionActor>();
-            lock (gate)
+            lock (Gate)
             {
                 foreach (RegionActor actor in actors)
                 {

@@ -2,6 +2,7 @@
 
 using System;
 using System.Globalization;
+using System.IO;
 using Nini.Config;
 
 namespace Rhumb.Plugin
@@ -28,6 +29,14 @@ namespace Rhumb.Plugin
             {
                 throw Wrong("Fingerprint", fingerprint,
                     "the SHA-256 that rhumb-server prints; or Roots, the path of a PEM file; not both");
+            }
+            if (roots.Length == 0 && (fingerprint.Length != 64 || !IsHex(fingerprint)))
+            {
+                throw Wrong("Fingerprint", fingerprint, "the 64 hexadecimal digits that rhumb-server prints");
+            }
+            if (roots.Length != 0 && !HasCertificate(roots, out string reason))
+            {
+                throw Wrong("Roots", roots, "the path of a PEM file with certificates; " + reason);
             }
             Trust = roots.Length == 0 ? Trust.Fingerprint(fingerprint) : Trust.Roots(roots);
             string token = section.GetString("Token", "");
@@ -74,6 +83,33 @@ namespace Rhumb.Plugin
         internal double Frame
         {
             get { return (double)PublishInterval / TicksPerSecond; }
+        }
+
+        private static bool IsHex(string text)
+        {
+            foreach (char digit in text)
+            {
+                if (!Uri.IsHexDigit(digit))
+                {
+                    return false;
+                }
+            }
+            return true;
+        }
+
+        private static bool HasCertificate(string path, out string reason)
+        {
+            try
+            {
+                reason = "it holds none";
+                return File.ReadAllText(path).Contains("-----BEGIN CERTIFICATE-----");
+            }
+            catch (Exception error) when (error is IOException || error is UnauthorizedAccessException
+                || error is ArgumentException || error is NotSupportedException)
+            {
+                reason = error.Message;
+                return false;
+            }
         }
 
         private double Number(string key, double plain, double least, double most)

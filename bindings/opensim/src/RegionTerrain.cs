@@ -2,20 +2,39 @@
 
 using System;
 using System.Collections.Generic;
+using log4net;
 
 namespace Rhumb.Plugin
 {
     /// <summary>
-    /// Heights of one post a metre. The last row and column are repeated, so that the ground reaches the region's border.
+    /// Heights of one post a metre. The last row and column are repeated, so that the ground reaches the region's border. The
+    /// old ground stays until the server has the new one. The protocol's bindings remove no shapes, so a scene that many
+    /// grounds have filled refuses one; it is then made anew.
     /// </summary>
     internal sealed class RegionTerrain
     {
+        private static readonly ILog Log = LogManager.GetLogger(typeof(RegionTerrain));
         private const int Tile = 256;
         private readonly int sizeX;
         private readonly int sizeY;
-        private readonly List<Body> tiles = new List<Body>();
+        private readonly object gate = new object();
         private float[] heights;
         private bool isNew;
+
+        /// <summary>The ground, and the tiles that take its place once the server has placed all of them.</summary>
+        private readonly List<Body> tiles = new List<Body>();
+        private readonly List<Body> coming = new List<Body>();
+        private readonly HashSet<Body> placed = new HashSet<Body>();
+        private readonly HashSet<Body> refused = new HashSet<Body>();
+        private readonly List<Body> removals = new List<Body>();
+
+        /// <summary>The tiles' commands have numbers between these.</summary>
+        private ulong before;
+        private ulong after;
+
+        /// <summary>Grounds that the scene's shapes hold and no body uses.</summary>
+        private int replaced;
+        private bool needsNewScene;
 
         internal RegionTerrain(int sizeX, int sizeY)
         {
@@ -31,31 +50,72 @@ namespace Rhumb.Plugin
                 throw new ArgumentException("the terrain has " + map.Length + " heights; a region of " + sizeX + " by " + sizeY
                     + " m needs " + (sizeX * sizeY));
             }
-            heights = map == null ? null : (float[])map.Clone();
-            isNew = true;
+            lock (gate)
+            {
+                heights = map == null ? null : (float[])map.Clone();
+                isNew = true;
+            }
         }
 
+        /// <summary>The scene holds nothing of the ground.</summary>
         internal void Forget()
         {
             tiles.Clear();
-            isNew = heights != null;
+            coming.Clear();
+            placed.Clear();
+            refused.Clear();
+            removals.Clear();
+            replaced = 0;
+            needsNewScene = false;
+            lock (gate)
+            {
+                isNew = heights != null;
+            }
         }
 
-        /// <summary>Replaces the ground on the server, if it changed.</summary>
-        internal void Tell(Scene scene, List<Command> commands)
+        /// <summary>Adds the ground to the scene, if it changed and the server has answered for the last one.</summary>
+        internal void Tell(Scene scene, Body anchor)
         {
-            if (!isNew)
+            if (removals.Count > 0)
             {
-                return;
+                RegionLink.Send(scene, removals.ConvertAll(body => Command.RemoveBody(body)));
+                removals.Clear();
             }
-            isNew = false;
-            foreach (Body tile in tiles)
+            float[] map;
+            lock (gate)
             {
-                commands.Add(Command.RemoveBody(tile));
+                if (!isNew || coming.Count > 0)
+                {
+                    return;
+                }
+                map = heights;
+                isNew = false;
             }
-            tiles.Clear();
-            if (heights == null)
+            try
             {
+                Add(scene, anchor, map);
+            }
+            catch (RhumbException error) when (RegionLink.IsOfOneCall(error))
+            {
+                Log.ErrorFormat("[RHUMB]: the ground stays as it was: {0}. Set another terrain", error.Message);
+            }
+            catch
+            {
+                lock (gate)
+                {
+                    isNew = true;
+                }
+                throw;
+            }
+        }
+
+        private void Add(Scene scene, Body anchor, float[] map)
+        {
+            if (map == null)
+            {
+                removals.AddRange(tiles);
+                tiles.Clear();
+                replaced++;
                 return;
             }
             var descs = new List<BodyDesc>();
@@ -63,23 +123,68 @@ namespace Rhumb.Plugin
             {
                 for (int y = 0; y < sizeY; y += Tile)
                 {
-                    descs.Add(Described(x, y, Math.Min(Tile, sizeX - x), Math.Min(Tile, sizeY - y)));
+                    descs.Add(Described(map, x, y, Math.Min(Tile, sizeX - x), Math.Min(Tile, sizeY - y)));
                 }
             }
-            tiles.AddRange(scene.Add(descs.ToArray()));
+            // Two commands that change nothing, for their numbers.
+            Command nothing = Command.SetEvents(anchor, 0, 0);
+            before = scene.Send(nothing);
+            coming.AddRange(scene.Add(descs.ToArray()));
+            after = scene.Send(nothing);
+        }
+
+        /// <summary>Takes the server's answers for the coming tiles.</summary>
+        internal void Hear(Event next)
+        {
+            if (next.Kind == RhumbEventKind.BodyPlaced && refused.Remove(next.Body))
+            {
+                removals.Add(next.Body);
+            }
+            else if (next.Kind == RhumbEventKind.BodyPlaced && coming.Contains(next.Body))
+            {
+                placed.Add(next.Body);
+                if (placed.Count == coming.Count)
+                {
+                    replaced += tiles.Count > 0 ? 1 : 0;
+                    removals.AddRange(tiles);
+                    tiles.Clear();
+                    tiles.AddRange(coming);
+                    coming.Clear();
+                    placed.Clear();
+                }
+            }
+            else if (next.Kind == RhumbEventKind.CommandRefused && coming.Count > 0 && next.Number > before && next.Number < after)
+            {
+                removals.AddRange(placed);
+                refused.UnionWith(coming);
+                refused.ExceptWith(placed);
+                coming.Clear();
+                placed.Clear();
+                needsNewScene = replaced > 0;
+                if (!needsNewScene)
+                {
+                    Log.ErrorFormat("[RHUMB]: the ground stays as it was: {0}. Reduce the meshes of the region", next.Text);
+                }
+            }
+        }
+
+        /// <summary>True if the server refused a ground while shapes of earlier ones fill the scene.</summary>
+        internal bool NeedsNewScene()
+        {
+            return needsNewScene;
         }
 
         /// <summary>
         /// In these coordinates a field's rows run against x and its columns against y, so both are filled from the far end.
         /// </summary>
-        private BodyDesc Described(int x, int y, int width, int depth)
+        private BodyDesc Described(float[] map, int x, int y, int width, int depth)
         {
             var field = new float[width + 1, depth + 1];
             for (int i = 0; i <= width; i++)
             {
                 for (int j = 0; j <= depth; j++)
                 {
-                    float height = heights[Math.Min(y + j, sizeY - 1) * sizeX + Math.Min(x + i, sizeX - 1)];
+                    float height = map[Math.Min(y + j, sizeY - 1) * sizeX + Math.Min(x + i, sizeX - 1)];
                     field[width - i, depth - j] = float.IsNaN(height) || float.IsInfinity(height) ? 0 : height;
                 }
             }

@@ -1,7 +1,7 @@
 // A short life of a region: every promise of the plug-in, checked.
 
-// Arguments: the plug-in's assembly, the server's address and fingerprint. A line on standard input answers "the server
-// died" and "the server is back", after this program has asked for it on standard output.
+// Arguments: the plug-in's assembly, the server's address and fingerprint. A line on standard input answers that the server
+// was stopped, goes on, died or is back, after this program has asked for it on standard output.
 
 using System;
 using System.Collections.Generic;
@@ -20,6 +20,7 @@ internal static class Region
 
     private static int Main(string[] arguments)
     {
+        Settings(arguments);
         scene = Host.Load(arguments[0], "Rhumb", "[Rhumb]", "Address = " + arguments[1], "Fingerprint = " + arguments[2],
             "RetryAfter = 0.1", "Timeout = 5", "PipelineDepth = 0");
         // Two plateaus: the ground is where the map says, in both directions.
@@ -29,11 +30,36 @@ internal static class Region
         Walk();
         Links();
         Forms();
+        Refusals();
         Ray();
+        Grounds();
+        Silence();
         Death();
         scene.Dispose();
+        scene.Dispose();
+        System.Threading.Thread.Sleep(200);
+        Check(scene.Simulate(Host.Frame) == 0, "a region that ended does not connect again");
         Console.WriteLine("the region kept every promise");
         return 0;
+    }
+
+    private static void Settings(string[] arguments)
+    {
+        string roots = System.IO.Path.Combine(System.IO.Path.GetTempPath(), "no-such-file.pem");
+        foreach (string wrong in new[] { "Fingerprint = " + arguments[2].Substring(1), "Fingerprint = " + arguments[2].Substring(1)
+            + "x", "Roots = " + roots, "Roots = " + arguments[0] })
+        {
+            string said = "";
+            try
+            {
+                Host.Load(arguments[0], "Rhumb", "[Rhumb]", "Address = " + arguments[1], wrong).Dispose();
+            }
+            catch (ArgumentException error)
+            {
+                said = error.Message;
+            }
+            Check(said.Contains(wrong.Split(' ')[0] + " = "), "a wrong value is named: " + wrong + ": " + said);
+        }
     }
 
     private static void Connect()
@@ -206,11 +232,72 @@ internal static class Region
         scene.RemovePrim(wrong);
     }
 
+    private static void Refusals()
+    {
+        PhysicsActor lost = Add(Sphere, new Vector3(float.PositiveInfinity, 0, 0), Cube(0.5f), true);
+        PhysicsActor avatar = scene.AddAvatar(8, "C D", new Vector3(90, 120, 19), Vector3.Zero, AvatarSize, false);
+        Run(0.5);
+        lost.Velocity = new Vector3(float.NaN, 0, 0);
+        lost.Orientation = new Quaternion(0, 0, 0, 0);
+        lost.Density = float.NaN;
+        lost.Size = new Vector3(float.NaN, 1, 1);
+        avatar.TargetVelocity = new Vector3(float.NaN, 0, 0);
+        lost.Position = new Vector3(90, 110, 19);
+        Run(3);
+        Near(lost.Position, new Vector3(90, 110, 18.25f), 0.05f, "a refused prim that is put somewhere falls");
+        Check(avatar.IsColliding && avatar.CollidingGround, "an avatar touches the ground");
+        avatar.UnSubscribeEvents();
+        Run(0.3);
+        Check(!avatar.IsColliding && !avatar.CollidingGround, "an actor without events keeps no contacts");
+        scene.RemoveAvatar(avatar);
+        scene.RemovePrim(lost);
+    }
+
+    /// <summary>More grounds, one after the other, than the shapes of one scene can be.</summary>
+    private static void Grounds()
+    {
+        PhysicsActor box = Add(Box, new Vector3(50, 50, 25), Cube(1), true);
+        int without = 0;
+        for (int i = 0; i <= 40; i++)
+        {
+            float height = i % 2 == 0 ? 18 : 18 - i * 0.01f;
+            scene.SetTerrain(Host.Terrain((x, y) => x < 100 ? height : y < 100 ? 30 : 25 + i * 0.01f));
+            for (int frame = 0; frame < 4; frame++)
+            {
+                without += scene.Simulate(Host.Frame) == 0 ? 1 : 0;
+            }
+        }
+        Check(without > 0, "a scene full of grounds is made anew");
+        Connect();
+        Run(5);
+        Check(Math.Abs(box.Position.Z - 18.5f) < 0.05f, "a box on the last of many grounds: " + box.Position);
+        Vector3 corner = scene.RaycastWorld(new Vector3(160, 210, 60), new Vector3(0, 0, -1), 100, 1)[0].Pos;
+        Near(corner, new Vector3(160, 210, 25.4f), 0.02f, "the last of many grounds");
+    }
+
     private static void Ray()
     {
         List<ContactResult> hits = scene.RaycastWorld(new Vector3(150, 50, 60), new Vector3(0, 0, -2), 100, 1);
         Check(hits.Count == 1 && hits[0].ConsumerID == 0, "a ray finds the ground");
         Near(hits[0].Pos, new Vector3(150, 50, 30), 0.01f, "where a ray meets the ground");
+    }
+
+    /// <summary>The server does not answer while the region needs more ids than it was granted.</summary>
+    private static void Silence()
+    {
+        Ask("stop the server");
+        for (int i = 0; i < 4200; i++)
+        {
+            Add(Box, new Vector3(110 + i % 100, 110 + i / 100, 28), Cube(0.5f), false);
+        }
+        PhysicsActor ball = Add(Sphere, new Vector3(35, 30, 20), Cube(0.5f), true);
+        Check(scene.Simulate(Host.Frame) == 0 && ball.Position.Z == 20, "a frame ends without an answer");
+        Ask("continue the server");
+        Connect();
+        Run(3);
+        Check(Math.Abs(ball.Position.Z - 18.25f) < 0.05f, "a ball that was added in vain is added again: " + ball.Position);
+        List<ContactResult> hits = scene.RaycastWorld(new Vector3(209, 151, 60), new Vector3(0, 0, -1), 100, 1);
+        Near(hits[0].Pos, new Vector3(209, 151, 28.25f), 0.01f, "so is the last of many prims");
     }
 
     private static void Death()

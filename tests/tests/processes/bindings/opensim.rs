@@ -102,6 +102,8 @@ fn a_region_keeps_its_promises_and_outlives_the_server() {
     for line in out.lines() {
         let line = line.expect("its output is text");
         match line.as_str() {
+            "stop the server" => server.as_ref().expect("a running server").signal("STOP"),
+            "continue the server" => server.as_ref().expect("a stopped server").signal("CONT"),
             "kill the server" => server.take().expect("a running server").kill(),
             "start the server" => server = Some(serve(&address, &identity)),
             _ => {}
@@ -114,6 +116,8 @@ fn a_region_keeps_its_promises_and_outlives_the_server() {
     let status = region.wait().expect("waiting for the region");
     assert!(status.success(), "{status}: {lines:?}");
     let expected = [
+        "stop the server",
+        "continue the server",
         "kill the server",
         "start the server",
         "the region kept every promise",
