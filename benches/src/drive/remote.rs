@@ -294,7 +294,9 @@ impl Remote {
             wire_bytes_up: wire.sent_bytes - before.sent_bytes,
             wire_datagrams_down: wire.received_datagrams - before.received_datagrams,
             wire_datagrams_up: wire.sent_datagrams - before.sent_datagrams,
-            updates: statistics.stream.updates - self.updates,
+            // A stream that was changed or joined anew counts from 0.
+            updates: (statistics.stream.updates.checked_sub(self.updates))
+                .unwrap_or(statistics.stream.updates),
             ..Frame::default()
         };
         if self.keep == Retention::Everything {
