@@ -39,7 +39,7 @@ pub struct LoadArguments {
     /// Number of scenes.
     #[arg(long, default_value = "64", value_parser = clap::value_parser!(u32).range(1..=1_000))]
     scenes: u32,
-    /// What each scene holds.
+    /// Contents of each scene.
     #[arg(long, default_value = "ball-pit", value_parser = clap::builder::PossibleValuesParser::new(NAMES))]
     scene: String,
     /// Bodies of each scene.

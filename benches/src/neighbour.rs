@@ -72,9 +72,9 @@ pub struct Neighbour {
 /// The frames alone and beside one abuse.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AbuseFrames {
-    /// What happens in the other scene.
+    /// The abuse, in words.
     pub abuse: String,
-    /// What its members did during the runs.
+    /// Number of things that its members did during the runs.
     pub done: u64,
     /// Frames alone.
     pub alone: FrameTimes,

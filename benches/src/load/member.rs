@@ -27,7 +27,7 @@ pub(super) struct Place {
     pub(super) number: u32,
 }
 
-/// What a scene holds.
+/// Contents of a scene.
 pub(super) struct Contents {
     pub(super) script: String,
     pub(super) bodies: u32,

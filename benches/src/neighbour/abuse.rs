@@ -1,4 +1,4 @@
-//! What members of another scene do to the server meanwhile.
+//! Abuses of the server by members of another scene, meanwhile.
 
 use std::net::SocketAddr;
 use std::sync::Arc;

@@ -259,7 +259,7 @@ impl RhumbClient {
         self.shown.is_none()
     }
 
-    /// What the entities must change to show the client's view.
+    /// Changes of the entities that show the client's view.
     pub(crate) fn changes(&mut self) -> Vec<EntityChange> {
         let view = self.client.get().view();
         let mut changes = Vec::new();

@@ -1,4 +1,4 @@
-// What prims and avatars of a region have in common.
+// The common part of the prims and avatars of a region.
 
 using System;
 using System.Collections.Generic;

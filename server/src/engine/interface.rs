@@ -52,7 +52,7 @@ pub enum EnginePart<'a> {
     Body(&'a BodyProperties),
     /// A joint that a client adds or changes.
     Joint(&'a Joint),
-    /// What makes a body a character or a vehicle, or neither.
+    /// A character, a vehicle, or neither, for a body.
     Locomotion(&'a Locomotion),
 }
 

@@ -117,7 +117,7 @@ impl Drop for Server {
     }
 }
 
-/// What an app has read.
+/// Messages that an app has read.
 #[derive(Default, Resource)]
 pub(crate) struct Read {
     pub(crate) events: Vec<Event>,
