@@ -347,6 +347,10 @@ export class Client {
     return this.#open().command(command);
   }
 
+  removeUnusedShapes() {
+    return this.#open().removeUnusedShapes();
+  }
+
   query(queries) {
     return this.#open().query(queries);
   }

@@ -291,6 +291,10 @@ export class Member {
     return answer(module().command(this.#handle));
   }
 
+  removeUnusedShapes() {
+    return answer(module().remove_unused_shapes(this.#handle));
+  }
+
   query(queries) {
     give(queries);
     return answer(module().query(this.#handle));

@@ -255,6 +255,11 @@ export class Client {
   addBodies(bodies: readonly BodyOptions[]): BodyId[];
   /** Queues a command, which is applied before the next tick; returns the number that its answer names. */
   command(command: Command): number;
+  /**
+   * Queues the removal of the shapes that came with bodies of this client and that no body has any more; returns their
+   * number. A scene holds a limited number of bytes of shapes, and keeps them until they are removed.
+   */
+  removeUnusedShapes(): number;
   /** Queues queries in one message; returns the number that the event `queryResult` names. */
   query(queries: readonly Query[]): number;
   /** Sends what is queued. Otherwise it is sent before the next task of the event loop. */

@@ -211,6 +211,20 @@ impl Client {
         Ok(ids)
     }
 
+    /// Queues the removal of the shapes that came with bodies of this client and that no body has any more; returns their
+    /// number. A scene holds a limited number of bytes of shapes, and keeps them until they are removed.
+    ///
+    /// A queued command about a body counts as applied. A shape that another member gave to a body meanwhile stays. A body
+    /// that another member adds in this moment, with a shape of which its copy does not yet show the removal, is refused.
+    ///
+    /// # Errors
+    ///
+    /// [`ClientError::Ended`] when the connection is over.
+    pub fn remove_unused_shapes(&mut self) -> Result<usize, ClientError> {
+        self.check_open()?;
+        Ok(self.ids.remove_unused_shapes(&mut self.pump.session)?)
+    }
+
     /// Ids for bodies that the caller adds by commands of its own, such as a recorded script.
     ///
     /// Does not wait, unless the server must grant more indices first.
@@ -361,19 +375,21 @@ impl Client {
         self.live_view.delay_ticks()
     }
 
-    /// Handles received data for `duration`, without computing the view.
+    /// Handles received data for `duration`, without computing the view. A duration of zero handles what is there.
     ///
     /// # Errors
     ///
     /// [`ClientError::Ended`] when the connection is over.
     pub fn idle(&mut self, duration: Duration) -> Result<(), ClientError> {
         let deadline = self.pump.now() + span(duration);
-        while self.pump.now() < deadline {
+        loop {
             self.pump.turn(deadline);
             self.take_events();
             self.check_open()?;
+            if self.pump.now() >= deadline {
+                return Ok(());
+            }
         }
-        Ok(())
     }
 
     /// Requests an inspection of the scene, and waits for the answer.

@@ -4,8 +4,8 @@
 
 #[cfg(feature = "record")]
 mod observers;
+mod run_error;
 
-use std::fmt;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
@@ -16,15 +16,14 @@ use rhumb_protocol::packet::LargestPacket;
 #[cfg(unix)]
 use rhumb_transport::UnixServer;
 use rhumb_transport::{
-    BindError, Certificate, CertificateError, CertificateHashes, Clock, Fingerprint, Origins,
-    QuicServer, ServeError, ServerOptions, ServerStatistics, Stop, WebIdentity, WebOptions,
+    Certificate, CertificateHashes, Clock, Fingerprint, Origins, QuicServer, ServerOptions,
+    ServerStatistics, Stop, WebIdentity, WebOptions,
 };
 
-#[cfg(feature = "view")]
-use crate::access::KeyError;
+pub use self::run_error::RunError;
 use crate::access::{Gate, TokenKeys};
-use crate::durable::{DataDir, DataError};
-use crate::engine::{EngineKind, Workers, WorkersError};
+use crate::durable::DataDir;
+use crate::engine::{EngineKind, Workers};
 use crate::flight::FlightWriter;
 #[cfg(feature = "app")]
 use crate::front::Adapter;
@@ -35,7 +34,7 @@ use crate::limits::Limits;
 use crate::metrics::Metrics;
 use crate::provided::ProvidedScenes;
 #[cfg(feature = "view")]
-use crate::view::{PageListener, ViewError, ViewScene};
+use crate::view::{PageListener, ViewScene};
 
 /// The server's certificate.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -120,117 +119,6 @@ pub struct Server {
     #[cfg(feature = "app")]
     adapter: Option<Adapter>,
 }
-
-/// Reason why a server did not start, or stopped by itself.
-#[derive(Debug)]
-pub enum RunError {
-    /// The certificate cannot be used.
-    Certificate(CertificateError),
-    /// Listening at the address failed.
-    Bind(BindError),
-    /// Listening for requests of figures failed.
-    Metrics {
-        /// The TCP address.
-        address: SocketAddr,
-        /// The system's error.
-        cause: io::Error,
-    },
-    /// The Unix socket cannot be used.
-    Socket {
-        /// Its path.
-        path: PathBuf,
-        /// The system's error.
-        cause: io::Error,
-    },
-    /// The page cannot be served.
-    #[cfg(feature = "view")]
-    View(ViewError),
-    /// The system or a key refuses the page's tokens.
-    #[cfg(feature = "view")]
-    ViewToken(KeyError),
-    /// The directory for flight recorders cannot be used.
-    Flight {
-        /// The directory.
-        directory: PathBuf,
-        /// The system's error.
-        cause: io::Error,
-    },
-    /// The directory for recordings cannot be used.
-    #[cfg(feature = "record")]
-    Record {
-        /// The directory.
-        directory: PathBuf,
-        /// The system's error.
-        cause: io::Error,
-    },
-    /// Foxglove's viewers cannot be served.
-    #[cfg(feature = "foxglove")]
-    Foxglove(rhumb_trace::LiveError),
-    /// An open server may not listen at an address that other machines reach.
-    OpenToNetwork(SocketAddr),
-    /// Binding the threads to cores failed.
-    Cores {
-        /// The cores.
-        cores: Vec<usize>,
-        /// The system's error.
-        cause: io::Error,
-    },
-    /// The requested number of threads is not available.
-    Workers(WorkersError),
-    /// A thread cannot start.
-    Thread(io::Error),
-    /// The data directory cannot be used.
-    Data(DataError),
-    /// The thread of the sockets failed.
-    Serve(ServeError),
-}
-
-impl fmt::Display for RunError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Certificate(cause) => cause.fmt(f),
-            Self::Bind(cause) => cause.fmt(f),
-            Self::Metrics { address, cause } => {
-                write!(
-                    f,
-                    "cannot answer requests for figures at {address}: {cause}"
-                )
-            }
-            Self::Socket { path, cause } => {
-                write!(f, "cannot listen at the socket {}: {cause}", path.display())
-            }
-            #[cfg(feature = "view")]
-            Self::View(cause) => cause.fmt(f),
-            #[cfg(feature = "view")]
-            Self::ViewToken(cause) => write!(f, "cannot make tokens for the page: {cause}"),
-            Self::Flight { directory, cause } => {
-                let directory = directory.display();
-                write!(f, "cannot write flight recorders to {directory}: {cause}")
-            }
-            #[cfg(feature = "record")]
-            Self::Record { directory, cause } => {
-                write!(f, "cannot record to {}: {cause}", directory.display())
-            }
-            #[cfg(feature = "foxglove")]
-            Self::Foxglove(cause) => cause.fmt(f),
-            Self::OpenToNetwork(address) => write!(
-                f,
-                "a server that needs no token would be open to the network at {address}: \
-                 give it --token-key, or --open-to-network if that is meant"
-            ),
-            Self::Cores { cores, cause } => {
-                let cores: Vec<_> = cores.iter().map(usize::to_string).collect();
-                write!(f, "cannot run on cores {} alone: {cause}", cores.join(","))
-            }
-            Self::Workers(cause) => cause.fmt(f),
-            Self::Thread(cause) => write!(f, "cannot start a thread: {cause}"),
-            Self::Data(cause) => cause.fmt(f),
-            Self::Serve(cause) => cause.fmt(f),
-        }
-    }
-}
-
-impl std::error::Error for RunError {}
 
 impl Server {
     /// Listens, for pages of this machine too. Clients that connect wait until [`Self::run`].
@@ -420,8 +308,10 @@ impl Server {
     ///
     /// # Errors
     ///
-    /// [`RunError::Serve`] if the thread of the sockets fails, [`RunError::Data`] if the data directory does.
+    /// [`RunError::Serve`] if the thread of the sockets fails, [`RunError::Data`] if the data directory does,
+    /// [`RunError::EngineWithoutImages`] for a data directory and an engine that cannot store its scenes.
     pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
+        check_images(self.engine, self.data.is_some())?;
         #[cfg(any(feature = "view", feature = "record"))]
         let mut server = self;
         #[cfg(not(any(feature = "view", feature = "record")))]
@@ -487,6 +377,14 @@ impl Server {
         #[cfg(feature = "record")]
         drop(observers);
         served.map_err(RunError::Serve)
+    }
+}
+
+/// Refuses a data directory for scenes of an engine without images.
+pub(crate) const fn check_images(engine: EngineKind, stores: bool) -> Result<(), RunError> {
+    match stores && !engine.keeps_images() {
+        true => Err(RunError::EngineWithoutImages(engine)),
+        false => Ok(()),
     }
 }
 

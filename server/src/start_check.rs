@@ -13,7 +13,7 @@ use crate::access::TokenKeys;
 use crate::durable::DataDir;
 use crate::engine::Workers;
 use crate::front::ProcessOptions;
-use crate::serve::{Access, Identity, RunError, run_on_cores};
+use crate::serve::{Access, Identity, RunError, check_images, run_on_cores};
 use crate::settings::{ServerSettings, WorkerKind};
 
 /// The message to an operator who has not decided about access.
@@ -42,7 +42,7 @@ pub(crate) fn check(
     if !settings.cores.is_empty() {
         run_on_cores(&settings.cores)?;
     }
-    check_engine(settings)?;
+    check_images(settings.engine, settings.data.is_some())?;
     let workers = Workers::new(Some(settings.threads)).map_err(RunError::Workers)?;
     let access = access(settings)?;
     if matches!(access, Access::OpenOnLoopback) && !settings.listen.ip().is_loopback() {
@@ -67,18 +67,6 @@ pub(crate) fn check(
         access,
         processes,
     })
-}
-
-/// Refuses a data directory for scenes of an engine without images.
-fn check_engine(settings: &ServerSettings) -> Result<(), Box<dyn Error>> {
-    if settings.data.is_none() || settings.engine.keeps_images() {
-        return Ok(());
-    }
-    let engine = settings.engine;
-    Err(format!(
-        "the engine {engine} cannot store its scenes: leave out --data, or take another --engine"
-    )
-    .into())
 }
 
 /// The certificate to serve with: its files, or one for development, which a data directory keeps.

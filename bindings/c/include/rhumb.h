@@ -183,7 +183,8 @@ enum RhumbShapeKind
   RHUMB_SHAPE_KIND_HULL,
   // A mesh of `points` and `triangles`. For fixed bodies.
   RHUMB_SHAPE_KIND_MESH,
-  // A height field: `points` holds one height for each post, `rows` rows of them. For fixed bodies.
+  // A height field: `points` holds one height for each post, `rows` rows of them. The first post is at the body's origin;
+  // the rows follow each other along x, the columns along the other axis of the ground. For fixed bodies.
   RHUMB_SHAPE_KIND_HEIGHTS,
   // Several shapes: `parts`. No part is a compound.
   RHUMB_SHAPE_KIND_COMPOUND,
@@ -950,6 +951,16 @@ RhumbCode rhumb_scene_add_bodies(struct RhumbScene scene,
                                  const struct RhumbBodyDesc *descs,
                                  size_t count,
                                  RhumbBody *bodies);
+
+// Queues the removal of the shapes that came with this client's bodies and that no body has any more. A scene holds a
+// limited number of bytes of shapes, and keeps them until they are removed.
+//
+// A queued command about a body counts as applied. `count` may be null; otherwise it receives the number of shapes.
+//
+// # Safety
+//
+// `count` is null or points to memory for a number.
+RhumbCode rhumb_scene_remove_unused_shapes(struct RhumbScene scene, size_t *count);
 
 // Sends all queued commands at once.
 RhumbCode rhumb_scene_flush(struct RhumbScene scene);

@@ -136,7 +136,8 @@ public:
         return shape;
     }
 
-    /// Rows of heights, one row after the other.
+    /// Heights, one row after the other. The first post is at the body's origin; the rows follow each other along x, the
+    /// columns along the other axis of the ground.
     static Shape heights(std::uint32_t rows, float row_spacing, float column_spacing, std::vector<float> heights) {
         Shape shape(RHUMB_SHAPE_KIND_HEIGHTS);
         shape.raw_.rows = rows;
@@ -657,6 +658,13 @@ public:
         std::uint64_t tick = 0;
         throw_unless_ok(rhumb_scene_publish(raw_, states.data(), states.size(), &published, &tick));
         return published != 0 ? std::optional<std::uint64_t>(tick) : std::nullopt;
+    }
+
+    /// Queues the removal of the shapes that came with this client's bodies and that no body has any more; their number.
+    std::size_t remove_unused_shapes() {
+        std::size_t count = 0;
+        throw_unless_ok(rhumb_scene_remove_unused_shapes(raw_, &count));
+        return count;
     }
 
     void flush() { throw_unless_ok(rhumb_scene_flush(raw_)); }

@@ -75,7 +75,8 @@ pub enum RhumbShapeKind {
     Hull,
     /// A mesh of `points` and `triangles`. For fixed bodies.
     Mesh,
-    /// A height field: `points` holds one height for each post, `rows` rows of them. For fixed bodies.
+    /// A height field: `points` holds one height for each post, `rows` rows of them. The first post is at the body's origin;
+    /// the rows follow each other along x, the columns along the other axis of the ground. For fixed bodies.
     Heights,
     /// Several shapes: `parts`. No part is a compound.
     Compound,

@@ -221,6 +221,26 @@ pub unsafe extern "C" fn rhumb_scene_add_bodies(
     })
 }
 
+/// Queues the removal of the shapes that came with this client's bodies and that no body has any more. A scene holds a
+/// limited number of bytes of shapes, and keeps them until they are removed.
+///
+/// A queued command about a body counts as applied. `count` may be null; otherwise it receives the number of shapes.
+///
+/// # Safety
+///
+/// `count` is null or points to memory for a number.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_remove_unused_shapes(
+    scene: RhumbScene,
+    count: *mut usize,
+) -> RhumbCode {
+    guard(|| {
+        let removed = with(scene, RemoteScene::remove_unused_shapes)?;
+        // SAFETY: the caller promises the memory.
+        unsafe { write_if_wanted(count, removed, "count") }
+    })
+}
+
 /// Sends all queued commands at once.
 #[unsafe(no_mangle)]
 pub extern "C" fn rhumb_scene_flush(scene: RhumbScene) -> RhumbCode {

@@ -116,6 +116,13 @@ static void interfere(RhumbScene scene, int tick, const RhumbBody *bodies) {
     } else if (tick == 60) {
         RhumbCommand removal = command(RHUMB_COMMAND_KIND_REMOVE_BODY, bodies[4], 0, 0, 0);
         check(rhumb_scene_command(scene, &removal, 1, NULL), "removal");
+        // The other cones have its shape.
+        size_t unused = 1;
+        check(rhumb_scene_remove_unused_shapes(scene, &unused), "unused shapes");
+        if (unused != 0) {
+            fprintf(stderr, "%zu shapes are unused\n", unused);
+            exit(1);
+        }
     } else if (tick == 75) {
         RhumbJointDesc changed = hinge(bodies);
         changed.motor_position[3] = 0.75f;

@@ -83,6 +83,9 @@ void interfere(rhumb::Scene& scene, int tick, const std::vector<rhumb::Body>& bo
                        rhumb::command::set_velocity(bodies[6], {0, 4, 1}, {1, 0, 0})});
     } else if (tick == 60) {
         scene.command(rhumb::command::remove_body(bodies[4]));
+        if (scene.remove_unused_shapes() != 0) {
+            throw std::runtime_error("the other cones have the shape");
+        }
     } else if (tick == 75) {
         scene.change_joint(HINGE, hinge(bodies, {0.75F, 0, 30, 5}));
     } else if (tick == 90) {

@@ -184,7 +184,8 @@ impl Coordinates {
 
     /// A shape in Rhumb's coordinates.
     ///
-    /// The rows of a height field run along the third of Rhumb's axes, in the direction of the application's.
+    /// A height field whose columns run against Rhumb's third axis becomes a compound: the field from its other end, at
+    /// the place where that end lies.
     ///
     /// # Errors
     ///
@@ -220,15 +221,9 @@ impl Coordinates {
             },
             Shape::Hull(hull) => Shape::Hull(Hull::new(&self.points_in(hull.points()))?),
             Shape::Mesh(mesh) => Shape::Mesh(self.mesh_in(&mesh)?),
-            Shape::Heights(heights) => Shape::Heights(self.heights_in(&heights)?),
+            Shape::Heights(heights) => self.heights_in(&heights)?,
             Shape::Compound(compound) => {
-                let parts = compound.parts().iter().map(|part| {
-                    Ok(Part {
-                        position: self.vector_in(part.position),
-                        rotation: self.rotation_in(part.rotation),
-                        shape: self.shape_in(part.shape.clone())?,
-                    })
-                });
+                let parts = compound.parts().iter().map(|part| self.part_in(part));
                 Shape::Compound(Compound::new(parts.collect::<Result<_, Invalid>>()?)?)
             }
         })
@@ -248,16 +243,49 @@ impl Coordinates {
         Mesh::new(&self.points_in(mesh.points()), &triangles)
     }
 
-    fn heights_in(self, heights: &Heights) -> Result<Heights, Invalid> {
-        let rows = heights.heights().chunks(heights.columns().max(1) as usize);
-        let scaled = |row: &[f32]| row.iter().map(|h| self.length_in(*h)).collect::<Vec<_>>();
-        let values: Vec<f32> = match self {
-            Self::Rhumb | Self::Unreal => rows.flat_map(scaled).collect(),
-            Self::Unity | Self::ZUp => rows.rev().flat_map(scaled).collect(),
-        };
+    fn heights_in(self, heights: &Heights) -> Result<Shape, Invalid> {
+        let columns = heights.columns();
         let (row, column) = (heights.row_spacing(), heights.column_spacing());
         let (row, column) = (self.length_in(row), self.length_in(column));
-        Heights::new(heights.rows(), row, column, &values)
+        let scaled = |height: &f32| self.length_in(*height);
+        match self {
+            Self::Rhumb | Self::Unreal => {
+                let values: Vec<f32> = heights.heights().iter().map(scaled).collect();
+                Heights::new(heights.rows(), row, column, &values).map(Shape::Heights)
+            }
+            Self::Unity | Self::ZUp => {
+                let rows = heights.heights().chunks_exact(columns as usize);
+                let values: Vec<f32> = rows.flat_map(|row| row.iter().rev().map(scaled)).collect();
+                let field = Heights::new(heights.rows(), row, column, &values)?;
+                let end = Vec3::new(0.0, 0.0, -column * (columns - 1) as f32);
+                let part = Part {
+                    position: end,
+                    rotation: Quat::IDENTITY,
+                    shape: Shape::Heights(field),
+                };
+                Compound::new(vec![part]).map(Shape::Compound)
+            }
+        }
+    }
+
+    /// A part of a compound. What becomes a compound itself lends the part its one part.
+    fn part_in(self, part: &Part) -> Result<Part, Invalid> {
+        let turned = Part {
+            position: self.vector_in(part.position),
+            rotation: self.rotation_in(part.rotation),
+            shape: self.shape_in(part.shape.clone())?,
+        };
+        match &turned.shape {
+            Shape::Compound(of_one) if !matches!(part.shape, Shape::Compound(_)) => {
+                let inner = &of_one.parts()[0];
+                Ok(Part {
+                    position: turned.position + turned.rotation * inner.position,
+                    rotation: turned.rotation,
+                    shape: inner.shape.clone(),
+                })
+            }
+            _ => Ok(turned),
+        }
     }
 
     /// A joint in Rhumb's coordinates.

@@ -146,6 +146,15 @@ impl RemoteScene {
         Ok(self.client.publish(&converted)?)
     }
 
+    /// Queues the removal of this client's shapes that no body has, and returns their number.
+    ///
+    /// # Errors
+    ///
+    /// As [`Client::remove_unused_shapes`].
+    pub fn remove_unused_shapes(&mut self) -> Result<usize, BindingError> {
+        Ok(self.client.remove_unused_shapes()?)
+    }
+
     /// Sends the queued commands at once.
     pub fn flush(&mut self) {
         self.client.flush();

@@ -133,6 +133,19 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_add_bodies(RhumbScene scene, RhumbBodyDesc* descs, System.UIntPtr count, RhumbBody* bodies);
 
         /// <summary>
+        ///  Queues the removal of the shapes that came with this client's bodies and that no body has any more. A scene holds a
+        ///  limited number of bytes of shapes, and keeps them until they are removed.
+        ///
+        ///  A queued command about a body counts as applied. `count` may be null; otherwise it receives the number of shapes.
+        ///
+        ///  # Safety
+        ///
+        ///  `count` is null or points to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_remove_unused_shapes", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_remove_unused_shapes(RhumbScene scene, System.UIntPtr* count);
+
+        /// <summary>
         ///  Sends all queued commands at once.
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_scene_flush", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
@@ -1300,7 +1313,8 @@ namespace Rhumb
         /// </summary>
         Mesh,
         /// <summary>
-        ///  A height field: `points` holds one height for each post, `rows` rows of them. For fixed bodies.
+        ///  A height field: `points` holds one height for each post, `rows` rows of them. The first post is at the body's origin;
+        ///  the rows follow each other along x, the columns along the other axis of the ground. For fixed bodies.
         /// </summary>
         Heights,
         /// <summary>

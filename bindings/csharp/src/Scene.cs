@@ -199,6 +199,17 @@ namespace Rhumb
             return published != 0 ? tick : (ulong?)null;
         }
 
+        /// <summary>
+        /// Queues the removal of the shapes that came with this client's bodies and that no body has any more; returns their
+        /// number. A queued command about a body counts as applied.
+        /// </summary>
+        public unsafe int RemoveUnusedShapes()
+        {
+            UIntPtr count;
+            RhumbException.Check(Native.rhumb_scene_remove_unused_shapes(Raw(), &count));
+            return checked((int)count);
+        }
+
         /// <summary>Sends the queued commands at once.</summary>
         public void Flush()
         {

@@ -92,7 +92,10 @@ namespace Rhumb
             return shape;
         }
 
-        /// <summary>Rows of heights. For fixed bodies.</summary>
+        /// <summary>
+        /// Heights by row and column. The first post is at the body's origin; the rows follow each other along x, the columns
+        /// along the other axis of the ground. For fixed bodies.
+        /// </summary>
         public static Shape Heights(float[,] heights, float rowSpacing, float columnSpacing)
         {
             if (heights == null)

@@ -103,6 +103,10 @@ internal static class Script
         else if (tick == 60)
         {
             scene.Send(Command.RemoveBody(bodies[4]));
+            if (scene.RemoveUnusedShapes() != 0)
+            {
+                throw new Exception("the other cones have the shape");
+            }
         }
         else if (tick == 75)
         {

@@ -102,16 +102,6 @@ namespace Rhumb.Plugin
             Pause();
         }
 
-        /// <summary>Has the next frame make a new scene: the present one is full of shapes that are not used any more.</summary>
-        internal void Renew()
-        {
-            Log.InfoFormat("[RHUMB]: {0} takes no more shapes into scene {1}; the region makes the scene anew",
-                settings.Address, settings.Scene);
-            Scene full = scene;
-            scene = null;
-            full.Dispose();
-        }
-
         /// <summary>Deletes the scene, so that the server keeps nothing of a region that has ended.</summary>
         public void Dispose()
         {

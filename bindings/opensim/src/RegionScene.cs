@@ -43,6 +43,8 @@ namespace Rhumb.Plugin
         private ulong shown;
         private ulong asked;
         private double owed;
+        /// <summary>Bodies were removed whose shapes the scene may still hold.</summary>
+        private bool leftShapes;
         private double time;
 
         internal RegionScene(string region)
@@ -162,12 +164,6 @@ namespace Rhumb.Plugin
                         shown = tick;
                     }
                     RegionEvents.Read(scene, bodies, terrain);
-                    if (terrain.NeedsNewScene())
-                    {
-                        link.Renew();
-                        scene = null;
-                        return 0;
-                    }
                 }
                 catch (RhumbException error)
                 {
@@ -345,6 +341,7 @@ namespace Rhumb.Plugin
                 removals.Clear();
                 joints = 0;
                 shown = asked = 0;
+                leftShapes = false;
                 owed = 0;
                 terrain.Forget();
                 foreach (RegionActor actor in actors)
@@ -377,10 +374,15 @@ namespace Rhumb.Plugin
                 {
                     anchor = scene.Add(BodyDesc.Fixed(Shape.Compound()));
                 }
-                Remove(formed);
-                terrain.Tell(scene, anchor);
+                leftShapes |= Remove(formed);
+                leftShapes |= terrain.Tell(scene, anchor);
                 Form(formed);
                 Speak(formed, changed, reporters, seconds);
+                if (leftShapes)
+                {
+                    scene.RemoveUnusedShapes();
+                    leftShapes = false;
+                }
             }
             catch
             {
@@ -396,8 +398,10 @@ namespace Rhumb.Plugin
             }
         }
 
-        /// <summary>Removes the bodies of actors that get new ones, and of those that were removed.</summary>
-        private void Remove(List<RegionActor> formed)
+        /// <summary>
+        /// Removes the bodies of actors that get new ones, and of those that were removed; true if there were any.
+        /// </summary>
+        private bool Remove(List<RegionActor> formed)
         {
             var commands = new List<Command>();
             lock (Gate)
@@ -418,6 +422,7 @@ namespace Rhumb.Plugin
                 removals.Clear();
             }
             RegionLink.Send(scene, commands);
+            return commands.Count > 0;
         }
 
         private void Speak(

@@ -8,8 +8,7 @@ namespace Rhumb.Plugin
 {
     /// <summary>
     /// Heights of one post a metre. The last row and column are repeated, so that the ground reaches the region's border. The
-    /// old ground stays until the server has the new one. The protocol's bindings remove no shapes, so a scene that many
-    /// grounds have filled refuses one; it is then made anew.
+    /// old ground stays until the server has the new one.
     /// </summary>
     internal sealed class RegionTerrain
     {
@@ -31,10 +30,6 @@ namespace Rhumb.Plugin
         /// <summary>The tiles' commands have numbers between these.</summary>
         private ulong before;
         private ulong after;
-
-        /// <summary>Grounds that the scene's shapes hold and no body uses.</summary>
-        private int replaced;
-        private bool needsNewScene;
 
         internal RegionTerrain(int sizeX, int sizeY)
         {
@@ -65,28 +60,27 @@ namespace Rhumb.Plugin
             placed.Clear();
             refused.Clear();
             removals.Clear();
-            replaced = 0;
-            needsNewScene = false;
             lock (gate)
             {
                 isNew = heights != null;
             }
         }
 
-        /// <summary>Adds the ground to the scene, if it changed and the server has answered for the last one.</summary>
-        internal void Tell(Scene scene, Body anchor)
+        /// <summary>
+        /// Adds the ground to the scene, if it changed and the server has answered for the last one; true if bodies of an
+        /// old one were removed.
+        /// </summary>
+        internal bool Tell(Scene scene, Body anchor)
         {
-            if (removals.Count > 0)
-            {
-                RegionLink.Send(scene, removals.ConvertAll(body => Command.RemoveBody(body)));
-                removals.Clear();
-            }
+            bool removed = removals.Count > 0;
+            RegionLink.Send(scene, removals.ConvertAll(body => Command.RemoveBody(body)));
+            removals.Clear();
             float[] map;
             lock (gate)
             {
                 if (!isNew || coming.Count > 0)
                 {
-                    return;
+                    return removed;
                 }
                 map = heights;
                 isNew = false;
@@ -107,6 +101,7 @@ namespace Rhumb.Plugin
                 }
                 throw;
             }
+            return removed;
         }
 
         private void Add(Scene scene, Body anchor, float[] map)
@@ -115,7 +110,6 @@ namespace Rhumb.Plugin
             {
                 removals.AddRange(tiles);
                 tiles.Clear();
-                replaced++;
                 return;
             }
             var descs = new List<BodyDesc>();
@@ -145,7 +139,6 @@ namespace Rhumb.Plugin
                 placed.Add(next.Body);
                 if (placed.Count == coming.Count)
                 {
-                    replaced += tiles.Count > 0 ? 1 : 0;
                     removals.AddRange(tiles);
                     tiles.Clear();
                     tiles.AddRange(coming);
@@ -160,23 +153,11 @@ namespace Rhumb.Plugin
                 refused.ExceptWith(placed);
                 coming.Clear();
                 placed.Clear();
-                needsNewScene = replaced > 0;
-                if (!needsNewScene)
-                {
-                    Log.ErrorFormat("[RHUMB]: the ground stays as it was: {0}. Reduce the meshes of the region", next.Text);
-                }
+                Log.ErrorFormat("[RHUMB]: the ground stays as it was: {0}. Reduce the meshes of the region", next.Text);
             }
         }
 
-        /// <summary>True if the server refused a ground while shapes of earlier ones fill the scene.</summary>
-        internal bool NeedsNewScene()
-        {
-            return needsNewScene;
-        }
-
-        /// <summary>
-        /// In these coordinates a field's rows run against x and its columns against y, so both are filled from the far end.
-        /// </summary>
+        /// <summary>A tile: its rows run along x, its columns along y.</summary>
         private BodyDesc Described(float[] map, int x, int y, int width, int depth)
         {
             var field = new float[width + 1, depth + 1];
@@ -185,10 +166,10 @@ namespace Rhumb.Plugin
                 for (int j = 0; j <= depth; j++)
                 {
                     float height = map[Math.Min(y + j, sizeY - 1) * sizeX + Math.Min(x + i, sizeX - 1)];
-                    field[width - i, depth - j] = float.IsNaN(height) || float.IsInfinity(height) ? 0 : height;
+                    field[i, j] = float.IsNaN(height) || float.IsInfinity(height) ? 0 : height;
                 }
             }
-            return BodyDesc.Fixed(Shape.Heights(field, 1, 1)).At(x, y + depth, 0).Material(0.8f, 0, 1000);
+            return BodyDesc.Fixed(Shape.Heights(field, 1, 1)).At(x, y, 0).Material(0.8f, 0, 1000);
         }
     }
 }

@@ -257,18 +257,15 @@ internal static class Region
     private static void Grounds()
     {
         PhysicsActor box = Add(Box, new Vector3(50, 50, 25), Cube(1), true);
-        int without = 0;
         for (int i = 0; i <= 40; i++)
         {
             float height = i % 2 == 0 ? 18 : 18 - i * 0.01f;
             scene.SetTerrain(Host.Terrain((x, y) => x < 100 ? height : y < 100 ? 30 : 25 + i * 0.01f));
             for (int frame = 0; frame < 4; frame++)
             {
-                without += scene.Simulate(Host.Frame) == 0 ? 1 : 0;
+                Check(scene.Simulate(Host.Frame) > 0, "old grounds make room for new ones");
             }
         }
-        Check(without > 0, "a scene full of grounds is made anew");
-        Connect();
         Run(5);
         Check(Math.Abs(box.Position.Z - 18.5f) < 0.05f, "a box on the last of many grounds: " + box.Position);
         Vector3 corner = scene.RaycastWorld(new Vector3(160, 210, 60), new Vector3(0, 0, -1), 100, 1)[0].Pos;

@@ -78,8 +78,9 @@ impl PyScene {
     ) -> PyResult<Option<u64>> {
         let Bodies { ids, .. } = bodies(body)?;
         let vectors = rows::<3>(numbers, ids.len(), name)?;
-        let vectors = vectors.into_iter().map(Vec3::from_array);
-        let commands = ids.into_iter().zip(vectors);
+        let commands = ids
+            .into_iter()
+            .zip(vectors.into_iter().map(Vec3::from_array));
         let commands = commands.map(|(id, vector)| command(id, vector)).collect();
         self.with(py, |opened| opened.scene.command(commands))
     }
@@ -371,6 +372,10 @@ impl PyScene {
         let states = states(body, position, [rotation, linear, angular])?;
         let tick = self.with(py, |opened| opened.scene.publish(&states))?;
         Ok(tick.map(Tick::value))
+    }
+
+    fn remove_unused_shapes(&self, py: Python<'_>) -> PyResult<usize> {
+        self.with(py, |opened| opened.scene.remove_unused_shapes())
     }
 
     fn flush(&self, py: Python<'_>) -> PyResult<()> {

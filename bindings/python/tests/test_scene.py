@@ -144,6 +144,23 @@ def test_every_shape_can_be_added(scene):
     assert [event for event in scene.events() if event.kind == "command refused"] == []
 
 
+def test_shapes_that_no_body_has_any_more_are_removed(server):
+    with server.connect().join("shapes", condition="create") as scene:
+        ground = scene.add_body(rhumb.Shape.heights(np.zeros((3, 4)), 2, 2), kind="fixed")
+        scene.add_body(rhumb.Shape.ball(0.5), (2, 5, 2))
+        scene.advance()
+        assert scene.remove_unused_shapes() == 0
+        scene.remove(ground)
+        assert scene.remove_unused_shapes() == 1
+        scene.advance()
+        assert scene.remove_unused_shapes() == 0
+        # The shape is sent again with the body.
+        again = scene.add_body(rhumb.Shape.heights(np.zeros((3, 4)), 2, 2), kind="fixed")
+        scene.advance()
+        assert scene.place(again) is not None
+        assert [event for event in scene.events() if event.kind == "command refused"] == []
+
+
 def test_coordinates_are_those_of_the_application(server):
     with server.connect().join("axes", condition="create", coordinates="unreal") as scene:
         ball = scene.add_body(rhumb.Shape.ball(50), (100, 200, 300))

@@ -370,6 +370,12 @@ pub extern "C" fn command(member: u32) -> u32 {
     }))
 }
 
+/// Queues the removal of shapes that no body has; their number is the output.
+#[unsafe(no_mangle)]
+pub extern "C" fn remove_unused_shapes(member: u32) -> u32 {
+    answer(call(member, WebMember::remove_unused_shapes).map(|count| json!(count)))
+}
+
 /// Queues the bodies of the list in the input; their ids are the output.
 #[unsafe(no_mangle)]
 pub extern "C" fn add_bodies(member: u32) -> u32 {

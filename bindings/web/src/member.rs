@@ -359,6 +359,11 @@ impl WebMember {
         Ok(joined.ids.command(session, command)?)
     }
 
+    pub(crate) fn remove_unused_shapes(&mut self) -> Result<usize, Failure> {
+        let (joined, session) = self.joined()?;
+        Ok(joined.ids.remove_unused_shapes(session)?)
+    }
+
     pub(crate) fn query(&mut self, queries: Vec<Query>) -> Result<u64, Failure> {
         Ok(self.session.query(queries)?)
     }

@@ -2,6 +2,8 @@
 //!
 //! Queues commands at the session and never waits.
 
+use std::collections::{BTreeSet, VecDeque};
+
 use rhumb_protocol::limits::{GRANT, GRANTED_MAX};
 use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Shape, ShapeId};
 use rhumb_protocol::session::{ClientSession, Event, Misuse, Replica};
@@ -16,6 +18,15 @@ use crate::shape_numbers::{ShapeNumbers, ShapeSlot};
 pub struct ClientIds {
     ids: IdAllocator,
     shapes: ShapeNumbers,
+    /// Bodies of commands that the server has not answered yet, by the number of the command.
+    bodies: VecDeque<(u64, BodyChange)>,
+}
+
+/// What a command does to a body, as far as its shape is concerned.
+#[derive(Clone, Copy, Debug)]
+enum BodyChange {
+    Takes(ShapeId),
+    Leaves(BodyId),
 }
 
 impl ClientIds {
@@ -25,6 +36,7 @@ impl ClientIds {
         Self {
             ids: IdAllocator::new(granted),
             shapes: ShapeNumbers::default(),
+            bodies: VecDeque::new(),
         }
     }
 
@@ -61,11 +73,49 @@ impl ClientIds {
             Command::AddShape { id, shape } => Some((*id, shape.clone())),
             _ => None,
         };
+        let body = match &command {
+            Command::AddBody { desc, .. } | Command::ChangeBody { desc } => {
+                Some(BodyChange::Takes(desc.shape))
+            }
+            Command::RemoveBody { id } => Some(BodyChange::Leaves(*id)),
+            _ => None,
+        };
         let number = session.command(command)?;
         if let Some((id, shape)) = shape {
             self.shapes.add(id, shape, number);
         }
+        if let Some(body) = body {
+            self.bodies.push_back((number, body));
+        }
         Ok(number)
+    }
+
+    /// Queues the removal of the shapes that came with bodies of this client and that no body has any more; returns their
+    /// number. A queued command about a body counts as applied.
+    ///
+    /// # Errors
+    ///
+    /// As [`ClientSession::command`].
+    pub fn remove_unused_shapes(&mut self, session: &mut ClientSession) -> Result<usize, Misuse> {
+        let Some(replica) = session.replica() else {
+            return Ok(0);
+        };
+        let mut used = BTreeSet::new();
+        let mut leaves = BTreeSet::new();
+        for (_, body) in &self.bodies {
+            let _new = match *body {
+                BodyChange::Takes(shape) => used.insert(shape),
+                BodyChange::Leaves(id) => leaves.insert(id),
+            };
+        }
+        let stays = replica.bodies().filter(|body| !leaves.contains(&body.id));
+        used.extend(stays.map(|body| body.shape));
+        let unused = self.shapes.unused(&used, |id| replica.shape(id));
+        for id in &unused {
+            let number = session.command(Command::RemoveShape { id: *id })?;
+            self.shapes.remove(*id, number);
+        }
+        Ok(unused.len())
     }
 
     /// Queues a body under a new id, and its shape unless the scene has an equal one.
@@ -98,6 +148,7 @@ impl ClientIds {
             Some(ShapeSlot::Free(id)) => {
                 let shape = shape.clone();
                 self.command(session, Command::AddShape { id, shape })?;
+                self.shapes.add_of_body(id);
                 Ok(id)
             }
             None => Err(AddError::TooManyShapes),
@@ -115,7 +166,14 @@ impl ClientIds {
                 let known = |id| replica.and_then(|replica| replica.shape(id));
                 return !self.shapes.is_harmless(number, error, known);
             }
-            Event::Applied { through, .. } => self.shapes.handle_applied(through),
+            Event::Applied { through, .. } => {
+                self.shapes.handle_applied(through);
+                while self
+                    .bodies
+                    .pop_front_if(|(command, _)| *command <= through)
+                    .is_some()
+                {}
+            }
             Event::BodyRemoved { id, .. } => self.ids.release(id),
             _ => {}
         }

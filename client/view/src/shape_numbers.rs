@@ -3,17 +3,21 @@
 //! Sends nothing. The number is a hash of the shape's bytes. Two clients that add equal shapes at once choose the same
 //! number, so that the refusal of the second command is harmless.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use rhumb_protocol::limits::SHAPES_MAX;
 use rhumb_protocol::scene::{CommandError, Shape, ShapeId};
 use rhumb_protocol::wire::Wire;
 use rhumb_protocol::wire::bytes::Writer;
 
-/// Shapes in commands of this client that the server has not answered yet.
+/// The shapes that this client added, and what the server has not answered yet.
 #[derive(Debug, Default)]
 pub(crate) struct ShapeNumbers {
     unanswered: BTreeMap<ShapeId, UnansweredShape>,
+    /// Shapes that came with bodies of this client.
+    of_bodies: BTreeSet<ShapeId>,
+    /// Shapes by the unanswered command that removes each unless a body has it.
+    removals: BTreeMap<u64, ShapeId>,
 }
 
 #[derive(Debug)]
@@ -35,7 +39,7 @@ pub(crate) enum ShapeSlot {
 impl ShapeNumbers {
     /// Finds a shape's number; `None` when all numbers are taken. `known`: the shapes of the scene.
     pub(crate) fn find<'a>(
-        &'a self,
+        &self,
         shape: &Shape,
         known: impl Fn(ShapeId) -> Option<&'a Shape>,
     ) -> Option<ShapeSlot> {
@@ -43,10 +47,13 @@ impl ShapeNumbers {
         for step in 0..SHAPES_MAX {
             let id = ShapeId((first + step) % SHAPES_MAX);
             let unanswered = self.unanswered.get(&id).map(|added| &added.shape);
-            match known(id).or(unanswered) {
+            // A removal that is under way may be refused, so the number is free for an equal shape alone.
+            let leaves = || self.removals.values().any(|removed| *removed == id);
+            match unanswered.or_else(|| known(id)) {
                 None => return Some(ShapeSlot::Free(id)),
-                Some(other) if other == shape => return Some(ShapeSlot::Known(id)),
-                Some(_) => {}
+                Some(other) if other != shape => {}
+                Some(_) if unanswered.is_none() && leaves() => return Some(ShapeSlot::Free(id)),
+                Some(_) => return Some(ShapeSlot::Known(id)),
             }
         }
         None
@@ -58,18 +65,44 @@ impl ShapeNumbers {
         self.unanswered.insert(id, added);
     }
 
+    /// Stores that a shape comes with a body.
+    pub(crate) fn add_of_body(&mut self, id: ShapeId) {
+        self.of_bodies.insert(id);
+    }
+
+    /// Shapes that came with bodies of this client, that the scene has, and that no body uses.
+    pub(crate) fn unused<'a>(
+        &self,
+        used: &BTreeSet<ShapeId>,
+        known: impl Fn(ShapeId) -> Option<&'a Shape>,
+    ) -> Vec<ShapeId> {
+        let leaves = |id: &ShapeId| self.removals.values().any(|removed| removed == id);
+        let is_unused = |id: &ShapeId| !used.contains(id) && known(*id).is_some() && !leaves(id);
+        self.of_bodies.iter().copied().filter(is_unused).collect()
+    }
+
+    /// Stores a queued command that removes a shape.
+    pub(crate) fn remove(&mut self, id: ShapeId, command: u64) {
+        self.removals.insert(command, id);
+    }
+
     /// Forgets the shapes of commands up to this number, which the server has answered.
     pub(crate) fn handle_applied(&mut self, through: u64) {
         self.unanswered.retain(|_, added| added.command > through);
+        self.removals.retain(|command, _| *command > through);
     }
 
-    /// True if a refused command adds a shape that the scene already has under the same number.
+    /// True if a refused command adds a shape that the scene already has under the same number, or removes an unused one
+    /// that has come into use.
     pub(crate) fn is_harmless<'a>(
         &self,
         number: u64,
         error: CommandError,
         known: impl Fn(ShapeId) -> Option<&'a Shape>,
     ) -> bool {
+        if self.removals.contains_key(&number) {
+            return true;
+        }
         let CommandError::ShapeIdTaken(id) = error else {
             return false;
         };
@@ -118,6 +151,32 @@ mod tests {
         let next = ShapeId((taken.0 + 1) % SHAPES_MAX);
         assert_eq!(numbers.find(&ball, known), Some(ShapeSlot::Free(next)));
         assert_eq!(numbers.find(&ball, |_| Some(&other)), None);
+    }
+
+    #[test]
+    fn a_shape_that_is_being_removed_is_added_anew_under_its_number() {
+        let mut numbers = ShapeNumbers::default();
+        let (ball, other) = (Shape::ball(0.5), Shape::ball(0.25));
+        let id = ShapeId(hash(&ball));
+        numbers.add_of_body(id);
+        let known = |at| (at == id).then_some(&ball);
+        assert_eq!(numbers.unused(&BTreeSet::from([id]), known), []);
+        assert_eq!(numbers.unused(&BTreeSet::new(), |_| None), []);
+        assert_eq!(numbers.unused(&BTreeSet::new(), known), [id]);
+        numbers.remove(id, 8);
+        assert_eq!(numbers.unused(&BTreeSet::new(), known), []);
+        assert_eq!(numbers.find(&ball, known), Some(ShapeSlot::Free(id)));
+        assert!(numbers.is_harmless(8, CommandError::ShapeInUse(id), known));
+        // The number stays that of the shape until the removal is answered.
+        let taken = |at| (at == id).then_some(&other);
+        let next = ShapeId((id.0 + 1) % SHAPES_MAX);
+        assert_eq!(numbers.find(&ball, taken), Some(ShapeSlot::Free(next)));
+        numbers.add(id, ball.clone(), 9);
+        assert_eq!(numbers.find(&ball, known), Some(ShapeSlot::Known(id)));
+        numbers.handle_applied(9);
+        assert_eq!(numbers.find(&ball, known), Some(ShapeSlot::Known(id)));
+        assert_eq!(numbers.unused(&BTreeSet::new(), known), [id]);
+        assert!(!numbers.is_harmless(8, CommandError::ShapeInUse(id), known));
     }
 
     #[test]

@@ -47,7 +47,8 @@ pub struct Wheel {
     pub relaxation: f32,
     /// Greatest force of the suspension, N.
     pub force_max: f32,
-    /// Greatest force along the ground, as a share of the suspension's force.
+    /// Greatest force along the ground, as a share of the suspension's force. The part along the rolling direction counts
+    /// half.
     pub friction_slip: f32,
     /// Factor of the force along the axle that keeps the wheel from sliding sideways.
     pub side_friction: f32,

@@ -420,8 +420,17 @@ impl Engine for Box3dEngine {
         if let Some(slot) = self.bodies.get(&id) {
             let is_awake = activity == Activity::Awake;
             self.world.set_awake(slot.body, is_awake);
-            if !is_awake {
-                self.displaced.insert(id);
+            if is_awake {
+                return;
+            }
+            self.displaced.insert(id);
+            // What touches it falls asleep too, and was seen to move by the last step.
+            for awake in &self.observed {
+                let slot = self.bodies.get(&awake.id);
+                let slot = slot.filter(|slot| slot.is(BodyKind::Dynamic));
+                if slot.is_some_and(|slot| !self.world.is_awake(slot.body)) {
+                    self.displaced.insert(awake.id);
+                }
             }
         }
     }

@@ -115,6 +115,36 @@ fn shapes_come_to_rest_on_grounds_of_each_kind_and_fall_asleep() {
 }
 
 #[test]
+fn a_body_that_falls_asleep_with_another_is_observed_where_it_stays() {
+    let mut scene = above(floor(), Shape::cuboid(0.5, 0.25, 0.5), 1.25);
+    let upper = BodyId::new(2, 0);
+    let desc = BodyDesc::plain(upper, BodyKind::Dynamic, ShapeId(1));
+    add(&mut scene, desc, Vec3::Y * 1.75).expect(VALID);
+    for id in [BALL, upper] {
+        let (linear, angular) = (Vec3::X * 3.0, Vec3::ZERO);
+        let moves = Command::SetVelocity {
+            id,
+            linear,
+            angular,
+        };
+        scene.apply(&moves).expect(VALID);
+    }
+    step(&mut scene, 5);
+    assert_eq!(scene.awake_count(), 2, "both slide");
+    scene.apply(&Command::Sleep { id: BALL }).expect(VALID);
+    step(&mut scene, 1);
+    assert_eq!(scene.awake_count(), 0);
+    for id in [BALL, upper] {
+        let observed = scene.observations().iter().find(|seen| seen.id == id);
+        assert_eq!(
+            observed.map(|seen| seen.activity),
+            Some(Activity::Asleep),
+            "{id}"
+        );
+    }
+}
+
+#[test]
 fn parts_that_it_lacks_are_refused_and_change_nothing() {
     let mut scene = above(floor(), Shape::ball(0.5), 3.0);
     let rounded = Shape::RoundedCuboid {

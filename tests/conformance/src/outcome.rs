@@ -5,6 +5,8 @@
 use std::fmt;
 use std::time::Duration;
 
+use rhumb_protocol::scene::CommandError;
+
 /// The result of a case's function.
 pub type CaseResult = Result<(), Stop>;
 
@@ -143,6 +145,15 @@ impl Stop {
             Self::Fail(why) | Self::Lax(why) | Self::Unsupported(why) | Self::Inconclusive(why) => {
                 why
             }
+        }
+    }
+
+    /// A command, in words, is refused that has to be accepted, unless the engine lacks what it needs.
+    #[must_use]
+    pub fn refused(command: &str, error: &CommandError) -> Self {
+        match error {
+            CommandError::Unsupported => Self::Unsupported(format!("{command}: {error}")),
+            _ => Self::Fail(format!("{command} is refused: {error}")),
         }
     }
 

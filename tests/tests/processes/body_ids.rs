@@ -1,24 +1,29 @@
-//! The client gives out ids of bodies and shapes, and never one twice.
-//!
-//! Proved with two clients that add bodies of equal shapes to one scene of a server process at the same time.
+//! The client gives out ids once, and removes shapes that no body has.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use rhumb_client::scene::{BodyDesc, Command, Shape};
 use rhumb_client::{BodyId, Client, Event, PipelineDepth, Trust};
 use rhumb_reckoning::Tick;
+use rhumb_tests::ServerProcess;
 
 use crate::SERVER;
+
+fn join(server: &ServerProcess) -> Client {
+    let trust = Trust::Fingerprint(server.fingerprint);
+    let connection = Client::connect(&server.address.to_string(), trust).unwrap();
+    connection.join("pit").unwrap()
+}
+
+fn is_refused(client: &mut Client) -> bool {
+    std::iter::from_fn(|| client.poll_event())
+        .any(|(_, event)| matches!(event, Event::Refused { .. }))
+}
 
 #[test]
 fn two_clients_that_add_equal_bodies_at_once_share_the_shapes_and_no_ids() {
     let server = SERVER.serve("127.0.0.1:0");
-    let join = || {
-        let trust = Trust::Fingerprint(server.fingerprint);
-        let connection = Client::connect(&server.address.to_string(), trust).unwrap();
-        connection.join("pit").unwrap()
-    };
-    let (mut one, mut other) = (join(), join());
+    let (mut one, mut other) = (join(&server), join(&server));
     let ball = BodyDesc::dynamic(Shape::ball(0.5));
     let mut ids = one
         .add_bodies((0..2).map(|x| ball.clone().at(x as f32 * 2.0, 5.0, 0.0)))
@@ -63,7 +68,54 @@ fn two_clients_that_add_equal_bodies_at_once_share_the_shapes_and_no_ids() {
     let given = one.new_ids(4_096).unwrap();
     assert!(given.iter().all(|id| !ids.contains(id)));
     other.wait(PipelineDepth::LOCKSTEP).unwrap();
-    let refused = std::iter::from_fn(|| other.poll_event())
-        .any(|(_, event)| matches!(event, Event::Refused { .. }));
-    assert!(!refused, "an equal shape is no fault");
+    assert!(!is_refused(&mut other), "an equal shape is no fault");
+}
+
+#[test]
+fn a_shape_leaves_with_its_last_body_unless_another_client_uses_it() {
+    let server = SERVER.serve("127.0.0.1:0");
+    let (mut one, mut other) = (join(&server), join(&server));
+    let (ball, stone) = (Shape::ball(0.5), Shape::cuboid(1.0, 2.0, 3.0));
+    let fixed = |shape: &Shape| BodyDesc::fixed(shape.clone());
+    let bodies = one.add_bodies([fixed(&ball), fixed(&stone)]).unwrap();
+    assert_eq!(
+        one.remove_unused_shapes().unwrap(),
+        0,
+        "bodies on their way have them"
+    );
+    one.advance(PipelineDepth::LOCKSTEP).unwrap();
+    other.wait(PipelineDepth::LOCKSTEP).unwrap();
+    let shapes = bodies
+        .iter()
+        .map(|id| one.replica().unwrap().body(*id).unwrap().shape);
+    let [ball_id, stone_id] = shapes.collect::<Vec<_>>()[..] else {
+        panic!("two bodies have two shapes");
+    };
+    // The other client's ball is placed before the first one knows of it.
+    other.add_body(fixed(&ball)).unwrap();
+    other.inspect().unwrap();
+    for id in &bodies {
+        one.command(Command::RemoveBody { id: *id }).unwrap();
+    }
+    assert_eq!(
+        other.remove_unused_shapes().unwrap(),
+        0,
+        "it did not add the shapes"
+    );
+    assert_eq!(one.remove_unused_shapes().unwrap(), 2);
+    one.advance(PipelineDepth::LOCKSTEP).unwrap();
+    let copy = one.replica().unwrap();
+    assert_eq!(copy.shape(ball_id), Some(&ball));
+    assert_eq!(copy.shape(stone_id), None);
+    // Removed and added again in one breath.
+    let again = one.add_body(fixed(&stone)).unwrap();
+    one.advance(PipelineDepth::LOCKSTEP).unwrap();
+    one.command(Command::RemoveBody { id: again }).unwrap();
+    assert_eq!(one.remove_unused_shapes().unwrap(), 1);
+    let last = one.add_body(fixed(&stone)).unwrap();
+    one.advance(PipelineDepth::LOCKSTEP).unwrap();
+    let copy = one.replica().unwrap();
+    assert_eq!(copy.body(last).map(|desc| desc.shape), Some(stone_id));
+    assert_eq!(copy.shape(stone_id), Some(&stone));
+    assert!(!is_refused(&mut one), "a shape that is in use is no fault");
 }

@@ -7,6 +7,7 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::{Duration, Instant};
 
 use rhumb_client::{Client, Denial, JoinMode, JoinOptions, OpenError, Trust};
 use rhumb_reckoning::BodyId;
@@ -16,6 +17,9 @@ use crate::SERVER;
 use crate::durable::{
     Seen, check, commands, create, digest_without_server, serve, step, take_events,
 };
+
+/// Disks of loaded machines take seconds.
+const LONG: Duration = Duration::from_secs(60);
 
 /// A file system in memory of a few hundred kilobytes; unmounted when dropped.
 struct SmallDisk(tempfile::TempDir);
@@ -97,10 +101,14 @@ impl Run {
     /// Goes on until everything sent so far is durable.
     fn until_durable(&mut self) {
         let sent = self.sent;
-        let last = self.tick + 2_000;
+        let begun = Instant::now();
         while self.seen.durable < sent {
-            assert!(self.tick < last, "nothing becomes durable");
+            assert!(begun.elapsed() < LONG, "nothing becomes durable");
             self.go(1);
+            // A disk under load takes longer than thousands of ticks.
+            self.client
+                .idle(Duration::from_millis(2))
+                .expect("the session goes on");
         }
     }
 

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use glam::Vec3;
 use rhumb_client::scene::{
-    BodyDesc, Command, Invalid, PublishSchedule, Quantity, SceneConfig, Shape, Stepping,
+    BodyDesc, Command, Invalid, PublishSchedule, Quantity, Query, SceneConfig, Shape, Stepping,
 };
 use rhumb_client::{
     Client, ClientError, Denial, Event, JoinMode, JoinOptions, OpenError, PipelineDepth,
@@ -109,6 +109,20 @@ fn a_client_displays_sixty_lockstep_ticks_within_tolerance() {
     let inspection = client.inspect().unwrap();
     assert_eq!(inspection.truth, scene.digest().value());
     assert!(view_moves(&mut client));
+}
+
+#[test]
+fn idling_for_no_time_handles_what_has_arrived() {
+    let server = SERVER.serve(ANYWHERE);
+    let mut client = open(&server, "pit", JoinMode::Create(config(Stepping::Lockstep)));
+    let ray = Query::ray(Vec3::Y, Vec3::X);
+    client.query(vec![ray]).expect("the connection is open");
+    client.flush();
+    let begun = Instant::now();
+    while !matches!(client.poll_event(), Some((_, Event::QueryResult { .. }))) {
+        client.idle(Duration::ZERO).expect("the connection is open");
+        assert!(begun.elapsed() < Duration::from_secs(30));
+    }
 }
 
 /// True if any ball still moves from tick to tick.

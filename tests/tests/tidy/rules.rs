@@ -177,6 +177,7 @@ fn sockets_and_clocks_are_used_only_in_the_crates_that_own_them() {
             "benches/",
             "app/src/sockets/",
             "server/src/serve.rs",
+            "server/src/serve/",
             "server/src/cli.rs",
             "server/src/main.rs",
             "server/src/http.rs",

@@ -142,7 +142,7 @@ fn the_extents_and_locks_of_a_body_follow_its_axes() {
 }
 
 #[test]
-fn a_mesh_keeps_its_front_and_heights_keep_their_places() {
+fn a_mesh_keeps_its_front() {
     let points = [Vec3::ZERO, Vec3::X, Vec3::Z];
     let mesh = Mesh::new(&points, &[[0, 1, 2]]).unwrap();
     let front = |mesh: &Mesh| {
@@ -157,11 +157,82 @@ fn a_mesh_keeps_its_front_and_heights_keep_their_places() {
         panic!("a mesh stays a mesh");
     };
     assert_eq!(front(&inside), outside);
-    let field = Heights::new(2, 1.0, 1.0, &[0.0, 1.0, 2.0, 3.0]).unwrap();
-    let Shape::Heights(inside) = Coordinates::ZUp.shape_in(Shape::Heights(field)).unwrap() else {
-        panic!("heights stay heights");
+}
+
+/// Where the posts of a shape in Rhumb's coordinates stand (PROTOCOL 2.6-7), for each part.
+fn posts(shape: &Shape, at: Vec3, into: &mut Vec<Vec3>) {
+    match shape {
+        Shape::Heights(field) => {
+            for (row, heights) in field.heights().chunks(field.columns() as usize).enumerate() {
+                for (column, height) in heights.iter().enumerate() {
+                    let x = row as f32 * field.row_spacing();
+                    let z = column as f32 * field.column_spacing();
+                    into.push(at + Vec3::new(x, *height, z));
+                }
+            }
+        }
+        Shape::Compound(compound) => {
+            for part in compound.parts() {
+                assert_eq!(part.rotation, Quat::IDENTITY);
+                posts(&part.shape, at + part.position, into);
+            }
+        }
+        _ => panic!("a field, alone or in a compound"),
+    }
+}
+
+/// True if both have the same posts in some order, to a tenth of a millimetre.
+fn same_posts(left: &[Vec3], right: &[Vec3]) -> bool {
+    let in_order = |posts: &[Vec3]| {
+        let mut posts = posts.to_vec();
+        posts.sort_by_key(|post| post.to_array().map(|number| (number * 1e4).round() as i64));
+        posts
     };
-    assert_eq!(inside.heights(), [2.0, 3.0, 0.0, 1.0]);
+    let (left, right) = (in_order(left), in_order(right));
+    let near = |(left, right): (&Vec3, &Vec3)| left.distance(*right) < 1e-4;
+    left.len() == right.len() && left.iter().zip(&right).all(near)
+}
+
+#[test]
+fn the_posts_of_heights_stand_where_the_axes_of_the_application_put_them() {
+    let field = Heights::new(2, 3.0, 7.0, &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
+    let place = Vec3::new(10.0, 20.0, 30.0);
+    let part = Part {
+        position: place,
+        rotation: Quat::IDENTITY,
+        shape: Shape::Heights(field.clone()),
+    };
+    let compound = Shape::Compound(Compound::new(vec![part]).unwrap());
+    for coordinates in Coordinates::EACH {
+        // Rows go along the first of the application's axes on the ground, columns along the other.
+        let post = |number: u8| {
+            let (row, column) = (f32::from(number / 3) * 3.0, f32::from(number % 3) * 7.0);
+            let height = f32::from(number);
+            match coordinates {
+                Coordinates::Rhumb | Coordinates::Unity => Vec3::new(row, height, column),
+                Coordinates::Unreal | Coordinates::ZUp => Vec3::new(row, column, height),
+            }
+        };
+        let shapes = [
+            (Shape::Heights(field.clone()), Vec3::ZERO),
+            (compound.clone(), place),
+        ];
+        for (shape, at) in shapes {
+            let expected: Vec<Vec3> = (0..6)
+                .map(|number| coordinates.vector_in(at + post(number)))
+                .collect();
+            let mut standing = Vec::new();
+            posts(
+                &coordinates.shape_in(shape).unwrap(),
+                Vec3::ZERO,
+                &mut standing,
+            );
+            assert!(
+                same_posts(&standing, &expected),
+                "{coordinates:?}: {standing:?}"
+            );
+        }
+    }
 }
 
 #[test]

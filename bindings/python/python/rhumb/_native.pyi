@@ -99,7 +99,11 @@ class Shape:
         """A mesh of triangles, each a row of three places of points. For fixed bodies."""
     @staticmethod
     def heights(heights: npt.ArrayLike, row_spacing: float = 1.0, column_spacing: float = 1.0) -> Shape:
-        """A field of rows of heights. For fixed bodies."""
+        """A field of heights by row and column. For fixed bodies.
+
+        The first post is at the body's origin; the rows follow each other along x, the columns along the other axis of the
+        ground.
+        """
     @staticmethod
     def compound(parts: Sequence[Union[Tuple[Shape, _Vector], Tuple[Shape, _Vector, _Rotation]]]) -> Shape:
         """Several shapes in the axes of a body, from its centre of mass: shape, position, and a rotation if it is turned."""
@@ -315,6 +319,11 @@ class Scene:
 
         None, and nothing is published, before the authority is granted, before the server's clock is known, and for a
         second frame of one tick. A body that is left out stands still.
+        """
+    def remove_unused_shapes(self) -> int:
+        """Queues the removal of the shapes that came with this client's bodies and that no body has; their number.
+
+        A queued command about a body counts as applied. A scene keeps its shapes until they are removed.
         """
     def flush(self) -> None: ...
     def advance(self, ticks: int = 1, depth: int = 0) -> int:

@@ -194,11 +194,11 @@ impl LossyClient {
     ///
     /// # Errors
     ///
-    /// [`Stop::Fail`] when it is refused.
+    /// [`Stop::refused`] when it is refused.
     pub fn must(&mut self, command: Command) -> Result<Tick, Stop> {
         let sent = format!("{command:?}");
         self.command(command)?
-            .map_err(|error| Stop::Fail(format!("{sent} is refused: {error}")))
+            .map_err(|error| Stop::refused(&sent, &error))
     }
 
     /// Lets a lockstep scene step to a tick, without waiting.
