@@ -78,10 +78,10 @@ impl PyScene {
     ) -> PyResult<Option<u64>> {
         let Bodies { ids, .. } = bodies(body)?;
         let vectors = rows::<3>(numbers, ids.len(), name)?;
-        let commands = ids
-            .into_iter()
-            .zip(vectors.into_iter().map(Vec3::from_array));
-        let commands = commands.map(|(id, vector)| command(id, vector)).collect();
+        let each = ids.into_iter().zip(vectors);
+        let commands = each
+            .map(|(id, vector)| command(id, vector.into()))
+            .collect();
         self.with(py, |opened| opened.scene.command(commands))
     }
 
