@@ -78,10 +78,8 @@ impl PyScene {
     ) -> PyResult<Option<u64>> {
         let Bodies { ids, .. } = bodies(body)?;
         let vectors = rows::<3>(numbers, ids.len(), name)?;
-        let each = ids.into_iter().zip(vectors);
-        let commands = each
-            .map(|(id, vector)| command(id, vector.into()))
-            .collect();
+        let command = |(id, vector): (BodyId, [f32; 3])| command(id, vector.into());
+        let commands = ids.into_iter().zip(vectors).map(command).collect();
         self.with(py, |opened| opened.scene.command(commands))
     }
 
