@@ -11,8 +11,9 @@ use crate::SERVER;
 
 fn join(server: &ServerProcess) -> Client {
     let trust = Trust::Fingerprint(server.fingerprint);
-    let connection = Client::connect(&server.address.to_string(), trust).unwrap();
-    connection.join("pit").unwrap()
+    let connection =
+        Client::connect(&server.address.to_string(), trust).expect("the server is there");
+    connection.join("pit").expect("the scene is made")
 }
 
 fn is_refused(client: &mut Client) -> bool {
