@@ -2,9 +2,9 @@
 //!
 //! Queues commands at the session and never waits.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::VecDeque;
 
-use rhumb_protocol::limits::{GRANT, GRANTED_MAX};
+use rhumb_protocol::limits::{GRANT, GRANTED_MAX, SHAPES_MAX};
 use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Shape, ShapeId};
 use rhumb_protocol::session::{ClientSession, Event, Misuse, Replica};
 use rhumb_reckoning::{BodyId, BodyState};
@@ -100,17 +100,24 @@ impl ClientIds {
         let Some(replica) = session.replica() else {
             return Ok(0);
         };
-        let mut used = BTreeSet::new();
-        let mut leaves = BTreeSet::new();
+        let mut used = vec![false; SHAPES_MAX as usize];
+        let mut leaves = vec![false; replica.stream().index_end()];
         for (_, body) in &self.bodies {
-            let _new = match *body {
-                BodyChange::Takes(shape) => used.insert(shape),
-                BodyChange::Leaves(id) => leaves.insert(id),
+            let (flags, place) = match *body {
+                BodyChange::Takes(shape) => (&mut used, shape.0),
+                BodyChange::Leaves(id) => (&mut leaves, id.index()),
             };
+            if let Some(flag) = flags.get_mut(place as usize) {
+                *flag = true;
+            }
         }
-        let stays = replica.bodies().filter(|body| !leaves.contains(&body.id));
-        used.extend(stays.map(|body| body.shape));
-        let unused = self.shapes.unused(&used, |id| replica.shape(id));
+        for body in replica.bodies() {
+            if !leaves[body.id.index() as usize] {
+                used[body.shape.0 as usize] = true;
+            }
+        }
+        let is_used = |id: ShapeId| used[id.0 as usize];
+        let unused = self.shapes.unused(is_used, |id| replica.shape(id));
         for id in &unused {
             let number = session.command(Command::RemoveShape { id: *id })?;
             self.shapes.remove(*id, number);

@@ -3,7 +3,7 @@
 //! Sends nothing. The number is a hash of the shape's bytes. Two clients that add equal shapes at once choose the same
 //! number, so that the refusal of the second command is harmless.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use rhumb_protocol::limits::SHAPES_MAX;
 use rhumb_protocol::scene::{CommandError, Shape, ShapeId};
@@ -15,9 +15,9 @@ use rhumb_protocol::wire::bytes::Writer;
 pub(crate) struct ShapeNumbers {
     unanswered: BTreeMap<ShapeId, UnansweredShape>,
     /// Shapes that came with bodies of this client.
-    of_bodies: BTreeSet<ShapeId>,
-    /// Shapes by the unanswered command that removes each unless a body has it.
-    removals: BTreeMap<u64, ShapeId>,
+    of_bodies: Vec<ShapeId>,
+    /// Numbers of unanswered commands that remove a shape unless a body has it.
+    removals: Vec<(u64, ShapeId)>,
 }
 
 #[derive(Debug)]
@@ -48,11 +48,12 @@ impl ShapeNumbers {
             let id = ShapeId((first + step) % SHAPES_MAX);
             let unanswered = self.unanswered.get(&id).map(|added| &added.shape);
             // A removal that is under way may be refused, so the number is free for an equal shape alone.
-            let leaves = || self.removals.values().any(|removed| *removed == id);
             match unanswered.or_else(|| known(id)) {
                 None => return Some(ShapeSlot::Free(id)),
                 Some(other) if other != shape => {}
-                Some(_) if unanswered.is_none() && leaves() => return Some(ShapeSlot::Free(id)),
+                Some(_) if unanswered.is_none() && self.leaves(id) => {
+                    return Some(ShapeSlot::Free(id));
+                }
                 Some(_) => return Some(ShapeSlot::Known(id)),
             }
         }
@@ -67,29 +68,34 @@ impl ShapeNumbers {
 
     /// Stores that a shape comes with a body.
     pub(crate) fn add_of_body(&mut self, id: ShapeId) {
-        self.of_bodies.insert(id);
+        if !self.of_bodies.contains(&id) {
+            self.of_bodies.push(id);
+        }
     }
 
     /// Shapes that came with bodies of this client, that the scene has, and that no body uses.
     pub(crate) fn unused<'a>(
         &self,
-        used: &BTreeSet<ShapeId>,
+        is_used: impl Fn(ShapeId) -> bool,
         known: impl Fn(ShapeId) -> Option<&'a Shape>,
     ) -> Vec<ShapeId> {
-        let leaves = |id: &ShapeId| self.removals.values().any(|removed| removed == id);
-        let is_unused = |id: &ShapeId| !used.contains(id) && known(*id).is_some() && !leaves(id);
+        let is_unused = |id: &ShapeId| !is_used(*id) && known(*id).is_some() && !self.leaves(*id);
         self.of_bodies.iter().copied().filter(is_unused).collect()
+    }
+
+    fn leaves(&self, id: ShapeId) -> bool {
+        self.removals.iter().any(|(_, removed)| *removed == id)
     }
 
     /// Stores a queued command that removes a shape.
     pub(crate) fn remove(&mut self, id: ShapeId, command: u64) {
-        self.removals.insert(command, id);
+        self.removals.push((command, id));
     }
 
     /// Forgets the shapes of commands up to this number, which the server has answered.
     pub(crate) fn handle_applied(&mut self, through: u64) {
         self.unanswered.retain(|_, added| added.command > through);
-        self.removals.retain(|command, _| *command > through);
+        self.removals.retain(|(command, _)| *command > through);
     }
 
     /// True if a refused command adds a shape that the scene already has under the same number, or removes an unused one
@@ -100,7 +106,7 @@ impl ShapeNumbers {
         error: CommandError,
         known: impl Fn(ShapeId) -> Option<&'a Shape>,
     ) -> bool {
-        if self.removals.contains_key(&number) {
+        if self.removals.iter().any(|(command, _)| *command == number) {
             return true;
         }
         let CommandError::ShapeIdTaken(id) = error else {
@@ -160,11 +166,11 @@ mod tests {
         let id = ShapeId(hash(&ball));
         numbers.add_of_body(id);
         let known = |at| (at == id).then_some(&ball);
-        assert_eq!(numbers.unused(&BTreeSet::from([id]), known), []);
-        assert_eq!(numbers.unused(&BTreeSet::new(), |_| None), []);
-        assert_eq!(numbers.unused(&BTreeSet::new(), known), [id]);
+        assert_eq!(numbers.unused(|_| true, known), []);
+        assert_eq!(numbers.unused(|_| false, |_| None), []);
+        assert_eq!(numbers.unused(|_| false, known), [id]);
         numbers.remove(id, 8);
-        assert_eq!(numbers.unused(&BTreeSet::new(), known), []);
+        assert_eq!(numbers.unused(|_| false, known), []);
         assert_eq!(numbers.find(&ball, known), Some(ShapeSlot::Free(id)));
         assert!(numbers.is_harmless(8, CommandError::ShapeInUse(id), known));
         // The number stays that of the shape until the removal is answered.
@@ -175,7 +181,7 @@ mod tests {
         assert_eq!(numbers.find(&ball, known), Some(ShapeSlot::Known(id)));
         numbers.handle_applied(9);
         assert_eq!(numbers.find(&ball, known), Some(ShapeSlot::Known(id)));
-        assert_eq!(numbers.unused(&BTreeSet::new(), known), [id]);
+        assert_eq!(numbers.unused(|_| false, known), [id]);
         assert!(!numbers.is_harmless(8, CommandError::ShapeInUse(id), known));
     }
 
