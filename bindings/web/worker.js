@@ -2,8 +2,9 @@
 //
 // Messages to it: { kind: "connect", url, options, scene, join }, once; { kind: "frame" }, for each frame that the page
 // draws; { kind: "call", id, name, arguments }, any method of Client. Messages from it: { kind: "joined", config };
-// { kind: "frame", time, generation, positions, rotations, changed, events } with arrays that are the page's own, and with
-// ids, shapes and kinds when these changed; { kind: "answer", id, value }; { kind: "error", id, error }.
+// { kind: "frame", time, generation, positions, rotations, errorBounds, changed, events } with arrays that are the page's
+// own, and with ids, shapes, kinds and tolerances when these changed; { kind: "answer", id, value };
+// { kind: "error", id, error }.
 
 import { connect } from "./rhumb.js";
 
@@ -31,6 +32,7 @@ function frame() {
     generation: view.generation,
     positions: view.positions.slice(),
     rotations: view.rotations.slice(),
+    errorBounds: view.errorBounds.slice(),
     changed: view.changed.slice(),
     events: events(),
   };

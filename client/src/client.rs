@@ -214,8 +214,8 @@ impl Client {
     /// Queues the removal of the shapes that came with bodies of this client and that no body has any more; returns their
     /// number. A scene holds a limited number of bytes of shapes, and keeps them until they are removed.
     ///
-    /// A queued command about a body counts as applied. A shape that another member gave to a body meanwhile stays. A body
-    /// that another member adds in this moment, with a shape of which its copy does not yet show the removal, is refused.
+    /// Queued additions, changes and removals of bodies count. A shape that another member gave to a body meanwhile stays. A
+    /// body that another member adds with the shape before its replica shows the removal is refused.
     ///
     /// # Errors
     ///

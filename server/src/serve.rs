@@ -311,7 +311,9 @@ impl Server {
     /// [`RunError::Serve`] if the thread of the sockets fails, [`RunError::Data`] if the data directory does,
     /// [`RunError::EngineWithoutImages`] for a data directory and an engine that cannot store its scenes.
     pub fn run(self, stop: &Stop) -> Result<ServerStatistics, RunError> {
-        check_images(self.engine, self.data.is_some())?;
+        if self.data.is_some() {
+            check_images(self.engine)?;
+        }
         #[cfg(any(feature = "view", feature = "record"))]
         let mut server = self;
         #[cfg(not(any(feature = "view", feature = "record")))]
@@ -380,11 +382,11 @@ impl Server {
     }
 }
 
-/// Refuses a data directory for scenes of an engine without images.
-pub(crate) const fn check_images(engine: EngineKind, stores: bool) -> Result<(), RunError> {
-    match stores && !engine.keeps_images() {
-        true => Err(RunError::EngineWithoutImages(engine)),
-        false => Ok(()),
+/// Refuses an engine without images, whose scenes no data directory can keep.
+pub(crate) const fn check_images(engine: EngineKind) -> Result<(), RunError> {
+    match engine.keeps_images() {
+        true => Ok(()),
+        false => Err(RunError::EngineWithoutImages(engine)),
     }
 }
 

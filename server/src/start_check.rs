@@ -42,7 +42,9 @@ pub(crate) fn check(
     if !settings.cores.is_empty() {
         run_on_cores(&settings.cores)?;
     }
-    check_images(settings.engine, settings.data.is_some())?;
+    if settings.data.is_some() {
+        check_images(settings.engine)?;
+    }
     let workers = Workers::new(Some(settings.threads)).map_err(RunError::Workers)?;
     let access = access(settings)?;
     if matches!(access, Access::OpenOnLoopback) && !settings.listen.ip().is_loopback() {

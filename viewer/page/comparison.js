@@ -28,8 +28,11 @@ export class Comparison {
   /** Bodies of all compared ticks whose bound was known when they were shown, and how many were beyond it. */
   boundedBodyTicks = 0;
   beyondBound = 0;
-  /** Bodies of all compared ticks. */
+  /** Bodies of all compared ticks, and how many of them were beyond their tolerance. */
   allBodyTicks = 0;
+  allBeyondTolerance = 0;
+  /** Ticks that were shown and of which no truth has come. */
+  unjudged = 0;
 
   /** Notes what is shown: `isComplete` if nothing that concerns this tick is missing. Whole ticks only. */
   show(frame, { movable, radii }, isComplete) {
@@ -47,7 +50,10 @@ export class Comparison {
       tolerances: tolerances.slice(),
       errorBounds: errorBounds.slice(),
     });
-    if (this.#waiting.length > WAITING_MAX) this.#waiting.shift();
+    if (this.#waiting.length > WAITING_MAX) {
+      this.#waiting.shift();
+      this.unjudged++;
+    }
   }
 
   /** Compares what was shown with the truth that has arrived. */
@@ -56,6 +62,7 @@ export class Comparison {
       const shown = this.#waiting.shift();
       const actual = truth.at(shown.tick);
       if (actual !== undefined) this.#compare(shown, actual);
+      else this.unjudged++;
     }
   }
 
@@ -73,6 +80,7 @@ export class Comparison {
       this.errors[place] = error;
       this.worst = Math.max(this.worst, error);
       this.allBodyTicks++;
+      if (error > tolerance + ROUNDING) this.allBeyondTolerance++;
       // Of a tick that is complete, but not the newest one, a body may have no known track any more.
       if (!Number.isFinite(errorBounds[place])) continue;
       this.boundedBodyTicks++;

@@ -67,6 +67,7 @@ const diagnostics = {
     return hands?.carried;
   },
   drawnPosition: (place) => bodies.drawnPosition(place),
+  ghostPosition: (place) => (ghosts.visible ? ghosts.drawnPosition(place) : undefined),
 };
 globalThis.rhumbDiagnostics = diagnostics;
 
@@ -243,7 +244,8 @@ function showLive(now, seconds) {
     // A value beyond the greatest one would be cut.
     element("scrubber").max = Math.max(0, history.length - 1);
     element("scrubber").value = element("scrubber").max;
-    if (ghosts.visible) layGhosts(truth?.at(time) ?? truth?.at(truth.newest), seen.ids);
+    // The present moment is predicted beyond the truth that has arrived.
+    layGhosts(truth?.at(time) ?? truth?.at(truth.newest), seen.ids, roster, roster.shapes);
   }
   hands.act(seen, copy.view.linearVelocities, seconds, player());
   let moving = 0;
@@ -289,12 +291,13 @@ function lay(copy) {
   bodies.pose(seen, seen.ids.keys());
 }
 
-/** Puts the ghosts where the truth has the copy's bodies. */
-function layGhosts(actual, ids) {
-  if (actual === undefined) return;
-  if (ghostsLaidOut !== roster.generation) {
-    ghostsLaidOut = roster.generation;
-    ghosts.layout(roster, (shape) => roster.shapes.get(shape));
+/** Puts the ghosts where the truth has the bodies that are shown; without the truth, there are none. */
+function layGhosts(actual, ids, layout, shapes) {
+  ghosts.visible = element("ghosts").checked && actual !== undefined;
+  if (!ghosts.visible) return;
+  if (ghostsLaidOut !== layout.generation) {
+    ghostsLaidOut = layout.generation;
+    ghosts.layout(layout, (shape) => shapes.get(shape));
   }
   ghosts.poseOthers(actual, ghosts.movable, (place) => actual.places.get(ids[place]));
 }
@@ -336,6 +339,8 @@ function showFrame(shown, now) {
     bodies.layout(shown, (shape) => shown.shapesByNumber.get(shape));
   }
   lastShown = shown;
+  const actual = mode.kind === "history" ? live.truth?.at(shown.time) : undefined;
+  layGhosts(actual, shown.ids, shown, shown.shapesByNumber);
   bodies.pose(shown, isNew ? shown.ids.keys() : shown.changed);
   colours.marked = panel.id === undefined ? -1 : shown.ids.indexOf(panel.id);
   colours.apply(bodies, shown, shown.errors, now);
@@ -378,7 +383,6 @@ function play(recording) {
   mode = { kind: "recording", recording, at: 0, isPaused: false };
   laidOut = undefined;
   bodies.down = recording.gravity;
-  ghosts.visible = element("ghosts").checked = false;
   element("live").textContent = "Back to live";
   element("notice").hidden = true;
   hint(recording.title);
@@ -455,10 +459,8 @@ function controls() {
   element("scene").addEventListener("change", ({ target }) => follow(target.value));
   element("colour").addEventListener("change", ({ target }) => (colours.mode = target.value));
   element("flashes").addEventListener("change", ({ target }) => (colours.flashes = target.checked));
-  element("ghosts").addEventListener("change", ({ target }) => (ghosts.visible = target.checked));
   element("truth").addEventListener("change", ({ target }) => {
     live.showTruth(target.checked).catch((cause) => hint(cause.message));
-    if (!target.checked) ghosts.visible = element("ghosts").checked = false;
   });
   element("live").addEventListener("click", () => (mode.kind === "live" ? toHistory(history.length - 1) : toLive()));
   element("scrubber").addEventListener("input", ({ target }) => {

@@ -955,12 +955,13 @@ RhumbCode rhumb_scene_add_bodies(struct RhumbScene scene,
 // Queues the removal of the shapes that came with this client's bodies and that no body has any more. A scene holds a
 // limited number of bytes of shapes, and keeps them until they are removed.
 //
-// A queued command about a body counts as applied. `count` may be null; otherwise it receives the number of shapes.
+// Queued additions, changes and removals of bodies count. `count` may be null; otherwise it receives the number of shapes.
 //
 // # Safety
 //
 // `count` is null or points to memory for a number.
-RhumbCode rhumb_scene_remove_unused_shapes(struct RhumbScene scene, size_t *count);
+RhumbCode rhumb_scene_remove_unused_shapes(struct RhumbScene scene,
+                                           size_t *count);
 
 // Sends all queued commands at once.
 RhumbCode rhumb_scene_flush(struct RhumbScene scene);

@@ -660,7 +660,8 @@ public:
         return published != 0 ? std::optional<std::uint64_t>(tick) : std::nullopt;
     }
 
-    /// Queues the removal of the shapes that came with this client's bodies and that no body has any more; their number.
+    /// Queues the removal of the shapes that came with this client's bodies and that no body has any more, and returns their
+    /// number.
     std::size_t remove_unused_shapes() {
         std::size_t count = 0;
         throw_unless_ok(rhumb_scene_remove_unused_shapes(raw_, &count));

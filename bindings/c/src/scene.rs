@@ -224,7 +224,7 @@ pub unsafe extern "C" fn rhumb_scene_add_bodies(
 /// Queues the removal of the shapes that came with this client's bodies and that no body has any more. A scene holds a
 /// limited number of bytes of shapes, and keeps them until they are removed.
 ///
-/// A queued command about a body counts as applied. `count` may be null; otherwise it receives the number of shapes.
+/// Queued additions, changes and removals of bodies count. `count` may be null; otherwise it receives the number of shapes.
 ///
 /// # Safety
 ///

@@ -184,8 +184,8 @@ impl Coordinates {
 
     /// A shape in Rhumb's coordinates.
     ///
-    /// A height field whose columns run against Rhumb's third axis becomes a compound: the field from its other end, at
-    /// the place where that end lies.
+    /// A height field whose columns run against Rhumb's third axis becomes a compound of one field with reversed columns,
+    /// moved to the far end.
     ///
     /// # Errors
     ///
@@ -268,7 +268,8 @@ impl Coordinates {
         }
     }
 
-    /// A part of a compound. What becomes a compound itself lends the part its one part.
+    /// A part of a compound. A height field may become a compound of one part, and compounds do not nest: that part takes its
+    /// place.
     fn part_in(self, part: &Part) -> Result<Part, Invalid> {
         let turned = Part {
             position: self.vector_in(part.position),

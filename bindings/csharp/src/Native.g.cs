@@ -136,7 +136,7 @@ namespace Rhumb
         ///  Queues the removal of the shapes that came with this client's bodies and that no body has any more. A scene holds a
         ///  limited number of bytes of shapes, and keeps them until they are removed.
         ///
-        ///  A queued command about a body counts as applied. `count` may be null; otherwise it receives the number of shapes.
+        ///  Queued additions, changes and removals of bodies count. `count` may be null; otherwise it receives the number of shapes.
         ///
         ///  # Safety
         ///

@@ -201,7 +201,7 @@ namespace Rhumb
 
         /// <summary>
         /// Queues the removal of the shapes that came with this client's bodies and that no body has any more; returns their
-        /// number. A queued command about a body counts as applied.
+        /// number. Queued additions, changes and removals of bodies count.
         /// </summary>
         public unsafe int RemoveUnusedShapes()
         {

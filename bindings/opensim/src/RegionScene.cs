@@ -327,8 +327,8 @@ namespace Rhumb.Plugin
             {
                 return false;
             }
-            // Takes what has arrived; no time at all would take nothing.
-            scene.Idle(0.0005);
+            // Takes what has arrived.
+            scene.Idle(0);
             return scene.CompleteTick + Depth * settings.PublishInterval < asked + settings.PublishInterval;
         }
 
@@ -375,14 +375,16 @@ namespace Rhumb.Plugin
                     anchor = scene.Add(BodyDesc.Fixed(Shape.Compound()));
                 }
                 leftShapes |= Remove(formed);
-                leftShapes |= terrain.Tell(scene, anchor);
-                Form(formed);
-                Speak(formed, changed, reporters, seconds);
+                leftShapes |= terrain.Remove(scene);
+                // Before new shapes, which may need the room.
                 if (leftShapes)
                 {
                     scene.RemoveUnusedShapes();
                     leftShapes = false;
                 }
+                terrain.Tell(scene, anchor);
+                Form(formed);
+                Speak(formed, changed, reporters, seconds);
             }
             catch
             {

@@ -31,6 +31,9 @@ namespace Rhumb.Plugin
         private ulong before;
         private ulong after;
 
+        /// <summary>The server refused a ground, some of whose shapes it may have taken.</summary>
+        private bool wasRefused;
+
         internal RegionTerrain(int sizeX, int sizeY)
         {
             this.sizeX = sizeX;
@@ -60,27 +63,32 @@ namespace Rhumb.Plugin
             placed.Clear();
             refused.Clear();
             removals.Clear();
+            wasRefused = false;
             lock (gate)
             {
                 isNew = heights != null;
             }
         }
 
-        /// <summary>
-        /// Adds the ground to the scene, if it changed and the server has answered for the last one; true if bodies of an
-        /// old one were removed.
-        /// </summary>
-        internal bool Tell(Scene scene, Body anchor)
+        /// <summary>Removes the bodies of old grounds; true if shapes of grounds may be without a body.</summary>
+        internal bool Remove(Scene scene)
         {
-            bool removed = removals.Count > 0;
+            bool leavesShapes = removals.Count > 0 || wasRefused;
             RegionLink.Send(scene, removals.ConvertAll(body => Command.RemoveBody(body)));
             removals.Clear();
+            wasRefused = false;
+            return leavesShapes;
+        }
+
+        /// <summary>Adds the ground to the scene, if it changed and the server has answered for the last one.</summary>
+        internal void Tell(Scene scene, Body anchor)
+        {
             float[] map;
             lock (gate)
             {
                 if (!isNew || coming.Count > 0)
                 {
-                    return removed;
+                    return;
                 }
                 map = heights;
                 isNew = false;
@@ -101,7 +109,6 @@ namespace Rhumb.Plugin
                 }
                 throw;
             }
-            return removed;
         }
 
         private void Add(Scene scene, Body anchor, float[] map)
@@ -153,6 +160,7 @@ namespace Rhumb.Plugin
                 refused.ExceptWith(placed);
                 coming.Clear();
                 placed.Clear();
+                wasRefused = true;
                 Log.ErrorFormat("[RHUMB]: the ground stays as it was: {0}. Reduce the meshes of the region", next.Text);
             }
         }

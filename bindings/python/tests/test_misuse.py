@@ -71,6 +71,7 @@ CALLS = [
     lambda scene: scene.sleep(1),
     lambda scene: scene.wake(1),
     lambda scene: scene.report_events(1),
+    lambda scene: scene.remove_unused_shapes(),
     lambda scene: scene.flush(),
     lambda scene: scene.advance(),
     lambda scene: scene.wait(),

@@ -22,7 +22,7 @@ pub struct ClientIds {
     bodies: VecDeque<(u64, BodyChange)>,
 }
 
-/// What a command does to a body, as far as its shape is concerned.
+/// What a command does to a body, as far as its shape is concerned. One that is changed leaves its shape and takes one.
 #[derive(Clone, Copy, Debug)]
 enum BodyChange {
     Takes(ShapeId),
@@ -73,25 +73,24 @@ impl ClientIds {
             Command::AddShape { id, shape } => Some((*id, shape.clone())),
             _ => None,
         };
-        let body = match &command {
-            Command::AddBody { desc, .. } | Command::ChangeBody { desc } => {
-                Some(BodyChange::Takes(desc.shape))
-            }
-            Command::RemoveBody { id } => Some(BodyChange::Leaves(*id)),
-            _ => None,
+        let (leaves, takes) = match &command {
+            Command::AddBody { desc, .. } => (None, Some(desc.shape)),
+            Command::ChangeBody { desc } => (Some(desc.id), Some(desc.shape)),
+            Command::RemoveBody { id } => (Some(*id), None),
+            _ => (None, None),
         };
         let number = session.command(command)?;
         if let Some((id, shape)) = shape {
             self.shapes.add(id, shape, number);
         }
-        if let Some(body) = body {
-            self.bodies.push_back((number, body));
-        }
+        let leaves = leaves.map(BodyChange::Leaves);
+        let changes = leaves.into_iter().chain(takes.map(BodyChange::Takes));
+        self.bodies.extend(changes.map(|change| (number, change)));
         Ok(number)
     }
 
     /// Queues the removal of the shapes that came with bodies of this client and that no body has any more; returns their
-    /// number. A queued command about a body counts as applied.
+    /// number. Queued additions, changes and removals of bodies count.
     ///
     /// # Errors
     ///
@@ -171,7 +170,7 @@ impl ClientIds {
             }
             Event::Refused { number, error } => {
                 let known = |id| replica.and_then(|replica| replica.shape(id));
-                return !self.shapes.is_harmless(number, error, known);
+                return !self.shapes.handle_refused(number, error, known);
             }
             Event::Applied { through, .. } => {
                 self.shapes.handle_applied(through);

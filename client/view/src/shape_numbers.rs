@@ -89,6 +89,7 @@ impl ShapeNumbers {
 
     /// Stores a queued command that removes a shape.
     pub(crate) fn remove(&mut self, id: ShapeId, command: u64) {
+        self.of_bodies.retain(|of_body| *of_body != id);
         self.removals.push((command, id));
     }
 
@@ -98,22 +99,33 @@ impl ShapeNumbers {
         self.removals.retain(|(command, _)| *command > through);
     }
 
-    /// True if a refused command adds a shape that the scene already has under the same number, or removes an unused one
-    /// that has come into use.
-    pub(crate) fn is_harmless<'a>(
-        &self,
+    /// Handles a refusal. True if it is harmless: the command adds a shape that the scene already has under the same number,
+    /// or removes one that has come into use or is gone.
+    pub(crate) fn handle_refused<'a>(
+        &mut self,
         number: u64,
         error: CommandError,
         known: impl Fn(ShapeId) -> Option<&'a Shape>,
     ) -> bool {
-        if self.removals.iter().any(|(command, _)| *command == number) {
-            return true;
+        if let Some((_, id)) = self.removals.iter().find(|(command, _)| *command == number) {
+            let id = *id;
+            return match error {
+                CommandError::ShapeInUse(_) => {
+                    self.add_of_body(id);
+                    true
+                }
+                CommandError::UnknownShape(_) => true,
+                _ => false,
+            };
         }
-        let CommandError::ShapeIdTaken(id) = error else {
+        let mut unanswered = self.unanswered.iter();
+        let Some((id, added)) = unanswered.find(|(_, added)| added.command == number) else {
             return false;
         };
-        let added = self.unanswered.get(&id);
-        added.is_some_and(|added| added.command == number && known(id) == Some(&added.shape))
+        let id = *id;
+        // Whatever has the number did not come with a body of this client.
+        self.of_bodies.retain(|of_body| *of_body != id);
+        matches!(error, CommandError::ShapeIdTaken(_)) && known(id) == Some(&added.shape)
     }
 }
 
@@ -172,7 +184,9 @@ mod tests {
         numbers.remove(id, 8);
         assert_eq!(numbers.unused(|_| false, known), []);
         assert_eq!(numbers.find(&ball, known), Some(ShapeSlot::Free(id)));
-        assert!(numbers.is_harmless(8, CommandError::ShapeInUse(id), known));
+        assert!(!numbers.handle_refused(8, CommandError::NotAllowed, known));
+        assert_eq!(numbers.of_bodies, []);
+        assert!(numbers.handle_refused(8, CommandError::ShapeInUse(id), known));
         // The number stays that of the shape until the removal is answered.
         let taken = |at| (at == id).then_some(&other);
         let next = ShapeId((id.0 + 1) % SHAPES_MAX);
@@ -182,7 +196,7 @@ mod tests {
         numbers.handle_applied(9);
         assert_eq!(numbers.find(&ball, known), Some(ShapeSlot::Known(id)));
         assert_eq!(numbers.unused(|_| false, known), [id]);
-        assert!(!numbers.is_harmless(8, CommandError::ShapeInUse(id), known));
+        assert!(!numbers.handle_refused(8, CommandError::ShapeInUse(id), known));
     }
 
     #[test]
@@ -190,10 +204,12 @@ mod tests {
         let mut numbers = ShapeNumbers::default();
         let (ball, id) = (Shape::ball(0.5), ShapeId(3));
         numbers.add(id, ball.clone(), 7);
+        numbers.add_of_body(id);
         let taken = CommandError::ShapeIdTaken(id);
-        assert!(numbers.is_harmless(7, taken, |_| Some(&ball)));
-        assert!(!numbers.is_harmless(8, taken, |_| Some(&ball)));
-        assert!(!numbers.is_harmless(7, taken, |_| None));
-        assert!(!numbers.is_harmless(7, CommandError::ShapeUnfit(id), |_| Some(&ball)));
+        assert!(numbers.handle_refused(7, taken, |_| Some(&ball)));
+        assert!(!numbers.handle_refused(8, taken, |_| Some(&ball)));
+        assert!(!numbers.handle_refused(7, taken, |_| None));
+        assert!(!numbers.handle_refused(7, CommandError::ShapeUnfit(id), |_| Some(&ball)));
+        assert_eq!(numbers.of_bodies, [], "another client's shape stays");
     }
 }

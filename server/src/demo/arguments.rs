@@ -30,6 +30,10 @@ pub(crate) struct DemoArguments {
     /// Seed of the scenes.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Shows the scenes live to Foxglove's viewers too, at this TCP address, or without one at 127.0.0.1:8765.
+    #[cfg(feature = "foxglove")]
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
+    foxglove: Option<SocketAddr>,
     /// Does not open a browser.
     #[arg(long)]
     no_browser: bool,
@@ -42,6 +46,8 @@ impl DemoArguments {
             listen: self.listen,
             view: Some(self.view),
             open: true,
+            #[cfg(feature = "foxglove")]
+            foxglove: self.foxglove,
             ..ServerSettings::default()
         }
     }

@@ -47,8 +47,10 @@ pub struct Box3dEngine {
     kinematic_targets: BTreeMap<BodyId, KinematicTarget>,
     /// Kinematic bodies that moved in the last step.
     moved: BTreeSet<BodyId>,
-    /// Bodies that are observed as asleep after the next step.
+    /// Bodies that are observed as asleep after the next step, unless they move.
     displaced: BTreeSet<BodyId>,
+    /// True if a command has put a body to sleep since the last step.
+    put_to_sleep: bool,
     /// After the last step, in the order of ids.
     observed: Vec<Observation>,
     /// The bodies where the last step left them, once a query needs them.
@@ -89,6 +91,7 @@ impl Box3dEngine {
             kinematic_targets: BTreeMap::new(),
             moved: BTreeSet::new(),
             displaced: BTreeSet::new(),
+            put_to_sleep: false,
             observed: Vec::new(),
             placed: OnceCell::new(),
         })
@@ -192,6 +195,20 @@ impl Box3dEngine {
             if let Some((slot, target)) = slot.zip(self.kinematic_targets.get(id)) {
                 let exact = translate::narrow(&target.pose());
                 self.world.set_pose(slot.body, exact);
+            }
+        }
+    }
+
+    /// A body falls asleep with the one that a command puts to sleep, though the last step saw it move.
+    fn note_calmed(&mut self) {
+        if !mem::take(&mut self.put_to_sleep) {
+            return;
+        }
+        for seen in &self.observed {
+            let slot = self.bodies.get(&seen.id);
+            let slot = slot.filter(|slot| slot.is(BodyKind::Dynamic));
+            if slot.is_some_and(|slot| !self.world.is_awake(slot.body)) {
+                self.displaced.insert(seen.id);
             }
         }
     }
@@ -398,9 +415,9 @@ impl Engine for Box3dEngine {
             self.world.set_pose(body, (position, rotation));
             if is_dynamic {
                 self.world.set_awake(body, true);
-            } else {
-                self.displaced.insert(id);
             }
+            // Another command may put it to sleep before it moves.
+            self.displaced.insert(id);
         }
     }
 
@@ -420,17 +437,9 @@ impl Engine for Box3dEngine {
         if let Some(slot) = self.bodies.get(&id) {
             let is_awake = activity == Activity::Awake;
             self.world.set_awake(slot.body, is_awake);
-            if is_awake {
-                return;
-            }
-            self.displaced.insert(id);
-            // What touches it falls asleep too, and was seen to move by the last step.
-            for awake in &self.observed {
-                let slot = self.bodies.get(&awake.id);
-                let slot = slot.filter(|slot| slot.is(BodyKind::Dynamic));
-                if slot.is_some_and(|slot| !self.world.is_awake(slot.body)) {
-                    self.displaced.insert(awake.id);
-                }
+            if !is_awake {
+                self.displaced.insert(id);
+                self.put_to_sleep = true;
             }
         }
     }
@@ -457,6 +466,7 @@ impl Engine for Box3dEngine {
     }
 
     fn step(&mut self, lost: &mut Vec<(BodyId, RemovalCause)>) -> Result<(), EngineFault> {
+        self.note_calmed();
         self.lead();
         let substeps = translate::substeps(self.integrator);
         let substeps = i32::try_from(substeps).unwrap_or(i32::MAX);

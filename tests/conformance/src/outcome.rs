@@ -5,7 +5,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use rhumb_protocol::scene::CommandError;
+use rhumb_protocol::scene::{Command, CommandError, Shape};
 
 /// The result of a case's function.
 pub type CaseResult = Result<(), Stop>;
@@ -148,12 +148,24 @@ impl Stop {
         }
     }
 
-    /// A command, in words, is refused that has to be accepted, unless the engine lacks what it needs.
+    /// The verdict on a refused command that had to be accepted: an engine may lack what it needs (PROTOCOL 4.5-6).
     #[must_use]
-    pub fn refused(command: &str, error: &CommandError) -> Self {
+    pub fn refused(command: &Command, error: &CommandError) -> Self {
+        let may_lack = match command {
+            Command::AddShape { shape, .. } => {
+                !matches!(shape, Shape::Ball { .. } | Shape::Cuboid { .. })
+            }
+            Command::AddBody { .. }
+            | Command::ChangeBody { .. }
+            | Command::AddJoint { .. }
+            | Command::ChangeJoint { .. }
+            | Command::SetLocomotion { .. } => true,
+            _ => false,
+        };
+        let why = format!("{command:?} is refused: {error}");
         match error {
-            CommandError::Unsupported => Self::Unsupported(format!("{command}: {error}")),
-            _ => Self::Fail(format!("{command} is refused: {error}")),
+            CommandError::Unsupported if may_lack => Self::Unsupported(why),
+            _ => Self::Fail(why),
         }
     }
 

@@ -321,9 +321,9 @@ class Scene:
         second frame of one tick. A body that is left out stands still.
         """
     def remove_unused_shapes(self) -> int:
-        """Queues the removal of the shapes that came with this client's bodies and that no body has; their number.
+        """Queues the removal of the shapes that came with this client's bodies and that no body has, and returns their number.
 
-        A queued command about a body counts as applied. A scene keeps its shapes until they are removed.
+        Queued additions, changes and removals of bodies count. A scene keeps its shapes until they are removed.
         """
     def flush(self) -> None: ...
     def advance(self, ticks: int = 1, depth: int = 0) -> int:

@@ -400,7 +400,7 @@ impl RawClient {
     ///
     /// [`Stop::refused`] when it is refused.
     pub fn must(&mut self, command: Command) -> Result<Tick, Stop> {
-        let sent = format!("{command:?}");
+        let sent = command.clone();
         self.command(command)?
             .map_err(|error| Stop::refused(&sent, &error))
     }

@@ -296,9 +296,10 @@ fn refuses_bodies(trial: &mut Trial<'_>) -> CaseResult {
         ),
     ] {
         let locomotion = Box::new(locomotion);
-        let outcome = client.command(Command::SetLocomotion { id, locomotion })?;
+        let command = Command::SetLocomotion { id, locomotion };
+        let outcome = client.command(command.clone())?;
         if let Err(refused @ CommandError::Unsupported) = &outcome {
-            return Err(Stop::refused("SetLocomotion", refused));
+            return Err(Stop::refused(&command, refused));
         }
         ensure(outcome == Err(error), format!("{error:?}, not {outcome:?}"))?;
     }
