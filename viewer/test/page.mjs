@@ -158,7 +158,7 @@ async function ghostsFollowTheTruth(page) {
         const [drawn, ghost] = [drawnPosition(place), ghostPosition(place)];
         if (drawn === undefined || ghost === undefined) continue;
         count++;
-        off = Math.max(off, Math.hypot(drawn.x - ghost.x, drawn.y - ghost.y, drawn.z - ghost.z));
+        off = Math.max(off, Math.hypot(...drawn.map((value, part) => value - ghost[part])));
       }
       return { count, off };
     });

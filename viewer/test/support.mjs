@@ -51,13 +51,11 @@ export async function openPage(browser, url, { width = 480, height = 360, colorS
 /** The page's counts. */
 export const read = (page) =>
   page.evaluate(() => {
-    const { comparison, shown, drawnPosition, ...rest } = rhumbDiagnostics;
-    const { ticks, bodyTicks, beyondTolerance, greatestShare, boundedBodyTicks, beyondBound, allBodyTicks } =
-      comparison;
-    const counts = { ticks, bodyTicks, beyondTolerance, greatestShare, boundedBodyTicks, beyondBound, allBodyTicks };
+    const { comparison, shown, drawnPosition, ghostPosition, ...rest } = rhumbDiagnostics;
+    const counts = Object.entries(comparison).filter(([, value]) => typeof value === "number");
     return {
       ...rest,
-      ...counts,
+      ...Object.fromEntries(counts),
       worst: comparison.worst,
       frameTimes: [...rest.frameTimes],
       workTimes: [...rest.workTimes],
