@@ -22,7 +22,7 @@ pub struct ClientIds {
     bodies: VecDeque<(u64, BodyChange)>,
 }
 
-/// What a command does to a body, as far as its shape is concerned. One that is changed leaves its shape and takes one.
+/// Effect of a command on the shapes in use. A body that is changed leaves its shape and takes one.
 #[derive(Clone, Copy, Debug)]
 enum BodyChange {
     Takes(ShapeId),

@@ -123,7 +123,7 @@ impl ShapeNumbers {
             return false;
         };
         let id = *id;
-        // Whatever has the number did not come with a body of this client.
+        // The shape with this number did not come with a body of this client.
         self.of_bodies.retain(|of_body| *of_body != id);
         matches!(error, CommandError::ShapeIdTaken(_)) && known(id) == Some(&added.shape)
     }

@@ -62,7 +62,7 @@ fn frames_go_on_while_a_lockstep_server_stands_still() {
         entity(app, id).is_some() && component::<RhumbState>(app, id).linear_velocity.y < -1.0
     });
     server.signal("-STOP");
-    // What the server has sent before is read first.
+    // Earlier data of the server is read first.
     run_until(&mut app, "a step is late", |app| {
         let late = rhumb(app).late_steps();
         app.update();
