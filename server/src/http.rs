@@ -53,7 +53,7 @@ pub(crate) struct HttpRequest {
 pub(crate) struct HttpAnswer {
     pub(crate) status: StatusCode,
     pub(crate) content_type: &'static str,
-    pub(crate) headers: &'static [(&'static str, &'static str)],
+    pub(crate) headers: Vec<(HeaderName, HeaderValue)>,
     pub(crate) body: Bytes,
 }
 
@@ -66,7 +66,7 @@ impl HttpAnswer {
         Self {
             status: StatusCode::OK,
             content_type,
-            headers: &[],
+            headers: Vec::new(),
             body: body.into(),
         }
     }
@@ -76,7 +76,7 @@ impl HttpAnswer {
         Self {
             status,
             content_type: TEXT,
-            headers: &[],
+            headers: Vec::new(),
             body: Bytes::from(reason.into() + "\n"),
         }
     }
@@ -201,12 +201,12 @@ async fn respond(
     *response.status_mut() = answer.status;
     let headers = response.headers_mut();
     headers.insert(CONTENT_TYPE, HeaderValue::from_static(answer.content_type));
-    for (name, value) in answer.headers {
-        headers.insert(
-            HeaderName::from_static(name),
-            HeaderValue::from_static(value),
-        );
-    }
+    headers.extend(
+        answer
+            .headers
+            .into_iter()
+            .map(|(name, value)| (Some(name), value)),
+    );
     response
 }
 

@@ -21,13 +21,19 @@ pub const UNAVAILABLE: Option<&str> = {
     }
 };
 
-/// The rights of the page, for the header of that name: it loads its own files and connects by WebTransport.
+/// The rights of the page, for the header of that name: it loads its own files, and connects by WebTransport to
+/// `sources`, a list of that header's form.
 ///
 /// The hash is that of the import map in `index.html`, the only script that is no file.
-pub const CONTENT_SECURITY_POLICY: &str = "default-src 'none'; \
-    script-src 'self' 'wasm-unsafe-eval' 'sha256-4MbugE3k0NaS1u+FiIM13Ycz2hB0hAZPvGIOjEi1Z4s='; \
-    style-src 'self'; img-src 'self' data:; connect-src 'self' https:; \
-    base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+#[must_use]
+pub fn content_security_policy(sources: &str) -> String {
+    format!(
+        "default-src 'none'; \
+         script-src 'self' 'wasm-unsafe-eval' 'sha256-4MbugE3k0NaS1u+FiIM13Ycz2hB0hAZPvGIOjEi1Z4s='; \
+         style-src 'self'; img-src 'self' data:; connect-src 'self' {sources}; \
+         base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+}
 
 /// The files of `page`, `vendor/three` and the web client, as the build found them.
 const ASSETS: &[Asset] = include!(concat!(env!("OUT_DIR"), "/assets.rs"));
@@ -79,7 +85,7 @@ mod tests {
         let (map, after) = rest.split_once("</script>").unwrap();
         let hash = base64(ring::digest::digest(&ring::digest::SHA256, map.as_bytes()).as_ref());
         assert!(
-            CONTENT_SECURITY_POLICY.contains(&format!("'sha256-{hash}'")),
+            content_security_policy("").contains(&format!("'sha256-{hash}'")),
             "{hash}"
         );
         for part in [before, after] {

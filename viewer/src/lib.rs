@@ -6,4 +6,4 @@
 
 mod asset;
 
-pub use asset::{Asset, CONTENT_SECURITY_POLICY, UNAVAILABLE, asset, assets};
+pub use asset::{Asset, UNAVAILABLE, asset, assets, content_security_policy};

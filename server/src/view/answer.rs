@@ -2,10 +2,11 @@
 
 use core::net::{IpAddr, SocketAddr};
 
+use hyper::header::{CONTENT_SECURITY_POLICY, HeaderName, HeaderValue};
 use hyper::{Method, StatusCode};
 use rhumb_transport::conditioner::{Direction, LinkConfig, UdpRelay};
 
-use super::facts::{Facts, ViewScene, url};
+use super::facts::{Facts, ViewScene, source, url};
 use crate::access::TokenIssuer;
 use crate::http::{HttpAnswer, HttpRequest, TEXT};
 use crate::metrics::Metrics;
@@ -14,12 +15,8 @@ use crate::metrics::Metrics;
 const TOKEN_SECONDS: i64 = 3_600;
 /// The type of JSON.
 const JSON: &str = "application/json";
-/// Headers of every answer: nothing from outside, nothing guessed, nothing kept.
-const HEADERS: &[(&str, &str)] = &[
-    (
-        "content-security-policy",
-        rhumb_viewer::CONTENT_SECURITY_POLICY,
-    ),
+/// Headers of every answer, with the policy of [`Page::policy`]: nothing guessed, nothing kept.
+const HEADERS: [(&str, &str); 6] = [
     ("x-content-type-options", "nosniff"),
     ("referrer-policy", "no-referrer"),
     ("cross-origin-opener-policy", "same-origin"),
@@ -52,11 +49,24 @@ pub(super) struct Page {
 impl Page {
     /// The answer to a request.
     pub(super) fn answer(&self, request: &HttpRequest) -> HttpAnswer {
-        let answer = self.answer_to(request);
-        HttpAnswer {
-            headers: HEADERS,
-            ..answer
-        }
+        let mut answer = self.answer_to(request);
+        let policy = (CONTENT_SECURITY_POLICY, self.policy(request));
+        let fixed = HEADERS.map(|(name, value)| {
+            let name = HeaderName::from_static(name);
+            (name, HeaderValue::from_static(value))
+        });
+        answer.headers = [policy].into_iter().chain(fixed).collect();
+        answer
+    }
+
+    /// The page's rights: it connects to this server, and after a restart to the server's new ports.
+    fn policy(&self, request: &HttpRequest) -> HeaderValue {
+        let sources = self.host(request).map(|host| {
+            let listens = [self.listens, self.relay.local_addr()];
+            listens.map(|listens| source(listens, host)).join(" ")
+        });
+        let policy = rhumb_viewer::content_security_policy(&sources.unwrap_or_default());
+        HeaderValue::from_str(&policy).unwrap_or(HeaderValue::from_static("default-src 'none'"))
     }
 
     fn answer_to(&self, request: &HttpRequest) -> HttpAnswer {
@@ -100,7 +110,10 @@ impl Page {
         };
         let bare = name.trim_start_matches('[').trim_end_matches(']');
         let is_address = bare.parse::<IpAddr>().is_ok() || bare == "localhost";
-        (is_address || self.named).then_some(name)
+        let is_name = bare
+            .bytes()
+            .all(|byte| byte.is_ascii_alphanumeric() || b"-.".contains(&byte));
+        (is_address || self.named && is_name).then_some(name)
     }
 
     fn facts(&self, host: &str) -> HttpAnswer {
@@ -225,6 +238,12 @@ mod tests {
         }
     }
 
+    fn policy(answer: &HttpAnswer) -> String {
+        let (name, policy) = &answer.headers[0];
+        assert_eq!(name, CONTENT_SECURITY_POLICY);
+        policy.to_str().unwrap().to_owned()
+    }
+
     fn text(answer: &HttpAnswer) -> &str {
         std::str::from_utf8(&answer.body).unwrap()
     }
@@ -307,8 +326,31 @@ mod tests {
         ] {
             let answer = page.answer(&request);
             assert_eq!(answer.status, status);
-            let policy = answer.headers[0].1;
+            let policy = policy(&answer);
             assert!(policy.starts_with("default-src 'none'"));
         }
+    }
+
+    #[test]
+    fn the_page_connects_to_its_server_and_to_no_other() {
+        let mut page = page();
+        let of = |page: &Page, host: &str| {
+            let request = HttpRequest {
+                host: Some(host.into()),
+                ..get("/")
+            };
+            let policy = policy(&page.answer(&request));
+            let (_, rest) = policy.split_once("connect-src ").unwrap();
+            rest.split_once(';').unwrap().0.to_owned()
+        };
+        let own = "'self' https://127.0.0.1:* https://127.0.0.1:*";
+        assert_eq!(of(&page, "localhost:8433"), own);
+        assert_eq!(of(&page, "example.org").trim(), "'self'");
+        page.listens = "0.0.0.0:4433".parse().unwrap();
+        let named = "'self' https://192.0.2.7:* https://127.0.0.1:*";
+        assert_eq!(of(&page, "192.0.2.7:8433"), named);
+        page.named = true;
+        let other = of(&page, "example.org; script-src https:");
+        assert_eq!(other.trim(), "'self'");
     }
 }

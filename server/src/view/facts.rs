@@ -32,13 +32,26 @@ pub(super) struct Facts {
     pub(super) token: Option<String>,
 }
 
-/// The URL of WebTransport at an address. A server that listens at every address is reached where the page was.
+/// The URL of WebTransport at an address.
 pub(super) fn url(listens: SocketAddr, page_host: &str) -> String {
-    let port = listens.port();
+    format!("https://{}:{}/", host(listens, page_host), listens.port())
+}
+
+/// The URLs of WebTransport at an address and any port, as a content security policy names them.
+pub(super) fn source(listens: SocketAddr, page_host: &str) -> String {
+    match host(listens, page_host) {
+        // A policy cannot name an address of IPv6.
+        ip if ip.starts_with('[') => "https:".to_owned(),
+        host => format!("https://{host}:*"),
+    }
+}
+
+/// The host of an address. A server that listens at every address is reached where the page was.
+fn host(listens: SocketAddr, page_host: &str) -> String {
     match listens.ip() {
-        ip if ip.is_unspecified() => format!("https://{page_host}:{port}/"),
-        IpAddr::V4(ip) => format!("https://{ip}:{port}/"),
-        IpAddr::V6(ip) => format!("https://[{ip}]:{port}/"),
+        ip if ip.is_unspecified() => page_host.to_owned(),
+        IpAddr::V4(ip) => ip.to_string(),
+        IpAddr::V6(ip) => format!("[{ip}]"),
     }
 }
 
@@ -53,5 +66,8 @@ mod tests {
         assert_eq!(of("[::1]:4433"), "https://[::1]:4433/");
         assert_eq!(of("0.0.0.0:4433"), "https://192.0.2.7:4433/");
         assert_eq!(of("[::]:4433"), "https://192.0.2.7:4433/");
+        let source = |listens: &str| source(listens.parse().unwrap(), "192.0.2.7");
+        assert_eq!(source("0.0.0.0:4433"), "https://192.0.2.7:*");
+        assert_eq!(source("[::1]:4433"), "https:");
     }
 }
