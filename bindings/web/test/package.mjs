@@ -2,6 +2,7 @@
 //
 // Usage: node package.mjs [SERVER], a rhumb-server or rhumb-test-server; needs npm, and rhumb.wasm from bindings/web/build.
 // The example runs in Chromium, with playwright-core from RHUMB_NODE_MODULES; without them, or without SERVER, in Node alone.
+// TypeScript, if it is there, checks the types.
 
 import { spawn, spawnSync } from "node:child_process";
 import { existsSync, readFileSync, readdirSync } from "node:fs";
@@ -29,7 +30,7 @@ function check(condition, what) {
 
 function run(program, options, folder) {
   const { status, stdout, stderr, error } = spawnSync(program, options, { cwd: folder, encoding: "utf8" });
-  if (status !== 0) throw new Error(`${program} ${options.join(" ")}: ${error ?? stderr}`);
+  if (status !== 0) throw new Error(`${program} ${options.join(" ")}: ${error ?? stderr + stdout}`);
   return stdout;
 }
 
@@ -63,6 +64,33 @@ async function inNode(folder) {
   const held = JSON.parse(run(process.execPath, ["held.mjs", vectors], folder));
   check(held.same > 0, `the installed package holds the bits of ${held.same} recorded states`);
   check(!held.isSupported && held.isError && held.code === "unsupported", "without WebTransport it says so");
+}
+
+/** Has the compiler of TypeScript compare rhumb.d.ts with what the package exports, and check the README's example. */
+async function typed(folder, code) {
+  const paths = [process.env.RHUMB_NODE_MODULES, root].filter((path) => path);
+  let compiler;
+  try {
+    compiler = require.resolve("typescript/lib/tsc.js", { paths });
+  } catch {
+    console.log("skipped: typescript is not installed");
+    return;
+  }
+  const names = await import(join(folder, "node_modules", "rhumb-web", "rhumb.js"));
+  const members = (name) => {
+    const { prototype } = names[name];
+    const own = Object.getOwnPropertyNames(prototype).filter((member) => member !== "constructor");
+    return own.map((member) => `export const ${name}_${member}: keyof rhumb.${name} = ${JSON.stringify(member)};`);
+  };
+  // A member has more than its type, for the client alone.
+  const classes = Object.keys(names).filter((name) => names[name].prototype !== undefined && name !== "Member");
+  const all = Object.keys(names).map((name) => `rhumb.${name}`);
+  const declared = ['import * as rhumb from "rhumb-web";', `export const all = [${all}];`];
+  await writeFile(join(folder, "exports.ts"), [...declared, ...classes.flatMap(members)].join("\n"));
+  await writeFile(join(folder, "example.ts"), `declare const certificateHashes: string[];\n${code}`);
+  const options = ["--noEmit", "--strict", "--target", "es2022", "--lib", "es2022,dom,dom.iterable", "--module", "nodenext"];
+  run(process.execPath, [compiler, ...options, "exports.ts", "example.ts"], folder);
+  check(true, `its types have all ${Object.keys(names).length} exports with their members, and fit its example`);
 }
 
 function startServer() {
@@ -153,6 +181,7 @@ try {
   const installed = join(folder, "node_modules", "rhumb-web");
   check(readdirSync(join(folder, "node_modules")).filter((name) => !name.startsWith(".")).join() === "rhumb-web", "it needs no other");
   await inNode(folder);
+  await typed(folder, await example(installed));
   await inChromium(folder, await example(installed));
 } finally {
   await rm(folder, { recursive: true, force: true });
