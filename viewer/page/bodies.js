@@ -41,6 +41,11 @@ export class Bodies {
     return this.#group.visible;
   }
 
+  /** Draws an object in the frame of these bodies. */
+  draw(object) {
+    this.#group.add(object);
+  }
+
   /** Turns all bodies so that a direction points down. */
   set down(direction) {
     const down = new THREE.Vector3(...direction);
@@ -113,6 +118,12 @@ export class Bodies {
     const at = 16 * this.#instance[place];
     // The matrix of an instance that was never placed is zero.
     return array[at + 15] === 0 ? undefined : Array.from(array.subarray(at + 12, at + 15));
+  }
+
+  /** The colour that a body is drawn in. */
+  drawnColour(place) {
+    const { instanceColor } = this.#meshes[this.#mesh[place] - 1];
+    return Array.from(instanceColor.array.subarray(3 * this.#instance[place], 3 * this.#instance[place] + 3));
   }
 
   /** Colours a body; red, green and blue from 0 to 1. */

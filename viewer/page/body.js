@@ -4,6 +4,7 @@ import { Graph } from "./graph.js";
 import { metres, number } from "./figures.js";
 
 const UPDATES_SHOWN = 8;
+const KINDS = ["static", "dynamic", "kinematic"];
 const PREDICTORS = {
   rest: "at rest",
   uniform: "uniform motion",
@@ -52,8 +53,7 @@ export class BodyPanel {
       if (this.#origin !== undefined) this.#note(track);
       this.#origin = track.origin;
     }
-    if (now - this.#drawn < 0.1) return;
-    this.#drawn = now;
+    if (!this.#isDue(now)) return;
     this.#graph.add(error, tolerance);
     this.#graph.draw();
     const { position, linearVelocity, angularVelocity } = track.state;
@@ -72,6 +72,26 @@ export class BodyPanel {
       ["tolerance", metres(tolerance)],
       ["stated bound", Number.isFinite(bound) ? metres(bound) : "unknown: a packet is missing"],
     ]);
+  }
+
+  /** Shows the body in a frame of the last minute or of a recording. */
+  showFrame({ kinds, shapeNumbers, shapesByNumber, positions, resting, errors, tolerances }, place, now) {
+    if (!this.#isDue(now)) return;
+    if (place < 0) return this.#write([["body", `${this.#name()} is not in the scene`]]);
+    const rows = [
+      ["body", `${this.#name()}, ${KINDS[kinds[place]]}, ${shapesByNumber.get(shapeNumbers[place])?.kind ?? "no shape"}`],
+      ["position", vector(Array.from(positions.subarray(3 * place, 3 * place + 3)), "m")],
+      ["moves", resting[place] === 1 ? "no" : "yes"],
+    ];
+    if (Number.isFinite(errors[place])) rows.push(["error", metres(errors[place])]);
+    if (tolerances[place] > 0) rows.push(["tolerance", metres(tolerances[place])]);
+    this.#write(rows);
+  }
+
+  #isDue(now) {
+    if (now - this.#drawn < 0.1) return false;
+    this.#drawn = now;
+    return true;
   }
 
   #name() {

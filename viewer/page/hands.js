@@ -90,6 +90,11 @@ export class Hands {
     this.#stage.turning = true;
   }
 
+  /** The id of the last body that these hands added and have not removed. */
+  get lastAdded() {
+    return this.#added.at(-1);
+  }
+
   /** The id of the body that is carried; undefined if none is. */
   get carried() {
     return this.#carried;

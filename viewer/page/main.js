@@ -13,6 +13,8 @@ import { Live, obstacle, sentence } from "./live.js";
 import { openRecording } from "./recording.js";
 import { Roster } from "./roster.js";
 import { Stage } from "./stage.js";
+import { theme } from "./theme.js";
+import { Trail } from "./trail.js";
 
 const element = (id) => document.getElementById(id);
 const COLOURS = ["error", "rest", "age", "shape"];
@@ -37,6 +39,7 @@ const panel = new BodyPanel(element);
 let stage;
 let bodies;
 let ghosts;
+let trail;
 let hands;
 /** The layout that each set of bodies has: a generation, and its source. */
 let laidOut;
@@ -66,6 +69,17 @@ const diagnostics = {
   get carried() {
     return hands?.carried;
   },
+  get lastAdded() {
+    return hands?.lastAdded;
+  },
+  get trail() {
+    return trail?.counts;
+  },
+  get picked() {
+    return panel.id;
+  },
+  /** Of every body that can move, three numbers from 0 to 1. */
+  drawnColours: () => Array.from(bodies.movable, (place) => bodies.drawnColour(place)),
   drawnPosition: (place) => bodies.drawnPosition(place),
   ghostPosition: (place) => (ghosts.visible ? ghosts.drawnPosition(place) : undefined),
 };
@@ -86,7 +100,10 @@ function hint(text) {
 }
 
 function start() {
-  theme();
+  theme(element("theme"), (isDark) => {
+    if (trail === undefined) return;
+    ghosts.ghostColour = trail.colour = isDark ? 0xffffff : 0x000000;
+  });
   try {
     stage = new Stage(element("view"));
   } catch {
@@ -96,6 +113,7 @@ function start() {
   bodies = new Bodies(stage.scene);
   ghosts = new Bodies(stage.scene, { ghost: true });
   ghosts.visible = false;
+  trail = new Trail(bodies);
   hands = new Hands(stage, live);
   hands.onerror = hint;
   link.onerror = hint;
@@ -127,7 +145,7 @@ async function begin() {
     history.clear();
     figures.restart();
     hands.restart();
-    panel.pick(undefined);
+    pick(undefined);
     comparison.restart();
     if (element("policy").checked) copy.setTierPolicy({ upTo: 0.2 });
     else copy.setTierPolicy("never");
@@ -239,7 +257,7 @@ function showLive(now, seconds) {
   if (mode.kind === "live") {
     history.add(seen, errors, roster, at);
     bodies.pose(seen, seen.changed);
-    colours.marked = panel.id === undefined ? -1 : seen.ids.indexOf(panel.id);
+    colours.marked = placeOfPicked(seen);
     colours.apply(bodies, seen, errors, at);
     // A value beyond the greatest one would be cut.
     element("scrubber").max = Math.max(0, history.length - 1);
@@ -250,15 +268,16 @@ function showLive(now, seconds) {
   hands.act(seen, copy.view.linearVelocities, seconds, player());
   let moving = 0;
   for (const place of roster.movable) moving += 1 - seen.resting[place];
-  const picked = panel.id === undefined ? -1 : seen.ids.indexOf(panel.id);
+  const picked = placeOfPicked(seen);
   const ofPicked = {
     place: picked,
     error: errors?.[picked],
     tolerance: seen.tolerances[picked],
     bound: seen.errorBounds[picked],
   };
+  if (mode.kind === "live") trail.show(seen, picked);
   // From here on the columns may end.
-  if (panel.id !== undefined) panel.show(copy, { ...ofPicked, time, now: at });
+  if (mode.kind === "live" && panel.id !== undefined) panel.show(copy, { ...ofPicked, time, now: at });
   Object.assign(diagnostics, { time, bodies: roster.movable.length, moving, completeTick: statistics.completeTick });
   counts(time, moving, statistics);
   figures.count({
@@ -270,6 +289,17 @@ function showLive(now, seconds) {
     tolerance: toleranceOf(copy),
   });
   events(copy);
+}
+
+/** The place of the picked body in a frame; negative if there is none. */
+function placeOfPicked(frame) {
+  return panel.id === undefined ? -1 : frame.ids.indexOf(panel.id);
+}
+
+/** Has the panel show another body, or none. */
+function pick(id) {
+  panel.pick(id);
+  trail.clear();
 }
 
 /** Has the copy show the chosen moment; returns it. */
@@ -324,7 +354,7 @@ function player() {
 
 function events(copy) {
   for (let event = copy.pollEvent(); event !== undefined; event = copy.pollEvent()) {
-    if (event.kind === "refused" || event.kind === "denied") hint(event.message);
+    if (event.kind === "refused" || event.kind === "denied") hint(sentence(event.message));
     if (event.kind === "tierChanged" || event.kind === "subscriptionChanged") showTolerance(event.to ?? event.stream);
     if (event.kind === "sceneFaulted")
       notice("The scene stands still", "Its physics engine failed. Follow another scene.");
@@ -342,14 +372,18 @@ function showFrame(shown, now) {
   const actual = mode.kind === "history" ? live.truth?.at(shown.time) : undefined;
   layGhosts(actual, shown.ids, shown, shown.shapesByNumber);
   bodies.pose(shown, isNew ? shown.ids.keys() : shown.changed);
-  colours.marked = panel.id === undefined ? -1 : shown.ids.indexOf(panel.id);
+  colours.marked = placeOfPicked(shown);
   colours.apply(bodies, shown, shown.errors, now);
+  trail.show(shown, colours.marked);
+  if (panel.id !== undefined) panel.showFrame(shown, colours.marked, now);
   element("counts").textContent = `tick ${shown.time}, ${bodies.movable.length} bodies`;
 }
 
 // Time ---------------------------------------------------------------------------------------------------------------
 
 function toLive() {
+  // The bodies of a recording are others.
+  if (mode.kind === "recording") pick(undefined);
   history.interrupt();
   bodies.down = [0, -1, 0];
   mode = { kind: "live" };
@@ -380,6 +414,7 @@ function showRecording(seconds, now) {
 }
 
 function play(recording) {
+  pick(undefined);
   mode = { kind: "recording", recording, at: 0, isPaused: false };
   laidOut = undefined;
   bodies.down = recording.gravity;
@@ -497,8 +532,8 @@ function pointers() {
     const moved = pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]);
     if (moved === undefined || moved > 4) return;
     const hit = bodies.pick(stage.ray(event));
-    const ids = mode.kind === "live" ? live.copy?.view.ids : undefined;
-    panel.pick(hit && ids?.[hit.place]);
+    const ids = mode.kind === "live" ? live.copy?.view.ids : lastShown?.ids;
+    pick(hit && ids?.[hit.place]);
     if (hit) element("body-panel").open = true;
   });
 }
@@ -516,7 +551,7 @@ function keys() {
     KeyF: () => element("flashes").click(),
     Escape: () => {
       if (mode.kind !== "live") toLive();
-      panel.pick(undefined);
+      pick(undefined);
     },
   };
   document.addEventListener("keydown", (event) => {
@@ -554,23 +589,6 @@ function recordings() {
     event.preventDefault();
     open(event.dataTransfer.files[0]);
   });
-}
-
-/** Light or dark: as the system has it, until the button is used. */
-function theme() {
-  const root = document.documentElement;
-  const dark = matchMedia("(prefers-color-scheme: dark)");
-  const paint = () => {
-    const isDark = root.dataset.theme === undefined ? dark.matches : root.dataset.theme === "dark";
-    if (ghosts !== undefined) ghosts.ghostColour = isDark ? 0xffffff : 0x000000;
-  };
-  element("theme").addEventListener("click", () => {
-    const isDark = root.dataset.theme === undefined ? dark.matches : root.dataset.theme === "dark";
-    root.dataset.theme = isDark ? "light" : "dark";
-    paint();
-  });
-  dark.addEventListener("change", paint);
-  requestAnimationFrame(paint);
 }
 
 start();

@@ -1,14 +1,17 @@
 // Measures the page in Chromium: frame times of many bodies, and memory over minutes. Prints figures, asserts none.
 //
-// Usage: node measure.mjs RHUMB_SERVER frames [BODIES...] | undrawn [BODIES...] | memory MINUTES
-// `undrawn` is `frames` with a graphics card that takes no time: the page does all its work, and nothing is drawn.
+// Usage: node measure.mjs RHUMB_SERVER frames [truth] [BODIES...] | undrawn [truth] [BODIES...] | memory MINUTES
+// `undrawn` is `frames` with a graphics card that takes no time: the page does all its work, and nothing is drawn. `truth`
+// has the page compare with the truth, which is a stream of every state.
 
 import { openChromium } from "./browsers.mjs";
 import { choose, kill, openPage, read, startDemo, until } from "./support.mjs";
 
-const [binary, what, ...numbers] = process.argv.slice(2);
+const [binary, what, ...options] = process.argv.slice(2);
+const hasTruth = options[0] === "truth";
+const numbers = hasTruth ? options.slice(1) : options;
 if (binary === undefined || !["frames", "undrawn", "memory"].includes(what)) {
-  console.error("usage: node measure.mjs RHUMB_SERVER frames [BODIES...] | undrawn [BODIES...] | memory MINUTES");
+  console.error("usage: node measure.mjs RHUMB_SERVER frames [truth] [BODIES...] | undrawn [truth] [BODIES...] | memory MINUTES");
   process.exit(2);
 }
 const browser = await openChromium();
@@ -30,11 +33,11 @@ const undrawn = (page) =>
       WebGL2RenderingContext.prototype[name] = () => {};
   });
 
-/** Frame times while balls fall and burst apart, without the truth, which is a stream of every state. */
+/** Frame times while balls fall and burst apart. */
 async function frames(bodies, prepare) {
   const demo = await start(["--bodies", String(bodies)]);
   const page = await openPage(browser, demo.url, { width: 640, height: 400, prepare });
-  await page.evaluate(() => document.getElementById("truth").click());
+  if (!hasTruth) await page.evaluate(() => document.getElementById("truth").click());
   await until(page, `d.bodies >= ${bodies} && d.moving > ${bodies / 2}`);
   await page.evaluate(() => {
     rhumbDiagnostics.frameTimes.length = rhumbDiagnostics.workTimes.length = 0;
@@ -43,10 +46,11 @@ async function frames(bodies, prepare) {
   const end = performance.now() + 20_000;
   await until(page, "d.workTimes.length >= 20");
   while ((await read(page)).workTimes.length < 300 && performance.now() < end) await page.waitForTimeout(500);
-  const { frameTimes, workTimes, moving } = await read(page);
+  const { frameTimes, workTimes, moving, ticks, allBodyTicks } = await read(page);
+  const compared = hasTruth ? `; ${ticks} complete ticks and ${allBodyTicks} body-ticks were compared` : "";
   console.log(
     `${bodies} bodies, ${moving} of them moving: frame p50 ${at(frameTimes, 0.5)} ms, p99 ${at(frameTimes, 0.99)} ms; ` +
-      `JavaScript p50 ${at(workTimes, 0.5)} ms, p99 ${at(workTimes, 0.99)} ms`,
+      `JavaScript p50 ${at(workTimes, 0.5)} ms, p99 ${at(workTimes, 0.99)} ms${compared}`,
   );
   await page.close();
 }

@@ -3,8 +3,12 @@
 // Usage: node page.mjs RHUMB_SERVER [--pictures FOLDER]. A browser that is missing, its driver or its display, is printed as
 // skipped; without any the test passes. It asserts no time: what a slow machine does not draw is not compared.
 
+import { execFileSync } from "node:child_process";
+import { mkdtemp, rm } from "node:fs/promises";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
 import { Missing, openChromium, openFirefox } from "./browsers.mjs";
-import { check, choose, kill, openPage, read, slide, startDemo, text, until } from "./support.mjs";
+import { check, choose, kill, openPage, read, slide, startDemo, startServer, text, until } from "./support.mjs";
 
 const [binary, option, pictures] = process.argv.slice(2);
 if (binary === undefined || (option !== undefined && option !== "--pictures")) {
@@ -34,7 +38,7 @@ async function ballsFallWithinTheTolerance(browser, { url }) {
   check(counts.beyondTolerance === 0, `of ${counts.bodyTicks} displayed body-ticks none is beyond the tolerance`);
   check(counts.bodyTicks === 500 * counts.ticks, `all bodies of ${counts.ticks} ticks were compared`);
   check(
-    counts.unjudged * 10 <= counts.ticks,
+    counts.unjudged * 4 <= counts.ticks,
     `every displayed tick was compared, but ${counts.unjudged} of which the browser lost the truth`,
   );
   check(
@@ -52,10 +56,7 @@ async function ballsFallWithinTheTolerance(browser, { url }) {
 async function aBadLinkStaysWithinTheStatedBounds(page) {
   await slide(page, "link-delay", 100);
   await slide(page, "link-loss", 5);
-  await until(page, async () => {
-    const link = await (await fetch("link")).text();
-    return link === "delay=100ms,loss=5%";
-  });
+  await linkIs(page, "delay=100ms,loss=5%");
   // Not only the complete ticks: bodies of which a packet is missing have no bound.
   await choose(page, "shown", "newest");
   const before = await read(page);
@@ -83,17 +84,31 @@ async function aBadLinkStaysWithinTheStatedBounds(page) {
       "and none beyond a stated bound",
   );
   await choose(page, "shown", "complete");
+  await slide(page, "link-jitter", 20);
+  await slide(page, "link-rate", 2);
+  await linkIs(page, "delay=100ms,jitter=20ms,loss=5%,rate=5000000bit");
+  const { ticks } = await read(page);
+  await until(page, `d.comparison.ticks > ${ticks + 2}`);
+  check((await read(page)).beyondTolerance === 0, "with jitter and a limited rate, complete ticks stay within it");
   await page.evaluate(() => document.getElementById("link-clear").click());
+}
+
+/** Waits until the server's relay has a condition. */
+async function linkIs(page, condition) {
+  for (let tries = 0; tries < 200; tries++) {
+    const link = await page.evaluate(async () => (await fetch("link")).text());
+    if (link === condition) return;
+    await page.waitForTimeout(50);
+    if (tries === 199) throw new Error(`the link is ${link}, not ${condition}`);
+  }
 }
 
 async function handsWork(page) {
   await until(page, "d.state === 'open'");
-  const { bodies } = await read(page);
-  await page.keyboard.press("KeyN");
-  await until(page, `d.bodies === ${bodies + 1}`);
-  check(true, "a key drops a box");
+  const box = await aBoxIsDropped(page);
+  check(box !== undefined, "a key drops a box");
   await page.keyboard.press("Delete");
-  await until(page, `d.bodies === ${bodies}`);
+  await until(page, `!d.shown.ids.includes(${box})`);
   check(true, "a key removes it");
   await page.evaluate(() => document.querySelector("[data-tolerance='0.02']").click());
   await until(page, () => document.getElementById("tolerance-shown").textContent === "20.0 mm");
@@ -102,6 +117,22 @@ async function handsWork(page) {
   const counts = await read(page);
   check(counts.beyondTolerance === 0, "another tolerance holds as well");
   await bodiesAreCarried(page);
+}
+
+/** Drops a box; resolves with its id as soon as it is shown. */
+async function aBoxIsDropped(page) {
+  // The demo removes what visitors have added, now and then: a box may be gone before it is shown.
+  for (let attempt = 0; attempt < 3; attempt++) {
+    const before = await page.evaluate(() => rhumbDiagnostics.lastAdded);
+    await page.keyboard.press("KeyN");
+    await until(page, `d.lastAdded !== ${before}`);
+    const id = await page.evaluate(() => rhumbDiagnostics.lastAdded);
+    for (let tries = 0; tries < 200; tries++) {
+      if ((await bodyAt(page, id)) !== undefined) return id;
+      await page.waitForTimeout(50);
+    }
+  }
+  return undefined;
 }
 
 /** A body of the frame that is shown. */
@@ -118,13 +149,23 @@ async function bodiesAreCarried(page) {
   await page.mouse.click(x, y);
   await until(page, () => document.getElementById("body-facts").textContent.includes("predictor"));
   check(true, "a click shows a body's track");
+  await until(page, "d.trail.points > 20");
+  check(true, "and draws its way");
   // The bodies move, and go back now and then: another try may hit another one.
-  let way = 0;
-  for (let attempt = 0; attempt < 10 && way < 1; attempt++) way = await carry(page, x, y, 0.3 * view.height);
-  check(way >= 1, "a body is carried with shift and the mouse");
+  let carried = { way: 0 };
+  for (let attempt = 0; attempt < 20 && !(carried.way >= 1 && carried.isPicked); attempt++) {
+    await page.mouse.click(x, y);
+    carried = await carry(page, x, y, 0.3 * view.height);
+  }
+  check(carried.way >= 1, "a body is carried with shift and the mouse");
+  await until(page, "d.trail.marks > 0");
+  check(true, "its way has a mark where an update began");
 }
 
-/** Carries the body at a point of the screen upwards; resolves with the metres by which it has risen, at most one. */
+/**
+ * Carries the body at a point of the screen upwards; resolves with the metres by which it has risen, at most one, and whether
+ * it is the picked one.
+ */
 async function carry(page, x, y, pixels) {
   await page.keyboard.down("Shift");
   await page.mouse.move(x, y);
@@ -141,7 +182,8 @@ async function carry(page, x, y, pixels) {
   }
   await page.mouse.up();
   await page.keyboard.up("Shift");
-  return way;
+  const isPicked = await page.evaluate((id) => id !== undefined && rhumbDiagnostics.picked === id, id);
+  return { way, isPicked };
 }
 
 /** The ghosts are where the truth has the bodies, and are there as long as the truth is. */
@@ -210,8 +252,72 @@ async function theLastMinuteIsKept(page) {
     compared++;
   }
   check(compared > 0, `${compared} frames are the same as when they were live`);
+  const view = await page.evaluate(() => document.getElementById("view").getBoundingClientRect().toJSON());
+  await page.mouse.click(view.left + view.width / 2, view.top + view.height * 0.6);
+  await until(page, () => document.getElementById("body-facts").textContent.includes("position"));
+  for (let on = 0; on < 4; on++) await page.keyboard.press("ArrowRight");
+  await until(page, "d.trail.points > 0");
+  check(true, "a body of the last minute is picked, and its way drawn");
   await page.keyboard.press("KeyP");
   check((await text(page, "moment")) === "live", "and left again");
+}
+
+/** Every colouring and the flashes by their keys: the colour of a body is that of its state. */
+async function coloursFollowTheKeys(page) {
+  const colour = () => page.evaluate(() => document.getElementById("colour").value);
+  const drawn = () => page.evaluate(() => JSON.stringify(rhumbDiagnostics.drawnColours()));
+  const seen = new Set();
+  for (let mode = 0; mode < 4; mode++) {
+    const before = await colour();
+    await page.keyboard.press("KeyC");
+    check((await colour()) !== before, `a key colours by ${await colour()}`);
+    await page.waitForTimeout(400);
+    seen.add(await drawn());
+  }
+  check(seen.size === 4, "and each draws other colours");
+  const flashes = () => page.evaluate(() => document.getElementById("flashes").checked);
+  await page.keyboard.press("KeyF");
+  check(!(await flashes()), "a key ends the flashes");
+  await page.keyboard.press("KeyF");
+}
+
+/** A server with tokens: its page follows a scene of someone else, and may change nothing in it. */
+async function aTokenOfTheServerObserves(browser) {
+  const folder = await mkdtemp(join(tmpdir(), "rhumb-page-"));
+  const key = join(folder, "key");
+  const token = (...options) => execFileSync(binary, ["token", ...options], { encoding: "utf8" }).trim();
+  token("--new-key", key);
+  const owner = token("--key", key, "--client", "anna", "--scene", "team/*", "--role", "owner");
+  const listens = ["--listen", "127.0.0.1:0", "--view", "127.0.0.1:0", "--log", "off"];
+  const server = await startServer(binary, ["--token-key", `${key}.pub`, ...listens]);
+  servers.add(server);
+  const page = await openPage(browser, server.url);
+  await until(page, () => document.querySelector("#notice h2").textContent === "The server has no scene yet");
+  check(true, "a server without a scene says so");
+  const facts = await (await fetch(new URL("connect.json", server.url))).json();
+  await page.evaluate(
+    async ({ url, certificateHashes, owner }) => {
+      const { connect } = await import("/client/rhumb.js");
+      const connection = await connect(url, { certificateHashes, token: owner });
+      const scene = await connection.join("team/drop", { mode: { createOrJoin: { stepping: "freeRunning" } } });
+      scene.addBody({ kind: "static", shape: { kind: "cuboid", halfExtents: [9, 0.5, 9] }, position: [0, -0.5, 0] });
+      const ball = (at) => ({ kind: "dynamic", shape: { kind: "ball", radius: 0.5 }, position: [at - 5, 20 + at, 0] });
+      scene.addBodies(Array.from({ length: 10 }, (_, at) => ball(at)));
+      globalThis.owner = scene;
+    },
+    { ...facts, owner },
+  );
+  await until(page, "d.state === 'open' && d.bodies === 10 && d.comparison.allBodyTicks > 200");
+  const counts = await read(page);
+  check(counts.beyondBound === 0, "a page of a server with tokens follows the scene of another client");
+  await page.keyboard.press("KeyN");
+  await until(page, () => document.getElementById("status").textContent.includes("may not do that"));
+  check(true, `and may not change it: ${await text(page, "status")}`);
+  check((await read(page)).bodies === 10, "nor did it");
+  check(page.errors.length === 0, `no error in the page ${page.errors.join("; ")}`);
+  await page.close();
+  await stop(server);
+  await rm(folder, { recursive: true, force: true });
 }
 
 async function thePlayerIsDriven(browser) {
@@ -327,12 +433,14 @@ async function run(name, browser) {
   await aBadLinkStaysWithinTheStatedBounds(page);
   await handsWork(page);
   await ghostsFollowTheTruth(page);
+  await coloursFollowTheKeys(page);
   await theLastMinuteIsKept(page);
   const again = await aRestartedServerIsFoundAgain(page, demo);
   // The driver of Firefox answers no requests in the place of a server.
   if (name === "Chromium") {
     await obstaclesAreExplained(browser, again);
     await everySceneIsReadable(browser, again);
+    await aTokenOfTheServerObserves(browser);
   }
   await stop(again);
   await thePlayerIsDriven(browser);

@@ -51,7 +51,7 @@ export async function openPage(browser, url, { width = 480, height = 360, colorS
 /** The page's counts. */
 export const read = (page) =>
   page.evaluate(() => {
-    const { comparison, shown, drawnPosition, ghostPosition, ...rest } = rhumbDiagnostics;
+    const { comparison, shown, drawnPosition, drawnColours, ghostPosition, ...rest } = rhumbDiagnostics;
     const counts = Object.entries(comparison).filter(([, value]) => typeof value === "number");
     return {
       ...rest,

@@ -1,0 +1,80 @@
+// The way of the picked body up to the moment that is shown, with a mark where an update began.
+
+import * as THREE from "three";
+
+/** Points that are kept: four seconds at 60 ticks a second. */
+const POINTS = 240;
+/** Ticks and metres between two frames, beyond which the way begins anew: the body was put elsewhere. */
+const GAP = 60;
+const JUMP = 10;
+
+export class Trail {
+  #points = [];
+  #updateTick;
+  #line = new THREE.Line(geometry(), new THREE.LineBasicMaterial());
+  #marks = new THREE.Points(geometry(), new THREE.PointsMaterial({ size: 6, sizeAttenuation: false }));
+
+  /** Draws in the frame of these bodies. */
+  constructor(bodies) {
+    for (const object of [this.#line, this.#marks]) {
+      object.frustumCulled = false;
+      bodies.draw(object);
+    }
+  }
+
+  set colour(colour) {
+    this.#line.material.color.set(colour);
+    this.#marks.material.color.set(colour);
+  }
+
+  /** Number of points, and how many of them are marked. */
+  get counts() {
+    return { points: this.#points.length, marks: this.#points.filter(({ isMarked }) => isMarked).length };
+  }
+
+  clear() {
+    this.#points = [];
+    this.#updateTick = undefined;
+    this.#draw();
+  }
+
+  /** Goes on to a frame, or back to it. `place`: the body's, negative if there is none. */
+  show({ time, positions, updateTicks }, place) {
+    if (place < 0) return this.#points.length > 0 && this.clear();
+    if (time === this.#points.at(-1)?.time) return;
+    while (this.#points.length > 0 && this.#points.at(-1).time >= time) this.#points.pop();
+    const position = positions.slice(3 * place, 3 * place + 3);
+    if (this.#points.length > 0 && isApart(this.#points.at(-1), { time, position })) this.#points = [];
+    const updateTick = updateTicks?.[place];
+    const isMarked = updateTick !== undefined && this.#updateTick !== undefined && updateTick !== this.#updateTick;
+    this.#updateTick = updateTick;
+    this.#points.push({ time, isMarked, position });
+    if (this.#points.length > POINTS) this.#points.shift();
+    this.#draw();
+  }
+
+  #draw() {
+    fill(this.#line.geometry, this.#points);
+    const marked = this.#points.filter(({ isMarked }) => isMarked);
+    fill(this.#marks.geometry, marked);
+  }
+}
+
+function isApart(before, after) {
+  const way = Math.hypot(...after.position.map((value, part) => value - before.position[part]));
+  return after.time - before.time > GAP || way > JUMP;
+}
+
+function geometry() {
+  const made = new THREE.BufferGeometry();
+  made.setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * POINTS), 3));
+  made.setDrawRange(0, 0);
+  return made;
+}
+
+function fill(geometry, points) {
+  const { position } = geometry.attributes;
+  points.forEach((point, at) => position.array.set(point.position, 3 * at));
+  position.needsUpdate = true;
+  geometry.setDrawRange(0, points.length);
+}
