@@ -164,6 +164,13 @@ enum Task {
         /// The file.
         file: PathBuf,
     },
+    /// Prints a layout for Foxglove's viewers, in which these scenes are drawn: live, and of recordings.
+    #[cfg(feature = "record")]
+    Layout {
+        /// The scenes, by their names.
+        #[arg(required = true)]
+        scenes: Vec<SceneName>,
+    },
     /// Runs the scenes of a tenant for the server that starts it.
     #[command(hide = true)]
     Worker {
@@ -201,6 +208,11 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
         Some(Task::Replay { dir, scene }) => durable::replay(dir, scene, &mut std::io::stdout()),
         Some(Task::Flight { file }) => flight::run(file, &mut std::io::stdout()),
         Some(Task::Worker { .. }) => front::run_worker(hooks, seconds_since_1970),
+        #[cfg(feature = "record")]
+        Some(Task::Layout { scenes }) => {
+            let names: Vec<_> = scenes.iter().map(SceneName::as_str).collect();
+            print(&rhumb_trace::scene_layout(&names))
+        }
         #[cfg(feature = "top")]
         Some(Task::Top(arguments)) => top::run(arguments),
         Some(Task::Config) => print(&ServerSettings::file()),

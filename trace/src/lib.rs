@@ -13,6 +13,7 @@ mod body;
 mod drawing;
 mod file;
 mod grid;
+mod layout;
 #[cfg(feature = "live")]
 mod live;
 mod messages;
@@ -27,6 +28,7 @@ pub use drawing::{ASLEEP, AWAKE, Drawing, DrawnScene, Painted, draw_statics};
 pub use file::TraceFile;
 pub use foxglove::messages::{Color, SceneUpdate};
 pub use grid::{GridHistory, GridPose, STEPS};
+pub use layout::{drawing_panel, scene_layout, whole_layout};
 #[cfg(feature = "live")]
 pub use live::{LiveError, LiveScenes};
 pub use mcap::McapError;

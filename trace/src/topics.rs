@@ -104,6 +104,11 @@ impl DrawnTopics {
     }
 }
 
+/// The names of the topics in which an engine's bodies are drawn, below a scene's prefix.
+pub(crate) fn drawn_topics(prefix: &str) -> [String; 3] {
+    ["static", "moving", "resting"].map(|of| format!("{prefix}/truth/{of}"))
+}
+
 /// The topics of an engine's bodies.
 #[derive(Debug)]
 pub struct SceneTopics {

@@ -36,65 +36,56 @@ fn window(load: &Load, prefix: &str) -> Value {
     let copy = reckoned
         .or_else(|| remote().next())
         .map_or("truth", |(_, name)| name);
-    let plot = |title: &str, field: &str, names: &mut dyn Iterator<Item = &str>| {
-        let path = |name: &str| {
-            json!({
-                "value": format!("/{prefix}/{name}/stats.{field}"), "label": name, "enabled": true,
-                "timestampMethod": "receiveTime", "showLine": true
-            })
-        };
-        json!({
-            "foxglovePanelTitle": title, "paths": names.map(path).collect::<Vec<_>>(), "xAxisVal": "timestamp",
-            "isSynced": true, "showLegend": true, "legendDisplay": "floating", "showXAxisLabels": true,
-            "showYAxisLabels": true, "showPlotValuesInLegend": false, "sidebarDimension": 240
-        })
-    };
-    let all = || runs.iter().map(|(_, name)| name.as_str());
-    let copies = || remote().map(|(_, name)| name.as_str());
-    json!({
-        "configById": {
-            "3D!truth": view(prefix, "truth", "Truth"),
-            "3D!copy": view(prefix, copy, "Client's copy: blue is exact, red is at the tolerance, violet is beyond"),
-            "Plot!bytes": plot("Bytes down per frame, UDP payload", "wire_bytes_down", &mut copies()),
-            "Plot!error": plot("Largest surface error, metres", "error_m_max", &mut copies()),
-            "Plot!frame": plot("Frame time, nanoseconds", "frame_ns", &mut all()),
-        },
-        "globalVariables": {},
-        "userNodes": {},
-        "playbackConfig": { "speed": 1 },
-        "layout": {
-            "direction": "column", "splitPercentage": 65,
-            "first": { "direction": "row", "first": "3D!truth", "second": "3D!copy" },
-            "second": {
-                "direction": "row", "splitPercentage": 34, "first": "Plot!bytes",
-                "second": { "direction": "row", "first": "Plot!error", "second": "Plot!frame" }
-            }
+    let all = || runs.iter().map(|(_, name)| name.as_str()).collect();
+    let copies = || remote().map(|(_, name)| name.as_str()).collect();
+    let of_copy = "Client's copy: blue is exact, red is at the tolerance, violet is beyond";
+    let of = |title, field, names: Vec<_>| plot(title, field, prefix, &names);
+    let bytes = of(
+        "Bytes down per frame, UDP payload",
+        "wire_bytes_down",
+        copies(),
+    );
+    let error = of("Largest surface error, metres", "error_m_max", copies());
+    let panels = [
+        ("3D!truth", drawn("Truth", prefix, "truth")),
+        ("3D!copy", drawn(of_copy, prefix, copy)),
+        ("Plot!bytes", bytes),
+        ("Plot!error", error),
+        (
+            "Plot!frame",
+            of("Frame time, nanoseconds", "frame_ns", all()),
+        ),
+    ];
+    let panels = panels.map(|(name, panel)| (name.to_owned(), panel));
+    let shares = json!({
+        "direction": "column", "splitPercentage": 65,
+        "first": { "direction": "row", "first": "3D!truth", "second": "3D!copy" },
+        "second": {
+            "direction": "row", "splitPercentage": 34, "first": "Plot!bytes",
+            "second": { "direction": "row", "first": "Plot!error", "second": "Plot!frame" }
         }
-    })
+    });
+    rhumb_trace::whole_layout(&panels.into_iter().collect(), &shares)
 }
 
-/// A 3D panel that shows one copy's topics.
-fn view(prefix: &str, name: &str, title: &str) -> Value {
+/// A 3D panel that shows the topics of one copy or of the truth.
+fn drawn(title: &str, prefix: &str, name: &str) -> Value {
+    let of_copy = ["moving", "resting"].map(|of| format!("/{prefix}/{name}/{of}"));
+    let statics = format!("/{prefix}/truth/static");
+    rhumb_trace::drawing_panel(title, of_copy.into_iter().chain([statics]))
+}
+
+/// A panel with a line for each run.
+fn plot(title: &str, field: &str, prefix: &str, names: &[&str]) -> Value {
+    let path = |name: &&str| {
+        json!({
+            "value": format!("/{prefix}/{name}/stats.{field}"), "label": name, "enabled": true,
+            "timestampMethod": "receiveTime", "showLine": true
+        })
+    };
     json!({
-        "foxglovePanelTitle": title,
-        "followTf": rhumb_trace::FRAME,
-        "followMode": "follow-none",
-        "cameraState": {
-            "perspective": true, "distance": 60, "phi": 60, "thetaOffset": 45, "targetOffset": [0, 0, 0],
-            "target": [0, 0, 0], "targetOrientation": [0, 0, 0, 1], "fovy": 45, "near": 0.1, "far": 5000
-        },
-        "layers": {
-            "grid": {
-                "layerId": "foxglove.Grid", "instanceId": "grid", "frameId": rhumb_trace::FRAME,
-                "visible": true, "size": 100, "divisions": 20, "lineWidth": 1, "color": "#248eff40",
-                "position": [0, 0, 0], "rotation": [0, 0, 0]
-            }
-        },
-        "scene": {}, "transforms": {}, "publish": {}, "imageMode": {},
-        "topics": {
-            format!("/{prefix}/truth/static"): { "visible": true },
-            format!("/{prefix}/{name}/moving"): { "visible": true },
-            format!("/{prefix}/{name}/resting"): { "visible": true },
-        }
+        "foxglovePanelTitle": title, "paths": names.iter().map(path).collect::<Vec<_>>(), "xAxisVal": "timestamp",
+        "isSynced": true, "showLegend": true, "legendDisplay": "floating", "showXAxisLabels": true,
+        "showYAxisLabels": true, "showPlotValuesInLegend": false, "sidebarDimension": 240
     })
 }

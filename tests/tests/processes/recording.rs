@@ -395,6 +395,24 @@ fn a_viewer_of_foxglove_sees_the_scene_where_it_is() {
 }
 
 #[test]
+fn a_layout_shows_what_a_viewer_is_offered() {
+    let ended = SERVER.run(&["layout", "team/pit"]);
+    assert_eq!(ended.code, Some(0), "{}", ended.log);
+    let layout: Value = serde_json::from_str(&ended.out).expect("it is JSON");
+    let shown = layout["configById"]["3D!team/pit"]["topics"].as_object();
+    let topics: BTreeSet<_> = shown.expect("topics").keys().cloned().collect();
+    assert_eq!(topics.len(), 3);
+    let server = SERVER.serve_with(ANYWHERE, &["--foxglove", ANYWHERE]);
+    let mut client = join(&server, "team/pit");
+    let (ball, mut heights) = (populate(&mut client), BTreeMap::new());
+    step(&mut client, ball, &mut heights);
+    let offered = Viewer::connect(&server).channels(&topics);
+    for topic in topics {
+        assert_eq!(offered[&topic].1.schema, "foxglove.SceneUpdate", "{topic}");
+    }
+}
+
+#[test]
 fn a_viewer_that_comes_late_sees_a_scene_that_stands_still() {
     let server = SERVER.serve_with(ANYWHERE, &["--foxglove", ANYWHERE]);
     let mut client = join(&server, "pit");
