@@ -4,7 +4,6 @@
 //! variant, f32s and u64s as the hexadecimal digits of their bits, bytes as hexadecimal digits.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 
 use serde_json::{Map, Value, json};
 
@@ -387,10 +386,14 @@ fn is_there(field: &Value, sent: &Map<String, Value>) -> bool {
 /// Bytes as hexadecimal digits.
 #[must_use]
 pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        write!(text, "{byte:02x}").expect("a string takes text");
-        text
-    })
+    // Every pose of a history is written so: by the formatter of numbers, that took a third of a run.
+    const DIGITS: &[u8; 16] = b"0123456789abcdef";
+    let mut digits = Vec::with_capacity(2 * bytes.len());
+    for byte in bytes {
+        let (high, low) = (usize::from(byte >> 4), usize::from(byte & 15));
+        digits.extend_from_slice(&[DIGITS[high], DIGITS[low]]);
+    }
+    String::from_utf8(digits).expect("digits are text")
 }
 
 /// Bytes from hexadecimal digits.

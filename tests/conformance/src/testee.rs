@@ -18,7 +18,7 @@ use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, LengthBound, Tick, Tolerance};
 use rhumb_transport::{ClientOptions, ClientTransport, Clock, QuicClient, Received, Trust};
 
-pub use lines::{bits, copy_line, moving};
+pub use lines::{bits, copy_line};
 pub use task::{TesteeEnvironment, TesteeTask};
 pub use trajectory::{TRAJECTORY_TICKS, trajectory};
 

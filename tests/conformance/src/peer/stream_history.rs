@@ -9,17 +9,108 @@ use rhumb_protocol::session::Replica;
 use serde_json::Value;
 
 use crate::outcome::{CaseResult, Stop};
-use crate::testee::{bits, moving};
+/// Index and generation of a body.
+type Name = (u32, u16);
+
+/// The bits of the thirteen doubles of a motion.
+type Bits = [u64; 13];
 
 /// The state of a copy at a tick.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct CopyState {
-    /// The checksum over all tracks, as text.
-    sum: String,
-    /// The moving bodies, as text.
-    moving: String,
-    /// The motion of each body, resting bodies included.
-    all: BTreeMap<String, String>,
+    /// The checksum over all tracks.
+    sum: u64,
+    /// The motion of each body, and whether it moves.
+    bodies: BTreeMap<Name, (Bits, bool)>,
+}
+
+impl CopyState {
+    fn of(copy: &Replica) -> Self {
+        let stream = copy.stream();
+        let tick = stream.complete();
+        let bodies = copy.bodies().filter_map(|desc| {
+            let track = stream.track(desc.id)?;
+            let motion = stream.predicted_motion(desc.id, tick)?;
+            let bits = motion.parts().map(f64::to_bits);
+            let name = (desc.id.index(), desc.id.generation());
+            Some((name, (bits, !track.is_exact_rest())))
+        });
+        Self {
+            sum: stream.state_checksum(),
+            bodies: bodies.collect(),
+        }
+    }
+
+    /// True if a client reports this checksum and these moving bodies.
+    fn is(&self, reported: &ReportedState) -> bool {
+        let moving = self.bodies.iter().filter(|(_, (_, moves))| *moves);
+        let moving = moving.map(|(name, (bits, _))| (name, bits));
+        self.sum == reported.sum && moving.eq(&reported.moving)
+    }
+
+    /// True if each reported body has its motion of this state and no moving body is missing; checksums are not
+    /// compared. A new body may have been placed after the tick: it is reported if its scene event came before the next
+    /// tick, else not.
+    fn is_body_by_body(&self, reported: &ReportedState, is_new: &dyn Fn(&Name) -> bool) -> bool {
+        let is_ours = |(name, motion): (&Name, &Bits)| {
+            let ours = self.bodies.get(name);
+            ours.map_or_else(|| is_new(name), |(ours, _)| motion == ours)
+        };
+        let is_reported = |(name, (motion, _)): (&Name, &(Bits, bool))| {
+            reported.moving.contains_key(name) || is_at_rest(motion)
+        };
+        reported.moving.iter().all(is_ours) && self.bodies.iter().all(is_reported)
+    }
+}
+
+/// The state that a client reports: the checksum and the moving bodies.
+struct ReportedState {
+    sum: u64,
+    moving: BTreeMap<Name, Bits>,
+}
+
+impl ReportedState {
+    /// `None` if it has another form than [`copy_line`](crate::testee::copy_line) writes.
+    fn read(reported: &Value) -> Option<Self> {
+        let body = |(name, motion): (&String, &Value)| {
+            let (index, generation) = name.split_once(':')?;
+            let digits = motion.as_str()?.as_bytes();
+            let (numbers, []) = digits.as_chunks::<16>() else {
+                return None;
+            };
+            let bits: Vec<u64> = numbers.iter().map(number).collect::<Option<_>>()?;
+            Some((
+                (index.parse().ok()?, generation.parse().ok()?),
+                bits.try_into().ok()?,
+            ))
+        };
+        let sum = reported["checksum"].as_str()?.as_bytes();
+        Some(Self {
+            sum: number(sum.try_into().ok()?)?,
+            moving: reported["moving"]
+                .as_object()?
+                .iter()
+                .map(body)
+                .collect::<Option<_>>()?,
+        })
+    }
+}
+
+/// A number of sixteen hexadecimal digits, small letters among them.
+fn number(digits: &[u8; 16]) -> Option<u64> {
+    digits.iter().try_fold(0, |number, digit| {
+        let value = match digit {
+            b'0'..=b'9' => digit - b'0',
+            b'a'..=b'f' => digit - b'a' + 10,
+            _ => return None,
+        };
+        Some(number << 4 | u64::from(value))
+    })
+}
+
+/// True if both velocities of a motion are zero.
+fn is_at_rest(motion: &Bits) -> bool {
+    motion[7..].iter().all(|bits| f64::from_bits(*bits) == 0.0)
 }
 
 /// The history of a stream by tick.
@@ -38,7 +129,7 @@ impl StreamHistory {
         self.held
             .entry(tick.value())
             .or_default()
-            .insert(state_of(copy));
+            .insert(CopyState::of(copy));
     }
 
     /// The same in a scene in lockstep, whose stream completes every tick.
@@ -76,28 +167,27 @@ impl StreamHistory {
                     "the client reports {tick} as complete, but the stream never was"
                 ));
             };
-            let (sum, known) = reported_state(reported);
+            let Some(known) = ReportedState::read(reported) else {
+                return Stop::fail(format!("at {tick} the client reports no state: {reported}"));
+            };
             let later = || self.held.range(tick..).flat_map(|(_, states)| states);
-            let is_known = |name: &str| later().any(|state| state.all.contains_key(name));
+            let is_known = |name: &Name| later().any(|state| state.bodies.contains_key(name));
             // A full stream has no checksums, and the checksum of a copy includes bodies that were placed after the
             // tick.
             let counts_others = |state: &CopyState| {
-                let is_new = |name: &String| !state.all.contains_key(name);
+                let is_new = |name: &Name| !state.bodies.contains_key(name);
                 choice == Some(StreamChoice::Full)
-                    || later().any(|later| later.all.keys().any(is_new))
+                    || later().any(|later| later.bodies.keys().any(is_new))
             };
             let is_same = |state: &CopyState| {
-                let is_alike = state.sum == sum && state.moving == known;
-                is_alike || counts_others(state) && is_same_body_by_body(reported, state, &is_known)
+                state.is(&known) || counts_others(state) && state.is_body_by_body(&known, &is_known)
             };
             if states.iter().any(is_same) {
                 continue;
             }
-            let ours = states
-                .first()
-                .map(|state| format!("{} {}", state.sum, state.moving));
+            let ours = states.first();
             return Stop::fail(format!(
-                "at {tick} the client reports {sum} {known}; the stream has {ours:?}"
+                "at {tick} the client reports {reported}; the stream has {ours:x?}"
             ));
         }
         self.judged = reported.len();
@@ -112,73 +202,11 @@ pub(super) fn is_alike(copy: &Replica, reported: &[Value]) -> bool {
         .iter()
         .rev()
         .find(|reported| reported["is"] == "tick");
-    let ours = state_of(copy);
-    last.is_some_and(|reported| {
-        reported["tick"] == tick && reported_state(reported) == (ours.sum, ours.moving)
-    })
-}
-
-fn state_of(copy: &Replica) -> CopyState {
-    let stream = copy.stream();
-    let tick = stream.complete();
-    let all = copy.bodies().filter_map(|desc| {
-        let (index, generation) = (desc.id.index(), desc.id.generation());
-        let motion = stream.predicted_motion(desc.id, tick)?;
-        Some((format!("{index}:{generation}"), bits(&motion)))
-    });
-    CopyState {
-        sum: format!("{:016x}", stream.state_checksum()),
-        moving: format!("{{{}}}", moving(copy, tick)),
-        all: all.collect(),
-    }
-}
-
-/// The checksum and the moving bodies, as text.
-fn reported_state(reported: &Value) -> (String, String) {
-    let sum = reported["checksum"].as_str().unwrap_or_default().to_owned();
-    (sum, as_text(&reported["moving"]))
-}
-
-/// True if each reported body has its motion of the history and no moving body is missing; checksums are not compared.
-/// A new body may have been placed after the tick: it is reported if its scene event came before the next tick, else
-/// not.
-fn is_same_body_by_body(
-    reported: &Value,
-    state: &CopyState,
-    is_new: &dyn Fn(&str) -> bool,
-) -> bool {
-    let Some(reported) = reported["moving"].as_object() else {
-        return false;
+    let is_same = |reported: &Value| {
+        let reported = ReportedState::read(reported);
+        reported.is_some_and(|reported| CopyState::of(copy).is(&reported))
     };
-    let is_ours = |(name, motion): (&String, &Value)| {
-        let ours = state.all.get(name);
-        ours.map_or_else(|| is_new(name), |ours| motion == ours)
-    };
-    let is_reported =
-        |(name, motion): (&String, &String)| reported.contains_key(name) || is_at_rest(motion);
-    reported.iter().all(is_ours) && state.all.iter().all(is_reported)
-}
-
-/// True if both velocities of a motion are zero.
-fn is_at_rest(motion: &str) -> bool {
-    let velocities = motion.get(7 * 16..).unwrap_or_default().as_bytes();
-    let is_zero = |number: &[u8]| matches!(number, [b'0' | b'8', rest @ ..] if rest.iter().all(|digit| *digit == b'0'));
-    velocities.chunks(16).all(is_zero)
-}
-
-/// The moving bodies as text: sorted by index, without spaces.
-fn as_text(moving: &Value) -> String {
-    let number = |part: Option<&str>| part.and_then(|part| part.parse::<u32>().ok());
-    let mut rows: Vec<_> = moving.as_object().into_iter().flatten().collect();
-    rows.sort_by_key(|(name, _)| {
-        let mut parts = name.split(':');
-        (number(parts.next()), number(parts.next()))
-    });
-    let rows: Vec<_> = rows
-        .into_iter()
-        .map(|(name, motion)| format!("\"{name}\":{motion}"))
-        .collect();
-    format!("{{{}}}", rows.join(","))
+    last.is_some_and(|reported| reported["tick"] == tick && is_same(reported))
 }
 
 #[cfg(test)]
@@ -196,23 +224,29 @@ mod tests {
     }
 
     /// The state of a stream at a tick with these bodies and speeds.
-    fn state(sum: &str, bodies: &[(&str, f64)]) -> CopyState {
-        let all = bodies.iter();
+    fn state(sum: u64, bodies: &[(Name, f64)]) -> CopyState {
+        let bodies = bodies.iter().map(|(name, speed)| {
+            let read = ReportedState::read(&report(json!({"0:0": motion(*speed)})));
+            (*name, (read.unwrap().moving[&(0, 0)], false))
+        });
         CopyState {
-            sum: sum.to_owned(),
-            moving: "{}".to_owned(),
-            all: all
-                .map(|(name, speed)| ((*name).to_owned(), motion(*speed)))
-                .collect(),
+            sum,
+            bodies: bodies.collect(),
         }
+    }
+
+    fn report(moving: Value) -> Value {
+        json!({"is": "tick", "tick": 0, "checksum": "000000000000000c", "moving": moving})
     }
 
     #[test]
     fn a_full_stream_reports_each_moving_body_exactly() {
-        let is_new = |name: &str| name == "4:0";
-        let state = state("", &[("1:0", 0.5), ("2:0", 0.0)]);
-        let same =
-            |moving: Value| is_same_body_by_body(&json!({"moving": moving}), &state, &is_new);
+        let is_new = |name: &Name| *name == (4, 0);
+        let state = state(0, &[((1, 0), 0.5), ((2, 0), 0.0)]);
+        let same = |moving: Value| {
+            let reported = ReportedState::read(&report(moving));
+            reported.is_some_and(|reported| state.is_body_by_body(&reported, &is_new))
+        };
         assert!(same(json!({"1:0": motion(0.5), "2:0": motion(0.0)})));
         assert!(same(json!({"1:0": motion(0.5)})), "the other body rests");
         assert!(
@@ -233,15 +267,32 @@ mod tests {
     }
 
     #[test]
+    fn a_report_has_sixteen_small_digits_a_number() {
+        let is_read = |moving: Value| ReportedState::read(&report(moving)).is_some();
+        assert!(is_read(json!({"7:1": motion(0.5)})));
+        let changed = [
+            motion(0.5).to_uppercase(),
+            motion(0.5) + "0",
+            motion(0.5)[16..].to_owned(),
+            motion(0.5).replace('3', "+"),
+        ];
+        for motion in changed {
+            assert!(!is_read(json!({"7:1": motion})), "{motion}");
+        }
+        assert!(!is_read(json!({"7": motion(0.5)})) && !is_read(json!({"7:1": 0.5})));
+    }
+
+    #[test]
     fn a_checksum_counts_only_bodies_placed_up_to_its_tick() {
-        let (few, many) = (state("a", &[]), state("b", &[("1:0", 0.0)]));
+        let (few, many) = (state(0xa, &[]), state(0xb, &[((1, 0), 0.0)]));
         let held = BTreeMap::from([
             (0, BTreeSet::from([few])),
             (1, BTreeSet::from([many.clone()])),
             (2, BTreeSet::from([many])),
         ]);
         let judged = |tick: u64, moving: Value| {
-            let reported = json!({"is": "tick", "tick": tick, "checksum": "c", "moving": moving});
+            let mut reported = report(moving);
+            reported["tick"] = json!(tick);
             let held = held.clone();
             StreamHistory {
                 held,

@@ -5,6 +5,8 @@
 use rhumb_protocol::session::Replica;
 use rhumb_reckoning::{Motion, Tick};
 
+use crate::grammar::hex;
+
 /// The state of a copy at a tick, as one line of JSON.
 #[must_use]
 pub fn copy_line(copy: &Replica, tick: Tick) -> String {
@@ -16,8 +18,7 @@ pub fn copy_line(copy: &Replica, tick: Tick) -> String {
 }
 
 /// The motion of each body that does not rest, at a tick.
-#[must_use]
-pub fn moving(copy: &Replica, tick: Tick) -> String {
+fn moving(copy: &Replica, tick: Tick) -> String {
     let stream = copy.stream();
     let moving = copy.bodies().filter_map(|desc| {
         let track = stream.track(desc.id)?;
@@ -34,7 +35,8 @@ pub fn moving(copy: &Replica, tick: Tick) -> String {
 #[must_use]
 pub fn bits(motion: &Motion) -> String {
     let numbers = motion.parts().into_iter();
-    numbers
-        .map(|number| format!("{:016x}", number.to_bits()))
-        .collect()
+    let bytes: Vec<_> = numbers
+        .flat_map(|number| number.to_bits().to_be_bytes())
+        .collect();
+    hex(&bytes)
 }
