@@ -180,7 +180,8 @@ fn of_mode(
     };
     let fps = |outcome: &ModeOutcome| outcome.sim_fps;
     let frame = |outcome: &ModeOutcome| outcome.phys_ft_ms;
-    let against = compare(fps).zip(compare(frame));
+    let is_other = mode != Mode::Integrated.name();
+    let against = || compare(fps).zip(compare(frame));
     let step = |outcome: &ModeOutcome| outcome.step_ms;
     let work: Option<Vec<f64>> = outcomes.iter().map(|(_, found)| found.work_ms).collect();
     Some(ModeAnalysis {
@@ -193,14 +194,15 @@ fn of_mode(
         beside_ms: sample(|outcome| outcome.observe_ms + outcome.publish_ms)?,
         bytes_down: sample(|outcome| outcome.bytes_down as f64 / f64::from(outcome.frames.max(1)))?,
         awake: sample(|outcome| f64::from(outcome.awake))?,
-        against_integrated: against.filter(|_| mode != Mode::Integrated.name()).map(
-            |(sim_fps, phys_ft_ms)| Against {
+        against_integrated: is_other
+            .then(against)
+            .flatten()
+            .map(|(sim_fps, phys_ft_ms)| Against {
                 sim_fps,
                 phys_ft_ms,
                 paired: paired(frame, outcomes, integrated),
                 engine: paired(step, outcomes, integrated),
-            },
-        ),
+            }),
     })
 }
 

@@ -221,8 +221,10 @@ fn bootstrap(first: &[f64], second: &[f64], seed: u64) -> Interval {
     let mut differences: Vec<f64> = (0..RESAMPLES)
         .map(|_| mean_again(first) - mean_again(second))
         .collect();
-    differences.sort_unstable_by(f64::total_cmp);
-    let at = |share: f64| differences[((RESAMPLES - 1) as f64 * share).round() as usize];
+    let mut at = |share: f64| {
+        let place = ((RESAMPLES - 1) as f64 * share).round() as usize;
+        *differences.select_nth_unstable_by(place, f64::total_cmp).1
+    };
     Interval {
         from: at(0.025),
         to: at(0.975),
