@@ -76,6 +76,8 @@ export class BodyPanel {
 
   /** Shows the body in a frame of the last minute or of a recording. */
   showFrame({ kinds, shapeNumbers, shapesByNumber, positions, resting, errors, tolerances }, place, now) {
+    // Updates that come meanwhile are not listed.
+    this.#origin = undefined;
     if (!this.#isDue(now)) return;
     if (place < 0) return this.#write([["body", `${this.#name()} is not in the scene`]]);
     const rows = [

@@ -10,7 +10,7 @@ import { Hands } from "./hands.js";
 import { History } from "./history.js";
 import { Link } from "./link.js";
 import { Live, obstacle, sentence } from "./live.js";
-import { openRecording } from "./recording.js";
+import { AWAY, openRecording } from "./recording.js";
 import { Roster } from "./roster.js";
 import { Stage } from "./stage.js";
 import { theme } from "./theme.js";
@@ -145,7 +145,7 @@ async function begin() {
     history.clear();
     figures.restart();
     hands.restart();
-    pick(undefined);
+    if (mode.kind !== "recording") pick(undefined);
     comparison.restart();
     if (element("policy").checked) copy.setTierPolicy({ upTo: 0.2 });
     else copy.setTierPolicy("never");
@@ -292,14 +292,20 @@ function showLive(now, seconds) {
 }
 
 /** The place of the picked body in a frame; negative if there is none. */
-function placeOfPicked(frame) {
-  return panel.id === undefined ? -1 : frame.ids.indexOf(panel.id);
+function placeOfPicked({ ids, positions }) {
+  const place = panel.id === undefined ? -1 : ids.indexOf(panel.id);
+  return positions[3 * place] === AWAY ? -1 : place;
 }
 
 /** Has the panel show another body, or none. */
 function pick(id) {
   panel.pick(id);
   trail.clear();
+}
+
+/** Removes the picked body, or the last one that was added. The ids of a recording are not those of the scene. */
+function removePicked() {
+  if (mode.kind !== "recording") hands.remove(panel.id);
 }
 
 /** Has the copy show the chosen moment; returns it. */
@@ -505,7 +511,7 @@ function controls() {
   });
   element("throw").addEventListener("click", () => hands.throwBall());
   element("spawn").addEventListener("click", () => hands.dropBox());
-  element("remove").addEventListener("click", () => hands.remove(panel.id));
+  element("remove").addEventListener("click", removePicked);
 }
 
 function pointers() {
@@ -542,7 +548,7 @@ function keys() {
   const actions = {
     KeyT: () => hands.throwBall(),
     KeyN: () => hands.dropBox(),
-    Delete: () => hands.remove(panel.id),
+    Delete: removePicked,
     KeyP: pauseOrGoOn,
     ArrowLeft: () => step(-1),
     ArrowRight: () => step(1),

@@ -7,7 +7,7 @@ import { readRhtrace } from "./rhtrace.js";
 /** Ticks between states that are kept whole, to go back to. */
 const WHOLE = 120;
 /** Where bodies are that are not in the scene yet, or no more, metres. */
-const AWAY = 1e7;
+export const AWAY = 1e7;
 
 /** Reads a file; throws an error whose message says what is wrong with it. */
 export async function openRecording(file) {

@@ -1,12 +1,16 @@
-// The way of the picked body up to the moment that is shown, with a mark where an update began.
+// The way of the picked body up to the moment that is shown; live with a mark where an update began.
 
 import * as THREE from "three";
 
 /** Points that are kept: four seconds at 60 ticks a second. */
 const POINTS = 240;
-/** Ticks and metres between two frames, beyond which the way begins anew: the body was put elsewhere. */
-const GAP = 60;
+/**
+ * Between two frames: ticks, metres, and metres for each tick, beyond which the way begins anew: the body was put elsewhere.
+ * A stream may be silent for 2.5 s.
+ */
+const GAP = 600;
 const JUMP = 10;
+const JUMP_PER_TICK = 2;
 
 export class Trail {
   #points = [];
@@ -42,13 +46,18 @@ export class Trail {
   show({ time, positions, updateTicks }, place) {
     if (place < 0) return this.#points.length > 0 && this.clear();
     if (time === this.#points.at(-1)?.time) return;
-    while (this.#points.length > 0 && this.#points.at(-1).time >= time) this.#points.pop();
+    let isMarked = false;
+    while (this.#points.length > 0 && this.#points.at(-1).time >= time) {
+      const later = this.#points.pop();
+      if (later.time === time) isMarked = later.isMarked;
+    }
     const position = positions.slice(3 * place, 3 * place + 3);
     if (this.#points.length > 0 && isApart(this.#points.at(-1), { time, position })) this.#points = [];
-    const updateTick = updateTicks?.[place];
-    const isMarked = updateTick !== undefined && this.#updateTick !== undefined && updateTick !== this.#updateTick;
-    this.#updateTick = updateTick;
     this.#points.push({ time, isMarked, position });
+    const updateTick = updateTicks?.[place];
+    if (updateTick !== undefined && this.#updateTick !== undefined && updateTick !== this.#updateTick)
+      (this.#points.find((point) => point.time >= updateTick) ?? this.#points.at(-1)).isMarked = true;
+    this.#updateTick = updateTick;
     if (this.#points.length > POINTS) this.#points.shift();
     this.#draw();
   }
@@ -62,7 +71,8 @@ export class Trail {
 
 function isApart(before, after) {
   const way = Math.hypot(...after.position.map((value, part) => value - before.position[part]));
-  return after.time - before.time > GAP || way > JUMP;
+  const ticks = after.time - before.time;
+  return ticks > GAP || way > JUMP + JUMP_PER_TICK * ticks;
 }
 
 function geometry() {

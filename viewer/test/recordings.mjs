@@ -9,7 +9,7 @@ import { tmpdir } from "node:os";
 import { basename, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { Missing, openChromium, pause } from "./browsers.mjs";
-import { check, kill, LIMIT, openPage, slide, startDemo, startServer, text, until } from "./support.mjs";
+import { check, kill, LIMIT, openPage, read, slide, startDemo, startServer, text, until } from "./support.mjs";
 
 const [binary, trace] = process.argv.slice(2);
 if (trace === undefined) {
@@ -195,12 +195,20 @@ async function connectionsComeAndGo(browser, path) {
     await drop(page, path);
     await until(page, "d.shown !== undefined && d.shown.time > 3");
     await until(page, "d.state === 'open'");
+    const { bodies } = await read(page);
+    await aBodyIsPicked(page);
     await kill(demo);
     await until(page, "d.state === 'lost'");
     demo = await startDemo(binary, { view: demo.view });
     await until(page, "d.state === 'open'");
     check(await page.evaluate(() => document.getElementById("notice").hidden), "no notice covers a recording");
+    check((await text(page, "body-facts")).includes("0.50"), "the picked body is that of the recording still");
+    await page.keyboard.press("Delete");
     await posesShown(page, 100);
+    await until(page, `d.bodies === ${bodies}`);
+    const { frames } = await read(page);
+    await until(page, `d.frames > ${frames + 10}`);
+    check((await read(page)).bodies === bodies, "no key removes the live body of its number");
     const drawn = await page.evaluate(() => [0, 1].map((place) => rhumbDiagnostics.drawnPosition(place)));
     const expected = [[0, 0.5, 0], [2, Math.fround(0.5 + 0.1 * 100), 0]];
     check(JSON.stringify(drawn) === JSON.stringify(expected), `all bodies are drawn after a restart: ${JSON.stringify(drawn)}`);
