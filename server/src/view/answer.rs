@@ -112,7 +112,7 @@ impl Page {
         let is_address = bare.parse::<IpAddr>().is_ok() || bare == "localhost";
         let is_name = bare
             .bytes()
-            .all(|byte| byte.is_ascii_alphanumeric() || b"-.".contains(&byte));
+            .all(|byte| byte.is_ascii_alphanumeric() || b"-._".contains(&byte));
         (is_address || self.named && is_name).then_some(name)
     }
 

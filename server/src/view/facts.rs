@@ -40,8 +40,8 @@ pub(super) fn url(listens: SocketAddr, page_host: &str) -> String {
 /// The URLs of WebTransport at an address and any port, as a content security policy names them.
 pub(super) fn source(listens: SocketAddr, page_host: &str) -> String {
     match host(listens, page_host) {
-        // A policy cannot name an address of IPv6.
-        ip if ip.starts_with('[') => "https:".to_owned(),
+        // A policy cannot name an address of IPv6, nor a name with an underscore.
+        host if host.contains(['[', '_']) => "https:".to_owned(),
         host => format!("https://{host}:*"),
     }
 }
@@ -69,5 +69,9 @@ mod tests {
         let source = |listens: &str| source(listens.parse().unwrap(), "192.0.2.7");
         assert_eq!(source("0.0.0.0:4433"), "https://192.0.2.7:*");
         assert_eq!(source("[::1]:4433"), "https:");
+        assert_eq!(
+            super::source("0.0.0.0:1".parse().unwrap(), "my_server"),
+            "https:"
+        );
     }
 }
