@@ -1,4 +1,4 @@
-//! The codec reads the golden vectors, and writes what it read as it was.
+//! The codec reads the golden vectors, and writes the messages among them as they were.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use rhumb_protocol::packet::{
 use rhumb_protocol::wire::Malformed;
 use serde_json::Value;
 
-/// What a vector's bytes are.
+/// Meaning of a vector's bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Outcome {
     Refused,
@@ -25,13 +25,14 @@ enum Outcome {
 
 fn vectors(name: &str) -> Value {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../spec/vectors");
-    let text = std::fs::read_to_string(folder.join(name)).unwrap();
-    serde_json::from_str(&text).unwrap()
+    let text =
+        std::fs::read_to_string(folder.join(name)).expect("the vectors are in the repository");
+    serde_json::from_str(&text).expect("they are JSON")
 }
 
 fn bytes(case: &Value) -> Vec<u8> {
-    let digits = case["bytes"].as_str().unwrap();
-    let byte = |at| u8::from_str_radix(&digits[at..at + 2], 16).unwrap();
+    let digits = case["bytes"].as_str().expect("a case has bytes");
+    let byte = |at| u8::from_str_radix(&digits[at..at + 2], 16).expect("two digits");
     (0..digits.len()).step_by(2).map(byte).collect()
 }
 
@@ -41,7 +42,7 @@ fn each(
     outcome: impl Fn(&[u8]) -> Outcome,
     expected: impl Fn(&Value) -> Vec<Outcome>,
 ) {
-    let cases = cases.as_array().unwrap();
+    let cases = cases.as_array().expect("a list");
     assert!(!cases.is_empty());
     for case in cases {
         let (found, expected) = (outcome(&bytes(case)), expected(case));

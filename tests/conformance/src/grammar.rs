@@ -386,7 +386,6 @@ fn is_there(field: &Value, sent: &Map<String, Value>) -> bool {
 /// Bytes as hexadecimal digits.
 #[must_use]
 pub fn hex(bytes: &[u8]) -> String {
-    // Every pose of a history is written so: by the formatter of numbers, that took a third of a run.
     const DIGITS: &[u8; 16] = b"0123456789abcdef";
     let mut digits = Vec::with_capacity(2 * bytes.len());
     for byte in bytes {

@@ -9,6 +9,7 @@ use rhumb_protocol::session::Replica;
 use serde_json::Value;
 
 use crate::outcome::{CaseResult, Stop};
+
 /// Index and generation of a body.
 type Name = (u32, u16);
 
@@ -45,7 +46,18 @@ impl CopyState {
     fn is(&self, reported: &ReportedState) -> bool {
         let moving = self.bodies.iter().filter(|(_, (_, moves))| *moves);
         let moving = moving.map(|(name, (bits, _))| (name, bits));
-        self.sum == reported.sum && moving.eq(&reported.moving)
+        Some(self.sum) == reported.sum && moving.eq(&reported.moving)
+    }
+
+    /// The state in the form of a report, its moving bodies only.
+    fn text(&self) -> String {
+        let moving = self.bodies.iter().filter(|(_, (_, moves))| *moves);
+        let bodies = moving.map(|((index, generation), (bits, _))| {
+            let digits = bits.map(|bits| format!("{bits:016x}")).concat();
+            format!("\"{index}:{generation}\":\"{digits}\"")
+        });
+        let bodies: Vec<_> = bodies.collect();
+        format!("\"{:016x}\" {{{}}}", self.sum, bodies.join(","))
     }
 
     /// True if each reported body has its motion of this state and no moving body is missing; checksums are not
@@ -65,7 +77,8 @@ impl CopyState {
 
 /// The state that a client reports: the checksum and the moving bodies.
 struct ReportedState {
-    sum: u64,
+    /// `None` if it is no number of sixteen digits, which equals no checksum.
+    sum: Option<u64>,
     moving: BTreeMap<Name, Bits>,
 }
 
@@ -74,24 +87,20 @@ impl ReportedState {
     fn read(reported: &Value) -> Option<Self> {
         let body = |(name, motion): (&String, &Value)| {
             let (index, generation) = name.split_once(':')?;
+            let parts: Name = (index.parse().ok()?, generation.parse().ok()?);
+            let is_plain = format!("{}:{}", parts.0, parts.1) == *name;
             let digits = motion.as_str()?.as_bytes();
             let (numbers, []) = digits.as_chunks::<16>() else {
                 return None;
             };
             let bits: Vec<u64> = numbers.iter().map(number).collect::<Option<_>>()?;
-            Some((
-                (index.parse().ok()?, generation.parse().ok()?),
-                bits.try_into().ok()?,
-            ))
+            is_plain.then_some((parts, bits.try_into().ok()?))
         };
-        let sum = reported["checksum"].as_str()?.as_bytes();
+        let sum = reported["checksum"].as_str().map(str::as_bytes);
+        let moving = reported["moving"].as_object()?.iter().map(body);
         Some(Self {
-            sum: number(sum.try_into().ok()?)?,
-            moving: reported["moving"]
-                .as_object()?
-                .iter()
-                .map(body)
-                .collect::<Option<_>>()?,
+            sum: sum.and_then(|digits| number(digits.try_into().ok()?)),
+            moving: moving.collect::<Option<_>>()?,
         })
     }
 }
@@ -185,9 +194,9 @@ impl StreamHistory {
             if states.iter().any(is_same) {
                 continue;
             }
-            let ours = states.first();
+            let ours = states.first().map(CopyState::text);
             return Stop::fail(format!(
-                "at {tick} the client reports {reported}; the stream has {ours:x?}"
+                "at {tick} the client reports {reported}; the stream has {ours:?}"
             ));
         }
         self.judged = reported.len();
@@ -279,7 +288,10 @@ mod tests {
         for motion in changed {
             assert!(!is_read(json!({"7:1": motion})), "{motion}");
         }
-        assert!(!is_read(json!({"7": motion(0.5)})) && !is_read(json!({"7:1": 0.5})));
+        for name in ["7", "+7:1", "07:1", "7:1:0"] {
+            assert!(!is_read(json!({name: motion(0.5)})), "{name}");
+        }
+        assert!(!is_read(json!({"7:1": 0.5})));
     }
 
     #[test]
