@@ -15,8 +15,15 @@ pub fn scene_layout(scenes: &[&str]) -> String {
         (format!("3D!{scene}"), drawing_panel(scene, topics))
     };
     let panels: Map<String, Value> = scenes.iter().map(panel).collect();
-    // As many panels as there are to the right of a divider decide where it stands.
-    let places = scenes.iter().rev().enumerate();
+    let is_new = |(place, scene): &(usize, &&str)| !scenes[..*place].contains(scene);
+    let scenes: Vec<_> = scenes
+        .iter()
+        .enumerate()
+        .filter(is_new)
+        .map(|(_, scene)| scene)
+        .collect();
+    // Each divider leaves all scenes an equal share of the window.
+    let places = scenes.into_iter().rev().enumerate();
     let layout = places.fold(Value::Null, |right, (count, scene)| {
         let name = json!(format!("3D!{scene}"));
         match right {
@@ -99,6 +106,7 @@ mod tests {
     #[test]
     fn one_scene_has_the_window_and_none_leaves_it_empty() {
         assert_eq!(layout(&["pit"])["layout"], "3D!pit");
+        assert_eq!(layout(&["pit", "pit"])["layout"], "3D!pit");
         assert_eq!(layout(&[])["layout"], Value::Null);
     }
 }
