@@ -1,4 +1,4 @@
-//! The codec reads the golden vectors, and writes the messages among them as they were.
+//! The codec reads the golden vectors, and writes the messages as they were.
 
 use std::path::Path;
 
