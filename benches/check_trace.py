@@ -10,6 +10,7 @@ files. Errors are recomputed from the engine's states and the poses of the clien
 
 import json
 import math
+import os
 import sys
 from array import array
 from collections import Counter, defaultdict
@@ -26,6 +27,8 @@ FIRST_S = 5.0
 EXACT_M = 2e-5
 # Rounding of two poses to the grid: of positions, and of rotations for each metre of a body's radius.
 GRID_M, GRID_M_PER_RADIUS = 3e-6, 4e-6
+# Greatest size of a trace: schemas and indices, and each body at each tick of a run, of which a whole state has 56 bytes.
+OVERHEAD_BYTES, MOMENT_BYTES = 200_000, 16
 # Steps of the grid in a metre, and in a unit of a quaternion's components.
 STEPS = 2.0**20
 MASK = (1 << 64) - 1
@@ -538,6 +541,9 @@ def main(trace, summary):
         count += len(runs)
     report.where = "experiment"
     report.same("runs", count, len(figures["runs"]))
+    moments = sum(run["bodies"] * run["ticks"] for run in figures["runs"])
+    size = os.path.getsize(trace)
+    report.check(size <= OVERHEAD_BYTES + MOMENT_BYTES * moments, f"{size} bytes for {moments} moments of a body")
     print(f"{report.passed} passed, {report.failed} failed")
     return 1 if report.failed else 0
 
