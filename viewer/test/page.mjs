@@ -197,10 +197,11 @@ async function carry(page, x, y, pixels) {
 /** The ghosts are where the truth has the bodies, and are there as long as the truth is. */
 async function ghostsFollowTheTruth(page) {
   // As many bodies as have a ghost, and the greatest distance of one from what is drawn, metres.
-  const ghosts = () =>
-    page.evaluate(async () => {
-      await new Promise(requestAnimationFrame);
-      await new Promise(requestAnimationFrame);
+  const ghosts = async () => {
+    // The next frame may have begun already.
+    const { frames } = await read(page);
+    await until(page, `d.frames > ${frames + 1}`);
+    return page.evaluate(() => {
       const { shown, drawnPosition, ghostPosition } = rhumbDiagnostics;
       let count = 0;
       let off = 0;
@@ -212,6 +213,7 @@ async function ghostsFollowTheTruth(page) {
       }
       return { count, off };
     });
+  };
   check((await ghosts()).count === 0, "at first there are no ghosts");
   await page.keyboard.press("KeyG");
   await until(page, "d.shown.ids.some((_, place) => d.ghostPosition(place) !== undefined)");
