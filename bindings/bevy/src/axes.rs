@@ -8,7 +8,7 @@ use rhumb_bindings::Coordinates;
 use rhumb_client::glam;
 
 /// Those of Bevy.
-const AXES: Coordinates = Coordinates::BEVY;
+pub(crate) const AXES: Coordinates = Coordinates::BEVY;
 
 /// A position, velocity, force or impulse of Bevy, for the client.
 pub(crate) fn vector_in(vector: Vec3) -> glam::Vec3 {
@@ -30,19 +30,14 @@ pub(crate) fn rotation_in(rotation: Quat) -> glam::Quat {
     AXES.rotation_in(glam::Quat::from_array(rotation.to_array()))
 }
 
-/// A position or velocity of the client.
-pub(crate) fn vector_out(vector: glam::Vec3) -> Vec3 {
-    Vec3::from_array(AXES.vector_out(vector).to_array())
+/// A vector in Bevy's axes.
+pub(crate) fn vector(vector: glam::Vec3) -> Vec3 {
+    Vec3::from_array(vector.to_array())
 }
 
-/// An angular velocity of the client.
-pub(crate) fn angular_out(angular: glam::Vec3) -> Vec3 {
-    Vec3::from_array(AXES.angular_out(angular).to_array())
-}
-
-/// A rotation of the client.
-pub(crate) fn rotation_out(rotation: glam::Quat) -> Quat {
-    Quat::from_array(AXES.rotation_out(rotation).to_array())
+/// A rotation in Bevy's axes.
+pub(crate) fn rotation(rotation: glam::Quat) -> Quat {
+    Quat::from_array(rotation.to_array())
 }
 
 #[cfg(test)]
@@ -55,7 +50,7 @@ mod tests {
     fn up_in_bevy_is_up_in_rhumb_and_a_metre_is_a_metre() {
         let up = Transform::IDENTITY.up() * 2.0;
         assert_eq!(vector_in(up), glam::Vec3::Y * 2.0);
-        assert_eq!(vector_out(glam::Vec3::Y * 2.0), up);
+        assert_eq!(vector(AXES.vector_out(glam::Vec3::Y * 2.0)), up);
     }
 
     #[test]
@@ -72,14 +67,14 @@ mod tests {
             Vec3::new(1.0, 2.0, 3.0),
         );
         let inside = rotation_in(turn) * vector_in(arm);
-        assert!(vector_out(inside).distance(turn * arm) < 1e-5);
-        assert_eq!(rotation_out(rotation_in(turn)), turn);
+        assert!(vector(AXES.vector_out(inside)).distance(turn * arm) < 1e-5);
+        assert_eq!(rotation(AXES.rotation_out(rotation_in(turn))), turn);
     }
 
     #[test]
     fn a_spin_and_a_torque_come_back_as_they_were() {
         let spin = Vec3::new(0.5, -2.0, 7.0);
-        assert_eq!(angular_out(angular_in(spin)), spin);
+        assert_eq!(vector(AXES.angular_out(angular_in(spin))), spin);
         // Metres and kilograms: a torque has the same number inside.
         assert_eq!(torque_in(spin), angular_in(spin));
     }

@@ -5,7 +5,10 @@
 use bevy_ecs::component::Component;
 use bevy_math::{Quat, Vec3};
 use bevy_transform::components::Transform;
+use rhumb_bindings::StateRecord;
 use rhumb_client::{BodyId, ErrorBound};
+
+use crate::axes::{rotation, vector};
 
 /// The body that an entity stands for.
 ///
@@ -41,6 +44,17 @@ pub struct RhumbState {
     pub linear_velocity: Vec3,
     /// rad/s about world axes; zero for a body at rest.
     pub angular_velocity: Vec3,
+}
+
+impl RhumbState {
+    pub(crate) fn of(record: &StateRecord) -> Self {
+        Self {
+            position: vector(record.position),
+            rotation: rotation(record.rotation),
+            linear_velocity: vector(record.linear_velocity),
+            angular_velocity: vector(record.angular_velocity),
+        }
+    }
 }
 
 impl Default for RhumbState {

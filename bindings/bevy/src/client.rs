@@ -1,22 +1,16 @@
 //! The client of the scene that an app is a member of, as a resource.
-//!
-//! It knows which entity stands for which body. An invariant: each body of the view that the
-//! entities show has an entity here, also one that the application despawned.
 
-use std::collections::HashMap;
 use std::time::Duration;
 
 use bevy_ecs::entity::Entity;
 use bevy_ecs::resource::Resource;
 use bevy_math::{Quat, Vec3};
 use bevy_platform::cell::SyncCell;
+use rhumb_bindings::{ObjectChange, SceneFollower, shown_error_bound};
 use rhumb_client::scene::{BodyBuilder, Command, Shape, Stepping};
-use rhumb_client::{BodyId, Client, ClientError, ErrorBound, PipelineDepth, View};
+use rhumb_client::{BodyId, Client, ClientError, ErrorBound, PipelineDepth};
 
-use crate::axes::{
-    angular_in, angular_out, rotation_in, rotation_out, torque_in, vector_in, vector_out,
-};
-use crate::body::RhumbState;
+use crate::axes::{AXES, angular_in, rotation_in, torque_in, vector_in};
 
 /// The client of the scene that the app is a member of.
 ///
@@ -25,45 +19,17 @@ use crate::body::RhumbState;
 #[derive(Resource)]
 pub struct RhumbClient {
     client: SyncCell<Client>,
-    stepping: Stepping,
-    fixed_step: Duration,
-    /// By body, once the view has it.
-    entities: HashMap<BodyId, Entity>,
-    /// Entities of the application for bodies that the view does not have yet.
-    reserved: HashMap<BodyId, Entity>,
-    /// Refreshes of the view that the entities show; `None` before the first one.
-    shown: Option<u64>,
-    /// True while the requested tick of a lockstep scene is not shown.
-    is_waiting: bool,
-    late_steps: u64,
-    is_ended: bool,
-}
-
-/// A change of the entities, which the view asks for.
-pub(crate) enum EntityChange {
-    /// A body has this state.
-    Show(BodyId, RhumbState),
-    /// An entity stands for no body any more.
-    Despawn(Entity),
+    /// Which entity stands for which body.
+    follower: SceneFollower<Entity>,
 }
 
 impl RhumbClient {
     /// The scene of a client that has joined it.
     #[must_use]
     pub fn new(client: Client) -> Self {
-        let config = client.config();
-        let interval = config.publish_schedule.publish_interval.get();
-        let seconds = config.integrator.rate.step().seconds() * f64::from(interval);
         Self {
-            stepping: config.stepping,
-            fixed_step: Duration::from_secs_f64(seconds),
+            follower: SceneFollower::new(&client, AXES),
             client: SyncCell::new(client),
-            entities: HashMap::new(),
-            reserved: HashMap::new(),
-            shown: None,
-            is_waiting: false,
-            late_steps: 0,
-            is_ended: false,
         }
     }
 
@@ -83,32 +49,32 @@ impl RhumbClient {
     /// Steps by a member, or by the server's clock.
     #[must_use]
     pub const fn stepping(&self) -> Stepping {
-        self.stepping
+        self.follower.stepping()
     }
 
     /// Simulated time from one step of a lockstep client to the next. The app's fixed time step should be the same:
     /// `Time::<Fixed>::from_duration(client.fixed_step())`.
     #[must_use]
     pub const fn fixed_step(&self) -> Duration {
-        self.fixed_step
+        self.follower.fixed_step()
     }
 
     /// Fixed steps at which the requested tick of a lockstep scene was not there yet. Its bodies then stood still.
     #[must_use]
     pub const fn late_steps(&self) -> u64 {
-        self.late_steps
+        self.follower.late_steps()
     }
 
     /// True if the scene goes on no more; [`RhumbEnded`](crate::RhumbEnded) had the reason.
     #[must_use]
     pub const fn is_ended(&self) -> bool {
-        self.is_ended
+        self.follower.is_ended()
     }
 
     /// The entity of a body; `None` until the body is shown.
     #[must_use]
     pub fn entity(&self, id: BodyId) -> Option<Entity> {
-        self.entities.get(&id).copied()
+        self.follower.object(id).copied()
     }
 
     /// The shape of a body, in the axes of its entity; `None` for a body that the client's copy does not have.
@@ -122,13 +88,7 @@ impl RhumbClient {
     /// without one, for a body that glides to a corrected pose, and between two ticks.
     #[must_use]
     pub fn error_bound(&mut self, id: BodyId) -> Option<ErrorBound> {
-        let client = self.client.get();
-        let view = client.view();
-        let at = view.time().filter(|at| at.fraction == 0.0)?;
-        match view.is_gliding(id) {
-            true => None,
-            false => client.error_bound_at(id, at.tick),
-        }
+        shown_error_bound(self.client.get(), id)
     }
 
     /// Adds a body. An entity appears when the server has placed it.
@@ -152,7 +112,7 @@ impl RhumbClient {
         body: BodyBuilder,
     ) -> Result<BodyId, ClientError> {
         let id = self.client.get().add_body(body)?;
-        self.reserved.insert(id, entity);
+        self.follower.reserve(id, entity);
         Ok(id)
     }
 
@@ -232,77 +192,29 @@ impl RhumbClient {
 
     /// Goes on in time; returns whether there is a new view.
     pub(crate) fn advance(&mut self, depth: PipelineDepth) -> Result<bool, ClientError> {
-        let client = self.client.get();
-        if self.stepping == Stepping::FreeRunning {
-            return client.poll().map(|_| true);
-        }
-        let is_late = self.is_waiting;
-        if !is_late {
-            client.request_tick()?;
-            self.is_waiting = true;
-        }
-        // One wait for a tick at most: after a time-out, later frames only look.
-        let shown = match depth == PipelineDepth::LOCKSTEP && !is_late {
-            true => match client.wait(depth) {
-                Err(ClientError::Timeout { .. }) => None,
-                waited => Some(waited?),
-            },
-            false => client.try_wait(depth)?,
-        };
-        self.is_waiting = shown.is_none();
-        self.late_steps += u64::from(self.is_waiting);
-        Ok(shown.is_some())
+        self.follower.advance(self.client.get(), depth)
     }
 
     /// True before the first view is shown.
     pub(crate) const fn is_new(&self) -> bool {
-        self.shown.is_none()
+        self.follower.is_new()
     }
 
     /// Changes of the entities that show the client's view.
-    pub(crate) fn changes(&mut self) -> Vec<EntityChange> {
-        let view = self.client.get().view();
-        let mut changes = Vec::new();
-        let follows = self.shown.and_then(|shown| shown.checked_add(1)) == Some(view.refreshes());
-        self.shown = Some(view.refreshes());
-        if follows {
-            let gone = view
-                .removed()
-                .iter()
-                .filter_map(|id| self.entities.remove(id));
-            changes.extend(gone.map(EntityChange::Despawn));
-            changes.extend(view.changed().filter_map(|place| shown(view, place)));
-        } else {
-            // The application has computed views of its own: what they removed and changed is not known.
-            let gone = self.entities.extract_if(|id, _| view.place(*id).is_none());
-            changes.extend(gone.map(|(_, entity)| EntityChange::Despawn(entity)));
-            changes.extend((0..view.ids().len()).filter_map(|place| shown(view, place)));
-        }
-        changes
+    pub(crate) fn changes(&mut self) -> Vec<ObjectChange<Entity>> {
+        self.follower.changes(self.client.get().view())
     }
 
     /// The entity that the application has for a body, if any.
     pub(crate) fn take_reserved(&mut self, id: BodyId) -> Option<Entity> {
-        self.reserved.remove(&id)
+        self.follower.take_reserved(id)
     }
 
     pub(crate) fn set_entity(&mut self, id: BodyId, entity: Entity) {
-        self.entities.insert(id, entity);
+        self.follower.set_object(id, entity);
     }
 
     pub(crate) const fn end(&mut self) {
-        self.is_ended = true;
+        self.follower.end();
     }
-}
-
-/// The state of a body of a view; `None` before it has a pose.
-fn shown(view: &View, place: usize) -> Option<EntityChange> {
-    let position = view.positions()[place];
-    let state = RhumbState {
-        position: vector_out(position),
-        rotation: rotation_out(view.rotations()[place]),
-        linear_velocity: vector_out(view.linear_velocities()[place]),
-        angular_velocity: angular_out(view.angular_velocities()[place]),
-    };
-    (position.is_finite()).then_some(EntityChange::Show(view.ids()[place], state))
 }

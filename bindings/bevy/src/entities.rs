@@ -6,11 +6,12 @@ use bevy_ecs::entity::Entity;
 use bevy_ecs::query::{With, Without};
 use bevy_ecs::system::{Commands, Query, SystemParam};
 use bevy_transform::components::Transform;
+use rhumb_bindings::ObjectChange;
 use rhumb_client::BodyId;
 use rhumb_client::scene::Stepping;
 
 use crate::body::{RhumbBodyId, RhumbState};
-use crate::client::{EntityChange, RhumbClient};
+use crate::client::RhumbClient;
 use crate::interpolation::PoseBefore;
 
 /// Access to the entities of bodies.
@@ -40,11 +41,14 @@ impl BodyEntities<'_, '_> {
         }
         for change in client.changes() {
             match change {
-                EntityChange::Despawn(entity) => self.despawn(entity),
-                EntityChange::Show(id, state) => match client.entity(id) {
-                    Some(entity) => self.show(entity, state),
-                    None => self.spawn(client, id, state),
-                },
+                ObjectChange::Destroy(entity) => self.despawn(entity),
+                ObjectChange::Show(record) => {
+                    let (id, state) = (record.body, RhumbState::of(&record));
+                    match client.entity(id) {
+                        Some(entity) => self.show(entity, state),
+                        None => self.spawn(client, id, state),
+                    }
+                }
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Connections, before they join a scene.
 
 use std::ffi::c_char;
-use std::path::PathBuf;
+use std::path::Path;
 use std::time::Duration;
 
 use rhumb_bindings::BindingError;
@@ -102,14 +102,7 @@ unsafe fn trust(options: &RhumbConnectOptions) -> Result<Trust, BindingError> {
             optional_text(options.roots, "options.roots")?,
         )
     };
-    match (fingerprint, roots) {
-        (Some(fingerprint), None) => Ok(Trust::Fingerprint(fingerprint.parse()?)),
-        (None, Some(roots)) => Ok(Trust::Roots(PathBuf::from(roots))),
-        (Some(_), Some(_)) | (None, None) => Err(BindingError::Argument {
-            argument: "options",
-            needed: "with a fingerprint or with roots, and not with both",
-        }),
-    }
+    rhumb_bindings::trust(fingerprint, roots.map(Path::new))
 }
 
 /// A time that a caller gives in seconds.

@@ -37,6 +37,9 @@ impl Coordinates {
     /// Those of Bevy.
     pub const BEVY: Self = Self::Rhumb;
 
+    /// Those of Godot.
+    pub const GODOT: Self = Self::Rhumb;
+
     /// Rhumb's metres in one unit of length.
     #[must_use]
     pub const fn metres_per_unit(self) -> f32 {

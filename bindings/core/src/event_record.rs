@@ -63,6 +63,41 @@ pub enum EventKind {
     Other,
 }
 
+impl EventKind {
+    /// Its name in languages without enumerations.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::CommandsApplied => "commands applied",
+            Self::CommandRefused => "command refused",
+            Self::BodyPlaced => "body placed",
+            Self::BodyRemoved => "body removed",
+            Self::ContactBegan => "contact began",
+            Self::ContactEnded => "contact ended",
+            Self::ContactForce => "contact force",
+            Self::SensorEntered => "sensor entered",
+            Self::SensorLeft => "sensor left",
+            Self::FellAsleep => "fell asleep",
+            Self::Woke => "woke",
+            Self::BodyFault => "body fault",
+            Self::EventsMissed => "events missed",
+            Self::StreamChanged => "stream changed",
+            Self::SceneRestored => "scene restored",
+            Self::SceneFaulted => "scene faulted",
+            Self::SceneDeleted => "scene deleted",
+            Self::Interrupted => "interrupted",
+            Self::Resumed => "resumed",
+            Self::SessionLost => "session lost",
+            Self::Durable => "durable",
+            Self::AuthorityGranted => "authority granted",
+            Self::AuthorityDenied => "authority denied",
+            Self::Denied => "denied",
+            Self::Ended => "ended",
+            Self::Other => "other",
+        }
+    }
+}
+
 /// One event. A field that the kind does not name is zero or `None`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EventRecord {
@@ -91,7 +126,9 @@ pub struct EventRecord {
 }
 
 impl EventRecord {
-    const fn plain(kind: EventKind, after: Tick) -> Self {
+    /// An event without other fields.
+    #[must_use]
+    pub const fn plain(kind: EventKind, after: Tick) -> Self {
         Self {
             kind,
             after,

@@ -16,6 +16,8 @@ mod event_record;
 mod join_params;
 mod joint_params;
 mod remote_scene;
+mod scene_follower;
+mod trust;
 
 pub use body_params::BodyParams;
 pub use body_word::{InvalidBodyWord, body_word, parse_body_word};
@@ -26,3 +28,5 @@ pub use join_params::{JoinCondition, JoinParams};
 pub use joint_params::{JointFreedom, JointParams};
 pub use remote_scene::{HitRecord, RemoteScene, StateRecord};
 pub use rhumb_client;
+pub use scene_follower::{ObjectChange, SceneFollower, shown_error_bound};
+pub use trust::trust;

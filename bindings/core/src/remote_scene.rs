@@ -33,7 +33,7 @@ pub struct HitRecord {
     pub normal: Vec3,
 }
 
-/// State of a body that the application moves.
+/// State of a body: one that the application moves, or one of the copy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StateRecord {
     /// The body.

@@ -48,17 +48,8 @@ pub(crate) fn connect(
     token: Option<&str>,
     timeout: f64,
 ) -> PyResult<PyConnection> {
-    let trust = match (fingerprint, roots) {
-        (Some(fingerprint), None) => Trust::Fingerprint(
-            fingerprint
-                .parse()
-                .map_err(|error| exception(py, &BindingError::Fingerprint(error)))?,
-        ),
-        (None, Some(roots)) => Trust::Roots(roots),
-        (Some(_), Some(_)) | (None, None) => {
-            return Err(wrong(py, "trust", "a fingerprint or roots, and not both"));
-        }
-    };
+    let trust = rhumb_bindings::trust(fingerprint, roots.as_deref());
+    let trust = trust.map_err(|error| exception(py, &error))?;
     let timeout = seconds(py, timeout, "timeout")?;
     let opened = py.detach(|| Client::connect_within(address, trust, timeout));
     let mut opened = opened.map_err(|error| exception(py, &error.into()))?;

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::BodyId;
-use rhumb_bindings::{EventKind, EventRecord, body_word};
+use rhumb_bindings::{EventRecord, body_word};
 
 /// Something that happened, or the answer to a command.
 #[pyclass(frozen, get_all, name = "Event", module = "rhumb")]
@@ -24,7 +24,7 @@ impl PyEvent {
     pub(crate) fn new(record: EventRecord) -> Self {
         let word = |id: Option<BodyId>| id.map(body_word);
         Self {
-            kind: word_of(record.kind),
+            kind: record.kind.word(),
             after: record.after.value(),
             tick: record.tick.value(),
             number: record.number,
@@ -56,36 +56,5 @@ impl PyEvent {
         format!(
             "Event({kind:?}, tick={tick}, number={number}, body={body}, other={other}, text={text:?})"
         )
-    }
-}
-
-const fn word_of(kind: EventKind) -> &'static str {
-    match kind {
-        EventKind::CommandsApplied => "commands applied",
-        EventKind::CommandRefused => "command refused",
-        EventKind::BodyPlaced => "body placed",
-        EventKind::BodyRemoved => "body removed",
-        EventKind::ContactBegan => "contact began",
-        EventKind::ContactEnded => "contact ended",
-        EventKind::ContactForce => "contact force",
-        EventKind::SensorEntered => "sensor entered",
-        EventKind::SensorLeft => "sensor left",
-        EventKind::FellAsleep => "fell asleep",
-        EventKind::Woke => "woke",
-        EventKind::BodyFault => "body fault",
-        EventKind::EventsMissed => "events missed",
-        EventKind::StreamChanged => "stream changed",
-        EventKind::SceneRestored => "scene restored",
-        EventKind::SceneFaulted => "scene faulted",
-        EventKind::SceneDeleted => "scene deleted",
-        EventKind::Interrupted => "interrupted",
-        EventKind::Resumed => "resumed",
-        EventKind::SessionLost => "session lost",
-        EventKind::Durable => "durable",
-        EventKind::AuthorityGranted => "authority granted",
-        EventKind::AuthorityDenied => "authority denied",
-        EventKind::Denied => "denied",
-        EventKind::Ended => "ended",
-        EventKind::Other => "other",
     }
 }

@@ -5,7 +5,8 @@ use rhumb_bevy::{RhumbBodyId, RhumbClient, RhumbJoin, RhumbState};
 use rhumb_client::scene::{BodyDesc, Shape, Stepping};
 use rhumb_client::{Client, ClientError, Event, PipelineDepth, StreamChoice, Tolerance, Trust};
 
-use crate::arena::{Server, app, component, entity, messages, rhumb, run_until};
+use crate::arena::{app, component, entity, messages, rhumb, run_until};
+use crate::server::Server;
 
 const COPY: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 

@@ -8,7 +8,8 @@ use rhumb_client::glam;
 use rhumb_client::scene::{BodyBuilder, BodyDesc, Shape, Stepping};
 use rhumb_client::{BodyId, Client, Event, PipelineDepth, StreamChoice, Tolerance};
 
-use crate::arena::{Server, app, component, entity, messages, rhumb, run_until, show_tick};
+use crate::arena::{app, component, entity, messages, rhumb, run_until};
+use crate::server::{Server, show_tick};
 
 /// The stream of the copies: within 5 cm.
 const COPY: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);

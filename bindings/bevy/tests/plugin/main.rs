@@ -5,4 +5,5 @@
 mod arena;
 mod endings;
 mod following;
+mod server;
 mod stepping;

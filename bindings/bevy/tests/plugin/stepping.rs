@@ -8,7 +8,8 @@ use rhumb_bevy::{RhumbClient, RhumbState};
 use rhumb_client::scene::{BodyDesc, Shape, Stepping};
 use rhumb_client::{PipelineDepth, StreamChoice, Tolerance};
 
-use crate::arena::{Server, app, component, entity, messages, rhumb, run_until};
+use crate::arena::{app, component, entity, messages, rhumb, run_until};
+use crate::server::Server;
 
 const COPY: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
 
@@ -61,7 +62,7 @@ fn frames_go_on_while_a_lockstep_server_stands_still() {
     run_until(&mut app, "the ball falls", |app| {
         entity(app, id).is_some() && component::<RhumbState>(app, id).linear_velocity.y < -1.0
     });
-    server.signal("-STOP");
+    signal(&server, "-STOP");
     // Earlier data of the server is read first.
     run_until(&mut app, "a step is late", |app| {
         let late = rhumb(app).late_steps();
@@ -80,7 +81,7 @@ fn frames_go_on_while_a_lockstep_server_stands_still() {
     }
     assert_eq!(rhumb(&mut app).late_steps(), late + 20);
     let height = component::<RhumbState>(&mut app, id).position.y;
-    server.signal("-CONT");
+    signal(&server, "-CONT");
     run_until(&mut app, "the ball falls on", |app| {
         component::<RhumbState>(app, id).position.y < height - 1.0
     });
@@ -98,14 +99,14 @@ fn a_step_that_times_out_is_waited_for_once_alone() {
         .unwrap();
     app.update();
     assert!(entity(&mut app, id).is_some());
-    server.signal("-STOP");
+    signal(&server, "-STOP");
     (0..5).for_each(|_| app.update());
     assert_eq!(
         rhumb(&mut app).late_steps(),
         5,
         "one time-out, and four frames that only looked"
     );
-    server.signal("-CONT");
+    signal(&server, "-CONT");
     run_until(&mut app, "the tick arrives", |app| {
         component::<RhumbState>(app, id).position.y < 49.5
     });
@@ -114,4 +115,12 @@ fn a_step_that_times_out_is_waited_for_once_alone() {
         "{:?}",
         messages(&app).endings
     );
+}
+
+/// Sends a signal to the server's process, by its name.
+fn signal(server: &Server, name: &str) {
+    let sent = std::process::Command::new("kill")
+        .args([name, &server.child.id().to_string()])
+        .status();
+    assert!(sent.expect("the command `kill`").success());
 }
