@@ -5,11 +5,11 @@ use std::sync::{Mutex, PoisonError};
 
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::scene::Stepping;
-use rhumb_bindings::rhumb_client::{Client, ServerConnection, Trust};
+use rhumb_bindings::rhumb_client::{Client, ServerConnection};
 use rhumb_bindings::{BindingError, Coordinates, JoinCondition, JoinParams, RemoteScene};
 
 use crate::arguments::{one_of, seconds, vector};
-use crate::errors::{exception, wrong};
+use crate::errors::exception;
 use crate::scene::PyScene;
 
 const COORDINATES: [(&str, Coordinates); 4] = [

@@ -230,6 +230,7 @@ fn no_library_prints() {
         "bindings/c/src/",
         "bindings/python/src/",
         "bindings/bevy/src/",
+        "bindings/godot/src/",
         "sims/src/",
     ];
     report(

@@ -1,0 +1,325 @@
+//! A node that stands for a body of a scene.
+//!
+//! Before the body is in the scene, the properties describe it. After that the scene's node writes them, and commands
+//! change the body.
+
+use std::cell::RefCell;
+use std::rc::{Rc, Weak};
+
+use godot::classes::{INode3D, Node3D, PhysicsMaterial, Shape3D};
+use godot::global::Error;
+use godot::prelude::*;
+use rhumb_bindings::{BodyParams, StateRecord, body_word, shown_error_bound};
+use rhumb_client::glam::Vec3;
+use rhumb_client::scene::{
+    ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Material,
+};
+use rhumb_client::{BodyId, ErrorBound};
+
+use crate::axes::{AXES, quat, quaternion, vec3, vector};
+use crate::membership::{SceneMembership, outcome};
+use crate::shapes::{DescriptionError, placed_shape, resource};
+
+/// The scene that the nodes of its bodies share with its own node.
+pub(crate) type SharedMembership = Rc<RefCell<SceneMembership<Gd<BodyNode>>>>;
+
+/// Kind of a body's motion.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, GodotConvert, Var, Export)]
+#[godot(via = i64)]
+pub(crate) enum NodeKind {
+    /// It stands still.
+    Static,
+    /// Forces move it.
+    #[default]
+    Dynamic,
+    /// Commands move it.
+    Kinematic,
+}
+
+/// A node that stands for a body of a `RhumbScene`, which is its parent.
+///
+/// Its transform is that of the body. To free it hides the body; [`remove`](Self::remove) removes the body for all
+/// members of the scene.
+#[derive(GodotClass)]
+#[class(init, base = Node3D, rename = RhumbBody)]
+pub(crate) struct BodyNode {
+    /// Kind of its motion.
+    #[export]
+    kind: NodeKind,
+    /// A ball, box, capsule, cylinder, convex or concave polygon, height map or world boundary. Points of a convex
+    /// polygon are given from the centre of mass.
+    #[export]
+    shape: Option<Gd<Shape3D>>,
+    /// Kilograms; zero: volume times density.
+    #[export(range = (0.0, 100_000.0, or_greater, suffix = "kg"))]
+    mass: f32,
+    /// kg/m³; zero: the scene's.
+    #[export(range = (0.0, 20_000.0, or_greater))]
+    density: f32,
+    /// Friction and bounce; none: the scene's.
+    #[export]
+    physics_material: Option<Gd<PhysicsMaterial>>,
+    /// Factor on the scene's gravity.
+    #[export]
+    #[init(val = 1.0)]
+    gravity_scale: f32,
+    /// m/s.
+    #[export]
+    linear_velocity: Vector3,
+    /// rad/s about world axes.
+    #[export]
+    angular_velocity: Vector3,
+    /// True if bodies pass through it.
+    #[export]
+    sensor: bool,
+    /// True if it is swept against moving bodies.
+    #[export]
+    continuous_cd: bool,
+    /// Layers that it is in. Two bodies touch if each one's mask has a layer of the other.
+    #[export(flags_3d_physics)]
+    #[init(val = u32::MAX)]
+    collision_layer: u32,
+    /// Layers that it touches.
+    #[export(flags_3d_physics)]
+    #[init(val = u32::MAX)]
+    collision_mask: u32,
+    /// The body, once it is queued or shown.
+    placed: Option<Placed>,
+    base: Base<Node3D>,
+}
+
+/// The body of a node.
+struct Placed {
+    membership: Weak<RefCell<SceneMembership<Gd<BodyNode>>>>,
+    id: BodyId,
+    /// The body's origin, in the node's axes.
+    origin: Vec3,
+}
+
+#[godot_api]
+impl INode3D for BodyNode {
+    fn ready(&mut self) {
+        let parent = self.base().get_parent();
+        if !parent.is_some_and(|parent| parent.is_class("RhumbScene")) {
+            godot_warn!(
+                "{}: the parent of a RhumbBody must be a RhumbScene; it stands for no body",
+                self.base().get_name()
+            );
+        }
+    }
+}
+
+#[godot_api]
+impl BodyNode {
+    /// The body's number in its scene; zero before it is queued.
+    #[func]
+    fn get_id(&self) -> i64 {
+        self.id().map_or(0, |id| body_word(id) as i64)
+    }
+
+    /// How far any point of the body may be from its true place, metres; infinite while that is not known.
+    #[func]
+    fn error_bound(&self) -> f64 {
+        let bound = self
+            .membership()
+            .and_then(|(membership, id)| shown_error_bound(&membership.borrow().client, id));
+        match bound {
+            Some(ErrorBound::Within(distance)) => distance.metres(),
+            Some(ErrorBound::Unknown { .. }) | None => f64::INFINITY,
+        }
+    }
+
+    /// True while the body rests.
+    #[func]
+    fn is_resting(&self) -> bool {
+        self.membership().is_some_and(|(membership, id)| {
+            let membership = membership.borrow();
+            let view = membership.client.view();
+            view.place(id).is_some_and(|place| view.resting()[place])
+        })
+    }
+
+    /// Changes the momentum at once: N·s, at the centre of mass.
+    #[func]
+    fn apply_impulse(&self, impulse: Vector3) -> Error {
+        let impulse = vec3(impulse);
+        self.command("apply_impulse", |id| Command::Impulse { id, impulse })
+    }
+
+    /// Changes the angular momentum at once: N·m·s about world axes.
+    #[func]
+    fn apply_torque_impulse(&self, impulse: Vector3) -> Error {
+        let impulse = vec3(impulse);
+        self.command("apply_torque_impulse", |id| Command::TorqueImpulse {
+            id,
+            impulse,
+        })
+    }
+
+    /// Sets the velocity: m/s, and rad/s about world axes.
+    #[func]
+    fn set_velocity(&self, linear: Vector3, angular: Vector3) -> Error {
+        let (linear, angular) = (vec3(linear), vec3(angular));
+        self.command("set_velocity", |id| Command::SetVelocity {
+            id,
+            linear,
+            angular,
+        })
+    }
+
+    /// Puts the body elsewhere, and turns it. The pose is relative to the node of the scene; its scale does not count.
+    #[func]
+    fn teleport(&self, pose: Transform3D) -> Error {
+        let origin = self
+            .placed
+            .as_ref()
+            .map_or(Vec3::ZERO, |placed| placed.origin);
+        let (position, rotation) = body_pose(pose, origin);
+        self.command("teleport", |id| Command::SetPose {
+            id,
+            position,
+            rotation,
+        })
+    }
+
+    /// Turns the events of the body on or off for all members. The signal `event` of the scene has them: contacts begin and
+    /// end, bodies enter and leave a sensor, it falls asleep and wakes, and contacts with a force of at least so many
+    /// newtons (zero: none).
+    #[func]
+    fn report_events(
+        &self,
+        contacts: bool,
+        #[opt(default = false)] sensors: bool,
+        #[opt(default = false)] sleep: bool,
+        #[opt(default = 0.0)] force: f32,
+    ) -> Error {
+        let events = ActiveEvents {
+            contacts,
+            force: (force > 0.0).then_some(force),
+            sensors,
+            sleep,
+        };
+        self.command("report_events", |id| Command::SetEvents { id, events })
+    }
+
+    /// Removes the body for all members of the scene. The node is freed when the server has removed it.
+    #[func]
+    fn remove(&self) -> Error {
+        self.command("remove", |id| Command::RemoveBody { id })
+    }
+}
+
+impl BodyNode {
+    /// The body that it stands for.
+    pub(crate) fn id(&self) -> Option<BodyId> {
+        self.placed.as_ref().map(|placed| placed.id)
+    }
+
+    /// Has it stand for a body.
+    pub(crate) fn place(&mut self, membership: &SharedMembership, id: BodyId, origin: Vec3) {
+        self.placed = Some(Placed {
+            membership: Rc::downgrade(membership),
+            id,
+            origin,
+        });
+    }
+
+    /// The body to add that the properties describe, and its origin in the node's axes.
+    pub(crate) fn builder(&self, scene: Material) -> Result<(BodyBuilder, Vec3), DescriptionError> {
+        let shape = self.shape.as_ref().ok_or(DescriptionError::Missing)?;
+        let placed = placed_shape(shape)?;
+        let (position, rotation) = body_pose(self.base().get_transform(), placed.origin);
+        let kind = match self.kind {
+            NodeKind::Static => BodyKind::Static,
+            NodeKind::Dynamic => BodyKind::Dynamic,
+            NodeKind::Kinematic => BodyKind::Kinematic,
+        };
+        let params = BodyParams {
+            position,
+            rotation,
+            linear_velocity: vec3(self.linear_velocity),
+            angular_velocity: vec3(self.angular_velocity),
+            material: self.material(scene),
+            mass: (self.mass > 0.0).then_some(self.mass),
+            gravity_scale: self.gravity_scale,
+            groups: CollisionGroups {
+                members: self.collision_layer,
+                touches: self.collision_mask,
+            },
+            sensor: self.sensor,
+            swept: self.continuous_cd,
+            ..BodyParams::new(kind, placed.shape)
+        };
+        let builder = params.builder(AXES)?;
+        // One that the client would refuse must not keep its siblings out.
+        builder.check()?;
+        builder.state()?;
+        Ok((builder, placed.origin))
+    }
+
+    /// `None`: the scene's.
+    fn material(&self, scene: Material) -> Option<Material> {
+        let own = self.physics_material.as_ref();
+        (own.is_some() || self.density > 0.0).then(|| Material {
+            friction: own.map_or(scene.friction, |own| own.get_friction()),
+            restitution: own.map_or(scene.restitution, |own| own.get_bounce()),
+            density: match self.density > 0.0 {
+                true => self.density,
+                false => scene.density,
+            },
+        })
+    }
+
+    /// Takes over the description of a body that another member added.
+    pub(crate) fn describe(&mut self, desc: &BodyDesc, shape: Option<&rhumb_client::scene::Shape>) {
+        self.kind = match desc.kind {
+            BodyKind::Static => NodeKind::Static,
+            BodyKind::Dynamic => NodeKind::Dynamic,
+            BodyKind::Kinematic => NodeKind::Kinematic,
+        };
+        self.shape = shape.and_then(resource);
+        self.gravity_scale = desc.gravity_scale;
+        self.sensor = desc.sensor;
+        self.continuous_cd = desc.swept;
+        self.collision_layer = desc.groups.members;
+        self.collision_mask = desc.groups.touches;
+    }
+
+    /// Moves a node to the state of its body.
+    pub(crate) fn show(this: &mut Gd<Self>, state: &StateRecord) {
+        let origin = {
+            let mut body = this.bind_mut();
+            body.linear_velocity = vector(state.linear_velocity);
+            body.angular_velocity = vector(state.angular_velocity);
+            body.placed
+                .as_ref()
+                .map_or(Vec3::ZERO, |placed| placed.origin)
+        };
+        let at = state.position - state.rotation * origin;
+        let basis = Basis::from_quaternion(quaternion(state.rotation));
+        this.set_transform(Transform3D::new(basis, vector(at)));
+    }
+
+    fn membership(&self) -> Option<(SharedMembership, BodyId)> {
+        let placed = self.placed.as_ref()?;
+        Some((placed.membership.upgrade()?, placed.id))
+    }
+
+    fn command(&self, call: &str, command: impl FnOnce(BodyId) -> Command) -> Error {
+        let Some((membership, id)) = self.membership() else {
+            godot_error!(
+                "{call}: the node {} stands for no body of a scene",
+                self.base().get_name()
+            );
+            return Error::ERR_UNCONFIGURED;
+        };
+        let queued = membership.borrow_mut().command(command(id));
+        outcome(call, queued)
+    }
+}
+
+/// Position and rotation of a body whose node has this transform.
+fn body_pose(transform: Transform3D, origin: Vec3) -> (Vec3, rhumb_client::glam::Quat) {
+    let rotation = quat(transform.basis.orthonormalized().get_quaternion());
+    (vec3(transform.origin) + rotation * origin, rotation)
+}

@@ -1,0 +1,23 @@
+//! An extension for Godot: nodes for the bodies of a remote physics scene.
+//!
+//! The physics runs in a Rhumb server. A node `RhumbScene` joins a scene, adds the nodes `RhumbBody` below it, makes nodes for
+//! the bodies of others, and moves all of them.
+//!
+//! Positions are in metres, in Godot's own axes, which are Rhumb's: right-handed, y up.
+#![deny(unsafe_op_in_unsafe_fn)]
+
+mod axes;
+mod body;
+mod event;
+mod join;
+mod membership;
+mod scene;
+mod shapes;
+
+use godot::init::{ExtensionLibrary, gdextension};
+
+struct RhumbExtension;
+
+// SAFETY: the library is built without the feature that leaves out the checks of objects and borrows.
+#[gdextension]
+unsafe impl ExtensionLibrary for RhumbExtension {}

@@ -1,0 +1,547 @@
+//! A node that joins a scene and moves the nodes of its bodies.
+//!
+//! Nothing that may run a script is called while this node or the membership is borrowed: the script may call both.
+
+use std::rc::Rc;
+
+use godot::classes::node::PhysicsInterpolationMode;
+use godot::classes::{Engine, INode3D, Node3D};
+use godot::global::Error;
+use godot::prelude::*;
+use rhumb_bindings::{
+    EventKind, EventRecord, JoinParams, ObjectChange, StateRecord, parse_body_word,
+};
+use rhumb_client::glam::Vec3;
+use rhumb_client::scene::{Answer, Query, QueryFilter, QueryKind, Stepping};
+use rhumb_client::{Client, ClientError, Event, PipelineDepth, QueryResult};
+
+use crate::axes::{AXES, vec3};
+use crate::body::{BodyNode, SharedMembership};
+use crate::event::details;
+use crate::join::{JoinRequest, PendingJoin};
+use crate::membership::{SceneMembership, outcome};
+
+/// Source of the ticks of a new scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, GodotConvert, Var, Export)]
+#[godot(via = i64)]
+pub(crate) enum NodeStepping {
+    /// The server's clock.
+    #[default]
+    FreeRunning,
+    /// A physics frame of this member is a tick.
+    Lockstep,
+}
+
+/// When the children that are `RhumbBody` nodes become bodies of a scene that is joined.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, GodotConvert, Var, Export)]
+#[godot(via = i64)]
+pub(crate) enum AddChildren {
+    /// If the scene has no bodies; else the nodes are freed.
+    #[default]
+    IfSceneIsEmpty,
+    /// In any scene.
+    Always,
+}
+
+/// A node that joins a scene of a Rhumb server.
+///
+/// Its children that are `RhumbBody` nodes become bodies of the scene, and every other body of the scene becomes a child.
+#[derive(GodotClass)]
+#[class(init, base = Node3D, rename = RhumbScene)]
+pub(crate) struct SceneNode {
+    /// Host and port of the server.
+    #[export]
+    address: GString,
+    /// SHA-256 of the server's certificate, as the server prints it; empty if `roots` names a file.
+    #[export]
+    fingerprint: GString,
+    /// A PEM file with the roots that sign the server's certificate.
+    #[export(global_file = "*.pem")]
+    roots: GString,
+    /// Token of access; empty for a server that needs none.
+    #[export]
+    token: GString,
+    /// Name of the scene, which is created unless it exists.
+    #[export]
+    #[init(val = "main".into())]
+    scene_name: GString,
+    /// Joins as soon as the node is in the tree.
+    #[export]
+    #[init(val = true)]
+    join_at_start: bool,
+    /// When the children become bodies of the scene.
+    #[export]
+    add_children: AddChildren,
+    /// How far any point of a copied body may be off, metres.
+    #[export(range = (0.0001, 1.0, suffix = "m"))]
+    #[init(val = 0.05)]
+    tolerance: f64,
+    /// Source of the ticks of a new scene. In lockstep it has as many in a second as Godot has physics frames.
+    #[export]
+    stepping: NodeStepping,
+    /// Gravity of a new scene, m/s².
+    #[export]
+    #[init(val = Vector3::new(0.0, -9.81, 0.0))]
+    gravity: Vector3,
+    /// Lockstep: ticks by which the scene may be ahead of what is shown. At 0 a physics frame waits for its tick.
+    #[export(range = (0.0, 8.0))]
+    #[init(val = 1)]
+    depth: u32,
+    /// Free running: ticks by which the view stays behind the server's clock.
+    #[export(range = (0.0, 30.0))]
+    delay_ticks: f64,
+    /// Free running: whether corrections are shown as short glides.
+    #[export]
+    #[init(val = true)]
+    smooth: bool,
+    joining: Option<PendingJoin>,
+    membership: Option<SharedMembership>,
+    base: Base<Node3D>,
+}
+
+#[godot_api]
+impl INode3D for SceneNode {
+    #[func(gd_self)]
+    fn ready(mut this: Gd<Self>) {
+        let scene = this.clone();
+        this.signals()
+            .child_entered_tree()
+            .connect(move |child| Self::add_late(&scene, child));
+        if this.bind().join_at_start {
+            this.bind_mut().join();
+        }
+    }
+
+    #[func(gd_self)]
+    fn process(this: Gd<Self>, _delta: f64) {
+        Self::finish_join(this.clone());
+        Self::step_if(this, Stepping::FreeRunning);
+    }
+
+    #[func(gd_self)]
+    fn physics_process(this: Gd<Self>, _delta: f64) {
+        Self::step_if(this, Stepping::Lockstep);
+    }
+
+    fn exit_tree(&mut self) {
+        self.leave();
+    }
+}
+
+#[godot_api]
+impl SceneNode {
+    /// The scene is joined, and has the bodies of the children.
+    #[signal]
+    fn joined();
+
+    /// The scene was not joined.
+    #[signal]
+    fn join_failed(reason: GString);
+
+    /// The scene goes on no more. Its nodes stay where they are.
+    #[signal]
+    fn ended(reason: GString);
+
+    /// A body of another member has a node now. Give it something to draw.
+    #[signal]
+    fn body_appeared(body: Gd<BodyNode>);
+
+    /// A body was removed. Its node is freed at the end of the frame.
+    #[signal]
+    fn body_removed(body: Gd<BodyNode>);
+
+    /// An event of the scene. Its kind is such as `contact began`; the fields that a kind does not name are zero or null.
+    #[signal]
+    fn event(kind: GString, details: VarDictionary);
+
+    /// The answer to [`Self::cast_ray`]: the nearest body as in an event, and `distance`; empty if no body was hit.
+    #[signal]
+    fn ray_answered(number: i64, hit: VarDictionary);
+
+    /// Begins to join. The signal `joined` or `join_failed` follows.
+    #[func]
+    fn join(&mut self) -> Error {
+        if self.joining.is_some() || self.membership.is_some() {
+            godot_error!("join: the node has a scene already; call leave() first");
+            return Error::ERR_ALREADY_IN_USE;
+        }
+        let request = JoinRequest {
+            address: self.address.to_string(),
+            fingerprint: self.fingerprint.to_string(),
+            roots: self.roots.to_string(),
+            token: self.token.to_string(),
+            scene: self.scene_name.to_string(),
+            params: self.params(),
+        };
+        match PendingJoin::start(request) {
+            Ok(joining) => {
+                self.joining = Some(joining);
+                Error::OK
+            }
+            Err(error) => {
+                godot_error!("join: no thread: {error}");
+                Error::ERR_CANT_CREATE
+            }
+        }
+    }
+
+    /// Leaves the scene. The nodes of its bodies stay, and stand for no bodies any more.
+    #[func]
+    fn leave(&mut self) {
+        // A join that is under way ends on its thread, which then leaves.
+        self.joining = None;
+        self.membership = None;
+    }
+
+    /// True from `joined` until the node leaves or the scene ends.
+    #[func]
+    fn is_joined(&self) -> bool {
+        let is_live = |membership: &SharedMembership| !membership.borrow().follower.is_ended();
+        self.membership.as_ref().is_some_and(is_live)
+    }
+
+    /// The node of a body; null for a number that no shown body has.
+    #[func]
+    fn get_body(&self, id: i64) -> Option<Gd<BodyNode>> {
+        let id = parse_body_word(id as u64).ok()?;
+        let membership = self.membership.as_ref()?.borrow();
+        let node = membership.follower.object(id)?;
+        node.is_instance_valid().then(|| node.clone())
+    }
+
+    /// The nodes of all bodies that are shown.
+    #[func]
+    fn get_bodies(&self) -> Array<Gd<BodyNode>> {
+        let Some(membership) = &self.membership else {
+            return Array::new();
+        };
+        let membership = membership.borrow();
+        let nodes = membership.follower.objects().map(|(_, node)| node);
+        nodes
+            .filter(|node| node.is_instance_valid())
+            .cloned()
+            .collect()
+    }
+
+    /// The tick that is shown, with its fraction; zero before the first one.
+    #[func]
+    fn get_tick(&self) -> f64 {
+        let time = (self.membership.as_ref())
+            .and_then(|membership| membership.borrow().client.view().time());
+        time.map_or(0.0, |time| time.tick.value() as f64 + time.fraction)
+    }
+
+    /// Lockstep: physics frames at which the requested tick was not there yet. The bodies then stood still.
+    #[func]
+    fn get_late_steps(&self) -> i64 {
+        let late = |membership: &SharedMembership| membership.borrow().follower.late_steps() as i64;
+        self.membership.as_ref().map_or(0, late)
+    }
+
+    /// Bytes that were received in datagrams, without the headers of UDP and IP.
+    #[func]
+    fn get_received_bytes(&self) -> i64 {
+        let received = |membership: &SharedMembership| {
+            membership.borrow().client.statistics().wire.received_bytes as i64
+        };
+        self.membership.as_ref().map_or(0, received)
+    }
+
+    /// Asks the server for the nearest body on a line. Returns the number that `ray_answered` will have; negative if the
+    /// question was not sent.
+    #[func]
+    fn cast_ray(&mut self, from: Vector3, to: Vector3) -> i64 {
+        let Some(membership) = self.membership.clone() else {
+            godot_error!("cast_ray: no scene is joined");
+            return -1;
+        };
+        let (origin, end) = (vec3(from), vec3(to));
+        let kind = QueryKind::Ray {
+            origin,
+            translation: end - origin,
+        };
+        let query = AXES.query_in(Query {
+            kind,
+            filter: QueryFilter::DEFAULT,
+            hits: 1,
+        });
+        let asked = match query {
+            Ok(query) => membership.borrow_mut().client.query(vec![query]),
+            Err(invalid) => Err(ClientError::Misuse(rhumb_client::Misuse::Invalid(invalid))),
+        };
+        match asked {
+            Ok(number) => number as i64,
+            Err(error) => {
+                outcome("cast_ray", Err(error));
+                -1
+            }
+        }
+    }
+
+    /// Deletes the scene for all members, and waits for the answer. The signal `ended` follows.
+    #[func]
+    fn delete(&mut self) -> Error {
+        let Some(membership) = self.membership.clone() else {
+            godot_error!("delete: no scene is joined");
+            return Error::ERR_UNCONFIGURED;
+        };
+        let deleted = membership.borrow_mut().client.delete();
+        outcome("delete", deleted)
+    }
+}
+
+impl SceneNode {
+    fn params(&self) -> JoinParams {
+        let ticks_per_second = Engine::singleton().get_physics_ticks_per_second();
+        JoinParams {
+            coordinates: AXES,
+            tolerance_m: self.tolerance,
+            stepping: match self.stepping {
+                NodeStepping::FreeRunning => Stepping::FreeRunning,
+                NodeStepping::Lockstep => Stepping::Lockstep,
+            },
+            ticks_per_second: ticks_per_second.unsigned_abs(),
+            gravity: Some(vec3(self.gravity)),
+            delay_ticks: self.delay_ticks,
+            smooth: self.smooth,
+            ..JoinParams::default()
+        }
+    }
+
+    /// Adds the body of a child that came after the scene was joined.
+    fn add_late(this: &Gd<Self>, child: Gd<Node>) {
+        let membership = this.bind().membership.clone();
+        let (Some(membership), Ok(child)) = (membership, child.try_cast::<BodyNode>()) else {
+            return;
+        };
+        if child.bind().id().is_none() {
+            add(&membership, vec![child]);
+        }
+    }
+
+    /// Takes over the client of a thread that has ended.
+    fn finish_join(mut this: Gd<Self>) {
+        let joining = this
+            .bind_mut()
+            .joining
+            .take_if(|joining| joining.is_finished());
+        let Some(joining) = joining else { return };
+        match joining.take() {
+            Ok(client) => Self::begin(this, client),
+            Err(reason) => this.signals().join_failed().emit(&GString::from(&reason)),
+        }
+    }
+
+    fn begin(mut this: Gd<Self>, client: Client) {
+        let is_empty = client.view().ids().is_empty();
+        let membership = Rc::new(std::cell::RefCell::new(SceneMembership::new(client)));
+        warn_of_other_rate(&membership);
+        this.bind_mut().membership = Some(Rc::clone(&membership));
+        let children = this.get_children();
+        let bodies = children
+            .iter_shared()
+            .filter_map(|child| child.try_cast::<BodyNode>().ok());
+        let bodies: Vec<Gd<BodyNode>> = bodies.collect();
+        // Those of an earlier membership stand for nothing any more.
+        let (earlier, own): (Vec<_>, Vec<_>) = bodies
+            .into_iter()
+            .partition(|body| body.bind().id().is_some());
+        let adds = is_empty || this.bind().add_children == AddChildren::Always;
+        let freed = match adds {
+            true => earlier,
+            false => earlier.into_iter().chain(own.iter().cloned()).collect(),
+        };
+        for mut body in freed {
+            body.queue_free();
+        }
+        if adds {
+            add(&membership, own);
+        }
+        Self::follow(this.clone(), &membership);
+        this.signals().joined().emit();
+    }
+
+    /// Advances a scene that steps like this.
+    fn step_if(this: Gd<Self>, stepping: Stepping) {
+        let (membership, depth) = {
+            let scene = this.bind();
+            (scene.membership.clone(), scene.depth)
+        };
+        let Some(membership) = membership else { return };
+        let advanced = {
+            let SceneMembership { client, follower } = &mut *membership.borrow_mut();
+            if follower.stepping() != stepping || follower.is_ended() {
+                return;
+            }
+            follower.advance(client, PipelineDepth::new(depth))
+        };
+        if let Ok(true) = advanced {
+            Self::follow(this.clone(), &membership);
+        }
+        Self::emit_events(this.clone(), &membership);
+        if let Err(error) = advanced {
+            membership.borrow_mut().follower.end();
+            this.signals()
+                .ended()
+                .emit(&GString::from(&error.to_string()));
+        }
+    }
+
+    /// Makes the nodes show the view.
+    fn follow(this: Gd<Self>, membership: &SharedMembership) {
+        let changes = {
+            let SceneMembership { client, follower } = &mut *membership.borrow_mut();
+            follower.changes(client.view())
+        };
+        for change in changes {
+            match change {
+                ObjectChange::Destroy(mut body) if body.is_instance_valid() => {
+                    this.signals().body_removed().emit(&body);
+                    body.queue_free();
+                }
+                // The application has freed it.
+                ObjectChange::Destroy(_) => {}
+                ObjectChange::Show(state) => {
+                    let known = membership.borrow().follower.object(state.body).cloned();
+                    match known {
+                        Some(mut body) if body.is_instance_valid() => {
+                            BodyNode::show(&mut body, &state);
+                        }
+                        Some(_) => {}
+                        None => Self::appear(&this, membership, &state),
+                    }
+                }
+            }
+        }
+    }
+
+    /// Gives a body its node.
+    fn appear(this: &Gd<Self>, membership: &SharedMembership, state: &StateRecord) {
+        let reserved = membership.borrow_mut().follower.take_reserved(state.body);
+        if let Some(mut body) = reserved.filter(Gd::is_instance_valid) {
+            set_node(membership, state, &body);
+            BodyNode::show(&mut body, state);
+            body.reset_physics_interpolation();
+            return;
+        }
+        let (desc, shape) = {
+            let membership = membership.borrow();
+            let replica = membership.client.replica();
+            let desc = replica.and_then(|replica| replica.body(state.body));
+            let shape = desc.and_then(|desc| replica?.shape(desc.shape).cloned());
+            (desc, shape)
+        };
+        let mut body = BodyNode::new_alloc();
+        {
+            let mut node = body.bind_mut();
+            node.place(membership, state.body, Vec3::ZERO);
+            if let Some(desc) = desc {
+                node.describe(&desc, shape.as_ref());
+            }
+        }
+        set_node(membership, state, &body);
+        BodyNode::show(&mut body, state);
+        this.clone().add_child(&body);
+        this.signals().body_appeared().emit(&body);
+    }
+
+    fn emit_events(this: Gd<Self>, membership: &SharedMembership) {
+        loop {
+            let next = membership.borrow_mut().client.poll_event();
+            match next {
+                None => return,
+                Some((_, Event::QueryResult(result))) => {
+                    Self::emit_answer(&this, membership, result);
+                }
+                Some((after, event)) => {
+                    let record = EventRecord::new(after, event, AXES);
+                    let details = details(&membership.borrow(), &record);
+                    let kind = GString::from(record.kind.word());
+                    this.signals().event().emit(&kind, &details);
+                }
+            }
+        }
+    }
+
+    fn emit_answer(this: &Gd<Self>, membership: &SharedMembership, result: QueryResult) {
+        let number = result.number as i64;
+        let mut hit = VarDictionary::new();
+        match result.answers.map(|mut answers| answers.pop()) {
+            Ok(Some(Answer::Hits(hits))) => {
+                if let Some(found) = hits.into_iter().next().map(|hit| AXES.hit_out(hit)) {
+                    let record = EventRecord {
+                        tick: result.tick,
+                        body: Some(found.body),
+                        point: found.point,
+                        normal: found.normal,
+                        ..EventRecord::plain(EventKind::Other, result.tick)
+                    };
+                    hit = details(&membership.borrow(), &record);
+                    hit.set("distance", found.distance);
+                }
+            }
+            Ok(_) => {}
+            Err(error) => godot_error!("cast_ray {number}: {error}"),
+        }
+        this.signals().ray_answered().emit(number, &hit);
+    }
+}
+
+fn set_node(membership: &SharedMembership, state: &StateRecord, body: &Gd<BodyNode>) {
+    let is_free_running = {
+        let follower = &mut membership.borrow_mut().follower;
+        follower.set_object(state.body, body.clone());
+        follower.stepping() == Stepping::FreeRunning
+    };
+    if is_free_running {
+        // It is moved in each frame, not in each physics frame.
+        let mut body = body.clone();
+        body.set_physics_interpolation_mode(PhysicsInterpolationMode::OFF);
+    }
+}
+
+/// Queues the bodies of nodes. A node without a good description is left out, and an error says why.
+fn add(membership: &SharedMembership, nodes: Vec<Gd<BodyNode>>) {
+    let material = membership.borrow().client.config().material;
+    let (mut builders, mut described) = (Vec::new(), Vec::new());
+    for node in nodes {
+        let description = node.bind().builder(material);
+        match description {
+            Ok((builder, origin)) => {
+                builders.push(builder);
+                described.push((node, origin));
+            }
+            Err(error) => godot_error!("{}: {error}", node.get_name()),
+        }
+    }
+    let added = membership.borrow_mut().client.add_bodies(builders);
+    match added {
+        Ok(ids) => {
+            for (id, (mut node, origin)) in ids.into_iter().zip(described) {
+                node.bind_mut().place(membership, id, origin);
+                membership.borrow_mut().follower.reserve(id, node);
+            }
+        }
+        Err(error) => {
+            outcome("the bodies of the children were not added", Err(error));
+        }
+    }
+}
+
+/// A lockstep scene and Godot's physics frames should take the same time.
+fn warn_of_other_rate(membership: &SharedMembership) {
+    let (stepping, step) = {
+        let membership = membership.borrow();
+        (
+            membership.follower.stepping(),
+            membership.follower.fixed_step(),
+        )
+    };
+    let own = 1.0 / f64::from(Engine::singleton().get_physics_ticks_per_second());
+    if stepping == Stepping::Lockstep && (step.as_secs_f64() - own).abs() > 1e-6 {
+        godot_warn!(
+            "a tick of the scene takes {} s and a physics frame {own} s: set physics/common/physics_ticks_per_second",
+            step.as_secs_f64()
+        );
+    }
+}
