@@ -101,9 +101,12 @@ impl<O> SceneFollower<O> {
         self.objects.get(&id)
     }
 
-    /// All bodies that are shown, and their objects.
-    pub fn objects(&self) -> impl Iterator<Item = (BodyId, &O)> {
-        self.objects.iter().map(|(id, object)| (*id, object))
+    /// All bodies that are shown, in the order of their ids, and their objects.
+    #[must_use]
+    pub fn objects(&self) -> Vec<(BodyId, &O)> {
+        let mut objects: Vec<_> = self.objects.iter().map(|(id, object)| (*id, object)).collect();
+        objects.sort_unstable_by_key(|(id, _)| *id);
+        objects
     }
 
     /// Sets the object of a body that is shown from now on.
@@ -169,7 +172,9 @@ impl<O> SceneFollower<O> {
         } else {
             // The application has computed views of its own: what they removed and changed is not known.
             let gone = self.objects.extract_if(|id, _| view.place(*id).is_none());
-            changes.extend(gone.map(|(_, object)| ObjectChange::Destroy(object)));
+            let mut gone: Vec<_> = gone.collect();
+            gone.sort_unstable_by_key(|(id, _)| *id);
+            changes.extend((gone.into_iter()).map(|(_, object)| ObjectChange::Destroy(object)));
             changes.extend((0..view.ids().len()).filter_map(shown));
         }
         changes

@@ -1,24 +1,25 @@
 //! A node that stands for a body of a scene.
 //!
-//! Before the body is in the scene, the properties describe it. After that the scene's node writes them, and commands
-//! change the body.
+//! Before the body is in the scene, the properties describe it. After that the scene's node writes the transform and the
+//! velocities, and commands change the body.
 
 use std::cell::RefCell;
 use std::rc::{Rc, Weak};
 
+use godot::classes::notify::Node3DNotification;
 use godot::classes::{INode3D, Node3D, PhysicsMaterial, Shape3D};
 use godot::global::Error;
 use godot::prelude::*;
 use rhumb_bindings::{BodyParams, StateRecord, body_word, shown_error_bound};
-use rhumb_client::glam::Vec3;
+use rhumb_client::glam::{Mat3, Quat, Vec3};
 use rhumb_client::scene::{
-    ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Material,
+    ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Material, Shape,
 };
 use rhumb_client::{BodyId, ErrorBound};
 
-use crate::axes::{AXES, quat, quaternion, vec3, vector};
+use crate::axes::{AXES, quaternion, vec3, vector};
 use crate::membership::{SceneMembership, outcome};
-use crate::shapes::{DescriptionError, placed_shape, resource};
+use crate::shapes::{DescriptionError, node_shape, resource};
 
 /// The scene that the nodes of its bodies share with its own node.
 pub(crate) type SharedMembership = Rc<RefCell<SceneMembership<Gd<BodyNode>>>>;
@@ -84,12 +85,14 @@ pub(crate) struct BodyNode {
     #[init(val = u32::MAX)]
     collision_mask: u32,
     /// The body, once it is queued or shown.
-    placed: Option<Placed>,
+    subject: Option<BodySubject>,
+    /// True if the scene's node made this one.
+    is_spawned: bool,
     base: Base<Node3D>,
 }
 
-/// The body of a node.
-struct Placed {
+/// The body that a node stands for.
+struct BodySubject {
     membership: Weak<RefCell<SceneMembership<Gd<BodyNode>>>>,
     id: BodyId,
     /// The body's origin, in the node's axes.
@@ -98,12 +101,17 @@ struct Placed {
 
 #[godot_api]
 impl INode3D for BodyNode {
-    fn ready(&mut self) {
+    /// A script on the node may replace `_ready`, but no notification.
+    fn on_notification(&mut self, what: Node3DNotification) {
+        if what != Node3DNotification::READY {
+            return;
+        }
         let parent = self.base().get_parent();
         if !parent.is_some_and(|parent| parent.is_class("RhumbScene")) {
+            let name = self.base().get_name();
+            let _free_for_scripts = self.base_mut();
             godot_warn!(
-                "{}: the parent of a RhumbBody must be a RhumbScene; it stands for no body",
-                self.base().get_name()
+                "{name}: the parent of a RhumbBody must be a RhumbScene; it stands for no body"
             );
         }
     }
@@ -171,10 +179,13 @@ impl BodyNode {
     #[func]
     fn teleport(&self, pose: Transform3D) -> Error {
         let origin = self
-            .placed
+            .subject
             .as_ref()
-            .map_or(Vec3::ZERO, |placed| placed.origin);
-        let (position, rotation) = body_pose(pose, origin);
+            .map_or(Vec3::ZERO, |subject| subject.origin);
+        let Some((position, rotation)) = body_pose(pose, origin) else {
+            godot_error!("teleport: {}", DescriptionError::Pose);
+            return Error::ERR_INVALID_PARAMETER;
+        };
         self.command("teleport", |id| Command::SetPose {
             id,
             position,
@@ -212,23 +223,34 @@ impl BodyNode {
 impl BodyNode {
     /// The body that it stands for.
     pub(crate) fn id(&self) -> Option<BodyId> {
-        self.placed.as_ref().map(|placed| placed.id)
+        self.subject.as_ref().map(|subject| subject.id)
     }
 
     /// Has it stand for a body.
-    pub(crate) fn place(&mut self, membership: &SharedMembership, id: BodyId, origin: Vec3) {
-        self.placed = Some(Placed {
+    pub(crate) fn stand_for(&mut self, membership: &SharedMembership, id: BodyId, origin: Vec3) {
+        self.subject = Some(BodySubject {
             membership: Rc::downgrade(membership),
             id,
             origin,
         });
     }
 
+    /// Has the node stand for no body, as those of a scene that was left; true if the project made it.
+    pub(crate) fn forget(&mut self) -> bool {
+        self.subject = None;
+        !self.is_spawned
+    }
+
+    pub(crate) const fn make_spawned(&mut self) {
+        self.is_spawned = true;
+    }
+
     /// The body to add that the properties describe, and its origin in the node's axes.
     pub(crate) fn builder(&self, scene: Material) -> Result<(BodyBuilder, Vec3), DescriptionError> {
         let shape = self.shape.as_ref().ok_or(DescriptionError::Missing)?;
-        let placed = placed_shape(shape)?;
-        let (position, rotation) = body_pose(self.base().get_transform(), placed.origin);
+        let placed = node_shape(shape)?;
+        let pose = body_pose(self.base().get_transform(), placed.origin);
+        let (position, rotation) = pose.ok_or(DescriptionError::Pose)?;
         let kind = match self.kind {
             NodeKind::Static => BodyKind::Static,
             NodeKind::Dynamic => BodyKind::Dynamic,
@@ -271,7 +293,7 @@ impl BodyNode {
     }
 
     /// Takes over the description of a body that another member added.
-    pub(crate) fn describe(&mut self, desc: &BodyDesc, shape: Option<&rhumb_client::scene::Shape>) {
+    pub(crate) fn describe(&mut self, desc: &BodyDesc, shape: Option<&Shape>) {
         self.kind = match desc.kind {
             BodyKind::Static => NodeKind::Static,
             BodyKind::Dynamic => NodeKind::Dynamic,
@@ -291,9 +313,9 @@ impl BodyNode {
             let mut body = this.bind_mut();
             body.linear_velocity = vector(state.linear_velocity);
             body.angular_velocity = vector(state.angular_velocity);
-            body.placed
+            body.subject
                 .as_ref()
-                .map_or(Vec3::ZERO, |placed| placed.origin)
+                .map_or(Vec3::ZERO, |subject| subject.origin)
         };
         let at = state.position - state.rotation * origin;
         let basis = Basis::from_quaternion(quaternion(state.rotation));
@@ -301,8 +323,8 @@ impl BodyNode {
     }
 
     fn membership(&self) -> Option<(SharedMembership, BodyId)> {
-        let placed = self.placed.as_ref()?;
-        Some((placed.membership.upgrade()?, placed.id))
+        let subject = self.subject.as_ref()?;
+        Some((subject.membership.upgrade()?, subject.id))
     }
 
     fn command(&self, call: &str, command: impl FnOnce(BodyId) -> Command) -> Error {
@@ -318,8 +340,13 @@ impl BodyNode {
     }
 }
 
-/// Position and rotation of a body whose node has this transform.
-fn body_pose(transform: Transform3D, origin: Vec3) -> (Vec3, rhumb_client::glam::Quat) {
-    let rotation = quat(transform.basis.orthonormalized().get_quaternion());
-    (vec3(transform.origin) + rotation * origin, rotation)
+/// Position and rotation of a body whose node has this transform; `None` for one that has no rotation, such as a scale of
+/// zero. Of a mirrored one, z is turned back.
+fn body_pose(transform: Transform3D, origin: Vec3) -> Option<(Vec3, Quat)> {
+    let [x, y] = [Vector3::RIGHT, Vector3::UP].map(|axis| vec3(transform.basis * axis));
+    let x = x.try_normalize()?;
+    let z = x.cross(y.try_normalize()?).try_normalize()?;
+    let axes = Mat3::from_cols(x, z.cross(x), z);
+    let rotation = Quat::from_mat3(&axes);
+    Some((vec3(transform.origin) + rotation * origin, rotation))
 }

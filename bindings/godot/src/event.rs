@@ -3,10 +3,11 @@
 use godot::builtin::{VarDictionary, Variant, vdict};
 use godot::meta::ToGodot as _;
 use godot::obj::Gd;
-use rhumb_bindings::{EventRecord, body_word};
-use rhumb_client::BodyId;
+use rhumb_bindings::{EventKind, EventRecord, body_word};
+use rhumb_client::scene::Answer;
+use rhumb_client::{BodyId, QueryError, QueryResult};
 
-use crate::axes::vector;
+use crate::axes::{AXES, vector};
 use crate::body::BodyNode;
 use crate::membership::SceneMembership;
 
@@ -34,4 +35,26 @@ pub(crate) fn details(
         "force" => record.force,
         "text" => record.text.as_str(),
     }
+}
+
+/// The nearest body of the answer to a ray, as in an event, and its `distance`; empty if there is none.
+pub(crate) fn ray_hit(
+    membership: &SceneMembership<Gd<BodyNode>>,
+    result: QueryResult,
+) -> Result<VarDictionary, QueryError> {
+    let Some(Answer::Hits(hits)) = result.answers?.pop() else {
+        return Ok(VarDictionary::new());
+    };
+    let Some(found) = hits.into_iter().next().map(|hit| AXES.hit_out(hit)) else {
+        return Ok(VarDictionary::new());
+    };
+    let record = EventRecord {
+        body: Some(found.body),
+        point: found.point,
+        normal: found.normal,
+        ..EventRecord::plain(EventKind::Other, result.tick)
+    };
+    let mut hit = details(membership, &record);
+    hit.set("distance", found.distance);
+    Ok(hit)
 }

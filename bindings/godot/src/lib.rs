@@ -8,6 +8,7 @@
 
 mod axes;
 mod body;
+mod body_nodes;
 mod event;
 mod join;
 mod membership;

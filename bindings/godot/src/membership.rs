@@ -39,7 +39,8 @@ pub(crate) fn outcome(call: &str, result: Result<(), ClientError>) -> Error {
     match error {
         ClientError::Misuse(_) => Error::ERR_INVALID_PARAMETER,
         ClientError::Timeout { .. } => Error::ERR_TIMEOUT,
-        ClientError::Denied(_) | ClientError::TooManyShapes => Error::ERR_UNAUTHORIZED,
+        ClientError::Denied(_) => Error::ERR_UNAUTHORIZED,
+        ClientError::TooManyShapes => Error::ERR_OUT_OF_MEMORY,
         ClientError::Ended(_) | ClientError::SceneDeleted | ClientError::SceneFaulted(_) => {
             Error::ERR_CONNECTION_ERROR
         }

@@ -2,22 +2,26 @@
 //!
 //! Nothing that may run a script is called while this node or the membership is borrowed: the script may call both.
 
+use std::cell::RefCell;
 use std::rc::Rc;
 
-use godot::classes::node::PhysicsInterpolationMode;
+use godot::classes::notify::Node3DNotification;
+use godot::classes::object::ConnectFlags;
 use godot::classes::{Engine, INode3D, Node3D};
 use godot::global::Error;
 use godot::prelude::*;
+use godot::signal::ConnectHandle;
 use rhumb_bindings::{
     EventKind, EventRecord, JoinParams, ObjectChange, StateRecord, parse_body_word,
 };
 use rhumb_client::glam::Vec3;
-use rhumb_client::scene::{Answer, Query, QueryFilter, QueryKind, Stepping};
+use rhumb_client::scene::{Query, QueryFilter, QueryKind, Stepping};
 use rhumb_client::{Client, ClientError, Event, PipelineDepth, QueryResult};
 
 use crate::axes::{AXES, vec3};
 use crate::body::{BodyNode, SharedMembership};
-use crate::event::details;
+use crate::body_nodes::{add, set_node, warn_of_other_rate};
+use crate::event::{details, ray_hit};
 use crate::join::{JoinRequest, PendingJoin};
 use crate::membership::{SceneMembership, outcome};
 
@@ -65,7 +69,7 @@ pub(crate) struct SceneNode {
     #[export]
     #[init(val = "main".into())]
     scene_name: GString,
-    /// Joins as soon as the node is in the tree.
+    /// Joins when the node is in the tree and ready. A node that goes out of the tree leaves.
     #[export]
     #[init(val = true)]
     join_at_start: bool,
@@ -96,35 +100,34 @@ pub(crate) struct SceneNode {
     smooth: bool,
     joining: Option<PendingJoin>,
     membership: Option<SharedMembership>,
+    /// While the node is in the tree.
+    connections: Vec<ConnectHandle>,
     base: Base<Node3D>,
 }
 
+/// A script on the node replaces the methods that Godot calls, such as `_process`. So the node follows notifications and the
+/// signals of the tree, which no script replaces.
 #[godot_api]
 impl INode3D for SceneNode {
-    #[func(gd_self)]
-    fn ready(mut this: Gd<Self>) {
-        let scene = this.clone();
-        this.signals()
-            .child_entered_tree()
-            .connect(move |child| Self::add_late(&scene, child));
-        if this.bind().join_at_start {
-            this.bind_mut().join();
+    fn on_notification(&mut self, what: Node3DNotification) {
+        match what {
+            Node3DNotification::ENTER_TREE => {
+                self.connect();
+                if self.join_at_start && self.base().is_node_ready() {
+                    self.join();
+                }
+            }
+            Node3DNotification::READY if self.join_at_start => {
+                self.join();
+            }
+            Node3DNotification::EXIT_TREE => {
+                self.connections
+                    .drain(..)
+                    .for_each(ConnectHandle::disconnect);
+                self.leave();
+            }
+            _ => {}
         }
-    }
-
-    #[func(gd_self)]
-    fn process(this: Gd<Self>, _delta: f64) {
-        Self::finish_join(this.clone());
-        Self::step_if(this, Stepping::FreeRunning);
-    }
-
-    #[func(gd_self)]
-    fn physics_process(this: Gd<Self>, _delta: f64) {
-        Self::step_if(this, Stepping::Lockstep);
-    }
-
-    fn exit_tree(&mut self) {
-        self.leave();
     }
 }
 
@@ -162,6 +165,7 @@ impl SceneNode {
     #[func]
     fn join(&mut self) -> Error {
         if self.joining.is_some() || self.membership.is_some() {
+            let _free_for_scripts = self.base_mut();
             godot_error!("join: the node has a scene already; call leave() first");
             return Error::ERR_ALREADY_IN_USE;
         }
@@ -179,6 +183,7 @@ impl SceneNode {
                 Error::OK
             }
             Err(error) => {
+                let _free_for_scripts = self.base_mut();
                 godot_error!("join: no thread: {error}");
                 Error::ERR_CANT_CREATE
             }
@@ -216,8 +221,9 @@ impl SceneNode {
             return Array::new();
         };
         let membership = membership.borrow();
-        let nodes = membership.follower.objects().map(|(_, node)| node);
+        let nodes = membership.follower.objects().into_iter();
         nodes
+            .map(|(_, node)| node)
             .filter(|node| node.is_instance_valid())
             .cloned()
             .collect()
@@ -250,7 +256,7 @@ impl SceneNode {
     /// Asks the server for the nearest body on a line. Returns the number that `ray_answered` will have; negative if the
     /// question was not sent.
     #[func]
-    fn cast_ray(&mut self, from: Vector3, to: Vector3) -> i64 {
+    fn cast_ray(&self, from: Vector3, to: Vector3) -> i64 {
         let Some(membership) = self.membership.clone() else {
             godot_error!("cast_ray: no scene is joined");
             return -1;
@@ -280,7 +286,7 @@ impl SceneNode {
 
     /// Deletes the scene for all members, and waits for the answer. The signal `ended` follows.
     #[func]
-    fn delete(&mut self) -> Error {
+    fn delete(&self) -> Error {
         let Some(membership) = self.membership.clone() else {
             godot_error!("delete: no scene is joined");
             return Error::ERR_UNCONFIGURED;
@@ -308,15 +314,66 @@ impl SceneNode {
         }
     }
 
-    /// Adds the body of a child that came after the scene was joined.
-    fn add_late(this: &Gd<Self>, child: Gd<Node>) {
-        let membership = this.bind().membership.clone();
-        let (Some(membership), Ok(child)) = (membership, child.try_cast::<BodyNode>()) else {
+    /// Has the tree call the node in each frame, before the scripts of all nodes.
+    fn connect(&mut self) {
+        let Some(tree) = self.base().get_tree_or_null() else {
             return;
         };
-        if child.bind().id().is_none() {
+        let this = self.to_gd();
+        let [in_frame, in_physics_frame, scene] = [this.clone(), this.clone(), this.clone()];
+        self.connections = vec![
+            tree.signals()
+                .process_frame()
+                .connect(move || Self::frame(in_frame.clone(), Stepping::FreeRunning)),
+            tree.signals()
+                .physics_frame()
+                .connect(move || Self::frame(in_physics_frame.clone(), Stepping::Lockstep)),
+            this.signals()
+                .child_entered_tree()
+                .connect(move |child| Self::notice_child(&scene, child)),
+        ];
+    }
+
+    fn frame(this: Gd<Self>, stepping: Stepping) {
+        if !this.can_process() {
+            return;
+        }
+        if stepping == Stepping::FreeRunning {
+            Self::finish_join(this.clone());
+        }
+        if this.is_instance_valid() {
+            Self::step_if(this, stepping);
+        }
+    }
+
+    /// Adds the body of a child that comes after the scene was joined, once its script is ready.
+    fn notice_child(this: &Gd<Self>, child: Gd<Node>) {
+        let Ok(child) = child.try_cast::<BodyNode>() else {
+            return;
+        };
+        if child.is_node_ready() {
+            return Self::add_late(this, child);
+        }
+        let (scene, body) = (this.clone(), child.clone());
+        child
+            .signals()
+            .ready()
+            .builder()
+            .flags(ConnectFlags::ONE_SHOT)
+            .connect(move || Self::add_late(&scene, body.clone()));
+    }
+
+    fn add_late(this: &Gd<Self>, child: Gd<BodyNode>) {
+        let membership = this.bind().membership.clone();
+        if let Some(membership) = membership.filter(|_| child.bind().id().is_none()) {
             add(&membership, vec![child]);
         }
+    }
+
+    /// True while the node is a member of this scene: a script that a signal runs may leave it, or free the node.
+    fn is_member(this: &Gd<Self>, membership: &SharedMembership) -> bool {
+        this.is_instance_valid()
+            && (this.bind().membership.as_ref()).is_some_and(|own| Rc::ptr_eq(own, membership))
     }
 
     /// Takes over the client of a thread that has ended.
@@ -334,31 +391,30 @@ impl SceneNode {
 
     fn begin(mut this: Gd<Self>, client: Client) {
         let is_empty = client.view().ids().is_empty();
-        let membership = Rc::new(std::cell::RefCell::new(SceneMembership::new(client)));
+        let membership = Rc::new(RefCell::new(SceneMembership::new(client)));
         warn_of_other_rate(&membership);
         this.bind_mut().membership = Some(Rc::clone(&membership));
-        let children = this.get_children();
-        let bodies = children
-            .iter_shared()
-            .filter_map(|child| child.try_cast::<BodyNode>().ok());
-        let bodies: Vec<Gd<BodyNode>> = bodies.collect();
-        // Those of an earlier membership stand for nothing any more.
-        let (earlier, own): (Vec<_>, Vec<_>) = bodies
-            .into_iter()
-            .partition(|body| body.bind().id().is_some());
         let adds = is_empty || this.bind().add_children == AddChildren::Always;
-        let freed = match adds {
-            true => earlier,
-            false => earlier.into_iter().chain(own.iter().cloned()).collect(),
-        };
-        for mut body in freed {
-            body.queue_free();
+        let mut own = Vec::new();
+        for child in this.get_children().iter_shared() {
+            let Ok(mut body) = child.try_cast::<BodyNode>() else {
+                continue;
+            };
+            if body.is_queued_for_deletion() {
+                continue;
+            }
+            // Nodes that an earlier membership made stand for nothing any more.
+            let is_own = body.bind_mut().forget();
+            match is_own && adds {
+                true => own.push(body),
+                false => body.queue_free(),
+            }
         }
-        if adds {
-            add(&membership, own);
+        add(&membership, own);
+        Self::follow(&this, &membership);
+        if Self::is_member(&this, &membership) {
+            this.signals().joined().emit();
         }
-        Self::follow(this.clone(), &membership);
-        this.signals().joined().emit();
     }
 
     /// Advances a scene that steps like this.
@@ -376,11 +432,12 @@ impl SceneNode {
             follower.advance(client, PipelineDepth::new(depth))
         };
         if let Ok(true) = advanced {
-            Self::follow(this.clone(), &membership);
+            Self::follow(&this, &membership);
         }
-        Self::emit_events(this.clone(), &membership);
-        if let Err(error) = advanced {
-            membership.borrow_mut().follower.end();
+        Self::emit_events(&this, &membership);
+        let Err(error) = advanced else { return };
+        membership.borrow_mut().follower.end();
+        if Self::is_member(&this, &membership) {
             this.signals()
                 .ended()
                 .emit(&GString::from(&error.to_string()));
@@ -388,37 +445,55 @@ impl SceneNode {
     }
 
     /// Makes the nodes show the view.
-    fn follow(this: Gd<Self>, membership: &SharedMembership) {
+    fn follow(this: &Gd<Self>, membership: &SharedMembership) {
         let changes = {
             let SceneMembership { client, follower } = &mut *membership.borrow_mut();
             follower.changes(client.view())
         };
         for change in changes {
-            match change {
-                ObjectChange::Destroy(mut body) if body.is_instance_valid() => {
-                    this.signals().body_removed().emit(&body);
-                    body.queue_free();
-                }
-                // The application has freed it.
-                ObjectChange::Destroy(_) => {}
-                ObjectChange::Show(state) => {
-                    let known = membership.borrow().follower.object(state.body).cloned();
-                    match known {
-                        Some(mut body) if body.is_instance_valid() => {
-                            BodyNode::show(&mut body, &state);
-                        }
-                        Some(_) => {}
-                        None => Self::appear(&this, membership, &state),
-                    }
-                }
+            if !Self::is_member(this, membership) {
+                return;
             }
+            match change {
+                ObjectChange::Destroy(body) => Self::free(this, body),
+                ObjectChange::Show(state) => Self::show(this, membership, &state),
+            }
+        }
+    }
+
+    /// Frees the node of a body that was removed; the project may have freed it before.
+    fn free(this: &Gd<Self>, mut body: Gd<BodyNode>) {
+        if body.is_instance_valid() {
+            this.signals().body_removed().emit(&body);
+        }
+        if body.is_instance_valid() {
+            body.queue_free();
+        }
+    }
+
+    fn show(this: &Gd<Self>, membership: &SharedMembership, state: &StateRecord) {
+        // A freed node can be neither cloned nor called.
+        let known = {
+            let membership = membership.borrow();
+            let known = membership.follower.object(state.body);
+            known.map(|body| body.is_instance_valid().then(|| body.clone()))
+        };
+        match known {
+            Some(Some(mut body)) => BodyNode::show(&mut body, state),
+            // The project has freed the node, which hides the body.
+            Some(None) => {}
+            None => Self::appear(this, membership, state),
         }
     }
 
     /// Gives a body its node.
     fn appear(this: &Gd<Self>, membership: &SharedMembership, state: &StateRecord) {
         let reserved = membership.borrow_mut().follower.take_reserved(state.body);
-        if let Some(mut body) = reserved.filter(Gd::is_instance_valid) {
+        if let Some(mut body) = reserved {
+            if !body.is_instance_valid() {
+                let follower = &mut membership.borrow_mut().follower;
+                return follower.set_object(state.body, body);
+            }
             set_node(membership, state, &body);
             BodyNode::show(&mut body, state);
             body.reset_physics_interpolation();
@@ -434,7 +509,8 @@ impl SceneNode {
         let mut body = BodyNode::new_alloc();
         {
             let mut node = body.bind_mut();
-            node.place(membership, state.body, Vec3::ZERO);
+            node.stand_for(membership, state.body, Vec3::ZERO);
+            node.make_spawned();
             if let Some(desc) = desc {
                 node.describe(&desc, shape.as_ref());
             }
@@ -442,22 +518,31 @@ impl SceneNode {
         set_node(membership, state, &body);
         BodyNode::show(&mut body, state);
         this.clone().add_child(&body);
-        this.signals().body_appeared().emit(&body);
+        if this.is_instance_valid() && body.is_instance_valid() {
+            this.signals().body_appeared().emit(&body);
+        }
     }
 
-    fn emit_events(this: Gd<Self>, membership: &SharedMembership) {
-        loop {
+    fn emit_events(this: &Gd<Self>, membership: &SharedMembership) {
+        while Self::is_member(this, membership) {
             let next = membership.borrow_mut().client.poll_event();
             match next {
                 None => return,
                 Some((_, Event::QueryResult(result))) => {
-                    Self::emit_answer(&this, membership, result);
+                    Self::emit_answer(this, membership, result);
                 }
                 Some((after, event)) => {
                     let record = EventRecord::new(after, event, AXES);
                     let details = details(&membership.borrow(), &record);
                     let kind = GString::from(record.kind.word());
                     this.signals().event().emit(&kind, &details);
+                    let removed = (record.body).filter(|_| record.kind == EventKind::BodyRemoved);
+                    // A body that was never shown has a node that waits.
+                    let waiting =
+                        removed.and_then(|id| membership.borrow_mut().follower.take_reserved(id));
+                    if let Some(body) = waiting.filter(|_| this.is_instance_valid()) {
+                        Self::free(this, body);
+                    }
                 }
             }
         }
@@ -465,83 +550,13 @@ impl SceneNode {
 
     fn emit_answer(this: &Gd<Self>, membership: &SharedMembership, result: QueryResult) {
         let number = result.number as i64;
-        let mut hit = VarDictionary::new();
-        match result.answers.map(|mut answers| answers.pop()) {
-            Ok(Some(Answer::Hits(hits))) => {
-                if let Some(found) = hits.into_iter().next().map(|hit| AXES.hit_out(hit)) {
-                    let record = EventRecord {
-                        tick: result.tick,
-                        body: Some(found.body),
-                        point: found.point,
-                        normal: found.normal,
-                        ..EventRecord::plain(EventKind::Other, result.tick)
-                    };
-                    hit = details(&membership.borrow(), &record);
-                    hit.set("distance", found.distance);
-                }
-            }
-            Ok(_) => {}
-            Err(error) => godot_error!("cast_ray {number}: {error}"),
+        let hit = ray_hit(&membership.borrow(), result);
+        let hit = hit.unwrap_or_else(|error| {
+            godot_error!("cast_ray {number}: {error}");
+            VarDictionary::new()
+        });
+        if this.is_instance_valid() {
+            this.signals().ray_answered().emit(number, &hit);
         }
-        this.signals().ray_answered().emit(number, &hit);
-    }
-}
-
-fn set_node(membership: &SharedMembership, state: &StateRecord, body: &Gd<BodyNode>) {
-    let is_free_running = {
-        let follower = &mut membership.borrow_mut().follower;
-        follower.set_object(state.body, body.clone());
-        follower.stepping() == Stepping::FreeRunning
-    };
-    if is_free_running {
-        // It is moved in each frame, not in each physics frame.
-        let mut body = body.clone();
-        body.set_physics_interpolation_mode(PhysicsInterpolationMode::OFF);
-    }
-}
-
-/// Queues the bodies of nodes. A node without a good description is left out, and an error says why.
-fn add(membership: &SharedMembership, nodes: Vec<Gd<BodyNode>>) {
-    let material = membership.borrow().client.config().material;
-    let (mut builders, mut described) = (Vec::new(), Vec::new());
-    for node in nodes {
-        let description = node.bind().builder(material);
-        match description {
-            Ok((builder, origin)) => {
-                builders.push(builder);
-                described.push((node, origin));
-            }
-            Err(error) => godot_error!("{}: {error}", node.get_name()),
-        }
-    }
-    let added = membership.borrow_mut().client.add_bodies(builders);
-    match added {
-        Ok(ids) => {
-            for (id, (mut node, origin)) in ids.into_iter().zip(described) {
-                node.bind_mut().place(membership, id, origin);
-                membership.borrow_mut().follower.reserve(id, node);
-            }
-        }
-        Err(error) => {
-            outcome("the bodies of the children were not added", Err(error));
-        }
-    }
-}
-
-/// A lockstep scene and Godot's physics frames should take the same time.
-fn warn_of_other_rate(membership: &SharedMembership) {
-    let (stepping, step) = {
-        let membership = membership.borrow();
-        (
-            membership.follower.stepping(),
-            membership.follower.fixed_step(),
-        )
-    };
-    let own = 1.0 / f64::from(Engine::singleton().get_physics_ticks_per_second());
-    if stepping == Stepping::Lockstep && (step.as_secs_f64() - own).abs() > 1e-6 {
-        godot_warn!(
-            "a tick of the scene takes {} s and a physics frame {own} s: set physics/common/physics_ticks_per_second",
-            step.as_secs_f64()
-        );
     }
 }

@@ -1,7 +1,8 @@
 //! Shapes between Godot's resources and those of the protocol.
 //!
-//! A resource may be placed otherwise than the body's origin: [`PlacedShape`] says where that lies.
+//! A resource may be placed otherwise than the body's origin: [`NodeShape`] says where that lies.
 
+use std::collections::HashMap;
 use std::fmt;
 
 use godot::builtin::{PackedFloat32Array, PackedVector3Array, Plane, Vector3};
@@ -16,8 +17,11 @@ use rhumb_client::scene::{Heights, Hull, Invalid, Mesh, Shape};
 
 use crate::axes::{vec3, vector};
 
+/// Half the straight part of a shorter capsule is below the protocol's least length: it is a ball.
+const CAPSULE_MIN: f32 = 1e-3;
+
 /// A shape of the protocol that a resource of Godot describes.
-pub(crate) struct PlacedShape {
+pub(crate) struct NodeShape {
     pub(crate) shape: Shape,
     /// The body's origin, in the axes of the node that has the resource.
     pub(crate) origin: Vec3,
@@ -28,6 +32,8 @@ pub(crate) struct PlacedShape {
 pub(crate) enum DescriptionError {
     /// The node has none.
     Missing,
+    /// Its transform has no rotation.
+    Pose,
     /// The class of the resource is not known.
     Class(String),
     Invalid(BindingError),
@@ -37,6 +43,9 @@ impl fmt::Display for DescriptionError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Missing => f.write_str("it has no shape: set the property `shape`"),
+            Self::Pose => {
+                f.write_str("its transform has no rotation: its scale is zero or not finite")
+            }
             Self::Class(class) => write!(f, "a body cannot have a {class}"),
             Self::Invalid(invalid) => invalid.fmt(f),
         }
@@ -56,8 +65,8 @@ impl From<Invalid> for DescriptionError {
 }
 
 /// The shape that a resource describes.
-pub(crate) fn placed_shape(resource: &Gd<Shape3D>) -> Result<PlacedShape, DescriptionError> {
-    let plain = |shape| PlacedShape {
+pub(crate) fn node_shape(resource: &Gd<Shape3D>) -> Result<NodeShape, DescriptionError> {
+    let plain = |shape| NodeShape {
         shape,
         origin: Vec3::ZERO,
     };
@@ -71,10 +80,11 @@ pub(crate) fn placed_shape(resource: &Gd<Shape3D>) -> Result<PlacedShape, Descri
     if let Some(capsule) = cast::<CapsuleShape3D>(resource) {
         // Godot's height is of the whole capsule, with its ends.
         let radius = capsule.get_radius();
-        return Ok(plain(Shape::capsule(
-            0.5 * capsule.get_height() - radius,
-            radius,
-        )));
+        let half_height = 0.5 * capsule.get_height() - radius;
+        if half_height < CAPSULE_MIN {
+            return Ok(plain(Shape::ball(radius)));
+        }
+        return Ok(plain(Shape::capsule(half_height, radius)));
     }
     if let Some(cylinder) = cast::<CylinderShape3D>(resource) {
         let half_height = 0.5 * cylinder.get_height();
@@ -91,10 +101,12 @@ pub(crate) fn placed_shape(resource: &Gd<Shape3D>) -> Result<PlacedShape, Descri
     }
     if let Some(boundary) = cast::<WorldBoundaryShape3D>(resource) {
         let plane = boundary.get_plane();
-        let normal = vec3(plane.normal);
-        return Ok(PlacedShape {
+        // Its points p have normal · p = d, for a normal of any length.
+        let length = vec3(plane.normal).length();
+        let normal = vec3(plane.normal) / length;
+        return Ok(NodeShape {
             shape: Shape::HalfSpace { normal },
-            origin: normal * plane.d,
+            origin: normal * (plane.d / length),
         });
     }
     Err(DescriptionError::Class(resource.get_class().to_string()))
@@ -157,7 +169,7 @@ fn points(array: &PackedVector3Array) -> Vec<Vec3> {
 
 /// A mesh of triangles, each given by its corners; equal corners become one point.
 fn mesh_of(corners: &[Vec3]) -> Result<Mesh, Invalid> {
-    let mut places = std::collections::HashMap::new();
+    let mut places = HashMap::new();
     let mut points = Vec::new();
     let mut place = |corner: Vec3| {
         // A zero has one sign, so that corners that are equal are one.
@@ -175,14 +187,14 @@ fn mesh_of(corners: &[Vec3]) -> Result<Mesh, Invalid> {
 }
 
 /// Godot's field has a post in each metre, stands around its middle, and goes along x first.
-fn heights_of(field: &Gd<HeightMapShape3D>) -> Result<PlacedShape, DescriptionError> {
+fn heights_of(field: &Gd<HeightMapShape3D>) -> Result<NodeShape, DescriptionError> {
     let (width, depth) = (field.get_map_width(), field.get_map_depth());
     let data: PackedFloat32Array = field.get_map_data();
     let (columns, data) = (width as usize, data.as_slice());
     let by_x = (0..columns).flat_map(|x| data.iter().skip(x).step_by(columns).copied());
     let by_x: Vec<f32> = by_x.collect();
     let half = |posts: i32| -0.5 * (posts - 1) as f32;
-    Ok(PlacedShape {
+    Ok(NodeShape {
         shape: Shape::Heights(Heights::new(width as u32, 1.0, 1.0, &by_x)?),
         origin: Vec3::new(half(width), 0.0, half(depth)),
     })

@@ -157,15 +157,35 @@ fn a_node_that_the_project_frees_hides_its_body_alone() {
         return;
     };
     agent.join();
-    let id = agent.number("agent.add_ball(0, 50, 0)");
+    let [id, early, other] =
+        [0, 3, 6].map(|x| agent.number(&format!("agent.add_ball({x}, 50, 0)")));
+    // One is freed before its body is shown, one after that.
+    agent.eval(&format!("agent.free_late({early})"));
     agent.step();
     agent.eval(&format!("agent.free_node({id})"));
-    for _ in 0..10 {
-        assert!(agent.step().body(id).is_none() || agent.eval("scene.get_body(1)") == "<null>");
+    agent.step();
+    let before = agent.step();
+    let after = (0..10)
+        .fold(None, |_, _| Some(agent.step()))
+        .expect("ten frames");
+    for hidden in [id, early] {
+        assert!(after.body(hidden).is_none(), "{hidden}");
+        assert_eq!(agent.eval(&format!("scene.get_body({hidden})")), "<null>");
     }
+    let height = |frame: &Frame| frame.body(other).expect("the third goes on").position.y;
+    assert!(height(&after) < height(&before));
+    assert_eq!(agent.eval("agent.appeared"), "[]");
+    assert_eq!(
+        agent.errors().matches("ERROR").count(),
+        0,
+        "{}",
+        agent.errors()
+    );
     let mut truth = server.join("hidden", Stepping::Lockstep, StreamChoice::Full);
     truth.advance(PipelineDepth::LOCKSTEP).expect("a tick");
-    let body = parse_body_word(id).expect("a body");
-    let height = truth.view().position(body).expect("the body lives on").y;
-    assert!(height < 50.0, "{height}");
+    for hidden in [id, early] {
+        let body = parse_body_word(hidden).expect("a body");
+        let height = truth.view().position(body).expect("the body lives on").y;
+        assert!(height < 50.0, "{height}");
+    }
 }

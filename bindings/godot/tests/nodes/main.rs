@@ -9,6 +9,7 @@ mod commands;
 mod endings;
 mod following;
 mod pit;
+mod scripts;
 #[path = "../../../bevy/tests/plugin/server.rs"]
 mod server;
 mod shapes;

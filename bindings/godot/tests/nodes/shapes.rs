@@ -35,13 +35,16 @@ fn resources_of_godot_are_shapes_of_the_scene() {
     let hull = agent.number("agent.add_cube_of_points(Vector3(60, 0, 0))");
     let mesh = agent.number("agent.add_triangles(Vector3(80, 0, 0))");
     let heights = agent.number(&format!("agent.add_heights({at})"));
-    let boundary = agent.number("agent.add_boundary(Plane(Vector3(0, 1, 0), -30))");
+    // Its normal has the length 2, so that its points have y = -30.
+    let boundary = agent.number("agent.add_boundary(Plane(Vector3(0, 2, 0), -60))");
+    let round = agent.number("agent.add_round_capsule(Vector3(20, 20, 0))");
     agent.step();
     let mut truth = server.join("shapes", Stepping::Lockstep, StreamChoice::Full);
     truth.advance(PipelineDepth::LOCKSTEP).expect("a tick");
     assert_eq!(truth_of(&truth, ball).0, Shape::ball(0.5));
     assert_eq!(truth_of(&truth, cuboid).0, Shape::cuboid(1.0, 2.0, 3.0));
     assert_eq!(truth_of(&truth, capsule).0, Shape::capsule(0.75, 0.25));
+    assert_eq!(truth_of(&truth, round).0, Shape::ball(0.25));
     assert_eq!(truth_of(&truth, cylinder).0, Shape::cylinder(1.5, 0.5));
     let Shape::Hull(hull) = truth_of(&truth, hull).0 else {
         panic!("a hull");

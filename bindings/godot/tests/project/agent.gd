@@ -1,9 +1,10 @@
 extends Node3D
 ## Obeys a test: in each frame it prints what the nodes show, and evaluates the lines that it reads until `go`.
 ##
-## Its arguments are the server's address, its fingerprint, the scene's name, its stepping and the depth.
+## Its arguments are the server's address, its fingerprint, the scene's name, its stepping and the depth. A scene whose name
+## begins with `scripted` has a node with a script.
 
-var scene := RhumbScene.new()
+var scene: RhumbScene
 var is_lockstep := false
 ## Number of events, by kind.
 var counted := {}
@@ -12,10 +13,17 @@ var last_event := {}
 var appeared := []
 var removed := []
 var answers := {}
+## What the handlers of signals do.
+var leaves_when_appeared := false
+var frees_when_removed := false
 
 
 func _ready() -> void:
 	var arguments := OS.get_cmdline_user_args()
+	if arguments[2].begins_with("scripted"):
+		scene = (load("res://scripted_scene.gd") as GDScript).new()
+	else:
+		scene = RhumbScene.new()
 	scene.address = arguments[0]
 	scene.fingerprint = arguments[1]
 	scene.scene_name = arguments[2]
@@ -27,11 +35,23 @@ func _ready() -> void:
 	scene.joined.connect(func() -> void: say("joined"))
 	scene.join_failed.connect(func(reason: String) -> void: say("join failed: " + reason))
 	scene.ended.connect(func(reason: String) -> void: say("ended: " + reason))
-	scene.body_appeared.connect(func(body: RhumbBody) -> void: appeared.append(body.get_id()))
-	scene.body_removed.connect(func(body: RhumbBody) -> void: removed.append(body.get_id()))
+	scene.body_appeared.connect(appear)
+	scene.body_removed.connect(lose)
 	scene.ray_answered.connect(func(number: int, hit: Dictionary) -> void: answers[number] = hit)
 	scene.event.connect(count)
 	add_child(scene)
+
+
+func appear(body: RhumbBody) -> void:
+	appeared.append(body.get_id())
+	if leaves_when_appeared:
+		scene.leave()
+
+
+func lose(body: RhumbBody) -> void:
+	removed.append(body.get_id())
+	if frees_when_removed:
+		body.free()
 
 
 func count(kind: String, details: Dictionary) -> void:
@@ -101,6 +121,30 @@ func add_ball(x: float, y: float, z: float) -> int:
 	return add(ball, 1, Vector3(x, y, z))
 
 
+func add_scripted() -> int:
+	var node: RhumbBody = (load("res://scripted_body.gd") as GDScript).new()
+	scene.add_child(node)
+	return node.get_id()
+
+
+func add_scaled(scale: Vector3) -> int:
+	var node := RhumbBody.new()
+	node.shape = SphereShape3D.new()
+	node.scale = scale
+	scene.add_child(node)
+	return node.get_id()
+
+
+## Takes the scene out of the tree, and puts it back.
+func move_scene() -> void:
+	remove_child(scene)
+	add_child(scene)
+
+
+func set_option(option: String, value: bool) -> void:
+	set(option, value)
+
+
 func add_box(kind: int, size: Vector3, at: Vector3) -> int:
 	var box := BoxShape3D.new()
 	box.size = size
@@ -147,6 +191,14 @@ func add_capsule(at: Vector3) -> int:
 	return add(capsule, 1, at)
 
 
+## A capsule without a straight part.
+func add_round_capsule(at: Vector3) -> int:
+	var capsule := CapsuleShape3D.new()
+	capsule.radius = 0.25
+	capsule.height = 0.5
+	return add(capsule, 1, at)
+
+
 func add_cylinder(at: Vector3) -> int:
 	var cylinder := CylinderShape3D.new()
 	cylinder.radius = 0.5
@@ -159,6 +211,13 @@ func add_wrong(parent: Node) -> int:
 	var node := RhumbBody.new()
 	parent.add_child(node)
 	return node.get_id()
+
+
+## Frees a child that may not be shown yet.
+func free_late(id: int) -> void:
+	for child in scene.get_children():
+		if child.get_id() == id:
+			child.free()
 
 
 func free_node(id: int) -> void:
