@@ -104,7 +104,11 @@ impl<O> SceneFollower<O> {
     /// All bodies that are shown, in the order of their ids, and their objects.
     #[must_use]
     pub fn objects(&self) -> Vec<(BodyId, &O)> {
-        let mut objects: Vec<_> = self.objects.iter().map(|(id, object)| (*id, object)).collect();
+        let mut objects: Vec<_> = self
+            .objects
+            .iter()
+            .map(|(id, object)| (*id, object))
+            .collect();
         objects.sort_unstable_by_key(|(id, _)| *id);
         objects
     }

@@ -1,4 +1,4 @@
-//! Scripts of a project: they replace methods of the nodes, and do anything in the handlers of signals.
+//! Scripts of a project: they replace methods, and do anything in a handler.
 
 use rhumb_client::scene::{BodyDesc, Command, Shape, Stepping};
 use rhumb_client::{PipelineDepth, StreamChoice};
