@@ -11,14 +11,21 @@ mod body;
 mod body_nodes;
 mod event;
 mod join;
+mod leaving;
 mod membership;
 mod scene;
 mod shapes;
 
-use godot::init::{ExtensionLibrary, gdextension};
+use godot::init::{ExtensionLibrary, InitStage, gdextension};
 
 struct RhumbExtension;
 
 // SAFETY: the library is built without the feature that leaves out the checks of objects and borrows.
 #[gdextension]
-unsafe impl ExtensionLibrary for RhumbExtension {}
+unsafe impl ExtensionLibrary for RhumbExtension {
+    fn on_stage_deinit(stage: InitStage) {
+        if stage == InitStage::Scene {
+            leaving::wait_for_all();
+        }
+    }
+}

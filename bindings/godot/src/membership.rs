@@ -9,10 +9,11 @@ use rhumb_client::scene::Command;
 use rhumb_client::{Client, ClientError};
 
 use crate::axes::AXES;
+use crate::leaving::LeavingClient;
 
 /// The client, and the node of each body; `N` is the type of the nodes.
 pub(crate) struct SceneMembership<N> {
-    pub(crate) client: Client,
+    pub(crate) client: LeavingClient,
     pub(crate) follower: SceneFollower<N>,
 }
 
@@ -20,7 +21,7 @@ impl<N> SceneMembership<N> {
     pub(crate) fn new(client: Client) -> Self {
         Self {
             follower: SceneFollower::new(&client, AXES),
-            client,
+            client: LeavingClient::new(client),
         }
     }
 
