@@ -88,9 +88,13 @@ pub fn write_figures(out: &Path, experiment: &Experiment) -> Result<Summary, Out
     Ok(summary)
 }
 
-/// A progress bar on standard error; hidden when standard error is no terminal.
+/// A progress bar on standard error. Where that is no terminal, a line says what begins.
 pub fn progress_bar(length: u64, what: String) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr());
+    if bar.is_hidden() && !what.is_empty() {
+        // If standard error is closed, no other place is left to report to.
+        let _ = writeln!(io::stderr(), "{what} ...");
+    }
     let style = ProgressStyle::with_template("{msg:28} {bar:32} {pos}/{len} {elapsed} left {eta}");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.with_message(what)
