@@ -141,9 +141,12 @@ impl Agent {
     pub(crate) fn join(&mut self) -> Frame {
         self.frame();
         assert_eq!(self.eval("scene.join()"), "0");
-        self.run_until("the scene is joined", |agent, _| {
-            agent.said.iter().any(|said| said == "joined")
-        })
+        self.run_until("the scene is joined", |agent, _| agent.has_said("joined"))
+    }
+
+    /// True once a sentence of the agent's begins like this.
+    pub(crate) fn has_said(&self, beginning: &str) -> bool {
+        self.said.iter().any(|said| said.starts_with(beginning))
     }
 
     /// The errors that Godot has logged.

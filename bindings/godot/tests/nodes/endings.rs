@@ -17,10 +17,7 @@ fn a_server_that_dies_ends_the_scene_by_a_signal() {
         });
         server.kill();
         let last = agent.run_until("the end is noticed", |agent, _| {
-            agent
-                .said
-                .iter()
-                .any(|said| said.starts_with("ended: the connection "))
+            agent.has_said("ended: the connection ")
         });
         let at = last.body(id).expect("the node stays").position;
         let later = agent.step().body(id).expect("the node stays");
@@ -34,12 +31,7 @@ fn a_server_that_dies_ends_the_scene_by_a_signal() {
         assert_ne!(agent.eval("scene.join()"), "0", "it has a scene still");
         agent.eval("scene.leave()");
         assert_eq!(agent.eval("scene.join()"), "0");
-        agent.run_until("the join fails", |agent, _| {
-            agent
-                .said
-                .iter()
-                .any(|said| said.starts_with("join failed: "))
-        });
+        agent.run_until("the join fails", |agent, _| agent.has_said("join failed: "));
     }
 }
 
@@ -75,12 +67,7 @@ fn a_scene_that_cannot_be_joined_says_why() {
         };
         agent.frame();
         assert_eq!(agent.eval("scene.join()"), "0");
-        agent.run_until("the join fails", |agent, _| {
-            agent
-                .said
-                .iter()
-                .any(|said| said.starts_with("join failed: "))
-        });
+        agent.run_until("the join fails", |agent, _| agent.has_said("join failed: "));
         let said = agent.said.last().expect("a sentence");
         assert!(said.contains(needle), "{needle}: {said}");
     }
@@ -139,9 +126,7 @@ fn wrong_calls_are_errors_with_a_sentence() {
     let frame = agent.step();
     assert_eq!(frame.bodies.len(), 1, "the good one goes on: {frame:?}");
     assert_eq!(agent.eval("scene.delete()"), "0");
-    agent.run_until("the end is noticed", |agent, _| {
-        agent.said.iter().any(|said| said.starts_with("ended: "))
-    });
+    agent.run_until("the end is noticed", |agent, _| agent.has_said("ended: "));
 }
 
 #[test]

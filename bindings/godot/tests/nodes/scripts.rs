@@ -55,14 +55,12 @@ fn nodes_of_the_project_stand_for_new_bodies_in_a_scene_that_is_joined_again() {
     agent.number("agent.add_ball(0, 50, 0)");
     let first = agent.step();
     assert_eq!(agent.eval("scene.delete()"), "0");
-    agent.run_until("the end is noticed", |agent, _| {
-        agent.said.iter().any(|said| said.starts_with("ended: "))
-    });
+    agent.run_until("the end is noticed", |agent, _| agent.has_said("ended: "));
     agent.eval("scene.leave()");
     agent.said.clear();
     assert_eq!(agent.eval("scene.join()"), "0");
     let second = agent.run_until("it is joined again", |agent, frame| {
-        agent.said.iter().any(|said| said == "joined") && !frame.bodies.is_empty()
+        agent.has_said("joined") && !frame.bodies.is_empty()
     });
     assert_eq!((first.bodies.len(), second.bodies.len()), (1, 1));
     assert_eq!(
