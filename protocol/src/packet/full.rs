@@ -26,6 +26,32 @@ pub struct FullRecord {
     pub motion: BodyState,
 }
 
+impl FullRecord {
+    fn encoded(&self) -> [u8; FULL_RECORD_BYTES] {
+        let mut bytes = [0; FULL_RECORD_BYTES];
+        let (index, motion) = bytes.split_at_mut(4);
+        index.copy_from_slice(&self.index.to_le_bytes());
+        for (place, part) in motion.chunks_exact_mut(4).zip(self.motion.parts()) {
+            place.copy_from_slice(&part.to_le_bytes());
+        }
+        bytes
+    }
+
+    fn decode(bytes: &[u8; FULL_RECORD_BYTES]) -> Result<Self, Malformed> {
+        let four = |place: usize| [0, 1, 2, 3].map(|byte| bytes[4 * place + byte]);
+        let part = |place: usize| f32::from_le_bytes(four(1 + place));
+        let three = |first: usize| [part(first), part(first + 1), part(first + 2)];
+        let index = u32::from_le_bytes(four(0));
+        if index >= INDICES_MAX {
+            return Err(Malformed::OutOfRange);
+        }
+        let rotation = [part(3), part(4), part(5), part(6)];
+        let motion = BodyState::new(three(0), rotation, three(7), three(10))
+            .map_err(|_| Malformed::NotFinite)?;
+        Ok(Self { index, motion })
+    }
+}
+
 /// One packet of states.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FullPacket {
@@ -67,14 +93,14 @@ impl FullPacket {
         } else {
             PacketKind::Full
         };
-        let mut to = Writer::new();
+        let bytes = HEAD_BYTES_MAX + self.records.len() * FULL_RECORD_BYTES;
+        let mut to = Writer::with_capacity(bytes);
         Head { kind, stream }.encode(&mut to);
         self.number.encode(&mut to);
         self.tick.encode(&mut to);
         self.scene_events.encode(&mut to);
         for record in &self.records {
-            to.raw(&record.index.to_le_bytes());
-            to.f32s(&record.motion.parts());
+            to.raw(&record.encoded());
         }
         to.into_bytes()
     }
@@ -88,17 +114,9 @@ impl FullPacket {
         let number = Low16::decode(&mut from)?;
         let tick = Low16::decode(&mut from)?;
         let scene_events = Low16::decode(&mut from)?;
-        let mut records = Vec::new();
+        let mut records = Vec::with_capacity(from.rest().len() / FULL_RECORD_BYTES);
         while !from.rest().is_empty() {
-            let (low, high) = (from.u16()?, from.u16()?);
-            let index = u32::from(low) | u32::from(high) << 16;
-            if index >= INDICES_MAX {
-                return Err(Malformed::OutOfRange);
-            }
-            let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = from.f32s()?;
-            let motion = BodyState::new([px, py, pz], [x, y, z, w], [vx, vy, vz], [wx, wy, wz])
-                .map_err(|_| Malformed::NotFinite)?;
-            records.push(FullRecord { index, motion });
+            records.push(FullRecord::decode(&from.array()?)?);
         }
         Ok(Self {
             number,

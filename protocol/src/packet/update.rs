@@ -136,7 +136,8 @@ impl UpdateWriter {
 
     fn finish_as(mut self, kind: PacketKind, error_scale: Option<ErrorScale>) -> Vec<u8> {
         self.coder.end(&mut self.range_writer);
-        let mut head = Writer::new();
+        let updates = self.range_writer.into_bytes();
+        let mut head = Writer::with_capacity(HEAD_BYTES_MAX + updates.len());
         Head {
             kind,
             stream: self.stream,
@@ -148,7 +149,7 @@ impl UpdateWriter {
         self.number.encode(&mut head);
         self.tick.encode(&mut head);
         self.scene_events.encode(&mut head);
-        head.raw(&self.range_writer.into_bytes());
+        head.raw(&updates);
         head.into_bytes()
     }
 }

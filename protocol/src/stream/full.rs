@@ -146,7 +146,7 @@ impl FullPublisher {
                 (state.motion, state.moved) = (observation.motion, true);
             }
         }
-        let mut records = Vec::new();
+        let mut records = Vec::with_capacity(self.states.len());
         for state in self.states.iter_mut().flatten() {
             if state.since > tick {
                 continue;
@@ -161,14 +161,18 @@ impl FullPublisher {
         }
         let fitting = FullPacket::records_within(self.largest_packet);
         let packets = records.len().div_ceil(fitting);
+        let mut packet = FullPacket {
+            number: Low16(0),
+            tick: Low16::of(tick.value()),
+            scene_events: Low16::of(scene_events),
+            ends_tick: false,
+            records: Vec::with_capacity(fitting),
+        };
         for (place, chunk) in records.chunks(fitting).enumerate() {
-            let packet = FullPacket {
-                number: Low16::of(self.sent_packets.next()),
-                tick: Low16::of(tick.value()),
-                scene_events: Low16::of(scene_events),
-                ends_tick: place + 1 == packets,
-                records: chunk.to_vec(),
-            };
+            packet.number = Low16::of(self.sent_packets.next());
+            packet.ends_tick = place + 1 == packets;
+            packet.records.clear();
+            packet.records.extend_from_slice(chunk);
             self.sent_packets
                 .record(chunk.iter().map(|record| record.index));
             let datagram = packet.encode(self.stream);

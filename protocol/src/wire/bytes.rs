@@ -21,6 +21,14 @@ impl Writer {
         Self::default()
     }
 
+    /// An empty buffer with capacity for so many bytes.
+    #[must_use]
+    pub(crate) fn with_capacity(bytes: usize) -> Self {
+        Self {
+            buffer: Vec::with_capacity(bytes),
+        }
+    }
+
     /// The written bytes.
     #[must_use]
     pub fn into_bytes(self) -> Vec<u8> {
@@ -115,7 +123,12 @@ impl<'a> Reader<'a> {
         Ok(taken)
     }
 
-    fn array<const N: usize>(&mut self) -> Result<[u8; N], Malformed> {
+    /// The next `N` bytes.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::raw`].
+    pub(crate) fn array<const N: usize>(&mut self) -> Result<[u8; N], Malformed> {
         let (taken, rest) = self.rest.split_first_chunk().ok_or(Malformed::Truncated)?;
         self.rest = rest;
         Ok(*taken)
