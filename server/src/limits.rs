@@ -121,7 +121,7 @@ limits! {
     stall_seconds = 30, 1 to 3600;
     /// MiB of snapshots for one client in a second, on average; more than most links take.
     snapshot_mib_per_second = 16, 1 to 1024;
-    /// KiB of the newest events that a scene's flight recorder holds: some 40 s of a scene with one stream.
+    /// KiB of the newest events that a scene's flight recorder holds: some 50 s of three packets a tick at 60 Hz.
     flight_kib = 256, 4 to 65536;
     /// Files of flight recorders; beyond them the oldest are removed.
     flight_files = 64, 1 to 10000;

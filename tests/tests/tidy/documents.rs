@@ -18,6 +18,9 @@ const WORDS_MAX: [(&str, usize); 3] = [
 /// Documents whose tables of figures name their source in each row.
 const SUMMARIES: [&str; 2] = ["README.md", "docs/results/README.md"];
 
+/// Documents whose tables repeat figures of another one.
+const REPEATED: [(&str, &str); 1] = [("docs/book/src/tolerance.md", "docs/results/stream.md")];
+
 /// Folders of documents, beside the root.
 const FOLDERS: [&str; 5] = [
     "",
@@ -252,6 +255,16 @@ fn every_figure_of_a_summary_stands_in_its_source() {
             let source = fs::read_to_string(document.beside(source)).unwrap_or_default();
             let known: BTreeSet<_> = numbers(&source).collect();
             for figure in numbers(figures).filter(|figure| !known.contains(figure)) {
+                violations.push(format!("{path}:{number}: {figure}"));
+            }
+        }
+    }
+    for (path, source) in REPEATED {
+        let (document, source) = (Document::read(path), Document::read(source));
+        let known: BTreeSet<_> = numbers(&source.text).collect();
+        let rows = document.prose().filter(|(_, line)| line.starts_with('|'));
+        for (number, row) in rows {
+            for figure in numbers(row).filter(|figure| !known.contains(figure)) {
                 violations.push(format!("{path}:{number}: {figure}"));
             }
         }
