@@ -179,12 +179,14 @@ fn run(
     pulse: &Pulse,
     clock: &SharedClock,
 ) {
-    let mut reported = 0;
+    let mut reported = (0, 0);
     loop {
         let output = worker.output();
         pulse.rest();
-        let has_news = !output.transmits.is_empty() || output.inputs > reported;
-        reported = output.inputs;
+        let counts = (output.inputs, output.scenes);
+        let has_news =
+            !output.transmits.is_empty() || !output.handled.is_empty() || counts != reported;
+        reported = counts;
         if has_news && !send(FromWorker::Output(output)) {
             return;
         }

@@ -45,8 +45,10 @@ impl SceneRunner {
         if self.faulted {
             return Err(Denial::SceneFaulted);
         }
-        let of_client = |member: &&Member| member.permit.client == permit.client;
-        let members = self.members.values().filter(of_client).count();
+        let replaced = self.replaced_member(&permit, request);
+        let others = || (self.members.iter()).filter(|(member, _)| Some(**member) != replaced);
+        let of_client = |(_, member): &(&Peer, &Member)| member.permit.client == permit.client;
+        let members = others().filter(of_client).count();
         let scene_members = self.provision.limits.members_per_scene;
         let join = Request::Join {
             members,
@@ -54,7 +56,7 @@ impl SceneRunner {
         };
         rights::check(&permit, &self.ownership, join)?;
         self.check_stream(&permit, choice)?;
-        if self.members.len() as u64 >= scene_members {
+        if others().count() as u64 >= scene_members {
             return Err(Denial::TooManyMembers);
         }
         let stream = match self.streams.subscribe(choice)? {
@@ -156,6 +158,12 @@ impl SceneRunner {
             ServerMessage::SceneEvent(SceneEvent::ShapeAdded { id, shape }).encode(&mut event);
             self.shape_events.insert(id, Bytes::from(event));
         }
+    }
+
+    /// The member whose place a client takes that comes back by another connection.
+    fn replaced_member(&self, permit: &Permit, request: Option<SessionRequest>) -> Option<Peer> {
+        let number = self.sessions.of_key(request?.key, permit.client.as_ref())?;
+        self.sessions.member_of(number)
     }
 
     /// Grants a new member its indices, or gives it back those of its session. Another connection of the session ends.

@@ -22,7 +22,10 @@ impl ServerLoop {
             return;
         };
         match self.create(name, provided.config) {
-            Ok(runner) => runner.follow_script(provided.script),
+            Ok(runner) => {
+                runner.follow_script(provided.script);
+                self.note_empty(name);
+            }
             Err(denial) => tracing::warn!(scene = %name, %denial, "a provided scene cannot begin"),
         }
     }
@@ -103,7 +106,6 @@ impl ServerLoop {
         }
         self.scenes_begun = self.scenes_begun.wrapping_add(1);
         self.taken_slots.insert(name.clone(), slot);
-        self.note_empty(name);
         self.runners.entry(name.clone()).or_insert(runner)
     }
 }

@@ -55,21 +55,28 @@ impl ServerLoop {
             left = if is_work { 0 } else { left - 1 };
             self.pulse.beat();
             self.handle_message(now, peer, message);
-            if let Some(runner) = self.scene_of(peer)
-                && runner.unsent_bytes() > EVENT_BYTES
-            {
-                self.answer_pending(peer);
-            }
+            self.answer_if_long(peer);
         }
         self.end_if_broken(peer);
         self.answer_pending(peer);
     }
 
+    /// Sends the scene events of a connection's scene if there are many.
+    fn answer_if_long(&mut self, peer: Peer) {
+        if let Some(runner) = self.scene_of(peer)
+            && runner.unsent_bytes() > EVENT_BYTES
+        {
+            self.answer_pending(peer);
+        }
+    }
+
     /// True if a connection's next message must stay unread.
     fn must_wait(&mut self, now: Instant, peer: Peer) -> bool {
-        if self.out.is_behind(peer) {
-            return true;
-        }
+        self.out.is_behind(peer) || self.is_held_back(now, peer)
+    }
+
+    /// True if the scene takes no further message of a member now.
+    fn is_held_back(&mut self, now: Instant, peer: Peer) -> bool {
         let name = (self.connections.get(&peer)).and_then(|connection| connection.scene.as_ref());
         let runner = name.and_then(|name| self.runners.get_mut(name));
         runner.is_some_and(|runner| runner.holds_back(now, peer, &self.out))
@@ -121,14 +128,24 @@ impl ServerLoop {
         self.bakery.is_busy() || waiting.any(bakes)
     }
 
-    /// Handles what arrived before the end of a connection. A shape whose solid is not made yet, and what follows it, is
-    /// left out: a session sends it again.
+    /// Handles what arrived before the end of a connection, as far as it does something without its client: an answer
+    /// would reach nobody. What would have to wait, and what follows it, is left out: a session sends it again.
     pub(super) fn handle_rest(&mut self, now: Instant, peer: Peer) {
-        while let Some(message) = self.next_message(peer) {
+        while !self.is_held_back(now, peer)
+            && let Some(message) = self.next_message(peer)
+        {
+            self.pulse.beat();
+            match message {
+                // Nobody is there to join.
+                Ok(ClientMessage::Join(_) | ClientMessage::Session(_)) => break,
+                Ok(message) if asks_for_an_answer_alone(&message) => continue,
+                _ => {}
+            }
             let Some(message) = self.bake(now, peer, message) else {
                 break;
             };
             self.handle_message(now, peer, message);
+            self.answer_if_long(peer);
         }
     }
 
@@ -180,4 +197,20 @@ impl ServerLoop {
         connection.held = message.ok();
         None
     }
+}
+
+/// True for a message that does nothing but for its sender.
+const fn asks_for_an_answer_alone(message: &ClientMessage) -> bool {
+    matches!(
+        message,
+        ClientMessage::Query(_)
+            | ClientMessage::Inspect
+            | ClientMessage::Ping { .. }
+            | ClientMessage::Reserve { .. }
+            | ClientMessage::Resync(_)
+            | ClientMessage::Subscribe(_)
+            | ClientMessage::Subscribed(_)
+            | ClientMessage::TierPolicy(_)
+            | ClientMessage::TakeAuthority(_)
+    )
 }

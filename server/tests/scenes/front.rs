@@ -14,7 +14,7 @@ use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{Tick, Tolerance};
-use rhumb_server::{Front, Hook, Hooks, ServerLoop};
+use rhumb_server::{Front, Hook, Hooks, Limits, ServerLoop};
 
 /// Longer than any step of these tests; reached only by a failure.
 const LONG: Duration = Duration::from_secs(30);
@@ -197,6 +197,28 @@ fn a_front_with_a_stuck_scene_ends_while_it_is_stuck() {
     let (mut threaded, release) = Threaded::new();
     threaded.open_stuck(Peer(1));
     threaded.front.shut_down();
+    drop(release);
+}
+
+#[test]
+fn the_thread_of_a_scene_that_expires_ends() {
+    let (mut threaded, release) = Threaded::new();
+    threaded.front.set_limits(Limits {
+        empty_scene_seconds: 1,
+        ..Limits::default()
+    });
+    let peer = Peer(1);
+    threaded.open(peer, "short");
+    threaded.send(peer, &script());
+    (0..3).for_each(|_| threaded.expect(state_to(peer)));
+    let now = threaded.now();
+    (threaded.front).handle_ended(now, peer, Ending::TimedOut);
+    threaded.pass(Span::from_millis(1_100));
+    // With no thread to watch, the front waits for nothing.
+    while threaded.front.poll_timeout().is_some() {
+        threaded.woken.recv_timeout(LONG).expect("the thread ends");
+        threaded.drain();
+    }
     drop(release);
 }
 

@@ -6,7 +6,9 @@ mod attacks;
 mod baking;
 #[cfg(feature = "box3d")]
 mod box3d;
+mod endings;
 mod front;
+mod links;
 mod order;
 mod refusals;
 mod sheets;

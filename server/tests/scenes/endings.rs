@@ -1,0 +1,133 @@
+//! What happens to a scene when a connection ends.
+//!
+//! Proved on a server loop without sockets. Caught: unread messages of a connection that had ended were handled without
+//! any limit, 26,000 joins of one client among them; a client that came back was counted beside its own old connection
+//! and lost its session; a provided scene that no client joined never ended.
+
+use rhumb_protocol::message::{ClientMessage, SessionKey, SessionRequest};
+use rhumb_protocol::scene::{
+    BodyDesc, BodyKind, Command, IdRange, SceneConfig, Shape, ShapeId, Stepping,
+};
+use rhumb_protocol::session::CloseCode;
+use rhumb_protocol::{Ending, Endpoint, Peer, Span};
+use rhumb_reckoning::BodyState;
+use rhumb_server::{Limits, ProvidedScene, ProvidedScenes, SceneScript};
+
+use crate::links::{Links, create, join};
+
+const LEADER: Peer = Peer(1);
+const OTHER: Peer = Peer(2);
+
+fn ball(granted: IdRange, place: u32) -> ClientMessage {
+    let id = granted.id(place).expect("within the range");
+    let desc = BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(0));
+    let at = [0.0, 2.0 * place as f32, 0.0];
+    let motion = BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+    let motion = motion.expect("these numbers are finite");
+    ClientMessage::Command(Command::AddBody { desc, motion })
+}
+
+fn shape() -> ClientMessage {
+    let (id, shape) = (ShapeId(0), Shape::ball(0.5));
+    ClientMessage::Command(Command::AddShape { id, shape })
+}
+
+/// A lockstep scene with two members, and the range of the first one.
+fn two_members() -> (Links, IdRange) {
+    let mut links = Links::new();
+    links.begin(LEADER, Stepping::Lockstep);
+    links.connect(OTHER);
+    links.send(OTHER, &[join()]);
+    links.take(OTHER, usize::MAX);
+    links.send(LEADER, &[shape()]);
+    let granted = links.counts(LEADER).granted.expect("it has joined");
+    (links, granted)
+}
+
+fn end(links: &mut Links, peer: Peer) {
+    let now = links.now;
+    links.server.handle_ended(now, peer, Ending::TimedOut);
+    links.collect();
+    links.take(OTHER, usize::MAX);
+}
+
+/// Asks for more than the link takes, so that what follows is not read.
+fn blocked_by_questions(links: &mut Links) {
+    links.send(LEADER, &vec![ClientMessage::Inspect; 32_000]);
+    assert!(links.unsent(LEADER) > 0, "the server reads no further");
+}
+
+#[test]
+fn commands_that_were_sent_before_the_end_are_applied() {
+    let (mut links, granted) = two_members();
+    let balls: Vec<_> = (0..20).map(|place| ball(granted, place)).collect();
+    links.send(LEADER, &balls);
+    end(&mut links, LEADER);
+    assert_eq!(links.counts(OTHER).bodies, 20);
+}
+
+#[test]
+fn no_answer_is_made_for_a_connection_that_has_ended() {
+    let (mut links, _) = two_members();
+    blocked_by_questions(&mut links);
+    let before = links.counts(LEADER).inspections;
+    end(&mut links, LEADER);
+    links.take(LEADER, usize::MAX);
+    assert_eq!(links.counts(LEADER).inspections, before);
+}
+
+/// Two thousand joins behind a link that takes nothing made two thousand copies of the scene when it ended.
+#[test]
+fn nothing_is_done_behind_a_join_of_a_connection_that_has_ended() {
+    let (mut links, granted) = two_members();
+    let again = [ClientMessage::Leave, join()];
+    let flood: Vec<_> = (0..2_000).flat_map(|_| again.clone()).collect();
+    links.send(LEADER, &flood);
+    links.send(LEADER, &[ball(granted, 0)]);
+    let before = links.counts(LEADER).joined;
+    end(&mut links, LEADER);
+    assert_eq!(links.counts(LEADER).joined, before);
+    assert_eq!(links.counts(OTHER).bodies, 0);
+}
+
+#[test]
+fn a_client_that_comes_back_takes_the_place_of_its_old_connection() {
+    let mut links = Links::new();
+    links.server.set_limits(Limits {
+        members_per_scene: 1,
+        ..Limits::default()
+    });
+    let (key, answered) = (SessionKey([7; 16]), 0);
+    let session = ClientMessage::Session(SessionRequest { key, answered });
+    links.connect(LEADER);
+    let enter = [create(Stepping::Lockstep), session.clone(), join()];
+    links.send(LEADER, &enter);
+    assert_eq!(links.counts(LEADER).resumed, Some(false));
+    // The server does not know yet that the old connection is gone.
+    links.connect(OTHER);
+    links.send(OTHER, &[session, join()]);
+    assert_eq!(links.counts(OTHER).denial, None);
+    assert_eq!(links.counts(OTHER).resumed, Some(true));
+    let taken = Some(CloseCode::SESSION_TAKEN.0);
+    assert_eq!(links.counts(LEADER).closed, taken);
+}
+
+#[test]
+fn a_provided_scene_that_nobody_joins_ends() {
+    let mut links = Links::new();
+    links.server.set_limits(Limits {
+        empty_scene_seconds: 10,
+        ..Limits::default()
+    });
+    links.server.provide(ProvidedScenes::new(|_| {
+        Some(ProvidedScene {
+            config: SceneConfig::default(),
+            script: SceneScript::new(|_, _| {}),
+        })
+    }));
+    links.connect(LEADER);
+    assert_eq!(links.server.scenes().count(), 1);
+    end(&mut links, LEADER);
+    links.pass(Span::from_millis(11_000));
+    assert_eq!(links.server.scenes().count(), 0);
+}
