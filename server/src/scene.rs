@@ -129,9 +129,7 @@ impl Scene {
         if let Some(journal) = &mut self.journal {
             journal.applied(self.tick, command);
         }
-        if let Some(history) = &mut self.history {
-            history.push(Done::Applied(Box::new(command.clone()), None));
-        }
+        self.remember(|| Done::Applied(Box::new(command.clone()), None));
         Ok(())
     }
 
@@ -218,10 +216,18 @@ impl Scene {
         if let Some(journal) = &mut self.journal {
             journal.push(before, &Record::Stepped(self.digest.value()));
         }
-        if let Some(history) = &mut self.history {
-            history.push(Done::Stepped);
-        }
+        self.remember(|| Done::Stepped);
         Ok(stepped)
+    }
+
+    /// Adds a change to the history, if one is kept. One that becomes too long is given up.
+    fn remember(&mut self, change: impl FnOnce() -> Done) {
+        if let Some(history) = &mut self.history {
+            history.push(change());
+            if history.is_too_long() {
+                self.history = None;
+            }
+        }
     }
 
     fn step_unguarded(&mut self) -> Result<Stepped, SceneFault> {

@@ -25,6 +25,9 @@ pub(crate) struct Author {
     pub(crate) client: Option<ClientName>,
 }
 
+/// Bytes beyond which a history is given up: a scene of which no copy can be made would fill the memory.
+const BYTES_MAX: usize = 16 << 20;
+
 /// The changes in their order.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct History {
@@ -61,7 +64,41 @@ impl History {
         }
     }
 
+    /// True if it has become too long to keep.
+    pub(super) const fn is_too_long(&self) -> bool {
+        self.bytes > BYTES_MAX
+    }
+
     pub(crate) const fn bytes(&self) -> usize {
         self.bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rhumb_protocol::scene::{Heights, SceneConfig, Shape, ShapeId};
+
+    use super::*;
+    use crate::scene::Scene;
+
+    /// A lockstep scene that nobody advances can never be copied, so that its history would grow for ever.
+    #[test]
+    fn a_history_of_a_scene_that_never_steps_is_bounded() {
+        let mut scene = Scene::new(SceneConfig::default()).expect("the default config is valid");
+        scene.keep_history(History::default());
+        let posts = vec![0.0; 512 * 512];
+        let heights = Heights::new(512, 1.0, 1.0, &posts).expect("within the limits");
+        let (id, shape) = (ShapeId(0), Shape::Heights(heights));
+        let mut longest = 0;
+        for _ in 0..40 {
+            let shape = shape.clone();
+            for command in [Command::AddShape { id, shape }, Command::RemoveShape { id }] {
+                scene.apply(&command).expect("the shape is free");
+                longest = longest.max(scene.history().map_or(0, History::bytes));
+            }
+        }
+        assert!(longest > BYTES_MAX / 2, "{longest}");
+        assert!(longest <= BYTES_MAX, "{longest}");
+        assert!(scene.history().is_none(), "a copy begins it anew");
     }
 }
