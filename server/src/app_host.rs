@@ -68,9 +68,12 @@ impl AppHost for ServerLoop {
         name: &SceneName,
         config: SceneConfig,
     ) -> Result<IdRange, Denial> {
-        let own_indices = self.create(name, config)?.give_to(owner)?;
-        self.note_empty(name);
-        Ok(own_indices)
+        let own_indices = self.create(name, config)?.give_to(owner);
+        match own_indices {
+            Ok(_) => self.note_empty(name),
+            Err(_) => self.delete_scene(name),
+        }
+        own_indices
     }
 
     fn end_scene(&mut self, name: &SceneName) {
@@ -149,6 +152,7 @@ mod tests {
     use rhumb_reckoning::{BodyState, Inertia, Twist};
 
     use super::*;
+    use crate::Limits;
     use crate::engine::{
         BodyProperties, Engine, EngineFault, Push, UnanswerableQuery, UnusableShape,
     };
@@ -268,5 +272,18 @@ mod tests {
         host.send(second, &FRAME);
         assert_eq!(host.closed(), []);
         assert_eq!(host.server_loop.scenes().count(), 1);
+    }
+
+    #[test]
+    fn a_scene_whose_owner_gets_no_indices_is_not_kept() {
+        let mut server_loop = ServerLoop::new(|| Instant::ZERO);
+        server_loop.set_limits(Limits {
+            members_per_scene: 65,
+            ..Limits::default()
+        });
+        let name = "app/7".parse().expect("a good name");
+        let begun = server_loop.begin_scene(Peer(1), &name, SceneConfig::default());
+        assert_eq!(begun, Err(Denial::NoIndicesLeft));
+        assert_eq!(server_loop.scenes().count(), 0);
     }
 }

@@ -6,7 +6,8 @@ use std::fmt;
 
 use rhumb_protocol::Span;
 use rhumb_protocol::limits::{
-    BODIES_MAX, CONTROL_WAITING_BYTES_MAX, INDICES_MAX, MEMBERS_PER_SCENE_MAX, RATE_MAX, SCENES_MAX,
+    BODIES_MAX, CONTROL_WAITING_BYTES_MAX, GRANT, INDICES_MAX, MEMBERS_PER_SCENE_MAX, RATE_MAX,
+    RESERVE_MAX, SCENES_MAX,
 };
 use serde::{Deserialize, Serialize};
 
@@ -159,6 +160,11 @@ impl Limits {
             }
         }
         Ok(())
+    }
+
+    /// Members of a scene that find a whole range of body indices, and leave the largest one for one of them.
+    pub(crate) const fn members_with_indices(&self) -> u64 {
+        self.indices_per_scene.saturating_sub(RESERVE_MAX as u64) / GRANT as u64
     }
 
     pub(crate) const fn hello(&self) -> Span {

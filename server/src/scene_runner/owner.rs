@@ -15,8 +15,9 @@ use crate::scene::Scene;
 impl SceneRunner {
     /// Gives the scene to an APP client, with the index range of its bodies.
     pub(crate) fn give_to(&mut self, owner: Peer) -> Result<IdRange, Denial> {
+        let own_indices = self.grant_more(owner, BODIES_MAX)?;
         self.owned = true;
-        self.grant_more(owner, BODIES_MAX)
+        Ok(own_indices)
     }
 
     /// True if its engine failed.

@@ -15,6 +15,7 @@ use rhumb_client::{Client, ClientError, JoinMode, JoinOptions, PipelineDepth, Ti
 use rhumb_tests::{Recording, ServerProcess, falling};
 
 use crate::SERVER;
+use crate::hostile_load::{free_address, requested};
 
 const ANYWHERE: &str = "127.0.0.1:0";
 const ZOO: &[u8] = include_bytes!("../../data/app/harness_zoo.zst");
@@ -127,7 +128,8 @@ fn send_in_frames(
 
 #[test]
 fn a_native_client_watches_a_scene_of_the_plug_in() {
-    let server = SERVER.serve_app(ANYWHERE, &[]);
+    let metrics = free_address();
+    let server = SERVER.serve_app(ANYWHERE, &["--metrics", &metrics]);
     let recording = Recording::unpack(BALLS);
     // Without its datagram the plug-in receives all states on TCP, in order.
     let mut plugin = Plugin::connect_with(&server, b"no logon");
@@ -157,6 +159,9 @@ fn a_native_client_watches_a_scene_of_the_plug_in() {
     };
     let connection = Client::connect(&server.address.to_string(), trust).unwrap();
     let mut client = connection.join_with("app/7", options).unwrap();
+    let figures = requested(&metrics, "/metrics");
+    let members = "rhumb_scene_members{scene=\"app/7\"} 1";
+    assert!(figures.lines().any(|line| line == members), "{figures}");
     let copy = client.replica().expect("it has joined");
     let shapes: Vec<Shape> = copy
         .bodies()
