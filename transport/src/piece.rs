@@ -70,6 +70,12 @@ impl Piece {
     }
 }
 
+impl AsRef<[u8]> for Piece {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
 fn cost(bytes: &[u8]) -> u32 {
     u32::try_from(bytes.len() + PIECE_COST_BYTES).expect("a piece is at most a read's bytes")
 }

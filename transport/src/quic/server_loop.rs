@@ -2,7 +2,7 @@
 //!
 //! Touches no socket: the I/O thread drives the connections. It sleeps whenever there is nothing to do.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::thread;
@@ -18,6 +18,7 @@ use super::tuning::{CLOSE_LEAVES, DATAGRAM_SEND_BYTES};
 use super::waker::Waker;
 use super::watch::ServerWatch;
 use crate::clock::Clock;
+use crate::held_back::HeldBack;
 use crate::link_meter::LinkMeter;
 use crate::piece::Piece;
 
@@ -35,8 +36,9 @@ pub(super) struct EndpointLoop {
     inputs: Receiver<Input>,
     waker: Waker,
     peers: BTreeMap<Peer, OpenConnection>,
-    /// Connections whose control bytes the endpoint does not want yet.
-    held_back: BTreeSet<Peer>,
+    /// Control bytes that the endpoint does not want yet: none of a peer that this end has closed. They keep their share
+    /// of the bound, so that flow control slows their peers down.
+    held_back: HeldBack<Piece>,
     /// Datagrams of the present drain: they leave after its control bytes, so that both can share a packet.
     states: Vec<(Peer, Bytes)>,
     watch: ServerWatch,
@@ -51,9 +53,6 @@ struct OpenConnection {
     handed_bytes: u64,
     /// Control bytes that the endpoint knows the connection to have taken.
     control_reported: u64,
-    /// Received control bytes that the endpoint does not want yet. They keep their share of the bound, so that flow
-    /// control slows the peer down.
-    held_back: VecDeque<Piece>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,7 +79,7 @@ impl EndpointLoop {
             inputs,
             waker,
             peers: BTreeMap::new(),
-            held_back: BTreeSet::new(),
+            held_back: HeldBack::default(),
             states: Vec::new(),
             watch,
         }
@@ -91,7 +90,7 @@ impl EndpointLoop {
         loop {
             self.report(endpoint);
             self.drain(endpoint);
-            while self.deliver(endpoint) {
+            while self.held_back.deliver(self.clock.now(), endpoint) {
                 self.drain(endpoint);
             }
             if self.wait(endpoint)? == LoopControl::Stop {
@@ -157,13 +156,16 @@ impl EndpointLoop {
                         link_meter: LinkMeter::new(now),
                         handed_bytes: 0,
                         control_reported: 0,
-                        held_back: VecDeque::new(),
                     },
                 );
                 endpoint.handle_opened(now, peer);
                 endpoint.handle_control_taken(now, peer, 0);
             }
-            Input::Control { peer, piece } => self.handle_control(endpoint, peer, piece),
+            Input::Control { peer, piece } => {
+                if self.is_open(peer) {
+                    self.held_back.handle_control(now, endpoint, peer, piece);
+                }
+            }
             Input::ControlTaken { peer } => self.report_control(endpoint, peer),
             Input::Wake => self.waker.note_woken(),
             Input::State { peer, piece } => {
@@ -172,53 +174,14 @@ impl EndpointLoop {
                 }
             }
             Input::Ended { peer, ending } => {
-                if let Some(ended) = self.peers.remove(&peer) {
-                    let open = ended.connection_state == ConnectionState::Open;
-                    for piece in ended.held_back.iter().filter(|_| open) {
-                        endpoint.handle_control(now, peer, &piece.bytes);
-                    }
-                }
-                self.held_back.remove(&peer);
+                self.peers.remove(&peer);
+                self.held_back.deliver_rest(now, endpoint, peer);
                 endpoint.handle_ended(now, peer, ending);
             }
             Input::Stop => return Ok(LoopControl::Stop),
             Input::IoOver => return Err(ServeError::IoThreadLost),
         }
         Ok(LoopControl::Go)
-    }
-
-    /// Hands control bytes on, or holds them back until the endpoint wants them.
-    fn handle_control<E: Endpoint>(&mut self, endpoint: &mut E, peer: Peer, piece: Piece) {
-        let now = self.clock.now();
-        let Some(standing) = open(&mut self.peers, peer) else {
-            return;
-        };
-        if standing.held_back.is_empty() && endpoint.wants_control(peer) {
-            endpoint.handle_control(now, peer, &piece.bytes);
-        } else {
-            standing.held_back.push_back(piece);
-            self.held_back.insert(peer);
-        }
-    }
-
-    /// Hands on what was held back and is wanted now; returns whether there was any.
-    fn deliver<E: Endpoint>(&mut self, endpoint: &mut E) -> bool {
-        let mut handed_any = false;
-        let now = self.clock.now();
-        let peers = &mut self.peers;
-        self.held_back.retain(|peer| {
-            let Some(standing) = open(peers, *peer) else {
-                return false;
-            };
-            while endpoint.wants_control(*peer)
-                && let Some(piece) = standing.held_back.pop_front()
-            {
-                endpoint.handle_control(now, *peer, &piece.bytes);
-                handed_any = true;
-            }
-            !standing.held_back.is_empty()
-        });
-        handed_any
     }
 
     /// Tells the endpoint what a connection has taken of its control bytes.
@@ -278,6 +241,7 @@ impl EndpointLoop {
                             .control
                             .close(&standing.handles.closing, code);
                         standing.connection_state = ConnectionState::Closing;
+                        self.held_back.forget(to);
                     }
                 }
             }
@@ -308,6 +272,7 @@ impl EndpointLoop {
                 .closing
                 .now(TransportCode::CONTROL_OVERFLOW.0);
             standing.connection_state = ConnectionState::Closing;
+            self.held_back.forget(to);
             self.watch.count(|counters| &counters.control_overflows);
             tracing::warn!(peer = to.0, "control lane too slow, closing");
         }
