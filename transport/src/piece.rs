@@ -1,6 +1,6 @@
 //! Received bytes that wait for the server thread, and their bound.
 //!
-//! A piece holds its share of the bound until it is handled.
+//! A piece holds its share of the bound until it is handled. The last pieces of a connection that has ended have none.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ pub const PIECE_COST_BYTES: usize = 64;
 pub struct Piece {
     /// The bytes.
     pub bytes: Bytes,
-    _share: OwnedSemaphorePermit,
+    _share: Option<OwnedSemaphorePermit>,
 }
 
 /// Bound on the bytes that wait on one lane of one connection.
@@ -43,7 +43,7 @@ impl ByteCredit {
             .acquire_many_owned(cost(bytes))
             .await
             .expect("the semaphore is never closed");
-        Piece::new(bytes, share)
+        Piece::new(bytes, Some(share))
     }
 
     /// `None` if the bound does not allow the bytes now.
@@ -55,14 +55,19 @@ impl ByteCredit {
         let share = Arc::clone(&self.bytes)
             .try_acquire_many_owned(cost(bytes))
             .ok()?;
-        Some(Piece::new(bytes, share))
+        Some(Piece::new(bytes, Some(share)))
     }
 }
 
 impl Piece {
+    /// Bytes that another bound limits.
+    pub(crate) fn without_share(bytes: &[u8]) -> Self {
+        Self::new(bytes, None)
+    }
+
     /// Copies the bytes: they may be a sliver of a receive buffer of 64 KiB, which would then stay allocated
     /// uncounted.
-    fn new(bytes: &[u8], share: OwnedSemaphorePermit) -> Self {
+    fn new(bytes: &[u8], share: Option<OwnedSemaphorePermit>) -> Self {
         Self {
             bytes: Bytes::copy_from_slice(bytes),
             _share: share,

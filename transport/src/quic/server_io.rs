@@ -29,7 +29,7 @@ use super::tuning::{
 };
 use super::watch::ServerWatch;
 use super::web_session::WebSession;
-use crate::piece::ByteCredit;
+use crate::piece::{ByteCredit, Piece};
 
 /// Accepts until its end is requested, then refuses the attempts that still arrive.
 ///
@@ -273,7 +273,7 @@ impl PeerStreams<'_> {
         loop {
             match stream.read_chunk(READ_BYTES_MAX, true).await {
                 Ok(Some(chunk)) => {
-                    let piece = credit.admit(&chunk.bytes).await;
+                    let piece = self.admit(&credit, &chunk.bytes).await;
                     if self.inputs.send(Input::Control { peer, piece }).is_err() {
                         return;
                     }
@@ -282,6 +282,18 @@ impl PeerStreams<'_> {
                 Ok(None) | Err(ReadError::ConnectionLost(_)) => return,
                 Err(_) => return self.closing.now(TransportCode::NO_CONTROL_STREAM.0),
             }
+        }
+    }
+
+    /// Waits until the bound allows the bytes, or until the connection has ended.
+    ///
+    /// The server thread holds bytes back until it learns of the end, which comes after the last of them. What has
+    /// arrived before the end is a window of the stream at most, and needs no other bound.
+    async fn admit(&self, credit: &ByteCredit, bytes: &[u8]) -> Piece {
+        tokio::select! {
+            biased;
+            piece = credit.admit(bytes) => piece,
+            _ = self.closing.ended() => Piece::without_share(bytes),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! An echo server on a thread of its own, and its clients.
+//! Servers on threads of their own, and their clients.
 //!
 //! Proves nothing itself. A dropped server is stopped and joined.
 
@@ -18,10 +18,12 @@ use rhumb_transport::{
 /// Longer than any step of these tests; reached only by a failure.
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(20);
 
-/// An event of [`Echo`] for the test.
+/// An event of an endpoint for the test.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Event {
     Opened(Peer),
+    /// So many control bytes were handed to [`Unwilling`].
+    Control(usize),
     Ended(Peer, Ending),
 }
 
@@ -85,6 +87,66 @@ impl Echo {
     }
 }
 
+/// Wants no control bytes, and closes a connection with code 7 for a datagram.
+pub(crate) struct Unwilling {
+    out: VecDeque<Transmit>,
+    events: Sender<Event>,
+}
+
+impl Endpoint for Unwilling {
+    fn handle_opened(&mut self, _: Instant, peer: Peer) {
+        let _ = self.events.send(Event::Opened(peer));
+    }
+
+    fn handle_control(&mut self, _: Instant, _: Peer, bytes: &[u8]) {
+        let _ = self.events.send(Event::Control(bytes.len()));
+    }
+
+    fn handle_datagram(&mut self, _: Instant, from: Peer, _: &[u8]) {
+        self.out.push_back(Transmit::Close { to: from, code: 7 });
+    }
+
+    fn handle_ended(&mut self, _: Instant, peer: Peer, ending: Ending) {
+        let _ = self.events.send(Event::Ended(peer, ending));
+    }
+
+    fn handle_timeout(&mut self, _: Instant) {}
+
+    fn wants_control(&self, _: Peer) -> bool {
+        false
+    }
+
+    fn poll_transmit(&mut self) -> Option<Transmit> {
+        self.out.pop_front()
+    }
+
+    fn poll_timeout(&self) -> Option<Wake> {
+        None
+    }
+}
+
+impl Unwilling {
+    pub(crate) const fn new(events: Sender<Event>) -> Self {
+        Self {
+            out: VecDeque::new(),
+            events,
+        }
+    }
+}
+
+/// The control bytes that [`Unwilling`] was handed before the next end of a connection, and the end.
+pub(crate) fn until_end(events: &Receiver<Event>) -> (usize, Ending) {
+    let mut handed_bytes = 0;
+    loop {
+        match events.recv_timeout(TIMEOUT) {
+            Ok(Event::Opened(_)) => {}
+            Ok(Event::Control(bytes)) => handed_bytes += bytes,
+            Ok(Event::Ended(_, ending)) => return (handed_bytes, ending),
+            Err(cause) => panic!("no end after {handed_bytes} control bytes: {cause}"),
+        }
+    }
+}
+
 pub(crate) struct Running {
     pub(crate) address: SocketAddr,
     pub(crate) fingerprint: Fingerprint,
@@ -106,6 +168,21 @@ impl Running {
         let (sender, events) = channel();
         let mut echo = Echo::new(sender);
         echo.open_gate = open_gate;
+        Self::of(certificate, echo, events)
+    }
+
+    /// A server that holds all control bytes back.
+    pub(crate) fn unwilling() -> Self {
+        let (sender, events) = channel();
+        let certificate = Certificate::development(["localhost"]).expect("localhost is a name");
+        Self::of(certificate, Unwilling::new(sender), events)
+    }
+
+    fn of<E: Endpoint + Send + 'static>(
+        certificate: Certificate,
+        endpoint: E,
+        events: Receiver<Event>,
+    ) -> Self {
         let (
             Bound {
                 address,
@@ -114,7 +191,7 @@ impl Running {
             },
             stop,
             thread,
-        ) = serve(certificate, echo);
+        ) = serve(certificate, endpoint);
         Self {
             address,
             fingerprint,

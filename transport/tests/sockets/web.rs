@@ -9,7 +9,7 @@ use std::thread::{self, JoinHandle};
 
 use bytes::Bytes;
 use quinn::crypto::rustls::QuicClientConfig;
-use rhumb_protocol::Ending;
+use rhumb_protocol::{Ending, Endpoint};
 use rhumb_transport::{
     Certificate, CertificateHashes, ClientOptions, Fingerprint, Origins, QuicClient, QuicServer,
     ServeError, ServerOptions, ServerStatistics, Stop, Trust, WebIdentity, WebOptions, raw,
@@ -20,7 +20,7 @@ use web_transport_quinn::http::header::ORIGIN;
 use web_transport_quinn::proto::ConnectRequest;
 use web_transport_quinn::{Session, SessionError, WebTransportError};
 
-use crate::support::{Echo, Event, TIMEOUT};
+use crate::support::{Echo, Event, TIMEOUT, Unwilling};
 
 /// A server for browsers, and what a test needs of it.
 struct WebServer {
@@ -44,6 +44,15 @@ impl Drop for WebServer {
 }
 
 fn serve(origins: Origins) -> WebServer {
+    let (sender, events) = channel();
+    serve_endpoint(origins, Echo::new(sender), events)
+}
+
+fn serve_endpoint<E: Endpoint + Send + 'static>(
+    origins: Origins,
+    mut endpoint: E,
+    events: Receiver<Event>,
+) -> WebServer {
     let listen = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
     let certificate = Certificate::development(["localhost"]).expect("localhost is a name");
     let server = QuicServer::bind(ServerOptions {
@@ -55,12 +64,11 @@ fn serve(origins: Origins) -> WebServer {
     });
     let server = server.expect("a free port is bound");
     let hashes = server.certificate_hashes();
-    let (sender, events) = channel();
     let (address, fingerprint) = (server.local_addr(), server.fingerprint());
     let stop = Stop::new();
     let thread = thread::spawn({
         let stop = stop.clone();
-        move || server.run(&mut Echo::new(sender), &stop)
+        move || server.run(&mut endpoint, &stop)
     });
     WebServer {
         address,
@@ -125,6 +133,20 @@ async fn code(session: &Session) -> Option<u32> {
     }
 }
 
+/// The next end that a server reports.
+async fn ending(server: &WebServer) -> Ending {
+    let end = async {
+        loop {
+            match server.events.try_recv() {
+                Ok(Event::Ended(_, ending)) => return ending,
+                Ok(_) => {}
+                Err(_) => tokio::task::yield_now().await,
+            }
+        }
+    };
+    tokio::time::timeout(TIMEOUT, end).await.expect("an end")
+}
+
 #[test]
 fn a_session_carries_both_lanes_and_the_servers_close_code() {
     let server = serve(Origins::loopback());
@@ -163,18 +185,30 @@ fn a_close_code_of_a_page_arrives_and_a_page_that_leaves_has_left() {
                 Some(code) => session.close(code, b"done"),
                 None => drop(session),
             }
-            let end = async {
-                loop {
-                    match server.events.try_recv() {
-                        Ok(Event::Ended(_, ending)) => return ending,
-                        Ok(Event::Opened(_)) => {}
-                        Err(_) => tokio::task::yield_now().await,
-                    }
-                }
-            };
-            let end = tokio::time::timeout(TIMEOUT, end).await.expect("an end");
-            assert_eq!(end, Ending::Closed(expected));
+            assert_eq!(ending(&server).await, Ending::Closed(expected));
         }
+    });
+}
+
+#[test]
+fn a_page_that_closes_while_its_bytes_wait_ends() {
+    let (sender, events) = channel();
+    let server = serve_endpoint(Origins::loopback(), Unwilling::new(sender), events);
+    runtime().block_on(async {
+        let session = server.connect(PATH, None).await.expect("no origin");
+        let (mut send, _recv) = session.open_bi().await.expect("the control stream");
+        // More than flow control lets arrive: the client's own queue takes the rest.
+        let bytes = vec![0; 700 << 10];
+        send.write_all(&bytes).await.expect("it is open");
+        let sent = async {
+            while quinn::Connection::stats(&session).udp_tx.bytes < 400 << 10 {
+                tokio::task::yield_now().await;
+            }
+        };
+        let sent = tokio::time::timeout(TIMEOUT, sent).await;
+        sent.expect("the server takes so much");
+        session.close(9, b"done");
+        assert_eq!(ending(&server).await, Ending::Closed(9));
     });
 }
 
