@@ -72,6 +72,10 @@ const DATAGRAM_RECEIVE_BYTES: usize = 1 << 20;
 const SERVER_STREAM_WINDOW: VarInt = VarInt::from_u32(256 << 10);
 const CLIENT_STREAM_WINDOW: VarInt = VarInt::from_u32(1 << 20);
 
+/// Unread bytes of all streams of a peer at a server. Control bytes that wait leave room for the close of a browser's
+/// session, which comes on a stream of its own.
+const SERVER_WINDOW: VarInt = VarInt::from_u32((256 + 16) << 10);
+
 /// Stream bytes kept for retransmission, per connection.
 const SEND_WINDOW: u64 = 1 << 20;
 
@@ -121,7 +125,7 @@ pub(super) fn server(
         .max_concurrent_bidi_streams(streams.bidirectional)
         .max_concurrent_uni_streams(streams.unidirectional)
         .stream_receive_window(SERVER_STREAM_WINDOW)
-        .receive_window(SERVER_STREAM_WINDOW);
+        .receive_window(SERVER_WINDOW);
     config
         .transport_config(Arc::new(transport))
         .max_incoming(INCOMING_MAX)
