@@ -14,6 +14,7 @@ use std::{fs, thread};
 use bytes::Bytes;
 use rhumb_protocol::session::TransportCode;
 use rhumb_protocol::{Ending, Endpoint, Instant, LinkReport, Peer, Transmit, Wake};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::credit::{Credit, WaitingBytes};
 use super::frame::{FrameReader, StreamFrame};
@@ -49,6 +50,7 @@ pub struct WithUnixPeers<'a, E> {
     waker: Waker,
     inputs: Receiver<(Peer, SocketInput)>,
     peers: BTreeMap<Peer, UnixPeer>,
+    /// Control bytes that the endpoint does not want yet: none of a peer that this end has closed.
     held_back: HeldBack<WaitingBytes>,
     /// Removes the socket's file when it is dropped.
     socket: UnixServer,
@@ -211,7 +213,9 @@ fn read(mut socket: &UnixStream, send: &dyn Fn(SocketInput) -> bool) {
         }
         loop {
             let input = match frames.next() {
-                Ok(Some(StreamFrame::Control(bytes))) => SocketInput::Control(credit.admit(bytes)),
+                Ok(Some(StreamFrame::Control(bytes))) => {
+                    SocketInput::Control(credit.admit(bytes, || has_ended(socket)))
+                }
                 Ok(Some(StreamFrame::State(bytes))) => SocketInput::State(bytes),
                 Ok(Some(StreamFrame::End(code))) => {
                     send(SocketInput::Closed(code));
@@ -225,6 +229,19 @@ fn read(mut socket: &UnixStream, send: &dyn Fn(SocketInput) -> bool) {
             }
         }
     }
+}
+
+/// True if nothing follows the bytes that a socket holds.
+fn has_ended(socket: &UnixStream) -> bool {
+    let mut polled = [PollFd::new(socket, PollFlags::HUP)];
+    let at_once = Timespec {
+        tv_sec: 0,
+        tv_nsec: 0,
+    };
+    poll(&mut polled, Some(&at_once)).is_ok()
+        && polled[0]
+            .revents()
+            .intersects(PollFlags::HUP | PollFlags::ERR)
 }
 
 impl<E: Endpoint> WithUnixPeers<'_, E> {
@@ -292,10 +309,7 @@ impl<E: Endpoint> WithUnixPeers<'_, E> {
         let Some(peer) = self.peers.remove(&from) else {
             return;
         };
-        if !peer.closing {
-            self.held_back.deliver_rest(now, self.endpoint, from);
-        }
-        self.held_back.forget(from);
+        self.held_back.deliver_rest(now, self.endpoint, from);
         peer.outgoing.abort();
         self.endpoint.handle_ended(now, from, ending);
     }
@@ -314,6 +328,7 @@ impl<E: Endpoint> WithUnixPeers<'_, E> {
                     tracing::warn!(peer = to.0, "control lane too slow, closing");
                     peer.outgoing.close(TransportCode::CONTROL_OVERFLOW.0);
                     peer.closing = true;
+                    self.held_back.forget(to);
                 }
                 self.report(to);
             }
@@ -326,6 +341,7 @@ impl<E: Endpoint> WithUnixPeers<'_, E> {
             Transmit::Close { code, .. } => {
                 peer.outgoing.close(code);
                 peer.closing = true;
+                self.held_back.forget(to);
             }
         }
     }

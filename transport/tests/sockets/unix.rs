@@ -9,16 +9,16 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread::{self, JoinHandle};
 
 use bytes::Bytes;
-use rhumb_protocol::{Ending, Peer};
+use rhumb_protocol::{Ending, Endpoint, Peer};
 use rhumb_transport::{
     Certificate, ClientTransport as _, QuicServer, Received, ServerOptions, Stop, TransportCode,
     UnixClient, UnixServer,
 };
 use tempfile::TempDir;
 
-use crate::support::{Echo, Event, TIMEOUT};
+use crate::support::{Echo, Event, TIMEOUT, Unwilling, until_end};
 
-/// An echo server with a Unix socket.
+/// A server with a Unix socket.
 struct Running {
     folder: TempDir,
     events: Receiver<Event>,
@@ -28,6 +28,17 @@ struct Running {
 
 impl Running {
     fn start() -> Self {
+        let (sender, events) = channel();
+        Self::of(Echo::new(sender), events)
+    }
+
+    /// A server that holds all control bytes back.
+    fn unwilling() -> Self {
+        let (sender, events) = channel();
+        Self::of(Unwilling::new(sender), events)
+    }
+
+    fn of<E: Endpoint + Send + 'static>(mut endpoint: E, events: Receiver<Event>) -> Self {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let socket = UnixServer::bind(&folder.path().join("socket")).expect("a free path");
         let network = QuicServer::bind(ServerOptions::new(
@@ -35,12 +46,11 @@ impl Running {
             Certificate::development(["localhost"]).expect("localhost is a name"),
         ));
         let network = network.expect("a free port is bound");
-        let (sender, events) = channel();
-        let mut echo = Echo::new(sender);
         let stop = Stop::new();
         let stopped = stop.clone();
         let thread = thread::spawn(move || {
-            let mut all = (socket.serve(&mut echo, network.waker())).expect("a thread can start");
+            let all = socket.serve(&mut endpoint, network.waker());
+            let mut all = all.expect("a thread can start");
             network
                 .run(&mut all, &stopped)
                 .expect("the i/o thread lives");
@@ -110,6 +120,32 @@ fn a_client_that_leaves_is_reported_with_its_code() {
     drop(client);
     let left = Event::Ended(peer, Ending::Closed(TransportCode::LEFT.0));
     assert_eq!(server.events.recv_timeout(TIMEOUT), Ok(left));
+}
+
+#[test]
+fn unwanted_bytes_that_were_sent_before_a_close_are_handled() {
+    let server = Running::unwilling();
+    let client = server.connect();
+    // Six frames: the server waits for the bound with the last in its hands, so the end alone is left in the socket.
+    let sent_bytes = 6 * (64 << 10);
+    client.send_control(Bytes::from(vec![0; sent_bytes]));
+    client.close(9);
+    let all = (sent_bytes, Ending::Closed(9));
+    assert_eq!(until_end(&server.events), all);
+}
+
+#[test]
+fn a_client_that_the_server_closes_while_its_bytes_wait_ends() {
+    let server = Running::unwilling();
+    let mut client = server.connect();
+    let bytes = Bytes::from(vec![0; 5 * (64 << 10)]);
+    client.send_control(bytes.clone());
+    client.send_state(Bytes::from_static(b"close"));
+    client.send_control(bytes);
+    let ended = Received::Ended(Ending::Closed(7));
+    assert_eq!(client.recv(TIMEOUT), Some(ended));
+    let (handed_bytes, _) = until_end(&server.events);
+    assert_eq!(handed_bytes, 0);
 }
 
 #[test]
