@@ -244,9 +244,11 @@ impl Client {
     ///
     /// # Errors
     ///
-    /// [`ClientError::Misuse`] for an invalid number; then the command is not queued.
+    /// [`ClientError::Misuse`] for an invalid number, [`ClientError::Id`] for an id that no scene can have; then the
+    /// command is not queued.
     pub fn command(&mut self, command: Command) -> Result<u64, ClientError> {
         self.check_open()?;
+        command.check_ids()?;
         Ok(self.ids.command(&mut self.pump.session, command)?)
     }
 
@@ -257,9 +259,11 @@ impl Client {
     ///
     /// # Errors
     ///
-    /// [`ClientError::Misuse`] for an invalid number or too many queries; then none is queued.
+    /// [`ClientError::Misuse`] for an invalid number or too many queries, [`ClientError::Id`] for an id that no scene can
+    /// have; then none is queued.
     pub fn query(&mut self, queries: Vec<Query>) -> Result<u64, ClientError> {
         self.check_open()?;
+        queries.iter().try_for_each(Query::check_ids)?;
         Ok(self.pump.session.query(queries)?)
     }
 

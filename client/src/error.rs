@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use rhumb_protocol::Ending;
 use rhumb_protocol::message::{Denial, InvalidToken};
-use rhumb_protocol::scene::{InvalidSceneName, SceneName};
+use rhumb_protocol::scene::{IdOutOfRange, InvalidSceneName, SceneName};
 use rhumb_protocol::session::{CloseCode, Misuse};
 use rhumb_reckoning::Tick;
 use rhumb_transport::{ConnectError, TransportCode};
@@ -59,6 +59,8 @@ pub enum OpenError {
 pub enum ClientError {
     /// The caller's own mistake; nothing was sent.
     Misuse(Misuse),
+    /// An id that no scene can have; nothing was sent.
+    Id(IdOutOfRange),
     /// The connection is over.
     Ended(Ending),
     /// The server did not answer within the timeout. The call may be repeated; nothing is lost.
@@ -112,6 +114,7 @@ impl fmt::Display for ClientError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Misuse(misuse) => misuse.fmt(f),
+            Self::Id(cause) => cause.fmt(f),
             Self::Ended(Ending::Closed(code)) => {
                 f.write_str("the connection was closed: ")?;
                 match *code {
@@ -139,6 +142,12 @@ impl std::error::Error for ClientError {}
 impl From<Misuse> for ClientError {
     fn from(misuse: Misuse) -> Self {
         Self::Misuse(misuse)
+    }
+}
+
+impl From<IdOutOfRange> for ClientError {
+    fn from(cause: IdOutOfRange) -> Self {
+        Self::Id(cause)
     }
 }
 

@@ -369,6 +369,8 @@ typedef struct RhumbScene {
 } RhumbScene;
 
 // A body of a scene, for as long as the scene lives. Zero is no body.
+//
+// The server gives the numbers out: one more than an index below 1,048,576, with a generation above the low 33 bits.
 typedef uint64_t RhumbBody;
 
 // State of a body that the application moves.
@@ -827,7 +829,7 @@ RhumbCode rhumb_scene_poll_event(struct RhumbScene scene, struct RhumbEvent *eve
 // `desc` points to memory for a `RhumbJointDesc`.
 RhumbCode rhumb_joint_desc_init(struct RhumbJointDesc *desc);
 
-// Queues the addition of a joint under a number of the application's that no joint of the scene has.
+// Queues the addition of a joint under a number of the application's, below 65,536, that no joint of the scene has.
 //
 // `last` may be null; otherwise it receives the number of the command, which events name.
 //

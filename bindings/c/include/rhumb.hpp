@@ -626,7 +626,8 @@ public:
         return commands.empty() ? std::nullopt : std::optional<std::uint64_t>(number);
     }
 
-    /// Queues the addition of a joint under a number that no joint of the scene has; returns the command's number.
+    /// Queues the addition of a joint under a number below 65,536 that no joint of the scene has; returns the command's
+    /// number.
     std::uint64_t add_joint(std::uint32_t joint, const JointDesc& desc) {
         std::uint64_t number = 0;
         throw_unless_ok(rhumb_scene_add_joint(raw_, joint, &desc.raw(), &number));

@@ -12,6 +12,8 @@ use crate::kinds::{BODY_KINDS, RhumbShapeKind};
 use crate::status::RhumbCode;
 
 /// A body of a scene, for as long as the scene lives. Zero is no body.
+///
+/// The server gives the numbers out: one more than an index below 1,048,576, with a generation above the low 33 bits.
 #[repr(transparent)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RhumbBody(pub u64);

@@ -86,7 +86,7 @@ pub unsafe extern "C" fn rhumb_joint_desc_init(desc: *mut RhumbJointDesc) -> Rhu
     guard(|| unsafe { write(desc, RhumbJointDesc::PLAIN, "desc") })
 }
 
-/// Queues the addition of a joint under a number of the application's that no joint of the scene has.
+/// Queues the addition of a joint under a number of the application's, below 65,536, that no joint of the scene has.
 ///
 /// `last` may be null; otherwise it receives the number of the command, which events name.
 ///

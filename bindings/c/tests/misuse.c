@@ -261,6 +261,45 @@ static void joints_and_authority(RhumbScene scene, RhumbBody body) {
     EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_bodies(scene, &desc, 1, &body));
 }
 
+// Numbers of joints and bodies that no scene can have. The server would end the connection of a client that sent one.
+static void ids_of_no_scene(RhumbScene scene, RhumbBody body) {
+    const RhumbBody last = 1 << 20, beyond = last + 1, far = ((RhumbBody)7 << 33) + beyond;
+    const uint32_t joints[] = {65536, UINT32_MAX};
+    RhumbJointDesc joint;
+    EXPECT(RHUMB_CODE_OK, rhumb_joint_desc_init(&joint));
+    joint.first = body;
+    joint.second = last;
+    for (size_t i = 0; i < sizeof joints / sizeof *joints; i++) {
+        EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_joint(scene, joints[i], &joint, NULL));
+        EXPECT(RHUMB_CODE_INVALID, rhumb_scene_change_joint(scene, joints[i], &joint, NULL));
+        EXPECT(RHUMB_CODE_INVALID, rhumb_scene_remove_joint(scene, joints[i], NULL));
+    }
+    RhumbQuery query;
+    RhumbHit hit;
+    size_t count;
+    EXPECT(RHUMB_CODE_OK, rhumb_query_init(&query));
+    const RhumbBody bodies[] = {beyond, far};
+    for (size_t i = 0; i < sizeof bodies / sizeof *bodies; i++) {
+        joint.second = bodies[i];
+        EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_joint(scene, 1, &joint, NULL));
+        // One wrong command of two: neither is queued.
+        const RhumbCommand commands[] = {
+            {.kind = RHUMB_COMMAND_KIND_REMOVE_BODY, .body = body},
+            {.kind = RHUMB_COMMAND_KIND_WAKE, .body = bodies[i]},
+        };
+        EXPECT(RHUMB_CODE_INVALID, rhumb_scene_command(scene, commands, 2, NULL));
+        query.except = bodies[i];
+        EXPECT(RHUMB_CODE_INVALID, rhumb_scene_query(scene, &query, 1, &hit, 1, &count, NULL));
+        EXPECT(RHUMB_CODE_INVALID, rhumb_scene_take_authority(scene, &bodies[i], 1, 0.02));
+    }
+    // The last numbers that a scene can have are sent; the server knows neither.
+    const RhumbCommand wake = {.kind = RHUMB_COMMAND_KIND_WAKE, .body = last};
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_command(scene, &wake, 1, NULL));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_remove_joint(scene, 65535, NULL));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_advance(scene, 0, NULL));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_place(scene, body, &count));
+}
+
 static void numbers(RhumbScene scene, RhumbBody body) {
     RhumbBodyDesc desc;
     RhumbBody ignored;
@@ -397,6 +436,7 @@ int main(int count, char **arguments) {
     RhumbBody body = added(scene);
     pointers_and_sizes(scene, body);
     joints_and_authority(scene, body);
+    ids_of_no_scene(scene, body);
     numbers(scene, body);
     two_threads(scene);
     server_gone((pid_t)atoi(arguments[3]));

@@ -121,7 +121,7 @@ impl BindingError {
 const fn client_kind(error: &ClientError) -> ErrorKind {
     match error {
         ClientError::Misuse(Misuse::NotNow) => ErrorKind::Denied,
-        ClientError::Misuse(_) => ErrorKind::Invalid,
+        ClientError::Misuse(_) | ClientError::Id(_) => ErrorKind::Invalid,
         ClientError::Ended(_) => ErrorKind::Ended,
         ClientError::Timeout { .. } => ErrorKind::Timeout,
         ClientError::Denied(_) | ClientError::TooManyShapes => ErrorKind::Denied,

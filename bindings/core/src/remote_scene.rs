@@ -7,8 +7,8 @@ use std::time::Duration;
 use glam::{Quat, Vec3};
 use rhumb_client::scene::{Answer, Command, Query};
 use rhumb_client::{
-    BodyId, BodyState, Client, ErrorBound, Metres, PipelineDepth, RenderTime, ServerConnection,
-    Statistics, Tick, Tolerance,
+    BodyId, BodyState, Client, ClientError, ErrorBound, Metres, PipelineDepth, RenderTime,
+    ServerConnection, Statistics, Tick, Tolerance,
 };
 
 use crate::body_params::BodyParams;
@@ -104,6 +104,7 @@ impl RemoteScene {
             .collect();
         for command in &converted {
             command.check()?;
+            command.check_ids().map_err(ClientError::Id)?;
         }
         let mut last = None;
         for command in converted {

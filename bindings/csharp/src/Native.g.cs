@@ -240,7 +240,7 @@ namespace Rhumb
         public static extern RhumbCode rhumb_joint_desc_init(RhumbJointDesc* desc);
 
         /// <summary>
-        ///  Queues the addition of a joint under a number of the application's that no joint of the scene has.
+        ///  Queues the addition of a joint under a number of the application's, below 65,536, that no joint of the scene has.
         ///
         ///  `last` may be null; otherwise it receives the number of the command, which events name.
         ///
@@ -374,6 +374,8 @@ namespace Rhumb
 
     /// <summary>
     ///  A body of a scene, for as long as the scene lives. Zero is no body.
+    ///
+    ///  The server gives the numbers out: one more than an index below 1,048,576, with a generation above the low 33 bits.
     /// </summary>
     [StructLayout(LayoutKind.Sequential)]
     public unsafe partial struct RhumbBody

@@ -161,6 +161,30 @@ def test_wrong_numbers_and_sizes(scene):
     assert [event for event in scene.events() if event.kind == "command refused"] == []
 
 
+def test_numbers_of_joints_and_bodies_that_no_scene_can_have(scene):
+    ball = scene.add_body(rhumb.Shape.ball(0.5))
+    last, beyond = 2**20, 2**20 + 1
+    fixed = rhumb.Joint("fixed", ball, last)
+    for wrong in (
+        *(lambda id=id: scene.add_joint(id, fixed) for id in (65_536, 2**32 - 1)),
+        lambda: scene.change_joint(65_536, fixed),
+        lambda: scene.remove_joint(65_536),
+        lambda: scene.add_joint(1, rhumb.Joint("fixed", ball, beyond)),
+        lambda: scene.remove(beyond),
+        lambda: scene.remove([ball, beyond]),
+        lambda: scene.apply_impulse(7 << 33 | beyond, (0, 1, 0)),
+        lambda: scene.take_authority(beyond),
+        lambda: scene.query([rhumb.Query.ray((0, 0, 0), (0, 1, 0)).among(excluding=beyond)]),
+    ):
+        with pytest.raises(rhumb.InvalidError, match="no scene has"):
+            wrong()
+    # The server knows the last numbers that a scene can have no more than others, and goes on.
+    refused = [scene.remove(last), scene.remove_joint(65_535)]
+    scene.advance()
+    assert set(scene.bodies) == {ball}
+    assert [event.number for event in scene.events() if event.kind == "command refused"] == refused
+
+
 def inside_of(scene, call):
     """Runs a call in another thread; returns it, and where its result comes, once that thread is inside the call."""
     while True:

@@ -3,7 +3,7 @@
 //! The caller publishes their states once per frame. States that the server predicts within tolerance are not sent.
 
 use rhumb_protocol::Instant;
-use rhumb_protocol::scene::Stepping;
+use rhumb_protocol::scene::{IdOutOfRange, Stepping};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 
 use super::Client;
@@ -23,13 +23,15 @@ impl Client {
     /// # Errors
     ///
     /// [`ClientError::Misuse`] for more bodies than one member may have authority over, and while an earlier request is
-    /// unanswered.
+    /// unanswered. [`ClientError::Id`] for a body that no scene can have.
     pub fn take_authority(
         &mut self,
         bodies: &[BodyId],
         tolerance: Tolerance,
     ) -> Result<(), ClientError> {
         self.check_open()?;
+        let mut ids = bodies.iter().copied();
+        ids.try_for_each(IdOutOfRange::check_body)?;
         self.pump.session.take_authority(tolerance, bodies)?;
         self.pump.flush();
         Ok(())

@@ -12,6 +12,7 @@ use super::body::BodyDesc;
 use super::body_event::ActiveEvents;
 use super::character::JumpFrom;
 use super::checks::{Invalid, Quantity, rotation, scalar, vector};
+use super::id_out_of_range::IdOutOfRange;
 use super::joint::{Joint, JointId};
 use super::locomotion::Locomotion;
 use super::shape::Shape;
@@ -237,6 +238,42 @@ impl Command {
             Self::SetLocomotion { ref locomotion, .. } => locomotion.check(),
             Self::Jump { speed, .. } => scalar(speed, -LINEAR_MAX, LINEAR_MAX, Quantity::Linear),
             Self::SetWheels { ref inputs, .. } => WheelInput::check_all(inputs),
+        }
+    }
+
+    /// Checks every id, as a client does before it sends. A server that reads the command finds no other ids in it.
+    ///
+    /// # Errors
+    ///
+    /// [`IdOutOfRange`] names the first id that no scene can have.
+    pub fn check_ids(&self) -> Result<(), IdOutOfRange> {
+        match *self {
+            Self::AddShape { id, .. } | Self::RemoveShape { id } => IdOutOfRange::check_shape(id),
+            Self::AddBody { desc, .. } | Self::ChangeBody { desc } => {
+                IdOutOfRange::check_body(desc.id)?;
+                IdOutOfRange::check_shape(desc.shape)
+            }
+            Self::AddJoint { id, ref joint } | Self::ChangeJoint { id, ref joint } => {
+                IdOutOfRange::check_joint(id)?;
+                (joint.bodies.into_iter()).try_for_each(IdOutOfRange::check_body)
+            }
+            Self::RemoveJoint { id } => IdOutOfRange::check_joint(id),
+            Self::SetGravity { .. } => Ok(()),
+            Self::RemoveBody { id }
+            | Self::SetPose { id, .. }
+            | Self::SetVelocity { id, .. }
+            | Self::Force { id, .. }
+            | Self::Torque { id, .. }
+            | Self::Impulse { id, .. }
+            | Self::TorqueImpulse { id, .. }
+            | Self::ForceAt { id, .. }
+            | Self::ImpulseAt { id, .. }
+            | Self::Sleep { id }
+            | Self::Wake { id }
+            | Self::SetEvents { id, .. }
+            | Self::SetLocomotion { id, .. }
+            | Self::Jump { id, .. }
+            | Self::SetWheels { id, .. } => IdOutOfRange::check_body(id),
         }
     }
 

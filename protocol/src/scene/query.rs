@@ -10,6 +10,7 @@ use rhumb_reckoning::BodyId;
 
 use super::body::{BodyDesc, BodyKind};
 use super::checks::{Invalid, Quantity, rotation, scalar, vector};
+use super::id_out_of_range::IdOutOfRange;
 use super::shape::Shape;
 use crate::limits::{COORDINATE_MAX, HITS_MAX, QUERY_COST_MAX, SHAPE_CAST_COST};
 use crate::wire::bytes::{Reader, Writer};
@@ -277,6 +278,15 @@ impl Query {
                 rotation(turned)
             }
         }
+    }
+
+    /// Checks every id, as a client does before it sends. A server that reads the query finds no other ids in it.
+    ///
+    /// # Errors
+    ///
+    /// [`IdOutOfRange`] for a body that does not count and that no scene can have.
+    pub fn check_ids(&self) -> Result<(), IdOutOfRange> {
+        self.filter.except.map_or(Ok(()), IdOutOfRange::check_body)
     }
 }
 

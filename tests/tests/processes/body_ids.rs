@@ -1,9 +1,13 @@
-//! The client gives out ids once, and removes shapes that no body has.
+//! The client gives out ids, sends none that no scene has, and removes shapes.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use rhumb_client::scene::{BodyDesc, Command, Shape};
-use rhumb_client::{BodyId, Client, Event, PipelineDepth, Trust};
+use rhumb_client::scene::{
+    BodyDesc, Command, IdOutOfRange, Joint, JointFrame, JointId, JointKind, Query, QueryFilter,
+    Shape, ShapeId,
+};
+use rhumb_client::{BodyId, Client, ClientError, Event, PipelineDepth, Tolerance, Trust};
+use rhumb_protocol::limits::{INDICES_MAX, JOINTS_MAX, SHAPES_MAX};
 use rhumb_reckoning::Tick;
 use rhumb_tests::ServerProcess;
 
@@ -119,4 +123,57 @@ fn a_shape_leaves_with_its_last_body_unless_another_client_uses_it() {
     assert_eq!(copy.body(last).map(|desc| desc.shape), Some(stone_id));
     assert_eq!(copy.shape(stone_id), Some(&stone));
     assert!(!is_refused(&mut one), "a shape that is in use is no fault");
+}
+
+#[test]
+fn an_id_that_no_scene_can_have_is_an_error_and_the_connection_continues() {
+    let server = SERVER.serve("127.0.0.1:0");
+    let mut client = join(&server);
+    let ball = client
+        .add_body(BodyDesc::dynamic(Shape::ball(0.5)))
+        .unwrap();
+    let body = BodyId::new(INDICES_MAX, 0);
+    let (shape, joint) = (ShapeId(SHAPES_MAX), JointId(JOINTS_MAX));
+    let fixed = |bodies| {
+        let frames = [JointFrame::at(glam::Vec3::ZERO); 2];
+        Box::new(Joint::plain(JointKind::Fixed, bodies, frames))
+    };
+    let wrong = [
+        (Command::RemoveBody { id: body }, IdOutOfRange::Body(body)),
+        (
+            Command::RemoveShape { id: shape },
+            IdOutOfRange::Shape(shape),
+        ),
+        (
+            Command::RemoveJoint { id: joint },
+            IdOutOfRange::Joint(joint),
+        ),
+        (
+            Command::AddJoint {
+                id: JointId(0),
+                joint: fixed([ball, body]),
+            },
+            IdOutOfRange::Body(body),
+        ),
+    ];
+    for (command, expected) in wrong {
+        let error = client.command(command).unwrap_err();
+        assert!(
+            matches!(error, ClientError::Id(id) if id == expected),
+            "{error}"
+        );
+    }
+    let filter = QueryFilter {
+        except: Some(body),
+        ..QueryFilter::DEFAULT
+    };
+    let ray = Query::ray(glam::Vec3::ZERO, glam::Vec3::Y).among(filter);
+    let error = client.query(vec![ray]).unwrap_err();
+    assert!(matches!(error, ClientError::Id(_)), "{error}");
+    let taken = client.take_authority(&[ball, body], Tolerance::NORMAL);
+    let error = taken.unwrap_err();
+    assert!(matches!(error, ClientError::Id(_)), "{error}");
+    client.advance(PipelineDepth::LOCKSTEP).unwrap();
+    assert!(client.view().position(ball).is_some());
+    assert!(!is_refused(&mut client), "nothing of them was sent");
 }

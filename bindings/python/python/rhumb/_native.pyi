@@ -297,7 +297,7 @@ class Scene:
     ) -> Optional[int]:
         """Turns the events of bodies on; what is left out, off. Contacts are reported from the force on."""
     def add_joint(self, id: int, joint: Joint) -> Optional[int]:
-        """Adds a joint under a number of yours that no joint of the scene has."""
+        """Adds a joint under a number of yours, below 65,536, that no joint of the scene has."""
     def change_joint(self, id: int, joint: Joint) -> Optional[int]:
         """Replaces a joint, its limits and motors among others."""
     def remove_joint(self, id: int) -> Optional[int]:
