@@ -58,7 +58,7 @@ thread_local! {
     static LAST_ERROR: RefCell<CString> = RefCell::default();
 }
 
-/// Keeps the sentence of an error for `rhumb_last_error`.
+/// Keeps the sentence of an error for `rhumb_last_error`, unless the thread is at its end.
 pub(crate) fn keep_error(error: &BindingError) {
     // A zero byte would end the sentence early.
     let bytes = error.to_string().into_bytes();
@@ -66,7 +66,13 @@ pub(crate) fn keep_error(error: &BindingError) {
     let Ok(text) = CString::new(bytes) else {
         return;
     };
-    LAST_ERROR.with_borrow_mut(|last| *last = text);
+    // A static object of a program may close a handle after its thread has given up the sentence. A panic here would end
+    // the process: no caller of this function catches it.
+    let _kept = LAST_ERROR.try_with(|last| {
+        if let Ok(mut last) = last.try_borrow_mut() {
+            *last = text;
+        }
+    });
 }
 
 /// The sentence of the last error of the calling thread: what was wrong, where, and what to do. Empty before the first.

@@ -138,6 +138,15 @@ fn every_misuse_of_the_cpp_interface_is_an_exception() {
 }
 
 #[test]
+fn a_static_object_of_the_cpp_interface_may_outlive_main() {
+    if let Some(program) = Compiled::new("tests/static.cpp", Linked::Shared) {
+        let server = SERVER.serve_without_log("127.0.0.1:0");
+        let out = program.run_with(&server);
+        assert_eq!(out, "both objects are left to the end\n");
+    }
+}
+
+#[test]
 fn an_installed_library_is_found_by_pkg_config_and_by_cmake() {
     let folder = TempDir::new().expect("a folder to install in");
     let (prefix, examples) = (folder.path(), root().join("bindings/c/examples"));
