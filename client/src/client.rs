@@ -191,8 +191,8 @@ impl Client {
     ///
     /// # Errors
     ///
-    /// [`ClientError::Misuse`] for an invalid number; then none of the bodies is queued. [`ClientError::Denied`] when
-    /// the server grants no more indices, [`ClientError::TooManyShapes`] when the scene has no number left for a shape.
+    /// [`ClientError::Misuse`] for an invalid number, [`ClientError::Denied`] when the server grants no more indices,
+    /// [`ClientError::TooManyShapes`] when the scene has no number left for a shape. Then none of the bodies is queued.
     pub fn add_bodies(
         &mut self,
         bodies: impl IntoIterator<Item = BodyBuilder>,
@@ -203,12 +203,7 @@ impl Client {
             checked.push((body, state));
         }
         self.reserve_ids(u32::try_from(checked.len()).unwrap_or(u32::MAX))?;
-        let mut ids = Vec::with_capacity(checked.len());
-        for (body, state) in &checked {
-            let session = &mut self.pump.session;
-            ids.push(self.ids.add_body(session, body, *state)?);
-        }
-        Ok(ids)
+        Ok(self.ids.add_bodies(&mut self.pump.session, &checked)?)
     }
 
     /// Queues the removal of the shapes that came with bodies of this client and that no body has any more; returns their

@@ -2,7 +2,7 @@
 //!
 //! Queues commands at the session and never waits.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 use rhumb_protocol::limits::{GRANT, GRANTED_MAX, SHAPES_MAX};
 use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Shape, ShapeId};
@@ -135,30 +135,81 @@ impl ClientIds {
         body: &BodyBuilder,
         motion: BodyState,
     ) -> Result<BodyId, AddError> {
-        let shape = self.shape_number(session, body.shape())?;
+        let slot = self.shape_slot(session, body.shape(), &mut BTreeMap::new())?;
+        self.check_ids_left(1)?;
+        self.queue_body(session, body, motion, slot)
+    }
+
+    /// Queues bodies as [`Self::add_body`] does, and returns their ids in the same order. Equal shapes are queued once.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::add_body`]. If ids or numbers of shapes are left for some of the bodies only, none is queued.
+    pub fn add_bodies(
+        &mut self,
+        session: &mut ClientSession,
+        bodies: &[(BodyBuilder, BodyState)],
+    ) -> Result<Vec<BodyId>, AddError> {
+        let (mut slots, mut planned) = (Vec::with_capacity(bodies.len()), BTreeMap::new());
+        for (body, _) in bodies {
+            slots.push(self.shape_slot(session, body.shape(), &mut planned)?);
+        }
+        self.check_ids_left(u32::try_from(bodies.len()).unwrap_or(u32::MAX))?;
+        let mut ids = Vec::with_capacity(bodies.len());
+        for ((body, motion), slot) in bodies.iter().zip(slots) {
+            ids.push(self.queue_body(session, body, *motion, slot)?);
+        }
+        Ok(ids)
+    }
+
+    fn check_ids_left(&self, count: u32) -> Result<(), Misuse> {
+        match self.ids.available() < count {
+            true => Err(Misuse::Indices(count)),
+            false => Ok(()),
+        }
+    }
+
+    /// The number of a body's shape. `planned`: shapes that earlier bodies of a batch add; a new shape is added to them.
+    fn shape_slot<'a>(
+        &self,
+        session: &ClientSession,
+        shape: &'a Shape,
+        planned: &mut BTreeMap<ShapeId, &'a Shape>,
+    ) -> Result<ShapeSlot, AddError> {
+        let replica = session.replica();
+        let known = |id: ShapeId| {
+            let in_scene = replica.and_then(|replica| replica.shape(id));
+            planned.get(&id).copied().or(in_scene)
+        };
+        let slot = self.shapes.find(shape, known);
+        Ok(match slot.ok_or(AddError::TooManyShapes)? {
+            // The number of a shape that is being removed is free once for an equal one.
+            ShapeSlot::Free(id) if planned.insert(id, shape).is_some() => ShapeSlot::Known(id),
+            slot => slot,
+        })
+    }
+
+    /// Queues a body under the next id, after its shape unless that is known.
+    fn queue_body(
+        &mut self,
+        session: &mut ClientSession,
+        body: &BodyBuilder,
+        motion: BodyState,
+        slot: ShapeSlot,
+    ) -> Result<BodyId, AddError> {
+        let shape = match slot {
+            ShapeSlot::Known(id) => id,
+            ShapeSlot::Free(id) => {
+                let shape = body.shape().clone();
+                self.command(session, Command::AddShape { id, shape })?;
+                self.shapes.add_of_body(id);
+                id
+            }
+        };
         let id = self.ids.take().ok_or(Misuse::Indices(1))?;
         let desc = body.desc(id, shape);
         self.command(session, Command::AddBody { desc, motion })?;
         Ok(id)
-    }
-
-    fn shape_number(
-        &mut self,
-        session: &mut ClientSession,
-        shape: &Shape,
-    ) -> Result<ShapeId, AddError> {
-        let replica = session.replica();
-        let known = |id| replica.and_then(|replica| replica.shape(id));
-        match self.shapes.find(shape, known) {
-            Some(ShapeSlot::Known(id)) => Ok(id),
-            Some(ShapeSlot::Free(id)) => {
-                let shape = shape.clone();
-                self.command(session, Command::AddShape { id, shape })?;
-                self.shapes.add_of_body(id);
-                Ok(id)
-            }
-            None => Err(AddError::TooManyShapes),
-        }
     }
 
     /// Updates ids and shape numbers from an event; returns whether the event is passed to the caller.
