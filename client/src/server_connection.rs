@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use rhumb_protocol::message::{Denial, SessionKey};
+use rhumb_protocol::message::{Denial, SessionKey, Token};
 use rhumb_protocol::scene::{IdRange, SceneName};
 use rhumb_protocol::session::{ClientSession, Event};
 #[cfg(unix)]
@@ -97,6 +97,17 @@ impl ServerConnection {
         self
     }
 
+    /// Checks what the caller gives to [`Self::join_with`]: the name of the scene, and the token. An error of the join
+    /// itself comes after the connection is used up.
+    ///
+    /// # Errors
+    ///
+    /// [`OpenError::SceneName`] or [`OpenError::Token`].
+    pub fn check_join(&self, scene: &str) -> Result<(), OpenError> {
+        scene_name(scene)?;
+        self.parsed_token().map(drop)
+    }
+
     /// Joins a scene of this name with [`JoinOptions::default`], which creates the scene unless it exists.
     ///
     /// # Errors
@@ -113,18 +124,15 @@ impl ServerConnection {
     /// [`OpenError`] for an invalid scene name or token, a request that the server denies, and an answer that does not arrive in
     /// time.
     pub fn join_with(self, scene: &str, options: JoinOptions) -> Result<Client, OpenError> {
-        let name: SceneName = scene.parse().map_err(|cause| OpenError::SceneName {
-            scene: scene.to_owned(),
-            cause,
-        })?;
+        let name = scene_name(scene)?;
         let timeout = self.timeout;
         let denied = |denial| OpenError::Denied {
             scene: name.clone(),
             denial,
         };
         let mut session = ClientSession::new(name.clone());
-        if let Some(token) = self.token {
-            session.set_token(token.parse().map_err(OpenError::Token)?);
+        if let Some(token) = self.parsed_token()? {
+            session.set_token(token);
         }
         let key = match options.resume_within {
             _ if self.redial.is_none() => None,
@@ -135,6 +143,11 @@ impl ServerConnection {
         let mut pump = Pump::new(session, self.connection, self.redial);
         let granted = await_scene(&mut pump, timeout, &mut joining)?.map_err(denied)?;
         Ok(Client::joined(pump, timeout, &options, granted))
+    }
+
+    fn parsed_token(&self) -> Result<Option<Token>, OpenError> {
+        let token = self.token.as_ref().map(|token| token.parse::<Token>());
+        token.transpose().map_err(OpenError::Token)
     }
 }
 
@@ -197,6 +210,13 @@ fn await_scene(
             return Err(ClientError::Timeout { awaited, timeout });
         }
     }
+}
+
+fn scene_name(scene: &str) -> Result<SceneName, OpenError> {
+    scene.parse().map_err(|cause| OpenError::SceneName {
+        scene: scene.to_owned(),
+        cause,
+    })
 }
 
 fn resolve(server: &str) -> Result<SocketAddr, OpenError> {

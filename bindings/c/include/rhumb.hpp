@@ -815,7 +815,7 @@ public:
     Connection& operator=(const Connection&) = delete;
     ~Connection() { close(); }
 
-    /// Joins a scene, and uses the connection up.
+    /// Joins a scene, and uses the connection up; wrong arguments do not.
     Scene join(const std::string& name, const JoinOptions& options = JoinOptions()) {
         RhumbScene scene = {0};
         throw_unless_ok(rhumb_join(raw_, name.c_str(), &options, &scene));

@@ -78,14 +78,18 @@ pub unsafe extern "C" fn rhumb_connect(
 /// Closes a connection that has joined no scene.
 #[unsafe(no_mangle)]
 pub extern "C" fn rhumb_connection_close(connection: RhumbConnection) -> RhumbCode {
-    guard(|| take(connection).map(drop))
+    guard(|| CONNECTIONS.take(connection.id, |_| Ok(())).map(drop))
 }
 
-/// The connection of a handle, which is closed from now on.
-pub(crate) fn take(connection: RhumbConnection) -> Result<ServerConnection, BindingError> {
-    let entry = CONNECTIONS.remove(connection.id)?;
-    let entry = std::sync::Arc::into_inner(entry).ok_or(BindingError::Busy)?;
-    entry.into_inner().map_err(|_| BindingError::Closed)
+/// The connection of a handle, which is closed from now on. A wrong name of the scene or a wrong token leaves it open.
+pub(crate) fn take_for(
+    connection: RhumbConnection,
+    scene: &str,
+) -> Result<ServerConnection, BindingError> {
+    CONNECTIONS.take(
+        connection.id,
+        |connection| Ok(connection.check_join(scene)?),
+    )
 }
 
 /// The same as [`Client::connect`]'s.

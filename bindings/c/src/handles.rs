@@ -36,6 +36,22 @@ impl<T> HandleTable<T> {
         self.entries().remove(&number).ok_or(BindingError::Closed)
     }
 
+    /// Ends a handle, and returns its value. The handle stays if the value fails the check, or a call is inside it.
+    pub(crate) fn take(
+        &self,
+        number: u64,
+        check: impl FnOnce(&T) -> Result<(), BindingError>,
+    ) -> Result<T, BindingError> {
+        let mut entries = self.entries();
+        let entry = entries.get_mut(&number).ok_or(BindingError::Closed)?;
+        // Calls share an entry only while the table is locked, so that it remains this one's.
+        let value = Arc::get_mut(entry).ok_or(BindingError::Busy)?;
+        check(value.get_mut().map_err(|_| BindingError::Closed)?)?;
+        let entry = entries.remove(&number).ok_or(BindingError::Closed)?;
+        let value = Arc::into_inner(entry).ok_or(BindingError::Busy)?;
+        value.into_inner().map_err(|_| BindingError::Closed)
+    }
+
     /// Calls with what a handle names.
     pub(crate) fn with<R>(
         &self,
@@ -104,6 +120,24 @@ mod tests {
         assert!(inside.is_ok());
         assert_eq!(
             kind(table.with(number, |()| Ok(()))),
+            Some(ErrorKind::Closed)
+        );
+    }
+
+    #[test]
+    fn a_value_is_taken_unless_it_fails_the_check_or_is_in_use() {
+        let table = HandleTable::new();
+        let number = table.insert(7);
+        let wrong = table.take(number, |_| Err(BindingError::Null("value")));
+        assert_eq!(kind(wrong), Some(ErrorKind::Null));
+        let inside = table.with(number, |_| {
+            assert_eq!(kind(table.take(number, |_| Ok(()))), Some(ErrorKind::Busy));
+            Ok(())
+        });
+        assert!(inside.is_ok());
+        assert_eq!(table.take(number, |_| Ok(())).unwrap(), 7);
+        assert_eq!(
+            kind(table.take(number, |_| Ok(()))),
             Some(ErrorKind::Closed)
         );
     }

@@ -9,7 +9,7 @@ use rhumb_bindings::{BindingError, JoinParams, RemoteScene, body_word, parse_bod
 use crate::border::{
     check_out, copy_out, elements, guard, one_of, text, value, write, write_if_wanted,
 };
-use crate::connection::{RhumbConnection, seconds, take};
+use crate::connection::{RhumbConnection, seconds, take_for};
 use crate::descriptions::{RhumbBody, RhumbBodyDesc};
 use crate::handles::HandleTable;
 use crate::kinds::{CONDITIONS, COORDINATES, STEPPINGS};
@@ -166,7 +166,7 @@ pub unsafe extern "C" fn rhumb_join(
             false => unsafe { value(options, "options") }?.params()?,
         };
         params.options()?;
-        let joined = RemoteScene::join(take(connection)?, name, &params)?;
+        let joined = RemoteScene::join(take_for(connection, name)?, name, &params)?;
         let id = SCENES.insert(joined);
         // SAFETY: as above.
         unsafe { write(scene, RhumbScene { id }, "scene") }

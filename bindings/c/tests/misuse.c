@@ -112,8 +112,18 @@ static void connecting(void) {
     // An error of the server has used the connection up.
     EXPECT(RHUMB_CODE_CLOSED, rhumb_join(connection, "misuse", NULL, &scene));
     EXPECT(RHUMB_CODE_CLOSED, rhumb_connection_close(connection));
-    EXPECT(RHUMB_CODE_INVALID, rhumb_join(connected(5), "", NULL, &scene));
+    // A wrong name has not.
     connection = connected(5);
+    EXPECT(RHUMB_CODE_INVALID, rhumb_join(connection, "", NULL, &scene));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_join(connection, "a name with blanks", NULL, &scene));
+    EXPECT(RHUMB_CODE_OK, rhumb_join(connection, "named", NULL, &scene));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_close(scene));
+    // Nor has a wrong token, which stays the connection's.
+    server.fingerprint = fingerprint;
+    server.token = "no\ntoken";
+    EXPECT(RHUMB_CODE_OK, rhumb_connect(&server, &connection));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_join(connection, "named", NULL, &scene));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_join(connection, "named", NULL, &scene));
     EXPECT(RHUMB_CODE_OK, rhumb_connection_close(connection));
     EXPECT(RHUMB_CODE_CLOSED, rhumb_connection_close(connection));
 }

@@ -1,7 +1,7 @@
 //! Connections, before they join a scene.
 
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::scene::Stepping;
@@ -102,21 +102,20 @@ impl PyConnection {
             resume_within: resume_within.transpose()?,
         };
         params.options().map_err(|error| exception(py, &error))?;
-        let connection = self.take();
-        let connection = connection.ok_or_else(|| exception(py, &BindingError::Closed))?;
+        let connection = self.take_for(scene);
+        let connection = connection.map_err(|error| exception(py, &error))?;
         let joined = py.detach(|| RemoteScene::join(connection, scene, &params));
         Ok(PyScene::new(joined.map_err(|error| exception(py, &error))?))
     }
 
     fn close(&self, py: Python<'_>) {
-        let connection = self.take();
+        let connection = self.lock().take();
         py.detach(|| drop(connection));
     }
 
     #[getter]
     fn closed(&self) -> bool {
-        let connection = self.connection.lock();
-        connection.unwrap_or_else(PoisonError::into_inner).is_none()
+        self.lock().is_none()
     }
 
     const fn __enter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
@@ -130,12 +129,17 @@ impl PyConnection {
 }
 
 impl PyConnection {
-    /// The connection, which is closed for Python from now on. The lock is held for no longer than that.
-    fn take(&self) -> Option<ServerConnection> {
-        let mut connection = self
-            .connection
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        connection.take()
+    /// The connection, which is closed for Python from now on. A wrong name or token leaves it open.
+    fn take_for(&self, scene: &str) -> Result<ServerConnection, BindingError> {
+        let mut opened = self.lock();
+        let connection = opened.as_ref().ok_or(BindingError::Closed)?;
+        connection.check_join(scene)?;
+        opened.take().ok_or(BindingError::Closed)
+    }
+
+    /// Held for no longer than the connection is looked at or taken.
+    fn lock(&self) -> MutexGuard<'_, Option<ServerConnection>> {
+        let locked = self.connection.lock();
+        locked.unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -44,7 +44,16 @@ def test_joining_what_cannot_be_joined(server):
     ):
         with pytest.raises(rhumb.InvalidError):
             connection.join("wrong", **options)
+    for name in ("", "a name with blanks"):
+        with pytest.raises(rhumb.InvalidError):
+            connection.join(name)
     assert not connection.closed
+    connection.join("right").close()
+    with server.connect(token="no\ntoken") as connection:
+        with pytest.raises(rhumb.InvalidError):
+            connection.join("right")
+        assert not connection.closed
+    connection = server.connect()
     with pytest.raises(PermissionError):
         connection.join("nowhere", condition="join")
     assert connection.closed

@@ -54,7 +54,7 @@ class Connection:
         smooth: bool = True,
         resume_within: Optional[float] = None,
     ) -> Scene:
-        """Joins a scene, and uses the connection up.
+        """Joins a scene, and uses the connection up; wrong arguments do not.
 
         The tolerance is how far any point of a copied body may be off, in metres whatever the coordinates. Stepping, ticks,
         substeps, publish interval and gravity are those of a new scene; no gravity means the earth's.
