@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use numpy::{Element, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods, get_array_module};
+use numpy::{Element, PyArrayDyn, PyArrayMethods, get_array_module};
 use pyo3::prelude::*;
 use rhumb_bindings::parse_body_word;
 use rhumb_bindings::rhumb_client::BodyId;
@@ -10,27 +10,50 @@ use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 
 use crate::errors::{exception, wrong};
 
-/// Numbers of an argument, with the shape of their array.
+/// Numbers of an argument, with the shape of their array. The shape of one number alone is empty.
 struct Numbers<T> {
     shape: Vec<usize>,
     values: Vec<T>,
 }
 
-fn numbers<T: Element + Copy>(argument: &Bound<'_, PyAny>) -> PyResult<Numbers<T>> {
+impl<T: Element + Copy> Numbers<T> {
+    /// The numbers of an array of NumPy, as another type.
+    fn of(array: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let py = array.py();
+        let dtype = numpy::dtype::<T>(py);
+        // It makes a row of one number alone.
+        let row = get_array_module(py)?.call_method1("ascontiguousarray", (array, dtype))?;
+        let row = row.cast_into::<PyArrayDyn<T>>()?;
+        let values = row.readonly().as_slice()?.to_vec();
+        let shape = array.getattr("shape")?.extract::<Vec<usize>>()?;
+        Ok(Self { shape, values })
+    }
+}
+
+fn numbers(argument: &Bound<'_, PyAny>) -> PyResult<Numbers<f32>> {
     let py = argument.py();
-    let dtype = numpy::dtype::<T>(py);
-    let array = get_array_module(py)?.call_method1("ascontiguousarray", (argument, dtype))?;
-    let scalar = argument
-        .getattr_opt("ndim")?
-        .is_some_and(|ndim| ndim.eq(0).unwrap_or(false));
-    let scalar = scalar || argument.extract::<f64>().is_ok();
-    let array = array.cast_into::<PyArrayDyn<T>>()?;
-    let values = array.readonly().as_slice()?.to_vec();
-    // `ascontiguousarray` makes a row of one number.
-    let shape = match scalar {
-        true => Vec::new(),
-        false => array.shape().to_vec(),
+    let dtype = numpy::dtype::<f32>(py);
+    let array = get_array_module(py)?.call_method1("asarray", (argument, dtype))?;
+    Numbers::of(&array)
+}
+
+/// Whole numbers. A negative one becomes greater than any place or id. A float is refused: its fraction would be lost.
+fn integers(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Numbers<u64>> {
+    let py = argument.py();
+    let array = get_array_module(py)?.call_method1("asarray", (argument,))?;
+    let kind = array.getattr("dtype")?.getattr("kind")?.extract::<char>()?;
+    // An array of nothing is one of floats.
+    let is_empty = array.getattr("size")?.extract::<usize>()? == 0;
+    if is_empty || matches!(kind, 'i' | 'u') {
+        return Numbers::of(&array);
+    }
+    // So is an array of a list that has integers of Python beside unsigned ones of NumPy.
+    let mixed = match kind {
+        'f' => argument.extract::<Vec<u64>>().ok(),
+        _ => None,
     };
+    let values = mixed.ok_or_else(|| wrong(py, name, "whole numbers"))?;
+    let shape = vec![values.len()];
     Ok(Numbers { shape, values })
 }
 
@@ -40,7 +63,7 @@ pub(crate) fn rows<const W: usize>(
     count: usize,
     name: &'static str,
 ) -> PyResult<Vec<[f32; W]>> {
-    let numbers = numbers::<f32>(argument)?;
+    let numbers = numbers(argument)?;
     let (rows, _) = numbers.values.as_chunks::<W>();
     match *numbers.shape.as_slice() {
         [width] if width == W => Ok(vec![rows[0]; count]),
@@ -68,7 +91,7 @@ pub(crate) fn optional_rows<const W: usize>(
 
 /// Any number of rows of three numbers.
 pub(crate) fn points(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec<Vec3>> {
-    let numbers = numbers::<f32>(argument)?;
+    let numbers = numbers(argument)?;
     match *numbers.shape.as_slice() {
         [_, 3] => Ok(numbers
             .values
@@ -84,9 +107,11 @@ pub(crate) fn points(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResul
 
 /// Any number of rows of three places.
 pub(crate) fn triangles(argument: &Bound<'_, PyAny>) -> PyResult<Vec<[u32; 3]>> {
-    let numbers = numbers::<u32>(argument)?;
-    match *numbers.shape.as_slice() {
-        [_, 3] => Ok(numbers.values.as_chunks().0.to_vec()),
+    let numbers = integers(argument, "triangles")?;
+    let places = numbers.values.iter();
+    let places: Option<Vec<_>> = places.map(|place| u32::try_from(*place).ok()).collect();
+    match (numbers.shape.as_slice(), places) {
+        ([_, 3], Some(places)) => Ok(places.as_chunks().0.to_vec()),
         _ => Err(wrong(
             argument.py(),
             "triangles",
@@ -97,7 +122,7 @@ pub(crate) fn triangles(argument: &Bound<'_, PyAny>) -> PyResult<Vec<[u32; 3]>> 
 
 /// Rows of heights: their number, and all of them.
 pub(crate) fn heights(argument: &Bound<'_, PyAny>) -> PyResult<(u32, Vec<f32>)> {
-    let numbers = numbers::<f32>(argument)?;
+    let numbers = numbers(argument)?;
     match *numbers.shape.as_slice() {
         [rows, _] if u32::try_from(rows).is_ok() => Ok((rows as u32, numbers.values)),
         _ => Err(wrong(argument.py(), "heights", "rows of heights")),
@@ -119,7 +144,7 @@ pub(crate) fn rotation(argument: &Bound<'_, PyAny>, name: &'static str) -> PyRes
 }
 
 fn single<const W: usize>(argument: &Bound<'_, PyAny>) -> PyResult<Option<[f32; W]>> {
-    let numbers = numbers::<f32>(argument)?;
+    let numbers = numbers(argument)?;
     let row = numbers.values.as_slice().try_into().ok();
     Ok(row.filter(|_| numbers.shape == [W]))
 }
@@ -133,7 +158,7 @@ pub(crate) struct Bodies {
 
 pub(crate) fn bodies(argument: &Bound<'_, PyAny>) -> PyResult<Bodies> {
     let py = argument.py();
-    let numbers = numbers::<u64>(argument)?;
+    let numbers = integers(argument, "body")?;
     if numbers.shape.len() > 1 {
         return Err(wrong(py, "body", "an id of a body, or a row of ids"));
     }

@@ -137,6 +137,12 @@ def test_wrong_numbers_and_sizes(scene):
         lambda: scene.set_gravity((0, float("inf"), 0)),
         lambda: scene.remove(0),
         lambda: scene.remove(2**63),
+        lambda: scene.remove(1.5),
+        lambda: scene.remove(float(ball)),
+        lambda: scene.remove([ball, 1.5]),
+        lambda: scene.remove(np.array([ball, other], dtype=float)),
+        lambda: scene.remove(True),
+        lambda: scene.set_gravity(np.zeros(1)),
         lambda: scene.advance(ticks=0),
         lambda: scene.idle(-1),
         lambda: scene.places([ball, 77]),
@@ -146,6 +152,7 @@ def test_wrong_numbers_and_sizes(scene):
         lambda: rhumb.Query.overlap(rhumb.Shape.half_space((0, 1, 0)), (0, 0, 0)),
         lambda: rhumb.Shape.hull([(0, 0), (1, 1)]),
         lambda: rhumb.Shape.mesh([(0, 0, 0)], [(0, 1, 2)]),
+        *(lambda place=place: rhumb.Shape.mesh(np.eye(3), [(0, 1, place)]) for place in (1.5, -1, 2**32 + 2)),
         lambda: rhumb.Shape.heights([1, 2, 3]),
     ):
         with pytest.raises(rhumb.InvalidError) as raised:

@@ -40,6 +40,10 @@ def test_arrays_have_one_order_and_their_types(scene):
     assert np.allclose(scene.angular_velocities, (0, 2, 0), atol=0.1)
     assert set(scene.changed) <= set(range(5)) and len(scene.changed) >= 4
     assert scene.error_bound(bodies).shape == (5,)
+    # A row of one is a row, and the integers of Python and of NumPy may stand beside each other.
+    assert scene.error_bound(bodies[:1]).shape == scene.error_bound([int(bodies[0])]).shape == (1,)
+    assert scene.error_bound([int(bodies[0]), bodies[1]]).shape == (2,)
+    assert isinstance(scene.error_bound(bodies[0]), float) and isinstance(scene.error_bound(int(bodies[0])), float)
     scene.remove(bodies[:2])
     scene.advance()
     assert len(scene) == 3 and set(scene.removed) == set(bodies[:2])

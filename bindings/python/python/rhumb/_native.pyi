@@ -17,7 +17,7 @@ _Vector = npt.ArrayLike
 _Rotation = npt.ArrayLike
 """A unit quaternion x, y, z, w, body to world; where bodies are a row, also one for each."""
 _Bodies = Union[int, Sequence[int], npt.NDArray[np.uint64]]
-"""An id of a body, or a row of ids."""
+"""An id of a body, or a row of ids: integers."""
 _Kind = Literal["dynamic", "fixed", "kinematic"]
 
 def connect(
