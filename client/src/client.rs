@@ -247,6 +247,13 @@ impl Client {
         Ok(self.ids.command(&mut self.pump.session, command)?)
     }
 
+    /// The number of the command that this client queued last: after [`Self::add_body`] that of the body's addition, which
+    /// [`Event::Refused`] may name. `None` before the first command.
+    #[must_use]
+    pub const fn last_command(&self) -> Option<u64> {
+        self.ids.last_command()
+    }
+
     /// Queues queries in one message, and returns the number that their answer names: [`Event::QueryResult`].
     ///
     /// The answer tells where the bodies were at its tick: the newest one when the server read the message, which is

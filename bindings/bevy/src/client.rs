@@ -1,5 +1,6 @@
 //! The client of the scene that an app is a member of, as a resource.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use bevy_ecs::entity::Entity;
@@ -8,7 +9,7 @@ use bevy_math::{Quat, Vec3};
 use bevy_platform::cell::SyncCell;
 use rhumb_bindings::{ObjectChange, SceneFollower, shown_error_bound};
 use rhumb_client::scene::{BodyBuilder, Command, Shape, Stepping};
-use rhumb_client::{BodyId, Client, ClientError, ErrorBound, PipelineDepth};
+use rhumb_client::{BodyId, Client, ClientError, ErrorBound, Event, PipelineDepth};
 
 use crate::axes::{AXES, angular_in, rotation_in, torque_in, vector_in};
 
@@ -21,6 +22,8 @@ pub struct RhumbClient {
     client: SyncCell<Client>,
     /// Which entity stands for which body.
     follower: SceneFollower<Entity>,
+    /// Bodies of unanswered commands for which entities of the application stand, by the number of the command.
+    additions: BTreeMap<u64, BodyId>,
 }
 
 impl RhumbClient {
@@ -30,6 +33,7 @@ impl RhumbClient {
         Self {
             follower: SceneFollower::new(&client, AXES),
             client: SyncCell::new(client),
+            additions: BTreeMap::new(),
         }
     }
 
@@ -101,7 +105,8 @@ impl RhumbClient {
     }
 
     /// Adds a body for which an entity of the application stands. The entity gets its components when the server has
-    /// placed the body, and is despawned with the body.
+    /// placed the body, and is despawned with the body, also if the server refuses the body or it is removed before it is
+    /// shown. If the application despawns the entity before, the body has none.
     ///
     /// # Errors
     ///
@@ -111,7 +116,10 @@ impl RhumbClient {
         entity: Entity,
         body: BodyBuilder,
     ) -> Result<BodyId, ClientError> {
-        let id = self.client.get().add_body(body)?;
+        let client = self.client.get();
+        let id = client.add_body(body)?;
+        let addition = client.last_command();
+        self.additions.extend(addition.map(|number| (number, id)));
         self.follower.reserve(id, entity);
         Ok(id)
     }
@@ -203,6 +211,19 @@ impl RhumbClient {
     /// Changes of the entities that show the client's view.
     pub(crate) fn changes(&mut self) -> Vec<ObjectChange<Entity>> {
         self.follower.changes(self.client.get().view())
+    }
+
+    /// The body that an event takes away, or keeps out of the scene.
+    pub(crate) fn note(&mut self, event: &Event) -> Option<BodyId> {
+        match *event {
+            Event::BodyRemoved { id, .. } => Some(id),
+            Event::Refused { number, .. } => self.additions.remove(&number),
+            Event::Applied { through, .. } => {
+                self.additions.retain(|number, _| *number > through);
+                None
+            }
+            _ => None,
+        }
     }
 
     /// The entity that the application has for a body, if any.

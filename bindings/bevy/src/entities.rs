@@ -53,6 +53,13 @@ impl BodyEntities<'_, '_> {
         }
     }
 
+    /// Despawns the entity of the application that waits for a body. The body is gone, and was never shown.
+    pub(crate) fn despawn_reserved(&mut self, client: &mut RhumbClient, id: BodyId) {
+        if let Some(entity) = client.take_reserved(id) {
+            self.despawn(entity);
+        }
+    }
+
     /// Despawns the entities of all bodies.
     pub(crate) fn despawn_all(&mut self) {
         for entity in &self.shown {
@@ -87,10 +94,13 @@ impl BodyEntities<'_, '_> {
             rotation: state.rotation,
             ..scaled.copied().unwrap_or_default()
         };
-        let mut entity = match reserved.map(|entity| self.commands.get_entity(entity)) {
-            Some(Ok(entity)) => entity,
-            // The application has despawned it meanwhile.
-            Some(Err(_)) | None => self.commands.spawn_empty(),
+        let mut entity = match reserved {
+            None => self.commands.spawn_empty(),
+            Some(entity) => match self.commands.get_entity(entity) {
+                Ok(commands) => commands,
+                // The application has despawned it meanwhile, which hides the body.
+                Err(_) => return client.set_entity(id, entity),
+            },
         };
         client.set_entity(id, entity.id());
         entity.try_insert((RhumbBodyId::new(id), state, transform));

@@ -130,7 +130,9 @@ fn advance(
         return;
     }
     let advanced = client.advance(depth.0);
+    let mut gone = Vec::new();
     while let Some((after, event)) = client.inner().poll_event() {
+        gone.extend(client.note(&event));
         events.write(RhumbMessage { after, event });
     }
     match advanced {
@@ -140,6 +142,9 @@ fn advance(
             client.end();
             endings.write(RhumbEnded { error });
         }
+    }
+    for id in gone {
+        entities.despawn_reserved(&mut client, id);
     }
 }
 

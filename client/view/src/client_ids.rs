@@ -20,6 +20,7 @@ pub struct ClientIds {
     shapes: ShapeNumbers,
     /// Bodies of commands that the server has not answered yet, by the number of the command.
     bodies: VecDeque<(u64, BodyChange)>,
+    last_command: Option<u64>,
 }
 
 /// Effect of a command on the shapes in use. A body that is changed leaves its shape and takes one.
@@ -37,7 +38,14 @@ impl ClientIds {
             ids: IdAllocator::new(granted),
             shapes: ShapeNumbers::default(),
             bodies: VecDeque::new(),
+            last_command: None,
         }
+    }
+
+    /// The number of the last queued command; `None` before the first one.
+    #[must_use]
+    pub const fn last_command(&self) -> Option<u64> {
+        self.last_command
     }
 
     /// The number of ids to request from the server before `count` ids are available; zero when enough are available.
@@ -80,6 +88,7 @@ impl ClientIds {
             _ => (None, None),
         };
         let number = session.command(command)?;
+        self.last_command = Some(number);
         if let Some((id, shape)) = shape {
             self.shapes.add(id, shape, number);
         }
@@ -119,6 +128,7 @@ impl ClientIds {
         let unused = self.shapes.unused(is_used, |id| replica.shape(id));
         for id in &unused {
             let number = session.command(Command::RemoveShape { id: *id })?;
+            self.last_command = Some(number);
             self.shapes.remove(*id, number);
         }
         Ok(unused.len())

@@ -79,8 +79,10 @@ fn bodies_of_which_one_finds_no_shape_number_are_all_left_out() {
     assert_eq!(session.poll_transmit(), None, "nothing is queued");
     assert_eq!(ids.missing_ids(GRANTED), 0, "no id is used");
     // One number is enough for two equal shapes.
+    let before = ids.last_command().expect("shapes were added");
     let added = ids.add_bodies(&mut session, &[ball(0.5), ball(0.5)]);
     assert_eq!(added.map(|ids| ids.len()), Ok(2));
+    assert_eq!(ids.last_command(), Some(before + 3), "a shape, two bodies");
     assert!(session.poll_transmit().is_some());
 }
 

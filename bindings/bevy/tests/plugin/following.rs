@@ -280,6 +280,58 @@ fn an_entity_of_the_application_stands_for_a_body_and_may_be_despawned() {
 }
 
 #[test]
+fn an_entity_that_is_despawned_before_its_body_comes_is_not_replaced() {
+    let server = Server::start();
+    let mut app = app(PipelineDepth::LOCKSTEP);
+    app.insert_resource(RhumbClient::new(server.join(
+        "hidden",
+        Stepping::Lockstep,
+        COPY,
+    )));
+    let own = app.world_mut().spawn_empty().id();
+    let id = rhumb(&mut app).add_body_as(own, ball(0.0, 5.0)).unwrap();
+    app.world_mut().entity_mut(own).despawn();
+    (0..10).for_each(|_| app.update());
+    let place = rhumb(&mut app).inner().view().place(id);
+    assert!(place.is_some(), "the body lives on");
+    assert_eq!(entity(&mut app, id), None);
+    rhumb(&mut app).remove_body(id).unwrap();
+    app.update();
+    assert!(messages(&app).endings.is_empty());
+}
+
+#[test]
+fn an_entity_of_the_application_goes_with_a_body_that_is_never_shown() {
+    let server = Server::start();
+    let mut app = app(PipelineDepth::LOCKSTEP);
+    app.insert_resource(RhumbClient::new(server.join(
+        "never",
+        Stepping::Lockstep,
+        COPY,
+    )));
+    let [removed, refused, shown] = [(); 3].map(|()| app.world_mut().spawn_empty().id());
+    let id = rhumb(&mut app)
+        .add_body_as(removed, ball(0.0, 5.0))
+        .unwrap();
+    rhumb(&mut app).remove_body(id).unwrap();
+    // A dynamic body needs a volume.
+    let normal = glam::Vec3::Y;
+    let endless = BodyDesc::dynamic(Shape::HalfSpace { normal });
+    rhumb(&mut app).add_body_as(refused, endless).unwrap();
+    let kept = rhumb(&mut app).add_body_as(shown, ball(3.0, 5.0)).unwrap();
+    run_until(&mut app, "two entities are despawned", |app| {
+        let is_gone = |own: &Entity| app.world().get_entity(*own).is_err();
+        is_gone(&removed) && is_gone(&refused)
+    });
+    assert_eq!(entity(&mut app, id), None);
+    assert_eq!(entity(&mut app, kept), Some(shown));
+    let is_refusal = |event: &&Event| matches!(event, Event::Refused { .. });
+    let refusals = messages(&app).events.iter().filter(is_refusal);
+    assert_eq!(refusals.count(), 1);
+    assert!(messages(&app).endings.is_empty());
+}
+
+#[test]
 fn a_scene_that_is_removed_or_replaced_takes_its_entities_with_it() {
     let server = Server::start();
     let mut app = app(PipelineDepth::LOCKSTEP);
