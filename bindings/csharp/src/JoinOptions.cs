@@ -1,5 +1,7 @@
 // How to join a scene.
 
+using System;
+
 namespace Rhumb
 {
     /// <summary>How to join a scene; plain when made.</summary>
@@ -56,6 +58,16 @@ namespace Rhumb
             set { raw.ticks_per_second = value; }
         }
 
+        /// <summary>
+        /// Substeps in each tick of a new scene, 4 in plain options. More of them make joints and piles stiffer, and a tick
+        /// costlier. Join refuses zero.
+        /// </summary>
+        public uint Substeps
+        {
+            get { return raw.substeps; }
+            set { raw.substeps = value; }
+        }
+
         /// <summary>Published ticks of a new scene are the multiples of this number; Advance steps to the next one.</summary>
         public uint PublishInterval
         {
@@ -76,9 +88,35 @@ namespace Rhumb
             }
         }
 
+        /// <summary>
+        /// Free running only: ticks by which the view stays behind the server's clock, zero in plain options. Join refuses a
+        /// number that is negative or not finite.
+        /// </summary>
+        public double DelayTicks
+        {
+            get { return raw.delay_ticks; }
+            set { raw.delay_ticks = value; }
+        }
+
+        /// <summary>Free running only: corrections are shown as short glides, and not as jumps; true in plain options.</summary>
+        public bool Smooth
+        {
+            get { return raw.smooth != 0; }
+            set { raw.smooth = (byte)(value ? 1 : 0); }
+        }
+
+        /// <summary>
+        /// How long the client tries to go on over another connection when its own one ends. Zero: it does not try. Null, as
+        /// in plain options: what the scene suggests. Join refuses a negative time.
+        /// </summary>
+        public TimeSpan? ResumeWithin { get; set; }
+
         internal RhumbJoinOptions Raw()
         {
-            return raw;
+            RhumbJoinOptions whole = raw;
+            whole.has_resume_within = (byte)(ResumeWithin.HasValue ? 1 : 0);
+            whole.resume_within_s = ResumeWithin.GetValueOrDefault().TotalSeconds;
+            return whole;
         }
     }
 }

@@ -44,6 +44,28 @@ namespace Rhumb
             return query;
         }
 
+        /// <summary>
+        /// The same question with its shape turned: a unit quaternion, shape to world. A shape is not turned unless this is
+        /// called. A ray and a projection have no shape, and ignore it. Ask refuses a quaternion that is not of unit length.
+        /// </summary>
+        public unsafe Query Rotation(Quat rotation)
+        {
+            Query query = this;
+            rotation.CopyTo(query.Raw.rotation);
+            return query;
+        }
+
+        /// <summary>
+        /// The same question about the bodies in any of these collision groups: one bit for each, as in BodyDesc.Groups. Every
+        /// group counts unless this is called.
+        /// </summary>
+        public Query Groups(uint groups)
+        {
+            Query query = this;
+            query.Raw.groups = groups;
+            return query;
+        }
+
         /// <summary>The same question without one body.</summary>
         public Query Except(Body body)
         {
@@ -85,8 +107,16 @@ namespace Rhumb
         /// <summary>Place of the query in the call.</summary>
         public int Query;
         public Body Body;
+
+        /// <summary>
+        /// Units of length along the way, or from the point to the surface, negative inside; zero for an overlap.
+        /// </summary>
         public float Distance;
+
+        /// <summary>On the body's surface, in world axes; zero for an overlap.</summary>
         public Vec3 Point;
+
+        /// <summary>Outward from the surface, in world axes, unit; zero where there is none.</summary>
         public Vec3 Normal;
     }
 }

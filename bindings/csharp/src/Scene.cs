@@ -3,7 +3,6 @@
 using System;
 using System.Collections.Generic;
 using System.Runtime.InteropServices;
-using Microsoft.Win32.SafeHandles;
 
 namespace Rhumb
 {
@@ -16,56 +15,73 @@ namespace Rhumb
     public sealed class Scene : IDisposable
     {
         private readonly SceneHandle handle;
-        private readonly ViewArray<Body> bodies = new ViewArray<Body>();
-        private readonly ViewArray<Vec3> positions = new ViewArray<Vec3>();
-        private readonly ViewArray<Quat> rotations = new ViewArray<Quat>();
-        private readonly ViewArray<Vec3> linearVelocities = new ViewArray<Vec3>();
-        private readonly ViewArray<Vec3> angularVelocities = new ViewArray<Vec3>();
-        private readonly ViewArray<byte> resting = new ViewArray<byte>();
-
-        /// <summary>Counts the views, so that an array knows whether it holds the present one.</summary>
-        private ulong view = 1;
+        private readonly ViewArrays arrays;
 
         internal Scene(ulong id)
         {
             handle = new SceneHandle(id);
+            arrays = new ViewArrays(handle);
         }
-
-        private delegate RhumbPoseBuffers Wanted(IntPtr array);
 
         /// <summary>Ids of the bodies of the view. All arrays have this order, which changes from view to view.</summary>
         public ReadOnlySpan<Body> Bodies
         {
-            get { return Read(bodies, WantBodies); }
+            get { return arrays.Bodies; }
         }
 
         /// <summary>Centres of mass.</summary>
         public ReadOnlySpan<Vec3> Positions
         {
-            get { return Read(positions, WantPositions); }
+            get { return arrays.Positions; }
         }
 
         /// <summary>Rotations body to world.</summary>
         public ReadOnlySpan<Quat> Rotations
         {
-            get { return Read(rotations, WantRotations); }
+            get { return arrays.Rotations; }
         }
 
         public ReadOnlySpan<Vec3> LinearVelocities
         {
-            get { return Read(linearVelocities, WantLinear); }
+            get { return arrays.LinearVelocities; }
         }
 
         /// <summary>rad/s about world axes.</summary>
         public ReadOnlySpan<Vec3> AngularVelocities
         {
-            get { return Read(angularVelocities, WantAngular); }
+            get { return arrays.AngularVelocities; }
         }
 
         /// <summary>Not zero for each body that rests.</summary>
         public ReadOnlySpan<byte> Resting
         {
-            get { return Read(resting, WantResting); }
+            get { return arrays.Resting; }
+        }
+
+        /// <summary>
+        /// Places, in the arrays, of the bodies whose pose differs from that of the last view: each place once, in any order.
+        /// A body that is new in the view is among them once it has a pose.
+        ///
+        /// The first read of Changed, Removed or Time after a view also converts the view's arrays if the coordinates are not
+        /// Rhumb's own.
+        /// </summary>
+        public ReadOnlySpan<int> Changed
+        {
+            get { return arrays.Changed; }
+        }
+
+        /// <summary>Bodies that were removed since the last view. They have no place in the arrays.</summary>
+        public ReadOnlySpan<Body> Removed
+        {
+            get { return arrays.Removed; }
+        }
+
+        /// <summary>
+        /// The moment of the view, in lockstep too, where it is a whole tick. Tick zero before the first view.
+        /// </summary>
+        public RenderTime Time
+        {
+            get { return arrays.Time; }
         }
 
         public Body Add(BodyDesc desc)
@@ -220,8 +236,10 @@ namespace Rhumb
         public unsafe ulong Advance(uint depth = 0)
         {
             ulong tick;
-            view++;
-            RhumbException.Check(Native.rhumb_scene_advance(Raw(), depth, &tick));
+            using (arrays.BeginView())
+            {
+                RhumbException.Check(Native.rhumb_scene_advance(Raw(), depth, &tick));
+            }
             return tick;
         }
 
@@ -229,18 +247,22 @@ namespace Rhumb
         public unsafe ulong Wait(uint depth = 0)
         {
             ulong tick;
-            view++;
-            RhumbException.Check(Native.rhumb_scene_wait(Raw(), depth, &tick));
+            using (arrays.BeginView())
+            {
+                RhumbException.Check(Native.rhumb_scene_wait(Raw(), depth, &tick));
+            }
             return tick;
         }
 
         /// <summary>Computes the view of a free-running scene for now, in ticks since the scene's first.</summary>
         public unsafe double Poll()
         {
-            RhumbTime time;
-            view++;
-            RhumbException.Check(Native.rhumb_scene_poll(Raw(), &time));
-            return time.tick + time.fraction;
+            RhumbTime shown;
+            using (arrays.BeginView())
+            {
+                RhumbException.Check(Native.rhumb_scene_poll(Raw(), &shown));
+            }
+            return shown.tick + shown.fraction;
         }
 
         /// <summary>Handles what arrives for a time in seconds, without computing the view.</summary>
@@ -250,13 +272,25 @@ namespace Rhumb
         }
 
         /// <summary>The newest tick at which every copy is within its tolerance, of what has arrived.</summary>
-        public unsafe ulong CompleteTick
+        public ulong CompleteTick
+        {
+            get { return Statistics.CompleteTick; }
+        }
+
+        /// <summary>Statistics of this client since it connected.</summary>
+        public unsafe Statistics Statistics
         {
             get
             {
-                RhumbStatistics statistics;
-                RhumbException.Check(Native.rhumb_scene_statistics(Raw(), &statistics));
-                return statistics.complete_tick;
+                RhumbStatistics raw;
+                RhumbException.Check(Native.rhumb_scene_statistics(Raw(), &raw));
+                return new Statistics
+                {
+                    SentBytes = raw.sent_bytes,
+                    ReceivedBytes = raw.received_bytes,
+                    Updates = raw.updates,
+                    CompleteTick = raw.complete_tick,
+                };
             }
         }
 
@@ -282,6 +316,23 @@ namespace Rhumb
             return bound;
         }
 
+        /// <summary>
+        /// How far any point of each body may be off at the newest tick of the stream, in the scene's unit of length; infinite
+        /// while that is not known. In the order of the bodies, such as Bodies. A body that the copy does not have is an error
+        /// of the call.
+        /// </summary>
+        public unsafe float[] ErrorBounds(ReadOnlySpan<Body> bodies)
+        {
+            var bounds = new float[bodies.Length];
+            fixed (Body* from = &MemoryMarshal.GetReference(bodies))
+            fixed (float* to = bounds)
+            {
+                RhumbException.Check(
+                    Native.rhumb_scene_error_bounds(Raw(), (RhumbBody*)from, (UIntPtr)bounds.Length, to));
+            }
+            return bounds;
+        }
+
         /// <summary>Takes the oldest unread event; false if there is none.</summary>
         public unsafe bool TryNextEvent(out Event next)
         {
@@ -292,7 +343,13 @@ namespace Rhumb
         }
 
         /// <summary>Asks the server, and waits; hits are in the order of the queries.</summary>
-        public unsafe Hit[] Ask(params Query[] queries)
+        public Hit[] Ask(params Query[] queries)
+        {
+            return Ask(out ulong unused, queries);
+        }
+
+        /// <summary>Asks the server, and waits; the same with the tick whose scene was asked.</summary>
+        public unsafe Hit[] Ask(out ulong tick, params Query[] queries)
         {
             if (queries == null)
             {
@@ -306,13 +363,14 @@ namespace Rhumb
             }
             var raw = new RhumbHit[capacity];
             UIntPtr count;
-            ulong tick;
+            ulong asked;
             fixed (Query* from = queries)
             fixed (RhumbHit* to = raw)
             {
                 RhumbException.Check(Native.rhumb_scene_query(
-                    Raw(), (RhumbQuery*)from, (UIntPtr)queries.Length, to, (UIntPtr)capacity, &count, &tick));
+                    Raw(), (RhumbQuery*)from, (UIntPtr)queries.Length, to, (UIntPtr)capacity, &count, &asked));
             }
+            tick = asked;
             var hits = new Hit[(int)count];
             for (int i = 0; i < hits.Length; i++)
             {
@@ -350,104 +408,9 @@ namespace Rhumb
             return desc.Raw();
         }
 
-        private static unsafe RhumbPoseBuffers WantBodies(IntPtr array)
-        {
-            return new RhumbPoseBuffers { bodies = (RhumbBody*)array };
-        }
-
-        private static unsafe RhumbPoseBuffers WantPositions(IntPtr array)
-        {
-            return new RhumbPoseBuffers { positions = (float*)array };
-        }
-
-        private static unsafe RhumbPoseBuffers WantRotations(IntPtr array)
-        {
-            return new RhumbPoseBuffers { rotations = (float*)array };
-        }
-
-        private static unsafe RhumbPoseBuffers WantLinear(IntPtr array)
-        {
-            return new RhumbPoseBuffers { linear_velocities = (float*)array };
-        }
-
-        private static unsafe RhumbPoseBuffers WantAngular(IntPtr array)
-        {
-            return new RhumbPoseBuffers { angular_velocities = (float*)array };
-        }
-
-        private static unsafe RhumbPoseBuffers WantResting(IntPtr array)
-        {
-            return new RhumbPoseBuffers { resting = (byte*)array };
-        }
-
-        /// <summary>The array of the present view, which the first read after a view fills.</summary>
-        private unsafe ReadOnlySpan<T> Read<T>(ViewArray<T> array, Wanted wanted)
-            where T : struct
-        {
-            while (array.View != view)
-            {
-                UIntPtr count;
-                RhumbCode code;
-                GCHandle pin = GCHandle.Alloc(array.Values, GCHandleType.Pinned);
-                try
-                {
-                    RhumbPoseBuffers buffers = wanted(pin.AddrOfPinnedObject());
-                    buffers.capacity = (UIntPtr)array.Values.Length;
-                    code = Native.rhumb_scene_copy_poses(Raw(), &buffers, &count);
-                }
-                finally
-                {
-                    pin.Free();
-                }
-                if (code == RhumbCode.TooSmall)
-                {
-                    // A quarter more, so that a scene that grows does not make a new array for each view.
-                    array.Values = new T[(int)count + (int)count / 4];
-                    continue;
-                }
-                RhumbException.Check(code);
-                array.Count = (int)count;
-                array.View = view;
-            }
-            if (handle.IsClosed)
-            {
-                RhumbException.Check(Native.rhumb_scene_flush(Raw()));
-            }
-            return new ReadOnlySpan<T>(array.Values, 0, array.Count);
-        }
-
         private RhumbScene Raw()
         {
-            return new RhumbScene { id = handle.Id };
-        }
-
-        /// <summary>An array, and the view that it holds.</summary>
-        private sealed class ViewArray<T>
-        {
-            internal T[] Values = new T[1];
-            internal int Count;
-            internal ulong View;
-        }
-
-        /// <summary>The number of a scene, which is closed with it.</summary>
-        private sealed class SceneHandle : SafeHandleZeroOrMinusOneIsInvalid
-        {
-            internal SceneHandle(ulong id)
-                : base(true)
-            {
-                SetHandle((IntPtr)(long)id);
-            }
-
-            /// <summary>Zero, which no scene has, once it is closed.</summary>
-            internal ulong Id
-            {
-                get { return IsClosed ? 0 : (ulong)(long)handle; }
-            }
-
-            protected override bool ReleaseHandle()
-            {
-                return Native.rhumb_scene_close(new RhumbScene { id = (ulong)(long)handle }) == RhumbCode.Ok;
-            }
+            return handle.Scene;
         }
     }
 }

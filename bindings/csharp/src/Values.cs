@@ -113,9 +113,27 @@ namespace Rhumb
             Word = word;
         }
 
+        /// <summary>
+        /// Its number, the same for all members of the scene and in every language. Zero for no body. It is to be sent or
+        /// stored; a program does not compute with it.
+        /// </summary>
+        public ulong Id
+        {
+            get { return Word; }
+        }
+
         public bool IsNone
         {
             get { return Word == 0; }
+        }
+
+        /// <summary>
+        /// The body with a number that Id gave, to this member of the scene or another one. A number that no body has is an
+        /// error of the calls that take the body.
+        /// </summary>
+        public static Body FromId(ulong id)
+        {
+            return new Body(id);
         }
 
         public bool Equals(Body other)

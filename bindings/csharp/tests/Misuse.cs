@@ -4,6 +4,7 @@
 
 using System;
 using System.Diagnostics;
+using System.Reflection;
 using System.Runtime.InteropServices;
 using System.Threading;
 using Rhumb;
@@ -26,6 +27,7 @@ internal static class Misuse
             Arrays(scene);
             Events(scene, body);
             TwoThreads(scene);
+            LentArrays(scene);
         }
         Closed();
         Unity();
@@ -111,7 +113,9 @@ internal static class Misuse
         ExpectError(RhumbCode.Invalid, "a force", () => scene.Send(Command.Force(body, new Vec3(0, float.PositiveInfinity, 0))));
         ExpectError(RhumbCode.Invalid, "no time", () => scene.Idle(-1));
         ExpectError(RhumbCode.Invalid, "no bound", () => scene.ErrorBound(default(Body)));
+        ExpectError(RhumbCode.Invalid, "one bound of two", () => scene.ErrorBounds(new[] { body, default(Body) }));
         ExpectError(RhumbCode.Null, "no queries", () => scene.Ask(null));
+        ExpectError(RhumbCode.Null, "no queries", () => scene.Ask(out ulong unused, null));
         ExpectError(RhumbCode.Invalid, "empty queries", () => scene.Ask());
         ExpectError(RhumbCode.Invalid, "hits", () => scene.Ask(Query.Ray(default(Vec3), new Vec3(0, 1, 0), 1000)));
         ExpectError(RhumbCode.Invalid, "a hull is not cast", () => Query.Overlap(Shape.Hull(new Vec3[4]), default(Vec3)));
@@ -173,11 +177,30 @@ internal static class Misuse
         Thread other = Inside(scene, () => scene.Idle(1));
         ExpectError(RhumbCode.Busy, "advance", () => scene.Advance());
         ExpectError(RhumbCode.Busy, "positions", () => { ReadOnlySpan<Vec3> unused = scene.Positions; });
+        ExpectError(RhumbCode.Busy, "changed", () => { ReadOnlySpan<int> unused = scene.Changed; });
+        ExpectError(RhumbCode.Busy, "removed", () => { ReadOnlySpan<Body> unused = scene.Removed; });
+        ExpectError(RhumbCode.Busy, "time", () => { RenderTime unused = scene.Time; });
+        ExpectError(RhumbCode.Busy, "statistics", () => { Statistics unused = scene.Statistics; });
         ExpectError(RhumbCode.Busy, "add", () => scene.Add(BodyDesc.Dynamic(Shape.Ball(1))));
         ExpectError(RhumbCode.Busy, "ask", () => scene.Ask(Query.Ray(default(Vec3), new Vec3(0, 1, 0))));
         ExpectError(RhumbCode.Busy, "delete", scene.Delete);
         other.Join();
         scene.Advance();
+    }
+
+    /// <summary>While one thread computes a view, no other one does, and none copies arrays that the library only lends.</summary>
+    private static void LentArrays(Scene scene)
+    {
+        FieldInfo arrays = typeof(Scene).GetField("arrays", BindingFlags.Instance | BindingFlags.NonPublic);
+        using (((ViewArrays)arrays.GetValue(scene)).BeginView())
+        {
+            ExpectError(RhumbCode.Busy, "advance", () => scene.Advance());
+            ExpectError(RhumbCode.Busy, "wait", () => scene.Wait());
+            ExpectError(RhumbCode.Busy, "poll", () => scene.Poll());
+            ExpectError(RhumbCode.Busy, "changed", () => { ReadOnlySpan<int> unused = scene.Changed; });
+        }
+        scene.Advance();
+        Expect(scene.Changed.Length > 0, "the next calls have their turn");
     }
 
     /// <summary>Runs a call in another thread, and returns once that thread is inside it.</summary>
@@ -221,7 +244,7 @@ internal static class Misuse
         Scene scene = Joined("closed", 5);
         Body body = scene.Add(BodyDesc.Dynamic(Shape.Ball(0.5f)));
         scene.Advance();
-        Expect(scene.Positions.Length == 1, "one body");
+        Expect(scene.Positions.Length == 1 && scene.Changed.Length == 1, "one body");
         scene.Dispose();
         scene.Dispose();
         ExpectError(RhumbCode.Closed, "advance", () => scene.Advance());
@@ -232,6 +255,11 @@ internal static class Misuse
         ExpectError(RhumbCode.Closed, "delete", scene.Delete);
         ExpectError(RhumbCode.Closed, "positions", () => { ReadOnlySpan<Vec3> unused = scene.Positions; });
         ExpectError(RhumbCode.Closed, "rotations", () => { ReadOnlySpan<Quat> unused = scene.Rotations; });
+        ExpectError(RhumbCode.Closed, "changed", () => { ReadOnlySpan<int> unused = scene.Changed; });
+        ExpectError(RhumbCode.Closed, "removed", () => { ReadOnlySpan<Body> unused = scene.Removed; });
+        ExpectError(RhumbCode.Closed, "time", () => { RenderTime unused = scene.Time; });
+        ExpectError(RhumbCode.Closed, "statistics", () => { Statistics unused = scene.Statistics; });
+        ExpectError(RhumbCode.Closed, "bounds", () => scene.ErrorBounds(new[] { body }));
         ExpectError(RhumbCode.Closed, "add", () => scene.Add(BodyDesc.Dynamic(Shape.Ball(1))));
         ExpectError(RhumbCode.Closed, "send", () => scene.Send(Command.SetGravity(default(Vec3))));
         ExpectError(RhumbCode.Closed, "place", () => scene.Place(body));

@@ -3,6 +3,7 @@
 // Arguments: the server's address and fingerprint. The test compiles the book's code beside this file.
 
 using System;
+using System.Collections.Generic;
 using System.Reflection;
 using Rhumb;
 
@@ -36,8 +37,12 @@ namespace UnityEngine
         public Vector3 position;
         public Quaternion rotation = new Quaternion { w = 1 };
 
+        /// <summary>Counts the calls of SetPositionAndRotation.</summary>
+        internal int Writes;
+
         public void SetPositionAndRotation(Vector3 at, Quaternion turned)
         {
+            Writes++;
             position = at;
             rotation = turned;
         }
@@ -73,11 +78,44 @@ internal static class Unity
         {
             ExpectNear(scene.Positions[0].Z, -crate.position.z, 0.11, "z");
             ExpectNear(scene.Rotations[0].Y, -crate.rotation.y, 0.1, "turn, y");
+            RemovedBody(world, scene, crate);
             scene.Delete();
         }
         Call(world, "OnDestroy");
         Console.WriteLine("the crate fell and turned as in Unity");
         return 0;
+    }
+
+    /// <summary>Another client removes the crate's body; its transform is left alone, and a standing one is not written.</summary>
+    private static void RemovedBody(RhumbWorld world, Scene other, UnityEngine.Transform crate)
+    {
+        var wall = new UnityEngine.Transform();
+        world.Add(wall, BodyDesc.Fixed, Shape.Cuboid(0.5f, 0.5f, 0.5f));
+        Call(world, "FixedUpdate");
+        int written = wall.Writes;
+        other.Send(Command.RemoveBody(other.Bodies[0]));
+        other.Flush();
+        for (int step = 0; Shown(world).Count > 1; step++)
+        {
+            if (step == 500)
+            {
+                throw new InvalidOperationException("the transform of a removed body is still shown");
+            }
+            Call(world, "FixedUpdate");
+        }
+        int last = crate.Writes;
+        Call(world, "FixedUpdate");
+        if (crate.Writes != last || written != 1 || wall.Writes != 1 || !Shown(world).Contains(wall))
+        {
+            throw new InvalidOperationException("written: the crate " + crate.Writes + ", the wall " + wall.Writes);
+        }
+    }
+
+    /// <summary>The transforms that the book's code has for the bodies of the scene.</summary>
+    private static List<UnityEngine.Transform> Shown(RhumbWorld world)
+    {
+        FieldInfo shown = typeof(RhumbWorld).GetField("shown", BindingFlags.Instance | BindingFlags.NonPublic);
+        return new List<UnityEngine.Transform>(((Dictionary<Body, UnityEngine.Transform>)shown.GetValue(world)).Values);
     }
 
     /// <summary>Calls a message of Unity's, which may be private.</summary>

@@ -93,3 +93,14 @@ fn the_script_in_csharp_ends_with_the_hash_of_the_script_in_rust() {
         assert_eq!(program.run_with(&server, &[]), expected);
     }
 }
+
+#[test]
+fn the_whole_interface_of_c_is_reached_from_csharp() {
+    if let Some(program) = Assembly::new("tests/Surface.cs") {
+        let server = SERVER.serve_without_log("127.0.0.1:0");
+        assert_eq!(
+            program.run_with(&server, &[]),
+            "the whole interface is reached\n"
+        );
+    }
+}

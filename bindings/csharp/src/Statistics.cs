@@ -1,0 +1,20 @@
+// Statistics of a client.
+
+namespace Rhumb
+{
+    /// <summary>Statistics of a client since it connected.</summary>
+    public struct Statistics
+    {
+        /// <summary>Bytes in UDP datagrams to the server.</summary>
+        public ulong SentBytes;
+
+        /// <summary>Bytes in UDP datagrams from the server.</summary>
+        public ulong ReceivedBytes;
+
+        /// <summary>Updates of bodies that the stream carried.</summary>
+        public ulong Updates;
+
+        /// <summary>The newest tick at which every copy is within its tolerance.</summary>
+        public ulong CompleteTick;
+    }
+}
