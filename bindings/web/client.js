@@ -33,6 +33,8 @@ export class Client {
   #flushing = false;
   #state = "open";
   #ending;
+  /** Why the scene steps no more. */
+  #fault;
   #interruptedAt;
   #resumeWithin;
   #tap;
@@ -131,12 +133,17 @@ export class Client {
       case "inspected":
         return this.#resolve("inspected", event.inspection);
       case "deleted":
-        this.#resolve("deleted");
+        this.#push(event);
+        return this.#handleDeleted();
+      case "sceneFaulted":
+        this.#handleFault(event);
         break;
       case "denied":
         this.#deny(event);
         break;
       case "resumed":
+        // A server takes no member back into a scene that stands still.
+        this.#fault = undefined;
         this.#state = "open";
         this.#interruptedAt = undefined;
         break;
@@ -149,6 +156,20 @@ export class Client {
   #push(event) {
     if (this.#events.length === EVENTS_KEPT) this.#events.shift();
     this.#events.push(event);
+  }
+
+  /** The membership ended with the scene. */
+  #handleDeleted() {
+    this.#resolve("deleted");
+    this.#connection?.close(0);
+    this.#end(new RhumbError({ code: "sceneDeleted", message: "the scene was deleted" }));
+  }
+
+  #handleFault({ tick }) {
+    const message = `the scene's engine failed; it stands still after tick ${tick}`;
+    this.#fault = new RhumbError({ code: "sceneFaulted", message });
+    this.#settleTicks();
+    this.#rejectTicks(this.#fault);
   }
 
   #handleEnded({ code, message, closeCode, mayResume, complete }) {
@@ -206,8 +227,14 @@ export class Client {
   /** A denial answers the calls that wait. */
   #deny({ denial, message }) {
     const error = new RhumbError({ code: "denied", message, denial });
+    for (const waiting of ["inspected", "deleted"]) this.#reject(waiting, error);
+    this.#rejectTicks(error);
+  }
+
+  /** The scene will not step as far as was requested. */
+  #rejectTicks(error) {
     if (this.#waiting.ticks.length > 0) this.#member.giveUpAdvance();
-    for (const waiting of ["inspected", "deleted", "ticks"]) this.#reject(waiting, error);
+    this.#reject("ticks", error);
   }
 
   #settleTicks() {
@@ -261,7 +288,9 @@ export class Client {
   }
 
   async advance() {
-    const wanted = this.#open().advance(now());
+    const member = this.#open();
+    if (this.#fault !== undefined) throw this.#fault;
+    const wanted = member.advance(now());
     const tick = await this.#wait("ticks", { wanted });
     this.show(tick);
     return tick;

@@ -16,9 +16,10 @@ export function within(promise, timeout, awaited, signal) {
       reject(new RhumbError({ code: "timeout", message }));
     };
     const aborted = () => reject(new RhumbError({ code: "aborted", message: "the attempt was cancelled" }));
-    if (signal?.aborted) return aborted();
     const timer = setTimeout(late, timeout);
-    signal?.addEventListener("abort", aborted, { once: true });
+    if (signal?.aborted) aborted();
+    else signal?.addEventListener("abort", aborted, { once: true });
+    // Also if the signal was aborted before: a rejection must not be left unhandled.
     promise.then(resolve, reject).finally(() => {
       clearTimeout(timer);
       signal?.removeEventListener("abort", aborted);

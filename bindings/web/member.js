@@ -30,28 +30,26 @@ const SMOOTH = 2;
 
 /** The poses of all bodies at one moment. Its arrays are valid until the next call of the member. */
 class View {
+  /** Asks the member for its handle, which another one may have once it was freed. It also keeps the member. */
   #handle;
-  /** A view keeps its member, whose memory is freed when nothing refers to it. */
-  #member;
   time = 0;
 
-  constructor(handle, member) {
+  constructor(handle) {
     this.#handle = handle;
-    this.#member = member;
   }
 
   get count() {
-    return module().count(this.#handle);
+    return module().count(this.#handle());
   }
 
   get generation() {
-    return module().generation(this.#handle);
+    return module().generation(this.#handle());
   }
 
   #column(column, Type, each = 1) {
     // The call may compute the column, so the place is asked for first.
-    const place = module().column(this.#handle, column);
-    return numbers(Type, place, module().column_entries(this.#handle, column) * each);
+    const place = module().column(this.#handle(), column);
+    return numbers(Type, place, module().column_entries(this.#handle(), column) * each);
   }
 
   get ids() {
@@ -107,7 +105,7 @@ class View {
   }
 
   place(id) {
-    return module().place(this.#handle, id);
+    return module().place(this.#handle(), id);
   }
 }
 
@@ -120,7 +118,8 @@ const members = new FinalizationRegistry((handle) => module().member_free(handle
 
 /** The Member of `rhumb.d.ts`, with more that a client needs. */
 export class Member {
-  #handle;
+  /** The module's number of this member; 0 after it was freed. */
+  #number;
   #events = [];
   #joined = false;
   view;
@@ -128,10 +127,15 @@ export class Member {
   constructor(scene, { token, join = {}, seed } = {}) {
     const key = seed === undefined ? undefined : hexadecimal(seed);
     give({ scene, token, key, join });
-    this.#handle = module().member_new();
-    if (this.#handle === 0) throw new RhumbError(output());
-    this.view = new View(this.#handle, this);
-    members.register(this, this.#handle, this);
+    this.#number = module().member_new();
+    if (this.#number === 0) throw new RhumbError(output());
+    this.view = new View(() => this.#handle);
+    members.register(this, this.#number, this);
+  }
+
+  get #handle() {
+    if (this.#number === 0) throw new RhumbError({ code: "notNow", message: "the member was freed" });
+    return this.#number;
   }
 
   handleOpened(now) {
@@ -328,7 +332,7 @@ export class Member {
 
   free() {
     members.unregister(this);
-    module().member_free(this.#handle);
-    this.#handle = 0;
+    module().member_free(this.#number);
+    this.#number = 0;
   }
 }

@@ -202,7 +202,12 @@ export class Client {
    */
   show(ticks: number): void;
 
-  /** Steps a lockstep scene once; resolves with the tick of the view, as `Client::advance` of the Rust crate does. */
+  /**
+   * Steps a lockstep scene once; resolves with the tick of the view, as `Client::advance` of the Rust crate does.
+   *
+   * Rejects with `denied`, with `sceneFaulted` once the scene's engine has failed, and with the reason why the client
+   * ends, such as `sceneDeleted`.
+   */
   advance(): Promise<number>;
 
   /** The view as of the last call that computed it. The same object at all times. */
@@ -278,9 +283,9 @@ export class Client {
    */
   publish(states: readonly (readonly [BodyId, BodyState])[]): number | undefined;
 
-  /** Requests an inspection; resolves with the server's answer. */
+  /** Requests an inspection; resolves with the server's answer. Rejects as {@link advance}, but not after a fault. */
   inspect(): Promise<Inspection>;
-  /** Deletes the scene for all members; resolves when it is done. */
+  /** Deletes the scene for all members; resolves when it is done. Then each of them ends with `sceneDeleted`. */
   delete(): Promise<void>;
 
   readonly statistics: Statistics;
@@ -667,7 +672,9 @@ export type ErrorCode =
   | "closed"
   /** The connection broke or timed out. */
   | "broken"
+  /** A member deleted the scene: the client has ended. */
   | "sceneDeleted"
+  /** The scene's engine failed: the scene steps no more, but the client goes on. */
   | "sceneFaulted";
 
 export type DenialCode =
@@ -739,6 +746,6 @@ export class Member {
   errorBound(id: BodyId): number | undefined;
   /** The state of the copy in the words of spec/vectors: equal to that of every client that has read the same bytes. */
   readonly digest: Digest | undefined;
-  /** Frees the module's memory of this member. */
+  /** Frees the module's memory of this member. Afterwards its calls, and those of its view, throw `notNow`. */
   free(): void;
 }

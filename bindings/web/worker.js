@@ -38,10 +38,12 @@ function frame() {
   };
   if (view.generation !== generation) {
     generation = view.generation;
-    Object.assign(message, { ids: view.ids.slice(), shapes: view.shapes.slice(), kinds: view.kinds.slice() });
+    message.ids = view.ids.slice();
+    message.shapes = view.shapes.slice();
+    message.kinds = view.kinds.slice();
+    message.tolerances = view.tolerances.slice();
   }
-  const { positions, rotations, changed, ids, shapes, kinds } = message;
-  const arrays = [positions, rotations, changed, ids, shapes, kinds].filter((array) => array !== undefined);
+  const arrays = Object.values(message).filter(ArrayBuffer.isView);
   postMessage(message, arrays.map((array) => array.buffer));
 }
 

@@ -5,50 +5,51 @@ use rhumb_protocol::message::{Inspection, QueryResult, RemovalCause, TierChangeC
 use rhumb_protocol::scene::{Answer, BodyEvent, Contact};
 use rhumb_protocol::session::{CloseCode, Event, TransportCode};
 use rhumb_reckoning::BodyId;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use crate::argument::id_number;
 use crate::failure::denial_code;
+use crate::object::object;
 use crate::scene_json::{stream, vector};
 
 /// An event; `None` for one that the binding itself has handled.
 pub(crate) fn event(event: &Event) -> Option<Value> {
     Some(match event {
         Event::Welcomed(_) | Event::Created | Event::ClockSeen { .. } => return None,
-        Event::Joined(_) => json!({"kind": "joined"}),
+        Event::Joined(_) => object!({"kind": "joined"}),
         Event::Inspected(inspected) => {
-            json!({"kind": "inspected", "inspection": inspection(inspected)})
+            object!({"kind": "inspected", "inspection": inspection(inspected)})
         }
         Event::SubscriptionChanged(choice) => {
-            json!({"kind": "subscriptionChanged", "stream": stream(*choice)})
+            object!({"kind": "subscriptionChanged", "stream": stream(*choice)})
         }
-        Event::TierChanged { to, cause } => json!({
+        Event::TierChanged { to, cause } => object!({
             "kind": "tierChanged", "to": stream(*to),
             "cause": match cause {
                 TierChangeCause::LinkCongested => "linkCongested",
                 TierChangeCause::LinkRecovered => "linkRecovered",
             }
         }),
-        Event::Left => json!({"kind": "left"}),
-        Event::Deleted => json!({"kind": "deleted"}),
-        Event::Reserved(_) => json!({"kind": "reserved"}),
-        Event::Denied(denial) => json!({
+        Event::Left => object!({"kind": "left"}),
+        Event::Deleted => object!({"kind": "deleted"}),
+        Event::Reserved(_) => object!({"kind": "reserved"}),
+        Event::Denied(denial) => object!({
             "kind": "denied", "denial": denial_code(*denial), "message": denial.to_string()
         }),
         Event::Applied { through, tick } => {
-            json!({"kind": "applied", "through": through, "tick": tick.value()})
+            object!({"kind": "applied", "through": *through, "tick": tick.value()})
         }
         Event::Refused { number, error } => {
-            json!({"kind": "refused", "number": number, "message": error.to_string()})
+            object!({"kind": "refused", "number": *number, "message": error.to_string()})
         }
-        Event::Interrupted(by) => json!({"kind": "interrupted", "message": sentence(*by)}),
-        Event::Resumed(_) => json!({"kind": "resumed"}),
-        Event::SessionLost(_) => json!({"kind": "sessionLost"}),
+        Event::Interrupted(by) => object!({"kind": "interrupted", "message": sentence(*by)}),
+        Event::Resumed(_) => object!({"kind": "resumed"}),
+        Event::SessionLost(_) => object!({"kind": "sessionLost"}),
         Event::Durable { commands, tick } => {
-            json!({"kind": "durable", "commands": commands, "tick": tick.value()})
+            object!({"kind": "durable", "commands": *commands, "tick": tick.value()})
         }
-        Event::BodyPlaced(id) => json!({"kind": "bodyPlaced", "id": id_number(*id)}),
-        Event::BodyRemoved { id, cause } => json!({
+        Event::BodyPlaced(id) => object!({"kind": "bodyPlaced", "id": id_number(*id)}),
+        Event::BodyRemoved { id, cause } => object!({
             "kind": "bodyRemoved", "id": id_number(*id),
             "cause": match cause {
                 RemovalCause::Command => "command",
@@ -56,21 +57,21 @@ pub(crate) fn event(event: &Event) -> Option<Value> {
                 RemovalCause::NotFinite => "notFinite",
             }
         }),
-        Event::ChecksumMismatch => json!({"kind": "checksumMismatch"}),
-        Event::SceneFaulted { tick, .. } => json!({"kind": "sceneFaulted", "tick": tick.value()}),
-        Event::SceneRestored(tick) => json!({"kind": "sceneRestored", "tick": tick.value()}),
+        Event::ChecksumMismatch => object!({"kind": "checksumMismatch"}),
+        Event::SceneFaulted { tick, .. } => object!({"kind": "sceneFaulted", "tick": tick.value()}),
+        Event::SceneRestored(tick) => object!({"kind": "sceneRestored", "tick": tick.value()}),
         Event::AuthorityGrant(bodies) => authority_grant(bodies),
         Event::AuthorityDenied(error) => {
-            json!({"kind": "authorityDenied", "message": error.to_string()})
+            object!({"kind": "authorityDenied", "message": error.to_string()})
         }
         Event::QueryResult(result) => query_result(result),
         Event::Body { tick, event } => {
             let mut json = body_event(event);
-            json["tick"] = json!(tick.value());
+            json["tick"] = tick.value().into();
             json
         }
         Event::EventsMissed { tick, count } => {
-            json!({"kind": "eventsMissed", "tick": tick.value(), "count": count})
+            object!({"kind": "eventsMissed", "tick": tick.value(), "count": *count})
         }
         Event::Ended(ending) => ended(*ending),
     })
@@ -78,7 +79,7 @@ pub(crate) fn event(event: &Event) -> Option<Value> {
 
 fn authority_grant(bodies: &[BodyId]) -> Value {
     let bodies: Vec<_> = bodies.iter().map(|id| id_number(*id)).collect();
-    json!({"kind": "authorityGrant", "bodies": bodies})
+    object!({"kind": "authorityGrant", "bodies": bodies})
 }
 
 fn ended(ending: Ending) -> Value {
@@ -86,7 +87,7 @@ fn ended(ending: Ending) -> Value {
         Ending::Closed(code) => Some(code),
         Ending::TimedOut | Ending::Broken => None,
     };
-    json!({
+    object!({
         "kind": "ended", "code": ending_code(ending), "message": sentence(ending),
         "closeCode": close_code
     })
@@ -112,7 +113,7 @@ pub(crate) fn sentence(ending: Ending) -> String {
 }
 
 fn contact(contact: &Contact) -> Value {
-    json!({
+    object!({
         "with": id_number(contact.with), "point": vector(contact.point),
         "normal": vector(contact.normal), "separation": contact.separation,
         "force": contact.force
@@ -122,27 +123,27 @@ fn contact(contact: &Contact) -> Value {
 fn body_event(event: &BodyEvent) -> Value {
     match event {
         BodyEvent::ContactBegan { body, contact: at } => {
-            json!({"kind": "contactBegan", "body": id_number(*body), "contact": contact(at)})
+            object!({"kind": "contactBegan", "body": id_number(*body), "contact": contact(at)})
         }
         BodyEvent::ContactForce { body, contact: at } => {
-            json!({"kind": "contactForce", "body": id_number(*body), "contact": contact(at)})
+            object!({"kind": "contactForce", "body": id_number(*body), "contact": contact(at)})
         }
-        BodyEvent::ContactEnded { body, with } => json!({
+        BodyEvent::ContactEnded { body, with } => object!({
             "kind": "contactEnded", "body": id_number(*body), "with": id_number(*with)
         }),
-        BodyEvent::SensorEntered { sensor, body } => json!({
+        BodyEvent::SensorEntered { sensor, body } => object!({
             "kind": "sensorEntered", "sensor": id_number(*sensor), "body": id_number(*body)
         }),
-        BodyEvent::SensorLeft { sensor, body } => json!({
+        BodyEvent::SensorLeft { sensor, body } => object!({
             "kind": "sensorLeft", "sensor": id_number(*sensor), "body": id_number(*body)
         }),
-        BodyEvent::FellAsleep(body) => json!({"kind": "fellAsleep", "body": id_number(*body)}),
-        BodyEvent::Woke(body) => json!({"kind": "woke", "body": id_number(*body)}),
-        BodyEvent::Fault(body) => json!({"kind": "bodyFault", "body": id_number(*body)}),
+        BodyEvent::FellAsleep(body) => object!({"kind": "fellAsleep", "body": id_number(*body)}),
+        BodyEvent::Woke(body) => object!({"kind": "woke", "body": id_number(*body)}),
+        BodyEvent::Fault(body) => object!({"kind": "bodyFault", "body": id_number(*body)}),
         BodyEvent::ReachedGround(body) => {
-            json!({"kind": "reachedGround", "body": id_number(*body)})
+            object!({"kind": "reachedGround", "body": id_number(*body)})
         }
-        BodyEvent::LeftGround(body) => json!({"kind": "leftGround", "body": id_number(*body)}),
+        BodyEvent::LeftGround(body) => object!({"kind": "leftGround", "body": id_number(*body)}),
     }
 }
 
@@ -152,14 +153,14 @@ fn query_result(result: &QueryResult) -> Value {
         Ok(answers) => answers,
         Err(error) => {
             let message = error.to_string();
-            return json!({"kind": "queryFailed", "number": number, "tick": tick, "message": message});
+            return object!({"kind": "queryFailed", "number": number, "tick": tick, "message": message});
         }
     };
     let answer = |answer: &Answer| -> Vec<Value> {
         match answer {
             Answer::Hits(hits) => {
                 let hit = |hit: &rhumb_protocol::scene::Hit| {
-                    json!({
+                    object!({
                         "body": id_number(hit.body), "distance": hit.distance,
                         "point": vector(hit.point), "normal": vector(hit.normal)
                     })
@@ -167,17 +168,17 @@ fn query_result(result: &QueryResult) -> Value {
                 hits.iter().map(hit).collect()
             }
             Answer::Bodies(bodies) => {
-                let body = |id: &BodyId| json!({"body": id_number(*id)});
+                let body = |id: &BodyId| object!({"body": id_number(*id)});
                 bodies.iter().map(body).collect()
             }
         }
     };
     let answers: Vec<_> = answers.iter().map(answer).collect();
-    json!({"kind": "queryResult", "number": number, "tick": tick, "answers": answers})
+    object!({"kind": "queryResult", "number": number, "tick": tick, "answers": answers})
 }
 
 fn inspection(inspection: &Inspection) -> Value {
-    json!({
+    object!({
         "tick": inspection.tick.value(), "bodies": inspection.bodies, "awake": inspection.awake,
         "updates": inspection.updates, "packets": inspection.packets,
         "packetBytes": inspection.packet_bytes, "mismatches": inspection.mismatches,

@@ -5,7 +5,9 @@ use std::fmt;
 use rhumb_protocol::message::Denial;
 use rhumb_protocol::session::Misuse;
 use rhumb_view::AddError;
-use serde_json::{Value, json};
+use serde_json::Value;
+
+use crate::object::object;
 
 /// An error, as JavaScript sees it.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,7 +39,9 @@ impl Failure {
     }
 
     pub(crate) fn to_json(&self) -> Value {
-        json!({"code": self.code, "message": self.message, "denial": self.denial})
+        object!({
+            "code": self.code, "message": self.message.as_str(), "denial": self.denial
+        })
     }
 }
 

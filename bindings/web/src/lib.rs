@@ -12,6 +12,7 @@ mod failure;
 mod join_argument;
 mod member;
 mod member_argument;
+mod object;
 mod scene_argument;
 mod scene_json;
 

@@ -20,6 +20,7 @@ use crate::event_json;
 use crate::failure::Failure;
 use crate::join_argument::JoinArguments;
 use crate::member_argument::MemberOptions;
+use crate::object::object;
 use crate::scene_json;
 
 /// The one peer of a client.
@@ -140,7 +141,7 @@ impl WebMember {
                         JoinError::Denied(denial) => Failure::denied(denial),
                         JoinError::Misuse(misuse) => misuse.into(),
                     };
-                    let failed = json!({"kind": "joinFailed", "error": failure.to_json()});
+                    let failed = object!({"kind": "joinFailed", "error": failure.to_json()});
                     self.events.push(failed);
                 }
             }
@@ -152,11 +153,9 @@ impl WebMember {
                 event,
                 Event::BodyPlaced(_) | Event::SubscriptionChanged(_) | Event::Resumed(_)
             );
-            if !joined.ids.note(event, self.session.replica()) {
-                // Ids that a call asked for have arrived.
-                if matches!(event, Event::Reserved(_)) {
-                    self.events.push(json!({"kind": "reserved"}));
-                }
+            let is_handled = !joined.ids.note(event, self.session.replica());
+            // A call that needs more ids waits for this event.
+            if is_handled && !matches!(event, Event::Reserved(_)) {
                 return;
             }
         }

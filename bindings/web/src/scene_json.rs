@@ -4,19 +4,20 @@ use glam::{Quat, Vec3};
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, CollisionGroups, Joint, JointFrame, JointKind, JointLimits, LockedAxes,
-    Material, SceneConfig, Shape, Stepping,
+    Mass, Material, SceneConfig, Shape, SleepConfig, Stepping,
 };
 use rhumb_reckoning::{Anchor, Damping, Motion, Predictor, Tolerance, ToleranceScale, Track};
-use serde_json::{Map, Value, json};
+use serde_json::Value;
 
 use crate::argument::id_number;
+use crate::object::object;
 
 pub(crate) fn vector(vector: Vec3) -> Value {
-    json!(vector.to_array())
+    vector.to_array().into()
 }
 
 fn rotation(rotation: Quat) -> Value {
-    json!(rotation.to_array())
+    rotation.to_array().into()
 }
 
 fn points(points: &[Vec3]) -> Vec<f32> {
@@ -24,49 +25,49 @@ fn points(points: &[Vec3]) -> Vec<f32> {
 }
 
 pub(crate) fn shape(shape: &Shape) -> Value {
-    match shape {
-        Shape::Ball { radius } => json!({"kind": "ball", "radius": radius}),
+    match *shape {
+        Shape::Ball { radius } => object!({"kind": "ball", "radius": radius}),
         Shape::Cuboid { half_extents } => {
-            json!({"kind": "cuboid", "halfExtents": vector(*half_extents)})
+            object!({"kind": "cuboid", "halfExtents": vector(half_extents)})
         }
         Shape::RoundedCuboid {
             half_extents,
             radius,
-        } => json!({
-            "kind": "roundedCuboid", "halfExtents": vector(*half_extents), "radius": radius
+        } => object!({
+            "kind": "roundedCuboid", "halfExtents": vector(half_extents), "radius": radius
         }),
         Shape::Capsule {
             half_height,
             radius,
-        } => json!({"kind": "capsule", "halfHeight": half_height, "radius": radius}),
+        } => object!({"kind": "capsule", "halfHeight": half_height, "radius": radius}),
         Shape::Cylinder {
             half_height,
             radius,
-        } => json!({"kind": "cylinder", "halfHeight": half_height, "radius": radius}),
+        } => object!({"kind": "cylinder", "halfHeight": half_height, "radius": radius}),
         Shape::Cone {
             half_height,
             radius,
-        } => json!({"kind": "cone", "halfHeight": half_height, "radius": radius}),
-        Shape::HalfSpace { normal } => json!({"kind": "halfSpace", "normal": vector(*normal)}),
-        Shape::Hull(hull) => json!({"kind": "hull", "points": points(hull.points())}),
-        Shape::Heights(heights) => json!({
+        } => object!({"kind": "cone", "halfHeight": half_height, "radius": radius}),
+        Shape::HalfSpace { normal } => object!({"kind": "halfSpace", "normal": vector(normal)}),
+        Shape::Hull(ref hull) => object!({"kind": "hull", "points": points(hull.points())}),
+        Shape::Heights(ref heights) => object!({
             "kind": "heights", "rows": heights.rows(), "columns": heights.columns(),
             "rowSpacing": heights.row_spacing(), "columnSpacing": heights.column_spacing(),
             "heights": heights.heights()
         }),
-        Shape::Mesh(mesh) => json!({
+        Shape::Mesh(ref mesh) => object!({
             "kind": "mesh", "points": points(mesh.points()),
             "triangles": mesh.triangles().as_flattened()
         }),
-        Shape::Compound(compound) => {
+        Shape::Compound(ref compound) => {
             let part = |part: &rhumb_protocol::scene::Part| {
-                json!({
+                object!({
                     "position": vector(part.position), "rotation": rotation(part.rotation),
                     "shape": self::shape(&part.shape)
                 })
             };
-            let parts: Vec<_> = compound.parts().iter().map(part).collect();
-            json!({"kind": "compound", "parts": parts})
+            let parts: Value = compound.parts().iter().map(part).collect();
+            object!({"kind": "compound", "parts": parts})
         }
     }
 }
@@ -81,88 +82,72 @@ const fn kind_name(kind: BodyKind) -> &'static str {
 
 /// A body's description; what has its default is left out.
 pub(crate) fn body(desc: &BodyDesc) -> Value {
-    let mut json = Map::new();
-    let mut put = |name: &str, value: Value| drop(json.insert(name.to_owned(), value));
-    put("id", json!(id_number(desc.id)));
-    put("kind", json!(kind_name(desc.kind)));
-    put("shape", json!(desc.shape.0));
-    if let Some(of_body) = desc.material {
-        put("material", material(of_body));
-    }
-    if let Some(of_body) = desc.damping {
-        put("damping", damping(of_body));
-    }
-    if desc.gravity_scale != 1.0 {
-        put("gravityScale", json!(desc.gravity_scale));
-    }
-    if !desc.gyroscopic {
-        put("gyroscopic", json!(false));
-    }
-    if desc.tolerance_scale != ToleranceScale::USUAL {
-        put("toleranceScale", json!(desc.tolerance_scale.exponent()));
-    }
-    if desc.locked != LockedAxes::NONE {
-        put("lockedAxes", json!(desc.locked.bits()));
-    }
-    if let Some(mass) = desc.mass {
-        let moments = mass.moments.map(vector);
-        put("mass", json!({"mass": mass.mass, "moments": moments}));
-    }
-    if desc.groups != CollisionGroups::ALL {
-        let CollisionGroups { members, touches } = desc.groups;
-        put("groups", json!({"members": members, "touches": touches}));
-    }
-    if desc.dominance != 0 {
-        put("dominance", json!(desc.dominance));
-    }
-    for (name, set) in [("sensor", desc.sensor), ("swept", desc.swept)] {
-        if set {
-            put(name, json!(true));
-        }
-    }
-    if !desc.enabled {
-        put("enabled", json!(false));
-    }
-    Value::Object(json)
+    object!({
+        "id": id_number(desc.id),
+        "kind": kind_name(desc.kind),
+        "shape": desc.shape.0,
+        "material": desc.material.map(material),
+        "damping": desc.damping.map(damping),
+        "gravityScale": (desc.gravity_scale != 1.0).then_some(desc.gravity_scale),
+        "gyroscopic": (!desc.gyroscopic).then_some(false),
+        "toleranceScale": (desc.tolerance_scale != ToleranceScale::USUAL)
+            .then_some(desc.tolerance_scale.exponent()),
+        "lockedAxes": (desc.locked != LockedAxes::NONE).then_some(desc.locked.bits()),
+        "mass": desc.mass.map(mass),
+        "groups": (desc.groups != CollisionGroups::ALL).then(|| groups(desc.groups)),
+        "dominance": (desc.dominance != 0).then_some(desc.dominance),
+        "sensor": desc.sensor.then_some(true),
+        "swept": desc.swept.then_some(true),
+        "enabled": (!desc.enabled).then_some(false),
+    })
 }
 
 fn material(material: Material) -> Value {
-    json!({
+    object!({
         "friction": material.friction, "restitution": material.restitution,
         "density": material.density
     })
 }
 
 fn damping(damping: Damping) -> Value {
-    json!({"linear": damping.linear, "angular": damping.angular})
+    object!({"linear": damping.linear, "angular": damping.angular})
+}
+
+fn mass(mass: Mass) -> Value {
+    object!({"mass": mass.mass, "moments": mass.moments.map(vector)})
+}
+
+fn groups(groups: CollisionGroups) -> Value {
+    object!({"members": groups.members, "touches": groups.touches})
+}
+
+fn sleep(sleep: SleepConfig) -> Value {
+    object!({"speed": sleep.speed, "seconds": sleep.seconds})
 }
 
 pub(crate) fn config(config: &SceneConfig) -> Value {
     let rate = config.integrator.rate;
-    let sleep = config
-        .sleep
-        .map(|sleep| json!({"speed": sleep.speed, "seconds": sleep.seconds}));
-    json!({
+    object!({
         "stepping": match config.stepping {
             Stepping::Lockstep => "lockstep",
             Stepping::FreeRunning => "freeRunning",
         },
-        "rate": {"ticks": rate.ticks(), "seconds": rate.seconds()},
+        "rate": object!({"ticks": rate.ticks(), "seconds": rate.seconds()}),
         "step": rate.step().seconds(),
-        "substeps": config.integrator.substeps,
+        "substeps": config.integrator.substeps.get(),
         "gravity": vector(config.gravity),
         "material": material(config.material),
         "damping": damping(config.damping),
-        "sleep": sleep,
-        "publishInterval": config.publish_schedule.publish_interval,
+        "sleep": config.sleep.map(sleep),
+        "publishInterval": config.publish_schedule.publish_interval.get(),
         "lookahead": config.publish_schedule.lookahead.count(),
     })
 }
 
 pub(crate) fn tolerance(tolerance: Tolerance) -> Value {
     match tolerance {
-        Tolerance::Surface(length) => json!(length.metres().metres()),
-        Tolerance::Parts { position, turn } => json!({
+        Tolerance::Surface(length) => length.metres().metres().into(),
+        Tolerance::Parts { position, turn } => object!({
             "position": position.metres().metres(), "turn": turn.radians().radians()
         }),
     }
@@ -170,14 +155,16 @@ pub(crate) fn tolerance(tolerance: Tolerance) -> Value {
 
 pub(crate) fn stream(choice: StreamChoice) -> Value {
     match choice {
-        StreamChoice::Full => json!("full"),
-        StreamChoice::Within(within) => json!({"within": tolerance(within)}),
+        StreamChoice::Full => "full".into(),
+        StreamChoice::Within(within) => object!({"within": tolerance(within)}),
         StreamChoice::Capped {
             tolerance: within,
             budget,
-        } => json!({
+        } => object!({
             "within": tolerance(within),
-            "budget": {"bytesPerSecond": budget.bytes_per_second(), "burst": budget.burst()}
+            "budget": object!({
+                "bytesPerSecond": budget.bytes_per_second(), "burst": budget.burst()
+            })
         }),
     }
 }
@@ -193,67 +180,67 @@ pub(crate) fn track(track: &Track, state: &Motion) -> Value {
         Predictor::Accelerated(by) => ("accelerated", Some(by.acceleration().to_array())),
     };
     let (pose, twist) = (state.pose(), state.twist());
-    json!({
+    object!({
         "origin": track.origin.value(),
         "predictor": predictor,
         "acceleration": acceleration,
         "exact": matches!(track.anchor, Anchor::Exact(_)),
-        "state": {
+        "state": object!({
             "position": pose.position.to_array(),
             "rotation": pose.rotation.to_array(),
             "linearVelocity": twist.linear.to_array(),
             "angularVelocity": twist.angular.to_array(),
-        },
+        }),
         "parent": track.parent.map(id_number),
     })
 }
 
 fn limits(limits: JointLimits) -> Value {
-    json!({"least": limits.least, "most": limits.most})
+    object!({"least": limits.least, "most": limits.most})
 }
 
 fn frame(frame: &JointFrame) -> Value {
-    json!({"anchor": vector(frame.anchor), "rotation": rotation(frame.rotation)})
+    object!({"anchor": vector(frame.anchor), "rotation": rotation(frame.rotation)})
 }
 
 pub(crate) fn joint(joint: &Joint) -> Value {
     let mut json = match joint.kind {
-        JointKind::Fixed => json!({"kind": "fixed"}),
-        JointKind::Spherical(of_joint) => json!({
+        JointKind::Fixed => object!({"kind": "fixed"}),
+        JointKind::Spherical(of_joint) => object!({
             "kind": "spherical", "limits": of_joint.map(|each| each.map(limits))
         }),
         JointKind::Revolute(of_joint) => {
-            json!({"kind": "revolute", "limits": of_joint.map(limits)})
+            object!({"kind": "revolute", "limits": of_joint.map(limits)})
         }
         JointKind::Prismatic(of_joint) => {
-            json!({"kind": "prismatic", "limits": of_joint.map(limits)})
+            object!({"kind": "prismatic", "limits": of_joint.map(limits)})
         }
-        JointKind::Rope(length) => json!({"kind": "rope", "length": length}),
-        JointKind::Spring(spring) => json!({
+        JointKind::Rope(length) => object!({"kind": "rope", "length": length}),
+        JointKind::Spring(spring) => object!({
             "kind": "spring", "length": spring.length, "stiffness": spring.stiffness,
             "damping": spring.damping
         }),
-        JointKind::Generic(locked, of_joint) => json!({
+        JointKind::Generic(locked, of_joint) => object!({
             "kind": "generic", "lockedAxes": locked.bits(),
             "limits": of_joint.map(|each| each.map(limits))
         }),
     };
-    json["bodies"] = json!(joint.bodies.map(id_number));
-    json["frames"] = json!(joint.frames.each_ref().map(frame));
-    json["collide"] = json!(joint.collide);
+    json["bodies"] = joint.bodies.map(id_number).into();
+    json["frames"] = joint.frames.each_ref().map(frame).into();
+    json["collide"] = joint.collide.into();
     let motors = joint.motors.map(|motor| {
         motor.map(|motor| {
-            json!({
+            object!({
                 "position": motor.position, "velocity": motor.velocity,
                 "stiffness": motor.stiffness, "damping": motor.damping, "force": motor.force
             })
         })
     });
     if motors.iter().any(Option::is_some) {
-        json["motors"] = json!(motors);
+        json["motors"] = motors.into();
     }
     if let Some(strength) = joint.strength {
-        json["strength"] = json!({"force": strength.force, "torque": strength.torque});
+        json["strength"] = object!({"force": strength.force, "torque": strength.torque});
     }
     json
 }

@@ -168,12 +168,30 @@ function inWorker({ url, hashes }) {
   return new Promise((resolve, reject) => {
     worker.onmessage = ({ data }) => {
       if (data.kind === "joined") worker.postMessage({ kind: "frame" });
-      else if (data.kind === "frame") resolve({ count: data.ids.length, positions: data.positions.length });
-      else reject(new Error(JSON.stringify(data)));
+      else if (data.kind === "frame") {
+        resolve({ count: data.ids.length, positions: data.positions.length, tolerances: data.tolerances?.length });
+      } else reject(new Error(JSON.stringify(data)));
     };
     const join = { mode: "join" };
     worker.postMessage({ kind: "connect", url, options: { certificateHashes: hashes }, scene: "browser", join });
   });
+}
+
+/** In a page: a member waits for a thousand ticks and for an inspection, and another one deletes the scene. */
+async function deletion({ url, hashes }) {
+  const { connect } = await import("/rhumb.js");
+  const mode = { createOrJoin: { rate: { ticks: 1000, seconds: 1 }, publishInterval: 1000 } };
+  const member = async () => (await connect(url, { certificateHashes: hashes })).join("deleted", { mode });
+  const [waiting, deleting] = [await member(), await member()];
+  const ball = { kind: "dynamic", shape: { kind: "ball", radius: 0.5 } };
+  waiting.addBodies(Array.from({ length: 200 }, (_, place) => ({ ...ball, position: [0, 1.1 * place, 0] })));
+  const late = new Promise((resolve) => setTimeout(() => resolve("nothing"), 10_000));
+  const codeOf = (promise) => Promise.race([late, promise.then(() => "done", ({ code }) => code)]);
+  const advanced = codeOf(waiting.advance());
+  await deleting.delete();
+  const closed = Promise.race([late, waiting.closed.then(({ code }) => code)]);
+  const codes = [await advanced, await closed, await codeOf(waiting.inspect())];
+  return { codes, states: [waiting.state, deleting.state] };
 }
 
 /** In a page: joins a durable scene, and waits until it goes on after its server was killed. */
@@ -225,6 +243,11 @@ async function run(page, browser, folder) {
 
     const worked = await page.evaluate(inWorker, { url, hashes });
     check(worked.count === 501 && worked.positions === 3 * 501, "a worker shows the same scene");
+    check(worked.tolerances === 501, "a worker sends the tolerances");
+
+    const { codes, states } = await page.evaluate(deletion, { url, hashes });
+    check(codes.every((code) => code === "sceneDeleted"), `a deleted scene ends what its members wait for: ${codes}`);
+    check(states.every((state) => state === "ended"), "a deleted scene ends its members");
 
     const wrong = await page.evaluate(refusal, { url, hashes: ["00".repeat(32)] });
     check(wrong.code === "connect" && wrong.message.includes("certificateHashes"), `another certificate: ${wrong.message}`);

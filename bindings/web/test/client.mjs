@@ -1,0 +1,149 @@
+// A client over a server that plays recorded bytes, in Node: how its calls end, and what its worker sends.
+//
+// Usage: node client.mjs MODULE.wasm. Plays the bytes of spec/vectors/.
+
+import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
+import { afterEach, test } from "node:test";
+
+import { connect, load } from "../rhumb.js";
+import { beginning, message, ScriptedTransport } from "./scripted.mjs";
+
+await load(await readFile(process.argv[2]));
+
+const BEGINNING = beginning("balls that fall into a pit");
+const URL = "https://127.0.0.1:4433";
+
+/** The servers of the connections that were opened, oldest first. */
+const servers = [];
+
+class Transport extends ScriptedTransport {
+  constructor() {
+    super();
+    servers.push(this);
+  }
+}
+
+const clients = [];
+// The timers of a client keep Node from ending.
+afterEach(() => clients.splice(0).forEach((client) => client.close()));
+
+/** A member of a lockstep scene, and its server. */
+async function joined() {
+  const connection = await connect(URL, { transport: Transport });
+  const server = servers.at(-1);
+  const joining = connection.join("golden", { resumeWithin: 0 });
+  server.play(BEGINNING);
+  const client = await joining;
+  clients.push(client);
+  return { client, server };
+}
+
+const pause = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
+
+/** The value of a promise, or its error; neither if it does not settle within a second. */
+async function settled(promise) {
+  const result = {};
+  const settling = promise.then(
+    (value) => (result.value = value),
+    (error) => (result.error = error),
+  );
+  await Promise.race([settling, pause(1000)]);
+  return result;
+}
+
+function eventKinds(client) {
+  const kinds = [];
+  for (let event = client.pollEvent(); event !== undefined; event = client.pollEvent()) kinds.push(event.kind);
+  return kinds;
+}
+
+test("a deleted scene rejects what its members wait for", async () => {
+  const [first, second] = [await joined(), await joined()];
+  const [advanced, inspected] = [first.client.advance(), first.client.inspect()];
+  const deleted = second.client.delete();
+  for (const { server } of [first, second]) server.sendControl(message("Deleted"));
+  assert.equal((await settled(advanced)).error?.code, "sceneDeleted");
+  assert.equal((await settled(inspected)).error?.code, "sceneDeleted");
+  assert.ok("value" in (await settled(deleted)));
+  for (const { client, server } of [first, second]) {
+    assert.equal((await settled(client.closed)).value?.code, "sceneDeleted");
+    assert.equal(client.state, "ended");
+    assert.equal(client.ending.code, "sceneDeleted");
+    assert.deepEqual(eventKinds(client).slice(-2), ["deleted", "ended"]);
+    assert.equal((await settled(client.advance())).error?.code, "sceneDeleted");
+    assert.throws(() => client.command({ kind: "setGravity", gravity: [0, 0, 0] }), { code: "sceneDeleted" });
+    assert.equal((await settled(server.closed)).value?.closeCode, 0);
+  }
+});
+
+test("a fault of the engine rejects each advance, and nothing else", async () => {
+  const { client, server } = await joined();
+  const [advanced, inspected] = [client.advance(), client.inspect()];
+  server.sendControl(message("SceneFaulted, 0"));
+  const { error } = await settled(advanced);
+  assert.equal(error?.code, "sceneFaulted");
+  assert.match(error.message, /300/);
+  assert.equal((await settled(client.advance())).error?.code, "sceneFaulted");
+  assert.equal(client.state, "open");
+  assert.ok(eventKinds(client).includes("sceneFaulted"));
+  const deleted = client.delete();
+  server.sendControl(message("Deleted"));
+  assert.ok("value" in (await settled(deleted)));
+  assert.equal((await settled(inspected)).error?.code, "sceneDeleted");
+});
+
+/** As a browser's: closed before it is ready, it is never ready. */
+class UnreachedTransport {
+  #fail;
+  ready = new Promise((_, reject) => (this.#fail = reject));
+  closed = this.ready;
+  close() {
+    this.#fail(new Error("closed before it was ready"));
+  }
+}
+
+// A rejection that nothing handles fails the test in which it is found.
+test("connecting with a signal that was aborted before rejects once", async () => {
+  const connecting = connect(URL, { transport: UnreachedTransport, signal: AbortSignal.abort() });
+  assert.equal((await settled(connecting)).error?.code, "aborted");
+  await pause(10);
+});
+
+test("joining with a signal that was aborted before rejects once", async () => {
+  const aborting = new AbortController();
+  const connection = await connect(URL, { transport: Transport, signal: aborting.signal });
+  aborting.abort();
+  assert.equal((await settled(connection.join("golden"))).error?.code, "aborted");
+  await pause(10);
+});
+
+test("a worker sends what its first lines name", async (t) => {
+  let handle;
+  let answered;
+  globalThis.WebTransport = Transport;
+  globalThis.addEventListener = (_, listener) => (handle = listener);
+  globalThis.postMessage = (message, transfer) => answered(structuredClone(message, { transfer }));
+  await import("../worker.js");
+  const answer = (data) => {
+    const answering = new Promise((resolve) => (answered = resolve));
+    handle({ data });
+    return answering;
+  };
+  t.after(() => answer({ kind: "call", id: 1, name: "close" }));
+  const opened = servers.length;
+  const joining = answer({ kind: "connect", url: URL, options: {}, scene: "golden", join: { resumeWithin: 0 } });
+  while (servers.length === opened) await pause(1);
+  servers.at(-1).play(BEGINNING);
+  assert.equal((await joining).kind, "joined");
+  const first = await answer({ kind: "frame" });
+  const count = first.ids.length;
+  assert.ok(count > 0);
+  for (const name of ["shapes", "kinds", "tolerances", "errorBounds"]) assert.equal(first[name]?.length, count, name);
+  assert.ok(first.tolerances.every((tolerance) => tolerance > 0));
+  assert.deepEqual([first.positions.length, first.rotations.length], [3 * count, 4 * count]);
+  // The second frame still counts the bodies as described anew.
+  await answer({ kind: "frame" });
+  const later = await answer({ kind: "frame" });
+  for (const name of ["ids", "shapes", "kinds", "tolerances"]) assert.ok(!(name in later), name);
+});
