@@ -162,9 +162,17 @@ impl Limits {
         Ok(())
     }
 
-    /// Members of a scene that find a whole range of body indices, and leave the largest one for one of them.
-    pub(crate) const fn members_with_indices(&self) -> u64 {
-        self.indices_per_scene.saturating_sub(RESERVE_MAX as u64) / GRANT as u64
+    /// Logs a limit that another one does not let reach.
+    pub(crate) fn warn(&self) {
+        let members = self.members_per_scene;
+        let served = self.indices_per_scene.saturating_sub(RESERVE_MAX.into()) / u64::from(GRANT);
+        if members > served {
+            tracing::warn!(
+                members,
+                served,
+                "members_per_scene is more than indices_per_scene serves: later members get fewer body indices, or none"
+            );
+        }
     }
 
     pub(crate) const fn hello(&self) -> Span {

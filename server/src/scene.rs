@@ -220,14 +220,10 @@ impl Scene {
         Ok(stepped)
     }
 
-    /// Adds a change to the history, if one is kept. One that becomes too long is given up.
+    /// Adds a change to the history, if one is kept.
     fn remember(&mut self, change: impl FnOnce() -> Done) {
-        if let Some(history) = &mut self.history {
-            history.push(change());
-            if history.is_too_long() {
-                self.history = None;
-            }
-        }
+        let kept = self.history.take();
+        self.history = kept.and_then(|history| history.with(change()));
     }
 
     fn step_unguarded(&mut self) -> Result<Stepped, SceneFault> {

@@ -288,8 +288,9 @@ impl Server {
         Ok(())
     }
 
-    /// Sets the limits.
-    pub const fn set_limits(&mut self, limits: Limits) {
+    /// Sets the limits. One that another limit does not let reach is logged.
+    pub fn set_limits(&mut self, limits: Limits) {
+        limits.warn();
         self.limits = limits;
     }
 
@@ -337,17 +338,6 @@ impl Server {
             front.provide(provided);
         }
         front.set_limits(server.limits);
-        let (members, served) = (
-            server.limits.members_per_scene,
-            server.limits.members_with_indices(),
-        );
-        if members > served {
-            tracing::warn!(
-                members,
-                served,
-                "members_per_scene is more than indices_per_scene serves: later members get fewer body indices, or none"
-            );
-        }
         if let Some(processes) = server.processes {
             front.use_processes(processes);
         }
@@ -356,7 +346,6 @@ impl Server {
             Some(directory) => Some(start_flights(directory, &server.limits, &mut front)?),
         };
         front.count(metrics.clone());
-        // After what its scenes take part in: figures and flight recorders.
         #[cfg(feature = "app")]
         if let Some(adapter) = server.adapter {
             front.serve_also(adapter).map_err(RunError::Thread)?;

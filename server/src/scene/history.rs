@@ -46,7 +46,7 @@ impl History {
         history
     }
 
-    pub(super) fn push(&mut self, change: Done) {
+    fn push(&mut self, change: Done) {
         self.bytes += size_of::<Done>();
         if let Done::Applied(command, _) = &change {
             self.bytes += size_of::<Command>();
@@ -64,9 +64,10 @@ impl History {
         }
     }
 
-    /// True if it has become too long to keep.
-    pub(super) const fn is_too_long(&self) -> bool {
-        self.bytes > BYTES_MAX
+    /// The history with one more change; `None` if it has become too long to keep.
+    pub(super) fn with(mut self, change: Done) -> Option<Self> {
+        self.push(change);
+        (self.bytes <= BYTES_MAX).then_some(self)
     }
 
     pub(crate) const fn bytes(&self) -> usize {
@@ -81,7 +82,7 @@ mod tests {
     use super::*;
     use crate::scene::Scene;
 
-    /// A lockstep scene that nobody advances can never be copied, so that its history would grow for ever.
+    /// A lockstep scene that no client advances can never be copied, so that its history would grow for ever.
     #[test]
     fn a_history_of_a_scene_that_never_steps_is_bounded() {
         let mut scene = Scene::new(SceneConfig::default()).expect("the default config is valid");

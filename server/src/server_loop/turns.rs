@@ -129,14 +129,14 @@ impl ServerLoop {
     }
 
     /// Handles what arrived before the end of a connection, as far as it does something without its client: an answer
-    /// would reach nobody. What would have to wait, and what follows it, is left out: a session sends it again.
+    /// would have no reader. What would have to wait, and what follows it, is left out: a session sends it again.
     pub(super) fn handle_rest(&mut self, now: Instant, peer: Peer) {
         while !self.is_held_back(now, peer)
             && let Some(message) = self.next_message(peer)
         {
             self.pulse.beat();
             match message {
-                // Nobody is there to join.
+                // The client is gone and joins nothing.
                 Ok(ClientMessage::Join(_) | ClientMessage::Session(_)) => break,
                 Ok(message) if asks_for_an_answer_alone(&message) => continue,
                 _ => {}

@@ -94,7 +94,7 @@ fn a_client_that_comes_back_takes_the_place_of_its_old_connection() {
 }
 
 #[test]
-fn a_provided_scene_that_nobody_joins_ends() {
+fn a_provided_scene_that_no_client_joins_ends() {
     let mut links = Links::new();
     links.server.set_limits(Limits {
         empty_scene_seconds: 10,

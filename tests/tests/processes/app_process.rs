@@ -160,8 +160,9 @@ fn a_native_client_watches_a_scene_of_the_plug_in() {
     let connection = Client::connect(&server.address.to_string(), trust).unwrap();
     let mut client = connection.join_with("app/7", options).unwrap();
     let figures = requested(&metrics, "/metrics");
-    let members = "rhumb_scene_members{scene=\"app/7\"} 1";
-    assert!(figures.lines().any(|line| line == members), "{figures}");
+    let tick = "rhumb_scene_tick{scene=\"app/7\"} ";
+    let mut lines = figures.lines();
+    assert!(lines.any(|line| line.starts_with(tick)), "{figures}");
     let copy = client.replica().expect("it has joined");
     let shapes: Vec<Shape> = copy
         .bodies()
