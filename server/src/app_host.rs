@@ -278,7 +278,7 @@ mod tests {
     fn a_scene_whose_owner_gets_no_indices_is_not_kept() {
         let mut server_loop = ServerLoop::new(|| Instant::ZERO);
         server_loop.set_limits(Limits {
-            members_per_scene: 65,
+            indices_per_scene: 4_096,
             ..Limits::default()
         });
         let name = "app/7".parse().expect("a good name");

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use rhumb_protocol::Peer;
-use rhumb_protocol::limits::{GRANT, GRANTED_MAX, RANGES_PER_MEMBER_MAX};
+use rhumb_protocol::limits::{GRANT, GRANTED_MAX, RANGES_PER_MEMBER_MAX, RESERVE_MAX};
 use rhumb_protocol::scene::IdRange;
 use rhumb_reckoning::BodyId;
 
@@ -28,6 +28,23 @@ pub(crate) struct IndexLimits {
     pub(crate) indices: u32,
     /// Members that may still join.
     pub(crate) members: u32,
+    /// Indices of each new member, at most [`GRANT`].
+    pub(crate) share: u32,
+}
+
+impl IndexLimits {
+    /// The bounds of a scene with so many indices in all, for so many members, some of whom are there.
+    ///
+    /// Each member has a share. A third is left for reservations, but no more than one member may ask for.
+    pub(crate) fn of(indices: u64, members_max: u64, members: u64) -> Self {
+        let shared = indices - (indices / 3).min(RESERVE_MAX.into());
+        let share = shared / members_max.max(1);
+        Self {
+            indices: indices as u32,
+            members: members_max.saturating_sub(members) as u32,
+            share: share.clamp(1, GRANT.into()) as u32,
+        }
+    }
 }
 
 /// Vacancy of an index: `None` while a body lives there, or if its generations are used up; otherwise the least unused
@@ -43,8 +60,8 @@ struct VacantRun {
 }
 
 impl Grants {
-    /// Grants a new member its first range: [`GRANT`] indices, or the longest run if none is so long. `None` when that
-    /// has fewer than `least`.
+    /// Grants a new member its first range: its share of the indices, or the longest run if none is so long. `None` when
+    /// that has fewer than `least`.
     pub(crate) fn admit(
         &mut self,
         (peer, least): (Peer, u32),
@@ -52,13 +69,14 @@ impl Grants {
         vacancy: &Vacancy<'_>,
     ) -> Option<IdRange> {
         let fresh = self.fresh(limits);
-        let run = match self.reuse(GRANT, vacancy) {
-            run if run.count >= GRANT => run,
-            _ if fresh.count >= GRANT => fresh,
+        let share = limits.share;
+        let run = match self.reuse(share, vacancy) {
+            run if run.count >= share => run,
+            _ if fresh.count >= share => fresh,
             run if run.count >= fresh.count => run,
             _ => fresh,
         };
-        (run.count >= least).then(|| self.take(peer, run, GRANT))?
+        (run.count >= least).then(|| self.take(peer, run, share))?
     }
 
     /// Grants a member `count` further indices. `None` when no run of that length is left, when later members would
@@ -76,7 +94,7 @@ impl Grants {
         if granted.len() >= RANGES_PER_MEMBER_MAX
             || count > GRANTED_MAX - indices.min(GRANTED_MAX)
             || !self.has_left(
-                count.saturating_add(GRANT.saturating_mul(limits.members)),
+                count.saturating_add(limits.share.saturating_mul(limits.members)),
                 fresh.count,
                 vacancy,
             )
@@ -232,13 +250,13 @@ mod tests {
     use std::collections::BTreeSet;
 
     use proptest::prelude::*;
-    use rhumb_protocol::limits::RESERVE_MAX;
 
     use super::*;
 
     const LIMITS: IndexLimits = IndexLimits {
         indices: 1 << 20,
         members: 0,
+        share: GRANT,
     };
 
     fn nothing_lives(_: u32) -> Option<u16> {
@@ -281,7 +299,7 @@ mod tests {
         let mut grants = Grants::default();
         let limits = IndexLimits {
             indices: GRANT + 7,
-            members: 0,
+            ..LIMITS
         };
         assert!(grants.admit((Peer(1), 1), limits, &nothing_lives).is_some());
         let rest = grants.admit((Peer(2), 1), limits, &nothing_lives).unwrap();
@@ -299,6 +317,7 @@ mod tests {
         let limits = IndexLimits {
             indices: 3 * GRANTED_MAX,
             members: 3,
+            share: GRANT,
         };
         let mut reserve = |peer, count| {
             grants
@@ -317,6 +336,30 @@ mod tests {
             assert_eq!(granted.map(|range| range.count()), Some(GRANT));
         }
         assert_eq!(grants.admit((Peer(8), 1), limits, &nothing_lives), None);
+    }
+
+    #[test]
+    fn each_member_that_a_scene_admits_finds_its_share() {
+        for (indices, members_max) in [
+            (393_216, 64),
+            (393_216, 256),
+            (4_096, 64),
+            (4_096, 4_096),
+            (1 << 20, 1),
+        ] {
+            let mut grants = Grants::default();
+            for members in 0..members_max {
+                let limits = IndexLimits::of(indices, members_max, members);
+                let share = limits.share;
+                let granted = grants.admit((Peer(members), share), limits, &nothing_lives);
+                assert!(granted.is_some(), "{members} of {members_max}: {share}");
+            }
+        }
+        let default = IndexLimits::of(393_216, 64, 0);
+        assert_eq!(default.share, GRANT);
+        let mut grants = Grants::default();
+        let largest = grants.reserve(Peer(1), RESERVE_MAX, default, &nothing_lives);
+        assert!(largest.is_some(), "beside the shares of all");
     }
 
     #[test]
@@ -339,7 +382,7 @@ mod tests {
         ) {
             let mut grants = Grants::default();
             let mut living = BTreeSet::new();
-            let limits = IndexLimits { indices: 30_000, members: 0 };
+            let limits = IndexLimits { indices: 30_000, ..LIMITS };
             for (what, peer, number) in script {
                 let peer = Peer(peer);
                 let vacancy = |index: u32| (!living.contains(&index)).then_some(0);

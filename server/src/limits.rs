@@ -6,8 +6,7 @@ use std::fmt;
 
 use rhumb_protocol::Span;
 use rhumb_protocol::limits::{
-    BODIES_MAX, CONTROL_WAITING_BYTES_MAX, GRANT, INDICES_MAX, MEMBERS_PER_SCENE_MAX, RATE_MAX,
-    RESERVE_MAX, SCENES_MAX,
+    BODIES_MAX, CONTROL_WAITING_BYTES_MAX, INDICES_MAX, MEMBERS_PER_SCENE_MAX, RATE_MAX, SCENES_MAX,
 };
 use serde::{Deserialize, Serialize};
 
@@ -84,9 +83,9 @@ limits! {
     members_per_scene = 64, 1 to MEMBERS_PER_SCENE_MAX as u64;
     /// Bodies of a scene. The engine needs about a kilobyte for each, and each stream 120 bytes.
     bodies_per_scene = 131072, 1 to BODIES_MAX as u64;
-    /// Indices of a scene's bodies. Tables by index are as long as the highest one that was used, some 300 bytes for each:
-    /// the default is what all members get when they join, and one range of the largest size. With less, reservations are
-    /// denied, and clients of the ARCHIMEDES protocol, which take such a range, find no scene.
+    /// Indices of a scene's bodies. Tables by index are as long as the highest one that was used, some 300 bytes for each.
+    /// A third is left for reservations, but no more than the largest one; the members share the rest, at most 4096 for
+    /// each. With less, clients of the ARCHIMEDES protocol, which take the largest range, find no scene.
     indices_per_scene = 393216, 4096 to INDICES_MAX as u64;
     /// Ticks in a second of a free-running scene. A scene that asks for more is refused.
     scene_ticks_per_second = 1000, 1 to RATE_MAX as u64;
@@ -160,19 +159,6 @@ impl Limits {
             }
         }
         Ok(())
-    }
-
-    /// Logs a limit that another one does not let reach.
-    pub(crate) fn warn(&self) {
-        let members = self.members_per_scene;
-        let served = self.indices_per_scene.saturating_sub(RESERVE_MAX.into()) / u64::from(GRANT);
-        if members > served {
-            tracing::warn!(
-                members,
-                served,
-                "members_per_scene is more than indices_per_scene serves: later members get fewer body indices, or none"
-            );
-        }
     }
 
     pub(crate) const fn hello(&self) -> Span {

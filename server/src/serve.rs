@@ -288,9 +288,8 @@ impl Server {
         Ok(())
     }
 
-    /// Sets the limits. One that another limit does not let reach is logged.
-    pub fn set_limits(&mut self, limits: Limits) {
-        limits.warn();
+    /// Sets the limits.
+    pub const fn set_limits(&mut self, limits: Limits) {
         self.limits = limits;
     }
 

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use rhumb_protocol::limits::GRANT;
 use rhumb_protocol::message::{
     Denial, SceneEvent, ServerMessage, SessionRequest, SessionState, StreamChoice,
 };
@@ -29,8 +28,8 @@ pub(crate) enum Departure {
     Disconnected,
 }
 
-/// With so many indices for a new member, no session of another has to end.
-const GRANT_SUFFICES: u32 = GRANT / 4;
+/// With this part of its share for a new member, no session of another has to end.
+const SUFFICES: u32 = 4;
 
 impl SceneRunner {
     /// Makes a client a member; it gets the whole scene, then the stream.
@@ -211,7 +210,8 @@ impl SceneRunner {
     /// that left first first, until the indices suffice. A session whose indices all have bodies would free none, and
     /// goes on.
     fn grant_to_new_member(&mut self, peer: Peer) -> Result<IdRange, Denial> {
-        let mut granted = self.grant_first(peer, GRANT_SUFFICES);
+        let least = (self.index_limits().share / SUFFICES).max(1);
+        let mut granted = self.grant_first(peer, least);
         for number in self.sessions.absent() {
             if granted.is_some() {
                 break;
@@ -221,7 +221,7 @@ impl SceneRunner {
             }
             tracing::info!(session = number.0, "a session ends: its indices are needed");
             self.close_absent(number);
-            granted = self.grant_first(peer, GRANT_SUFFICES);
+            granted = self.grant_first(peer, least);
         }
         let granted = granted.or_else(|| self.grant_first(peer, 1));
         granted.ok_or(Denial::NoIndicesLeft)
@@ -237,7 +237,7 @@ impl SceneRunner {
         indices.any(|index| self.scene.vacancy(index).is_some())
     }
 
-    /// Grants a new member [`GRANT`] indices, or fewer if none of the free runs is so long, but not fewer than `least`.
+    /// Grants a new member its share of the indices, or fewer if no free run is so long, but not fewer than `least`.
     fn grant_first(&mut self, peer: Peer, least: u32) -> Option<IdRange> {
         let (scene, limits) = (&self.scene, self.index_limits());
         let vacancy = |index| scene.vacancy(index);
@@ -254,10 +254,7 @@ impl SceneRunner {
     fn index_limits(&self) -> IndexLimits {
         let limits = &self.provision.limits;
         let members = self.members.len() as u64;
-        IndexLimits {
-            indices: limits.indices_per_scene as u32,
-            members: limits.members_per_scene.saturating_sub(members) as u32,
-        }
+        IndexLimits::of(limits.indices_per_scene, limits.members_per_scene, members)
     }
 
     /// Tells a new member where its session goes on.
