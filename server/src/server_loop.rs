@@ -479,12 +479,12 @@ impl Endpoint for ServerLoop {
     fn handle_ended(&mut self, now: Instant, peer: Peer, ending: Ending) {
         tracing::debug!(peer = peer.0, ?ending, "connection ended");
         self.out.at(now);
-        self.handle_rest(now, peer);
-        self.answer_pending(peer);
         let departure = match ending {
             Ending::Closed(code) if code == CloseCode::DONE.0 => Departure::Left,
             Ending::Closed(_) | Ending::TimedOut | Ending::Broken => Departure::Disconnected,
         };
+        self.handle_rest(now, peer, departure);
+        self.answer_pending(peer);
         self.leave(peer, departure);
         self.forget(peer);
         self.out.forget(peer);

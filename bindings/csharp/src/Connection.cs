@@ -68,7 +68,7 @@ namespace Rhumb
             return new Connection(connection.id);
         }
 
-        /// <summary>Joins a scene, and uses the connection up.</summary>
+        /// <summary>Joins a scene, and uses the connection up; wrong arguments do not.</summary>
         public unsafe Scene Join(string name, JoinOptions options = null)
         {
             RhumbJoinOptions raw = (options ?? new JoinOptions()).Raw();

@@ -3,6 +3,7 @@
 //! A wrong argument is named by its place, as in `body.shape.radius`.
 
 use glam::{Quat, Vec3};
+use rhumb_protocol::scene::IdOutOfRange;
 use rhumb_reckoning::BodyId;
 use serde_json::Value;
 
@@ -133,7 +134,11 @@ impl<'a> Argument<'a> {
     pub(crate) fn body(&self) -> Result<BodyId, Failure> {
         let most = (i64::from(u16::MAX) << 32) | i64::from(u32::MAX);
         let number = self.whole(0, most)?;
-        Ok(BodyId::new(number as u32, (number >> 32) as u16))
+        let id = BodyId::new(number as u32, (number >> 32) as u16);
+        match IdOutOfRange::check_body(id) {
+            Ok(()) => Ok(id),
+            Err(out_of_range) => Err(Failure::of("argument", out_of_range.to_string())),
+        }
     }
 }
 

@@ -369,10 +369,10 @@ impl WebMember {
 
     /// Queues bodies, all or none; fails with `noIds` after it has requested more ids.
     pub(crate) fn add_bodies(&mut self, bodies: &[BodyBuilder]) -> Result<Vec<BodyId>, Failure> {
-        let mut states = Vec::with_capacity(bodies.len());
+        let mut checked = Vec::with_capacity(bodies.len());
         for body in bodies {
             body.check().map_err(Misuse::Invalid)?;
-            states.push(body.state().map_err(Misuse::Invalid)?);
+            checked.push((body.clone(), body.state().map_err(Misuse::Invalid)?));
         }
         let (joined, session) = self.joined()?;
         let count = u32::try_from(bodies.len()).unwrap_or(u32::MAX);
@@ -382,11 +382,7 @@ impl WebMember {
             let why = "the server must grant more body ids first: repeat the call after the event reserved";
             return Err(Failure::of("noIds", why));
         }
-        let mut ids = Vec::with_capacity(bodies.len());
-        for (body, state) in bodies.iter().zip(states) {
-            ids.push(joined.ids.add_body(session, body, state)?);
-        }
-        Ok(ids)
+        Ok(joined.ids.add_bodies(session, &checked)?)
     }
 
     pub(crate) fn take_authority(

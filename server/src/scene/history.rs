@@ -2,8 +2,10 @@
 //!
 //! Kept for [`crate::rewind`], which does it again on a copy of the scene as it was then.
 
+use std::collections::BTreeMap;
+
 use rhumb_protocol::Peer;
-use rhumb_protocol::scene::Command;
+use rhumb_protocol::scene::{Command, ShapeId};
 
 use crate::access::ClientName;
 
@@ -32,8 +34,10 @@ const BYTES_MAX: usize = 16 << 20;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct History {
     pub(crate) done: Vec<Done>,
-    /// About the bytes that it takes in memory.
+    /// About the bytes that it takes in memory beside the scene.
     bytes: usize,
+    /// Bytes of the added shapes that the scene still has.
+    shapes: BTreeMap<ShapeId, usize>,
 }
 
 impl History {
@@ -50,8 +54,13 @@ impl History {
         self.bytes += size_of::<Done>();
         if let Done::Applied(command, _) = &change {
             self.bytes += size_of::<Command>();
-            if let Command::AddShape { shape, .. } = &**command {
-                self.bytes += shape.bytes();
+            match &**command {
+                // While the scene has the shape, both share its memory.
+                Command::AddShape { id, shape } => {
+                    self.shapes.insert(*id, shape.bytes());
+                }
+                Command::RemoveShape { id } => self.bytes += self.shapes.remove(id).unwrap_or(0),
+                _ => {}
             }
         }
         self.done.push(change);
@@ -77,7 +86,7 @@ impl History {
 
 #[cfg(test)]
 mod tests {
-    use rhumb_protocol::scene::{Heights, SceneConfig, Shape, ShapeId};
+    use rhumb_protocol::scene::{Heights, SceneConfig, Shape};
 
     use super::*;
     use crate::scene::Scene;

@@ -32,6 +32,11 @@ impl SceneRunner {
         self.members.keys().any(is_behind)
     }
 
+    /// True if a member has sent more commands than its rate allows.
+    pub(crate) fn is_over_rate(&self, now: Instant, peer: Peer) -> bool {
+        (self.members.get(&peer)).is_some_and(|member| member.is_over_rate(now))
+    }
+
     /// Bytes of scene events that the members have not got yet.
     pub(crate) const fn unsent_bytes(&self) -> usize {
         self.unsent.len()

@@ -42,6 +42,7 @@ impl ServerLoop {
             return Err(Denial::SceneFaulted);
         }
         self.create(name, config)?;
+        self.note_empty(name);
         let Some(data) = &self.stored.data else {
             return Ok(());
         };

@@ -6,6 +6,7 @@ use rhumb_protocol::{Instant, Peer, Span};
 
 use super::ServerLoop;
 use crate::baking::{self, Bake};
+use crate::scene_runner::Departure;
 
 /// Messages of one connection that are handled before others, and the ticks, get their turn.
 const MESSAGES_PER_TURN: usize = 512;
@@ -72,11 +73,9 @@ impl ServerLoop {
 
     /// True if a connection's next message must stay unread.
     fn must_wait(&mut self, now: Instant, peer: Peer) -> bool {
-        self.out.is_behind(peer) || self.is_held_back(now, peer)
-    }
-
-    /// True if the scene takes no further message of a member now.
-    fn is_held_back(&mut self, now: Instant, peer: Peer) -> bool {
+        if self.out.is_behind(peer) {
+            return true;
+        }
         let name = (self.connections.get(&peer)).and_then(|connection| connection.scene.as_ref());
         let runner = name.and_then(|name| self.runners.get_mut(name));
         runner.is_some_and(|runner| runner.holds_back(now, peer, &self.out))
@@ -129,9 +128,14 @@ impl ServerLoop {
     }
 
     /// Handles what arrived before the end of a connection, as far as it does something without its client: an answer
-    /// would have no reader. What would have to wait, and what follows it, is left out: a session sends it again.
-    pub(super) fn handle_rest(&mut self, now: Instant, peer: Peer) {
-        while !self.is_held_back(now, peer)
+    /// would have no reader. A client that leaves loses nothing. Of one that broke off, what is beyond its rate is left out,
+    /// since its session sends it again.
+    pub(super) fn handle_rest(&mut self, now: Instant, peer: Peer, departure: Departure) {
+        let is_left_out = |server: &mut Self| {
+            departure == Departure::Disconnected
+                && (server.runner_of(peer)).is_some_and(|runner| runner.is_over_rate(now, peer))
+        };
+        while !is_left_out(self)
             && let Some(message) = self.next_message(peer)
         {
             self.pulse.beat();
@@ -211,6 +215,5 @@ const fn asks_for_an_answer_alone(message: &ClientMessage) -> bool {
             | ClientMessage::Subscribe(_)
             | ClientMessage::Subscribed(_)
             | ClientMessage::TierPolicy(_)
-            | ClientMessage::TakeAuthority(_)
     )
 }

@@ -284,6 +284,7 @@ fn a_session_without_vacant_indices_goes_on() {
     let mut links = Links::new();
     links.server.set_limits(Limits {
         indices_per_scene: u64::from(GRANT),
+        members_per_scene: 1,
         ..Limits::default()
     });
     let enter = |links: &mut Links| {
@@ -295,11 +296,19 @@ fn a_session_without_vacant_indices_goes_on() {
     };
     enter(&mut links);
     assert_eq!(links.counts(VICTIM).resumed, Some(false));
-    let range = links.counts(VICTIM).granted.expect("it has joined");
-    links.send(VICTIM, &[shape(0, Shape::ball(0.5))]);
-    for place in 0..GRANT {
-        let at = [0.0, 2.0 * place as f32, 0.0];
-        links.send(VICTIM, &[ball(range, place, at)]);
+    let share = links.counts(VICTIM).granted.expect("it has joined");
+    let count = GRANT - share.count();
+    let rest = [ClientMessage::Reserve { count }, shape(0, Shape::ball(0.5))];
+    links.send(VICTIM, &rest);
+    // A reservation ends the turn of its sender.
+    links.pass(Span::from_millis(1));
+    let rest = links.counts(VICTIM).granted.expect("the indices are free");
+    assert_eq!(rest.count(), count);
+    for range in [share, rest] {
+        for place in 0..range.count() {
+            let at = [0.0, 2.0 * (range.first() + place) as f32, 0.0];
+            links.send(VICTIM, &[ball(range, place, at)]);
+        }
     }
     assert_eq!(links.counts(VICTIM).refused, None);
     let now = links.now;

@@ -94,12 +94,34 @@ fn a_client_that_comes_back_takes_the_place_of_its_old_connection() {
 }
 
 #[test]
-fn a_provided_scene_that_no_client_joins_ends() {
+fn a_scene_that_is_created_and_never_joined_ends() {
+    let mut links = expiring();
+    links.connect(LEADER);
+    links.send(LEADER, &[create(Stepping::FreeRunning)]);
+    assert_ends(links);
+}
+
+/// A server whose scenes end after ten seconds without members.
+fn expiring() -> Links {
     let mut links = Links::new();
     links.server.set_limits(Limits {
         empty_scene_seconds: 10,
         ..Limits::default()
     });
+    links
+}
+
+/// Checks that the only scene ends when its only client is gone.
+fn assert_ends(mut links: Links) {
+    assert_eq!(links.server.scenes().count(), 1);
+    end(&mut links, LEADER);
+    links.pass(Span::from_millis(11_000));
+    assert_eq!(links.server.scenes().count(), 0);
+}
+
+#[test]
+fn a_provided_scene_that_no_client_joins_ends() {
+    let mut links = expiring();
     links.server.provide(ProvidedScenes::new(|_| {
         Some(ProvidedScene {
             config: SceneConfig::default(),
@@ -107,8 +129,5 @@ fn a_provided_scene_that_no_client_joins_ends() {
         })
     }));
     links.connect(LEADER);
-    assert_eq!(links.server.scenes().count(), 1);
-    end(&mut links, LEADER);
-    links.pass(Span::from_millis(11_000));
-    assert_eq!(links.server.scenes().count(), 0);
+    assert_ends(links);
 }
