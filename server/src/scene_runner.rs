@@ -4,7 +4,6 @@
 //! observe, send.
 
 mod access;
-mod acknowledgements;
 mod authority;
 mod command_log;
 mod durability;
