@@ -33,7 +33,7 @@ pub(crate) struct IndexLimits {
 }
 
 impl IndexLimits {
-    /// The bounds of a scene with so many indices in all, for so many members, some of whom are there.
+    /// The bounds of a scene with so many indices, for at most `members_max` members, of which `members` are there.
     ///
     /// Each member has a share. A third is left for reservations, but no more than one member may ask for.
     pub(crate) fn of(indices: u64, members_max: u64, members: u64) -> Self {
