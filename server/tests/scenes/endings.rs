@@ -1,7 +1,7 @@
 //! What happens to a scene when a connection ends.
 //!
 //! Proved on a server loop without sockets. Caught: unread messages of a connection that had ended were handled without
-//! any limit, 26,000 joins of one client among them; a client that came back was counted beside its own old connection
+//! any limit, thousands of joins among them; a client that came back was counted beside its own old connection
 //! and lost its session; a provided scene that no client joined never ended.
 
 use rhumb_protocol::message::{ClientMessage, SessionKey, SessionRequest};
