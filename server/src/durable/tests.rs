@@ -1,8 +1,9 @@
-//! Recovery of scenes on a disk that crashes, is cut, is flipped, or is full.
+//! Recovery of scenes on a disk that crashes, is cut, or is flipped.
 //!
 //! Each run is recorded with the digest of every tick. Whatever is restored must equal the recorded run at its tick.
 
 mod chance;
+mod scene_log;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -14,9 +15,7 @@ use rhumb_protocol::scene::{
     ActiveEvents, BodyDesc, BodyKind, Character, Command, Joint, JointFrame, JointId, JointKind,
     JumpFrom, SceneConfig, SceneName, Shape, ShapeId, Vehicle, Wheel, WheelInput,
 };
-use rhumb_protocol::{Instant, Span};
 use rhumb_reckoning::{BodyId, BodyState, Tick};
-use rhumb_transport::Clock;
 use ring::hmac;
 
 use self::chance::Chance;
@@ -28,7 +27,6 @@ use super::recovery::{ReplayStart, Restored};
 use super::scene_files::{LogHeader, SceneFiles, Segment};
 use super::sim_disk::SimDisk;
 use super::snapshot_file::Snapshot;
-use super::writer::{Frozen, Origin, SceneLog};
 use crate::access::Ownership;
 use crate::engine::Workers;
 use crate::scene::Scene;
@@ -517,72 +515,4 @@ fn a_restoration_begins_with_the_newest_snapshot_and_passes_over_a_bad_one() {
     assert_eq!(restored.report.from, snapshots[0]);
     assert_eq!(restored.scene.tick(), recorded.scene.tick());
     assert_eq!(restored.report.refused.len(), 1);
-}
-
-fn wait_until(what: &str, is_so: impl Fn() -> bool) {
-    let clock = Clock::start();
-    let end = Instant::ZERO + Span::from_millis(20_000);
-    while !is_so() {
-        assert!(clock.now() < end, "{what}");
-        std::thread::yield_now();
-    }
-}
-
-/// A log whose disk breaks and works again: nothing is acknowledged until a snapshot has made it whole.
-fn a_disk_breaks(breaks: impl Fn(&SimDisk), works: impl Fn(&SimDisk)) {
-    let mut recorded = Recorded::new(11);
-    let disk = SimDisk::default();
-    let origin = Origin {
-        name: name(),
-        config: SceneConfig::default(),
-        tick: Tick::ZERO,
-        segment: 0,
-        previous: None,
-    };
-    let mut log = SceneLog::start(files(&disk), origin, Arc::new(|| {})).unwrap();
-    let append = |recorded: &mut Recorded, log: &mut SceneLog| {
-        recorded.tick();
-        log.append(recorded.scene.journal_mut().unwrap().take().unwrap())
-    };
-    let first = append(&mut recorded, &mut log);
-    wait_until("durable at first", || log.durable() == first);
-    breaks(&disk);
-    append(&mut recorded, &mut log);
-    wait_until("the log breaks", || log.is_broken());
-    append(&mut recorded, &mut log);
-    assert_eq!(log.durable(), first);
-    works(&disk);
-    let frozen = Frozen {
-        tick: recorded.scene.tick(),
-        digest: recorded.scene.digest(),
-        sessions: recorded.sessions.clone(),
-        ownership: Ownership::default(),
-        scene: recorded.scene.freeze().unwrap(),
-    };
-    log.snapshot(frozen);
-    wait_until("the log is whole again", || !log.is_broken());
-    let last = append(&mut recorded, &mut log);
-    wait_until("durable again", || log.durable() == last);
-    drop(log);
-    let restored = files(&disk).restore(
-        &Workers::default(),
-        (ReplayStart::Newest, LogTail::Kept),
-        &mut || {},
-    );
-    let restored = restored.unwrap().unwrap();
-    recorded.check(&restored).unwrap();
-    assert_eq!(restored.scene.tick(), recorded.scene.tick());
-}
-
-#[test]
-fn a_full_disk_ends_the_acknowledgements_until_a_snapshot_finds_room() {
-    a_disk_breaks(|disk| disk.set_room(Some(10)), |disk| disk.set_room(None));
-}
-
-#[test]
-fn a_file_whose_synchronisation_failed_is_not_trusted_again() {
-    a_disk_breaks(
-        |disk| disk.set_failing(true),
-        |disk| disk.set_failing(false),
-    );
 }
