@@ -6,13 +6,20 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use super::disk::{Disk, LogFile};
 
 /// A disk in memory; all clones are one.
 #[derive(Clone, Default)]
-pub(super) struct SimDisk(Arc<Mutex<State>>);
+pub(super) struct SimDisk {
+    state: Arc<Mutex<State>>,
+    /// Notified when synchronisations are not held any more.
+    released: Arc<Condvar>,
+}
+
+/// Keeps every synchronisation of a file from returning, until it is dropped.
+pub(super) struct HeldSyncs(SimDisk);
 
 #[derive(Default)]
 struct State {
@@ -27,6 +34,10 @@ struct State {
     room: Option<usize>,
     /// True if no file can be synchronised.
     is_failing: bool,
+    /// True if no synchronisation of a file returns.
+    is_holding: bool,
+    /// Synchronisations that wait.
+    held: usize,
 }
 
 #[derive(Default)]
@@ -62,7 +73,7 @@ fn overwrite(bytes: &mut [u8], place: usize, with: &[u8]) {
 
 impl SimDisk {
     fn state(&self) -> MutexGuard<'_, State> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Has the disk be full after so many more bytes; `None` frees it.
@@ -73,6 +84,12 @@ impl SimDisk {
     /// Has every synchronisation of a file fail, or none.
     pub(super) fn set_failing(&self, is_failing: bool) {
         self.state().is_failing = is_failing;
+    }
+
+    /// Has the disk hang.
+    pub(super) fn hold_syncs(&self) -> HeldSyncs {
+        self.state().is_holding = true;
+        HeldSyncs(self.clone())
     }
 
     /// Changes the bytes of a file.
@@ -123,6 +140,20 @@ impl SimDisk {
         }
         state.names.clone_from(&names);
         state.durable_names = names;
+    }
+}
+
+impl HeldSyncs {
+    /// True if a synchronisation waits.
+    pub(super) fn has_one(&self) -> bool {
+        self.0.state().held > 0
+    }
+}
+
+impl Drop for HeldSyncs {
+    fn drop(&mut self) {
+        self.0.state().is_holding = false;
+        self.0.released.notify_all();
     }
 }
 
@@ -251,6 +282,10 @@ impl LogFile for SimFile {
 
     fn sync(&mut self) -> io::Result<()> {
         let mut state = self.disk.state();
+        state.held += 1;
+        let released = (self.disk.released).wait_while(state, |state| state.is_holding);
+        let mut state = released.unwrap_or_else(PoisonError::into_inner);
+        state.held -= 1;
         if state.is_failing {
             return Err(io::Error::other("input or output failed"));
         }

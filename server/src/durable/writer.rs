@@ -62,14 +62,31 @@ struct Shared {
     waiting_bytes: AtomicUsize,
     /// True if a snapshot is under way.
     snapshot: AtomicBool,
-    /// True if batches are lost since the last snapshot.
-    broken: AtomicBool,
+    /// How often the log was given up, by the scene or because the disk refused.
+    given_up: AtomicU64,
+    /// The value of `given_up` up to which a snapshot has made the log whole: it is broken while they differ.
+    made_whole: AtomicU64,
+}
+
+impl Shared {
+    fn give_up(&self) {
+        self.given_up.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn given_up(&self) -> u64 {
+        self.given_up.load(Ordering::Relaxed)
+    }
+
+    fn is_broken(&self) -> bool {
+        self.given_up() != self.made_whole.load(Ordering::Relaxed)
+    }
 }
 
 enum Job {
     Batch(Batch),
-    /// The log goes on in a new segment, which a snapshot of its beginning follows.
-    Snapshot(Box<Frozen>),
+    /// The log goes on in a new segment, which a snapshot of its beginning follows. How often the log had been given up
+    /// when the snapshot was taken.
+    Snapshot(Box<Frozen>, u64),
     /// A snapshot is written, or is not.
     Written(u32, Result<(), DataError>),
     /// The scene is deleted.
@@ -120,7 +137,7 @@ impl SceneLog {
             .waiting_bytes
             .fetch_add(bytes, Ordering::Relaxed);
         if waiting > WAITING_BYTES_MAX {
-            self.shared.broken.store(true, Ordering::Relaxed);
+            self.shared.give_up();
         }
         self.send(Job::Batch(batch));
         self.batches
@@ -148,19 +165,20 @@ impl SceneLog {
 
     /// True if only a snapshot makes the log whole again.
     pub(crate) fn is_broken(&self) -> bool {
-        self.shared.broken.load(Ordering::Relaxed)
+        self.shared.is_broken()
     }
 
-    /// Gives the log up until the next snapshot: the scene goes on from another state.
+    /// Gives the log up until the next snapshot: the scene goes on from another state. A snapshot that was handed over
+    /// before does not count.
     pub(crate) fn give_up(&self) {
-        self.shared.broken.store(true, Ordering::Relaxed);
+        self.shared.give_up();
     }
 
     /// Hands over a snapshot of the scene after all batches so far.
     pub(crate) fn snapshot(&mut self, frozen: Frozen) {
         self.bytes = 0;
         self.shared.snapshot.store(true, Ordering::Relaxed);
-        self.send(Job::Snapshot(Box::new(frozen)));
+        self.send(Job::Snapshot(Box::new(frozen), self.shared.given_up()));
     }
 
     /// Removes the files of the scene.
@@ -217,7 +235,7 @@ impl LogWriter {
             }
             self.write(&mut batches);
             match next {
-                Some(Job::Snapshot(frozen)) => self.begin_snapshot(*frozen),
+                Some(Job::Snapshot(frozen, given_up)) => self.begin_snapshot(*frozen, given_up),
                 Some(Job::Written(number, written)) => self.end_snapshot(number, written),
                 Some(Job::Delete) => return self.delete(),
                 Some(Job::End) => return,
@@ -234,7 +252,7 @@ impl LogWriter {
         }
         self.batches += batches.len() as u64;
         let bytes: usize = batches.iter().map(|batch| batch.records.len()).sum();
-        if self.shared.broken.load(Ordering::Relaxed) {
+        if self.shared.is_broken() {
             self.segment = None;
         }
         if let Some(segment) = &mut self.segment {
@@ -257,7 +275,7 @@ impl LogWriter {
     fn break_off(&mut self, error: &DataError) {
         tracing::error!(scene = %self.scene, %error, "commands are not durable until the next snapshot");
         self.segment = None;
-        self.shared.broken.store(true, Ordering::Relaxed);
+        self.shared.give_up();
         (self.wake)();
     }
 
@@ -275,27 +293,40 @@ impl LogWriter {
         }
     }
 
-    /// Goes on in a new segment. The snapshot of its beginning is written beside the log, and before it if the log is
-    /// broken: nothing else has the state then.
-    fn begin_snapshot(&mut self, frozen: Frozen) {
-        let tick = frozen.tick;
-        let number = self.next;
-        let broken = self.shared.broken.load(Ordering::Relaxed);
-        let Some(segment) = self.segment.take().filter(|_| !broken) else {
-            let written = write_snapshot(&self.files, number, frozen);
-            if written.is_ok() {
-                self.begin_segment(tick, None);
-            } else {
-                self.next += 1;
-            }
-            if written.is_ok() && self.segment.is_some() {
+    /// Goes on in a new segment with a snapshot of its beginning. A broken log begins anew with it, unless it was given
+    /// up since: the scene may have left that state. `given_up`: how often it had been when the snapshot was taken.
+    fn begin_snapshot(&mut self, frozen: Frozen, given_up: u64) {
+        match self.segment.take().filter(|_| !self.shared.is_broken()) {
+            Some(before) => self.go_on(&before, frozen),
+            None if given_up == self.shared.given_up() => self.begin_anew(frozen, given_up),
+            None => self.shared.snapshot.store(false, Ordering::Relaxed),
+        }
+    }
+
+    /// Writes the snapshot before the log: nothing else has the state.
+    fn begin_anew(&mut self, frozen: Frozen, given_up: u64) {
+        let (tick, number) = (frozen.tick, self.next);
+        let written = write_snapshot(&self.files, number, frozen);
+        if written.is_ok() {
+            self.begin_segment(tick, None);
+        } else {
+            self.next += 1;
+        }
+        if written.is_ok() && self.segment.is_some() {
+            self.shared.made_whole.store(given_up, Ordering::Relaxed);
+            // The scene may have given it up meanwhile.
+            if !self.shared.is_broken() {
                 tracing::info!(scene = %self.scene, tick = tick.value(), "commands are durable again");
-                self.shared.broken.store(false, Ordering::Relaxed);
                 self.report_durable();
             }
-            return self.end_snapshot(number, written);
-        };
-        self.begin_segment(tick, Some((segment.number, segment.length)));
+        }
+        self.end_snapshot(number, written);
+    }
+
+    /// Writes the snapshot beside the log, which goes on after a segment.
+    fn go_on(&mut self, before: &Segment, frozen: Frozen) {
+        let number = self.next;
+        self.begin_segment(frozen.tick, Some((before.number, before.length)));
         let (files, jobs) = (self.files.clone(), self.jobs.clone());
         let write = move || {
             let written = write_snapshot(&files, number, frozen);

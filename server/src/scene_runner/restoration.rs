@@ -102,12 +102,14 @@ impl SceneRunner {
             left_out,
             differs,
         } = restoration;
+        if let Some(durability) = &self.durability {
+            // Log and journal have commands that are left out: the log begins anew with the next snapshot.
+            durability.log.give_up();
+        }
         self.commit();
         let before = std::mem::replace(&mut self.scene, scene);
         self.ownership = ownership;
-        if let Some(durability) = &mut self.durability {
-            // The log has commands that are left out: it begins anew with the next snapshot.
-            durability.log.give_up();
+        if self.is_durable() {
             self.scene.keep_journal();
         }
         if !left_out.is_empty() {

@@ -11,6 +11,7 @@ use rhumb_transport::Clock;
 
 use super::{Recorded, files, name};
 use crate::access::Ownership;
+use crate::durable::journal::Journal;
 use crate::durable::log_tail::LogTail;
 use crate::durable::recovery::ReplayStart;
 use crate::durable::sim_disk::SimDisk;
@@ -26,50 +27,91 @@ fn wait_until(what: &str, is_so: impl Fn() -> bool) {
     }
 }
 
+/// A recorded scene, and its log on a disk of its own.
+struct Logged {
+    recorded: Recorded,
+    disk: SimDisk,
+    log: SceneLog,
+}
+
+impl Logged {
+    fn on(disk: SimDisk) -> Self {
+        let origin = Origin {
+            name: name(),
+            config: SceneConfig::default(),
+            tick: Tick::ZERO,
+            segment: 0,
+            previous: None,
+        };
+        let log = SceneLog::start(files(&disk), origin, Arc::new(|| {}));
+        Self {
+            recorded: Recorded::new(11),
+            disk,
+            log: log.expect("the log has a thread"),
+        }
+    }
+
+    /// On a disk that works; the first batch is durable.
+    fn begun() -> Self {
+        let mut logged = Self::on(SimDisk::default());
+        let first = logged.append();
+        wait_until("durable at first", || logged.log.durable() == first);
+        logged
+    }
+
+    /// Steps, and hands the records over.
+    fn append(&mut self) -> u64 {
+        self.recorded.tick();
+        let journal = self.recorded.scene.journal_mut();
+        let batch = journal.and_then(Journal::take);
+        self.log.append(batch.expect("a step is recorded"))
+    }
+
+    /// Hands a snapshot of the present state over.
+    fn snapshot(&mut self) {
+        let scene = &self.recorded.scene;
+        self.log.snapshot(Frozen {
+            tick: scene.tick(),
+            digest: scene.digest(),
+            sessions: self.recorded.sessions.clone(),
+            ownership: Ownership::default(),
+            scene: scene.freeze().expect("a step was the last change"),
+        });
+    }
+
+    /// Hands a snapshot over, which makes the log whole.
+    fn mend(&mut self) {
+        self.snapshot();
+        wait_until("the log is whole again", || !self.log.is_broken());
+    }
+
+    /// Goes on until everything is durable, and ends the log: its files have the newest state.
+    fn must_be_restored(mut self) {
+        let last = self.append();
+        wait_until("durable again", || self.log.durable() == last);
+        drop(self.log);
+        let newest = (ReplayStart::Newest, LogTail::Kept);
+        let restored = files(&self.disk).restore(&Workers::default(), newest, &mut || {});
+        let restored = restored.expect("the files are whole");
+        let restored = restored.expect("the scene is durable");
+        let checked = self.recorded.check(&restored);
+        checked.expect("the scene is as it was recorded");
+        assert_eq!(restored.scene.tick(), self.recorded.scene.tick());
+    }
+}
+
 /// A log whose disk breaks and works again: nothing is acknowledged until a snapshot has made it whole.
 fn a_disk_breaks(breaks: impl Fn(&SimDisk), works: impl Fn(&SimDisk)) {
-    let mut recorded = Recorded::new(11);
-    let disk = SimDisk::default();
-    let origin = Origin {
-        name: name(),
-        config: SceneConfig::default(),
-        tick: Tick::ZERO,
-        segment: 0,
-        previous: None,
-    };
-    let mut log = SceneLog::start(files(&disk), origin, Arc::new(|| {})).unwrap();
-    let append = |recorded: &mut Recorded, log: &mut SceneLog| {
-        recorded.tick();
-        log.append(recorded.scene.journal_mut().unwrap().take().unwrap())
-    };
-    let first = append(&mut recorded, &mut log);
-    wait_until("durable at first", || log.durable() == first);
-    breaks(&disk);
-    append(&mut recorded, &mut log);
-    wait_until("the log breaks", || log.is_broken());
-    append(&mut recorded, &mut log);
-    assert_eq!(log.durable(), first);
-    works(&disk);
-    let frozen = Frozen {
-        tick: recorded.scene.tick(),
-        digest: recorded.scene.digest(),
-        sessions: recorded.sessions.clone(),
-        ownership: Ownership::default(),
-        scene: recorded.scene.freeze().unwrap(),
-    };
-    log.snapshot(frozen);
-    wait_until("the log is whole again", || !log.is_broken());
-    let last = append(&mut recorded, &mut log);
-    wait_until("durable again", || log.durable() == last);
-    drop(log);
-    let restored = files(&disk).restore(
-        &Workers::default(),
-        (ReplayStart::Newest, LogTail::Kept),
-        &mut || {},
-    );
-    let restored = restored.unwrap().unwrap();
-    recorded.check(&restored).unwrap();
-    assert_eq!(restored.scene.tick(), recorded.scene.tick());
+    let mut logged = Logged::begun();
+    let first = logged.log.durable();
+    breaks(&logged.disk);
+    logged.append();
+    wait_until("the log breaks", || logged.log.is_broken());
+    logged.append();
+    assert_eq!(logged.log.durable(), first);
+    works(&logged.disk);
+    logged.mend();
+    logged.must_be_restored();
 }
 
 #[test]
@@ -83,4 +125,22 @@ fn a_file_whose_synchronisation_failed_is_not_trusted_again() {
         |disk| disk.set_failing(true),
         |disk| disk.set_failing(false),
     );
+}
+
+#[test]
+fn a_snapshot_of_a_state_that_the_scene_has_left_does_not_make_the_log_whole() {
+    let mut logged = Logged::begun();
+    let held = logged.disk.hold_syncs();
+    let written = logged.append();
+    wait_until("the disk hangs", || held.has_one());
+    logged.snapshot();
+    logged.log.give_up();
+    logged.append();
+    drop(held);
+    wait_until("the snapshot is done with", || logged.log.may_snapshot());
+    assert!(logged.log.is_broken());
+    logged.append();
+    assert_eq!(logged.log.durable(), written);
+    logged.mend();
+    logged.must_be_restored();
 }
