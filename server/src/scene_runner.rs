@@ -4,6 +4,7 @@
 //! observe, send.
 
 mod access;
+mod acknowledgements;
 mod authority;
 mod command_log;
 mod durability;

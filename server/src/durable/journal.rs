@@ -25,6 +25,13 @@ pub(crate) struct Batch {
     pub(crate) records: Vec<u8>,
 }
 
+impl Batch {
+    /// Bytes that it takes in memory.
+    pub(super) fn memory_bytes(&self) -> usize {
+        size_of::<Self>() + self.records.capacity()
+    }
+}
+
 impl Journal {
     /// Adds a command that was applied.
     pub(crate) fn applied(&mut self, tick: Tick, command: &Command) {

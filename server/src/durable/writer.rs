@@ -1,8 +1,8 @@
 //! The thread that writes a scene's log, and the scene's end of it.
 //!
 //! The scene hands over batches and never waits. One synchronisation makes durable whatever waited for it. If the disk
-//! refuses, nothing more is acknowledged, and the log begins anew from the next snapshot. Invariant: a batch is reported
-//! durable only if everything before it is durable too.
+//! refuses, or too much waits for it, nothing more is acknowledged, and the log begins anew from the next snapshot.
+//! Invariants: a batch is reported durable only if everything before it is durable too; what waits is bounded.
 
 use std::io;
 use std::mem;
@@ -23,18 +23,20 @@ use crate::digest::Digest;
 use crate::scene::FrozenScene;
 use crate::sessions::Sessions;
 
-/// Bytes that may wait for the disk; beyond them the log is given up until the next snapshot.
-const WAITING_BYTES_MAX: usize = 64 << 20;
+/// Bytes of batches that may wait for the disk; beyond them the log is given up until the next snapshot.
+pub(super) const WAITING_BYTES_MAX: usize = 64 << 20;
 
 /// A scene's end of its log.
 pub(crate) struct SceneLog {
     jobs: Sender<Job>,
     thread: Option<JoinHandle<()>>,
     shared: Arc<Shared>,
-    /// Batches handed over.
+    /// Batches so far.
     batches: u64,
-    /// Bytes handed over since the last snapshot.
+    /// Bytes of records since the last snapshot.
     bytes: usize,
+    /// How often the log had been given up at the last snapshot: batches are lost while it is another number.
+    given_up: u64,
 }
 
 /// The state of a scene at a moment, for a snapshot.
@@ -59,6 +61,7 @@ pub(crate) struct Origin {
 struct Shared {
     /// Batches that are durable, from the first one on.
     durable: AtomicU64,
+    /// Memory of the batches that wait for the disk.
     waiting_bytes: AtomicUsize,
     /// True if a snapshot is under way.
     snapshot: AtomicBool,
@@ -82,11 +85,19 @@ impl Shared {
     }
 }
 
+/// The moment of a snapshot.
+#[derive(Clone, Copy)]
+struct SnapshotPoint {
+    /// Batches before it, with those that were lost.
+    batches: u64,
+    /// How often the log had been given up.
+    given_up: u64,
+}
+
 enum Job {
     Batch(Batch),
-    /// The log goes on in a new segment, which a snapshot of its beginning follows. How often the log had been given up
-    /// when the snapshot was taken.
-    Snapshot(Box<Frozen>, u64),
+    /// The log goes on in a new segment, which a snapshot of its beginning follows.
+    Snapshot(Box<Frozen>, SnapshotPoint),
     /// A snapshot is written, or is not.
     Written(u32, Result<(), DataError>),
     /// The scene is deleted.
@@ -124,26 +135,28 @@ impl SceneLog {
             shared,
             batches: 0,
             bytes: 0,
+            given_up: 0,
         })
     }
 
-    /// Hands over a batch; returns its number, for [`Self::durable`].
+    /// Hands over a batch; returns its number, for [`Self::durable`]. Once the log is given up, a batch is lost and
+    /// only counts: the next snapshot has what it did.
     pub(crate) fn append(&mut self, batch: Batch) -> u64 {
         self.batches += 1;
         self.bytes += batch.records.len();
-        let bytes = batch.records.len();
-        let waiting = self
-            .shared
-            .waiting_bytes
-            .fetch_add(bytes, Ordering::Relaxed);
-        if waiting > WAITING_BYTES_MAX {
-            self.shared.give_up();
+        if !self.is_losing() && self.waiting_bytes() > WAITING_BYTES_MAX {
+            self.give_up();
         }
-        self.send(Job::Batch(batch));
+        if !self.is_losing() {
+            self.shared
+                .waiting_bytes
+                .fetch_add(batch.memory_bytes(), Ordering::Relaxed);
+            self.send(Job::Batch(batch));
+        }
         self.batches
     }
 
-    /// Number of batches handed over.
+    /// Number of batches so far.
     pub(crate) const fn appended(&self) -> u64 {
         self.batches
     }
@@ -153,9 +166,14 @@ impl SceneLog {
         self.shared.durable.load(Ordering::Acquire)
     }
 
-    /// Bytes handed over since the last snapshot.
+    /// Bytes of records since the last snapshot.
     pub(crate) const fn bytes(&self) -> usize {
         self.bytes
+    }
+
+    /// Memory of the batches that wait for the disk.
+    pub(super) fn waiting_bytes(&self) -> usize {
+        self.shared.waiting_bytes.load(Ordering::Relaxed)
     }
 
     /// True if another snapshot may begin.
@@ -177,13 +195,23 @@ impl SceneLog {
     /// Hands over a snapshot of the scene after all batches so far.
     pub(crate) fn snapshot(&mut self, frozen: Frozen) {
         self.bytes = 0;
+        self.given_up = self.shared.given_up();
+        let point = SnapshotPoint {
+            batches: self.batches,
+            given_up: self.given_up,
+        };
         self.shared.snapshot.store(true, Ordering::Relaxed);
-        self.send(Job::Snapshot(Box::new(frozen), self.shared.given_up()));
+        self.send(Job::Snapshot(Box::new(frozen), point));
     }
 
     /// Removes the files of the scene.
     pub(crate) fn delete(self) {
         self.send(Job::Delete);
+    }
+
+    /// True if no snapshot that was handed over can make durable what follows.
+    fn is_losing(&self) -> bool {
+        self.given_up != self.shared.given_up()
     }
 
     /// The thread reports its own end.
@@ -213,7 +241,7 @@ struct LogWriter {
     segment: Option<Segment>,
     /// Number of the next segment.
     next: u32,
-    /// Batches taken.
+    /// Batches taken, with those that were lost before the last snapshot.
     batches: u64,
     /// The newest durable snapshot.
     oldest_needed: Option<u32>,
@@ -235,7 +263,7 @@ impl LogWriter {
             }
             self.write(&mut batches);
             match next {
-                Some(Job::Snapshot(frozen, given_up)) => self.begin_snapshot(*frozen, given_up),
+                Some(Job::Snapshot(frozen, point)) => self.begin_snapshot(*frozen, point),
                 Some(Job::Written(number, written)) => self.end_snapshot(number, written),
                 Some(Job::Delete) => return self.delete(),
                 Some(Job::End) => return,
@@ -251,7 +279,7 @@ impl LogWriter {
             return;
         }
         self.batches += batches.len() as u64;
-        let bytes: usize = batches.iter().map(|batch| batch.records.len()).sum();
+        let bytes: usize = batches.iter().map(Batch::memory_bytes).sum();
         if self.shared.is_broken() {
             self.segment = None;
         }
@@ -294,16 +322,20 @@ impl LogWriter {
     }
 
     /// Goes on in a new segment with a snapshot of its beginning. A broken log begins anew with it, unless it was given
-    /// up since: the scene may have left that state. `given_up`: how often it had been when the snapshot was taken.
-    fn begin_snapshot(&mut self, frozen: Frozen, given_up: u64) {
+    /// up since: the scene may have left that state.
+    fn begin_snapshot(&mut self, frozen: Frozen, point: SnapshotPoint) {
+        self.batches = point.batches;
         match self.segment.take().filter(|_| !self.shared.is_broken()) {
             Some(before) => self.go_on(&before, frozen),
-            None if given_up == self.shared.given_up() => self.begin_anew(frozen, given_up),
+            None if point.given_up == self.shared.given_up() => {
+                self.begin_anew(frozen, point.given_up);
+            }
             None => self.shared.snapshot.store(false, Ordering::Relaxed),
         }
     }
 
-    /// Writes the snapshot before the log: nothing else has the state.
+    /// Writes the snapshot before the log: nothing else has the state. `given_up`: how often the log had been when the
+    /// snapshot was taken.
     fn begin_anew(&mut self, frozen: Frozen, given_up: u64) {
         let (tick, number) = (frozen.tick, self.next);
         let written = write_snapshot(&self.files, number, frozen);

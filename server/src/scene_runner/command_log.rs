@@ -2,11 +2,14 @@
 //!
 //! Never waits for the disk.
 
+use std::collections::BTreeMap;
+
 use rhumb_protocol::message::ServerMessage;
 use rhumb_protocol::{Peer, Span};
 
 use super::SceneRunner;
-use super::durability::{AwaitedBatch, Durability};
+use super::acknowledgements::SessionCommands;
+use super::durability::Durability;
 use crate::durable::{Frozen, Journal, Record, SceneLog, SessionNumber};
 use crate::outbox::Outbox;
 
@@ -52,16 +55,14 @@ impl SceneRunner {
             return;
         };
         let number = durability.log.append(batch);
-        let mut commands = Vec::new();
+        let tick = self.scene.tick();
+        let mut commands: BTreeMap<Peer, SessionCommands> = BTreeMap::new();
         for (peer, member) in &mut self.members {
-            commands.extend(member.take_undurable().map(|commands| (*peer, commands)));
+            let count = member.take_undurable();
+            commands.extend(count.map(|count| (*peer, SessionCommands { count, tick })));
         }
         if !commands.is_empty() {
-            durability.awaited.push_back(AwaitedBatch {
-                number,
-                tick: self.scene.tick(),
-                commands,
-            });
+            durability.awaited.push(number, commands);
         }
     }
 
@@ -126,16 +127,11 @@ impl SceneRunner {
                 out.release(peer);
             }
         }
-        while let Some(batch) = durability.awaited.front()
-            && batch.number <= durable
-        {
-            for (peer, commands) in &batch.commands {
-                if self.members.contains_key(peer) {
-                    let (commands, tick) = (*commands, batch.tick);
-                    out.send(*peer, &ServerMessage::Durable { commands, tick });
-                }
+        while let Some(members) = durability.awaited.pop_durable(durable) {
+            for (peer, done) in members {
+                let (commands, tick) = (done.count, done.tick);
+                out.send(peer, &ServerMessage::Durable { commands, tick });
             }
-            durability.awaited.pop_front();
         }
     }
 

@@ -1,4 +1,4 @@
-//! The command log of a scene, and the batches that wait for it.
+//! The command log of a scene, and what waits for it.
 //!
 //! Snapshots are due by the time that steps have taken, so that their replay takes no longer.
 
@@ -7,6 +7,7 @@ use std::collections::VecDeque;
 use rhumb_protocol::{Peer, Span};
 use rhumb_reckoning::Tick;
 
+use super::acknowledgements::Acknowledgements;
 use crate::durable::SceneLog;
 
 /// Time of steps after which a snapshot is due: a third of the time for a restart.
@@ -22,18 +23,10 @@ pub(super) struct Durability {
     /// Time of the steps since the last snapshot.
     pub(super) stepped: Span,
     pub(super) snapshot_tick: Tick,
-    /// Batches with commands of sessions that are not reported as durable.
-    pub(super) awaited: VecDeque<AwaitedBatch>,
+    /// Commands of sessions that are not reported as durable.
+    pub(super) awaited: Acknowledgements,
     /// Members whose answers are kept back, each with the batch that must be durable.
     pub(super) unanswered: VecDeque<(u64, Peer)>,
-}
-
-/// A batch after which members learn that their commands are durable.
-pub(super) struct AwaitedBatch {
-    pub(super) number: u64,
-    pub(super) tick: Tick,
-    /// Commands of each member's session up to the end of the batch.
-    pub(super) commands: Vec<(Peer, u64)>,
 }
 
 impl Durability {
@@ -43,7 +36,7 @@ impl Durability {
             log,
             stepped,
             snapshot_tick: tick,
-            awaited: VecDeque::new(),
+            awaited: Acknowledgements::new(),
             unanswered: VecDeque::new(),
         }
     }

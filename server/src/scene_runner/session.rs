@@ -99,6 +99,9 @@ impl SceneRunner {
         self.authority_table.end(peer);
         if let Some(member) = self.members.remove(&peer) {
             self.provision.flight.left(peer);
+            if let Some(durability) = &mut self.durability {
+                durability.awaited.forget(peer);
+            }
             for stream in member.streams() {
                 self.streams.unsubscribe(stream, peer);
             }

@@ -1,4 +1,4 @@
-//! The log of a scene whose disk breaks and works again.
+//! The log of a scene whose disk breaks or hangs, and works again.
 //!
 //! The log's own thread writes on a simulated disk. What is restored at the end must equal the recorded run.
 
@@ -11,11 +11,11 @@ use rhumb_transport::Clock;
 
 use super::{Recorded, files, name};
 use crate::access::Ownership;
-use crate::durable::journal::Journal;
+use crate::durable::journal::{Batch, Journal};
 use crate::durable::log_tail::LogTail;
 use crate::durable::recovery::ReplayStart;
 use crate::durable::sim_disk::SimDisk;
-use crate::durable::writer::{Frozen, Origin, SceneLog};
+use crate::durable::writer::{Frozen, Origin, SceneLog, WAITING_BYTES_MAX};
 use crate::engine::Workers;
 
 fn wait_until(what: &str, is_so: impl Fn() -> bool) {
@@ -142,5 +142,50 @@ fn a_snapshot_of_a_state_that_the_scene_has_left_does_not_make_the_log_whole() {
     logged.append();
     assert_eq!(logged.log.durable(), written);
     logged.mend();
+    logged.must_be_restored();
+}
+
+/// Hands over 100 MiB that the disk does not take.
+fn overload(log: &mut SceneLog) {
+    let batch = || Batch {
+        tick: Tick::ZERO,
+        records: vec![0; 1 << 20],
+    };
+    let most = WAITING_BYTES_MAX + batch().memory_bytes();
+    for _ in 0..100 {
+        log.append(batch());
+        assert!(log.waiting_bytes() <= most);
+    }
+    assert!(log.is_broken());
+}
+
+#[test]
+fn what_waits_for_a_disk_that_hangs_is_bounded() {
+    let mut logged = Logged::begun();
+    let held = logged.disk.hold_syncs();
+    logged.append();
+    wait_until("the disk hangs", || held.has_one());
+    overload(&mut logged.log);
+    logged.snapshot();
+    overload(&mut logged.log);
+    drop(held);
+    wait_until("nothing waits", || logged.log.waiting_bytes() == 0);
+    wait_until("the snapshot is done with", || logged.log.may_snapshot());
+    assert!(logged.log.is_broken());
+    logged.mend();
+    logged.must_be_restored();
+}
+
+#[test]
+fn batches_behind_the_snapshot_that_makes_the_log_whole_are_kept() {
+    let mut logged = Logged::begun();
+    logged.log.give_up();
+    logged.append();
+    let held = logged.disk.hold_syncs();
+    logged.snapshot();
+    wait_until("the disk hangs", || held.has_one());
+    logged.append();
+    logged.append();
+    drop(held);
     logged.must_be_restored();
 }
