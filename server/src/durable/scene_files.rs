@@ -95,15 +95,29 @@ impl SceneFiles {
         Ok((with(".log"), with(".snapshot")))
     }
 
-    /// Begins a segment; it and its name are durable on return.
+    /// Makes the directory, unless it exists; its name is durable on return.
+    pub(super) fn make_directory(&self) -> Result<(), DataError> {
+        (self.disk.make_directory(&self.directory))
+            .map_err(DataError::io(&self.directory, "make the directory"))?;
+        self.sync_name()
+    }
+
+    /// Returns when the name of the directory is durable.
+    fn sync_name(&self) -> Result<(), DataError> {
+        let above = parent(&self.directory);
+        (self.disk.sync_directory(&above)).map_err(DataError::io(&above, "synchronise"))
+    }
+
+    /// Begins a segment; it and its name are durable on return. The directory exists if a segment precedes it.
     pub(super) fn begin_segment(
         &self,
         number: u32,
         tick: Tick,
         header: &LogHeader,
     ) -> Result<Segment, DataError> {
-        (self.disk.make_directory(&self.directory))
-            .map_err(DataError::io(&self.directory, "make the directory"))?;
+        if header.previous.is_none() {
+            self.make_directory()?;
+        }
         let path = self.segment_path(number);
         let file = (self.disk.create(&path)).map_err(DataError::io(&path, "create"))?;
         let mut segment = Segment {
@@ -128,7 +142,7 @@ impl SceneFiles {
         Ok(segment)
     }
 
-    /// Writes a snapshot as a whole.
+    /// Writes a snapshot as a whole. The directory exists.
     pub(super) fn write_snapshot(&self, snapshot: &Snapshot) -> Result<(), DataError> {
         let path = self.snapshot_path(snapshot.segment);
         let bytes = snapshot.encode(&self.key);
@@ -172,8 +186,7 @@ impl SceneFiles {
         let deleted = PathBuf::from(deleted);
         (self.disk.rename(&self.directory, &deleted))
             .map_err(DataError::io(&self.directory, "rename"))?;
-        let above = parent(&self.directory);
-        (self.disk.sync_directory(&above)).map_err(DataError::io(&above, "synchronise"))?;
+        self.sync_name()?;
         (self.disk.remove_directory(&deleted)).map_err(DataError::io(&deleted, "remove"))
     }
 

@@ -3,7 +3,7 @@
 //! A crash keeps what was synchronised, and of the rest what a seed decides: each unsynchronised append is kept,
 //! lost, or cut, and each unsynchronised name is kept or lost.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -28,12 +28,15 @@ struct State {
     names: BTreeMap<PathBuf, u64>,
     /// Names as a crash leaves them at least.
     durable_names: BTreeMap<PathBuf, u64>,
-    directories: BTreeSet<PathBuf>,
+    /// Directories; true for a name that a crash leaves.
+    directories: BTreeMap<PathBuf, bool>,
     next: u64,
     /// Bytes that may still be written before the disk is full.
     room: Option<usize>,
     /// True if no file can be synchronised.
     is_failing: bool,
+    /// True if no directory can be made.
+    is_refusing_directories: bool,
     /// True if no synchronisation of a file returns.
     is_holding: bool,
     /// Synchronisations that wait.
@@ -51,6 +54,14 @@ struct Contents {
 struct SimFile {
     disk: SimDisk,
     id: u64,
+}
+
+impl State {
+    /// True if the directory of a file exists.
+    fn has_directory_of(&self, path: &Path) -> bool {
+        let above = path.parent();
+        above.is_some_and(|above| self.directories.contains_key(above))
+    }
 }
 
 impl Contents {
@@ -86,6 +97,11 @@ impl SimDisk {
         self.state().is_failing = is_failing;
     }
 
+    /// Has every directory be refused, or none.
+    pub(super) fn set_refusing_directories(&self, is_refusing: bool) {
+        self.state().is_refusing_directories = is_refusing;
+    }
+
     /// Has the disk hang.
     pub(super) fn hold_syncs(&self) -> HeldSyncs {
         self.state().is_holding = true;
@@ -115,6 +131,11 @@ impl SimDisk {
                 names.insert(path.clone(), *id);
             }
         }
+        state.directories.retain(|_, is_durable| {
+            *is_durable = *is_durable || chance(2) == 0;
+            *is_durable
+        });
+        names.retain(|path, _| state.has_directory_of(path));
         for contents in state.files.values_mut() {
             for append in std::mem::take(&mut contents.appended) {
                 let kept = match chance(3) {
@@ -164,7 +185,7 @@ fn not_found() -> io::Error {
 impl Disk for SimDisk {
     fn list(&self, directory: &Path) -> io::Result<Vec<String>> {
         let state = self.state();
-        let below = state.names.keys().chain(&state.directories);
+        let below = state.names.keys().chain(state.directories.keys());
         let mut names: Vec<String> = below
             .filter_map(|path| path.strip_prefix(directory).ok()?.iter().next())
             .filter_map(|name| name.to_str().map(str::to_owned))
@@ -193,6 +214,9 @@ impl Disk for SimDisk {
         let mut state = self.state();
         if state.names.contains_key(path) {
             return Err(io::ErrorKind::AlreadyExists.into());
+        }
+        if !state.has_directory_of(path) {
+            return Err(not_found());
         }
         let id = state.next;
         state.next += 1;
@@ -233,7 +257,14 @@ impl Disk for SimDisk {
     }
 
     fn make_directory(&self, directory: &Path) -> io::Result<()> {
-        self.state().directories.insert(directory.to_owned());
+        let mut state = self.state();
+        if state.is_refusing_directories {
+            return Err(io::ErrorKind::StorageFull.into());
+        }
+        state
+            .directories
+            .entry(directory.to_owned())
+            .or_insert(false);
         Ok(())
     }
 
@@ -242,7 +273,7 @@ impl Disk for SimDisk {
         state.names.retain(|path, _| !path.starts_with(directory));
         state
             .directories
-            .retain(|path| !path.starts_with(directory));
+            .retain(|path, _| !path.starts_with(directory));
         Ok(())
     }
 
@@ -253,6 +284,9 @@ impl Disk for SimDisk {
         let names = state.names.clone();
         let durable = names.into_iter().filter(|(path, _)| is_in(path));
         state.durable_names.extend(durable);
+        for (path, is_durable) in &mut state.directories {
+            *is_durable = *is_durable || is_in(path);
+        }
         Ok(())
     }
 }

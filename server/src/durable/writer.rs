@@ -334,11 +334,12 @@ impl LogWriter {
         }
     }
 
-    /// Writes the snapshot before the log: nothing else has the state. `given_up`: how often the log had been when the
-    /// snapshot was taken.
+    /// Writes the snapshot before the log: nothing else has the state. Perhaps the directory could not be made before.
+    /// `given_up`: how often the log had been when the snapshot was taken.
     fn begin_anew(&mut self, frozen: Frozen, given_up: u64) {
         let (tick, number) = (frozen.tick, self.next);
-        let written = write_snapshot(&self.files, number, frozen);
+        let made = self.files.make_directory();
+        let written = made.and_then(|()| write_snapshot(&self.files, number, frozen));
         if written.is_ok() {
             self.begin_segment(tick, None);
         } else {

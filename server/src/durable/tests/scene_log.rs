@@ -85,11 +85,13 @@ impl Logged {
         wait_until("the log is whole again", || !self.log.is_broken());
     }
 
-    /// Goes on until everything is durable, and ends the log: its files have the newest state.
+    /// Goes on until everything is durable. Then the log ends, and the machine loses each name that was not
+    /// synchronised: the files have the newest state.
     fn must_be_restored(mut self) {
         let last = self.append();
         wait_until("durable again", || self.log.durable() == last);
         drop(self.log);
+        self.disk.crash(|n| n - 1);
         let newest = (ReplayStart::Newest, LogTail::Kept);
         let restored = files(&self.disk).restore(&Workers::default(), newest, &mut || {});
         let restored = restored.expect("the files are whole");
@@ -187,5 +189,22 @@ fn batches_behind_the_snapshot_that_makes_the_log_whole_are_kept() {
     logged.append();
     logged.append();
     drop(held);
+    logged.must_be_restored();
+}
+
+#[test]
+fn the_directory_of_a_new_scene_is_durable_with_its_log() {
+    Logged::begun().must_be_restored();
+}
+
+#[test]
+fn a_scene_whose_directory_could_not_be_made_is_durable_after_a_snapshot() {
+    let disk = SimDisk::default();
+    disk.set_refusing_directories(true);
+    let mut logged = Logged::on(disk);
+    wait_until("the log breaks", || logged.log.is_broken());
+    logged.append();
+    logged.disk.set_refusing_directories(false);
+    logged.mend();
     logged.must_be_restored();
 }
