@@ -22,7 +22,7 @@ struct AwaitedBatch {
 pub(super) struct SessionCommands {
     /// Their number, from the first one of the session on.
     pub(super) count: u64,
-    /// The tick before the step in which the last of them acts.
+    /// The tick before the step in which the last of them acts, or a later one.
     pub(super) tick: Tick,
 }
 

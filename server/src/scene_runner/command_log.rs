@@ -108,6 +108,18 @@ impl SceneRunner {
         }
     }
 
+    /// Has a member learn when the commands of the session that it takes up are durable, though it sends no other ones.
+    pub(super) fn acknowledge_resumed(&mut self, peer: Peer) {
+        self.commit();
+        let count = self.session_of(peer).map_or(0, |session| session.commands);
+        let tick = self.scene.tick();
+        if let Some(durability) = self.durability.as_mut().filter(|_| count > 0) {
+            let commands = BTreeMap::from([(peer, SessionCommands { count, tick })]);
+            let newest = durability.log.appended();
+            durability.awaited.push(newest, commands);
+        }
+    }
+
     /// Tells members which of their commands are durable, and sends the answers that waited for the log.
     pub(crate) fn report_durable(&mut self, out: &mut Outbox) {
         let Some(durability) = &mut self.durability else {

@@ -83,7 +83,9 @@ impl SceneRunner {
         if let Some(request) = request {
             self.repeat_answers(peer, request.answered, out);
         }
-        if session.is_some() && !resumed {
+        if resumed {
+            self.acknowledge_resumed(peer);
+        } else if session.is_some() {
             self.answer_durably(peer, out);
         }
         if self.next_step.is_none() {

@@ -68,6 +68,25 @@ fn workers(server: &ServerProcess) -> BTreeSet<u32> {
         .collect()
 }
 
+/// Waits until every command of a client is durable, and hands over the events until then.
+fn until_durable(client: &mut Client, mut take: impl FnMut(&Event)) {
+    let all = client.last_command().map_or(0, |last| last + 1);
+    let (end, mut durable) = (Instant::now() + LONG, 0);
+    while durable < all {
+        assert!(
+            Instant::now() < end,
+            "{durable} of {all} commands are durable"
+        );
+        client.idle(Duration::from_millis(10)).expect("it goes on");
+        while let Some((_, event)) = client.poll_event() {
+            take(&event);
+            if let Event::Durable { commands, .. } = event {
+                durable = commands;
+            }
+        }
+    }
+}
+
 /// The one worker process that a server has beside these.
 fn new_worker(server: &ServerProcess, before: &BTreeSet<u32>) -> u32 {
     let now = workers(server);
@@ -229,16 +248,14 @@ fn a_durable_scene_whose_step_does_not_end_goes_on_without_the_commands_before_i
     client.add_bodies(balls).expect("they are bodies");
     step(&mut client);
     let (mut refused, mut resumed) = (0, 0);
-    while let Some((_, event)) = client.poll_event() {
-        match event {
-            Event::Refused { error, .. } => {
-                assert_eq!(error, CommandError::EngineFailed);
-                refused += 1;
-            }
-            Event::Resumed(_) => resumed += 1,
-            _ => {}
+    until_durable(&mut client, |event| match event {
+        Event::Refused { error, .. } => {
+            assert_eq!(*error, CommandError::EngineFailed);
+            refused += 1;
         }
-    }
+        Event::Resumed(_) => resumed += 1,
+        _ => {}
+    });
     // On a machine with other work, the process may be killed once more while it restores the scene.
     assert!(resumed >= 1);
     assert!(
@@ -250,7 +267,10 @@ fn a_durable_scene_whose_step_does_not_end_goes_on_without_the_commands_before_i
     assert_eq!(after.tick, before.tick.next());
     advance(&mut client, 10);
     assert!(client.view().position(first).is_some());
+    let last = client.add_body(BodyDesc::dynamic(Shape::ball(0.5)).at(9.0, 0.0, 0.0));
+    last.expect("another body");
     let truth = client.inspect().expect("the server answers").truth;
+    until_durable(&mut client, |_| ());
     server.signal("TERM");
     assert_eq!(server.wait().code, Some(0));
     let checked = check(&data);

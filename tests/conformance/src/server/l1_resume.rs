@@ -200,10 +200,14 @@ fn durable(trial: &mut Trial<'_>) -> CaseResult {
     let (mut client, state) = first(trial)?;
     client.send(&ClientMessage::Command(ball_shape()));
     if state.durable {
-        return client.await_message("durable", |message| match message {
-            ServerMessage::Durable { commands: 1, .. } => Some(()),
-            _ => None,
-        });
+        let one =
+            |message| matches!(message, ServerMessage::Durable { commands: 1, .. }).then_some(());
+        client.await_message("durable", one)?;
+        client.connection.close(1);
+        // Sends no other command.
+        let mut second = again(trial, &client)?;
+        join(&mut second, KEY, 1)?;
+        return second.await_message("durable again", one);
     }
     client
         .outcome_of(0)?
