@@ -145,7 +145,10 @@ impl SceneLog {
         self.batches += 1;
         self.bytes += batch.records.len();
         if !self.is_losing() && self.waiting_bytes() > WAITING_BYTES_MAX {
-            self.give_up();
+            tracing::error!(
+                "the disk is too slow: commands are not durable until the next snapshot"
+            );
+            self.shared.give_up();
         }
         if !self.is_losing() {
             self.shared
@@ -186,9 +189,10 @@ impl SceneLog {
         self.shared.is_broken()
     }
 
-    /// Gives the log up until the next snapshot: the scene goes on from another state. A snapshot that was handed over
-    /// before does not count.
-    pub(crate) fn give_up(&self) {
+    /// Gives the log up until the next snapshot: the scene goes on from another state, which counts as a batch. A
+    /// snapshot that was handed over before does not count.
+    pub(crate) fn give_up(&mut self) {
+        self.batches += 1;
         self.shared.give_up();
     }
 
@@ -360,6 +364,10 @@ impl LogWriter {
     fn go_on(&mut self, before: &Segment, frozen: Frozen) {
         let number = self.next;
         self.begin_segment(frozen.tick, Some((before.number, before.length)));
+        if self.segment.is_none() {
+            // Nothing would follow the snapshot.
+            return self.shared.snapshot.store(false, Ordering::Relaxed);
+        }
         let (files, jobs) = (self.files.clone(), self.jobs.clone());
         let write = move || {
             let written = write_snapshot(&files, number, frozen);

@@ -102,7 +102,7 @@ impl SceneRunner {
             left_out,
             differs,
         } = restoration;
-        if let Some(durability) = &self.durability {
+        if let Some(durability) = &mut self.durability {
             // Log and journal have commands that are left out: the log begins anew with the next snapshot.
             durability.log.give_up();
         }
