@@ -3,6 +3,7 @@
 //! Knows neither streams nor connections. Invariants: a command of a session counts once; a session has at most one
 //! member; what a log or an image brings back equals what was written.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, VecDeque};
 
 use rhumb_protocol::message::SessionKey;
@@ -16,8 +17,8 @@ use crate::durable::{Record, SessionNumber};
 
 /// Refusals that a session keeps, for a client that has not seen them.
 const REFUSALS_KEPT: usize = 256;
-/// Sessions without a member that a scene keeps; the one that left first goes first.
-const ABSENT_MAX: usize = 256;
+/// Sessions that a scene keeps, twice its members at most. After a restart, all of them are without a member at first.
+const SESSIONS_MAX: usize = 512;
 /// A session whose member is away for so long is over.
 const ABSENT_FOR: Span = Span::from_millis(300_000);
 
@@ -98,32 +99,43 @@ impl Sessions {
 
     /// The sessions that are over because their member is away for too long, or because too many are.
     pub(crate) fn expired(&mut self, now: Instant) -> Vec<SessionNumber> {
-        let mut absent = Vec::new();
-        for (number, session) in &mut self.sessions {
+        for session in self.sessions.values_mut() {
             if let Presence::Absent(since) = &mut session.presence {
-                absent.push((*since.get_or_insert(now), *number));
+                since.get_or_insert(now);
             }
         }
-        absent.sort_unstable();
-        let too_many = absent.len().saturating_sub(ABSENT_MAX);
-        let is_over =
-            |place: usize, since: Instant| place < too_many || now.since(since) >= ABSENT_FOR;
-        let numbered = absent.into_iter().enumerate();
-        numbered
-            .filter_map(|(place, (since, number))| is_over(place, since).then_some(number))
-            .collect()
+        let away_for = |number: SessionNumber| match self.sessions[&number].presence {
+            Presence::Absent(since) => since.map_or(Span::ZERO, |since| now.since(since)),
+            Presence::Member(_) => Span::ZERO,
+        };
+        let absent = self.absent();
+        let (mut over, kept): (Vec<_>, Vec<_>) =
+            (absent.into_iter()).partition(|number| away_for(*number) >= ABSENT_FOR);
+        let too_many = (self.sessions.len() - over.len()).saturating_sub(SESSIONS_MAX);
+        over.extend(kept.iter().take(too_many));
+        over
     }
 
-    /// The sessions without a member, the one that left first first.
+    /// The sessions without a member, in the order in which they give way to others: that of the client that has most of
+    /// them goes first, and of its own the one that left first.
     pub(crate) fn absent(&self) -> Vec<SessionNumber> {
-        let mut absent: Vec<_> = (self.sessions.iter())
+        let mut newest_first: Vec<_> = (self.sessions.iter())
             .filter_map(|(number, session)| match session.presence {
-                Presence::Absent(since) => Some((since, *number)),
+                Presence::Absent(since) => Some((since, *number, &session.client)),
                 Presence::Member(_) => None,
             })
             .collect();
+        newest_first.sort_unstable_by(|one, other| other.cmp(one));
+        let mut newer = BTreeMap::new();
+        let mut absent: Vec<_> = (newest_first.into_iter())
+            .map(|(since, number, client)| {
+                let place: &mut usize = newer.entry(client).or_default();
+                *place += 1;
+                (Reverse(*place), since, number)
+            })
+            .collect();
         absent.sort_unstable();
-        absent.into_iter().map(|(_, number)| number).collect()
+        absent.into_iter().map(|(_, _, number)| number).collect()
     }
 
     /// All sessions with their numbers.
@@ -290,6 +302,23 @@ mod tests {
         assert_eq!(sessions.expired(late), [NUMBER]);
         sessions.replay(&Record::Closed(NUMBER));
         assert_eq!(sessions.of_key(KEY, client("anna").as_ref()), None);
+    }
+
+    #[test]
+    fn a_client_that_leaves_many_sessions_ends_its_own_and_no_other() {
+        let mut sessions = sessions();
+        sessions.detach(NUMBER, Instant::ZERO);
+        let of_bert = |place: usize| SessionNumber(10 + place as u32);
+        for place in 0..=SESSIONS_MAX {
+            let record = Record::Opened(of_bert(place), SessionKey([6; 16]), client("bert"));
+            sessions.replay(&record);
+            let later = Instant::ZERO + Span::from_millis(1 + place as u64);
+            sessions.detach(of_bert(place), later);
+        }
+        let now = Instant::ZERO + Span::from_millis(1_000);
+        assert_eq!(sessions.expired(now), [of_bert(0), of_bert(1)]);
+        let last = [of_bert(SESSIONS_MAX - 1), NUMBER, of_bert(SESSIONS_MAX)];
+        assert!(sessions.absent().ends_with(&last));
     }
 
     #[test]

@@ -44,10 +44,9 @@ impl SceneRunner {
         if self.faulted {
             return Err(Denial::SceneFaulted);
         }
-        let replaced = self.replaced_member(&permit, request);
-        let others = || (self.members.iter()).filter(|(member, _)| Some(**member) != replaced);
-        let of_client = |(_, member): &(&Peer, &Member)| member.permit.client == permit.client;
-        let members = others().filter(of_client).count();
+        self.end_replaced(now, &permit, request, out);
+        let of_client = |member: &&Member| member.permit.client == permit.client;
+        let members = self.members.values().filter(of_client).count();
         let scene_members = self.provision.limits.members_per_scene;
         let join = Request::Join {
             members,
@@ -55,7 +54,7 @@ impl SceneRunner {
         };
         rights::check(&permit, &self.ownership, join)?;
         self.check_stream(&permit, choice)?;
-        if others().count() as u64 >= scene_members {
+        if self.members.len() as u64 >= scene_members {
             return Err(Denial::TooManyMembers);
         }
         let stream = match self.streams.subscribe(choice)? {
@@ -63,7 +62,7 @@ impl SceneRunner {
             None => self.begin_stream(choice),
         };
         let before = self.sessions.next_number();
-        let session = match self.begin_session(now, (peer, &permit), request, out) {
+        let session = match self.begin_session(now, (peer, &permit), request) {
             Ok(session) => session,
             Err(denial) => {
                 self.streams.unsubscribe(stream, peer);
@@ -164,31 +163,43 @@ impl SceneRunner {
         }
     }
 
-    /// The member whose place a client takes that comes back by another connection.
-    fn replaced_member(&self, permit: &Permit, request: Option<SessionRequest>) -> Option<Peer> {
-        let number = self.sessions.of_key(request?.key, permit.client.as_ref())?;
-        self.sessions.member_of(number)
+    /// The session that a client asks for, if the scene knows it.
+    fn known_session(
+        &self,
+        permit: &Permit,
+        request: Option<SessionRequest>,
+    ) -> Option<SessionNumber> {
+        self.sessions.of_key(request?.key, permit.client.as_ref())
     }
 
-    /// Grants a new member its indices, or gives it back those of its session. Another connection of the session ends.
-    pub(super) fn begin_session(
+    /// Ends the membership of the connection whose session another one takes up, with its stream and its place.
+    fn end_replaced(
+        &mut self,
+        now: Instant,
+        permit: &Permit,
+        request: Option<SessionRequest>,
+        out: &mut Outbox,
+    ) {
+        let known = self.known_session(permit, request);
+        if let Some(other) = known.and_then(|number| self.sessions.member_of(number)) {
+            tracing::info!(peer = other.0, "another connection takes the session up");
+            self.leave(now, other, Departure::Disconnected);
+            if let Some(session) = out.session(other) {
+                session.close(CloseCode::SESSION_TAKEN);
+            }
+        }
+    }
+
+    /// Grants a new member its indices, or gives it back those of its session.
+    fn begin_session(
         &mut self,
         now: Instant,
         (peer, permit): (Peer, &Permit),
         request: Option<SessionRequest>,
-        out: &mut Outbox,
     ) -> Result<Option<SessionNumber>, Denial> {
         self.close_expired(now);
-        let known =
-            request.and_then(|request| self.sessions.of_key(request.key, permit.client.as_ref()));
+        let known = self.known_session(permit, request);
         if let Some(number) = known {
-            if let Some(other) = self.sessions.member_of(number) {
-                tracing::info!(peer = other.0, "another connection takes the session up");
-                self.leave(now, other, Departure::Disconnected);
-                if let Some(session) = out.session(other) {
-                    session.close(CloseCode::SESSION_TAKEN);
-                }
-            }
             let ranges = self
                 .sessions
                 .get(number)
@@ -208,9 +219,8 @@ impl SceneRunner {
         Ok(Some(number))
     }
 
-    /// Grants a new member its indices. Clients that are away give way to one that is here: their sessions end, the one
-    /// that left first first, until the indices suffice. A session whose indices all have bodies would free none, and
-    /// goes on.
+    /// Grants a new member its indices. Clients that are away give way to one that is here: their sessions end, one after
+    /// the other, until the indices suffice. A session whose indices all have bodies would free none, and goes on.
     fn grant_to_new_member(&mut self, peer: Peer) -> Result<IdRange, Denial> {
         let least = (self.index_limits().share / SUFFICES).max(1);
         let mut granted = self.grant_first(peer, least);

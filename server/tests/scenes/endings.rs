@@ -4,13 +4,13 @@
 //! any limit, thousands of joins among them; a client that came back was counted beside its own old connection
 //! and lost its session; a provided scene that no client joined never ended.
 
-use rhumb_protocol::message::{ClientMessage, SessionKey, SessionRequest};
+use rhumb_protocol::message::{ClientMessage, Denial, SessionKey, SessionRequest, StreamChoice};
 use rhumb_protocol::scene::{
     BodyDesc, BodyKind, Command, IdRange, SceneConfig, Shape, ShapeId, Stepping,
 };
 use rhumb_protocol::session::CloseCode;
 use rhumb_protocol::{Ending, Endpoint, Peer, Span};
-use rhumb_reckoning::BodyState;
+use rhumb_reckoning::{BodyState, Tolerance};
 use rhumb_server::{Limits, ProvidedScene, ProvidedScenes, SceneScript};
 
 use crate::links::{Links, create, join};
@@ -91,6 +91,35 @@ fn a_client_that_comes_back_takes_the_place_of_its_old_connection() {
     assert_eq!(links.counts(OTHER).resumed, Some(true));
     let taken = Some(CloseCode::SESSION_TAKEN.0);
     assert_eq!(links.counts(LEADER).closed, taken);
+}
+
+/// Its old connection has one of the streams that the client may have, and the new one asks for another stream.
+#[test]
+fn a_client_that_comes_back_takes_the_stream_of_its_old_connection() {
+    let mut links = Links::new();
+    let session = ClientMessage::Session(SessionRequest {
+        key: SessionKey([7; 16]),
+        answered: 0,
+    });
+    links.connect(LEADER);
+    let enter = [create(Stepping::Lockstep), session.clone(), join()];
+    links.send(LEADER, &enter);
+    links.take(LEADER, usize::MAX);
+    assert_eq!(links.counts(LEADER).resumed, Some(false));
+    let within = |micrometres| {
+        let tolerance = Tolerance::from_micrometres(micrometres).expect("within the range");
+        ClientMessage::Join(StreamChoice::Within(tolerance))
+    };
+    let full = (10..100).map(Peer).find(|peer| {
+        links.connect(*peer);
+        links.send(*peer, &[within(10_000 + peer.0 as u32)]);
+        links.counts(*peer).denial == Some(Denial::TooManyStreams)
+    });
+    assert!(full.is_some(), "the client has all its streams");
+    links.connect(OTHER);
+    links.send(OTHER, &[session, within(20_000)]);
+    assert_eq!(links.counts(OTHER).denial, None);
+    assert_eq!(links.counts(OTHER).resumed, Some(true));
 }
 
 #[test]
