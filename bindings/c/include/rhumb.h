@@ -299,7 +299,7 @@ enum RhumbEventKind
  {
   // There was no event.
   RHUMB_EVENT_KIND_NONE,
-  // All commands up to `number` were applied or refused, before the step to `tick`.
+  // All commands up to `number` were applied or refused; they act in the step after `tick`.
   RHUMB_EVENT_KIND_COMMANDS_APPLIED,
   // The command `number` was refused; `text` says why.
   RHUMB_EVENT_KIND_COMMAND_REFUSED,

@@ -155,7 +155,7 @@ pub enum RhumbQueryKind {
 pub enum RhumbEventKind {
     /// There was no event.
     None,
-    /// All commands up to `number` were applied or refused, before the step to `tick`.
+    /// All commands up to `number` were applied or refused; they act in the step after `tick`.
     CommandsApplied,
     /// The command `number` was refused; `text` says why.
     CommandRefused,

@@ -1453,7 +1453,7 @@ namespace Rhumb
         /// </summary>
         None,
         /// <summary>
-        ///  All commands up to `number` were applied or refused, before the step to `tick`.
+        ///  All commands up to `number` were applied or refused; they act in the step after `tick`.
         /// </summary>
         CommandsApplied,
         /// <summary>

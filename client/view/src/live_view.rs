@@ -62,9 +62,12 @@ impl LiveView {
         &self.view
     }
 
-    /// Learns of the server's clock from the events of the session.
+    /// Learns from the events of the session: of the server's clock, and of a session that goes on with other tracks.
     pub fn note(&mut self, event: &Event) {
         self.clock.note(event);
+        if let Event::Resumed(_) = event {
+            self.view.begin_anew();
+        }
     }
 
     /// Computes the view of the present moment of a free-running scene.

@@ -16,6 +16,8 @@ pub const fn may_resume(ending: Ending) -> bool {
         Ending::Closed(code) => {
             code == TransportCode::GOING_AWAY.0
                 || code == CloseCode::BUSY.0
+                // The application slept while a connection was opened for it.
+                || code == CloseCode::HELLO_LATE.0
                 || code == CloseCode::SCENE_RESTORING.0
         }
         Ending::TimedOut | Ending::Broken => true,

@@ -15,6 +15,8 @@ const SLEW: f64 = 0.05;
 const JUMP_SECONDS: f64 = 0.5;
 /// Samples whose round trip exceeds this multiple of the best one get a low weight.
 const ROUND_TRIP_SLACK: f64 = 2.0;
+/// Ticks by which two clocks may drift apart between two samples.
+const DRIFT_TICKS: f64 = 1.0;
 
 /// Estimate of a free-running scene's clock.
 #[derive(Clone, Debug)]
@@ -60,7 +62,14 @@ impl SceneClock {
             Some((known, best)) => {
                 let trusted =
                     round_trip.as_nanos() as f64 <= best.as_nanos() as f64 * ROUND_TRIP_SLACK;
-                let weight = if trusted { 0.25 } else { 0.05 };
+                // Beyond what the two round trips leave open, the server's clock itself was set back or ahead.
+                let open = (round_trip.as_nanos() + best.as_nanos()) as f64 / 2.0;
+                let has_slipped = (origin - known).abs() > open * self.ticks_per_ns + DRIFT_TICKS;
+                let weight = match trusted {
+                    _ if has_slipped => 1.0,
+                    true => 0.25,
+                    false => 0.05,
+                };
                 // The best round trip grows slowly, so that samples of a path that became longer are trusted in the
                 // end.
                 let remembered = Span::from_nanos(best.as_nanos() + best.as_nanos() / 8);
@@ -119,6 +128,25 @@ mod tests {
 
     fn seconds(s: f64) -> Instant {
         Instant::from_nanos((s * 1e9) as u64)
+    }
+
+    #[test]
+    fn a_server_that_has_slipped_is_followed_at_once() {
+        let mut clock = clock();
+        let (late, round_trip) = (seconds(10.0), Span::from_millis(20));
+        clock.sample(late, Tick::new(600), Span::ZERO, round_trip);
+        assert!((clock.server(late).unwrap() - 600.0).abs() < 1e-6);
+        let shown = clock.show(late, 0.0, 600.0, 631.0);
+        assert!((shown.ticks() - 600.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_sample_within_its_round_trip_moves_the_clock_a_little() {
+        let mut clock = clock();
+        let (later, round_trip) = (seconds(1.0), Span::from_millis(100));
+        clock.sample(later, Tick::new(657), Span::ZERO, round_trip);
+        let server = clock.server(later).unwrap();
+        assert!((659.0..660.0).contains(&server), "{server}");
     }
 
     #[test]

@@ -29,6 +29,8 @@ pub struct View {
     changed: Vec<u32>,
     removed: Vec<BodyId>,
     touched: Vec<u32>,
+    /// True if the next refresh reads other tracks, which may lack bodies of this view.
+    begins_anew: bool,
     time: Option<RenderTime>,
     /// The caller's time of the last refresh.
     refreshed_at: Seconds,
@@ -127,6 +129,12 @@ impl View {
         correction.is_some_and(|correction| !correction.is_over(self.refreshed_at))
     }
 
+    /// Has the next refresh read tracks that do not continue those before, such as a resumed session's: bodies that they
+    /// lack are removed.
+    pub const fn begin_anew(&mut self) {
+        self.begins_anew = true;
+    }
+
     /// Computes the view of a moment. The client calls this in each frame.
     pub fn refresh(&mut self, stream: &mut Subscriber, render_params: &RenderParams) {
         self.changed.clear();
@@ -134,6 +142,9 @@ impl View {
         let mut touched = std::mem::take(&mut self.touched);
         touched.clear();
         stream.drain_changed(&mut touched);
+        if std::mem::take(&mut self.begins_anew) {
+            touched.extend(self.ids.iter().map(|id| id.index()));
+        }
         touched.sort_unstable();
         touched.dedup();
         self.reserve(&touched, render_params);

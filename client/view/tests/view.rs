@@ -194,3 +194,42 @@ fn smoothing_hides_the_jump_of_a_prediction_and_not_the_motion_of_the_body() {
         }
     }
 }
+
+#[test]
+fn bodies_that_a_resumed_session_lacks_are_removed() {
+    let mut pair = Pair::new();
+    pair.look(1);
+    let config = StreamConfig {
+        tolerance: Tolerance::NORMAL,
+        integrator: Integrator {
+            rate: Rate::HZ_60,
+            substeps: NonZeroU32::MIN,
+        },
+        publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+        largest_packet: LargestPacket::DEFAULT,
+        gravity: Vec3::ZERO,
+        features: Features::ALL,
+    };
+    pair.subscriber = Subscriber::new(&config.start(STREAM, Tick::new(2)));
+    let track = Track {
+        origin: Tick::new(2),
+        predictor: Predictor::Uniform,
+        anchor: Anchor::Exact(moving(1.0, 0.0)),
+        parent: None,
+    };
+    let parameters = PredictionParameters::plain(Metres::new(0.5));
+    assert!(pair.subscriber.place(BALL, &parameters, track));
+    pair.subscriber.handle_snapshot_end();
+    pair.view.begin_anew();
+    let (position, _) = pair.look(2);
+    assert_eq!(position.x, 1.0);
+    assert_eq!(
+        (pair.view.ids(), pair.view.removed()),
+        (&[BALL][..], &[OTHER][..])
+    );
+    pair.look(3);
+    assert_eq!(
+        (pair.view.ids(), pair.view.removed()),
+        (&[BALL][..], &[][..])
+    );
+}

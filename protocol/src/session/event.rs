@@ -45,7 +45,7 @@ pub enum Event {
     Applied {
         /// The number of the last command among them.
         through: u64,
-        /// The commands took effect before the step to this tick.
+        /// The newest tick: the commands act in the step after it.
         tick: Tick,
     },
     /// One command was refused.
