@@ -10,6 +10,8 @@ const EVENTS_KEPT = 65536;
 const PAUSE_FIRST = 100;
 const PAUSE_MAX = 5000;
 const ATTEMPT = 3000;
+/** The code of a close for lack of a place. */
+const BUSY = 7;
 
 const COUNTERS = [
   "receivedDatagrams",
@@ -189,21 +191,26 @@ export class Client {
     }
   }
 
-  /** Tries to reach the server again; the pause before each attempt doubles, and is shortened at random. */
+  /**
+   * Tries to reach the server again; the pause before each attempt doubles, and is shortened at random. A scene that had no
+   * place for this client is asked ever more rarely.
+   */
   async #resume(until, error) {
-    for (let longest = PAUSE_FIRST; now() < until; longest = Math.min(2 * longest, PAUSE_MAX)) {
+    const fullFor = error.closeCode === BUSY ? now() - this.#interruptedAt : 0;
+    let longest = Math.min(Math.max(PAUSE_FIRST, fullFor / 2), PAUSE_MAX);
+    for (; ; longest = Math.min(2 * longest, PAUSE_MAX)) {
       await pause(longest * (0.5 + Math.random() / 2));
       if (this.#state !== "resuming") return;
+      if (now() >= until) return this.#end(error);
       const { url, options } = this.#connecting;
       try {
         const connection = await Connection.open(url, { ...options, timeout: ATTEMPT, signal: undefined });
         if (this.#state !== "resuming") return connection.close(0);
         return this.#attach(connection);
       } catch {
-        // The next attempt may find the server; the last one's end is reported below.
+        // The next attempt may find the server.
       }
     }
-    if (this.#state === "resuming") this.#end(error);
   }
 
   #end(error) {

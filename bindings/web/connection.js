@@ -141,7 +141,7 @@ export class Connection {
   }
 
   #hand(kind, bytes) {
-    if (this.#ended) return;
+    if (this.#ended || this.#closing) return;
     if (this.handler === undefined) this.#early.push([kind, bytes]);
     else this.handler[kind](bytes);
   }

@@ -353,7 +353,7 @@ export interface View {
   readonly removed: Float64Array;
   /** Tick of each body's last update. Computed when read. */
   readonly updateTicks: Float64Array;
-  /** Bound on each body's error at `time`, metres; infinite while it is unknown. Computed when read. */
+  /** Bound on the error of each shown pose, metres; infinite while it is unknown or the body glides. Computed when read. */
   readonly errorBounds: Float32Array;
   /** Tolerance of each body in this stream, metres; zero for a full stream. Computed when read. */
   readonly tolerances: Float32Array;

@@ -6,6 +6,7 @@
 mod authority;
 mod lockstep;
 mod queries;
+mod scene_requests;
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -37,6 +38,8 @@ pub struct Client {
     events: VecDeque<(Tick, Event)>,
     inspected: Option<Inspection>,
     denied: Option<Denial>,
+    /// The denial of an advance.
+    denied_advance: Option<Denial>,
     deleted: bool,
     faulted: Option<Tick>,
     ended: Option<Ending>,
@@ -74,6 +77,7 @@ impl Client {
             events: VecDeque::new(),
             inspected: None,
             denied: None,
+            denied_advance: None,
             deleted: false,
             faulted: None,
             ended: None,
@@ -158,10 +162,25 @@ impl Client {
         self.replica()?.stream().bound(id)
     }
 
-    /// Bound on the error of a body's copy at a tick, such as the tick of the view.
+    /// Bound on the error of what is now known of a body at a tick. A view that was computed before the last update was
+    /// read, or a body that glides, shows another pose: see [`Self::shown_error_bound`].
     #[must_use]
     pub fn error_bound_at(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
         self.replica()?.stream().bound_at(id, tick)
+    }
+
+    /// Bound on the error of the pose that the view shows: how far any point of the body may be from its true place.
+    ///
+    /// `None` for a body without a state, for one that glides to a corrected pose, between two ticks, and for a body of
+    /// which an update was read since the view was computed.
+    #[must_use]
+    pub fn shown_error_bound(&self, id: BodyId) -> Option<ErrorBound> {
+        let at = self.view().time().filter(|at| at.fraction == 0.0)?;
+        let is_newer = self.replica()?.stream().has_changed(id);
+        if is_newer || self.view().is_gliding(id) {
+            return None;
+        }
+        self.error_bound_at(id, at.tick)
     }
 
     /// The oldest unread event, and the newest complete tick when the data with which it arrived was read. No view of an
@@ -398,46 +417,6 @@ impl Client {
         }
     }
 
-    /// Requests an inspection of the scene, and waits for the answer.
-    ///
-    /// # Errors
-    ///
-    /// [`ClientError::Timeout`] when no answer arrives in time.
-    pub fn inspect(&mut self) -> Result<Inspection, ClientError> {
-        self.check_open()?;
-        self.inspected = None;
-        self.pump.session.inspect()?;
-        let deadline = self.deadline();
-        loop {
-            if let Some(inspection) = self.inspected.take() {
-                return Ok(inspection);
-            }
-            self.turn(deadline, "inspection")?;
-        }
-    }
-
-    /// Deletes the scene for all members, and waits for the answer.
-    ///
-    /// # Errors
-    ///
-    /// [`ClientError::Denied`] when the scene no longer exists.
-    pub fn delete(&mut self) -> Result<(), ClientError> {
-        self.check_open()?;
-        self.pump.session.delete()?;
-        self.denied = None;
-        let deadline = self.deadline();
-        while !self.deleted {
-            if let Some(denial) = self.denied.take() {
-                return Err(ClientError::Denied(denial));
-            }
-            match self.turn(deadline, "answer") {
-                Ok(()) | Err(ClientError::SceneDeleted) => {}
-                Err(error) => return Err(error),
-            }
-        }
-        Ok(())
-    }
-
     /// Leaves the scene and closes the connection. Commands sent before are delivered first, within little more than
     /// half a second. Dropping a client does the same.
     pub fn close(mut self) {
@@ -502,14 +481,18 @@ impl Client {
     }
 
     fn check_open(&self) -> Result<(), ClientError> {
-        if let Some(ending) = self.ended {
-            return Err(ClientError::Ended(ending));
-        }
-        if self.deleted {
-            return Err(ClientError::SceneDeleted);
-        }
+        self.check_member()?;
         match self.faulted {
             Some(tick) => Err(ClientError::SceneFaulted(tick)),
+            None => Ok(()),
+        }
+    }
+
+    /// Checks that the client is still a member, of a scene that may stand still.
+    const fn check_member(&self) -> Result<(), ClientError> {
+        match self.ended {
+            Some(ending) => Err(ClientError::Ended(ending)),
+            None if self.deleted => Err(ClientError::SceneDeleted),
             None => Ok(()),
         }
     }
@@ -536,10 +519,12 @@ impl Client {
     /// Tries to go on over another connection, unless the server refuses this client or the time is over.
     fn try_to_resume(&mut self, ending: Ending) -> bool {
         let now = self.pump.now();
-        let (since, _) = *self.interrupted.get_or_insert((now, ending));
-        let tried = Duration::from_nanos(now.since(since).as_nanos());
-        let left = self.resume_within.saturating_sub(tried);
-        may_resume(ending) && left > Duration::ZERO && self.pump.reconnect(left)
+        let since = self.interrupted.map_or(now, |(since, _)| since);
+        self.interrupted = Some((since, ending));
+        let until = since + span(self.resume_within);
+        let has_no_place = ending == Ending::Closed(CloseCode::BUSY.0);
+        let full_since = if has_no_place { since } else { now };
+        may_resume(ending) && now < until && self.pump.reconnect(full_since, until)
     }
 
     /// Updates this client from an event; returns whether the event is passed to the caller.
@@ -552,13 +537,16 @@ impl Client {
                 self.inspected = Some(inspection);
                 return false;
             }
-            Event::Denied(denial) => self.denied = Some(denial),
+            Event::Denied(denial) => self.note_denial(denial),
             Event::SceneFaulted { tick, .. } => self.faulted = Some(tick),
             Event::Deleted => self.deleted = true,
             Event::Ended(ending) => {
+                let is_first = self.interrupted.is_none();
                 if self.try_to_resume(ending) {
-                    let interrupted = Event::Interrupted(ending);
-                    self.events.push_back((Tick::ZERO, interrupted));
+                    if is_first {
+                        let interrupted = Event::Interrupted(ending);
+                        self.events.push_back((Tick::ZERO, interrupted));
+                    }
                     return false;
                 }
                 self.ended = Some(ending);

@@ -8,7 +8,7 @@ use rhumb_protocol::session::ClientSession;
 use rhumb_protocol::{Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_transport::{Clock, Received};
 
-use crate::reconnector::{ReconnectProgress, Reconnector};
+use crate::reconnector::{ReconnectProgress, Reconnector, first_pause};
 use crate::redial::{BoxedConnection, Redial};
 
 /// A connection and its session.
@@ -121,13 +121,14 @@ impl Pump {
         received_any
     }
 
-    /// Begins to reach the server again, to go on with the session; `false` if it cannot.
-    pub(crate) fn reconnect(&mut self, within: Duration) -> bool {
+    /// Begins to reach the server again, to go on with the session; `false` if it cannot. `full_since`: the time for
+    /// which it has had no place; the present one otherwise.
+    pub(crate) fn reconnect(&mut self, full_since: Instant, until: Instant) -> bool {
         let Some(redial) = self.redial.clone().filter(|_| self.session.can_reconnect()) else {
             return false;
         };
-        let until = self.clock.now() + span(within);
-        match Reconnector::start(redial, self.clock, until) {
+        let full_for = Duration::from_nanos(self.clock.now().since(full_since).as_nanos());
+        match Reconnector::start(redial, self.clock, first_pause(full_for), until) {
             Ok(reconnector) => {
                 self.reconnector = Some(reconnector);
                 self.session.reconnect().is_ok()

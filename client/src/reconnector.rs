@@ -4,7 +4,7 @@
 //! comes back do not all arrive at once.
 
 use std::io;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TrySendError, sync_channel};
 use std::thread;
 use std::time::Duration;
 
@@ -33,12 +33,23 @@ pub(crate) enum ReconnectProgress {
 }
 
 impl Reconnector {
-    /// Begins the attempts; none begins after a moment of this clock.
-    pub(crate) fn start(redial: Redial, clock: Clock, until: Instant) -> io::Result<Self> {
+    /// Begins the attempts after a pause; none begins after a moment of this clock.
+    pub(crate) fn start(
+        redial: Redial,
+        clock: Clock,
+        pause: Duration,
+        until: Instant,
+    ) -> io::Result<Self> {
         let (to, connected) = sync_channel(1);
+        let attempts = move || {
+            // A client that is gone needs no connection: it closes when it is dropped.
+            match to.try_send(run(&redial, clock, pause, until)) {
+                Ok(()) | Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
+            }
+        };
         thread::Builder::new()
             .name("rhumb-reconnect".to_owned())
-            .spawn(move || run(&redial, clock, until, &to))?;
+            .spawn(attempts)?;
         Ok(Self { connected })
     }
 
@@ -52,20 +63,27 @@ impl Reconnector {
     }
 }
 
-fn run(redial: &Redial, clock: Clock, until: Instant, to: &SyncSender<Option<BoxedConnection>>) {
-    let mut pause = PAUSE_FIRST;
-    let mut connected = None;
-    while clock.now() < until {
+/// The pause before the next attempt at a server that has had no place for so long: the time grows by half with each.
+pub(crate) fn first_pause(full_for: Duration) -> Duration {
+    (full_for / 2).clamp(PAUSE_FIRST, PAUSE_MAX)
+}
+
+/// Attempts to connect; `None` if none succeeds in time.
+fn run(
+    redial: &Redial,
+    clock: Clock,
+    mut pause: Duration,
+    until: Instant,
+) -> Option<BoxedConnection> {
+    loop {
         thread::sleep(shortened(pause));
-        pause = (pause * 2).min(PAUSE_MAX);
-        connected = redial(ATTEMPT);
-        if connected.is_some() {
-            break;
+        if clock.now() >= until {
+            return None;
         }
-    }
-    // A client that is gone needs no connection: it closes when it is dropped.
-    match to.try_send(connected) {
-        Ok(()) | Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
+        if let Some(connection) = redial(ATTEMPT) {
+            return Some(connection);
+        }
+        pause = (pause * 2).min(PAUSE_MAX);
     }
 }
 
@@ -78,6 +96,16 @@ fn shortened(pause: Duration) -> Duration {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_server_that_has_no_place_is_asked_ever_more_rarely() {
+        let (mut tried, mut attempts) = (Duration::ZERO, 0);
+        while tried < Duration::from_secs(60) {
+            tried += first_pause(tried);
+            attempts += 1;
+        }
+        assert!((10..=25).contains(&attempts), "{attempts}");
+    }
 
     #[test]
     fn a_pause_is_shortened_by_half_at_most() {

@@ -6,10 +6,11 @@ use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
+use rhumb_client::glam::Vec3;
 use rhumb_client::scene::{BodyDesc, Command, SceneConfig, Shape, Stepping};
 use rhumb_client::{
-    BodyId, Client, ClientError, Event, JoinMode, JoinOptions, PipelineDepth, StreamChoice, Tick,
-    Tolerance,
+    BodyId, Client, ClientError, Denial, Event, JoinMode, JoinOptions, PipelineDepth, StreamChoice,
+    Tick, Tolerance,
 };
 use rhumb_local::{Local as _, LocalServer};
 use rhumb_server::{Front, Hook, Hooks, Instant, Scene};
@@ -226,4 +227,54 @@ fn the_interface_is_that_of_a_remote_client() {
         matches!(late, Err(ClientError::SceneDeleted | ClientError::Ended(_))),
         "{late:?}"
     );
+}
+
+#[test]
+fn a_stream_that_is_denied_fails_no_step() {
+    let server = LocalServer::new();
+    let within = |micrometres| {
+        let tolerance = Tolerance::from_micrometres(micrometres).expect("within the range");
+        StreamChoice::Within(tolerance)
+    };
+    let mut clients: Vec<_> = (0..8)
+        .map(|place| {
+            let options = JoinOptions {
+                stream: within(10_000 + place),
+                ..JoinOptions::default()
+            };
+            let joined = server.connect().join_with("crowded", options);
+            joined.expect("half of the streams of a scene are one client's")
+        })
+        .collect();
+    let first = &mut clients[0];
+    first.change_stream(within(90_000)).expect("it is asked");
+    for _ in 0..3 {
+        first.advance(PipelineDepth::LOCKSTEP).expect("it steps");
+    }
+    let denied = Event::Denied(Denial::TooManyStreams);
+    let mut events = std::iter::from_fn(|| first.poll_event());
+    assert!(events.any(|(_, event)| event == denied));
+}
+
+#[test]
+fn a_shown_bound_is_of_the_pose_that_is_shown() {
+    let server = LocalServer::new();
+    let mut client = server.connect().join("shown").expect("a new scene");
+    let ball = client.add_body(BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 9.0, 0.0));
+    let ball = ball.expect("a body");
+    client.advance(PipelineDepth::LOCKSTEP).expect("it steps");
+    assert!(client.shown_error_bound(ball).is_some());
+    // The server steps and sends an update, which is read without a new view.
+    let jump = client.command(Command::SetVelocity {
+        id: ball,
+        linear: Vec3::X * 40.0,
+        angular: Vec3::ZERO,
+    });
+    jump.expect("it is queued");
+    client.request_tick().expect("it is asked");
+    client.idle(Duration::from_millis(50)).expect("it goes on");
+    assert_eq!(client.shown_error_bound(ball), None);
+    assert!(client.error_bound(ball).is_some());
+    client.wait(PipelineDepth::LOCKSTEP).expect("it steps");
+    assert!(client.shown_error_bound(ball).is_some());
 }

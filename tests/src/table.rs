@@ -10,7 +10,7 @@ use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::{ClientSession, CloseCode};
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_server::engine::Engines;
-use rhumb_server::{Hooks, ProvidedScenes, ServerLoop};
+use rhumb_server::{Hooks, Limits, ProvidedScenes, ServerLoop};
 
 /// One unit of data between the server and a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -108,6 +108,14 @@ impl Table {
         table
     }
 
+    /// A server with these limits.
+    #[must_use]
+    pub fn with_limits(limits: Limits) -> Self {
+        let mut table = Self::default();
+        table.server.set_limits(limits);
+        table
+    }
+
     /// Connects a new session to the server.
     pub fn connect(&mut self, scene: &str) -> Peer {
         let peer = self.connect_raw_peer();
@@ -185,6 +193,33 @@ impl Table {
             session.handle_ended(self.now, HOST, Ending::Broken);
         }
         self.run_until_idle();
+    }
+
+    /// Breaks a connection, and keeps its session for [`Self::reconnect`].
+    ///
+    /// # Panics
+    ///
+    /// If the peer has no session.
+    pub fn end_connection(&mut self, peer: Peer) {
+        self.server.handle_ended(self.now, peer, Ending::Broken);
+        let now = self.now;
+        self.session(peer).handle_ended(now, HOST, Ending::Broken);
+        self.run_until_idle();
+    }
+
+    /// Has a session whose connection has ended go on over another one.
+    ///
+    /// # Panics
+    ///
+    /// If the peer has no session that can go on.
+    pub fn reconnect(&mut self, peer: Peer) -> Peer {
+        let mut session = (self.sessions.remove(&peer)).expect("a session");
+        session.reconnect().expect("that of a member with a key");
+        let peer = self.connect_raw_peer();
+        session.handle_opened(self.now, HOST);
+        self.sessions.insert(peer, session);
+        self.run_until_idle();
+        peer
     }
 
     /// Lets time pass, and fires the timeouts that become due.

@@ -7,7 +7,7 @@ use bevy_ecs::entity::Entity;
 use bevy_ecs::resource::Resource;
 use bevy_math::{Quat, Vec3};
 use bevy_platform::cell::SyncCell;
-use rhumb_bindings::{ObjectChange, SceneFollower, shown_error_bound};
+use rhumb_bindings::{ObjectChange, SceneFollower};
 use rhumb_client::scene::{BodyBuilder, Command, Shape, Stepping};
 use rhumb_client::{BodyId, Client, ClientError, ErrorBound, Event, PipelineDepth};
 
@@ -92,7 +92,7 @@ impl RhumbClient {
     /// without one, for a body that glides to a corrected pose, and between two ticks.
     #[must_use]
     pub fn error_bound(&mut self, id: BodyId) -> Option<ErrorBound> {
-        shown_error_bound(self.client.get(), id)
+        self.client.get().shown_error_bound(id)
     }
 
     /// Adds a body. An entity appears when the server has placed it.

@@ -9,7 +9,7 @@ use crate::coordinates::Coordinates;
 /// The kind of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EventKind {
-    /// All commands up to `number` were applied or refused, before the step to `tick`.
+    /// All commands up to `number` were applied or refused; they act in the step after `tick`.
     CommandsApplied,
     /// The command `number` was refused; `text` says why.
     CommandRefused,

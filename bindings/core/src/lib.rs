@@ -28,5 +28,5 @@ pub use join_params::{JoinCondition, JoinParams};
 pub use joint_params::{JointFreedom, JointParams};
 pub use remote_scene::{HitRecord, RemoteScene, StateRecord};
 pub use rhumb_client;
-pub use scene_follower::{ObjectChange, SceneFollower, shown_error_bound};
+pub use scene_follower::{ObjectChange, SceneFollower};
 pub use trust::trust;

@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use rhumb_client::scene::Stepping;
-use rhumb_client::{BodyId, Client, ClientError, ErrorBound, PipelineDepth, View};
+use rhumb_client::{BodyId, Client, ClientError, PipelineDepth, View};
 
 use crate::coordinates::Coordinates;
 use crate::remote_scene::StateRecord;
@@ -182,19 +182,6 @@ impl<O> SceneFollower<O> {
             changes.extend((0..view.ids().len()).filter_map(shown));
         }
         changes
-    }
-}
-
-/// How far any point of a body may be from its true place in the state that a client's view shows.
-///
-/// `None` for a body without a state, for one that glides to a corrected pose, and between two ticks.
-#[must_use]
-pub fn shown_error_bound(client: &Client, id: BodyId) -> Option<ErrorBound> {
-    let view = client.view();
-    let at = view.time().filter(|at| at.fraction == 0.0)?;
-    match view.is_gliding(id) {
-        true => None,
-        false => client.error_bound_at(id, at.tick),
     }
 }
 

@@ -10,7 +10,7 @@ use godot::classes::notify::Node3DNotification;
 use godot::classes::{INode3D, Node3D, PhysicsMaterial, Shape3D};
 use godot::global::Error;
 use godot::prelude::*;
-use rhumb_bindings::{BodyParams, StateRecord, body_word, shown_error_bound};
+use rhumb_bindings::{BodyParams, StateRecord, body_word};
 use rhumb_client::glam::{Mat3, Quat, Vec3};
 use rhumb_client::scene::{
     ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Material, Shape,
@@ -130,7 +130,7 @@ impl BodyNode {
     fn error_bound(&self) -> f64 {
         let bound = self
             .membership()
-            .and_then(|(membership, id)| shown_error_bound(&membership.borrow().client, id));
+            .and_then(|(membership, id)| membership.borrow().client.shown_error_bound(id));
         match bound {
             Some(ErrorBound::Within(distance)) => distance.metres(),
             Some(ErrorBound::Unknown { .. }) | None => f64::INFINITY,

@@ -10,11 +10,12 @@ use rhumb_protocol::stream::Subscriber;
 use rhumb_protocol::{Ending, Endpoint, Instant, Peer, Span, Transmit};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
 use rhumb_view::{
-    ClientIds, JoinError, Joining, LiveView, RESUME_WITHIN, RenderTime, UpstreamClock, may_resume,
+    ClientIds, JoinError, Joining, LiveView, RESUME_WITHIN, RenderTime, UpstreamClock, View,
+    may_resume,
 };
 use serde_json::{Value, json};
 
-use crate::columns::{Columns, error_bound};
+use crate::columns::{Columns, shown_bound};
 use crate::digest::digest;
 use crate::event_json;
 use crate::failure::Failure;
@@ -246,19 +247,17 @@ impl WebMember {
     }
 
     /// Computes the columns that are not computed with each view.
-    pub(crate) fn compute(&mut self, column: fn(&mut Columns, &Replica, RenderTime)) {
+    pub(crate) fn compute(&mut self, column: fn(&mut Columns, &Replica, &View)) {
         let Some(joined) = &mut self.joined else {
             return;
         };
-        let at = joined.live_view.view().time();
-        if let (Some(replica), Some(at)) = (self.session.replica(), at) {
-            column(&mut joined.columns, replica, at);
+        if let Some(replica) = self.session.replica() {
+            column(&mut joined.columns, replica, joined.live_view.view());
         }
     }
 
     pub(crate) fn error_bound(&self, id: BodyId) -> Option<f64> {
-        let at = self.live_view()?.view().time()?;
-        error_bound(self.replica()?, id, at)
+        shown_bound(self.replica()?, id, self.live_view()?.view())
     }
 
     pub(crate) fn body_json(&self, id: BodyId) -> Option<Value> {

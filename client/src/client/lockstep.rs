@@ -20,7 +20,7 @@ impl Client {
     /// [`ClientError::Ended`] when the connection is over.
     pub fn request_tick(&mut self) -> Result<Tick, ClientError> {
         self.check_open()?;
-        self.denied = None;
+        self.denied_advance = None;
         let publish_schedule = self.config().publish_schedule;
         self.requested = publish_schedule.next_published(self.requested);
         let now = self.pump.now();
@@ -58,7 +58,7 @@ impl Client {
 
     /// The server's denial of the last request; the next request then begins at the newest complete tick.
     pub(super) fn take_refusal(&mut self) -> Option<ClientError> {
-        let denial = self.denied.take()?;
+        let denial = self.denied_advance.take()?;
         self.requested = self.complete();
         Some(ClientError::Denied(denial))
     }

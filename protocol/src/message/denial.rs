@@ -46,6 +46,31 @@ pub enum Denial {
     Other(u8),
 }
 
+impl Denial {
+    /// True if the same request may succeed later, without another token or scene (PROTOCOL 4.16).
+    #[must_use]
+    pub const fn is_transient(self) -> bool {
+        match self {
+            Self::TooManyScenes
+            | Self::TooManyMembers
+            | Self::TooManyStreams
+            | Self::NoIndicesLeft
+            | Self::OverQuota
+            | Self::Overloaded { .. }
+            | Self::Other(_) => true,
+            Self::NoSuchScene
+            | Self::SceneExists
+            | Self::InvalidConfig(_)
+            | Self::NotLockstep
+            | Self::TooFarAhead
+            | Self::SceneFaulted
+            | Self::Owned
+            | Self::NotAllowed
+            | Self::AdvanceNotAllowed => false,
+        }
+    }
+}
+
 impl fmt::Display for Denial {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

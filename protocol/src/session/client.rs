@@ -283,7 +283,8 @@ impl ClientSession {
 
     /// Makes the session ready for another connection: it joins the scene again by itself, and sends again what was not
     /// done. [`Event::Resumed`] reports that the scene goes on; the replica is absent until then. Authority over bodies
-    /// and requests that were not answered are lost.
+    /// and requests that were not answered are lost. If the scene has no place for it now, the session closes with
+    /// [`CloseCode::BUSY`], and may try again; if it is denied for good, [`Event::Denied`] says so before the end.
     ///
     /// # Errors
     ///
@@ -399,13 +400,16 @@ impl ClientSession {
             ServerMessage::Deleted => self.end_membership(Event::Deleted),
             ServerMessage::Reserved(range) => self.events.push_back(Event::Reserved(range)),
             ServerMessage::Denied(denial) => {
+                let rejoins = self.state == ClientState::Lobby && self.can_reconnect();
+                if rejoins && denial.is_transient() {
+                    return Err(CloseCode::BUSY);
+                }
                 // Other denials answer requests that are not about streams.
                 if matches!(denial, Denial::TooManyStreams | Denial::SceneFaulted) {
                     self.membership.subscription.handle_denied(&mut self.outbox);
                 }
                 self.events.push_back(Event::Denied(denial));
-                if self.state == ClientState::Lobby && self.can_reconnect() {
-                    // The scene of the session is gone.
+                if rejoins {
                     return Err(CloseCode::DONE);
                 }
             }

@@ -25,7 +25,7 @@ impl CloseCode {
     pub const EXTENSION: Self = Self(5);
     /// The scene does not answer and is parked: it is lost, and its name is free again when its step has ended.
     pub const SCENE_PARKED: Self = Self(6);
-    /// The server cannot serve another scene now.
+    /// The server, or a scene that a client comes back to, has no place now.
     pub const BUSY: Self = Self(7);
     /// The client sent no `Hello` in time.
     pub const HELLO_LATE: Self = Self(8);
@@ -61,7 +61,7 @@ impl fmt::Display for CloseCode {
             Self::LIMIT => "a limit of the protocol was exceeded",
             Self::EXTENSION => "an extension that must be known is not",
             Self::SCENE_PARKED => "the scene does not answer and is parked",
-            Self::BUSY => "the server cannot serve another scene now",
+            Self::BUSY => "there is no place now; a later attempt may find one",
             Self::HELLO_LATE => "no hello in time",
             Self::SCENE_RESTORING => "the scene is restored after its process ended",
             Self::SCENE_LOST => "the scene is lost with its process",

@@ -372,6 +372,13 @@ impl Subscriber {
         }
     }
 
+    /// True if a body was placed or updated since the last call of [`Self::drain_changed`].
+    #[must_use]
+    pub fn has_changed(&self, id: BodyId) -> bool {
+        let marked = self.marked.get(id.index() as usize);
+        marked.copied().unwrap_or_default()
+    }
+
     /// Counts an index as changed.
     fn touch(&mut self, index: u32) {
         let place = index as usize;
