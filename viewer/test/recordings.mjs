@@ -194,7 +194,7 @@ async function connectionsComeAndGo(browser, path) {
     const page = await openPage(browser, demo.url);
     await drop(page, path);
     await until(page, "d.shown !== undefined && d.shown.time > 3");
-    await until(page, "d.state === 'open'");
+    await until(page, "d.state === 'open' && d.bodies > 0");
     const { bodies } = await read(page);
     await aBodyIsPicked(page);
     await kill(demo);
