@@ -12,6 +12,12 @@ const PAUSE_MAX = 5000;
 const ATTEMPT = 3000;
 /** The code of a close for lack of a place. */
 const BUSY = 7;
+/** Denials by the calls that they answer; one of a stream or of more ids answers none of these. */
+const DENIALS = {
+  inspected: ["noSuchScene", "other"],
+  deleted: ["noSuchScene", "owned", "notAllowed", "other"],
+  ticks: ["notLockstep", "tooFarAhead", "advanceNotAllowed", "sceneFaulted", "owned", "other"],
+};
 
 const COUNTERS = [
   "receivedDatagrams",
@@ -231,11 +237,13 @@ export class Client {
     for (const { reject } of this.#waiting[waiting].splice(0)) reject(error);
   }
 
-  /** A denial answers the calls that wait. */
+  /** A denial answers the calls that wait, if it is of their kind. */
   #deny({ denial, message }) {
     const error = new RhumbError({ code: "denied", message, denial });
-    for (const waiting of ["inspected", "deleted"]) this.#reject(waiting, error);
-    this.#rejectTicks(error);
+    for (const waiting of ["inspected", "deleted"]) {
+      if (DENIALS[waiting].includes(denial)) this.#reject(waiting, error);
+    }
+    if (DENIALS.ticks.includes(denial)) this.#rejectTicks(error);
   }
 
   /** The scene will not step as far as was requested. */

@@ -247,7 +247,7 @@ export class Client {
   joints(): ReadonlyMap<JointId, Joint>;
   /** The track that the copy predicts a body from; undefined for a body that the copy does not have. */
   track(id: BodyId): Track | undefined;
-  /** Bound on a body's error at the moment shown, metres; `undefined` while a packet that may concern it is missing. */
+  /** Bound on the error of the shown pose, metres: see {@link View.errorBounds}; `undefined` for a body without a state. */
   errorBound(id: BodyId): number | undefined;
 
   /**
@@ -353,7 +353,10 @@ export interface View {
   readonly removed: Float64Array;
   /** Tick of each body's last update. Computed when read. */
   readonly updateTicks: Float64Array;
-  /** Bound on the error of each shown pose, metres; infinite while it is unknown or the body glides. Computed when read. */
+  /**
+   * Bound on the error of each shown pose, metres; infinite while it is unknown, while the body glides, and once a newer
+   * update of it was read. Computed when read.
+   */
   readonly errorBounds: Float32Array;
   /** Tolerance of each body in this stream, metres; zero for a full stream. Computed when read. */
   readonly tolerances: Float32Array;

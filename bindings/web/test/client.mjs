@@ -93,6 +93,20 @@ test("a fault of the engine rejects each advance, and nothing else", async () =>
   assert.equal((await settled(inspected)).error?.code, "sceneDeleted");
 });
 
+test("a denied stream fails no step, and a denied step no deletion", async () => {
+  const { client, server } = await joined();
+  const advanced = client.advance();
+  server.sendControl(message("Denied, 6"));
+  assert.deepEqual(await settled(advanced), {});
+  server.sendControl(message("Denied, 9"));
+  assert.equal((await settled(advanced)).error?.denial, "tooFarAhead");
+  const deleted = client.delete();
+  server.sendControl(message("Denied, 9"));
+  assert.deepEqual(await settled(deleted), {});
+  server.sendControl(message("Denied, 16"));
+  assert.equal((await settled(deleted)).error?.denial, "notAllowed");
+});
+
 /** As a browser's: closed before it is ready, it is never ready. */
 class UnreachedTransport {
   #fail;

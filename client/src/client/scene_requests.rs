@@ -53,15 +53,18 @@ impl Client {
 
     /// Keeps a denial for the call that it answers (PROTOCOL 4.7-1).
     pub(super) const fn note_denial(&mut self, denial: Denial) {
-        let of_advance = matches!(
-            denial,
-            Denial::NotLockstep | Denial::TooFarAhead | Denial::AdvanceNotAllowed
-        );
-        if of_advance || matches!(denial, Denial::SceneFaulted | Denial::Owned) {
-            self.denied_advance = Some(denial);
-        }
-        if !of_advance {
-            self.denied = Some(denial);
+        match denial {
+            Denial::NotLockstep
+            | Denial::TooFarAhead
+            | Denial::AdvanceNotAllowed
+            | Denial::SceneFaulted => self.denied_advance = Some(denial),
+            Denial::Owned | Denial::Other(_) => {
+                self.denied_advance = Some(denial);
+                self.denied = Some(denial);
+            }
+            // No call waits for a stream.
+            Denial::TooManyStreams => {}
+            _ => self.denied = Some(denial),
         }
     }
 }

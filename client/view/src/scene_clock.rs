@@ -15,8 +15,9 @@ const SLEW: f64 = 0.05;
 const JUMP_SECONDS: f64 = 0.5;
 /// Samples whose round trip exceeds this multiple of the best one get a low weight.
 const ROUND_TRIP_SLACK: f64 = 2.0;
-/// Ticks by which two clocks may drift apart between two samples.
-const DRIFT_TICKS: f64 = 1.0;
+/// Ticks by which a server may be late that still catches up (PROTOCOL 3.3-5), and one by which two clocks may drift
+/// apart between two samples.
+const LATE_TICKS: f64 = 6.0;
 
 /// Estimate of a free-running scene's clock.
 #[derive(Clone, Debug)]
@@ -62,21 +63,19 @@ impl SceneClock {
             Some((known, best)) => {
                 let trusted =
                     round_trip.as_nanos() as f64 <= best.as_nanos() as f64 * ROUND_TRIP_SLACK;
-                // Beyond what the two round trips leave open, the server's clock itself was set back or ahead.
-                let open = (round_trip.as_nanos() + best.as_nanos()) as f64 / 2.0;
-                let has_slipped = (origin - known).abs() > open * self.ticks_per_ns + DRIFT_TICKS;
-                let weight = match trusted {
-                    _ if has_slipped => 1.0,
-                    true => 0.25,
-                    false => 0.05,
+                let half = |trip: Span| trip.as_nanos() as f64 / 2.0 * self.ticks_per_ns;
+                let open = half(round_trip) + half(best);
+                let known = if (origin - known).abs() > open + LATE_TICKS {
+                    // The server's clock itself has slipped: to the nearest moment that the sample allows.
+                    known.clamp(origin - half(round_trip), origin + half(round_trip))
+                } else {
+                    let weight = if trusted { 0.25 } else { 0.05 };
+                    known + (origin - known) * weight
                 };
                 // The best round trip grows slowly, so that samples of a path that became longer are trusted in the
                 // end.
                 let remembered = Span::from_nanos(best.as_nanos() + best.as_nanos() / 8);
-                (
-                    known + (origin - known) * weight,
-                    round_trip.min(remembered),
-                )
+                (known, round_trip.min(remembered))
             }
         });
     }
@@ -135,9 +134,19 @@ mod tests {
         let mut clock = clock();
         let (late, round_trip) = (seconds(10.0), Span::from_millis(20));
         clock.sample(late, Tick::new(600), Span::ZERO, round_trip);
-        assert!((clock.server(late).unwrap() - 600.0).abs() < 1e-6);
+        // Half of the round trip is 0.6 ticks.
+        assert!((clock.server(late).unwrap() - 600.0).abs() < 0.601);
         let shown = clock.show(late, 0.0, 600.0, 631.0);
-        assert!((shown.ticks() - 600.0).abs() < 1e-6);
+        assert!((shown.ticks() - 600.0).abs() < 0.601);
+    }
+
+    #[test]
+    fn a_late_step_that_is_caught_up_moves_the_clock_a_little() {
+        let mut clock = clock();
+        let (later, round_trip) = (seconds(1.0), Span::from_millis(1));
+        clock.sample(later, Tick::new(655), Span::ZERO, round_trip);
+        let server = clock.server(later).unwrap();
+        assert!((658.0..659.0).contains(&server), "{server}");
     }
 
     #[test]

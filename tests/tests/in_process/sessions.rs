@@ -2,7 +2,7 @@
 
 use rhumb_netsim::LinkConfig;
 use rhumb_protocol::limits::{GRANT, INDICES_MAX};
-use rhumb_protocol::message::{SessionKey, StreamChoice};
+use rhumb_protocol::message::{Denial, SessionKey, StreamChoice};
 use rhumb_protocol::scene::{Command, SceneConfig, Stepping};
 use rhumb_protocol::session::{CloseCode, Event};
 use rhumb_protocol::{Ending, Peer, Span};
@@ -102,5 +102,6 @@ fn a_session_of_a_scene_that_is_gone_ends() {
     events(&mut table, anna);
     anna = table.reconnect(anna);
     let done = Event::Ended(Ending::Closed(CloseCode::DONE.0));
-    assert_eq!(events(&mut table, anna).last(), Some(&done));
+    let denied = Event::Denied(Denial::NoSuchScene);
+    assert_eq!(events(&mut table, anna), [denied, done]);
 }
