@@ -235,6 +235,7 @@ impl View {
         match self.place_of(index) {
             Some(place) if self.ids[place] == id => {
                 if render_params.smooth
+                    && !stream.is_orphaned(id)
                     && let Some(predicted) = predicted(stream, id, render_params.at)
                 {
                     let shown = self.extrapolated(place, render_params.now);
@@ -290,6 +291,7 @@ impl View {
     }
 
     /// Updates whether a body rests, and writes the pose of a body at exact rest. `false`: the pose must be predicted.
+    /// An orphaned body keeps its pose.
     fn show_still(
         &mut self,
         place: usize,
@@ -301,7 +303,8 @@ impl View {
             None => return true,
             Some(false) => {
                 self.resting[place] = false;
-                return false;
+                // Its update follows the removal of its parent; until then it stays where it is.
+                return stream.is_orphaned(id);
             }
             Some(true) => {}
         }

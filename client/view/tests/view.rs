@@ -13,7 +13,8 @@ use rhumb_protocol::stream::{
     StreamConfig, Subscriber,
 };
 use rhumb_reckoning::{
-    Anchor, BodyId, BodyState, Integrator, Metres, Predictor, Rate, Seconds, Tick, Tolerance, Track,
+    Anchor, BodyId, BodyState, Grid, Integrator, Metres, Predictor, QuantisedState, Rate, Seconds,
+    Tick, Tolerance, Track,
 };
 use rhumb_view::{RenderParams, RenderTime, View};
 
@@ -38,31 +39,38 @@ fn moving(x: f32, speed: f32) -> BodyState {
     .expect("these numbers are finite")
 }
 
-impl Pair {
-    fn new() -> Self {
-        let integrator = Integrator {
+fn config() -> StreamConfig {
+    StreamConfig {
+        tolerance: Tolerance::NORMAL,
+        integrator: Integrator {
             rate: Rate::HZ_60,
             substeps: NonZeroU32::new(4).expect("four is not zero"),
-        };
-        let tolerance = Tolerance::NORMAL;
-        let config = StreamConfig {
-            tolerance,
-            integrator,
-            publish_interval: PublishSchedule::EACH_TICK.publish_interval,
-            largest_packet: LargestPacket::DEFAULT,
-            gravity: Vec3::ZERO,
-            features: Features::ALL,
-        };
+        },
+        publish_interval: PublishSchedule::EACH_TICK.publish_interval,
+        largest_packet: LargestPacket::DEFAULT,
+        gravity: Vec3::ZERO,
+        features: Features::ALL,
+    }
+}
+
+/// A track from the first tick on.
+fn track(predictor: Predictor, start: BodyState, parent: Option<BodyId>) -> Track {
+    Track {
+        origin: Tick::ZERO,
+        predictor,
+        anchor: Anchor::Exact(start),
+        parent,
+    }
+}
+
+impl Pair {
+    fn new() -> Self {
+        let config = config();
         let mut publisher = Publisher::new(STREAM, &config, Tick::ZERO);
         let mut subscriber = Subscriber::new(&config.start(STREAM, Tick::ZERO));
         let parameters = PredictionParameters::plain(Metres::new(0.5));
         for id in [BALL, OTHER] {
-            let track = Track {
-                origin: Tick::ZERO,
-                predictor: Predictor::Uniform,
-                anchor: Anchor::Exact(moving(0.0, 6.0)),
-                parent: None,
-            };
+            let track = track(Predictor::Uniform, moving(0.0, 6.0), None);
             assert!(publisher.place(id, &parameters, track));
             assert!(subscriber.place(id, &parameters, track));
         }
@@ -196,26 +204,46 @@ fn smoothing_hides_the_jump_of_a_prediction_and_not_the_motion_of_the_body() {
 }
 
 #[test]
+fn a_body_whose_parent_was_removed_stays_until_its_update() {
+    for smooth in [false, true] {
+        let mut pair = Pair::new();
+        let parameters = PredictionParameters::plain(Metres::new(0.5));
+        let grid = Grid::new(Tolerance::NORMAL, Metres::new(0.5));
+        let attached = Track {
+            anchor: Anchor::Quantised(QuantisedState::of(&moving(2.0, 0.0).motion(), &grid)),
+            ..track(Predictor::Rest, moving(2.0, 0.0), Some(BALL))
+        };
+        let free = track(Predictor::Rest, moving(7.0, 0.0), None);
+        let mut look = |subscriber: &mut Subscriber, tick: u64| {
+            let at = RenderTime::at(Tick::new(tick));
+            let now = Seconds::new(10.0 * tick as f64);
+            pair.view
+                .refresh(subscriber, &RenderParams { at, now, smooth });
+            pair.view.position(OTHER).expect("it is in the view").x
+        };
+        let subscriber = &mut pair.subscriber;
+        assert!(subscriber.place(OTHER, &parameters, attached));
+        let held = look(subscriber, 30);
+        assert!((held - 5.0).abs() < 0.05, "3 m by its parent: {held}");
+        assert!(subscriber.remove(BALL));
+        assert_eq!(look(subscriber, 60), held);
+        assert!(subscriber.is_orphaned(OTHER));
+        assert!(subscriber.place(OTHER, &parameters, free));
+        assert!(!subscriber.is_orphaned(OTHER));
+        look(subscriber, 61);
+        let own = look(subscriber, 90);
+        assert!((own - 7.0).abs() < 1e-5, "{own}");
+    }
+}
+
+#[test]
 fn bodies_that_a_resumed_session_lacks_are_removed() {
     let mut pair = Pair::new();
     pair.look(1);
-    let config = StreamConfig {
-        tolerance: Tolerance::NORMAL,
-        integrator: Integrator {
-            rate: Rate::HZ_60,
-            substeps: NonZeroU32::MIN,
-        },
-        publish_interval: PublishSchedule::EACH_TICK.publish_interval,
-        largest_packet: LargestPacket::DEFAULT,
-        gravity: Vec3::ZERO,
-        features: Features::ALL,
-    };
-    pair.subscriber = Subscriber::new(&config.start(STREAM, Tick::new(2)));
+    pair.subscriber = Subscriber::new(&config().start(STREAM, Tick::new(2)));
     let track = Track {
         origin: Tick::new(2),
-        predictor: Predictor::Uniform,
-        anchor: Anchor::Exact(moving(1.0, 0.0)),
-        parent: None,
+        ..track(Predictor::Uniform, moving(1.0, 0.0), None)
     };
     let parameters = PredictionParameters::plain(Metres::new(0.5));
     assert!(pair.subscriber.place(BALL, &parameters, track));

@@ -265,8 +265,19 @@ impl Subscriber {
         (slot.id(id.index()) == id).then(|| slot.dense().is_resting())
     }
 
+    /// True if a body is attached to one that was removed: until its next update, its motion in the world is not known.
+    #[must_use]
+    pub fn is_orphaned(&self, id: BodyId) -> bool {
+        let slot = self.tracks.slot(id.index());
+        slot.is_some_and(|slot| {
+            slot.id(id.index()) == id
+                && slot.parent().is_some()
+                && self.tracks.parent(&slot.track()).is_none()
+        })
+    }
+
     /// The predicted motion of a body at a tick: by its track, or by the previous track before the present one's
-    /// origin.
+    /// origin. Of an orphaned body, it is relative to the parent that it had.
     #[must_use]
     pub fn predicted_motion(&self, id: BodyId, tick: Tick) -> Option<Motion> {
         let slot = self.tracks.slot(id.index())?;
