@@ -9,7 +9,7 @@ use rhumb_client::scene::{BodyBuilder, BodyDesc, Shape, Stepping};
 use rhumb_client::{BodyId, Client, Event, PipelineDepth, StreamChoice, Tolerance};
 
 use crate::arena::{app, component, entity, messages, rhumb, run_until};
-use crate::server::{Server, show_tick};
+use crate::server::{Server, advance_beyond, show_tick};
 
 /// The stream of the copies: within 5 cm.
 const COPY: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
@@ -163,7 +163,8 @@ fn a_body_that_another_member_removes_takes_its_entity_with_it() {
     other
         .command(rhumb_client::scene::Command::RemoveBody { id: removed })
         .unwrap();
-    other.advance(PipelineDepth::LOCKSTEP).unwrap();
+    let shown = rhumb(&mut app).inner().view().time().expect("shown").tick;
+    advance_beyond(&mut other, shown);
     app.update();
     assert!(
         app.world().get_entity(entity_of_removed).is_err(),

@@ -106,3 +106,14 @@ pub(crate) fn show_tick(truth: &mut Client, tick: Tick) {
         .expect("the server goes on");
     assert_eq!(shown, tick, "the truth is at the tick of the copy");
 }
+
+/// Steps a lockstep scene until a tick that another member has not shown yet: it has this member's queued commands in it.
+/// A tick that the other has requested already may have been computed before they came.
+pub(crate) fn advance_beyond(member: &mut Client, shown: Tick) {
+    let mut tick = Tick::ZERO;
+    while tick <= shown {
+        tick = member
+            .advance(PipelineDepth::LOCKSTEP)
+            .expect("the server goes on");
+    }
+}

@@ -4,6 +4,7 @@ use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
+use rhumb_client::Tick;
 use rhumb_client::glam::{Quat, Vec3};
 use tempfile::TempDir;
 
@@ -47,6 +48,11 @@ pub(crate) struct ShownBody {
 impl Frame {
     pub(crate) fn body(&self, id: u64) -> Option<ShownBody> {
         self.bodies.iter().find(|body| body.id == id).copied()
+    }
+
+    /// The tick that the nodes show, in a lockstep scene.
+    pub(crate) fn shown(&self) -> Tick {
+        Tick::new(self.tick as u64)
     }
 }
 

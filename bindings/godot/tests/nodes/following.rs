@@ -5,7 +5,7 @@ use rhumb_client::scene::{BodyDesc, Command, Shape, Stepping};
 use rhumb_client::{Client, PipelineDepth, StreamChoice, Tick, Tolerance};
 
 use crate::agent::{Agent, Frame};
-use crate::server::{Server, show_tick};
+use crate::server::{Server, advance_beyond, show_tick};
 
 /// Metres.
 const TOLERANCE: f64 = 0.05;
@@ -139,7 +139,7 @@ fn bodies_of_another_member_become_nodes_and_go_with_them() {
     other
         .command(Command::RemoveBody { id: removed })
         .expect("a command");
-    other.advance(PipelineDepth::LOCKSTEP).expect("a tick");
+    advance_beyond(&mut other, frame.shown());
     let after = agent.step();
     assert!(after.body(gone).is_none());
     assert!(after.body(kept).is_some());

@@ -4,7 +4,7 @@ use rhumb_client::scene::{BodyDesc, Command, Shape, Stepping};
 use rhumb_client::{PipelineDepth, StreamChoice};
 
 use crate::agent::Agent;
-use crate::server::Server;
+use crate::server::{Server, advance_beyond};
 
 fn assert_no_error(agent: &Agent) {
     assert_eq!(
@@ -83,14 +83,14 @@ fn a_handler_may_leave_the_scene_or_free_a_node() {
     let Some(mut agent) = Agent::start(&server, "handlers", "lockstep", 0) else {
         return;
     };
-    agent.join();
+    let frame = agent.join();
     agent.eval("agent.set_option('frees_when_removed', true)");
     for id in &ids[..2] {
         other
             .command(Command::RemoveBody { id: *id })
             .expect("a command");
     }
-    other.advance(PipelineDepth::LOCKSTEP).expect("a tick");
+    advance_beyond(&mut other, frame.shown());
     let frame = agent.step();
     assert_eq!(frame.bodies.len(), 1, "{frame:?}");
     assert_eq!(
@@ -102,7 +102,7 @@ fn a_handler_may_leave_the_scene_or_free_a_node() {
     for x in [6.0, 8.0] {
         add(&mut other, x);
     }
-    other.advance(PipelineDepth::LOCKSTEP).expect("a tick");
+    advance_beyond(&mut other, frame.shown());
     agent.step();
     assert_eq!(agent.eval("scene.is_joined()"), "false");
     assert_eq!(
