@@ -241,7 +241,8 @@ impl Client {
 
     /// Ids for bodies that the caller adds by commands of its own, such as a recorded script.
     ///
-    /// Does not wait, unless the server must grant more indices first.
+    /// Does not wait, unless the server must grant more indices first. The id of a body that is refused stays the
+    /// caller's, and that of a body that was removed does not.
     ///
     /// # Errors
     ///

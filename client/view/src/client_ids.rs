@@ -11,6 +11,7 @@ use rhumb_reckoning::{BodyId, BodyState};
 
 use crate::add_error::AddError;
 use crate::id_allocator::IdAllocator;
+use crate::own_bodies::{IdSource, OwnBodies};
 use crate::shape_numbers::{ShapeNumbers, ShapeSlot};
 
 /// The ids and numbers of one client in one scene.
@@ -18,6 +19,7 @@ use crate::shape_numbers::{ShapeNumbers, ShapeSlot};
 pub struct ClientIds {
     ids: IdAllocator,
     shapes: ShapeNumbers,
+    own_bodies: OwnBodies,
     /// Bodies of commands that the server has not answered yet, by the number of the command.
     bodies: VecDeque<(u64, BodyChange)>,
     last_command: Option<u64>,
@@ -37,6 +39,7 @@ impl ClientIds {
         Self {
             ids: IdAllocator::new(granted),
             shapes: ShapeNumbers::default(),
+            own_bodies: OwnBodies::default(),
             bodies: VecDeque::new(),
             last_command: None,
         }
@@ -62,7 +65,8 @@ impl ClientIds {
         }
     }
 
-    /// Takes `count` ids, or fewer when fewer are granted.
+    /// Takes `count` ids, or fewer when fewer are granted, for commands of the caller. The id of a body that is refused
+    /// stays the caller's.
     pub fn take_ids(&mut self, count: u32) -> Vec<BodyId> {
         (0..count).map_while(|_| self.ids.take()).collect()
     }
@@ -77,6 +81,16 @@ impl ClientIds {
         session: &mut ClientSession,
         command: Command,
     ) -> Result<u64, Misuse> {
+        self.queue(session, command, IdSource::Caller)
+    }
+
+    /// Queues a command; `id_source` is that of the body that it adds.
+    fn queue(
+        &mut self,
+        session: &mut ClientSession,
+        command: Command,
+        id_source: IdSource,
+    ) -> Result<u64, Misuse> {
         let shape = match &command {
             Command::AddShape { id, shape } => Some((*id, shape.clone())),
             _ => None,
@@ -87,8 +101,15 @@ impl ClientIds {
             Command::RemoveBody { id } => (Some(*id), None),
             _ => (None, None),
         };
+        let added = match &command {
+            Command::AddBody { desc, .. } => Some(desc.id),
+            _ => None,
+        };
         let number = session.command(command)?;
         self.last_command = Some(number);
+        if let Some(id) = added {
+            self.own_bodies.add(id, number, id_source);
+        }
         if let Some((id, shape)) = shape {
             self.shapes.add(id, shape, number);
         }
@@ -218,7 +239,7 @@ impl ClientIds {
         };
         let id = self.ids.take().ok_or(Misuse::Indices(1))?;
         let desc = body.desc(id, shape);
-        self.command(session, Command::AddBody { desc, motion })?;
+        self.queue(session, Command::AddBody { desc, motion }, IdSource::Client)?;
         Ok(id)
     }
 
@@ -230,18 +251,22 @@ impl ClientIds {
                 return false;
             }
             Event::Refused { number, error } => {
+                if let Some(id) = self.own_bodies.handle_refused(number, error) {
+                    self.ids.release(id);
+                }
                 let known = |id| replica.and_then(|replica| replica.shape(id));
                 return !self.shapes.handle_refused(number, error, known);
             }
             Event::Applied { through, .. } => {
                 self.shapes.handle_applied(through);
+                self.own_bodies.handle_applied(through);
                 while self
                     .bodies
                     .pop_front_if(|(command, _)| *command <= through)
                     .is_some()
                 {}
             }
-            Event::BodyRemoved { id, .. } => self.ids.release(id),
+            Event::BodyRemoved { id, .. } if self.own_bodies.remove(id) => self.ids.release(id),
             _ => {}
         }
         true

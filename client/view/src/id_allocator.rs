@@ -1,4 +1,4 @@
-//! Allocator of body ids, from granted ranges and from removed bodies.
+//! Allocator of body ids, from granted ranges and from bodies that are gone.
 //!
 //! Requests nothing from the server. Invariant: no id is allocated twice.
 
@@ -11,7 +11,7 @@ pub(crate) struct IdAllocator {
     ranges: Vec<IdRange>,
     /// Position of the range in use, and the number of its indices that are allocated.
     next: (usize, u32),
-    /// For each index of a removed body, the id of the next generation.
+    /// For each index of a removed or refused body, the id of the next generation.
     free: Vec<BodyId>,
 }
 
@@ -41,7 +41,7 @@ impl IdAllocator {
         fresh - given + self.free.len() as u32
     }
 
-    /// Allocates an id: an unused index while there is one, then the index of a removed body.
+    /// Allocates an id: an unused index while there is one, then the index of a body that is gone.
     pub(crate) fn take(&mut self) -> Option<BodyId> {
         loop {
             let (place, given) = self.next;
@@ -56,7 +56,8 @@ impl IdAllocator {
         }
     }
 
-    /// Frees the index of a removed body for its next generation, if this client was granted the index.
+    /// Frees the index of a removed or refused body for its next generation, if this client was granted the index. The
+    /// id of a refused body is not allocated again: commands that name it may be under way.
     pub(crate) fn release(&mut self, id: BodyId) {
         let ours = self.ranges.iter().any(|range| range.contains(id));
         if ours && let Some(generation) = id.generation().checked_add(1) {

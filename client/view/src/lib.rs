@@ -12,6 +12,7 @@ mod copy_queries;
 mod id_allocator;
 mod joining;
 mod live_view;
+mod own_bodies;
 mod pipeline_depth;
 mod render_params;
 mod render_time;

@@ -1,0 +1,112 @@
+//! Bodies that one client added, until they are gone.
+//!
+//! Tells which ids are done with; their indices are given out by `id_allocator`. Invariant: an id is done with once.
+
+use std::collections::BTreeMap;
+
+use rhumb_protocol::scene::CommandError;
+use rhumb_reckoning::BodyId;
+
+/// The bodies of one client in one scene, from the command that adds each of them.
+#[derive(Debug, Default)]
+pub(crate) struct OwnBodies {
+    bodies: BTreeMap<BodyId, Addition>,
+    /// Bodies whose addition the server has not answered yet, by the number of the command.
+    unanswered: BTreeMap<u64, BodyId>,
+}
+
+/// The command that adds a body.
+#[derive(Clone, Copy, Debug)]
+struct Addition {
+    command: u64,
+    id_source: IdSource,
+}
+
+/// The origin of a body's id.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum IdSource {
+    /// The client took it for this body alone.
+    Client,
+    /// The caller named it, and may add the body again under it.
+    Caller,
+}
+
+impl OwnBodies {
+    /// Stores a body whose addition is queued.
+    pub(crate) fn add(&mut self, id: BodyId, command: u64, id_source: IdSource) {
+        self.bodies
+            .entry(id)
+            .or_insert(Addition { command, id_source });
+        self.unanswered.insert(command, id);
+    }
+
+    /// Handles a refusal; returns the id that is done with. The server never placed its body.
+    pub(crate) fn handle_refused(&mut self, command: u64, error: CommandError) -> Option<BodyId> {
+        let id = self.unanswered.remove(&command)?;
+        let addition = *self.bodies.get(&id)?;
+        if addition.command != command {
+            return None;
+        }
+        self.bodies.remove(&id);
+        // An index that another body has, or that is not this client's, is not this client's to give out.
+        let usable = !matches!(
+            error,
+            CommandError::BodyIdTaken(_) | CommandError::NotGranted(_)
+        );
+        (usable && addition.id_source == IdSource::Client).then_some(id)
+    }
+
+    /// Handles the answer to all commands up to this number.
+    pub(crate) fn handle_applied(&mut self, through: u64) {
+        self.unanswered = self.unanswered.split_off(&through.saturating_add(1));
+    }
+
+    /// Handles the removal of a body; true if its id is done with now.
+    pub(crate) fn remove(&mut self, id: BodyId) -> bool {
+        self.bodies.remove(&id).is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ID: BodyId = BodyId::new(3, 0);
+
+    #[test]
+    fn an_id_is_done_with_once() {
+        let mut bodies = OwnBodies::default();
+        bodies.add(ID, 7, IdSource::Client);
+        // The engine failed on a command that was applied: the body is removed as well.
+        let error = CommandError::EngineFailed;
+        assert_eq!(bodies.handle_refused(7, error), Some(ID));
+        assert_eq!(bodies.handle_refused(7, error), None);
+        assert!(!bodies.remove(ID));
+        bodies.add(ID, 8, IdSource::Client);
+        bodies.handle_applied(8);
+        assert_eq!(bodies.handle_refused(8, error), None);
+        assert!(bodies.remove(ID));
+        assert!(!bodies.remove(ID));
+    }
+
+    #[test]
+    fn an_id_that_is_taken_or_that_the_caller_named_is_not_done_with() {
+        let mut bodies = OwnBodies::default();
+        let taken = [
+            CommandError::BodyIdTaken(ID),
+            CommandError::NotGranted(ID),
+            CommandError::TooManyBodies,
+        ];
+        let id_sources = [IdSource::Client, IdSource::Client, IdSource::Caller];
+        for (command, (error, id_source)) in (0..).zip(taken.into_iter().zip(id_sources)) {
+            bodies.add(ID, command, id_source);
+            assert_eq!(bodies.handle_refused(command, error), None, "{error}");
+        }
+        // A second body of the id is refused, and the first one stays.
+        bodies.add(ID, 5, IdSource::Caller);
+        bodies.add(ID, 6, IdSource::Caller);
+        let error = CommandError::BodyIdTaken(ID);
+        assert_eq!(bodies.handle_refused(6, error), None);
+        assert!(bodies.remove(ID));
+    }
+}
