@@ -245,6 +245,9 @@ impl ClientIds {
 
     /// Updates ids and shape numbers from an event; returns whether the event is passed to the caller.
     pub fn note(&mut self, event: &Event, replica: Option<&Replica>) -> bool {
+        let is_gone = |id: BodyId| {
+            replica.is_some_and(|replica| replica.stream().body(id.index()) != Some(id))
+        };
         match *event {
             Event::Reserved(range) => {
                 self.ids.grant(range);
@@ -259,12 +262,17 @@ impl ClientIds {
             }
             Event::Applied { through, .. } => {
                 self.shapes.handle_applied(through);
-                self.own_bodies.handle_applied(through);
+                let gone = self.own_bodies.handle_applied(through, is_gone);
+                gone.into_iter().for_each(|id| self.ids.release(id));
                 while self
                     .bodies
                     .pop_front_if(|(command, _)| *command <= through)
                     .is_some()
                 {}
+            }
+            Event::Resumed(state) => {
+                let gone = self.own_bodies.handle_resumed(state.commands, is_gone);
+                gone.into_iter().for_each(|id| self.ids.release(id));
             }
             Event::BodyRemoved { id, .. } if self.own_bodies.remove(id) => self.ids.release(id),
             _ => {}

@@ -56,9 +56,40 @@ impl OwnBodies {
         (usable && addition.id_source == IdSource::Client).then_some(id)
     }
 
-    /// Handles the answer to all commands up to this number.
-    pub(crate) fn handle_applied(&mut self, through: u64) {
-        self.unanswered = self.unanswered.split_off(&through.saturating_add(1));
+    /// Handles the answer to all commands up to this number; returns the ids that are done with. A body that the scene
+    /// does not have now was removed, or refused while no connection was there.
+    pub(crate) fn handle_applied(
+        &mut self,
+        through: u64,
+        is_gone: impl Fn(BodyId) -> bool,
+    ) -> Vec<BodyId> {
+        let later = self.unanswered.split_off(&through.saturating_add(1));
+        let answered = core::mem::replace(&mut self.unanswered, later);
+        let mut gone: Vec<BodyId> = answered.into_values().filter(|id| is_gone(*id)).collect();
+        gone.retain(|id| self.remove(*id));
+        gone
+    }
+
+    /// Handles the begin of another connection, over which commands from this number on are sent again; returns the ids
+    /// that are done with. No connection carried the removals of their bodies.
+    pub(crate) fn handle_resumed(
+        &mut self,
+        commands: u64,
+        is_gone: impl Fn(BodyId) -> bool,
+    ) -> Vec<BodyId> {
+        let sent_again = self.bodies.iter();
+        let sent_again = sent_again.filter(|(_, addition)| addition.command >= commands);
+        self.unanswered
+            .extend(sent_again.map(|(id, addition)| (addition.command, *id)));
+        let is_answered = |addition: &Addition| !self.unanswered.contains_key(&addition.command);
+        let gone: Vec<BodyId> = (self.bodies.iter())
+            .filter(|(id, addition)| is_answered(addition) && is_gone(**id))
+            .map(|(id, _)| *id)
+            .collect();
+        for id in &gone {
+            self.bodies.remove(id);
+        }
+        gone
     }
 
     /// Handles the removal of a body; true if its id is done with now.
@@ -83,10 +114,27 @@ mod tests {
         assert_eq!(bodies.handle_refused(7, error), None);
         assert!(!bodies.remove(ID));
         bodies.add(ID, 8, IdSource::Client);
-        bodies.handle_applied(8);
+        assert_eq!(bodies.handle_applied(8, |_| false), []);
         assert_eq!(bodies.handle_refused(8, error), None);
         assert!(bodies.remove(ID));
         assert!(!bodies.remove(ID));
+    }
+
+    #[test]
+    fn a_body_that_another_connection_finds_gone_is_done_with_unless_it_is_added_again() {
+        let mut bodies = OwnBodies::default();
+        let ids = [0, 1, 2].map(|index| BodyId::new(index, 0));
+        for (id, command) in ids.into_iter().zip(0..) {
+            bodies.add(id, command, IdSource::Client);
+        }
+        assert_eq!(bodies.handle_applied(1, |_| false), []);
+        // The scene is restored to a moment before the second body was added.
+        assert_eq!(bodies.handle_resumed(1, |_| true), [ids[0]]);
+        assert!(!bodies.remove(ids[0]));
+        let second = |id| id == ids[1];
+        assert_eq!(bodies.handle_applied(2, second), [ids[1]]);
+        assert_eq!(bodies.handle_resumed(3, |_| false), []);
+        assert!(bodies.remove(ids[2]));
     }
 
     #[test]

@@ -5,15 +5,18 @@
 use std::collections::BTreeSet;
 
 use rhumb_protocol::limits::SHAPES_MAX;
-use rhumb_protocol::message::{Extensions, Joined, ServerMessage, StreamChoice, VERSIONS, Welcome};
+use rhumb_protocol::message::{
+    Extensions, Joined, SceneEvent, ServerMessage, SessionKey, SessionState, StreamChoice,
+    VERSIONS, Welcome,
+};
 use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{
     BodyBuilder, BodyDesc, Command, CommandError, IdRange, SceneConfig, Shape, ShapeId,
 };
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::stream::{Features, StreamConfig};
-use rhumb_protocol::{Endpoint as _, Instant, Peer};
-use rhumb_reckoning::{BodyState, Tick, Tolerance};
+use rhumb_protocol::{Ending, Endpoint as _, Instant, Peer};
+use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor, Tick, Tolerance, Track};
 use rhumb_view::{AddError, ClientIds};
 
 /// The one peer of a client.
@@ -84,11 +87,61 @@ fn tell(
 fn member() -> ClientSession {
     let mut session = ClientSession::new("ids".parse().expect("a name"));
     session.handle_opened(Instant::ZERO, SERVER);
-    receive(&mut session, &entry(&[], Vec::new()));
+    let welcome = entry(&[], Vec::new());
+    receive(&mut session, &welcome[..1]);
+    let begun = session.begin_session(SessionKey([1; 16]));
+    begun.expect("it is in the lobby");
+    receive(&mut session, &welcome[1..]);
     assert!(session.replica().is_some(), "it is a member");
     while session.poll_transmit().is_some() {}
     while session.poll_event().is_some() {}
     session
+}
+
+/// Ends a member's connection, and resumes its session over another one after so many commands were done; returns the
+/// events that the caller sees. `bodies`: messages that place the bodies of the scene.
+fn resume(
+    session: &mut ClientSession,
+    ids: &mut ClientIds,
+    commands: u64,
+    bodies: Vec<ServerMessage>,
+) -> Vec<Event> {
+    session.handle_ended(Instant::ZERO, SERVER, Ending::Broken);
+    tell(session, ids, &[]);
+    session.reconnect().expect("a member's session");
+    session.handle_opened(Instant::ZERO, SERVER);
+    let state = SessionState {
+        resumed: true,
+        durable: false,
+        commands,
+        tick: Tick::ZERO,
+    };
+    tell(
+        session,
+        ids,
+        &entry(&[ServerMessage::Session(state)], bodies),
+    )
+}
+
+/// Messages that place bodies of this shape at rest.
+fn placed(placed: &[BodyId], shape: &Shape) -> Vec<ServerMessage> {
+    let body = BodyDesc::dynamic(shape.clone());
+    let motion = body.state().expect("these numbers are finite");
+    let (id, shape) = (ShapeId(7), shape.clone());
+    let place = |body_id: &BodyId| SceneEvent::BodyPlaced {
+        desc: body.desc(*body_id, id),
+        inertia: None,
+        track: Track {
+            origin: Tick::ZERO,
+            predictor: Predictor::Rest,
+            anchor: Anchor::Exact(motion),
+            parent: None,
+        },
+        alias: None,
+    };
+    let shape = SceneEvent::ShapeAdded { id, shape };
+    let events = std::iter::once(shape).chain(placed.iter().map(place));
+    events.map(ServerMessage::SceneEvent).collect()
 }
 
 /// The answer to all commands up to a number.
@@ -163,6 +216,50 @@ fn the_id_of_a_refused_body_that_the_caller_chose_stays_the_callers() {
     let number = added.expect("a member may");
     let error = CommandError::UnknownShape(ShapeId(0));
     let answers = [ServerMessage::Refused { number, error }, applied(number)];
+    tell(&mut session, &mut ids, &answers);
+    assert_eq!(ids.take_ids(1), []);
+}
+
+#[test]
+fn the_indices_of_bodies_that_went_while_no_connection_was_there_are_used_again() {
+    let (mut session, mut ids) = (member(), ClientIds::new(granted()));
+    let bodies = vec![ball(0.5); GRANTED as usize];
+    let added = ids.add_bodies(&mut session, &bodies).expect("enough ids");
+    let number = ids.last_command().expect("bodies were added");
+    let (answered, lost) = added.split_at(GRANTED as usize / 2);
+    // The server answers those of one half of the bodies before the connection breaks. Three bodies are left of each.
+    let mut answers = placed(answered, &Shape::ball(0.5));
+    answers.push(applied(number - lost.len() as u64));
+    tell(&mut session, &mut ids, &answers);
+    assert_ne!(ids.missing_ids(1), 0, "no id is left");
+    let left: Vec<BodyId> = [&answered[..3], &lost[..3]].concat();
+    let snapshot = placed(&left, &Shape::ball(0.5));
+    let seen = resume(&mut session, &mut ids, number + 1, snapshot);
+    assert!(matches!(seen[..], [Event::Resumed(_)]), "{seen:?}");
+    tell(&mut session, &mut ids, &[applied(number)]);
+    let free = ids.take_ids(2 * GRANTED);
+    assert_eq!(free.len(), GRANTED as usize - left.len());
+    let gone: BTreeSet<u32> = added
+        .iter()
+        .filter(|id| !left.contains(id))
+        .map(|id| id.index())
+        .collect();
+    assert_eq!(
+        free.iter().map(|id| id.index()).collect::<BTreeSet<_>>(),
+        gone
+    );
+}
+
+#[test]
+fn the_id_of_a_body_whose_addition_is_sent_again_is_kept() {
+    let (mut session, mut ids) = (member(), ClientIds::new(granted()));
+    let bodies = vec![ball(0.5); GRANTED as usize];
+    let added = ids.add_bodies(&mut session, &bodies).expect("enough ids");
+    let number = ids.last_command().expect("bodies were added");
+    resume(&mut session, &mut ids, 0, Vec::new());
+    assert_eq!(ids.take_ids(1), []);
+    let mut answers = placed(&added, &Shape::ball(0.5));
+    answers.push(applied(number));
     tell(&mut session, &mut ids, &answers);
     assert_eq!(ids.take_ids(1), []);
 }
