@@ -7,6 +7,8 @@ mod authority;
 mod lockstep;
 mod queries;
 mod scene_requests;
+#[cfg(test)]
+mod tests;
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -277,11 +279,12 @@ impl Client {
     /// Queues queries in one message, and returns the number that their answer names: [`Event::QueryResult`].
     ///
     /// The answer tells where the bodies were at its tick: the newest one when the server read the message, which is
-    /// sent as a command is. Neither waits for a step. Their cost is limited, see [`Query::cost`].
+    /// sent as a command is. Neither waits for a step. Their cost is limited, see [`Query::cost`]. Queries that are not
+    /// answered when [`Event::Interrupted`] comes get no answer.
     ///
     /// # Errors
     ///
-    /// [`ClientError::Misuse`] for an invalid number or too many queries, [`ClientError::Id`] for an id that no scene can
+    /// [`ClientError::Misuse`] for an invalid number, too many queries, or an interrupted session, [`ClientError::Id`] for an id that no scene can
     /// have; then none is queued.
     pub fn query(&mut self, queries: Vec<Query>) -> Result<u64, ClientError> {
         self.check_open()?;

@@ -84,6 +84,17 @@ impl ServerConnection {
         }
     }
 
+    /// A connection whose server `redial` reaches again.
+    #[cfg(test)]
+    pub(crate) fn with_redial(connection: BoxedConnection, redial: Redial) -> Self {
+        Self {
+            connection,
+            redial: Some(redial),
+            timeout: ANSWER_TIMEOUT,
+            token: None,
+        }
+    }
+
     /// Sets the time limit for each answer of the server; without this, five seconds.
     #[must_use]
     pub fn timeout(self, timeout: Duration) -> Self {

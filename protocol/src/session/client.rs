@@ -173,7 +173,8 @@ impl ClientSession {
         Ok(number)
     }
 
-    /// Asks where bodies are; returns the number that the answer, a `QueryResult`, will name.
+    /// Asks where bodies are; returns the number that the answer, a `QueryResult`, will name. Numbers go on over the
+    /// connections of a session; queries that one left unanswered get no answer.
     ///
     /// # Errors
     ///
@@ -181,9 +182,8 @@ impl ClientSession {
     /// many; nothing is sent then.
     pub fn query(&mut self, queries: Vec<Query>) -> Result<u64, Misuse> {
         Query::total_cost(&queries).ok_or(Misuse::Queries)?;
-        for query in &queries {
-            query.check().map_err(Misuse::Invalid)?;
-        }
+        let checked = queries.iter().try_for_each(Query::check);
+        checked.map_err(Misuse::Invalid)?;
         self.as_member(&ClientMessage::Query(queries))?;
         Ok(self.membership.note_query())
     }
@@ -297,7 +297,7 @@ impl ClientSession {
         let fresh = Self::new(self.handshake.scene.clone());
         let before = core::mem::replace(self, fresh);
         self.handshake = before.handshake;
-        self.set_largest_packet(before.membership.upstream.largest_packet());
+        self.membership = before.membership.over_next_connection();
         self.resumption = before.resumption;
         self.config = before.config;
         self.clock = ClockSampler::new(before.clock.round_trip());

@@ -96,7 +96,7 @@ pub enum Event {
     AuthorityGrant(Vec<BodyId>),
     /// The server denied the requested authority. Authority granted earlier stays.
     AuthorityDenied(AuthorityError),
-    /// The answers to the queries of one call.
+    /// The answers to the queries of one call, with the number that the call returned.
     QueryResult(QueryResult),
     /// Something happened to a body that reports events. The replica is complete up to this tick or a later one.
     Body {

@@ -1,9 +1,12 @@
 //! Sessions of clients that went away.
 
+use std::collections::BTreeSet;
+
+use glam::Vec3;
 use rhumb_netsim::LinkConfig;
 use rhumb_protocol::limits::{GRANT, INDICES_MAX};
 use rhumb_protocol::message::{Denial, SessionKey, StreamChoice};
-use rhumb_protocol::scene::{Command, SceneConfig, Stepping};
+use rhumb_protocol::scene::{Command, Query, SceneConfig, Stepping};
 use rhumb_protocol::session::{CloseCode, Event};
 use rhumb_protocol::{Ending, Peer, Span};
 use rhumb_reckoning::Tolerance;
@@ -90,6 +93,36 @@ fn a_session_whose_place_is_taken_is_kept_until_there_is_one() {
         _ => None,
     });
     assert_eq!(resumed, Some(1), "{events:?}");
+}
+
+/// The number of a query, and those of the answers that have come.
+fn ask(table: &mut Table, peer: Peer) -> (u64, Vec<u64>) {
+    let ray = Query::ray(Vec3::ZERO, Vec3::Y);
+    let asked = table.session(peer).query(vec![ray]).expect("a member may");
+    table.run_until_idle();
+    let answered = events(table, peer)
+        .into_iter()
+        .filter_map(|event| match event {
+            Event::QueryResult(result) => Some(result.number),
+            _ => None,
+        });
+    (asked, answered.collect())
+}
+
+/// An answer that the application has not read yet would be taken for that of a later question.
+#[test]
+fn no_two_queries_of_a_session_have_one_number() {
+    let (mut table, mut anna) = scene_of_two();
+    let mut numbers = BTreeSet::new();
+    for _ in 0..3 {
+        for _ in 0..2 {
+            let (asked, answered) = ask(&mut table, anna);
+            assert_eq!(answered, [asked]);
+            assert!(numbers.insert(asked), "{asked} was given before");
+        }
+        table.end_connection(anna);
+        anna = table.reconnect(anna);
+    }
 }
 
 #[test]

@@ -22,6 +22,8 @@ pub(super) struct ClientMembership {
     pub(super) upstream: ClientUpstream,
     held_events: HeldEvents,
     queries: u64,
+    /// Messages of queries over the earlier connections of the session.
+    queries_before: u64,
 }
 
 impl ClientMembership {
@@ -32,6 +34,15 @@ impl ClientMembership {
             upstream: ClientUpstream::new(largest_packet),
             held_events: HeldEvents::new(),
             queries: 0,
+            queries_before: 0,
+        }
+    }
+
+    /// The membership over the next connection of the session, before it joins.
+    pub(super) fn over_next_connection(self) -> Self {
+        Self {
+            queries_before: self.queries_before + self.queries,
+            ..Self::new(self.upstream.largest_packet())
         }
     }
 
@@ -45,10 +56,10 @@ impl ClientMembership {
         self.queries = 0;
     }
 
-    /// Counts queries that are sent together and returns their number.
+    /// Counts queries that are sent together and returns their number. No other queries of the session have it.
     pub(super) const fn note_query(&mut self) -> u64 {
         self.queries += 1;
-        self.queries - 1
+        self.queries_before + self.queries - 1
     }
 
     /// Moves the events of bodies that the shown replica has reached to the application's.
@@ -88,7 +99,10 @@ impl ClientMembership {
                 self.subscription.handle_tier_changed(to);
                 events.push_back(Event::TierChanged { to, cause });
             }
-            ServerMessage::QueryResult(result) => events.push_back(Event::QueryResult(result)),
+            ServerMessage::QueryResult(mut result) => {
+                result.number = result.number.saturating_add(self.queries_before);
+                events.push_back(Event::QueryResult(result));
+            }
             ServerMessage::TickEvents(tick_events) => self.held_events.push(tick_events),
             // The session handles these.
             ServerMessage::Welcome(_)

@@ -1,0 +1,241 @@
+//! Calls of a client whose session is interrupted and goes on.
+//!
+//! The server is a script. It has a lockstep scene with one kinematic body, and answers each message of queries with
+//! the number of the connection as tick.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use bytes::Bytes;
+use glam::Vec3;
+use rhumb_protocol::Ending;
+use rhumb_protocol::message::{
+    ClientMessage, Extensions, Frames, Joined, QueryResult, SceneEvent, ServerMessage,
+    SessionState, StreamChoice, VERSIONS, Welcome,
+};
+use rhumb_protocol::packet::{LargestPacket, StreamId};
+use rhumb_protocol::scene::{BodyDesc, IdRange, Query, SceneConfig, Shape, ShapeId};
+use rhumb_protocol::session::Event;
+use rhumb_protocol::stream::{Features, StreamConfig};
+use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
+use rhumb_transport::{ClientTransport, Received, WireStatistics};
+
+use super::Client;
+use crate::join_options::JoinOptions;
+use crate::redial::{BoxedConnection, Redial};
+use crate::server_connection::ServerConnection;
+
+const BODY: BodyId = BodyId::new(0, 0);
+const STREAM: StreamChoice = StreamChoice::Within(Tolerance::NORMAL);
+
+/// A server of one client.
+#[derive(Default)]
+struct Script {
+    frames: Frames,
+    to_client: VecDeque<Received>,
+    /// Connections so far.
+    connections: u64,
+    /// Messages of queries over this connection.
+    queries: u64,
+    /// Messages of queries at which the connection breaks instead of an answer.
+    breaks: u64,
+    commands: u64,
+}
+
+/// A connection to the script.
+struct ScriptedConnection(Arc<Mutex<Script>>);
+
+impl Script {
+    fn send(&mut self, message: &ServerMessage) {
+        let mut bytes = Vec::new();
+        message.encode(&mut bytes);
+        self.to_client.push_back(Received::Control(bytes.into()));
+    }
+
+    fn end(&mut self) {
+        self.to_client.push_back(Received::Ended(Ending::Broken));
+    }
+
+    fn handle(&mut self, message: &ClientMessage) {
+        match message {
+            ClientMessage::Hello { .. } => self.send(&ServerMessage::Welcome(Welcome {
+                version: VERSIONS[0],
+                scene: Some(SceneConfig::default()),
+                extensions: Extensions::NONE,
+            })),
+            ClientMessage::Session(_) => self.send(&ServerMessage::Session(SessionState {
+                resumed: self.connections > 1,
+                durable: false,
+                commands: self.commands,
+                tick: Tick::ZERO,
+            })),
+            ClientMessage::Join(_) => self.take_in(),
+            ClientMessage::Ping { sent } => self.send(&ServerMessage::Pong {
+                sent: *sent,
+                tick: Tick::ZERO,
+                since_tick_ns: 0,
+            }),
+            ClientMessage::Command(_) => self.commands += 1,
+            ClientMessage::Query(_) if self.breaks > 0 => {
+                self.breaks -= 1;
+                self.end();
+            }
+            ClientMessage::Query(_) => {
+                self.send(&ServerMessage::QueryResult(QueryResult {
+                    number: self.queries,
+                    tick: Tick::new(self.connections),
+                    answers: Ok(Vec::new()),
+                }));
+                self.queries += 1;
+            }
+            _ => {}
+        }
+    }
+
+    /// Sends the answer to a join: a scene with one body.
+    fn take_in(&mut self) {
+        let config = SceneConfig::default();
+        let stream = StreamConfig {
+            tolerance: Tolerance::NORMAL,
+            integrator: config.integrator,
+            publish_interval: config.publish_schedule.publish_interval,
+            gravity: config.gravity,
+            largest_packet: LargestPacket::DEFAULT,
+            features: Features::ALL,
+        };
+        self.send(&ServerMessage::Joined(Joined {
+            choice: STREAM,
+            config,
+            start: stream.start(StreamId(0), Tick::ZERO),
+            granted: IdRange::new(0, 16, 0).expect("few ids"),
+            extensions: Extensions::NONE,
+        }));
+        let (desc, motion) = body();
+        let shape = Shape::ball(0.5);
+        let events = [
+            SceneEvent::ShapeAdded {
+                id: desc.shape,
+                shape,
+            },
+            SceneEvent::BodyPlaced {
+                desc,
+                inertia: None,
+                track: Track::resting(Tick::ZERO, motion),
+                alias: None,
+            },
+        ];
+        for event in events {
+            self.send(&ServerMessage::SceneEvent(event));
+        }
+        self.send(&ServerMessage::SnapshotEnd);
+    }
+}
+
+impl ClientTransport for ScriptedConnection {
+    fn send_control(&self, bytes: Bytes) {
+        let mut script = lock(&self.0);
+        script.frames.push(&bytes);
+        while let Ok(Some(framed)) = script.frames.next_frame() {
+            if let Ok(Some(message)) = ClientMessage::decode(&framed) {
+                script.handle(&message);
+            }
+        }
+    }
+
+    fn send_state(&self, _bytes: Bytes) {}
+
+    fn close(&self, _code: u32) {}
+
+    fn recv(&mut self, _timeout: Duration) -> Option<Received> {
+        lock(&self.0).to_client.pop_front()
+    }
+
+    fn statistics(&self) -> WireStatistics {
+        WireStatistics::default()
+    }
+}
+
+fn lock(script: &Mutex<Script>) -> MutexGuard<'_, Script> {
+    script.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn connect(script: &Arc<Mutex<Script>>) -> BoxedConnection {
+    let mut fresh = lock(script);
+    *fresh = Script {
+        connections: fresh.connections + 1,
+        commands: fresh.commands,
+        breaks: fresh.breaks,
+        ..Script::default()
+    };
+    Box::new(ScriptedConnection(Arc::clone(script)))
+}
+
+/// The body of the scene, and its state.
+fn body() -> (BodyDesc, BodyState) {
+    let body = BodyDesc::kinematic(Shape::ball(0.5));
+    let state = body.state().expect("these numbers are finite");
+    (body.desc(BODY, ShapeId(0)), state)
+}
+
+/// A member of the scene, and its server.
+fn member() -> (Client, Arc<Mutex<Script>>) {
+    let script = Arc::<Mutex<Script>>::default();
+    let again = Arc::clone(&script);
+    let redial: Redial = Arc::new(move |_| Some(connect(&again)));
+    let connection = ServerConnection::with_redial(connect(&script), redial);
+    let options = JoinOptions {
+        resume_within: Some(Duration::from_secs(60)),
+        ..JoinOptions::default()
+    };
+    let client = connection.join_with("script", options);
+    (client.expect("the script takes it in"), script)
+}
+
+/// Ends the connection, which the client notices.
+fn interrupt(client: &mut Client, script: &Mutex<Script>) {
+    lock(script).end();
+    client.idle(Duration::ZERO).expect("it tries on");
+    assert!(client.interrupted.is_some());
+}
+
+/// Waits until the session goes on.
+fn resume(client: &mut Client) {
+    while client.interrupted.is_some() {
+        client.idle(Duration::from_millis(1)).expect("it tries on");
+    }
+}
+
+fn ray() -> Vec<Query> {
+    vec![Query::ray(Vec3::ZERO, Vec3::Y)]
+}
+
+#[test]
+fn the_answer_to_an_earlier_connections_question_is_not_taken_for_a_later_one() {
+    let (mut client, script) = member();
+    client.query(ray()).expect("a member may");
+    client.idle(Duration::from_millis(1)).expect("it is open");
+    interrupt(&mut client, &script);
+    resume(&mut client);
+    let asked = client.ask(ray()).expect("the script answers");
+    assert_eq!(asked.tick, Tick::new(2));
+    let unread = std::iter::from_fn(|| client.poll_event());
+    let unread = unread.filter_map(|(_, event)| match event {
+        Event::QueryResult(result) => Some(result),
+        _ => None,
+    });
+    let unread: Vec<QueryResult> = unread.collect();
+    assert_eq!((unread.len(), unread[0].tick), (1, Tick::new(1)));
+    assert_ne!(unread[0].number, asked.number);
+}
+
+#[test]
+fn queries_that_an_ended_connection_left_unanswered_are_asked_again() {
+    let (mut client, script) = member();
+    lock(&script).breaks = 2;
+    let asked = client.ask(ray()).expect("the script answers");
+    assert_eq!(asked.tick, Tick::new(3));
+    interrupt(&mut client, &script);
+    let asked = client.ask(ray()).expect("the script answers");
+    assert_eq!(asked.tick, Tick::new(4));
+}
