@@ -20,6 +20,9 @@ impl Client {
     /// can move these bodies. The authority over a body ends when the body or this client leaves the scene; the body
     /// then stands still.
     ///
+    /// A client whose session was interrupted requests the authority again when the session goes on, without bodies that
+    /// it cannot have any more; the same events report the result. What it requests meanwhile is sent then.
+    ///
     /// # Errors
     ///
     /// [`ClientError::Misuse`] for more bodies than one member may have authority over, and while an earlier request is
@@ -42,8 +45,9 @@ impl Client {
     /// A body that is left out stands still at its last published pose. Nothing is sent while the server predicts all
     /// of the bodies within tolerance.
     ///
-    /// Returns the tick of the states. Returns `None`, and publishes nothing, before the authority is granted, before
-    /// the server's clock is known, and when a frame falls on the same tick as the frame before. In lockstep the tick
+    /// Returns the tick of the states. Returns `None`, and publishes nothing, before the authority is granted, while the
+    /// session is interrupted and until it has the authority again, before the server's clock is known, and when a frame
+    /// falls on the same tick as the frame before. In lockstep the tick
     /// is that of the next [`Self::advance`]. In a free-running scene it is the tick nearest to now by the server's
     /// clock, plus the `lead_ticks` of the options; positions are extrapolated to it by their velocities, by half a
     /// tick at most.

@@ -1,7 +1,7 @@
 //! Calls of a client whose session is interrupted and goes on.
 //!
-//! The server is a script. It has a lockstep scene with one kinematic body, and answers each message of queries with
-//! the number of the connection as tick.
+//! The server is a script. It has a lockstep scene with one kinematic body, grants authority over it, and answers each
+//! message of queries with the number of the connection as tick.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -11,8 +11,8 @@ use bytes::Bytes;
 use glam::Vec3;
 use rhumb_protocol::Ending;
 use rhumb_protocol::message::{
-    ClientMessage, Extensions, Frames, Joined, QueryResult, SceneEvent, ServerMessage,
-    SessionState, StreamChoice, VERSIONS, Welcome,
+    AuthorityGrant, ClientMessage, Extensions, Frames, Joined, QueryResult, SceneEvent,
+    ServerMessage, SessionState, StreamChoice, VERSIONS, Welcome,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{BodyDesc, IdRange, Query, SceneConfig, Shape, ShapeId};
@@ -88,6 +88,14 @@ impl Script {
                     answers: Ok(Vec::new()),
                 }));
                 self.queries += 1;
+            }
+            ClientMessage::TakeAuthority(request) => {
+                let bodies = request.bodies.iter().map(|id| (*id, body().1));
+                self.send(&ServerMessage::AuthorityGrant(AuthorityGrant {
+                    stream: StreamId(9),
+                    tick: Tick::ZERO,
+                    bodies: bodies.collect(),
+                }));
             }
             _ => {}
         }
@@ -238,4 +246,24 @@ fn queries_that_an_ended_connection_left_unanswered_are_asked_again() {
     interrupt(&mut client, &script);
     let asked = client.ask(ray()).expect("the script answers");
     assert_eq!(asked.tick, Tick::new(4));
+}
+
+#[test]
+fn an_interrupted_client_may_publish_and_regains_its_authority() {
+    let (mut client, script) = member();
+    let states = [(BODY, body().1)];
+    let taken = client.take_authority(&[BODY], Tolerance::FINE);
+    taken.expect("a member may");
+    client.idle(Duration::from_millis(1)).expect("it is open");
+    let publish = |client: &mut Client| {
+        let published = client.publish(&states);
+        published.expect("it has or regains the authority")
+    };
+    assert!(publish(&mut client).is_some());
+    interrupt(&mut client, &script);
+    assert_eq!(publish(&mut client), None);
+    resume(&mut client);
+    client.idle(Duration::from_millis(1)).expect("it is open");
+    assert!(publish(&mut client).is_some());
+    assert_eq!(client.authority_bodies().collect::<Vec<_>>(), [BODY]);
 }

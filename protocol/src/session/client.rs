@@ -115,8 +115,8 @@ impl ClientSession {
     /// [`Misuse::NotNow`] before the welcome or as a member.
     pub fn begin_session(&mut self, key: SessionKey) -> Result<(), Misuse> {
         self.state.must_be(ClientState::Lobby)?;
-        let request = self.resumption.begin(key);
-        self.outbox.send(&ClientMessage::Session(request));
+        let request = ClientMessage::Session(self.resumption.begin(key));
+        self.outbox.send(&request);
         Ok(())
     }
 
@@ -135,9 +135,8 @@ impl ClientSession {
     ///
     /// [`Misuse::NotNow`] before the welcome.
     pub fn delete(&mut self) -> Result<(), Misuse> {
-        if self.state != ClientState::Member {
-            self.state.must_be(ClientState::Lobby)?;
-        }
+        let is_member = self.state.must_be(ClientState::Member);
+        is_member.or(self.state.must_be(ClientState::Lobby))?;
         self.outbox.send(&ClientMessage::Delete);
         Ok(())
     }
@@ -162,10 +161,7 @@ impl ClientSession {
     /// As [`Self::leave`], and [`Misuse::Invalid`] for a number out of range; nothing is sent then.
     pub fn command(&mut self, command: Command) -> Result<u64, Misuse> {
         command.check().map_err(Misuse::Invalid)?;
-        let resuming = self.is_resuming();
-        if !resuming {
-            self.state.must_be(ClientState::Member)?;
-        }
+        let resuming = self.must_be_in_session()?;
         let number = self.resumption.note_command(&command);
         if !resuming {
             self.outbox.send(&ClientMessage::Command(command));
@@ -216,9 +212,8 @@ impl ClientSession {
     /// As [`Self::leave`].
     pub fn subscribe(&mut self, choice: StreamChoice) -> Result<(), Misuse> {
         self.state.must_be(ClientState::Member)?;
-        self.membership
-            .subscription
-            .select(choice, &mut self.outbox);
+        let subscription = &mut self.membership.subscription;
+        subscription.select(choice, &mut self.outbox);
         Ok(())
     }
 
@@ -246,7 +241,7 @@ impl ClientSession {
     }
 
     /// Takes authority over these kinematic bodies in place of the earlier ones; an empty list ends it. Answered by
-    /// `AuthorityGrant` or `AuthorityDenied`.
+    /// `AuthorityGrant` or `AuthorityDenied`. Between two connections of a session it waits for the second.
     ///
     /// # Errors
     ///
@@ -257,34 +252,32 @@ impl ClientSession {
         tolerance: Tolerance,
         bodies: &[BodyId],
     ) -> Result<(), Misuse> {
-        let request = self.membership.upstream.request(tolerance, bodies)?;
-        self.as_member(&ClientMessage::TakeAuthority(request.clone()))?;
-        self.membership.upstream.note_requested(request);
-        Ok(())
+        let outbox = (!self.must_be_in_session()?).then_some(&mut self.outbox);
+        self.membership.upstream.take(tolerance, bodies, outbox)
     }
 
     /// Publishes the states of the bodies under the member's authority, where the server's prediction exceeds the
     /// tolerance. A body without a state stands still at its last place.
     ///
-    /// Returns whether the states were published: `false` before the authority is granted, and for a tick not after the
-    /// last one.
+    /// Returns whether the states were published: `false` before the authority is granted, also over the next connection
+    /// of a session, and for a tick not after the last one.
     ///
     /// # Errors
     ///
     /// As [`Self::leave`], [`Misuse::NoAuthority`], and [`Misuse::Invalid`] for a number out of range; nothing is sent
     /// then.
     pub fn publish(&mut self, tick: Tick, motions: &[(BodyId, BodyState)]) -> Result<bool, Misuse> {
-        self.state.must_be(ClientState::Member)?;
+        self.must_be_in_session()?;
         let stepping = self.stepping();
-        self.membership
-            .upstream
-            .publish(tick, motions, stepping, &mut self.outbox)
+        let upstream = &mut self.membership.upstream;
+        upstream.publish(tick, motions, stepping, &mut self.outbox)
     }
 
     /// Makes the session ready for another connection: it joins the scene again by itself, and sends again what was not
-    /// done. [`Event::Resumed`] reports that the scene goes on; the replica is absent until then. Authority over bodies
-    /// and requests that were not answered are lost. If the scene has no place for it now, the session closes with
-    /// [`CloseCode::BUSY`], and may try again; if it is denied for good, [`Event::Denied`] says so before the end.
+    /// done. [`Event::Resumed`] reports that the scene goes on; the replica is absent until then. Then it requests its
+    /// authority over bodies again; other requests that were not answered are lost. If the scene has no place for it
+    /// now, the session closes with [`CloseCode::BUSY`], and may try again; if it is denied for good, [`Event::Denied`]
+    /// says so before the end.
     ///
     /// # Errors
     ///
@@ -379,6 +372,14 @@ impl ClientSession {
         Ok(())
     }
 
+    /// Refuses a call of a client that is no member, unless another connection is to make it one again: `true` then.
+    fn must_be_in_session(&self) -> Result<bool, Misuse> {
+        match self.is_resuming() {
+            true => Ok(true),
+            false => self.state.must_be(ClientState::Member).map(|()| false),
+        }
+    }
+
     /// True if the client was a member, and another connection is to make it one again.
     const fn is_resuming(&self) -> bool {
         !matches!(self.state, ClientState::Member | ClientState::Ended) && self.can_reconnect()
@@ -386,8 +387,8 @@ impl ClientSession {
 
     /// How the scene steps.
     fn stepping(&self) -> Stepping {
-        let config = self.config.as_ref();
-        config.map_or(Stepping::FreeRunning, |config| config.stepping)
+        self.config
+            .map_or(Stepping::FreeRunning, |config| config.stepping)
     }
 
     fn handle_message(&mut self, now: Instant, message: ServerMessage) -> Result<(), CloseCode> {
@@ -473,9 +474,8 @@ impl ClientSession {
         self.config = Some(joined.config);
         self.granted = joined.granted;
         self.resumption.note_choice(joined.choice);
-        self.membership
-            .subscription
-            .begin_snapshot(joined, &mut self.outbox);
+        let subscription = &mut self.membership.subscription;
+        subscription.begin_snapshot(joined, &mut self.outbox);
         Ok(())
     }
 
@@ -488,6 +488,7 @@ impl ClientSession {
             self.clock.begin(now);
             if let Some((state, awaited)) = self.resumption.resume(&mut self.outbox) {
                 self.membership.subscription.await_also(awaited);
+                self.membership.upstream.regain(&mut self.outbox);
                 self.events.push_back(Event::Resumed(state));
             } else {
                 self.resumption.begin_membership();
@@ -501,9 +502,8 @@ impl ClientSession {
 
     /// Shows a replica that has caught up and restarts the timers.
     fn watch(&mut self, now: Instant) {
-        self.membership
-            .subscription
-            .watch(now, &mut self.outbox, &mut self.events);
+        let subscription = &mut self.membership.subscription;
+        subscription.watch(now, &mut self.outbox, &mut self.events);
     }
 
     fn end_membership(&mut self, event: Event) {
@@ -577,9 +577,8 @@ impl Endpoint for ClientSession {
             return;
         }
         let round_trip = self.clock.round_trip();
-        self.membership
-            .subscription
-            .report(now, round_trip, &mut self.outbox, &mut self.events);
+        let subscription = &mut self.membership.subscription;
+        subscription.report(now, round_trip, &mut self.outbox, &mut self.events);
         if self.clock.take_due(now, self.config.as_ref()) {
             self.outbox.send(&ClientMessage::Ping { sent: now });
         }

@@ -58,7 +58,7 @@ pub enum Event {
     /// The connection ended; the client tries to go on with the session over another one.
     Interrupted(Ending),
     /// The session goes on over another connection: the replica is complete again, and commands that were not done are
-    /// sent again. A scene that was restored may go on at an earlier tick than the last one sent.
+    /// sent again, and authority over bodies is requested again. A scene that was restored may go on at an earlier tick than the last one sent.
     Resumed(SessionState),
     /// The server does not know the session any more: which of its commands were done is unknown. The connection
     /// ends.
@@ -94,7 +94,8 @@ pub enum Event {
     SceneRestored(Tick),
     /// The application has authority over these bodies and no others from now on, in rising order.
     AuthorityGrant(Vec<BodyId>),
-    /// The server denied the requested authority. Authority granted earlier stays.
+    /// The server denied the requested authority. Authority granted earlier stays, but not from one connection of a
+    /// session to the next.
     AuthorityDenied(AuthorityError),
     /// The answers to the queries of one call, with the number that the call returned.
     QueryResult(QueryResult),

@@ -11,8 +11,12 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
-use rhumb_client::scene::{BodyDesc, BodyKind, Command, Mesh, SceneConfig, Shape, ShapeId};
-use rhumb_client::{Client, ClientError, Event, JoinMode, JoinOptions, PipelineDepth, Tick, Trust};
+use rhumb_client::scene::{
+    Answer, BodyDesc, BodyKind, Command, Mesh, Query, SceneConfig, Shape, ShapeId, Stepping,
+};
+use rhumb_client::{
+    Client, ClientError, Event, JoinMode, JoinOptions, PipelineDepth, Tick, Tolerance, Trust,
+};
 use rhumb_reckoning::{BodyId, BodyState};
 use rhumb_server::Scene;
 use rhumb_tests::{Ended, ServerProcess};
@@ -22,6 +26,8 @@ use crate::SERVER;
 const SCENE: &str = "pit";
 /// Half the floor's width, metres: no ball rolls off it, for a command to a body that left the world would be refused.
 const FLOOR: f32 = 4_000.0;
+/// Time for an answer of a server that starts on a loaded machine.
+const LONG: Duration = Duration::from_secs(60);
 /// Bodies that are added one by one, every tenth tick.
 const LATER: u64 = 200;
 
@@ -274,4 +280,79 @@ fn a_mesh_whose_solid_was_made_beside_the_steps_is_restored_to_the_bit() {
     let line = format!("tick 155 digest {:016x} bodies 2", truth.truth);
     assert_eq!(checked.code, Some(0), "{}{}", checked.out, checked.log);
     assert!(checked.out.contains(&line), "{line}: {}", checked.out);
+}
+
+/// A client with authority over an avatar in a free-running scene, which is durable.
+fn walker(server: &ServerProcess) -> (Client, (BodyId, BodyState)) {
+    let trust = Trust::Fingerprint(server.fingerprint);
+    let connection = Client::connect_within(&server.address.to_string(), trust, LONG);
+    let config = SceneConfig {
+        stepping: Stepping::FreeRunning,
+        ..SceneConfig::default()
+    };
+    let options = JoinOptions {
+        mode: JoinMode::Create(config),
+        ..JoinOptions::default()
+    };
+    let connection = connection.expect("the server is there");
+    let mut client = connection.join_with(SCENE, options).expect("a new scene");
+    let avatar = BodyDesc::kinematic(Shape::capsule(0.6, 0.3));
+    let state = avatar.state().expect("finite");
+    let avatar = client.add_body(avatar).expect("a body");
+    let taken = client.take_authority(&[avatar], Tolerance::FINE);
+    taken.expect("a member may");
+    let mut seen = Seen::default();
+    while seen.durable < 2 || client.authority_bodies().next().is_none() {
+        client.idle(Duration::from_millis(2)).expect("it goes on");
+        take_events(&mut client, &mut seen);
+    }
+    (client, (avatar, state))
+}
+
+/// Stops a server, and waits until its client has noticed.
+fn stop(server: ServerProcess, client: &mut Client) {
+    server.signal("TERM");
+    assert_eq!(server.wait().code, Some(0));
+    let interrupted = |event: &Event| matches!(event, Event::Interrupted(_));
+    while !std::iter::from_fn(|| client.poll_event()).any(|(_, event)| interrupted(&event)) {
+        client.idle(Duration::from_millis(2)).expect("it tries on");
+    }
+}
+
+#[test]
+fn an_avatar_walks_on_when_its_server_comes_back() {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let data = directory.path().join("data");
+    let server = serve("127.0.0.1:0", &data);
+    let listen = server.address.to_string();
+    let (mut client, (avatar, state)) = walker(&server);
+    stop(server, &mut client);
+    let publish = |client: &mut Client| {
+        let published = client.publish(&[(avatar, state)]);
+        published.expect("the authority is regained")
+    };
+    assert_eq!(publish(&mut client), None, "no server is there");
+    let _server = serve(&listen, &data);
+    let end = Instant::now() + LONG;
+    while publish(&mut client).is_none() {
+        assert!(Instant::now() < end, "the avatar stands");
+        client.idle(Duration::from_millis(2)).expect("it goes on");
+    }
+    assert_eq!(client.authority_bodies().collect::<Vec<_>>(), [avatar]);
+}
+
+#[test]
+fn a_question_waits_for_the_server_to_come_back() {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let data = directory.path().join("data");
+    let server = serve("127.0.0.1:0", &data);
+    let listen = server.address.to_string();
+    let (mut client, (avatar, _)) = walker(&server);
+    stop(server, &mut client);
+    let _server = serve(&listen, &data);
+    let ray = Query::ray(Vec3::Y * 10.0, Vec3::Y * -20.0);
+    let result = client.ask(vec![ray]).expect("the server is there again");
+    let answers = result.answers.expect("the scene has time");
+    let hit = matches!(&answers[..], [Answer::Hits(hits)] if hits[0].body == avatar);
+    assert!(hit, "{answers:?}");
 }

@@ -29,9 +29,13 @@ pub(super) struct ClientMembership {
 impl ClientMembership {
     /// The state of a client before it joins.
     pub(super) fn new(largest_packet: LargestPacket) -> Self {
+        Self::with(ClientUpstream::new(largest_packet))
+    }
+
+    fn with(upstream: ClientUpstream) -> Self {
         Self {
             subscription: Subscription::new(),
-            upstream: ClientUpstream::new(largest_packet),
+            upstream,
             held_events: HeldEvents::new(),
             queries: 0,
             queries_before: 0,
@@ -42,7 +46,7 @@ impl ClientMembership {
     pub(super) fn over_next_connection(self) -> Self {
         Self {
             queries_before: self.queries_before + self.queries,
-            ..Self::new(self.upstream.largest_packet())
+            ..Self::with(self.upstream.over_next_connection())
         }
     }
 
@@ -87,8 +91,8 @@ impl ClientMembership {
             }
             ServerMessage::AuthorityGrant(grant) => {
                 let replica = self.subscription.shown();
-                let bodies =
-                    config.and_then(|config| self.upstream.handle_grant(&grant, config, replica));
+                let bodies = config
+                    .and_then(|config| self.upstream.handle_grant(&grant, config, replica, outbox));
                 events.extend(bodies.map(Event::AuthorityGrant));
             }
             ServerMessage::AuthorityDenied(error) => {

@@ -2,6 +2,8 @@
 //!
 //! In a free-running scene packets go as datagrams. In lockstep they go on the control stream, before the advance that
 //! needs them. Invariant: at most one request for authority is unanswered.
+//!
+//! The server ends the authority with the connection. The next connection of a session requests it again.
 
 use alloc::vec::Vec;
 
@@ -26,6 +28,9 @@ pub(super) struct ClientUpstream {
     requested: Option<TakeAuthority>,
     /// The authority granted last.
     granted: Option<TakeAuthority>,
+    /// The authority that the session had before this connection, or that the application wants in its place, until the
+    /// server has answered the request for it.
+    regained: Option<TakeAuthority>,
     /// Bound on the packets of later upstreams.
     largest_packet: LargestPacket,
 }
@@ -37,7 +42,24 @@ impl ClientUpstream {
             sender: None,
             requested: None,
             granted: None,
+            regained: None,
             largest_packet,
+        }
+    }
+
+    /// The upstream over the next connection of the session, before it joins.
+    pub(super) fn over_next_connection(self) -> Self {
+        let had = self.granted.filter(|granted| !granted.bodies.is_empty());
+        Self {
+            regained: self.regained.or(self.requested).or(had),
+            ..Self::new(self.largest_packet)
+        }
+    }
+
+    /// Requests the authority that the session had over the connection before.
+    pub(super) fn regain(&mut self, outbox: &mut ClientOutbox) {
+        if let Some(request) = self.regained.clone() {
+            self.send(request, outbox);
         }
     }
 
@@ -51,7 +73,26 @@ impl ClientUpstream {
         self.largest_packet
     }
 
-    /// A request for authority over these bodies; the caller sends it and calls [`Self::note_requested`].
+    /// Requests authority over these bodies in place of the earlier ones. `outbox`: `None` between two connections, of
+    /// which the next one sends the request.
+    pub(super) fn take(
+        &mut self,
+        tolerance: Tolerance,
+        bodies: &[BodyId],
+        outbox: Option<&mut ClientOutbox>,
+    ) -> Result<(), Misuse> {
+        let request = self.request(tolerance, bodies)?;
+        match outbox {
+            // What is being regained is not the application's request. Its own follows the answer.
+            Some(_) if self.regained.is_some() => self.regained = Some(request),
+            None => self.regained = Some(request),
+            Some(_) if self.requested.is_some() => return Err(Misuse::NotNow),
+            Some(outbox) => self.send(request, outbox),
+        }
+        Ok(())
+    }
+
+    /// A request for authority over these bodies.
     pub(super) fn request(
         &self,
         tolerance: Tolerance,
@@ -63,9 +104,6 @@ impl ClientUpstream {
         if bodies.len() > AUTHORITY_BODIES_MAX {
             return Err(Misuse::TooManyAuthorityBodies(bodies.len()));
         }
-        if self.requested.is_some() {
-            return Err(Misuse::NotNow);
-        }
         Ok(TakeAuthority {
             tolerance,
             largest_packet: self.largest_packet,
@@ -73,8 +111,8 @@ impl ClientUpstream {
         })
     }
 
-    /// Notes that a request was sent.
-    pub(super) fn note_requested(&mut self, request: TakeAuthority) {
+    fn send(&mut self, request: TakeAuthority, outbox: &mut ClientOutbox) {
+        outbox.send(&ClientMessage::TakeAuthority(request.clone()));
         self.requested = Some(request);
     }
 
@@ -114,8 +152,14 @@ impl ClientUpstream {
         grant: &AuthorityGrant,
         config: &SceneConfig,
         replica: Option<&Replica>,
+        outbox: &mut ClientOutbox,
     ) -> Option<Vec<BodyId>> {
         let requested = self.requested.take()?;
+        if let Some(other) = self.regained.take().filter(|other| *other != requested) {
+            self.granted = Some(requested);
+            self.send(other, outbox);
+            return None;
+        }
         let parameters = |id: BodyId| {
             let body = replica?.body(id)?;
             let shape = replica?.shape(body.shape)?;
@@ -138,7 +182,18 @@ impl ClientUpstream {
             self.request_again(outbox);
             return None;
         }
-        self.requested = None;
+        let requested = self.requested.take();
+        if let Some(regained) = self.regained.take() {
+            if requested.as_ref() != Some(&regained) {
+                self.send(regained, outbox);
+                return None;
+            }
+            if let Some(less) = without_named(regained, error) {
+                self.regained = Some(less.clone());
+                self.send(less, outbox);
+                return None;
+            }
+        }
         if self.sender.is_none() {
             self.request_again(outbox);
         }
@@ -166,7 +221,7 @@ impl ClientUpstream {
 
     /// Removes a body that left the scene.
     pub(super) fn remove(&mut self, id: BodyId) {
-        let authorities = [&mut self.requested, &mut self.granted];
+        let authorities = [&mut self.requested, &mut self.granted, &mut self.regained];
         for authority in authorities.into_iter().flatten() {
             authority.bodies.retain(|body| *body != id);
         }
@@ -186,7 +241,8 @@ impl ClientUpstream {
     }
 
     fn covers(&self, id: BodyId) -> bool {
-        let mut authorities = [&self.requested, &self.granted].into_iter().flatten();
+        let authorities = [&self.requested, &self.granted, &self.regained];
+        let mut authorities = authorities.into_iter().flatten();
         authorities.any(|authority| authority.bodies.contains(&id))
     }
 
@@ -198,10 +254,27 @@ impl ClientUpstream {
         }
         let granted = self.granted.take();
         if let Some(authority) = granted.filter(|authority| !authority.bodies.is_empty()) {
-            outbox.send(&ClientMessage::TakeAuthority(authority.clone()));
-            self.requested = Some(authority);
+            self.send(authority, outbox);
         }
     }
+}
+
+/// The request without the body that a denial names; `None` if it names none, or the only one.
+fn without_named(mut request: TakeAuthority, error: AuthorityError) -> Option<TakeAuthority> {
+    let named = match error {
+        AuthorityError::UnknownBody(id)
+        | AuthorityError::NotYours(id)
+        | AuthorityError::NotKinematic(id)
+        | AuthorityError::HeldByAnother(id) => id,
+        AuthorityError::SceneFaulted
+        | AuthorityError::LostSync
+        | AuthorityError::NotAllowed
+        | AuthorityError::Other(_) => return None,
+    };
+    let count = request.bodies.len();
+    request.bodies.retain(|id| *id != named);
+    let is_less = request.bodies.len() < count && !request.bodies.is_empty();
+    is_less.then_some(request)
 }
 
 #[cfg(test)]
@@ -219,39 +292,48 @@ mod tests {
         }
     }
 
-    /// An upstream whose authority over the body was granted, though its replica has no such body.
-    fn granted() -> ClientUpstream {
+    /// Hands a grant without bodies to an upstream.
+    fn take_grant(upstream: &mut ClientUpstream, outbox: &mut ClientOutbox) -> Option<Vec<BodyId>> {
+        upstream.handle_grant(&grant(Vec::new()), &SceneConfig::default(), None, outbox)
+    }
+
+    /// An upstream whose authority over bodies was granted, though its replica has no such body.
+    fn granted(bodies: &[BodyId]) -> ClientUpstream {
         let mut upstream = ClientUpstream::new(LargestPacket::DEFAULT);
-        let request = upstream.request(Tolerance::NORMAL, &[BODY, BODY]);
-        let request = request.expect("nothing is pending");
-        assert_eq!(request.bodies, [BODY]);
-        upstream.note_requested(request);
-        let bodies = upstream.handle_grant(&grant(Vec::new()), &SceneConfig::default(), None);
-        assert_eq!(bodies, Some(Vec::new()));
+        let mut outbox = ClientOutbox::new();
+        let taken = upstream.take(Tolerance::NORMAL, bodies, Some(&mut outbox));
+        assert_eq!(taken, Ok(()));
+        assert_eq!(take_grant(&mut upstream, &mut outbox), Some(Vec::new()));
         upstream
+    }
+
+    /// The bodies of the pending request.
+    fn requested(upstream: &ClientUpstream) -> Option<&[BodyId]> {
+        let requested = upstream.requested.as_ref();
+        requested.map(|requested| &requested.bodies[..])
     }
 
     #[test]
     fn a_request_waits_for_the_answer_to_the_one_before() {
         let mut upstream = ClientUpstream::new(LargestPacket::DEFAULT);
-        let request = upstream.request(Tolerance::NORMAL, &[BODY]);
-        upstream.note_requested(request.expect("nothing is pending"));
-        let second = upstream.request(Tolerance::NORMAL, &[BODY]);
+        let mut outbox = ClientOutbox::new();
+        let first = upstream.take(Tolerance::NORMAL, &[BODY, BODY], Some(&mut outbox));
+        assert_eq!((first, requested(&upstream)), (Ok(()), Some(&[BODY][..])));
+        let second = upstream.take(Tolerance::NORMAL, &[BODY], Some(&mut outbox));
         assert_eq!(second, Err(Misuse::NotNow));
     }
 
     #[test]
     fn a_grant_that_was_not_requested_starts_nothing() {
         let mut upstream = ClientUpstream::new(LargestPacket::DEFAULT);
-        let bodies = upstream.handle_grant(&grant(Vec::new()), &SceneConfig::default(), None);
-        assert_eq!(bodies, None);
+        assert_eq!(take_grant(&mut upstream, &mut ClientOutbox::new()), None);
         assert_eq!(upstream.statistics(), None);
     }
 
     #[test]
     fn an_upstream_that_lost_sync_is_requested_again_unless_its_bodies_are_gone() {
         for is_gone in [false, true] {
-            let (mut upstream, mut outbox) = (granted(), ClientOutbox::new());
+            let (mut upstream, mut outbox) = (granted(&[BODY]), ClientOutbox::new());
             if is_gone {
                 upstream.remove(BODY);
             }
@@ -264,7 +346,7 @@ mod tests {
 
     #[test]
     fn only_bodies_under_authority_are_published() {
-        let (mut upstream, mut outbox) = (granted(), ClientOutbox::new());
+        let (mut upstream, mut outbox) = (granted(&[BODY]), ClientOutbox::new());
         let still = BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
         let still = still.expect("it is finite");
         let mut publish = |id| {
@@ -274,5 +356,44 @@ mod tests {
         let other = BodyId::new(4, 0);
         assert_eq!(publish(other), Err(Misuse::NoAuthority(other)));
         assert_eq!(publish(BODY), Ok(false), "the server granted no body");
+    }
+    #[test]
+    fn the_next_connection_requests_the_authority_without_bodies_that_it_cannot_have() {
+        let ids = [3, 4, 5].map(|index| BodyId::new(index, 0));
+        let mut upstream = granted(&ids).over_next_connection();
+        let mut outbox = ClientOutbox::new();
+        let still = BodyState::new([0.0; 3], [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
+        let states = [(BODY, still.expect("it is finite"))];
+        let published = upstream.publish(Tick::new(9), &states, Stepping::FreeRunning, &mut outbox);
+        assert_eq!(published, Ok(false));
+        assert_eq!(requested(&upstream), None);
+        upstream.regain(&mut outbox);
+        assert_eq!(requested(&upstream), Some(&ids[..]));
+        for (id, left) in [(ids[0], &ids[1..]), (ids[1], &ids[2..])] {
+            let error = AuthorityError::UnknownBody(id);
+            assert_eq!(upstream.handle_denied(error, &mut outbox), None);
+            assert_eq!(requested(&upstream), Some(left));
+        }
+        let error = AuthorityError::HeldByAnother(ids[2]);
+        assert_eq!(upstream.handle_denied(error, &mut outbox), Some(error));
+        assert_eq!(requested(&upstream), None);
+        assert!(!ids.iter().any(|id| upstream.covers(*id)));
+    }
+
+    #[test]
+    fn a_request_between_two_connections_and_one_while_authority_is_regained_are_the_last_word() {
+        let other = BodyId::new(4, 0);
+        let mut outbox = ClientOutbox::new();
+        let mut upstream = granted(&[BODY]).over_next_connection();
+        let taken = upstream.take(Tolerance::NORMAL, &[other], None);
+        assert_eq!((taken, requested(&upstream)), (Ok(()), None));
+        upstream.regain(&mut outbox);
+        assert_eq!(requested(&upstream), Some(&[other][..]));
+        let taken = upstream.take(Tolerance::NORMAL, &[BODY], Some(&mut outbox));
+        assert_eq!((taken, requested(&upstream)), (Ok(()), Some(&[other][..])));
+        assert_eq!(take_grant(&mut upstream, &mut outbox), None);
+        assert_eq!(requested(&upstream), Some(&[BODY][..]));
+        assert_eq!(take_grant(&mut upstream, &mut outbox), Some(Vec::new()));
+        assert_eq!(requested(&upstream), None);
     }
 }
