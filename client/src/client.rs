@@ -558,7 +558,7 @@ impl Client {
             Event::Resumed(_) => self.interrupted = None,
             _ => {}
         }
-        self.ids.note(event, self.pump.session.replica())
+        self.ids.note(event, &mut self.pump.session)
     }
 
     /// Computes the view of a tick.

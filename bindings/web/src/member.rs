@@ -154,7 +154,7 @@ impl WebMember {
                 event,
                 Event::BodyPlaced(_) | Event::SubscriptionChanged(_) | Event::Resumed(_)
             );
-            let is_handled = !joined.ids.note(event, self.session.replica());
+            let is_handled = !joined.ids.note(event, &mut self.session);
             // A call that needs more ids waits for this event.
             if is_handled && !matches!(event, Event::Reserved(_)) {
                 return;

@@ -5,20 +5,22 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use rhumb_protocol::limits::{GRANT, GRANTED_MAX, SHAPES_MAX};
-use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyBuilder, BodyDesc, Command, IdRange, Shape, ShapeId};
 use rhumb_protocol::session::{ClientSession, Event, Misuse, Replica};
 use rhumb_reckoning::{BodyId, BodyState};
 
 use crate::add_error::AddError;
 use crate::id_allocator::IdAllocator;
 use crate::own_bodies::{IdSource, OwnBodies};
-use crate::shape_numbers::{ShapeNumbers, ShapeSlot};
+use crate::shape_clashes::{ShapeClashes, WrongBody};
+use crate::shape_numbers::{ShapeNumbers, ShapeRefusal, ShapeSlot};
 
 /// The ids and numbers of one client in one scene.
 #[derive(Debug)]
 pub struct ClientIds {
     ids: IdAllocator,
     shapes: ShapeNumbers,
+    clashes: ShapeClashes,
     own_bodies: OwnBodies,
     /// Bodies of commands that the server has not answered yet, by the number of the command.
     bodies: VecDeque<(u64, BodyChange)>,
@@ -39,6 +41,7 @@ impl ClientIds {
         Self {
             ids: IdAllocator::new(granted),
             shapes: ShapeNumbers::default(),
+            clashes: ShapeClashes::default(),
             own_bodies: OwnBodies::default(),
             bodies: VecDeque::new(),
             last_command: None,
@@ -228,23 +231,72 @@ impl ClientIds {
         motion: BodyState,
         slot: ShapeSlot,
     ) -> Result<BodyId, AddError> {
-        let shape = match slot {
-            ShapeSlot::Known(id) => id,
-            ShapeSlot::Free(id) => {
-                let shape = body.shape().clone();
-                self.command(session, Command::AddShape { id, shape })?;
-                self.shapes.add_of_body(id);
-                id
-            }
-        };
+        let shape = self.queue_shape(session, body.shape(), slot)?;
         let id = self.ids.take().ok_or(Misuse::Indices(1))?;
         let desc = body.desc(id, shape);
-        self.queue(session, Command::AddBody { desc, motion }, IdSource::Client)?;
+        let number = self.queue(session, Command::AddBody { desc, motion }, IdSource::Client)?;
+        self.clashes.add(desc, number);
         Ok(id)
     }
 
-    /// Updates ids and shape numbers from an event; returns whether the event is passed to the caller.
-    pub fn note(&mut self, event: &Event, replica: Option<&Replica>) -> bool {
+    /// Queues a shape unless its number is known; returns the number.
+    fn queue_shape(
+        &mut self,
+        session: &mut ClientSession,
+        shape: &Shape,
+        slot: ShapeSlot,
+    ) -> Result<ShapeId, Misuse> {
+        match slot {
+            ShapeSlot::Known(id) => Ok(id),
+            ShapeSlot::Free(id) => {
+                let shape = shape.clone();
+                self.command(session, Command::AddShape { id, shape })?;
+                self.shapes.add_of_body(id);
+                Ok(id)
+            }
+        }
+    }
+
+    /// Queues what mends bodies that have another client's shape; returns when the session takes no command now.
+    fn mend_shapes(&mut self, session: &mut ClientSession) {
+        while let Some(wrong) = self.clashes.next_wrong() {
+            if self.mend_shape(session, &wrong).is_err() {
+                return;
+            }
+            self.clashes.end_wrong();
+        }
+    }
+
+    fn mend_shape(&mut self, session: &mut ClientSession, wrong: &WrongBody) -> Result<(), Misuse> {
+        let shape = wrong.shape.as_ref();
+        let slot = shape.map(|shape| self.shape_slot(session, shape, &mut BTreeMap::new()));
+        let (Some(shape), Some(Ok(slot))) = (shape, slot) else {
+            // It cannot be changed, or no number is left for its shape.
+            let removal = Command::RemoveBody { id: wrong.desc.id };
+            let number = self.command(session, removal)?;
+            self.clashes.add_removal(number);
+            return Ok(());
+        };
+        let shape = self.queue_shape(session, shape, slot)?;
+        let desc = BodyDesc {
+            shape,
+            ..wrong.desc
+        };
+        let number = self.command(session, Command::ChangeBody { desc })?;
+        self.clashes.add_change(desc, number);
+        Ok(())
+    }
+
+    /// Updates ids and shape numbers from an event, and queues what it calls for; returns whether the event is passed to
+    /// the caller.
+    pub fn note(&mut self, event: &Event, session: &mut ClientSession) -> bool {
+        let is_passed = self.take_event(event, session.replica());
+        self.mend_shapes(session);
+        is_passed
+    }
+
+    fn take_event(&mut self, event: &Event, replica: Option<&Replica>) -> bool {
+        let known = |id| replica.and_then(|replica| replica.shape(id));
         let is_gone = |id: BodyId| {
             replica.is_some_and(|replica| replica.stream().body(id.index()) != Some(id))
         };
@@ -257,11 +309,19 @@ impl ClientIds {
                 if let Some(id) = self.own_bodies.handle_refused(number, error) {
                     self.ids.release(id);
                 }
-                let known = |id| replica.and_then(|replica| replica.shape(id));
-                return !self.shapes.handle_refused(number, error, known);
+                let is_own = self.clashes.handle_refused(number, error);
+                return match self.shapes.handle_refused(number, error, known) {
+                    ShapeRefusal::Reported => !is_own,
+                    ShapeRefusal::Harmless => false,
+                    ShapeRefusal::Taken(id, shape) => {
+                        self.clashes.handle_taken(number, id, shape);
+                        false
+                    }
+                };
             }
             Event::Applied { through, .. } => {
                 self.shapes.handle_applied(through);
+                self.clashes.handle_applied(through, known);
                 let gone = self.own_bodies.handle_applied(through, is_gone);
                 gone.into_iter().for_each(|id| self.ids.release(id));
                 while self

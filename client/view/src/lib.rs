@@ -18,6 +18,7 @@ mod render_params;
 mod render_time;
 mod resumption;
 mod scene_clock;
+mod shape_clashes;
 mod shape_numbers;
 mod upstream_clock;
 mod view;

@@ -27,6 +27,18 @@ struct UnansweredShape {
     command: u64,
 }
 
+/// Meaning of the refusal of a command.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum ShapeRefusal {
+    /// The caller is to know of it.
+    Reported,
+    /// The command adds a shape that the scene already has under the same number, or removes one that has come into use
+    /// or is gone.
+    Harmless,
+    /// The number of a shape that came with a body is taken, perhaps by an equal shape.
+    Taken(ShapeId, Shape),
+}
+
 /// Number of a shape, and whether the shape must be added under it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ShapeSlot {
@@ -99,33 +111,40 @@ impl ShapeNumbers {
         self.removals.retain(|(command, _)| *command > through);
     }
 
-    /// Handles a refusal. True if it is harmless: the command adds a shape that the scene already has under the same number,
-    /// or removes one that has come into use or is gone.
+    /// Handles a refusal.
     pub(crate) fn handle_refused<'a>(
         &mut self,
         number: u64,
         error: CommandError,
         known: impl Fn(ShapeId) -> Option<&'a Shape>,
-    ) -> bool {
+    ) -> ShapeRefusal {
         if let Some((_, id)) = self.removals.iter().find(|(command, _)| *command == number) {
             let id = *id;
             return match error {
                 CommandError::ShapeInUse(_) => {
                     self.add_of_body(id);
-                    true
+                    ShapeRefusal::Harmless
                 }
-                CommandError::UnknownShape(_) => true,
-                _ => false,
+                CommandError::UnknownShape(_) => ShapeRefusal::Harmless,
+                _ => ShapeRefusal::Reported,
             };
         }
         let mut unanswered = self.unanswered.iter();
         let Some((id, added)) = unanswered.find(|(_, added)| added.command == number) else {
-            return false;
+            return ShapeRefusal::Reported;
         };
         let id = *id;
+        let is_taken = matches!(error, CommandError::ShapeIdTaken(_));
+        let refusal = match known(id) {
+            Some(shape) if is_taken && *shape == added.shape => ShapeRefusal::Harmless,
+            _ if is_taken && self.of_bodies.contains(&id) => {
+                ShapeRefusal::Taken(id, added.shape.clone())
+            }
+            _ => ShapeRefusal::Reported,
+        };
         // The shape with this number did not come with a body of this client.
         self.of_bodies.retain(|of_body| *of_body != id);
-        matches!(error, CommandError::ShapeIdTaken(_)) && known(id) == Some(&added.shape)
+        refusal
     }
 }
 
@@ -184,9 +203,14 @@ mod tests {
         numbers.remove(id, 8);
         assert_eq!(numbers.unused(|_| false, known), []);
         assert_eq!(numbers.find(&ball, known), Some(ShapeSlot::Free(id)));
-        assert!(!numbers.handle_refused(8, CommandError::NotAllowed, known));
-        assert_eq!(numbers.of_bodies, []);
-        assert!(numbers.handle_refused(8, CommandError::ShapeInUse(id), known));
+        let refusal = numbers.handle_refused(8, CommandError::NotAllowed, known);
+        assert_eq!(
+            (refusal, &numbers.of_bodies[..]),
+            (ShapeRefusal::Reported, &[][..])
+        );
+        let in_use = CommandError::ShapeInUse(id);
+        let refusal = numbers.handle_refused(8, in_use, known);
+        assert_eq!(refusal, ShapeRefusal::Harmless);
         // The number stays that of the shape until the removal is answered.
         let taken = |at| (at == id).then_some(&other);
         let next = ShapeId((id.0 + 1) % SHAPES_MAX);
@@ -196,20 +220,32 @@ mod tests {
         numbers.handle_applied(9);
         assert_eq!(numbers.find(&ball, known), Some(ShapeSlot::Known(id)));
         assert_eq!(numbers.unused(|_| false, known), [id]);
-        assert!(!numbers.handle_refused(8, CommandError::ShapeInUse(id), known));
+        let refusal = numbers.handle_refused(8, in_use, known);
+        assert_eq!(refusal, ShapeRefusal::Reported);
     }
 
     #[test]
     fn only_the_refusal_of_an_equal_shape_is_harmless() {
         let mut numbers = ShapeNumbers::default();
         let (ball, id) = (Shape::ball(0.5), ShapeId(3));
+        let (other, taken) = (Shape::ball(0.25), CommandError::ShapeIdTaken(id));
         numbers.add(id, ball.clone(), 7);
-        numbers.add_of_body(id);
-        let taken = CommandError::ShapeIdTaken(id);
-        assert!(numbers.handle_refused(7, taken, |_| Some(&ball)));
-        assert!(!numbers.handle_refused(8, taken, |_| Some(&ball)));
-        assert!(!numbers.handle_refused(7, taken, |_| None));
-        assert!(!numbers.handle_refused(7, CommandError::ShapeUnfit(id), |_| Some(&ball)));
-        assert_eq!(numbers.of_bodies, [], "another client's shape stays");
+        let of_caller = numbers.handle_refused(7, taken, |_| Some(&other));
+        assert_eq!(of_caller, ShapeRefusal::Reported);
+        let mut refusal = |number, error, known: Option<&Shape>| {
+            numbers.add_of_body(id);
+            let refusal = numbers.handle_refused(number, error, |_| known);
+            // Another client's shape stays.
+            assert_eq!(numbers.of_bodies.is_empty(), number == 7);
+            refusal
+        };
+        assert_eq!(refusal(7, taken, Some(&ball)), ShapeRefusal::Harmless);
+        assert_eq!(refusal(8, taken, Some(&ball)), ShapeRefusal::Reported);
+        let unfit = CommandError::ShapeUnfit(id);
+        assert_eq!(refusal(7, unfit, Some(&ball)), ShapeRefusal::Reported);
+        for known in [None, Some(&other)] {
+            let expected = ShapeRefusal::Taken(id, ball.clone());
+            assert_eq!(refusal(7, taken, known), expected);
+        }
     }
 }

@@ -6,8 +6,8 @@ use std::collections::BTreeSet;
 
 use rhumb_protocol::limits::SHAPES_MAX;
 use rhumb_protocol::message::{
-    Extensions, Joined, SceneEvent, ServerMessage, SessionKey, SessionState, StreamChoice,
-    VERSIONS, Welcome,
+    ClientMessage, Extensions, Frames, Joined, SceneEvent, ServerMessage, SessionKey, SessionState,
+    StreamChoice, VERSIONS, Welcome,
 };
 use rhumb_protocol::packet::{LargestPacket, StreamId};
 use rhumb_protocol::scene::{
@@ -15,8 +15,8 @@ use rhumb_protocol::scene::{
 };
 use rhumb_protocol::session::{ClientSession, Event};
 use rhumb_protocol::stream::{Features, StreamConfig};
-use rhumb_protocol::{Ending, Endpoint as _, Instant, Peer};
-use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor, Tick, Tolerance, Track};
+use rhumb_protocol::{Ending, Endpoint as _, Instant, Peer, Transmit};
+use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance, Track};
 use rhumb_view::{AddError, ClientIds};
 
 /// The one peer of a client.
@@ -76,7 +76,7 @@ fn tell(
     receive(session, messages);
     let mut seen = Vec::new();
     while let Some(event) = session.poll_event() {
-        if ids.note(&event, session.replica()) {
+        if ids.note(&event, session) {
             seen.push(event);
         }
     }
@@ -131,17 +131,29 @@ fn placed(placed: &[BodyId], shape: &Shape) -> Vec<ServerMessage> {
     let place = |body_id: &BodyId| SceneEvent::BodyPlaced {
         desc: body.desc(*body_id, id),
         inertia: None,
-        track: Track {
-            origin: Tick::ZERO,
-            predictor: Predictor::Rest,
-            anchor: Anchor::Exact(motion),
-            parent: None,
-        },
+        track: Track::resting(Tick::ZERO, motion),
         alias: None,
     };
     let shape = SceneEvent::ShapeAdded { id, shape };
     let events = std::iter::once(shape).chain(placed.iter().map(place));
     events.map(ServerMessage::SceneEvent).collect()
+}
+
+/// The commands that a session has sent since the last call.
+fn sent(session: &mut ClientSession) -> Vec<Command> {
+    let mut frames = Frames::new();
+    while let Some(transmit) = session.poll_transmit() {
+        if let Transmit::Control { bytes, .. } = transmit {
+            frames.push(&bytes);
+        }
+    }
+    let framed = std::iter::from_fn(|| frames.next_frame().expect("whole frames"));
+    let messages = framed.map(|framed| ClientMessage::decode(&framed).expect("a message"));
+    let commands = messages.filter_map(|message| match message {
+        Some(ClientMessage::Command(command)) => Some(command),
+        _ => None,
+    });
+    commands.collect()
 }
 
 /// The answer to all commands up to a number.
@@ -262,4 +274,83 @@ fn the_id_of_a_body_whose_addition_is_sent_again_is_kept() {
     answers.push(applied(number));
     tell(&mut session, &mut ids, &answers);
     assert_eq!(ids.take_ids(1), []);
+}
+
+/// Bodies whose shape is refused because another client has given its number to another shape, and the server's answer.
+/// One body is still under way.
+fn clash(session: &mut ClientSession, ids: &mut ClientIds) -> (Vec<BodyId>, Vec<Event>) {
+    let (body, state) = ball(0.5);
+    let added = [(); 2].map(|()| ids.add_body(session, &body, state));
+    let added: Vec<BodyId> = added.into_iter().flatten().collect();
+    let Some(Command::AddShape { id, .. }) = sent(session).into_iter().next() else {
+        panic!("a new shape is sent first");
+    };
+    let shape = Shape::cuboid(1.0, 2.0, 3.0);
+    let other = SceneEvent::ShapeAdded {
+        id,
+        shape: shape.clone(),
+    };
+    let desc = body.desc(added[0], id);
+    let place = SceneEvent::BodyPlaced {
+        desc,
+        inertia: None,
+        track: Track::resting(Tick::ZERO, state),
+        alias: None,
+    };
+    let error = CommandError::ShapeIdTaken(id);
+    let answers = [
+        ServerMessage::SceneEvent(other),
+        ServerMessage::Refused { number: 0, error },
+        ServerMessage::SceneEvent(place),
+        applied(1),
+    ];
+    let seen = tell(session, ids, &answers);
+    (added, seen)
+}
+
+#[test]
+fn bodies_whose_shape_number_another_client_took_first_get_their_shape() {
+    let (mut session, mut ids) = (member(), ClientIds::new(granted()));
+    let (added, seen) = clash(&mut session, &mut ids);
+    let refused = |event: &Event| matches!(event, Event::Refused { .. });
+    assert!(!seen.iter().any(refused), "{seen:?}");
+    let mut sent_now = sent(&mut session).into_iter();
+    let Some(Command::AddShape { id, shape }) = sent_now.next() else {
+        panic!("the shape is added under another number");
+    };
+    assert_eq!(shape, Shape::ball(0.5));
+    let changed: BTreeSet<BodyId> = sent_now
+        .map(|command| match command {
+            Command::ChangeBody { desc } if desc.shape == id => desc.id,
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    assert_eq!(changed, added.iter().copied().collect());
+    let (body, state) = ball(0.5);
+    ids.add_body(&mut session, &body, state).expect("an id");
+    let later = sent(&mut session);
+    assert!(
+        matches!(later[..], [Command::AddBody { desc, .. }] if desc.shape == id),
+        "{later:?}"
+    );
+}
+
+#[test]
+fn a_body_that_cannot_get_its_shape_is_removed() {
+    let (mut session, mut ids) = (member(), ClientIds::new(granted()));
+    let (added, _) = clash(&mut session, &mut ids);
+    let number = ids.last_command().expect("bodies are changed");
+    let errors = [
+        CommandError::UnderAuthority(added[0]),
+        CommandError::UnknownBody(added[1]),
+    ];
+    sent(&mut session);
+    let answers = (number - 1..).zip(errors);
+    let mut answers: Vec<ServerMessage> = answers
+        .map(|(number, error)| ServerMessage::Refused { number, error })
+        .collect();
+    answers.push(applied(number));
+    let seen = tell(&mut session, &mut ids, &answers);
+    assert!(matches!(seen[..], [Event::Applied { .. }]), "{seen:?}");
+    assert_eq!(sent(&mut session), [Command::RemoveBody { id: added[0] }]);
 }

@@ -1,0 +1,113 @@
+//! Bodies under a shape number that another client took first.
+//!
+//! Two clients may give one number to two shapes at once. The server refuses the second shape, and places the bodies
+//! behind it with the first one. This part finds those bodies, and `client_ids` mends them: it changes their shapes, or
+//! removes bodies that cannot be changed.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use rhumb_protocol::scene::{BodyDesc, CommandError, Shape, ShapeId};
+
+/// Unanswered commands that rely on the number of a shape.
+#[derive(Debug, Default)]
+pub(crate) struct ShapeClashes {
+    /// Bodies with a shape number of this client's choice, by the number of the command.
+    bodies: BTreeMap<u64, BodyDesc>,
+    /// Shapes that were refused because their numbers are taken, by the number of the command.
+    refused: BTreeMap<u64, (ShapeId, Shape)>,
+    /// Bodies to mend.
+    wrong: VecDeque<WrongBody>,
+    /// Commands that mend bodies, by number.
+    mends: BTreeMap<u64, Mend>,
+}
+
+/// A body that has another client's shape.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct WrongBody {
+    pub(crate) desc: BodyDesc,
+    /// The shape that it is to have; `None` if it is to be removed.
+    pub(crate) shape: Option<Shape>,
+}
+
+/// A command that mends a body.
+#[derive(Clone, Copy, Debug)]
+enum Mend {
+    Changes(BodyDesc),
+    Removes,
+}
+
+impl ShapeClashes {
+    /// Stores a queued command that adds a body.
+    pub(crate) fn add(&mut self, desc: BodyDesc, command: u64) {
+        self.bodies.insert(command, desc);
+    }
+
+    /// Stores a queued command that gives a body its shape after a clash.
+    pub(crate) fn add_change(&mut self, desc: BodyDesc, command: u64) {
+        self.bodies.insert(command, desc);
+        self.mends.insert(command, Mend::Changes(desc));
+    }
+
+    /// Stores a queued command that removes a body after a clash.
+    pub(crate) fn add_removal(&mut self, command: u64) {
+        self.mends.insert(command, Mend::Removes);
+    }
+
+    /// Handles the refusal of a shape whose number is taken, perhaps by an equal shape.
+    pub(crate) fn handle_taken(&mut self, command: u64, id: ShapeId, shape: Shape) {
+        self.refused.insert(command, (id, shape));
+    }
+
+    /// Handles the refusal of any command; true if it was to mend a body.
+    pub(crate) fn handle_refused(&mut self, command: u64, error: CommandError) -> bool {
+        self.bodies.remove(&command);
+        let mend = self.mends.remove(&command);
+        if let Some(Mend::Changes(desc)) = mend
+            && !matches!(error, CommandError::UnknownBody(_))
+        {
+            let shape = None;
+            self.wrong.push_back(WrongBody { desc, shape });
+        }
+        mend.is_some()
+    }
+
+    /// Handles the answer to all commands up to this number. `known`: the shapes of the scene, with the effects of these
+    /// commands.
+    pub(crate) fn handle_applied<'a>(
+        &mut self,
+        through: u64,
+        known: impl Fn(ShapeId) -> Option<&'a Shape>,
+    ) {
+        let later = through.saturating_add(1);
+        for (command, (id, shape)) in take_before(&mut self.refused, later) {
+            if known(id) == Some(&shape) {
+                continue;
+            }
+            // Also bodies that are still under way: they were queued before the number was known to be taken.
+            let behind = self.bodies.range(command..).map(|(_, desc)| *desc);
+            let wrong = behind.filter(|desc| desc.shape == id);
+            self.wrong.extend(wrong.map(|desc| WrongBody {
+                desc,
+                shape: Some(shape.clone()),
+            }));
+        }
+        take_before(&mut self.bodies, later);
+        take_before(&mut self.mends, later);
+    }
+
+    /// A body to mend.
+    pub(crate) fn next_wrong(&self) -> Option<WrongBody> {
+        self.wrong.front().cloned()
+    }
+
+    /// Forgets the body that [`Self::next_wrong`] returned.
+    pub(crate) fn end_wrong(&mut self) {
+        self.wrong.pop_front();
+    }
+}
+
+/// Takes what lies before a number out of a map.
+fn take_before<T>(map: &mut BTreeMap<u64, T>, number: u64) -> BTreeMap<u64, T> {
+    let later = map.split_off(&number);
+    core::mem::replace(map, later)
+}
