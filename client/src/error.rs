@@ -11,7 +11,7 @@ use rhumb_protocol::scene::{IdOutOfRange, InvalidSceneName, SceneName};
 use rhumb_protocol::session::{CloseCode, Misuse};
 use rhumb_reckoning::Tick;
 use rhumb_transport::{ConnectError, TransportCode};
-use rhumb_view::AddError;
+use rhumb_view::{AddError, InvalidTicks};
 
 /// Reason why a client did not join its scene.
 #[derive(Debug)]
@@ -39,6 +39,8 @@ pub enum OpenError {
         /// The rule that it breaks.
         cause: InvalidSceneName,
     },
+    /// The delay or the lead of the options.
+    Ticks(InvalidTicks),
     /// The text cannot be a token.
     Token(InvalidToken),
     /// The server denied the request.
@@ -100,6 +102,7 @@ impl fmt::Display for OpenError {
             Self::SceneName { scene, cause } => {
                 write!(f, "{scene:?} cannot name a scene: {cause}")
             }
+            Self::Ticks(cause) => cause.fmt(f),
             Self::Token(cause) => cause.fmt(f),
             Self::Denied { scene, denial } => write!(f, "scene {scene}: {denial}"),
             Self::Random(cause) => cause.fmt(f),

@@ -5,7 +5,7 @@ use std::time::Duration;
 use rhumb_protocol::message::StreamChoice;
 use rhumb_protocol::session::ClientSession;
 use rhumb_reckoning::Tolerance;
-use rhumb_view::{JoinMode, RESUME_WITHIN, ViewOptions};
+use rhumb_view::{InvalidTicks, JoinMode, RESUME_WITHIN, ViewOptions};
 
 /// Options for joining a scene.
 ///
@@ -20,10 +20,11 @@ pub struct JoinOptions {
     /// Free running only: how many ticks the view stays behind the newest tick that the server can have published,
     /// which is its clock less the scene's lookahead. At zero, prediction covers all of the network's delay. The client
     /// keeps two tracks of each body: one with more updates within the delay is shown where its newest track begins.
+    /// Finite and not negative.
     pub delay_ticks: f64,
     /// Free running only: how many ticks ahead of the server's clock this client publishes the bodies that it has
     /// authority over. At zero, the server predicts them over the network's delay; with that delay and a little more,
-    /// it need not. `Client::set_lead_ticks` changes it.
+    /// it need not. Finite and not negative; `Client::set_lead_ticks` changes it.
     pub lead_ticks: f64,
     /// Free running only: whether only whole ticks are shown, for a simulator with ticks of its own.
     pub whole_ticks: bool,
@@ -38,6 +39,12 @@ pub struct JoinOptions {
 }
 
 impl JoinOptions {
+    /// Refuses a delay or a lead that is no number of ticks.
+    pub(crate) fn check(&self) -> Result<(), InvalidTicks> {
+        InvalidTicks::check_delay(self.delay_ticks)?;
+        InvalidTicks::check_lead(self.lead_ticks)
+    }
+
     /// How the scene is shown.
     pub(crate) const fn view_options(&self) -> ViewOptions {
         ViewOptions {

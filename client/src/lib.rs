@@ -83,6 +83,8 @@ pub use rhumb_transport::{
 };
 #[cfg(feature = "queries")]
 pub use rhumb_view::{CopyAnswer, CopyQueries};
-pub use rhumb_view::{JoinMode, PipelineDepth, RESUME_WITHIN, RenderParams, RenderTime, View};
+pub use rhumb_view::{
+    InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RenderParams, RenderTime, View,
+};
 pub use server_connection::ServerConnection;
 pub use statistics::Statistics;

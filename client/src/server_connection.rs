@@ -132,10 +132,11 @@ impl ServerConnection {
     ///
     /// # Errors
     ///
-    /// [`OpenError`] for an invalid scene name or token, a request that the server denies, and an answer that does not arrive in
+    /// [`OpenError`] for an invalid scene name, token, delay or lead, a request that the server denies, and an answer that does not arrive in
     /// time.
     pub fn join_with(self, scene: &str, options: JoinOptions) -> Result<Client, OpenError> {
         let name = scene_name(scene)?;
+        options.check().map_err(OpenError::Ticks)?;
         let timeout = self.timeout;
         let denied = |denial| OpenError::Denied {
             scene: name.clone(),

@@ -90,7 +90,9 @@ impl BindingError {
                 OpenError::Address { .. } | OpenError::Connect(_) | OpenError::Socket { .. } => {
                     ErrorKind::Connect
                 }
-                OpenError::SceneName { .. } | OpenError::Token(_) => ErrorKind::Invalid,
+                OpenError::SceneName { .. } | OpenError::Ticks(_) | OpenError::Token(_) => {
+                    ErrorKind::Invalid
+                }
                 OpenError::Denied { .. } => ErrorKind::Denied,
                 OpenError::Random(_) => ErrorKind::Fault,
                 OpenError::Client(error) => client_kind(error),

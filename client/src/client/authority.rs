@@ -5,6 +5,7 @@
 use rhumb_protocol::Instant;
 use rhumb_protocol::scene::{IdOutOfRange, Stepping};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Tolerance};
+use rhumb_view::InvalidTicks;
 
 use super::Client;
 use crate::error::ClientError;
@@ -89,8 +90,14 @@ impl Client {
     /// this client publishes.
     ///
     /// With half of the round trip of [`Self::statistics`], plus a tick or two for jitter, the server need not predict.
-    pub const fn set_lead_ticks(&mut self, ticks: f64) {
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidTicks`] for a number that is negative or not finite; the lead stays as it was.
+    pub fn set_lead_ticks(&mut self, ticks: f64) -> Result<(), InvalidTicks> {
+        InvalidTicks::check_lead(ticks)?;
         self.upstream_clock.lead_ticks = ticks;
+        Ok(())
     }
 
     /// The bodies under this client's authority, in rising order.

@@ -1,7 +1,7 @@
-//! Calls of a client whose session is interrupted and goes on.
+//! Calls of a client whose server is a script.
 //!
-//! The server is a script. It has a lockstep scene with one kinematic body, grants authority over it, and answers each
-//! message of queries with the number of the connection as tick.
+//! It has a lockstep scene with one kinematic body, grants authority over it, and answers each message of queries with
+//! the number of the connection as tick.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -186,12 +186,20 @@ fn body() -> (BodyDesc, BodyState) {
     (body.desc(BODY, ShapeId(0)), state)
 }
 
-/// A member of the scene, and its server.
-fn member() -> (Client, Arc<Mutex<Script>>) {
+/// A connection to a server, and the server.
+fn connection() -> (ServerConnection, Arc<Mutex<Script>>) {
     let script = Arc::<Mutex<Script>>::default();
     let again = Arc::clone(&script);
     let redial: Redial = Arc::new(move |_| Some(connect(&again)));
-    let connection = ServerConnection::with_redial(connect(&script), redial);
+    (
+        ServerConnection::with_redial(connect(&script), redial),
+        script,
+    )
+}
+
+/// A member of the scene, and its server.
+fn member() -> (Client, Arc<Mutex<Script>>) {
+    let (connection, script) = connection();
     let options = JoinOptions {
         resume_within: Some(Duration::from_secs(60)),
         ..JoinOptions::default()
@@ -266,4 +274,31 @@ fn an_interrupted_client_may_publish_and_regains_its_authority() {
     client.idle(Duration::from_millis(1)).expect("it is open");
     assert!(publish(&mut client).is_some());
     assert_eq!(client.authority_bodies().collect::<Vec<_>>(), [BODY]);
+}
+
+#[test]
+fn a_delay_or_lead_that_is_negative_or_not_finite_is_refused() {
+    let (mut client, _script) = member();
+    for ticks in [-1.0, f64::NAN, f64::INFINITY] {
+        let delay = JoinOptions {
+            delay_ticks: ticks,
+            ..JoinOptions::default()
+        };
+        let lead = JoinOptions {
+            lead_ticks: ticks,
+            ..JoinOptions::default()
+        };
+        for options in [delay, lead] {
+            let joined = connection().0.join_with("script", options);
+            let error = joined.map(|_| ()).expect_err("a wrong number of ticks");
+            assert!(
+                error.to_string().contains("finite and not negative"),
+                "{error}"
+            );
+        }
+        client
+            .set_lead_ticks(ticks)
+            .expect_err("a wrong number of ticks");
+    }
+    client.set_lead_ticks(2.5).expect("a number of ticks");
 }

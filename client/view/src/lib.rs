@@ -10,6 +10,7 @@ mod client_ids;
 #[cfg(feature = "queries")]
 mod copy_queries;
 mod id_allocator;
+mod invalid_ticks;
 mod joining;
 mod live_view;
 mod own_bodies;
@@ -27,6 +28,7 @@ pub use add_error::AddError;
 pub use client_ids::ClientIds;
 #[cfg(feature = "queries")]
 pub use copy_queries::{CopyAnswer, CopyQueries};
+pub use invalid_ticks::InvalidTicks;
 pub use joining::{JoinError, JoinMode, Joining};
 pub use live_view::{LiveView, ViewOptions};
 pub use pipeline_depth::PipelineDepth;

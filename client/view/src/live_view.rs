@@ -8,6 +8,7 @@ use rhumb_protocol::scene::SceneConfig;
 use rhumb_protocol::session::{ClientSession, Event, Replica};
 use rhumb_reckoning::Seconds;
 
+use crate::invalid_ticks;
 use crate::render_params::RenderParams;
 use crate::render_time::RenderTime;
 use crate::scene_clock::SceneClock;
@@ -20,7 +21,8 @@ const PREDICT_SECONDS: f64 = 0.5;
 /// How a free-running scene is shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewOptions {
-    /// Ticks that the view stays behind the newest tick that the server can have published.
+    /// Ticks that the view stays behind the newest tick that the server can have published, finite and not negative. A
+    /// view takes any other number for zero.
     pub delay_ticks: f64,
     /// True if only whole ticks are shown.
     pub whole_ticks: bool,
@@ -112,7 +114,8 @@ impl LiveView {
     /// lookahead.
     #[must_use]
     pub fn delay_ticks(&self) -> f64 {
-        self.options.delay_ticks + f64::from(self.config.publish_schedule.lookahead.count())
+        invalid_ticks::or_none(self.options.delay_ticks)
+            + f64::from(self.config.publish_schedule.lookahead.count())
     }
 
     /// Ticks by which the view lies behind the server's clock; `None` before the clock is known.
@@ -120,5 +123,24 @@ impl LiveView {
     pub fn behind_ticks(&self, now: Instant) -> Option<f64> {
         let shown = self.view.time()?;
         Some(self.clock.server(now)? - shown.ticks())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_delay_that_is_no_number_of_ticks_is_none() {
+        for delay_ticks in [f64::NAN, f64::INFINITY, -5.0, 2.5] {
+            let options = ViewOptions {
+                delay_ticks,
+                whole_ticks: false,
+                smooth: true,
+            };
+            let view = LiveView::new(SceneConfig::default(), options);
+            let expected = if delay_ticks == 2.5 { 2.5 } else { 0.0 };
+            assert_eq!(view.delay_ticks(), expected, "{delay_ticks}");
+        }
     }
 }

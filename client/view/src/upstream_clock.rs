@@ -7,6 +7,7 @@ use rhumb_protocol::Instant;
 use rhumb_protocol::session::{ClientSession, Event, Misuse};
 use rhumb_reckoning::{BodyId, BodyState, Rate, Tick};
 
+use crate::invalid_ticks;
 use crate::scene_clock::SceneClock;
 
 /// The clock of an upstream.
@@ -14,7 +15,8 @@ use crate::scene_clock::SceneClock;
 pub struct UpstreamClock {
     clock: SceneClock,
     rate: Rate,
-    /// Ticks ahead of the server's clock at which states are published.
+    /// Ticks ahead of the server's clock at which states are published, finite and not negative. Any other number counts as
+    /// zero.
     pub lead_ticks: f64,
 }
 
@@ -62,7 +64,8 @@ impl UpstreamClock {
     /// The moment of the scene that is published now, in ticks; `None` before the server's clock is known.
     fn present(&mut self, now: Instant) -> Option<f64> {
         self.clock.server(now)?;
-        let shown = self.clock.show(now, -self.lead_ticks, 0.0, f64::INFINITY);
+        let lead_ticks = invalid_ticks::or_none(self.lead_ticks);
+        let shown = self.clock.show(now, -lead_ticks, 0.0, f64::INFINITY);
         Some(shown.ticks())
     }
 }
@@ -88,7 +91,24 @@ fn extrapolate(motion: &BodyState, seconds: f64) -> BodyState {
 
 #[cfg(test)]
 mod tests {
+    use rhumb_protocol::Span;
+
     use super::*;
+
+    #[test]
+    fn a_lead_that_is_no_number_of_ticks_is_none() {
+        let sample = Event::ClockSeen {
+            at: Instant::ZERO,
+            tick: Tick::new(60),
+            since_tick: Span::ZERO,
+            round_trip: Span::ZERO,
+        };
+        for lead_ticks in [0.0, f64::NAN, f64::INFINITY, -5.0] {
+            let mut clock = UpstreamClock::new(Rate::HZ_60, lead_ticks);
+            clock.note(&sample);
+            assert_eq!(clock.present(Instant::ZERO), Some(60.0), "{lead_ticks}");
+        }
+    }
 
     #[test]
     fn a_state_is_extrapolated_by_its_velocities_and_a_still_one_keeps_every_bit() {

@@ -139,7 +139,8 @@ fn a_free_running_server_has_the_final_state_of_an_avatar() {
     }
     let place = place.stilled();
     let path = publisher.statistics().wire.round_trip.as_secs_f64() / 2.0;
-    publisher.set_lead_ticks(path * 60.0 + 1.0);
+    let led = publisher.set_lead_ticks(path * 60.0 + 1.0);
+    led.expect("a round trip is finite");
     while watcher.view().place(id).is_none() || off(&watcher, id, &place) > CLOSE_METRES {
         publisher
             .publish(&[(id, place)])
