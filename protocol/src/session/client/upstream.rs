@@ -357,6 +357,7 @@ mod tests {
         assert_eq!(publish(other), Err(Misuse::NoAuthority(other)));
         assert_eq!(publish(BODY), Ok(false), "the server granted no body");
     }
+
     #[test]
     fn the_next_connection_requests_the_authority_without_bodies_that_it_cannot_have() {
         let ids = [3, 4, 5].map(|index| BodyId::new(index, 0));
