@@ -10,8 +10,9 @@ mod joints;
 
 use glam::{Quat, Vec3};
 use rhumb_client::scene::{
-    Command, Compound, Contact, Heights, Hit, Hull, Invalid, Joint, JointFrame, LockedAxes, Mesh,
-    Part, Query, QueryKind, Shape,
+    Character, CharacterStep, Command, Compound, Contact, Heights, Hit, Hull, Invalid, Joint,
+    JointFrame, LockedAxes, Locomotion, Mesh, Part, Query, QueryKind, Shape, Vehicle, Wheel,
+    WheelInput,
 };
 
 use self::joints::JointAxes;
@@ -312,9 +313,84 @@ impl Coordinates {
         }
     }
 
+    /// The default character, in the application's units of length.
+    #[must_use]
+    pub fn plain_character(self) -> Character {
+        let plain = Character::default();
+        Character {
+            offset: self.length_out(plain.offset),
+            snap: plain.snap.map(|snap| self.length_out(snap)),
+            ..plain
+        }
+    }
+
+    /// A wheel with the default suspension, which points down. Its axle points to the right: along x, in Unreal along y.
+    ///
+    /// Its suspension may push with any force.
+    #[must_use]
+    pub fn plain_wheel(self, position: Vec3, radius: f32) -> Wheel {
+        let plain = Wheel::at(position, radius);
+        Wheel {
+            direction: self.direction_out(plain.direction),
+            axle: match self {
+                Self::Rhumb | Self::Unity | Self::ZUp => Vec3::X,
+                Self::Unreal => Vec3::Y,
+            },
+            rest_length: self.length_out(plain.rest_length),
+            travel: self.length_out(plain.travel),
+            ..plain
+        }
+    }
+
+    /// A character in Rhumb's coordinates.
+    #[must_use]
+    pub fn character_in(self, character: Character) -> Character {
+        Character {
+            up: character.up.map(|up| self.direction_in(up)),
+            offset: self.length_in(character.offset),
+            step: character.step.map(|step| CharacterStep {
+                height: self.length_in(step.height),
+                width: self.length_in(step.width),
+                ..step
+            }),
+            snap: character.snap.map(|snap| self.length_in(snap)),
+            ..character
+        }
+    }
+
+    /// A wheel in Rhumb's coordinates. An axle that points to the right of the way forward does so in any axes.
+    #[must_use]
+    pub fn wheel_in(self, wheel: Wheel) -> Wheel {
+        // Stiffness and damping are accelerations for a length and for a speed: they have no unit of length.
+        Wheel {
+            position: self.vector_in(wheel.position),
+            direction: self.direction_in(wheel.direction),
+            axle: self.direction_in(wheel.axle),
+            radius: self.length_in(wheel.radius),
+            rest_length: self.length_in(wheel.rest_length),
+            travel: self.length_in(wheel.travel),
+            force_max: self.length_in(wheel.force_max),
+            ..wheel
+        }
+    }
+
+    /// An input of a wheel in Rhumb's coordinates. A steering is a turn: in left-handed axes a positive one is the other
+    /// way round.
+    #[must_use]
+    pub fn wheel_input_in(self, input: WheelInput) -> WheelInput {
+        WheelInput {
+            steering: match self.is_left_handed() {
+                true => 0.0 - input.steering,
+                false => input.steering,
+            },
+            force: self.length_in(input.force),
+            brake: self.length_in(input.brake),
+        }
+    }
+
     /// A command in Rhumb's coordinates.
     ///
-    /// Descriptions of bodies, characters and vehicles pass as they are: no binding offers them.
+    /// Descriptions of bodies pass as they are: no binding offers such commands.
     #[must_use]
     pub fn command_in(self, command: Command) -> Command {
         match command {
@@ -379,11 +455,34 @@ impl Coordinates {
             | Command::RemoveJoint { .. }
             | Command::ChangeBody { .. }
             | Command::Sleep { .. }
-            | Command::Wake { .. }
-            | Command::SetLocomotion { .. }
-            | Command::Jump { .. }
-            | Command::SetWheels { .. } => command,
+            | Command::Wake { .. } => command,
+            Command::SetLocomotion { .. } | Command::Jump { .. } | Command::SetWheels { .. } => {
+                self.locomotion_command_in(command)
+            }
         }
+    }
+
+    /// A command about a body's locomotion, in Rhumb's coordinates.
+    fn locomotion_command_in(self, mut command: Command) -> Command {
+        match &mut command {
+            Command::SetLocomotion { locomotion, .. } => match locomotion.as_mut() {
+                Locomotion::None => {}
+                Locomotion::Character(character) => *character = self.character_in(*character),
+                Locomotion::Vehicle(Vehicle { wheels }) => {
+                    wheels
+                        .iter_mut()
+                        .for_each(|wheel| *wheel = self.wheel_in(*wheel));
+                }
+            },
+            Command::Jump { speed, .. } => *speed = self.length_in(*speed),
+            Command::SetWheels { inputs, .. } => {
+                inputs
+                    .iter_mut()
+                    .for_each(|input| *input = self.wheel_input_in(*input));
+            }
+            _ => {}
+        }
+        command
     }
 
     /// A command with a joint, in Rhumb's coordinates.
@@ -462,5 +561,7 @@ impl Coordinates {
 
 #[cfg(test)]
 mod joint_tests;
+#[cfg(test)]
+mod locomotion_tests;
 #[cfg(test)]
 mod tests;
