@@ -227,6 +227,25 @@ typedef uint32_t RhumbJointKind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
+// Ground that a jump of a character needs.
+enum RhumbJumpFrom
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  // The character jumps only if it stands on the ground.
+  RHUMB_JUMP_FROM_GROUND,
+  // It jumps in the air too.
+  RHUMB_JUMP_FROM_ANYWHERE,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum RhumbJumpFrom RhumbJumpFrom;
+#else
+typedef uint32_t RhumbJumpFrom;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
 // Kind of a command.
 enum RhumbCommandKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -351,6 +370,10 @@ enum RhumbEventKind
   RHUMB_EVENT_KIND_ENDED,
   // Any other event; `text` names it.
   RHUMB_EVENT_KIND_OTHER,
+  // The character `body` reached ground that carries it.
+  RHUMB_EVENT_KIND_REACHED_GROUND,
+  // No ground carries the character `body` any more.
+  RHUMB_EVENT_KIND_LEFT_GROUND,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -603,6 +626,74 @@ typedef struct RhumbJointDesc {
   // Torque at which the joint breaks.
   float break_torque;
 } RhumbJointDesc;
+
+// A character: a kinematic body that walks by the velocity that was set last, as far as the world lets it, and falls.
+// Begin with `rhumb_character_init`.
+typedef struct RhumbCharacter {
+  // Not zero: `up` replaces the direction against the scene's gravity.
+  uint8_t has_up;
+  // Not zero: it climbs steps of at most `step_height` with at least `step_width`.
+  uint8_t has_step;
+  // Not zero: it also climbs onto dynamic bodies; otherwise it pushes them.
+  uint8_t steps_onto_dynamic;
+  // Not zero: it follows the ground down by at most `snap` without a fall.
+  uint8_t has_snap;
+  // Direction away from the ground, in world axes, of unit length.
+  float up[3];
+  // Gap that it keeps to its surroundings, units of length.
+  float offset;
+  // Steepest slope that it climbs, radians from level ground.
+  float climb_angle;
+  // Slope from which on it slides down, radians from level ground.
+  float slide_angle;
+  // Mass with which it pushes dynamic bodies, kilograms; at zero it pushes none.
+  float mass;
+  // Greatest height of a step, units of length.
+  float step_height;
+  // Free width that it needs on a step, units of length.
+  float step_width;
+  // Greatest drop of the ground that it follows, units of length.
+  float snap;
+} RhumbCharacter;
+
+// A wheel of a vehicle, in the axes of its chassis and from its centre of mass: a ray with a spring. Begin with
+// `rhumb_wheel_init`.
+typedef struct RhumbWheel {
+  // Upper end of the suspension, units of length.
+  float position[3];
+  // Direction of the suspension, of unit length, towards the ground.
+  float direction[3];
+  // Axis about which the wheel turns, of unit length. It points to the right of the way forward.
+  float axle[3];
+  // Units of length.
+  float radius;
+  // Length of the suspension without load, from the position to the wheel's centre, units of length.
+  float rest_length;
+  // Greatest change of that length, units of length.
+  float travel;
+  // Acceleration of the chassis for a change of that length, 1/s².
+  float stiffness;
+  // Damping while the spring is compressed, 1/s.
+  float compression;
+  // Damping while the spring relaxes, 1/s.
+  float relaxation;
+  // Greatest force of the suspension.
+  float force_max;
+  // Greatest force along the ground, as a share of the suspension's force. The part along the way forward counts half.
+  float friction_slip;
+  // Factor of the force along the axle that keeps the wheel from sliding sideways.
+  float side_friction;
+} RhumbWheel;
+
+// Steering, force and brake of a wheel. All zeros: it rolls freely.
+typedef struct RhumbWheelInput {
+  // Turn about the axis that points up, radians: a positive one steers left, in left-handed coordinates right.
+  float steering;
+  // Force forward; a negative one acts backward.
+  float force;
+  // Greatest force that stops it. A wheel with a force does not brake.
+  float brake;
+} RhumbWheelInput;
 
 // The arrays of a view. They have one order, which changes from view to view.
 //
@@ -857,6 +948,78 @@ RhumbCode rhumb_scene_change_joint(struct RhumbScene scene,
 //
 // `last` is null or points to memory for a number.
 RhumbCode rhumb_scene_remove_joint(struct RhumbScene scene, uint32_t joint, uint64_t *last);
+
+// Makes a plain character in a scene of these `RhumbCoordinates`: of 80 kg, that climbs slopes of up to 45 degrees, slides
+// down steeper ones, climbs no steps, and follows the ground down by 0.2 m.
+//
+// # Safety
+//
+// `character` points to memory for a `RhumbCharacter`.
+RhumbCode rhumb_character_init(struct RhumbCharacter *character,
+                               uint32_t coordinates);
+
+// Makes a plain wheel in a scene of these `RhumbCoordinates`: of radius 0.3 m at the chassis' centre of mass, on a suspension
+// of 0.3 m that points down. Its axle is along x, in Unreal's coordinates along y.
+//
+// A vehicle of such wheels rolls forward along -z in Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.
+// Four of them let a chassis sink by 5 cm.
+//
+// # Safety
+//
+// `wheel` points to memory for a `RhumbWheel`.
+RhumbCode rhumb_wheel_init(struct RhumbWheel *wheel,
+                           uint32_t coordinates);
+
+// Queues that a kinematic body becomes a character, or that a character gets other settings.
+//
+// Its velocity, which `RHUMB_COMMAND_KIND_SET_VELOCITY` sets, is the one by which it walks. `last` may be null; otherwise it
+// receives the number of the command, which events name.
+//
+// # Safety
+//
+// `character` points to a character; `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_set_character(struct RhumbScene scene,
+                                    RhumbBody body,
+                                    const struct RhumbCharacter *character,
+                                    uint64_t *last);
+
+// Queues that a dynamic body becomes a vehicle on 1 to 16 wheels, which begin without inputs.
+//
+// # Safety
+//
+// `wheels` points to `count` wheels; `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_set_vehicle(struct RhumbScene scene,
+                                  RhumbBody body,
+                                  const struct RhumbWheel *wheels,
+                                  size_t count,
+                                  uint64_t *last);
+
+// Queues that a character or a vehicle becomes an ordinary body again.
+//
+// # Safety
+//
+// `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_clear_locomotion(struct RhumbScene scene, RhumbBody body, uint64_t *last);
+
+// Queues that a character rises with this speed along its direction up, in units of length per second.
+//
+// `from` is a `RhumbJumpFrom`: a jump from the ground changes nothing in the air.
+//
+// # Safety
+//
+// `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_jump(struct RhumbScene scene, RhumbBody body, float speed, uint32_t from, uint64_t *last);
+
+// Queues the inputs of all wheels of a vehicle, in the order of its wheels. It keeps them until the next ones.
+//
+// # Safety
+//
+// `inputs` points to `count` inputs; `last` is null or points to memory for a number.
+RhumbCode rhumb_scene_set_wheels(struct RhumbScene scene,
+                                 RhumbBody body,
+                                 const struct RhumbWheelInput *inputs,
+                                 size_t count,
+                                 uint64_t *last);
 
 // Lends the arrays of the view that the last advance, wait or poll computed.
 //

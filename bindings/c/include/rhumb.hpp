@@ -406,6 +406,100 @@ private:
     RhumbJointDesc raw_;
 };
 
+/// A character, for Scene::set_character: a kinematic body that walks by its velocity. Give the coordinates of its scene.
+class Character {
+public:
+    explicit Character(RhumbCoordinates coordinates = RHUMB_COORDINATES_RHUMB) {
+        throw_unless_ok(rhumb_character_init(&raw_, static_cast<std::uint32_t>(coordinates)));
+    }
+
+    /// Direction away from the ground, instead of the one against gravity; of unit length.
+    Character& up(Vec3 direction) {
+        raw_.has_up = 1;
+        raw_.up[0] = direction.x;
+        raw_.up[1] = direction.y;
+        raw_.up[2] = direction.z;
+        return *this;
+    }
+
+    /// The greatest height of a step that it climbs, and the free width that it needs there.
+    Character& step(float height, float width) {
+        raw_.has_step = 1;
+        raw_.step_height = height;
+        raw_.step_width = width;
+        return *this;
+    }
+
+    /// The steepest slope that it climbs and on which it stands, radians from level ground.
+    Character& slope(float angle) {
+        raw_.climb_angle = angle;
+        raw_.slide_angle = angle;
+        return *this;
+    }
+
+    /// The mass with which it pushes dynamic bodies.
+    Character& mass(float kilograms) {
+        raw_.mass = kilograms;
+        return *this;
+    }
+
+    /// Every other field, as rhumb.h names it.
+    RhumbCharacter& fields() noexcept { return raw_; }
+    const RhumbCharacter& raw() const noexcept { return raw_; }
+
+private:
+    RhumbCharacter raw_;
+};
+
+/// A wheel of a vehicle, for Scene::set_vehicle, in the axes of its chassis. Give the coordinates of its scene.
+class Wheel {
+public:
+    /// On a suspension of 0.3 m that points down. Its axle points to the right.
+    Wheel(Vec3 position, float radius, RhumbCoordinates coordinates = RHUMB_COORDINATES_RHUMB) {
+        throw_unless_ok(rhumb_wheel_init(&raw_, static_cast<std::uint32_t>(coordinates)));
+        set(raw_.position, position);
+        raw_.radius = radius;
+    }
+
+    /// Directions of the suspension, towards the ground, and of the axle, to the right of the way forward; of unit length.
+    Wheel& axes(Vec3 direction, Vec3 axle) {
+        set(raw_.direction, direction);
+        set(raw_.axle, axle);
+        return *this;
+    }
+
+    /// Length without load, and the greatest change of it.
+    Wheel& suspension(float rest_length, float travel) {
+        raw_.rest_length = rest_length;
+        raw_.travel = travel;
+        return *this;
+    }
+
+    /// Stiffness in 1/s², and damping of both directions in 1/s.
+    Wheel& spring(float stiffness, float damping) {
+        raw_.stiffness = stiffness;
+        raw_.compression = damping;
+        raw_.relaxation = damping;
+        return *this;
+    }
+
+    /// Every other field, as rhumb.h names it.
+    RhumbWheel& fields() noexcept { return raw_; }
+    const RhumbWheel& raw() const noexcept { return raw_; }
+
+private:
+    static void set(float (&to)[3], Vec3 from) {
+        to[0] = from.x;
+        to[1] = from.y;
+        to[2] = from.z;
+    }
+
+    RhumbWheel raw_;
+};
+
+/// Steering, force and brake of a wheel: see RhumbWheelInput.
+using WheelInput = RhumbWheelInput;
+
 /// Commands, for Scene::command.
 namespace command {
 
@@ -644,6 +738,46 @@ public:
     std::uint64_t remove_joint(std::uint32_t joint) {
         std::uint64_t number = 0;
         throw_unless_ok(rhumb_scene_remove_joint(raw_, joint, &number));
+        return number;
+    }
+
+    /// Queues that a kinematic body becomes a character, or that a character gets other settings.
+    std::uint64_t set_character(Body body, const Character& character) {
+        std::uint64_t number = 0;
+        throw_unless_ok(rhumb_scene_set_character(raw_, body, &character.raw(), &number));
+        return number;
+    }
+
+    /// Queues that a dynamic body becomes a vehicle on 1 to 16 wheels.
+    std::uint64_t set_vehicle(Body body, const std::vector<Wheel>& wheels) {
+        std::vector<RhumbWheel> raw;
+        raw.reserve(wheels.size());
+        for (const Wheel& wheel : wheels) {
+            raw.push_back(wheel.raw());
+        }
+        std::uint64_t number = 0;
+        throw_unless_ok(rhumb_scene_set_vehicle(raw_, body, raw.data(), raw.size(), &number));
+        return number;
+    }
+
+    /// Queues that a character or a vehicle becomes an ordinary body again.
+    std::uint64_t clear_locomotion(Body body) {
+        std::uint64_t number = 0;
+        throw_unless_ok(rhumb_scene_clear_locomotion(raw_, body, &number));
+        return number;
+    }
+
+    /// Queues that a character rises with this speed along its direction up.
+    std::uint64_t jump(Body body, float speed, RhumbJumpFrom from = RHUMB_JUMP_FROM_GROUND) {
+        std::uint64_t number = 0;
+        throw_unless_ok(rhumb_scene_jump(raw_, body, speed, static_cast<std::uint32_t>(from), &number));
+        return number;
+    }
+
+    /// Queues the inputs of all wheels of a vehicle, in their order. It keeps them.
+    std::uint64_t set_wheels(Body body, const std::vector<WheelInput>& inputs) {
+        std::uint64_t number = 0;
+        throw_unless_ok(rhumb_scene_set_wheels(raw_, body, inputs.data(), inputs.size(), &number));
         return number;
     }
 

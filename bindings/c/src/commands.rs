@@ -64,12 +64,40 @@ pub unsafe extern "C" fn rhumb_scene_command(
             .iter()
             .map(RhumbCommand::command)
             .collect::<Result<_, _>>()?;
-        match with(scene, |scene| scene.command(commands))? {
-            // SAFETY: the caller promises the memory.
-            Some(number) => unsafe { write_if_wanted(last, number, "last") },
-            None => Ok(()),
-        }
+        // SAFETY: the caller promises the memory.
+        unsafe { send_all(scene, commands, last) }
     })
+}
+
+/// Queues a command, and writes its number.
+///
+/// # Safety
+///
+/// `last` is null or points to memory for a number.
+pub(crate) unsafe fn send(
+    scene: RhumbScene,
+    command: Command,
+    last: *mut u64,
+) -> Result<(), BindingError> {
+    // SAFETY: the caller promises the memory.
+    unsafe { send_all(scene, vec![command], last) }
+}
+
+/// Queues commands, and writes the number of the last, if there are any.
+///
+/// # Safety
+///
+/// As [`send`].
+unsafe fn send_all(
+    scene: RhumbScene,
+    commands: Vec<Command>,
+    last: *mut u64,
+) -> Result<(), BindingError> {
+    match with(scene, |scene| scene.command(commands))? {
+        // SAFETY: the caller promises the memory.
+        Some(number) => unsafe { write_if_wanted(last, number, "last") },
+        None => Ok(()),
+    }
 }
 
 impl RhumbCommand {

@@ -6,10 +6,11 @@ use rhumb_bindings::rhumb_client::scene::{
 };
 use rhumb_bindings::{BindingError, JointFreedom, JointParams, parse_body_word};
 
-use crate::border::{guard, one_of, value, write, write_if_wanted};
+use crate::border::{guard, one_of, value, write};
+use crate::commands::send;
 use crate::descriptions::RhumbBody;
 use crate::kinds::JOINT_KINDS;
-use crate::scene::{RhumbScene, with};
+use crate::scene::RhumbScene;
 use crate::status::RhumbCode;
 
 /// Frame of a joint in one of its bodies.
@@ -150,19 +151,6 @@ pub unsafe extern "C" fn rhumb_scene_remove_joint(
     let id = JointId(joint);
     // SAFETY: the caller promises the memory.
     guard(|| unsafe { send(scene, Command::RemoveJoint { id }, last) })
-}
-
-/// Queues a command, and writes its number.
-///
-/// # Safety
-///
-/// `last` is null or points to memory for a number.
-unsafe fn send(scene: RhumbScene, command: Command, last: *mut u64) -> Result<(), BindingError> {
-    match with(scene, |scene| scene.command(vec![command]))? {
-        // SAFETY: the caller promises the memory.
-        Some(number) => unsafe { write_if_wanted(last, number, "last") },
-        None => Ok(()),
-    }
 }
 
 impl RhumbJointFrame {

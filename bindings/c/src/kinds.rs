@@ -2,7 +2,7 @@
 //!
 //! A struct of C holds their numbers as `uint32_t`, because C does not keep a number within its enumeration.
 
-use rhumb_bindings::rhumb_client::scene::{BodyKind, Stepping};
+use rhumb_bindings::rhumb_client::scene::{BodyKind, JumpFrom, Stepping};
 use rhumb_bindings::{Coordinates, EventKind, JoinCondition, JointFreedom};
 
 /// Axes and unit of length of an application. Up is the same direction in all of them.
@@ -101,6 +101,16 @@ pub enum RhumbJointKind {
     Spring,
     /// Every axis that `locked_axes` does not name, with any limits.
     Generic,
+}
+
+/// Ground that a jump of a character needs.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbJumpFrom {
+    /// The character jumps only if it stands on the ground.
+    Ground,
+    /// It jumps in the air too.
+    Anywhere,
 }
 
 /// Kind of a command.
@@ -207,6 +217,10 @@ pub enum RhumbEventKind {
     Ended,
     /// Any other event; `text` names it.
     Other,
+    /// The character `body` reached ground that carries it.
+    ReachedGround,
+    /// No ground carries the character `body` any more.
+    LeftGround,
 }
 
 /// The coordinates in the order of their numbers.
@@ -233,6 +247,9 @@ pub(crate) const JOINT_KINDS: [JointFreedom; 7] = [
     JointFreedom::Spring,
     JointFreedom::Generic,
 ];
+
+/// The grounds of jumps in the order of their numbers.
+pub(crate) const JUMPS: [JumpFrom; 2] = [JumpFrom::Ground, JumpFrom::Anywhere];
 
 impl RhumbShapeKind {
     /// In the order of their numbers.
@@ -291,6 +308,8 @@ impl RhumbEventKind {
             EventKind::FellAsleep => Self::FellAsleep,
             EventKind::Woke => Self::Woke,
             EventKind::BodyFault => Self::BodyFault,
+            EventKind::ReachedGround => Self::ReachedGround,
+            EventKind::LeftGround => Self::LeftGround,
             EventKind::EventsMissed => Self::EventsMissed,
             EventKind::StreamChanged => Self::StreamChanged,
             EventKind::SceneRestored => Self::SceneRestored,
@@ -353,6 +372,8 @@ mod tests {
         ] {
             assert_eq!(JOINT_KINDS[kind as usize], freedom);
         }
+        assert_eq!(JUMPS[RhumbJumpFrom::Ground as usize], JumpFrom::Ground);
+        assert_eq!(JUMPS[RhumbJumpFrom::Anywhere as usize], JumpFrom::Anywhere);
         assert_eq!(
             CONDITIONS[RhumbJoinCondition::Create as usize],
             JoinCondition::Create

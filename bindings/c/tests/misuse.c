@@ -153,6 +153,16 @@ static void calls_that_need(RhumbScene scene, RhumbCode code) {
     EXPECT(code, rhumb_scene_add_joint(scene, 1, &joint, NULL));
     EXPECT(code, rhumb_scene_change_joint(scene, 1, &joint, NULL));
     EXPECT(code, rhumb_scene_remove_joint(scene, 1, NULL));
+    RhumbCharacter character;
+    RhumbWheel wheel;
+    const RhumbWheelInput input = {0};
+    EXPECT(RHUMB_CODE_OK, rhumb_character_init(&character, RHUMB_COORDINATES_RHUMB));
+    EXPECT(RHUMB_CODE_OK, rhumb_wheel_init(&wheel, RHUMB_COORDINATES_RHUMB));
+    EXPECT(code, rhumb_scene_set_character(scene, body, &character, NULL));
+    EXPECT(code, rhumb_scene_set_vehicle(scene, body, &wheel, 1, NULL));
+    EXPECT(code, rhumb_scene_clear_locomotion(scene, body, NULL));
+    EXPECT(code, rhumb_scene_jump(scene, body, 1, RHUMB_JUMP_FROM_GROUND, NULL));
+    EXPECT(code, rhumb_scene_set_wheels(scene, body, &input, 1, NULL));
     EXPECT(code, rhumb_scene_take_authority(scene, &body, 1, 0.02));
     EXPECT(code, rhumb_scene_publish(scene, &state, 1, NULL, NULL));
     EXPECT(code, rhumb_scene_flush(scene));
@@ -269,6 +279,40 @@ static void joints_and_authority(RhumbScene scene, RhumbBody body) {
     EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_bodies(scene, &desc, 1, &body));
     desc.shape.part_count = SIZE_MAX;
     EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_bodies(scene, &desc, 1, &body));
+}
+
+static void locomotion(RhumbScene scene, RhumbBody body) {
+    RhumbCharacter character;
+    RhumbWheel wheels[17];
+    RhumbWheelInput input = {0};
+    EXPECT(RHUMB_CODE_NULL, rhumb_character_init(NULL, RHUMB_COORDINATES_RHUMB));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_character_init(&character, 4));
+    EXPECT(RHUMB_CODE_OK, rhumb_character_init(&character, RHUMB_COORDINATES_RHUMB));
+    EXPECT(RHUMB_CODE_NULL, rhumb_wheel_init(NULL, RHUMB_COORDINATES_RHUMB));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_wheel_init(wheels, UINT32_MAX));
+    for (size_t i = 0; i < 17; i++) EXPECT(RHUMB_CODE_OK, rhumb_wheel_init(&wheels[i], RHUMB_COORDINATES_RHUMB));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_set_character(scene, body, NULL, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_character(scene, 0, &character, NULL));
+    character.has_step = 1;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_character(scene, body, &character, NULL));
+    character.has_step = 0;
+    character.mass = NAN;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_character(scene, body, &character, NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_set_vehicle(scene, body, NULL, 4, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_vehicle(scene, body, NULL, 0, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_vehicle(scene, body, wheels, SIZE_MAX, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_vehicle(scene, body, wheels, 17, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_vehicle(scene, 0, wheels, 4, NULL));
+    wheels[3].axle[0] = 0;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_vehicle(scene, body, wheels, 4, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_clear_locomotion(scene, 0, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_jump(scene, body, INFINITY, RHUMB_JUMP_FROM_GROUND, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_jump(scene, body, 1, 2, NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_set_wheels(scene, body, NULL, 1, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_wheels(scene, body, NULL, 0, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_wheels(scene, body, &input, SIZE_MAX, NULL));
+    input.brake = -1;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_wheels(scene, body, &input, 1, NULL));
 }
 
 // Numbers of joints and bodies that no scene can have. The server would end the connection of a client that sent one.
@@ -446,6 +490,7 @@ int main(int count, char **arguments) {
     RhumbBody body = added(scene);
     pointers_and_sizes(scene, body);
     joints_and_authority(scene, body);
+    locomotion(scene, body);
     ids_of_no_scene(scene, body);
     numbers(scene, body);
     two_threads(scene);

@@ -33,6 +33,10 @@ pub enum EventKind {
     Woke,
     /// The state of `body` was not finite, and it was removed.
     BodyFault,
+    /// The character `body` reached ground that carries it.
+    ReachedGround,
+    /// No ground carries the character `body` any more.
+    LeftGround,
     /// So many events of bodies as `number` says were not kept.
     EventsMissed,
     /// The stream changed, by request or because of the link.
@@ -80,6 +84,8 @@ impl EventKind {
             Self::FellAsleep => "fell asleep",
             Self::Woke => "woke",
             Self::BodyFault => "body fault",
+            Self::ReachedGround => "reached ground",
+            Self::LeftGround => "left ground",
             Self::EventsMissed => "events missed",
             Self::StreamChanged => "stream changed",
             Self::SceneRestored => "scene restored",
@@ -245,12 +251,8 @@ impl EventRecord {
             BodyEvent::FellAsleep(body) => plain(EventKind::FellAsleep, body),
             BodyEvent::Woke(body) => plain(EventKind::Woke, body),
             BodyEvent::Fault(body) => plain(EventKind::BodyFault, body),
-            BodyEvent::ReachedGround(body) => {
-                plain(EventKind::Other, body).because(&"the character reached the ground")
-            }
-            BodyEvent::LeftGround(body) => {
-                plain(EventKind::Other, body).because(&"the character left the ground")
-            }
+            BodyEvent::ReachedGround(body) => plain(EventKind::ReachedGround, body),
+            BodyEvent::LeftGround(body) => plain(EventKind::LeftGround, body),
         }
     }
 

@@ -272,6 +272,86 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_remove_joint(RhumbScene scene, uint joint, ulong* last);
 
         /// <summary>
+        ///  Makes a plain character in a scene of these `RhumbCoordinates`: of 80 kg, that climbs slopes of up to 45 degrees, slides
+        ///  down steeper ones, climbs no steps, and follows the ground down by 0.2 m.
+        ///
+        ///  # Safety
+        ///
+        ///  `character` points to memory for a `RhumbCharacter`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_character_init", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_character_init(RhumbCharacter* character, uint coordinates);
+
+        /// <summary>
+        ///  Makes a plain wheel in a scene of these `RhumbCoordinates`: of radius 0.3 m at the chassis' centre of mass, on a suspension
+        ///  of 0.3 m that points down. Its axle is along x, in Unreal's coordinates along y.
+        ///
+        ///  A vehicle of such wheels rolls forward along -z in Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.
+        ///  Four of them let a chassis sink by 5 cm.
+        ///
+        ///  # Safety
+        ///
+        ///  `wheel` points to memory for a `RhumbWheel`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_wheel_init", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_wheel_init(RhumbWheel* wheel, uint coordinates);
+
+        /// <summary>
+        ///  Queues that a kinematic body becomes a character, or that a character gets other settings.
+        ///
+        ///  Its velocity, which `RHUMB_COMMAND_KIND_SET_VELOCITY` sets, is the one by which it walks. `last` may be null; otherwise it
+        ///  receives the number of the command, which events name.
+        ///
+        ///  # Safety
+        ///
+        ///  `character` points to a character; `last` is null or points to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_set_character", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_set_character(RhumbScene scene, RhumbBody body, RhumbCharacter* character, ulong* last);
+
+        /// <summary>
+        ///  Queues that a dynamic body becomes a vehicle on 1 to 16 wheels, which begin without inputs.
+        ///
+        ///  # Safety
+        ///
+        ///  `wheels` points to `count` wheels; `last` is null or points to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_set_vehicle", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_set_vehicle(RhumbScene scene, RhumbBody body, RhumbWheel* wheels, System.UIntPtr count, ulong* last);
+
+        /// <summary>
+        ///  Queues that a character or a vehicle becomes an ordinary body again.
+        ///
+        ///  # Safety
+        ///
+        ///  `last` is null or points to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_clear_locomotion", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_clear_locomotion(RhumbScene scene, RhumbBody body, ulong* last);
+
+        /// <summary>
+        ///  Queues that a character rises with this speed along its direction up, in units of length per second.
+        ///
+        ///  `from` is a `RhumbJumpFrom`: a jump from the ground changes nothing in the air.
+        ///
+        ///  # Safety
+        ///
+        ///  `last` is null or points to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_jump", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_jump(RhumbScene scene, RhumbBody body, float speed, uint from, ulong* last);
+
+        /// <summary>
+        ///  Queues the inputs of all wheels of a vehicle, in the order of its wheels. It keeps them until the next ones.
+        ///
+        ///  # Safety
+        ///
+        ///  `inputs` points to `count` inputs; `last` is null or points to memory for a number.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_set_wheels", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_set_wheels(RhumbScene scene, RhumbBody body, RhumbWheelInput* inputs, System.UIntPtr count, ulong* last);
+
+        /// <summary>
         ///  Requests authority over `count` kinematic bodies, in place of the bodies that this client has authority over now. None
         ///  ends the authority.
         ///
@@ -875,6 +955,140 @@ namespace Rhumb
     }
 
     /// <summary>
+    ///  A character: a kinematic body that walks by the velocity that was set last, as far as the world lets it, and falls.
+    ///  Begin with `rhumb_character_init`.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbCharacter
+    {
+        /// <summary>
+        ///  Not zero: `up` replaces the direction against the scene's gravity.
+        /// </summary>
+        public byte has_up;
+        /// <summary>
+        ///  Not zero: it climbs steps of at most `step_height` with at least `step_width`.
+        /// </summary>
+        public byte has_step;
+        /// <summary>
+        ///  Not zero: it also climbs onto dynamic bodies; otherwise it pushes them.
+        /// </summary>
+        public byte steps_onto_dynamic;
+        /// <summary>
+        ///  Not zero: it follows the ground down by at most `snap` without a fall.
+        /// </summary>
+        public byte has_snap;
+        /// <summary>
+        ///  Direction away from the ground, in world axes, of unit length.
+        /// </summary>
+        public fixed float up[3];
+        /// <summary>
+        ///  Gap that it keeps to its surroundings, units of length.
+        /// </summary>
+        public float offset;
+        /// <summary>
+        ///  Steepest slope that it climbs, radians from level ground.
+        /// </summary>
+        public float climb_angle;
+        /// <summary>
+        ///  Slope from which on it slides down, radians from level ground.
+        /// </summary>
+        public float slide_angle;
+        /// <summary>
+        ///  Mass with which it pushes dynamic bodies, kilograms; at zero it pushes none.
+        /// </summary>
+        public float mass;
+        /// <summary>
+        ///  Greatest height of a step, units of length.
+        /// </summary>
+        public float step_height;
+        /// <summary>
+        ///  Free width that it needs on a step, units of length.
+        /// </summary>
+        public float step_width;
+        /// <summary>
+        ///  Greatest drop of the ground that it follows, units of length.
+        /// </summary>
+        public float snap;
+    }
+
+    /// <summary>
+    ///  A wheel of a vehicle, in the axes of its chassis and from its centre of mass: a ray with a spring. Begin with
+    ///  `rhumb_wheel_init`.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbWheel
+    {
+        /// <summary>
+        ///  Upper end of the suspension, units of length.
+        /// </summary>
+        public fixed float position[3];
+        /// <summary>
+        ///  Direction of the suspension, of unit length, towards the ground.
+        /// </summary>
+        public fixed float direction[3];
+        /// <summary>
+        ///  Axis about which the wheel turns, of unit length. It points to the right of the way forward.
+        /// </summary>
+        public fixed float axle[3];
+        /// <summary>
+        ///  Units of length.
+        /// </summary>
+        public float radius;
+        /// <summary>
+        ///  Length of the suspension without load, from the position to the wheel's centre, units of length.
+        /// </summary>
+        public float rest_length;
+        /// <summary>
+        ///  Greatest change of that length, units of length.
+        /// </summary>
+        public float travel;
+        /// <summary>
+        ///  Acceleration of the chassis for a change of that length, 1/s².
+        /// </summary>
+        public float stiffness;
+        /// <summary>
+        ///  Damping while the spring is compressed, 1/s.
+        /// </summary>
+        public float compression;
+        /// <summary>
+        ///  Damping while the spring relaxes, 1/s.
+        /// </summary>
+        public float relaxation;
+        /// <summary>
+        ///  Greatest force of the suspension.
+        /// </summary>
+        public float force_max;
+        /// <summary>
+        ///  Greatest force along the ground, as a share of the suspension's force. The part along the way forward counts half.
+        /// </summary>
+        public float friction_slip;
+        /// <summary>
+        ///  Factor of the force along the axle that keeps the wheel from sliding sideways.
+        /// </summary>
+        public float side_friction;
+    }
+
+    /// <summary>
+    ///  Steering, force and brake of a wheel. All zeros: it rolls freely.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbWheelInput
+    {
+        /// <summary>
+        ///  Turn about the axis that points up, radians: a positive one steers left, in left-handed coordinates right.
+        /// </summary>
+        public float steering;
+        /// <summary>
+        ///  Force forward; a negative one acts backward.
+        /// </summary>
+        public float force;
+        /// <summary>
+        ///  Greatest force that stops it. A wheel with a force does not brake.
+        /// </summary>
+        public float brake;
+    }
+
+    /// <summary>
     ///  State of a body that the application moves.
     /// </summary>
     [StructLayout(LayoutKind.Sequential)]
@@ -1362,6 +1576,21 @@ namespace Rhumb
     }
 
     /// <summary>
+    ///  Ground that a jump of a character needs.
+    /// </summary>
+    public enum RhumbJumpFrom : uint
+    {
+        /// <summary>
+        ///  The character jumps only if it stands on the ground.
+        /// </summary>
+        Ground,
+        /// <summary>
+        ///  It jumps in the air too.
+        /// </summary>
+        Anywhere,
+    }
+
+    /// <summary>
     ///  Kind of a command.
     /// </summary>
     public enum RhumbCommandKind : uint
@@ -1556,6 +1785,14 @@ namespace Rhumb
         ///  Any other event; `text` names it.
         /// </summary>
         Other,
+        /// <summary>
+        ///  The character `body` reached ground that carries it.
+        /// </summary>
+        ReachedGround,
+        /// <summary>
+        ///  No ground carries the character `body` any more.
+        /// </summary>
+        LeftGround,
     }
 
 

@@ -173,6 +173,87 @@ namespace Rhumb
         }
 
         /// <summary>
+        /// Queues that a kinematic body becomes a character, or that a character gets other settings; returns the command's
+        /// number. It walks by the velocity that Command.SetVelocity sets.
+        /// </summary>
+        public unsafe ulong SetCharacter(Body body, Character character)
+        {
+            if (character == null)
+            {
+                throw new RhumbException(RhumbCode.Null, "character must not be null");
+            }
+            RhumbCharacter raw = character.Raw();
+            ulong number;
+            RhumbException.Check(Native.rhumb_scene_set_character(Raw(), Raw(body), &raw, &number));
+            return number;
+        }
+
+        /// <summary>Queues that a dynamic body becomes a vehicle on 1 to 16 wheels, which begin without inputs.</summary>
+        public unsafe ulong SetVehicle(Body body, params Wheel[] wheels)
+        {
+            if (wheels == null)
+            {
+                throw new RhumbException(RhumbCode.Null, "wheels must not be null");
+            }
+            var raw = new RhumbWheel[wheels.Length];
+            for (int i = 0; i < raw.Length; i++)
+            {
+                if (wheels[i] == null)
+                {
+                    throw new RhumbException(RhumbCode.Null, "wheels[" + i + "] must not be null");
+                }
+                raw[i] = wheels[i].Raw();
+            }
+            ulong number;
+            fixed (RhumbWheel* from = raw)
+            {
+                RhumbException.Check(
+                    Native.rhumb_scene_set_vehicle(Raw(), Raw(body), from, (UIntPtr)raw.Length, &number));
+            }
+            return number;
+        }
+
+        /// <summary>Queues that a character or a vehicle becomes an ordinary body again.</summary>
+        public unsafe ulong ClearLocomotion(Body body)
+        {
+            ulong number;
+            RhumbException.Check(Native.rhumb_scene_clear_locomotion(Raw(), Raw(body), &number));
+            return number;
+        }
+
+        /// <summary>
+        /// Queues that a character rises with this speed along its direction up. A jump from the ground changes nothing in the
+        /// air.
+        /// </summary>
+        public unsafe ulong Jump(Body body, float speed, RhumbJumpFrom from = RhumbJumpFrom.Ground)
+        {
+            ulong number;
+            RhumbException.Check(Native.rhumb_scene_jump(Raw(), Raw(body), speed, (uint)from, &number));
+            return number;
+        }
+
+        /// <summary>Queues the inputs of all wheels of a vehicle, in the order of its wheels. It keeps them.</summary>
+        public unsafe ulong SetWheels(Body body, params WheelInput[] inputs)
+        {
+            if (inputs == null)
+            {
+                throw new RhumbException(RhumbCode.Null, "inputs must not be null");
+            }
+            var raw = new RhumbWheelInput[inputs.Length];
+            for (int i = 0; i < raw.Length; i++)
+            {
+                raw[i] = inputs[i].Raw();
+            }
+            ulong number;
+            fixed (RhumbWheelInput* from = raw)
+            {
+                RhumbException.Check(
+                    Native.rhumb_scene_set_wheels(Raw(), Raw(body), from, (UIntPtr)raw.Length, &number));
+            }
+            return number;
+        }
+
+        /// <summary>
         /// Requests authority over kinematic bodies in place of those of now; none ends it. It is sent at once. An event,
         /// AuthorityGranted or AuthorityDenied, answers.
         /// </summary>
@@ -298,7 +379,7 @@ namespace Rhumb
         public unsafe int Place(Body body)
         {
             UIntPtr place;
-            RhumbCode code = Native.rhumb_scene_place(Raw(), new RhumbBody { Item1 = body.Word }, &place);
+            RhumbCode code = Native.rhumb_scene_place(Raw(), Raw(body), &place);
             if (code == RhumbCode.Invalid)
             {
                 return -1;
@@ -311,7 +392,7 @@ namespace Rhumb
         public unsafe float ErrorBound(Body body)
         {
             float bound;
-            var raw = new RhumbBody { Item1 = body.Word };
+            RhumbBody raw = Raw(body);
             RhumbException.Check(Native.rhumb_scene_error_bounds(Raw(), &raw, (UIntPtr)1, &bound));
             return bound;
         }
@@ -406,6 +487,11 @@ namespace Rhumb
                 throw new RhumbException(RhumbCode.Null, "desc must not be null");
             }
             return desc.Raw();
+        }
+
+        private static RhumbBody Raw(Body body)
+        {
+            return new RhumbBody { Item1 = body.Word };
         }
 
         private RhumbScene Raw()

@@ -9,7 +9,7 @@ pub(crate) const HEADER: &str = "c/include/rhumb.h";
 pub(crate) const IMPORTS: &str = "csharp/src/Native.g.cs";
 
 /// Sources with functions or types that cross the border.
-const SOURCES: [&str; 11] = [
+const SOURCES: [&str; 12] = [
     "status",
     "kinds",
     "descriptions",
@@ -17,6 +17,7 @@ const SOURCES: [&str; 11] = [
     "scene",
     "commands",
     "joints",
+    "locomotion",
     "authority",
     "poses",
     "events",
@@ -24,13 +25,14 @@ const SOURCES: [&str; 11] = [
 ];
 
 /// Enumerations that only fields of type `u32` hold.
-const ENUMERATIONS: [&str; 9] = [
+const ENUMERATIONS: [&str; 10] = [
     "RhumbCoordinates",
     "RhumbJoinCondition",
     "RhumbStepping",
     "RhumbBodyKind",
     "RhumbShapeKind",
     "RhumbJointKind",
+    "RhumbJumpFrom",
     "RhumbCommandKind",
     "RhumbQueryKind",
     "RhumbEventKind",

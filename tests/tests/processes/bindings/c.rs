@@ -120,6 +120,20 @@ fn the_examples_in_c_and_cpp_drop_a_ball_on_the_floor() {
 }
 
 #[test]
+fn a_character_walks_and_a_vehicle_drives_in_c_and_in_cpp() {
+    for source in ["tests/locomotion.c", "tests/locomotion.cpp"] {
+        if let Some(program) = Compiled::new(source, Linked::Shared) {
+            let server = SERVER.serve_without_log("127.0.0.1:0");
+            let out = program.run_with(&server);
+            assert_eq!(
+                out, "the character walked and the vehicle drove\n",
+                "{source}"
+            );
+        }
+    }
+}
+
+#[test]
 fn every_misuse_of_the_c_interface_is_an_error_and_none_does_harm() {
     if let Some(program) = Compiled::new("tests/misuse.c", Linked::Shared) {
         let server = SERVER.serve_without_log("127.0.0.1:0");

@@ -74,6 +74,15 @@ fn the_example_in_csharp_drops_a_ball_on_the_floor() {
 }
 
 #[test]
+fn a_character_walks_and_a_vehicle_drives_in_csharp() {
+    if let Some(program) = Assembly::new("tests/Locomotion.cs") {
+        let server = SERVER.serve_without_log("127.0.0.1:0");
+        let out = program.run_with(&server, &[]);
+        assert_eq!(out, "the character walked and the vehicle drove\n");
+    }
+}
+
+#[test]
 fn every_misuse_in_csharp_is_an_exception() {
     if let Some(program) = Assembly::new("tests/Misuse.cs") {
         let server = SERVER.serve_without_log("127.0.0.1:0");
