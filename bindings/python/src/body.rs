@@ -1,13 +1,14 @@
-//! Fields that all bodies of a call share, as keywords of Python.
+//! Bodies to add: fields that all of a call share, and rows of their states.
 
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rhumb_bindings::BodyParams;
+use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{BodyKind, CollisionGroups, LockedAxes, Material};
 use rhumb_bindings::rhumb_client::{Damping, ToleranceScale};
 
-use crate::arguments::one_of;
+use crate::arguments::{one_of, optional_rows, points};
 use crate::errors::wrong;
 use crate::shape::PyShape;
 
@@ -68,4 +69,28 @@ pub(crate) fn plain_body(
         }
     }
     Ok(body)
+}
+
+/// A body like a plain one for each row of positions. Rotations and velocities, linear then angular, may be left out.
+pub(crate) fn bodies_at(
+    plain: &BodyParams,
+    positions: &Bound<'_, PyAny>,
+    rotations: Option<&Bound<'_, PyAny>>,
+    [linear, angular]: [Option<&Bound<'_, PyAny>>; 2],
+) -> PyResult<Vec<BodyParams>> {
+    let positions = points(positions, "positions")?;
+    let count = positions.len();
+    let vectors = |argument, name| optional_rows(argument, count, name, [0.0; 3]);
+    let linear = vectors(linear, "linear_velocities")?;
+    let angular = vectors(angular, "angular_velocities")?;
+    let turned = optional_rows(rotations, count, "rotations", [0.0, 0.0, 0.0, 1.0])?;
+    let bodies = positions.into_iter().enumerate();
+    let bodies = bodies.map(|(place, position)| BodyParams {
+        position,
+        rotation: Quat::from_array(turned[place]),
+        linear_velocity: Vec3::from_array(linear[place]),
+        angular_velocity: Vec3::from_array(angular[place]),
+        ..plain.clone()
+    });
+    Ok(bodies.collect())
 }

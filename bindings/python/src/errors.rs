@@ -35,3 +35,9 @@ fn class(py: Python<'_>, kind: ErrorKind) -> PyResult<Bound<'_, PyType>> {
     };
     Ok(module.bind(py).getattr(name)?.cast_into::<PyType>()?)
 }
+
+/// Error for a body that is not in the copy of the scene.
+pub(crate) const UNKNOWN_BODY: BindingError = BindingError::Argument {
+    argument: "body",
+    needed: "in the copy of the scene; it is not there yet, or was removed",
+};

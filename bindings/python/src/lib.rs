@@ -10,6 +10,7 @@
 mod arguments;
 mod body;
 mod body_states;
+mod commands;
 mod connection;
 mod errors;
 mod event;
@@ -18,6 +19,7 @@ mod open_scene;
 mod query;
 mod scene;
 mod shape;
+mod statistics;
 mod view_array;
 
 use pyo3::prelude::*;

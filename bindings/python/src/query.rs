@@ -124,7 +124,16 @@ pub(crate) struct PyHit {
 }
 
 impl PyHit {
-    pub(crate) fn new(record: &HitRecord) -> Self {
+    /// The hits of each of so many queries.
+    pub(crate) fn of_each(queries: usize, records: &[HitRecord]) -> Vec<Vec<Self>> {
+        let mut hits: Vec<_> = (0..queries).map(|_| Vec::new()).collect();
+        for record in records {
+            hits[record.query as usize].push(Self::new(record));
+        }
+        hits
+    }
+
+    fn new(record: &HitRecord) -> Self {
         Self {
             body: body_word(record.body),
             distance: record.distance,

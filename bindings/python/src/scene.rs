@@ -5,20 +5,22 @@ use std::sync::{Mutex, TryLockError};
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
+use rhumb_bindings::rhumb_client::glam::Vec3;
 use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command, JointId};
 use rhumb_bindings::rhumb_client::{BodyId, PipelineDepth, Tick};
-use rhumb_bindings::{BindingError, BodyParams, RemoteScene, body_word};
+use rhumb_bindings::{BindingError, RemoteScene, body_word};
 
-use crate::arguments::{Bodies, bodies, optional_rows, rows, seconds, vector};
-use crate::body::plain_body;
+use crate::arguments::{Bodies, bodies, rows, seconds, vector};
+use crate::body::{bodies_at, plain_body};
 use crate::body_states::states;
-use crate::errors::{exception, wrong};
+use crate::commands::{set_poses, set_velocities};
+use crate::errors::{UNKNOWN_BODY, exception, wrong};
 use crate::event::PyEvent;
 use crate::joint::PyJoint;
 use crate::open_scene::OpenScene;
 use crate::query::{PyHit, PyQuery};
 use crate::shape::PyShape;
+use crate::statistics::dictionary;
 use crate::view_array::floats;
 
 /// A client of one scene.
@@ -80,12 +82,17 @@ impl PyScene {
         let vectors = rows::<3>(numbers, ids.len(), name)?;
         let command = |(id, vector): (BodyId, [f32; 3])| command(id, vector.into());
         let commands = ids.into_iter().zip(vectors).map(command).collect();
+        self.all(py, commands)
+    }
+
+    /// Queues commands.
+    fn all(&self, py: Python<'_>, commands: Vec<Command>) -> PyResult<Option<u64>> {
         self.with(py, |opened| opened.scene.command(commands))
     }
 
     /// Queues a command.
     fn one(&self, py: Python<'_>, command: Command) -> PyResult<Option<u64>> {
-        self.with(py, |opened| opened.scene.command(vec![command]))
+        self.all(py, vec![command])
     }
 
     /// Queues a command for each body.
@@ -96,7 +103,7 @@ impl PyScene {
         command: impl Fn(BodyId) -> Command,
     ) -> PyResult<Option<u64>> {
         let commands = bodies(body)?.ids.into_iter().map(command).collect();
-        self.with(py, |opened| opened.scene.command(commands))
+        self.all(py, commands)
     }
 }
 
@@ -153,34 +160,8 @@ impl PyScene {
         keywords: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Bound<'py, PyArray1<u64>>> {
         let plain = plain_body(shape, kind, keywords)?;
-        let positions = crate::arguments::points(positions, "positions")?;
-        let count = positions.len();
-        let vectors = |argument: Option<&Bound<'py, PyAny>>, name| {
-            argument
-                .map(|argument| rows::<3>(argument, count, name))
-                .transpose()
-        };
-        let linear = vectors(linear_velocities, "linear_velocities")?;
-        let angular = vectors(angular_velocities, "angular_velocities")?;
-        let turned = rotations.map(|argument| rows::<4>(argument, count, "rotations"));
-        let turned = turned.transpose()?;
-        let at = |rows: &Option<Vec<[f32; 3]>>, place: usize| {
-            rows.as_ref()
-                .map_or(Vec3::ZERO, |rows| Vec3::from_array(rows[place]))
-        };
-        let all: Vec<_> = positions
-            .into_iter()
-            .enumerate()
-            .map(|(place, position)| BodyParams {
-                position,
-                rotation: turned
-                    .as_ref()
-                    .map_or(Quat::IDENTITY, |rows| Quat::from_array(rows[place])),
-                linear_velocity: at(&linear, place),
-                angular_velocity: at(&angular, place),
-                ..plain.clone()
-            })
-            .collect();
+        let velocities = [linear_velocities, angular_velocities];
+        let all = bodies_at(&plain, positions, rotations, velocities)?;
         let ids = self.waiting(py, |opened| opened.scene.add_bodies(&all))?;
         let words: Vec<u64> = ids.into_iter().map(body_word).collect();
         Ok(words.into_pyarray(py))
@@ -198,23 +179,7 @@ impl PyScene {
         position: &Bound<'_, PyAny>,
         rotation: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        let positions = rows::<3>(position, ids.len(), "position")?;
-        let rotations = match rotation {
-            Some(rotation) => rows::<4>(rotation, ids.len(), "rotation")?,
-            None => vec![[0.0, 0.0, 0.0, 1.0]; ids.len()],
-        };
-        let poses = positions.into_iter().zip(rotations);
-        let commands = ids
-            .into_iter()
-            .zip(poses)
-            .map(|(id, (at, turned))| Command::SetPose {
-                id,
-                position: Vec3::from_array(at),
-                rotation: Quat::from_array(turned),
-            });
-        let commands = commands.collect();
-        self.with(py, |opened| opened.scene.command(commands))
+        self.all(py, set_poses(body, position, rotation)?)
     }
 
     #[pyo3(signature = (body, linear, angular = None))]
@@ -225,18 +190,7 @@ impl PyScene {
         linear: &Bound<'_, PyAny>,
         angular: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Option<u64>> {
-        let ids = bodies(body)?.ids;
-        let linears = rows::<3>(linear, ids.len(), "linear")?;
-        let angulars = optional_rows(angular, ids.len(), "angular", [0.0; 3])?;
-        let twists = linears.into_iter().zip(angulars);
-        let commands = ids.into_iter().zip(twists);
-        let commands = commands.map(|(id, (linear, angular))| Command::SetVelocity {
-            id,
-            linear: Vec3::from_array(linear),
-            angular: Vec3::from_array(angular),
-        });
-        let commands = commands.collect();
-        self.with(py, |opened| opened.scene.command(commands))
+        self.all(py, set_velocities(body, linear, angular)?)
     }
 
     #[pyo3(signature = (body, force, point = None))]
@@ -538,22 +492,13 @@ impl PyScene {
         let queries: Vec<_> = queries.iter().map(|query| query.query.clone()).collect();
         let count = queries.len();
         let (tick, records) = self.waiting(py, |opened| opened.scene.query(queries))?;
-        let mut hits: Vec<Vec<PyHit>> = (0..count).map(|_| Vec::new()).collect();
-        for record in &records {
-            hits[record.query as usize].push(PyHit::new(record));
-        }
-        Ok((tick.value(), hits))
+        Ok((tick.value(), PyHit::of_each(count, &records)))
     }
 
     #[getter]
     fn statistics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let now = self.with(py, |opened| Ok(opened.scene.statistics()))?;
-        let statistics = PyDict::new(py);
-        statistics.set_item("sent_bytes", now.wire.sent_bytes)?;
-        statistics.set_item("received_bytes", now.wire.received_bytes)?;
-        statistics.set_item("updates", now.stream.updates)?;
-        statistics.set_item("complete_tick", now.complete.value())?;
-        Ok(statistics)
+        dictionary(py, &now)
     }
 
     fn delete(&self, py: Python<'_>) -> PyResult<()> {
@@ -592,9 +537,3 @@ impl PyScene {
         self.close(py)
     }
 }
-
-/// Error for a body that is not in the copy of the scene.
-const UNKNOWN_BODY: BindingError = BindingError::Argument {
-    argument: "body",
-    needed: "in the copy of the scene; it is not there yet, or was removed",
-};
