@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
-use rhumb_bindings::rhumb_client::scene::Command;
+use rhumb_bindings::rhumb_client::scene::{Command, JumpFrom};
 
 use crate::arguments::{bodies, optional_rows, rows};
 
@@ -39,4 +39,14 @@ pub(crate) fn set_velocities(
         angular: Vec3::from_array(angular[place]),
     };
     Ok(ids.into_iter().enumerate().map(set).collect())
+}
+
+/// A jump of each character, in the air too if it may begin anywhere.
+pub(crate) fn jumps(body: &Bound<'_, PyAny>, speed: f32, anywhere: bool) -> PyResult<Vec<Command>> {
+    let from = match anywhere {
+        true => JumpFrom::Anywhere,
+        false => JumpFrom::Ground,
+    };
+    let jump = |id| Command::Jump { id, speed, from };
+    Ok(bodies(body)?.ids.into_iter().map(jump).collect())
 }

@@ -15,6 +15,7 @@ mod connection;
 mod errors;
 mod event;
 mod joint;
+mod locomotion;
 mod open_scene;
 mod query;
 mod scene;
@@ -31,6 +32,9 @@ fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<scene::PyScene>()?;
     module.add_class::<shape::PyShape>()?;
     module.add_class::<joint::PyJoint>()?;
+    module.add_class::<locomotion::PyCharacter>()?;
+    module.add_class::<locomotion::PyWheel>()?;
+    module.add_class::<locomotion::PyWheelInput>()?;
     module.add_class::<event::PyEvent>()?;
     module.add_class::<query::PyQuery>()?;
     module.add_class::<query::PyHit>()?;

@@ -6,17 +6,18 @@ use numpy::{IntoPyArray, PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rhumb_bindings::rhumb_client::glam::Vec3;
-use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command, JointId};
+use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command, JointId, Locomotion};
 use rhumb_bindings::rhumb_client::{BodyId, PipelineDepth, Tick};
-use rhumb_bindings::{BindingError, RemoteScene, body_word};
+use rhumb_bindings::{BindingError, Coordinates, RemoteScene, body_word};
 
 use crate::arguments::{Bodies, bodies, rows, seconds, vector};
 use crate::body::{bodies_at, plain_body};
 use crate::body_states::states;
-use crate::commands::{set_poses, set_velocities};
+use crate::commands::{jumps, set_poses, set_velocities};
 use crate::errors::{UNKNOWN_BODY, exception, wrong};
 use crate::event::PyEvent;
 use crate::joint::PyJoint;
+use crate::locomotion::{PyCharacter, PyWheel, PyWheelInput, set};
 use crate::open_scene::OpenScene;
 use crate::query::{PyHit, PyQuery};
 use crate::shape::PyShape;
@@ -104,6 +105,20 @@ impl PyScene {
     ) -> PyResult<Option<u64>> {
         let commands = bodies(body)?.ids.into_iter().map(command).collect();
         self.all(py, commands)
+    }
+
+    /// Queues that each body gets a locomotion in the scene's coordinates.
+    fn moved(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        locomotion: impl FnOnce(Coordinates) -> Locomotion,
+    ) -> PyResult<Option<u64>> {
+        let ids = bodies(body)?.ids;
+        self.with(py, |opened| {
+            let locomotion = locomotion(opened.scene.coordinates());
+            opened.scene.command(set(&ids, &locomotion))
+        })
     }
 }
 
@@ -298,6 +313,52 @@ impl PyScene {
 
     fn remove_joint(&self, py: Python<'_>, id: u32) -> PyResult<Option<u64>> {
         self.one(py, Command::RemoveJoint { id: JointId(id) })
+    }
+
+    fn set_character(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        character: &Bound<'_, PyCharacter>,
+    ) -> PyResult<Option<u64>> {
+        self.moved(py, body, |coordinates| {
+            character.get().locomotion(coordinates)
+        })
+    }
+
+    fn set_vehicle(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        wheels: Vec<PyRef<'_, PyWheel>>,
+    ) -> PyResult<Option<u64>> {
+        self.moved(py, body, |coordinates| {
+            PyWheel::locomotion(&wheels, coordinates)
+        })
+    }
+
+    fn clear_locomotion(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+        self.moved(py, body, |_| Locomotion::None)
+    }
+
+    #[pyo3(signature = (body, speed, *, anywhere = false))]
+    fn jump(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        speed: f32,
+        anywhere: bool,
+    ) -> PyResult<Option<u64>> {
+        self.all(py, jumps(body, speed, anywhere)?)
+    }
+
+    fn set_wheels(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        inputs: Vec<PyRef<'_, PyWheelInput>>,
+    ) -> PyResult<Option<u64>> {
+        self.all(py, PyWheelInput::commands(&bodies(body)?.ids, &inputs))
     }
 
     #[pyo3(signature = (body, tolerance = 0.02))]

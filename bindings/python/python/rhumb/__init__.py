@@ -13,7 +13,20 @@ Units are kilograms, seconds, radians, and the unit of length of the scene's coo
 """
 
 from . import errors
-from ._native import Connection, Event, Hit, Joint, Query, Scene, Shape, __version__, connect
+from ._native import (
+    Character,
+    Connection,
+    Event,
+    Hit,
+    Joint,
+    Query,
+    Scene,
+    Shape,
+    Wheel,
+    WheelInput,
+    __version__,
+    connect,
+)
 from .errors import (
     BusyError,
     ClosedError,
@@ -29,6 +42,7 @@ from .errors import (
 
 __all__ = [
     "BusyError",
+    "Character",
     "ClosedError",
     "ConnectError",
     "Connection",
@@ -45,6 +59,8 @@ __all__ = [
     "SceneGoneError",
     "Shape",
     "Timeout",
+    "Wheel",
+    "WheelInput",
     "__version__",
     "connect",
     "errors",

@@ -143,6 +143,78 @@ class Joint:
         """
 
 @final
+class Character:
+    """A character, for Scene.set_character: a kinematic body that walks, as far as the world lets it, and falls."""
+
+    def __init__(
+        self,
+        *,
+        up: Optional[_Vector] = None,
+        offset: Optional[float] = None,
+        climb_angle: float = ...,
+        slide_angle: float = ...,
+        mass: float = 80.0,
+        step: Optional[Tuple[float, float]] = None,
+        onto_dynamic: bool = False,
+        snap: Optional[float] = None,
+    ) -> None:
+        """Up is the direction away from the ground, of unit length; against gravity if it is left out.
+
+        The offset is the gap that it keeps to its surroundings, 0.02 m if it is left out. It climbs slopes of up to the
+        first angle, and slides down from the second one on; both are radians from level ground, 45 degrees if they are left
+        out. It pushes dynamic bodies with its mass, in kilograms.
+
+        A step is the greatest height that it climbs, and the free width that it needs there; without one it climbs none.
+        It climbs onto dynamic bodies too if it is set so, and pushes them otherwise. The snap is the greatest drop of the
+        ground that it follows without a fall, 0.2 m if it is left out, and none at 0.
+        """
+
+@final
+class Wheel:
+    """A wheel of a vehicle, for Scene.set_vehicle: a ray with a spring, in the axes of its chassis."""
+
+    def __init__(
+        self,
+        position: _Vector,
+        radius: float,
+        *,
+        direction: Optional[_Vector] = None,
+        axle: Optional[_Vector] = None,
+        rest_length: Optional[float] = None,
+        travel: Optional[float] = None,
+        stiffness: Optional[float] = None,
+        compression: Optional[float] = None,
+        relaxation: Optional[float] = None,
+        force_max: Optional[float] = None,
+        friction_slip: Optional[float] = None,
+        side_friction: Optional[float] = None,
+    ) -> None:
+        """The position is the upper end of its suspension, from the centre of mass of the chassis.
+
+        The direction of the suspension, of unit length, is down if it is left out. The axle, of unit length, points to the
+        right of the way forward. It is along x if it is left out, in Unreal's coordinates along y: forward is then -z in
+        Rhumb's coordinates, z in Unity's, x in Unreal's, and y where z is up.
+
+        The suspension has its rest length without load, 0.3 m, and changes by at most its travel, 0.25 m. Its stiffness is
+        an acceleration for a length, 50/s²; its damping is 4/s in compression, and 6/s in relaxation. It pushes with any
+        force unless a greatest one is set.
+
+        The greatest force along the ground is a share of the suspension's force, the friction slip, 2; the part along the
+        way forward counts half. The side friction, 1, is a factor of the force that keeps the wheel from sliding sideways.
+        """
+
+@final
+class WheelInput:
+    """Steering, force and brake of a wheel, for Scene.set_wheels."""
+
+    def __init__(self, steering: float = 0.0, force: float = 0.0, brake: float = 0.0) -> None:
+        """A positive steering, in radians, turns left; in left-handed coordinates it turns right.
+
+        The force acts forward, a negative one backward. The brake is the greatest force that stops the wheel; one with a
+        force does not brake.
+        """
+
+@final
 class Query:
     """A question about where the bodies are."""
 
@@ -302,6 +374,19 @@ class Scene:
         """Replaces a joint, its limits and motors among others."""
     def remove_joint(self, id: int) -> Optional[int]:
         """Removes a joint. It goes with either of its bodies too."""
+    def set_character(self, body: _Bodies, character: Character) -> Optional[int]:
+        """Makes kinematic bodies characters, which walk by the velocity of set_velocity, or gives them other settings.
+
+        Events, "reached ground" and "left ground", report their ground.
+        """
+    def set_vehicle(self, body: _Bodies, wheels: Sequence[Wheel]) -> Optional[int]:
+        """Makes dynamic bodies vehicles on 1 to 16 wheels, which begin without inputs."""
+    def clear_locomotion(self, body: _Bodies) -> Optional[int]:
+        """Makes characters and vehicles ordinary bodies again."""
+    def jump(self, body: _Bodies, speed: float, *, anywhere: bool = False) -> Optional[int]:
+        """Characters rise with this speed, in units of length per second. In the air nothing happens, unless anywhere is true."""
+    def set_wheels(self, body: _Bodies, inputs: Sequence[WheelInput]) -> Optional[int]:
+        """Sets the inputs of all wheels of vehicles, in the order of their wheels. A vehicle keeps them."""
     def take_authority(self, body: _Bodies, tolerance: float = 0.02) -> None:
         """Requests authority over kinematic bodies in place of those of now; an empty row ends it. The tolerance is in metres.
 
