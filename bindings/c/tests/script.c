@@ -9,7 +9,7 @@
 
 #include "rhumb.h"
 
-enum { PILED = 60, BUILT = 3, BODIES = 1 + PILED + BUILT, TICKS = 150, HINGE = 7 };
+enum { PILED = 60, BUILT = 5, BODIES = 1 + PILED + BUILT, TICKS = 150, HINGE = 7 };
 
 static void check(RhumbCode code, const char *what) {
     if (code != RHUMB_CODE_OK) {
@@ -59,7 +59,7 @@ typedef struct {
     RhumbPart parts[3];
 } Dumbbell;
 
-// A compound; an anchor, and an arm that hangs on it by a hinge.
+// A compound; an anchor, and an arm that hangs on it by a hinge; a walker; a car.
 static void describe_built(RhumbBodyDesc *descs, Dumbbell *dumbbell) {
     dumbbell->ball = dumbbell->box = plain_shape();
     dumbbell->ball.radius = 0.25f;
@@ -72,7 +72,7 @@ static void describe_built(RhumbBodyDesc *descs, Dumbbell *dumbbell) {
         {.position = {0, 0, 0.25f}, .rotation = {0.5f, 0.5f, 0.5f, 0.5f}, .shape = &dumbbell->box},
     };
     memcpy(dumbbell->parts, parts, sizeof parts);
-    const float places[BUILT][3] = {{-4, 2, 0}, {4, 4, 0}, {4, 2.5f, 0}};
+    const float places[BUILT][3] = {{-4, 2, 0}, {4, 4, 0}, {4, 2.5f, 0}, {7, 1, 3}, {-7, 1, 5}};
     for (int i = 0; i < BUILT; i++) {
         check(rhumb_body_desc_init(&descs[i]), "init");
         descs[i].shape.kind = RHUMB_SHAPE_KIND_CUBOID;
@@ -84,6 +84,34 @@ static void describe_built(RhumbBodyDesc *descs, Dumbbell *dumbbell) {
     descs[0].shape.part_count = 3;
     descs[1].kind = RHUMB_BODY_KIND_FIXED;
     descs[2].shape.half_extents[1] = 1;
+    descs[3].kind = RHUMB_BODY_KIND_KINEMATIC;
+    descs[3].shape.kind = RHUMB_SHAPE_KIND_CAPSULE;
+    descs[3].shape.half_height = 0.5f;
+    descs[3].shape.radius = 0.25f;
+    descs[4].shape.half_extents[0] = 0.75f;
+    descs[4].shape.half_extents[2] = 1.5f;
+}
+
+// Lets the walker walk and the car roll.
+static void set_moving(RhumbScene scene, const RhumbBody *bodies) {
+    RhumbCharacter character;
+    check(rhumb_character_init(&character, RHUMB_COORDINATES_RHUMB), "character");
+    character.has_step = 1;
+    character.step_height = 0.5f;
+    character.step_width = 0.125f;
+    check(rhumb_scene_set_character(scene, bodies[PILED + 4], &character, NULL), "set character");
+    const RhumbCommand walk = {
+        .kind = RHUMB_COMMAND_KIND_SET_VELOCITY, .body = bodies[PILED + 4], .vector = {-1, 0, -0.5f}};
+    check(rhumb_scene_command(scene, &walk, 1, NULL), "walk");
+    RhumbWheel wheels[4];
+    for (int i = 0; i < 4; i++) {
+        check(rhumb_wheel_init(&wheels[i], RHUMB_COORDINATES_RHUMB), "wheel");
+        wheels[i].position[0] = i % 2 == 0 ? -0.75f : 0.75f;
+        wheels[i].position[1] = -0.125f;
+        wheels[i].position[2] = i < 2 ? -1.25f : 1.25f;
+        wheels[i].radius = 0.25f;
+    }
+    check(rhumb_scene_set_vehicle(scene, bodies[PILED + 5], wheels, 4, NULL), "vehicle");
 }
 
 static RhumbJointDesc hinge(const RhumbBody *bodies) {
@@ -106,13 +134,19 @@ static RhumbCommand command(RhumbCommandKind kind, RhumbBody body, float x, floa
 }
 
 static void interfere(RhumbScene scene, int tick, const RhumbBody *bodies) {
-    if (tick == 30) {
+    if (tick == 20) {
+        const RhumbWheelInput front = {.steering = 0.25f}, rear = {.force = 2000};
+        const RhumbWheelInput inputs[] = {front, front, rear, rear};
+        check(rhumb_scene_set_wheels(scene, bodies[PILED + 5], inputs, 4, NULL), "wheels");
+    } else if (tick == 30) {
         RhumbCommand commands[] = {
             command(RHUMB_COMMAND_KIND_IMPULSE, bodies[1], 200, 100, 0),
             command(RHUMB_COMMAND_KIND_SET_VELOCITY, bodies[6], 0, 4, 1),
         };
         commands[1].angular[0] = 1;
         check(rhumb_scene_command(scene, commands, 2, NULL), "commands");
+    } else if (tick == 40) {
+        check(rhumb_scene_jump(scene, bodies[PILED + 4], 4, RHUMB_JUMP_FROM_GROUND, NULL), "jump");
     } else if (tick == 60) {
         RhumbCommand removal = command(RHUMB_COMMAND_KIND_REMOVE_BODY, bodies[4], 0, 0, 0);
         check(rhumb_scene_command(scene, &removal, 1, NULL), "removal");
@@ -163,6 +197,7 @@ int main(int count, char **arguments) {
     joint.motor_damping[3] = 4;
     joint.motor_force[3] = 2000;
     check(rhumb_scene_add_joint(scene, HINGE, &joint, NULL), "joint");
+    set_moving(scene, bodies);
 
     for (int tick = 0; tick < TICKS; tick++) {
         interfere(scene, tick, bodies);

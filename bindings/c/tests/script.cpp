@@ -55,7 +55,7 @@ rhumb::BodyDesc piled(int i) {
     return rhumb::BodyDesc::dynamic(shape(i)).at(x, y, z).angular_velocity({0, 0.5F * static_cast<float>(i % 3), 0});
 }
 
-/// A compound; an anchor, and an arm that hangs on it by a hinge.
+/// A compound; an anchor, and an arm that hangs on it by a hinge; a walker; a car.
 std::vector<rhumb::BodyDesc> built() {
     const auto ball = rhumb::Shape::ball(0.25F);
     const auto dumbbell = rhumb::Shape::compound({
@@ -67,7 +67,22 @@ std::vector<rhumb::BodyDesc> built() {
         rhumb::BodyDesc::dynamic(dumbbell).at(-4, 2, 0),
         rhumb::BodyDesc::fixed(rhumb::Shape::cuboid(0.25F, 0.25F, 0.25F)).at(4, 4, 0),
         rhumb::BodyDesc::dynamic(rhumb::Shape::cuboid(0.25F, 1, 0.25F)).at(4, 2.5F, 0),
+        rhumb::BodyDesc::kinematic(rhumb::Shape::capsule(0.5F, 0.25F)).at(7, 1, 3),
+        rhumb::BodyDesc::dynamic(rhumb::Shape::cuboid(0.75F, 0.25F, 1.5F)).at(-7, 1, 5),
     };
+}
+
+/// Lets the walker walk and the car roll.
+void set_moving(rhumb::Scene& scene, const std::vector<rhumb::Body>& bodies) {
+    scene.set_character(bodies[PILED + 4], rhumb::Character().step(0.5F, 0.125F));
+    scene.command(rhumb::command::set_velocity(bodies[PILED + 4], {-1, 0, -0.5F}, {}));
+    std::vector<rhumb::Wheel> wheels;
+    for (const float z : {-1.25F, 1.25F}) {
+        for (const float x : {-0.75F, 0.75F}) {
+            wheels.emplace_back(rhumb::Vec3{x, -0.125F, z}, 0.25F);
+        }
+    }
+    scene.set_vehicle(bodies[PILED + 5], wheels);
 }
 
 rhumb::JointDesc hinge(const std::vector<rhumb::Body>& bodies, const rhumb::Motor& motor) {
@@ -78,9 +93,14 @@ rhumb::JointDesc hinge(const std::vector<rhumb::Body>& bodies, const rhumb::Moto
 }
 
 void interfere(rhumb::Scene& scene, int tick, const std::vector<rhumb::Body>& bodies) {
-    if (tick == 30) {
+    if (tick == 20) {
+        const rhumb::WheelInput front = {0.25F, 0, 0}, rear = {0, 2000, 0};
+        scene.set_wheels(bodies[PILED + 5], {front, front, rear, rear});
+    } else if (tick == 30) {
         scene.command({rhumb::command::impulse(bodies[1], {200, 100, 0}),
                        rhumb::command::set_velocity(bodies[6], {0, 4, 1}, {1, 0, 0})});
+    } else if (tick == 40) {
+        scene.jump(bodies[PILED + 4], 4);
     } else if (tick == 60) {
         scene.command(rhumb::command::remove_body(bodies[4]));
         if (scene.remove_unused_shapes() != 0) {
@@ -113,6 +133,7 @@ int main(int count, char** arguments) try {
     }
     const auto bodies = scene.add_bodies(descs);
     scene.add_joint(HINGE, hinge(bodies, {0, 1, 0, 4, 2000.0F}));
+    set_moving(scene, bodies);
     for (int tick = 0; tick < TICKS; ++tick) {
         interfere(scene, tick, bodies);
         scene.advance();

@@ -21,6 +21,7 @@ internal static class Script
             BodyDesc[] piled = Enumerable.Range(0, Piled).Select(PiledBody).ToArray();
             Body[] bodies = scene.Add(new[] { floor }.Concat(piled).Concat(Built()).ToArray());
             scene.AddJoint(Hinge, HingeOf(bodies).Motor(3, 0, 1, 0, 4, 2000));
+            SetMoving(scene, bodies);
             for (int tick = 0; tick < Ticks; tick++)
             {
                 Interfere(scene, tick, bodies);
@@ -53,7 +54,7 @@ internal static class Script
         return BodyDesc.Dynamic(ShapeOf(i)).At(x, y, z).AngularVelocity(new Vec3(0, 0.5f * (i % 3), 0));
     }
 
-    /// <summary>A compound; an anchor, and an arm that hangs on it by a hinge.</summary>
+    /// <summary>A compound; an anchor, and an arm that hangs on it by a hinge; a walker; a car.</summary>
     private static BodyDesc[] Built()
     {
         Shape dumbbell = Shape.Compound(
@@ -65,7 +66,22 @@ internal static class Script
             BodyDesc.Dynamic(dumbbell).At(-4, 2, 0),
             BodyDesc.Fixed(Shape.Cuboid(0.25f, 0.25f, 0.25f)).At(4, 4, 0),
             BodyDesc.Dynamic(Shape.Cuboid(0.25f, 1, 0.25f)).At(4, 2.5f, 0),
+            BodyDesc.Kinematic(Shape.Capsule(0.5f, 0.25f)).At(7, 1, 3),
+            BodyDesc.Dynamic(Shape.Cuboid(0.75f, 0.25f, 1.5f)).At(-7, 1, 5),
         };
+    }
+
+    /// <summary>Lets the walker walk and the car roll.</summary>
+    private static void SetMoving(Scene scene, Body[] bodies)
+    {
+        scene.SetCharacter(bodies[Piled + 4], new Character().Step(0.5f, 0.125f));
+        scene.Send(Command.SetVelocity(bodies[Piled + 4], new Vec3(-1, 0, -0.5f), default(Vec3)));
+        scene.SetVehicle(bodies[Piled + 5], Enumerable.Range(0, 4).Select(WheelOf).ToArray());
+    }
+
+    private static Wheel WheelOf(int i)
+    {
+        return new Wheel(new Vec3(i % 2 == 0 ? -0.75f : 0.75f, -0.125f, i < 2 ? -1.25f : 1.25f), 0.25f);
     }
 
     private static JointDesc HingeOf(Body[] bodies)
@@ -94,11 +110,20 @@ internal static class Script
 
     private static void Interfere(Scene scene, int tick, Body[] bodies)
     {
-        if (tick == 30)
+        if (tick == 20)
+        {
+            WheelInput front = new WheelInput(0.25f, 0, 0), rear = new WheelInput(0, 2000, 0);
+            scene.SetWheels(bodies[Piled + 5], front, front, rear, rear);
+        }
+        else if (tick == 30)
         {
             scene.Send(
                 Command.Impulse(bodies[1], new Vec3(200, 100, 0)),
                 Command.SetVelocity(bodies[6], new Vec3(0, 4, 1), new Vec3(1, 0, 0)));
+        }
+        else if (tick == 40)
+        {
+            scene.Jump(bodies[Piled + 4], 4);
         }
         else if (tick == 60)
         {

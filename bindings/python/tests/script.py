@@ -35,7 +35,7 @@ def add_piled(scene, i):
 
 
 def add_built(scene):
-    """A compound; an anchor, and an arm that hangs on it by a hinge."""
+    """A compound; an anchor, and an arm that hangs on it by a hinge; a walker; a car."""
     dumbbell = rhumb.Shape.compound([
         (rhumb.Shape.ball(0.25), (-0.5, 0, 0)),
         (rhumb.Shape.ball(0.25), (0.5, 0, 0)),
@@ -45,7 +45,17 @@ def add_built(scene):
         scene.add_body(dumbbell, (-4, 2, 0)),
         scene.add_body(rhumb.Shape.cuboid(0.25, 0.25, 0.25), (4, 4, 0), "fixed"),
         scene.add_body(rhumb.Shape.cuboid(0.25, 1, 0.25), (4, 2.5, 0)),
+        scene.add_body(rhumb.Shape.capsule(0.5, 0.25), (7, 1, 3), "kinematic"),
+        scene.add_body(rhumb.Shape.cuboid(0.75, 0.25, 1.5), (-7, 1, 5)),
     ]
+
+
+def set_moving(scene, walker, car):
+    """Lets the walker walk and the car roll."""
+    scene.set_character(walker, rhumb.Character(step=(0.5, 0.125)))
+    scene.set_velocity(walker, (-1, 0, -0.5))
+    places = [(x, -0.125, z) for z in (-1.25, 1.25) for x in (-0.75, 0.75)]
+    scene.set_vehicle(car, [rhumb.Wheel(place, 0.25) for place in places])
 
 
 def hinge(bodies, motor):
@@ -56,9 +66,14 @@ def hinge(bodies, motor):
 
 
 def interfere(scene, tick, bodies):
-    if tick == 30:
+    if tick == 20:
+        front, rear = rhumb.WheelInput(steering=0.25), rhumb.WheelInput(force=2000)
+        scene.set_wheels(bodies[PILED + 5], [front, front, rear, rear])
+    elif tick == 30:
         scene.apply_impulse(bodies[1], (200, 100, 0))
         scene.set_velocity(bodies[6], (0, 4, 1), (1, 0, 0))
+    elif tick == 40:
+        scene.jump(bodies[PILED + 4], 4)
     elif tick == 60:
         scene.remove(bodies[4])
     elif tick == 75:
@@ -74,6 +89,7 @@ def main(address, fingerprint):
         bodies += [add_piled(scene, i) for i in range(PILED)]
         bodies += add_built(scene)
         scene.add_joint(7, hinge(bodies, (0, 1, 0, 4, 2000)))
+        set_moving(scene, bodies[PILED + 4], bodies[PILED + 5])
         for tick in range(TICKS):
             interfere(scene, tick, bodies)
             scene.advance()

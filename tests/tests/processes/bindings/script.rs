@@ -1,14 +1,15 @@
 //! One script in every language ends with one hash of poses.
 //!
-//! The script piles up bodies of five shapes beside a compound and an arm on a hinge with a motor, disturbs them, and asks
-//! one query. This file has it in Rust, over the client
-//! itself, and in each of the coordinates that do not round.
+//! The script piles up bodies of five shapes beside a compound, an arm on a hinge with a motor, a character and a vehicle,
+//! disturbs them, and asks one query. This file has it in Rust, over the client itself, and in each of the coordinates that
+//! do not round.
 
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::{BodyParams, Coordinates, JoinCondition, JoinParams, RemoteScene};
 use rhumb_client::scene::{
-    Answer, BodyBuilder, BodyDesc, BodyKind, Command, Compound, Joint, JointFrame, JointId,
-    JointKind, JointLimits, Motor, Part, Query, Shape,
+    Answer, BodyBuilder, BodyDesc, BodyKind, Character, CharacterStep, Command, Compound, Joint,
+    JointFrame, JointId, JointKind, JointLimits, JumpFrom, Locomotion, Motor, Part, Query, Shape,
+    Vehicle, Wheel, WheelInput,
 };
 use rhumb_client::{BodyId, Client, JoinMode, JoinOptions, PipelineDepth, Trust};
 use rhumb_conformance::fnv::Fnv;
@@ -61,14 +62,18 @@ fn dumbbell() -> Shape {
     Shape::Compound(Compound::new(parts).expect("three parts"))
 }
 
-/// A compound; an anchor, and an arm that hangs on it by a hinge.
-fn built() -> [(BodyKind, Shape, Vec3); 3] {
+/// A compound; an anchor, and an arm that hangs on it by a hinge; a walker; a car.
+fn built() -> [(BodyKind, Shape, Vec3); 5] {
     let anchor = Shape::cuboid(0.25, 0.25, 0.25);
     let arm = Shape::cuboid(0.25, 1.0, 0.25);
+    let walker = Shape::capsule(0.5, 0.25);
+    let car = Shape::cuboid(0.75, 0.25, 1.5);
     [
         (BodyKind::Dynamic, dumbbell(), Vec3::new(-4.0, 2.0, 0.0)),
         (BodyKind::Static, anchor, Vec3::new(4.0, 4.0, 0.0)),
         (BodyKind::Dynamic, arm, Vec3::new(4.0, 2.5, 0.0)),
+        (BodyKind::Kinematic, walker, Vec3::new(7.0, 1.0, 3.0)),
+        (BodyKind::Dynamic, car, Vec3::new(-7.0, 1.0, 5.0)),
     ]
 }
 
@@ -85,20 +90,60 @@ fn hinge(bodies: &[BodyId], motor: Motor) -> Box<Joint> {
     Box::new(joint)
 }
 
-/// The command that adds the hinge.
-fn hung(bodies: &[BodyId]) -> Command {
+/// The commands that add the hinge, and that let the walker walk and the car roll.
+fn beginning(bodies: &[BodyId]) -> Vec<Command> {
     let motor = Motor {
         force: 2000.0,
         ..Motor::with_velocity(1.0, 4.0)
     };
-    Command::AddJoint {
-        id: HINGE,
-        joint: hinge(bodies, motor),
-    }
+    let [walker, car] = [4, 5].map(|place| bodies[usize::from(PILED) + place]);
+    let set = |id, locomotion: Locomotion| Command::SetLocomotion {
+        id,
+        locomotion: Box::new(locomotion),
+    };
+    let wheel = |i: u16| {
+        let x = if i.is_multiple_of(2) { -0.75 } else { 0.75 };
+        let z = if i < 2 { -1.25 } else { 1.25 };
+        Wheel::at(Vec3::new(x, -0.125, z), 0.25)
+    };
+    let character = Character::default().step(CharacterStep::new(0.5, 0.125));
+    let wheels = (0..4).map(wheel).collect();
+    vec![
+        Command::AddJoint {
+            id: HINGE,
+            joint: hinge(bodies, motor),
+        },
+        set(walker, character.into()),
+        Command::SetVelocity {
+            id: walker,
+            linear: Vec3::new(-1.0, 0.0, -0.5),
+            angular: Vec3::ZERO,
+        },
+        set(car, Vehicle { wheels }.into()),
+    ]
+}
+
+/// The front wheels steer, the rear ones push.
+fn inputs() -> Vec<WheelInput> {
+    let input = |steering, force| WheelInput {
+        steering,
+        force,
+        brake: 0.0,
+    };
+    vec![
+        input(0.25, 0.0),
+        input(0.25, 0.0),
+        input(0.0, 2000.0),
+        input(0.0, 2000.0),
+    ]
 }
 
 fn commands(tick: u16, bodies: &[BodyId]) -> Vec<Command> {
     match tick {
+        20 => vec![Command::SetWheels {
+            id: bodies[usize::from(PILED) + 5],
+            inputs: inputs(),
+        }],
         30 => vec![
             Command::Impulse {
                 id: bodies[1],
@@ -110,6 +155,11 @@ fn commands(tick: u16, bodies: &[BodyId]) -> Vec<Command> {
                 angular: Vec3::X,
             },
         ],
+        40 => vec![Command::Jump {
+            id: bodies[usize::from(PILED) + 4],
+            speed: 4.0,
+            from: JumpFrom::Ground,
+        }],
         60 => vec![Command::RemoveBody { id: bodies[4] }],
         75 => vec![Command::ChangeJoint {
             id: HINGE,
@@ -168,6 +218,7 @@ pub(super) fn expected(server: &ServerProcess) -> Outcome {
     let built = built().map(|(kind, shape, at)| {
         let body = match kind {
             BodyKind::Static => BodyDesc::fixed(shape),
+            BodyKind::Kinematic => BodyDesc::kinematic(shape),
             _ => BodyDesc::dynamic(shape),
         };
         body.position(at)
@@ -175,7 +226,9 @@ pub(super) fn expected(server: &ServerProcess) -> Outcome {
     let bodies = client
         .add_bodies(std::iter::once(floor()).chain(piled).chain(built))
         .expect("the bodies are valid");
-    client.command(hung(&bodies)).expect("the hinge is valid");
+    for command in beginning(&bodies) {
+        client.command(command).expect("the command is valid");
+    }
     for tick in 0..TICKS {
         for command in commands(tick, &bodies) {
             client.command(command).expect("the command is valid");
@@ -197,7 +250,7 @@ pub(super) fn expected(server: &ServerProcess) -> Outcome {
     let distances: Vec<_> = hits.iter().map(|hit| hit.distance).collect();
     client.delete().expect("the scene is there");
     // One of the pile was removed; the floor and what was built are there.
-    assert_eq!(poses.len(), usize::from(PILED) + 3);
+    assert_eq!(poses.len(), usize::from(PILED) + 5);
     assert!(!distances.is_empty(), "the ray hits the pile");
     Outcome { poses, distances }
 }
@@ -299,8 +352,41 @@ impl Axes {
         }
     }
 
+    /// A character as it is, or a vehicle with its wheels' places and axes.
+    fn locomotion(self, locomotion: Locomotion) -> Locomotion {
+        let Locomotion::Vehicle(Vehicle { wheels }) = locomotion else {
+            return locomotion;
+        };
+        let turned = |wheel: &Wheel| Wheel {
+            position: self.vector(wheel.position),
+            direction: self.vector(wheel.direction),
+            axle: self.vector(wheel.axle),
+            ..*wheel
+        };
+        let wheels = wheels.iter().map(turned).collect();
+        Vehicle { wheels }.into()
+    }
+
+    /// A mirror turns a steering the other way.
+    fn inputs(self, mut inputs: Vec<WheelInput>) -> Vec<WheelInput> {
+        if matches!(self, Self::Mirrored) {
+            for input in &mut inputs {
+                input.steering = -input.steering;
+            }
+        }
+        inputs
+    }
+
     fn command(self, command: Command) -> Command {
         match command {
+            Command::SetLocomotion { id, locomotion } => Command::SetLocomotion {
+                id,
+                locomotion: Box::new(self.locomotion(*locomotion)),
+            },
+            Command::SetWheels { id, inputs } => Command::SetWheels {
+                id,
+                inputs: self.inputs(inputs),
+            },
             Command::AddJoint { id, joint } => Command::AddJoint {
                 id,
                 joint: self.hinge(joint),
@@ -369,8 +455,11 @@ fn in_axes(server: &ServerProcess, axes: Axes) -> Outcome {
         ..BodyParams::new(kind, axes.shape(shape))
     }));
     let bodies = scene.add_bodies(&all).expect("the bodies are valid");
-    let hung = axes.command(hung(&bodies));
-    scene.command(vec![hung]).expect("the hinge is valid");
+    let begun = beginning(&bodies).into_iter();
+    let begun = begun.map(|command| axes.command(command));
+    scene
+        .command(begun.collect())
+        .expect("the commands are valid");
     for tick in 0..TICKS {
         let turned = commands(tick, &bodies).into_iter();
         let turned = turned.map(|command| axes.command(command));
