@@ -25,20 +25,22 @@ impl SceneRunner {
         self.faulted
     }
 
-    /// Applies a command of the owner; members learn of it with the next tick.
+    /// Applies a command of the owner; members learn of it with the next tick. One message may have many.
     pub(crate) fn command_of_owner(
         &mut self,
         owner: Peer,
         command: &Command,
     ) -> Result<(), CommandError> {
+        self.provision.pulse.beat();
         let applied = self.apply(owner, command);
         let now = self.last_step;
         applied.map_err(|error| self.restore_if_failed(now, error))
     }
 
-    /// Steps once.
+    /// Steps once. One message may ask for many steps.
     pub(crate) fn step_for_owner(&mut self, clock: Stopwatch<'_>, out: &mut Outbox) {
         if !self.faulted {
+            self.provision.pulse.beat();
             self.target = self.target.next();
             self.tick(clock, out);
         }
@@ -52,5 +54,47 @@ impl SceneRunner {
     /// The scene.
     pub(crate) const fn scene(&self) -> &Scene {
         &self.scene
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    use rhumb_protocol::Instant;
+    use rhumb_protocol::scene::SceneConfig;
+
+    use super::*;
+    use crate::pulse::Pulse;
+    use crate::scene_runner::Provision;
+    use crate::stream_names::StreamNames;
+
+    #[test]
+    fn each_command_and_each_step_of_an_owner_is_a_piece_of_work() {
+        let nanos = Arc::new(AtomicU64::new(0));
+        let clock = Arc::clone(&nanos);
+        let pulse = Pulse::new(move || Instant::from_nanos(clock.load(Ordering::Relaxed)));
+        let provision = Provision {
+            pulse: pulse.clone(),
+            ..Provision::unbounded(&"owned".parse().unwrap())
+        };
+        let scene = Scene::new(SceneConfig::default()).unwrap();
+        let mut runner = SceneRunner::new(scene, StreamNames::of_scene(0), provision);
+        pulse.beat();
+        let gravity = glam::Vec3::NEG_Y;
+        let work: [&dyn Fn(&mut SceneRunner); 2] = [
+            &|runner| {
+                let applied = runner.command_of_owner(Peer(1), &Command::SetGravity { gravity });
+                assert_eq!(applied, Ok(()));
+            },
+            &|runner| runner.step_for_owner(&|| Instant::ZERO, &mut Outbox::default()),
+        ];
+        for work in work {
+            nanos.fetch_add(5_000_000_000, Ordering::Relaxed);
+            assert_eq!(pulse.busy_for(), Span::from_millis(5_000));
+            work(&mut runner);
+            assert_eq!(pulse.busy_for(), Span::ZERO);
+        }
     }
 }
