@@ -21,6 +21,7 @@ mod resumption;
 mod scene_clock;
 mod shape_clashes;
 mod shape_numbers;
+mod unanswered;
 mod upstream_clock;
 mod view;
 

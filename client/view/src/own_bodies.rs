@@ -2,23 +2,24 @@
 //!
 //! Tells which ids are done with; their indices are given out by `id_allocator`. Invariant: an id is done with once.
 
-use std::collections::BTreeMap;
-
 use rhumb_protocol::scene::CommandError;
 use rhumb_reckoning::BodyId;
+
+use crate::unanswered::Unanswered;
 
 /// The bodies of one client in one scene, from the command that adds each of them.
 #[derive(Debug, Default)]
 pub(crate) struct OwnBodies {
-    bodies: BTreeMap<BodyId, Addition>,
-    /// Bodies whose addition the server has not answered yet, by the number of the command.
-    unanswered: BTreeMap<u64, BodyId>,
+    by_index: Vec<Option<Addition>>,
+    /// Bodies whose addition the server has not answered yet.
+    unanswered: Unanswered<BodyId>,
 }
 
 /// The command that adds a body.
 #[derive(Clone, Copy, Debug)]
 struct Addition {
     command: u64,
+    generation: u16,
     id_source: IdSource,
 }
 
@@ -34,20 +35,26 @@ pub(crate) enum IdSource {
 impl OwnBodies {
     /// Stores a body whose addition is queued.
     pub(crate) fn add(&mut self, id: BodyId, command: u64, id_source: IdSource) {
-        self.bodies
-            .entry(id)
-            .or_insert(Addition { command, id_source });
         self.unanswered.insert(command, id);
+        if self.get(id).is_some() {
+            return;
+        }
+        let (index, generation) = (id.index() as usize, id.generation());
+        if index >= self.by_index.len() {
+            self.by_index.resize(index + 1, None);
+        }
+        self.by_index[index] = Some(Addition {
+            command,
+            generation,
+            id_source,
+        });
     }
 
     /// Handles a refusal; returns the id that is done with. The server never placed its body.
     pub(crate) fn handle_refused(&mut self, command: u64, error: CommandError) -> Option<BodyId> {
-        let id = self.unanswered.remove(&command)?;
-        let addition = *self.bodies.get(&id)?;
-        if addition.command != command {
-            return None;
-        }
-        self.bodies.remove(&id);
+        let id = self.unanswered.remove(command)?;
+        let addition = self.get(id).filter(|known| known.command == command)?;
+        self.remove(id);
         // An index that another body has, or that is not this client's, is not this client's to give out.
         let usable = !matches!(
             error,
@@ -63,10 +70,9 @@ impl OwnBodies {
         through: u64,
         is_gone: impl Fn(BodyId) -> bool,
     ) -> Vec<BodyId> {
-        let later = self.unanswered.split_off(&through.saturating_add(1));
-        let answered = core::mem::replace(&mut self.unanswered, later);
-        let mut gone: Vec<BodyId> = answered.into_values().filter(|id| is_gone(*id)).collect();
-        gone.retain(|id| self.remove(*id));
+        let answered = self.unanswered.take_through(through).into_iter();
+        let mut gone: Vec<_> = answered.map(|(_, id)| id).collect();
+        gone.retain(|id| is_gone(*id) && self.remove(*id));
         gone
     }
 
@@ -77,24 +83,34 @@ impl OwnBodies {
         commands: u64,
         is_gone: impl Fn(BodyId) -> bool,
     ) -> Vec<BodyId> {
-        let sent_again = self.bodies.iter();
-        let sent_again = sent_again.filter(|(_, addition)| addition.command >= commands);
-        self.unanswered
-            .extend(sent_again.map(|(id, addition)| (addition.command, *id)));
-        let is_answered = |addition: &Addition| !self.unanswered.contains_key(&addition.command);
-        let gone: Vec<BodyId> = (self.bodies.iter())
-            .filter(|(id, addition)| is_answered(addition) && is_gone(**id))
-            .map(|(id, _)| *id)
-            .collect();
-        for id in &gone {
-            self.bodies.remove(id);
+        let mut gone = Vec::new();
+        for (index, addition) in (0..).zip(&self.by_index) {
+            let Some(addition) = addition else {
+                continue;
+            };
+            let id = BodyId::new(index, addition.generation);
+            if addition.command >= commands {
+                self.unanswered.insert(addition.command, id);
+            } else if !self.unanswered.has(addition.command) && is_gone(id) {
+                gone.push(id);
+            }
         }
+        gone.retain(|id| self.remove(*id));
         gone
     }
 
     /// Handles the removal of a body; true if its id is done with now.
     pub(crate) fn remove(&mut self, id: BodyId) -> bool {
-        self.bodies.remove(&id).is_some()
+        let is_known = self.get(id).is_some();
+        if is_known {
+            self.by_index[id.index() as usize] = None;
+        }
+        is_known
+    }
+
+    fn get(&self, id: BodyId) -> Option<Addition> {
+        let addition = *self.by_index.get(id.index() as usize)?;
+        addition.filter(|addition| addition.generation == id.generation())
     }
 }
 

@@ -4,21 +4,23 @@
 //! behind it with the first one. This part finds those bodies, and `client_ids` mends them: it changes their shapes, or
 //! removes bodies that cannot be changed.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
 use rhumb_protocol::scene::{BodyDesc, CommandError, Shape, ShapeId};
+
+use crate::unanswered::Unanswered;
 
 /// Unanswered commands that rely on the number of a shape.
 #[derive(Debug, Default)]
 pub(crate) struct ShapeClashes {
-    /// Bodies with a shape number of this client's choice, by the number of the command.
-    bodies: BTreeMap<u64, BodyDesc>,
-    /// Shapes that were refused because their numbers are taken, by the number of the command.
-    refused: BTreeMap<u64, (ShapeId, Shape)>,
+    /// Bodies with a shape number of this client's choice.
+    bodies: Unanswered<BodyDesc>,
+    /// Shapes that were refused because their numbers are taken.
+    refused: Unanswered<(ShapeId, Shape)>,
     /// Bodies to mend.
     wrong: VecDeque<WrongBody>,
-    /// Commands that mend bodies, by number.
-    mends: BTreeMap<u64, Mend>,
+    /// Commands that mend bodies.
+    mends: Unanswered<Mend>,
 }
 
 /// A body that has another client's shape.
@@ -60,8 +62,8 @@ impl ShapeClashes {
 
     /// Handles the refusal of any command; true if it was to mend a body.
     pub(crate) fn handle_refused(&mut self, command: u64, error: CommandError) -> bool {
-        self.bodies.remove(&command);
-        let mend = self.mends.remove(&command);
+        self.bodies.remove(command);
+        let mend = self.mends.remove(command);
         if let Some(Mend::Changes(desc)) = mend
             && !matches!(error, CommandError::UnknownBody(_))
         {
@@ -78,21 +80,20 @@ impl ShapeClashes {
         through: u64,
         known: impl Fn(ShapeId) -> Option<&'a Shape>,
     ) {
-        let later = through.saturating_add(1);
-        for (command, (id, shape)) in take_before(&mut self.refused, later) {
+        for (command, (id, shape)) in self.refused.take_through(through) {
             if known(id) == Some(&shape) {
                 continue;
             }
             // Also bodies that are still under way: they were queued before the number was known to be taken.
-            let behind = self.bodies.range(command..).map(|(_, desc)| *desc);
+            let behind = self.bodies.from(command).iter().map(|(_, desc)| *desc);
             let wrong = behind.filter(|desc| desc.shape == id);
             self.wrong.extend(wrong.map(|desc| WrongBody {
                 desc,
                 shape: Some(shape.clone()),
             }));
         }
-        take_before(&mut self.bodies, later);
-        take_before(&mut self.mends, later);
+        self.bodies.take_through(through);
+        self.mends.take_through(through);
     }
 
     /// A body to mend.
@@ -104,10 +105,4 @@ impl ShapeClashes {
     pub(crate) fn end_wrong(&mut self) {
         self.wrong.pop_front();
     }
-}
-
-/// Takes what lies before a number out of a map.
-fn take_before<T>(map: &mut BTreeMap<u64, T>, number: u64) -> BTreeMap<u64, T> {
-    let later = map.split_off(&number);
-    core::mem::replace(map, later)
 }
