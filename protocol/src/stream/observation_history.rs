@@ -80,13 +80,23 @@ impl ObservationHistory {
         }
         let mut observed = self.spare_buffers.pop().unwrap_or_default();
         observed.clear();
-        observed.extend_from_slice(observations);
         if speaks && !self.passed_over.is_empty() {
             for observed in observations {
                 self.passed_over.remove(&observed.id.index());
             }
-            observed.extend(core::mem::take(&mut self.passed_over).into_values());
-            observed.sort_unstable_by_key(|observed| observed.id.index());
+            // Both are in the order of ids.
+            let passed_over = core::mem::take(&mut self.passed_over);
+            let mut passed_over = passed_over.into_values().peekable();
+            for observation in observations {
+                let is_before = |passed: &Observation| passed.id < observation.id;
+                while let Some(passed) = passed_over.next_if(is_before) {
+                    observed.push(passed);
+                }
+                observed.push(*observation);
+            }
+            observed.extend(passed_over);
+        } else {
+            observed.extend_from_slice(observations);
         }
         self.ticks.push(ObservedTick {
             tick,

@@ -3,6 +3,7 @@
 //! Pure functions. Invariant: an update that builds on another body's track comes after that body.
 
 use alloc::vec;
+use alloc::vec::Vec;
 
 use crate::packet::{CostModel, InitialCostModel, Update};
 
@@ -46,9 +47,7 @@ pub(super) fn sort_by_alias(updates: &mut [Update]) {
         .max()
         .unwrap_or_default();
     if end > updates.len() * SPARSE_ALIASES {
-        // Updates are large, so each is moved only once.
-        updates.sort_by_cached_key(|update| update.alias);
-        return;
+        return sort_by_keys(updates, |update| u64::from(update.alias));
     }
     // By alias: the rank of its update.
     let mut ranks = vec![0_u32; end];
@@ -78,15 +77,33 @@ pub(super) fn sort_parents_first(updates: &mut [Update]) -> usize {
     if free {
         return updates.len();
     }
-    updates.sort_unstable_by_key(|update| (update.payload.names_parent(), update.alias));
+    sort_by_keys(updates, |update| {
+        u64::from(update.payload.names_parent()) << 32 | u64::from(update.alias)
+    });
     updates.partition_point(|update| !update.payload.names_parent())
+}
+
+/// Sorts updates by keys that differ. Updates are large, so each is moved only once.
+fn sort_by_keys(updates: &mut [Update], key: impl Fn(&Update) -> u64) {
+    let mut order: Vec<(u64, usize)> = updates.iter().map(key).zip(0..).collect();
+    order.sort_unstable();
+    let mut ranks = vec![0; updates.len()];
+    for (rank, (_, place)) in order.into_iter().enumerate() {
+        ranks[place] = rank;
+    }
+    for place in 0..updates.len() {
+        while ranks[place] != place {
+            let rank = ranks[place];
+            updates.swap(place, rank);
+            ranks.swap(place, rank);
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::packet::{Keyframe, UpdatePayload};
-    use alloc::vec::Vec;
     use proptest::prelude::*;
     use rhumb_reckoning::{Anchor, BodyId, BodyState, Predictor};
 
