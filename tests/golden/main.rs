@@ -1,6 +1,6 @@
 //! Scenes give results that are equal to the bit in every build.
 //!
-//! Continuous integration runs them again with the server's feature `parallel`.
+//! Continuous integration runs them again in an optimised build, with the server's feature `parallel`.
 
 mod displayed;
 mod scripts;
