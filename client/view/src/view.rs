@@ -235,7 +235,7 @@ impl View {
         match self.place_of(index) {
             Some(place) if self.ids[place] == id => {
                 if render_params.smooth
-                    && !stream.is_orphaned(id)
+                    && !is_orphaned(stream, id, render_params.at)
                     && let Some(predicted) = predicted(stream, id, render_params.at)
                 {
                     let shown = self.extrapolated(place, render_params.now);
@@ -303,8 +303,9 @@ impl View {
             None => return true,
             Some(false) => {
                 self.resting[place] = false;
-                // Its update follows the removal of its parent; until then it stays where it is.
-                return stream.is_orphaned(id);
+                // Its update follows the removal of its parent; until then it stays where it is, if it was anywhere.
+                let has_pose = !self.positions[place].is_nan();
+                return has_pose && is_orphaned(stream, id, render_params.at);
             }
             Some(true) => {}
         }
@@ -366,6 +367,12 @@ impl View {
         };
         Motion::new(pose, twist).unwrap_or(Motion::IDENTITY)
     }
+}
+
+/// True if a body's motion in the world is not known at a moment, because its parent was removed.
+fn is_orphaned(stream: &Subscriber, id: BodyId, at: RenderTime) -> bool {
+    let next = || stream.is_orphaned_at(id, at.tick + Ticks::new(1));
+    stream.is_orphaned_at(id, at.tick) || (at.fraction > 0.0 && next())
 }
 
 /// The predicted motion at a moment, interpolated linearly between two ticks.

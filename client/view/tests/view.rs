@@ -84,8 +84,12 @@ impl Pair {
     }
 
     fn publish(&mut self, tick: u64, motion: BodyState, activity: Activity) {
+        self.publish_body(BALL, tick, motion, activity);
+    }
+
+    fn publish_body(&mut self, id: BodyId, tick: u64, motion: BodyState, activity: Activity) {
         let observation = Observation {
-            id: BALL,
+            id,
             motion,
             activity,
         };
@@ -203,37 +207,60 @@ fn smoothing_hides_the_jump_of_a_prediction_and_not_the_motion_of_the_body() {
     }
 }
 
+/// The x of the other body, in a view of a moment.
+fn look_at_other(pair: &mut Pair, at: RenderTime, smooth: bool) -> f32 {
+    // Long after the look before: a correction is over.
+    let now = Seconds::new(10.0 * at.ticks());
+    pair.view
+        .refresh(&mut pair.subscriber, &RenderParams { at, now, smooth });
+    pair.view.position(OTHER).expect("it is in the view").x
+}
+
+/// A pair whose other body is attached to the ball, two metres beside it.
+fn attached_pair() -> Pair {
+    let mut pair = Pair::new();
+    let parameters = PredictionParameters::plain(Metres::new(0.5));
+    let grid = Grid::new(Tolerance::NORMAL, Metres::new(0.5));
+    let attached = Track {
+        anchor: Anchor::Quantised(QuantisedState::of(&moving(2.0, 0.0).motion(), &grid)),
+        ..track(Predictor::Rest, moving(2.0, 0.0), Some(BALL))
+    };
+    assert!(pair.publisher.place(OTHER, &parameters, attached));
+    assert!(pair.subscriber.place(OTHER, &parameters, attached));
+    pair
+}
+
 #[test]
-fn a_body_whose_parent_was_removed_stays_until_its_update() {
+fn a_body_whose_parent_was_removed_stays_until_the_track_of_its_update() {
     for smooth in [false, true] {
-        let mut pair = Pair::new();
-        let parameters = PredictionParameters::plain(Metres::new(0.5));
-        let grid = Grid::new(Tolerance::NORMAL, Metres::new(0.5));
-        let attached = Track {
-            anchor: Anchor::Quantised(QuantisedState::of(&moving(2.0, 0.0).motion(), &grid)),
-            ..track(Predictor::Rest, moving(2.0, 0.0), Some(BALL))
-        };
-        let free = track(Predictor::Rest, moving(7.0, 0.0), None);
-        let mut look = |subscriber: &mut Subscriber, tick: u64| {
-            let at = RenderTime::at(Tick::new(tick));
-            let now = Seconds::new(10.0 * tick as f64);
-            pair.view
-                .refresh(subscriber, &RenderParams { at, now, smooth });
-            pair.view.position(OTHER).expect("it is in the view").x
-        };
-        let subscriber = &mut pair.subscriber;
-        assert!(subscriber.place(OTHER, &parameters, attached));
-        let held = look(subscriber, 30);
+        let mut pair = attached_pair();
+        let at = |tick| RenderTime::at(Tick::new(tick));
+        let held = look_at_other(&mut pair, at(30), smooth);
         assert!((held - 5.0).abs() < 0.05, "3 m by its parent: {held}");
-        assert!(subscriber.remove(BALL));
-        assert_eq!(look(subscriber, 60), held);
-        assert!(subscriber.is_orphaned(OTHER));
-        assert!(subscriber.place(OTHER, &parameters, free));
-        assert!(!subscriber.is_orphaned(OTHER));
-        look(subscriber, 61);
-        let own = look(subscriber, 90);
-        assert!((own - 7.0).abs() < 1e-5, "{own}");
+        assert!(pair.subscriber.remove(BALL));
+        pair.publisher.remove(BALL);
+        assert_eq!(look_at_other(&mut pair, at(60), smooth), held);
+        // A view behind the stream, also between two ticks, does not show the relative pose either.
+        pair.publish_body(OTHER, 100, moving(7.0, 0.0), Activity::Awake);
+        assert_eq!(pair.subscriber.track(OTHER).unwrap().parent, None);
+        let between = RenderTime {
+            fraction: 0.5,
+            ..at(98)
+        };
+        for moment in [at(90), between, at(99)] {
+            assert_eq!(look_at_other(&mut pair, moment, smooth), held);
+        }
+        let own = look_at_other(&mut pair, at(130), smooth);
+        assert!((own - 7.0).abs() < 0.05, "{own}");
     }
+}
+
+#[test]
+fn a_body_that_comes_without_its_parent_has_a_pose() {
+    let mut pair = attached_pair();
+    assert!(pair.subscriber.remove(BALL));
+    let shown = look_at_other(&mut pair, RenderTime::at(Tick::new(30)), false);
+    assert!(shown.is_finite());
 }
 
 #[test]

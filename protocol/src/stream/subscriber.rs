@@ -265,15 +265,21 @@ impl Subscriber {
         (slot.id(id.index()) == id).then(|| slot.dense().is_resting())
     }
 
-    /// True if a body is attached to one that was removed: until its next update, its motion in the world is not known.
+    /// True if the track by which a body is predicted at a tick is attached to a body that was removed: its motion in the
+    /// world is then not known until the track of its next update.
     #[must_use]
-    pub fn is_orphaned(&self, id: BodyId) -> bool {
+    pub fn is_orphaned_at(&self, id: BodyId, tick: Tick) -> bool {
         let slot = self.tracks.slot(id.index());
-        slot.is_some_and(|slot| {
-            slot.id(id.index()) == id
-                && slot.parent().is_some()
-                && self.tracks.parent(&slot.track()).is_none()
-        })
+        let Some(slot) = slot.filter(|slot| slot.id(id.index()) == id) else {
+            return false;
+        };
+        let before = match slot.origin() <= tick {
+            true => None,
+            false => self.previous_tracks.get(id.index()),
+        };
+        let before = before.filter(|before| before.origin <= tick);
+        let parent = before.map_or_else(|| slot.parent(), |before| before.parent);
+        parent.is_some_and(|parent| self.body(parent.index()) != Some(parent))
     }
 
     /// The predicted motion of a body at a tick: by its track, or by the previous track before the present one's
