@@ -108,8 +108,16 @@ impl ClientIds {
             Command::AddBody { desc, .. } => Some(desc.id),
             _ => None,
         };
+        let changed = match &command {
+            Command::ChangeBody { desc } => Some((desc.id, Some(*desc))),
+            Command::RemoveBody { id } => Some((*id, None)),
+            _ => None,
+        };
         let number = session.command(command)?;
         self.last_command = Some(number);
+        if let Some((id, desc)) = changed {
+            self.clashes.note_changed(id, desc);
+        }
         if let Some(id) = added {
             self.own_bodies.add(id, number, id_source);
         }

@@ -28,14 +28,16 @@ struct Addition {
 pub(crate) enum IdSource {
     /// The client took it for this body alone.
     Client,
-    /// The caller named it, and may add the body again under it.
+    /// The caller named it, and may add the body again under it. It is done with when such a body is removed.
     Caller,
 }
 
 impl OwnBodies {
     /// Stores a body whose addition is queued.
     pub(crate) fn add(&mut self, id: BodyId, command: u64, id_source: IdSource) {
-        self.unanswered.insert(command, id);
+        if id_source == IdSource::Client {
+            self.unanswered.insert(command, id);
+        }
         if self.get(id).is_some() {
             return;
         }
@@ -53,14 +55,14 @@ impl OwnBodies {
     /// Handles a refusal; returns the id that is done with. The server never placed its body.
     pub(crate) fn handle_refused(&mut self, command: u64, error: CommandError) -> Option<BodyId> {
         let id = self.unanswered.remove(command)?;
-        let addition = self.get(id).filter(|known| known.command == command)?;
+        self.get(id).filter(|known| known.command == command)?;
         self.remove(id);
         // An index that another body has, or that is not this client's, is not this client's to give out.
         let usable = !matches!(
             error,
             CommandError::BodyIdTaken(_) | CommandError::NotGranted(_)
         );
-        (usable && addition.id_source == IdSource::Client).then_some(id)
+        usable.then_some(id)
     }
 
     /// Handles the answer to all commands up to this number; returns the ids that are done with. A body that the scene
@@ -85,6 +87,7 @@ impl OwnBodies {
     ) -> Vec<BodyId> {
         let mut gone = Vec::new();
         for (index, addition) in (0..).zip(&self.by_index) {
+            let addition = addition.filter(|known| known.id_source == IdSource::Client);
             let Some(addition) = addition else {
                 continue;
             };
@@ -166,11 +169,18 @@ mod tests {
             bodies.add(ID, command, id_source);
             assert_eq!(bodies.handle_refused(command, error), None, "{error}");
         }
-        // A second body of the id is refused, and the first one stays.
-        bodies.add(ID, 5, IdSource::Caller);
-        bodies.add(ID, 6, IdSource::Caller);
-        let error = CommandError::BodyIdTaken(ID);
-        assert_eq!(bodies.handle_refused(6, error), None);
-        assert!(bodies.remove(ID));
+        // One of two bodies of the id is refused, and the other stays.
+        for refused in [5, 6] {
+            bodies.add(ID, 5, IdSource::Caller);
+            bodies.add(ID, 6, IdSource::Caller);
+            let error = CommandError::BodyIdTaken(ID);
+            assert_eq!(bodies.handle_refused(refused, error), None);
+            assert_eq!(bodies.handle_applied(6, |_| false), []);
+            assert!(bodies.remove(ID));
+        }
+        // It may be added again, although the answer was lost.
+        bodies.add(ID, 7, IdSource::Caller);
+        assert_eq!(bodies.handle_applied(7, |_| true), []);
+        assert_eq!(bodies.handle_resumed(8, |_| true), []);
     }
 }

@@ -7,6 +7,7 @@
 use std::collections::VecDeque;
 
 use rhumb_protocol::scene::{BodyDesc, CommandError, Shape, ShapeId};
+use rhumb_reckoning::BodyId;
 
 use crate::unanswered::Unanswered;
 
@@ -53,6 +54,19 @@ impl ShapeClashes {
     /// Stores a queued command that removes a body after a clash.
     pub(crate) fn add_removal(&mut self, command: u64) {
         self.mends.insert(command, Mend::Removes);
+    }
+
+    /// Handles a queued change of a body, or its removal: a later mend keeps what the change sets.
+    pub(crate) fn note_changed(&mut self, id: BodyId, desc: Option<BodyDesc>) {
+        self.bodies.retain_mut(|of_body| {
+            if of_body.id != id {
+                return true;
+            }
+            // Of another shape, it is not behind the one that is refused.
+            let kept = desc.filter(|desc| desc.shape == of_body.shape);
+            *of_body = kept.unwrap_or(*of_body);
+            kept.is_some()
+        });
     }
 
     /// Handles the refusal of a shape whose number is taken, perhaps by an equal shape.
@@ -104,5 +118,35 @@ impl ShapeClashes {
     /// Forgets the body that [`Self::next_wrong`] returned.
     pub(crate) fn end_wrong(&mut self) {
         self.wrong.pop_front();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rhumb_protocol::scene::BodyKind;
+
+    use super::*;
+
+    #[test]
+    fn a_later_change_by_the_application_is_kept_or_ends_the_mending() {
+        let mut clashes = ShapeClashes::default();
+        let [kept, reshaped, removed] = [0, 1, 2].map(|index| {
+            let id = BodyId::new(index, 0);
+            BodyDesc::plain(id, BodyKind::Dynamic, ShapeId(3))
+        });
+        for (desc, command) in [kept, reshaped, removed].into_iter().zip(2..) {
+            clashes.add(desc, command);
+        }
+        clashes.handle_taken(1, ShapeId(3), Shape::ball(0.5));
+        let kind = BodyKind::Static;
+        let kept = BodyDesc { kind, ..kept };
+        let shape = ShapeId(4);
+        clashes.note_changed(kept.id, Some(kept));
+        clashes.note_changed(reshaped.id, Some(BodyDesc { shape, ..reshaped }));
+        clashes.note_changed(removed.id, None);
+        clashes.handle_applied(9, |_| None);
+        assert_eq!(clashes.next_wrong().map(|wrong| wrong.desc), Some(kept));
+        clashes.end_wrong();
+        assert_eq!(clashes.next_wrong(), None);
     }
 }

@@ -25,6 +25,8 @@ struct UnansweredShape {
     shape: Shape,
     /// Number of the command that adds it.
     command: u64,
+    /// True if it came with a body of this client.
+    of_body: bool,
 }
 
 /// Meaning of the refusal of a command.
@@ -74,12 +76,19 @@ impl ShapeNumbers {
 
     /// Stores the shape of a queued command.
     pub(crate) fn add(&mut self, id: ShapeId, shape: Shape, command: u64) {
-        let added = UnansweredShape { shape, command };
+        let added = UnansweredShape {
+            shape,
+            command,
+            of_body: false,
+        };
         self.unanswered.insert(id, added);
     }
 
-    /// Stores that a shape comes with a body.
+    /// Stores that a shape comes with a body: the one that was stored last under this number.
     pub(crate) fn add_of_body(&mut self, id: ShapeId) {
+        if let Some(added) = self.unanswered.get_mut(&id) {
+            added.of_body = true;
+        }
         if !self.of_bodies.contains(&id) {
             self.of_bodies.push(id);
         }
@@ -137,13 +146,13 @@ impl ShapeNumbers {
         let is_taken = matches!(error, CommandError::ShapeIdTaken(_));
         let refusal = match known(id) {
             Some(shape) if is_taken && *shape == added.shape => ShapeRefusal::Harmless,
-            _ if is_taken && self.of_bodies.contains(&id) => {
-                ShapeRefusal::Taken(id, added.shape.clone())
-            }
+            _ if is_taken && added.of_body => ShapeRefusal::Taken(id, added.shape.clone()),
             _ => ShapeRefusal::Reported,
         };
-        // The shape with this number did not come with a body of this client.
-        self.of_bodies.retain(|of_body| *of_body != id);
+        // The scene's shape with this number did not come with a body of this client.
+        if added.of_body {
+            self.of_bodies.retain(|of_body| *of_body != id);
+        }
         refusal
     }
 }
@@ -222,6 +231,20 @@ mod tests {
         assert_eq!(numbers.unused(|_| false, known), [id]);
         let refusal = numbers.handle_refused(8, in_use, known);
         assert_eq!(refusal, ShapeRefusal::Reported);
+    }
+
+    #[test]
+    fn the_refusal_of_a_shape_that_the_application_named_itself_is_reported() {
+        let mut numbers = ShapeNumbers::default();
+        let (ball, id) = (Shape::ball(0.5), ShapeId(3));
+        numbers.add(id, ball.clone(), 7);
+        numbers.add_of_body(id);
+        numbers.handle_applied(7);
+        numbers.add(id, Shape::ball(0.25), 8);
+        let taken = CommandError::ShapeIdTaken(id);
+        let refusal = numbers.handle_refused(8, taken, |_| Some(&ball));
+        assert_eq!(refusal, ShapeRefusal::Reported);
+        assert_eq!(numbers.of_bodies, [id], "the shape of the body stays known");
     }
 
     #[test]

@@ -34,6 +34,11 @@ impl<T> Unanswered<T> {
         core::mem::replace(&mut self.0, later)
     }
 
+    /// Keeps the values for which this holds; it may change them.
+    pub(crate) fn retain_mut(&mut self, mut holds: impl FnMut(&mut T) -> bool) {
+        self.0.retain_mut(|(_, value)| holds(value));
+    }
+
     /// The values of the commands from this number on.
     pub(crate) fn from(&self, command: u64) -> &[(u64, T)] {
         &self.0[self.place(command)..]

@@ -47,11 +47,17 @@ impl ClientUpstream {
         }
     }
 
-    /// The upstream over the next connection of the session, before it joins.
+    /// The upstream over the next connection of the session, before it joins. If the application wants another authority
+    /// than it had, it has the earlier one again when that is denied.
     pub(super) fn over_next_connection(self) -> Self {
         let had = self.granted.filter(|granted| !granted.bodies.is_empty());
+        let (regained, granted) = match self.regained.or(self.requested) {
+            Some(wanted) => (Some(wanted), had),
+            None => (had, None),
+        };
         Self {
-            regained: self.regained.or(self.requested).or(had),
+            regained,
+            granted,
             ..Self::new(self.largest_packet)
         }
     }
@@ -383,6 +389,22 @@ mod tests {
         assert_eq!(upstream.handle_denied(error, &mut outbox), Some(error));
         assert_eq!(requested(&upstream), None);
         assert!(!ids.iter().any(|id| upstream.covers(*id)));
+    }
+
+    #[test]
+    fn a_request_that_was_pending_at_the_end_of_a_connection_leaves_the_earlier_authority() {
+        let other = BodyId::new(4, 0);
+        let (mut upstream, mut outbox) = (granted(&[BODY]), ClientOutbox::new());
+        let taken = upstream.take(Tolerance::NORMAL, &[other], Some(&mut outbox));
+        assert_eq!(taken, Ok(()));
+        let mut upstream = upstream.over_next_connection();
+        assert!(upstream.covers(BODY) && upstream.covers(other));
+        upstream.regain(&mut outbox);
+        assert_eq!(requested(&upstream), Some(&[other][..]));
+        let error = AuthorityError::HeldByAnother(other);
+        assert_eq!(upstream.handle_denied(error, &mut outbox), Some(error));
+        assert_eq!(requested(&upstream), Some(&[BODY][..]));
+        assert!(!upstream.covers(other));
     }
 
     #[test]
