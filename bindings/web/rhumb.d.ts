@@ -265,21 +265,26 @@ export class Client {
    * number. A scene holds a limited number of bytes of shapes, and keeps them until they are removed.
    */
   removeUnusedShapes(): number;
-  /** Queues queries in one message; returns the number that the event `queryResult` names. */
+  /**
+   * Queues queries in one message; returns the number that the event `queryResult` names. Those that are not answered at
+   * the event `interrupted` get no answer, and until `resumed` it throws.
+   */
   query(queries: readonly Query[]): number;
   /** Sends what is queued. Otherwise it is sent before the next task of the event loop. */
   flush(): void;
 
   /**
    * Requests authority over these kinematic bodies, in place of those that this client has authority over now. The event
-   * `authorityGrant` or `authorityDenied` reports the result. An empty list ends the authority.
+   * `authorityGrant` or `authorityDenied` reports the result. An empty list ends the authority. While the session is
+   * interrupted it waits; a session that goes on requests its authority again by itself.
    */
   takeAuthority(bodies: readonly BodyId[], tolerance: Tolerance): void;
   /** The bodies under this client's authority. */
   readonly authorityBodies: readonly BodyId[];
   /**
    * Publishes the present states of bodies under this client's authority; call it once per frame. Returns the tick of the
-   * states, or undefined if nothing was published: before the grant, before the clock is known, twice in one tick.
+   * states, or undefined if nothing was published: before the grant, while the session is interrupted, before the clock is
+   * known, twice in one tick.
    */
   publish(states: readonly (readonly [BodyId, BodyState])[]): number | undefined;
 

@@ -284,8 +284,8 @@ impl Client {
     ///
     /// # Errors
     ///
-    /// [`ClientError::Misuse`] for an invalid number, too many queries, or an interrupted session, [`ClientError::Id`] for an id that no scene can
-    /// have; then none is queued.
+    /// [`ClientError::Misuse`] for an invalid number, too many queries, or an interrupted session, [`ClientError::Id`] for an
+    /// id that no scene can have; then none is queued.
     pub fn query(&mut self, queries: Vec<Query>) -> Result<u64, ClientError> {
         self.check_open()?;
         queries.iter().try_for_each(Query::check_ids)?;

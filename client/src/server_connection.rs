@@ -132,8 +132,8 @@ impl ServerConnection {
     ///
     /// # Errors
     ///
-    /// [`OpenError`] for an invalid scene name, token, delay or lead, a request that the server denies, and an answer that does not arrive in
-    /// time.
+    /// [`OpenError`] for an invalid scene name, token, delay or lead, a request that the server denies, and an answer that
+    /// does not arrive in time.
     pub fn join_with(self, scene: &str, options: JoinOptions) -> Result<Client, OpenError> {
         let name = scene_name(scene)?;
         options.check().map_err(OpenError::Ticks)?;

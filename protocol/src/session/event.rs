@@ -58,7 +58,8 @@ pub enum Event {
     /// The connection ended; the client tries to go on with the session over another one.
     Interrupted(Ending),
     /// The session goes on over another connection: the replica is complete again, and commands that were not done are
-    /// sent again, and authority over bodies is requested again. A scene that was restored may go on at an earlier tick than the last one sent.
+    /// sent again, and authority over bodies is requested again. A scene that was restored may go on at an earlier tick than
+    /// the last one sent.
     Resumed(SessionState),
     /// The server does not know the session any more: which of its commands were done is unknown. The connection
     /// ends.

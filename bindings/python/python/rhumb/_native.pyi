@@ -384,7 +384,8 @@ class Scene:
     def clear_locomotion(self, body: _Bodies) -> Optional[int]:
         """Makes characters and vehicles ordinary bodies again."""
     def jump(self, body: _Bodies, speed: float, *, anywhere: bool = False) -> Optional[int]:
-        """Characters rise with this speed, in units of length per second. In the air nothing happens, unless anywhere is true."""
+        """Characters rise with this speed, in units of length per second. In the air nothing happens, unless anywhere is
+        true."""
     def set_wheels(self, body: _Bodies, inputs: Sequence[WheelInput]) -> Optional[int]:
         """Sets the inputs of all wheels of vehicles, in the order of their wheels. A vehicle keeps them."""
     def take_authority(self, body: _Bodies, tolerance: float = 0.02) -> None:
