@@ -91,7 +91,7 @@ def stop(*_):
 
 
 def tried(mutant):
-    """What catches a mutant, and the processor time of that. A mutant that does not come to an end is caught."""
+    """The check that catches a mutant, and the processor time of that. A mutant that does not come to an end is caught."""
     load(mutant)
     start = time.process_time()
     signal.signal(signal.SIGPROF, stop)

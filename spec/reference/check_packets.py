@@ -16,7 +16,7 @@ SHORT = 40  # Longest datagram whose bits are all flipped here; the Rust tests f
 
 
 def survives(datagram, bit):
-    """Whether a datagram with one bit flipped is refused, or encodes to the same bytes again."""
+    """True if a datagram with one bit flipped is refused, or encodes to the same bytes again."""
     flipped = bytearray(datagram)
     flipped[bit // 8] ^= 1 << bit % 8
     try:

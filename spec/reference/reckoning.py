@@ -486,7 +486,7 @@ def unpacked(rotation):
 
 
 def is_packed(largest, others):
-    """Whether these parts are the only valid encoding of their rotation."""
+    """True if these parts are the only valid encoding of their rotation."""
     if not 0 <= largest < 4 or any(abs(s) > PACKED_LIMIT for s in others):
         return False
     rotation = (largest, tuple(others))

@@ -476,7 +476,7 @@ internal static class Surface
             Statistics before = scene.Statistics;
             Expect(before.SentBytes > 0 && before.ReceivedBytes > 0, "bytes were sent and received");
             Expect(before.CompleteTick == scene.CompleteTick && before.CompleteTick >= 1, "complete to tick " + before.CompleteTick);
-            // What no prediction knows of needs an update.
+            // A change that no prediction knows of needs an update.
             scene.Send(Command.Impulse(body, new Vec3(20, 0, 0)));
             scene.Advance();
             scene.Advance();

@@ -26,7 +26,7 @@ pub(crate) struct Agent {
     folder: TempDir,
 }
 
-/// What the nodes show in a frame.
+/// The bodies that the nodes show in a frame.
 #[derive(Debug, Default)]
 pub(crate) struct Frame {
     pub(crate) tick: f64,

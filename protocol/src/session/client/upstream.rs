@@ -89,7 +89,7 @@ impl ClientUpstream {
     ) -> Result<(), Misuse> {
         let request = self.request(tolerance, bodies)?;
         match outbox {
-            // What is being regained is not the application's request. Its own follows the answer.
+            // The request that is under way is not the one of the application, which follows the answer.
             Some(_) if self.regained.is_some() => self.regained = Some(request),
             None => self.regained = Some(request),
             Some(_) if self.requested.is_some() => return Err(Misuse::NotNow),
