@@ -4,6 +4,7 @@
 //! next call that handles received data. Every other request is sent at once.
 
 mod authority;
+mod bounds;
 mod lockstep;
 mod queries;
 mod scene_requests;
@@ -16,7 +17,7 @@ use std::time::Duration;
 use rhumb_protocol::message::{Denial, Inspection, StreamChoice, TierPolicy};
 use rhumb_protocol::scene::{BodyBuilder, Command, IdRange, Query, SceneConfig};
 use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
-use rhumb_protocol::stream::{ErrorBound, Subscriber};
+use rhumb_protocol::stream::Subscriber;
 use rhumb_protocol::{Ending, Instant};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Tolerance};
 use rhumb_view::{ClientIds, LiveView, PipelineDepth, RenderTime, UpstreamClock, View, may_resume};
@@ -158,33 +159,6 @@ impl Client {
         Ok(())
     }
 
-    /// Bound on the error of a body's copy at the watermark tick.
-    #[must_use]
-    pub fn error_bound(&self, id: BodyId) -> Option<ErrorBound> {
-        self.replica()?.stream().bound(id)
-    }
-
-    /// Bound on the error of what is now known of a body at a tick. A view that was computed before the last update was
-    /// read, or a body that glides, shows another pose: see [`Self::shown_error_bound`].
-    #[must_use]
-    pub fn error_bound_at(&self, id: BodyId, tick: Tick) -> Option<ErrorBound> {
-        self.replica()?.stream().bound_at(id, tick)
-    }
-
-    /// Bound on the error of the pose that the view shows: how far any point of the body may be from its true place.
-    ///
-    /// `None` for a body without a state, for one that glides to a corrected pose, between two ticks, and for a body of
-    /// which an update was read since the view was computed.
-    #[must_use]
-    pub fn shown_error_bound(&self, id: BodyId) -> Option<ErrorBound> {
-        let at = self.view().time().filter(|at| at.fraction == 0.0)?;
-        let is_newer = self.replica()?.stream().has_changed(id);
-        if is_newer || self.view().is_gliding(id) {
-            return None;
-        }
-        self.error_bound_at(id, at.tick)
-    }
-
     /// The oldest unread event, and the newest complete tick when the data with which it arrived was read. No view of an
     /// earlier tick shows its effect, and every view of a later tick does.
     ///
@@ -295,9 +269,8 @@ impl Client {
     /// Answers queries on the client's own copy, where the view shows its bodies. Nothing is sent, and nothing waits.
     ///
     /// The queries are those of [`Self::query`], and so are the answers if the bodies are where the view shows them: the
-    /// bounds of each answer say how far its bodies may be off. A bound is known only at whole ticks, and for bodies that
-    /// do not glide: see [`JoinOptions::whole_ticks`] and [`JoinOptions::smooth`]. Only the first call after a new view or
-    /// a scene event looks at each body.
+    /// bounds of each answer say how far its bodies may be off, as [`Self::error_bound`] does. Only the first call after a
+    /// new view or a scene event looks at each body.
     ///
     /// # Errors
     ///
@@ -383,7 +356,9 @@ impl Client {
         Ok(tick)
     }
 
-    /// Handles received data of a free-running scene and computes the view for the present moment. Does not wait.
+    /// Handles received data and computes the view for the present moment. Does not wait.
+    ///
+    /// A lockstep scene stands still until a member advances it: then the view is that of the newest complete tick.
     ///
     /// # Errors
     ///

@@ -9,8 +9,8 @@ use std::time::Duration;
 use rhumb_client::glam::Vec3;
 use rhumb_client::scene::{BodyDesc, Command, SceneConfig, Shape, Stepping};
 use rhumb_client::{
-    BodyId, Client, ClientError, Denial, Event, JoinMode, JoinOptions, PipelineDepth, StreamChoice,
-    Tick, Tolerance,
+    BodyId, Client, ClientError, Denial, ErrorBound, Event, JoinMode, JoinOptions, Metres,
+    PipelineDepth, RenderTime, StreamChoice, Tick, Tolerance,
 };
 use rhumb_local::{Local as _, LocalServer};
 use rhumb_server::{Front, Hook, Hooks, Instant, Scene};
@@ -257,24 +257,58 @@ fn a_stream_that_is_denied_fails_no_step() {
 }
 
 #[test]
-fn a_shown_bound_is_of_the_pose_that_is_shown() {
+fn the_error_bound_is_that_of_the_pose_that_is_shown() {
     let server = LocalServer::new();
     let mut client = server.connect().join("shown").expect("a new scene");
     let ball = client.add_body(BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 9.0, 0.0));
     let ball = ball.expect("a body");
     client.advance(PipelineDepth::LOCKSTEP).expect("it steps");
-    assert!(client.shown_error_bound(ball).is_some());
-    // The server steps and sends an update, which is read without a new view.
+    let bound = |client: &Client| {
+        client
+            .error_bound(ball)
+            .expect("a body of the view")
+            .metres()
+    };
+    assert_eq!(bound(&client), 0.05);
+    // The server steps and sends an update, which is read without a new view: the view still shows the tick before, whose
+    // track is known. A view of an earlier tick than the update's stays right.
     let jump = client.command(Command::SetVelocity {
         id: ball,
         linear: Vec3::X * 40.0,
         angular: Vec3::ZERO,
     });
     jump.expect("it is queued");
-    client.request_tick().expect("it is asked");
+    let requested = client.request_tick().expect("it is asked");
     client.idle(Duration::from_millis(50)).expect("it goes on");
-    assert_eq!(client.shown_error_bound(ball), None);
-    assert!(client.error_bound(ball).is_some());
+    assert_eq!(bound(&client), 0.05);
+    let of_track = client.tick_error_bound(ball, requested.next());
+    assert!(matches!(of_track, Some(ErrorBound::Unknown { .. })));
     client.wait(PipelineDepth::LOCKSTEP).expect("it steps");
-    assert!(client.shown_error_bound(ball).is_some());
+    assert_eq!(bound(&client), 0.05);
+    assert!(
+        client
+            .error_bounds()
+            .eq([ErrorBound::Within(Metres::new(0.05))])
+    );
+}
+
+#[test]
+fn a_lockstep_scene_stands_still_while_it_is_polled() {
+    for server in servers() {
+        let mut client = server.connect().join("still").expect("a new scene");
+        let ball = BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 100.0, 0.0);
+        let ball = client.add_body(ball).expect("a body");
+        for _ in 0..30 {
+            client.advance(PipelineDepth::LOCKSTEP).expect("it steps");
+        }
+        let at = client.view().position(ball);
+        for _ in 0..20 {
+            client.idle(Duration::from_millis(5)).expect("it goes on");
+            let shown = client.poll().expect("it goes on");
+            assert_eq!(shown, RenderTime::at(Tick::new(30)));
+            assert_eq!(client.view().position(ball), at);
+            let bound = client.error_bound(ball).expect("a body of the view");
+            assert_eq!(bound.metres(), 0.05);
+        }
+    }
 }

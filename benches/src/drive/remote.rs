@@ -338,7 +338,7 @@ impl Remote {
     fn knowledge(&self, id: BodyId, tick: Tick) -> StreamKnowledge {
         let client = &self.client;
         let stream = client.replica().map(Replica::stream);
-        match client.error_bound_at(id, tick) {
+        match client.tick_error_bound(id, tick) {
             Some(ErrorBound::Within(_)) => {
                 let error_scale = stream.and_then(|stream| stream.error_scale_at(tick));
                 StreamKnowledge::Within(error_scale.unwrap_or(1.0))

@@ -73,12 +73,11 @@ impl Default for RhumbState {
 /// Insert it where it is of use: the plug-in then writes it whenever it advances.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Component)]
 pub struct RhumbErrorBound {
-    /// The bound on the [`RhumbState`]; `None` while no bound is known: a packet that may hold an update of the body is
-    /// missing, the body glides to a corrected pose, or the moment lies between two ticks.
+    /// The bound on the [`RhumbState`], with what a glide has still to cover; `None` while nothing finite is known: a
+    /// packet that may hold an update of the body is missing, or the view shows a moment of which the news has not arrived.
     ///
-    /// A free-running client has whole ticks and no glides with
-    /// [`whole_ticks`](rhumb_client::JoinOptions::whole_ticks) and without
-    /// [`smooth`](rhumb_client::JoinOptions::smooth).
+    /// A free-running client shows only moments whose news has arrived with
+    /// [`delay_ticks`](rhumb_client::JoinOptions::delay_ticks) of the network's delay and a little more.
     pub metres: Option<f64>,
 }
 

@@ -89,10 +89,10 @@ impl RhumbClient {
     }
 
     /// How far any point of a body may be from its true place in the state that [`RhumbState`] has; `None` for a body
-    /// without one, for a body that glides to a corrected pose, and between two ticks.
+    /// without one.
     #[must_use]
     pub fn error_bound(&mut self, id: BodyId) -> Option<ErrorBound> {
-        self.client.get().shown_error_bound(id)
+        self.client.get().error_bound(id)
     }
 
     /// Adds a body. An entity appears when the server has placed it.

@@ -15,7 +15,7 @@ use rhumb_client::glam::{Mat3, Quat, Vec3};
 use rhumb_client::scene::{
     ActiveEvents, BodyBuilder, BodyDesc, BodyKind, CollisionGroups, Command, Material, Shape,
 };
-use rhumb_client::{BodyId, ErrorBound};
+use rhumb_client::BodyId;
 
 use crate::axes::{AXES, quaternion, vec3, vector};
 use crate::membership::{SceneMembership, outcome};
@@ -130,11 +130,8 @@ impl BodyNode {
     fn error_bound(&self) -> f64 {
         let bound = self
             .membership()
-            .and_then(|(membership, id)| membership.borrow().client.shown_error_bound(id));
-        match bound {
-            Some(ErrorBound::Within(distance)) => distance.metres(),
-            Some(ErrorBound::Unknown { .. }) | None => f64::INFINITY,
-        }
+            .and_then(|(membership, id)| membership.borrow().client.error_bound(id));
+        bound.map_or(f64::INFINITY, |bound| bound.metres())
     }
 
     /// True while the body rests.

@@ -4,8 +4,7 @@
 
 use rhumb_protocol::scene::BodyKind;
 use rhumb_protocol::session::Replica;
-use rhumb_protocol::stream::ErrorBound;
-use rhumb_reckoning::{BodyId, Ticks, Tolerance};
+use rhumb_reckoning::{BodyId, Tolerance};
 use rhumb_view::View;
 
 use crate::argument::id_number;
@@ -73,8 +72,9 @@ impl Columns {
 
     pub(crate) fn compute_error_bounds(&mut self, replica: &Replica, view: &View) {
         self.error_bounds.clear();
-        let bound = |id: &BodyId| shown_bound(replica, *id, view).unwrap_or(f64::INFINITY) as f32;
-        self.error_bounds.extend(self.known.iter().map(bound));
+        let bounds = view.error_bounds(replica.stream());
+        self.error_bounds
+            .extend(bounds.map(|bound| bound.metres() as f32));
     }
 
     pub(crate) fn compute_tolerances(&mut self, replica: &Replica) {
@@ -97,23 +97,4 @@ impl Columns {
             metres as f32
         }));
     }
-}
-
-/// Bound on the error of a body's pose in a view, metres: the greater of those of the ticks around its moment; infinite
-/// if it is not known, while the body glides, and if an update was read since. `None` for a body that the replica does
-/// not have.
-pub(crate) fn shown_bound(replica: &Replica, id: BodyId, view: &View) -> Option<f64> {
-    let (stream, at) = (replica.stream(), view.time()?);
-    if stream.has_changed(id) || view.is_gliding(id) {
-        return stream.track(id).map(|_| f64::INFINITY);
-    }
-    let at_tick = |tick| match stream.bound_at(id, tick)? {
-        ErrorBound::Within(distance) => Some(distance.metres()),
-        ErrorBound::Unknown { .. } => Some(f64::INFINITY),
-    };
-    let first = at_tick(at.tick)?;
-    if at.fraction == 0.0 {
-        return Some(first);
-    }
-    Some(first.max(at_tick(at.tick + Ticks::new(1))?))
 }

@@ -15,7 +15,7 @@ use rhumb_view::{
 };
 use serde_json::{Value, json};
 
-use crate::columns::{Columns, shown_bound};
+use crate::columns::Columns;
 use crate::digest::digest;
 use crate::event_json;
 use crate::failure::Failure;
@@ -257,7 +257,8 @@ impl WebMember {
     }
 
     pub(crate) fn error_bound(&self, id: BodyId) -> Option<f64> {
-        shown_bound(self.replica()?, id, self.live_view()?.view())
+        let view = self.live_view()?.view();
+        Some(view.error_bound(self.replica()?.stream(), id)?.metres())
     }
 
     pub(crate) fn body_json(&self, id: BodyId) -> Option<Value> {

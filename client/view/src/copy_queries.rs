@@ -7,7 +7,6 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use glam::{Quat, Vec3};
 use parry3d::math::Pose;
 use parry3d::partitioning::{Bvh, BvhWorkspace};
 use parry3d::query::details::NormalConstraints;
@@ -21,6 +20,7 @@ use rhumb_reckoning::BodyId;
 use rhumb_solids::{SearchedBodies, SolidPart};
 
 use crate::render_time::RenderTime;
+use crate::shown_bound::{ShownPose, shown_bound};
 use crate::view::View;
 
 /// Answers queries on the bodies of one view and its replica; another pair needs another one.
@@ -53,8 +53,7 @@ pub struct CopyAnswer {
     /// within this distance of its true place. A query that passes an edge nearer than that may find another body than
     /// the server would.
     ///
-    /// A bound is known at published ticks up to the watermark, and holds if the view was computed after the last packet.
-    /// It is [`ErrorBound::Unknown`] between two ticks, and for a body that glides to a corrected pose.
+    /// The bounds are those of the view: see [`View::error_bound`].
     pub bounds: Vec<ErrorBound>,
 }
 
@@ -70,14 +69,6 @@ struct CopiedBody {
     shown: ShownPose,
     /// Leaves of the tree.
     leaves: Vec<u32>,
-}
-
-/// The pose of a body in the view.
-#[derive(Clone, Copy, PartialEq)]
-struct ShownPose {
-    position: Vec3,
-    rotation: Quat,
-    is_gliding: bool,
 }
 
 struct CopiedPart {
@@ -108,7 +99,6 @@ impl CopyQueries {
             let shown = ShownPose {
                 position: view.positions()[place],
                 rotation: view.rotations()[place],
-                is_gliding: view.is_gliding(*id),
             };
             let desc = replica.body(*id).filter(|desc| desc.enabled);
             let solid = desc.and_then(|desc| Some((desc, self.solid(desc.shape, replica)?)));
@@ -140,17 +130,14 @@ impl CopyQueries {
         Ok(answers.collect())
     }
 
-    /// The bound of a body where it is shown; unknown between two ticks, during a glide, and for a body that is gone.
+    /// The bound of a body where it is shown; unknown for a body that is gone.
     fn bound(&self, id: BodyId, replica: &Replica) -> ErrorBound {
         let stream = replica.stream();
-        let is_exact = |at: &RenderTime| {
-            let body = self.bodies.get(&id);
-            at.fraction == 0.0 && body.is_some_and(|body| !body.shown.is_gliding)
-        };
-        let at = self.at.filter(is_exact);
-        let known = at.and_then(|at| stream.bound_at(id, at.tick));
         let since = stream.complete();
-        known.unwrap_or(ErrorBound::Unknown { since })
+        match (self.bodies.get(&id), self.at) {
+            (Some(body), Some(at)) => shown_bound(stream, id, &body.shown, at),
+            _ => ErrorBound::Unknown { since },
+        }
     }
 
     /// Drops solids whose shape is gone or another one now; their bodies are put anew.
@@ -227,11 +214,7 @@ impl CopyQueries {
         let body = CopiedBody {
             desc,
             solid,
-            shown: ShownPose {
-                position: Vec3::NAN,
-                rotation: Quat::IDENTITY,
-                is_gliding: false,
-            },
+            shown: ShownPose::NOWHERE,
             leaves,
         };
         self.bodies.insert(desc.id, body);

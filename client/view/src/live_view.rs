@@ -4,9 +4,9 @@
 
 use rhumb_protocol::Instant;
 use rhumb_protocol::limits::SILENCE_MS_MAX;
-use rhumb_protocol::scene::SceneConfig;
+use rhumb_protocol::scene::{SceneConfig, Stepping};
 use rhumb_protocol::session::{ClientSession, Event, Replica};
-use rhumb_reckoning::Seconds;
+use rhumb_reckoning::{Seconds, Tick};
 
 use crate::invalid_ticks;
 use crate::render_params::RenderParams;
@@ -72,8 +72,16 @@ impl LiveView {
         }
     }
 
-    /// Computes the view of the present moment of a free-running scene.
+    /// Computes the view of the present moment. A lockstep scene stands still until a member advances it: its present is
+    /// the newest complete tick.
     pub fn show_present(&mut self, session: &mut ClientSession, now: Instant) -> RenderTime {
+        if self.config.stepping == Stepping::Lockstep {
+            let complete = session.replica().map(|replica| replica.stream().complete());
+            let shown = self.view.time().map_or(Tick::ZERO, |at| at.tick);
+            let at = RenderTime::at(complete.unwrap_or_default().max(shown));
+            self.show(session, now, at, false);
+            return at;
+        }
         let step = self.config.integrator.rate.step().seconds();
         let stream = session.replica().map(Replica::stream);
         let known = stream.map_or(0.0, |stream| stream.watermark_tick().value() as f64);

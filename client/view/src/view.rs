@@ -6,12 +6,14 @@
 
 use std::num::NonZeroU32;
 
-use glam::{DQuat, DVec3, Quat, Vec3};
-use rhumb_protocol::stream::Subscriber;
-use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Ticks, Twist};
+use glam::{DQuat, Quat, Vec3};
+use rhumb_protocol::stream::{ErrorBound, Subscriber};
+use rhumb_reckoning::{Anchor, BodyId, Correction, Motion, Pose, Seconds, Twist};
 
+use crate::moment::{is_orphaned, predicted};
 use crate::render_params::RenderParams;
 use crate::render_time::RenderTime;
+use crate::shown_bound::{ShownPose, shown_bound};
 
 /// The poses and velocities of all bodies at one moment, for a simulator to read each frame.
 #[derive(Debug, Default)]
@@ -122,11 +124,27 @@ impl View {
         self.refreshes
     }
 
-    /// True if a body is shown on the way to its predicted pose, as part of a smoothed correction.
+    /// Bound on the error of the pose that this view shows: how far any point of the body may be from its true place at
+    /// the moment of the view. `None` for a body that is not in this view.
+    ///
+    /// The bound is that of the stream at this moment, plus the distance from the shown pose to the one that the stream
+    /// has for it now: what a glide has still to cover, or an update that was read since the view was computed.
     #[must_use]
-    pub fn is_gliding(&self, id: BodyId) -> bool {
-        let correction = self.place(id).and_then(|place| self.corrections.get(place));
-        correction.is_some_and(|correction| !correction.is_over(self.refreshed_at))
+    pub fn error_bound(&self, stream: &Subscriber, id: BodyId) -> Option<ErrorBound> {
+        let place = self.place(id)?;
+        let shown = ShownPose {
+            position: self.positions[place],
+            rotation: self.rotations[place],
+        };
+        Some(shown_bound(stream, id, &shown, self.time?))
+    }
+
+    /// The bound of each body of this view, in its order: see [`Self::error_bound`].
+    pub fn error_bounds(&self, stream: &Subscriber) -> impl Iterator<Item = ErrorBound> {
+        let since = stream.complete();
+        let unknown = ErrorBound::Unknown { since };
+        let bounds = self.ids.iter().map(|id| self.error_bound(stream, *id));
+        bounds.map(move |bound| bound.unwrap_or(unknown))
     }
 
     /// Has the next refresh read tracks that do not continue those before, such as a resumed session's: bodies that they
@@ -367,29 +385,4 @@ impl View {
         };
         Motion::new(pose, twist).unwrap_or(Motion::IDENTITY)
     }
-}
-
-/// True if a body's motion in the world is not known at a moment, because its parent was removed.
-fn is_orphaned(stream: &Subscriber, id: BodyId, at: RenderTime) -> bool {
-    let next = || stream.is_orphaned_at(id, at.tick + Ticks::new(1));
-    stream.is_orphaned_at(id, at.tick) || (at.fraction > 0.0 && next())
-}
-
-/// The predicted motion at a moment, interpolated linearly between two ticks.
-fn predicted(stream: &Subscriber, id: BodyId, at: RenderTime) -> Option<Motion> {
-    let first = stream.predicted_motion(id, at.tick)?;
-    if at.fraction == 0.0 {
-        return Some(first);
-    }
-    let second = stream.predicted_motion(id, at.tick + Ticks::new(1))?;
-    let (a, b) = (first.pose(), second.pose());
-    let pose = Pose {
-        position: DVec3::lerp(a.position, b.position, at.fraction),
-        rotation: DQuat::slerp(a.rotation, b.rotation, at.fraction),
-    };
-    let twist = Twist {
-        linear: DVec3::lerp(first.twist().linear, second.twist().linear, at.fraction),
-        angular: DVec3::lerp(first.twist().angular, second.twist().angular, at.fraction),
-    };
-    Motion::new(pose, twist).ok()
 }

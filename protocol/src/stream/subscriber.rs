@@ -170,6 +170,13 @@ impl Subscriber {
         (slot.id(id.index()) == id).then(|| self.tracks.tolerance_of(slot))
     }
 
+    /// The radius of the smallest sphere around a body's centre of mass that contains it.
+    #[must_use]
+    pub fn radius_of(&self, id: BodyId) -> Option<Metres> {
+        let slot = self.tracks.slot(id.index())?;
+        (slot.id(id.index()) == id).then(|| self.tracks.radius(slot))
+    }
+
     /// Counters of everything received so far.
     #[must_use]
     pub const fn statistics(&self) -> SubscriberStatistics {

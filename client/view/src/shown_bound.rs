@@ -1,0 +1,127 @@
+//! The bound on the error of a pose that is shown.
+//!
+//! A stream bounds the error of its tracks. What is shown may be another pose: one that glides, one of an earlier
+//! refresh. Invariant: the bound is never too small; where nothing finite is certain it is unknown.
+
+use glam::{DQuat, Quat, Vec3};
+use rhumb_protocol::stream::{ErrorBound, Subscriber};
+use rhumb_reckoning::{BodyId, Divergence, Metres, Motion, Pose, Ticks};
+
+use crate::moment::{between, is_orphaned};
+use crate::render_time::RenderTime;
+
+/// A pose as a view has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ShownPose {
+    pub(crate) position: Vec3,
+    pub(crate) rotation: Quat,
+}
+
+impl ShownPose {
+    /// Differs from every pose, itself included.
+    #[cfg(feature = "queries")]
+    pub(crate) const NOWHERE: Self = Self {
+        position: Vec3::NAN,
+        rotation: Quat::IDENTITY,
+    };
+
+    fn of(motion: &Motion) -> Self {
+        let pose = motion.pose();
+        Self {
+            position: pose.position.as_vec3(),
+            rotation: pose.rotation.as_quat(),
+        }
+    }
+
+    fn exactly(&self) -> Pose {
+        Pose {
+            position: self.position.as_dvec3(),
+            rotation: self.rotation.as_dquat(),
+        }
+    }
+}
+
+/// The bound on the error of a body that is shown with this pose at this moment.
+///
+/// The truth between two ticks lies between those of the ticks: its position on the straight line, its rotation on the
+/// shortest turn. The rounding of poses to 32 bits does not count.
+pub(crate) fn shown_bound(
+    stream: &Subscriber,
+    id: BodyId,
+    shown: &ShownPose,
+    at: RenderTime,
+) -> ErrorBound {
+    let bound = finite_bound(stream, id, shown, at).filter(|bound| bound.metres().is_finite());
+    bound.map_or_else(
+        || ErrorBound::Unknown {
+            since: stream.complete(),
+        },
+        ErrorBound::Within,
+    )
+}
+
+fn finite_bound(
+    stream: &Subscriber,
+    id: BodyId,
+    shown: &ShownPose,
+    at: RenderTime,
+) -> Option<Metres> {
+    let bound_at = |tick| match stream.bound_at(id, tick)? {
+        ErrorBound::Within(bound) => Some(bound.metres()),
+        ErrorBound::Unknown { .. } => None,
+    };
+    let first_bound = bound_at(at.tick)?;
+    if is_orphaned(stream, id, at) {
+        return None;
+    }
+    let radius = stream.radius_of(id)?;
+    let first = stream.predicted_motion(id, at.tick)?;
+    if at.fraction == 0.0 {
+        return Some(Metres::new(first_bound + distance(shown, &first, radius)));
+    }
+    let next = at.tick + Ticks::new(1);
+    let (second_bound, second) = (bound_at(next)?, stream.predicted_motion(id, next)?);
+    let known = between(&first, &second, at.fraction)?;
+    let ends = first_bound.max(second_bound);
+    let widened = widened(
+        ends,
+        &first.pose().rotation,
+        &second.pose().rotation,
+        radius,
+    );
+    Some(Metres::new(widened + distance(shown, &known, radius)))
+}
+
+/// How far any point of a body at the shown pose is from where the stream has it.
+fn distance(shown: &ShownPose, known: &Motion, radius: Metres) -> f64 {
+    if *shown == ShownPose::of(known) {
+        return 0.0;
+    }
+    let apart = Divergence::between(&shown.exactly(), &known.pose());
+    apart.surface_error(radius).metres()
+}
+
+/// The bound between two ticks whose greater bound is `ends`.
+///
+/// Two rotations that turn for a tick may be farther apart between than at its ends: by 1 / cos(L / 2) at most, where
+/// the longer of the two turns is 2 L. Source: law of sines on the unit sphere of quaternions, whose triangles with two
+/// sides L have a middle line of half the base over cos(L / 2). Beyond a turn of 3 rad in a tick, nothing tells which
+/// way round is the shorter one, so that the body may have any rotation.
+fn widened(ends: f64, first: &DQuat, second: &DQuat, radius: Metres) -> f64 {
+    let whole_turn = 2.0 * radius.metres();
+    if whole_turn == 0.0 {
+        return ends;
+    }
+    // The true turn differs from the predicted one by the bound at each end.
+    let half_chord = (ends / whole_turn).min(1.0);
+    let turn = 2.0 * first.dot(*second).abs().min(1.0).acos() + 4.0 * half_chord.asin();
+    if turn > LONGEST_TURN {
+        return ends + whole_turn;
+    }
+    // The bound is a sum of a distance and a chord; only the chord widens, and no chord exceeds the diameter.
+    let chord = ends.min(whole_turn);
+    ends + chord * (1.0 / (turn / 4.0).cos() - 1.0)
+}
+
+/// Longest turn in a tick, in radians, whose shorter way round is certain: a little less than half a turn.
+const LONGEST_TURN: f64 = 3.0;
