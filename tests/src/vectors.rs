@@ -66,7 +66,9 @@ fn lines<'a>(
             }
             Decoded::Skipped => line["skipped"] = Value::Bool(true),
             Decoded::UnknownCommand => line["error"] = json!({"is": "UnknownCommand"}),
-            Decoded::NoMotion(quantity) => line["error"] = error_json(Invalid::NotFinite(quantity)),
+            Decoded::NoMotion(quantity) => {
+                line["error"] = error_json(Invalid::not_finite(quantity))
+            }
             Decoded::Accepted(invalid) => {
                 if let Some(invalid) = invalid {
                     line["error"] = error_json(invalid);

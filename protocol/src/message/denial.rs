@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::scene::{Invalid, Quantity};
+use crate::scene::{Invalid, Quantity, Rule};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};
 
@@ -112,13 +112,12 @@ impl Wire for Denial {
         match self {
             Self::NoSuchScene => to.u8(0),
             Self::SceneExists => to.u8(1),
-            Self::InvalidConfig(Invalid::NotFinite(quantity)) => {
-                to.u8(2);
-                to.u8(quantity.code());
-            }
-            Self::InvalidConfig(Invalid::OutOfRange(quantity)) => {
-                to.u8(3);
-                to.u8(quantity.code());
+            Self::InvalidConfig(invalid) => {
+                to.u8(match invalid.rule {
+                    Rule::NotFinite => 2,
+                    Rule::OutOfRange => 3,
+                });
+                to.u8(invalid.quantity.code());
             }
             Self::TooManyScenes => to.u8(4),
             Self::TooManyMembers => to.u8(5),
@@ -145,8 +144,8 @@ impl Wire for Denial {
         Ok(match from.u8()? {
             0 => Self::NoSuchScene,
             1 => Self::SceneExists,
-            2 => Self::InvalidConfig(Invalid::NotFinite(quantity(from)?)),
-            3 => Self::InvalidConfig(Invalid::OutOfRange(quantity(from)?)),
+            2 => Self::InvalidConfig(Invalid::not_finite(quantity(from)?)),
+            3 => Self::InvalidConfig(Invalid::out_of_range(quantity(from)?)),
             4 => Self::TooManyScenes,
             5 => Self::TooManyMembers,
             6 => Self::TooManyStreams,

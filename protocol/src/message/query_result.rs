@@ -6,7 +6,7 @@ use core::fmt;
 use rhumb_reckoning::Tick;
 
 use crate::limits::QUERY_COST_MAX;
-use crate::scene::{Answer, Invalid, Quantity};
+use crate::scene::{Answer, Invalid, Quantity, Rule};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};
 
@@ -91,13 +91,12 @@ impl Wire for QueryResult {
 impl Wire for QueryError {
     fn encode(&self, to: &mut Writer) {
         match *self {
-            Self::Invalid(Invalid::NotFinite(quantity)) => {
-                to.u8(1);
-                to.u8(quantity.code());
-            }
-            Self::Invalid(Invalid::OutOfRange(quantity)) => {
-                to.u8(2);
-                to.u8(quantity.code());
+            Self::Invalid(invalid) => {
+                to.u8(match invalid.rule {
+                    Rule::NotFinite => 1,
+                    Rule::OutOfRange => 2,
+                });
+                to.u8(invalid.quantity.code());
             }
             Self::SceneFaulted => to.u8(3),
             Self::Overloaded => to.u8(4),
@@ -110,8 +109,8 @@ impl Wire for QueryError {
         let quantity =
             |from: &mut Reader<'_>| Quantity::from_code(from.u8()?).ok_or(Malformed::UnknownCode);
         Ok(match from.u8()? {
-            1 => Self::Invalid(Invalid::NotFinite(quantity(from)?)),
-            2 => Self::Invalid(Invalid::OutOfRange(quantity(from)?)),
+            1 => Self::Invalid(Invalid::not_finite(quantity(from)?)),
+            2 => Self::Invalid(Invalid::out_of_range(quantity(from)?)),
             3 => Self::SceneFaulted,
             4 => Self::Overloaded,
             5 => Self::Unanswerable,

@@ -261,16 +261,16 @@ mod tests {
         for (body, invalid) in [
             (
                 ball(0.5).at(0.0, f32::NAN, 0.0),
-                Invalid::NotFinite(Quantity::Position),
+                Invalid::not_finite(Quantity::Position),
             ),
             (
                 ball(0.5).at(1e9, 0.0, 0.0),
-                Invalid::OutOfRange(Quantity::Position),
+                Invalid::out_of_range(Quantity::Position),
             ),
-            (ball(-1.0), Invalid::OutOfRange(Quantity::Extent)),
+            (ball(-1.0), Invalid::out_of_range(Quantity::Extent)),
             (
                 ball(0.5).gravity_scale(f32::NAN),
-                Invalid::NotFinite(Quantity::GravityScale),
+                Invalid::not_finite(Quantity::GravityScale),
             ),
         ] {
             assert_eq!(body.check(), Err(invalid));

@@ -46,6 +46,7 @@ impl ActiveEvents {
     pub fn check(&self) -> Result<(), Invalid> {
         self.force.map_or(Ok(()), |newtons| {
             scalar(newtons, 0.0, FORCE_MAX, Quantity::Force)
+                .map_err(|wrong| wrong.of("force from which contacts are reported", "N"))
         })
     }
 }

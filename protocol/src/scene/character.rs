@@ -55,10 +55,14 @@ impl CharacterStep {
 
     /// Checks every number.
     fn check(&self) -> Result<(), Invalid> {
-        for length in [self.height, self.width] {
-            scalar(length, EXTENT_MIN, EXTENT_MAX, Quantity::Character)?;
-        }
-        Ok(())
+        let lengths = [
+            (self.height, "height of a character's step"),
+            (self.width, "width of a character's step"),
+        ];
+        lengths.into_iter().try_for_each(|(length, name)| {
+            scalar(length, EXTENT_MIN, EXTENT_MAX, Quantity::Character)
+                .map_err(|wrong| wrong.of(name, "m"))
+        })
     }
 }
 
@@ -114,15 +118,30 @@ impl Character {
     ///
     /// [`Invalid`] names the first invalid number.
     pub fn check(&self) -> Result<(), Invalid> {
-        scalar(self.offset, EXTENT_MIN, EXTENT_MAX, Quantity::Character)?;
-        for angle in [self.climb_angle, self.slide_angle] {
-            scalar(angle, 0.0, FRAC_PI_2, Quantity::Character)?;
-        }
-        scalar(self.mass, 0.0, MASS_MAX, Quantity::Character)?;
-        self.up.map_or(Ok(()), direction)?;
+        let number = |value, [least, most]: [f32; 2], name, unit| {
+            let checked = scalar(value, least, most, Quantity::Character);
+            checked.map_err(|wrong| wrong.of(name, unit))
+        };
+        let (lengths, slopes) = ([EXTENT_MIN, EXTENT_MAX], [0.0, FRAC_PI_2]);
+        number(self.offset, lengths, "offset of a character", "m")?;
+        number(
+            self.climb_angle,
+            slopes,
+            "climb angle of a character",
+            "rad",
+        )?;
+        number(
+            self.slide_angle,
+            slopes,
+            "slide angle of a character",
+            "rad",
+        )?;
+        number(self.mass, [0.0, MASS_MAX], "mass of a character", "kg")?;
+        self.up
+            .map_or(Ok(()), |up| direction(up, "direction up of a character"))?;
         self.step.map_or(Ok(()), |step| step.check())?;
         self.snap.map_or(Ok(()), |snap| {
-            scalar(snap, EXTENT_MIN, EXTENT_MAX, Quantity::Character)
+            number(snap, lengths, "snap of a character", "m")
         })
     }
 }

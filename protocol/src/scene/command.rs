@@ -236,7 +236,8 @@ impl Command {
             Self::SetGravity { gravity } => vector(gravity, GRAVITY_MAX, Quantity::Gravity),
             Self::SetEvents { events, .. } => events.check(),
             Self::SetLocomotion { ref locomotion, .. } => locomotion.check(),
-            Self::Jump { speed, .. } => scalar(speed, -LINEAR_MAX, LINEAR_MAX, Quantity::Linear),
+            Self::Jump { speed, .. } => scalar(speed, -LINEAR_MAX, LINEAR_MAX, Quantity::Linear)
+                .map_err(|wrong| wrong.of("speed of a jump", "m/s")),
             Self::SetWheels { ref inputs, .. } => WheelInput::check_all(inputs),
         }
     }

@@ -4,9 +4,13 @@ use core::fmt;
 
 use rhumb_reckoning::BodyId;
 
-use super::checks::{Invalid, Quantity};
+use super::checks::{Invalid, Quantity, Rule};
 use super::joint::JointId;
 use super::shape_id::ShapeId;
+use crate::limits::{
+    BODIES_MAX, CHARACTERS_MAX, DAMPINGS_MAX, JOINTS_BESIDE, JOINTS_PER_BODY,
+    SHAPE_BYTES_PER_SCENE_MAX, SWEPT_BODIES_MAX, VEHICLES_MAX,
+};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, OPTIONAL, Wire};
 
@@ -101,11 +105,12 @@ impl fmt::Display for CommandError {
             Self::NotGranted(id) => write!(f, "{id} is not one of this member's own"),
             Self::ShapeIdTaken(id) => write!(f, "{id} is taken"),
             Self::ShapeInUse(id) => write!(f, "a body still has {id}"),
-            Self::TooManyBodies => f.write_str("the scene has reached its limit of bodies"),
-            Self::TooManyDampings => {
-                f.write_str("the scene's bodies have reached the limit of different dampings")
-            }
-            Self::NotPushable(id) => write!(f, "{id} is static or kinematic and cannot be pushed"),
+            Self::TooManyBodies => write!(f, "the scene has reached its limit of bodies, {BODIES_MAX} at most"),
+            Self::TooManyDampings => write!(
+                f,
+                "the scene's bodies have {DAMPINGS_MAX} different dampings, as many as they may: give the body one of these"
+            ),
+            Self::NotPushable(id) => write!(f, "{id} is fixed or kinematic and cannot be pushed"),
             Self::SceneFaulted => f.write_str("the scene has faulted and takes no commands"),
             Self::ShapeUnfit(id) => write!(f, "the engine cannot make a solid of {id}"),
             Self::UnknownJoint(id) => write!(f, "the scene has no {id}"),
@@ -115,9 +120,10 @@ impl fmt::Display for CommandError {
                 write!(f, "a member has authority over {id}")
             }
             Self::NoInside(id) => write!(f, "{id} has no volume, and a dynamic body needs one"),
-            Self::TooManyShapeBytes => {
-                f.write_str("the scene's shapes have reached their limit of bytes")
-            }
+            Self::TooManyShapeBytes => write!(
+                f,
+                "the scene's shapes have reached their limit of bytes, {SHAPE_BYTES_PER_SCENE_MAX} at most: remove unused ones"
+            ),
             Self::UnknownCommand => f.write_str("the server does not know such a command"),
             Self::NotAllowed => {
                 f.write_str("the client may not do that, or not to what belongs to another client")
@@ -135,12 +141,14 @@ impl fmt::Display for CommandError {
                 "the solid of the shape takes longer than {limit_ms} ms to make, the server's limit"
             ),
             Self::BodyDisabled(id) => write!(f, "{id} is disabled"),
-            Self::TooManyJoints => {
-                f.write_str("the scene has as many joints as its number of bodies allows")
-            }
-            Self::TooManySwept => {
-                f.write_str("the scene has reached its limit of bodies swept against moving ones")
-            }
+            Self::TooManyJoints => write!(
+                f,
+                "the scene has as many joints as its number of bodies allows, {JOINTS_PER_BODY} for each and {JOINTS_BESIDE}"
+            ),
+            Self::TooManySwept => write!(
+                f,
+                "the scene has reached its limit of bodies swept against moving ones, {SWEPT_BODIES_MAX} at most"
+            ),
             Self::Unsupported => f.write_str(
                 "the engine of the scene has no such shape, joint, locomotion or property of bodies",
             ),
@@ -152,8 +160,14 @@ impl fmt::Display for CommandError {
             }
             Self::NotCharacter(id) => write!(f, "{id} is no character"),
             Self::NotVehicle(id) => write!(f, "{id} is no vehicle"),
-            Self::TooManyCharacters => f.write_str("the scene has reached its limit of characters"),
-            Self::TooManyVehicles => f.write_str("the scene has reached its limit of vehicles"),
+            Self::TooManyCharacters => write!(
+                f,
+                "the scene has reached its limit of characters, {CHARACTERS_MAX} at most"
+            ),
+            Self::TooManyVehicles => write!(
+                f,
+                "the scene has reached its limit of vehicles, {VEHICLES_MAX} at most"
+            ),
             Self::Other(code) => write!(f, "the server gave an unknown reason, number {code}"),
         }
     }
@@ -164,13 +178,12 @@ impl core::error::Error for CommandError {}
 impl Wire for CommandError {
     fn encode(&self, to: &mut Writer) {
         match *self {
-            Self::Invalid(Invalid::NotFinite(quantity)) => {
-                to.u8(0);
-                to.u8(quantity.code());
-            }
-            Self::Invalid(Invalid::OutOfRange(quantity)) => {
-                to.u8(1);
-                to.u8(quantity.code());
+            Self::Invalid(invalid) => {
+                to.u8(match invalid.rule {
+                    Rule::NotFinite => 0,
+                    Rule::OutOfRange => 1,
+                });
+                to.u8(invalid.quantity.code());
             }
             Self::UnknownBody(id) => named(to, 2, &id),
             Self::UnknownShape(id) => named(to, 3, &id),
@@ -219,8 +232,8 @@ impl Wire for CommandError {
         let quantity =
             |from: &mut Reader<'_>| Quantity::from_code(from.u8()?).ok_or(Malformed::UnknownCode);
         Ok(match from.u8()? {
-            0 => Self::Invalid(Invalid::NotFinite(quantity(from)?)),
-            1 => Self::Invalid(Invalid::OutOfRange(quantity(from)?)),
+            0 => Self::Invalid(Invalid::not_finite(quantity(from)?)),
+            1 => Self::Invalid(Invalid::out_of_range(quantity(from)?)),
             2 => Self::UnknownBody(BodyId::decode(from)?),
             3 => Self::UnknownShape(ShapeId::decode(from)?),
             4 => Self::BodyIdTaken(BodyId::decode(from)?),

@@ -5,7 +5,7 @@ use core::num::NonZeroU32;
 use glam::Vec3;
 use rhumb_reckoning::{Damping, Integrator, Rate};
 
-use super::checks::{Invalid, Quantity, scalar, vector};
+use super::checks::{Invalid, Quantity, Rule, count, outside, scalar, vector};
 use super::material::Material;
 use super::publish_schedule::PublishSchedule;
 use crate::limits::{
@@ -93,11 +93,13 @@ impl SceneConfig {
         let slow =
             u64::from(rate.seconds()) > u64::from(rate.ticks()) * u64::from(STEP_SECONDS_MAX);
         if fast || slow {
-            return Err(Invalid::OutOfRange(Quantity::Rate));
+            let per_second = f64::from(rate.ticks()) / f64::from(rate.seconds());
+            let least = 1.0 / f64::from(STEP_SECONDS_MAX);
+            let numbers = [per_second, least, f64::from(RATE_MAX)];
+            return Err(outside(Rule::OutOfRange, Quantity::Rate, numbers));
         }
-        if self.integrator.substeps.get() > SUBSTEPS_MAX {
-            return Err(Invalid::OutOfRange(Quantity::Substeps));
-        }
+        let substeps = self.integrator.substeps.get() as usize;
+        count(substeps, 1, SUBSTEPS_MAX as usize, Quantity::Substeps)?;
         vector(self.gravity, GRAVITY_MAX, Quantity::Gravity)?;
         self.material.check()?;
         check_damping(self.damping)?;
@@ -112,8 +114,12 @@ impl SceneConfig {
 
 /// Checks both numbers.
 pub(super) fn check_damping(damping: Damping) -> Result<(), Invalid> {
-    scalar(damping.linear, 0.0, DAMPING_MAX, Quantity::Damping)?;
-    scalar(damping.angular, 0.0, DAMPING_MAX, Quantity::Damping)
+    let number = |value, name| {
+        let checked = scalar(value, 0.0, DAMPING_MAX, Quantity::Damping);
+        checked.map_err(|wrong| wrong.of(name, "1/s"))
+    };
+    number(damping.linear, "linear damping")?;
+    number(damping.angular, "angular damping")
 }
 
 impl Wire for Damping {

@@ -9,7 +9,7 @@ use alloc::vec::Vec;
 use glam::DVec3;
 use rhumb_reckoning::Metres;
 
-use super::checks::{Invalid, Quantity, scalar};
+use super::checks::{Invalid, Quantity, count, scalar};
 use crate::limits::{EXTENT_MAX, EXTENT_MIN, POSTS_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -44,7 +44,8 @@ impl Heights {
         let posts = u32::try_from(heights.len()).unwrap_or(u32::MAX);
         let columns = posts.checked_div(rows).unwrap_or(0);
         if rows.checked_mul(columns) != Some(posts) {
-            return Err(Invalid::OutOfRange(Quantity::Posts));
+            let ragged = "there are not as many heights as rows times columns";
+            return Err(Invalid::because(Quantity::Posts, ragged));
         }
         let field = Self::unchecked([rows, columns], [row_spacing, column_spacing], heights);
         field.check()?;
@@ -114,20 +115,37 @@ impl Heights {
 
     /// Checks every number (PROTOCOL 2.6).
     pub(super) fn check(&self) -> Result<(), Invalid> {
-        let posts = u64::from(self.rows) * u64::from(self.columns);
-        if self.rows < 2 || self.columns < 2 || posts > POSTS_MAX as u64 {
-            return Err(Invalid::OutOfRange(Quantity::Posts));
-        }
-        for (count, spacing) in [
-            (self.rows, self.row_spacing),
-            (self.columns, self.column_spacing),
-        ] {
-            scalar(spacing, EXTENT_MIN, EXTENT_MAX, Quantity::Extent)?;
-            let length = (count - 1) as f32 * spacing;
-            scalar(length, EXTENT_MIN, EXTENT_MAX, Quantity::Extent)?;
-        }
+        let (rows, columns) = (self.rows as usize, self.columns as usize);
+        let counted = |number, least, name| {
+            count(number, least, POSTS_MAX, Quantity::Posts).map_err(|wrong| wrong.of(name, ""))
+        };
+        counted(rows, 2, "number of rows of heights")?;
+        counted(columns, 2, "number of columns of heights")?;
+        counted(rows.saturating_mul(columns), 4, "number of heights")?;
+        let extent = |value, least, name| {
+            let checked = scalar(value, least, EXTENT_MAX, Quantity::Extent);
+            checked.map_err(|wrong| wrong.of(name, "m"))
+        };
+        extent(self.row_spacing, EXTENT_MIN, "spacing of rows of heights")?;
+        let length = (self.rows - 1) as f32 * self.row_spacing;
+        extent(
+            length,
+            EXTENT_MIN,
+            "length of a height field along its rows",
+        )?;
+        extent(
+            self.column_spacing,
+            EXTENT_MIN,
+            "spacing of columns of heights",
+        )?;
+        let length = (self.columns - 1) as f32 * self.column_spacing;
+        extent(
+            length,
+            EXTENT_MIN,
+            "length of a height field along its columns",
+        )?;
         let mut heights = self.heights.iter();
-        heights.try_for_each(|height| scalar(*height, -EXTENT_MAX, EXTENT_MAX, Quantity::Extent))
+        heights.try_for_each(|height| extent(*height, -EXTENT_MAX, "height"))
     }
 }
 
@@ -201,8 +219,8 @@ mod tests {
 
     #[test]
     fn an_invalid_height_field_error_names_the_fault() {
-        let posts = Err(Invalid::OutOfRange(Quantity::Posts));
-        let extent = Err(Invalid::OutOfRange(Quantity::Extent));
+        let posts = Err(Invalid::out_of_range(Quantity::Posts));
+        let extent = Err(Invalid::out_of_range(Quantity::Extent));
         assert_eq!(Heights::new(0, 1.0, 1.0, &[]), posts);
         assert_eq!(Heights::new(1, 1.0, 1.0, &[0.0; 4]), posts);
         assert_eq!(Heights::new(4, 1.0, 1.0, &[0.0; 4]), posts);
@@ -212,6 +230,6 @@ mod tests {
         assert_eq!(Heights::new(2, 1.0, 1.0, &[0.0, 0.0, 2e4, 0.0]), extent);
         assert_eq!(Heights::new(4, 9e3, 1.0, &[0.0; 8]), extent);
         let nan = Heights::new(2, 1.0, 1.0, &[0.0, f32::NAN, 0.0, 0.0]);
-        assert_eq!(nan, Err(Invalid::NotFinite(Quantity::Extent)));
+        assert_eq!(nan, Err(Invalid::not_finite(Quantity::Extent)));
     }
 }

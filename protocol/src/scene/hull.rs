@@ -9,7 +9,7 @@ use alloc::vec::Vec;
 use glam::{DVec3, Vec3};
 use rhumb_reckoning::Metres;
 
-use super::checks::{Invalid, Quantity, scalar};
+use super::checks::{Invalid, Quantity, Rule, count, outside, scalar};
 use crate::limits::{EXTENT_MAX, EXTENT_MIN, HULL_FLATNESS, HULL_POINTS_MAX, HULL_POINTS_MIN};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -30,10 +30,8 @@ impl Hull {
     /// [`Invalid`] when there are too few or too many, when a coordinate is not finite or beyond the limits, or when
     /// the points lie almost in a plane.
     pub fn new(points: &[Vec3]) -> Result<Self, Invalid> {
-        let counted = (HULL_POINTS_MIN..=HULL_POINTS_MAX).contains(&points.len());
-        if !counted {
-            return Err(Invalid::OutOfRange(Quantity::HullPoints));
-        }
+        let (least, most) = (HULL_POINTS_MIN, HULL_POINTS_MAX);
+        count(points.len(), least, most, Quantity::HullPoints)?;
         let hull = Self::unchecked(points.to_vec());
         hull.check()?;
         Ok(hull)
@@ -71,12 +69,15 @@ impl Hull {
     pub(super) fn check(&self) -> Result<(), Invalid> {
         for point in self.points.iter() {
             for part in point.to_array() {
-                scalar(part, -EXTENT_MAX, EXTENT_MAX, Quantity::Extent)?;
+                scalar(part, -EXTENT_MAX, EXTENT_MAX, Quantity::Extent)
+                    .map_err(|wrong| wrong.of("coordinate of a hull's point", "m"))?;
             }
         }
         let least = f64::from(EXTENT_MIN).max(self.radius * f64::from(HULL_FLATNESS));
-        if self.thickness() < least {
-            return Err(Invalid::OutOfRange(Quantity::HullThickness));
+        let thickness = self.thickness();
+        if thickness < least {
+            let numbers = [thickness, least, 2.0 * f64::from(EXTENT_MAX)];
+            return Err(outside(Rule::OutOfRange, Quantity::HullThickness, numbers));
         }
         Ok(())
     }
@@ -150,7 +151,7 @@ mod tests {
 
     #[test]
     fn a_hull_without_volume_is_refused_as_too_thin() {
-        let thin = Invalid::OutOfRange(Quantity::HullThickness);
+        let thin = Invalid::out_of_range(Quantity::HullThickness);
         assert_eq!(refused(&[Vec3::ONE; 4]), thin);
         assert_eq!(refused(&[0.0, 1.0, 2.0, 3.0].map(Vec3::splat)), thin);
         assert_eq!(
@@ -168,16 +169,16 @@ mod tests {
     #[test]
     fn an_invalid_hull_error_names_the_fault() {
         for (wrong, invalid) in [
-            (f32::NAN, Invalid::NotFinite(Quantity::Extent)),
-            (f32::INFINITY, Invalid::NotFinite(Quantity::Extent)),
-            (2e4, Invalid::OutOfRange(Quantity::Extent)),
-            (-f32::MAX, Invalid::OutOfRange(Quantity::Extent)),
+            (f32::NAN, Invalid::not_finite(Quantity::Extent)),
+            (f32::INFINITY, Invalid::not_finite(Quantity::Extent)),
+            (2e4, Invalid::out_of_range(Quantity::Extent)),
+            (-f32::MAX, Invalid::out_of_range(Quantity::Extent)),
         ] {
             let mut points = CORNERS;
             points[2].y = wrong;
             assert_eq!(refused(&points), invalid);
         }
-        let many = Invalid::OutOfRange(Quantity::HullPoints);
+        let many = Invalid::out_of_range(Quantity::HullPoints);
         assert_eq!(refused(&CORNERS[..3]), many);
         assert_eq!(refused(&[Vec3::X; 256]), many);
     }

@@ -75,8 +75,12 @@ pub struct JointLimits {
 
 impl JointLimits {
     fn check(&self, most: f32) -> Result<(), Invalid> {
-        scalar(self.least, -most, most, Quantity::JointLimit)?;
-        scalar(self.most, self.least, most, Quantity::JointLimit)
+        let number = |value, least, name| {
+            let checked = scalar(value, least, most, Quantity::JointLimit);
+            checked.map_err(|wrong| wrong.of(name, "m or rad"))
+        };
+        number(self.least, -most, "least limit of a joint")?;
+        number(self.most, self.least, "greatest limit of a joint")
     }
 }
 
@@ -89,6 +93,23 @@ pub struct Spring {
     pub stiffness: f32,
     /// N·s/m.
     pub damping: f32,
+}
+
+impl Spring {
+    fn check(&self) -> Result<(), Invalid> {
+        let number = |value, most, name, unit| {
+            let checked = scalar(value, 0.0, most, Quantity::Spring);
+            checked.map_err(|wrong| wrong.of(name, unit))
+        };
+        number(self.length, EXTENT_MAX, "length of a spring", "m")?;
+        number(
+            self.stiffness,
+            STIFFNESS_MAX,
+            "stiffness of a spring",
+            "N/m",
+        )?;
+        number(self.damping, STIFFNESS_MAX, "damping of a spring", "N·s/m")
+    }
 }
 
 /// Load at which a joint breaks: the server removes it after the step.
@@ -153,12 +174,9 @@ impl JointKind {
 
     fn check(&self) -> Result<(), Invalid> {
         match *self {
-            Self::Rope(length) => scalar(length, EXTENT_MIN, EXTENT_MAX, Quantity::JointLimit)?,
-            Self::Spring(spring) => {
-                scalar(spring.length, 0.0, EXTENT_MAX, Quantity::Spring)?;
-                scalar(spring.stiffness, 0.0, STIFFNESS_MAX, Quantity::Spring)?;
-                scalar(spring.damping, 0.0, STIFFNESS_MAX, Quantity::Spring)?;
-            }
+            Self::Rope(length) => scalar(length, EXTENT_MIN, EXTENT_MAX, Quantity::JointLimit)
+                .map_err(|wrong| wrong.of("length of a rope", "m"))?,
+            Self::Spring(spring) => spring.check()?,
             Self::Fixed
             | Self::Spherical(_)
             | Self::Revolute(_)
@@ -168,7 +186,8 @@ impl JointKind {
         let limits = self.limits().into_iter().enumerate();
         for (axis, limits) in limits.filter_map(|(axis, limits)| Some((axis, limits?))) {
             if self.locked().locks(axis) {
-                return Err(Invalid::OutOfRange(Quantity::JointLimit));
+                let locked = "only an axis that the joint leaves free can have one";
+                return Err(Invalid::because(Quantity::JointLimit, locked));
             }
             limits.check(reach(axis))?;
         }
@@ -230,7 +249,8 @@ impl Joint {
         let motors = self.motors.iter().enumerate();
         for (axis, motor) in motors.filter_map(|(axis, motor)| Some((axis, motor.as_ref()?))) {
             if distant || self.kind.locked().locks(axis) {
-                return Err(Invalid::OutOfRange(Quantity::Motor));
+                let locked = "only an axis that the joint leaves free can have one, and none of a rope or spring";
+                return Err(Invalid::because(Quantity::Motor, locked));
             }
             let fast = if is_translation(axis) {
                 LINEAR_MAX
@@ -240,8 +260,12 @@ impl Joint {
             motor.check(reach(axis), fast)?;
         }
         if let Some(strength) = self.strength {
-            scalar(strength.force, 0.0, FORCE_MAX, Quantity::Strength)?;
-            scalar(strength.torque, 0.0, FORCE_MAX, Quantity::Strength)?;
+            let number = |value, name, unit| {
+                let checked = scalar(value, 0.0, FORCE_MAX, Quantity::Strength);
+                checked.map_err(|wrong| wrong.of(name, unit))
+            };
+            number(strength.force, "force at which a joint breaks", "N")?;
+            number(strength.torque, "torque at which a joint breaks", "N·m")?;
         }
         Ok(())
     }
@@ -533,7 +557,7 @@ mod tests {
     #[test]
     fn limits_that_cross_are_refused() {
         let limits = |least, most| JointLimits { least, most };
-        let wrong = Err(Invalid::OutOfRange(Quantity::JointLimit));
+        let wrong = Err(Invalid::out_of_range(Quantity::JointLimit));
         assert_eq!(limits(0.5, 0.4).check(PI), wrong);
         assert_eq!(limits(-4.0, 0.4).check(PI), wrong);
         assert_eq!(limits(0.5, 0.5).check(PI), Ok(()));
@@ -547,7 +571,7 @@ mod tests {
         hinge.motors[3] = Some(Motor::with_velocity(2.0, 1.0));
         assert_eq!(hinge.check(), Ok(()));
         hinge.motors[0] = hinge.motors[3];
-        let wrong = Err(Invalid::OutOfRange(Quantity::Motor));
+        let wrong = Err(Invalid::out_of_range(Quantity::Motor));
         assert_eq!(hinge.check(), wrong);
         let mut rope = of(JointKind::Rope(2.0));
         assert_eq!(rope.check(), Ok(()));
@@ -560,7 +584,7 @@ mod tests {
         });
         let generic = |locked| of(JointKind::Generic(locked, limits)).check();
         assert_eq!(generic(LockedAxes::ROTATIONS), Ok(()));
-        let wrong = Err(Invalid::OutOfRange(Quantity::JointLimit));
+        let wrong = Err(Invalid::out_of_range(Quantity::JointLimit));
         assert_eq!(generic(LockedAxes::TRANSLATIONS), wrong);
     }
 }

@@ -26,7 +26,8 @@ impl Mass {
         scalar(self.mass, MASS_MIN, MASS_MAX, Quantity::Mass)?;
         let (least, most) = (self.mass * GYRATION_MIN, self.mass * GYRATION_MAX);
         for moment in self.moments.iter().flat_map(Vec3::to_array) {
-            scalar(moment, least, most, Quantity::Moments)?;
+            scalar(moment, least, most, Quantity::Moments)
+                .map_err(|wrong| wrong.of("moment of inertia of a body of this mass", "kg·m²"))?;
         }
         Ok(())
     }

@@ -9,7 +9,7 @@ use alloc::vec::Vec;
 use glam::Vec3;
 use rhumb_reckoning::Metres;
 
-use super::checks::{Invalid, Quantity, scalar};
+use super::checks::{Invalid, Quantity, count, scalar};
 use crate::limits::{EXTENT_MAX, MESH_POINTS_MAX, TRIANGLES_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -66,23 +66,17 @@ impl Mesh {
 
     /// Checks every number (PROTOCOL 2.6).
     pub(super) fn check(&self) -> Result<(), Invalid> {
-        if !(3..=MESH_POINTS_MAX).contains(&self.points.len()) {
-            return Err(Invalid::OutOfRange(Quantity::MeshPoints));
-        }
-        if !(1..=TRIANGLES_MAX).contains(&self.triangles.len()) {
-            return Err(Invalid::OutOfRange(Quantity::Triangles));
-        }
-        let points = self.points.len() as u32;
-        if self
-            .triangles
-            .iter()
-            .flatten()
-            .any(|place| *place >= points)
-        {
-            return Err(Invalid::OutOfRange(Quantity::TrianglePoint));
-        }
+        let points = self.points.len();
+        count(points, 3, MESH_POINTS_MAX, Quantity::MeshPoints)?;
+        count(self.triangles.len(), 1, TRIANGLES_MAX, Quantity::Triangles)?;
+        let mut places = self.triangles.iter().flatten();
+        places
+            .try_for_each(|place| count(*place as usize, 0, points - 1, Quantity::TrianglePoint))?;
         let mut parts = self.points.iter().flat_map(Vec3::to_array);
-        parts.try_for_each(|part| scalar(part, -EXTENT_MAX, EXTENT_MAX, Quantity::Extent))
+        parts.try_for_each(|part| {
+            scalar(part, -EXTENT_MAX, EXTENT_MAX, Quantity::Extent)
+                .map_err(|wrong| wrong.of("coordinate of a mesh's point", "m"))
+        })
     }
 }
 
@@ -157,7 +151,7 @@ mod tests {
         let wrong = |points: &[Vec3], triangles: &[[u32; 3]]| {
             Mesh::new(points, triangles).expect_err("the test makes it wrong")
         };
-        let range = Invalid::OutOfRange;
+        let range = Invalid::out_of_range;
         assert_eq!(
             wrong(&CORNERS[..2], &[[0, 1, 1]]),
             range(Quantity::MeshPoints)
@@ -172,7 +166,7 @@ mod tests {
         let none = [Vec3::ZERO, Vec3::NAN, Vec3::Y];
         assert_eq!(
             wrong(&none, &[[0, 1, 2]]),
-            Invalid::NotFinite(Quantity::Extent)
+            Invalid::not_finite(Quantity::Extent)
         );
     }
 }

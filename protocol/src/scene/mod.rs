@@ -32,7 +32,7 @@ pub use body::{BodyDesc, BodyKind};
 pub use body_builder::BodyBuilder;
 pub use body_event::{ActiveEvents, BodyEvent};
 pub use character::{Character, CharacterStep, JumpFrom};
-pub use checks::{Invalid, Quantity};
+pub use checks::{Invalid, Quantity, Rule};
 pub use collision_groups::CollisionGroups;
 pub use command::Command;
 pub use command_error::CommandError;

@@ -48,11 +48,26 @@ impl Motor {
 
     /// Checks every number. `position` and `velocity`: bounds of the axis.
     pub(super) fn check(&self, position: f32, velocity: f32) -> Result<(), Invalid> {
-        scalar(self.position, -position, position, Quantity::Motor)?;
-        scalar(self.velocity, -velocity, velocity, Quantity::Motor)?;
-        scalar(self.stiffness, 0.0, STIFFNESS_MAX, Quantity::Motor)?;
-        scalar(self.damping, 0.0, STIFFNESS_MAX, Quantity::Motor)?;
-        scalar(self.force, 0.0, FORCE_MAX, Quantity::Motor)
+        let number = |value, [least, most]: [f32; 2], name, unit| {
+            let checked = scalar(value, least, most, Quantity::Motor);
+            checked.map_err(|wrong| wrong.of(name, unit))
+        };
+        let stiff = [0.0, STIFFNESS_MAX];
+        number(
+            self.position,
+            [-position, position],
+            "position of a motor",
+            "m or rad",
+        )?;
+        number(
+            self.velocity,
+            [-velocity, velocity],
+            "velocity of a motor",
+            "m/s or rad/s",
+        )?;
+        number(self.stiffness, stiff, "stiffness of a motor", "1/s²")?;
+        number(self.damping, stiff, "damping of a motor", "1/s")?;
+        number(self.force, [0.0, FORCE_MAX], "force of a motor", "N or N·m")
     }
 }
 

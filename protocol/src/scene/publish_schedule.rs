@@ -7,7 +7,7 @@ use core::num::NonZeroU32;
 
 use rhumb_reckoning::{Rate, Tick, Ticks};
 
-use super::checks::{Invalid, Quantity};
+use super::checks::{Invalid, LOOKAHEAD_IN_LOCKSTEP, Quantity, Rule, count, outside};
 use crate::limits::{LOOKAHEAD_TICKS_MAX, PUBLISH_SECONDS_MAX};
 use crate::wire::bytes::{Reader, Writer};
 use crate::wire::{Malformed, Wire};
@@ -41,12 +41,21 @@ impl PublishSchedule {
         let seconds = u64::from(self.publish_interval.get()) * u64::from(rate.seconds());
         let rare = seconds > u64::from(rate.ticks()) * u64::from(PUBLISH_SECONDS_MAX);
         if rare && self.publish_interval > NonZeroU32::MIN {
-            return Err(Invalid::OutOfRange(Quantity::PublishInterval));
+            let most = rate.ticks() / rate.seconds() * PUBLISH_SECONDS_MAX;
+            let numbers = [self.publish_interval.get(), 1, most.max(1)].map(f64::from);
+            return Err(outside(
+                Rule::OutOfRange,
+                Quantity::PublishInterval,
+                numbers,
+            ));
         }
-        if self.lookahead.count() > LOOKAHEAD_TICKS_MAX {
-            return Err(Invalid::OutOfRange(Quantity::Lookahead));
-        }
-        Ok(())
+        let lookahead = self.lookahead.count() as usize;
+        count(
+            lookahead,
+            0,
+            LOOKAHEAD_TICKS_MAX as usize,
+            Quantity::Lookahead,
+        )
     }
 
     /// The first published tick after another tick.
@@ -61,7 +70,10 @@ impl PublishSchedule {
         if self.lookahead == Ticks::ZERO {
             Ok(())
         } else {
-            Err(Invalid::OutOfRange(Quantity::LockstepPublishing))
+            Err(Invalid::because(
+                Quantity::LockstepPublishing,
+                LOOKAHEAD_IN_LOCKSTEP,
+            ))
         }
     }
 }

@@ -267,6 +267,7 @@ impl Query {
             QueryKind::Projection { point, distance } => {
                 place(point)?;
                 scalar(distance, 0.0, COORDINATE_MAX, Quantity::Position)
+                    .map_err(|wrong| wrong.of("distance of a projection", "m"))
             }
             QueryKind::Overlap {
                 ref shape,

@@ -8,7 +8,7 @@ use alloc::vec::Vec;
 use glam::{Quat, Vec3};
 use rhumb_reckoning::Metres;
 
-use super::checks::{Invalid, Quantity, direction, rotation, scalar, vector};
+use super::checks::{Invalid, Quantity, count, direction, rotation, scalar, vector};
 use super::heights::Heights;
 use super::hull::Hull;
 use super::mesh::Mesh;
@@ -173,13 +173,19 @@ impl Shape {
             Self::Mesh(ref mesh) => return mesh.check(),
             Self::Compound(ref compound) => return compound.check(),
             // A unit vector passes and fails as the quaternion of half a turn about it.
-            Self::HalfSpace { normal } => return direction(normal),
-            Self::Ball { radius } => [radius; 4],
-            Self::Cuboid { half_extents: half } => [half.x, half.y, half.z, half.z],
+            Self::HalfSpace { normal } => return direction(normal, "normal of a half-space"),
+            Self::Ball { radius } => [(radius, "radius of a ball"); 4],
+            Self::Cuboid { half_extents: half } => {
+                let [x, y, z] = half_extents(half);
+                [x, y, z, z]
+            }
             Self::RoundedCuboid {
                 half_extents: half,
                 radius,
-            } => [half.x, half.y, half.z, radius],
+            } => {
+                let [x, y, z] = half_extents(half);
+                [x, y, z, (radius, "radius of a rounded cuboid")]
+            }
             Self::Capsule {
                 half_height,
                 radius,
@@ -191,10 +197,15 @@ impl Shape {
             | Self::Cone {
                 half_height,
                 radius,
-            } => [half_height, radius, radius, radius],
+            } => {
+                let radius = (radius, "radius of a capsule, cylinder or cone");
+                let half = (half_height, "half height of a capsule, cylinder or cone");
+                [half, radius, radius, radius]
+            }
         };
-        for extent in extents {
-            scalar(extent, EXTENT_MIN, EXTENT_MAX, Quantity::Extent)?;
+        for (extent, name) in extents {
+            scalar(extent, EXTENT_MIN, EXTENT_MAX, Quantity::Extent)
+                .map_err(|wrong| wrong.of(name, "m"))?;
         }
         Ok(())
     }
@@ -280,6 +291,15 @@ impl Shape {
             _ => return Err(Malformed::UnknownCode),
         })
     }
+}
+
+/// The half extents of a box, with their names.
+const fn half_extents(half: Vec3) -> [(f32, &'static str); 3] {
+    [
+        (half.x, "half extent of a cuboid along x"),
+        (half.y, "half extent of a cuboid along y"),
+        (half.z, "half extent of a cuboid along z"),
+    ]
 }
 
 impl Wire for Shape {
@@ -423,22 +443,21 @@ impl Compound {
 
     /// Checks every number (PROTOCOL 2.6).
     fn check(&self) -> Result<(), Invalid> {
-        if self.parts.len() > PARTS_MAX {
-            return Err(Invalid::OutOfRange(Quantity::Parts));
-        }
+        count(self.parts.len(), 0, PARTS_MAX, Quantity::Parts)
+            .map_err(|wrong| wrong.of("number of a compound's parts", ""))?;
         for part in self.parts.iter() {
-            vector(part.position, EXTENT_MAX, Quantity::Extent)?;
+            vector(part.position, EXTENT_MAX, Quantity::Extent)
+                .map_err(|wrong| wrong.of("position of a compound's part", "m"))?;
             rotation(part.rotation)?;
             if matches!(part.shape, Shape::Compound(_)) {
-                return Err(Invalid::OutOfRange(Quantity::Parts));
+                let nested = "a part is no compound itself; give the inner parts to the outer one";
+                return Err(Invalid::because(Quantity::Parts, nested));
             }
             part.shape.check()?;
         }
         let bytes: usize = self.parts.iter().map(|part| part.shape.bytes()).sum();
-        if bytes > PARTS_BYTES_MAX {
-            return Err(Invalid::OutOfRange(Quantity::Parts));
-        }
-        Ok(())
+        count(bytes, 0, PARTS_BYTES_MAX, Quantity::Parts)
+            .map_err(|wrong| wrong.of("size of a compound's parts", "bytes"))
     }
 }
 
@@ -509,7 +528,7 @@ mod tests {
     #[test]
     fn parts_of_parts_and_too_many_parts_are_refused() {
         let inner = Shape::Compound(Compound::nothing());
-        let wrong = Err(Invalid::OutOfRange(Quantity::Parts));
+        let wrong = Err(Invalid::out_of_range(Quantity::Parts));
         assert_eq!(Compound::new(vec![part(0.0, inner.clone())]), wrong);
         let ball = part(0.0, Shape::Ball { radius: 0.5 });
         assert_eq!(Compound::new(vec![ball; PARTS_MAX + 1]), wrong);
@@ -532,7 +551,7 @@ mod tests {
         one.encode(&mut writer);
         assert!(writer.len() < crate::limits::LONG_MESSAGE_BYTES_MAX);
         let two = Compound::new(vec![part(0.0, mesh.clone()), part(1.0, mesh)]);
-        assert_eq!(two, Err(Invalid::OutOfRange(Quantity::Parts)));
+        assert_eq!(two, Err(Invalid::out_of_range(Quantity::Parts)));
     }
 
     #[test]

@@ -7,7 +7,7 @@ use core::f32::consts::PI;
 
 use glam::{Quat, Vec3};
 
-use super::checks::{Invalid, Quantity, direction, scalar, vector};
+use super::checks::{Invalid, Quantity, count, direction, scalar, vector};
 use super::query::Query;
 use crate::limits::{EXTENT_MAX, EXTENT_MIN, FORCE_MAX, FRICTION_MAX, STIFFNESS_MAX, WHEELS_MAX};
 use crate::wire::bytes::{Reader, Writer};
@@ -121,23 +121,49 @@ impl Wheel {
     }
 
     fn check(&self) -> Result<(), Invalid> {
-        vector(self.position, EXTENT_MAX, Quantity::Wheel)?;
-        direction(self.direction)?;
-        direction(self.axle)?;
-        for (value, least, most) in [
-            (self.radius, EXTENT_MIN, EXTENT_MAX),
-            (self.rest_length, 0.0, EXTENT_MAX),
-            (self.travel, 0.0, EXTENT_MAX),
-            (self.stiffness, 0.0, STIFFNESS_MAX),
-            (self.compression, 0.0, STIFFNESS_MAX),
-            (self.relaxation, 0.0, STIFFNESS_MAX),
-            (self.force_max, 0.0, FORCE_MAX),
-            (self.friction_slip, 0.0, FRICTION_MAX),
-            (self.side_friction, 0.0, FRICTION_MAX),
+        vector(self.position, EXTENT_MAX, Quantity::Wheel)
+            .map_err(|wrong| wrong.of("position of a wheel", "m"))?;
+        direction(self.direction, "direction of a wheel")?;
+        direction(self.axle, "axle of a wheel")?;
+        for (value, most, name, unit) in [
+            (self.rest_length, EXTENT_MAX, "rest length of a wheel", "m"),
+            (self.travel, EXTENT_MAX, "travel of a wheel", "m"),
+            (
+                self.stiffness,
+                STIFFNESS_MAX,
+                "stiffness of a wheel",
+                "1/s²",
+            ),
+            (
+                self.compression,
+                STIFFNESS_MAX,
+                "compression of a wheel",
+                "1/s",
+            ),
+            (
+                self.relaxation,
+                STIFFNESS_MAX,
+                "relaxation of a wheel",
+                "1/s",
+            ),
+            (self.force_max, FORCE_MAX, "greatest force of a wheel", "N"),
+            (
+                self.friction_slip,
+                FRICTION_MAX,
+                "friction slip of a wheel",
+                "",
+            ),
+            (
+                self.side_friction,
+                FRICTION_MAX,
+                "side friction of a wheel",
+                "",
+            ),
         ] {
-            scalar(value, least, most, Quantity::Wheel)?;
+            number(value, [0.0, most], name, unit)?;
         }
-        Ok(())
+        let radii = [EXTENT_MIN, EXTENT_MAX];
+        number(self.radius, radii, "radius of a wheel", "m")
     }
 }
 
@@ -172,18 +198,26 @@ impl WheelInput {
     }
 
     fn check(&self) -> Result<(), Invalid> {
-        scalar(self.steering, -PI, PI, Quantity::Wheel)?;
-        scalar(self.force, -FORCE_MAX, FORCE_MAX, Quantity::Wheel)?;
-        scalar(self.brake, 0.0, FORCE_MAX, Quantity::Wheel)
+        number(self.steering, [-PI, PI], "steering of a wheel", "rad")?;
+        let forces = [-FORCE_MAX, FORCE_MAX];
+        number(self.force, forces, "force of a wheel", "N")?;
+        number(self.brake, [0.0, FORCE_MAX], "brake of a wheel", "N")
     }
 }
 
-fn check_count(count: usize) -> Result<(), Invalid> {
-    if (1..=WHEELS_MAX).contains(&count) {
-        Ok(())
-    } else {
-        Err(Invalid::OutOfRange(Quantity::Wheels))
-    }
+fn check_count(wheels: usize) -> Result<(), Invalid> {
+    count(wheels, 1, WHEELS_MAX, Quantity::Wheels)
+}
+
+/// Checks a number of a wheel against inclusive bounds.
+fn number(
+    value: f32,
+    [least, most]: [f32; 2],
+    name: &'static str,
+    unit: &'static str,
+) -> Result<(), Invalid> {
+    let checked = scalar(value, least, most, Quantity::Wheel);
+    checked.map_err(|wrong| wrong.of(name, unit))
 }
 
 /// Encodes so many values. A number that no vehicle has stands for itself or for 255, which is refused either way.

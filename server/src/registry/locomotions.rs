@@ -90,9 +90,9 @@ impl Locomotions {
     pub(super) fn check_wheels(&self, id: BodyId, count: usize) -> Result<(), CommandError> {
         match self.0.get(&id) {
             Some(Locomotion::Vehicle(vehicle)) if vehicle.wheels.len() == count => Ok(()),
-            Some(Locomotion::Vehicle(_)) => {
-                Err(CommandError::Invalid(Invalid::OutOfRange(Quantity::Wheels)))
-            }
+            Some(Locomotion::Vehicle(_)) => Err(CommandError::Invalid(Invalid::out_of_range(
+                Quantity::Wheels,
+            ))),
             _ => Err(CommandError::NotVehicle(id)),
         }
     }

@@ -12,7 +12,7 @@ impl Scene {
         let is_dynamic = properties.desc.kind == BodyKind::Dynamic;
         match self.engine.moment(properties).filter(|_| is_dynamic) {
             Some(moment) if !moment.is_finite() || moment > MOMENT_MAX => {
-                let moments = Invalid::OutOfRange(Quantity::Moments);
+                let moments = Invalid::out_of_range(Quantity::Moments);
                 Err(CommandError::Invalid(moments))
             }
             _ => Ok(()),

@@ -45,7 +45,7 @@ impl ServerLoop {
         if config.stepping == Stepping::FreeRunning
             && rights::ticks_in_second(&config) > limits.scene_ticks_per_second
         {
-            let rate = Invalid::OutOfRange(Quantity::Rate);
+            let rate = Invalid::out_of_range(Quantity::Rate);
             return Err(Denial::InvalidConfig(rate));
         }
         let load = self.load_of(&config);

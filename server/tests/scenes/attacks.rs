@@ -349,7 +349,7 @@ fn fast_scenes_are_charged_for_their_ticks() {
     });
     links.connect(ATTACKER);
     links.send(ATTACKER, &[ClientMessage::Create(config)]);
-    let too_fast = Denial::InvalidConfig(Invalid::OutOfRange(Quantity::Rate));
+    let too_fast = Denial::InvalidConfig(Invalid::out_of_range(Quantity::Rate));
     assert_eq!(links.counts(ATTACKER).denial, Some(too_fast));
     config.stepping = Stepping::Lockstep;
     links.send(ATTACKER, &[ClientMessage::Create(config), join()]);
@@ -405,7 +405,7 @@ fn a_huge_dense_ball_removes_no_body_of_others() {
                 "{attacked:?}"
             );
             assert_eq!(counts.bodies, 20);
-            let too_heavy = CommandError::Invalid(Invalid::OutOfRange(Quantity::Moments));
+            let too_heavy = CommandError::Invalid(Invalid::out_of_range(Quantity::Moments));
             assert_eq!(links.counts(ATTACKER).refused, Some(too_heavy));
         }
     }

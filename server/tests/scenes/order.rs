@@ -124,7 +124,7 @@ fn an_invalid_motion_is_refused_and_the_connection_stays() {
     bytes[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
     shape(1).encode(&mut bytes);
     let replies = replies_to(&bytes);
-    let error = CommandError::Invalid(Invalid::NotFinite(Quantity::Position));
+    let error = CommandError::Invalid(Invalid::not_finite(Quantity::Position));
     assert!(replies.contains(&ServerMessage::Refused { number: 1, error }));
     let tick = Tick::ZERO;
     assert!(replies.contains(&ServerMessage::Applied { through: 2, tick }));

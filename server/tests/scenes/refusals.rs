@@ -189,7 +189,7 @@ fn a_scene_config_is_checked() {
     let mut wrong = config();
     wrong.gravity.x = f32::NAN;
     let answer = Scene::new(wrong).map(|_| ());
-    assert_eq!(answer, Err(Invalid::NotFinite(Quantity::Gravity)));
+    assert_eq!(answer, Err(Invalid::not_finite(Quantity::Gravity)));
 }
 
 /// An engine without a world: it loses one body and then fails.

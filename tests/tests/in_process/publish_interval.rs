@@ -9,7 +9,7 @@ use rhumb_netsim::LinkConfig;
 use rhumb_protocol::Span;
 use rhumb_protocol::message::{Inspection, StreamChoice};
 use rhumb_protocol::scene::{
-    BodyKind, Command, Invalid, PublishSchedule, Quantity, SceneConfig, Stepping,
+    BodyKind, Command, Invalid, PublishSchedule, Quantity, Rule, SceneConfig, Stepping,
 };
 use rhumb_protocol::session::Misuse;
 use rhumb_protocol::stream::ErrorBound;
@@ -185,11 +185,10 @@ fn an_impossible_schedule_is_refused_with_its_cause() {
         config.integrator.rate = rate;
         let refused = Scene::new(config).err();
         assert_eq!(refused, config.check().err());
-        match refused {
-            None => None,
-            Some(Invalid::OutOfRange(quantity)) => Some(quantity),
-            Some(other) => panic!("{other}"),
-        }
+        refused.map(|invalid| {
+            assert_eq!(invalid.rule, Rule::OutOfRange, "{invalid}");
+            invalid.quantity
+        })
     };
     let free = |publish_interval, lookahead| {
         refused(
@@ -235,7 +234,7 @@ fn a_client_refuses_to_create_a_lockstep_scene_with_lookahead() {
         ..stage.config()
     };
     let asked = stage.network.client_mut(visitor).create(config);
-    let why = Invalid::OutOfRange(Quantity::LockstepPublishing);
+    let why = Invalid::out_of_range(Quantity::LockstepPublishing);
     assert_eq!(asked, Err(Misuse::Invalid(why)));
     assert!(
         why.to_string()

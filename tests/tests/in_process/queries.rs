@@ -325,8 +325,11 @@ fn invalid_queries_are_not_sent() {
         (vec![ray.clone().finding(0)], Misuse::Queries),
         (vec![ray.clone().finding(65)], Misuse::Queries),
         (vec![ray; 4_097], Misuse::Queries),
-        (vec![nowhere], Misuse::Invalid(Invalid::NotFinite(position))),
-        (vec![far], Misuse::Invalid(Invalid::OutOfRange(position))),
+        (
+            vec![nowhere],
+            Misuse::Invalid(Invalid::not_finite(position)),
+        ),
+        (vec![far], Misuse::Invalid(Invalid::out_of_range(position))),
     ] {
         assert_eq!(session.query(queries), Err(misuse));
     }

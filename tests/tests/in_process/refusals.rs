@@ -358,7 +358,7 @@ fn every_number_that_is_not_finite_is_refused_by_its_name() {
     {
         for wrong in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             for vector in each_place(wrong) {
-                let expected = CommandError::Invalid(Invalid::NotFinite(quantity));
+                let expected = CommandError::Invalid(Invalid::not_finite(quantity));
                 rig.assert_refused(command(vector), expected);
             }
         }
@@ -372,7 +372,7 @@ fn a_value_beyond_a_limit_is_refused_by_its_name() {
         let just_beyond = [field.least.next_down(), field.most.next_up()];
         for beyond in just_beyond.into_iter().chain([f32::MIN, f32::MAX]) {
             for vector in each_place(beyond) {
-                let expected = CommandError::Invalid(Invalid::OutOfRange(field.quantity));
+                let expected = CommandError::Invalid(Invalid::out_of_range(field.quantity));
                 rig.assert_refused((field.command)(vector), expected);
             }
         }
@@ -417,7 +417,7 @@ fn a_rotation_is_of_unit_length_or_refused() {
             position: Vec3::ZERO,
             rotation: wrong,
         };
-        let expected = CommandError::Invalid(Invalid::NotFinite(Quantity::Rotation));
+        let expected = CommandError::Invalid(Invalid::not_finite(Quantity::Rotation));
         rig.assert_refused(command, expected);
     }
 }
@@ -434,7 +434,7 @@ fn the_motion_of_an_added_body_keeps_the_limits_too() {
         (moving(Vec3::ZERO, fast, Vec3::ZERO), Quantity::Linear),
         (moving(Vec3::ZERO, Vec3::ZERO, spinning), Quantity::Angular),
     ] {
-        let expected = CommandError::Invalid(Invalid::OutOfRange(quantity));
+        let expected = CommandError::Invalid(Invalid::out_of_range(quantity));
         rig.assert_refused(add_body(desc, motion), expected);
     }
 }
@@ -452,7 +452,7 @@ fn an_added_body_with_a_motion_that_is_not_finite_is_refused() {
         .unwrap();
     bytes[place..place + 4].copy_from_slice(&f32::NAN.to_le_bytes());
     let received = rig.raw_peer.send_bytes(&mut rig.table, &bytes);
-    let expected = CommandError::Invalid(Invalid::NotFinite(Quantity::Position));
+    let expected = CommandError::Invalid(Invalid::not_finite(Quantity::Position));
     let refused = |message: &ServerMessage| matches!(message, ServerMessage::Refused { error, .. } if *error == expected);
     assert!(received.iter().any(refused), "{received:?}");
     assert_eq!(rig.raw_peer.closed(&rig.table), None);
@@ -461,7 +461,7 @@ fn an_added_body_with_a_motion_that_is_not_finite_is_refused() {
 #[test]
 fn a_hull_without_a_volume_is_refused_as_too_thin() {
     let mut rig = Rig::new();
-    let thin = CommandError::Invalid(Invalid::OutOfRange(Quantity::HullThickness));
+    let thin = CommandError::Invalid(Invalid::out_of_range(Quantity::HullThickness));
     for points in [
         vec![Vec3::ZERO; 4],
         vec![Vec3::ONE; 255],

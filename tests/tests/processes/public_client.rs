@@ -279,7 +279,7 @@ fn an_invalid_number_is_misuse_and_the_connection_continues() {
     let mut client = open(&server, "pit", JoinMode::Create(config(Stepping::Lockstep)));
     let gravity = Vec3::new(0.0, f32::NAN, 0.0);
     let error = client.command(Command::SetGravity { gravity }).unwrap_err();
-    let expected = Misuse::Invalid(Invalid::NotFinite(Quantity::Gravity));
+    let expected = Misuse::Invalid(Invalid::not_finite(Quantity::Gravity));
     assert!(
         matches!(error, ClientError::Misuse(misuse) if misuse == expected),
         "{error}"

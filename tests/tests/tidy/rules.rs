@@ -7,7 +7,7 @@ use crate::house::{File, files, report, sources};
 
 /// Longest first line, including `//! `.
 const FIRST_LINE_MAX: usize = 79;
-const FILE_LINES_MAX: usize = 600;
+const FILE_LINES_MAX: usize = 800;
 const FUNCTION_LINES_MAX: usize = 70;
 
 #[test]
@@ -79,7 +79,7 @@ fn files_and_functions_are_short() {
             }
         }
     }
-    report("a file has 600 lines at most, a function 70", &violations);
+    report("a file has 800 lines at most, a function 70", &violations);
 }
 
 /// All places in the code of these files that contain one of these words.

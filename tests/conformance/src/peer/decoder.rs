@@ -183,7 +183,7 @@ fn message(grammar: &Grammar, side: Sender, bytes: &[u8]) -> Value {
         Decoded::Refused(why) => return json!({"refused": format!("{why:?}")}),
         Decoded::UnknownCommand => return json!({"error": {"is": "UnknownCommand"}}),
         Decoded::NoMotion(quantity) => {
-            let error = rhumb_protocol::scene::Invalid::NotFinite(quantity);
+            let error = rhumb_protocol::scene::Invalid::not_finite(quantity);
             return json!({"error": error_json(error)});
         }
         Decoded::Accepted(None) => json!({}),

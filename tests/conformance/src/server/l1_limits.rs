@@ -352,7 +352,7 @@ fn moment_most(trial: &mut Trial<'_>) -> CaseResult {
     });
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
     let desc = heavy;
-    let beyond = CommandError::Invalid(Invalid::OutOfRange(Quantity::Moments));
+    let beyond = CommandError::Invalid(Invalid::out_of_range(Quantity::Moments));
     match client.command(Command::AddBody { desc, motion })? {
         Err(error) if error == beyond => {}
         other => return Stop::fail(format!("{beyond:?}, not {other:?}")),

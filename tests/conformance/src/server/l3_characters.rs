@@ -336,7 +336,7 @@ fn refuses_inputs(trial: &mut Trial<'_>) -> CaseResult {
     let mut scene = OnFloor::vehicle(trial)?;
     let id = scene.body;
     let outcome = scene.member.command(inputs(id, 3, 0.0, 0.0))?;
-    let wrong = CommandError::Invalid(Invalid::OutOfRange(Quantity::Wheels));
+    let wrong = CommandError::Invalid(Invalid::out_of_range(Quantity::Wheels));
     ensure(
         outcome == Err(wrong),
         format!("too few inputs, not {outcome:?}"),

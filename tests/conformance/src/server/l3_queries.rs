@@ -180,8 +180,8 @@ fn names_the_tick(trial: &mut Trial<'_>) -> CaseResult {
 fn refuses_numbers(trial: &mut Trial<'_>) -> CaseResult {
     let mut lying = Lying::begin(trial)?;
     for (origin, invalid) in [
-        (f32::NAN, Invalid::NotFinite(Quantity::Position)),
-        (1e6, Invalid::OutOfRange(Quantity::Position)),
+        (f32::NAN, Invalid::not_finite(Quantity::Position)),
+        (1e6, Invalid::out_of_range(Quantity::Position)),
     ] {
         let bad = Query::ray(Vec3::splat(origin), Vec3::X);
         let answers = lying.ask(vec![down(), bad])?.answers;

@@ -1,7 +1,7 @@
 //! The side that sends a message, and how the codec reads it.
 
 use rhumb_protocol::message::{ClientMessage, Framed, ServerMessage, frame};
-use rhumb_protocol::scene::{Command, Invalid, Quantity};
+use rhumb_protocol::scene::{Command, Invalid, Quantity, Rule};
 use rhumb_protocol::wire::Malformed;
 use serde_json::{Value, json};
 
@@ -60,9 +60,7 @@ impl Sender {
                 Ok(None) => return Decoded::Skipped,
                 Err(Malformed::UnknownCommand) => return Decoded::UnknownCommand,
                 Err(Malformed::Motion(invalid)) => {
-                    let (Invalid::NotFinite(quantity) | Invalid::OutOfRange(quantity)) =
-                        invalid.into();
-                    return Decoded::NoMotion(quantity);
+                    return Decoded::NoMotion(Invalid::from(invalid).quantity);
                 }
                 Err(malformed) => return Decoded::Refused(malformed),
             },
@@ -105,8 +103,9 @@ pub fn framed_bytes(kind: u8, body: &[u8]) -> Vec<u8> {
 /// The error that answers a message with such a number.
 #[must_use]
 pub fn error_json(invalid: Invalid) -> Value {
-    match invalid {
-        Invalid::NotFinite(quantity) => json!({"is": "NotFinite", "quantity": quantity.code()}),
-        Invalid::OutOfRange(quantity) => json!({"is": "OutOfRange", "quantity": quantity.code()}),
-    }
+    let rule = match invalid.rule {
+        Rule::NotFinite => "NotFinite",
+        Rule::OutOfRange => "OutOfRange",
+    };
+    json!({"is": rule, "quantity": invalid.quantity.code()})
 }

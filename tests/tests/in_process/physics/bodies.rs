@@ -302,7 +302,7 @@ fn round_cuboids_cones_and_balls_come_to_rest_on_a_half_space() {
         near(remote.position(body).y, height, 0.02);
     }
     let normal = Vec3::ZERO;
-    let invalid = Err(Invalid::NotFinite(Quantity::Rotation));
+    let invalid = Err(Invalid::not_finite(Quantity::Rotation));
     assert_eq!(Shape::HalfSpace { normal }.check(), invalid);
 }
 

@@ -355,7 +355,7 @@ fn numbers_that_no_character_can_have_are_named() {
         change(&mut character);
         character.check()
     };
-    let wrong = Err(Invalid::OutOfRange(Quantity::Character));
+    let wrong = Err(Invalid::out_of_range(Quantity::Character));
     assert_eq!(Character::default().check(), Ok(()));
     assert_eq!(with(|character| character.offset = 0.0), wrong);
     assert_eq!(with(|character| character.climb_angle = 1.6), wrong);
@@ -363,11 +363,11 @@ fn numbers_that_no_character_can_have_are_named() {
     assert_eq!(with(|character| character.snap = Some(0.0)), wrong);
     let step = CharacterStep::new(0.0, 0.1);
     assert_eq!(Character::default().step(step).check(), wrong);
-    let not_finite = Err(Invalid::NotFinite(Quantity::Character));
+    let not_finite = Err(Invalid::not_finite(Quantity::Character));
     let nan = with(|character| character.slide_angle = f32::NAN);
     assert_eq!(nan, not_finite);
     let tilted = Character::default().up(Vec3::new(0.0, 2.0, 0.0)).check();
-    assert_eq!(tilted, Err(Invalid::NotFinite(Quantity::Rotation)));
+    assert_eq!(tilted, Err(Invalid::not_finite(Quantity::Rotation)));
 }
 
 #[test]

@@ -173,7 +173,7 @@ fn inputs_need_a_vehicle_with_so_many_wheels() {
         id,
         inputs: vec![WheelInput::default(); count],
     };
-    let wheels_wrong = CommandError::Invalid(Invalid::OutOfRange(Quantity::Wheels));
+    let wheels_wrong = CommandError::Invalid(Invalid::out_of_range(Quantity::Wheels));
     assert_eq!(remote.send(&inputs(car, 3)), Err(wheels_wrong));
     remote.done(&inputs(car, 4));
     let ball = remote.add(&BodyDesc::dynamic(Shape::ball(0.5)).at(9.0, 1.0, 0.0));
@@ -198,18 +198,18 @@ fn numbers_that_no_wheel_can_have_are_named() {
         change(&mut wheels[2]);
         Vehicle { wheels }.check()
     };
-    let wrong = Err(Invalid::OutOfRange(Quantity::Wheel));
+    let wrong = Err(Invalid::out_of_range(Quantity::Wheel));
     assert_eq!(with(|_| {}), Ok(()));
     assert_eq!(with(|wheel| wheel.radius = 0.0), wrong);
     assert_eq!(with(|wheel| wheel.stiffness = -1.0), wrong);
     assert_eq!(with(|wheel| wheel.friction_slip = 101.0), wrong);
-    let not_finite = Err(Invalid::NotFinite(Quantity::Wheel));
+    let not_finite = Err(Invalid::not_finite(Quantity::Wheel));
     assert_eq!(with(|wheel| wheel.travel = f32::NAN), not_finite);
-    let not_unit = Err(Invalid::NotFinite(Quantity::Rotation));
+    let not_unit = Err(Invalid::not_finite(Quantity::Rotation));
     assert_eq!(with(|wheel| wheel.axle = Vec3::ZERO), not_unit);
     for count in [0, 17] {
         let wheels = vec![wheels()[0]; count];
         let answer = Vehicle { wheels }.check();
-        assert_eq!(answer, Err(Invalid::OutOfRange(Quantity::Wheels)));
+        assert_eq!(answer, Err(Invalid::out_of_range(Quantity::Wheels)));
     }
 }
