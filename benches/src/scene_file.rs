@@ -152,7 +152,7 @@ impl SceneFile {
                         }
                         let dynamic = match desc.kind {
                             BodyKind::Dynamic => true,
-                            BodyKind::Static => false,
+                            BodyKind::Fixed => false,
                             BodyKind::Kinematic => return Err(more("kinematic bodies")),
                         };
                         let shape = shapes.iter().rev().find(|(id, _)| *id == desc.shape);

@@ -340,7 +340,7 @@ export interface View {
   readonly ids: Float64Array;
   /** Shape of each body. */
   readonly shapes: Uint32Array;
-  /** Kind of each body: 0 static, 1 dynamic, 2 kinematic. */
+  /** Kind of each body: 0 fixed, 1 dynamic, 2 kinematic. */
   readonly kinds: Uint8Array;
   /** x, y, z of each body's centre of mass, metres. */
   readonly positions: Float32Array;
@@ -429,7 +429,7 @@ export interface Part {
   readonly shape: Exclude<Shape, { kind: "compound" }>;
 }
 
-export type BodyKind = "static" | "dynamic" | "kinematic";
+export type BodyKind = "fixed" | "dynamic" | "kinematic";
 
 /** Everything constant of a body but its id and shape. What is left out has the scene's or the protocol's default. */
 export interface BodyProperties {
@@ -536,7 +536,7 @@ export type Command =
 
 /** Which bodies a query considers. Default: all but sensors. */
 export interface QueryFilter {
-  readonly withStatic?: boolean;
+  readonly withFixed?: boolean;
   readonly withDynamic?: boolean;
   readonly withKinematic?: boolean;
   readonly withSensors?: boolean;

@@ -20,10 +20,12 @@ use rhumb_protocol::session::{CloseCode, Event, Misuse, Replica};
 use rhumb_protocol::stream::Subscriber;
 use rhumb_protocol::{Ending, Instant};
 use rhumb_reckoning::{BodyId, BodyState, Tick, Ticks, Tolerance};
-use rhumb_view::{ClientIds, LiveView, PipelineDepth, RenderTime, UpstreamClock, View, may_resume};
+use rhumb_view::{
+    ClientIds, LiveView, PipelineDepth, Refusal, RenderTime, UpstreamClock, View, may_resume,
+};
 
-use crate::error::ClientError;
-use crate::join_options::JoinOptions;
+use crate::error::{ClientError, Refused};
+use crate::join_options::{JoinOptions, Refusals};
 use crate::pump::{Pump, TapChannel, span};
 use crate::statistics::Statistics;
 
@@ -39,6 +41,9 @@ pub struct Client {
     upstream_clock: UpstreamClock,
     requested: Tick,
     events: VecDeque<(Tick, Event)>,
+    /// Refusals that no call has reported yet, if calls report them.
+    refused: Vec<Refusal>,
+    refusals: Refusals,
     inspected: Option<Inspection>,
     denied: Option<Denial>,
     /// The denial of an advance.
@@ -78,6 +83,8 @@ impl Client {
             upstream_clock: UpstreamClock::new(config.integrator.rate, options.lead_ticks),
             requested: watermark_tick,
             events: VecDeque::new(),
+            refused: Vec::new(),
+            refusals: options.refusals,
             inspected: None,
             denied: None,
             denied_advance: None,
@@ -182,7 +189,7 @@ impl Client {
     ///
     /// Does not wait, unless the server must grant more indices first: it grants 4,096 when a client joins. The
     /// commands are sent as with [`Self::command`]. [`Event::BodyPlaced`] or [`Event::Refused`] reports the result for
-    /// each body.
+    /// each body; a refusal is also an error of the next call that computes the view, see [`JoinOptions::refusals`].
     ///
     /// # Errors
     ///
@@ -330,6 +337,9 @@ impl Client {
     ///
     /// [`ClientError::Timeout`] when the tick is not complete in time; [`Self::wait`] continues to wait.
     /// [`ClientError::Denied`] when the scene is not a lockstep scene, or the tick lies too far ahead.
+    /// [`ClientError::Refused`] for requests that the server refused, such as the addition of a body, unless
+    /// [`JoinOptions::refusals`] leaves them to the events: the tick is done then, its view computed, and the next call goes
+    /// on.
     pub fn advance(&mut self, depth: PipelineDepth) -> Result<Tick, ClientError> {
         self.request_tick()?;
         self.wait(depth)
@@ -353,6 +363,7 @@ impl Client {
         }
         let tick = self.complete();
         self.show(tick);
+        self.report_refusals()?;
         Ok(tick)
     }
 
@@ -362,14 +373,17 @@ impl Client {
     ///
     /// # Errors
     ///
-    /// [`ClientError::Ended`] when the connection is over.
+    /// [`ClientError::Ended`] when the connection is over. [`ClientError::Refused`] as [`Self::advance`]: the view is
+    /// computed then.
     pub fn poll(&mut self) -> Result<RenderTime, ClientError> {
         self.check_open()?;
         self.pump.turn(Instant::ZERO);
         self.take_events();
         self.check_open()?;
         let now = self.pump.now();
-        Ok(self.live_view.show_present(&mut self.pump.session, now))
+        let shown = self.live_view.show_present(&mut self.pump.session, now);
+        self.report_refusals()?;
+        Ok(shown)
     }
 
     /// Ticks by which a free-running view stays behind the server's clock: the delay of its options plus the scene's
@@ -533,7 +547,17 @@ impl Client {
             Event::Resumed(_) => self.interrupted = None,
             _ => {}
         }
-        self.ids.note(event, &mut self.pump.session)
+        let is_passed = self.ids.note(event, &mut self.pump.session);
+        if is_passed && self.refusals == Refusals::Errors {
+            self.refused.extend(self.ids.refusal(event));
+        }
+        is_passed
+    }
+
+    /// Refusals since the last call that reported some, as its error.
+    fn report_refusals(&mut self) -> Result<(), ClientError> {
+        Refused::take(&mut self.refused)
+            .map_or(Ok(()), |refused| Err(ClientError::Refused(refused)))
     }
 
     /// Computes the view of a tick.

@@ -11,7 +11,7 @@ use rhumb_protocol::scene::{IdOutOfRange, InvalidSceneName, SceneName};
 use rhumb_protocol::session::{CloseCode, Misuse};
 use rhumb_reckoning::Tick;
 use rhumb_transport::{ConnectError, TransportCode};
-use rhumb_view::{AddError, InvalidTicks};
+use rhumb_view::{AddError, InvalidTicks, Refusal};
 
 /// Reason why a client did not join its scene.
 #[derive(Debug)]
@@ -74,6 +74,9 @@ pub enum ClientError {
     },
     /// The server denied a request.
     Denied(Denial),
+    /// The server refused requests of this client since the last call that reported some, and changed nothing for them.
+    /// The call did what it says all the same, and the next one goes on.
+    Refused(Refused),
     /// All shape numbers of the scene are in use.
     TooManyShapes,
     /// Another member deleted the scene.
@@ -131,6 +134,7 @@ impl fmt::Display for ClientError {
                 write!(f, "the server gave no {awaited} within {timeout:?}")
             }
             Self::Denied(denial) => denial.fmt(f),
+            Self::Refused(refused) => refused.fmt(f),
             Self::TooManyShapes => AddError::TooManyShapes.fmt(f),
             Self::SceneDeleted => f.write_str("another member deleted the scene"),
             Self::SceneFaulted(tick) => {
@@ -141,6 +145,44 @@ impl fmt::Display for ClientError {
 }
 
 impl std::error::Error for ClientError {}
+
+/// Requests that the server refused: at least one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Refused(Box<[Refusal]>);
+
+impl Refused {
+    /// Takes the refusals; `None` if there are none.
+    pub(crate) fn take(refusals: &mut Vec<Refusal>) -> Option<Self> {
+        let refusals = std::mem::take(refusals);
+        (!refusals.is_empty()).then(|| Self(refusals.into()))
+    }
+
+    /// All of them, the oldest first.
+    #[must_use]
+    pub fn refusals(&self) -> &[Refusal] {
+        &self.0
+    }
+
+    /// The oldest one.
+    ///
+    /// # Panics
+    ///
+    /// Never: there is at least one.
+    #[must_use]
+    pub fn first(&self) -> &Refusal {
+        self.0.first().expect("there is at least one refusal")
+    }
+}
+
+impl fmt::Display for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.first().fmt(f)?;
+        match self.0.len() - 1 {
+            0 => Ok(()),
+            more => write!(f, " (and {more} more refusals)"),
+        }
+    }
+}
 
 impl From<Misuse> for ClientError {
     fn from(misuse: Misuse) -> Self {

@@ -30,6 +30,8 @@ pub struct JoinOptions {
     pub whole_ticks: bool,
     /// Free running only: whether corrections are shown as short glides.
     pub smooth: bool,
+    /// Whether the server's refusals are errors of calls, or events alone.
+    pub refusals: Refusals,
     /// Time for which the client tries to go on with its session over another connection when one ends without its doing.
     /// Commands meanwhile are queued. At zero, the first connection is the only one, and there is no session.
     ///
@@ -73,7 +75,20 @@ impl Default for JoinOptions {
             lead_ticks: 0.0,
             whole_ticks: false,
             smooth: true,
+            refusals: Refusals::Errors,
             resume_within: None,
         }
     }
+}
+
+/// How a client reports the requests that the server refuses: commands, and requests for authority.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Refusals {
+    /// The next call that computes the view returns [`ClientError::Refused`](crate::ClientError::Refused), after it has
+    /// done its work. They are events as well.
+    #[default]
+    Errors,
+    /// They are events alone, for an application that reads all events, and expects refusals such as those of two clients
+    /// who remove one body.
+    Events,
 }

@@ -59,9 +59,9 @@ mod server_connection;
 mod statistics;
 
 pub use client::Client;
-pub use error::{ClientError, OpenError};
+pub use error::{ClientError, OpenError, Refused};
 pub use glam;
-pub use join_options::JoinOptions;
+pub use join_options::{JoinOptions, Refusals};
 pub use pump::TapChannel;
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{
@@ -84,7 +84,8 @@ pub use rhumb_transport::{
 #[cfg(feature = "queries")]
 pub use rhumb_view::{CopyAnswer, CopyQueries};
 pub use rhumb_view::{
-    InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, RenderParams, RenderTime, View,
+    InvalidTicks, JoinMode, PipelineDepth, RESUME_WITHIN, Refusal, RefusalReason, RenderParams,
+    RenderTime, View,
 };
 pub use server_connection::ServerConnection;
 pub use statistics::Statistics;

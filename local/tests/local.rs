@@ -7,10 +7,12 @@ use std::thread;
 use std::time::Duration;
 
 use rhumb_client::glam::Vec3;
-use rhumb_client::scene::{BodyDesc, Command, SceneConfig, Shape, Stepping};
+use rhumb_client::scene::{
+    BodyDesc, Command, Joint, JointFrame, JointId, JointKind, Mesh, SceneConfig, Shape, Stepping,
+};
 use rhumb_client::{
-    BodyId, Client, ClientError, Denial, ErrorBound, Event, JoinMode, JoinOptions, Metres,
-    PipelineDepth, RenderTime, StreamChoice, Tick, Tolerance,
+    BodyId, Client, ClientError, Denial, ErrorBound, Event, JoinMode, JoinOptions, Metres, Misuse,
+    PipelineDepth, Refusals, RenderTime, StreamChoice, Tick, Tolerance,
 };
 use rhumb_local::{Local as _, LocalServer};
 use rhumb_server::{Front, Hook, Hooks, Instant, Scene};
@@ -207,6 +209,7 @@ fn the_thread_ends_with_the_last_client() {
 fn the_interface_is_that_of_a_remote_client() {
     let options = JoinOptions {
         stream: StreamChoice::Within(Tolerance::FINE),
+        refusals: Refusals::Events,
         ..JoinOptions::default()
     };
     let mut client = Client::local()
@@ -227,6 +230,57 @@ fn the_interface_is_that_of_a_remote_client() {
         matches!(late, Err(ClientError::SceneDeleted | ClientError::Ended(_))),
         "{late:?}"
     );
+}
+
+#[test]
+fn what_the_server_refuses_is_an_error_of_the_next_advance_and_the_one_after_goes_on() {
+    let mut client = Client::local().join("own").expect("a new scene");
+    let gone = BodyId::new(9, 0);
+    let first = client.command(Command::RemoveBody { id: gone });
+    let ball = BodyDesc::dynamic(Shape::ball(0.5)).at(0.0, 9.0, 0.0);
+    let ball = client.add_body(ball).expect("it is queued");
+    client
+        .command(Command::RemoveJoint { id: JointId(7) })
+        .expect("it is queued");
+    let refused = match client.advance(PipelineDepth::LOCKSTEP) {
+        Err(ClientError::Refused(refused)) => refused,
+        other => panic!("{other:?}"),
+    };
+    let [one, other] = refused.refusals() else {
+        panic!("{refused}");
+    };
+    assert_eq!((one.number, one.body), (first.ok(), Some(gone)));
+    assert_eq!(one.reason.word(), "unknown body");
+    assert_eq!((other.body, other.reason.word()), (None, "unknown joint"));
+    assert!(refused.to_string().contains("and 1 more"), "{refused}");
+    // The tick is done, its view is there, and nothing of the refusals is left.
+    let shown = client.view().time().expect("a view").tick;
+    assert_eq!(shown, Tick::new(1));
+    assert!(client.view().position(ball).is_some());
+    let next = client.advance(PipelineDepth::LOCKSTEP).expect("it goes on");
+    assert_eq!(next, Tick::new(2));
+    let events = std::iter::from_fn(|| client.poll_event());
+    let refusals = events.filter(|(_, event)| matches!(event, Event::Refused { .. }));
+    assert_eq!(refusals.count(), 2);
+}
+
+#[test]
+fn what_can_be_known_at_once_is_refused_at_once() {
+    let mut client = Client::local().join("own").expect("a new scene");
+    let sheet = Mesh::new(&[Vec3::ZERO, Vec3::X, Vec3::Y], &[[0, 1, 2]]);
+    let sheet = Shape::Mesh(sheet.expect("a triangle"));
+    let added = client.add_body(BodyDesc::dynamic(sheet.clone()));
+    assert!(matches!(added, Err(ClientError::Misuse(Misuse::NoInside))));
+    let added = client.add_body(BodyDesc::fixed(sheet));
+    let id = added.expect("a fixed body may be a sheet");
+    let joint = Joint::plain(JointKind::Fixed, [id; 2], [JointFrame::at(Vec3::ZERO); 2]);
+    let joined = client.command(Command::AddJoint {
+        id: JointId(0),
+        joint: Box::new(joint),
+    });
+    let to_itself = Misuse::JoinedToItself(id);
+    assert!(matches!(joined, Err(ClientError::Misuse(misuse)) if misuse == to_itself));
+    client.advance(PipelineDepth::LOCKSTEP).expect("it steps");
 }
 
 #[test]

@@ -50,7 +50,7 @@ pub(crate) fn first_track(
         Activity::Asleep
     };
     let predictor = match (activity, desc.kind) {
-        (Activity::Asleep, _) | (_, BodyKind::Static) => Predictor::Rest,
+        (Activity::Asleep, _) | (_, BodyKind::Fixed) => Predictor::Rest,
         (Activity::Awake, BodyKind::Dynamic) if tumbles => Predictor::BallisticTorqueFree,
         (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,
         (Activity::Awake, BodyKind::Kinematic) => Predictor::Uniform,

@@ -56,7 +56,7 @@ impl BodyEntry {
         // As in predictors: a body that no engine moves has no damping, whatever its description says.
         let damping = match desc.kind {
             BodyKind::Dynamic => damping,
-            BodyKind::Static | BodyKind::Kinematic => Damping::default(),
+            BodyKind::Fixed | BodyKind::Kinematic => Damping::default(),
         };
         Self {
             desc,

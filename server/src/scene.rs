@@ -366,7 +366,7 @@ impl Scene {
         linear: Vec3,
         angular: Vec3,
     ) -> Result<(), CommandError> {
-        if self.enabled(id)?.kind == BodyKind::Static {
+        if self.enabled(id)?.kind == BodyKind::Fixed {
             return Err(CommandError::NotPushable(id));
         }
         let wide = |v: Vec3| -> DVec3 { v.as_dvec3() };
@@ -393,7 +393,7 @@ impl Scene {
     fn pushable(&self, id: BodyId) -> Result<(), CommandError> {
         match self.enabled(id)?.kind {
             BodyKind::Dynamic => Ok(()),
-            BodyKind::Static | BodyKind::Kinematic => Err(CommandError::NotPushable(id)),
+            BodyKind::Fixed | BodyKind::Kinematic => Err(CommandError::NotPushable(id)),
         }
     }
 
@@ -429,7 +429,7 @@ impl Scene {
         out.extend_from_slice(&self.observations);
     }
 
-    /// Adds every body as of the last step, in the order of ids; static ones as asleep. A body displaced since is at
+    /// Adds every body as of the last step, in the order of ids; fixed ones as asleep. A body displaced since is at
     /// its old place, and is observed again after the next step.
     pub fn observe_all(&self, out: &mut Vec<Observation>) {
         let ids = self.registry.bodies().map(|desc| desc.id);

@@ -72,7 +72,7 @@ impl Script for Asteroids {
         let (id, shape) = (CENTRE_SHAPE, Shape::Ball { radius: CENTRE });
         out.push(Command::AddShape { id, shape });
         out.push(Command::AddBody {
-            desc: BodyDesc::plain(BodyId::new(0, 0), BodyKind::Static, id),
+            desc: BodyDesc::plain(BodyId::new(0, 0), BodyKind::Fixed, id),
             motion: still(Vec3::ZERO),
         });
         let mut known = BTreeSet::new();

@@ -77,7 +77,7 @@ impl BallPit {
             },
         });
         self.place(
-            BodyKind::Static,
+            BodyKind::Fixed,
             FLOOR,
             still(Vec3::new(0.0, -5.0, 0.0)),
             out,
@@ -119,7 +119,7 @@ impl BallPit {
             let (y, w) = (libm::sin(angle * 0.5), libm::cos(angle * 0.5));
             let rotation = Quat::from_xyzw(0.0, y as f32, 0.0, w as f32);
             let place = motion(position, rotation, Vec3::ZERO, Vec3::ZERO);
-            self.place(BodyKind::Static, shape, place, out);
+            self.place(BodyKind::Fixed, shape, place, out);
         }
     }
 

@@ -51,7 +51,7 @@ impl SceneBuilder {
         let half_extents = Vec3::new(half, 5.0, half);
         let slab = self.shape(Shape::Cuboid { half_extents }, out);
         let place = still(Vec3::new(0.0, -5.0, 0.0));
-        self.body(BodyKind::Static, slab, place, out)
+        self.body(BodyKind::Fixed, slab, place, out)
     }
 }
 

@@ -59,7 +59,7 @@ impl Crowd {
             (-half - 0.5, 0.0, quarter),
         ] {
             let place = motion(Vec3::new(x, WALL * 0.5, z), turn, Vec3::ZERO, Vec3::ZERO);
-            builder.body(BodyKind::Static, wall, place, out);
+            builder.body(BodyKind::Fixed, wall, place, out);
         }
     }
 

@@ -117,7 +117,7 @@ impl Script for Ragdolls {
         };
         for place in (0..self.dolls).filter(|place| place % 3 == 0) {
             let there = still(grid_point(place) + Vec3::Y * 0.3);
-            builder.body(BodyKind::Static, block, there, out);
+            builder.body(BodyKind::Fixed, block, there, out);
         }
         let shapes: Vec<_> = PARTS
             .into_iter()

@@ -299,12 +299,12 @@ const LINK: JointId = JointId(1);
 
 /// Floor, step, carousel, lift, paddle, post and arm: index, kind, shape, position.
 const FIXTURES: [(u32, BodyKind, u32, Vec3); 7] = [
-    (0, BodyKind::Static, 0, Vec3::new(0.0, -1.0, 0.0)),
-    (1, BodyKind::Static, 1, Vec3::new(6.0, 0.5, 0.0)),
+    (0, BodyKind::Fixed, 0, Vec3::new(0.0, -1.0, 0.0)),
+    (1, BodyKind::Fixed, 1, Vec3::new(6.0, 0.5, 0.0)),
     (2, BodyKind::Kinematic, 1, Vec3::new(0.0, 0.3, 0.0)),
     (3, BodyKind::Kinematic, 1, Vec3::new(-6.0, 1.0, 0.0)),
     (4, BodyKind::Kinematic, 1, Vec3::new(-2.0, 0.6, 5.0)),
-    (5, BodyKind::Static, 2, Vec3::new(8.0, 4.5, 8.0)),
+    (5, BodyKind::Fixed, 2, Vec3::new(8.0, 4.5, 8.0)),
     (6, BodyKind::Dynamic, 4, Vec3::new(8.0, 3.5, 8.0)),
 ];
 

@@ -30,7 +30,7 @@ SUBSCRIBER = of(
     ("6.1-4", "inertia does not count", 'if inertia and inertia["is"] != "none":', "if False:"),
     ("6.1-5", "a kinematic body has damping", "scene.flow(damping if dynamic else still)", "scene.flow(damping)"),
     ("6.1-5", "a kinematic body has gravity", '"3f800000")) if dynamic else 0.0', '"3f800000"))'),
-    ("6.1-5", "a static body counts as dynamic", 'config["flags"] & 3 == 1', 'config["flags"] & 3 != 2'),
+    ("6.1-5", "a fixed body counts as dynamic", 'config["flags"] & 3 == 1', 'config["flags"] & 3 != 2'),
     # 6.2 Revisions
     ("6.2-1", "a correction builds on any revision", 'if self.age(old, tick) != update["age"]:', "if False:"),
     ("6.2-1", "an attachment builds on any revision of the parent", 'if self.age(by.track, tick) != update["parent_age"]:', "if False:"),

@@ -133,7 +133,7 @@ impl Script for Avatars {
         let mut add = |index, kind, shape, motion| {
             let tolerance_scale = match kind {
                 BodyKind::Kinematic => ToleranceScale::AVATAR,
-                BodyKind::Static | BodyKind::Dynamic => ToleranceScale::USUAL,
+                BodyKind::Fixed | BodyKind::Dynamic => ToleranceScale::USUAL,
             };
             let desc = BodyDesc {
                 tolerance_scale,
@@ -141,7 +141,7 @@ impl Script for Avatars {
             };
             out.push(Command::AddBody { desc, motion });
         };
-        add(FLOOR, BodyKind::Static, 0, still(Vec3::new(0.0, -0.5, 0.0)));
+        add(FLOOR, BodyKind::Fixed, 0, still(Vec3::new(0.0, -0.5, 0.0)));
         add(
             TURNING,
             BodyKind::Kinematic,

@@ -122,7 +122,7 @@ impl ObservationHistory {
             return;
         }
         self.last_stored = Some(now);
-        self.claim(replica, |kind| kind != BodyKind::Static);
+        self.claim(replica, |kind| kind != BodyKind::Fixed);
     }
 
     /// Stores the present claims about all bodies.

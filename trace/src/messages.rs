@@ -322,7 +322,7 @@ impl From<&Placed> for Placement {
             index: placed.desc.id.index(),
             generation: placed.desc.id.generation().into(),
             kind: match placed.desc.kind {
-                BodyKind::Static => 1,
+                BodyKind::Fixed => 1,
                 BodyKind::Dynamic => 2,
                 BodyKind::Kinematic => 3,
             },

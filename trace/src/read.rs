@@ -89,7 +89,7 @@ fn motion(parts: &[f32]) -> Option<BodyState> {
 fn placed(tick: Tick, placement: &Placement) -> Option<Placed> {
     let id = id(placement.index, placement.generation)?;
     let kind = match placement.kind {
-        1 => BodyKind::Static,
+        1 => BodyKind::Fixed,
         2 => BodyKind::Dynamic,
         3 => BodyKind::Kinematic,
         _ => return None,

@@ -4,7 +4,7 @@ import { Graph } from "./graph.js";
 import { metres, number } from "./figures.js";
 
 const UPDATES_SHOWN = 8;
-const KINDS = ["static", "dynamic", "kinematic"];
+const KINDS = ["fixed", "dynamic", "kinematic"];
 const PREDICTORS = {
   rest: "at rest",
   uniform: "uniform motion",

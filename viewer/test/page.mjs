@@ -329,7 +329,7 @@ async function aTokenOfTheServerObserves(browser) {
       const { connect } = await import("/client/rhumb.js");
       const connection = await connect(url, { certificateHashes, token: owner });
       const scene = await connection.join("team/drop", { mode: { createOrJoin: { stepping: "freeRunning" } } });
-      scene.addBody({ kind: "static", shape: { kind: "cuboid", halfExtents: [9, 0.5, 9] }, position: [0, -0.5, 0] });
+      scene.addBody({ kind: "fixed", shape: { kind: "cuboid", halfExtents: [9, 0.5, 9] }, position: [0, -0.5, 0] });
       const ball = (at) => ({ kind: "dynamic", shape: { kind: "ball", radius: 0.5 }, position: [at - 5, 20 + at, 0] });
       scene.addBodies(Array.from({ length: 10 }, (_, at) => ball(at)));
       globalThis.owner = scene;

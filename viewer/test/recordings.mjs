@@ -60,8 +60,8 @@ async function recordScene(facts) {
     { kind: "heights", rows: 3, columns: 2, rowSpacing: 1, columnSpacing: 2, heights: [0, 0.5, 1, 0.5, 0, 0] },
     { kind: "mesh", points: [0, 0, 0, 3, 0, 0, 0, 0, 3, 0, 2, 0], triangles: [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3] },
   ];
-  still.forEach((shape, at) => client.addBody({ kind: "static", shape, position: [5 * at, 0, -12] }));
-  client.addBody({ kind: "static", shape: { kind: "cuboid", halfExtents: [20, 0.5, 20] }, position: [0, -0.5, 0] });
+  still.forEach((shape, at) => client.addBody({ kind: "fixed", shape, position: [5 * at, 0, -12] }));
+  client.addBody({ kind: "fixed", shape: { kind: "cuboid", halfExtents: [20, 0.5, 20] }, position: [0, -0.5, 0] });
   const place = (shape, at) => ({ kind: "dynamic", shape, position: [2 * at - 6, 3 + 0.3 * at, 0], angularVelocity: [1, 2, at] });
   const added = client.addBodies(shapes.map(place));
   for (let tick = 0; tick < 150; tick++) {

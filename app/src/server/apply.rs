@@ -61,7 +61,7 @@ impl WorldMirror {
                 result.refused.push(refused);
             }
             let ground = actor.body.map(|body| body.id);
-            let is_new = ground != before && actor.kind == BodyKind::Static;
+            let is_new = ground != before && actor.kind == BodyKind::Fixed;
             grounds.extend(ground.filter(|_| is_new));
             self.actors.insert(name, actor);
         }
@@ -159,7 +159,7 @@ impl WorldMirror {
             desc.locked = LockedAxes::ROTATIONS;
         }
         let (position, rotation) = properties.frame.body_of(actor.position, actor.rotation);
-        let still = actor.kind == BodyKind::Static;
+        let still = actor.kind == BodyKind::Fixed;
         let [linear, angular] =
             [actor.linear, actor.angular].map(|velocity| if still { Vec3::ZERO } else { velocity });
         let motion = BodyState::new(
@@ -233,7 +233,7 @@ impl WorldMirror {
 
     /// Adds a body that represents the world, for joints to it; `index`: of the joint's message.
     fn add_world(&mut self, index: u32, scene: &mut dyn AppScene, result: &mut FrameResult) {
-        let stands = Actor::new(BodyKind::Static, Vec3::ZERO, Quat::IDENTITY);
+        let stands = Actor::new(BodyKind::Fixed, Vec3::ZERO, Quat::IDENTITY);
         let mut world = self.actors.remove(&WORLD).unwrap_or(stands);
         if world.body.is_none()
             && let Err(refusal) = self.apply_actor(WORLD, &mut world, scene, result)

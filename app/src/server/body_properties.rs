@@ -110,7 +110,7 @@ pub(super) fn material(surface: &Surface) -> Result<Material, Refusal> {
 /// The mass of an actor of these parts, kg; a kilogram without any solid part.
 pub(super) fn mass(kind: BodyKind, parts: &[ActorPart]) -> f32 {
     let counts =
-        |definition: &&ShapeDefinition| kind == BodyKind::Static || definition.solid().is_some();
+        |definition: &&ShapeDefinition| kind == BodyKind::Fixed || definition.solid().is_some();
     let masses = parts.iter().filter_map(|part| {
         let definition = part.definition.as_ref().filter(counts)?;
         Some(definition.bulk.volume * part.material.density)
@@ -133,7 +133,7 @@ pub(super) fn body_properties(
         .filter_map(|part| {
             let definition = part.definition.as_ref()?;
             let definition = match kind {
-                BodyKind::Static => Some(definition.clone()),
+                BodyKind::Fixed => Some(definition.clone()),
                 BodyKind::Dynamic | BodyKind::Kinematic => definition.solid(),
             };
             Some((definition?, part))

@@ -107,7 +107,7 @@ impl WorldMirror {
         match &framed.message {
             Message::SetWorld(world) => self.set_world(world, geometry)?,
             Message::CreateStaticActor(message) => {
-                let actor = Actor::new(BodyKind::Static, message.position, message.rotation);
+                let actor = Actor::new(BodyKind::Fixed, message.position, message.rotation);
                 self.create(message.actor.object, actor, message.flags)?;
             }
             Message::CreateDynamicActor(message) => {
@@ -227,7 +227,7 @@ impl WorldMirror {
         let slab = ShapeDefinition::cuboid(Vec3::new(SLAB, SLAB, SLAB_THICK), geometry)?;
         let middle = normal * (world.height - SLAB_THICK * 0.5);
         let rotation = unit(Quat::from_rotation_arc(Vec3::Z, normal))?;
-        let mut actor = Actor::new(BodyKind::Static, middle, rotation);
+        let mut actor = Actor::new(BodyKind::Fixed, middle, rotation);
         actor.parts.push(ActorPart {
             name: PLANE,
             definition: Some(slab),

@@ -78,7 +78,7 @@ pub(super) fn compare(
     let truth = recent.at(tick)?;
     let mut errors = ViewErrors::default();
     for known in truth.iter().flatten() {
-        if known.kind == BodyKind::Static {
+        if known.kind == BodyKind::Fixed {
             continue;
         }
         let Some((position, rotation)) = shown(known.id) else {

@@ -7,8 +7,8 @@ use std::time::Duration;
 use bytes::Bytes;
 use glam::{Quat, Vec3};
 use rhumb_client::{
-    Client, ErrorBound, Event, Inspection, JoinMode, JoinOptions, PipelineDepth, StreamChoice,
-    Trust, WireStatistics,
+    Client, ErrorBound, Event, Inspection, JoinMode, JoinOptions, PipelineDepth, Refusals,
+    StreamChoice, Trust, WireStatistics,
 };
 use rhumb_netsim::{LinkConfig, UdpRelay};
 use rhumb_protocol::scene::{Command, SceneConfig};
@@ -138,6 +138,7 @@ impl Remote {
             delay_ticks: f64::from(setup.delay.count()),
             whole_ticks: true,
             smooth: false,
+            refusals: Refusals::Events,
             ..JoinOptions::default()
         };
         let trust = Trust::Fingerprint(process.fingerprint);

@@ -72,7 +72,7 @@ impl<'a> Paths<'a> {
                 of_body.push((tick, observation.motion));
             }
         }
-        let can_move = |placed: &&Placed| placed.desc.kind != BodyKind::Static;
+        let can_move = |placed: &&Placed| placed.desc.kind != BodyKind::Fixed;
         Self {
             recording,
             publish_interval,

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use glam::Vec3;
 use rhumb_client::scene::{BodyDesc, SceneConfig, Shape, Stepping};
-use rhumb_client::{BodyId, Client, ClientError, JoinMode, JoinOptions, Trust};
+use rhumb_client::{BodyId, Client, ClientError, JoinMode, JoinOptions, Refusals, Trust};
 use rhumb_protocol::scene::{Command, Query};
 use rhumb_transport::Fingerprint;
 
@@ -75,6 +75,7 @@ impl Target {
     fn join(self, mode: JoinMode) -> Result<Client, Error> {
         let options = JoinOptions {
             mode,
+            refusals: Refusals::Events,
             ..JoinOptions::default()
         };
         let connection = Client::connect(&self.0.to_string(), Trust::Fingerprint(self.1))?;

@@ -98,7 +98,7 @@ impl<'a> ReplayJudge<'a> {
                 motion,
                 radius: placed.shape.bounding_radius(),
                 tolerance_scale: placed.desc.tolerance_scale,
-                is_static: placed.desc.kind == BodyKind::Static,
+                is_static: placed.desc.kind == BodyKind::Fixed,
                 recorded: Tick::ZERO,
                 shown: (motion.position(), motion.rotation()),
             });

@@ -488,7 +488,7 @@ fn add_wire(frame: &mut Frame, sent: &Frame) {
 pub(crate) fn first_track(placed: &Placed, parameters: &PredictionParameters) -> Track {
     let is_torque_free = parameters.inertia.is_some();
     let predictor = match (placed.observation.activity, placed.desc.kind) {
-        (Activity::Asleep, _) | (_, BodyKind::Static) => Predictor::Rest,
+        (Activity::Asleep, _) | (_, BodyKind::Fixed) => Predictor::Rest,
         (Activity::Awake, BodyKind::Dynamic) if is_torque_free => Predictor::BallisticTorqueFree,
         (Activity::Awake, BodyKind::Dynamic) => Predictor::Ballistic,
         (Activity::Awake, BodyKind::Kinematic) => Predictor::Uniform,

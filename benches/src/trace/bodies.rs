@@ -51,7 +51,7 @@ impl<'a> Body<'a> {
     }
 
     pub(super) fn is_static(&self) -> bool {
-        self.placed.desc.kind == BodyKind::Static
+        self.placed.desc.kind == BodyKind::Fixed
     }
 
     /// Upper bound of the distance between any surface point and the same point of `other`, metres.
@@ -189,7 +189,7 @@ impl<'a> TruthBodies<'a> {
             self.bodies.remove(*id);
         }
         for placed in after.placed {
-            statics |= placed.desc.kind == BodyKind::Static;
+            statics |= placed.desc.kind == BodyKind::Fixed;
             self.bodies.place(placed);
         }
         statics

@@ -68,7 +68,7 @@ fn truth() -> Truth {
     ticks[2].push(observation(CYLINDER, [-5.0, 6.0, 0.0], Activity::Awake));
     Truth {
         placed: vec![
-            placed(0, FLOOR, BodyKind::Static, floor, [0.0, -0.5, 0.0]),
+            placed(0, FLOOR, BodyKind::Fixed, floor, [0.0, -0.5, 0.0]),
             placed(
                 0,
                 BALL,

@@ -9,7 +9,7 @@ use bevy_math::{Quat, Vec3};
 use bevy_platform::cell::SyncCell;
 use rhumb_bindings::{ObjectChange, SceneFollower};
 use rhumb_client::scene::{BodyBuilder, Command, Shape, Stepping};
-use rhumb_client::{BodyId, Client, ClientError, ErrorBound, Event, PipelineDepth};
+use rhumb_client::{BodyId, Client, ClientError, ErrorBound, Event, PipelineDepth, Refused};
 
 use crate::axes::{AXES, angular_in, rotation_in, torque_in, vector_in};
 
@@ -201,6 +201,11 @@ impl RhumbClient {
     /// Goes on in time; returns whether there is a new view.
     pub(crate) fn advance(&mut self, depth: PipelineDepth) -> Result<bool, ClientError> {
         self.follower.advance(self.client.get(), depth)
+    }
+
+    /// What the server refused, once.
+    pub(crate) fn take_refused(&mut self) -> Option<Refused> {
+        self.follower.take_refused()
     }
 
     /// True before the first view is shown.

@@ -12,7 +12,7 @@ use bevy_ecs::system::{Query, Res, ResMut};
 use bevy_time::{Fixed, Time};
 use rhumb_client::PipelineDepth;
 use rhumb_client::scene::Stepping;
-use tracing::warn;
+use tracing::{error, warn};
 
 use crate::body::{RhumbBodyId, RhumbErrorBound};
 use crate::client::RhumbClient;
@@ -134,6 +134,9 @@ fn advance(
     while let Some((after, event)) = client.inner().poll_event() {
         gone.extend(client.note(&event));
         events.write(RhumbMessage { after, event });
+    }
+    if let Some(refused) = client.take_refused() {
+        error!("{refused}");
     }
     match advanced {
         Ok(true) => entities.follow(&mut client),

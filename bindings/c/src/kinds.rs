@@ -235,7 +235,7 @@ pub(crate) const CONDITIONS: [JoinCondition; 3] = [
 pub(crate) const STEPPINGS: [Stepping; 2] = [Stepping::Lockstep, Stepping::FreeRunning];
 
 pub(crate) const BODY_KINDS: [BodyKind; 3] =
-    [BodyKind::Dynamic, BodyKind::Static, BodyKind::Kinematic];
+    [BodyKind::Dynamic, BodyKind::Fixed, BodyKind::Kinematic];
 
 /// The kinds of joints in the order of their numbers.
 pub(crate) const JOINT_KINDS: [JointFreedom; 7] = [
@@ -352,7 +352,7 @@ mod tests {
             BODY_KINDS[RhumbBodyKind::Dynamic as usize],
             BodyKind::Dynamic
         );
-        assert_eq!(BODY_KINDS[RhumbBodyKind::Fixed as usize], BodyKind::Static);
+        assert_eq!(BODY_KINDS[RhumbBodyKind::Fixed as usize], BodyKind::Fixed);
         assert_eq!(
             BODY_KINDS[RhumbBodyKind::Kinematic as usize],
             BodyKind::Kinematic

@@ -174,7 +174,7 @@ impl RhumbQuery {
         Ok(Query {
             kind,
             filter: QueryFilter {
-                with_static: self.without_fixed == 0,
+                with_fixed: self.without_fixed == 0,
                 with_dynamic: self.without_dynamic == 0,
                 with_kinematic: self.without_kinematic == 0,
                 with_sensors: self.with_sensors != 0,
@@ -225,7 +225,7 @@ mod tests {
         };
         let read = query(overlap).unwrap();
         assert!(matches!(read.kind, QueryKind::Overlap { .. }));
-        assert!(!read.filter.with_static && read.filter.with_sensors);
+        assert!(!read.filter.with_fixed && read.filter.with_sensors);
         assert_eq!(read.filter.except.map(body_word), Some(3));
         assert_eq!(read.hits, 64);
     }

@@ -76,7 +76,7 @@ impl BodyParams {
     pub fn builder(&self, coordinates: Coordinates) -> Result<BodyBuilder, BindingError> {
         let shape = coordinates.shape_in(self.shape.clone())?;
         let plain = match self.kind {
-            BodyKind::Static => BodyDesc::fixed(shape),
+            BodyKind::Fixed => BodyDesc::fixed(shape),
             BodyKind::Dynamic => BodyDesc::dynamic(shape),
             BodyKind::Kinematic => BodyDesc::kinematic(shape),
         };

@@ -71,6 +71,8 @@ pub enum ErrorKind {
     Connect,
     /// The server denied the request.
     Denied,
+    /// The server refused requests of earlier calls; the call did what it says all the same.
+    Refused,
     /// The server did not answer in time. The call may be repeated.
     Timeout,
     /// The connection is over.
@@ -124,6 +126,7 @@ const fn client_kind(error: &ClientError) -> ErrorKind {
     match error {
         ClientError::Misuse(Misuse::NotNow) => ErrorKind::Denied,
         ClientError::Misuse(_) | ClientError::Id(_) => ErrorKind::Invalid,
+        ClientError::Refused(_) => ErrorKind::Refused,
         ClientError::Ended(_) => ErrorKind::Ended,
         ClientError::Timeout { .. } => ErrorKind::Timeout,
         ClientError::Denied(_) | ClientError::TooManyShapes => ErrorKind::Denied,

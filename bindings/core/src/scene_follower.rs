@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use rhumb_client::scene::Stepping;
-use rhumb_client::{BodyId, Client, ClientError, PipelineDepth, View};
+use rhumb_client::{BodyId, Client, ClientError, PipelineDepth, Refused, View};
 
 use crate::coordinates::Coordinates;
 use crate::remote_scene::StateRecord;
@@ -28,6 +28,8 @@ pub struct SceneFollower<O> {
     /// True while the requested tick of a lockstep scene is not shown.
     is_waiting: bool,
     late_steps: u64,
+    /// Refusals of the last advance.
+    refused: Option<Refused>,
     is_ended: bool,
 }
 
@@ -56,6 +58,7 @@ impl<O> SceneFollower<O> {
             shown: None,
             is_waiting: false,
             late_steps: 0,
+            refused: None,
             is_ended: false,
         }
     }
@@ -135,8 +138,31 @@ impl<O> SceneFollower<O> {
     ///
     /// # Errors
     ///
-    /// As [`Client::poll`], [`Client::request_tick`] and [`Client::wait`].
+    /// As [`Client::poll`], [`Client::request_tick`] and [`Client::wait`]; but what the server refused is kept for
+    /// [`Self::take_refused`], for the view is computed all the same.
     pub fn advance(
+        &mut self,
+        client: &mut Client,
+        depth: PipelineDepth,
+    ) -> Result<bool, ClientError> {
+        let refreshes = client.view().refreshes();
+        match self.advance_once(client, depth) {
+            Err(ClientError::Refused(refused)) => {
+                self.refused = Some(refused);
+                let is_shown = client.view().refreshes() != refreshes;
+                self.is_waiting &= !is_shown;
+                Ok(is_shown)
+            }
+            advanced => advanced,
+        }
+    }
+
+    /// What the server refused, once.
+    pub fn take_refused(&mut self) -> Option<Refused> {
+        self.refused.take()
+    }
+
+    fn advance_once(
         &mut self,
         client: &mut Client,
         depth: PipelineDepth,

@@ -29,7 +29,7 @@ pub(crate) type SharedMembership = Rc<RefCell<SceneMembership<Gd<BodyNode>>>>;
 #[godot(via = i64)]
 pub(crate) enum NodeKind {
     /// It stands still.
-    Static,
+    Fixed,
     /// Forces move it.
     #[default]
     Dynamic,
@@ -249,7 +249,7 @@ impl BodyNode {
         let pose = body_pose(self.base().get_transform(), placed.origin);
         let (position, rotation) = pose.ok_or(DescriptionError::Pose)?;
         let kind = match self.kind {
-            NodeKind::Static => BodyKind::Static,
+            NodeKind::Fixed => BodyKind::Fixed,
             NodeKind::Dynamic => BodyKind::Dynamic,
             NodeKind::Kinematic => BodyKind::Kinematic,
         };
@@ -292,7 +292,7 @@ impl BodyNode {
     /// Takes over the description of a body that another member added.
     pub(crate) fn describe(&mut self, desc: &BodyDesc, shape: Option<&Shape>) {
         self.kind = match desc.kind {
-            BodyKind::Static => NodeKind::Static,
+            BodyKind::Fixed => NodeKind::Fixed,
             BodyKind::Dynamic => NodeKind::Dynamic,
             BodyKind::Kinematic => NodeKind::Kinematic,
         };

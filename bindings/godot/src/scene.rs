@@ -429,7 +429,11 @@ impl SceneNode {
             if follower.stepping() != stepping || follower.is_ended() {
                 return;
             }
-            follower.advance(client, PipelineDepth::new(depth))
+            let advanced = follower.advance(client, PipelineDepth::new(depth));
+            if let Some(refused) = follower.take_refused() {
+                godot_error!("{refused}");
+            }
+            advanced
         };
         if let Ok(true) = advanced {
             Self::follow(&this, &membership);

@@ -14,7 +14,7 @@ use crate::shape::PyShape;
 
 const KINDS: [(&str, BodyKind); 3] = [
     ("dynamic", BodyKind::Dynamic),
-    ("fixed", BodyKind::Static),
+    ("fixed", BodyKind::Fixed),
     ("kinematic", BodyKind::Kinematic),
 ];
 

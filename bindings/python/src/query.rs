@@ -84,7 +84,7 @@ impl PyQuery {
             }
         });
         let filter = scene::QueryFilter {
-            with_static: fixed,
+            with_fixed: fixed,
             with_dynamic: dynamic,
             with_kinematic: kinematic,
             with_sensors: sensors,

@@ -56,7 +56,7 @@ impl Columns {
             self.kinds.push(match desc.map(|desc| desc.kind) {
                 Some(BodyKind::Dynamic) => 1,
                 Some(BodyKind::Kinematic) => 2,
-                Some(BodyKind::Static) | None => 0,
+                Some(BodyKind::Fixed) | None => 0,
             });
         }
     }

@@ -53,6 +53,8 @@ impl From<Misuse> for Failure {
             Misuse::Invalid(_)
             | Misuse::TooManyAuthorityBodies(_)
             | Misuse::NoAuthority(_)
+            | Misuse::NoInside
+            | Misuse::JoinedToItself(_)
             | Misuse::Queries => "argument",
         };
         Self::of(code, misuse.to_string())

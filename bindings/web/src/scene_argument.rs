@@ -122,10 +122,10 @@ fn desc(from: &Argument<'_>) -> Result<BodyDesc, Failure> {
 fn properties(from: &Argument<'_>, id: BodyId, shape: ShapeId) -> Result<BodyDesc, Failure> {
     let kind = from.field("kind")?;
     let kind = match kind.text()? {
-        "static" => BodyKind::Static,
+        "fixed" => BodyKind::Fixed,
         "dynamic" => BodyKind::Dynamic,
         "kinematic" => BodyKind::Kinematic,
-        _ => return Err(kind.wrong("static, dynamic or kinematic")),
+        _ => return Err(kind.wrong("fixed, dynamic or kinematic")),
     };
     let mut desc = BodyDesc::plain(id, kind, shape);
     if let Some(from) = from.optional("material") {
@@ -455,7 +455,7 @@ pub(crate) fn query(from: &Argument<'_>) -> Result<Query, Failure> {
 fn filter(from: &Argument<'_>) -> Result<QueryFilter, Failure> {
     let mut filter = QueryFilter::DEFAULT;
     for (field, flag) in [
-        ("withStatic", &mut filter.with_static),
+        ("withFixed", &mut filter.with_fixed),
         ("withDynamic", &mut filter.with_dynamic),
         ("withKinematic", &mut filter.with_kinematic),
         ("withSensors", &mut filter.with_sensors),

@@ -74,7 +74,7 @@ pub(crate) fn shape(shape: &Shape) -> Value {
 
 const fn kind_name(kind: BodyKind) -> &'static str {
     match kind {
-        BodyKind::Static => "static",
+        BodyKind::Fixed => "fixed",
         BodyKind::Dynamic => "dynamic",
         BodyKind::Kinematic => "kinematic",
     }

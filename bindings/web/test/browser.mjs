@@ -105,7 +105,7 @@ async function ballsFall({ url, hashes, balls, ticks, comparisons }) {
   const mode = { createOrJoin: { stepping: "freeRunning" } };
   const copy = await (await connect(url, options)).join("browser", { ...shown, mode, record });
   const truth = await (await connect(url, options)).join("browser", { ...shown, stream: "full" });
-  const wall = { kind: "static", shape: { kind: "cuboid", halfExtents: [6, 0.5, 6] } };
+  const wall = { kind: "fixed", shape: { kind: "cuboid", halfExtents: [6, 0.5, 6] } };
   copy.addBodies([{ ...wall, position: [0, -0.5, 0] }]);
   const added = [];
   for (let ball = 0; ball < balls; ball += 1) {

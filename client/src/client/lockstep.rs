@@ -41,9 +41,11 @@ impl Client {
         let tick = self.complete();
         if tick >= self.awaited(depth) {
             self.show(tick);
+            self.report_refusals()?;
             return Ok(Some(tick));
         }
         self.check_open()?;
+        self.report_refusals()?;
         match self.take_refusal() {
             Some(refusal) => Err(refusal),
             None => Ok(None),

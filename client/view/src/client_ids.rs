@@ -5,13 +5,14 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use rhumb_protocol::limits::{GRANT, GRANTED_MAX, SHAPES_MAX};
-use rhumb_protocol::scene::{BodyBuilder, BodyDesc, Command, IdRange, Shape, ShapeId};
+use rhumb_protocol::scene::{BodyBuilder, BodyDesc, BodyKind, Command, IdRange, Shape, ShapeId};
 use rhumb_protocol::session::{ClientSession, Event, Misuse, Replica};
 use rhumb_reckoning::{BodyId, BodyState};
 
 use crate::add_error::AddError;
 use crate::id_allocator::IdAllocator;
 use crate::own_bodies::{IdSource, OwnBodies};
+use crate::refusal::{CommandBodies, Refusal};
 use crate::shape_clashes::{ShapeClashes, WrongBody};
 use crate::shape_numbers::{ShapeNumbers, ShapeRefusal, ShapeSlot};
 
@@ -24,6 +25,7 @@ pub struct ClientIds {
     own_bodies: OwnBodies,
     /// Bodies of commands that the server has not answered yet, by the number of the command.
     bodies: VecDeque<(u64, BodyChange)>,
+    command_bodies: CommandBodies,
     last_command: Option<u64>,
 }
 
@@ -44,6 +46,7 @@ impl ClientIds {
             clashes: ShapeClashes::default(),
             own_bodies: OwnBodies::default(),
             bodies: VecDeque::new(),
+            command_bodies: CommandBodies::default(),
             last_command: None,
         }
     }
@@ -78,12 +81,17 @@ impl ClientIds {
     ///
     /// # Errors
     ///
-    /// As [`ClientSession::command`].
+    /// As [`ClientSession::command`], and [`Misuse::JoinedToItself`].
     pub fn command(
         &mut self,
         session: &mut ClientSession,
         command: Command,
     ) -> Result<u64, Misuse> {
+        if let Command::AddJoint { joint, .. } | Command::ChangeJoint { joint, .. } = &command
+            && joint.bodies[0] == joint.bodies[1]
+        {
+            return Err(Misuse::JoinedToItself(joint.bodies[0]));
+        }
         self.queue(session, command, IdSource::Caller)
     }
 
@@ -113,8 +121,12 @@ impl ClientIds {
             Command::RemoveBody { id } => Some((*id, None)),
             _ => None,
         };
+        let about = command.body();
         let number = session.command(command)?;
         self.last_command = Some(number);
+        if let Some(body) = about {
+            self.command_bodies.add(number, body);
+        }
         if let Some((id, desc)) = changed {
             self.clashes.note_changed(id, desc);
         }
@@ -177,6 +189,7 @@ impl ClientIds {
         body: &BodyBuilder,
         motion: BodyState,
     ) -> Result<BodyId, AddError> {
+        check_inside(body)?;
         let slot = self.shape_slot(session, body.shape(), &mut BTreeMap::new())?;
         self.check_ids_left(1)?;
         self.queue_body(session, body, motion, slot)
@@ -194,6 +207,7 @@ impl ClientIds {
     ) -> Result<Vec<BodyId>, AddError> {
         let (mut slots, mut planned) = (Vec::with_capacity(bodies.len()), BTreeMap::new());
         for (body, _) in bodies {
+            check_inside(body)?;
             slots.push(self.shape_slot(session, body.shape(), &mut planned)?);
         }
         self.check_ids_left(u32::try_from(bodies.len()).unwrap_or(u32::MAX))?;
@@ -239,26 +253,28 @@ impl ClientIds {
         motion: BodyState,
         slot: ShapeSlot,
     ) -> Result<BodyId, AddError> {
-        let shape = self.queue_shape(session, body.shape(), slot)?;
         let id = self.ids.take().ok_or(Misuse::Indices(1))?;
+        let shape = self.queue_shape(session, body.shape(), slot, id)?;
         let desc = body.desc(id, shape);
         let number = self.queue(session, Command::AddBody { desc, motion }, IdSource::Client)?;
         self.clashes.add(desc, number);
         Ok(id)
     }
 
-    /// Queues a shape unless its number is known; returns the number.
+    /// Queues the shape of a body unless its number is known; returns the number.
     fn queue_shape(
         &mut self,
         session: &mut ClientSession,
         shape: &Shape,
         slot: ShapeSlot,
+        body: BodyId,
     ) -> Result<ShapeId, Misuse> {
         match slot {
             ShapeSlot::Known(id) => Ok(id),
             ShapeSlot::Free(id) => {
                 let shape = shape.clone();
-                self.command(session, Command::AddShape { id, shape })?;
+                let number = self.command(session, Command::AddShape { id, shape })?;
+                self.command_bodies.add(number, body);
                 self.shapes.add_of_body(id);
                 Ok(id)
             }
@@ -285,7 +301,7 @@ impl ClientIds {
             self.clashes.add_removal(number);
             return Ok(());
         };
-        let shape = self.queue_shape(session, shape, slot)?;
+        let shape = self.queue_shape(session, shape, slot, wrong.desc.id)?;
         let desc = BodyDesc {
             shape,
             ..wrong.desc
@@ -301,6 +317,12 @@ impl ClientIds {
         let is_passed = self.take_event(event, session.replica());
         self.mend_shapes(session);
         is_passed
+    }
+
+    /// The refusal that an event reports, of those that [`Self::note`] passes to the caller.
+    #[must_use]
+    pub fn refusal(&self, event: &Event) -> Option<Refusal> {
+        self.command_bodies.refusal(event)
     }
 
     fn take_event(&mut self, event: &Event, replica: Option<&Replica>) -> bool {
@@ -328,6 +350,7 @@ impl ClientIds {
                 };
             }
             Event::Applied { through, .. } => {
+                self.command_bodies.handle_applied(through);
                 self.shapes.handle_applied(through);
                 self.clashes.handle_applied(through, known);
                 let gone = self.own_bodies.handle_applied(through, is_gone);
@@ -346,5 +369,13 @@ impl ClientIds {
             _ => {}
         }
         true
+    }
+}
+
+/// Refuses a body that no engine can move as it is to be moved.
+fn check_inside(body: &BodyBuilder) -> Result<(), Misuse> {
+    match body.kind() == BodyKind::Dynamic && !body.shape().is_solid() {
+        true => Err(Misuse::NoInside),
+        false => Ok(()),
     }
 }

@@ -138,7 +138,7 @@ mod tests {
             clashes.add(desc, command);
         }
         clashes.handle_taken(1, ShapeId(3), Shape::ball(0.5));
-        let kind = BodyKind::Static;
+        let kind = BodyKind::Fixed;
         let kept = BodyDesc { kind, ..kept };
         let shape = ShapeId(4);
         clashes.note_changed(kept.id, Some(kept));

@@ -42,7 +42,7 @@ pub enum AuthorityError {
     UnknownBody(BodyId),
     /// The body's index was granted to another member, which is still there.
     NotYours(BodyId),
-    /// The body is static, or the engine moves it.
+    /// The body is fixed, or the engine moves it.
     NotKinematic(BodyId),
     /// Another member has authority over it.
     HeldByAnother(BodyId),
@@ -67,6 +67,35 @@ impl AuthorityGrant {
             predictor: Predictor::Uniform,
             anchor: rhumb_reckoning::Anchor::Exact(motion),
             ..Track::resting(self.tick, motion)
+        }
+    }
+}
+
+impl AuthorityError {
+    /// Its name in languages without enumerations.
+    #[must_use]
+    pub const fn word(&self) -> &'static str {
+        match self {
+            Self::UnknownBody(_) => "unknown body",
+            Self::NotYours(_) => "not yours",
+            Self::NotKinematic(_) => "not kinematic",
+            Self::HeldByAnother(_) => "held by another",
+            Self::SceneFaulted => "scene faulted",
+            Self::LostSync => "lost sync",
+            Self::NotAllowed => "not allowed",
+            Self::Other(_) => "other",
+        }
+    }
+
+    /// The body that it names.
+    #[must_use]
+    pub const fn body(&self) -> Option<BodyId> {
+        match *self {
+            Self::UnknownBody(id)
+            | Self::NotYours(id)
+            | Self::NotKinematic(id)
+            | Self::HeldByAnother(id) => Some(id),
+            _ => None,
         }
     }
 }

@@ -17,7 +17,7 @@ use crate::wire::{Malformed, Wire};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum BodyKind {
     /// It does not move.
-    Static,
+    Fixed,
     /// The engine moves it.
     Dynamic,
     /// Its member moves it by velocities and poses; it pushes others and is not pushed.
@@ -55,7 +55,7 @@ pub struct BodyDesc {
     /// True if bodies pass through it.
     pub sensor: bool,
     /// True if it is swept against moving bodies, so that it does not pass through them between two steps. Every fast
-    /// body is swept against static ones.
+    /// body is swept against fixed ones.
     pub swept: bool,
     /// True if it takes part in the scene: a body that does not stays where it is, touches nothing, and its joints do not
     /// act.
@@ -133,7 +133,7 @@ impl BodyDesc {
     /// Bits for its fields that differ from their defaults.
     fn flags(&self) -> u64 {
         let kind = match self.kind {
-            BodyKind::Static => 0,
+            BodyKind::Fixed => 0,
             BodyKind::Dynamic => 1,
             BodyKind::Kinematic => 2,
         };
@@ -198,7 +198,7 @@ impl Wire for BodyDesc {
         let id = BodyId::decode(from)?;
         let flags = from.varint_to(flag::ALL)?;
         let kind = match flags & flag::KIND {
-            0 => BodyKind::Static,
+            0 => BodyKind::Fixed,
             1 => BodyKind::Dynamic,
             2 => BodyKind::Kinematic,
             _ => return Err(Malformed::UnknownCode),

@@ -40,7 +40,7 @@ impl BodyDesc {
     /// A body that nothing moves, such as a floor.
     #[must_use]
     pub const fn fixed(shape: Shape) -> BodyBuilder {
-        BodyBuilder::new(BodyKind::Static, shape)
+        BodyBuilder::new(BodyKind::Fixed, shape)
     }
 
     /// A body that its client moves, by commands or by authority. It pushes others and is not pushed.
@@ -193,6 +193,12 @@ impl BodyBuilder {
         &self.shape
     }
 
+    /// Its kind.
+    #[must_use]
+    pub const fn kind(&self) -> BodyKind {
+        self.desc.kind
+    }
+
     /// Its description, for these ids of body and shape.
     #[must_use]
     pub const fn desc(&self, id: BodyId, shape: ShapeId) -> BodyDesc {
@@ -211,7 +217,8 @@ impl BodyBuilder {
     pub fn check(&self) -> Result<(), Invalid> {
         self.shape.check()?;
         self.desc.check()?;
-        Command::check_motion(&self.state()?)
+        Command::check_pose(self.position, self.rotation)?;
+        Command::check_velocity(self.linear, self.angular)
     }
 
     /// Its pose and velocity at the start.

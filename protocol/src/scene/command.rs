@@ -49,7 +49,7 @@ pub enum Command {
         /// The body.
         id: BodyId,
     },
-    /// Displaces a static or dynamic body at once; moves a kinematic one there during the next tick.
+    /// Displaces a fixed or dynamic body at once; moves a kinematic one there during the next tick.
     SetPose {
         /// The body.
         id: BodyId,
@@ -209,16 +209,10 @@ impl Command {
                 position,
                 rotation: turned,
                 ..
-            } => {
-                vector(position, COORDINATE_MAX, Quantity::Position)?;
-                rotation(turned)
-            }
+            } => Self::check_pose(position, turned),
             Self::SetVelocity {
                 linear, angular, ..
-            } => {
-                vector(linear, LINEAR_MAX, Quantity::Linear)?;
-                vector(angular, ANGULAR_MAX, Quantity::Angular)
-            }
+            } => Self::check_velocity(linear, angular),
             Self::Force { force, .. } => vector(force, FORCE_MAX, Quantity::Force),
             Self::Torque { torque, .. } => vector(torque, FORCE_MAX, Quantity::Torque),
             Self::Impulse { impulse, .. } => vector(impulse, FORCE_MAX, Quantity::Impulse),
@@ -278,6 +272,35 @@ impl Command {
         }
     }
 
+    /// The body that it adds, changes, moves or removes; of a joint the first one. `None` for gravity, a shape, and the
+    /// removal of a joint.
+    #[must_use]
+    pub const fn body(&self) -> Option<BodyId> {
+        match self {
+            Self::AddShape { .. }
+            | Self::RemoveShape { .. }
+            | Self::RemoveJoint { .. }
+            | Self::SetGravity { .. } => None,
+            Self::AddBody { desc, .. } | Self::ChangeBody { desc } => Some(desc.id),
+            Self::AddJoint { joint, .. } | Self::ChangeJoint { joint, .. } => Some(joint.bodies[0]),
+            Self::RemoveBody { id }
+            | Self::SetPose { id, .. }
+            | Self::SetVelocity { id, .. }
+            | Self::Force { id, .. }
+            | Self::Torque { id, .. }
+            | Self::Impulse { id, .. }
+            | Self::TorqueImpulse { id, .. }
+            | Self::ForceAt { id, .. }
+            | Self::ImpulseAt { id, .. }
+            | Self::Sleep { id }
+            | Self::Wake { id }
+            | Self::SetEvents { id, .. }
+            | Self::SetLocomotion { id, .. }
+            | Self::Jump { id, .. }
+            | Self::SetWheels { id, .. } => Some(*id),
+        }
+    }
+
     /// Checks every number of a commanded motion.
     ///
     /// # Errors
@@ -285,10 +308,20 @@ impl Command {
     /// [`Invalid`] names the first invalid number.
     pub(crate) fn check_motion(motion: &BodyState) -> Result<(), Invalid> {
         let [px, py, pz, x, y, z, w, vx, vy, vz, wx, wy, wz] = motion.parts();
-        vector(Vec3::new(px, py, pz), COORDINATE_MAX, Quantity::Position)?;
-        rotation(Quat::from_xyzw(x, y, z, w))?;
-        vector(Vec3::new(vx, vy, vz), LINEAR_MAX, Quantity::Linear)?;
-        vector(Vec3::new(wx, wy, wz), ANGULAR_MAX, Quantity::Angular)
+        Self::check_pose(Vec3::new(px, py, pz), Quat::from_xyzw(x, y, z, w))?;
+        Self::check_velocity(Vec3::new(vx, vy, vz), Vec3::new(wx, wy, wz))
+    }
+
+    /// Checks a pose: metres, and a unit quaternion.
+    pub(super) fn check_pose(position: Vec3, turned: Quat) -> Result<(), Invalid> {
+        vector(position, COORDINATE_MAX, Quantity::Position)?;
+        rotation(turned)
+    }
+
+    /// Checks velocities: m/s and rad/s.
+    pub(super) fn check_velocity(linear: Vec3, angular: Vec3) -> Result<(), Invalid> {
+        vector(linear, LINEAR_MAX, Quantity::Linear)?;
+        vector(angular, ANGULAR_MAX, Quantity::Angular)
     }
 }
 

@@ -95,6 +95,68 @@ pub enum CommandError {
     Other(u8),
 }
 
+impl CommandError {
+    /// Its name in languages without enumerations.
+    #[must_use]
+    pub const fn word(&self) -> &'static str {
+        match self {
+            Self::Invalid(_) => "invalid",
+            Self::UnknownBody(_) => "unknown body",
+            Self::UnknownShape(_) => "unknown shape",
+            Self::BodyIdTaken(_) => "body id taken",
+            Self::NotGranted(_) => "not granted",
+            Self::ShapeIdTaken(_) => "shape id taken",
+            Self::ShapeInUse(_) => "shape in use",
+            Self::TooManyBodies => "too many bodies",
+            Self::TooManyDampings => "too many dampings",
+            Self::NotPushable(_) => "not pushable",
+            Self::SceneFaulted => "scene faulted",
+            Self::ShapeUnfit(_) => "shape unfit",
+            Self::UnknownJoint(_) => "unknown joint",
+            Self::JointIdTaken(_) => "joint id taken",
+            Self::JoinedToItself(_) => "joined to itself",
+            Self::UnderAuthority(_) => "under authority",
+            Self::NoInside(_) => "no inside",
+            Self::TooManyShapeBytes => "too many shape bytes",
+            Self::UnknownCommand => "unknown command",
+            Self::NotAllowed => "not allowed",
+            Self::OverQuota => "over quota",
+            Self::Overloaded { .. } => "overloaded",
+            Self::EngineFailed => "engine failed",
+            Self::ShapeTooSlow { .. } => "shape too slow",
+            Self::BodyDisabled(_) => "body disabled",
+            Self::TooManyJoints => "too many joints",
+            Self::TooManySwept => "too many swept",
+            Self::Unsupported => "unsupported",
+            Self::NotKinematic(_) => "not kinematic",
+            Self::NotConvex(_) => "not convex",
+            Self::NotCharacter(_) => "not a character",
+            Self::NotVehicle(_) => "not a vehicle",
+            Self::TooManyCharacters => "too many characters",
+            Self::TooManyVehicles => "too many vehicles",
+            Self::Other(_) => "other",
+        }
+    }
+
+    /// The body that it names.
+    #[must_use]
+    pub const fn body(&self) -> Option<BodyId> {
+        match *self {
+            Self::UnknownBody(id)
+            | Self::BodyIdTaken(id)
+            | Self::NotGranted(id)
+            | Self::NotPushable(id)
+            | Self::JoinedToItself(id)
+            | Self::UnderAuthority(id)
+            | Self::BodyDisabled(id)
+            | Self::NotKinematic(id)
+            | Self::NotCharacter(id)
+            | Self::NotVehicle(id) => Some(id),
+            _ => None,
+        }
+    }
+}
+
 impl fmt::Display for CommandError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -69,8 +69,8 @@ pub enum QueryKind {
 /// Selection of the bodies that a question considers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct QueryFilter {
-    /// True if static bodies count.
-    pub with_static: bool,
+    /// True if fixed bodies count.
+    pub with_fixed: bool,
     /// True if dynamic bodies count.
     pub with_dynamic: bool,
     /// True if kinematic bodies count.
@@ -86,7 +86,7 @@ pub struct QueryFilter {
 impl QueryFilter {
     /// All bodies except sensors.
     pub const DEFAULT: Self = Self {
-        with_static: true,
+        with_fixed: true,
         with_dynamic: true,
         with_kinematic: true,
         with_sensors: false,
@@ -98,7 +98,7 @@ impl QueryFilter {
     #[must_use]
     pub fn takes(&self, candidate: &QueryCandidate) -> bool {
         let of_kind = match candidate.kind {
-            BodyKind::Static => self.with_static,
+            BodyKind::Fixed => self.with_fixed,
             BodyKind::Dynamic => self.with_dynamic,
             BodyKind::Kinematic => self.with_kinematic,
         };
@@ -424,7 +424,7 @@ impl Wire for QueryFilter {
     fn encode(&self, to: &mut Writer) {
         let mut flags = 0;
         for (set, bit) in [
-            (!self.with_static, flag::NOT_STATIC),
+            (!self.with_fixed, flag::NOT_STATIC),
             (!self.with_dynamic, flag::NOT_DYNAMIC),
             (!self.with_kinematic, flag::NOT_KINEMATIC),
             (self.with_sensors, flag::SENSORS),
@@ -451,7 +451,7 @@ impl Wire for QueryFilter {
         }
         let has = |bit| flags & bit != 0;
         let mut filter = Self {
-            with_static: !has(flag::NOT_STATIC),
+            with_fixed: !has(flag::NOT_STATIC),
             with_dynamic: !has(flag::NOT_DYNAMIC),
             with_kinematic: !has(flag::NOT_KINEMATIC),
             with_sensors: has(flag::SENSORS),

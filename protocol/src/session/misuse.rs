@@ -22,6 +22,10 @@ pub enum Misuse {
     TooManyAuthorityBodies(usize),
     /// This member neither has nor requested authority over the body.
     NoAuthority(BodyId),
+    /// A dynamic body needs a shape with volume.
+    NoInside,
+    /// A joint cannot join a body to itself.
+    JoinedToItself(BodyId),
     /// One message cannot have these queries: there is none, one finds no body or too many, or they cost too much.
     Queries,
 }
@@ -45,6 +49,10 @@ impl fmt::Display for Misuse {
                 f,
                 "queries find 1 to {HITS_MAX} bodies each and cost 1 to {QUERY_COST_MAX} together"
             ),
+            Self::NoInside => f.write_str(
+                "a dynamic body needs a shape with volume; height fields, meshes, half-spaces and compounds with one of them are for fixed and kinematic bodies",
+            ),
+            Self::JoinedToItself(id) => write!(f, "a joint cannot join {id} to itself"),
             Self::NoAuthority(id) => write!(f, "this member has no authority over {id}"),
         }
     }

@@ -23,7 +23,7 @@ struct FullBody {
     /// The tick of the state: that of its placement, or of the last published one.
     since: Tick,
     motion: BodyState,
-    /// A static body is sent after it was moved, not every tick.
+    /// A fixed body is sent after it was moved, not every tick.
     fixed: bool,
     moved: bool,
 }

@@ -72,7 +72,7 @@ impl PredictionParameters {
                 inertia: inertia.filter(|_| desc.can_tumble()),
                 tolerance_scale,
             },
-            BodyKind::Static | BodyKind::Kinematic => Self {
+            BodyKind::Fixed | BodyKind::Kinematic => Self {
                 radius,
                 damping: Damping::default(),
                 gravity_scale: 0.0,

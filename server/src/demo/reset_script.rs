@@ -69,8 +69,8 @@ impl Resets {
             match self.began.get(&id) {
                 None => out.push(Command::RemoveBody { id }),
                 Some((BodyKind::Dynamic, motion)) => out.extend(put_back(id, motion)),
-                // The controller moves kinematic bodies; static ones have not moved.
-                Some((BodyKind::Static | BodyKind::Kinematic, _)) => {}
+                // The controller moves kinematic bodies; fixed ones have not moved.
+                Some((BodyKind::Fixed | BodyKind::Kinematic, _)) => {}
             }
         }
     }

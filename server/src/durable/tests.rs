@@ -103,7 +103,7 @@ impl Recorded {
             let id = ShapeId(id);
             recorded.command(&Command::AddShape { id, shape });
         }
-        recorded.add(BodyKind::Static, ShapeId(0), Vec3::ZERO);
+        recorded.add(BodyKind::Fixed, ShapeId(0), Vec3::ZERO);
         for place in 0..8 {
             recorded.add(
                 BodyKind::Dynamic,

@@ -516,7 +516,7 @@ impl Engine for Box3dEngine {
             let is_static = |id| {
                 self.bodies
                     .get(id)
-                    .is_some_and(|slot| slot.is(BodyKind::Static))
+                    .is_some_and(|slot| slot.is(BodyKind::Fixed))
             };
             let moves = !is_static(&pair.0) || !is_static(&pair.1);
             (moves && (pair.0 == id || pair.1 == id)).then_some(pair)

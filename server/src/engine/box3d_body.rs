@@ -33,7 +33,7 @@ pub(super) fn new_body(
 
 const fn mobility(kind: BodyKind) -> Mobility {
     match kind {
-        BodyKind::Static => Mobility::Static,
+        BodyKind::Fixed => Mobility::Static,
         BodyKind::Dynamic => Mobility::Dynamic,
         BodyKind::Kinematic => Mobility::Kinematic,
     }

@@ -124,7 +124,7 @@ pub trait Engine: Send {
 
     /// Replaces the properties of a body, and wakes it and what it touches. Its joints stay.
     ///
-    /// `before`: its description until now. A body that becomes kinematic or static, or is disabled, stands still.
+    /// `before`: its description until now. A body that becomes kinematic or fixed, or is disabled, stands still.
     fn change(&mut self, before: &BodyDesc, body: &BodyProperties);
 
     /// Removes a body with its joints; bodies that rested on it wake.
@@ -140,7 +140,7 @@ pub trait Engine: Send {
     /// the scene removes them. An engine that cannot measure loads must not support joints with a strength.
     fn overloaded_joints(&self, out: &mut Vec<JointId>);
 
-    /// Displaces a static, dynamic or disabled body and wakes what it touched; a kinematic one moves there in the next
+    /// Displaces a fixed, dynamic or disabled body and wakes what it touched; a kinematic one moves there in the next
     /// step. Metres, unit quaternion.
     ///
     /// A kinematic body then stands still, unless a velocity is set after the pose.
@@ -196,7 +196,7 @@ pub trait Engine: Send {
     /// observed awake. Equal after equal steps, to the bit: the publisher predicts from these values.
     fn observe(&self, out: &mut Vec<Observation>);
 
-    /// The present observation of a body, with changes since the last step; static ones as asleep.
+    /// The present observation of a body, with changes since the last step; fixed ones as asleep.
     fn observe_one(&self, id: BodyId) -> Option<Observation>;
 
     /// Moments of inertia (kg·m²) of a body that rotates torque-free: dynamic, gyroscopic, with unequal moments. `None`

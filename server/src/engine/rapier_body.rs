@@ -33,7 +33,7 @@ pub(super) fn body(properties: &BodyProperties, motion: &BodyState) -> RigidBody
 
 const fn body_type(kind: BodyKind) -> RigidBodyType {
     match kind {
-        BodyKind::Static => RigidBodyType::Fixed,
+        BodyKind::Fixed => RigidBodyType::Fixed,
         BodyKind::Dynamic => RigidBodyType::Dynamic,
         BodyKind::Kinematic => RigidBodyType::KinematicPositionBased,
     }

@@ -57,7 +57,7 @@ impl SearchedBodies for Searched<'_> {
 /// The properties of a body that a filter reads, by one of its colliders.
 fn candidate(body: &RigidBody, collider: &Collider) -> QueryCandidate {
     let kind = if body.is_fixed() {
-        BodyKind::Static
+        BodyKind::Fixed
     } else if body.is_kinematic() {
         BodyKind::Kinematic
     } else {

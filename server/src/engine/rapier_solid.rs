@@ -111,7 +111,7 @@ pub(super) fn set_properties(collider: &mut Collider, properties: &BodyPropertie
     collider.set_friction(material.friction);
     collider.set_restitution(material.restitution);
     collider.set_sensor(desc.sensor);
-    // A sensor finds kinematic bodies too, though it may be static or kinematic itself.
+    // A sensor finds kinematic bodies too, though it may be fixed or kinematic itself.
     collider.set_active_collision_types(if desc.sensor {
         ActiveCollisionTypes::default()
             | ActiveCollisionTypes::KINEMATIC_FIXED

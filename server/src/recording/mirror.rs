@@ -21,7 +21,7 @@ pub(super) struct SceneMirror {
 pub(super) struct MirrorChanges {
     pub(super) placed: Vec<BodyId>,
     pub(super) removed: Vec<BodyId>,
-    /// True if a static body is among them.
+    /// True if a fixed body is among them.
     pub(super) statics: bool,
 }
 
@@ -42,12 +42,12 @@ impl SceneMirror {
         }
         for id in &record.removed {
             if let Some(body) = self.bodies.remove(id) {
-                changes.statics |= body.desc.kind == BodyKind::Static;
+                changes.statics |= body.desc.kind == BodyKind::Fixed;
                 changes.removed.push(*id);
             }
         }
         for body in &record.placed {
-            changes.statics |= body.desc.kind == BodyKind::Static;
+            changes.statics |= body.desc.kind == BodyKind::Fixed;
             changes.placed.push(body.desc.id);
             self.bodies.insert(body.desc.id, body.clone());
         }
@@ -80,10 +80,10 @@ impl SceneMirror {
         }
     }
 
-    /// All bodies as they are drawn: the static ones, or the others.
+    /// All bodies as they are drawn: the fixed ones, or the others.
     pub(super) fn drawn(&self, statics: bool) -> impl Iterator<Item = DrawnBody<'_>> {
         let bodies = self.bodies.values();
-        let wanted = bodies.filter(move |body| (body.desc.kind == BodyKind::Static) == statics);
+        let wanted = bodies.filter(move |body| (body.desc.kind == BodyKind::Fixed) == statics);
         wanted.map(|body| {
             let Observation {
                 id,

@@ -190,7 +190,7 @@ fn a_scene_of_eighty_thousand_bodies_can_be_joined_over_a_thin_link() {
         let at = [(index % 300) as f32 * 2.0, 0.0, (index / 300) as f32 * 2.0];
         let motion = BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);
         ClientMessage::Command(Command::AddBody {
-            desc: BodyDesc::plain(BodyId::new(4_096 + index, 0), BodyKind::Static, ShapeId(0)),
+            desc: BodyDesc::plain(BodyId::new(4_096 + index, 0), BodyKind::Fixed, ShapeId(0)),
             motion: motion.expect("finite"),
         })
     }));

@@ -222,7 +222,7 @@ fn ticks_and_other_clients_go_on_while_a_mesh_is_made_and_its_client_keeps_its_o
     let gravity = Vec3::new(0.0, -5.0, 0.0);
     let later = [
         add(1, largest()),
-        body(first, BodyKind::Static, 1, 0.0),
+        body(first, BodyKind::Fixed, 1, 0.0),
         Command::SetGravity { gravity },
     ];
     bench.command(OWNER, later);
@@ -260,7 +260,7 @@ fn a_solid_that_takes_too_long_is_refused_with_the_limit() {
     let first = bench.granted(OWNER).first();
     bench.command(
         OWNER,
-        [add(1, largest()), body(first, BodyKind::Static, 1, 0.0)],
+        [add(1, largest()), body(first, BodyKind::Fixed, 1, 0.0)],
     );
     bench.pass(990);
     assert_eq!(bench.take(OWNER), []);
@@ -395,7 +395,7 @@ fn a_solid_that_was_made_beside_the_steps_changes_no_bit() {
         add(0, Shape::ball(0.5)),
         body(first, BodyKind::Dynamic, 0, 30.0),
     ];
-    let after = [add(1, largest()), body(first + 1, BodyKind::Static, 1, 0.0)];
+    let after = [add(1, largest()), body(first + 1, BodyKind::Fixed, 1, 0.0)];
     bench.command(OWNER, before.clone());
     before
         .iter()

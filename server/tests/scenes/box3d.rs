@@ -53,7 +53,7 @@ fn above(ground: Shape, falling: Shape, height: f32) -> Scene {
     let mut scene = scene();
     add_shape(&mut scene, 0, ground).expect(VALID);
     add_shape(&mut scene, 1, falling).expect(VALID);
-    let under = BodyDesc::plain(GROUND, BodyKind::Static, ShapeId(0));
+    let under = BodyDesc::plain(GROUND, BodyKind::Fixed, ShapeId(0));
     add(&mut scene, under, Vec3::ZERO).expect(VALID);
     let ball = BodyDesc::plain(BALL, BodyKind::Dynamic, ShapeId(1));
     add(&mut scene, ball, Vec3::Y * height).expect(VALID);
@@ -282,7 +282,7 @@ fn queries_contacts_and_sensors_find_bodies() {
     let zone = BodyId::new(2, 0);
     let desc = BodyDesc {
         sensor: true,
-        ..BodyDesc::plain(zone, BodyKind::Static, ShapeId(0))
+        ..BodyDesc::plain(zone, BodyKind::Fixed, ShapeId(0))
     };
     add(&mut scene, desc, Vec3::Y * 2.0).expect(VALID);
     let events = ActiveEvents {

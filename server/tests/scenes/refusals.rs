@@ -108,7 +108,7 @@ fn a_shape_stays_while_a_body_has_it() {
 fn only_dynamic_bodies_are_pushed_and_static_ones_have_no_velocity() {
     let mut scene = with_shape();
     let (still, moved) = (BodyId::new(0, 0), BodyId::new(1, 0));
-    scene.apply(&body(0, 0, BodyKind::Static)).unwrap();
+    scene.apply(&body(0, 0, BodyKind::Fixed)).unwrap();
     scene.apply(&body(1, 0, BodyKind::Kinematic)).unwrap();
     let (linear, angular) = (Vec3::X, Vec3::Y);
     for (id, velocity) in [
@@ -167,10 +167,10 @@ fn a_joint_needs_two_living_bodies_and_a_free_id() {
         joint: Joint::plain(JointKind::Fixed, bodies, [JointFrame::at(Vec3::ZERO); 2]).into(),
     };
     let id = JointId(7);
-    scene.apply(&body(0, 0, BodyKind::Static)).unwrap();
+    scene.apply(&body(0, 0, BodyKind::Fixed)).unwrap();
     let answer = scene.apply(&add(id, [a, b]));
     assert_eq!(answer, Err(CommandError::UnknownBody(b)));
-    scene.apply(&body(1, 0, BodyKind::Static)).unwrap();
+    scene.apply(&body(1, 0, BodyKind::Fixed)).unwrap();
     let answer = scene.apply(&add(id, [b, b]));
     assert_eq!(answer, Err(CommandError::JoinedToItself(b)));
     let beyond = JointId(JOINTS_MAX);
@@ -375,7 +375,7 @@ fn shape_id() -> impl Strategy<Value = ShapeId> {
 
 fn body_desc() -> impl Strategy<Value = BodyDesc> {
     let kind = prop_oneof![
-        1 => Just(BodyKind::Static),
+        1 => Just(BodyKind::Fixed),
         6 => Just(BodyKind::Dynamic),
         2 => Just(BodyKind::Kinematic),
     ];
@@ -534,7 +534,7 @@ fn begun() -> Scene {
             .apply(&Command::AddShape { id, shape })
             .expect("the test makes it valid");
     }
-    for (index, kind) in [BodyKind::Static, BodyKind::Dynamic, BodyKind::Kinematic]
+    for (index, kind) in [BodyKind::Fixed, BodyKind::Dynamic, BodyKind::Kinematic]
         .into_iter()
         .enumerate()
     {

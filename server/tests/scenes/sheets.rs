@@ -45,7 +45,7 @@ fn on_ground(ground: Shape, falling: Shape) -> Scene {
     let mut scene = scene();
     add_shape(&mut scene, 0, ground).expect(VALID);
     add_shape(&mut scene, 1, falling).expect(VALID);
-    let ground = BodyDesc::plain(GROUND, BodyKind::Static, ShapeId(0));
+    let ground = BodyDesc::plain(GROUND, BodyKind::Fixed, ShapeId(0));
     add(&mut scene, ground, Vec3::ZERO).expect(VALID);
     scene
 }
@@ -254,7 +254,7 @@ proptest! {
         ground in prop_oneof![mesh(), heights(), compound()],
         falling in prop_oneof![compound(), Just(BALL)],
         places in prop::collection::vec(corner(), 1..6),
-        kind in prop::sample::select(vec![BodyKind::Static, BodyKind::Kinematic]),
+        kind in prop::sample::select(vec![BodyKind::Fixed, BodyKind::Kinematic]),
     ) {
         let mut scene = scene();
         // A shape without a solid is refused, and nothing has changed.

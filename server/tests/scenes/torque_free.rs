@@ -272,7 +272,7 @@ fn bodies_with_constant_spin_have_no_inertia() {
     assert_eq!(scene.inertia(id(0)), None);
     assert_eq!(scene.inertia(id(1)), None);
     assert!(scene.inertia(id(2)).is_some());
-    let mut still = BodyDesc::plain(id(3), BodyKind::Static, ShapeId(2));
+    let mut still = BodyDesc::plain(id(3), BodyKind::Fixed, ShapeId(2));
     let mut steady = BodyDesc::plain(id(4), BodyKind::Dynamic, ShapeId(2));
     still.gyroscopic = true;
     steady.gyroscopic = false;

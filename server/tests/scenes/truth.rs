@@ -72,7 +72,7 @@ fn ball_on_floor() -> Scene {
     add(
         &mut scene,
         FLOOR,
-        BodyKind::Static,
+        BodyKind::Fixed,
         0,
         motion(floor, Vec3::ZERO),
     );
@@ -446,7 +446,7 @@ fn joined_ball(kind: JointKind) -> Scene {
     add(
         &mut scene,
         FLOOR,
-        BodyKind::Static,
+        BodyKind::Fixed,
         0,
         motion(slab, Vec3::ZERO),
     );

@@ -99,7 +99,7 @@ impl ReferenceScene {
                 motions.insert(observation.id, observation.motion);
             }
             if TICKS.contains(&tick) {
-                let can_move = |desc: &&BodyDesc| desc.kind != BodyKind::Static;
+                let can_move = |desc: &&BodyDesc| desc.kind != BodyKind::Fixed;
                 let bodies = scene.bodies().filter(can_move);
                 let bodies = bodies.map(|desc| {
                     let motion = motions[&desc.id].motion();
@@ -230,7 +230,7 @@ impl Script for BallsOnGround {
             });
         };
         let below = Vec3::new(0.0, -1.0, 0.0);
-        add(0, BodyKind::Static, floor, below, Vec3::ZERO);
+        add(0, BodyKind::Fixed, floor, below, Vec3::ZERO);
         for number in 1..=self.balls {
             let (column, row) = ((number % 3) as f32, (number / 3) as f32);
             let place = Vec3::new(1.1 * column, 0.6 + 0.3 * row, 1.3 * row);

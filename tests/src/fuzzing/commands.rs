@@ -161,7 +161,7 @@ fn config(script: &mut Script<'_>, id: BodyId) -> BodyDesc {
     let kind = script.one_of(&[
         BodyKind::Dynamic,
         BodyKind::Dynamic,
-        BodyKind::Static,
+        BodyKind::Fixed,
         BodyKind::Kinematic,
     ]);
     let plain = BodyDesc::plain(id, kind, shape_id(script));

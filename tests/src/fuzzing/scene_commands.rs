@@ -122,7 +122,7 @@ fn ask(scene: &Scene, script: &mut Script<'_>, bodies: &[BodyId]) {
     };
     let filter = QueryFilter {
         except: script.any::<bool>().then(|| script.one_of(bodies)),
-        with_static: script.any(),
+        with_fixed: script.any(),
         ..QueryFilter::DEFAULT
     };
     let query = query.among(filter).finding(4);

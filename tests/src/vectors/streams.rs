@@ -259,7 +259,7 @@ fn new_bodies() -> Vec<Command> {
     let dumbbell = Compound::new(vec![end(-0.5), end(0.5)]).expect("a valid compound");
     let mut commands = Vec::new();
     for (place, (shape, kind, at)) in [
-        (Shape::Heights(ground), BodyKind::Static, [20.0, 0.0, 20.0]),
+        (Shape::Heights(ground), BodyKind::Fixed, [20.0, 0.0, 20.0]),
         (
             Shape::Compound(dumbbell),
             BodyKind::Dynamic,
@@ -272,7 +272,7 @@ fn new_bodies() -> Vec<Command> {
         let id = ShapeId(8_000 + place as u32);
         commands.push(Command::AddShape { id, shape });
         let mut desc = BodyDesc::plain(BodyId::new(4_000 + place as u32, 0), kind, id);
-        if kind != BodyKind::Static {
+        if kind != BodyKind::Fixed {
             desc.locked = LockedAxes::ROTATIONS;
         }
         let motion = BodyState::new(at, [0.0, 0.0, 0.0, 1.0], [0.0; 3], [0.0; 3]);

@@ -67,7 +67,7 @@ impl Stage {
             id: ShapeId(1),
             shape: Shape::cuboid(0.5, 0.5, 0.5),
         });
-        stage.add(FLOOR, BodyKind::Static, 0, Vec3::new(0.0, -0.5, 0.0));
+        stage.add(FLOOR, BodyKind::Fixed, 0, Vec3::new(0.0, -0.5, 0.0));
         stage
     }
 
@@ -234,7 +234,7 @@ fn a_sensor_reports_what_enters_and_leaves() {
             let at = |height| state(Vec3::new(0.0, height, 0.0));
             let sensor = BodyDesc {
                 sensor: true,
-                ..BodyDesc::plain(BOX, BodyKind::Static, ShapeId(1))
+                ..BodyDesc::plain(BOX, BodyKind::Fixed, ShapeId(1))
             };
             let motion = at(5.0);
             stage.command(Command::AddBody {

@@ -71,8 +71,8 @@ fn body() -> impl Strategy<Value = Body> {
 
 fn add(index: u32, (shape, kind, at, turn, linear, (sensor, second)): Body) -> Command {
     let kind = match kind {
-        _ if shape >= 8 => BodyKind::Static,
-        0 => BodyKind::Static,
+        _ if shape >= 8 => BodyKind::Fixed,
+        0 => BodyKind::Fixed,
         1 => BodyKind::Kinematic,
         _ => BodyKind::Dynamic,
     };
@@ -82,7 +82,7 @@ fn add(index: u32, (shape, kind, at, turn, linear, (sensor, second)): Body) -> C
         members: 1 << u32::from(second),
         ..CollisionGroups::ALL
     };
-    let moves = kind != BodyKind::Static;
+    let moves = kind != BodyKind::Fixed;
     // A half-space far below, so that not everything is inside it.
     let at = if shape == 10 { [0.0, -20.0, 0.0] } else { at };
     let turn = if shape == 10 { [0.0; 3] } else { turn };
@@ -114,7 +114,7 @@ fn query() -> impl Strategy<Value = Query> {
 
 fn filter_of(takes: [bool; 4], groups: u32, except: Option<u32>) -> QueryFilter {
     QueryFilter {
-        with_static: takes[0],
+        with_fixed: takes[0],
         with_dynamic: takes[1],
         with_kinematic: takes[2],
         with_sensors: !takes[3],
@@ -292,7 +292,7 @@ fn a_copy_follows_its_bodies() {
     );
     assert_eq!(find(&mut table, &view, 0.0), None);
     assert_eq!(find(&mut table, &view, 6.0), Some(0));
-    let mut desc = BodyDesc::plain(first, BodyKind::Static, ShapeId(1));
+    let mut desc = BodyDesc::plain(first, BodyKind::Fixed, ShapeId(1));
     desc.enabled = false;
     step(&mut table, &mut view, 3, Command::ChangeBody { desc });
     assert_eq!(find(&mut table, &view, 6.0), None, "disabled");

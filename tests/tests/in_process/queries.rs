@@ -47,13 +47,13 @@ fn scenery() -> Vec<Command> {
         motion,
     };
     let bodies = [
-        add(FLOOR, BodyKind::Static, 0, state(0.0, -0.5, 0.0)),
+        add(FLOOR, BodyKind::Fixed, 0, state(0.0, -0.5, 0.0)),
         add(BALL, BodyKind::Dynamic, 1, state(0.0, 0.5, 0.0)),
         add(LIFT, BodyKind::Kinematic, 2, state(5.0, 3.0, 0.0)),
     ];
     let posts = (0..POSTS).map(|number| {
         let at = state(number as f32, 1.0, 20.0);
-        add(post(number), BodyKind::Static, 3, at)
+        add(post(number), BodyKind::Fixed, 3, at)
     });
     shapes.chain(bodies).chain(posts).collect()
 }
@@ -233,8 +233,8 @@ fn a_filter_leaves_bodies_out() {
         let (above, down) = (Vec3::new(x, 10.0, 0.0), Vec3::new(0.0, -20.0, 0.0));
         Query::ray(above, down).among(filter).finding(5)
     };
-    let without = |with_static, with_dynamic, with_kinematic| QueryFilter {
-        with_static,
+    let without = |with_fixed, with_dynamic, with_kinematic| QueryFilter {
+        with_fixed,
         with_dynamic,
         with_kinematic,
         ..all

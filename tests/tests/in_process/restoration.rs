@@ -420,7 +420,7 @@ fn commands_of(act: Act, scene: &Scene, next: &mut u32) -> Vec<Command> {
         }],
         Act::Disable(index) => changed(index, |desc| desc.enabled = false),
         Act::Kinematic(index) => changed(index, |desc| desc.kind = BodyKind::Kinematic),
-        Act::Fixed(index) => changed(index, |desc| desc.kind = BodyKind::Static),
+        Act::Fixed(index) => changed(index, |desc| desc.kind = BodyKind::Fixed),
         Act::Step => Vec::new(),
     }
 }

@@ -303,7 +303,7 @@ impl Script for StillBodies {
         });
         out.extend((0..4_000).map(|index| {
             Command::AddBody {
-                desc: BodyDesc::plain(BodyId::new(index, 0), BodyKind::Static, ShapeId(0)),
+                desc: BodyDesc::plain(BodyId::new(index, 0), BodyKind::Fixed, ShapeId(0)),
                 motion: BodyState::new(
                     [index as f32 * 2.0, 0.0, 0.0],
                     [0.0, 0.0, 0.0, 1.0],

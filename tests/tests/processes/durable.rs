@@ -73,7 +73,7 @@ pub(crate) fn commands(tick: u64, ids: &[BodyId]) -> Vec<Command> {
             let id = ShapeId(id as u32);
             commands.push(Command::AddShape { id, shape });
         }
-        commands.push(body(0, BodyKind::Static, 0));
+        commands.push(body(0, BodyKind::Fixed, 0));
         commands.extend((1..bodies).map(|place| body(place, BodyKind::Dynamic, 1)));
     }
     if tick % 10 == 9 && tick / 10 < LATER {

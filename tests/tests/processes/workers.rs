@@ -13,7 +13,8 @@ use std::time::{Duration, Instant};
 
 use rhumb_client::scene::{BodyDesc, SceneConfig, Shape, Stepping};
 use rhumb_client::{
-    Client, ClientError, Event, JoinMode, JoinOptions, OpenError, PipelineDepth, Tick, Trust,
+    Client, ClientError, Event, JoinMode, JoinOptions, OpenError, PipelineDepth, Refusals, Tick,
+    Trust,
 };
 use rhumb_protocol::Ending;
 use rhumb_protocol::scene::CommandError;
@@ -40,6 +41,7 @@ fn join(server: &ServerProcess, scene: &str, stepping: Stepping) -> Client {
     };
     let options = JoinOptions {
         mode: JoinMode::CreateOrJoin(config),
+        refusals: Refusals::Events,
         ..JoinOptions::default()
     };
     let trust = Trust::Fingerprint(server.fingerprint);

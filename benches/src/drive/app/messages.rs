@@ -209,7 +209,7 @@ impl MessageWriter {
         let position = Vec3::new(px, py, pz);
         let rotation = Quat::from_xyzw(x, y, z, w);
         out.push(match desc.kind {
-            BodyKind::Static => Message::CreateStaticActor(CreateStaticActor {
+            BodyKind::Fixed => Message::CreateStaticActor(CreateStaticActor {
                 actor,
                 position,
                 rotation,

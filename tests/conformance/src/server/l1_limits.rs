@@ -357,7 +357,7 @@ fn moment_most(trial: &mut Trial<'_>) -> CaseResult {
         Err(error) if error == beyond => {}
         other => return Stop::fail(format!("{beyond:?}, not {other:?}")),
     }
-    heavy.kind = BodyKind::Static;
+    heavy.kind = BodyKind::Fixed;
     let desc = heavy;
     client.must(Command::AddBody { desc, motion })?;
     heavy.kind = BodyKind::Dynamic;

@@ -175,7 +175,7 @@ impl Falling {
         let bodies = [body(granted, 0)?, body(granted, 1)?];
         subscriber.must(ball_shape())?;
         subscriber.must(Command::AddBody {
-            desc: BodyDesc::plain(bodies[0], BodyKind::Static, BALL),
+            desc: BodyDesc::plain(bodies[0], BodyKind::Fixed, BALL),
             motion: moving(POST, Vec3::ZERO),
         })?;
         subscriber.must(ball(bodies[1], Vec3::ZERO, Vec3::ZERO))?;

@@ -252,7 +252,7 @@ fn ceases(trial: &mut Trial<'_>) -> CaseResult {
     let id = scene.body;
     let desc = scene.member.replica()?.body(id);
     let desc = desc.ok_or_else(|| Stop::Fail("the body does not exist".into()))?;
-    for kind in [BodyKind::Static, BodyKind::Kinematic] {
+    for kind in [BodyKind::Fixed, BodyKind::Kinematic] {
         let desc = BodyDesc { kind, ..desc };
         scene.member.must(Command::ChangeBody { desc })?;
     }

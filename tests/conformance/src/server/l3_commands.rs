@@ -499,7 +499,7 @@ fn no_inside(trial: &mut Trial<'_>, shape: Shape) -> CaseResult {
     let motion = moving(Vec3::ZERO, Vec3::ZERO);
     let desc = |kind, place| Ok(BodyDesc::plain(body(client.granted, place)?, kind, id));
     let dynamic: Result<_, Stop> = desc(BodyKind::Dynamic, 0);
-    let still: Result<_, Stop> = desc(BodyKind::Static, 0);
+    let still: Result<_, Stop> = desc(BodyKind::Fixed, 0);
     let (dynamic, still) = (dynamic?, still?);
     let outcome = client.command(Command::AddBody {
         desc: dynamic,

@@ -168,7 +168,7 @@ fn hang(trial: &mut Trial<'_>, kind: JointKind) -> Result<HangingBall, Stop> {
     let (hook, hanging) = (body(granted, 0)?, body(granted, 1)?);
     subscriber.must(ball_shape())?;
     subscriber.must(Command::AddBody {
-        desc: BodyDesc::plain(hook, BodyKind::Static, BALL),
+        desc: BodyDesc::plain(hook, BodyKind::Fixed, BALL),
         motion: moving(Vec3::ZERO, Vec3::ZERO),
     })?;
     subscriber.must(ball(hanging, Vec3::X * 2.0, Vec3::ZERO))?;

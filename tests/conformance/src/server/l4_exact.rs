@@ -109,7 +109,7 @@ fn judge(copy: &LossyClient, subject: ReferenceScene, first: u32, tick: Tick) ->
     let recorded = subject.recorded(tick).ok_or_else(unrecorded)?;
     let replica = copy.replica()?;
     let stream = replica.stream();
-    let can_move = |desc: &BodyDesc| desc.kind != BodyKind::Static;
+    let can_move = |desc: &BodyDesc| desc.kind != BodyKind::Fixed;
     let here = replica.bodies().filter(can_move).filter_map(|desc| {
         let motion = stream.predicted_motion(desc.id, tick)?;
         Some((desc.id.index().checked_sub(first)?, checksums(&motion)))
@@ -185,7 +185,7 @@ fn sleeps(trial: &mut Trial<'_>) -> CaseResult {
     for desc in replica.bodies() {
         let (id, place) = (desc.id, desc.id.index().wrapping_sub(first));
         let rests = stream.track(id).is_some_and(|track| track.is_exact_rest());
-        if desc.kind == BodyKind::Static || !rests {
+        if desc.kind == BodyKind::Fixed || !rests {
             continue;
         }
         let is = stream

@@ -85,7 +85,7 @@ pub(super) fn ball(id: BodyId, at: Vec3, linear: Vec3) -> Command {
 /// Adds the floor; its top is at height zero.
 pub(super) fn floor(id: BodyId) -> Command {
     Command::AddBody {
-        desc: BodyDesc::plain(id, BodyKind::Static, FLOOR),
+        desc: BodyDesc::plain(id, BodyKind::Fixed, FLOOR),
         motion: moving(Vec3::new(0.0, -1.0, 0.0), Vec3::ZERO),
     }
 }

@@ -103,7 +103,7 @@ fn a_body_becomes_kinematic_static_and_dynamic_again() {
     let body = remote.add(&ball().linear_velocity([3.0, 0.0, 0.0]));
     remote.steps(10);
     let there = remote.position(body);
-    for (kind, moves) in [(BodyKind::Kinematic, true), (BodyKind::Static, false)] {
+    for (kind, moves) in [(BodyKind::Kinematic, true), (BodyKind::Fixed, false)] {
         remote.change(body, |desc| desc.kind = kind);
         remote.steps(10);
         assert_eq!(remote.position(body), there);

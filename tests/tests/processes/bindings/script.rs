@@ -70,7 +70,7 @@ fn built() -> [(BodyKind, Shape, Vec3); 5] {
     let car = Shape::cuboid(0.75, 0.25, 1.5);
     [
         (BodyKind::Dynamic, dumbbell(), Vec3::new(-4.0, 2.0, 0.0)),
-        (BodyKind::Static, anchor, Vec3::new(4.0, 4.0, 0.0)),
+        (BodyKind::Fixed, anchor, Vec3::new(4.0, 4.0, 0.0)),
         (BodyKind::Dynamic, arm, Vec3::new(4.0, 2.5, 0.0)),
         (BodyKind::Kinematic, walker, Vec3::new(7.0, 1.0, 3.0)),
         (BodyKind::Dynamic, car, Vec3::new(-7.0, 1.0, 5.0)),
@@ -217,7 +217,7 @@ pub(super) fn expected(server: &ServerProcess) -> Outcome {
     });
     let built = built().map(|(kind, shape, at)| {
         let body = match kind {
-            BodyKind::Static => BodyDesc::fixed(shape),
+            BodyKind::Fixed => BodyDesc::fixed(shape),
             BodyKind::Kinematic => BodyDesc::kinematic(shape),
             _ => BodyDesc::dynamic(shape),
         };
@@ -443,7 +443,7 @@ fn in_axes(server: &ServerProcess, axes: Axes) -> Outcome {
     let mut scene = RemoteScene::join(connection, "script", &params).expect("the scene is new");
     let mut all = vec![BodyParams {
         position: axes.vector(Vec3::new(0.0, -0.5, 0.0)),
-        ..BodyParams::new(BodyKind::Static, axes.extents(10.0, 0.5, 10.0))
+        ..BodyParams::new(BodyKind::Fixed, axes.extents(10.0, 0.5, 10.0))
     }];
     all.extend((0..PILED).map(|i| BodyParams {
         position: axes.vector(position(i)),
