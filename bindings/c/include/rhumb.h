@@ -36,6 +36,9 @@
 // Bytes of the text of an event, with the zero byte that ends it.
 #define RHUMB_EVENT_TEXT_BYTES 192
 
+// Bytes of the reason of a refusal, with the zero byte that ends it.
+#define RHUMB_REASON_BYTES 32
+
 // The result of a call.
 enum RhumbCode
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -66,6 +69,9 @@ enum RhumbCode
   RHUMB_CODE_SCENE_GONE,
   // A fault of this library. The scene can only be closed.
   RHUMB_CODE_FAULT,
+  // The server refused requests of earlier calls, which `rhumb_scene_poll_refusal` names. The call did what it says all
+  // the same, and the next one goes on.
+  RHUMB_CODE_REFUSED,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -513,6 +519,8 @@ typedef struct RhumbBodyDesc {
   uint8_t has_damping;
   // Not zero: `mass` replaces volume times density.
   uint8_t has_mass;
+  // Not zero: `moments` replace those of the shape, which go with the mass. Needs a mass.
+  uint8_t has_moments;
   // Not zero: bodies pass through it.
   uint8_t sensor;
   // Not zero: it is swept against moving bodies, so that it does not pass through them.
@@ -529,6 +537,8 @@ typedef struct RhumbBodyDesc {
   float angular_damping;
   // Kilograms.
   float mass;
+  // Moments of inertia about the body's axes x, y, z, kg·m² whatever the scene's unit of length.
+  float moments[3];
   // Factor on the scene's gravity.
   float gravity_scale;
   // World axes along or about which the engine does not move it: bits 0 to 2 for translations along x, y, z, bits 3 to 5
@@ -790,6 +800,22 @@ typedef struct RhumbHit {
   float normal[3];
 } RhumbHit;
 
+// A request that the server refused, and that changed nothing.
+typedef struct RhumbRefusal {
+  // Zero: there is no further refusal, and all other fields are zero.
+  uint8_t exists;
+  // Not zero: `number` is that of a command. Zero: the request was for authority.
+  uint8_t is_command;
+  // The command's number.
+  uint64_t number;
+  // The body that the request is about; zero if that is not known.
+  RhumbBody body;
+  // The reason in one or a few words, such as "unknown body"; it ends with a zero byte.
+  char reason[32];
+  // The reason, a sentence in UTF-8 that ends with a zero byte; a longer one is cut.
+  char text[192];
+} RhumbRefusal;
+
 // How to join a scene. Begin with `rhumb_join_options_init`.
 typedef struct RhumbJoinOptions {
   // A `RhumbCoordinates`: of every position, velocity, length and force of this client.
@@ -816,6 +842,13 @@ typedef struct RhumbJoinOptions {
   float gravity[3];
   // Free running only: ticks by which the view stays behind the server's clock.
   double delay_ticks;
+  // Free running only: ticks ahead of the server's clock by which bodies under authority are published. With the
+  // network's delay and a little more, the server need not predict them.
+  double lead_ticks;
+  // Free running only. Not zero: only whole ticks are shown, for an application with ticks of its own.
+  uint8_t whole_ticks;
+  // A `RhumbRefusals`.
+  uint32_t refusals;
   // Seconds for which a client tries to go on over another connection.
   double resume_within_s;
 } RhumbJoinOptions;
@@ -838,6 +871,12 @@ typedef struct RhumbStatistics {
   uint64_t updates;
   // The newest tick at which every copy is within its tolerance.
   uint64_t complete_tick;
+  // Updates of bodies that this client published under its authority, since it was granted.
+  uint64_t upstream_updates;
+  // Packets of these updates.
+  uint64_t upstream_packets;
+  // Bytes of these packets.
+  uint64_t upstream_bytes;
 } RhumbStatistics;
 
 #ifdef __cplusplus
@@ -847,8 +886,12 @@ extern "C" {
 // Requests authority over `count` kinematic bodies, in place of the bodies that this client has authority over now. None
 // ends the authority.
 //
-// The server's bodies are then within the tolerance, metres in any coordinates, of the states of `rhumb_scene_publish`. It
-// is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers.
+// One client has authority over 256 bodies at most; more are `RHUMB_CODE_INVALID`. The server's bodies are then within the
+// tolerance, metres in any coordinates, of the states of `rhumb_scene_publish`. The tolerance of a stream adds to it: a
+// client that follows these bodies within 0.05 m sees them within 0.07 m of the publisher's if that one's is 0.02 m.
+//
+// It is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers; a
+// denial is also `RHUMB_CODE_REFUSED` of the next advance, wait or poll.
 //
 // # Safety
 //
@@ -1073,6 +1116,15 @@ RhumbCode rhumb_scene_query(struct RhumbScene scene,
                             size_t *hit_count,
                             uint64_t *tick);
 
+// Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`. Its sentences are those of `rhumb_last_error`,
+// which names the first.
+//
+// # Safety
+//
+// `refusal` points to memory for a `RhumbRefusal`.
+RhumbCode rhumb_scene_poll_refusal(struct RhumbScene scene,
+                                   struct RhumbRefusal *refusal);
+
 // Makes plain options: the scene is created unless it exists, with 60 ticks a second in lockstep, under the earth's
 // gravity; copies are within 5 cm; coordinates are Rhumb's.
 //
@@ -1105,8 +1157,8 @@ RhumbCode rhumb_scene_delete(struct RhumbScene scene);
 // Queues the addition of `count` bodies, and writes their ids to `bodies` in the same order. If one is wrong, none is
 // added.
 //
-// Queued commands are sent together, by the next call that waits or by `rhumb_scene_flush`. An event reports what became
-// of each. Equal shapes are sent once.
+// Queued commands are sent together, by the next call that waits or by `rhumb_scene_flush`. If the server refuses one, the
+// next advance, wait or poll is `RHUMB_CODE_REFUSED`. An event reports what became of each. Equal shapes are sent once.
 //
 // # Safety
 //
@@ -1136,12 +1188,15 @@ RhumbCode rhumb_scene_flush(struct RhumbScene scene);
 // At depth 0, the view is of the tick that this call requests. At depth 1, it is of the tick before, and the server
 // computes the requested one meanwhile. `tick` may be null; otherwise it receives the tick of the view.
 //
-// After `RHUMB_CODE_TIMEOUT`, `rhumb_scene_wait` continues to wait for the same tick.
+// After `RHUMB_CODE_TIMEOUT`, `rhumb_scene_wait` continues to wait for the same tick. After `RHUMB_CODE_REFUSED`, the tick
+// is done and its view computed.
 //
 // # Safety
 //
 // `tick` is null or points to memory for a number.
-RhumbCode rhumb_scene_advance(struct RhumbScene scene, uint32_t depth, uint64_t *tick);
+RhumbCode rhumb_scene_advance(struct RhumbScene scene,
+                              uint32_t depth,
+                              uint64_t *tick);
 
 // Waits for the tick that the last `rhumb_scene_advance` requested, and computes the view.
 //
@@ -1150,21 +1205,24 @@ RhumbCode rhumb_scene_advance(struct RhumbScene scene, uint32_t depth, uint64_t 
 // `tick` is null or points to memory for a number.
 RhumbCode rhumb_scene_wait(struct RhumbScene scene, uint32_t depth, uint64_t *tick);
 
-// Computes the view of a free-running scene for the present moment, and does not wait. `time` may be null.
+// Computes the view of a free-running scene for the present moment, and does not wait. A lockstep scene stands still until
+// a client advances it. `time` may be null. After `RHUMB_CODE_REFUSED`, the view is computed.
 //
 // # Safety
 //
 // `time` is null or points to memory for a `RhumbTime`.
-RhumbCode rhumb_scene_poll(struct RhumbScene scene, struct RhumbTime *time);
+RhumbCode rhumb_scene_poll(struct RhumbScene scene,
+                           struct RhumbTime *time);
 
 // Handles what arrives for a time in seconds, without computing the view.
 RhumbCode rhumb_scene_idle(struct RhumbScene scene, double duration_s);
 
-// Writes how far any point of each of `count` bodies may be off at the newest tick of the stream, in the scene's unit of
-// length.
+// Writes how far any point of each of `count` bodies, as the view shows them, may be from its true place at the moment of
+// the view, in the scene's unit of length. `rhumb_scene_poses` lends the bodies of the view.
 //
-// A bound is infinite while a packet that may hold an update of the body is missing. A body that the copy does not have is
-// `RHUMB_CODE_INVALID`.
+// A bound is infinite while nothing finite is known: a packet that may hold an update of the body is missing, or a
+// free-running view shows a moment of which the news has not arrived. With `delay_ticks` of the network's delay and a
+// little more, it is finite. A body that is not in the view is `RHUMB_CODE_INVALID`.
 //
 // # Safety
 //
@@ -1173,6 +1231,22 @@ RhumbCode rhumb_scene_error_bounds(struct RhumbScene scene,
                                    const RhumbBody *bodies,
                                    size_t count,
                                    float *bounds);
+
+// Writes how far any point of each of `count` bodies may be off at a tick by what is known of them, whatever the view
+// shows, in the scene's unit of length. A body that the copy does not have is `RHUMB_CODE_INVALID`.
+//
+// # Safety
+//
+// `bodies` points to `count` ids, `bounds` to memory for `count` numbers.
+RhumbCode rhumb_scene_tick_error_bounds(struct RhumbScene scene,
+                                        uint64_t tick,
+                                        const RhumbBody *bodies,
+                                        size_t count,
+                                        float *bounds);
+
+// Sets the ticks by which bodies under authority are published ahead of the server's clock, in place of `lead_ticks` of
+// the options: finite and not negative.
+RhumbCode rhumb_scene_set_lead_ticks(struct RhumbScene scene, double ticks);
 
 // Writes the statistics of the client.
 //

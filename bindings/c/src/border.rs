@@ -125,6 +125,16 @@ pub(crate) unsafe fn copy_out<T: Copy>(
     Ok(())
 }
 
+/// A text that ends with a zero byte; a longer one is cut between two characters.
+pub(crate) fn copy_text<const BYTES: usize>(text: &str) -> [c_char; BYTES] {
+    let mut copy = [0; BYTES];
+    let end = text.floor_char_boundary(BYTES - 1);
+    for (to, byte) in copy.iter_mut().zip(text[..end].bytes()) {
+        *to = byte.cast_signed() as c_char;
+    }
+    copy
+}
+
 /// Checks a pointer to a result before the work is done.
 pub(crate) fn check_out<T>(pointer: *mut T, argument: &'static str) -> Result<(), BindingError> {
     if pointer.is_null() {

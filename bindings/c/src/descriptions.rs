@@ -86,6 +86,8 @@ pub struct RhumbBodyDesc {
     pub has_damping: u8,
     /// Not zero: `mass` replaces volume times density.
     pub has_mass: u8,
+    /// Not zero: `moments` replace those of the shape, which go with the mass. Needs a mass.
+    pub has_moments: u8,
     /// Not zero: bodies pass through it.
     pub sensor: u8,
     /// Not zero: it is swept against moving bodies, so that it does not pass through them.
@@ -102,6 +104,8 @@ pub struct RhumbBodyDesc {
     pub angular_damping: f32,
     /// Kilograms.
     pub mass: f32,
+    /// Moments of inertia about the body's axes x, y, z, kg·m² whatever the scene's unit of length.
+    pub moments: [f32; 3],
     /// Factor on the scene's gravity.
     pub gravity_scale: f32,
     /// World axes along or about which the engine does not move it: bits 0 to 2 for translations along x, y, z, bits 3 to 5
@@ -248,6 +252,7 @@ impl RhumbBodyDesc {
         has_material: 0,
         has_damping: 0,
         has_mass: 0,
+        has_moments: 0,
         sensor: 0,
         swept: 0,
         friction: 0.5,
@@ -256,6 +261,7 @@ impl RhumbBodyDesc {
         linear_damping: 0.0,
         angular_damping: 0.0,
         mass: 1.0,
+        moments: [1.0; 3],
         gravity_scale: 1.0,
         locked_axes: 0,
         group_members: u32::MAX,
@@ -292,6 +298,7 @@ impl RhumbBodyDesc {
                 angular: self.angular_damping,
             }),
             mass: (self.has_mass != 0).then_some(self.mass),
+            moments: (self.has_moments != 0).then_some(Vec3::from_array(self.moments)),
             gravity_scale: self.gravity_scale,
             locked_axes: locked.ok_or_else(|| argument("locked_axes", "six bits"))?,
             groups: CollisionGroups {

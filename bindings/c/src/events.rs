@@ -5,7 +5,7 @@ use std::ffi::c_char;
 use rhumb_bindings::rhumb_client::BodyId;
 use rhumb_bindings::{EventRecord, body_word};
 
-use crate::border::{check_out, guard, write};
+use crate::border::{check_out, copy_text, guard, write};
 use crate::descriptions::RhumbBody;
 use crate::kinds::RhumbEventKind;
 use crate::scene::{RhumbScene, with};
@@ -78,11 +78,6 @@ impl RhumbEvent {
 
     fn of(record: &EventRecord) -> Self {
         let word = |id: Option<BodyId>| RhumbBody(id.map_or(0, body_word));
-        let mut text = [0; RHUMB_EVENT_TEXT_BYTES];
-        let end = record.text.floor_char_boundary(RHUMB_EVENT_TEXT_BYTES - 1);
-        for (to, byte) in text.iter_mut().zip(record.text[..end].bytes()) {
-            *to = byte.cast_signed() as c_char;
-        }
         Self {
             kind: RhumbEventKind::of(record.kind) as u32,
             separation: record.separation,
@@ -94,7 +89,7 @@ impl RhumbEvent {
             point: record.point.to_array(),
             normal: record.normal.to_array(),
             force: record.force,
-            text,
+            text: copy_text(&record.text),
         }
     }
 }
@@ -122,7 +117,7 @@ mod tests {
         assert_eq!((event.number, event.after, event.tick), (9, 7, 7));
         // SAFETY: the text of an event ends with a zero byte.
         let text = unsafe { CStr::from_ptr(event.text.as_ptr()) };
-        assert_eq!(text.to_str(), Ok("the scene has no body 4.1"));
+        assert_eq!(text.to_str(), Ok("the scene has no body 8589934597"));
     }
 
     #[test]

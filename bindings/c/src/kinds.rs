@@ -2,6 +2,7 @@
 //!
 //! A struct of C holds their numbers as `uint32_t`, because C does not keep a number within its enumeration.
 
+use rhumb_bindings::rhumb_client::Refusals;
 use rhumb_bindings::rhumb_client::scene::{BodyKind, JumpFrom, Stepping};
 use rhumb_bindings::{Coordinates, EventKind, JoinCondition, JointFreedom};
 
@@ -39,6 +40,16 @@ pub enum RhumbStepping {
     Lockstep,
     /// The scene steps by the server's clock: `rhumb_scene_poll`.
     FreeRunning,
+}
+
+/// How a client reports what the server refuses: commands, and requests for authority.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RhumbRefusals {
+    /// The next advance, wait or poll is `RHUMB_CODE_REFUSED`, after it has done its work. They are events as well.
+    Errors,
+    /// They are events alone, for an application that reads all events.
+    Events,
 }
 
 /// Kind of a body's motion.
@@ -232,6 +243,7 @@ pub(crate) const CONDITIONS: [JoinCondition; 3] = [
     JoinCondition::Join,
 ];
 
+pub(crate) const REFUSALS: [Refusals; 2] = [Refusals::Errors, Refusals::Events];
 pub(crate) const STEPPINGS: [Stepping; 2] = [Stepping::Lockstep, Stepping::FreeRunning];
 
 pub(crate) const BODY_KINDS: [BodyKind; 3] =

@@ -21,6 +21,7 @@ mod kinds;
 mod locomotion;
 mod poses;
 mod queries;
+mod refusals;
 mod scene;
 mod status;
 
@@ -34,5 +35,6 @@ pub use kinds::*;
 pub use locomotion::*;
 pub use poses::*;
 pub use queries::*;
+pub use refusals::*;
 pub use scene::*;
 pub use status::*;

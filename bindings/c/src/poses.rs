@@ -4,7 +4,7 @@ use rhumb_bindings::{BindingError, RemoteScene, parse_body_word};
 
 use crate::border::{check_out, copy_out, guard, value, write};
 use crate::descriptions::RhumbBody;
-use crate::scene::{RhumbScene, UNKNOWN_BODY, with};
+use crate::scene::{RhumbScene, with};
 use crate::status::RhumbCode;
 
 /// The arrays of a view. They have one order, which changes from view to view.
@@ -195,7 +195,7 @@ pub unsafe extern "C" fn rhumb_scene_place(
     guard(|| {
         check_out(place, "place")?;
         let id = parse_body_word(body.0)?;
-        let found = with(scene, |scene| scene.place(id).ok_or(UNKNOWN_BODY))?;
+        let found = with(scene, |scene| scene.place(id))?;
         // SAFETY: the caller promises the memory.
         unsafe { write(place, found, "place") }
     })

@@ -2,8 +2,8 @@
 
 use std::ffi::c_char;
 
-use rhumb_bindings::rhumb_client::PipelineDepth;
 use rhumb_bindings::rhumb_client::glam::Vec3;
+use rhumb_bindings::rhumb_client::{PipelineDepth, Tick};
 use rhumb_bindings::{BindingError, JoinParams, RemoteScene, body_word, parse_body_word};
 
 use crate::border::{
@@ -12,7 +12,7 @@ use crate::border::{
 use crate::connection::{RhumbConnection, seconds, take_for};
 use crate::descriptions::{RhumbBody, RhumbBodyDesc};
 use crate::handles::HandleTable;
-use crate::kinds::{CONDITIONS, COORDINATES, STEPPINGS};
+use crate::kinds::{CONDITIONS, COORDINATES, REFUSALS, STEPPINGS};
 use crate::status::RhumbCode;
 
 /// A client of one scene. All zeros is none.
@@ -53,6 +53,13 @@ pub struct RhumbJoinOptions {
     pub gravity: [f32; 3],
     /// Free running only: ticks by which the view stays behind the server's clock.
     pub delay_ticks: f64,
+    /// Free running only: ticks ahead of the server's clock by which bodies under authority are published. With the
+    /// network's delay and a little more, the server need not predict them.
+    pub lead_ticks: f64,
+    /// Free running only. Not zero: only whole ticks are shown, for an application with ticks of its own.
+    pub whole_ticks: u8,
+    /// A `RhumbRefusals`.
+    pub refusals: u32,
     /// Seconds for which a client tries to go on over another connection.
     pub resume_within_s: f64,
 }
@@ -79,6 +86,12 @@ pub struct RhumbStatistics {
     pub updates: u64,
     /// The newest tick at which every copy is within its tolerance.
     pub complete_tick: u64,
+    /// Updates of bodies that this client published under its authority, since it was granted.
+    pub upstream_updates: u64,
+    /// Packets of these updates.
+    pub upstream_packets: u64,
+    /// Bytes of these packets.
+    pub upstream_bytes: u64,
 }
 
 static SCENES: HandleTable<RemoteScene> = HandleTable::new();
@@ -113,6 +126,9 @@ pub unsafe extern "C" fn rhumb_join_options_init(options: *mut RhumbJoinOptions)
         has_resume_within: 0,
         gravity: [0.0; 3],
         delay_ticks: plain.delay_ticks,
+        lead_ticks: plain.lead_ticks,
+        whole_ticks: u8::from(plain.whole_ticks),
+        refusals: 0,
         resume_within_s: 0.0,
     };
     // SAFETY: the caller promises the memory.
@@ -135,6 +151,9 @@ impl RhumbJoinOptions {
             publish_interval: self.publish_interval,
             gravity: (self.has_gravity != 0).then_some(Vec3::from_array(self.gravity)),
             delay_ticks: self.delay_ticks,
+            lead_ticks: self.lead_ticks,
+            whole_ticks: self.whole_ticks != 0,
+            refusals: one_of(&REFUSALS, self.refusals, "options.refusals")?,
             smooth: self.smooth != 0,
             resume_within,
         })
@@ -190,8 +209,8 @@ pub extern "C" fn rhumb_scene_delete(scene: RhumbScene) -> RhumbCode {
 /// Queues the addition of `count` bodies, and writes their ids to `bodies` in the same order. If one is wrong, none is
 /// added.
 ///
-/// Queued commands are sent together, by the next call that waits or by `rhumb_scene_flush`. An event reports what became
-/// of each. Equal shapes are sent once.
+/// Queued commands are sent together, by the next call that waits or by `rhumb_scene_flush`. If the server refuses one, the
+/// next advance, wait or poll is `RHUMB_CODE_REFUSED`. An event reports what became of each. Equal shapes are sent once.
 ///
 /// # Safety
 ///
@@ -257,7 +276,8 @@ pub extern "C" fn rhumb_scene_flush(scene: RhumbScene) -> RhumbCode {
 /// At depth 0, the view is of the tick that this call requests. At depth 1, it is of the tick before, and the server
 /// computes the requested one meanwhile. `tick` may be null; otherwise it receives the tick of the view.
 ///
-/// After `RHUMB_CODE_TIMEOUT`, `rhumb_scene_wait` continues to wait for the same tick.
+/// After `RHUMB_CODE_TIMEOUT`, `rhumb_scene_wait` continues to wait for the same tick. After `RHUMB_CODE_REFUSED`, the tick
+/// is done and its view computed.
 ///
 /// # Safety
 ///
@@ -269,9 +289,12 @@ pub unsafe extern "C" fn rhumb_scene_advance(
     tick: *mut u64,
 ) -> RhumbCode {
     guard(|| {
-        let shown = with(scene, |scene| scene.advance(PipelineDepth::new(depth)))?;
         // SAFETY: the caller promises the memory.
-        unsafe { write_if_wanted(tick, shown.value(), "tick") }
+        unsafe {
+            step(scene, tick, |scene| {
+                scene.advance(PipelineDepth::new(depth))
+            })
+        }
     })
 }
 
@@ -287,13 +310,34 @@ pub unsafe extern "C" fn rhumb_scene_wait(
     tick: *mut u64,
 ) -> RhumbCode {
     guard(|| {
-        let shown = with(scene, |scene| scene.wait(PipelineDepth::new(depth)))?;
         // SAFETY: the caller promises the memory.
-        unsafe { write_if_wanted(tick, shown.value(), "tick") }
+        unsafe { step(scene, tick, |scene| scene.wait(PipelineDepth::new(depth))) }
     })
 }
 
-/// Computes the view of a free-running scene for the present moment, and does not wait. `time` may be null.
+/// Steps a scene, and writes the tick of the view: also beside refusals, for its view is computed then.
+///
+/// # Safety
+///
+/// `tick` is null or points to memory for a number.
+unsafe fn step(
+    scene: RhumbScene,
+    tick: *mut u64,
+    call: impl FnOnce(&mut RemoteScene) -> Result<Tick, BindingError>,
+) -> Result<(), BindingError> {
+    let (stepped, shown) = with(scene, |scene| {
+        let stepped = call(scene);
+        Ok((stepped, scene.time().tick))
+    })?;
+    if matches!(stepped, Ok(_) | Err(BindingError::Refused(_))) {
+        // SAFETY: the caller promises the memory.
+        unsafe { write_if_wanted(tick, shown.value(), "tick") }?;
+    }
+    stepped.map(|_| ())
+}
+
+/// Computes the view of a free-running scene for the present moment, and does not wait. A lockstep scene stands still until
+/// a client advances it. `time` may be null. After `RHUMB_CODE_REFUSED`, the view is computed.
 ///
 /// # Safety
 ///
@@ -301,13 +345,19 @@ pub unsafe extern "C" fn rhumb_scene_wait(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn rhumb_scene_poll(scene: RhumbScene, time: *mut RhumbTime) -> RhumbCode {
     guard(|| {
-        let shown = with(scene, RemoteScene::poll)?;
+        let (polled, shown) = with(scene, |scene| {
+            let polled = scene.poll();
+            Ok((polled, scene.time()))
+        })?;
         let shown = RhumbTime {
             tick: shown.tick.value(),
             fraction: shown.fraction,
         };
-        // SAFETY: the caller promises the memory.
-        unsafe { write_if_wanted(time, shown, "time") }
+        if matches!(polled, Ok(_) | Err(BindingError::Refused(_))) {
+            // SAFETY: the caller promises the memory.
+            unsafe { write_if_wanted(time, shown, "time") }?;
+        }
+        polled.map(|_| ())
     })
 }
 
@@ -320,11 +370,12 @@ pub extern "C" fn rhumb_scene_idle(scene: RhumbScene, duration_s: f64) -> RhumbC
     })
 }
 
-/// Writes how far any point of each of `count` bodies may be off at the newest tick of the stream, in the scene's unit of
-/// length.
+/// Writes how far any point of each of `count` bodies, as the view shows them, may be from its true place at the moment of
+/// the view, in the scene's unit of length. `rhumb_scene_poses` lends the bodies of the view.
 ///
-/// A bound is infinite while a packet that may hold an update of the body is missing. A body that the copy does not have is
-/// `RHUMB_CODE_INVALID`.
+/// A bound is infinite while nothing finite is known: a packet that may hold an update of the body is missing, or a
+/// free-running view shows a moment of which the news has not arrived. With `delay_ticks` of the network's delay and a
+/// little more, it is finite. A body that is not in the view is `RHUMB_CODE_INVALID`.
 ///
 /// # Safety
 ///
@@ -340,9 +391,34 @@ pub unsafe extern "C" fn rhumb_scene_error_bounds(
         // SAFETY: the caller promises the ids.
         let bodies = unsafe { elements(bodies, count, "bodies") }?;
         let values = with(scene, |scene| {
+            let bound = |body: &RhumbBody| scene.error_bound(parse_body_word(body.0)?);
+            bodies.iter().map(bound).collect::<Result<Vec<_>, _>>()
+        })?;
+        // SAFETY: the caller promises memory for `count` numbers.
+        unsafe { copy_out(bounds, count, &values, "bounds") }
+    })
+}
+
+/// Writes how far any point of each of `count` bodies may be off at a tick by what is known of them, whatever the view
+/// shows, in the scene's unit of length. A body that the copy does not have is `RHUMB_CODE_INVALID`.
+///
+/// # Safety
+///
+/// `bodies` points to `count` ids, `bounds` to memory for `count` numbers.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn rhumb_scene_tick_error_bounds(
+    scene: RhumbScene,
+    tick: u64,
+    bodies: *const RhumbBody,
+    count: usize,
+    bounds: *mut f32,
+) -> RhumbCode {
+    guard(|| {
+        // SAFETY: the caller promises the ids.
+        let bodies = unsafe { elements(bodies, count, "bodies") }?;
+        let values = with(scene, |scene| {
             let bound = |body: &RhumbBody| {
-                let id = parse_body_word(body.0)?;
-                scene.error_bound(id).ok_or(UNKNOWN_BODY)
+                scene.tick_error_bound(parse_body_word(body.0)?, Tick::new(tick))
             };
             bodies.iter().map(bound).collect::<Result<Vec<_>, _>>()
         })?;
@@ -351,11 +427,12 @@ pub unsafe extern "C" fn rhumb_scene_error_bounds(
     })
 }
 
-/// Error for a body that is not in the copy of the scene.
-pub(crate) const UNKNOWN_BODY: BindingError = BindingError::Argument {
-    argument: "body",
-    needed: "in the copy of the scene; it is not there yet, or was removed",
-};
+/// Sets the ticks by which bodies under authority are published ahead of the server's clock, in place of `lead_ticks` of
+/// the options: finite and not negative.
+#[unsafe(no_mangle)]
+pub extern "C" fn rhumb_scene_set_lead_ticks(scene: RhumbScene, ticks: f64) -> RhumbCode {
+    guard(|| with(scene, |scene| scene.set_lead_ticks(ticks)))
+}
 
 /// Writes the statistics of the client.
 ///
@@ -374,6 +451,9 @@ pub unsafe extern "C" fn rhumb_scene_statistics(
             received_bytes: now.wire.received_bytes,
             updates: now.stream.updates,
             complete_tick: now.complete.value(),
+            upstream_updates: now.upstream.updates,
+            upstream_packets: now.upstream.packets,
+            upstream_bytes: now.upstream.bytes,
         };
         // SAFETY: the caller promises the memory.
         unsafe { write(statistics, now, "statistics") }

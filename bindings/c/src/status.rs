@@ -33,6 +33,9 @@ pub enum RhumbCode {
     SceneGone,
     /// A fault of this library. The scene can only be closed.
     Fault,
+    /// The server refused requests of earlier calls, which `rhumb_scene_poll_refusal` names. The call did what it says all
+    /// the same, and the next one goes on.
+    Refused,
 }
 
 impl RhumbCode {
@@ -49,6 +52,7 @@ impl RhumbCode {
             ErrorKind::Ended => Self::Ended,
             ErrorKind::SceneGone => Self::SceneGone,
             ErrorKind::Fault => Self::Fault,
+            ErrorKind::Refused => Self::Refused,
         }
     }
 }

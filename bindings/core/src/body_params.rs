@@ -4,7 +4,7 @@ use glam::{Quat, Vec3};
 use rhumb_client::Damping;
 use rhumb_client::ToleranceScale;
 use rhumb_client::scene::{
-    BodyBuilder, BodyDesc, BodyKind, CollisionGroups, LockedAxes, Material, Shape,
+    BodyBuilder, BodyDesc, BodyKind, CollisionGroups, LockedAxes, Mass, Material, Shape,
 };
 
 use crate::coordinates::Coordinates;
@@ -31,6 +31,8 @@ pub struct BodyParams {
     pub damping: Option<Damping>,
     /// Kilograms; `None`: volume times density.
     pub mass: Option<f32>,
+    /// Moments of inertia about its own axes, kg·m² in any coordinates; `None`: those of its shape. Needs a mass.
+    pub moments: Option<Vec3>,
     /// Factor on the scene's gravity.
     pub gravity_scale: f32,
     /// World axes along or about which the engine does not move it, in the application's order.
@@ -59,6 +61,7 @@ impl BodyParams {
             material: None,
             damping: None,
             mass: None,
+            moments: None,
             gravity_scale: 1.0,
             locked_axes: LockedAxes::NONE,
             groups: CollisionGroups::ALL,
@@ -95,8 +98,18 @@ impl BodyParams {
         if let Some(damping) = self.damping {
             builder = builder.damping(damping);
         }
-        if let Some(mass) = self.mass {
-            builder = builder.mass(mass);
+        match (self.mass, self.moments) {
+            (None, None) => {}
+            (None, Some(_)) => {
+                return Err(BindingError::Argument {
+                    argument: "moments",
+                    needed: "beside a mass",
+                });
+            }
+            (Some(mass), moments) => {
+                let moments = moments.map(|moments| coordinates.moments_in(moments));
+                builder = builder.mass_of(Mass { mass, moments });
+            }
         }
         if self.sensor {
             builder = builder.as_sensor();

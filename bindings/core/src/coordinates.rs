@@ -168,6 +168,14 @@ impl Coordinates {
         turned * self.metres_per_unit()
     }
 
+    /// Moments of inertia about a body's axes, kg·m² whatever the unit of length.
+    pub(crate) const fn moments_in(self, moments: Vec3) -> Vec3 {
+        match self {
+            Self::Rhumb | Self::Unity => moments,
+            Self::Unreal | Self::ZUp => Vec3::new(moments.x, moments.z, moments.y),
+        }
+    }
+
     /// A set of axes without motion.
     #[must_use]
     pub fn locked_axes_in(self, locked: LockedAxes) -> LockedAxes {

@@ -6,10 +6,12 @@ use std::fmt;
 
 use rhumb_client::scene::Invalid;
 use rhumb_client::{
-    ClientError, FingerprintError, InvalidMotion, InvalidTolerance, Misuse, OpenError, QueryError,
+    BodyId, ClientError, FingerprintError, InvalidMotion, InvalidTolerance, Misuse, OpenError,
+    QueryError,
 };
 
-use crate::body_word::InvalidBodyWord;
+use crate::body_word::{InvalidBodyWord, body_word};
+use crate::refusal_record::RefusalRecord;
 
 /// Reason why a call of a binding failed.
 #[derive(Debug)]
@@ -23,7 +25,16 @@ pub enum BindingError {
     /// A number is not allowed.
     Invalid(Invalid),
     /// A tolerance is not allowed.
-    Tolerance(InvalidTolerance),
+    Tolerance {
+        /// The tolerance, metres.
+        metres: f64,
+        /// The rule that it breaks.
+        cause: InvalidTolerance,
+    },
+    /// The server refused requests of earlier calls: at least one. The call did what it says.
+    Refused(Vec<RefusalRecord>),
+    /// The view does not have the body.
+    NotInView(BodyId),
     /// A state of a body is not allowed.
     Motion(InvalidMotion),
     /// The text is no fingerprint.
@@ -36,6 +47,15 @@ pub enum BindingError {
         argument: &'static str,
         /// The rule that it breaks.
         needed: &'static str,
+    },
+    /// The value of an argument is wrong.
+    Value {
+        /// Its name.
+        argument: &'static str,
+        /// The value, as the caller wrote it.
+        found: String,
+        /// The rule that it breaks: the rest of "it must be".
+        needed: String,
     },
     /// An argument that must not be null is null.
     Null(&'static str),
@@ -84,6 +104,37 @@ pub enum ErrorKind {
 }
 
 impl BindingError {
+    /// The value of an argument breaks a rule, the rest of "it must be".
+    #[must_use]
+    pub fn value(
+        argument: &'static str,
+        found: impl fmt::Display,
+        needed: impl fmt::Display,
+    ) -> Self {
+        Self::Value {
+            argument,
+            found: found.to_string(),
+            needed: needed.to_string(),
+        }
+    }
+
+    /// A word that is none of several.
+    #[must_use]
+    pub fn word<'a>(
+        argument: &'static str,
+        found: &str,
+        words: impl IntoIterator<Item = &'a str>,
+    ) -> Self {
+        let words: Vec<_> = words.into_iter().map(|word| format!("{word:?}")).collect();
+        let needed = match words.split_last() {
+            Some((last, others)) if !others.is_empty() => {
+                format!("{} or {last}", others.join(", "))
+            }
+            _ => words.concat(),
+        };
+        Self::value(argument, format_args!("{found:?}"), needed)
+    }
+
     /// The kind of the error.
     #[must_use]
     pub const fn kind(&self) -> ErrorKind {
@@ -107,8 +158,11 @@ impl BindingError {
                     ErrorKind::Denied
                 }
             },
+            Self::Refused(_) => ErrorKind::Refused,
             Self::Invalid(_)
-            | Self::Tolerance(_)
+            | Self::Tolerance { .. }
+            | Self::NotInView(_)
+            | Self::Value { .. }
             | Self::Motion(_)
             | Self::Fingerprint(_)
             | Self::Body(_)
@@ -141,7 +195,27 @@ impl fmt::Display for BindingError {
             Self::Client(cause) => cause.fmt(f),
             Self::Query(cause) => cause.fmt(f),
             Self::Invalid(cause) => cause.fmt(f),
-            Self::Tolerance(cause) => cause.fmt(f),
+            Self::Tolerance { metres, cause } => write!(f, "a tolerance of {metres} m: {cause}"),
+            Self::Refused(records) => {
+                let Some((first, more)) = records.split_first() else {
+                    return Ok(());
+                };
+                first.fmt(f)?;
+                match more.len() {
+                    0 => Ok(()),
+                    more => write!(f, " (and {more} more refusals)"),
+                }
+            }
+            Self::NotInView(id) => write!(
+                f,
+                "body {} is not in the view: it is not there yet, or was removed",
+                body_word(*id)
+            ),
+            Self::Value {
+                argument,
+                found,
+                needed,
+            } => write!(f, "{argument} is {found}, and must be {needed}"),
             Self::Motion(cause) => cause.fmt(f),
             Self::Fingerprint(cause) => cause.fmt(f),
             Self::Body(cause) => cause.fmt(f),
@@ -169,19 +243,18 @@ impl From<OpenError> for BindingError {
 
 impl From<ClientError> for BindingError {
     fn from(error: ClientError) -> Self {
-        Self::Client(error)
+        match error {
+            ClientError::Refused(refused) => {
+                Self::Refused(refused.refusals().iter().map(RefusalRecord::new).collect())
+            }
+            error => Self::Client(error),
+        }
     }
 }
 
 impl From<Invalid> for BindingError {
     fn from(invalid: Invalid) -> Self {
         Self::Invalid(invalid)
-    }
-}
-
-impl From<InvalidTolerance> for BindingError {
-    fn from(invalid: InvalidTolerance) -> Self {
-        Self::Tolerance(invalid)
     }
 }
 

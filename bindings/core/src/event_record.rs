@@ -5,13 +5,14 @@ use rhumb_client::scene::BodyEvent;
 use rhumb_client::{BodyId, ClientError, Event, RemovalCause, Tick};
 
 use crate::coordinates::Coordinates;
+use crate::refusal_record::with_word;
 
 /// The kind of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EventKind {
     /// All commands up to `number` were applied or refused; they act in the step after `tick`.
     CommandsApplied,
-    /// The command `number` was refused; `text` says why.
+    /// The command `number` was refused; `text` says why, and `body` is one that the reason names.
     CommandRefused,
     /// `body` was placed in the scene, or its description was replaced.
     BodyPlaced,
@@ -57,7 +58,7 @@ pub enum EventKind {
     Durable,
     /// The server granted authority over as many bodies as `number` says.
     AuthorityGranted,
-    /// The server denied authority; `text` says why.
+    /// The server denied authority; `text` says why, and `body` is one that the reason names.
     AuthorityDenied,
     /// The server denied a request; `text` says why.
     Denied,
@@ -162,7 +163,8 @@ impl EventRecord {
             },
             Event::Refused { number, error } => Self {
                 number,
-                text: error.to_string(),
+                body: error.body(),
+                text: with_word(error.to_string(), error.body()),
                 ..plain(EventKind::CommandRefused)
             },
             Event::BodyPlaced(id) => plain(EventKind::BodyPlaced).about(id),
@@ -213,7 +215,11 @@ impl EventRecord {
                 number: bodies.len() as u64,
                 ..plain(EventKind::AuthorityGranted)
             },
-            Event::AuthorityDenied(error) => plain(EventKind::AuthorityDenied).because(&error),
+            Event::AuthorityDenied(error) => Self {
+                body: error.body(),
+                text: with_word(error.to_string(), error.body()),
+                ..plain(EventKind::AuthorityDenied)
+            },
             Event::Denied(denial) => plain(EventKind::Denied).because(&denial),
             other => plain(EventKind::Other).because(&format_args!("{other:?}")),
         }

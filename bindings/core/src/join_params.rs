@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use glam::Vec3;
 use rhumb_client::scene::{PublishSchedule, SceneConfig, Stepping};
-use rhumb_client::{JoinMode, JoinOptions, Metres, Rate, StreamChoice, Tolerance};
+use rhumb_client::{JoinMode, JoinOptions, Metres, Rate, Refusals, StreamChoice, Tolerance};
 
 use crate::coordinates::Coordinates;
 use crate::error::BindingError;
@@ -43,8 +43,14 @@ pub struct JoinParams {
     pub gravity: Option<Vec3>,
     /// Free running only: ticks by which the view stays behind the server's clock.
     pub delay_ticks: f64,
+    /// Free running only: ticks ahead of the server's clock by which bodies under authority are published.
+    pub lead_ticks: f64,
+    /// Free running only: whether only whole ticks are shown.
+    pub whole_ticks: bool,
     /// Free running only: whether corrections are shown as short glides.
     pub smooth: bool,
+    /// Whether what the server refuses is an error of the next call that computes the view, or an event alone.
+    pub refusals: Refusals,
     /// Time for which the client tries to resume over another connection; `None`: as the scene suggests.
     pub resume_within: Option<Duration>,
 }
@@ -62,7 +68,10 @@ impl Default for JoinParams {
             publish_interval: config.publish_schedule.publish_interval.get(),
             gravity: None,
             delay_ticks: 0.0,
+            lead_ticks: 0.0,
+            whole_ticks: false,
             smooth: true,
+            refusals: Refusals::default(),
             resume_within: None,
         }
     }
@@ -76,28 +85,34 @@ impl JoinParams {
     /// [`BindingError`] for a tolerance that no stream can have, and for zero ticks, substeps or
     /// publish interval.
     pub fn options(&self) -> Result<JoinOptions, BindingError> {
-        let argument = |argument, needed| BindingError::Argument { argument, needed };
+        let zero = |argument| BindingError::value(argument, 0, "at least 1");
         let mut config = SceneConfig {
             stepping: self.stepping,
             ..SceneConfig::default()
         };
-        config.integrator.rate = Rate::new(self.ticks_per_second, 1)
-            .ok_or_else(|| argument("ticks_per_second", "at least 1"))?;
+        config.integrator.rate =
+            Rate::new(self.ticks_per_second, 1).ok_or_else(|| zero("ticks_per_second"))?;
         config.integrator.substeps =
-            NonZeroU32::new(self.substeps).ok_or_else(|| argument("substeps", "at least 1"))?;
+            NonZeroU32::new(self.substeps).ok_or_else(|| zero("substeps"))?;
         config.publish_schedule = PublishSchedule {
             publish_interval: NonZeroU32::new(self.publish_interval)
-                .ok_or_else(|| argument("publish_interval", "at least 1"))?,
+                .ok_or_else(|| zero("publish_interval"))?,
             ..config.publish_schedule
         };
         if let Some(gravity) = self.gravity {
             config.gravity = self.coordinates.vector_in(gravity);
         }
         config.check()?;
-        if !(self.delay_ticks >= 0.0 && self.delay_ticks.is_finite()) {
-            return Err(argument("delay_ticks", "finite and not negative"));
+        for (argument, ticks) in [
+            ("delay_ticks", self.delay_ticks),
+            ("lead_ticks", self.lead_ticks),
+        ] {
+            if !(ticks >= 0.0 && ticks.is_finite()) {
+                let needed = "finite and not negative";
+                return Err(BindingError::value(argument, ticks, needed));
+            }
         }
-        let tolerance = Tolerance::from_metres(Metres::new(self.tolerance_m))?;
+        let tolerance = tolerance(self.tolerance_m)?;
         Ok(JoinOptions {
             mode: match self.condition {
                 JoinCondition::CreateOrJoin => JoinMode::CreateOrJoin(config),
@@ -106,11 +121,19 @@ impl JoinParams {
             },
             stream: StreamChoice::Within(tolerance),
             delay_ticks: self.delay_ticks,
+            lead_ticks: self.lead_ticks,
+            whole_ticks: self.whole_ticks,
+            refusals: self.refusals,
             smooth: self.smooth,
             resume_within: self.resume_within,
-            ..JoinOptions::default()
         })
     }
+}
+
+/// A tolerance, or the error that names it.
+pub(crate) fn tolerance(metres: f64) -> Result<Tolerance, BindingError> {
+    let checked = Tolerance::from_metres(Metres::new(metres));
+    checked.map_err(|cause| BindingError::Tolerance { metres, cause })
 }
 
 #[cfg(test)]
@@ -125,7 +148,10 @@ mod tests {
         assert_eq!(options.mode, default.mode);
         assert_eq!(options.stream, default.stream);
         assert_eq!(options.delay_ticks, default.delay_ticks);
+        assert_eq!(options.lead_ticks, default.lead_ticks);
+        assert_eq!(options.whole_ticks, default.whole_ticks);
         assert_eq!(options.smooth, default.smooth);
+        assert_eq!(options.refusals, default.refusals);
         assert_eq!(options.resume_within, default.resume_within);
     }
 
@@ -171,6 +197,10 @@ mod tests {
             },
             JoinParams {
                 delay_ticks: f64::NAN,
+                ..default
+            },
+            JoinParams {
+                lead_ticks: -1.0,
                 ..default
             },
         ];

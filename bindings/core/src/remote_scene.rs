@@ -2,13 +2,14 @@
 //!
 //! It adds nothing to the client but conversions, whole batches, and arrays that stay until the next view.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use glam::{Quat, Vec3};
 use rhumb_client::scene::{Answer, Command, Query};
 use rhumb_client::{
-    BodyId, BodyState, Client, ClientError, ErrorBound, Metres, PipelineDepth, RenderTime,
-    ServerConnection, Statistics, Tick, Tolerance,
+    BodyId, BodyState, Client, ClientError, ErrorBound, PipelineDepth, RenderTime,
+    ServerConnection, Statistics, Tick,
 };
 
 use crate::body_params::BodyParams;
@@ -16,7 +17,8 @@ use crate::converted_view::ConvertedView;
 use crate::coordinates::Coordinates;
 use crate::error::BindingError;
 use crate::event_record::EventRecord;
-use crate::join_params::JoinParams;
+use crate::join_params::{JoinParams, tolerance};
+use crate::refusal_record::RefusalRecord;
 
 /// A body that a query found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,6 +54,10 @@ pub struct StateRecord {
 pub struct RemoteScene {
     client: Client,
     view: ConvertedView,
+    /// Of the last call that the refusals made an error.
+    refusals: VecDeque<RefusalRecord>,
+    /// Of the last [`Self::error_bounds`].
+    error_bounds: Vec<f32>,
 }
 
 impl RemoteScene {
@@ -70,6 +76,8 @@ impl RemoteScene {
         Ok(Self {
             client,
             view: ConvertedView::new(params.coordinates),
+            refusals: VecDeque::new(),
+            error_bounds: Vec::new(),
         })
     }
 
@@ -123,7 +131,7 @@ impl RemoteScene {
         bodies: &[BodyId],
         tolerance_m: f64,
     ) -> Result<(), BindingError> {
-        let tolerance = Tolerance::from_metres(Metres::new(tolerance_m))?;
+        let tolerance = tolerance(tolerance_m)?;
         Ok(self.client.take_authority(bodies, tolerance)?)
     }
 
@@ -161,14 +169,15 @@ impl RemoteScene {
         self.client.flush();
     }
 
-    /// Steps a lockstep scene once, and computes the view: as [`Client::advance`].
+    /// Steps a lockstep scene once, and computes the view, also beside refusals: as [`Client::advance`].
     ///
     /// # Errors
     ///
     /// As [`Client::advance`].
     pub fn advance(&mut self, depth: PipelineDepth) -> Result<Tick, BindingError> {
         self.view.expire();
-        Ok(self.client.advance(depth)?)
+        let advanced = self.client.advance(depth);
+        self.reported(advanced)
     }
 
     /// Waits for the tick of the last advance that timed out, and computes the view.
@@ -178,7 +187,8 @@ impl RemoteScene {
     /// As [`Client::wait`].
     pub fn wait(&mut self, depth: PipelineDepth) -> Result<Tick, BindingError> {
         self.view.expire();
-        Ok(self.client.wait(depth)?)
+        let waited = self.client.wait(depth);
+        self.reported(waited)
     }
 
     /// Computes the view of a free-running scene for the present moment. Does not wait.
@@ -188,7 +198,22 @@ impl RemoteScene {
     /// As [`Client::poll`].
     pub fn poll(&mut self) -> Result<RenderTime, BindingError> {
         self.view.expire();
-        Ok(self.client.poll()?)
+        let polled = self.client.poll();
+        self.reported(polled)
+    }
+
+    /// Keeps the refusals of a call for [`Self::poll_refusal`].
+    fn reported<T>(&mut self, result: Result<T, ClientError>) -> Result<T, BindingError> {
+        let result = result.map_err(BindingError::from);
+        if let Err(BindingError::Refused(records)) = &result {
+            self.refusals = records.iter().cloned().collect();
+        }
+        result
+    }
+
+    /// The oldest refusal of the last call that was [`BindingError::Refused`], once.
+    pub fn poll_refusal(&mut self) -> Option<RefusalRecord> {
+        self.refusals.pop_front()
     }
 
     /// Handles received data for a time, without computing the view.
@@ -257,9 +282,13 @@ impl RemoteScene {
     }
 
     /// Place of a body in the arrays.
-    #[must_use]
-    pub fn place(&self, body: BodyId) -> Option<usize> {
-        self.client.view().place(body)
+    ///
+    /// # Errors
+    ///
+    /// [`BindingError::NotInView`].
+    pub fn place(&self, body: BodyId) -> Result<usize, BindingError> {
+        let place = self.client.view().place(body);
+        place.ok_or(BindingError::NotInView(body))
     }
 
     /// Words of the bodies of the view. The other arrays have the same order.
@@ -303,25 +332,56 @@ impl RemoteScene {
         self.view.removed(self.client.view())
     }
 
-    /// How far any point of a body may be off at the newest tick of the stream, in units of length.
+    /// How far any point of a body as the view shows it may be from its true place at the moment of the view, in units of
+    /// length.
     ///
-    /// Infinite while a packet that may hold an update of the body is missing. `None` for a body that the copy does not
-    /// have.
-    #[must_use]
-    pub fn error_bound(&self, body: BodyId) -> Option<f32> {
-        Some(match self.client.error_bound(body)? {
-            ErrorBound::Within(distance) => {
-                let unit = f64::from(self.coordinates().metres_per_unit());
-                let exact = distance.metres() / unit;
-                let near = exact as f32;
-                // Rounded up, so that it stays a bound.
-                match f64::from(near) < exact {
-                    true => near.next_up(),
-                    false => near,
-                }
-            }
-            ErrorBound::Unknown { .. } => f32::INFINITY,
-        })
+    /// Infinite while nothing finite is known: a packet that may hold an update of the body is missing, or the view shows
+    /// a moment of which the news has not arrived.
+    ///
+    /// # Errors
+    ///
+    /// [`BindingError::NotInView`].
+    pub fn error_bound(&self, body: BodyId) -> Result<f32, BindingError> {
+        let bound = self.client.error_bound(body);
+        let bound = bound.ok_or(BindingError::NotInView(body))?;
+        Ok(self.units_up(bound))
+    }
+
+    /// The bounds of all bodies of the view, in the order of the arrays: see [`Self::error_bound`].
+    pub fn error_bounds(&mut self) -> &[f32] {
+        let unit = f64::from(self.coordinates().metres_per_unit());
+        let bounds = self.client.error_bounds();
+        self.error_bounds.clear();
+        self.error_bounds
+            .extend(bounds.map(|bound| units_up(bound, unit)));
+        &self.error_bounds
+    }
+
+    /// How far any point of a body may be off at a tick by what is known of it, whatever the view shows, in units of
+    /// length: the bound of its track.
+    ///
+    /// # Errors
+    ///
+    /// [`BindingError::NotInView`] for a body that the copy does not have.
+    pub fn tick_error_bound(&self, body: BodyId, tick: Tick) -> Result<f32, BindingError> {
+        let bound = self.client.tick_error_bound(body, tick);
+        let bound = bound.ok_or(BindingError::NotInView(body))?;
+        Ok(self.units_up(bound))
+    }
+
+    fn units_up(&self, bound: ErrorBound) -> f32 {
+        units_up(bound, f64::from(self.coordinates().metres_per_unit()))
+    }
+
+    /// Sets the ticks by which bodies under authority are published ahead of the server's clock: as
+    /// [`Client::set_lead_ticks`].
+    ///
+    /// # Errors
+    ///
+    /// [`BindingError::Value`] for a number that is negative or not finite.
+    pub fn set_lead_ticks(&mut self, ticks: f64) -> Result<(), BindingError> {
+        let set = self.client.set_lead_ticks(ticks);
+        set.map_err(|_| BindingError::value("ticks", ticks, "finite and not negative"))
     }
 
     /// Statistics of the connection and of the stream.
@@ -342,5 +402,15 @@ impl RemoteScene {
     /// Leaves the scene and closes the connection.
     pub fn close(self) {
         self.client.close();
+    }
+}
+
+/// A bound in units of so many metres, rounded up, so that it stays a bound.
+fn units_up(bound: ErrorBound, unit: f64) -> f32 {
+    let exact = bound.metres() / unit;
+    let near = exact as f32;
+    match f64::from(near) < exact {
+        true => near.next_up(),
+        false => near,
     }
 }

@@ -121,8 +121,8 @@ namespace Rhumb
         ///  Queues the addition of `count` bodies, and writes their ids to `bodies` in the same order. If one is wrong, none is
         ///  added.
         ///
-        ///  Queued commands are sent together, by the next call that waits or by `rhumb_scene_flush`. An event reports what became
-        ///  of each. Equal shapes are sent once.
+        ///  Queued commands are sent together, by the next call that waits or by `rhumb_scene_flush`. If the server refuses one, the
+        ///  next advance, wait or poll is `RHUMB_CODE_REFUSED`. An event reports what became of each. Equal shapes are sent once.
         ///
         ///  # Safety
         ///
@@ -157,7 +157,8 @@ namespace Rhumb
         ///  At depth 0, the view is of the tick that this call requests. At depth 1, it is of the tick before, and the server
         ///  computes the requested one meanwhile. `tick` may be null; otherwise it receives the tick of the view.
         ///
-        ///  After `RHUMB_CODE_TIMEOUT`, `rhumb_scene_wait` continues to wait for the same tick.
+        ///  After `RHUMB_CODE_TIMEOUT`, `rhumb_scene_wait` continues to wait for the same tick. After `RHUMB_CODE_REFUSED`, the tick
+        ///  is done and its view computed.
         ///
         ///  # Safety
         ///
@@ -177,7 +178,8 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_wait(RhumbScene scene, uint depth, ulong* tick);
 
         /// <summary>
-        ///  Computes the view of a free-running scene for the present moment, and does not wait. `time` may be null.
+        ///  Computes the view of a free-running scene for the present moment, and does not wait. A lockstep scene stands still until
+        ///  a client advances it. `time` may be null. After `RHUMB_CODE_REFUSED`, the view is computed.
         ///
         ///  # Safety
         ///
@@ -193,11 +195,12 @@ namespace Rhumb
         public static extern RhumbCode rhumb_scene_idle(RhumbScene scene, double duration_s);
 
         /// <summary>
-        ///  Writes how far any point of each of `count` bodies may be off at the newest tick of the stream, in the scene's unit of
-        ///  length.
+        ///  Writes how far any point of each of `count` bodies, as the view shows them, may be from its true place at the moment of
+        ///  the view, in the scene's unit of length. `rhumb_scene_poses` lends the bodies of the view.
         ///
-        ///  A bound is infinite while a packet that may hold an update of the body is missing. A body that the copy does not have is
-        ///  `RHUMB_CODE_INVALID`.
+        ///  A bound is infinite while nothing finite is known: a packet that may hold an update of the body is missing, or a
+        ///  free-running view shows a moment of which the news has not arrived. With `delay_ticks` of the network's delay and a
+        ///  little more, it is finite. A body that is not in the view is `RHUMB_CODE_INVALID`.
         ///
         ///  # Safety
         ///
@@ -205,6 +208,24 @@ namespace Rhumb
         /// </summary>
         [DllImport(__DllName, EntryPoint = "rhumb_scene_error_bounds", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
         public static extern RhumbCode rhumb_scene_error_bounds(RhumbScene scene, RhumbBody* bodies, System.UIntPtr count, float* bounds);
+
+        /// <summary>
+        ///  Writes how far any point of each of `count` bodies may be off at a tick by what is known of them, whatever the view
+        ///  shows, in the scene's unit of length. A body that the copy does not have is `RHUMB_CODE_INVALID`.
+        ///
+        ///  # Safety
+        ///
+        ///  `bodies` points to `count` ids, `bounds` to memory for `count` numbers.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_tick_error_bounds", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_tick_error_bounds(RhumbScene scene, ulong tick, RhumbBody* bodies, System.UIntPtr count, float* bounds);
+
+        /// <summary>
+        ///  Sets the ticks by which bodies under authority are published ahead of the server's clock, in place of `lead_ticks` of
+        ///  the options: finite and not negative.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_set_lead_ticks", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_set_lead_ticks(RhumbScene scene, double ticks);
 
         /// <summary>
         ///  Writes the statistics of the client.
@@ -355,8 +376,12 @@ namespace Rhumb
         ///  Requests authority over `count` kinematic bodies, in place of the bodies that this client has authority over now. None
         ///  ends the authority.
         ///
-        ///  The server's bodies are then within the tolerance, metres in any coordinates, of the states of `rhumb_scene_publish`. It
-        ///  is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers.
+        ///  One client has authority over 256 bodies at most; more are `RHUMB_CODE_INVALID`. The server's bodies are then within the
+        ///  tolerance, metres in any coordinates, of the states of `rhumb_scene_publish`. The tolerance of a stream adds to it: a
+        ///  client that follows these bodies within 0.05 m sees them within 0.07 m of the publisher's if that one's is 0.02 m.
+        ///
+        ///  It is sent at once. An event, `RHUMB_EVENT_KIND_AUTHORITY_GRANTED` or `RHUMB_EVENT_KIND_AUTHORITY_DENIED`, answers; a
+        ///  denial is also `RHUMB_CODE_REFUSED` of the next advance, wait or poll.
         ///
         ///  # Safety
         ///
@@ -590,6 +615,10 @@ namespace Rhumb
         /// </summary>
         public byte has_mass;
         /// <summary>
+        ///  Not zero: `moments` replace those of the shape, which go with the mass. Needs a mass.
+        /// </summary>
+        public byte has_moments;
+        /// <summary>
         ///  Not zero: bodies pass through it.
         /// </summary>
         public byte sensor;
@@ -621,6 +650,10 @@ namespace Rhumb
         ///  Kilograms.
         /// </summary>
         public float mass;
+        /// <summary>
+        ///  Moments of inertia about the body's axes x, y, z, kg·m² whatever the scene's unit of length.
+        /// </summary>
+        public fixed float moments[3];
         /// <summary>
         ///  Factor on the scene's gravity.
         /// </summary>
@@ -753,6 +786,19 @@ namespace Rhumb
         /// </summary>
         public double delay_ticks;
         /// <summary>
+        ///  Free running only: ticks ahead of the server's clock by which bodies under authority are published. With the
+        ///  network's delay and a little more, the server need not predict them.
+        /// </summary>
+        public double lead_ticks;
+        /// <summary>
+        ///  Free running only. Not zero: only whole ticks are shown, for an application with ticks of its own.
+        /// </summary>
+        public byte whole_ticks;
+        /// <summary>
+        ///  A `RhumbRefusals`.
+        /// </summary>
+        public uint refusals;
+        /// <summary>
         ///  Seconds for which a client tries to go on over another connection.
         /// </summary>
         public double resume_within_s;
@@ -796,6 +842,18 @@ namespace Rhumb
         ///  The newest tick at which every copy is within its tolerance.
         /// </summary>
         public ulong complete_tick;
+        /// <summary>
+        ///  Updates of bodies that this client published under its authority, since it was granted.
+        /// </summary>
+        public ulong upstream_updates;
+        /// <summary>
+        ///  Packets of these updates.
+        /// </summary>
+        public ulong upstream_packets;
+        /// <summary>
+        ///  Bytes of these packets.
+        /// </summary>
+        public ulong upstream_bytes;
     }
 
     /// <summary>
@@ -1409,6 +1467,11 @@ namespace Rhumb
         ///  A fault of this library. The scene can only be closed.
         /// </summary>
         Fault,
+        /// <summary>
+        ///  The server refused requests of earlier calls, which `rhumb_scene_poll_refusal` names. The call did what it says all
+        ///  the same, and the next one goes on.
+        /// </summary>
+        Refused,
     }
 
     /// <summary>

@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use numpy::{Element, PyArrayDyn, PyArrayMethods, get_array_module};
 use pyo3::prelude::*;
-use rhumb_bindings::parse_body_word;
 use rhumb_bindings::rhumb_client::BodyId;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
+use rhumb_bindings::{BindingError, parse_body_word};
 
 use crate::errors::{exception, wrong};
 
@@ -131,19 +131,19 @@ pub(crate) fn heights(argument: &Bound<'_, PyAny>) -> PyResult<(u32, Vec<f32>)> 
 
 /// One vector.
 pub(crate) fn vector(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Vec3> {
-    let row = single::<3>(argument);
+    let row = one_row::<3>(argument);
     row?.map(Vec3::from_array)
         .ok_or_else(|| wrong(argument.py(), name, "three numbers"))
 }
 
 /// One quaternion x, y, z, w.
 pub(crate) fn rotation(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<Quat> {
-    let row = single::<4>(argument);
+    let row = one_row::<4>(argument);
     row?.map(Quat::from_array)
         .ok_or_else(|| wrong(argument.py(), name, "four numbers: x, y, z, w"))
 }
 
-fn single<const W: usize>(argument: &Bound<'_, PyAny>) -> PyResult<Option<[f32; W]>> {
+fn one_row<const W: usize>(argument: &Bound<'_, PyAny>) -> PyResult<Option<[f32; W]>> {
     let numbers = numbers(argument)?;
     let row = numbers.values.as_slice().try_into().ok();
     Ok(row.filter(|_| numbers.shape == [W]))
@@ -170,6 +170,14 @@ pub(crate) fn bodies(argument: &Bound<'_, PyAny>) -> PyResult<Bodies> {
     })
 }
 
+/// One body.
+pub(crate) fn single(argument: &Bound<'_, PyAny>) -> PyResult<BodyId> {
+    match bodies(argument)?.ids.as_slice() {
+        [id] => Ok(*id),
+        _ => Err(wrong(argument.py(), "body", "one body")),
+    }
+}
+
 /// One of several words.
 pub(crate) fn one_of<T: Copy>(
     py: Python<'_>,
@@ -178,13 +186,15 @@ pub(crate) fn one_of<T: Copy>(
     name: &'static str,
 ) -> PyResult<T> {
     let found = words.iter().find(|(known, _)| *known == word);
-    found
-        .map(|(_, value)| *value)
-        .ok_or_else(|| wrong(py, name, "one of the words that its documentation names"))
+    found.map(|(_, value)| *value).ok_or_else(|| {
+        let known = words.iter().map(|(known, _)| *known);
+        exception(py, &BindingError::word(name, word, known))
+    })
 }
 
 /// A time in seconds.
 pub(crate) fn seconds(py: Python<'_>, seconds: f64, name: &'static str) -> PyResult<Duration> {
+    let needed = "seconds: finite and not negative";
     Duration::try_from_secs_f64(seconds)
-        .map_err(|_| wrong(py, name, "seconds: finite and not negative"))
+        .map_err(|_| exception(py, &BindingError::value(name, seconds, needed)))
 }

@@ -34,6 +34,10 @@ pub(crate) fn plain_body(
         let key: String = key.extract()?;
         match key.as_str() {
             "mass" => body.mass = value.extract()?,
+            "moments" => {
+                let numbers: Option<(f32, f32, f32)> = value.extract()?;
+                body.moments = numbers.map(Vec3::from);
+            }
             "material" => {
                 let numbers: Option<(f32, f32, f32)> = value.extract()?;
                 body.material = numbers.map(|(friction, restitution, density)| Material {

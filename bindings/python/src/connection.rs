@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use pyo3::prelude::*;
 use rhumb_bindings::rhumb_client::scene::Stepping;
-use rhumb_bindings::rhumb_client::{Client, ServerConnection};
+use rhumb_bindings::rhumb_client::{Client, Refusals, ServerConnection};
 use rhumb_bindings::{BindingError, Coordinates, JoinCondition, JoinParams, RemoteScene};
 
 use crate::arguments::{one_of, seconds, vector};
@@ -29,6 +29,8 @@ const STEPPINGS: [(&str, Stepping); 2] = [
     ("lockstep", Stepping::Lockstep),
     ("free running", Stepping::FreeRunning),
 ];
+
+const REFUSALS: [(&str, Refusals); 2] = [("raise", Refusals::Errors), ("events", Refusals::Events)];
 
 /// A connection to a server that has joined no scene.
 #[pyclass(frozen, name = "Connection", module = "rhumb")]
@@ -66,7 +68,8 @@ impl PyConnection {
     #[pyo3(signature = (
         scene, *, coordinates = "rhumb", condition = "create or join", tolerance = 0.05,
         stepping = "lockstep", ticks_per_second = 60, substeps = 4, publish_interval = 1,
-        gravity = None, delay_ticks = 0.0, smooth = true, resume_within = None,
+        gravity = None, delay_ticks = 0.0, lead_ticks = 0.0, whole_ticks = false, smooth = true,
+        refusals = "raise", resume_within = None,
     ))]
     // Named parameters are the interface of Python.
     #[expect(clippy::too_many_arguments)]
@@ -83,7 +86,10 @@ impl PyConnection {
         publish_interval: u32,
         gravity: Option<&Bound<'_, PyAny>>,
         delay_ticks: f64,
+        lead_ticks: f64,
+        whole_ticks: bool,
         smooth: bool,
+        refusals: &str,
         resume_within: Option<f64>,
     ) -> PyResult<PyScene> {
         let gravity = gravity.map(|gravity| vector(gravity, "gravity"));
@@ -98,7 +104,10 @@ impl PyConnection {
             publish_interval,
             gravity: gravity.transpose()?,
             delay_ticks,
+            lead_ticks,
+            whole_ticks,
             smooth,
+            refusals: one_of(py, &REFUSALS, refusals, "refusals")?,
             resume_within: resume_within.transpose()?,
         };
         params.options().map_err(|error| exception(py, &error))?;

@@ -3,11 +3,24 @@
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
-use rhumb_bindings::{BindingError, ErrorKind};
+use rhumb_bindings::rhumb_client::BodyId;
+use rhumb_bindings::{BindingError, ErrorKind, body_word};
 
 /// The exception of an error.
 pub(crate) fn exception(py: Python<'_>, error: &BindingError) -> PyErr {
     let text = error.to_string();
+    if let BindingError::Refused(records) = error {
+        let word = |id: &BodyId| body_word(*id);
+        let rows = records.iter().map(|record| {
+            let body = record.body.as_ref().map(word);
+            (record.number, body, record.reason, record.text.clone())
+        });
+        let rows: Vec<_> = rows.collect();
+        return match class(py, error.kind()) {
+            Ok(class) => PyErr::from_type(class, (text, rows)),
+            Err(missing) => missing,
+        };
+    }
     match class(py, error.kind()) {
         Ok(class) => PyErr::from_type(class, text),
         Err(missing) => missing,
@@ -28,6 +41,7 @@ fn class(py: Python<'_>, kind: ErrorKind) -> PyResult<Bound<'_, PyType>> {
         ErrorKind::Busy => "BusyError",
         ErrorKind::Connect => "ConnectError",
         ErrorKind::Denied => "DeniedError",
+        ErrorKind::Refused => "RefusedError",
         ErrorKind::Timeout => "Timeout",
         ErrorKind::Ended => "EndedError",
         ErrorKind::SceneGone => "SceneGoneError",
@@ -35,9 +49,3 @@ fn class(py: Python<'_>, kind: ErrorKind) -> PyResult<Bound<'_, PyType>> {
     };
     Ok(module.bind(py).getattr(name)?.cast_into::<PyType>()?)
 }
-
-/// Error for a body that is not in the copy of the scene.
-pub(crate) const UNKNOWN_BODY: BindingError = BindingError::Argument {
-    argument: "body",
-    needed: "in the copy of the scene; it is not there yet, or was removed",
-};

@@ -3,14 +3,13 @@
 use std::collections::BTreeMap;
 
 use pyo3::prelude::*;
-use rhumb_bindings::rhumb_client::BodyId;
 use rhumb_bindings::rhumb_client::glam::{Quat, Vec3};
 use rhumb_bindings::rhumb_client::scene::{
     Command, Joint, JointFrame, JointId, JointLimits, JointStrength, LockedAxes, Motor,
 };
 use rhumb_bindings::{JointFreedom, JointParams};
 
-use crate::arguments::{bodies, one_of, rotation, vector};
+use crate::arguments::{one_of, rotation, single, vector};
 use crate::errors::{exception, wrong};
 
 const FREEDOMS: [(&str, JointFreedom); 7] = [
@@ -79,7 +78,7 @@ impl PyJoint {
         breaks_at: Option<(f32, f32)>,
     ) -> PyResult<Self> {
         let freedom = one_of(py, &FREEDOMS, kind, "kind")?;
-        let pair = [body(first, "first")?, body(second, "second")?];
+        let pair = [single(first)?, single(second)?];
         let locked = LockedAxes::new(locked_axes);
         let params = JointParams {
             frames: [
@@ -112,13 +111,6 @@ impl PyJoint {
 
     fn __repr__(&self) -> String {
         format!("{:?}", self.joint)
-    }
-}
-
-fn body(argument: &Bound<'_, PyAny>, name: &'static str) -> PyResult<BodyId> {
-    match bodies(argument)?.ids.as_slice() {
-        [id] => Ok(*id),
-        _ => Err(wrong(argument.py(), name, "one body")),
     }
 }
 

@@ -5,7 +5,7 @@ use rhumb_bindings::rhumb_client::glam::Quat;
 use rhumb_bindings::rhumb_client::scene;
 use rhumb_bindings::{HitRecord, body_word};
 
-use crate::arguments::{bodies, rotation, vector};
+use crate::arguments::{rotation, single, vector};
 use crate::errors::wrong;
 use crate::shape::PyShape;
 
@@ -76,13 +76,7 @@ impl PyQuery {
         groups: u32,
         excluding: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let except = excluding.map(|body| {
-            let ids = bodies(body)?.ids;
-            match ids.as_slice() {
-                [id] => Ok(*id),
-                _ => Err(wrong(body.py(), "excluding", "one body")),
-            }
-        });
+        let except = excluding.map(single);
         let filter = scene::QueryFilter {
             with_fixed: fixed,
             with_dynamic: dynamic,

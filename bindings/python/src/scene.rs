@@ -10,11 +10,11 @@ use rhumb_bindings::rhumb_client::scene::{ActiveEvents, Command, JointId, Locomo
 use rhumb_bindings::rhumb_client::{BodyId, PipelineDepth, Tick};
 use rhumb_bindings::{BindingError, Coordinates, RemoteScene, body_word};
 
-use crate::arguments::{Bodies, bodies, rows, seconds, vector};
+use crate::arguments::{Bodies, bodies, rows, seconds, single, vector};
 use crate::body::{bodies_at, plain_body};
 use crate::body_states::states;
 use crate::commands::{jumps, set_poses, set_velocities};
-use crate::errors::{UNKNOWN_BODY, exception, wrong};
+use crate::errors::{exception, wrong};
 use crate::event::PyEvent;
 use crate::joint::PyJoint;
 use crate::locomotion::{PyCharacter, PyWheel, PyWheelInput, set};
@@ -105,6 +105,24 @@ impl PyScene {
     ) -> PyResult<Option<u64>> {
         let commands = bodies(body)?.ids.into_iter().map(command).collect();
         self.all(py, commands)
+    }
+
+    /// A bound of one body as a number, of a row of bodies as an array.
+    fn bounds(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        bound: impl Fn(&RemoteScene, BodyId) -> Result<f32, BindingError>,
+    ) -> PyResult<Py<PyAny>> {
+        let Bodies { ids, is_single } = bodies(body)?;
+        let bounds = self.with(py, |opened| {
+            let bounds = ids.iter().map(|id| bound(&opened.scene, *id));
+            bounds.collect::<Result<Vec<_>, _>>()
+        })?;
+        match (is_single, bounds.as_slice()) {
+            (true, [bound]) => Ok(bound.into_pyobject(py)?.into_any().unbind()),
+            _ => Ok(bounds.into_pyarray(py).into_any().unbind()),
+        }
     }
 
     /// Queues that each body gets a locomotion in the scene's coordinates.
@@ -505,12 +523,14 @@ impl PyScene {
         })?
     }
 
-    fn place(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
-        let ids = bodies(body)?.ids;
-        let [id] = ids.as_slice() else {
-            return Err(wrong(py, "body", "one body"));
-        };
-        self.with(py, |opened| Ok(opened.scene.place(*id)))
+    fn place(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<usize> {
+        let id = single(body)?;
+        self.with(py, |opened| opened.scene.place(id))
+    }
+
+    fn __contains__(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<bool> {
+        let id = single(body)?;
+        self.with(py, |opened| Ok(opened.scene.place(id).is_ok()))
     }
 
     fn places<'py>(
@@ -520,22 +540,34 @@ impl PyScene {
     ) -> PyResult<Bound<'py, PyArray1<usize>>> {
         let ids = bodies(body)?.ids;
         let places = self.with(py, |opened| {
-            let place = |id: &BodyId| opened.scene.place(*id).ok_or(UNKNOWN_BODY);
-            ids.iter().map(place).collect::<Result<Vec<_>, _>>()
+            let places = ids.iter().map(|id| opened.scene.place(*id));
+            places.collect::<Result<Vec<_>, _>>()
         })?;
         Ok(places.into_pyarray(py))
     }
 
     fn error_bound(&self, py: Python<'_>, body: &Bound<'_, PyAny>) -> PyResult<Py<PyAny>> {
-        let Bodies { ids, is_single } = bodies(body)?;
-        let bounds = self.with(py, |opened| {
-            let bound = |id: &BodyId| opened.scene.error_bound(*id).ok_or(UNKNOWN_BODY);
-            ids.iter().map(bound).collect::<Result<Vec<_>, _>>()
-        })?;
-        match (is_single, bounds.as_slice()) {
-            (true, [bound]) => Ok(bound.into_pyobject(py)?.into_any().unbind()),
-            _ => Ok(bounds.into_pyarray(py).into_any().unbind()),
-        }
+        self.bounds(py, body, RemoteScene::error_bound)
+    }
+
+    #[getter]
+    fn error_bounds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        self.with(py, |opened| Ok(opened.scene.error_bounds().to_vec()))
+            .map(|bounds| bounds.into_pyarray(py))
+    }
+
+    fn tick_error_bound(
+        &self,
+        py: Python<'_>,
+        body: &Bound<'_, PyAny>,
+        tick: u64,
+    ) -> PyResult<Py<PyAny>> {
+        let tick = Tick::new(tick);
+        self.bounds(py, body, |scene, id| scene.tick_error_bound(id, tick))
+    }
+
+    fn set_lead_ticks(&self, py: Python<'_>, ticks: f64) -> PyResult<()> {
+        self.with(py, |opened| opened.scene.set_lead_ticks(ticks))
     }
 
     fn events(&self, py: Python<'_>) -> PyResult<Vec<PyEvent>> {

@@ -11,5 +11,11 @@ pub(crate) fn dictionary<'py>(py: Python<'py>, now: &Statistics) -> PyResult<Bou
     statistics.set_item("received_bytes", now.wire.received_bytes)?;
     statistics.set_item("updates", now.stream.updates)?;
     statistics.set_item("complete_tick", now.complete.value())?;
+    let upstream = PyDict::new(py);
+    upstream.set_item("updates", now.upstream.updates)?;
+    upstream.set_item("packets", now.upstream.packets)?;
+    upstream.set_item("bytes", now.upstream.bytes)?;
+    statistics.set_item("upstream", upstream)?;
+    statistics.set_item("behind_ticks", now.behind_ticks)?;
     Ok(statistics)
 }

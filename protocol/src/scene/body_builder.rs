@@ -159,6 +159,13 @@ impl BodyBuilder {
         self
     }
 
+    /// Sets its mass, with its moments of inertia if they are not those of its shape.
+    #[must_use]
+    pub const fn mass_of(mut self, mass: Mass) -> Self {
+        self.desc.mass = Some(mass);
+        self
+    }
+
     /// Sets the groups that decide which bodies it touches.
     #[must_use]
     pub const fn collision_groups(mut self, groups: CollisionGroups) -> Self {

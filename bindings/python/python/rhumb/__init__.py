@@ -36,6 +36,8 @@ from .errors import (
     Error,
     FaultError,
     InvalidError,
+    Refusal,
+    RefusedError,
     SceneGoneError,
     Timeout,
 )
@@ -55,6 +57,8 @@ __all__ = [
     "InvalidError",
     "Joint",
     "Query",
+    "Refusal",
+    "RefusedError",
     "Scene",
     "SceneGoneError",
     "Shape",

@@ -4,6 +4,9 @@ Each says in a sentence what was wrong and what to do.
 """
 
 
+from typing import Iterable, NamedTuple, Optional, Tuple, Type
+
+
 class Error(Exception):
     """A call failed."""
 
@@ -26,6 +29,59 @@ class ConnectError(Error, ConnectionError):
 
 class DeniedError(Error, PermissionError):
     """The server denied the request."""
+
+
+class Refusal(NamedTuple):
+    """A request that the server refused, and that changed nothing."""
+
+    number: Optional[int]
+    """The command's number, as the call that queued it returned it; None for a request for authority."""
+    body: Optional[int]
+    """The body that the request is about, if that is known."""
+    reason: str
+    """The reason in one or a few words, for programs, such as "unknown body"."""
+    text: str
+    """The reason, a sentence."""
+
+
+class RefusedError(Error):
+    """The server refused requests of earlier calls, which changed nothing.
+
+    advance, wait and poll raise it after they have done their work: the tick is done, the view is computed, and the next
+    call goes on. number, body, reason and text are those of the first refusal; refusals has all of them. Join with
+    refusals="events" to get them as events alone.
+    """
+
+    refusals: Tuple[Refusal, ...]
+
+    def __init__(
+        self, message: str, refusals: Iterable[Tuple[Optional[int], Optional[int], str, str]]
+    ) -> None:
+        super().__init__(message)
+        self.refusals = tuple(Refusal(*refusal) for refusal in refusals)
+
+    def __reduce__(self) -> Tuple[Type["RefusedError"], Tuple[str, Tuple[Refusal, ...]]]:
+        return type(self), (str(self), self.refusals)
+
+    @property
+    def number(self) -> Optional[int]:
+        """The number of the first refused command; None for a request for authority."""
+        return self.refusals[0].number
+
+    @property
+    def body(self) -> Optional[int]:
+        """The body that the first refused request is about, if that is known."""
+        return self.refusals[0].body
+
+    @property
+    def reason(self) -> str:
+        """The first reason in one or a few words, for programs."""
+        return self.refusals[0].reason
+
+    @property
+    def text(self) -> str:
+        """The first reason, a sentence."""
+        return self.refusals[0].text
 
 
 class Timeout(Error, TimeoutError):
