@@ -4,8 +4,7 @@
 //! member of a stream. All but the members run in the calling thread, one after the other. Times are processor times of
 //! that thread, so that other programs hardly change them. Each figure is the median of its repeats, beside its target.
 
-pub mod decoding;
-mod floor;
+mod decoding;
 mod median;
 mod members;
 mod publishing;

@@ -16,13 +16,14 @@ pub mod machine;
 pub mod neighbour;
 pub mod output;
 mod pretty_json;
-mod processor;
+pub mod processor;
 pub mod record;
 pub mod recording;
 pub mod replay;
 pub mod report;
 pub mod scene_file;
 pub mod service;
+pub mod setup;
 pub mod summary;
 pub mod trace;
 

@@ -2,15 +2,40 @@
 
 use std::time::{Duration, Instant};
 
-/// Calls `work` and returns the processor time of the calling thread that it took, which other programs hardly change.
-/// Wall time where the system does not report it.
+/// A moment of the calling thread.
+#[derive(Clone, Copy, Debug)]
+pub struct ThreadMoment {
+    wall: Instant,
+    work_ns: Option<u64>,
+}
+
+impl ThreadMoment {
+    /// The present moment.
+    #[must_use]
+    pub fn now() -> Self {
+        Self {
+            wall: Instant::now(),
+            work_ns: work_ns(),
+        }
+    }
+
+    /// Processor time of the calling thread since then, which other programs hardly change. Wall time where the system
+    /// does not report it.
+    #[must_use]
+    pub fn elapsed(&self) -> Duration {
+        let spent = self.work_ns.zip(work_ns());
+        spent.map_or_else(
+            || self.wall.elapsed(),
+            |(before, now)| Duration::from_nanos(now - before),
+        )
+    }
+}
+
+/// Calls `work` and returns the time that it took, as [`ThreadMoment::elapsed`] counts.
 pub(crate) fn time_of<T>(work: impl FnOnce() -> T) -> (Duration, T) {
-    let (begun, before) = (Instant::now(), work_ns());
+    let begun = ThreadMoment::now();
     let done = work();
-    let spent = before
-        .zip(work_ns())
-        .map(|(before, now)| Duration::from_nanos(now - before));
-    (spent.unwrap_or_else(|| begun.elapsed()), done)
+    (begun.elapsed(), done)
 }
 
 /// Processor time of the calling thread so far, nanoseconds; `None` where the system does not report it.

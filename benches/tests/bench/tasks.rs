@@ -356,7 +356,7 @@ fn costs_are_measured_at_every_stage() {
             .all(|row| took(row, "sockets_us") > 0.0 && took(row, "floor_us") > 0.0)
     );
     let printed = String::from_utf8(run.stdout).expect("text");
-    for phrase in ["flight", "burst", "still", "aimed at", "written to"] {
+    for phrase in ["flight", "burst", "pile", "aimed at", "written to"] {
         assert!(printed.contains(phrase), "{phrase}");
     }
 }

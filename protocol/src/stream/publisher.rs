@@ -114,8 +114,28 @@ impl Publisher {
         scene_events: u64,
         out: &mut Vec<Bytes>,
     ) {
+        if self.update(observation_history) {
+            self.pack(scene_events, out);
+            self.published.end_tick();
+        }
+    }
+
+    /// Chooses the updates of the present tick as [`Self::publish`] does, but encodes nothing; returns their number.
+    ///
+    /// For measurements: no subscriber can follow.
+    #[cfg(feature = "raw")]
+    pub fn choose(&mut self, observation_history: &ObservationHistory) -> usize {
+        if !self.update(observation_history) {
+            return 0;
+        }
+        self.published.end_tick();
+        self.updates.len()
+    }
+
+    /// Replaces the tracks that no longer hold, and collects their updates; `false` if no tick is due.
+    fn update(&mut self, observation_history: &ObservationHistory) -> bool {
         let Some(tick) = observation_history.due_after(self.tick) else {
-            return;
+            return false;
         };
         let passed = tick.since(self.tick).unwrap_or_default();
         self.tick = tick;
@@ -128,8 +148,7 @@ impl Publisher {
         } else {
             self.update_all(ticks);
         }
-        self.pack(scene_events, out);
-        self.published.end_tick();
+        true
     }
 
     /// Updates every body whose track no longer holds.
