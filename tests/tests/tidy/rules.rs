@@ -238,3 +238,33 @@ fn no_library_prints() {
         &naming(&words, |file| file.is_in(&libraries)),
     );
 }
+
+#[test]
+fn cargo_bench_runs_nothing_but_benches() {
+    let mut violations = Vec::new();
+    let targets = ["src/lib.rs", "src/main.rs", "src/bin/"];
+    let sources = sources();
+    // They are workspaces of their own.
+    let elsewhere = ["bindings/bevy/", "bindings/godot/"];
+    let manifests = files()
+        .into_iter()
+        .filter(|file| file.path.ends_with("/Cargo.toml") && !file.is_in(&elsewhere));
+    for File { path, text } in manifests {
+        let folder = path.trim_end_matches("Cargo.toml");
+        let own = targets.map(|target| format!("{folder}{target}"));
+        let count = sources.iter().filter(|source| {
+            let own: Vec<&str> = own.iter().map(String::as_str).collect();
+            source.is_in(&own)
+        });
+        let (count, off) = (count.count(), text.matches("\nbench = false\n").count());
+        if off < count {
+            violations.push(format!(
+                "{path}: {count} targets, {off} with `bench = false`"
+            ));
+        }
+    }
+    report(
+        "a target other than a bench refuses Criterion's flags, so it is no bench",
+        &violations,
+    );
+}
