@@ -284,6 +284,25 @@ fn a_force_acts_for_one_tick_and_an_impulse_at_once() {
 }
 
 #[test]
+fn an_impulse_meets_the_mass_that_a_change_before_it_gave() {
+    let mut scene = empty();
+    let still = motion(Vec3::ZERO, Vec3::ZERO);
+    add(&mut scene, BALL, BodyKind::Dynamic, 1, still);
+    step_and_observe(&mut scene);
+    let mut desc = *scene.body(BALL).unwrap();
+    desc.material = Some(Material {
+        density: 10_000.0,
+        ..scene.config().material
+    });
+    let mass = 10_000.0 * 4.0 / 3.0 * core::f32::consts::PI * 0.125;
+    let impulse = Vec3::new(mass, 0.0, 0.0);
+    scene.apply(&Command::ChangeBody { desc }).unwrap();
+    let push = Command::Impulse { id: BALL, impulse };
+    scene.apply(&push).unwrap();
+    assert!((linear(&step_and_observe(&mut scene)[0]).x - 1.0).abs() < 1e-4);
+}
+
+#[test]
 fn a_kinematic_body_keeps_its_velocity_and_reaches_its_target() {
     let mut scene = empty();
     let speed = Vec3::new(6.0, 0.0, 0.0);
