@@ -74,10 +74,13 @@ fn codec(criterion: &mut Criterion<ProcessorTime>) {
     group.finish();
 }
 
+/// Makes the load of so many bodies.
+type MakeLoad = fn(u32) -> DecodeLoad;
+
 /// Decoding with the tracks: a subscriber that has just joined, and one in mid-run.
 fn subscriber(criterion: &mut Criterion<ProcessorTime>) {
     let mut group = quick(criterion, "subscriber");
-    let loads: [(&str, fn(u32) -> DecodeLoad); 2] = [
+    let loads: [(&str, MakeLoad); 2] = [
         ("first-updates", DecodeLoad::new),
         ("mid-run", DecodeLoad::in_mid_run),
     ];
@@ -97,8 +100,7 @@ fn subscriber(criterion: &mut Criterion<ProcessorTime>) {
 
 /// A view of bodies that all move.
 fn view(criterion: &mut Criterion<ProcessorTime>) {
-    let load = LazyCell::new(|| RenderLoad::new(bodies()));
-    let mut load = load;
+    let mut load = LazyCell::new(|| RenderLoad::new(bodies()));
     let mut group = quick(criterion, "view");
     group.bench_function("moving-bodies", |bencher| bencher.iter(|| load.refresh()));
     group.finish();
