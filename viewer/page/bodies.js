@@ -6,6 +6,9 @@ import { geometryOf } from "./shapes.js";
 /** Bodies beyond which round surfaces have fewer triangles. */
 const MANY = 3000;
 const STATIC = 0;
+const DYNAMIC = 1;
+/** How many times wider than high a cuboid is that counts as a ground. */
+const FLAT = 4;
 
 export class Bodies {
   #group = new THREE.Group();
@@ -13,32 +16,16 @@ export class Bodies {
   /** For each place: number of its mesh, and of its instance. */
   #mesh = new Uint32Array(0);
   #instance = new Uint32Array(0);
-  #material;
-  #staticMaterial;
-  #kinematicMaterial;
+  #material = new THREE.MeshLambertMaterial();
+  /** Grounds are whole; walls, and bodies that a script moves, are often before or around the others. */
+  #groundMaterial = new THREE.MeshLambertMaterial();
+  #wallMaterial = new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.35, depthWrite: false });
+  #kinematicMaterial = new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false });
   /** Places of the bodies that are not static. */
   movable = new Uint32Array(0);
 
-  /** `ghost`: drawn as lines, without static bodies. */
-  constructor(scene, { ghost = false } = {}) {
-    this.ghost = ghost;
-    this.#material = ghost
-      ? new THREE.MeshBasicMaterial({ wireframe: true, transparent: true, opacity: 0.35 })
-      : new THREE.MeshLambertMaterial();
-    this.#staticMaterial = new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.5, depthWrite: false });
-    // A body that a script moves is often around the visible ones.
-    this.#kinematicMaterial = ghost
-      ? this.#material
-      : new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false });
+  constructor(scene) {
     scene.add(this.#group);
-  }
-
-  set visible(visible) {
-    this.#group.visible = visible;
-  }
-
-  get visible() {
-    return this.#group.visible;
   }
 
   /** Draws an object in the frame of these bodies. */
@@ -53,20 +40,19 @@ export class Bodies {
     this.#group.quaternion.setFromUnitVectors(down.normalize(), new THREE.Vector3(0, -1, 0));
   }
 
-  set ghostColour(colour) {
-    if (this.ghost) this.#material.color.set(colour);
+  set staticColour(colour) {
+    this.#groundMaterial.color.set(colour);
+    this.#wallMaterial.color.set(colour);
   }
 
-  /** Makes the meshes for these bodies. `shapeOf` returns a shape by its number. */
-  layout({ count, shapeNumbers, kinds }, shapeOf) {
-    this.clear();
+  /** Makes the meshes for these bodies. */
+  layout({ count, shapeNumbers, shapesByNumber, kinds, movable }) {
+    this.#clear();
     const groups = new Map();
-    const movable = [];
     this.#mesh = new Uint32Array(count);
     this.#instance = new Uint32Array(count);
     for (let place = 0; place < count; place++) {
       const kind = kinds[place];
-      if (kind !== STATIC) movable.push(place);
       const key = 3 * shapeNumbers[place] + kind;
       if (!groups.has(key)) groups.set(key, []);
       groups.get(key).push(place);
@@ -74,38 +60,32 @@ export class Bodies {
     const detail = count > MANY ? 1 : 2;
     for (const [key, places] of groups) {
       const kind = key % 3;
-      const isStatic = kind === STATIC;
-      if (isStatic && this.ghost) continue;
-      const geometry = geometryOf(shapeOf((key - kind) / 3), detail);
-      const material = [this.#staticMaterial, this.#material, this.#kinematicMaterial][kind];
-      const mesh = new THREE.InstancedMesh(geometry, material, places.length);
+      const shape = shapesByNumber.get((key - kind) / 3);
+      const still = isGround(shape) ? this.#groundMaterial : this.#wallMaterial;
+      const material = [still, this.#material, this.#kinematicMaterial][kind];
+      const mesh = new THREE.InstancedMesh(geometryOf(shape, detail), material, places.length);
       mesh.frustumCulled = false;
+      mesh.castShadow = kind === DYNAMIC;
+      mesh.receiveShadow = true;
       mesh.userData.places = places;
-      if (!this.ghost) mesh.setColorAt(0, new THREE.Color(0x888888));
       places.forEach((place, instance) => {
         this.#mesh[place] = this.#meshes.length + 1;
         this.#instance[place] = instance;
-        if (!this.ghost) mesh.setColorAt(instance, isStatic ? STATIC_COLOUR : MOVABLE_COLOUR);
+        if (kind !== STATIC) mesh.setColorAt(instance, MOVABLE_COLOUR);
       });
       this.#meshes.push(mesh);
       this.#group.add(mesh);
     }
-    this.movable = Uint32Array.from(movable);
+    this.movable = movable;
   }
 
   /** Puts bodies where a frame has them: those of these places. */
-  pose(frame, places) {
-    this.poseOthers(frame, places, (place) => place);
-  }
-
-  /** The same for a frame whose places are others. */
-  poseOthers({ positions, rotations }, places, otherOf) {
+  pose({ positions, rotations }, places) {
     for (const place of places) {
       const number = this.#mesh[place];
-      const other = otherOf(place);
-      if (number === 0 || other === undefined) continue;
+      if (number === 0) continue;
       const mesh = this.#meshes[number - 1];
-      write(mesh.instanceMatrix.array, 16 * this.#instance[place], positions, 3 * other, rotations, 4 * other);
+      write(mesh.instanceMatrix.array, 16 * this.#instance[place], positions, 3 * place, rotations, 4 * place);
       mesh.instanceMatrix.needsUpdate = true;
     }
   }
@@ -141,24 +121,28 @@ export class Bodies {
   /** The place of the first body that a ray hits, and where; undefined if it hits none that can move. */
   pick(raycaster) {
     for (const mesh of this.#meshes) mesh.boundingSphere = null;
-    const movable = this.#meshes.filter((mesh) => mesh.material !== this.#staticMaterial);
+    const movable = this.#meshes.filter(({ instanceColor }) => instanceColor !== null);
     const hit = raycaster.intersectObjects(movable, false)[0];
     return hit && { place: hit.object.userData.places[hit.instanceId], point: hit.point };
   }
 
-  clear() {
+  #clear() {
     for (const mesh of this.#meshes) {
       this.#group.remove(mesh);
       mesh.geometry.dispose();
       mesh.dispose();
     }
     this.#meshes = [];
-    this.movable = new Uint32Array(0);
   }
 }
 
-const STATIC_COLOUR = new THREE.Color(0x8b95a3);
 const MOVABLE_COLOUR = new THREE.Color(0x4f9fd8);
+
+/** True for a static body that others lie on and that hides none of them. */
+function isGround({ kind, halfExtents }) {
+  if (kind === "cuboid") return Math.min(halfExtents[0], halfExtents[2]) > FLAT * halfExtents[1];
+  return kind === "halfSpace" || kind === "heights" || kind === "mesh";
+}
 
 /** Writes the matrix of a rotation and a translation, column by column. */
 function write(matrix, at, positions, p, rotations, r) {

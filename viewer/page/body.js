@@ -1,7 +1,7 @@
 // The panel of one body: its track, its predictor, its error, and its last updates.
 
 import { Graph } from "./graph.js";
-import { metres, number } from "./figures.js";
+import { metres, number, shortMetres } from "./text.js";
 
 const UPDATES_SHOWN = 8;
 const KINDS = ["fixed", "dynamic", "kinematic"];
@@ -31,7 +31,9 @@ export class BodyPanel {
     this.#hint = element("body-hint");
     this.#list = element("body-updates");
     this.#graphCanvas = element("body-graph");
-    this.#graph = new Graph(this.#graphCanvas, [{ colour: "--accent" }, { colour: "--faint", dashed: true }]);
+    this.#graph = new Graph(this.#graphCanvas, [{ colour: "--accent" }, { colour: "--faint", dashed: true }], {
+      text: shortMetres,
+    });
   }
 
   pick(id) {
@@ -75,17 +77,18 @@ export class BodyPanel {
   }
 
   /** Shows the body in a frame of the last minute or of a recording. */
-  showFrame({ kinds, shapeNumbers, shapesByNumber, positions, resting, errors, tolerances }, place, now) {
+  showFrame({ layout, positions, resting, tolerances }, errors, place, now) {
     // Updates that come meanwhile are not listed.
     this.#origin = undefined;
     if (!this.#isDue(now)) return;
     if (place < 0) return this.#write([["body", `${this.#name()} is not in the scene`]]);
+    const { kinds, shapeNumbers, shapesByNumber } = layout;
     const rows = [
       ["body", `${this.#name()}, ${KINDS[kinds[place]]}, ${shapesByNumber.get(shapeNumbers[place])?.kind ?? "no shape"}`],
       ["position", vector(Array.from(positions.subarray(3 * place, 3 * place + 3)), "m")],
       ["moves", resting[place] === 1 ? "no" : "yes"],
     ];
-    if (Number.isFinite(errors[place])) rows.push(["error", metres(errors[place])]);
+    if (Number.isFinite(errors?.[place])) rows.push(["error", metres(errors[place])]);
     if (tolerances[place] > 0) rows.push(["tolerance", metres(tolerances[place])]);
     this.#write(rows);
   }

@@ -1,88 +1,117 @@
-// Colours of bodies: by error, rest, age or shape, and a flash where an update arrived.
+// Colours of bodies: by error, rest, age or shape, with the words that explain them.
 
-/** Ticks over which a body's age fades, and seconds of a flash. */
+import { Color, SRGBColorSpace } from "three";
+import { shortMetres } from "./text.js";
+
+/** Ticks over which a body's age fades. */
 const AGE_TICKS = 180;
-const FLASH = 0.25;
 /** Blue, sand and red: told apart by people who do not see red or green. Then violet, beyond the tolerance. */
-const SHARES = [
-  [0.17, 0.48, 0.71],
-  [0.99, 0.85, 0.48],
-  [0.84, 0.16, 0.11],
-];
-const BEYOND = [0.75, 0.1, 0.9];
-const RESTING = [0.42, 0.47, 0.54];
-const MOVING = [0.98, 0.58, 0.16];
-const FRESH = [0.99, 0.91, 0.35];
-const OLD = [0.15, 0.24, 0.45];
-const UNKNOWN = [0.31, 0.62, 0.85];
-const WHITE = [1, 1, 1];
+const NONE = "#2b7bb6";
+const HALF = "#f2cf6a";
+const WHOLE = "#d7301f";
+const BEYOND = "#8e24c9";
+const RESTING = "#6b7889";
+const MOVING = "#f39422";
+const FRESH = "#f7e05a";
+const OLD = "#2a4076";
+const UNKNOWN = "#4f9fd8";
+const MARKED = "#ffffff";
+
+/** A colour of the style sheet as three.js mixes and draws it. */
+function linear(name) {
+  return new Color().setStyle(name, SRGBColorSpace).toArray();
+}
+
+const [none, half, whole, beyond] = [NONE, HALF, WHOLE, BEYOND].map(linear);
+const [resting, moving, fresh, old, unknown, marked] = [RESTING, MOVING, FRESH, OLD, UNKNOWN, MARKED].map(linear);
 
 function mix(a, b, share, out) {
   for (let part = 0; part < 3; part++) out[part] = a[part] + (b[part] - a[part]) * share;
+  return out;
 }
 
 const colour = [0, 0, 0];
 
 /** The colour of an error as a share of the tolerance. */
 function ofShare(share) {
-  if (!Number.isFinite(share)) return UNKNOWN;
-  if (share > 1) return BEYOND;
-  if (share < 0.5) mix(SHARES[0], SHARES[1], 2 * share, colour);
-  else mix(SHARES[1], SHARES[2], 2 * share - 1, colour);
-  return colour;
+  if (!Number.isFinite(share)) return unknown;
+  if (share > 1) return beyond;
+  return share < 0.5 ? mix(none, half, 2 * share, colour) : mix(half, whole, 2 * share - 1, colour);
 }
 
 /** A colour of its own for each number. */
 function ofNumber(number) {
   for (let part = 0; part < 3; part++) {
-    colour[part] = 0.6 + 0.35 * Math.cos(2 * Math.PI * (number * 0.618034 + part / 3));
+    colour[part] = 0.4 + 0.35 * Math.cos(2 * Math.PI * (number * 0.618034 + part / 3));
   }
   return colour;
 }
 
 export class Colours {
   mode = "error";
-  flashes = true;
-  #updates = new Float64Array(0);
-  #flashed = new Float64Array(0);
-  #generation;
-  /** The body that is marked; its place. */
-  marked = -1;
 
-  /** Colours a frame's bodies; `errors` are undefined where there is no truth. `now` in seconds. */
-  apply(bodies, frame, errors, now) {
-    const { updateTicks, tolerances, resting, count } = frame;
-    const shapes = frame.shapes ?? frame.shapeNumbers;
-    if (this.#generation !== frame.generation || this.#updates.length !== count) {
-      this.#generation = frame.generation;
-      this.#updates = Float64Array.from(updateTicks ?? new Float64Array(count));
-      this.#flashed = new Float64Array(count).fill(-Infinity);
-    }
+  /** Colours a frame's bodies; `errors` are undefined where there is no truth. `picked`: the place of the picked body. */
+  apply(bodies, frame, errors, picked) {
     for (const place of bodies.movable) {
-      const chosen = this.#chosen(place, frame, errors, tolerances, resting, shapes);
-      if (updateTicks !== undefined && updateTicks[place] !== this.#updates[place]) {
-        this.#updates[place] = updateTicks[place];
-        this.#flashed[place] = now;
-      }
-      const flash = this.flashes ? 1 - (now - this.#flashed[place]) / FLASH : 0;
-      if (place === this.marked || flash > 0) mix(chosen, WHITE, place === this.marked ? 0.85 : 0.5 * flash, colour);
-      else if (chosen !== colour) [colour[0], colour[1], colour[2]] = chosen;
-      bodies.colour(place, colour[0], colour[1], colour[2]);
+      const chosen = this.#chosen(place, frame, errors);
+      bodies.colour(place, chosen[0], chosen[1], chosen[2]);
     }
+    if (picked >= 0) bodies.colour(picked, ...mix(this.#chosen(picked, frame, errors), marked, 0.7, colour));
   }
 
-  #chosen(place, frame, errors, tolerances, resting, shapes) {
+  #chosen(place, { layout, time, updateTicks, tolerances, resting: rests }, errors) {
     switch (this.mode) {
       case "error":
-        return errors === undefined ? UNKNOWN : ofShare(errors[place] / tolerances[place]);
+        return errors === undefined ? unknown : ofShare(errors[place] / tolerances[place]);
       case "rest":
-        return resting[place] === 1 ? RESTING : MOVING;
+        return rests[place] === 1 ? resting : moving;
       case "age":
-        if (frame.updateTicks === undefined) return UNKNOWN;
-        mix(FRESH, OLD, Math.min(1, Math.max(0, frame.time - frame.updateTicks[place]) / AGE_TICKS), colour);
-        return colour;
+        if (updateTicks === undefined) return unknown;
+        return mix(fresh, old, Math.min(1, Math.max(0, time - updateTicks[place]) / AGE_TICKS), colour);
       default:
-        return ofNumber(shapes[place]);
+        return ofNumber(layout.shapeNumbers[place]);
     }
   }
+
+  /**
+   * What the colours mean: `from` and `to` with the steps between them, and the patches beside that bar. `hasErrors`: there is
+   * a truth to compare with.
+   */
+  legend(tolerance, hasErrors) {
+    switch (this.mode) {
+      case "error":
+        if (!hasErrors) return { title: "No truth to compare with", patches: [[UNKNOWN, "error unknown"]] };
+        return {
+          title: "Error",
+          bar: [NONE, HALF, WHOLE],
+          from: "none",
+          to: tolerance > 0 ? shortMetres(tolerance) : "the tolerance",
+          patches: [[BEYOND, "beyond the tolerance"]],
+        };
+      case "rest":
+        return { title: "Motion", patches: [[MOVING, "moves"], [RESTING, "rests"]] };
+      case "age":
+        return { title: "Last update", bar: [FRESH, OLD], from: "now", to: `${AGE_TICKS} ticks ago, or more`, patches: [] };
+      default:
+        return { title: "A colour for each shape", patches: [] };
+    }
+  }
+}
+
+/** Shows a legend in an element: a bar with words at its ends, and patches with theirs. */
+export function showLegend(box, { title, bar, from, to, patches }) {
+  const part = (name, text, background) => {
+    const made = document.createElement(name);
+    made.textContent = text;
+    if (background !== undefined) made.style.background = background;
+    return made;
+  };
+  const parts = [part("b", title)];
+  if (bar !== undefined) {
+    // As the bodies' colours are mixed.
+    parts.push(part("span", from), part("i", "", `linear-gradient(in srgb-linear to right, ${bar.join(", ")})`), part("span", to));
+    parts.at(-2).className = "bar";
+  }
+  for (const [background, text] of patches) parts.push(part("i", "", background), part("span", text));
+  box.replaceChildren(...parts);
 }

@@ -2,6 +2,8 @@
 //
 // A tick may be shown before its truth has arrived. So what was shown is kept until then.
 
+import { AWAY } from "./roster.js";
+
 /**
  * Metres by which the arithmetic of this page may be off: poses are 32-bit numbers, which are 8 micrometres apart at a
  * distance of 100 m.
@@ -14,10 +16,13 @@ export class Comparison {
   #waiting = [];
   /** Error of each place at the last compared tick, metres, and the generation of these places. */
   errors = new Float32Array(0);
-  generation;
-  /** Of the last compared tick. */
+  /** Of the last compared tick: the bodies, their poses as shown and as they were, the greatest error and the tolerance. */
+  layout;
+  shown;
+  actual;
   tick = -1;
   worst = 0;
+  tolerance;
   /** Ticks compared since the page was loaded that were complete when they were shown. */
   ticks = 0;
   /** The bodies of those ticks whose bound was known, and how many of them were beyond their tolerance. */
@@ -35,16 +40,13 @@ export class Comparison {
   unjudged = 0;
 
   /** Notes what is shown: `isComplete` if nothing that concerns this tick is missing. Whole ticks only. */
-  show(frame, { movable, radii }, isComplete) {
-    const { time: tick, generation, ids, positions, rotations, tolerances, errorBounds } = frame;
+  show(frame, layout, isComplete) {
+    const { time: tick, positions, rotations, tolerances, errorBounds } = frame;
     if (tick <= (this.#waiting.at(-1)?.tick ?? this.tick)) return;
     this.#waiting.push({
       tick,
-      generation,
+      layout,
       isComplete,
-      movable,
-      radii,
-      ids: ids.slice(),
       positions: positions.slice(),
       rotations: rotations.slice(),
       tolerances: tolerances.slice(),
@@ -67,18 +69,18 @@ export class Comparison {
   }
 
   #compare(shown, actual) {
-    const { tick, generation, isComplete, movable, radii, ids, tolerances, errorBounds } = shown;
-    this.tick = tick;
-    this.generation = generation;
+    const { tick, layout, isComplete, tolerances, errorBounds } = shown;
+    const { ids, radii } = layout;
+    Object.assign(this, { tick, layout, shown, actual, worst: 0, tolerance: undefined });
     if (this.errors.length !== ids.length) this.errors = new Float32Array(ids.length);
-    this.worst = 0;
-    for (const place of movable) {
-      const other = actual.places.get(ids[place]);
+    for (const place of layout.movable) {
+      const other = actual.layout.places.get(ids[place]);
       if (other === undefined) continue;
       const error = surfaceError(shown, place, actual, other, radii[place]);
       const tolerance = tolerances[place];
       this.errors[place] = error;
       this.worst = Math.max(this.worst, error);
+      this.tolerance = Math.max(this.tolerance ?? 0, tolerance);
       this.allBodyTicks++;
       if (error > tolerance + ROUNDING) this.allBeyondTolerance++;
       // Of a tick that is complete, but not the newest one, a body may have no known track any more.
@@ -97,8 +99,24 @@ export class Comparison {
   restart() {
     this.#waiting = [];
     this.tick = -1;
-    this.generation = undefined;
+    this.layout = this.shown = this.actual = undefined;
   }
+}
+
+/**
+ * Writes the error of each body that can move into `errors`, NaN for one that is not there; returns the greatest. Both have the
+ * places of one layout.
+ */
+export function errorsOf(shown, actual, { movable, radii }, errors) {
+  let worst = 0;
+  for (const place of movable) {
+    errors[place] = NaN;
+    if (shown.positions[3 * place] === AWAY || actual.positions[3 * place] === AWAY) continue;
+    const error = surfaceError(shown, place, actual, place, radii[place]);
+    errors[place] = error;
+    if (error > worst) worst = error;
+  }
+  return worst;
 }
 
 /** The shift of the centre of mass, and the chord of the turn at the bounding radius, metres. */

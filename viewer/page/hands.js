@@ -25,6 +25,7 @@ export class Hands {
   #jumps = false;
   #carried;
   #pointer;
+  #picture;
   #plane = new THREE.Plane();
   #added = [];
   /** Called with a sentence if a command is not possible. */
@@ -72,9 +73,10 @@ export class Hands {
     if (last !== undefined) this.#try((copy) => copy.command({ kind: "removeBody", id: last }));
   }
 
-  /** Begins to carry a body that the pointer has hit at a point. */
-  carry(id, point, event) {
+  /** Begins to carry a body that the pointer has hit at a point, in one of the pictures. */
+  carry(id, point, event, picture) {
     this.#carried = id;
+    this.#picture = picture;
     this.#pointer = event;
     this.#plane.setFromNormalAndCoplanarPoint(this.#stage.forward.negate(), point);
     this.#stage.turning = false;
@@ -125,22 +127,22 @@ export class Hands {
 
   /** Acts once in each frame, `seconds` after the last one; `player` is the id of the body that keys drive. */
   act(frame, velocities, seconds, player) {
-    const commands = [...this.#carrying(frame), ...this.#driving(frame.ids, velocities, seconds, player)];
+    const commands = [...this.#carrying(frame), ...this.#driving(frame.layout, velocities, seconds, player)];
     if (commands.length > 0) this.#try((copy) => commands.forEach((command) => copy.command(command)));
   }
 
-  #carrying({ ids, positions }) {
-    const place = this.#carried === undefined ? -1 : ids.indexOf(this.#carried);
+  #carrying({ layout, positions }) {
+    const place = this.#carried === undefined ? -1 : (layout.places.get(this.#carried) ?? -1);
     if (place < 0) return [];
-    const target = this.#stage.ray(this.#pointer).ray.intersectPlane(this.#plane, new THREE.Vector3());
+    const target = this.#stage.ray(this.#pointer, this.#picture).ray.intersectPlane(this.#plane, new THREE.Vector3());
     if (target === null) return [];
     const linear = target.sub(new THREE.Vector3().fromArray(positions, 3 * place)).multiplyScalar(GRIP);
     linear.clampLength(0, CARRY_SPEED);
     return [{ kind: "setVelocity", id: this.#carried, linear: linear.toArray(), angular: [0, 0, 0] }];
   }
 
-  #driving(ids, linearVelocities, seconds, player) {
-    const place = player === undefined ? -1 : ids.indexOf(player);
+  #driving({ places }, linearVelocities, seconds, player) {
+    const place = player === undefined ? -1 : (places.get(player) ?? -1);
     if (place < 0) return [];
     const commands = [];
     if (this.#jumps) commands.push({ kind: "impulse", id: player, impulse: [0, JUMP, 0] });

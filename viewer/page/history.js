@@ -6,14 +6,13 @@
 const KEPT = 60;
 const RATE = 30;
 const WHOLE = 2;
-const BYTES_MAX = 160e6;
+const BYTES_MAX = 80e6;
 /** Bytes of one body of a frame. */
 const BODY_BYTES = 4 + 12 + 16 + 1 + 4;
 
 export class History {
   #frames = [];
   #bytes = 0;
-  #generation;
   #layout;
   #whole = -Infinity;
   #last = -Infinity;
@@ -30,29 +29,30 @@ export class History {
     return this.#frames[index]?.at;
   }
 
-  /** Adds a live frame. `errors`: of the comparison, or undefined; `roster`: its bodies. `now` in seconds. */
-  add(frame, errors, roster, now) {
-    const isNew = frame.generation !== this.#generation;
+  /** The frame that was shown at a time; the oldest if none is as old. */
+  indexAt(at) {
+    const index = this.#frames.findLastIndex((frame) => frame.at <= at);
+    return Math.max(0, index);
+  }
+
+  /** Adds a live frame. `errors`: of the comparison, or undefined. `now` in seconds. */
+  add(frame, errors, now) {
+    const isNew = frame.layout !== this.#layout;
     if (isNew) this.#pending.clear();
+    this.#layout = frame.layout;
     for (const place of frame.changed) this.#pending.add(place);
     if (!isNew && now - this.#last < 1 / RATE - 0.004) return;
     this.#last = now;
     const isWhole = isNew || now - this.#whole >= WHOLE;
-    const { time, generation, count } = frame;
-    if (isNew) {
-      this.#generation = generation;
-      const { shapeNumbers, kinds } = roster;
-      this.#layout = { ids: frame.ids.slice(), shapeNumbers, kinds, shapesByNumber: new Map(roster.shapes) };
-    }
     if (isWhole) this.#whole = now;
-    const places = isWhole ? Uint32Array.from(frame.ids.keys()) : Uint32Array.from(this.#pending);
+    const places = Uint32Array.from(isWhole ? frame.layout.ids.keys() : this.#pending);
     this.#pending.clear();
-    const kept = { at: now, time, generation, count, layout: this.#layout, isWhole, places };
+    const kept = { at: now, time: frame.time, layout: frame.layout, isWhole, places };
     kept.positions = gather(frame.positions, places, 3);
     kept.rotations = gather(frame.rotations, places, 4);
     kept.errors = errors && gather(errors, places, 1);
     kept.resting = gather(frame.resting, places, 1);
-    kept.tolerance = frame.tolerances?.[frame.count - 1];
+    kept.tolerance = frame.tolerances.at(-1);
     this.#frames.push(kept);
     this.#bytes += places.length * BODY_BYTES;
     this.#forget(now);
@@ -71,13 +71,11 @@ export class History {
   frame(index) {
     let whole = index;
     while (!this.#frames[whole].isWhole) whole--;
-    const { layout, count, generation } = this.#frames[index];
+    const { layout, time } = this.#frames[index];
+    const { count } = layout;
     const frame = {
-      ...layout,
-      count,
-      // Unlike that of any live frame, so that what is laid out for one is not used for the other.
-      generation: `history ${generation}`,
-      time: this.#frames[index].time,
+      layout,
+      time,
       positions: new Float32Array(3 * count),
       rotations: new Float32Array(4 * count),
       resting: new Uint8Array(count),
@@ -103,7 +101,7 @@ export class History {
   clear() {
     this.#frames = [];
     this.#bytes = 0;
-    this.#generation = undefined;
+    this.#layout = undefined;
     this.#pending.clear();
     this.#last = this.#whole = -Infinity;
   }

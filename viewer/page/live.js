@@ -1,6 +1,7 @@
 // The live connection: a copy of a scene, and beside it the truth as a stream of every state. Comes back by itself.
 
 import { connect, isSupported } from "./client/rhumb.js";
+import { sentence } from "./text.js";
 import { Truth } from "./truth.js";
 
 /** Pause before the next attempt to connect, milliseconds: the first one, and the longest. */
@@ -132,10 +133,4 @@ function explained(cause, url) {
     );
   }
   return sentence(cause.message);
-}
-
-/** A text with a capital at its beginning, and a full stop. */
-export function sentence(text) {
-  const whole = text.trim();
-  return whole.charAt(0).toUpperCase() + whole.slice(1) + (/[.!?]$/.test(whole) ? "" : ".");
 }

@@ -1,20 +1,22 @@
 // The page: joins what is live, what is recorded, and what is shown.
 
+import { readAddress, writeAddress } from "./address.js";
 import { BodyPanel } from "./body.js";
-import { Bodies } from "./bodies.js";
-import { Colours } from "./colours.js";
-import { Comparison } from "./comparison.js";
-import { Figures, metres, number } from "./figures.js";
+import { Colours, showLegend } from "./colours.js";
+import { choose, offer, onChoice, Tolerance } from "./controls.js";
+import { Figures } from "./figures.js";
 import { frameOf } from "./frame.js";
 import { Hands } from "./hands.js";
-import { History } from "./history.js";
+import { Headline } from "./headline.js";
+import { keys, pointers } from "./keys.js";
 import { Link } from "./link.js";
-import { Live, obstacle, sentence } from "./live.js";
-import { AWAY, openRecording } from "./recording.js";
-import { Roster } from "./roster.js";
+import { LiveView } from "./live_view.js";
+import { Pane } from "./pane.js";
+import { openRecording } from "./recording.js";
+import { AWAY } from "./roster.js";
 import { Stage } from "./stage.js";
+import { metres, number, sentence } from "./text.js";
 import { theme } from "./theme.js";
-import { Trail } from "./trail.js";
 
 const element = (id) => document.getElementById(id);
 const COLOURS = ["error", "rest", "age", "shape"];
@@ -27,29 +29,34 @@ const ARRIVAL_SHARE = 0.2;
 const ARRIVAL_MS_MIN = 3;
 /** Times of frames that are kept for the figures of a test. */
 const FRAME_TIMES = 600;
+/** Recordings that this page has beside it, if it is one without a server: addresses from the page's. */
+const OWN_RECORDINGS = JSON.parse(document.querySelector('meta[name="rhumb-recordings"]')?.content ?? "[]");
 
-const live = new Live();
-const roster = new Roster();
-const history = new History();
-const comparison = new Comparison();
 const colours = new Colours();
-const link = new Link(element);
 const figures = new Figures(element);
+const headline = new Headline(element);
 const panel = new BodyPanel(element);
-let stage;
-let bodies;
-let ghosts;
-let trail;
+const address = readAddress(location.search);
+/** The connection to a server; a page without one has none. */
+let live;
+let view;
 let hands;
-/** The layout that each set of bodies has: a generation, and its source. */
-let laidOut;
-let ghostsLaidOut;
+let link;
+let stage;
+/** The copy at the right, and full states at the left. */
+let pane;
+let besidePane;
+let tolerance;
 /** `"live"`, a place in the history, or a recording. */
-let mode = { kind: "live" };
+let mode = { kind: "starting" };
 let lastFrame = 0;
 let scene;
 /** The frame of the history or of a recording that was drawn last. */
 let lastShown;
+/** The file that is played, whichever of its loads. */
+let file;
+/** What the legend was made of. */
+let legendOf = [];
 /** True if there is something to say about the connection. */
 let noticed = false;
 
@@ -61,10 +68,13 @@ const diagnostics = {
   workTimes: [],
   time: 0,
   bodies: 0,
-  comparison,
+  get comparison() {
+    return view?.comparison;
+  },
   /** The frame that is shown. A live one's columns are those of the copy, and end with its next call. */
   get shown() {
-    return mode.kind === "live" ? live.copy && frameOf(live.copy.view, false) : lastShown;
+    if (mode.kind === "live") return live.copy && frameOf(live.copy.view, false);
+    return lastShown && { ...lastShown, ids: lastShown.layout.ids };
   },
   get carried() {
     return hands?.carried;
@@ -73,15 +83,24 @@ const diagnostics = {
     return hands?.lastAdded;
   },
   get trail() {
-    return trail?.counts;
+    return pane?.trail.counts;
   },
   get picked() {
     return panel.id;
   },
+  /** The greatest errors of the last second, and bytes a second. */
+  get sums() {
+    return figures.sums;
+  },
   /** Of every body that can move, three numbers from 0 to 1. */
-  drawnColours: () => Array.from(bodies.movable, (place) => bodies.drawnColour(place)),
-  drawnPosition: (place) => bodies.drawnPosition(place),
-  ghostPosition: (place) => (ghosts.visible ? ghosts.drawnPosition(place) : undefined),
+  drawnColours: () => Array.from(pane.bodies.movable, (place) => pane.bodies.drawnColour(place)),
+  drawnPosition: (place) => pane.bodies.drawnPosition(place),
+  besidePosition: (place) => besidePane.bodies.drawnPosition(place),
+  lines: () => Array.from(pane.offsets.ends),
+  besideLines: () => Array.from(besidePane.offsets.ends),
+  rings: () => pane.pulses.count,
+  /** Where a body of the copy is seen, pixels of the page. */
+  screenOf: (place) => stage.screenOf(pane.bodies.drawnPosition(place), pane.picture),
 };
 globalThis.rhumbDiagnostics = diagnostics;
 
@@ -99,72 +118,92 @@ function hint(text) {
   element("status").textContent = text;
 }
 
-function start() {
-  theme(element("theme"), (isDark) => {
-    if (trail === undefined) return;
-    ghosts.ghostColour = trail.colour = isDark ? 0xffffff : 0x000000;
-  });
+async function start() {
   try {
-    stage = new Stage(element("view"));
+    stage = new Stage(element("view"), 2);
   } catch {
     notice("This browser cannot draw the scene", "Turn on WebGL in its settings, or open the page in another browser.");
     return;
   }
-  bodies = new Bodies(stage.scene);
-  ghosts = new Bodies(stage.scene, { ghost: true });
-  ghosts.visible = false;
-  trail = new Trail(bodies);
-  hands = new Hands(stage, live);
-  hands.onerror = hint;
-  link.onerror = hint;
+  besidePane = new Pane(stage.pictures[0], colours);
+  pane = new Pane(stage.pictures[1], colours);
+  theme(element("theme"), paint);
   controls();
-  pointers();
-  keys();
   recordings();
+  showPanes(false);
+  if (OWN_RECORDINGS.length > 0) await beginRecordings();
+  else await beginLive();
+  requestAnimationFrame(frame);
+}
+
+/** Paints the pictures in the colours of the style sheet. */
+function paint() {
+  const style = getComputedStyle(document.documentElement);
+  const of = (name) => style.getPropertyValue(name).trim();
+  stage.ground = of("--sky");
+  for (const each of [pane, besidePane]) each.paint({ ink: of("--ink"), ground: of("--floor") });
+}
+
+// The live scene ---------------------------------------------------------------------------------------------------
+
+/** Connects to the server that the page came from. */
+async function beginLive() {
+  const { Live, obstacle } = await import("./live.js");
+  live = new Live();
+  view = new LiveView(live);
+  link = new Link(element);
+  hands = new Hands(stage, live);
+  hands.onerror = link.onerror = hint;
+  link.onchange = (condition) => writeAddress({ link: condition });
+  liveControls();
+  toLive();
   const wrong = obstacle();
   if (wrong !== undefined) {
     diagnostics.state = "impossible";
     notice(...wrong);
     hint("Recordings can be played");
-  } else {
-    begin();
+    return;
   }
-  requestAnimationFrame(frame);
-}
-
-/** Reads the scenes, and follows the first one. */
-async function begin() {
   live.onstate = (state, text) => {
     diagnostics.state = state;
     if (mode.kind !== "recording") hint(text);
     if (state === "lost") notice("The connection has ended", `${text} The page tries to connect again.`);
     else if (state === "open") notice(undefined);
   };
-  live.onjoin = (copy) => {
-    laidOut = ghostsLaidOut = undefined;
-    history.clear();
-    figures.restart();
-    hands.restart();
-    if (mode.kind !== "recording") pick(undefined);
-    comparison.restart();
-    if (element("policy").checked) copy.setTierPolicy({ upTo: 0.2 });
-    else copy.setTierPolicy("never");
-    offer();
-    link.read();
-  };
-  const first = await firstScene();
-  offer();
-  notice(undefined);
-  follow(first.name);
+  live.onjoin = joined;
+  followFirst();
 }
 
-/** The scene of the URL, or the server's first; waits until there is one. */
-async function firstScene() {
-  const wanted = new URLSearchParams(location.search).get("scene");
+/** The copy is another one. */
+function joined(copy) {
+  view.restart();
+  hands.restart();
+  if (mode.kind !== "recording") {
+    figures.restart();
+    pick(undefined);
+  }
+  copy.setTierPolicy(element("policy").checked ? { upTo: 0.2 } : "never");
+  offerScenes();
+  if (address.link === undefined) return link.read();
+  // The address speaks of the page's beginning.
+  link.set(address.link);
+  address.link = undefined;
+}
+
+/** Follows the scene of the address, or the server's first; waits until there is one. */
+async function followFirst() {
   for (;;) {
     try {
       const { scenes } = await live.read();
-      if (scenes.length > 0) return scenes.find(({ name }) => name === wanted) ?? scenes[0];
+      if (scenes.length > 0) {
+        const asked = scenes.find(({ name }) => name === address.scene);
+        if (address.scene !== undefined && asked === undefined)
+          address.wrong.push(`The server has no scene "${address.scene}": ${scenes[0].name} is shown.`);
+        notice(undefined);
+        follow((asked ?? scenes[0]).name);
+        if (address.wrong.length > 0) notice("The address is not quite right", address.wrong.join(" "));
+        return;
+      }
       notice(
         "The server has no scene yet",
         "Let a client create one, or start `rhumb-server demo`. The page looks again.",
@@ -179,20 +218,96 @@ async function firstScene() {
 }
 
 /** Offers the server's scenes. */
-function offer() {
-  const select = element("scene");
+function offerScenes() {
   const names = live.facts.scenes.map(({ name }) => name);
   if (scene !== undefined && !names.includes(scene)) names.push(scene);
-  if ([...select.options].map(({ value }) => value).join() === names.join()) return;
-  select.replaceChildren(...names.map((name) => new Option(name, name, false, name === scene)));
+  offer(element("scene"), names, scene);
 }
 
 function follow(name) {
   scene = name;
-  element("scene").value = name;
+  offerScenes();
   stage.lookAtScene(name);
   toLive();
   live.follow(name);
+}
+
+/** Computes the live frame and what follows from it; draws it unless something else is shown. */
+function showLive(now, seconds) {
+  const { copy } = live;
+  const at = now / 1000;
+  const moment = element("shown").value;
+  const read = view.read(now, moment);
+  const { time, frame, errors, statistics } = read;
+  const { movable } = frame.layout;
+  const picked = placeOfPicked(frame);
+  if (mode.kind === "live") {
+    view.keep(read, at);
+    showPictures(read, at);
+    // A value beyond the greatest one would be cut.
+    element("scrubber").max = Math.max(0, view.history.length - 1);
+    element("scrubber").value = element("scrubber").max;
+  }
+  let moving = 0;
+  for (const place of movable) moving += 1 - frame.resting[place];
+  const ofPicked = {
+    place: picked,
+    error: errors?.[picked],
+    tolerance: frame.tolerances[picked],
+    bound: frame.errorBounds[picked],
+  };
+  // From here on the columns may end.
+  hands.act(frame, copy.view.linearVelocities, seconds, player());
+  if (mode.kind === "live" && panel.id !== undefined) panel.show(copy, { ...ofPicked, time, now: at });
+  Object.assign(diagnostics, { time, bodies: movable.length, moving, completeTick: statistics.completeTick });
+  if (mode.kind === "live") {
+    element("counts").textContent = `tick ${time}, ${movable.length} bodies, ${moving} moving`;
+    countLive(read, moment, at);
+  }
+  events(copy);
+}
+
+/** Counts what is shown live, for the graphs and the large numbers. */
+function countLive({ frame, statistics, naive, worst, tolerance, beside }, moment, now) {
+  const { receivedDatagramBytes, receivedControlBytes, updates, packets, missed, roundTrip } = statistics;
+  const bytes = receivedDatagramBytes + receivedControlBytes;
+  const counts = { now, bytes, naive, updates, packets, missed, roundTrip };
+  const within = tolerance ?? toleranceOf(live.copy);
+  if (!figures.count({ ...counts, worst, besideWorst: beside?.worst, tolerance: within })) return;
+  showPanes(beside !== undefined);
+  headline.show({
+    sums: figures.sums,
+    bodies: frame.layout.movable.length,
+    tolerance: within,
+    moment,
+    errorScale: statistics.errorScale,
+    waiting: statistics.watermarkTick - statistics.completeTick,
+  });
+  legend(within, worst !== undefined);
+}
+
+function toleranceOf(copy) {
+  const { tolerance } = copy;
+  return typeof tolerance === "object" ? tolerance.position : tolerance;
+}
+
+/** The id of the body that keys drive. */
+function player() {
+  return live.facts?.scenes.find(({ name }) => name === scene)?.player;
+}
+
+function events(copy) {
+  for (let event = copy.pollEvent(); event !== undefined; event = copy.pollEvent()) {
+    if (event.kind === "refused" || event.kind === "denied") hint(sentence(event.message));
+    if (event.kind === "tierChanged" || event.kind === "subscriptionChanged") {
+      const within = (event.to ?? event.stream)?.within;
+      const length = typeof within === "object" ? within.position : within;
+      if (length !== undefined) tolerance.show(length);
+      figures.restartErrors();
+    }
+    if (event.kind === "sceneFaulted")
+      notice("The scene stands still", "Its physics engine failed. Follow another scene.");
+  }
 }
 
 // Frames -------------------------------------------------------------------------------------------------------------
@@ -212,8 +327,8 @@ async function showNow() {
   const seconds = Math.min(0.25, (now - lastFrame) / 1000);
   note(diagnostics.frameTimes, now - lastFrame);
   lastFrame = now;
-  if (live.copy !== undefined) showLive(now, seconds);
-  if (mode.kind === "history") showFrame(mode.frame, now / 1000);
+  if (live?.copy !== undefined) showLive(now, seconds);
+  if (mode.kind === "history") showPast(mode.past, now / 1000);
   if (mode.kind === "recording") showRecording(seconds, now / 1000);
   stage.draw();
   note(diagnostics.workTimes, performance.now() - now);
@@ -228,9 +343,9 @@ async function arrivals() {
   const begin = performance.now();
   const end = begin + Math.max(ARRIVAL_MS_MIN, ARRIVAL_SHARE * (begin - lastFrame));
   for (let turn = 0; turn < ARRIVAL_TURNS && performance.now() < end; turn++) {
-    const before = live.copy?.statistics.receivedDatagrams;
+    const before = live?.copy?.statistics.receivedDatagrams;
     await new Promise((resolve) => setTimeout(resolve));
-    if (live.copy?.statistics.receivedDatagrams === before) return;
+    if (live?.copy?.statistics.receivedDatagrams === before) return;
   }
 }
 
@@ -239,355 +354,184 @@ function note(times, time) {
   if (times.length > FRAME_TIMES) times.shift();
 }
 
-/** Computes the live frame and what follows from it; draws it unless something else is shown. */
-function showLive(now, seconds) {
-  const { copy, truth } = live;
-  const at = now / 1000;
-  const statistics = copy.statistics;
-  const time = showMoment(copy, now, statistics);
-  roster.read(frameOf(copy.view, false), copy);
-  if (mode.kind === "live") lay(copy);
-  truth?.read();
-  const seen = frameOf(copy.view);
-  if (truth !== undefined) {
-    comparison.show(seen, roster, time <= statistics.completeTick);
-    comparison.settle(truth);
-  }
-  const errors = truth && comparison.generation === seen.generation ? comparison.errors : undefined;
-  if (mode.kind === "live") {
-    history.add(seen, errors, roster, at);
-    bodies.pose(seen, seen.changed);
-    colours.marked = placeOfPicked(seen);
-    colours.apply(bodies, seen, errors, at);
-    // A value beyond the greatest one would be cut.
-    element("scrubber").max = Math.max(0, history.length - 1);
-    element("scrubber").value = element("scrubber").max;
-    // The present moment is predicted beyond the truth that has arrived.
-    layGhosts(truth?.at(time) ?? truth?.at(truth.newest), seen.ids, roster, roster.shapes);
-  }
-  hands.act(seen, copy.view.linearVelocities, seconds, player());
-  let moving = 0;
-  for (const place of roster.movable) moving += 1 - seen.resting[place];
-  const picked = placeOfPicked(seen);
-  const ofPicked = {
-    place: picked,
-    error: errors?.[picked],
-    tolerance: seen.tolerances[picked],
-    bound: seen.errorBounds[picked],
-  };
-  if (mode.kind === "live") trail.show(seen, picked);
-  // From here on the columns may end.
-  if (mode.kind === "live" && panel.id !== undefined) panel.show(copy, { ...ofPicked, time, now: at });
-  Object.assign(diagnostics, { time, bodies: roster.movable.length, moving, completeTick: statistics.completeTick });
-  counts(time, moving, statistics);
-  figures.count({
-    now: at,
-    client: copy,
-    statistics,
-    movable: roster.movable.length,
-    comparison: truth && comparison,
-    tolerance: toleranceOf(copy),
-  });
-  events(copy);
+/** Shows the copy, and the other picture if there is one; `now` in seconds. */
+function showPictures({ frame, errors, judged, beside }, now) {
+  const picked = placeOfPicked(frame);
+  pane.show(frame, { errors, judged, picked, now });
+  if (beside === undefined) return;
+  besidePane.show(beside.frame, { ...beside, picked: placeOfPicked(beside.frame), now });
+}
+
+/** Shows a place of the history, or a recording. */
+function showPast(past, now) {
+  const { frame, errors } = past;
+  lastShown = frame;
+  showPictures(past, now);
+  if (panel.id !== undefined) panel.showFrame(frame, errors, placeOfPicked(frame), now);
+  element("counts").textContent = `tick ${frame.time}, ${frame.layout.movable.length} bodies`;
+}
+
+/** Says what the colours mean: within which tolerance, and whether there is a truth to compare with. */
+function legend(...of) {
+  legendOf = of;
+  showLegend(element("legend"), colours.legend(...of));
+}
+
+/** Shows one picture or two. */
+function showPanes(areTwo) {
+  const { pictures } = stage;
+  if ((stage.shown.length === 2) === areTwo) return;
+  stage.shown = areTwo ? pictures : [pane.picture];
+  element("stage").classList.toggle("two", areTwo);
 }
 
 /** The place of the picked body in a frame; negative if there is none. */
-function placeOfPicked({ ids, positions }) {
-  const place = panel.id === undefined ? -1 : ids.indexOf(panel.id);
+function placeOfPicked({ layout, positions }) {
+  const place = panel.id === undefined ? -1 : (layout.places.get(panel.id) ?? -1);
   return positions[3 * place] === AWAY ? -1 : place;
 }
 
 /** Has the panel show another body, or none. */
 function pick(id) {
   panel.pick(id);
-  trail.clear();
-}
-
-/** Removes the picked body, or the last one that was added. The ids of a recording are not those of the scene. */
-function removePicked() {
-  if (mode.kind !== "recording") hands.remove(panel.id);
-}
-
-/** Has the copy show the chosen moment; returns it. */
-function showMoment(copy, now, { completeTick, watermarkTick }) {
-  const { value } = element("shown");
-  if (value === "predicted") return copy.poll(now);
-  // A view does not go back.
-  const time = Math.max(value === "complete" ? completeTick : watermarkTick, copy.view.time);
-  copy.show(time);
-  return time;
-}
-
-/** Lays out the bodies of the copy if they are others than before. */
-function lay(copy) {
-  if (laidOut === roster.generation) return;
-  laidOut = roster.generation;
-  bodies.layout(roster, (shape) => roster.shapes.get(shape));
-  const seen = frameOf(copy.view, false);
-  bodies.pose(seen, seen.ids.keys());
-}
-
-/** Puts the ghosts where the truth has the bodies that are shown; without the truth, there are none. */
-function layGhosts(actual, ids, layout, shapes) {
-  ghosts.visible = element("ghosts").checked && actual !== undefined;
-  if (!ghosts.visible) return;
-  if (ghostsLaidOut !== layout.generation) {
-    ghostsLaidOut = layout.generation;
-    ghosts.layout(layout, (shape) => shapes.get(shape));
-  }
-  ghosts.poseOthers(actual, ghosts.movable, (place) => actual.places.get(ids[place]));
-}
-
-function toleranceOf(copy) {
-  const { tolerance } = copy;
-  return typeof tolerance === "object" ? tolerance.position : tolerance;
-}
-
-function counts(time, moving, { errorScale }) {
-  if (mode.kind !== "live") return;
-  const truth = live.truth === undefined ? "" : `, greatest error ${metres(comparison.worst)}`;
-  element("counts").textContent = `tick ${time}, ${roster.movable.length} bodies, ${moving} moving${truth}`;
-  const scale = element("scale");
-  // A stream with a budget may not have stated it yet.
-  scale.hidden = (errorScale ?? 1) === 1;
-  if (!scale.hidden) scale.textContent = `over budget: errors up to ${number(errorScale, 1)} tolerances`;
-}
-
-/** The id of the body that keys drive. */
-function player() {
-  return live.facts?.scenes.find(({ name }) => name === scene)?.player;
-}
-
-function events(copy) {
-  for (let event = copy.pollEvent(); event !== undefined; event = copy.pollEvent()) {
-    if (event.kind === "refused" || event.kind === "denied") hint(sentence(event.message));
-    if (event.kind === "tierChanged" || event.kind === "subscriptionChanged") showTolerance(event.to ?? event.stream);
-    if (event.kind === "sceneFaulted")
-      notice("The scene stands still", "Its physics engine failed. Follow another scene.");
-  }
-}
-
-/** Shows a frame of the history or of a recording. */
-function showFrame(shown, now) {
-  const isNew = laidOut !== shown.generation;
-  if (isNew) {
-    laidOut = shown.generation;
-    bodies.layout(shown, (shape) => shown.shapesByNumber.get(shape));
-  }
-  lastShown = shown;
-  const actual = mode.kind === "history" ? live.truth?.at(shown.time) : undefined;
-  layGhosts(actual, shown.ids, shown, shown.shapesByNumber);
-  bodies.pose(shown, isNew ? shown.ids.keys() : shown.changed);
-  colours.marked = placeOfPicked(shown);
-  colours.apply(bodies, shown, shown.errors, now);
-  trail.show(shown, colours.marked);
-  if (panel.id !== undefined) panel.showFrame(shown, colours.marked, now);
-  element("counts").textContent = `tick ${shown.time}, ${bodies.movable.length} bodies`;
+  for (const each of [pane, besidePane]) each.trail.clear();
 }
 
 // Time ---------------------------------------------------------------------------------------------------------------
 
+/** What is shown next comes from elsewhere. */
+function turnTo(next) {
+  mode = next;
+  document.body.dataset.mode = next.kind;
+  for (const each of [pane, besidePane]) each.forget();
+}
+
 function toLive() {
+  if (live === undefined) return;
   // The bodies of a recording are others.
-  if (mode.kind === "recording") pick(undefined);
-  history.interrupt();
-  bodies.down = [0, -1, 0];
-  mode = { kind: "live" };
-  laidOut = undefined;
+  if (mode.kind === "recording") {
+    pick(undefined);
+    figures.restart();
+  }
+  view.interrupt();
+  setDown([0, -1, 0]);
+  turnTo({ kind: "live" });
   element("notice").hidden = !noticed;
   element("live").textContent = "Pause";
   element("moment").textContent = "live";
 }
 
 function toHistory(index) {
+  const { history } = view;
   if (history.length === 0) return;
   const place = Math.max(0, Math.min(history.length - 1, index));
-  mode = { kind: "history", index: place, frame: history.frame(place) };
+  turnTo({ kind: "history", index: place, past: view.past(place) });
   element("live").textContent = "Back to live";
   element("scrubber").value = place;
   const ago = history.at(history.length - 1) - history.at(place);
   element("moment").textContent = `${number(ago, 1)} s ago`;
 }
 
-function showRecording(seconds, now) {
-  const { recording } = mode;
-  if (!mode.isPaused) mode.at = Math.min(recording.length, mode.at + seconds);
-  const scrubber = element("scrubber");
-  scrubber.max = Math.round(1000 * recording.length);
-  if (!mode.isPaused) scrubber.value = Math.round(1000 * mode.at);
-  element("moment").textContent = `${number(mode.at, 1)} of ${number(recording.length, 1)} s`;
-  showFrame(recording.frame(mode.at), now);
-}
-
-function play(recording) {
-  pick(undefined);
-  mode = { kind: "recording", recording, at: 0, isPaused: false };
-  laidOut = undefined;
-  bodies.down = recording.gravity;
-  element("live").textContent = "Back to live";
-  element("notice").hidden = true;
-  hint(recording.title);
-  stage.look([18, 14, 22], [0, 2, 0]);
+function setDown(direction) {
+  for (const each of [pane, besidePane]) each.bodies.down = direction;
 }
 
 function pauseOrGoOn() {
   if (mode.kind === "recording") mode.isPaused = !mode.isPaused;
-  else if (mode.kind === "live") toHistory(history.length - 1);
+  else if (mode.kind === "live") toHistory(view.history.length - 1);
   else toLive();
 }
 
 function step(by) {
-  if (mode.kind === "recording") {
-    mode.isPaused = true;
-    mode.at = Math.max(0, Math.min(mode.recording.length, mode.at + by / 60));
-    element("scrubber").value = Math.round(1000 * mode.at);
-  } else {
-    toHistory((mode.index ?? history.length - 1) + by);
+  if (mode.kind === "recording") scrub(mode.at + by * mode.recording.step);
+  else if (view !== undefined) toHistory((mode.index ?? view.history.length - 1) + by);
+}
+
+// Recordings ---------------------------------------------------------------------------------------------------------
+
+function showRecording(seconds, now) {
+  const { recording } = mode;
+  if (!mode.isPaused) {
+    // A page that has nothing else to show begins anew.
+    mode.at = mode.isLoop && mode.at >= recording.length ? 0 : Math.min(recording.length, mode.at + seconds);
+  }
+  const scrubber = element("scrubber");
+  scrubber.max = Math.round(1000 * recording.length);
+  if (!mode.isPaused) scrubber.value = Math.round(1000 * mode.at);
+  element("moment").textContent = `${number(mode.at, 1)} of ${number(recording.length, 1)} s`;
+  const { frame, errors, worst, actual, bytes, naive, beside } = recording.at(mode.at);
+  const judgedOf = (shown) => ({ shown, actual });
+  const isBeside = element("beside").checked && beside !== undefined;
+  const other = isBeside ? { ...beside, judged: judgedOf(beside.frame) } : undefined;
+  showPanes(isBeside);
+  showPast({ frame, errors, judged: errors && judgedOf(frame), beside: other }, now);
+  if (!recording.isCompared) return;
+  const { tolerance } = recording;
+  if (!figures.count({ now: mode.at, bytes, naive, worst, besideWorst: beside.worst, tolerance })) return;
+  headline.show({ sums: figures.sums, bodies: frame.layout.movable.length, tolerance, moment: "recorded" });
+}
+
+/** Goes to a time of the recording, seconds, and stays there. */
+function scrub(at) {
+  mode.isPaused = true;
+  mode.at = Math.max(0, Math.min(mode.recording.length, at));
+  element("scrubber").value = Math.round(1000 * mode.at);
+}
+
+/** Plays a load of the file, or its first one. */
+function play(load, run) {
+  pick(undefined);
+  figures.restart();
+  const recording = file.recording(load, run);
+  turnTo({ kind: "recording", recording, at: 0, isPaused: false, isLoop: live === undefined });
+  setDown(recording.gravity);
+  const runs = file.loads.find(({ name }) => name === recording.load).runs;
+  offer(element("load"), file.loads.map(({ name }) => name), recording.load);
+  offer(element("run"), runs, recording.run);
+  element("load-choice").hidden = file.loads.length < 2;
+  element("run-choice").hidden = runs.length < 2;
+  element("headline").hidden = !recording.isCompared;
+  element("live").textContent = live === undefined ? "Pause" : "Back to live";
+  element("notice").hidden = true;
+  hint(recording.title);
+  legend(recording.tolerance, recording.isCompared);
+  stage.look([18, 14, 22], [0, 2, 0]);
+}
+
+async function openFile(name, read) {
+  try {
+    hint(`Reading ${name}`);
+    file = await openRecording(name, await read());
+    play(address.load, address.run);
+  } catch (cause) {
+    hint(`${name} cannot be played: ${cause.message}`);
   }
 }
 
-// Controls -----------------------------------------------------------------------------------------------------------
-
-/** The tolerance of a place of the slider: from 1 mm to 1 m, even in its logarithm. */
-const toleranceAt = (place) => 10 ** (-3 + (3 * place) / 100);
-
-function showTolerance(stream) {
-  const within = stream?.within;
-  const length = typeof within === "object" ? within.position : within;
-  if (length === undefined) return;
-  element("tolerance").value = Math.round(((Math.log10(length) + 3) * 100) / 3);
-  element("tolerance-shown").textContent = metres(length);
-  for (const button of document.querySelectorAll("[data-tolerance]")) {
-    button.setAttribute("aria-pressed", Number(button.dataset.tolerance) === length);
-  }
-}
-
-function setTolerance(length) {
-  live.options.tolerance = length;
-  showTolerance({ within: length });
-  if (live.copy?.state === "open") live.copy.changeStream({ within: length });
-}
-
-/** Sets the delay of a view that predicts. */
-function setDelay(ticks) {
-  live.options.delayTicks = ticks;
-  live.copy?.setDelayTicks(ticks);
-  element("delay").value = ticks;
-  element("delay-shown").textContent = `${ticks} ticks`;
-}
-
-function controls() {
-  showTolerance({ within: live.options.tolerance });
-  let calm;
-  element("tolerance").addEventListener("input", ({ target }) => {
-    const length = Number(toleranceAt(Number(target.value)).toPrecision(2));
-    element("tolerance-shown").textContent = metres(length);
-    clearTimeout(calm);
-    calm = setTimeout(() => setTolerance(length), 200);
-  });
-  for (const button of document.querySelectorAll("[data-tolerance]")) {
-    button.addEventListener("click", () => setTolerance(Number(button.dataset.tolerance)));
-  }
-  element("delay").addEventListener("input", ({ target }) => setDelay(Number(target.value)));
-  element("shown").addEventListener(
-    "change",
-    ({ target }) => (element("delay").disabled = target.value !== "predicted"),
-  );
-  setDelay(live.options.delayTicks);
-  element("policy").addEventListener("change", ({ target }) => {
-    live.copy?.setTierPolicy(target.checked ? { upTo: 0.2 } : "never");
-  });
-  element("scene").addEventListener("change", ({ target }) => follow(target.value));
-  element("colour").addEventListener("change", ({ target }) => (colours.mode = target.value));
-  element("flashes").addEventListener("change", ({ target }) => (colours.flashes = target.checked));
-  element("truth").addEventListener("change", ({ target }) => {
-    live.showTruth(target.checked).catch((cause) => hint(cause.message));
-  });
-  element("live").addEventListener("click", () => (mode.kind === "live" ? toHistory(history.length - 1) : toLive()));
-  element("scrubber").addEventListener("input", ({ target }) => {
-    if (mode.kind !== "recording") return toHistory(Number(target.value));
-    mode.isPaused = true;
-    mode.at = Number(target.value) / 1000;
-  });
-  element("throw").addEventListener("click", () => hands.throwBall());
-  element("spawn").addEventListener("click", () => hands.dropBox());
-  element("remove").addEventListener("click", removePicked);
-}
-
-function pointers() {
-  const canvas = element("view");
-  let pressed;
-  canvas.addEventListener(
-    "pointerdown",
-    (event) => {
-      canvas.focus({ preventScroll: true });
-      pressed = [event.clientX, event.clientY];
-      if (!event.shiftKey || mode.kind !== "live") return;
-      const hit = bodies.pick(stage.ray(event));
-      const id = hit && live.copy?.view.ids[hit.place];
-      if (id === undefined) return;
-      event.stopImmediatePropagation();
-      canvas.setPointerCapture(event.pointerId);
-      hands.carry(id, hit.point, event);
-    },
-    { capture: true },
-  );
-  canvas.addEventListener("pointermove", (event) => hands.move(event));
-  canvas.addEventListener("pointerup", (event) => {
-    if (hands.carried !== undefined) return hands.drop();
-    const moved = pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]);
-    if (moved === undefined || moved > 4) return;
-    const hit = bodies.pick(stage.ray(event));
-    const ids = mode.kind === "live" ? live.copy?.view.ids : lastShown?.ids;
-    pick(hit && ids?.[hit.place]);
-    if (hit) element("body-panel").open = true;
-  });
-}
-
-function keys() {
-  const actions = {
-    KeyT: () => hands.throwBall(),
-    KeyN: () => hands.dropBox(),
-    Delete: removePicked,
-    KeyP: pauseOrGoOn,
-    ArrowLeft: () => step(-1),
-    ArrowRight: () => step(1),
-    KeyC: () => choose("colour", COLOURS[(COLOURS.indexOf(colours.mode) + 1) % COLOURS.length]),
-    KeyG: () => element("ghosts").click(),
-    KeyF: () => element("flashes").click(),
-    Escape: () => {
-      if (mode.kind !== "live") toLive();
-      pick(undefined);
-    },
+/** Plays the recordings of a page without a server. */
+async function beginRecordings() {
+  diagnostics.state = "recordings";
+  const names = OWN_RECORDINGS.map((path) => decodeURIComponent(path.split("/").at(-1)));
+  const fetched = (name) => async () => {
+    const response = await fetch(OWN_RECORDINGS[names.indexOf(name)]);
+    if (!response.ok) throw new Error(`the web server answers ${response.status} ${response.statusText}`);
+    return response.arrayBuffer();
   };
-  document.addEventListener("keydown", (event) => {
-    const isTyping = event.target.matches("input, select, textarea");
-    if (isTyping || event.ctrlKey || event.metaKey || event.altKey) return;
-    if (hands.press(event.code)) return event.preventDefault();
-    const action = actions[event.code];
-    if (action === undefined) return;
-    event.preventDefault();
-    action();
+  const begin = (name) => openFile(name, fetched(name));
+  offer(element("scene"), names);
+  element("scene-choice").hidden = names.length < 2;
+  const first = names.includes(address.scene) ? address.scene : names[0];
+  element("scene").value = first;
+  onChoice(element("scene"), (name) => {
+    address.load = address.run = undefined;
+    writeAddress({ scene: name, load: undefined, run: undefined });
+    begin(name);
   });
-  document.addEventListener("keyup", ({ code }) => hands.release(code));
-  addEventListener("blur", () => hands.releaseAll());
-}
-
-function choose(id, value) {
-  element(id).value = value;
-  element(id).dispatchEvent(new Event("change"));
+  await begin(first);
 }
 
 function recordings() {
-  const open = async (file) => {
-    if (file === undefined) return;
-    try {
-      hint(`Reading ${file.name}`);
-      play(await openRecording(file));
-    } catch (cause) {
-      hint(`${file.name} cannot be played: ${cause.message}`);
-    }
-  };
+  const open = (dropped) => dropped && openFile(dropped.name, () => dropped.arrayBuffer());
   element("recording").addEventListener("change", ({ target }) => open(target.files[0]));
   // Anywhere on the page: where a drop is not handled, the browser leaves the page for the file.
   document.addEventListener("dragover", (event) => event.preventDefault());
@@ -595,6 +539,134 @@ function recordings() {
     event.preventDefault();
     open(event.dataTransfer.files[0]);
   });
+  onChoice(element("load"), (name) => {
+    writeAddress({ load: name, run: undefined });
+    play(name);
+  });
+  onChoice(element("run"), (name) => {
+    writeAddress({ run: name });
+    play(element("load").value, name);
+  });
+}
+
+// Controls -----------------------------------------------------------------------------------------------------------
+
+/** What a page without a server has as well. */
+function controls() {
+  onChoice(element("colour"), (name) => {
+    colours.mode = name;
+    legend(...legendOf);
+  });
+  onChoice(element("flashes"), (isOn) => (pane.pulses.isOn = besidePane.pulses.isOn = isOn));
+  onChoice(element("lines"), (isOn) => (pane.offsets.isOn = besidePane.offsets.isOn = isOn));
+  onChoice(element("shadows"), (isOn) => (stage.shadows = isOn));
+  onChoice(element("beside"), (isOn) => {
+    if (view !== undefined) view.isBeside = isOn;
+    if (mode.kind === "history") toHistory(mode.index);
+    showPanes(isOn && mode.past?.beside !== undefined);
+  });
+  element("live").addEventListener("click", () => {
+    if (live === undefined) pauseOrGoOn();
+    else if (mode.kind === "live") toHistory(view.history.length - 1);
+    else toLive();
+  });
+  element("scrubber").addEventListener("input", ({ target }) => {
+    if (mode.kind === "recording") scrub(Number(target.value) / 1000);
+    else toHistory(Number(target.value));
+  });
+  keys(element("view"), keyActions(), {
+    press: (code) => hands?.press(code) ?? false,
+    release: (code) => hands?.release(code),
+    releaseAll: () => hands?.releaseAll(),
+  });
+  pointers(element("view"), pointerActions());
+}
+
+/** What needs a server. */
+function liveControls() {
+  tolerance = new Tolerance(element, (length) => {
+    live.options.tolerance = length;
+    figures.restartErrors();
+    if (live.copy?.state === "open") live.copy.changeStream({ within: length });
+  });
+  live.options.tolerance = address.tolerance ?? live.options.tolerance;
+  tolerance.show(live.options.tolerance);
+  const setDelay = (ticks) => {
+    live.options.delayTicks = ticks;
+    live.copy?.setDelayTicks(ticks);
+    element("delay").value = ticks;
+    element("delay-shown").textContent = `${ticks} ticks`;
+  };
+  element("delay").addEventListener("input", ({ target }) => setDelay(Number(target.value)));
+  setDelay(live.options.delayTicks);
+  const showMoment = (moment) => {
+    element("delay").disabled = moment !== "predicted";
+    figures.restartErrors();
+  };
+  onChoice(element("shown"), showMoment);
+  showMoment(element("shown").value);
+  element("complete").addEventListener("click", () => choose(element("shown"), "complete"));
+  onChoice(element("policy"), (may) => live.copy?.setTierPolicy(may ? { upTo: 0.2 } : "never"));
+  onChoice(element("scene"), (name) => {
+    writeAddress({ scene: name });
+    follow(name);
+  });
+  onChoice(element("truth"), (isOn) => live.showTruth(isOn).catch((cause) => hint(cause.message)));
+  element("throw").addEventListener("click", () => hands.throwBall());
+  element("spawn").addEventListener("click", () => hands.dropBox());
+  element("remove").addEventListener("click", removePicked);
+}
+
+/** Removes the picked body, or the last one that was added. The ids of a recording are not those of the scene. */
+function removePicked() {
+  if (mode.kind !== "recording") hands?.remove(panel.id);
+}
+
+function keyActions() {
+  const click = (id) => () => element(id).click();
+  return {
+    KeyT: () => hands?.throwBall(),
+    KeyN: () => hands?.dropBox(),
+    Delete: removePicked,
+    KeyP: pauseOrGoOn,
+    ArrowLeft: () => step(-1),
+    ArrowRight: () => step(1),
+    KeyC: () => choose(element("colour"), COLOURS[(COLOURS.indexOf(colours.mode) + 1) % COLOURS.length]),
+    KeyG: click("lines"),
+    KeyF: click("flashes"),
+    KeyB: click("beside"),
+    Escape: () => {
+      if (mode.kind !== "live") toLive();
+      pick(undefined);
+    },
+  };
+}
+
+function pointerActions() {
+  const paneAt = (event) => (stage.pictureAt(event) === pane.picture ? pane : besidePane);
+  return {
+    carry(event) {
+      const under = paneAt(event);
+      if (mode.kind !== "live" || under !== pane) return false;
+      const hit = pane.bodies.pick(stage.ray(event));
+      const id = hit && live.copy?.view.ids[hit.place];
+      if (id === undefined) return false;
+      hands.carry(id, hit.point, event, pane.picture);
+      return true;
+    },
+    move: (event) => hands?.move(event),
+    drop() {
+      if (hands?.carried === undefined) return false;
+      hands.drop();
+      return true;
+    },
+    pick(event) {
+      const under = paneAt(event);
+      const hit = under.bodies.pick(stage.ray(event));
+      pick(hit && under.layout.ids[hit.place]);
+      if (hit) element("body-panel").open = true;
+    },
+  };
 }
 
 start();

@@ -1,12 +1,11 @@
-// Reads a trace of `rhumb-bench evaluate` or `replay` (MCAP): the first load's truth, and a client's copy beside it.
-// A recording of a server has the truth alone.
+// Reads a trace of `rhumb-bench evaluate` or `replay` (MCAP): a load's truth, and a client's copy beside it. A recording of a
+// server has the truth alone.
 //
 // `trace/proto/rhumb.proto` describes the messages. Only what the page shows is read.
 
 import { decompress } from "./fzstd/fzstd.js";
-import { metres } from "./figures.js";
-import { boundingRadius } from "./shapes.js";
-import { surfaceError } from "./comparison.js";
+import { AWAY } from "./roster.js";
+import { metres } from "./text.js";
 
 const MAGIC_BYTES = 8;
 const OPCODE = { channel: 0x04, message: 0x05, chunk: 0x06, metadata: 0x0c };
@@ -14,7 +13,10 @@ const KINDS = [0, 0, 1, 2];
 /** Steps of the grid in a metre, and in a unit of a quaternion's components. */
 const STEPS = 2 ** 20;
 
-/** The recording of a file's bytes. */
+/**
+ * The file of these bytes: its `loads`, each with the `runs` whose copies it has, and `open`, which reads one of them: `bodies`,
+ * `ticks` of the truth, and with a copy its ticks as `copy`, and `bytes`, what it received up to each tick.
+ */
 export function readMcap(bytes) {
   const file = { topics: new Map(), messages: new Map(), metadata: new Map() };
   try {
@@ -23,21 +25,43 @@ export function readMcap(bytes) {
     if (cause instanceof RangeError) throw new Error("the MCAP file is damaged");
     throw cause;
   }
+  for (const messages of file.messages.values()) inOrder(messages);
   const topics = [...file.messages.keys()];
-  const truth = topics.find((topic) => topic.endsWith("/truth/state"));
-  if (truth === undefined)
+  const loads = topics
+    .filter((topic) => topic.endsWith("/truth/state"))
+    .map((topic) => loadOf(topic.slice(0, -"/truth/state".length), topics, file))
+    .sort((one, other) => one.order - other.order);
+  if (loads.length === 0)
     throw new Error("the MCAP file has no truth: it is no trace of rhumb-bench and no recording of a server");
-  const load = truth.slice(0, -"/truth/state".length);
-  const copies = topics.filter((topic) => topic.startsWith(`${load}/`) && topic.endsWith("/seen"));
-  const copy = copies.find((topic) => topic.includes("/rhumb")) ?? copies[0];
-  const run = copy?.slice(load.length + 1, -"/seen".length);
+  return { loads, open: (load, run) => open(file, load, run) };
+}
+
+/** A load by the beginning of its topics, with its runs: those over Rhumb first. */
+function loadOf(topic, topics, { metadata }) {
+  const copies = topics.filter((other) => other.startsWith(`${topic}/`) && other.endsWith("/seen"));
+  const runs = copies.map((copy) => copy.slice(topic.length + 1, -"/seen".length));
+  runs.sort((one, other) => Number(other.includes("rhumb")) - Number(one.includes("rhumb")));
+  const name = topic.slice(1);
+  const named = (metadata.get("rhumb.experiment")?.loads ?? "").split(/\s+/).indexOf(name);
+  return { name, runs, order: named < 0 ? Infinity : named };
+}
+
+function open(file, load, run) {
   const runs = [...file.metadata].filter(([name]) => name.startsWith("rhumb.run.")).map(([, values]) => values);
   const facts =
-    runs.find((values) => values.load === load.slice(1) && values.name === run) ??
-    runs.find((values) => values.load === load.slice(1)) ??
+    runs.find((values) => values.load === load && values.name === run) ??
+    runs.find((values) => values.load === load) ??
     file.metadata.get("rhumb.scene") ??
     {};
-  return new Trace(file.messages.get(truth), copy && file.messages.get(copy), facts, run).recording();
+  const messages = (name) => file.messages.get(`/${load}/${name}`)?.map(([, bytes]) => fields(bytes));
+  const copy = run && { seen: messages(`${run}/seen`), stats: messages(`${run}/stats`) ?? [] };
+  return new Trace(messages("truth/state"), copy, facts, run).recording();
+}
+
+/** Puts messages of one topic in order of their time; those of one time stay as they are. */
+function inOrder(messages) {
+  const isSorted = messages.every(([time], at) => at === 0 || messages[at - 1][0] <= time);
+  if (!isSorted) messages.sort(([one], [other]) => (one < other ? -1 : one > other ? 1 : 0));
 }
 
 function readRecords(bytes, file) {
@@ -64,9 +88,9 @@ function readRecord(opcode, bytes, file) {
     file.topics.set(data.getUint16(0, true), text(4)[0]);
   } else if (opcode === OPCODE.message) {
     const topic = file.topics.get(data.getUint16(0, true));
-    if (!/\/(state|seen)$/.test(topic)) return;
+    if (!/\/(state|seen|stats)$/.test(topic)) return;
     if (!file.messages.has(topic)) file.messages.set(topic, []);
-    file.messages.get(topic).push(bytes.subarray(22));
+    file.messages.get(topic).push([data.getBigUint64(6, true), bytes.subarray(22)]);
   } else if (opcode === OPCODE.metadata) {
     const [name, start] = text(0);
     const end = start + 4 + data.getUint32(start, true);
@@ -209,30 +233,38 @@ class Trace {
   #facts;
   #run;
   #grid = new Grid();
+  #truthGrid = new Grid();
 
   constructor(truth, copy, facts, run) {
-    this.#truth = truth.map(fields);
-    this.#copy = copy?.map(fields);
+    this.#truth = truth;
+    this.#copy = copy;
     this.#facts = facts;
     this.#run = run;
   }
 
-  /** The ticks that the page plays: of the copy if there is one, else of the truth. */
+  /** The truth's ticks, and those of the copy if there is one. */
   recording() {
     const step = Number(this.#facts.step_s ?? 1 / 60);
-    const actual = this.#truth.map((message) => this.#states(message));
-    const ticks = this.#copy === undefined ? actual : this.#copied(actual);
-    const tolerance = this.#copy === undefined ? undefined : Number(this.#facts.tolerance_m ?? NaN);
+    const ticks = this.#truth.map((message) => this.#states(message));
+    const copy = this.#copy && this.#copied(ticks);
+    const bytes = this.#copy && this.#received(ticks.length);
+    const tolerance = this.#copy && Number(this.#facts.tolerance_m ?? NaN);
     const count = this.#bodies.length;
     const within = tolerance > 0 ? `, within ${metres(tolerance)}` : "";
     const what = this.#copy === undefined ? "the truth" : `the copy of ${this.#run}${within}`;
-    return {
-      bodies: this.#bodies,
-      ticks,
-      step,
-      tolerance,
-      what: `${count === 1 ? "1 body" : `${count} bodies`}, ${what}`,
-    };
+    const title = `${count === 1 ? "1 body" : `${count} bodies`}, ${what}`;
+    return { bodies: this.#bodies, ticks, copy, bytes, step, tolerance, what: title };
+  }
+
+  /** Bytes that the copy had received when each tick was shown. */
+  #received(count) {
+    const bytes = new Float64Array(count);
+    for (const message of this.#copy.stats) {
+      const tick = message.get(1)?.[0] ?? 0;
+      if (tick < count) bytes[tick] += message.get(8)?.[0] ?? 0;
+    }
+    for (let tick = 1; tick < count; tick++) bytes[tick] += bytes[tick - 1];
+    return bytes;
   }
 
   #place(index, generation) {
@@ -241,8 +273,24 @@ class Trace {
 
   /** A tick of the truth: what was observed, and what was placed after it. */
   #states(message) {
-    const tick = this.#columns(message, 2, 4);
-    tick.resting = Uint8Array.from(varints(message, 17), (awake) => 1 - awake);
+    const indices = varints(message, 2);
+    const generations = varints(message, 3);
+    const awake = varints(message, 17);
+    const isExact = indices.length === 0 || message.has(4);
+    const columns = Array.from({ length: 7 }, (_, part) => (isExact ? floats(message, 4 + part) : signed(message, 21 + part)));
+    const tick = { places: [], positions: [], rotations: [], resting: [] };
+    indices.forEach((index, at) => {
+      const body = index + generations[at] * 2 ** 32;
+      const values = columns.map((column) => column[at]);
+      if (isExact) this.#truthGrid.forget(body);
+      const pose = isExact ? values : this.#truthGrid.decode(body, values);
+      const place = this.#places.get(body);
+      if (place === undefined) return;
+      tick.places.push(place);
+      tick.positions.push(...pose.slice(0, 3));
+      tick.rotations.push(...pose.slice(3));
+      tick.resting.push(1 - awake[at]);
+    });
     tick.removed = this.#removed(message, 19);
     const placed = (message.get(18) ?? []).map(fields).map((placement) => this.#add(placement));
     return append(tick, placed);
@@ -290,45 +338,24 @@ class Trace {
     shown.removed.push(...this.#removed(message, 13));
   }
 
-  /** The columns of positions and rotations that begin with those of the index. */
-  #columns(message, first, position) {
-    const generations = varints(message, first + 1);
-    const places = varints(message, first).map((index, at) => this.#place(index, generations[at]));
-    const columns = Array.from({ length: 7 }, (_, part) => floats(message, position + part));
-    const known = places.flatMap((place, at) => (place === undefined ? [] : [at]));
-    const interleave = (from, each) =>
-      Float32Array.from(
-        { length: each * known.length },
-        (_, at) => columns[from + (at % each)][known[Math.floor(at / each)]],
-      );
-    return {
-      known,
-      places: Uint32Array.from(known, (at) => places[at]),
-      positions: interleave(0, 3),
-      rotations: interleave(3, 4),
-    };
-  }
-
   #removed(message, first) {
     const generations = varints(message, first + 1);
     const places = varints(message, first).map((index, at) => this.#place(index, generations[at]));
     return places.filter((place) => place !== undefined);
   }
 
-  /** The copy at each tick, with its error against the truth of that tick. */
-  #copied(actual) {
+  /** The copy at each tick. */
+  #copied(ticks) {
     const count = this.#bodies.length;
-    const truth = { positions: new Float32Array(3 * count), rotations: new Float32Array(4 * count) };
-    const copy = { positions: new Float32Array(3 * count), rotations: new Float32Array(4 * count) };
-    const radii = this.#bodies.map(({ shape }) => boundingRadius(shape));
+    const truth = { positions: new Float32Array(3 * count).fill(AWAY), rotations: new Float32Array(4 * count) };
     const seen = new Map();
-    for (const message of this.#copy) {
+    for (const message of this.#copy.seen) {
       const tick = message.get(1)?.[0] ?? 0;
       if (!seen.has(tick)) seen.set(tick, []);
       seen.get(tick).push(message);
     }
     const isThere = new Uint8Array(count);
-    return actual.map((tick, number) => {
+    return ticks.map((tick, number) => {
       put(truth, tick);
       const shown = { places: [], positions: [], rotations: [], resting: [], removed: [] };
       for (const message of seen.get(number) ?? []) this.#show(message, truth, shown);
@@ -345,23 +372,7 @@ class Trace {
         })),
       );
       for (const place of whole.places) isThere[place] = 1;
-      put(copy, whole);
-      // The errors of bodies that the truth moved and the copy did not have changed too: those are shown as well.
-      const changed = new Set(whole.places);
-      const others = Array.from(tick.places).filter((place) => !changed.has(place));
-      const complete = append(
-        whole,
-        others.map((place) => ({
-          place,
-          position: copy.positions.slice(3 * place, 3 * place + 3),
-          rotation: copy.rotations.slice(4 * place, 4 * place + 4),
-          resting: 1,
-        })),
-      );
-      complete.errors = Float32Array.from(complete.places, (place) =>
-        surfaceError(copy, place, truth, place, radii[place]),
-      );
-      return complete;
+      return whole;
     });
   }
 }

@@ -1,37 +1,30 @@
-// The bodies of the live copy: their shapes, kinds and radii. They change seldom, and are copied out of its memory.
+// The bodies of a copy: their shapes, kinds and radii. They change seldom, and are copied out of its memory.
 
 import { boundingRadius } from "./shapes.js";
 
+/** Where bodies are that are not in the scene yet, or no more, metres. */
+export const AWAY = 1e7;
 const STATIC = 0;
 
-export class Roster {
-  generation;
-  count = 0;
-  shapeNumbers = new Uint32Array(0);
-  kinds = new Uint8Array(0);
-  /** Shapes by their numbers. */
-  shapes = new Map();
-  /** Bounding radius of each place, metres. */
-  radii = new Float32Array(0);
-  /** Places of the bodies that are not static. */
-  movable = new Uint32Array(0);
-  #source;
+/** The bodies of a frame; an object that is never changed. `source` has their shapes. */
+export function rosterOf({ generation, count, ids, shapes, kinds }, source) {
+  // Asking for a shape ends the columns.
+  const own = { generation, count, ids: ids.slice(), shapeNumbers: shapes.slice(), kinds: kinds.slice() };
+  const shapesByNumber = new Map(Array.from(new Set(own.shapeNumbers), (shape) => [shape, source.shape(shape)]));
+  return layoutOf({ ...own, shapesByNumber });
+}
 
-  /** Reads a frame's bodies, if they are others than before. `source` has their shapes. */
-  read({ generation, count, shapes, kinds }, source) {
-    if (generation === this.generation && source === this.#source) return;
-    this.generation = generation;
-    this.#source = source;
-    this.count = count;
-    this.shapeNumbers = shapes.slice();
-    this.kinds = kinds.slice();
-    this.shapes = new Map();
-    const radii = new Map();
-    for (const shape of new Set(this.shapeNumbers)) {
-      this.shapes.set(shape, source.shape(shape));
-      radii.set(shape, boundingRadius(this.shapes.get(shape)));
-    }
-    this.radii = Float32Array.from(this.shapeNumbers, (shape) => radii.get(shape));
-    this.movable = Uint32Array.from(this.kinds.keys()).filter((place) => this.kinds[place] !== STATIC);
-  }
+/**
+ * Completes what is known of bodies: `radii`, bounding radius of each place, metres; `movable`, places of the bodies that are
+ * not static; `places` by id.
+ */
+export function layoutOf(bodies) {
+  const { ids, kinds, shapeNumbers, shapesByNumber } = bodies;
+  const radiiByNumber = new Map(Array.from(shapesByNumber, ([shape, of]) => [shape, boundingRadius(of)]));
+  return {
+    ...bodies,
+    radii: Float32Array.from(shapeNumbers, (shape) => radiiByNumber.get(shape)),
+    movable: Uint32Array.from(kinds.keys()).filter((place) => kinds[place] !== STATIC),
+    places: new Map(Array.from(ids, (id, place) => [id, place])),
+  };
 }

@@ -2,6 +2,9 @@
 //
 // A full stream has the states of its newest tick alone, so they are copied as each tick completes, not frame by frame.
 
+import { frameOf } from "./frame.js";
+import { rosterOf } from "./roster.js";
+
 /** Bytes that are kept at most, and ticks. */
 const BYTES_MAX = 64e6;
 const TICKS_MAX = 300;
@@ -9,8 +12,7 @@ const TICKS_MAX = 300;
 export class Truth {
   #client;
   #ticks = new Map();
-  #places = new Map();
-  #generation;
+  #layout;
   #bytes = 0;
   /** The newest tick. */
   newest = -1;
@@ -30,14 +32,10 @@ export class Truth {
     this.newest = tick;
     this.#client.show(tick);
     const { view } = this.#client;
-    const { generation } = view;
-    if (generation !== this.#generation) {
-      this.#generation = generation;
-      this.#places = new Map(Array.from(view.ids, (id, place) => [id, place]));
-    }
+    if (view.generation !== this.#layout?.generation) this.#layout = rosterOf(frameOf(view, false), this.#client);
     const positions = view.positions.slice();
     const rotations = view.rotations.slice();
-    this.#ticks.set(tick, { positions, rotations, places: this.#places });
+    this.#ticks.set(tick, { tick, positions, rotations, resting: view.resting.slice(), layout: this.#layout });
     this.#bytes += 4 * (positions.length + rotations.length);
     this.#forget();
   }
@@ -51,7 +49,7 @@ export class Truth {
     }
   }
 
-  /** The states of a tick, and the place of each body; undefined for a tick that was not seen. */
+  /** The states of a tick, and the bodies; undefined for a tick that was not seen. */
   at(tick) {
     return this.#ticks.get(tick);
   }

@@ -1,0 +1,66 @@
+// The two large numbers, the titles of the pictures, and the sentence that explains what would seem to contradict.
+
+import { byteRate, metres, number, shortMetres } from "./text.js";
+
+/** A ratio that is larger is not stated: next to nothing was received. */
+const TIMES_MAX = 99_999;
+/** Metres by which the page's arithmetic may be off. */
+const ROUNDING = 1e-4;
+/** Ticks by which the newest complete tick lies behind, from which a sentence says so. */
+const BEHIND = 45;
+
+export class Headline {
+  #element;
+
+  constructor(element) {
+    this.#element = element;
+  }
+
+  /**
+   * Shows figures: those of `sums`; `bodies` that can move; `tolerance` of what is shown; `moment`, the choice of what is shown;
+   * `errorScale`, and `waiting`, the ticks by which what is complete lies behind what is known.
+   */
+  show(facts) {
+    const { sums, bodies, tolerance } = facts;
+    const { bytes, naive, worst, besideWorst } = sums;
+    const times = naive / bytes;
+    this.#write("times", Number.isFinite(times) && sums.seconds > 1 ? `${times > TIMES_MAX ? "> " : ""}${number(Math.min(times, TIMES_MAX), 0)}×` : "…");
+    this.#write("times-words", `${byteRate(bytes || 0)} for ${bodies} bodies; full states of all at every tick take ${byteRate(naive || 0)}`);
+    this.#write("worst", worst === undefined ? "…" : metres(worst));
+    const isBeyond = worst > tolerance + ROUNDING;
+    this.#element("worst").classList.toggle("beyond", isBeyond);
+    const within = tolerance > 0 ? `of the ${shortMetres(tolerance)} that ${isBeyond ? "complete ticks keep" : "you allow"}` : "";
+    this.#write("worst-words", worst === undefined ? "nothing to compare with" : `${within}, the greatest of all bodies in the last second`);
+    this.#write("copy-title", `Rhumb: off by ${worst === undefined ? "…" : metres(worst)}`);
+    this.#write("beside-title", `Full states, same bytes: off by ${besideWorst === undefined ? "…" : metres(besideWorst)}`);
+    this.#explain(isBeyond, facts);
+  }
+
+  #write(id, text) {
+    const box = this.#element(id);
+    if (box.textContent !== text) box.textContent = text;
+  }
+
+  #explain(isBeyond, facts) {
+    const text = explanation(isBeyond, facts);
+    this.#write("explanation-text", text ?? "");
+    this.#element("explanation").hidden = text === undefined;
+    this.#element("complete").hidden = facts.moment === "complete" || facts.moment === "recorded";
+  }
+}
+
+/** The sentence without which the numbers would contradict each other; undefined if they do not. */
+export function explanation(isBeyond, { moment, errorScale, waiting }) {
+  if ((errorScale ?? 1) !== 1)
+    return `The stream has fewer bytes than it needs: it states that errors may be ${number(errorScale, 1)} tolerances.`;
+  if (isBeyond && moment === "predicted")
+    return "More than the tolerance: the present moment is predicted beyond what has arrived. Complete ticks keep the tolerance.";
+  if (isBeyond && moment === "newest")
+    return "More than the tolerance: of this tick a packet is missing, and its bodies have no stated bound. Complete ticks keep the tolerance.";
+  if (isBeyond && moment === "recorded")
+    return "More than the tolerance: the recorded client showed moments of which not everything had arrived.";
+  if (isBeyond) return "More than the tolerance at a complete tick: this must not be. Please report it.";
+  if (moment === "complete" && waiting > BEHIND)
+    return `The pictures wait for what the link has lost: the newest complete tick is ${waiting} ticks old.`;
+  return undefined;
+}
