@@ -39,7 +39,7 @@ use crate::token_command::{self, TokenArguments};
 #[cfg(feature = "top")]
 use crate::top::{self, TopArguments};
 #[cfg(feature = "view")]
-use crate::view::ViewScene;
+use crate::view::{PageArguments, ViewScene, write_page};
 
 /// A Rapier server for remote rigid-body physics.
 #[derive(Debug, Parser)]
@@ -171,6 +171,9 @@ enum Task {
         #[arg(required = true)]
         scenes: Vec<SceneName>,
     },
+    /// Writes a page that plays recordings without a server, for any web host.
+    #[cfg(feature = "view")]
+    Page(PageArguments),
     /// Runs the scenes of a tenant for the server that starts it.
     #[command(hide = true)]
     Worker {
@@ -215,6 +218,8 @@ pub fn main_with(arguments: Arguments, hooks: Option<Hooks>) -> ExitCode {
         }
         #[cfg(feature = "top")]
         Some(Task::Top(arguments)) => top::run(arguments),
+        #[cfg(feature = "view")]
+        Some(Task::Page(page)) => write_page(page, &mut std::io::stdout()).map_err(Into::into),
         Some(Task::Config) => print(&ServerSettings::file()),
         #[cfg(feature = "demo")]
         Some(Task::Demo(demo)) => {

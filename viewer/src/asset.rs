@@ -21,17 +21,27 @@ pub const UNAVAILABLE: Option<&str> = {
     }
 };
 
+/// The hash of the import map in `index.html`, the only script that is no file.
+const IMPORT_MAP: &str = "'sha256-4MbugE3k0NaS1u+FiIM13Ycz2hB0hAZPvGIOjEi1Z4s='";
+
 /// The rights of the page, for the header of that name: it loads its own files, and connects by WebTransport to
 /// `sources`, a list of that header's form.
-///
-/// The hash is that of the import map in `index.html`, the only script that is no file.
 #[must_use]
 pub fn content_security_policy(sources: &str) -> String {
     format!(
-        "default-src 'none'; \
-         script-src 'self' 'wasm-unsafe-eval' 'sha256-4MbugE3k0NaS1u+FiIM13Ycz2hB0hAZPvGIOjEi1Z4s='; \
+        "default-src 'none'; script-src 'self' 'wasm-unsafe-eval' {IMPORT_MAP}; \
          style-src 'self'; img-src 'self' data:; connect-src 'self' {sources}; \
          base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+}
+
+/// The rights of the page without a server: it loads its own files, and connects to nothing.
+///
+/// It stands in the page, where a policy cannot say who may embed it.
+pub(crate) fn static_policy() -> String {
+    format!(
+        "default-src 'none'; script-src 'self' {IMPORT_MAP}; style-src 'self'; img-src 'self' data:; \
+         connect-src 'self'; base-uri 'none'; form-action 'none'"
     )
 }
 

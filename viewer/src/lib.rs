@@ -5,5 +5,7 @@
 #![forbid(unsafe_code)]
 
 mod asset;
+mod static_page;
 
 pub use asset::{Asset, UNAVAILABLE, asset, assets, content_security_policy};
+pub use static_page::static_files;

@@ -1,7 +1,7 @@
 //! A script that begins anew, again and again.
 //!
 //! A reset puts the script's bodies back where they began and removes all others. Bodies keep their ids, so that what
-//! members know of them holds.
+//! members know of them holds. It comes after so many seconds, or when next to nothing has moved for some.
 
 use std::collections::BTreeMap;
 
@@ -13,8 +13,17 @@ use rhumb_sims::Script;
 use crate::provided::SceneScript;
 use crate::scene::Scene;
 
-/// A script without end: its first commands, its controller, and a reset every so many seconds of the scene's time.
-pub(super) fn reset_script(mut script: Box<dyn Script>, seconds: u32) -> SceneScript {
+/// When a scene begins anew, in seconds of its time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct ResetAfter {
+    /// Since the last beginning.
+    pub(super) seconds: u32,
+    /// Since next to nothing moves; `None` for a scene that stands still until a member moves something.
+    pub(super) still_seconds: Option<u32>,
+}
+
+/// A script without end: its first commands, its controller, and resets.
+pub(super) fn reset_script(mut script: Box<dyn Script>, after: ResetAfter) -> SceneScript {
     let mut controller = script.controller();
     let mut resets: Option<Resets> = None;
     SceneScript::new(move |scene: &Scene, out: &mut Vec<Command>| {
@@ -22,12 +31,13 @@ pub(super) fn reset_script(mut script: Box<dyn Script>, seconds: u32) -> SceneSc
         match &mut resets {
             None => {
                 script.commands(Tick::ZERO, out);
-                resets = Some(Resets::new(out, scene, seconds));
+                resets = Some(Resets::new(out, scene, after));
             }
-            Some(resets) if resets.is_due(tick) => resets.reset(scene, out),
-            Some(_) => {
+            Some(resets) => {
                 let motion = |id| scene.observation(id).map(|observation| observation.motion);
-                if let Some(controller) = &mut controller {
+                if resets.is_due(scene) {
+                    resets.reset(scene, out);
+                } else if let Some(controller) = &mut controller {
                     controller.before_step(tick, &motion, out);
                 }
             }
@@ -40,30 +50,50 @@ struct Resets {
     began: BTreeMap<BodyId, (BodyKind, BodyState)>,
     /// Ticks from one reset to the next.
     period: u64,
+    /// Ticks of stillness before a reset.
+    still_period: Option<u64>,
     /// Tick of the last reset.
     last: Tick,
+    /// The last tick at which more than next to nothing moved.
+    moved: Tick,
 }
 
+/// The share of a scene's bodies that may move while it counts as still: one of so many.
+const STILL_SHARE: usize = 50;
+
 impl Resets {
-    fn new(commands: &[Command], scene: &Scene, seconds: u32) -> Self {
+    fn new(commands: &[Command], scene: &Scene, after: ResetAfter) -> Self {
         let began = commands.iter().filter_map(|command| match command {
             Command::AddBody { desc, motion } => Some((desc.id, (desc.kind, *motion))),
             _ => None,
         });
         let step_ns = scene.config().integrator.rate.step_ns();
+        let ticks = |seconds: u32| (u64::from(seconds) * 1_000_000_000 / step_ns).max(1);
         Self {
             began: began.collect(),
-            period: (u64::from(seconds) * 1_000_000_000 / step_ns).max(1),
+            period: ticks(after.seconds),
+            still_period: after.still_seconds.map(ticks),
             last: scene.tick(),
+            moved: scene.tick(),
         }
     }
 
-    fn is_due(&self, tick: Tick) -> bool {
-        tick.value().saturating_sub(self.last.value()) >= self.period
+    /// Notes whether the scene moves; true if it is to begin anew.
+    fn is_due(&mut self, scene: &Scene) -> bool {
+        let tick = scene.tick();
+        if scene.awake_count() * STILL_SHARE > self.began.len() {
+            self.moved = tick;
+        }
+        let since = |then: Tick| tick.value().saturating_sub(then.value());
+        let is_still = self
+            .still_period
+            .is_some_and(|period| since(self.moved) >= period);
+        is_still || since(self.last) >= self.period
     }
 
     fn reset(&mut self, scene: &Scene, out: &mut Vec<Command>) {
         self.last = scene.tick();
+        self.moved = scene.tick();
         for body in scene.bodies() {
             let id = body.id;
             match self.began.get(&id) {
@@ -100,6 +130,13 @@ mod tests {
 
     use super::*;
 
+    const fn every(seconds: u32) -> ResetAfter {
+        ResetAfter {
+            seconds,
+            still_seconds: None,
+        }
+    }
+
     fn run(script: &mut SceneScript, scene: &mut Scene) {
         for command in script.commands(scene) {
             scene.apply(&command).unwrap();
@@ -116,7 +153,7 @@ mod tests {
     fn a_reset_puts_the_scripts_bodies_back_and_removes_all_others() {
         let first = Box::new(BallPit::new(20, 1, 3));
         let mut scene = Scene::new(first.config()).unwrap();
-        let mut script = reset_script(first, 1);
+        let mut script = reset_script(first, every(1));
         run(&mut script, &mut scene);
         let began = states(&scene);
         assert_eq!(began.len(), 20);
@@ -140,10 +177,37 @@ mod tests {
     }
 
     #[test]
+    fn a_scene_that_stands_still_begins_anew() {
+        let pit = Box::new(BallPit::new(20, 1, 3));
+        let mut scene = Scene::new(pit.config()).unwrap();
+        let after = ResetAfter {
+            seconds: 3_600,
+            still_seconds: Some(2),
+        };
+        let mut script = reset_script(pit, after);
+        run(&mut script, &mut scene);
+        let began = states(&scene);
+        let mut still = 0;
+        for _ in 0..3_600 {
+            scene.step().unwrap();
+            still = match scene.awake_count() {
+                0 => still + 1,
+                _ => 0,
+            };
+            run(&mut script, &mut scene);
+            if still > 0 && states(&scene) == began {
+                assert_eq!(still, 120, "two seconds after the last ball fell asleep");
+                return;
+            }
+        }
+        panic!("the balls lie still and are not dropped again");
+    }
+
+    #[test]
     fn a_player_moves_only_when_a_member_pushes_it() {
         let cubes = Box::new(Cubes::new(2, 1).driven_by_a_member());
         let mut scene = Scene::new(cubes.config()).unwrap();
-        let mut script = reset_script(cubes, 60);
+        let mut script = reset_script(cubes, every(60));
         for _ in 0..600 {
             run(&mut script, &mut scene);
             scene.step().unwrap();

@@ -6,9 +6,12 @@ use std::str::FromStr;
 use rhumb_protocol::scene::{SceneName, Stepping};
 use rhumb_sims::{Asteroids, BallPit, Cubes, Ragdolls, Script, Spin, Tumbler};
 
-use super::reset_script::reset_script;
+use super::reset_script::{ResetAfter, reset_script};
 use crate::provided::{ProvidedScene, ProvidedScenes};
 use crate::view::ViewScene;
+
+/// Seconds for which a scene whose bodies lie still is shown so: that silence costs nothing is to be seen, too.
+const STILL_SECONDS: u32 = 2;
 
 /// One scene of the demo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,13 +57,18 @@ impl DemoScene {
         }
     }
 
-    /// Seconds of the scene's time after which its bodies are back where they began.
-    const fn reset_seconds(self) -> u32 {
-        match self {
-            Self::BallPit => BallPit::CYCLE_SECONDS,
-            Self::Ragdolls => 20,
-            Self::Tumbler => 60,
-            Self::Cubes | Self::Asteroids => 120,
+    /// When its bodies are back where they began: something is to be seen whenever a visitor comes. The cubes wait for
+    /// a visitor who moves them.
+    const fn reset_after(self) -> ResetAfter {
+        let (seconds, still_seconds) = match self {
+            Self::BallPit => (BallPit::CYCLE_SECONDS, Some(STILL_SECONDS)),
+            Self::Ragdolls => (20, Some(STILL_SECONDS)),
+            Self::Tumbler => (60, None),
+            Self::Cubes | Self::Asteroids => (120, None),
+        };
+        ResetAfter {
+            seconds,
+            still_seconds,
         }
     }
 
@@ -80,7 +88,7 @@ impl DemoScene {
         config.stepping = Stepping::FreeRunning;
         ProvidedScene {
             config,
-            script: reset_script(script, self.reset_seconds()),
+            script: reset_script(script, self.reset_after()),
         }
     }
 }
