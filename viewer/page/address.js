@@ -16,7 +16,7 @@ export function readAddress(search) {
   if (tolerance !== null) {
     const length = /^\d*\.?\d+$/.test(tolerance) ? Number(tolerance) : NaN;
     if (length >= TOLERANCE_MIN && length <= TOLERANCE_MAX) found.tolerance = length;
-    else wrong.push(`The address asks for the tolerance "${tolerance}": it is metres from ${TOLERANCE_MIN} to ${TOLERANCE_MAX}.`);
+    else wrong.push(`The address asks for the tolerance "${tolerance}": it is metres from ${TOLERANCE_MIN} to ${TOLERANCE_MAX}`);
   }
   const link = given.get("link");
   if (link !== null) {
@@ -25,7 +25,7 @@ export function readAddress(search) {
     else
       wrong.push(
         `The address asks for the link "${link}": it is a list as delay=100ms,jitter=20ms,loss=5%,rate=500kbit, with a delay up to ` +
-          "500 ms, a jitter up to 100 ms, a loss up to 30 % and a rate up to 10000 kbit.",
+          "500 ms, a jitter up to 100 ms, a loss up to 30 % and a rate up to 10000 kbit",
       );
   }
   return found;

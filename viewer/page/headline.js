@@ -18,20 +18,20 @@ export class Headline {
 
   /**
    * Shows figures: those of `sums`; `bodies` that can move; `tolerance` of what is shown; `moment`, the choice of what is shown;
-   * `errorScale`, and `waiting`, the ticks by which what is complete lies behind what is known.
+   * `copy`, the name of the copy if it is not Rhumb's; `errorScale`, and `waiting`, the ticks by which what is complete lies behind what is known.
    */
   show(facts) {
-    const { sums, bodies, tolerance } = facts;
+    const { sums, bodies, tolerance, copy } = facts;
     const { bytes, naive, worst, besideWorst } = sums;
     const times = naive / bytes;
     this.#write("times", Number.isFinite(times) && sums.seconds > 1 ? `${times > TIMES_MAX ? "> " : ""}${number(Math.min(times, TIMES_MAX), 0)}×` : "…");
-    this.#write("times-words", `${byteRate(bytes || 0)} for ${bodies} bodies; full states of all at every tick take ${byteRate(naive || 0)}`);
+    this.#write("times-words", `${byteRate(bytes || 0)}, where full states of ${bodies} bodies take ${byteRate(naive || 0)}`);
     this.#write("worst", worst === undefined ? "…" : metres(worst));
     const isBeyond = worst > tolerance + ROUNDING;
     this.#element("worst").classList.toggle("beyond", isBeyond);
     const within = tolerance > 0 ? `of the ${shortMetres(tolerance)} that ${isBeyond ? "complete ticks keep" : "you allow"}` : "";
-    this.#write("worst-words", worst === undefined ? "nothing to compare with" : `${within}, the greatest of all bodies in the last second`);
-    this.#write("copy-title", `Rhumb: off by ${worst === undefined ? "…" : metres(worst)}`);
+    this.#write("worst-words", worst === undefined ? "nothing to compare with" : `${within}, in the last second`);
+    this.#write("copy-title", `${copy ?? "Rhumb"}: off by ${worst === undefined ? "…" : metres(worst)}`);
     this.#write("beside-title", `Full states, same bytes: off by ${besideWorst === undefined ? "…" : metres(besideWorst)}`);
     this.#explain(isBeyond, facts);
   }

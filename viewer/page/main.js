@@ -12,7 +12,7 @@ import { keys, pointers } from "./keys.js";
 import { Link } from "./link.js";
 import { LiveView } from "./live_view.js";
 import { Pane } from "./pane.js";
-import { openRecording } from "./recording.js";
+import { OWN_RECORDINGS, Player } from "./player.js";
 import { AWAY } from "./roster.js";
 import { Stage } from "./stage.js";
 import { metres, number, sentence } from "./text.js";
@@ -29,15 +29,13 @@ const ARRIVAL_SHARE = 0.2;
 const ARRIVAL_MS_MIN = 3;
 /** Times of frames that are kept for the figures of a test. */
 const FRAME_TIMES = 600;
-/** Recordings that this page has beside it, if it is one without a server: addresses from the page's. */
-const OWN_RECORDINGS = JSON.parse(document.querySelector('meta[name="rhumb-recordings"]')?.content ?? "[]");
-
 const colours = new Colours();
 const figures = new Figures(element);
 const headline = new Headline(element);
 const panel = new BodyPanel(element);
+const player = new Player(element);
 const address = readAddress(location.search);
-/** The connection to a server; a page without one has none. */
+/** The connection to a server, and what it shows; a page without one has none. */
 let live;
 let view;
 let hands;
@@ -53,8 +51,6 @@ let lastFrame = 0;
 let scene;
 /** The frame of the history or of a recording that was drawn last. */
 let lastShown;
-/** The file that is played, whichever of its loads. */
-let file;
 /** What the legend was made of. */
 let legendOf = [];
 /** True if there is something to say about the connection. */
@@ -128,12 +124,15 @@ async function start() {
   besidePane = new Pane(stage.pictures[0], colours);
   pane = new Pane(stage.pictures[1], colours);
   theme(element("theme"), paint);
+  player.onbegin = begun;
+  player.onhint = hint;
   controls();
-  recordings();
   showPanes(false);
-  if (OWN_RECORDINGS.length > 0) await beginRecordings();
-  else await beginLive();
   requestAnimationFrame(frame);
+  if (OWN_RECORDINGS.length === 0) return beginLive();
+  diagnostics.state = "recordings";
+  document.body.dataset.mode = "recording";
+  return player.playOwn();
 }
 
 /** Paints the pictures in the colours of the style sheet. */
@@ -141,7 +140,7 @@ function paint() {
   const style = getComputedStyle(document.documentElement);
   const of = (name) => style.getPropertyValue(name).trim();
   stage.ground = of("--sky");
-  for (const each of [pane, besidePane]) each.paint({ ink: of("--ink"), ground: of("--floor") });
+  for (const each of [pane, besidePane]) each.paint({ ink: of("--ink"), off: of("--off"), ground: of("--floor") });
 }
 
 // The live scene ---------------------------------------------------------------------------------------------------
@@ -166,7 +165,7 @@ async function beginLive() {
   }
   live.onstate = (state, text) => {
     diagnostics.state = state;
-    if (mode.kind !== "recording") hint(text);
+    if (mode.kind !== "recording") hint(state === "open" ? [text, ...address.wrong].join(". ") : text);
     if (state === "lost") notice("The connection has ended", `${text} The page tries to connect again.`);
     else if (state === "open") notice(undefined);
   };
@@ -198,10 +197,9 @@ async function followFirst() {
       if (scenes.length > 0) {
         const asked = scenes.find(({ name }) => name === address.scene);
         if (address.scene !== undefined && asked === undefined)
-          address.wrong.push(`The server has no scene "${address.scene}": ${scenes[0].name} is shown.`);
+          address.wrong.push(`The server has no scene "${address.scene}": ${scenes[0].name} is shown`);
         notice(undefined);
         follow((asked ?? scenes[0]).name);
-        if (address.wrong.length > 0) notice("The address is not quite right", address.wrong.join(" "));
         return;
       }
       notice(
@@ -257,7 +255,7 @@ function showLive(now, seconds) {
     bound: frame.errorBounds[picked],
   };
   // From here on the columns may end.
-  hands.act(frame, copy.view.linearVelocities, seconds, player());
+  hands.act(frame, copy.view.linearVelocities, seconds, driven());
   if (mode.kind === "live" && panel.id !== undefined) panel.show(copy, { ...ofPicked, time, now: at });
   Object.assign(diagnostics, { time, bodies: movable.length, moving, completeTick: statistics.completeTick });
   if (mode.kind === "live") {
@@ -274,7 +272,6 @@ function countLive({ frame, statistics, naive, worst, tolerance, beside }, momen
   const counts = { now, bytes, naive, updates, packets, missed, roundTrip };
   const within = tolerance ?? toleranceOf(live.copy);
   if (!figures.count({ ...counts, worst, besideWorst: beside?.worst, tolerance: within })) return;
-  showPanes(beside !== undefined);
   headline.show({
     sums: figures.sums,
     bodies: frame.layout.movable.length,
@@ -292,7 +289,7 @@ function toleranceOf(copy) {
 }
 
 /** The id of the body that keys drive. */
-function player() {
+function driven() {
   return live.facts?.scenes.find(({ name }) => name === scene)?.player;
 }
 
@@ -356,6 +353,7 @@ function note(times, time) {
 
 /** Shows the copy, and the other picture if there is one; `now` in seconds. */
 function showPictures({ frame, errors, judged, beside }, now) {
+  showPanes(beside !== undefined);
   const picked = placeOfPicked(frame);
   pane.show(frame, { errors, judged, picked, now });
   if (beside === undefined) return;
@@ -382,7 +380,7 @@ function showPanes(areTwo) {
   const { pictures } = stage;
   if ((stage.shown.length === 2) === areTwo) return;
   stage.shown = areTwo ? pictures : [pane.picture];
-  element("stage").classList.toggle("two", areTwo);
+  element("pictures").classList.toggle("two", areTwo);
 }
 
 /** The place of the picked body in a frame; negative if there is none. */
@@ -416,6 +414,7 @@ function toLive() {
   view.interrupt();
   setDown([0, -1, 0]);
   turnTo({ kind: "live" });
+  element("headline").hidden = false;
   element("notice").hidden = !noticed;
   element("live").textContent = "Pause";
   element("moment").textContent = "live";
@@ -437,116 +436,45 @@ function setDown(direction) {
 }
 
 function pauseOrGoOn() {
-  if (mode.kind === "recording") mode.isPaused = !mode.isPaused;
+  if (mode.kind === "recording") player.pauseOrGoOn();
   else if (mode.kind === "live") toHistory(view.history.length - 1);
   else toLive();
 }
 
 function step(by) {
-  if (mode.kind === "recording") scrub(mode.at + by * mode.recording.step);
+  if (mode.kind === "recording") player.step(by);
   else if (view !== undefined) toHistory((mode.index ?? view.history.length - 1) + by);
 }
 
 // Recordings ---------------------------------------------------------------------------------------------------------
 
-function showRecording(seconds, now) {
-  const { recording } = mode;
-  if (!mode.isPaused) {
-    // A page that has nothing else to show begins anew.
-    mode.at = mode.isLoop && mode.at >= recording.length ? 0 : Math.min(recording.length, mode.at + seconds);
-  }
-  const scrubber = element("scrubber");
-  scrubber.max = Math.round(1000 * recording.length);
-  if (!mode.isPaused) scrubber.value = Math.round(1000 * mode.at);
-  element("moment").textContent = `${number(mode.at, 1)} of ${number(recording.length, 1)} s`;
-  const { frame, errors, worst, actual, bytes, naive, beside } = recording.at(mode.at);
+function showRecording(elapsed, now) {
+  const { recording } = player;
+  const { seconds, frame, errors, worst, actual, bytes, naive, beside } = player.advance(elapsed);
   const judgedOf = (shown) => ({ shown, actual });
   const isBeside = element("beside").checked && beside !== undefined;
   const other = isBeside ? { ...beside, judged: judgedOf(beside.frame) } : undefined;
-  showPanes(isBeside);
   showPast({ frame, errors, judged: errors && judgedOf(frame), beside: other }, now);
+  if (live === undefined) element("live").textContent = player.isPaused ? "Go on" : "Pause";
   if (!recording.isCompared) return;
   const { tolerance } = recording;
-  if (!figures.count({ now: mode.at, bytes, naive, worst, besideWorst: beside.worst, tolerance })) return;
-  headline.show({ sums: figures.sums, bodies: frame.layout.movable.length, tolerance, moment: "recorded" });
+  if (!figures.count({ now: seconds, bytes, naive, worst, besideWorst: beside.worst, tolerance })) return;
+  const copy = recording.run.startsWith("rhumb") ? undefined : recording.run;
+  headline.show({ sums: figures.sums, bodies: frame.layout.movable.length, tolerance, copy, moment: "recorded" });
 }
 
-/** Goes to a time of the recording, seconds, and stays there. */
-function scrub(at) {
-  mode.isPaused = true;
-  mode.at = Math.max(0, Math.min(mode.recording.length, at));
-  element("scrubber").value = Math.round(1000 * mode.at);
-}
-
-/** Plays a load of the file, or its first one. */
-function play(load, run) {
+/** A recording begins. */
+function begun(recording) {
   pick(undefined);
   figures.restart();
-  const recording = file.recording(load, run);
-  turnTo({ kind: "recording", recording, at: 0, isPaused: false, isLoop: live === undefined });
+  turnTo({ kind: "recording" });
   setDown(recording.gravity);
-  const runs = file.loads.find(({ name }) => name === recording.load).runs;
-  offer(element("load"), file.loads.map(({ name }) => name), recording.load);
-  offer(element("run"), runs, recording.run);
-  element("load-choice").hidden = file.loads.length < 2;
-  element("run-choice").hidden = runs.length < 2;
   element("headline").hidden = !recording.isCompared;
-  element("live").textContent = live === undefined ? "Pause" : "Back to live";
+  if (live !== undefined) element("live").textContent = "Back to live";
   element("notice").hidden = true;
   hint(recording.title);
   legend(recording.tolerance, recording.isCompared);
   stage.look([18, 14, 22], [0, 2, 0]);
-}
-
-async function openFile(name, read) {
-  try {
-    hint(`Reading ${name}`);
-    file = await openRecording(name, await read());
-    play(address.load, address.run);
-  } catch (cause) {
-    hint(`${name} cannot be played: ${cause.message}`);
-  }
-}
-
-/** Plays the recordings of a page without a server. */
-async function beginRecordings() {
-  diagnostics.state = "recordings";
-  const names = OWN_RECORDINGS.map((path) => decodeURIComponent(path.split("/").at(-1)));
-  const fetched = (name) => async () => {
-    const response = await fetch(OWN_RECORDINGS[names.indexOf(name)]);
-    if (!response.ok) throw new Error(`the web server answers ${response.status} ${response.statusText}`);
-    return response.arrayBuffer();
-  };
-  const begin = (name) => openFile(name, fetched(name));
-  offer(element("scene"), names);
-  element("scene-choice").hidden = names.length < 2;
-  const first = names.includes(address.scene) ? address.scene : names[0];
-  element("scene").value = first;
-  onChoice(element("scene"), (name) => {
-    address.load = address.run = undefined;
-    writeAddress({ scene: name, load: undefined, run: undefined });
-    begin(name);
-  });
-  await begin(first);
-}
-
-function recordings() {
-  const open = (dropped) => dropped && openFile(dropped.name, () => dropped.arrayBuffer());
-  element("recording").addEventListener("change", ({ target }) => open(target.files[0]));
-  // Anywhere on the page: where a drop is not handled, the browser leaves the page for the file.
-  document.addEventListener("dragover", (event) => event.preventDefault());
-  document.addEventListener("drop", (event) => {
-    event.preventDefault();
-    open(event.dataTransfer.files[0]);
-  });
-  onChoice(element("load"), (name) => {
-    writeAddress({ load: name, run: undefined });
-    play(name);
-  });
-  onChoice(element("run"), (name) => {
-    writeAddress({ run: name });
-    play(element("load").value, name);
-  });
 }
 
 // Controls -----------------------------------------------------------------------------------------------------------
@@ -563,7 +491,6 @@ function controls() {
   onChoice(element("beside"), (isOn) => {
     if (view !== undefined) view.isBeside = isOn;
     if (mode.kind === "history") toHistory(mode.index);
-    showPanes(isOn && mode.past?.beside !== undefined);
   });
   element("live").addEventListener("click", () => {
     if (live === undefined) pauseOrGoOn();
@@ -571,7 +498,7 @@ function controls() {
     else toLive();
   });
   element("scrubber").addEventListener("input", ({ target }) => {
-    if (mode.kind === "recording") scrub(Number(target.value) / 1000);
+    if (mode.kind === "recording") player.scrub(Number(target.value) / 1000);
     else toHistory(Number(target.value));
   });
   keys(element("view"), keyActions(), {

@@ -16,7 +16,7 @@ export class Offsets {
     geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(6 * LINES), 3));
     geometry.setDrawRange(0, 0);
     // Through the bodies: a line of centimetres lies inside of its body.
-    const material = new THREE.LineBasicMaterial({ transparent: true, opacity: 0.45, depthTest: false });
+    const material = new THREE.LineBasicMaterial({ transparent: true, opacity: 0.35, depthTest: false });
     this.#lines = new THREE.LineSegments(geometry, material);
     this.#lines.frustumCulled = false;
     bodies.draw(this.#lines);

@@ -25,9 +25,10 @@ export class Pane {
     this.trail = new Trail(this.bodies);
   }
 
-  /** Paints what is not a body: `ink` for marks, `ground` for static bodies. */
-  paint({ ink, ground }) {
-    this.offsets.colour = this.pulses.colour = this.trail.colour = ink;
+  /** Paints what is not a body: `ink` for marks, `off` for the lines of bodies that are off, `ground` for static bodies. */
+  paint({ ink, off, ground }) {
+    this.offsets.colour = off;
+    this.pulses.colour = this.trail.colour = ink;
     this.bodies.staticColour = ground;
   }
 

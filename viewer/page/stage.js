@@ -6,8 +6,8 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 /** Where the camera stands in each scene of the demo, and where it looks; and in others. */
 const VIEWS = {
   "ball-pit": [
-    [17, 15, 20],
-    [0, 2, 0],
+    [18, 16, 22],
+    [0, 5, 0],
   ],
   ragdolls: [
     [6, 5, 9],

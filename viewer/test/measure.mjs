@@ -5,7 +5,7 @@
 // has the page compare with the truth, which is a stream of every state.
 
 import { openChromium } from "./browsers.mjs";
-import { choose, kill, openPage, read, startDemo, until } from "./support.mjs";
+import { kill, openPage, read, startDemo, until } from "./support.mjs";
 
 const [binary, what, ...options] = process.argv.slice(2);
 const hasTruth = options[0] === "truth";
@@ -36,7 +36,7 @@ const undrawn = (page) =>
 /** Frame times while balls fall and burst apart. */
 async function frames(bodies, prepare) {
   const demo = await start(["--bodies", String(bodies)]);
-  const page = await openPage(browser, demo.url, { width: 640, height: 400, prepare });
+  const page = await openPage(browser, demo.url, { width: 640, height: 400, shadows: true, prepare });
   if (!hasTruth) await page.evaluate(() => document.getElementById("truth").click());
   await until(page, `d.bodies >= ${bodies} && d.moving > ${bodies / 2}`);
   await page.evaluate(() => {
@@ -69,9 +69,8 @@ async function moduleBytes(session) {
 /** Memory of the page, minute by minute, after a collection. */
 async function memory(minutes) {
   const demo = await start([]);
-  const page = await openPage(browser, demo.url);
+  const page = await openPage(browser, demo.url, { shadows: true });
   await until(page, "d.state === 'open'");
-  await choose(page, "shown", "complete");
   const session = await page.context().newCDPSession(page);
   for (let minute = 0; minute <= minutes; minute++) {
     await session.send("HeapProfiler.collectGarbage");

@@ -31,7 +31,9 @@ const notice = (page) => page.evaluate(() => document.querySelector("#notice p")
 async function ballsFallWithinTheTolerance(browser, { url }) {
   const page = await openPage(browser, url);
   await until(page, "d.state === 'open' && d.bodies === 500");
-  await choose(page, "shown", "complete");
+  const shown = await page.evaluate(() => document.getElementById("shown").value);
+  check(shown === "complete", "the page opens on the newest complete tick");
+  await fullStatesAreFurtherOff(page);
   // From the fall over the burst until most of them rest.
   await until(page, "d.time > 420 && d.comparison.ticks >= 25 && d.moving < 250");
   const counts = await read(page);
@@ -51,6 +53,41 @@ async function ballsFallWithinTheTolerance(browser, { url }) {
   );
   check(counts.moving < 250, "most balls come to rest");
   return page;
+}
+
+/** The two pictures of the burst, and the two large numbers above them. */
+async function fullStatesAreFurtherOff(page) {
+  await until(page, "d.time > 110 && d.moving > 250 && d.sums.besideWorst > 1 && d.sums.worst > 0");
+  const { sums } = await read(page);
+  check(
+    sums.worst < 0.0502 && sums.besideWorst > 20 * sums.worst,
+    `with the same bytes, full states are off by ${sums.besideWorst.toFixed(2)} m, and the copy by ${sums.worst.toFixed(3)} m`,
+  );
+  check(sums.naive > 20 * sums.bytes, `full states of all would take ${(sums.naive / sums.bytes).toFixed(0)} times the bytes`);
+  await until(page, () => /^[\d,]+×$/.test(document.getElementById("times").textContent));
+  const worst = await text(page, "worst");
+  check(/^\d[\d.]* (mm|cm)$/.test(worst), `the numbers say ${await text(page, "times")} and ${worst}`);
+  const [beside, copy] = [await text(page, "beside-title"), await text(page, "copy-title")];
+  check(/^Full states, same bytes: off by .* m$/.test(beside) && copy.startsWith("Rhumb: off by"), `${beside}. ${copy}`);
+  check((await text(page, "legend")).includes("beyond the tolerance"), "the colours have words");
+}
+
+/** The two large numbers never contradict each other without a sentence. */
+async function beyondIsExplained(page) {
+  const seen = await page.evaluate(async () => {
+    const seen = { beyond: 0, within: 0, unexplained: 0, places: new Set() };
+    const element = (id) => document.getElementById(id);
+    for (let look = 0; look < 60; look++) {
+      const isBeyond = element("worst").classList.contains("beyond");
+      seen[isBeyond ? "beyond" : "within"]++;
+      if (isBeyond && element("explanation").hidden) seen.unexplained++;
+      seen.places.add(element("view").getBoundingClientRect().top);
+      await new Promise((resolve) => setTimeout(resolve, 50));
+    }
+    return { ...seen, places: seen.places.size };
+  });
+  check(seen.places === 1, "the pictures stay where they are, whatever is said");
+  check(seen.unexplained === 0, `an error beyond the tolerance has its sentence: seen ${seen.beyond} times of 60`);
 }
 
 async function aBadLinkStaysWithinTheStatedBounds(page) {
@@ -76,6 +113,7 @@ async function aBadLinkStaysWithinTheStatedBounds(page) {
   await choose(page, "shown", "predicted");
   const { allBodyTicks, allBeyondTolerance } = await read(page);
   await until(page, `d.comparison.allBodyTicks > ${allBodyTicks + 5000}`);
+  await beyondIsExplained(page);
   const predicted = await read(page);
   const off = predicted.allBeyondTolerance - allBeyondTolerance;
   check(
@@ -145,7 +183,8 @@ const bodyAt = (page, id) =>
 
 async function bodiesAreCarried(page) {
   const view = await page.evaluate(() => document.getElementById("view").getBoundingClientRect().toJSON());
-  const [x, y] = [view.left + view.width / 2, view.top + view.height * 0.6];
+  // In the copy's picture, which is the right one of two.
+  const [x, y] = [view.left + view.width * 0.75, view.top + view.height * 0.6];
   // The present moment goes on at each frame; a complete tick may be long in coming.
   await choose(page, "shown", "predicted");
   // The bodies move, and go back now and then: another try may hit another one.
@@ -194,38 +233,104 @@ async function carry(page, x, y, pixels) {
   return { way, isPicked };
 }
 
-/** The ghosts are where the truth has the bodies, and are there as long as the truth is. */
-async function ghostsFollowTheTruth(page) {
-  // As many bodies as have a ghost, and the greatest distance of one from what is drawn, metres.
-  const ghosts = async () => {
-    // The next frame may have begun already.
-    const { frames } = await read(page);
-    await until(page, `d.frames > ${frames + 1}`);
-    return page.evaluate(() => {
-      const { shown, drawnPosition, ghostPosition } = rhumbDiagnostics;
-      let count = 0;
-      let off = 0;
-      for (let place = 0; place < shown.ids.length; place++) {
-        const [drawn, ghost] = [drawnPosition(place), ghostPosition(place)];
-        if (drawn === undefined || ghost === undefined) continue;
-        count++;
-        off = Math.max(off, Math.hypot(...drawn.map((value, part) => value - ghost[part])));
-      }
-      return { count, off };
+/** Clicks into the copy's picture, at one place after another, until a body is hit. */
+async function aBodyIsClicked(page, { left, top, width, height }) {
+  for (let attempt = 0; attempt < 20; attempt++) {
+    await page.mouse.click(left + width * (0.7 + 0.005 * attempt), top + height * 0.6);
+    await page.waitForTimeout(200);
+    if ((await text(page, "body-facts")).includes("position")) return;
+  }
+  throw new Error("no body is hit");
+}
+
+/** Lines lead from where bodies are shown to where the truth has them, and only from those that are far off. */
+async function linesLeadToTheTruth(page) {
+  await page.evaluate(() => document.getElementById("throw").click());
+  const counts = () =>
+    page.evaluate(() => {
+      const lengths = (ends) => {
+        const out = [];
+        for (let at = 0; at < ends.length; at += 6)
+          out.push(Math.hypot(ends[at] - ends[at + 3], ends[at + 1] - ends[at + 4], ends[at + 2] - ends[at + 5]));
+        return out;
+      };
+      const { lines, besideLines } = rhumbDiagnostics;
+      return { copy: lengths(lines()), beside: lengths(besideLines()) };
     });
+  await until(page, "d.besideLines().length > 0");
+  const { copy, beside } = await counts();
+  check(copy.every((length) => length <= 0.05 + 1e-3), `${copy.length} lines of the copy are within its tolerance`);
+  check(beside.some((length) => length > 0.05), `of ${beside.length} lines of full states some are longer`);
+  await page.keyboard.press("KeyG");
+  await until(page, "d.besideLines().length === 0 && d.lines().length === 0");
+  check(true, "a key takes them away");
+  await page.keyboard.press("KeyG");
+  await page.keyboard.press("KeyB");
+  await until(page, () => !document.getElementById("pictures").classList.contains("two"));
+  await page.keyboard.press("KeyB");
+  await until(page, () => document.getElementById("pictures").classList.contains("two"));
+  check(true, "a key takes away the second picture, and brings it back");
+}
+
+/** Keys act after a control was used by the mouse, and the control's own keys are its own while it is used by keys. */
+async function keysWorkAfterAClick(page) {
+  const value = (id) => page.evaluate((id) => document.getElementById(id).value, id);
+  const press = async (id) => {
+    await page.evaluate((id) => document.getElementById(id).scrollIntoView({ block: "center" }), id);
+    const box = await page.evaluate((id) => document.getElementById(id).getBoundingClientRect().toJSON(), id);
+    await page.mouse.click(box.left + box.width / 2, box.top + box.height / 2);
   };
-  check((await ghosts()).count === 0, "at first there are no ghosts");
-  await page.keyboard.press("KeyG");
-  await until(page, "d.shown.ids.some((_, place) => d.ghostPosition(place) !== undefined)");
-  await page.keyboard.press("KeyP");
-  const then = await ghosts();
-  check(
-    then.count > 0 && then.off <= 0.05 + 1e-3,
-    `${then.count} ghosts of a moment ago are within the tolerance of its bodies: ${then.off.toFixed(4)} m`,
-  );
-  await page.keyboard.press("KeyP");
-  await page.keyboard.press("KeyG");
-  check((await ghosts()).count === 0, "and go");
+  for (const id of ["flashes", "theme", "tolerance"]) {
+    for (let twice = 0; twice < 2; twice++) {
+      await press(id);
+      const before = await value("colour");
+      await page.keyboard.press("KeyC");
+      if ((await value("colour")) === before) throw new Error(`after a click on ${id}, keys do nothing`);
+    }
+  }
+  check(true, "keys work after a click on a box, a button, a slider");
+  const focused = await page.evaluate(() => document.activeElement.id);
+  check(focused === "view", "the scene has the keys again");
+  await page.evaluate(() => document.getElementById("tolerance").focus());
+  const before = await value("tolerance");
+  await page.keyboard.press("ArrowRight");
+  check((await value("tolerance")) !== before, "a slider that is used by keys keeps its own");
+  const colour = await value("colour");
+  await page.keyboard.press("KeyC");
+  check((await value("colour")) !== colour, "and leaves the others to the page");
+  await choose(page, "colour", "error");
+  await page.evaluate(() => {
+    document.querySelector("[data-tolerance='0.05']").click();
+    document.getElementById("view").focus();
+    scrollTo(0, 0);
+  });
+}
+
+/** Scene, tolerance and link are in the address, which opens the same again. */
+async function theAddressIsShared(browser, { url }) {
+  const asked = `${url}?scene=tumbler&tolerance=0.02&link=delay=60ms,loss=2%25`;
+  const page = await openPage(browser, asked);
+  await until(page, "d.state === 'open' && d.bodies > 0");
+  const scene = await page.evaluate(() => document.getElementById("scene").value);
+  check(scene === "tumbler" && (await text(page, "tolerance-shown")) === "20.0 mm", "the address names scene and tolerance");
+  await linkIs(page, "delay=60ms,loss=2%");
+  check(true, "and the link");
+  await slide(page, "link-delay", 80);
+  await page.evaluate(() => document.querySelector("[data-tolerance='0.2']").click());
+  await choose(page, "scene", "ragdolls");
+  await until(page, () => location.search === "?scene=ragdolls&tolerance=0.2&link=delay=80ms,loss=2%25");
+  check(true, `what is changed is in the address: ${await page.evaluate(() => location.search)}`);
+  await page.evaluate(() => document.getElementById("link-clear").click());
+  await until(page, () => location.search === "?scene=ragdolls&tolerance=0.2");
+  check(true, "a perfect link is not");
+  check(page.errors.length === 0, `no error in the page ${page.errors.join("; ")}`);
+  await page.close();
+  const wrong = await openPage(browser, `${url}?scene=nowhere&tolerance=7&link=lag`);
+  await until(wrong, "d.state === 'open'");
+  const said = await text(wrong, "status");
+  check(["nowhere", '"7"', '"lag"'].every((part) => said.includes(part)), `a wrong address is explained: ${said}`);
+  check((await text(wrong, "tolerance-shown")) === "50.0 mm", "and the rest is as without it");
+  await wrong.close();
 }
 
 /**
@@ -272,8 +377,7 @@ async function theLastMinuteIsKept(page) {
   }
   check(compared > 0, `${compared} frames are the same as when they were live`);
   const view = await page.evaluate(() => document.getElementById("view").getBoundingClientRect().toJSON());
-  await page.mouse.click(view.left + view.width / 2, view.top + view.height * 0.6);
-  await until(page, () => document.getElementById("body-facts").textContent.includes("position"));
+  await aBodyIsClicked(page, view);
   for (let on = 0; on < 4; on++) await page.keyboard.press("ArrowRight");
   await until(page, "d.trail.points > 0");
   check(true, "a body of the last minute is picked, and its way drawn");
@@ -302,12 +406,17 @@ async function coloursFollowTheKeys(page) {
       };
     });
     check(now !== before && colours.length > 0, `a key colours by ${now}`);
-    const moves = ["0.42,0.47,0.54", "0.98,0.58,0.16"];
+    // As light is added: the colours of the style sheet, #6b7889 and #f39422.
+    const linear = (byte) => ((byte / 255 + 0.055) / 1.055) ** 2.4;
+    const moves = [[0x6b, 0x78, 0x89], [0xf3, 0x94, 0x22]].map((parts) => parts.map((part) => linear(part).toFixed(2)).join());
     if (now === "rest") check(colours.every((colour) => moves.includes(colour)), "in the colours of rest and motion");
     if (now === "shape") check(colours.length === shapes, `in as many colours as there are shapes, ${shapes}`);
   }
   await page.keyboard.press("KeyF");
   check(await checked("flashes"), "and begins them");
+  await page.evaluate(() => document.getElementById("throw").click());
+  await until(page, "d.rings() > 0");
+  check(true, "a ring shows where an update arrives");
 }
 
 /** A server with tokens: its page follows a scene of someone else, and may change nothing in it. */
@@ -386,7 +495,7 @@ async function everySceneIsReadable(browser, { url }) {
     const { allBodyTicks } = await read(page);
     await until(page, `d.state === 'open' && d.bodies > 0 && d.comparison.allBodyTicks > ${allBodyTicks + 500}`);
     const width = await page.evaluate(() => document.documentElement.scrollWidth);
-    if (width > 390) throw new Error(`${scene} is ${width} pixels wide on a phone`);
+    if (width !== 390) throw new Error(`${scene} is ${width} pixels wide on a phone`);
     const { beyondBound } = await read(page);
     check(beyondBound === 0, `${scene} is followed within its stated bounds`);
   }
@@ -437,22 +546,28 @@ async function obstaclesAreExplained(browser, { url }) {
   );
 }
 
+/** The pictures of the book: start, burst and rest, and the burst on a phone and in the dark. */
 async function takePictures(browser) {
-  const demo = await start();
-  const page = await openPage(browser, demo.url, { width: 1180, height: 700 });
-  await choose(page, "shown", "complete");
-  await page.evaluate(() => document.getElementById("flashes").click());
-  for (const [name, condition] of [
-    ["start", "d.bodies === 500 && d.comparison.ticks > 0"],
-    ["burst", "d.time > 110 && d.moving > 300 && d.comparison.worst > 0.03 && d.time - d.comparison.tick < 9"],
-    ["rest", "d.time > 500 && d.moving < 3"],
+  const burst = "d.time > 125 && d.moving > 300 && d.comparison.worst > 0.03 && d.time - d.comparison.tick < 9";
+  for (const [options, moments] of [
+    [
+      { width: 1180, height: 700, shadows: true },
+      [["start", "d.bodies === 500 && d.comparison.ticks > 0 && d.time > 20"], ["burst", burst], ["rest", "d.time > 440 && d.moving < 3"]],
+    ],
+    [{ width: 390, height: 844, shadows: true }, [["phone", burst]]],
+    [{ width: 1180, height: 700, colorScheme: "dark", shadows: true }, [["dark", burst]]],
   ]) {
-    await until(page, condition);
-    const path = `${pictures}/view-${name}.jpg`;
-    await page.screenshot({ path, type: "jpeg", quality: 70 });
-    console.log(`wrote ${path}`);
+    const demo = await start();
+    const page = await openPage(browser, demo.url, options);
+    for (const [name, condition] of moments) {
+      await until(page, condition);
+      const path = `${pictures}/view-${name}.jpg`;
+      await page.screenshot({ path, type: "jpeg", quality: 70 });
+      console.log(`wrote ${path}`);
+    }
+    await page.close();
+    await stop(demo);
   }
-  await page.close();
 }
 
 /** Every promise in one browser. */
@@ -461,13 +576,15 @@ async function run(name, browser) {
   const page = await ballsFallWithinTheTolerance(browser, demo);
   await aBadLinkStaysWithinTheStatedBounds(page);
   await handsWork(page);
-  await ghostsFollowTheTruth(page);
+  await linesLeadToTheTruth(page);
   await coloursFollowTheKeys(page);
+  await keysWorkAfterAClick(page);
   await theLastMinuteIsKept(page);
   const again = await aRestartedServerIsFoundAgain(page, demo);
   // The driver of Firefox answers no requests in the place of a server.
   if (name === "Chromium") {
     await obstaclesAreExplained(browser, again);
+    await theAddressIsShared(browser, again);
     await everySceneIsReadable(browser, again);
     await aTokenOfTheServerObserves(browser);
   }

@@ -1,9 +1,9 @@
 """Prints the poses of a trace at some ticks, as the file's own schemas state them: the page's are compared with them.
 
     pip install mcap mcap-protobuf-support
-    python3 viewer/test/poses.py trace.mcap RUN TICK...
+    python3 viewer/test/poses.py trace.mcap LOAD/RUN TICK...
 
-RUN names a run of the first load, or is `truth`. The output is JSON: for each tick the bodies by their place, which is the
+RUN names a run of the load, or is `truth`; without a LOAD it is one of the first load. The output is JSON: for each tick the bodies by their place, which is the
 order in which they were placed, each with position and rotation. Bodies that come or leave right after a tick are left out.
 """
 
@@ -24,13 +24,13 @@ def poses(truth, run):
     return {places[body]: pose for body, pose in shown.items() if pose is not None}
 
 
-def main(trace, name, ticks):
+def main(trace, load, name, ticks):
     records, topics = read(trace)
-    states = next(topic for topic in topics if topic.endswith("/truth/state"))
+    states = next(topic for topic in topics if topic.endswith(f"/{load}/truth/state" if load else "/truth/state"))
     load = states.removesuffix("/truth/state")
     run = None
     if name != "truth":
-        facts = next(record for key, record in records.items() if key.startswith("rhumb.run.") and record["name"] == name)
+        facts = next(record for key, record in records.items() if key.startswith(f"rhumb.run{load.replace('/', '.')}.") and record["name"] == name)
         run = Run(facts)
         run.stats = {stats.frame: stats for _, stats in topics[f"{load}/{name}/stats"]}
         run.seen = {poses.frame: poses for _, poses in topics[f"{load}/{name}/seen"]}
@@ -52,4 +52,4 @@ def main(trace, name, ticks):
 if __name__ == "__main__":
     if len(sys.argv) < 4:
         sys.exit(__doc__)
-    main(sys.argv[1], sys.argv[2], {int(tick) for tick in sys.argv[3:]})
+    main(sys.argv[1], *sys.argv[2].rsplit("/", 1), {int(tick) for tick in sys.argv[3:]})

@@ -1,15 +1,17 @@
-// Recordings dropped on the page in Chromium: it plays and scrubs them, and shows the poses that the files have.
+// Recordings dropped on the page in Chromium: it plays and scrubs them, and shows the poses that the files have. A page without
+// a server does the same.
 //
 // Usage: node recordings.mjs RHUMB_SERVER TRACE, a trace of `rhumb-bench evaluate`. A recording of the server is made here.
 // Python reads the files for comparison (RHUMB_TEST_PYTHON, with the packages that poses.py names).
 
-import { spawnSync } from "node:child_process";
-import { mkdtemp, readFile, readdir, rm, writeFile } from "node:fs/promises";
+import { execFileSync, spawnSync } from "node:child_process";
+import { createServer } from "node:http";
+import { mkdir, mkdtemp, readFile, readdir, rm, writeFile } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import { basename, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { Missing, openChromium, pause } from "./browsers.mjs";
-import { check, kill, LIMIT, openPage, read, slide, startDemo, startServer, text, until } from "./support.mjs";
+import { check, choose, kill, LIMIT, openPage, read, slide, startDemo, startServer, text, until } from "./support.mjs";
 
 const [binary, trace] = process.argv.slice(2);
 if (trace === undefined) {
@@ -99,11 +101,11 @@ async function posesShown(page, tick) {
 }
 
 /** Compares what the page shows at some ticks with the poses of the file; forwards and back. */
-async function comparePoses(page, path, run) {
-  const { ticks } = JSON.parse(runPython([join(here, "poses.py"), path, run, "0"]));
+async function comparePoses(page, path, run, load = "") {
+  const { ticks } = JSON.parse(runPython([join(here, "poses.py"), path, `${load}/${run}`, "0"]));
   const last = ticks - 1;
   const chosen = [0, 1, 7, 61, 40, 121, 119, 100, last, 30, 90, 89, 12].filter((tick) => tick <= last);
-  const file = JSON.parse(runPython([join(here, "poses.py"), path, run, ...chosen.map(String)]));
+  const file = JSON.parse(runPython([join(here, "poses.py"), path, `${load}/${run}`, ...chosen.map(String)]));
   let compared = 0;
   for (const tick of chosen) {
     const { positions, rotations } = await posesShown(page, tick);
@@ -166,6 +168,10 @@ async function otherForms(page, folder) {
     }
     check(true, `${name} is scrubbed to the poses that it has`);
   }
+  check(
+    await page.evaluate(() => document.getElementById("headline").hidden && !document.getElementById("pictures").classList.contains("two")),
+    "without a copy there is one picture, and no numbers",
+  );
   await aBodyIsPicked(page);
   const cut = join(folder, "cut.mcap");
   await writeFile(cut, (await readFile(trace)).subarray(0, 900));
@@ -174,13 +180,9 @@ async function otherForms(page, folder) {
   check(true, `a damaged one is refused: ${await text(page, "status")}`);
 }
 
-/** The box that stays where it is, and is seen a little below the middle of the view. */
+/** The box that stays where it is. */
 async function aBodyIsPicked(page) {
-  const view = await page.evaluate(() => document.getElementById("view").getBoundingClientRect().toJSON());
-  // Metres per pixel at its distance, 31 m from a camera that looks down by 23 degrees with a field of view of 50.
-  const metres = (2 * 31 * Math.tan((25 * Math.PI) / 180)) / view.height;
-  const below = (1.5 * Math.cos((23 * Math.PI) / 180)) / metres;
-  await page.mouse.click(view.left + view.width / 2, view.top + view.height / 2 + below);
+  await page.mouse.click(...(await page.evaluate(() => rhumbDiagnostics.screenOf(0))));
   await until(page, () => document.getElementById("body-facts").textContent.includes("0.00, 0.50, 0.00 m"));
   await posesShown(page, 210);
   await until(page, "d.trail.points > 0");
@@ -218,6 +220,101 @@ async function connectionsComeAndGo(browser, path) {
   }
 }
 
+/** The names of the loads and runs of a trace, as Python reads them. */
+function loadsOf(path) {
+  const program = `
+import json, sys
+from mcap.reader import make_reader
+topics = {c.topic for c in make_reader(open(sys.argv[1], "rb")).get_summary().channels.values()}
+loads = [t.removesuffix("/truth/state") for t in topics if t.endswith("/truth/state")]
+print(json.dumps({l[1:]: [t.split("/")[2] for t in topics if t.startswith(l + "/") and t.endswith("/seen")] for l in loads}))`;
+  return JSON.parse(runPython(["-c", program, path]));
+}
+
+/** Every load and run of a trace is offered, played, and named in the address. */
+async function everyLoadIsPlayed(page, path) {
+  const loads = loadsOf(path);
+  const options = (id) => page.evaluate((id) => [...document.getElementById(id).options].map(({ value }) => value), id);
+  const offered = await options("load");
+  check(offered.toSorted().join() === Object.keys(loads).toSorted().join(), `the page offers the loads ${offered.join(", ")}`);
+  for (const load of offered.toReversed()) {
+    if (offered.length > 1) await choose(page, "load", load);
+    const runs = await options("run");
+    check(runs.toSorted().join() === loads[load].toSorted().join(), `of ${load} it offers the runs ${runs.join(", ")}`);
+    for (const run of runs) {
+      if (runs.length > 1) await choose(page, "run", run);
+      await until(page, `document.getElementById("status").textContent.includes("the copy of ${run}")`);
+      await comparePoses(page, path, run, load);
+    }
+    const asked = new URLSearchParams(await page.evaluate(() => location.search));
+    if (runs.length > 1) check(asked.get("load") === load && runs.includes(asked.get("run")), `the address says ${asked}`);
+  }
+}
+
+/** The errors that the page shows are those that the copy has, and full states at the same bytes are no better. */
+async function bothPicturesAreCompared(page) {
+  await posesShown(page, 0);
+  await page.keyboard.press("KeyP");
+  await until(page, "d.sums.worst > 0.01 && d.sums.besideWorst > 1");
+  const { sums } = await read(page);
+  check(sums.worst <= 0.0502, `the copy of a recording is off by ${sums.worst.toFixed(4)} m`);
+  check(sums.besideWorst > 10 * sums.worst, `and full states at its bytes by ${sums.besideWorst.toFixed(2)} m`);
+  check(/×$/.test(await text(page, "times")), `with ${await text(page, "times")} fewer bytes than full states of all`);
+}
+
+/** A web server that knows nothing of Rhumb, for the files of a folder; resolves with its address. */
+function serveFiles(root, asked) {
+  const types = { html: "text/html", js: "text/javascript", css: "text/css", svg: "image/svg+xml" };
+  const web = createServer(async ({ url, method }, response) => {
+    asked.push(`${method} ${url}`);
+    const path = decodeURIComponent(new URL(url, "http://web").pathname);
+    try {
+      const bytes = await readFile(join(root, path.endsWith("/") ? `${path}index.html` : path));
+      response.writeHead(200, { "content-type": types[path.endsWith("/") ? "html" : path.split(".").at(-1)] ?? "application/octet-stream" });
+      response.end(bytes);
+    } catch {
+      response.writeHead(404).end();
+    }
+  });
+  return new Promise((resolve) => web.listen(0, "127.0.0.1", () => resolve({ web, origin: `http://127.0.0.1:${web.address().port}` })));
+}
+
+/** A page that was written with recordings plays them below any path, and asks its web host for its own files alone. */
+async function aPageWithoutAServerPlays(browser, folder) {
+  const site = join(folder, "site");
+  const spaced = join(folder, "a trace.mcap");
+  await mkdir(join(site, "below"), { recursive: true });
+  await writeFile(spaced, await readFile(trace));
+  const said = execFileSync(binary, ["page", "--static", join(site, "below/page"), spaced, join(folder, "boxes.rhtrace")], {
+    encoding: "utf8",
+  });
+  check(said.startsWith("wrote the page to"), said.trim());
+  const asked = [];
+  const { web, origin } = await serveFiles(site, asked);
+  try {
+    const page = await openPage(browser, `${origin}/below/page/`);
+    const refused = [];
+    page.on("requestfailed", (request) => refused.push(request.url()));
+    await until(page, "d.shown?.time > 3");
+    check((await text(page, "status")).startsWith("a trace.mcap: "), "a page without a server plays its first recording");
+    await bothPicturesAreCompared(page);
+    await everyLoadIsPlayed(page, spaced);
+    await choose(page, "scene", "boxes.rhtrace");
+    await until(page, () => document.getElementById("status").textContent.startsWith("boxes.rhtrace"));
+    check(true, "and another one");
+    const outside = asked.filter((request) => !request.startsWith("GET /below/page/"));
+    check(outside.length === 0 && refused.length === 0, `it asks for nothing else ${[...outside, ...refused].join()}`);
+    check(!asked.some((request) => /client|connect|wasm|link/.test(request.replace("link.js", ""))), "nor for anything of a server");
+    const policy = await page.evaluate(() => fetch("https://127.0.0.1:1/").then(() => "passed", () => "refused"));
+    check(policy === "refused" && page.errors.some((error) => error.includes("Content Security Policy")), "its policy refuses other addresses");
+    const others = page.errors.filter((error) => !error.includes("Content Security Policy"));
+    check(others.length === 0, `no error in the page ${others.join("; ")}`);
+    await page.close();
+  } finally {
+    web.close();
+  }
+}
+
 const folder = await mkdtemp(join(tmpdir(), "rhumb-recordings-"));
 let browser, server;
 try {
@@ -231,7 +328,10 @@ try {
   await comparePoses(page, recording, "truth");
   const status = await plays(page, trace, /: \d+ bodies, the copy of rhumb[^ ]*, within /);
   await comparePoses(page, trace, /the copy of ([^ ,]+)/.exec(status)[1]);
+  await bothPicturesAreCompared(page);
+  await everyLoadIsPlayed(page, trace);
   await otherForms(page, folder);
+  await aPageWithoutAServerPlays(browser, folder);
   await connectionsComeAndGo(browser, join(folder, "boxes.rhtrace"));
   await page.keyboard.press("Escape");
   await until(page, () => document.getElementById("moment").textContent === "live");

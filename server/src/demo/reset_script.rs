@@ -1,12 +1,13 @@
 //! A script that begins anew, again and again.
 //!
 //! A reset puts the script's bodies back where they began and removes all others. Bodies keep their ids, so that what
-//! members know of them holds. It comes after so many seconds, or when next to nothing has moved for some.
+//! members know of them holds. It comes after so many seconds, or when nothing has been seen to move for some.
 
 use std::collections::BTreeMap;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::scene::{BodyKind, Command};
+use rhumb_protocol::stream::Observation;
 use rhumb_reckoning::{BodyId, BodyState, Tick};
 use rhumb_sims::Script;
 
@@ -18,7 +19,7 @@ use crate::scene::Scene;
 pub(super) struct ResetAfter {
     /// Since the last beginning.
     pub(super) seconds: u32,
-    /// Since next to nothing moves; `None` for a scene that stands still until a member moves something.
+    /// Since nothing is seen to move; `None` for a scene that stands still until a member moves something.
     pub(super) still_seconds: Option<u32>,
 }
 
@@ -54,12 +55,12 @@ struct Resets {
     still_period: Option<u64>,
     /// Tick of the last reset.
     last: Tick,
-    /// The last tick at which more than next to nothing moved.
+    /// The last tick at which something was seen to move.
     moved: Tick,
 }
 
-/// The share of a scene's bodies that may move while it counts as still: one of so many.
-const STILL_SHARE: usize = 50;
+/// Speed in m/s of the fastest body of a scene that counts as still: nobody sees it move.
+const STILL_SPEED: f32 = 0.1;
 
 impl Resets {
     fn new(commands: &[Command], scene: &Scene, after: ResetAfter) -> Self {
@@ -81,7 +82,11 @@ impl Resets {
     /// Notes whether the scene moves; true if it is to begin anew.
     fn is_due(&mut self, scene: &Scene) -> bool {
         let tick = scene.tick();
-        if scene.awake_count() * STILL_SHARE > self.began.len() {
+        let moves = |seen: &Observation| {
+            let velocity = Vec3::from_slice(&seen.motion.parts()[7..10]);
+            velocity.length() > STILL_SPEED
+        };
+        if scene.observations().iter().any(moves) {
             self.moved = tick;
         }
         let since = |then: Tick| tick.value().saturating_sub(then.value());
@@ -187,16 +192,21 @@ mod tests {
         let mut script = reset_script(pit, after);
         run(&mut script, &mut scene);
         let began = states(&scene);
+        let speed = |state: &BodyState| Vec3::from_slice(&state.parts()[7..10]).length();
         let mut still = 0;
         for _ in 0..3_600 {
             scene.step().unwrap();
-            still = match scene.awake_count() {
-                0 => still + 1,
-                _ => 0,
-            };
+            let fastest = states(&scene)
+                .iter()
+                .map(|(_, state)| speed(state))
+                .fold(0.0, f32::max);
+            still = if fastest > STILL_SPEED { 0 } else { still + 1 };
             run(&mut script, &mut scene);
-            if still > 0 && states(&scene) == began {
-                assert_eq!(still, 120, "two seconds after the last ball fell asleep");
+            if states(&scene) == began {
+                assert_eq!(
+                    still, 120,
+                    "two seconds after the last ball was seen to move"
+                );
                 return;
             }
         }
