@@ -54,9 +54,9 @@ export function explanation(isBeyond, { moment, errorScale, waiting }) {
   if ((errorScale ?? 1) !== 1)
     return `The stream has fewer bytes than it needs: it states that errors may be ${number(errorScale, 1)} tolerances.`;
   if (isBeyond && moment === "predicted")
-    return "More than the tolerance: the present moment is predicted beyond what has arrived. Complete ticks keep the tolerance.";
+    return "More than the tolerance: this moment is predicted, ahead of what has arrived.";
   if (isBeyond && moment === "newest")
-    return "More than the tolerance: of this tick a packet is missing, and its bodies have no stated bound. Complete ticks keep the tolerance.";
+    return "More than the tolerance: a packet of this tick is missing, and its bodies have no stated bound.";
   if (isBeyond && moment === "recorded")
     return "More than the tolerance: the recorded client showed moments of which not everything had arrived.";
   if (isBeyond) return "More than the tolerance at a complete tick: this must not be. Please report it.";

@@ -38,7 +38,7 @@ export class Sender {
       this.#bytes -= STATE_BYTES;
       sent.push(place);
     }
-    // Everything was looked at: a link does not keep the bytes that nobody used.
+    // Everything was looked at: a link does not keep the bytes that were not used.
     this.#bytes = Math.min(this.#bytes, STATE_BYTES);
     return sent;
   }

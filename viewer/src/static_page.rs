@@ -1,4 +1,4 @@
-//! The page without a server: its files, and an `index.html` that names recordings.
+//! The page without a server: its files, of which one names recordings.
 
 use std::borrow::Cow;
 use std::fmt::Write;

@@ -184,7 +184,7 @@ const bodyAt = (page, id) =>
 async function bodiesAreCarried(page) {
   const view = await page.evaluate(() => document.getElementById("view").getBoundingClientRect().toJSON());
   // In the copy's picture, which is the right one of two.
-  const [x, y] = [view.left + view.width * 0.75, view.top + view.height * 0.6];
+  const [x, y] = [view.left + view.width * 0.75, view.top + view.height * 0.55];
   // The present moment goes on at each frame; a complete tick may be long in coming.
   await choose(page, "shown", "predicted");
   // The bodies move, and go back now and then: another try may hit another one.
@@ -548,11 +548,13 @@ async function obstaclesAreExplained(browser, { url }) {
 
 /** The pictures of the book: start, burst and rest, and the burst on a phone and in the dark. */
 async function takePictures(browser) {
+  // A ball of the upper layers is in the air.
+  const start = "d.moving === 500 && d.comparison.ticks > 0 && d.drawnPosition(d.shown.ids.length - 1)[1] > 9";
   const burst = "d.time > 125 && d.moving > 300 && d.comparison.worst > 0.03 && d.time - d.comparison.tick < 9";
   for (const [options, moments] of [
     [
       { width: 1180, height: 700, shadows: true },
-      [["start", "d.bodies === 500 && d.comparison.ticks > 0 && d.time > 20"], ["burst", burst], ["rest", "d.time > 440 && d.moving < 3"]],
+      [["start", start], ["burst", burst], ["rest", "d.moving < 3 && d.sums.worst < 0.05"]],
     ],
     [{ width: 390, height: 844, shadows: true }, [["phone", burst]]],
     [{ width: 1180, height: 700, colorScheme: "dark", shadows: true }, [["dark", burst]]],

@@ -50,7 +50,7 @@ function unusedBytesAreLost() {
   sender.send(tickOf(layout, 0, []), 0);
   sender.send(tickOf(layout, 1, []), 100 * STATE_BYTES);
   const sent = sender.send(tickOf(layout, 2, [0, 1, 2, 3]), 0);
-  check(sent.length <= 1, "bytes that nobody used cannot be used later");
+  check(sent.length <= 1, "bytes that were not used cannot be used later");
 }
 
 function bodiesThatComeAndGoKeepTheOthers() {

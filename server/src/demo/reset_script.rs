@@ -59,7 +59,7 @@ struct Resets {
     moved: Tick,
 }
 
-/// Speed in m/s of the fastest body of a scene that counts as still: nobody sees it move.
+/// Speed in m/s of the fastest body of a scene that counts as still: slower motion is hardly seen.
 const STILL_SPEED: f32 = 0.1;
 
 impl Resets {
