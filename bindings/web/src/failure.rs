@@ -55,7 +55,8 @@ impl From<Misuse> for Failure {
             | Misuse::NoAuthority(_)
             | Misuse::NoInside
             | Misuse::JoinedToItself(_)
-            | Misuse::Queries => "argument",
+            | Misuse::Hits(_)
+            | Misuse::QueryCost(_) => "argument",
         };
         Self::of(code, misuse.to_string())
     }

@@ -205,7 +205,11 @@ impl Quantity {
                 f,
                 "those of a shape are at most {MOMENT_MAX:e} kg·m², a body's own {GYRATION_MIN:e} to {GYRATION_MAX:e} m² for each kilogram"
             ),
-            Self::JointLimit | Self::Motor => write!(
+            Self::JointLimit => write!(
+                f,
+                "of an axis that the joint leaves free, a distance of at most {EXTENT_MAX} m, or angles from -2 pi to 2 pi, at most a whole turn apart"
+            ),
+            Self::Motor => write!(
                 f,
                 "of an axis that the joint leaves free, a distance of at most {EXTENT_MAX} m or an angle from -pi to pi"
             ),

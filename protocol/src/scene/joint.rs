@@ -3,7 +3,7 @@
 //! Each body has a frame of the joint. A kind tells which motions of the second frame in the first are free, and
 //! limits bound them. Frames are in the axes of their body, from its centre of mass.
 
-use core::f32::consts::PI;
+use core::f32::consts::{PI, TAU};
 use core::fmt;
 
 use glam::{Quat, Vec3};
@@ -64,7 +64,8 @@ impl JointFrame {
     }
 }
 
-/// Limits of a free motion: radians or metres, inclusive.
+/// Limits of a free motion: radians or metres, inclusive. Angles are those of the rotation or a whole turn more or less, and
+/// limits of one are at most a whole turn apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointLimits {
     /// The least.
@@ -74,13 +75,24 @@ pub struct JointLimits {
 }
 
 impl JointLimits {
-    fn check(&self, most: f32) -> Result<(), Invalid> {
-        let number = |value, least, name| {
-            let checked = scalar(value, least, most, Quantity::JointLimit);
-            checked.map_err(|wrong| wrong.of(name, "m or rad"))
+    fn check(&self, axis: usize) -> Result<(), Invalid> {
+        let (most, unit) = match is_translation(axis) {
+            true => (EXTENT_MAX, "m"),
+            false => (TAU, "rad"),
         };
-        number(self.least, -most, "least limit of a joint")?;
-        number(self.most, self.least, "greatest limit of a joint")
+        let number = |value, least, most, name| {
+            let checked = scalar(value, least, most, Quantity::JointLimit);
+            checked.map_err(|wrong| wrong.of(name, unit))
+        };
+        number(self.least, -most, most, "least limit of a joint")?;
+        number(self.most, self.least, most, "greatest limit of a joint")?;
+        if is_translation(axis) {
+            return Ok(());
+        }
+        // Frames that a whole turn parts are the same: nothing tells them apart.
+        let range =
+            "range of a turn's limits (a joint counts no turns, and turns freely without limits)";
+        number(self.most - self.least, 0.0, TAU, range)
     }
 }
 
@@ -189,13 +201,13 @@ impl JointKind {
                 let locked = "only an axis that the joint leaves free can have one";
                 return Err(Invalid::because(Quantity::JointLimit, locked));
             }
-            limits.check(reach(axis))?;
+            limits.check(axis)?;
         }
         Ok(())
     }
 }
 
-/// Bound on a position of an axis: metres of a translation, radians of a rotation.
+/// Bound on a motor's position of an axis: metres of a translation, radians of a rotation.
 const fn reach(axis: usize) -> f32 {
     if is_translation(axis) { EXTENT_MAX } else { PI }
 }
@@ -558,9 +570,14 @@ mod tests {
     fn limits_that_cross_are_refused() {
         let limits = |least, most| JointLimits { least, most };
         let wrong = Err(Invalid::out_of_range(Quantity::JointLimit));
-        assert_eq!(limits(0.5, 0.4).check(PI), wrong);
-        assert_eq!(limits(-4.0, 0.4).check(PI), wrong);
-        assert_eq!(limits(0.5, 0.5).check(PI), Ok(()));
+        assert_eq!(limits(0.5, 0.4).check(3), wrong);
+        assert_eq!(limits(-7.0, -6.0).check(3), wrong);
+        assert_eq!(limits(0.5, 0.5).check(3), Ok(()));
+        // Three quarters of a turn, and more than a whole one.
+        assert_eq!(limits(0.0, 1.5 * PI).check(3), Ok(()));
+        assert_eq!(limits(-PI, PI).check(4), Ok(()));
+        assert_eq!(limits(-1.5 * PI, 1.5 * PI).check(3), wrong);
+        assert_eq!(limits(-7.0, 7.0).check(0), Ok(()));
     }
 
     #[test]

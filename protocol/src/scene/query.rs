@@ -230,12 +230,17 @@ impl Query {
     pub fn total_cost(queries: &[Self]) -> Option<u32> {
         let mut cost = 0_u32;
         for query in queries {
-            if query.hits == 0 || query.hits > HITS_MAX {
+            if !query.has_valid_hits() {
                 return None;
             }
             cost = cost.saturating_add(query.cost());
         }
         (1..=QUERY_COST_MAX).contains(&cost).then_some(cost)
+    }
+
+    /// True if it finds at least one body, and no more than a query may.
+    pub(crate) const fn has_valid_hits(&self) -> bool {
+        self.hits > 0 && self.hits <= HITS_MAX
     }
 
     /// Checks every number, as both ends do.

@@ -174,10 +174,14 @@ impl ClientSession {
     ///
     /// # Errors
     ///
-    /// As [`Self::leave`], [`Misuse::Invalid`] for a number out of range, and [`Misuse::Queries`] for no query or too
-    /// many; nothing is sent then.
+    /// As [`Self::leave`], [`Misuse::Invalid`] for a number out of range, and [`Misuse::Hits`] and
+    /// [`Misuse::QueryCost`]; nothing is sent then.
     pub fn query(&mut self, queries: Vec<Query>) -> Result<u64, Misuse> {
-        Query::total_cost(&queries).ok_or(Misuse::Queries)?;
+        if let Some(query) = queries.iter().find(|query| !query.has_valid_hits()) {
+            return Err(Misuse::Hits(query.hits));
+        }
+        let cost = queries.iter().map(Query::cost).fold(0, u32::saturating_add);
+        Query::total_cost(&queries).ok_or(Misuse::QueryCost(cost))?;
         let checked = queries.iter().try_for_each(Query::check);
         checked.map_err(Misuse::Invalid)?;
         self.as_member(&ClientMessage::Query(queries))?;

@@ -26,8 +26,10 @@ pub enum Misuse {
     NoInside,
     /// A joint cannot join a body to itself.
     JoinedToItself(BodyId),
-    /// One message cannot have these queries: there is none, one finds no body or too many, or they cost too much.
-    Queries,
+    /// No query finds so many bodies.
+    Hits(u8),
+    /// One message cannot have queries of this cost: there is none, or too many.
+    QueryCost(u32),
 }
 
 impl fmt::Display for Misuse {
@@ -45,9 +47,12 @@ impl fmt::Display for Misuse {
                     "one member cannot have authority over {count} bodies; at most {AUTHORITY_BODIES_MAX}"
                 )
             }
-            Self::Queries => write!(
+            Self::Hits(hits) => {
+                write!(f, "a query finds 1 to {HITS_MAX} bodies, and not {hits}")
+            }
+            Self::QueryCost(cost) => write!(
                 f,
-                "queries find 1 to {HITS_MAX} bodies each and cost 1 to {QUERY_COST_MAX} together"
+                "the queries of one call cost {cost} together, and must cost 1 to {QUERY_COST_MAX}: ask in several calls"
             ),
             Self::NoInside => f.write_str(
                 "a dynamic body needs a shape with volume; height fields, meshes, half-spaces and compounds with one of them are for fixed and kinematic bodies",

@@ -83,6 +83,10 @@ fn shape(kind: &JointKind) -> Option<JointShape> {
     Some(match *kind {
         JointKind::Fixed => JointShape::Weld,
         JointKind::Spherical(None) => JointShape::Ball,
+        // Box3D measures a hinge within half a turn of its first frame.
+        JointKind::Revolute(Some(limits)) if range(limits).iter().any(|at| at.abs() > PI) => {
+            return None;
+        }
         JointKind::Revolute(limits) => {
             let angles = |limits| range(limits).map(|angle| angle.clamp(-ANGLE_MAX, ANGLE_MAX));
             JointShape::Hinge(limits.map(angles))

@@ -321,10 +321,10 @@ fn invalid_queries_are_not_sent() {
     let far = Query::projection(Vec3::ZERO, -1.0);
     let position = Quantity::Position;
     for (queries, misuse) in [
-        (vec![], Misuse::Queries),
-        (vec![ray.clone().finding(0)], Misuse::Queries),
-        (vec![ray.clone().finding(65)], Misuse::Queries),
-        (vec![ray; 4_097], Misuse::Queries),
+        (vec![], Misuse::QueryCost(0)),
+        (vec![ray.clone().finding(0)], Misuse::Hits(0)),
+        (vec![ray.clone().finding(65)], Misuse::Hits(65)),
+        (vec![ray; 4_097], Misuse::QueryCost(4_097)),
         (
             vec![nowhere],
             Misuse::Invalid(Invalid::not_finite(position)),

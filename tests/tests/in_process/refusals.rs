@@ -3,7 +3,7 @@
 //! A raw peer sends unchecked commands: every field of every command gets every kind of wrong number, and each limit
 //! is reached and exceeded by the smallest step. The scene's checksum, tick and number of bodies must not change.
 
-use core::f32::consts::PI;
+use core::f32::consts::TAU;
 
 use glam::{Quat, Vec3};
 use rhumb_protocol::limits::{
@@ -324,11 +324,11 @@ fn fields_of_joints(ball: BodyId) -> Vec<Field> {
         Field::new(Quantity::Anchor, (-most, most), move |v| {
             joint(JointKind::Fixed, v)
         }),
-        Field::new(Quantity::JointLimit, (0.5, PI), move |v| {
+        Field::new(Quantity::JointLimit, (0.5, TAU), move |v| {
             let limits = limits(0.5, v.element_sum());
             joint(JointKind::Revolute(Some(limits)), Vec3::ZERO)
         }),
-        Field::new(Quantity::JointLimit, (-PI, 0.5), move |v| {
+        Field::new(Quantity::JointLimit, (0.5 - TAU, 0.5), move |v| {
             let limits = limits(v.element_sum(), 0.5);
             joint(JointKind::Spherical(Some([limits; 3])), Vec3::ZERO)
         }),
