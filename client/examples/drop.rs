@@ -5,9 +5,9 @@
 use std::io::Write;
 
 use rhumb_client::scene::{BodyDesc, Shape};
-use rhumb_client::{Client, PipelineDepth, Trust};
+use rhumb_client::{Client, PipelineDepth, Report, Trust};
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() -> Result<(), Report> {
     let mut arguments = std::env::args().skip(1);
     let address = arguments
         .next()

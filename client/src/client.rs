@@ -40,6 +40,10 @@ pub struct Client {
     ids: ClientIds,
     upstream_clock: UpstreamClock,
     requested: Tick,
+    /// The newest command before the last request of a tick, until it is answered.
+    unanswered: Option<u64>,
+    /// The newest command that is answered.
+    answered: Option<u64>,
     events: VecDeque<(Tick, Event)>,
     /// Refusals that no call has reported yet, if calls report them.
     refused: Vec<Refusal>,
@@ -82,6 +86,8 @@ impl Client {
             ids: ClientIds::new(granted),
             upstream_clock: UpstreamClock::new(config.integrator.rate, options.lead_ticks),
             requested: watermark_tick,
+            unanswered: None,
+            answered: None,
             events: VecDeque::new(),
             refused: Vec::new(),
             refusals: options.refusals,
@@ -329,7 +335,8 @@ impl Client {
 
     /// Steps a lockstep scene once and computes the view: of this tick at depth 0, of the tick before at depth 1.
     ///
-    /// The scene steps to the next published tick, and depth counts published ticks.
+    /// The scene steps to the next published tick, and depth counts published ticks. At depth 0, the server's answers to the
+    /// commands before it are there, too.
     ///
     /// Returns the tick of the view, which is later than requested if later ticks are already complete.
     ///
@@ -355,7 +362,10 @@ impl Client {
         let deadline = self.deadline();
         self.pump.turn(Instant::ZERO);
         self.take_events();
-        while self.complete() < awaited {
+        // The answers come beside the tick, and may be the later ones.
+        while self.complete() < awaited
+            || (depth == PipelineDepth::LOCKSTEP && self.unanswered.is_some())
+        {
             if let Some(refusal) = self.take_refusal() {
                 return Err(refusal);
             }
@@ -544,7 +554,14 @@ impl Client {
                 }
                 self.ended = Some(ending);
             }
-            Event::Resumed(_) => self.interrupted = None,
+            Event::Resumed(_) => {
+                self.interrupted = None;
+                self.unanswered = None;
+            }
+            Event::Applied { through, .. } => {
+                self.answered = Some(through);
+                self.unanswered = self.unanswered.filter(|number| *number > through);
+            }
             _ => {}
         }
         let is_passed = self.ids.note(event, &mut self.pump.session);

@@ -14,7 +14,7 @@
 //! use rhumb_client::scene::{BodyDesc, Shape};
 //! use rhumb_client::{Client, PipelineDepth, Trust};
 //!
-//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # fn main() -> Result<(), rhumb_client::Report> {
 //! let trust = Trust::Fingerprint(std::env::var("RHUMB_FINGERPRINT")?.parse()?);
 //! let mut client = Client::connect("127.0.0.1:4433", trust)?.join("drop")?;
 //! client.add_body(BodyDesc::fixed(Shape::cuboid(10.0, 0.5, 10.0)).at(0.0, -0.5, 0.0))?;
@@ -55,6 +55,7 @@ mod join_options;
 mod pump;
 mod reconnector;
 mod redial;
+mod report;
 mod server_connection;
 mod statistics;
 
@@ -63,6 +64,7 @@ pub use error::{ClientError, OpenError, Refused};
 pub use glam;
 pub use join_options::{JoinOptions, Refusals};
 pub use pump::TapChannel;
+pub use report::Report;
 pub use rhumb_protocol::Ending;
 pub use rhumb_protocol::message::{
     AuthorityError, Denial, Inspection, InvalidToken, QueryError, QueryResult, RemovalCause,

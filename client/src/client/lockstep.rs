@@ -21,6 +21,8 @@ impl Client {
     pub fn request_tick(&mut self) -> Result<Tick, ClientError> {
         self.check_open()?;
         self.denied_advance = None;
+        let newest = self.ids.last_command();
+        self.unanswered = newest.filter(|number| Some(*number) > self.answered);
         let publish_schedule = self.config().publish_schedule;
         self.requested = publish_schedule.next_published(self.requested);
         let now = self.pump.now();
