@@ -144,6 +144,25 @@ typedef uint32_t RhumbStepping;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
+// How a client reports what the server refuses: commands, and requests for authority.
+enum RhumbRefusals
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  // The next advance, wait or poll is `RHUMB_CODE_REFUSED`, after it has done its work. They are events as well.
+  RHUMB_REFUSALS_ERRORS,
+  // They are events alone, for an application that reads all events.
+  RHUMB_REFUSALS_EVENTS,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum RhumbRefusals RhumbRefusals;
+#else
+typedef uint32_t RhumbRefusals;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
 // Kind of a body's motion.
 enum RhumbBodyKind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L

@@ -32,6 +32,32 @@ private:
     RhumbCode code_;
 };
 
+/// A request that the server refused, and that changed nothing.
+struct Refusal {
+    /// The command's number; none for a request for authority.
+    std::optional<std::uint64_t> number;
+    /// The body that the request is about, or zero.
+    RhumbBody body;
+    /// The reason in one or a few words, such as "unknown body".
+    std::string reason;
+    /// The reason, a sentence.
+    std::string text;
+};
+
+/// The server refused requests of earlier calls. advance, wait and poll throw it after they have done their work, and the
+/// next call goes on. Join with RHUMB_REFUSALS_EVENTS to get refusals as events alone.
+class RefusedError : public Error {
+public:
+    RefusedError(const std::string& sentence, std::vector<Refusal> refusals)
+        : Error(RHUMB_CODE_REFUSED, sentence), refusals_(std::move(refusals)) {}
+
+    /// At least one, the oldest first.
+    const std::vector<Refusal>& refusals() const noexcept { return refusals_; }
+
+private:
+    std::vector<Refusal> refusals_;
+};
+
 /// Throws unless the call did what it says. Unreal has macros of the names check, verify and ensure.
 inline void throw_unless_ok(RhumbCode code) {
     if (code != RHUMB_CODE_OK) {
@@ -280,6 +306,13 @@ public:
     BodyDesc& mass(float kilograms) {
         raw_.has_mass = 1;
         raw_.mass = kilograms;
+        return *this;
+    }
+
+    /// Moments of inertia about the body's axes, kg·m², in place of those of its shape; needs a mass.
+    BodyDesc& moments(Vec3 moments) {
+        raw_.has_moments = 1;
+        set(raw_.moments, moments);
         return *this;
     }
 
@@ -667,6 +700,11 @@ struct JoinOptions : RhumbJoinOptions {
         stepping = static_cast<std::uint32_t>(choice);
         return *this;
     }
+
+    JoinOptions& with_refusals(RhumbRefusals choice) {
+        refusals = static_cast<std::uint32_t>(choice);
+        return *this;
+    }
 };
 
 /// A client of one scene. Closes when it is destroyed. One thread at a time.
@@ -781,7 +819,8 @@ public:
         return number;
     }
 
-    /// Requests authority over kinematic bodies, in place of those of now; none ends it. An event answers.
+    /// Requests authority over kinematic bodies, 256 at most, in place of those of now; none ends it. An event answers. The
+    /// tolerance of a stream adds to this one.
     void take_authority(const std::vector<Body>& bodies, double tolerance_m = 0.02) {
         throw_unless_ok(rhumb_scene_take_authority(raw_, bodies.data(), bodies.size(), tolerance_m));
     }
@@ -803,26 +842,30 @@ public:
         return count;
     }
 
+    /// Ticks ahead of the server's clock by which publish is, in place of those of the options.
+    void set_lead_ticks(double ticks) { throw_unless_ok(rhumb_scene_set_lead_ticks(raw_, ticks)); }
+
     void flush() { throw_unless_ok(rhumb_scene_flush(raw_)); }
 
-    /// Steps a lockstep scene once; returns the tick of the view.
+    /// Steps a lockstep scene once; returns the tick of the view. Throws RefusedError for what the server refused, after the
+    /// tick is done.
     std::uint64_t advance(std::uint32_t depth = 0) {
         std::uint64_t tick = 0;
-        throw_unless_ok(rhumb_scene_advance(raw_, depth, &tick));
+        throw_unless_done(rhumb_scene_advance(raw_, depth, &tick));
         return tick;
     }
 
     /// Waits for the tick of an advance that timed out.
     std::uint64_t wait(std::uint32_t depth = 0) {
         std::uint64_t tick = 0;
-        throw_unless_ok(rhumb_scene_wait(raw_, depth, &tick));
+        throw_unless_done(rhumb_scene_wait(raw_, depth, &tick));
         return tick;
     }
 
-    /// Computes the view of a free-running scene for now.
+    /// Computes the view of a free-running scene for now. Throws RefusedError as advance does.
     Time poll() {
         Time time = {};
-        throw_unless_ok(rhumb_scene_poll(raw_, &time));
+        throw_unless_done(rhumb_scene_poll(raw_, &time));
         return time;
     }
 
@@ -845,7 +888,7 @@ public:
         return place;
     }
 
-    /// How far any point of a body may be off; infinite while that is not known.
+    /// How far any point of a body as the view shows it may be from its true place now; infinite while that is not known.
     float error_bound(Body body) {
         float bound = 0.0F;
         throw_unless_ok(rhumb_scene_error_bounds(raw_, &body, 1, &bound));
@@ -856,6 +899,13 @@ public:
         std::vector<float> bounds(bodies.size());
         throw_unless_ok(rhumb_scene_error_bounds(raw_, bodies.data(), bodies.size(), bounds.data()));
         return bounds;
+    }
+
+    /// How far any point of a body may be off at a tick by what is known of it, whatever the view shows.
+    float tick_error_bound(Body body, std::uint64_t tick) {
+        float bound = 0.0F;
+        throw_unless_ok(rhumb_scene_tick_error_bounds(raw_, tick, &body, 1, &bound));
+        return bound;
     }
 
     /// The oldest unread event.
@@ -898,6 +948,23 @@ public:
     RhumbScene raw() const noexcept { return raw_; }
 
 private:
+    /// Throws RefusedError with what the server refused, and Error for anything else that is not right.
+    void throw_unless_done(RhumbCode code) {
+        if (code != RHUMB_CODE_REFUSED) {
+            throw_unless_ok(code);
+            return;
+        }
+        const std::string sentence = rhumb_last_error();
+        std::vector<Refusal> refusals;
+        RhumbRefusal raw;
+        for (throw_unless_ok(rhumb_scene_poll_refusal(raw_, &raw)); raw.exists != 0;
+             throw_unless_ok(rhumb_scene_poll_refusal(raw_, &raw))) {
+            const auto number = raw.is_command != 0 ? std::optional<std::uint64_t>(raw.number) : std::nullopt;
+            refusals.push_back({number, raw.body, raw.reason, raw.text});
+        }
+        throw RefusedError(sentence, std::move(refusals));
+    }
+
     RhumbScene raw_;
 };
 

@@ -184,10 +184,16 @@ pub(crate) fn one_of<T: Copy>(
     number: u32,
     argument: &'static str,
 ) -> Result<T, BindingError> {
-    let needed = "one of the numbers that the header names";
     let place = usize::try_from(number).unwrap_or(usize::MAX);
     let value = each.get(place).copied();
-    value.ok_or(BindingError::Argument { argument, needed })
+    value.ok_or_else(|| {
+        let last = each.len().saturating_sub(1);
+        BindingError::value(
+            argument,
+            number,
+            format_args!("0 to {last}, as the header names them"),
+        )
+    })
 }
 
 fn check_aligned<T>(pointer: *const T, argument: &'static str) -> Result<(), BindingError> {

@@ -155,10 +155,8 @@ impl RhumbCommand {
         let known =
             RHUMB_EVENTS_CONTACTS | RHUMB_EVENTS_FORCE | RHUMB_EVENTS_SENSORS | RHUMB_EVENTS_SLEEP;
         if self.events & !known != 0 {
-            return Err(BindingError::Argument {
-                argument: "command.events",
-                needed: "bits that the header names",
-            });
+            let (bits, needed) = (self.events, "bits that the header names: 0 to 15");
+            return Err(BindingError::value("command.events", bits, needed));
         }
         Ok(ActiveEvents {
             contacts: is_on(RHUMB_EVENTS_CONTACTS),
@@ -231,7 +229,7 @@ mod tests {
     #[test]
     fn unknown_kinds_bodies_and_bits_are_errors() {
         let unknown = RhumbCommand { kind: 13, ..PLAIN };
-        assert!(error(unknown).starts_with("command.kind must be"));
+        assert!(error(unknown).starts_with("command.kind is "));
         let nothing = RhumbCommand {
             body: RhumbBody(0),
             ..PLAIN
@@ -242,6 +240,6 @@ mod tests {
             events: 16,
             ..PLAIN
         };
-        assert!(error(bits).starts_with("command.events must be"));
+        assert!(error(bits).starts_with("command.events is "));
     }
 }

@@ -112,5 +112,5 @@ unsafe fn trust(options: &RhumbConnectOptions) -> Result<Trust, BindingError> {
 /// A time that a caller gives in seconds.
 pub(crate) fn seconds(seconds: f64, argument: &'static str) -> Result<Duration, BindingError> {
     let needed = "seconds: finite and not negative";
-    Duration::try_from_secs_f64(seconds).map_err(|_| BindingError::Argument { argument, needed })
+    Duration::try_from_secs_f64(seconds).map_err(|_| BindingError::value(argument, seconds, needed))
 }

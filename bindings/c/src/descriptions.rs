@@ -275,7 +275,6 @@ impl RhumbBodyDesc {
     ///
     /// As [`RhumbShape::shape`].
     pub(crate) unsafe fn params(&self) -> Result<BodyParams, BindingError> {
-        let argument = |argument, needed| BindingError::Argument { argument, needed };
         let kind: BodyKind = one_of(&BODY_KINDS, self.kind, "kind")?;
         // SAFETY: the caller promises what the shape points to.
         let shape = unsafe { self.shape.shape() }?;
@@ -300,14 +299,17 @@ impl RhumbBodyDesc {
             mass: (self.has_mass != 0).then_some(self.mass),
             moments: (self.has_moments != 0).then_some(Vec3::from_array(self.moments)),
             gravity_scale: self.gravity_scale,
-            locked_axes: locked.ok_or_else(|| argument("locked_axes", "six bits"))?,
+            locked_axes: locked.ok_or_else(|| {
+                BindingError::value("locked_axes", self.locked_axes, "six bits: 0 to 63")
+            })?,
             groups: CollisionGroups {
                 members: self.group_members,
                 touches: self.group_touches,
             },
-            tolerance_scale: exponent
-                .and_then(ToleranceScale::new)
-                .ok_or_else(|| argument("tolerance_exponent", "within the range of the header"))?,
+            tolerance_scale: exponent.and_then(ToleranceScale::new).ok_or_else(|| {
+                let found = self.tolerance_exponent;
+                BindingError::value("tolerance_exponent", found, "-3 to 3")
+            })?,
             sensor: self.sensor != 0,
             swept: self.swept != 0,
             ..BodyParams::new(kind, shape)
@@ -341,7 +343,9 @@ mod tests {
             ..RhumbShape::PLAIN
         };
         let desc = |shape| RhumbBodyDesc { shape, ..plain };
-        assert!(error(RhumbBodyDesc { kind: 3, ..plain }).starts_with("kind must be"));
+        assert!(
+            error(RhumbBodyDesc { kind: 3, ..plain }).starts_with("kind is 3, and must be 0 to 2")
+        );
         assert!(
             error(RhumbBodyDesc {
                 locked_axes: 64,

@@ -237,8 +237,7 @@ impl RhumbJointDesc {
 /// A set of axes.
 fn axes(bits: u32, argument: &'static str) -> Result<LockedAxes, BindingError> {
     let set = u8::try_from(bits).ok().and_then(LockedAxes::new);
-    let needed = "six bits";
-    set.ok_or(BindingError::Argument { argument, needed })
+    set.ok_or_else(|| BindingError::value(argument, bits, "six bits: 0 to 63"))
 }
 
 #[cfg(test)]
@@ -282,17 +281,20 @@ mod tests {
 
     #[test]
     fn unknown_kinds_bodies_and_bits_are_errors() {
-        assert!(error(RhumbJointDesc { kind: 7, ..HINGE }).starts_with("desc.kind must be"));
+        assert!(
+            error(RhumbJointDesc { kind: 7, ..HINGE })
+                .starts_with("desc.kind is 7, and must be 0 to 6")
+        );
         assert_eq!(error(RhumbJointDesc::PLAIN), "0x0 is the id of no body");
         let bits = RhumbJointDesc {
             limited_axes: 64,
             ..HINGE
         };
-        assert!(error(bits).starts_with("desc.limited_axes must be"));
+        assert!(error(bits).starts_with("desc.limited_axes is "));
         let locked = RhumbJointDesc {
             limited_axes: 1,
             ..HINGE
         };
-        assert!(error(locked).starts_with("limits must be"));
+        assert!(error(locked).starts_with("limits is of axis "));
     }
 }

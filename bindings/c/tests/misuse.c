@@ -174,6 +174,8 @@ static void calls_that_need(RhumbScene scene, RhumbCode code) {
     EXPECT(code, rhumb_scene_copy_poses(scene, &buffers, &count));
     EXPECT(code, rhumb_scene_place(scene, body, &count));
     EXPECT(code, rhumb_scene_error_bounds(scene, &body, 1, &bound));
+    EXPECT(code, rhumb_scene_tick_error_bounds(scene, 1, &body, 1, &bound));
+    EXPECT(code, rhumb_scene_set_lead_ticks(scene, 1));
     EXPECT(code, rhumb_scene_poll_event(scene, &event));
     EXPECT(code, rhumb_scene_query(scene, &query, 1, &hit, 1, &count, NULL));
     EXPECT(code, rhumb_scene_statistics(scene, &statistics));
@@ -350,8 +352,54 @@ static void ids_of_no_scene(RhumbScene scene, RhumbBody body) {
     const RhumbCommand wake = {.kind = RHUMB_COMMAND_KIND_WAKE, .body = last};
     EXPECT(RHUMB_CODE_OK, rhumb_scene_command(scene, &wake, 1, NULL));
     EXPECT(RHUMB_CODE_OK, rhumb_scene_remove_joint(scene, 65535, NULL));
-    EXPECT(RHUMB_CODE_OK, rhumb_scene_advance(scene, 0, NULL));
+    EXPECT(RHUMB_CODE_REFUSED, rhumb_scene_advance(scene, 0, NULL));
     EXPECT(RHUMB_CODE_OK, rhumb_scene_place(scene, body, &count));
+}
+
+// What the server refuses is the code of the next advance, which does its work all the same.
+static void refusals(RhumbScene scene, RhumbBody body) {
+    uint64_t before, tick, number;
+    RhumbRefusal refusal;
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_advance(scene, 0, &before));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_poll_refusal(scene, &refusal));
+    const RhumbCommand wake = {.kind = RHUMB_COMMAND_KIND_WAKE, .body = 77};
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_command(scene, &wake, 1, &number));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_take_authority(scene, &body, 1, 0.02));
+    EXPECT(RHUMB_CODE_REFUSED, rhumb_scene_advance(scene, 0, &tick));
+    if (tick != before + 1 || strstr(rhumb_last_error(), "no body 77") == NULL) abort();
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_poll_refusal(scene, &refusal));
+    if (!refusal.exists || !refusal.is_command || refusal.number != number || refusal.body != 77) abort();
+    if (strcmp(refusal.reason, "unknown body") != 0 || strcmp(refusal.text, "the scene has no body 77") != 0) abort();
+    // The other one, now or with the next tick: the ball is not kinematic.
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_poll_refusal(scene, &refusal));
+    while (!refusal.exists) {
+        if (rhumb_scene_advance(scene, 0, NULL) == RHUMB_CODE_REFUSED) {
+            EXPECT(RHUMB_CODE_OK, rhumb_scene_poll_refusal(scene, &refusal));
+        }
+    }
+    if (refusal.is_command || refusal.body != body || strcmp(refusal.reason, "not kinematic") != 0) abort();
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_poll_refusal(scene, &refusal));
+    if (refusal.exists) abort();
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_advance(scene, 0, NULL));
+    EXPECT(RHUMB_CODE_NULL, rhumb_scene_poll_refusal(scene, NULL));
+    // Options that no scene has.
+    RhumbJoinOptions options;
+    RhumbConnection connection = connected(5);
+    RhumbScene other;
+    EXPECT(RHUMB_CODE_OK, rhumb_join_options_init(&options));
+    options.refusals = 2;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_join(connection, "quiet", &options, &other));
+    options.refusals = RHUMB_REFUSALS_EVENTS;
+    options.lead_ticks = -1;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_join(connection, "quiet", &options, &other));
+    options.lead_ticks = 2;
+    options.whole_ticks = 1;
+    EXPECT(RHUMB_CODE_OK, rhumb_join(connection, "quiet", &options, &other));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_command(other, &wake, 1, NULL));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_advance(other, 0, NULL));
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_set_lead_ticks(other, NAN));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_set_lead_ticks(other, 1));
+    EXPECT(RHUMB_CODE_OK, rhumb_scene_close(other));
 }
 
 static void numbers(RhumbScene scene, RhumbBody body) {
@@ -376,6 +424,13 @@ static void numbers(RhumbScene scene, RhumbBody body) {
     desc.shape.kind = RHUMB_SHAPE_KIND_HULL;
     desc.shape.point_count = 4;
     EXPECT(RHUMB_CODE_NULL, rhumb_scene_add_bodies(scene, &desc, 1, &ignored));
+    // Moments need a mass, and a dynamic body volume.
+    EXPECT(RHUMB_CODE_OK, rhumb_body_desc_init(&desc));
+    desc.has_moments = 1;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_bodies(scene, &desc, 1, &ignored));
+    EXPECT(RHUMB_CODE_OK, rhumb_body_desc_init(&desc));
+    desc.shape.kind = RHUMB_SHAPE_KIND_HALF_SPACE;
+    EXPECT(RHUMB_CODE_INVALID, rhumb_scene_add_bodies(scene, &desc, 1, &ignored));
     // One wrong command of two: neither is queued.
     RhumbCommand commands[2] = {
         {.kind = RHUMB_COMMAND_KIND_REMOVE_BODY, .body = body},
@@ -492,6 +547,7 @@ int main(int count, char **arguments) {
     joints_and_authority(scene, body);
     locomotion(scene, body);
     ids_of_no_scene(scene, body);
+    refusals(scene, body);
     numbers(scene, body);
     two_threads(scene);
     server_gone((pid_t)atoi(arguments[3]));

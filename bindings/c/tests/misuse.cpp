@@ -71,6 +71,22 @@ void shapes(rhumb::Scene& scene) {
     });
 }
 
+void refusals(rhumb::Scene& scene) {
+    const std::uint64_t before = scene.advance();
+    const std::uint64_t number = scene.command(rhumb::command::wake(77));
+    try {
+        scene.advance();
+        expect(false, "a refusal is an exception");
+    } catch (const rhumb::RefusedError& error) {
+        const auto& refusal = error.refusals().at(0);
+        expect(error.code() == RHUMB_CODE_REFUSED && error.refusals().size() == 1, "one refusal");
+        expect(refusal.number == number && refusal.body == 77, "of this command and body");
+        expect(refusal.reason == "unknown body" && refusal.text == "the scene has no body 77", "with its reason");
+    }
+    expect(scene.poses().tick() == before + 1, "the tick is done");
+    expect(scene.advance() == before + 2, "the next call goes on");
+}
+
 void views(rhumb::Scene& scene) {
     const auto poses = scene.poses();
     bool refused = false;
@@ -140,6 +156,7 @@ int main(int count, char** arguments) try {
     auto scene = rhumb::Connection::connect(address, trust).join("misuse");
     shapes(scene);
     views(scene);
+    refusals(scene);
     two_threads(scene);
     scene.delete_scene();
     expect_error(RHUMB_CODE_SCENE_GONE, "a deleted scene", [&] { scene.advance(); });

@@ -78,18 +78,18 @@ impl JointParams {
     ///
     /// # Errors
     ///
-    /// [`BindingError::Argument`] for a limit of an axis that cannot have one.
+    /// [`BindingError::Value`] for a limit of an axis that cannot have one.
     pub fn joint(&self) -> Result<Joint, BindingError> {
         let kind = self.kind();
-        let (given, taken) = (self.limits.iter(), kind.limits());
-        if given
-            .zip(taken)
-            .any(|(given, taken)| given.is_some() && taken.is_none())
-        {
-            return Err(BindingError::Argument {
-                argument: "limits",
-                needed: "of axes that the joint leaves free",
-            });
+        let mut both = self.limits.iter().zip(kind.limits());
+        let wrong = both.position(|(given, taken)| given.is_some() && taken.is_none());
+        if let Some(axis) = wrong {
+            let needed = "of axes that the joint leaves free";
+            return Err(BindingError::value(
+                "limits",
+                format_args!("of axis {axis}"),
+                needed,
+            ));
         }
         Ok(Joint {
             kind,
@@ -160,7 +160,8 @@ mod tests {
             (JointFreedom::Spring, 5),
         ] {
             let error = limited(freedom, axis).expect_err("no such limit");
-            assert!(error.to_string().starts_with("limits must be"), "{error}");
+            let text = format!("limits is of axis {axis}, and must be");
+            assert!(error.to_string().starts_with(&text), "{error}");
         }
     }
 }

@@ -9,6 +9,7 @@
 
 mod body_params;
 mod body_word;
+mod contacts;
 mod converted_view;
 mod coordinates;
 mod error;
@@ -22,6 +23,7 @@ mod trust;
 
 pub use body_params::BodyParams;
 pub use body_word::{InvalidBodyWord, body_word, parse_body_word};
+pub use contacts::ContactRecord;
 pub use coordinates::Coordinates;
 pub use error::{BindingError, ErrorKind};
 pub use event_record::{EventKind, EventRecord};

@@ -13,12 +13,16 @@ use rhumb_client::{
 };
 
 use crate::body_params::BodyParams;
+use crate::contacts::{ContactRecord, Contacts};
 use crate::converted_view::ConvertedView;
 use crate::coordinates::Coordinates;
 use crate::error::BindingError;
 use crate::event_record::EventRecord;
 use crate::join_params::{JoinParams, tolerance};
 use crate::refusal_record::RefusalRecord;
+
+/// Limit of unread events, the client's own. Beyond it, the oldest are dropped.
+const EVENTS_KEPT: usize = 65_536;
 
 /// A body that a query found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,6 +58,9 @@ pub struct StateRecord {
 pub struct RemoteScene {
     client: Client,
     view: ConvertedView,
+    /// Events that the application has not read.
+    events: VecDeque<EventRecord>,
+    contacts: Contacts,
     /// Of the last call that the refusals made an error.
     refusals: VecDeque<RefusalRecord>,
     /// Of the last [`Self::error_bounds`].
@@ -76,6 +83,8 @@ impl RemoteScene {
         Ok(Self {
             client,
             view: ConvertedView::new(params.coordinates),
+            events: VecDeque::new(),
+            contacts: Contacts::default(),
             refusals: VecDeque::new(),
             error_bounds: Vec::new(),
         })
@@ -116,7 +125,15 @@ impl RemoteScene {
         }
         let mut last = None;
         for command in converted {
+            let silenced = match &command {
+                Command::SetEvents { id, events } if !events.contacts => Some(*id),
+                _ => None,
+            };
             last = Some(self.client.command(command)?);
+            if let Some(body) = silenced {
+                self.take_events();
+                self.contacts.forget(body);
+            }
         }
         Ok(last)
     }
@@ -175,7 +192,7 @@ impl RemoteScene {
     ///
     /// As [`Client::advance`].
     pub fn advance(&mut self, depth: PipelineDepth) -> Result<Tick, BindingError> {
-        self.view.expire();
+        self.begin_view();
         let advanced = self.client.advance(depth);
         self.reported(advanced)
     }
@@ -186,7 +203,7 @@ impl RemoteScene {
     ///
     /// As [`Client::wait`].
     pub fn wait(&mut self, depth: PipelineDepth) -> Result<Tick, BindingError> {
-        self.view.expire();
+        self.begin_view();
         let waited = self.client.wait(depth);
         self.reported(waited)
     }
@@ -197,9 +214,15 @@ impl RemoteScene {
     ///
     /// As [`Client::poll`].
     pub fn poll(&mut self) -> Result<RenderTime, BindingError> {
-        self.view.expire();
+        self.begin_view();
         let polled = self.client.poll();
         self.reported(polled)
+    }
+
+    /// The arrays are about to be old. Events of earlier views are taken, before the client drops any.
+    fn begin_view(&mut self) {
+        self.take_events();
+        self.view.expire();
     }
 
     /// Keeps the refusals of a call for [`Self::poll_refusal`].
@@ -264,8 +287,27 @@ impl RemoteScene {
 
     /// The oldest unread event.
     pub fn poll_event(&mut self) -> Option<EventRecord> {
-        let (after, event) = self.client.poll_event()?;
-        Some(EventRecord::new(after, event, self.coordinates()))
+        self.take_events();
+        self.events.pop_front()
+    }
+
+    /// The contacts of a body, or of all bodies, between bodies of which one reports its contacts.
+    pub fn contacts(&mut self, body: Option<BodyId>) -> Vec<ContactRecord> {
+        self.take_events();
+        self.contacts.of(body).collect()
+    }
+
+    /// Takes the client's events, which keeps no more of them than this scene.
+    fn take_events(&mut self) {
+        let coordinates = self.coordinates();
+        while let Some((after, event)) = self.client.poll_event() {
+            let record = EventRecord::new(after, event, coordinates);
+            self.contacts.note(&record);
+            if self.events.len() == EVENTS_KEPT {
+                self.events.pop_front();
+            }
+            self.events.push_back(record);
+        }
     }
 
     /// The moment of the view.

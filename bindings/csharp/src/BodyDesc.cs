@@ -106,6 +106,19 @@ namespace Rhumb
             return this;
         }
 
+        /// <summary>
+        /// Moments of inertia about the body's axes, kg·m², in place of those of its shape; needs a mass.
+        /// </summary>
+        public unsafe BodyDesc Moments(Vec3 moments)
+        {
+            raw.has_moments = 1;
+            fixed (float* to = raw.moments)
+            {
+                moments.CopyTo(to);
+            }
+            return this;
+        }
+
         public BodyDesc GravityScale(float factor)
         {
             raw.gravity_scale = factor;

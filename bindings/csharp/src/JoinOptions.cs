@@ -98,6 +98,32 @@ namespace Rhumb
             set { raw.delay_ticks = value; }
         }
 
+        /// <summary>
+        /// Free running only: ticks ahead of the server's clock by which bodies under authority are published, zero in plain
+        /// options. With the network's delay and a little more, the server need not predict them.
+        /// </summary>
+        public double LeadTicks
+        {
+            get { return raw.lead_ticks; }
+            set { raw.lead_ticks = value; }
+        }
+
+        /// <summary>Free running only: only whole ticks are shown, for an application with ticks of its own.</summary>
+        public bool WholeTicks
+        {
+            get { return raw.whole_ticks != 0; }
+            set { raw.whole_ticks = (byte)(value ? 1 : 0); }
+        }
+
+        /// <summary>
+        /// Whether the next Advance, Wait or Poll throws what the server refused, as in plain options, or events alone tell.
+        /// </summary>
+        public RhumbRefusals Refusals
+        {
+            get { return (RhumbRefusals)raw.refusals; }
+            set { raw.refusals = (uint)value; }
+        }
+
         /// <summary>Free running only: corrections are shown as short glides, and not as jumps; true in plain options.</summary>
         public bool Smooth
         {

@@ -474,6 +474,17 @@ namespace Rhumb
         [DllImport(__DllName, EntryPoint = "rhumb_scene_query", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
         public static extern RhumbCode rhumb_scene_query(RhumbScene scene, RhumbQuery* queries, System.UIntPtr count, RhumbHit* hits, System.UIntPtr capacity, System.UIntPtr* hit_count, ulong* tick);
 
+        /// <summary>
+        ///  Takes the oldest refusal of the last call that was `RHUMB_CODE_REFUSED`. Its sentences are those of `rhumb_last_error`,
+        ///  which names the first.
+        ///
+        ///  # Safety
+        ///
+        ///  `refusal` points to memory for a `RhumbRefusal`.
+        /// </summary>
+        [DllImport(__DllName, EntryPoint = "rhumb_scene_poll_refusal", CallingConvention = CallingConvention.Cdecl, ExactSpelling = true)]
+        public static extern RhumbCode rhumb_scene_poll_refusal(RhumbScene scene, RhumbRefusal* refusal);
+
 
     }
 
@@ -1413,6 +1424,38 @@ namespace Rhumb
         public fixed float normal[3];
     }
 
+    /// <summary>
+    ///  A request that the server refused, and that changed nothing.
+    /// </summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public unsafe partial struct RhumbRefusal
+    {
+        /// <summary>
+        ///  Zero: there is no further refusal, and all other fields are zero.
+        /// </summary>
+        public byte exists;
+        /// <summary>
+        ///  Not zero: `number` is that of a command. Zero: the request was for authority.
+        /// </summary>
+        public byte is_command;
+        /// <summary>
+        ///  The command's number.
+        /// </summary>
+        public ulong number;
+        /// <summary>
+        ///  The body that the request is about; zero if that is not known.
+        /// </summary>
+        public RhumbBody body;
+        /// <summary>
+        ///  The reason in one or a few words, such as "unknown body"; it ends with a zero byte.
+        /// </summary>
+        public fixed byte reason[32];
+        /// <summary>
+        ///  The reason, a sentence in UTF-8 that ends with a zero byte; a longer one is cut.
+        /// </summary>
+        public fixed byte text[192];
+    }
+
 
     /// <summary>
     ///  The result of a call.
@@ -1529,6 +1572,21 @@ namespace Rhumb
         ///  The scene steps by the server's clock: `rhumb_scene_poll`.
         /// </summary>
         FreeRunning,
+    }
+
+    /// <summary>
+    ///  How a client reports what the server refuses: commands, and requests for authority.
+    /// </summary>
+    public enum RhumbRefusals : uint
+    {
+        /// <summary>
+        ///  The next advance, wait or poll is `RHUMB_CODE_REFUSED`, after it has done its work. They are events as well.
+        /// </summary>
+        Errors,
+        /// <summary>
+        ///  They are events alone, for an application that reads all events.
+        /// </summary>
+        Events,
     }
 
     /// <summary>

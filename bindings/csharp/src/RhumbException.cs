@@ -1,12 +1,13 @@
 // Errors as exceptions.
 
 using System;
+using System.Collections.Generic;
 using System.Text;
 
 namespace Rhumb
 {
     /// <summary>A call failed: the code says which kind of error it is, the message says it in a sentence.</summary>
-    public sealed class RhumbException : Exception
+    public class RhumbException : Exception
     {
         public RhumbException(RhumbCode code, string message)
             : base(message)
@@ -25,9 +26,75 @@ namespace Rhumb
             }
         }
 
-        private static unsafe string LastError()
+        internal static unsafe string LastError()
         {
             return Utf8.Read(Native.rhumb_last_error());
+        }
+    }
+
+    /// <summary>A request that the server refused, and that changed nothing.</summary>
+    public struct Refusal
+    {
+        /// <summary>The command's number; null for a request for authority.</summary>
+        public ulong? Number;
+
+        /// <summary>The body that the request is about; none if that is not known.</summary>
+        public Body Body;
+
+        /// <summary>The reason in one or a few words, for programs, such as "unknown body".</summary>
+        public string Reason;
+
+        /// <summary>The reason, a sentence.</summary>
+        public string Text;
+    }
+
+    /// <summary>
+    /// The server refused requests of earlier calls, which changed nothing. Advance, Wait and Poll throw it after they have
+    /// done their work: the tick is done, the view is computed, and the next call goes on. With JoinOptions.Refusals they are
+    /// events alone.
+    /// </summary>
+    public sealed class RhumbRefusedException : RhumbException
+    {
+        internal RhumbRefusedException(string message, Refusal[] refusals)
+            : base(RhumbCode.Refused, message)
+        {
+            Refusals = refusals;
+        }
+
+        /// <summary>At least one, the oldest first.</summary>
+        public Refusal[] Refusals { get; }
+
+        /// <summary>Throws unless the call did what it says; with what the server refused, if that is why.</summary>
+        internal static void CheckDone(RhumbCode code, RhumbScene scene)
+        {
+            if (code != RhumbCode.Refused)
+            {
+                Check(code);
+                return;
+            }
+            string message = LastError();
+            throw new RhumbRefusedException(message, Taken(scene));
+        }
+
+        private static unsafe Refusal[] Taken(RhumbScene scene)
+        {
+            var taken = new List<Refusal>();
+            while (true)
+            {
+                RhumbRefusal raw;
+                Check(Native.rhumb_scene_poll_refusal(scene, &raw));
+                if (raw.exists == 0)
+                {
+                    return taken.ToArray();
+                }
+                taken.Add(new Refusal
+                {
+                    Number = raw.is_command != 0 ? raw.number : (ulong?)null,
+                    Body = new Body(raw.body.Item1),
+                    Reason = Utf8.Read((byte*)raw.reason),
+                    Text = Utf8.Read((byte*)raw.text),
+                });
+            }
         }
     }
 

@@ -254,8 +254,9 @@ namespace Rhumb
         }
 
         /// <summary>
-        /// Requests authority over kinematic bodies in place of those of now; none ends it. It is sent at once. An event,
-        /// AuthorityGranted or AuthorityDenied, answers.
+        /// Requests authority over kinematic bodies, 256 at most, in place of those of now; none ends it. The server's bodies
+        /// are within the tolerance of what Publish sends, and the tolerance of a stream adds to it. It is sent at once. An
+        /// event, AuthorityGranted or AuthorityDenied, answers; a denial is a RhumbRefusedException too.
         /// </summary>
         public unsafe void TakeAuthority(Body[] bodies, double toleranceInMetres = 0.02)
         {
@@ -307,19 +308,28 @@ namespace Rhumb
             return checked((int)count);
         }
 
+        /// <summary>Ticks ahead of the server's clock by which Publish is, in place of JoinOptions.LeadTicks.</summary>
+        public void SetLeadTicks(double ticks)
+        {
+            RhumbException.Check(Native.rhumb_scene_set_lead_ticks(Raw(), ticks));
+        }
+
         /// <summary>Sends the queued commands at once.</summary>
         public void Flush()
         {
             RhumbException.Check(Native.rhumb_scene_flush(Raw()));
         }
 
-        /// <summary>Steps a lockstep scene once, computes the view, and returns its tick.</summary>
+        /// <summary>
+        /// Steps a lockstep scene once, computes the view, and returns its tick. Throws RhumbRefusedException for what the
+        /// server refused, after the tick is done; the next call goes on.
+        /// </summary>
         public unsafe ulong Advance(uint depth = 0)
         {
             ulong tick;
             using (arrays.BeginView())
             {
-                RhumbException.Check(Native.rhumb_scene_advance(Raw(), depth, &tick));
+                RhumbRefusedException.CheckDone(Native.rhumb_scene_advance(Raw(), depth, &tick), Raw());
             }
             return tick;
         }
@@ -330,18 +340,21 @@ namespace Rhumb
             ulong tick;
             using (arrays.BeginView())
             {
-                RhumbException.Check(Native.rhumb_scene_wait(Raw(), depth, &tick));
+                RhumbRefusedException.CheckDone(Native.rhumb_scene_wait(Raw(), depth, &tick), Raw());
             }
             return tick;
         }
 
-        /// <summary>Computes the view of a free-running scene for now, in ticks since the scene's first.</summary>
+        /// <summary>
+        /// Computes the view of a free-running scene for now, in ticks since the scene's first. A lockstep scene stands still
+        /// until a client advances it. Throws RhumbRefusedException as Advance does.
+        /// </summary>
         public unsafe double Poll()
         {
             RhumbTime shown;
             using (arrays.BeginView())
             {
-                RhumbException.Check(Native.rhumb_scene_poll(Raw(), &shown));
+                RhumbRefusedException.CheckDone(Native.rhumb_scene_poll(Raw(), &shown), Raw());
             }
             return shown.tick + shown.fraction;
         }
@@ -371,6 +384,9 @@ namespace Rhumb
                     ReceivedBytes = raw.received_bytes,
                     Updates = raw.updates,
                     CompleteTick = raw.complete_tick,
+                    UpstreamUpdates = raw.upstream_updates,
+                    UpstreamPackets = raw.upstream_packets,
+                    UpstreamBytes = raw.upstream_bytes,
                 };
             }
         }
@@ -388,7 +404,10 @@ namespace Rhumb
             return (int)place;
         }
 
-        /// <summary>How far any point of a body may be off; infinite while that is not known.</summary>
+        /// <summary>
+        /// How far any point of a body as the view shows it may be from its true place at the moment of the view; infinite
+        /// while that is not known.
+        /// </summary>
         public unsafe float ErrorBound(Body body)
         {
             float bound;
@@ -398,9 +417,10 @@ namespace Rhumb
         }
 
         /// <summary>
-        /// How far any point of each body may be off at the newest tick of the stream, in the scene's unit of length; infinite
-        /// while that is not known. In the order of the bodies, such as Bodies. A body that the copy does not have is an error
-        /// of the call.
+        /// How far any point of each body as the view shows it may be from its true place at the moment of the view, in the
+        /// scene's unit of length. Infinite while nothing finite is known: a packet is missing, or a free-running view shows a
+        /// moment of which the news has not arrived; DelayTicks of the network's delay and a little more make it finite. In
+        /// the order of the bodies, such as Bodies. A body that is not in the view is an error of the call.
         /// </summary>
         public unsafe float[] ErrorBounds(ReadOnlySpan<Body> bodies)
         {
@@ -412,6 +432,17 @@ namespace Rhumb
                     Native.rhumb_scene_error_bounds(Raw(), (RhumbBody*)from, (UIntPtr)bounds.Length, to));
             }
             return bounds;
+        }
+
+        /// <summary>
+        /// How far any point of a body may be off at a tick by what is known of it, whatever the view shows.
+        /// </summary>
+        public unsafe float TickErrorBound(Body body, ulong tick)
+        {
+            float bound;
+            RhumbBody raw = Raw(body);
+            RhumbException.Check(Native.rhumb_scene_tick_error_bounds(Raw(), tick, &raw, (UIntPtr)1, &bound));
+            return bound;
         }
 
         /// <summary>Takes the oldest unread event; false if there is none.</summary>

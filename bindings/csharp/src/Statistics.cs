@@ -16,5 +16,14 @@ namespace Rhumb
 
         /// <summary>The newest tick at which every copy is within its tolerance.</summary>
         public ulong CompleteTick;
+
+        /// <summary>Updates of bodies that this client published under its authority, since it was granted.</summary>
+        public ulong UpstreamUpdates;
+
+        /// <summary>Packets of these updates.</summary>
+        public ulong UpstreamPackets;
+
+        /// <summary>Bytes of these packets.</summary>
+        public ulong UpstreamBytes;
     }
 }

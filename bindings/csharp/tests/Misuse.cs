@@ -162,7 +162,21 @@ internal static class Misuse
     private static void Events(Scene scene, Body body)
     {
         ulong number = scene.Send(Command.SetEvents(body, Native.RHUMB_EVENTS_CONTACTS, 0), Command.RemoveBody(body), Command.Wake(body));
-        scene.Advance();
+        try
+        {
+            scene.Advance();
+            Expect(false, "a refusal is an exception");
+        }
+        catch (RhumbRefusedException error)
+        {
+            Refusal refusal = error.Refusals[0];
+            Expect(error.Code == RhumbCode.Refused && error.Refusals.Length == 1, "one refusal");
+            Expect(refusal.Number == number && refusal.Body.Equals(body), "of this command and body");
+            Expect(refusal.Reason == "unknown body" && refusal.Text.Contains("no body"), "with its reason: " + refusal.Text);
+            Expect(error.Message.Contains(refusal.Text), error.Message);
+        }
+        ulong tick = (ulong)scene.Time.Tick;
+        Expect(scene.Advance() == tick + 1, "the next call goes on");
         bool removed = false, refused = false;
         while (scene.TryNextEvent(out Event next))
         {

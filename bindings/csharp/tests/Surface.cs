@@ -190,6 +190,8 @@ internal static class Surface
         Expect(options.Smooth && plain.smooth != 0, "corrections are smooth");
         Expect(options.DelayTicks.Equals(plain.delay_ticks) && options.DelayTicks.Equals(0.0), "no delay");
         Expect(options.ResumeWithin == null && plain.has_resume_within == 0, "the scene suggests how long to resume");
+        Expect(options.LeadTicks.Equals(0.0) && !options.WholeTicks, "no lead, and moments between ticks");
+        Expect(options.Refusals == RhumbRefusals.Errors && plain.refusals == 0, "refusals are exceptions");
     }
 
     private static void OptionsArriveInC()
@@ -199,12 +201,18 @@ internal static class Surface
             Substeps = 7,
             Smooth = false,
             DelayTicks = 2.5,
+            LeadTicks = 1.5,
+            WholeTicks = true,
+            Refusals = RhumbRefusals.Events,
             ResumeWithin = TimeSpan.FromSeconds(1.25),
         };
         RhumbJoinOptions raw = options.Raw();
         Expect(raw.substeps == 7 && options.Substeps == 7, "substeps");
         Expect(raw.smooth == 0 && !options.Smooth, "smooth");
         Expect(raw.delay_ticks.Equals(2.5) && options.DelayTicks.Equals(2.5), "delay");
+        Expect(raw.lead_ticks.Equals(1.5) && options.LeadTicks.Equals(1.5), "lead");
+        Expect(raw.whole_ticks == 1 && options.WholeTicks, "whole ticks");
+        Expect(raw.refusals == 1 && options.Refusals == RhumbRefusals.Events, "refusals");
         Expect(raw.has_resume_within == 1 && raw.resume_within_s.Equals(1.25), "resume within");
         Expect(options.ResumeWithin == TimeSpan.FromSeconds(1.25), "resume within");
         options.Smooth = true;
@@ -216,6 +224,7 @@ internal static class Surface
         {
             ExpectInvalid("no substeps", () => connection.Join("wrong", new JoinOptions { Substeps = 0 }));
             ExpectInvalid("a delay", () => connection.Join("wrong", new JoinOptions { DelayTicks = -1 }));
+            ExpectInvalid("a lead", () => connection.Join("wrong", new JoinOptions { LeadTicks = -1 }));
             ExpectInvalid("no delay", () => connection.Join("wrong", new JoinOptions { DelayTicks = double.NaN }));
             ExpectInvalid("a time", () => connection.Join("wrong", new JoinOptions { ResumeWithin = TimeSpan.FromTicks(-1) }));
             // None of these used the connection up.

@@ -94,6 +94,9 @@ pub(crate) struct SceneNode {
     /// Free running: ticks by which the view stays behind the server's clock.
     #[export(range = (0.0, 30.0))]
     delay_ticks: f64,
+    /// Free running: whether only whole ticks are shown.
+    #[export]
+    whole_ticks: bool,
     /// Free running: whether corrections are shown as short glides.
     #[export]
     #[init(val = true)]
@@ -309,6 +312,7 @@ impl SceneNode {
             ticks_per_second: ticks_per_second.unsigned_abs(),
             gravity: Some(vec3(self.gravity)),
             delay_ticks: self.delay_ticks,
+            whole_ticks: self.whole_ticks,
             smooth: self.smooth,
             ..JoinParams::default()
         }

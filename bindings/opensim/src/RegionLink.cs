@@ -181,6 +181,8 @@ namespace Rhumb.Plugin
                 TicksPerSecond = settings.TicksPerSecond,
                 PublishInterval = settings.PublishInterval,
                 Gravity = new Vec3(0, 0, settings.Gravity),
+                // Each actor learns of its own refusal by an event.
+                Refusals = RhumbRefusals.Events,
             };
             Scene joined;
             try

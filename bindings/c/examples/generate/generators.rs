@@ -9,7 +9,7 @@ pub(crate) const HEADER: &str = "c/include/rhumb.h";
 pub(crate) const IMPORTS: &str = "csharp/src/Native.g.cs";
 
 /// Sources with functions or types that cross the border.
-const SOURCES: [&str; 12] = [
+const SOURCES: [&str; 13] = [
     "status",
     "kinds",
     "descriptions",
@@ -22,13 +22,15 @@ const SOURCES: [&str; 12] = [
     "poses",
     "events",
     "queries",
+    "refusals",
 ];
 
 /// Enumerations that only fields of type `u32` hold.
-const ENUMERATIONS: [&str; 10] = [
+const ENUMERATIONS: [&str; 11] = [
     "RhumbCoordinates",
     "RhumbJoinCondition",
     "RhumbStepping",
+    "RhumbRefusals",
     "RhumbBodyKind",
     "RhumbShapeKind",
     "RhumbJointKind",
