@@ -28,6 +28,14 @@ const COUNTERS = [
   "sentControlBytes",
 ];
 
+/** Whether refusals are events alone. */
+function quiet(refusals = "throw") {
+  if (refusals !== "throw" && refusals !== "events") {
+    throw new RhumbError({ code: "argument", message: `refusals: ${JSON.stringify(refusals)} is not "throw" or "events"` });
+  }
+  return refusals === "events";
+}
+
 const now = () => performance.now();
 
 const pause = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
@@ -37,6 +45,8 @@ export class Client {
   #connection;
   #connecting;
   #events = [];
+  /** Refusals that no call has thrown yet; undefined if they are events alone. */
+  #refused = [];
   #timer;
   #flushing = false;
   #state = "open";
@@ -62,6 +72,7 @@ export class Client {
     client.#connecting = connecting;
     client.#resumeWithin = options.resumeWithin;
     client.#tap = options.record;
+    client.#refused = quiet(options.refusals) ? undefined : [];
     client.#member = new Member(scene, { token: connecting.token, join: options, seed });
     const joined = new Promise((resolve, reject) => client.#waiting.joined.push({ resolve, reject }));
     client.#attach(connection);
@@ -145,6 +156,10 @@ export class Client {
         return this.#handleDeleted();
       case "sceneFaulted":
         this.#handleFault(event);
+        break;
+      case "refused":
+      case "authorityDenied":
+        this.#refuse(event);
         break;
       case "denied":
         this.#deny(event);
@@ -237,6 +252,23 @@ export class Client {
     for (const { reject } of this.#waiting[waiting].splice(0)) reject(error);
   }
 
+  /** Keeps a refusal for the next call that computes the view. An authority that lost sync is requested again. */
+  #refuse({ number, body, reason, message }) {
+    if (reason === undefined) return;
+    this.#refused?.push({ number, body: body ?? undefined, reason, message });
+  }
+
+  /** Throws what the server has refused since the last call that threw. */
+  #throwRefusals() {
+    if (!this.#refused?.length) return;
+    const refusals = this.#refused.splice(0);
+    const [{ number, body, message }] = refusals;
+    const what = number === undefined ? "the authority" : `command ${number}`;
+    const about = body === undefined ? "" : ` about body ${body}`;
+    const more = refusals.length > 1 ? ` (and ${refusals.length - 1} more refusals)` : "";
+    throw new RhumbError({ code: "refused", message: `the server refused ${what}${about}: ${message}${more}`, refusals });
+  }
+
   /** A denial answers the calls that wait, if it is of their kind. */
   #deny({ denial, message }) {
     const error = new RhumbError({ code: "denied", message, denial });
@@ -254,6 +286,8 @@ export class Client {
 
   #settleTicks() {
     if (this.#waiting.ticks.length === 0) return;
+    // The answers to commands come beside the tick, and may be the later ones.
+    if (this.#member.awaitsAnswers) return;
     const complete = this.#member.completeTick;
     const { ticks } = this.#waiting;
     this.#waiting.ticks = ticks.filter(({ wanted }) => wanted > complete);
@@ -295,7 +329,9 @@ export class Client {
   }
 
   poll(at = now()) {
-    return this.#member.poll(at);
+    const shown = this.#member.poll(at);
+    this.#throwRefusals();
+    return shown;
   }
 
   show(ticks) {
@@ -308,6 +344,7 @@ export class Client {
     const wanted = member.advance(now());
     const tick = await this.#wait("ticks", { wanted });
     this.show(tick);
+    this.#throwRefusals();
     return tick;
   }
 

@@ -1,11 +1,12 @@
 // Errors of this package: a code for programs, a sentence for people.
 
 export class RhumbError extends Error {
-  constructor({ code, message, denial, closeCode }, options) {
+  constructor({ code, message, denial, closeCode, refusals }, options) {
     super(message, options);
     this.name = "RhumbError";
     this.code = code;
     if (denial != null) this.denial = denial;
     if (closeCode != null) this.closeCode = closeCode;
+    if (refusals != null) this.refusals = refusals;
   }
 }

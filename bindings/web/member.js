@@ -105,7 +105,8 @@ class View {
   }
 
   place(id) {
-    return module().place(this.#handle(), id);
+    const place = module().place(this.#handle(), id);
+    return place < 0 ? undefined : place;
   }
 }
 
@@ -316,6 +317,10 @@ export class Member {
 
   advance(now) {
     return answer(module().advance(this.#handle, now));
+  }
+
+  get awaitsAnswers() {
+    return module().awaits_answers(this.#handle) !== 0;
   }
 
   giveUpAdvance() {

@@ -113,6 +113,11 @@ export interface JoinOptions {
   /** Free running only: show corrections as short glides. Default: true. Off for a view that is compared with a truth. */
   readonly smooth?: boolean;
   /**
+   * `"throw"`: the next {@link Client.poll} throws, and the next {@link Client.advance} rejects, with the code `refused` for
+   * what the server refused, after the view is computed. `"events"`: events alone tell. Default: `"throw"`.
+   */
+  readonly refusals?: "throw" | "events";
+  /**
    * Seconds for which the client tries to go on over another connection when one ends without its doing; commands are
    * queued meanwhile. Default: 60 if the server keeps the scene over its own end, else 0.
    */
@@ -186,7 +191,8 @@ export class Client {
    * `now`: milliseconds of `performance.now()`, such as the argument of a `requestAnimationFrame` callback. Default: the
    * present moment. Returns the moment shown, in ticks; its fraction lies between two ticks.
    *
-   * Free-running scenes only; in lockstep {@link advance} computes the view.
+   * A lockstep scene stands still until a member advances it. Throws `refused` for what the server refused, after the view is
+   * computed; the next call goes on.
    */
   poll(now?: number): number;
 
@@ -205,7 +211,8 @@ export class Client {
   /**
    * Steps a lockstep scene once; resolves with the tick of the view, as `Client::advance` of the Rust crate does.
    *
-   * Rejects with `denied`, with `sceneFaulted` once the scene's engine has failed, and with the reason why the client
+   * Rejects with `refused` for what the server refused, after the tick is done and its view computed: the next call goes on. Also
+   * rejects with `denied`, with `sceneFaulted` once the scene's engine has failed, and with the reason why the client
    * ends, such as `sceneDeleted`.
    */
   advance(): Promise<number>;
@@ -252,7 +259,7 @@ export class Client {
 
   /**
    * Queues the addition of a body, and of its shape unless the scene has an equal one; returns the body's id. The event
-   * `bodyPlaced` or `refused` reports the result. Throws `noIds` if the server must grant more ids first, which this call
+   * `bodyPlaced` or `refused` reports the result; a refusal is an error of the next {@link poll} or {@link advance}, too. Throws `noIds` if the server must grant more ids first, which this call
    * requests: repeat it after the event `reserved`.
    */
   addBody(body: BodyOptions): BodyId;
@@ -359,14 +366,14 @@ export interface View {
   /** Tick of each body's last update. Computed when read. */
   readonly updateTicks: Float64Array;
   /**
-   * Bound on the error of each shown pose, metres; infinite while it is unknown, while the body glides, and once a newer
-   * update of it was read. Computed when read.
+   * How far each shown pose may be from the body's true pose at the moment of the view, metres. Infinite while nothing finite is
+   * known: a packet is missing, or the view shows a moment of which the news has not arrived. Computed when read.
    */
   readonly errorBounds: Float32Array;
   /** Tolerance of each body in this stream, metres; zero for a full stream. Computed when read. */
   readonly tolerances: Float32Array;
-  /** Place of a body; -1 if it is not in this view. */
-  place(id: BodyId): number;
+  /** Place of a body; undefined if it is not in this view. A negative one would index from the end. */
+  place(id: BodyId): number | undefined;
 }
 
 /** The track that a copy predicts a body from: its last published state and the predictor that continues it. */
@@ -563,14 +570,14 @@ export type Event = { readonly complete: number } & (
   | { readonly kind: "bodyPlaced"; readonly id: BodyId }
   | { readonly kind: "bodyRemoved"; readonly id: BodyId; readonly cause: string }
   | { readonly kind: "applied"; readonly through: number; readonly tick: number }
-  | { readonly kind: "refused"; readonly number: number; readonly message: string }
+  | { readonly kind: "refused"; readonly number: number; readonly body: BodyId | null; readonly reason: string; readonly message: string }
   | { readonly kind: "durable"; readonly commands: number; readonly tick: number }
   | { readonly kind: "reserved" }
   | { readonly kind: "denied"; readonly denial: DenialCode; readonly message: string }
   | { readonly kind: "subscriptionChanged"; readonly stream: StreamChoice }
   | { readonly kind: "tierChanged"; readonly to: StreamChoice; readonly cause: "linkCongested" | "linkRecovered" }
   | { readonly kind: "authorityGrant"; readonly bodies: readonly BodyId[] }
-  | { readonly kind: "authorityDenied"; readonly message: string }
+  | { readonly kind: "authorityDenied"; readonly body?: BodyId | null; readonly reason?: string; readonly message: string }
   | { readonly kind: "queryResult"; readonly number: number; readonly tick: number; readonly answers: readonly QueryHit[][] }
   | { readonly kind: "queryFailed"; readonly number: number; readonly tick: number; readonly message: string }
   | { readonly kind: "contactBegan" | "contactForce"; readonly tick: number; readonly body: BodyId; readonly contact: Contact }
@@ -709,6 +716,20 @@ export class RhumbError extends Error {
   readonly denial?: DenialCode;
   /** Code with which the server closed the connection (PROTOCOL 3.4). */
   readonly closeCode?: number;
+  /** Of the code `refused`: what the server refused, the oldest first. */
+  readonly refusals?: readonly Refusal[];
+}
+
+/** A request that the server refused, and that changed nothing. */
+export interface Refusal {
+  /** The command's number; none for a request for authority. */
+  readonly number?: number;
+  /** The body that the request is about, if that is known. */
+  readonly body?: BodyId;
+  /** The reason in one or a few words, for programs, such as `"unknown body"`. */
+  readonly reason: string;
+  /** The reason, a sentence. */
+  readonly message: string;
 }
 
 // ---------------------------------------------------------------------------------------------------------------------

@@ -93,7 +93,7 @@ export class Live {
     });
     const { delayTicks } = this.options;
     // Whole ticks without glides: what is shown can be compared with the truth.
-    return connection.join(this.#scene, { stream, delayTicks, wholeTicks: true, smooth: false, resumeWithin: 0 });
+    return connection.join(this.#scene, { stream, delayTicks, wholeTicks: true, smooth: false, resumeWithin: 0, refusals: "events" });
   }
 
   /** Begins or ends the comparison with the truth, which takes the direct way: its link is not conditioned. */

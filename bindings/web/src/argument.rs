@@ -9,6 +9,9 @@ use serde_json::Value;
 
 use crate::failure::Failure;
 
+/// Most characters of a wrong value that its error names.
+const FOUND_CHARACTERS: usize = 40;
+
 /// A part of a JSON value, and its place.
 #[derive(Clone, Debug)]
 pub(crate) struct Argument<'a> {
@@ -26,7 +29,13 @@ impl<'a> Argument<'a> {
 
     /// The error that this argument is not what is wanted.
     pub(crate) fn wrong(&self, wanted: &str) -> Failure {
-        Failure::argument(&self.place, format_args!("must be {wanted}"))
+        // A long value would hide the sentence.
+        let found = self.value.to_string();
+        let found = match found.char_indices().nth(FOUND_CHARACTERS) {
+            Some((end, _)) => format!("{}...", &found[..end]),
+            None => found,
+        };
+        Failure::argument(&self.place, format_args!("must be {wanted}, not {found}"))
     }
 
     /// The error of a check that this argument does not pass.

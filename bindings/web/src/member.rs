@@ -49,6 +49,10 @@ struct Membership {
     columns: Columns,
     /// The tick up to which a lockstep scene is to step.
     requested: Tick,
+    /// The newest command before the last advance, until it is answered.
+    unanswered: Option<u64>,
+    /// The newest command that is answered.
+    answered: Option<u64>,
 }
 
 impl WebMember {
@@ -154,6 +158,7 @@ impl WebMember {
                 event,
                 Event::BodyPlaced(_) | Event::SubscriptionChanged(_) | Event::Resumed(_)
             );
+            joined.note_answers(event);
             let is_handled = !joined.ids.note(event, &mut self.session);
             // A call that needs more ids waits for this event.
             if is_handled && !matches!(event, Event::Reserved(_)) {
@@ -162,6 +167,14 @@ impl WebMember {
         }
         if let Some(mut json) = event_json::event(event) {
             json["complete"] = json!(self.complete().value());
+            let refusal = self
+                .joined
+                .as_ref()
+                .and_then(|joined| joined.ids.refusal(event));
+            if let Some(refusal) = refusal {
+                json["reason"] = json!(refusal.reason.word());
+                json["body"] = refusal.body.map(crate::argument::id_number).into();
+            }
             if let Event::Ended(ending) = event {
                 let resumes = may_resume(*ending) && self.session.can_reconnect();
                 json["mayResume"] = json!(resumes);
@@ -184,6 +197,8 @@ impl WebMember {
             upstream_clock: UpstreamClock::new(rate, self.options.lead_ticks),
             columns: Columns::default(),
             requested: watermark_tick,
+            unanswered: None,
+            answered: None,
         };
         let at = RenderTime::at(watermark_tick);
         joined.show(&mut self.session, Instant::ZERO, at, false);
@@ -421,7 +436,15 @@ impl WebMember {
         let next = schedule.next_published(joined.requested);
         session.advance(now, next)?;
         joined.requested = next;
+        let newest = joined.ids.last_command();
+        joined.unanswered = newest.filter(|number| Some(*number) > joined.answered);
         Ok(next)
+    }
+
+    /// True while the server has not answered all commands before the last advance.
+    pub(crate) fn awaits_answers(&self) -> bool {
+        let joined = self.joined.as_ref();
+        joined.is_some_and(|joined| joined.unanswered.is_some())
     }
 
     /// The scene will not step as far as was requested.
@@ -442,6 +465,17 @@ impl WebMember {
 }
 
 impl Membership {
+    fn note_answers(&mut self, event: &Event) {
+        match *event {
+            Event::Applied { through, .. } => {
+                self.answered = Some(through);
+                self.unanswered = self.unanswered.filter(|number| *number > through);
+            }
+            Event::Resumed(_) => self.unanswered = None,
+            _ => {}
+        }
+    }
+
     fn show(&mut self, session: &mut ClientSession, now: Instant, at: RenderTime, smooth: bool) {
         self.live_view.show(session, now, at, smooth);
         self.columns

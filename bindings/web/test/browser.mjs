@@ -135,7 +135,7 @@ async function ballsFall({ url, hashes, balls, ticks, comparisons }) {
     const [trueAt, trueTurn] = [truth.view.positions, truth.view.rotations];
     for (const [place, id] of ids.entries()) {
       const other = truth.view.place(id);
-      if (other < 0 || bounds[place] === Infinity) continue;
+      if (other === undefined || bounds[place] === Infinity) continue;
       const gap = Math.hypot(...[0, 1, 2].map((axis) => at[3 * place + axis] - trueAt[3 * other + axis]));
       const dot = [0, 1, 2, 3].reduce((sum, axis) => sum + turn[4 * place + axis] * trueTurn[4 * other + axis], 0);
       const error = gap + 2 * 0.4 * Math.sqrt(Math.max(0, 1 - dot * dot));
